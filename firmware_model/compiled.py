@@ -1,0 +1,36 @@
+"""How numerical code is compiled: always without fastmath, so that every route gives the same bits.
+
+A `kernel` is physics on scalars; it is inlined wherever it is used. A `compiled` function is an entry point that
+Python calls; its machine code is kept on disk.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def kernel(function: Function) -> Function:
+    """Compile scalar physics to be inlined into the entry point that uses it."""
+    return cast(Function, numba.njit(inline="always", error_model="numpy")(function))
+
+
+def compiled(function: Function) -> Function:
+    """Compile an entry point and keep its machine code between processes.
+
+    numba renews its cache only when the file of the entry point itself changes; the kernels that are inlined into
+    it live in other files. So the stamp covers all sources of both packages that kernels can come from.
+    """
+    entry = numba.njit(cache=True, error_model="numpy")(function)
+    if cache := getattr(entry, "_cache", None):
+        cache._cache_file._source_stamp = _source_stamp(Path(function.__code__.co_filename).parent)
+    return cast(Function, entry)
+
+
+def _source_stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
+    """Return name, change time [ns] and size of each source that an entry point in `folder` may inline."""
+    sources = sorted({*Path(__file__).parent.glob("*.py"), *folder.glob("*.py")})
+    return tuple((source.name, source.stat().st_mtime_ns, source.stat().st_size) for source in sources)

@@ -1,0 +1,97 @@
+"""The flight's journal: one record of fixed size a sample, appended while flying. Every recording is made from it.
+
+The file starts with one line of JSON (scenario, vehicle, seed: all that is needed to name the flight), then the
+records follow as little-endian float64. A flight that is cut off leaves a journal that is whole up to its last record.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.errors import ConfigError
+
+RECORD = np.dtype(
+    [
+        ("time_us", "<f8"),  # [us] model time of the sample
+        ("gyro_B", "<f8", 3),  # [rad/s] measured rate, a float32
+        ("specific_force_B", "<f8", 3),  # [m/s^2] measured, a float32
+        ("torque_command_B", "<f8", 3),  # [N*m] asked of the actuators from this sample to the next
+        ("omega_command_B", "<f8", 3),  # [rad/s] asked of the on-board rate loop; NaN when it is not asked
+        ("torque_B", "<f8", 3),  # [N*m] what the actuators give
+        ("position_N", "<f8", 3),  # [m] north, east, down
+        ("velocity_N", "<f8", 3),  # [m/s]
+        ("q_NB", "<f8", 4),  # attitude B to N, Hamilton, scalar first
+        ("omega_B", "<f8", 3),  # [rad/s]
+        ("gust_B", "<f8", 3),  # [m/s] gust, blowing toward, from this sample to the next
+        ("gust_omega_B", "<f8", 3),  # [rad/s] angular gust
+        ("moment_B", "<f8", 3),  # [N*m] disturbance moment from this sample to the next
+        ("mode", "<f8"),  # autopilot mode, firmware_model.autopilot.Mode
+    ]
+)
+WIDTH = RECORD.itemsize // 8
+_FLUSH = 250  # records: what a crash of the process can lose, a second at 250 Hz
+
+
+class JournalWriter:
+    """Append records to a journal file; a context manager that leaves a whole file behind.
+
+    Raises
+    ------
+    OSError
+        If the file can't be made, or the disk is full; what was written before stays readable.
+    """
+
+    def __init__(self, path: Path, header: Mapping[str, Any]) -> None:
+        self._file = path.open("xb")
+        self._file.write(json.dumps(header, separators=(",", ":")).encode() + b"\n")
+        self._block = np.empty((_FLUSH, WIDTH))
+        self._used = 0
+
+    def append(self, record: NDArray[np.float64]) -> None:
+        """Append one record (WIDTH,)."""
+        self._block[self._used] = record
+        self._used += 1
+        if self._used == _FLUSH:
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand all records so far to the operating system."""
+        self._file.write(self._block[: self._used].tobytes())
+        self._used = 0
+        self._file.flush()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self.flush()
+        finally:
+            self._file.close()
+
+
+def read_journal(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
+    """Return a journal's header and its whole records, (n,) of `RECORD`; a cut-off last record is left out.
+
+    Raises
+    ------
+    ConfigError
+        If the file can't be read or is not a journal.
+    """
+    try:
+        content = path.read_bytes()
+        line, _, body = content.partition(b"\n")
+        header = json.loads(line)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    except ValueError:
+        raise ConfigError(f"{path}: not a journal") from None
+    whole = len(body) // RECORD.itemsize * RECORD.itemsize
+    return header, np.frombuffer(body[:whole], dtype=RECORD)

@@ -1,0 +1,134 @@
+"""A scripted flight: how long, at which rates, in which air, with which faults. Read from TOML, units in the keys."""
+
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import ConfigDict, Field, model_validator
+from pydantic.dataclasses import dataclass
+
+from firmware_model.files import read_toml, shipped
+from firmware_model.vehicle import Finite, NonNegative, Positive, Vector
+
+SCENARIOS = Path(__file__).parent / "scenarios"
+_STRICT = ConfigDict(extra="forbid")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Dryden:
+    """Continuous random gusts of MIL-F-8785C, low-altitude model (below 1000 ft), all six components."""
+
+    kind: Literal["dryden"]
+    """Names this primitive."""
+    wind_speed_20ft_mps: Positive
+    """[m/s] mean wind speed at 20 ft: light 7.7, moderate 15.4, severe 23.2."""
+    airspeed_mps: Positive | None = None
+    """[m/s] speed at which the frozen field passes; the mean wind speed by default, the rule for hover."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class OneMinusCosine:
+    """Discrete gust `amplitude / 2 * (1 - cos(2 pi (t - start) / length))`, zero outside its length."""
+
+    kind: Literal["one_minus_cosine"]
+    """Names this primitive."""
+    amplitude_mps: Vector
+    """[m/s] B, gust at its peak, blowing toward."""
+    start_s: NonNegative
+    """[s] begin."""
+    length_s: Positive
+    """[s] from calm to calm."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Sine:
+    """Direct moment `amplitude * sin(rate * t + phase)`."""
+
+    kind: Literal["sine"]
+    """Names this primitive."""
+    amplitude_nm: Vector
+    """[N*m] B."""
+    rate_rad_s: Positive
+    """[rad/s] angular frequency."""
+    phase_rad: Finite = 0.0
+    """[rad] at t = 0."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class GyroFault:
+    """What is wrong with the gyro beyond the vehicle's own description."""
+
+    bias_rad_s: Vector = (0.0, 0.0, 0.0)
+    """[rad/s] B, added to the vehicle's bias."""
+    noise: bool = True
+    """False switches the noise off."""
+
+
+Wind = Annotated[Dryden | OneMinusCosine, Field(discriminator="kind")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Scenario:
+    """One scripted flight; times are multiples of the sample time."""
+
+    name: str
+    """Short name; the file's by default."""
+    description: str
+    """One line: what it shows."""
+    duration_s: Positive
+    """[s] simulated time from the first commanded sample."""
+    altitude_m: Positive = 10.0
+    """[m] height above ground, where the air model is evaluated and the vehicle is held."""
+    control_rate_hz: Annotated[int, Field(ge=10, le=1000)] = 250
+    """[Hz] samples and commands."""
+    physics_rate_hz: Annotated[int, Field(ge=100, le=10000)] = 1000
+    """[Hz] integration steps, a multiple of `control_rate_hz`."""
+    delay_samples: Annotated[int, Field(ge=0, le=50)] = 1
+    """[samples] from a sample to the moment its command acts."""
+    wind: tuple[Wind, ...] = ()
+    """Wind, added up."""
+    moment: tuple[Sine, ...] = ()
+    """Moments that act directly, added up."""
+    gyro: GyroFault = field(default_factory=GyroFault)
+    """Gyro faults."""
+
+    @model_validator(mode="after")
+    def _rates_fit(self) -> Self:
+        if self.physics_rate_hz % self.control_rate_hz:
+            raise ValueError("physics_rate_hz must be a multiple of control_rate_hz")
+        if 1_000_000 % self.control_rate_hz:
+            raise ValueError("control_rate_hz must divide 1,000,000, so that stamps are whole microseconds")
+        if sum(isinstance(item, Dryden) for item in self.wind) > 1:
+            raise ValueError("wind: at most one 'dryden', its components are not independent of a second one's")
+        return self
+
+    @property
+    def samples(self) -> int:
+        """Number of samples that are flown."""
+        return round(self.duration_s * self.control_rate_hz)
+
+    @property
+    def sample_us(self) -> int:
+        """[us] from sample to sample."""
+        return 1_000_000 // self.control_rate_hz
+
+    @property
+    def dt(self) -> float:
+        """[s] from sample to sample."""
+        return 1.0 / self.control_rate_hz
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """Read a scenario file, or a shipped one by its name.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, or a key or value is not allowed.
+    """
+    return read_toml(Scenario, name_or_path, SCENARIOS)
+
+
+def shipped_scenarios() -> tuple[str, ...]:
+    """Return the names of the shipped scenarios."""
+    return shipped(SCENARIOS)

@@ -1,0 +1,47 @@
+"""What crosses the border between vehicle and controller, as values; frames and units stand with each field."""
+
+from dataclasses import dataclass
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImuSample:
+    """One sample of the inertial measurement unit; every value is a float32, as on the wire."""
+
+    time_us: int
+    """[us] model time of the sample."""
+    gyro_B: Vector
+    """[rad/s] B."""
+    specific_force_B: Vector
+    """[m/s^2] B; (0, 0, -9.80665) at rest and level."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorqueCommand:
+    """Torques as fractions of the vehicle's published limits."""
+
+    time_us: int
+    """[us] stamp of the sample that this command answers."""
+    torque_B: Vector
+    """[-1..1] B, roll, pitch, yaw as float32 fractions of `torque_limit`."""
+    throttle: float
+    """[0..1] collective thrust as a fraction of the largest."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AttitudeTarget:
+    """An attitude or body rates for the on-board loop to track."""
+
+    time_us: int
+    """[us] stamp of the sample that this command answers, whole milliseconds."""
+    q_NB: Quaternion | None
+    """Attitude, B to N, scalar first; `None` if rates are to be tracked."""
+    omega_B: Vector | None
+    """[rad/s] B, rates to track, or feed-forward beside `q_NB`."""
+    thrust: float
+    """[0..1] collective thrust as a fraction of the largest."""
+
+
+Command = TorqueCommand | AttitudeTarget
