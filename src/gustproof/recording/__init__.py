@@ -1,0 +1,1 @@
+"""What a flight leaves behind for other programs: bags made from the journal."""

@@ -1,0 +1,113 @@
+"""Journal records to a rosbag2 bag in MCAP, and back.
+
+A bag is made in a folder beside its place and moved there when it is whole: whoever finds a bag can
+read it, and an interrupted writer leaves none. It is stored compressed: zstd on chunks, never on
+messages, which other readers refuse.
+"""
+
+import json
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, ReaderError, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from firmware_model.errors import ConfigError
+from gustproof.recording.topics import TOPICS, blank, decode, encode, times_us
+
+FLIGHT, MODE = "/flight", "/mode"
+_STRING, _INTEGER = "std_msgs/msg/String", "std_msgs/msg/Int32"
+_TYPES = get_typestore(Stores.ROS2_JAZZY)
+_FOREVER = QosTime(sec=9223372036, nsec=854775807)  # ROS 2's "no deadline"
+_LATCHED = Qos(
+    QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, _FOREVER, _FOREVER,
+    QosLiveliness.AUTOMATIC, _FOREVER, False,
+)  # fmt: skip
+
+Records = NDArray[np.void]
+
+
+def write_bag(path: Path, records: Records, flight: Mapping[str, Any]) -> None:
+    """Write the journal `records` (n,) as a bag, the folder `path`, with `flight` as JSON on /flight.
+
+    Equal records and an equal `flight` give equal bytes of every message. Stamps are model time. The topic
+    /command/rates is left out if no rates were commanded.
+
+    Raises
+    ------
+    ConfigError
+        If `path` exists: a bag is never overwritten.
+    """
+    if path.exists():
+        raise ConfigError(f"{path}: exists already; a bag is never overwritten")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".bag-") as unfinished:
+        staged = Path(unfinished) / path.name  # rosbag2 names the file inside after the folder
+        writer = Writer(staged, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
+        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        with writer:
+            _write(writer, records, flight)
+        staged.rename(path)
+
+
+def read_bag(path: Path) -> tuple[dict[str, Any], Records]:
+    """Return what /flight says and the journal records (n,) that `write_bag` wrote, to the bit.
+
+    Raises
+    ------
+    ConfigError
+        If the bag can't be read, or lacks one of the topics.
+    """
+    payloads: dict[str, list[bytes]] = {}
+    changes: list[tuple[int, float]] = []
+    try:
+        with Reader(path) as reader:
+            for connection, time_ns, payload in reader.messages():
+                payloads.setdefault(connection.topic, []).append(bytes(payload))
+                if connection.topic == MODE:
+                    changes.append((time_ns // 1000, float(_TYPES.deserialize_cdr(payload, _INTEGER).data)))
+    except (ReaderError, FileNotFoundError) as error:
+        raise ConfigError(f"{path}: {error}") from None
+    optional = "/command/rates"
+    if missing := {FLIGHT, MODE, *(topic.name for topic in TOPICS)} - {optional} - set(payloads):
+        raise ConfigError(f"{path}: no topic {min(missing)}: not a bag of a gustproof flight")
+    records = blank(len(payloads[TOPICS[0].name]))
+    for topic in TOPICS:
+        if topic.name in payloads:
+            messages = np.frombuffer(b"".join(payloads[topic.name]), dtype=topic.layout)
+            decode(topic, messages, records)
+            records["time_us"] = times_us(messages)
+    for time_us, mode in changes:
+        records["mode"][records["time_us"] >= time_us] = mode
+    flight: dict[str, Any] = json.loads(_TYPES.deserialize_cdr(payloads[FLIGHT][0], _STRING).data)
+    return flight, records
+
+
+def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
+    topics = [topic for topic in TOPICS if topic.name != "/command/rates" or not _unasked(records)]
+    start_ns = int(records["time_us"][0]) * 1000
+    text = json.dumps(flight, sort_keys=True)
+    about = writer.add_connection(FLIGHT, _STRING, typestore=_TYPES, offered_qos_profiles=[_LATCHED])
+    mode = writer.add_connection(MODE, _INTEGER, typestore=_TYPES, offered_qos_profiles=[_LATCHED])
+    writer.write(about, start_ns, _TYPES.serialize_cdr(_TYPES.types[_STRING](text), _STRING))
+    streams = []
+    for topic in topics:
+        connection = writer.add_connection(topic.name, topic.message, typestore=_TYPES)
+        streams.append((connection, encode(topic, records).tobytes(), topic.layout.itemsize))
+    modes = records["mode"].astype(np.int64)
+    changed = {0, *(np.flatnonzero(np.diff(modes)) + 1).tolist()}
+    for i, time_us in enumerate(records["time_us"].astype(np.int64).tolist()):
+        if i in changed:
+            value = _TYPES.types[_INTEGER](int(modes[i]))
+            writer.write(mode, time_us * 1000, _TYPES.serialize_cdr(value, _INTEGER))
+        for connection, payload, size in streams:
+            writer.write(connection, time_us * 1000, payload[i * size : (i + 1) * size])
+
+
+def _unasked(records: Records) -> bool:
+    return bool(np.all(np.isnan(records["omega_command_B"])))

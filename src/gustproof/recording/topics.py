@@ -1,0 +1,155 @@
+"""Which field of the journal stands in which ROS message, and the bytes of those messages.
+
+Axes are those of the journal, north-east-down and forward-right-down, and the frame names say so as
+MAVROS's do: `map_ned` and `base_link_frd`. Every message here is a stamped header and then float64
+numbers, so that all messages of a topic are rows of one array whose dtype is the message's layout in
+CDR, little-endian.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.journal import RECORD
+
+MAP_NED = "map_ned"
+BASE_LINK_FRD = "base_link_frd"
+_LITTLE_ENDIAN_CDR = 0x0100  # the encapsulation header 00 01 00 00 read as a little-endian integer
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Topic:
+    """One stamped topic and where its numbers come from."""
+
+    name: str
+    """Topic."""
+    message: str
+    """ROS 2 type."""
+    frame_id: str
+    """Frame in which the numbers are expressed."""
+    numbers: int
+    """How many float64 follow the header."""
+    fields: tuple[tuple[str, tuple[int, ...]], ...]
+    """Field of the journal, and the place of each of its components among the numbers."""
+    constants: tuple[tuple[int, float], ...] = ()
+    """Place and value of what is not 0 and not from the journal."""
+
+    @property
+    def layout(self) -> np.dtype[np.void]:
+        """Layout of one message in CDR; alignment counts from the end of the 4 bytes of encapsulation."""
+        text = len(self.frame_id) + 1
+        padding = -(12 + text) % 8
+        return np.dtype(
+            [
+                ("encapsulation", "<u4"),
+                ("sec", "<i4"),
+                ("nanosec", "<u4"),
+                ("length", "<u4"),
+                ("frame_id", f"S{text + padding}"),
+                ("numbers", "<f8", self.numbers),
+            ]
+        )
+
+
+_WRENCH, _TWIST, _VECTOR = (
+    "geometry_msgs/msg/WrenchStamped",
+    "geometry_msgs/msg/TwistStamped",
+    "geometry_msgs/msg/Vector3Stamped",
+)
+_LINEAR, _ANGULAR = (0, 1, 2), (3, 4, 5)
+
+TOPICS = (
+    Topic(
+        name="/imu",
+        message="sensor_msgs/msg/Imu",
+        frame_id=BASE_LINK_FRD,
+        numbers=37,
+        fields=(("gyro_B", (13, 14, 15)), ("specific_force_B", (25, 26, 27))),
+        constants=((4, -1.0),),  # no attitude is measured: the message's convention is a covariance of -1
+    ),
+    Topic(
+        name="/command/torque",
+        message=_WRENCH,
+        frame_id=BASE_LINK_FRD,
+        numbers=6,
+        fields=(("torque_command_B", _ANGULAR),),
+    ),
+    Topic(
+        name="/command/rates",
+        message=_TWIST,
+        frame_id=BASE_LINK_FRD,
+        numbers=6,
+        fields=(("omega_command_B", _ANGULAR),),
+    ),
+    Topic(
+        name="/actuator/torque",
+        message=_WRENCH,
+        frame_id=BASE_LINK_FRD,
+        numbers=6,
+        fields=(("torque_B", _ANGULAR),),
+    ),
+    Topic(
+        name="/truth/pose",
+        message="geometry_msgs/msg/PoseStamped",
+        frame_id=MAP_NED,
+        numbers=7,
+        fields=(("position_N", (0, 1, 2)), ("q_NB", (6, 3, 4, 5))),  # ROS has the scalar last
+    ),
+    Topic(
+        name="/truth/velocity",
+        message=_VECTOR,
+        frame_id=MAP_NED,
+        numbers=3,
+        fields=(("velocity_N", _LINEAR),),
+    ),
+    Topic(
+        name="/truth/rates",
+        message=_VECTOR,
+        frame_id=BASE_LINK_FRD,
+        numbers=3,
+        fields=(("omega_B", _LINEAR),),
+    ),
+    Topic(
+        name="/gust",
+        message=_TWIST,
+        frame_id=BASE_LINK_FRD,
+        numbers=6,
+        fields=(("gust_B", _LINEAR), ("gust_omega_B", _ANGULAR)),
+    ),
+    Topic(
+        name="/moment", message=_WRENCH, frame_id=BASE_LINK_FRD, numbers=6, fields=(("moment_B", _ANGULAR),)
+    ),
+)
+"""Every field of the journal but its mode, which is written when it changes."""
+
+
+def encode(topic: Topic, records: NDArray[np.void]) -> NDArray[np.void]:
+    """Return the messages (n,) of `topic.layout` of the journal `records` (n,)."""
+    messages = np.zeros(len(records), dtype=topic.layout)
+    messages["encapsulation"] = _LITTLE_ENDIAN_CDR
+    time_us = records["time_us"].astype(np.int64)
+    messages["sec"], messages["nanosec"] = time_us // 1_000_000, time_us % 1_000_000 * 1000
+    messages["length"] = len(topic.frame_id) + 1
+    messages["frame_id"] = topic.frame_id.encode()
+    for place, value in topic.constants:
+        messages["numbers"][:, place] = value
+    for field, places in topic.fields:
+        messages["numbers"][:, places] = records[field]
+    return messages
+
+
+def decode(topic: Topic, messages: NDArray[np.void], records: NDArray[np.void]) -> None:
+    """Write the fields of `topic` from its `messages` (n,) into the journal `records` (n,)."""
+    for field, places in topic.fields:
+        records[field] = messages["numbers"][:, places]
+
+
+def times_us(messages: NDArray[np.void]) -> NDArray[np.float64]:
+    """Return the stamps (n,) [us] of a topic's messages."""
+    return messages["sec"] * 1e6 + messages["nanosec"] / 1000.0
+
+
+def blank(n: int) -> NDArray[np.void]:
+    """Return `n` records in which every number is NaN: what a bag does not hold is not known."""
+    return np.full(n * (RECORD.itemsize // 8), np.nan).view(RECORD)
