@@ -1,0 +1,148 @@
+"""The airframe in motion: rigid body in six degrees of freedom with first-order torque actuators, and its RK4 step.
+
+Translation is free or held (the paper's test stand: it turns about its centre of mass and does not move).
+"""
+
+from typing import NamedTuple
+
+from firmware_model.compiled import kernel
+from firmware_model.rotations import conjugate, normalize, rotate
+from firmware_model.signals import Vector
+
+GRAVITY = 9.80665
+"""[m/s^2] standard gravity (3rd CGPM, 1901), down."""
+
+
+class Body(NamedTuple):
+    """State."""
+
+    north: float  # [m]
+    east: float
+    down: float
+    v_north: float  # [m/s]
+    v_east: float
+    v_down: float
+    qw: float  # q_NB
+    qx: float
+    qy: float
+    qz: float
+    p: float  # [rad/s] B
+    q: float
+    r: float
+    roll: float  # [N*m] B, what the actuators give
+    pitch: float
+    yaw: float
+
+
+class BodyParams(NamedTuple):
+    """Constants of the airframe."""
+
+    mass: float  # [kg]
+    I_x: float  # [kg*m^2] principal moments of inertia
+    I_y: float
+    I_z: float
+    damping: float  # [1/s] moment against the rate relative to the air, per inertia
+    lag: float  # [s] actuator time constant
+    free: float  # 1 free, 0 held in translation
+
+
+class BodyInputs(NamedTuple):
+    """What acts from outside, constant over a step."""
+
+    roll_command: float  # [N*m] B, asked of the actuators, within their limits
+    pitch_command: float
+    yaw_command: float
+    L: float  # [N*m] B, disturbance moment
+    M: float
+    N: float
+    p_gust: float  # [rad/s] B, angular gust
+    q_gust: float
+    r_gust: float
+    F_x: float  # [N] B, all forces but gravity
+    F_y: float
+    F_z: float
+
+
+@kernel
+def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
+    """Return the time derivative of the state, in a `Body`.
+
+    Euler's equations with principal inertia, quaternion kinematics `q' = q omega / 2`, Newton's law in N.
+    The yaw equation has N / I_z, where the paper's (2) prints L / I_z.
+    """
+    k1 = (params.I_y - params.I_z) / params.I_x
+    k2 = (params.I_z - params.I_x) / params.I_y
+    k3 = (params.I_x - params.I_y) / params.I_z
+    q_NB = (body.qw, body.qx, body.qy, body.qz)
+    a_N = rotate(q_NB, (inputs.F_x / params.mass, inputs.F_y / params.mass, inputs.F_z / params.mass))
+    p, q, r = body.p, body.q, body.r
+    return Body(
+        north=params.free * body.v_north,
+        east=params.free * body.v_east,
+        down=params.free * body.v_down,
+        v_north=params.free * a_N[0],
+        v_east=params.free * a_N[1],
+        v_down=params.free * (a_N[2] + GRAVITY),
+        qw=-0.5 * (body.qx * p + body.qy * q + body.qz * r),
+        qx=0.5 * (body.qw * p + body.qy * r - body.qz * q),
+        qy=0.5 * (body.qw * q + body.qz * p - body.qx * r),
+        qz=0.5 * (body.qw * r + body.qx * q - body.qy * p),
+        p=k1 * q * r + (body.roll + inputs.L) / params.I_x - params.damping * (p - inputs.p_gust),
+        q=k2 * r * p + (body.pitch + inputs.M) / params.I_y - params.damping * (q - inputs.q_gust),
+        r=k3 * p * q + (body.yaw + inputs.N) / params.I_z - params.damping * (r - inputs.r_gust),
+        roll=(inputs.roll_command - body.roll) / params.lag,
+        pitch=(inputs.pitch_command - body.pitch) / params.lag,
+        yaw=(inputs.yaw_command - body.yaw) / params.lag,
+    )
+
+
+@kernel
+def _along(body: Body, h: float, rate: Body) -> Body:
+    return Body(
+        body.north + h * rate.north,
+        body.east + h * rate.east,
+        body.down + h * rate.down,
+        body.v_north + h * rate.v_north,
+        body.v_east + h * rate.v_east,
+        body.v_down + h * rate.v_down,
+        body.qw + h * rate.qw,
+        body.qx + h * rate.qx,
+        body.qy + h * rate.qy,
+        body.qz + h * rate.qz,
+        body.p + h * rate.p,
+        body.q + h * rate.q,
+        body.r + h * rate.r,
+        body.roll + h * rate.roll,
+        body.pitch + h * rate.pitch,
+        body.yaw + h * rate.yaw,
+    )
+
+
+@kernel
+def step(params: BodyParams, body: Body, inputs: BodyInputs, dt: float) -> Body:
+    """Return the state after `dt` [s] by the classical Runge-Kutta method; its error falls with the fourth power."""
+    a = derivative(params, body, inputs)
+    b = derivative(params, _along(body, 0.5 * dt, a), inputs)
+    c = derivative(params, _along(body, 0.5 * dt, b), inputs)
+    d = derivative(params, _along(body, dt, c), inputs)
+    end = _along(_along(_along(_along(body, dt / 6.0, a), dt / 3.0, b), dt / 3.0, c), dt / 6.0, d)
+    qw, qx, qy, qz = normalize((end.qw, end.qx, end.qy, end.qz))
+    return Body(
+        end.north, end.east, end.down, end.v_north, end.v_east, end.v_down,
+        qw, qx, qy, qz, end.p, end.q, end.r, end.roll, end.pitch, end.yaw,
+    )  # fmt: skip
+
+
+@kernel
+def specific_force(params: BodyParams, body: Body, inputs: BodyInputs) -> Vector:
+    """Return acceleration less gravity [m/s^2] B, what an accelerometer at the centre of mass feels.
+
+    Held, the stand carries the weight: minus gravity, whatever the forces.
+    """
+    up = rotate(conjugate((body.qw, body.qx, body.qy, body.qz)), (0.0, 0.0, -GRAVITY))
+    held = 1.0 - params.free
+    return (
+        params.free * inputs.F_x / params.mass + held * up[0],
+        params.free * inputs.F_y / params.mass + held * up[1],
+        params.free * inputs.F_z / params.mass + held * up[2],
+    )

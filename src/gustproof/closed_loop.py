@@ -1,0 +1,65 @@
+"""The direct route: plant kernel and law kernel in one compiled loop, no messages; equal to the bit to UDP."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model import plant
+from firmware_model.autopilot import Mode
+from firmware_model.compiled import compiled
+from firmware_model.journal import RECORD, WIDTH
+from firmware_model.plant import Array, advance_kernel, observe_kernel
+from firmware_model.scenario import Scenario
+from firmware_model.sensors import float32
+from firmware_model.vehicle import Vehicle
+from gustproof.law import Law, Output, law_kernel
+
+
+def fly_direct(
+    scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1, reference: Array | None = None
+) -> NDArray[np.void]:
+    """Fly a scenario without messages and return the journal's records (samples,) of `RECORD`.
+
+    `reference` (samples, 3) [rad] is what the law is asked to hold, phi, theta, psi; level by default.
+
+    Raises
+    ------
+    ValueError
+        If the law's sample time is not the scenario's, or the reference has another shape.
+    """
+    if law.dt != scenario.dt:
+        raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
+    reference = np.zeros((scenario.samples, 3)) if reference is None else np.ascontiguousarray(reference)
+    if reference.shape != (scenario.samples, 3):
+        raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
+    world = plant.new_world(vehicle, scenario, seed)
+    records = np.empty((scenario.samples, WIDTH))
+    records[:, -1] = Mode.OFFBOARD.value
+    torque = law.output is Output.TORQUE
+    scale = np.array(vehicle.torque_limit) if torque else np.ones(3)
+    _fly(
+        world.params, world.state, world.gusts, world.moments, world.seed, scenario.sample_us,
+        law.A, law.B, law.C, law.D, law.G, law.H, law.limits, reference, scale,
+        plant.TORQUE if torque else plant.RATES, scenario.delay_samples, records,
+    )  # fmt: skip
+    return records.view(RECORD)[:, 0]
+
+
+@compiled
+def _fly(params: Array, state: Array, gusts: Array, moments: Array, seed: int, sample_us: int, A: Array, B: Array,
+         C: Array, D: Array, G: Array, H: Array, limits: Array, reference: Array, scale: Array, kind: float,
+         delay: int, records: Array) -> None:  # fmt: skip
+    n = A.shape[0]
+    x, y, command, work = np.zeros(n), np.zeros(6), np.zeros(3), np.zeros(n + 3)
+    ring = np.zeros((delay + 1, plant.SETPOINT))
+    for k in range(records.shape[0]):
+        record = records[k]
+        observe_kernel(params, state, gusts, moments, seed, k, sample_us, record)
+        for i in range(3):
+            y[i] = record[1 + i]
+            y[3 + i] = reference[k, i]
+        law_kernel(A, B, C, D, G, H, limits, x, y, command, work)
+        slot = ring[k % (delay + 1)]
+        slot[0] = kind
+        for i in range(3):
+            slot[1 + i] = float32(command[i] / scale[i])
+        advance_kernel(params, state, seed, k, sample_us, ring[(k + 1) % (delay + 1)], record)
