@@ -44,7 +44,14 @@ class VehicleLoop:
         if self._imu is None:
             world, us = self._world, self._scenario.sample_us
             plant.observe(
-                world.params, world.state, world.gusts, world.moments, world.seed, self.sample, us, self._record
+                world.params,
+                world.state,
+                world.gusts,
+                world.moments,
+                world.seed,
+                self.sample,
+                us,
+                self._record,
             )
             _, p, q, r, f_x, f_y, f_z = self._record[:7].tolist()
             self._imu = ImuSample(time_us=self.time_us, gyro_B=(p, q, r), specific_force_B=(f_x, f_y, f_z))
@@ -65,7 +72,13 @@ class VehicleLoop:
             setpoint = self._pending.popleft()
         world = self._world
         plant.advance(
-            world.params, world.state, world.seed, self.sample, self._scenario.sample_us, setpoint, self._record
+            world.params,
+            world.state,
+            world.seed,
+            self.sample,
+            self._scenario.sample_us,
+            setpoint,
+            self._record,
         )
         self._record[_MODE] = mode
         self.sample += 1

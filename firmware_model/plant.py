@@ -103,9 +103,7 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int) -> World:
     body = Body(0.0, 0.0, -scenario.altitude_m, 0.0, 0.0, 0.0, 1.0, *[0.0] * 9)
     params = np.concatenate(
         [
-            BodyParams(
-                vehicle.mass, *vehicle.inertia_B, vehicle.rate_damping, vehicle.actuator_lag, free=0.0
-            ),
+            rigid_body.body_params(vehicle, free=False),
             dryden_params,
             _gyro_params(vehicle, scenario),
             stabilizer_params(vehicle, scenario.dt),
@@ -113,9 +111,7 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int) -> World:
         ]
     )
     gusts = [
-        (*item.amplitude_mps, item.start_s, item.length_s)
-        for item in scenario.wind
-        if isinstance(item, OneMinusCosine)
+        (*item.amplitude_mps, item.start_s, item.length_s) for item in scenario.wind if isinstance(item, OneMinusCosine)
     ]
     moments = [(*item.amplitude_nm, item.rate_rad_s, item.phase_rad) for item in scenario.moment]
     return World(
@@ -134,13 +130,14 @@ def _gyro_params(vehicle: Vehicle, scenario: Scenario) -> GyroParams:
     steady = instrument.noise_model is NoiseModel.CONSTANT
     bias = [b + fault for b, fault in zip(instrument.bias_B, scenario.gyro.bias_rad_s, strict=True)]
     return GyroParams(
-        ratio * instrument.reference_rate if steady else 0.0, 0.0 if steady else ratio, *bias, instrument.range
+        ratio * instrument.reference_rate if steady else 0.0,
+        0.0 if steady else ratio,
+        *bias,
+        instrument.range,
     )
 
 
-def _air(
-    vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int
-) -> tuple[DrydenParams, DrydenState]:
+def _air(vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int) -> tuple[DrydenParams, DrydenState]:
     if dryden is None:
         return DrydenParams(*[0.0] * len(DrydenParams._fields)), DrydenState(*[0.0] * 8)
     spectrum = dryden_spectrum(dryden, scenario.altitude_m, vehicle.span)
@@ -163,16 +160,12 @@ def observe_kernel(params: Array, state: Array, gusts: Array, moments: Array, se
     body_params = _load_body_params(params, _BODY)
     time_us = sample * sample_us
     time = time_us * 1e-6
-    turbulence, gust_omega = dryden_gust(
-        _load_dryden_params(params, _DRYDEN), _load_dryden(state, _X_DRYDEN)
-    )
+    turbulence, gust_omega = dryden_gust(_load_dryden_params(params, _DRYDEN), _load_dryden(state, _X_DRYDEN))
     discrete = discrete_gust(gusts, time)
     direct = sine_moment(moments, time)
     gust = (turbulence[0] + discrete[0], turbulence[1] + discrete[1], turbulence[2] + discrete[2])
     moment = gust_moment(params[_GAIN], params[_YAW_RATIO], gust)
-    rate = gyro(
-        _load_gyro_params(params, _GYRO), (body.p, body.q, body.r), normals(seed, GYRO_STREAM, sample, 0)
-    )
+    rate = gyro(_load_gyro_params(params, _GYRO), (body.p, body.q, body.r), normals(seed, GYRO_STREAM, sample, 0))
     nothing = BodyInputs(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     force = accelerometer(rigid_body.specific_force(body_params, body, nothing))
     record[_TIME] = time_us
@@ -184,7 +177,12 @@ def observe_kernel(params: Array, state: Array, gusts: Array, moments: Array, se
         record[_MOMENT + i] = moment[i] + direct[i]
     record[_POSITION], record[_POSITION + 1], record[_POSITION + 2] = body.north, body.east, body.down
     record[_VELOCITY], record[_VELOCITY + 1], record[_VELOCITY + 2] = body.v_north, body.v_east, body.v_down
-    record[_Q_NB], record[_Q_NB + 1], record[_Q_NB + 2], record[_Q_NB + 3] = body.qw, body.qx, body.qy, body.qz
+    record[_Q_NB], record[_Q_NB + 1], record[_Q_NB + 2], record[_Q_NB + 3] = (
+        body.qw,
+        body.qx,
+        body.qy,
+        body.qz,
+    )
     record[_OMEGA], record[_OMEGA + 1], record[_OMEGA + 2] = body.p, body.q, body.r
     record[_TORQUE], record[_TORQUE + 1], record[_TORQUE + 2] = body.roll, body.pitch, body.yaw
     estimate = _load_estimate(state, _X_ESTIMATE)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from firmware_model.compiled import kernel
 from firmware_model.rotations import conjugate, normalize, rotate
 from firmware_model.signals import Vector
+from firmware_model.vehicle import Vehicle
 
 GRAVITY = 9.80665
 """[m/s^2] standard gravity (3rd CGPM, 1901), down."""
@@ -35,14 +36,17 @@ class Body(NamedTuple):
 
 
 class BodyParams(NamedTuple):
-    """Constants of the airframe."""
+    """Constants of the airframe, divided out beforehand: a division costs more than all else in a step."""
 
-    mass: float  # [kg]
-    I_x: float  # [kg*m^2] principal moments of inertia
-    I_y: float
-    I_z: float
+    inverse_mass: float  # [1/kg]
+    k1: float  # [-] (I_y - I_z) / I_x
+    k2: float  # [-] (I_z - I_x) / I_y
+    k3: float  # [-] (I_x - I_y) / I_z
+    inverse_I_x: float  # [1/(kg*m^2)]
+    inverse_I_y: float
+    inverse_I_z: float
     damping: float  # [1/s] moment against the rate relative to the air, per inertia
-    lag: float  # [s] actuator time constant
+    bandwidth: float  # [1/s] of the actuators, one over their time constant
     free: float  # 1 free, 0 held in translation
 
 
@@ -63,6 +67,15 @@ class BodyInputs(NamedTuple):
     F_z: float
 
 
+def body_params(vehicle: Vehicle, *, free: bool) -> BodyParams:
+    """Return the constants of a vehicle, `free` or held in translation."""
+    I_x, I_y, I_z = vehicle.inertia_B
+    return BodyParams(
+        1.0 / vehicle.mass, (I_y - I_z) / I_x, (I_z - I_x) / I_y, (I_x - I_y) / I_z, 1.0 / I_x, 1.0 / I_y, 1.0 / I_z,
+        vehicle.rate_damping, 1.0 / vehicle.actuator_lag, float(free),
+    )  # fmt: skip
+
+
 @kernel
 def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
     """Return the time derivative of the state, in a `Body`.
@@ -70,29 +83,26 @@ def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
     Euler's equations with principal inertia, quaternion kinematics `q' = q omega / 2`, Newton's law in N.
     The yaw equation has N / I_z, where the paper's (2) prints L / I_z.
     """
-    k1 = (params.I_y - params.I_z) / params.I_x
-    k2 = (params.I_z - params.I_x) / params.I_y
-    k3 = (params.I_x - params.I_y) / params.I_z
     q_NB = (body.qw, body.qx, body.qy, body.qz)
-    a_N = rotate(q_NB, (inputs.F_x / params.mass, inputs.F_y / params.mass, inputs.F_z / params.mass))
+    F_N = rotate(q_NB, (inputs.F_x, inputs.F_y, inputs.F_z))
     p, q, r = body.p, body.q, body.r
     return Body(
         north=params.free * body.v_north,
         east=params.free * body.v_east,
         down=params.free * body.v_down,
-        v_north=params.free * a_N[0],
-        v_east=params.free * a_N[1],
-        v_down=params.free * (a_N[2] + GRAVITY),
+        v_north=params.free * params.inverse_mass * F_N[0],
+        v_east=params.free * params.inverse_mass * F_N[1],
+        v_down=params.free * (params.inverse_mass * F_N[2] + GRAVITY),
         qw=-0.5 * (body.qx * p + body.qy * q + body.qz * r),
         qx=0.5 * (body.qw * p + body.qy * r - body.qz * q),
         qy=0.5 * (body.qw * q + body.qz * p - body.qx * r),
         qz=0.5 * (body.qw * r + body.qx * q - body.qy * p),
-        p=k1 * q * r + (body.roll + inputs.L) / params.I_x - params.damping * (p - inputs.p_gust),
-        q=k2 * r * p + (body.pitch + inputs.M) / params.I_y - params.damping * (q - inputs.q_gust),
-        r=k3 * p * q + (body.yaw + inputs.N) / params.I_z - params.damping * (r - inputs.r_gust),
-        roll=(inputs.roll_command - body.roll) / params.lag,
-        pitch=(inputs.pitch_command - body.pitch) / params.lag,
-        yaw=(inputs.yaw_command - body.yaw) / params.lag,
+        p=params.k1 * q * r + (body.roll + inputs.L) * params.inverse_I_x - params.damping * (p - inputs.p_gust),
+        q=params.k2 * r * p + (body.pitch + inputs.M) * params.inverse_I_y - params.damping * (q - inputs.q_gust),
+        r=params.k3 * p * q + (body.yaw + inputs.N) * params.inverse_I_z - params.damping * (r - inputs.r_gust),
+        roll=params.bandwidth * (inputs.roll_command - body.roll),
+        pitch=params.bandwidth * (inputs.pitch_command - body.pitch),
+        yaw=params.bandwidth * (inputs.yaw_command - body.yaw),
     )
 
 
@@ -142,7 +152,7 @@ def specific_force(params: BodyParams, body: Body, inputs: BodyInputs) -> Vector
     up = rotate(conjugate((body.qw, body.qx, body.qy, body.qz)), (0.0, 0.0, -GRAVITY))
     held = 1.0 - params.free
     return (
-        params.free * inputs.F_x / params.mass + held * up[0],
-        params.free * inputs.F_y / params.mass + held * up[1],
-        params.free * inputs.F_z / params.mass + held * up[2],
+        params.free * params.inverse_mass * inputs.F_x + held * up[0],
+        params.free * params.inverse_mass * inputs.F_y + held * up[1],
+        params.free * params.inverse_mass * inputs.F_z + held * up[2],
     )
