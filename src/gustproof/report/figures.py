@@ -1,0 +1,153 @@
+"""Time histories and singular values as PNG, each law in its own colour in every figure."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from gustproof.metrics import RATE_BOUND, attitude
+
+Records = NDArray[np.void]
+Array = NDArray[np.float64]
+Flights = Mapping[str, Records]
+
+# Okabe and Ito's palette, told apart by colour-blind readers and on grey paper.
+_COLOURS = {
+    "pid-default": "#999999",
+    "hinf-d1": "#0072b2",
+    "hinf-d1-noise": "#56b4e9",
+    "hinf-d2": "#009e73",
+    "pid-fair": "#d55e00",
+    "hinf-scheduled": "#000000",
+    "hinf-rates": "#cc79a7",
+}
+_SPARE = "#e69f00"
+_INK, _GRID = "#333333", "#dddddd"
+_AXES = ("roll", "pitch", "yaw")
+
+
+def save_moments(records: Records, path: Path) -> None:
+    """Draw the disturbance moments of one flight."""
+    _stacked({"": records}, lambda r: r["moment_B"], _units("{} moment [N m]"), "Disturbance moments", path)
+
+
+def save_euler_angles(flights: Flights, title: str, path: Path) -> None:
+    """Draw the Euler angles of several laws in the same air."""
+    labels = ("roll φ [deg]", "pitch θ [deg]", "yaw ψ [deg]")
+    _stacked(flights, lambda r: np.degrees(attitude(r)), labels, f"Euler angles: {title}", path)
+
+
+def save_body_rates(flights: Flights, title: str, path: Path) -> None:
+    """Draw the body rates of several laws in the same air."""
+    labels = ("p [rad/s]", "q [rad/s]", "r [rad/s]")
+    _stacked(flights, lambda r: r["omega_B"], labels, f"Body rates: {title}", path)
+
+
+def save_torques(flights: Flights, title: str, path: Path) -> None:
+    """Draw the commanded torques of several laws in the same air."""
+    labels = _units("{} torque [N m]")
+    _stacked(flights, lambda r: r["torque_command_B"], labels, f"Commanded torques: {title}", path)
+
+
+def save_scheduling(records: Records, law: str, path: Path) -> None:
+    """Draw rho(t) of one flight against the bounds of the paper's Table II."""
+    phi, theta, _ = attitude(records).T
+    trigonometric = (
+        (r"$\rho_1=\sin\phi$", np.sin(phi), -1.0),
+        (r"$\rho_2=\cos\phi$", np.cos(phi), 0.0),
+        (r"$\rho_3=\sin\theta$", np.sin(theta), -1.0),
+        (r"$\rho_4=\cos\theta$", np.cos(theta), 0.0),
+    )
+    figure, time = _figure((9.0, 7.2), f"Scheduling parameters against Table II: {law}"), _time(records)
+    grid = figure.subplots(4, 2, sharex=True)
+    for axes, (label, values, low) in zip(grid[:, 0], trigonometric, strict=True):
+        _bounded(axes, time, values, label, (low, 1.0), law)
+    for i, name in enumerate("pqr"):
+        label = rf"$\rho_{i + 5}={name}$ [rad/s]"
+        _bounded(grid[i + 1, 1], time, records["omega_B"][:, i], label, (-RATE_BOUND, RATE_BOUND), law)
+    grid[0, 1].axis("off")
+    lines = [Line2D([], [], color=_colour(law)), Line2D([], [], color="#d55e00", linestyle="--")]
+    grid[0, 1].legend(lines, [law, "bounds of Table II"], loc="center", frameon=False)
+    for axes in grid[3]:
+        axes.set_xlabel("time [s]")
+    figure.savefig(path, dpi=150)
+
+
+def save_singular_values(
+    frequency: Array, curves: Mapping[str, Array], level: float, title: str, path: Path
+) -> None:
+    """Draw singular values (n, k) over `frequency` (n,) [rad/s] by name, and the level that bounds them."""
+    figure = _figure((7.5, 4.8), title)
+    axes = figure.subplots()
+    colours = ("#0072b2", "#009e73", "#cc79a7", _SPARE)
+    for (name, values), colour in zip(curves.items(), colours, strict=False):
+        lines = axes.loglog(frequency, values, color=colour, linewidth=1.3)
+        lines[0].set_label(name)
+    axes.axhline(level, color="#d55e00", linestyle="--", label=f"γ = {level:.4g}")
+    _dress(axes, "singular values [-]")
+    axes.grid(visible=True, which="minor", color=_GRID, linewidth=0.3)
+    axes.set_xlabel("frequency [rad/s]")
+    axes.set_xlim(frequency[0], frequency[-1])
+    axes.legend(frameon=False, fontsize=9)
+    figure.savefig(path, dpi=150)
+
+
+def _stacked(
+    flights: Flights, values: Callable[[Records], Array], labels: tuple[str, ...], title: str, path: Path
+) -> None:
+    figure = _figure((8.0, 6.4), title)
+    rows = figure.subplots(3, 1, sharex=True)
+    for law, records in flights.items():
+        time, columns = _time(records), values(records)
+        for i, axes in enumerate(rows):
+            axes.plot(time, columns[:, i], color=_colour(law), linewidth=1.0, label=law)
+    for axes, label in zip(rows, labels, strict=True):
+        _dress(axes, label)
+    rows[-1].set_xlabel("time [s]")
+    rows[-1].set_xlim(0.0, max(_time(records)[-1] for records in flights.values()))
+    if any(flights):
+        lines = [Line2D([], [], color=_colour(law), linewidth=2.0) for law in flights]
+        figure.legend(lines, list(flights), loc="outside lower center", ncols=6, frameon=False)
+    figure.savefig(path, dpi=150)
+
+
+def _bounded(
+    axes: Axes, time: Array, values: Array, label: str, bounds: tuple[float, float], law: str
+) -> None:
+    axes.plot(time, values, color=_colour(law), linewidth=1.0)
+    for bound in bounds:
+        axes.axhline(bound, color="#d55e00", linestyle="--", linewidth=1.0)
+    margin = 0.12 * (bounds[1] - bounds[0])
+    axes.set_ylim(min(bounds[0], values.min()) - margin, max(bounds[1], values.max()) + margin)
+    axes.set_xlim(0.0, time[-1])
+    _dress(axes, label)
+
+
+def _figure(size: tuple[float, float], title: str) -> Figure:
+    figure = Figure(figsize=size, layout="constrained")
+    figure.suptitle(title, fontsize=12, color=_INK)
+    return figure
+
+
+def _dress(axes: Axes, label: str) -> None:
+    axes.set_ylabel(label)
+    axes.grid(visible=True, color=_GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _units(label: str) -> tuple[str, ...]:
+    return tuple(label.format(axis) for axis in _AXES)
+
+
+def _colour(law: str) -> Any:
+    return _COLOURS.get(law, _SPARE if law else "#0072b2")
+
+
+def _time(records: Records) -> Array:
+    return np.asarray(records["time_us"] * 1e-6)
