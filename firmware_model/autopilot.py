@@ -34,22 +34,22 @@ LEVELLING = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.HOLD, Mode.ST
 
 
 class Verdict(Enum):
-    """Answer to a request."""
+    """Answer to a request; the values are texts for people, at most 50 characters as STATUSTEXT has them."""
 
     ACCEPTED = "accepted"
     """Done, or so already."""
-    NO_STREAM = "no off-board set-points: send them at more than 2 Hz before asking for OFFBOARD"
+    NO_STREAM = "no off-board set-points: OFFBOARD refused"
     """OFFBOARD without a living stream."""
-    IN_FLIGHT = "in flight: the vehicle disarms when the scenario has ended"
+    IN_FLIGHT = "in flight: disarms when the scenario has ended"
     """Disarming in the air."""
     NOT_FLOWN = "this vehicle does not fly that mode"
     """A mode that is not modelled."""
 
 
 class Event(Enum):
-    """Something that happened to the flight by itself."""
+    """Something that happened to the flight by itself; the values are texts for people, at most 50 characters."""
 
-    STREAM_LOST = "off-board set-points stopped: fail-safe, STABILIZED"
+    STREAM_LOST = "set-points stopped: fail-safe to STABILIZED"
     """The stream stopped in OFFBOARD; the on-board loop flies on."""
 
 

@@ -22,6 +22,9 @@ from firmware_model.signals import AttitudeTarget, Command, ImuSample, Quaternio
 Message = Any
 """A message of pymavlink's dialect module, which has no type stubs."""
 
+Peer = tuple[int, tuple[str, int]]
+"""Where a datagram comes from or goes to: number of our socket, host and port of the other side."""
+
 AUTOPILOT = 1
 """Component id of the autopilot."""
 CONTROLLER = 191
@@ -31,12 +34,11 @@ _ACCELERATION_AND_GYRO = 0x7 | 0x38  # HIGHRES_IMU_UPDATED_FLAGS: which fields c
 _GYRO = 0x38
 _IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE = 1, 2, 4  # ATTITUDE_TARGET_TYPEMASK
 _THRUST_BODY_SET, _IGNORE_THROTTLE, _IGNORE_ATTITUDE = 32, 64, 128
-_UNIT_TOLERANCE = (
-    1e-3  # [-] how far from 1 a quaternion's length may be: far above float32, far below a mistake
-)
+_UNIT_TOLERANCE = 1e-3  # [-] how far from 1 a quaternion's length may be: far above float32, far below a mistake
 _HOME_DEG = (47.397742, 8.545594)  # PX4's own simulated home, where its users expect a simulated vehicle
 _HOME_ALTITUDE_M = 488.0
 _METRES_PER_DEGREE = math.radians(1.0) * 6_371_000.0  # spherical earth; 0.3 % at most over a hover
+_FIRMWARE_VERSION = 1 << 24 | 15 << 16  # 1.15.0, type byte 0: development; clients ask PX4 for at least 1.4.1
 _MILLI_G = 1000.0 / 9.80665
 
 
@@ -138,9 +140,7 @@ def command_message(command: Command, target_system: int) -> Message:
     """
     if isinstance(command, TorqueCommand):
         controls = (*command.torque_B, command.throttle, 0.0, 0.0, 0.0, 0.0)
-        return wire.MAVLink_set_actuator_control_target_message(
-            command.time_us, 0, target_system, AUTOPILOT, controls
-        )
+        return wire.MAVLink_set_actuator_control_target_message(command.time_us, 0, target_system, AUTOPILOT, controls)
     mask, q_NB, omega_B = _target_fields(command)
     return wire.MAVLink_set_attitude_target_message(
         command.time_us // 1000, target_system, AUTOPILOT, mask, q_NB, *omega_B, command.thrust
@@ -178,11 +178,36 @@ def command(message: Message) -> Command | Dropped:
     )
 
 
-def answers(command: Command, time_us: int) -> int:
-    """Return 0 if `command` carries the stamp `time_us`, below 0 if an older one, above 0 if a newer one."""
+def stamp_difference(command: Command, time_us: int) -> int:
+    """Return how much newer the stamp of `command` is than `time_us`, at the resolution that the wire has for it.
+
+    The unit is ms for an attitude target and us for torques; 0 means that the command answers that sample.
+    """
     if isinstance(command, AttitudeTarget):
         return command.time_us // 1000 - time_us // 1000
     return command.time_us - time_us
+
+
+def heartbeat_message(custom_mode: int, armed: bool, *, critical: bool) -> Message:
+    """Return the vehicle's HEARTBEAT: a quadrotor that speaks as PX4 does."""
+    base_mode = wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (wire.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
+    flying = wire.MAV_STATE_CRITICAL if critical else wire.MAV_STATE_ACTIVE
+    return wire.MAVLink_heartbeat_message(
+        wire.MAV_TYPE_QUADROTOR, wire.MAV_AUTOPILOT_PX4, base_mode, custom_mode,
+        flying if armed else wire.MAV_STATE_STANDBY, 3,
+    )  # fmt: skip
+
+
+def version_message() -> Message:
+    """Return AUTOPILOT_VERSION: MAVLink 2, bytewise parameters, attitude targets; a development build."""
+    capabilities = (
+        wire.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+        | wire.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
+        | wire.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    )
+    return wire.MAVLink_autopilot_version_message(
+        capabilities, _FIRMWARE_VERSION, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0
+    )
 
 
 def attitude_message(sample: ImuSample, q_NB: Quaternion) -> Message:

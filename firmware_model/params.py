@@ -7,6 +7,7 @@ controller and vehicle both use that number, and no bit is lost between them.
 import math
 import struct
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
@@ -46,16 +47,13 @@ class Parameter:
     """Whether it describes the vehicle or scenario, and so can't be set."""
 
 
-class Refusal(Exception):
-    """A parameter was not set; see the subclass for why."""
+class Refusal(Enum):
+    """Why a parameter keeps its value."""
 
-
-class OutOfRange(Refusal):
+    READ_ONLY = "read-only"
+    """It describes the vehicle or the scenario."""
+    OUT_OF_RANGE = "out of range"
     """The value is outside the range, or not a number."""
-
-
-class ReadOnly(Refusal):
-    """The parameter can't be set."""
 
 
 class Parameters:
@@ -66,9 +64,7 @@ class Parameters:
         self.table = (
             *(Parameter(name=name, default=limit, unit="N*m") for name, limit in limits),
             Parameter(name=RATE_NAME, default=scenario.control_rate_hz, unit="Hz"),
-            Parameter(
-                name=STREAM_TIMEOUT_NAME, default=1.0, unit="s", minimum=0.1, maximum=60.0, read_only=False
-            ),
+            Parameter(name=STREAM_TIMEOUT_NAME, default=1.0, unit="s", minimum=0.1, maximum=60.0, read_only=False),
             Parameter(name="COM_OBL_RC_ACT", default=2, unit="2: Stabilized"),
             Parameter(name="SYS_AUTOSTART", default=4001, unit="PX4's generic quadcopter"),
             Parameter(name="SYS_HAS_MAG", default=0, unit="compasses"),
@@ -90,17 +86,12 @@ class Parameters:
             return struct.unpack("<f", struct.pack("<i", value))[0], True
         return value, False
 
-    def set_wire_value(self, name: str, value: float) -> None:
-        """Set a parameter from a float field.
-
-        Raises
-        ------
-        ReadOnly, OutOfRange
-            If it can't be set, or not to this value; the old value stays.
-        """
+    def set_wire_value(self, name: str, value: float) -> Refusal | None:
+        """Set a parameter from a float field; the old value stays if that is refused."""
         parameter = self.table[self._index[name]]
         if parameter.read_only:
-            raise ReadOnly
+            return Refusal.READ_ONLY
         if not parameter.minimum <= value <= parameter.maximum:  # false for NaN too
-            raise OutOfRange
+            return Refusal.OUT_OF_RANGE
         self._values[name] = value
+        return None

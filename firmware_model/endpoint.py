@@ -1,0 +1,331 @@
+"""The vehicle as a sans-I/O MAVLink peer: who listens, what is streamed, commands, and the pace of the flight.
+
+    datagram --receive--> parse -> set-points, commands, parameters
+    time     --poll-----> fly samples that are due -> streams, heartbeats, answers --> datagrams
+
+Before t = 0 the airframe is clamped and sample 0 is repeated on wall time. The flight begins when the vehicle is armed
+in OFFBOARD. In lockstep sample k is sent to the commanding peer and waited for; in real time samples are due on
+absolute deadlines and a late command holds the last one.
+"""
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model import messages
+from firmware_model.autopilot import Event, Mode
+from firmware_model.flight import Due, Flight
+from firmware_model.messages import AUTOPILOT, CONTROLLER, Dropped, Message, Peer
+from firmware_model.params import STREAM_TIMEOUT_NAME, Parameters
+from firmware_model.services import commands
+from firmware_model.services import parameters as parameter_service
+from firmware_model.signals import AttitudeTarget, TorqueCommand
+
+HEARTBEAT_US = 1_000_000
+"""[us] wall time from heartbeat to heartbeat."""
+SILENCE_US = 10_000_000
+"""[us] wall time after which a silent peer is forgotten."""
+START_TIMEOUT_US = 60_000_000
+"""[us] wall time that a lockstep flight waits for its first command."""
+MAX_PEERS = 16
+"""Peers served at once; more are refused, so that a flood of addresses can't fill the memory."""
+_BATCH = 250  # samples flown in one poll at most, so that heartbeats and Ctrl-C are not kept waiting
+
+_IMU = wire.MAVLINK_MSG_ID_HIGHRES_IMU
+_RATES_HZ = {
+    _IMU: 50,
+    wire.MAVLINK_MSG_ID_ATTITUDE: 100,
+    wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 50,
+    wire.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: 50,
+    wire.MAVLINK_MSG_ID_ATTITUDE_TARGET: 10,
+    wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: 10,
+}
+_INTERVALS_US = {message_id: 1_000_000 // rate for message_id, rate in _RATES_HZ.items()}
+_NEVER_US = 1 << 62
+_REQUESTS = (
+    wire.MAVLINK_MSG_ID_COMMAND_LONG,
+    wire.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
+    wire.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
+    wire.MAVLINK_MSG_ID_PARAM_SET,
+)
+_SETPOINTS = (wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET)
+
+
+class Outcome(Enum):
+    """How a flight ended."""
+
+    DONE = "done"
+    """Flown to its end in OFFBOARD."""
+    STREAM_LOST = "stream_lost"
+    """The set-points stopped; the on-board loop flew to the end."""
+    LEFT_OFFBOARD = "left_offboard"
+    """Another mode was asked for; the on-board loop flew to the end."""
+    NO_CONTROLLER = "no_controller"
+    """Nobody began the lockstep flight in time."""
+    INTERRUPTED = "interrupted"
+    """Ctrl-C or a termination signal."""
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Listener:
+    """What is known of one peer."""
+
+    address: Peer
+    packer: Any  # holds the sequence counter of what is sent to this peer
+    expected: bool  # told of the vehicle unasked, and never forgotten
+    heard_us: int | None = None
+    controller: bool = False
+    defaults_us: dict[int, int] = field(default_factory=dict)  # time between messages, by message id
+    intervals_us: dict[int, int] = field(default_factory=dict)
+    due_us: dict[int, int] = field(default_factory=dict)
+    next_us: int = _NEVER_US
+
+    def stream(self, intervals_us: dict[int, int], clock_us: int) -> None:
+        """Start these streams, and stop all others."""
+        self.intervals_us = intervals_us
+        self.due_us = dict.fromkeys(intervals_us, clock_us)
+        self.next_us = clock_us if intervals_us else _NEVER_US
+
+    def take_due(self, clock_us: int) -> list[int]:
+        """Return the message ids that are due, and set when they are due again."""
+        if clock_us < self.next_us:
+            return []
+        due = [message_id for message_id, due_us in self.due_us.items() if due_us <= clock_us]
+        for message_id in due:
+            again_us = self.due_us[message_id] + self.intervals_us[message_id]
+            self.due_us[message_id] = again_us if again_us > clock_us else clock_us + self.intervals_us[message_id]
+        self.next_us = min(self.due_us.values(), default=_NEVER_US)
+        return due
+
+
+@dataclass(frozen=True, slots=True)
+class _Request:
+    """A command's reach into the streams of its sender."""
+
+    endpoint: "VehicleEndpoint"
+    listener: _Listener
+    clock_us: int
+
+    def set_interval(self, message_id: int, interval_us: int) -> bool:
+        """Set the time between two messages to this peer."""
+        if message_id not in _INTERVALS_US:
+            return False
+        intervals_us = {key: us for key, us in self.listener.intervals_us.items() if key != message_id}
+        if interval_us >= 0:
+            default_us = self.listener.defaults_us.get(message_id, _INTERVALS_US[message_id])
+            intervals_us[message_id] = interval_us or default_us
+        self.listener.stream(intervals_us, self.clock_us)
+        return True
+
+    def request(self, message_id: int) -> bool:
+        """Send a message once."""
+        return self.endpoint.send_once(message_id, self.listener)
+
+
+class VehicleEndpoint:
+    """One vehicle in one scripted flight; give it datagrams and the time, send what it returns."""
+
+    def __init__(
+        self, flight: Flight, parameters: Parameters, *, system: int = 1, expected: Iterable[Peer] = ()
+    ) -> None:
+        self.flight, self.parameters, self.autopilot = flight, parameters, flight.autopilot
+        self.outcome: Outcome | None = None
+        self.finished = False
+        self.counters: Counter[Dropped] = Counter()
+        self._system = system
+        self._outbox: list[tuple[bytes, Peer]] = []
+        self._listeners = {address: self._new_listener(address, expected=True) for address in expected}
+        self._commander: _Listener | None = None
+        self._stream_lost = False
+        self._heartbeat_at_us = 0
+        self._created_us: int | None = None
+        self._announced: tuple[Mode, bool] | None = None
+
+    def interrupt(self) -> None:
+        """End the flight here: Ctrl-C or a termination signal."""
+        self.outcome = self.outcome or Outcome.INTERRUPTED
+        self.finished = True
+
+    def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
+        """Take a datagram; never raises, what can't be used is counted by its cause."""
+        for item in messages.parse(datagram):
+            if isinstance(item, Dropped):
+                self.counters[item] += 1
+            elif (listener := self._heard(peer, item, now_us)) is None:
+                self.counters[Dropped.TOO_MANY_PEERS] += 1
+            elif cause := self._dispatch(item, listener, now_us):
+                self.counters[cause] += 1
+
+    def poll(self, now_us: int) -> list[tuple[bytes, Peer]]:
+        """Do what is due and return the datagrams to send."""
+        if self.flight.ready():
+            self.flight.begin(now_us)
+        for _ in range(_BATCH):
+            due = self.flight.due(now_us)
+            if due is Due.WAIT:
+                break
+            if due is Due.ADVANCE:
+                self._advance(now_us)
+            if self._commander is not None and self.flight.asks():
+                self._send(messages.imu_message(self.flight.loop.observe()), self._commander)
+        self._stream(self.flight.clock_us(now_us))
+        if now_us >= self._heartbeat_at_us or self._announced != (self.autopilot.mode, self.autopilot.armed):
+            self._beat(now_us)
+        outbox, self._outbox = self._outbox, []
+        return outbox
+
+    def deadline_us(self) -> int:
+        """Return the wall time at which `poll` has something to do, at the latest."""
+        flight_us = self.flight.deadline_us()
+        if flight_us is None:
+            flight_us = min((listener.next_us for listener in self._listeners.values()), default=_NEVER_US)
+        return min(self._heartbeat_at_us, flight_us)
+
+    def send_once(self, message_id: int, listener: _Listener) -> bool:
+        """Send the message with this id as it stands; False if there is none."""
+        message = self._message(message_id)
+        if message is not None:
+            self._send(message, listener)
+        return message is not None
+
+    def _dispatch(self, message: Message, listener: _Listener, now_us: int) -> Dropped | None:
+        kind = message.get_msgId()
+        if kind == wire.MAVLINK_MSG_ID_HEARTBEAT:
+            return None
+        if kind not in _SETPOINTS and kind not in _REQUESTS:
+            return Dropped.UNUSED_MESSAGE
+        if message.target_system not in (0, self._system) or message.target_component not in (0, AUTOPILOT):
+            return Dropped.OTHER_TARGET
+        if kind in _SETPOINTS:
+            return self._take_setpoint(message, listener, now_us)
+        if kind == wire.MAVLINK_MSG_ID_COMMAND_LONG:
+            clock_us = self.flight.clock_us(now_us)
+            request = _Request(self, listener, clock_us)
+            result, text = commands.execute(message, self.autopilot, request, clock_us)
+            self._send(commands.acknowledgement(message, result), listener)
+            if text:
+                self._tell(text, wire.MAV_SEVERITY_WARNING)
+            return None
+        for reply in parameter_service.replies(self.parameters, message):
+            everyone = kind == wire.MAVLINK_MSG_ID_PARAM_SET and reply.get_msgId() == wire.MAVLINK_MSG_ID_PARAM_VALUE
+            for receiver in self._listeners.values() if everyone else (listener,):
+                self._send(reply, receiver)
+        self.autopilot.stream_timeout_us = round(1e6 * self.parameters[STREAM_TIMEOUT_NAME])
+        return None
+
+    def _take_setpoint(self, message: Message, listener: _Listener, now_us: int) -> Dropped | None:
+        alive = self.autopilot.stream_alive(self.flight.clock_us(now_us))
+        if listener is not self._commander and self._commander is not None and alive:
+            return Dropped.NOT_IN_COMMAND
+        command = messages.command(message)
+        if isinstance(command, Dropped):
+            return command
+        cause = self.flight.offer(command, now_us)
+        if cause is None:
+            self._commander = listener
+        return cause
+
+    def _advance(self, now_us: int) -> None:
+        event = self.flight.advance(now_us)
+        if event is not None:
+            self._stream_lost = self._stream_lost or event is Event.STREAM_LOST
+            self._tell(event.value, wire.MAV_SEVERITY_CRITICAL)
+        if self.flight.landed_us is not None:
+            offboard = self.autopilot.mode is Mode.OFFBOARD
+            flown = Outcome.DONE if offboard else Outcome.LEFT_OFFBOARD
+            self.outcome = Outcome.STREAM_LOST if self._stream_lost else flown
+            self.finished = True
+
+    def _stream(self, clock_us: int) -> None:
+        for listener in self._listeners.values():
+            for message_id in listener.take_due(clock_us):
+                # The commander gets every sample of the flight as it is taken.
+                if message_id != _IMU or listener is not self._commander or not self.flight.airborne:
+                    self.send_once(message_id, listener)
+
+    def _beat(self, now_us: int) -> None:
+        """Send HEARTBEAT to all, and forget who has been silent for too long."""
+        self._heartbeat_at_us = now_us + HEARTBEAT_US
+        self._announced = (self.autopilot.mode, self.autopilot.armed)
+        for listener in list(self._listeners.values()):
+            if listener.heard_us is not None and now_us > listener.heard_us + SILENCE_US:
+                self._forget(listener)
+        for listener in self._listeners.values():
+            self.send_once(wire.MAVLINK_MSG_ID_HEARTBEAT, listener)
+        self._created_us = now_us if self._created_us is None else self._created_us
+        waiting = self.flight.lockstep and self.flight.started_us is None
+        if waiting and now_us > self._created_us + START_TIMEOUT_US:
+            self.outcome = Outcome.NO_CONTROLLER
+            self.finished = True
+
+    def _forget(self, listener: _Listener) -> None:
+        del self._listeners[listener.address]
+        if listener is self._commander:
+            self._commander = None
+        if listener.expected:
+            self._listeners[listener.address] = self._new_listener(listener.address, expected=True)
+
+    def _heard(self, address: Peer, message: Message, now_us: int) -> _Listener | None:
+        listener = self._listeners.get(address)
+        if listener is None:
+            if len(self._listeners) >= MAX_PEERS:
+                return None
+            listener = self._listeners[address] = self._new_listener(address, expected=False)
+        controller = message.get_srcComponent() == CONTROLLER
+        if listener.heard_us is None or (controller and not listener.controller):
+            listener.controller = controller
+            listener.defaults_us = _default_intervals(controller=controller, lockstep=self.flight.lockstep)
+            listener.stream(dict(listener.defaults_us), self.flight.clock_us(now_us))
+        listener.heard_us = now_us
+        return listener
+
+    def _new_listener(self, address: Peer, *, expected: bool) -> _Listener:
+        return _Listener(address=address, packer=wire.MAVLink(None, self._system, AUTOPILOT), expected=expected)
+
+    def _tell(self, text: str, severity: int) -> None:
+        for listener in self._listeners.values():
+            self._send(wire.MAVLink_statustext_message(severity, text.encode()), listener)
+
+    def _send(self, message: Message, listener: _Listener) -> None:
+        packer = listener.packer
+        self._outbox.append((message.pack(packer), listener.address))
+        packer.seq = (packer.seq + 1) % 256
+
+    def _message(self, message_id: int) -> Message | None:
+        loop, setpoint = self.flight.loop, self.flight.setpoint
+        match message_id:
+            case wire.MAVLINK_MSG_ID_HEARTBEAT:
+                failed = self._stream_lost and self.autopilot.mode is not Mode.OFFBOARD
+                return messages.heartbeat_message(self.autopilot.mode.value, self.autopilot.armed, critical=failed)
+            case wire.MAVLINK_MSG_ID_HIGHRES_IMU:
+                return messages.imu_message(loop.observe())
+            case wire.MAVLINK_MSG_ID_ATTITUDE:
+                return messages.attitude_message(loop.observe(), loop.estimate_q_NB)
+            case wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION:
+                return messages.attitude_quaternion_message(loop.observe(), loop.estimate_q_NB)
+            case wire.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
+                sample, truth = loop.observe(), loop.truth
+                return messages.truth_message(
+                    sample, loop.q_NB, truth("omega_B"), truth("position_N"), truth("velocity_N")
+                )
+            case wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET if isinstance(setpoint, TorqueCommand):
+                return messages.command_echo(setpoint)
+            case wire.MAVLINK_MSG_ID_ATTITUDE_TARGET if isinstance(setpoint, AttitudeTarget):
+                return messages.command_echo(setpoint)
+            case wire.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
+                return messages.version_message()
+        return None
+
+
+def _default_intervals(*, controller: bool, lockstep: bool) -> dict[int, int]:
+    """Return the streams of a peer that has asked for nothing.
+
+    A lockstep controller is sent each sample when it is due and nothing more, as every other message costs it time.
+    """
+    if controller and lockstep:
+        return {_IMU: _INTERVALS_US[_IMU]}
+    return _INTERVALS_US | ({_IMU: 4_000} if controller else {})

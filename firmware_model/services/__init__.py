@@ -1,0 +1,1 @@
+"""MAVLink microservices, one file a group; each knows its own messages and no socket."""
