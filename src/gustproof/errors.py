@@ -9,3 +9,7 @@ class DesignError(Exception):
 
 class LawFileError(ConfigError):
     """A law file is wrong; the text is one line: file, key, what is allowed."""
+
+
+class FlightError(Exception):
+    """A flight that others depend on did not reach its end; the text is one line: which, how, why."""
