@@ -1,0 +1,121 @@
+"""Plant, on-board loop and the delay between them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from firmware_model.journal import RECORD
+from firmware_model.loop import VehicleLoop
+from firmware_model.rotations import euler_angles, from_euler
+from firmware_model.scenario import GyroFault, Scenario, Sine, load_scenario
+from firmware_model.signals import AttitudeTarget, Command, TorqueCommand
+from firmware_model.vehicle import load_vehicle
+
+VEHICLE = load_vehicle("paper")
+QUIET = Scenario(name="quiet", description="", duration_s=8.0, gyro=GyroFault(noise=False))
+
+
+def fly(scenario: Scenario, command: Command | None, seed: int = 1) -> np.ndarray:
+    loop = VehicleLoop(VEHICLE, scenario, seed)
+    records = [loop.advance(command, 0).copy() for _ in range(scenario.samples)]
+    assert loop.finished
+    return np.array(records).view(RECORD)[:, 0]
+
+
+def torque(roll: float, pitch: float = 0.0, yaw: float = 0.0) -> TorqueCommand:
+    return TorqueCommand(time_us=0, torque_B=(roll, pitch, yaw), throttle=0.5)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 5])
+def test_a_command_acts_the_stated_number_of_samples_later(delay: int) -> None:
+    scenario = Scenario(name="d", description="", duration_s=0.1, delay_samples=delay)
+    acting = fly(scenario, torque(0.1))["torque_command_B"][:, 0]
+    assert not acting[:delay].any()
+    np.testing.assert_allclose(acting[delay:], 0.1 * VEHICLE.torque_limit[0])
+
+
+def test_a_sample_stays_the_same_until_the_vehicle_advances() -> None:
+    loop = VehicleLoop(VEHICLE, load_scenario("calm"), 1)
+    first = loop.observe()
+    assert loop.observe() is first
+    loop.advance(None, 0)
+    assert loop.observe().time_us == 4000
+
+
+def test_the_on_board_loop_turns_to_an_attitude_and_holds_it() -> None:
+    target = AttitudeTarget(time_us=0, q_NB=from_euler(0.3, -0.2, 0.5), omega_B=None, thrust=0.5)
+    angles = euler_angles(fly(QUIET, target)["q_NB"])
+    np.testing.assert_allclose(angles[-1], (0.3, -0.2, 0.5), atol=2e-3)
+
+
+def test_the_on_board_loop_tracks_body_rates() -> None:
+    target = AttitudeTarget(time_us=0, q_NB=None, omega_B=(0.2, 0.0, -0.1), thrust=0.5)
+    records = fly(QUIET, target)
+    np.testing.assert_allclose(records["omega_B"][-1], (0.2, 0.0, -0.1), atol=2e-3)
+    np.testing.assert_allclose(records["omega_command_B"][1:], [(0.2, 0.0, -0.1)] * (len(records) - 1))
+
+
+def test_without_a_controller_the_vehicle_levels_itself_in_a_steady_torque() -> None:
+    # .3 N m at 1e-6 rad/s and a quarter turn of phase: constant for the flight.
+    push = Sine(kind="sine", amplitude_nm=(0.3, 0.0, 0.0), rate_rad_s=1e-6, phase_rad=math.pi / 2)
+    scenario = Scenario(name="p", description="", duration_s=8.0, moment=(push,), gyro=GyroFault(noise=False))
+    records = fly(scenario, None)
+    assert abs(euler_angles(records["q_NB"])[-1, 0]) < 2e-3  # the integral carries the torque
+    assert records["torque_command_B"][-1, 0] == pytest.approx(-0.3, rel=0.02)
+
+
+def test_lost_commands_on_their_way_are_dropped_when_the_controller_is_lost() -> None:
+    loop = VehicleLoop(VEHICLE, QUIET, 1)
+    loop.advance(torque(1.0), 0)
+    assert abs(loop.advance(None, 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
+    assert abs(loop.advance(None, 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
+
+
+def test_the_torque_stays_inside_its_limit_and_the_rate_integral_does_not_wind_up() -> None:
+    spin = AttitudeTarget(time_us=0, q_NB=None, omega_B=(30.0, 0.0, 0.0), thrust=0.5)
+    loop = VehicleLoop(VEHICLE, QUIET, 1)
+    for _ in range(100):
+        record = loop.advance(spin, 0).view(RECORD)[0]
+        assert abs(record["torque_command_B"][0]) <= VEHICLE.torque_limit[0]
+    still = AttitudeTarget(time_us=0, q_NB=None, omega_B=(0.0, 0.0, 0.0), thrust=0.5)
+    rates = [loop.advance(still, 0).view(RECORD)[0]["omega_B"][0] for _ in range(1500)]
+    assert min(rates) > -0.5 * max(rates)  # a wound-up integral would throw it far to the other side
+
+
+def test_the_strapdown_attitude_follows_the_truth() -> None:
+    loop = VehicleLoop(VEHICLE, QUIET, 1)
+    target = AttitudeTarget(time_us=0, q_NB=from_euler(0.5, 0.4, -0.8), omega_B=None, thrust=0.5)
+    for _ in range(1000):
+        loop.advance(target, 0)
+    loop.observe()
+    np.testing.assert_allclose(loop.estimate_q_NB, loop.q_NB, atol=1e-4)
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
+    scenario = Scenario(name="s", description="", duration_s=0.5, wind=load_scenario("paper").wind)
+    assert fly(scenario, None, 3).tobytes() == fly(scenario, None, 3).tobytes()
+    assert fly(scenario, None, 3).tobytes() != fly(scenario, None, 4).tobytes()
+
+
+def test_a_flight_twice_as_long_begins_identically() -> None:
+    wind = load_scenario("paper").wind
+    short = Scenario(name="s", description="", duration_s=0.5, wind=wind)
+    long = Scenario(name="s", description="", duration_s=1.0, wind=wind)
+    assert fly(long, None)[: short.samples].tobytes() == fly(short, None).tobytes()
+
+
+def test_a_gyro_fault_leaves_every_gust_as_it_was() -> None:
+    wind = load_scenario("paper").wind
+    sound = fly(Scenario(name="s", description="", duration_s=0.5, wind=wind), None)
+    faulty = fly(
+        Scenario(name="s", description="", duration_s=0.5, wind=wind, gyro=GyroFault(bias_rad_s=(0.1, 0.0, 0.0))), None
+    )
+    np.testing.assert_array_equal(sound["gust_B"], faulty["gust_B"])
+    np.testing.assert_allclose((faulty["gyro_B"] - sound["gyro_B"])[0], (0.1, 0.0, 0.0), atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32])
+def test_a_seed_out_of_range_is_refused(seed: int) -> None:
+    with pytest.raises(ValueError, match="seed is"):
+        VehicleLoop(VEHICLE, QUIET, seed)
