@@ -16,6 +16,10 @@ _PIO2_1 = 1.57079632673412561417e00
 _PIO2_2 = 6.07710050630396597660e-11
 _PIO2_3 = 2.02226624879595063154e-21
 
+Word = np.uint64
+"""A number below 2^32, held in 64 bits so that products fit."""
+Words = tuple[Word, Word, Word, Word]
+
 _U32 = np.uint64(0xFFFFFFFF)
 _32 = np.uint64(32)
 _1 = np.uint64(1)
@@ -235,16 +239,16 @@ def inverse_normal(u: float) -> float:
 
 
 @kernel
-def philox(counter: tuple[int, int, int, int], key: tuple[int, int]) -> tuple[int, int, int, int]:
-    """Return four 32-bit random integers that depend on `counter` and `key` alone (each word below 2^32, as uint64).
+def philox(counter: Words, key: tuple[Word, Word]) -> Words:
+    """Return four 32-bit random integers that depend on `counter` and `key` alone.
 
     References
     ----------
     J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, Parallel random numbers: as easy as 1, 2, 3, SC11, 2011:
     Philox4x32-10.
     """
-    a, b, c, d = np.uint64(counter[0]), np.uint64(counter[1]), np.uint64(counter[2]), np.uint64(counter[3])
-    j, k = np.uint64(key[0]), np.uint64(key[1])
+    a, b, c, d = counter
+    j, k = key
     for _ in range(10):
         low = np.uint64(0xD2511F53) * a
         high = np.uint64(0xCD9E8D57) * c

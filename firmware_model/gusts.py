@@ -110,22 +110,22 @@ def dryden_spectrum(dryden: Dryden, altitude: float, span: float) -> DrydenSpect
 def dryden_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[DrydenParams, Array]:
     """Return the exactly discretised filters for the step `dt` [s] and the factor (8, 8) of the stationary covariance.
 
-    Exact means that at each sample the joint distribution is that of the continuous filters: `A = exp(F dt)` and
-    `B B^T` the integral of van Loan (C. F. van Loan, Computing Integrals Involving the Matrix Exponential, IEEE Trans.
-    Automatic Control 23, 1978). An initial state `factor n` with n standard normal is stationary.
+    Exact means that at each sample the joint distribution is that of the continuous filters: `A = exp(F dt)`, and
+    `B B^T = P - A P A^T` with P the stationary covariance, which equals van Loan's integral of the noise over a step.
+    An initial state `factor n` with n standard normal is stationary.
     """
     V = spectrum.airspeed
     v = _transverse(spectrum.sigma_v, spectrum.L_v / V, 3.0 * span / (math.pi * V), dt)
     w = _transverse(spectrum.sigma_w, spectrum.L_w / V, 4.0 * span / (math.pi * V), dt)
     u_a, p_a = math.exp(-dt * V / spectrum.L_u), math.exp(-dt * math.pi * V / (4.0 * span))
-    params = DrydenParams(
-        u_a, spectrum.sigma_u * math.sqrt(1.0 - u_a * u_a), p_a, spectrum.sigma_p * math.sqrt(1.0 - p_a * p_a),
-        *v.numbers, math.pi / (3.0 * span),
-        # A gust field w(x) turns the air nose down where w grows ahead: q_gust = -dw/dx (and r_gust = +dv/dx).
-        *w.numbers, -math.pi / (4.0 * span),
-    )  # fmt: skip
-    factor = scipy.linalg.block_diag(spectrum.sigma_u, v.stationary, w.stationary, spectrum.sigma_p)
-    return params, factor
+    # A gust field w(x) turns the air nose down where w grows ahead: q_gust = -dw/dx, and r_gust = +dv/dx.
+    u = (u_a, spectrum.sigma_u * math.sqrt(1.0 - u_a * u_a))
+    p = (p_a, spectrum.sigma_p * math.sqrt(1.0 - p_a * p_a))
+    numbers = (*u, *p, *v.numbers, math.pi / (3.0 * span), *w.numbers, -math.pi / (4.0 * span))
+    factor = np.zeros((8, 8))
+    factor[0, 0], factor[7, 7] = spectrum.sigma_u, spectrum.sigma_p
+    factor[1:4, 1:4], factor[4:7, 4:7] = v.stationary, w.stationary
+    return DrydenParams._make(numbers), factor
 
 
 class _Transverse(NamedTuple):
@@ -155,8 +155,8 @@ def _transverse(sigma: float, tau: float, lag: float, dt: float) -> _Transverse:
 def _factor(Q: Array) -> Array:
     """Return lower-triangular B with `B B^T = Q`; Q may be singular to rounding, where Cholesky would stop."""
     values, vectors = np.linalg.eigh(0.5 * (Q + Q.T))
-    B = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T, mode="r").T
-    return np.asarray(B * np.where(np.diag(B) < 0.0, -1.0, 1.0))
+    B = np.asarray(np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T, mode="r")).T
+    return B * np.where(np.diag(B) < 0.0, -1.0, 1.0)
 
 
 Eight = tuple[float, float, float, float, float, float, float, float]

@@ -128,13 +128,9 @@ def _gyro_params(vehicle: Vehicle, scenario: Scenario) -> GyroParams:
     instrument = vehicle.gyro
     ratio = instrument.noise_ratio * math.sqrt(scenario.control_rate_hz / 250.0) * scenario.gyro.noise
     steady = instrument.noise_model is NoiseModel.CONSTANT
-    bias = [b + fault for b, fault in zip(instrument.bias_B, scenario.gyro.bias_rad_s, strict=True)]
-    return GyroParams(
-        ratio * instrument.reference_rate if steady else 0.0,
-        0.0 if steady else ratio,
-        *bias,
-        instrument.range,
-    )
+    b_x, b_y, b_z = (b + fault for b, fault in zip(instrument.bias_B, scenario.gyro.bias_rad_s, strict=True))
+    sigma = ratio * instrument.reference_rate if steady else 0.0
+    return GyroParams(sigma, 0.0 if steady else ratio, b_x, b_y, b_z, instrument.range)
 
 
 def _air(vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int) -> tuple[DrydenParams, DrydenState]:

@@ -20,13 +20,19 @@ def loader(kind: type[Row]) -> Callable[[NDArray[np.float64], int], Row]:
     The kernel is written out field by field, because a compiled function can't loop over the fields of a tuple.
     """
     fields = ", ".join(f"array[row + {i}]" for i in range(_width(kind)))
-    return _define(f"def load(array, row): return kind({fields})", "load", kind)
+    kernel_: Callable[[NDArray[np.float64], int], Row] = _define(
+        f"def load(array, row): return kind({fields})", "load", kind
+    )
+    return kernel_
 
 
 def storer(kind: type[Row]) -> Callable[[NDArray[np.float64], int, Row], None]:
     """Return the kernel `store(array, row, value)` that writes the fields of `value` to `array[row:]`."""
     lines = "\n".join(f"    array[row + {i}] = value[{i}]" for i in range(_width(kind)))
-    return _define(f"def store(array, row, value):\n{lines}", "store", kind)
+    kernel_: Callable[[NDArray[np.float64], int, Row], None] = _define(
+        f"def store(array, row, value):\n{lines}", "store", kind
+    )
+    return kernel_
 
 
 def starts(kinds: Iterable[type[tuple[float, ...]]]) -> list[int]:

@@ -100,7 +100,7 @@ class Law:
     @property
     def order(self) -> int:
         """Number of states."""
-        return self.A.shape[0]
+        return int(self.A.shape[0])
 
     @property
     def scheduled(self) -> bool:
