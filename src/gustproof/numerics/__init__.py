@@ -1,0 +1,1 @@
+"""Linear systems, their norms, margins and Riccati equations."""

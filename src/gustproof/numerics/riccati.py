@@ -1,0 +1,84 @@
+"""Stabilising solutions of algebraic Riccati equations by ordered real Schur form."""
+
+from enum import Enum
+
+import numpy as np
+import scipy.linalg
+
+from gustproof.errors import DesignError
+from gustproof.numerics.lti import Matrix
+
+_AXIS_TOLERANCE = 1e-9
+"""Real parts below this fraction of the largest eigenvalue count as zero: some ten times what rounding moves a
+double eigenvalue of a balanced matrix of order 20 to 40."""
+_RANK_TOLERANCE = 1e-13
+"""Reciprocal condition of the leading half of the basis below which its inverse has no digits left."""
+
+
+class RiccatiFailure(Enum):
+    """Why a Riccati equation has no stabilising solution."""
+
+    AXIS = "the Hamiltonian has eigenvalues on the imaginary axis"
+    """No splitting into a stable and an unstable half exists."""
+    COMPLEMENT = "the stable invariant subspace is no graph (the pair is not stabilisable, or the level is critical)"
+    """The splitting exists, but does not define a solution."""
+
+
+class RiccatiError(DesignError):
+    """A Riccati equation has no stabilising solution; `failure` says why."""
+
+    def __init__(self, failure: RiccatiFailure) -> None:
+        super().__init__(failure.value)
+        self.failure = failure
+
+
+def stabilizing_solution(H: Matrix) -> Matrix:
+    """Return `X = Ric(H)`, (n, n) symmetric: `[I; X]` spans the stable invariant subspace of the Hamiltonian `H`.
+
+    With `H = [[A, R], [Q, -A^T]]` it solves `A^T X + X A + X R X - Q = 0` and makes `A + R X` stable. `H` is balanced
+    by a diagonal symplectic scaling in powers of two first (it does not round). Cost some 200 n^3 operations; relative
+    accuracy near 1e-15 times the condition of the equation.
+
+    Raises
+    ------
+    RiccatiError
+        If `H` has eigenvalues on the imaginary axis, or the stable subspace is no graph.
+
+    References
+    ----------
+    A. J. Laub, A Schur method for solving algebraic Riccati equations, IEEE TAC 24 (1979), 913-921.
+    """
+    n = H.shape[0] // 2
+    scale = _symplectic_scale(H)
+    try:
+        T, U, stable = scipy.linalg.schur(H * np.outer(scale, 1.0 / scale), output="real", sort="lhp")
+    except np.linalg.LinAlgError:  # reordering moved an eigenvalue across the axis: it is on it but for rounding
+        raise RiccatiError(RiccatiFailure.AXIS) from None
+    eigenvalues = _eigenvalues(T)
+    largest = np.max(np.abs(eigenvalues))
+    if stable != n or np.min(np.abs(eigenvalues.real)) <= _AXIS_TOLERANCE * largest:
+        raise RiccatiError(RiccatiFailure.AXIS)
+    U1, U2 = U[:n, :n], U[n:, :n]
+    if 1.0 / np.linalg.cond(U1) < _RANK_TOLERANCE:
+        raise RiccatiError(RiccatiFailure.COMPLEMENT)
+    X = np.linalg.solve(U1.T, U2.T).T * np.outer(scale[:n], scale[:n])
+    return np.asarray(0.5 * (X + X.T), dtype=np.float64)
+
+
+def _symplectic_scale(H: Matrix) -> Matrix:
+    """Return powers of two `(s, 1/s)`, (2n,), that balance `H` and keep it Hamiltonian."""
+    n = H.shape[0] // 2
+    off_diagonal = np.abs(H) - np.diag(np.abs(np.diag(H)))
+    _, (factors, _) = scipy.linalg.matrix_balance(off_diagonal, permute=False, separate=True)
+    exponent = np.round(0.5 * (np.log2(factors[n:]) - np.log2(factors[:n])))
+    return np.asarray(np.exp2(np.concatenate([exponent, -exponent])), dtype=np.float64)
+
+
+def _eigenvalues(T: Matrix) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
+    """Return the eigenvalues of a standardised real Schur form: 2 x 2 blocks have equal diagonal entries."""
+    product = np.diag(T, 1) * np.diag(T, -1)
+    imaginary = np.sqrt(np.maximum(-product, 0.0))
+    values = np.diag(T).astype(np.complex128)
+    values[:-1] += 1j * imaginary
+    values[1:] -= 1j * imaginary
+    return values
