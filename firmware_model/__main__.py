@@ -14,16 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model import udp
-from firmware_model.autopilot import Autopilot, Mode
+from firmware_model.autopilot import Mode
 from firmware_model.endpoint import Outcome, VehicleEndpoint
 from firmware_model.errors import ConfigError
-from firmware_model.flight import Flight
+from firmware_model.files import Parsed, parse
 from firmware_model.journal import JournalWriter
 from firmware_model.loop import VehicleLoop
 from firmware_model.messages import Peer
-from firmware_model.params import STREAM_TIMEOUT_NAME, Parameters
-from firmware_model.scenario import load_scenario, shipped_scenarios
-from firmware_model.vehicle import load_vehicle, shipped_vehicles
+from firmware_model.scenario import Scenario, load_scenario, shipped_scenarios
+from firmware_model.vehicle import Vehicle, load_vehicle, shipped_vehicles
 
 # PX4's ports in simulation, so that its clients find us: (ours, theirs) for ground stations and for off-board control.
 _PORTS = ((18570, 14550), (14580, 14540))
@@ -42,24 +41,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _fly(options: argparse.Namespace) -> int:
-    scenario, vehicle = load_scenario(options.scenario), load_vehicle(options.vehicle)
+    scenario = _read(Scenario, options.scenario) or load_scenario(options.scenario)
+    vehicle = _read(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
     header = {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
     with ExitStack() as stack:
         ports = [pair[0] + options.instance for pair in _PORTS] if options.bind_port is None else [options.bind_port]
         sockets = [stack.enter_context(udp.bind(port)) for port in ports]
         record = stack.enter_context(_journal(options.journal, header)).append if options.journal else _no_record
-        parameters = Parameters(vehicle, scenario)
-        flight = Flight(
-            VehicleLoop(vehicle, scenario, options.seed),
-            Autopilot(round(1e6 * parameters[STREAM_TIMEOUT_NAME])),
-            record,
-            sample_us=scenario.sample_us,
-            lockstep=options.lockstep,
-        )
         expected: list[Peer] = []
         if options.bind_port is None:
             expected = [(index, ("127.0.0.1", pair[1] + options.instance)) for index, pair in enumerate(_PORTS)]
-        endpoint = VehicleEndpoint(flight, parameters, system=options.instance + 1, expected=expected)
+        endpoint = VehicleEndpoint(
+            vehicle,
+            scenario,
+            options.seed,
+            record,
+            lockstep=options.lockstep,
+            system=options.instance + 1,
+            expected=expected,
+        )
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
         # The machine code is loaded, or made, before anybody waits for it.
@@ -104,6 +104,19 @@ def _parser() -> argparse.ArgumentParser:
     add("--journal", type=Path, help="new file for the flight's records")
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser
+
+
+def _read(kind: type[Parsed], name: str) -> Parsed | None:
+    """Return the content of a .json file, as another process of the project writes it; `None` if it is none."""
+    path = Path(name)
+    if path.suffix != ".json":
+        return None
+    try:
+        return parse(kind, json.loads(path.read_text(encoding="utf-8")), name)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(f"{path}: not JSON: {error}") from None
 
 
 def _journal(path: Path, header: dict[str, Any]) -> JournalWriter:

@@ -9,21 +9,26 @@ absolute deadlines and a late command holds the last one.
 """
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model import messages
-from firmware_model.autopilot import Event, Mode
+from firmware_model.autopilot import Autopilot, Event, Mode
 from firmware_model.flight import Due, Flight
+from firmware_model.loop import VehicleLoop
 from firmware_model.messages import AUTOPILOT, CONTROLLER, Dropped, Message, Peer
 from firmware_model.params import STREAM_TIMEOUT_NAME, Parameters
+from firmware_model.scenario import Scenario
 from firmware_model.services import commands
 from firmware_model.services import parameters as parameter_service
 from firmware_model.signals import AttitudeTarget, TorqueCommand
+from firmware_model.vehicle import Vehicle
 
 HEARTBEAT_US = 1_000_000
 """[us] wall time from heartbeat to heartbeat."""
@@ -130,9 +135,20 @@ class VehicleEndpoint:
     """One vehicle in one scripted flight; give it datagrams and the time, send what it returns."""
 
     def __init__(
-        self, flight: Flight, parameters: Parameters, *, system: int = 1, expected: Iterable[Peer] = ()
+        self,
+        vehicle: Vehicle,
+        scenario: Scenario,
+        seed: int,
+        record: Callable[[NDArray[np.float64]], None],
+        *,
+        lockstep: bool,
+        system: int = 1,
+        expected: Iterable[Peer] = (),
     ) -> None:
-        self.flight, self.parameters, self.autopilot = flight, parameters, flight.autopilot
+        self.parameters = Parameters(vehicle, scenario)
+        self.autopilot = Autopilot(self._stream_timeout_us())
+        loop = VehicleLoop(vehicle, scenario, seed)
+        self.flight = Flight(loop, self.autopilot, record, sample_us=scenario.sample_us, lockstep=lockstep)
         self.outcome: Outcome | None = None
         self.finished = False
         self.counters: Counter[Dropped] = Counter()
@@ -214,7 +230,7 @@ class VehicleEndpoint:
             everyone = kind == wire.MAVLINK_MSG_ID_PARAM_SET and reply.get_msgId() == wire.MAVLINK_MSG_ID_PARAM_VALUE
             for receiver in self._listeners.values() if everyone else (listener,):
                 self._send(reply, receiver)
-        self.autopilot.stream_timeout_us = round(1e6 * self.parameters[STREAM_TIMEOUT_NAME])
+        self.autopilot.stream_timeout_us = self._stream_timeout_us()
         return None
 
     def _take_setpoint(self, message: Message, listener: _Listener, now_us: int) -> Dropped | None:
@@ -282,6 +298,9 @@ class VehicleEndpoint:
             listener.stream(dict(listener.defaults_us), self.flight.clock_us(now_us))
         listener.heard_us = now_us
         return listener
+
+    def _stream_timeout_us(self) -> int:
+        return round(1e6 * self.parameters[STREAM_TIMEOUT_NAME])
 
     def _new_listener(self, address: Peer, *, expected: bool) -> _Listener:
         return _Listener(address=address, packer=wire.MAVLink(None, self._system, AUTOPILOT), expected=expected)

@@ -9,6 +9,7 @@ MAVLink, common message set, messages 0, 30, 31, 82, 83, 105, 115, 139, 140.
 """
 
 import math
+import struct
 from collections.abc import Iterator
 from enum import Enum
 from typing import Any
@@ -208,6 +209,13 @@ def version_message() -> Message:
     return wire.MAVLink_autopilot_version_message(
         capabilities, _FIRMWARE_VERSION, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0
     )
+
+
+def parameter(message: Message) -> float:
+    """Return the value in a PARAM_VALUE; integers travel bytewise in the float field."""
+    if message.param_type == wire.MAV_PARAM_TYPE_REAL32:
+        return float(message.param_value)
+    return float(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
 
 
 def attitude_message(sample: ImuSample, q_NB: Quaternion) -> Message:

@@ -50,6 +50,20 @@ def bind(port: int, host: str = "127.0.0.1") -> socket.socket:
     return bound
 
 
+def resolve(host: str, port: int) -> tuple[str, int]:
+    """Return the address that datagrams from `host` carry.
+
+    Raises
+    ------
+    ConfigError
+        If the name is not known.
+    """
+    try:
+        return socket.gethostbyname(host), port
+    except OSError as error:
+        raise ConfigError(f"{host}: {error.strerror}") from None
+
+
 def serve(endpoint: Endpoint, sockets: Sequence[socket.socket]) -> None:
     """Carry datagrams and time to the endpoint, and its datagrams to the wire, until it has finished."""
     while True:

@@ -1,0 +1,77 @@
+"""`python -m gustproof.controller`: fly a law file against an autopilot over UDP."""
+
+import argparse
+import gc
+import json
+import signal
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+
+from firmware_model import udp
+from firmware_model.errors import ConfigError
+from gustproof.controller.endpoint import ControllerEndpoint, Outcome
+from gustproof.law import Law, Output, load_law, shipped_laws, step
+
+_EXIT = {Outcome.DONE: 0, Outcome.WRONG_RATE: 2, Outcome.INTERRUPTED: 130}
+_BROKEN = 3
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the controller until the flight has ended; return the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        law = load_law(options.law)
+        if options.via is not None and Output(options.via) is not law.output:
+            raise ConfigError(f"law '{law.name}' commands {law.output.value}, it can't fly via {options.via}")
+        return _fly(law, options)
+    except ConfigError as error:
+        print(f"gustproof controller: {error}", file=sys.stderr)
+        return 2
+
+
+def _fly(law: Law, options: argparse.Namespace) -> int:
+    # The machine code is loaded, or made, before anybody waits for it.
+    step(law, np.zeros(law.order), np.zeros(6))
+    gc.freeze()
+    with udp.bind(0) as bound:
+        endpoint = ControllerEndpoint(law, (0, _address(options.connect)))
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: endpoint.interrupt())
+        udp.serve(endpoint, [bound])
+    outcome = endpoint.outcome or Outcome.INTERRUPTED
+    if options.json:
+        counters = {cause.value: count for cause, count in endpoint.counters.items()}
+        print(json.dumps({"outcome": outcome.value, "message": endpoint.message, "counters": counters}))
+    elif outcome is Outcome.DONE:
+        print(f"law '{law.name}': flown to the end")
+    else:
+        print(f"gustproof controller: {endpoint.message}", file=sys.stderr)
+    return _EXIT.get(outcome, _BROKEN)
+
+
+def _address(text: str) -> tuple[str, int]:
+    """Return host and port; `-` reads them from the first line of standard input, when they are known."""
+    host, _, port = (sys.stdin.readline().strip() if text == "-" else text).rpartition(":")
+    if not (host and port.isdecimal() and 0 < int(port) < 65536):
+        raise ConfigError(f"--connect is '{text}', must be HOST:PORT")
+    return udp.resolve(host, int(port))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="gustproof controller",
+        description="Fly a law: find the autopilot, read its limits, arm it, enter OFFBOARD, answer every sample.",
+        epilog="Exit status: 0 flown to the end, 2 bad input, 3 the flight broke off, 130 interrupted.",
+    )
+    add = parser.add_argument
+    add("--law", required=True, help=f"a .json file, or one of {', '.join(shipped_laws())}")
+    add("--via", choices=[output.value for output in Output], help="how commands travel [what the law commands]")
+    add("--connect", default="127.0.0.1:14580", help="HOST:PORT of the autopilot, - reads it from stdin [%(default)s]")
+    add("--json", action="store_true", help="print JSON, one object a line")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,224 @@
+"""The controller as a sans-I/O MAVLink peer: finds the vehicle, reads its limits, arms it, and answers each sample.
+
+    SEEKING --heartbeat--> READING --first answer--> ARMING --accepted--> ENTERING --accepted--> FLYING --disarmed--> done
+
+A request is repeated on wall time until it is answered, and given up after a stated number of times. Samples are
+answered as soon as the parameters are known, as the autopilot enters OFFBOARD only when set-points flow.
+"""
+
+from collections import Counter
+from enum import Enum
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model import messages
+from firmware_model.autopilot import Mode
+from firmware_model.messages import AUTOPILOT, CONTROLLER, Dropped, Message, Peer
+from firmware_model.params import RATE_NAME, TORQUE_LIMIT_NAMES
+from gustproof.controller.core import Controller
+from gustproof.law import Law, Output
+
+HEARTBEAT_US = 1_000_000
+"""[us] wall time from heartbeat to heartbeat."""
+RETRY_US = 200_000
+"""[us] wall time after which a request is repeated."""
+RETRIES = 50
+"""Times that a request is repeated before the controller gives up."""
+SILENCE_US = 5_000_000
+"""[us] wall time without a word after which the vehicle is taken for lost."""
+
+
+class Phase(Enum):
+    """How far the controller has come."""
+
+    SEEKING = "no autopilot answers"
+    """Waits for the vehicle's heartbeat; the value says what failed if it ends here."""
+    READING = "the autopilot does not tell its parameters"
+    """Reads torque limits and sample rate."""
+    ARMING = "the autopilot does not arm"
+    """Asks to arm."""
+    ENTERING = "the autopilot does not enter OFFBOARD"
+    """Asks for OFFBOARD."""
+    FLYING = "the flight was left"
+    """Answers samples until the vehicle disarms."""
+
+
+class Outcome(Enum):
+    """How the controller's part ended."""
+
+    DONE = "done"
+    """The vehicle has landed."""
+    NOT_STARTED = "not_started"
+    """The flight could not begin; the phase says where."""
+    WRONG_RATE = "wrong_rate"
+    """The vehicle samples at another rate than the law."""
+    AUTOPILOT_LOST = "autopilot_lost"
+    """The vehicle fell silent."""
+    MODE_LOST = "mode_lost"
+    """The vehicle has left OFFBOARD."""
+    INTERRUPTED = "interrupted"
+    """Ctrl-C or a termination signal."""
+
+
+class ControllerEndpoint:
+    """One law for one vehicle; give it datagrams and the time, send what it returns."""
+
+    def __init__(self, law: Law, vehicle: Peer) -> None:
+        self.phase = Phase.SEEKING
+        self.outcome: Outcome | None = None
+        self.message = ""
+        self.counters: Counter[Dropped] = Counter()
+        self._law, self._vehicle = law, vehicle
+        self._packer = wire.MAVLink(None, 1, CONTROLLER)
+        self._outbox: list[tuple[bytes, Peer]] = []
+        self._controller: Controller | None = None
+        wanted = (*TORQUE_LIMIT_NAMES, RATE_NAME) if law.output is Output.TORQUE else (RATE_NAME,)
+        self._parameters: dict[str, float | None] = dict.fromkeys(wanted)
+        self._heartbeat_at_us = self._retry_at_us = 0
+        self._retries = 0
+        self._heard_us = 0
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is nothing more to do."""
+        return self.outcome is not None
+
+    def interrupt(self) -> None:
+        """End here: Ctrl-C or a termination signal."""
+        self._end(Outcome.INTERRUPTED, "interrupted")
+
+    def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
+        """Take a datagram; never raises, what can't be used is counted by its cause."""
+        for item in messages.parse(datagram):
+            cause = item if isinstance(item, Dropped) else self._dispatch(item, peer, now_us)
+            if cause is not None:
+                self.counters[cause] += 1
+
+    def poll(self, now_us: int) -> list[tuple[bytes, Peer]]:
+        """Do what is due and return the datagrams to send."""
+        if now_us >= self._heartbeat_at_us:
+            self._heartbeat_at_us = now_us + HEARTBEAT_US
+            self._send(
+                wire.MAVLink_heartbeat_message(
+                    wire.MAV_TYPE_ONBOARD_CONTROLLER, wire.MAV_AUTOPILOT_INVALID, 0, 0, wire.MAV_STATE_ACTIVE, 3
+                )
+            )
+        if self.phase is Phase.FLYING:
+            if now_us > self._heard_us + SILENCE_US:
+                self._end(Outcome.AUTOPILOT_LOST, "the autopilot has fallen silent")
+        elif now_us >= self._retry_at_us:
+            self._retry(now_us)
+        outbox, self._outbox = self._outbox, []
+        return outbox
+
+    def deadline_us(self) -> int:
+        """Return the wall time at which `poll` has something to do, at the latest."""
+        other_us = self._heard_us + SILENCE_US + 1 if self.phase is Phase.FLYING else self._retry_at_us
+        return min(self._heartbeat_at_us, other_us)
+
+    def _dispatch(self, message: Message, peer: Peer, now_us: int) -> Dropped | None:
+        if peer != self._vehicle or message.get_srcComponent() != AUTOPILOT:
+            return Dropped.OTHER_TARGET
+        self._heard_us = now_us
+        match message.get_msgId():
+            case wire.MAVLINK_MSG_ID_HIGHRES_IMU:
+                return self._on_sample(message)
+            case wire.MAVLINK_MSG_ID_HEARTBEAT:
+                self._on_heartbeat(message)
+            case wire.MAVLINK_MSG_ID_PARAM_VALUE:
+                self._on_parameter(message)
+            case wire.MAVLINK_MSG_ID_COMMAND_ACK:
+                self._on_acknowledgement(message)
+            case wire.MAVLINK_MSG_ID_STATUSTEXT:
+                self.message = message.text
+            case _:
+                return Dropped.UNUSED_MESSAGE
+        return None
+
+    def _on_sample(self, message: Message) -> Dropped | None:
+        sample = messages.imu_sample(message)
+        if self._controller is None or isinstance(sample, Dropped):
+            return sample if isinstance(sample, Dropped) else None
+        answer = self._controller.answer(sample)
+        if isinstance(answer, Dropped):
+            return answer
+        self._send(messages.command_message(answer, self._packer.srcSystem))
+        if self.phase is Phase.READING:
+            self._enter(Phase.ARMING)
+        return None
+
+    def _on_heartbeat(self, message: Message) -> None:
+        if self.phase is Phase.SEEKING:
+            # An on-board controller shares the vehicle's system id.
+            self._packer.srcSystem = message.get_srcSystem()
+            self._enter(Phase.READING)
+        elif self.phase is Phase.FLYING:
+            if not message.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED:
+                self._end(Outcome.DONE, "")
+            elif message.custom_mode != Mode.OFFBOARD.value:
+                self._end(Outcome.MODE_LOST, self.message or "the vehicle has left OFFBOARD")
+
+    def _on_parameter(self, message: Message) -> None:
+        name = message.param_id
+        if self._controller is not None or name not in self._parameters:
+            return
+        self._parameters[name] = messages.parameter(message)
+        known = [value for value in self._parameters.values() if value is not None]
+        if len(known) < len(self._parameters):
+            return
+        rate = known.pop()
+        if rate * self._law.dt != 1.0:
+            text = f"law '{self._law.name}' steps every {self._law.dt} s, the vehicle samples at {rate:g} Hz"
+            self._end(Outcome.WRONG_RATE, text)
+            return
+        roll, pitch, yaw = known or (1.0, 1.0, 1.0)
+        self._controller = Controller(self._law, (roll, pitch, yaw))
+
+    def _on_acknowledgement(self, message: Message) -> None:
+        asked = {
+            Phase.ARMING: (wire.MAV_CMD_COMPONENT_ARM_DISARM, Phase.ENTERING),
+            Phase.ENTERING: (wire.MAV_CMD_DO_SET_MODE, Phase.FLYING),
+        }.get(self.phase)
+        if asked is None or message.command != asked[0]:
+            return
+        if message.result == wire.MAV_RESULT_ACCEPTED:
+            self._enter(asked[1])
+        elif message.result != wire.MAV_RESULT_TEMPORARILY_REJECTED:
+            self._end(Outcome.NOT_STARTED, f"{self.phase.value}: {self.message or 'refused'}")
+
+    def _enter(self, phase: Phase) -> None:
+        self.phase = phase
+        self._retries = self._retry_at_us = 0
+
+    def _retry(self, now_us: int) -> None:
+        self._retry_at_us = now_us + RETRY_US
+        self._retries += 1
+        if self._retries > RETRIES:
+            self._end(Outcome.NOT_STARTED, self.phase.value)
+            return
+        system = self._packer.srcSystem
+        match self.phase:
+            case Phase.READING:
+                for name in [name for name, value in self._parameters.items() if value is None]:
+                    self._send(wire.MAVLink_param_request_read_message(system, AUTOPILOT, name.encode(), -1))
+            case Phase.ARMING:
+                self._command(wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+            case Phase.ENTERING:
+                self._command(
+                    wire.MAV_CMD_DO_SET_MODE, wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, Mode.OFFBOARD.value >> 16
+                )
+
+    def _command(self, command: int, first: float, second: float = 0.0) -> None:
+        self._send(
+            wire.MAVLink_command_long_message(
+                self._packer.srcSystem, AUTOPILOT, command, 0, first, second, 0.0, 0.0, 0.0, 0.0, 0.0
+            )
+        )
+
+    def _send(self, message: Message) -> None:
+        self._outbox.append((message.pack(self._packer), self._vehicle))
+        self._packer.seq = (self._packer.seq + 1) % 256
+
+    def _end(self, outcome: Outcome, message: str) -> None:
+        if self.outcome is None:
+            self.outcome, self.message = outcome, message

@@ -1,0 +1,272 @@
+"""A flight as two processes joined by UDP alone, and the same flight over loopback in one process.
+
+    fly           python -m firmware_model  <== datagrams ==>  python -m gustproof.controller
+    fly_loopback  VehicleEndpoint           <-- handed over -->  ControllerEndpoint, on a virtual clock
+
+Both leave the vehicle's journal; the same law, scenario and seed give the same bits on either.
+"""
+
+import contextlib
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from tempfile import TemporaryDirectory, TemporaryFile
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic_core import to_jsonable_python
+
+from firmware_model.endpoint import Outcome as VehicleOutcome
+from firmware_model.endpoint import VehicleEndpoint
+from firmware_model.errors import ConfigError
+from firmware_model.journal import RECORD, read_journal
+from firmware_model.scenario import Scenario
+from firmware_model.vehicle import Vehicle
+from gustproof.controller.endpoint import ControllerEndpoint
+from gustproof.law import Law
+
+_WATCH_S = 0.02  # how often the processes are looked after
+_LAST_WORDS_S = 5.0  # how long a process may take to end by itself
+_ALONE_S = 10.0  # how long a vehicle may take to show that it flies on without its controller
+_VEHICLE, _CONTROLLER = (0, ("vehicle", 1)), (0, ("controller", 1))
+
+Records = NDArray[np.void]
+
+
+class Outcome(Enum):
+    """How a flight ended."""
+
+    DONE = "flown to the end"
+    """The law flew the whole scenario."""
+    CONTROLLER_LOST = "the controller stopped; the fail-safe levelled the vehicle to the end"
+    """Set-points stopped in mid-flight; the on-board loop flew the rest."""
+    LEFT_OFFBOARD = "another client took the vehicle out of OFFBOARD; its on-board loop flew to the end"
+    """Somebody else asked for another mode."""
+    AUTOPILOT_LOST = "the autopilot's process ended in mid-flight"
+    """The vehicle's process died."""
+    NOT_STARTED = "the flight did not begin"
+    """The controller never came to fly."""
+    INTERRUPTED = "interrupted"
+    """Ctrl-C."""
+
+
+_OUTCOMES = {
+    VehicleOutcome.DONE: Outcome.DONE,
+    VehicleOutcome.STREAM_LOST: Outcome.CONTROLLER_LOST,
+    VehicleOutcome.LEFT_OFFBOARD: Outcome.LEFT_OFFBOARD,
+    VehicleOutcome.NO_CONTROLLER: Outcome.NOT_STARTED,
+    VehicleOutcome.INTERRUPTED: Outcome.NOT_STARTED,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Flight:
+    """What a flight left behind."""
+
+    scenario: Scenario
+    """Script that was flown."""
+    law: Law
+    """Law that flew it."""
+    vehicle: Vehicle
+    """Vehicle that was flown."""
+    seed: int
+    """Seed of gusts and noise."""
+    records: Records
+    """(n,) the journal's records; fewer than the scenario has samples if the flight broke off."""
+    outcome: Outcome
+    """How it ended."""
+    message: str
+    """One line on how it ended, for people."""
+    realtime_factor: float
+    """[-] simulated time over wall time from t = 0 to landing; 0 if unknown."""
+    counters: dict[str, int]
+    """What went other than planned on the vehicle's side, by cause."""
+    journal: Path
+    """File of the records."""
+
+
+def fly(
+    scenario: Scenario,
+    law: Law,
+    *,
+    vehicle: Vehicle,
+    seed: int = 1,
+    out: Path,
+    real_time: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> Flight:
+    """Fly a scenario with two processes, leave the journal in the folder `out`, and return what was flown.
+
+    In lockstep the processes use a free port; in real time those of the vehicle are the usual ones, so that ground
+    stations can watch. `progress` is told the fraction flown, 0..1. No process is left behind, whatever happens.
+
+    Raises
+    ------
+    ConfigError
+        If the law steps at another rate than the scenario, a port is in use, or the journal exists already.
+    """
+    if law.dt != scenario.dt:
+        raise ConfigError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
+    out.mkdir(parents=True, exist_ok=True)
+    journal = out / f"{scenario.name}-{law.name}-seed{seed}.journal"
+    if journal.exists():
+        raise ConfigError(f"{journal}: exists already")
+    with TemporaryDirectory(prefix="gustproof-") as folder:
+        files = {name: Path(folder) / f"{name}.json" for name in ("scenario", "vehicle", "law")}
+        files["scenario"].write_text(json.dumps(to_jsonable_python(scenario)), encoding="utf-8")
+        files["vehicle"].write_text(json.dumps(to_jsonable_python(vehicle)), encoding="utf-8")
+        law.save(files["law"])
+        with _Pair(files, seed, journal, real_time=real_time) as pair:
+            outcome = pair.fly(scenario.samples, progress or (lambda _: None))
+    told = pair.told
+    records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
+    return Flight(
+        scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
+        message=f"{scenario.name}, {law.name}, seed {seed}: {outcome.value}{pair.reason}",
+        realtime_factor=told.get("realtime_factor", 0.0), counters=told.get("counters", {}), journal=journal,
+    )  # fmt: skip
+
+
+def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1) -> Records:
+    """Fly a scenario in lockstep over datagrams that never leave this process, on a virtual clock.
+
+    Returns the journal's records (n,); the protocol cores are those of the two processes.
+    """
+    rows: list[NDArray[np.float64]] = []
+    autopilot = VehicleEndpoint(vehicle, scenario, seed, lambda row: rows.append(row.copy()), lockstep=True)
+    controller = ControllerEndpoint(law, _VEHICLE)
+    now_us = 0
+    while not autopilot.finished:
+        sent = autopilot.poll(now_us)
+        for datagram, _ in sent:
+            controller.receive(datagram, _VEHICLE, now_us)
+        answers = controller.poll(now_us)
+        for datagram, _ in answers:
+            autopilot.receive(datagram, _CONTROLLER, now_us)
+        if not sent and not answers:
+            now_us = max(now_us + 1, min(autopilot.deadline_us(), controller.deadline_us()))
+    return np.array(rows).reshape(len(rows), -1).view(RECORD)[:, 0] if rows else np.empty(0, dtype=RECORD)
+
+
+class _Pair:
+    """The two processes of a flight; on leaving, both have ended."""
+
+    def __init__(self, files: dict[str, Path], seed: int, journal: Path, *, real_time: bool) -> None:
+        self.told: dict[str, Any] = {}
+        self.reason = ""
+        self._files, self._seed, self._journal, self._real_time = files, seed, journal, real_time
+        self._errors = {name: TemporaryFile("w+") for name in ("vehicle", "controller")}
+        self._processes: dict[str, subprocess.Popen[str]] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for process in self._processes.values():
+            _end(process)
+            for stream in (process.stdin, process.stdout):
+                if stream:
+                    stream.close()
+        for file in self._errors.values():
+            file.close()
+
+    def fly(self, samples: int, progress: Callable[[float], None]) -> Outcome:
+        """Start both, watch them to the end, and say how it ended."""
+        try:
+            self._start()
+            self._watch(samples, progress)
+        except KeyboardInterrupt:
+            for process in self._processes.values():
+                _end(process)
+            return Outcome.INTERRUPTED
+        return self._outcome()
+
+    def _start(self) -> None:
+        pace = [] if self._real_time else ["--lockstep", "--bind-port", "0"]
+        vehicle = self._launch(
+            "vehicle", "firmware_model", "--json", *pace, "--seed", str(self._seed), "--journal", str(self._journal),
+            "--scenario", str(self._files["scenario"]), "--vehicle", str(self._files["vehicle"]),
+        )  # fmt: skip
+        # The controller starts meanwhile, and is told the port when the vehicle has one.
+        controller = self._launch(
+            "controller", "gustproof.controller", "--law", str(self._files["law"]), "--connect", "-"
+        )
+        greeting = vehicle.stdout.readline() if vehicle.stdout else ""
+        if not greeting:
+            vehicle.wait()
+            raise ConfigError(self._last_words("vehicle") or "the vehicle's process did not start")
+        port = json.loads(greeting)["listening"][-1]
+        # A controller that has ended already is found out by the watch.
+        with contextlib.suppress(BrokenPipeError), controller.stdin or contextlib.nullcontext() as stdin:
+            if stdin:
+                stdin.write(f"127.0.0.1:{port}\n")
+
+    def _launch(self, name: str, module: str, *arguments: str) -> subprocess.Popen[str]:
+        # A session of its own: Ctrl-C reaches this process alone, which then ends both in order.
+        self._processes[name] = process = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors[name], text=True, start_new_session=True,
+        )  # fmt: skip
+        return process
+
+    def _watch(self, samples: int, progress: Callable[[float], None]) -> None:
+        """Wait until the vehicle has ended; end it if its controller did before anything was flown."""
+        vehicle, controller = self._processes["vehicle"], self._processes["controller"]
+        alone_since = None
+        while vehicle.poll() is None:
+            flown = self._flown()
+            progress(min(flown / samples, 1.0))
+            if controller.poll() is not None:
+                alone_since = alone_since or time.monotonic()
+                if not flown and time.monotonic() > alone_since + _ALONE_S:
+                    _end(vehicle)
+            time.sleep(_WATCH_S)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            controller.wait(_LAST_WORDS_S if vehicle.returncode == 0 else 0.0)
+        progress(min(self._flown() / samples, 1.0))
+
+    def _outcome(self) -> Outcome:
+        vehicle = self._processes["vehicle"]
+        lines = vehicle.stdout.read().splitlines() if vehicle.stdout else []
+        if not lines:
+            self.reason = _after(self._last_words("vehicle"))
+            return Outcome.AUTOPILOT_LOST
+        self.told = json.loads(lines[-1])
+        outcome = _OUTCOMES[VehicleOutcome(self.told["outcome"])]
+        if outcome is not Outcome.DONE:
+            self.reason = _after(self._last_words("controller"))
+        return outcome
+
+    def _flown(self) -> int:
+        size = self._journal.stat().st_size if self._journal.exists() else 0
+        return size // RECORD.itemsize
+
+    def _last_words(self, name: str) -> str:
+        """Return the last line that a process left on stderr."""
+        self._errors[name].seek(0)
+        lines = self._errors[name].read().strip().splitlines()
+        return lines[-1] if lines else ""
+
+
+def _after(reason: str) -> str:
+    return f" ({reason})" if reason else ""
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """End a process: first by asking, so that it can close its files."""
+    if process.poll() is None:
+        process.terminate()
+        try:
+            process.wait(_LAST_WORDS_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
