@@ -57,12 +57,12 @@ class Normalized:
     def in_plant_units(self, K: Lti) -> Lti:
         """Return the controller of the plant for the controller `K` of the normal form."""
         B, C = K.B @ self.measurement_scale, self.control_scale @ K.C
-        D: Matrix = self.control_scale @ K.D @ self.measurement_scale
+        D = self.control_scale @ K.D @ self.measurement_scale
         # K sees y - D22 u: u = C x + D (y - D22 u)
         closing = np.eye(self.m2) + D @ self.D22
         if np.linalg.cond(closing) > 1e12:
             raise DesignError("the loop is not well posed: I + D_K D22 is singular")
-        C, D = np.linalg.solve(closing, C), np.linalg.solve(closing, D)
+        C, D = np.split(np.linalg.solve(closing, np.hstack([C, D])), [K.order], axis=1)
         return Lti(A=K.A - B @ self.D22 @ C, B=B - B @ self.D22 @ D, C=C, D=D)
 
 
@@ -93,8 +93,8 @@ def normalize(P: Lti, n_meas: int, n_con: int) -> Normalized:
     _require_no_axis_zero(P.A.T, C2.T, B1.T, D21.T, "from w to y")
     Q_z, R_u = _completed(D12)
     Q_w, R_y = _completed(D21.T)
-    control_scale: Matrix = np.linalg.inv(R_u)
-    measurement_scale: Matrix = np.linalg.inv(R_y.T)
+    control_scale: Matrix = np.asarray(np.linalg.inv(R_u), dtype=np.float64)
+    measurement_scale: Matrix = np.asarray(np.linalg.inv(R_y.T), dtype=np.float64)
     rows = scipy.linalg.block_diag(Q_z.T, measurement_scale)
     columns = scipy.linalg.block_diag(Q_w, control_scale)
     D = rows @ P.D @ columns

@@ -25,7 +25,7 @@ singular or 0, and an indefinite one has left through infinity."""
 class HinfResult:
     """A controller, checked, with the level it was made for and the evidence."""
 
-    K: "control.StateSpace"
+    controller: Lti
     """Central controller `u = K y` (positive feedback); its states estimate those of P, in the order of P's."""
     gamma_opt: float
     """[-] least level for which a controller exists, to 1e-7 relative, from above."""
@@ -41,9 +41,14 @@ class HinfResult:
     """(n, n) solution of the filter Riccati equation at `gamma`."""
 
     @property
+    def K(self) -> "control.StateSpace":
+        """The central controller for python-control, a copy at each call."""
+        return self.controller.to_control()
+
+    @property
     def order(self) -> int:
         """Number of controller states."""
-        return int(self.X.shape[0])
+        return self.controller.order
 
 
 class _Solution(NamedTuple):
@@ -104,7 +109,13 @@ def hinfsyn(
     if not peak.gain < level:
         raise DesignError(f"rounding spoilt the controller at gamma = {level:.6g}: its norm is {peak.gain:.6g}")
     return HinfResult(
-        K=K.to_control(), gamma_opt=gamma_opt, gamma=level, norm=peak.gain, omega=peak.omega, X=solution.X, Y=solution.Y
+        controller=K,
+        gamma_opt=gamma_opt,
+        gamma=level,
+        norm=peak.gain,
+        omega=peak.omega,
+        X=solution.X,
+        Y=solution.Y,
     )
 
 

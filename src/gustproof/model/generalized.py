@@ -1,0 +1,152 @@
+"""The attitude design problem as a labelled diagram, and the LFT that it is a slice of."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from firmware_model.vehicle import Vehicle
+from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
+from gustproof.model.lpv import PARAMETERS, Parameter, actuators, airframe, rate_loop
+from gustproof.numerics.lti import Lti
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Weights:
+    """The weights of the diagram, each (3, 3)."""
+
+    W_d: Lti
+    """[N*m] disturbance moment for a unit exogenous input."""
+    W_n: Lti
+    """[rad/s] gyro noise for a unit exogenous input."""
+    W_e: Lti
+    """[1/rad] on the attitude error."""
+    W_u: Lti
+    """[1/(N*m), or 1/(rad/s)] on the command."""
+    W_r: Lti | None = None
+    """[rad] attitude reference for a unit exogenous input; `None` for a regulator."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LftStructure:
+    """The figure of the closed LFT: the parameters above, the generalised plant between, the controller below."""
+
+    parameters: tuple[Parameter, ...]
+    """Blocks of Delta, each repeated as often as the model needs it."""
+    delta_label: str
+    """What stands in the uppermost box."""
+    plant_label: str
+    """What stands in the middle box."""
+    controller_label: str
+    """What stands in the lowest box."""
+    delta_signals: tuple[Signal, Signal]
+    """Output and input of Delta; their width is that of the parameters listed once."""
+    w: tuple[Signal, ...]
+    """Exogenous inputs."""
+    z: tuple[Signal, ...]
+    """Outputs to keep small."""
+    u: tuple[Signal, ...]
+    """Controls."""
+    y: tuple[Signal, ...]
+    """Measurements."""
+
+
+def torque_problem(vehicle: Vehicle, weights: Weights, *, leak: float, rate_damping: float) -> Interconnection:
+    """Return the design problem of a torque law: actuators, airframe, gyro, and the weights.
+
+    `w` = (disturbance, gyro noise, reference if `W_r`), `z` = (weighted attitude error, weighted command), `y` = (gyro,
+    reference if `W_r`), `u` = torque command [N*m] B. With a reference the leak pulls towards it, so that holding an
+    attitude asks for no rate in the model, as in the vehicle, which has no leak.
+    """
+    body = airframe(vehicle, leak=leak, rate_damping=rate_damping)
+    blocks = [
+        _body_block("airframe", "airframe", body, ("moment",), leak, weights),
+        Block(name="actuators", label="actuators", system=actuators(vehicle), inputs=("u",), outputs=("torque",)),
+    ]
+    extra = (
+        Signal(name="torque", label=r"$\tau$", width=3, unit="N m"),
+        Signal(name="moment", label=r"$\tau + d$", width=3, unit="N m"),
+    )
+    moment = Sum(output="moment", terms=((1, "torque"), (1, "disturbance")))
+    return _problem(blocks, extra, (moment,), weights, "N m")
+
+
+def rates_problem(vehicle: Vehicle, weights: Weights, *, leak: float, tau: float) -> Interconnection:
+    """Return the design problem of a law that commands rates: the autopilot's rate loop in place of the actuators.
+
+    Signals as in `torque_problem`; `u` = rate command [rad/s] B, tracked with the lag `tau` [s].
+    """
+    body = rate_loop(vehicle, leak=leak, tau=tau)
+    block = _body_block("rate_loop", "autopilot's\nrate loop", body, ("u", "disturbance"), leak, weights)
+    return _problem([block], (), (), weights, "rad/s")
+
+
+def lft_structure(problem: Interconnection) -> LftStructure:
+    """Return the LFT of which `problem` is the slice at hover: Delta of the seven parameters around P and K."""
+    by_name = {signal.name: signal for signal in problem.signals}
+    return LftStructure(
+        parameters=PARAMETERS,
+        delta_label=r"$\Delta(\rho)$",
+        plant_label="$P$",
+        controller_label="$K$",
+        delta_signals=(
+            Signal(name="w_delta", label=r"$w_\Delta$", width=len(PARAMETERS)),
+            Signal(name="z_delta", label=r"$z_\Delta$", width=len(PARAMETERS)),
+        ),
+        w=tuple(by_name[name] for name in problem.w),
+        z=tuple(by_name[name] for name in problem.z),
+        u=tuple(by_name[name] for name in problem.u),
+        y=tuple(by_name[name] for name in problem.y),
+    )
+
+
+def _body_block(name: str, label: str, body: Lti, inputs: tuple[str, ...], leak: float, weights: Weights) -> Block:
+    if weights.W_r is not None:
+        pull = np.vstack([leak * np.eye(3), np.zeros((3, 3))])
+        body = Lti(A=body.A, B=np.hstack([body.B, pull]), C=body.C, D=np.hstack([body.D, np.zeros((6, 3))]))
+        inputs = (*inputs, "reference")
+    return Block(name=name, label=label, system=body, inputs=inputs, outputs=("attitude", "rates"))
+
+
+def _problem(
+    plant: list[Block], extra: tuple[Signal, ...], sums: tuple[Sum, ...], weights: Weights, unit: str
+) -> Interconnection:
+    tracking = weights.W_r is not None
+    signals = [
+        Signal(name="w_d", label="$w_d$", width=3),
+        Signal(name="w_n", label="$w_n$", width=3),
+        Signal(name="disturbance", label="$d$", width=3, unit="N m"),
+        Signal(name="noise", label=r"$\nu$", width=3, unit="rad/s"),
+        Signal(name="attitude", label=r"$(\phi, \theta, \psi)$", width=3, unit="rad"),
+        Signal(name="rates", label="$(p, q, r)$", width=3, unit="rad/s"),
+        Signal(name="gyro", label="$y_m$", width=3, unit="rad/s"),
+        Signal(name="u", label="$u$", width=3, unit=unit),
+        Signal(name="z_e", label="$z_e$", width=3),
+        Signal(name="z_u", label="$z_u$", width=3),
+        *extra,
+    ]
+    error = "error" if tracking else "attitude"
+    blocks = [
+        *plant,
+        Block(name="W_d", label="$W_d$", system=weights.W_d, inputs=("w_d",), outputs=("disturbance",)),
+        Block(name="W_n", label="$W_n$", system=weights.W_n, inputs=("w_n",), outputs=("noise",)),
+        Block(name="W_e", label="$W_e$", system=weights.W_e, inputs=(error,), outputs=("z_e",)),
+        Block(name="W_u", label="$W_u$", system=weights.W_u, inputs=("u",), outputs=("z_u",)),
+    ]
+    junctions = [*sums, Sum(output="gyro", terms=((1, "rates"), (1, "noise")))]
+    if weights.W_r is not None:
+        signals += [
+            Signal(name="w_r", label="$w_r$", width=3),
+            Signal(name="reference", label="$r$", width=3, unit="rad"),
+            Signal(name="error", label="$e$", width=3, unit="rad"),
+        ]
+        blocks.append(Block(name="W_r", label="$W_r$", system=weights.W_r, inputs=("w_r",), outputs=("reference",)))
+        junctions.append(Sum(output="error", terms=((1, "attitude"), (-1, "reference"))))
+    return Interconnection(
+        signals=tuple(signals),
+        blocks=tuple(blocks),
+        sums=tuple(junctions),
+        w=("w_d", "w_n", "w_r") if tracking else ("w_d", "w_n"),
+        u=("u",),
+        z=("z_e", "z_u"),
+        y=("gyro", "reference") if tracking else ("gyro",),
+    )

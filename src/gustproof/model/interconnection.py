@@ -1,0 +1,162 @@
+"""A block diagram as an object: what the generalised plant is assembled from and what the figure is drawn from."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signal:
+    """A line of the diagram: a vector with a name."""
+
+    name: str
+    """Short name, unique in the diagram."""
+    label: str
+    """What stands beside the line, in mathematical type."""
+    width: int
+    """Number of components."""
+    unit: str = ""
+    """Physical unit; empty for a weighted, dimensionless signal."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Block:
+    """A box of the diagram: a linear system between signals."""
+
+    name: str
+    """Short name, unique in the diagram."""
+    label: str
+    """What stands in the box, in mathematical type."""
+    system: LinearSystem
+    """Continuous system; its inputs are those of `inputs` one after the other, and so its outputs."""
+    inputs: tuple[str, ...]
+    """Names of the signals that it reads."""
+    outputs: tuple[str, ...]
+    """Names of the signals that it makes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sum:
+    """A summing junction of the diagram."""
+
+    output: str
+    """Name of the signal that it makes."""
+    terms: tuple[tuple[int, str], ...]
+    """Sign, +1 or -1, and name of each signal that it adds; all have the same width."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Interconnection:
+    """Blocks and sums joined by the names of signals, with the four groups of signals of a design problem.
+
+    Every signal is made exactly once: by a block, by a sum, or outside (`w` and `u`). States of `P` are those of the
+    blocks in the order of `blocks`. The diagram may be any user's; nothing here knows of flight.
+
+    Raises
+    ------
+    ValueError
+        If a signal is unknown, made twice or never, or a width does not fit.
+    """
+
+    signals: tuple[Signal, ...]
+    """Every signal."""
+    blocks: tuple[Block, ...]
+    """Every block, in the order of their states."""
+    sums: tuple[Sum, ...]
+    """Every summing junction."""
+    w: tuple[str, ...]
+    """Exogenous inputs: normalised disturbances, noises and references."""
+    u: tuple[str, ...]
+    """Controls."""
+    z: tuple[str, ...]
+    """Outputs to keep small."""
+    y: tuple[str, ...]
+    """Measurements."""
+
+    def __post_init__(self) -> None:
+        """Check that every signal is made once and every width fits."""
+        made = [*self.w, *self.u, *(name for block in self.blocks for name in block.outputs)]
+        made += [junction.output for junction in self.sums]
+        known = [signal.name for signal in self.signals]
+        used = [*self.z, *self.y, *(name for block in self.blocks for name in block.inputs)]
+        used += [name for junction in self.sums for _, name in junction.terms]
+        if unknown := sorted({*made, *used} - {*known}):
+            raise ValueError(f"unknown signal '{unknown[0]}'")
+        for name in known:
+            if made.count(name) != 1 or known.count(name) != 1:
+                raise ValueError(f"signal '{name}' is made {made.count(name)} times, must be once")
+        for block in self.blocks:
+            system = copied(block.system)
+            shape, wires = (system.n_outputs, system.n_inputs), (self.width(block.outputs), self.width(block.inputs))
+            if shape != wires:
+                raise ValueError(
+                    f"block '{block.name}' is {shape[0]} x {shape[1]}, its signals are {wires[0]} x {wires[1]}"
+                )
+        for junction in self.sums:
+            if {self.width((name,)) for _, name in junction.terms} != {self.width((junction.output,))}:
+                raise ValueError(f"the sum that makes '{junction.output}' adds signals of different widths")
+
+    def width(self, names: tuple[str, ...]) -> int:
+        """Return the number of components of the named signals together."""
+        return sum(signal.width for name in names for signal in self.signals if signal.name == name)
+
+    @property
+    def n_meas(self) -> int:
+        """Number of measurements."""
+        return self.width(self.y)
+
+    @property
+    def n_con(self) -> int:
+        """Number of controls."""
+        return self.width(self.u)
+
+    def plant(self) -> Lti:
+        """Return the generalised plant P, from (w, u) to (z, y)."""
+        return self.system((*self.w, *self.u), (*self.z, *self.y))
+
+    def system(self, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Lti:
+        """Return the system from external signals `inputs` (other external signals are 0) to any signals `outputs`.
+
+        With `s` all signals: `s = N s + E e + S (C x + D R s)`, solved once for `s`, then `x' = A x + B R s`.
+
+        Raises
+        ------
+        ValueError
+            If an input is not external, or blocks without lag form a loop that has no unique solution.
+        """
+        if inner := [name for name in inputs if name not in (*self.w, *self.u)]:
+            raise ValueError(f"signal '{inner[0]}' is made inside the diagram")
+        systems = [copied(block.system) for block in self.blocks]
+        A, B, C, D = (
+            scipy.linalg.block_diag(*(getattr(system, name) for system in systems)) for name in ("A", "B", "C", "D")
+        )
+        read = self._picked(tuple(name for block in self.blocks for name in block.inputs))
+        write = self._picked(tuple(name for block in self.blocks for name in block.outputs)).T
+        total = self.width(tuple(signal.name for signal in self.signals))
+        junctions = np.zeros((total, total))
+        for junction in self.sums:
+            for sign, name in junction.terms:
+                junctions += sign * self._picked((junction.output,)).T @ self._picked((name,))
+        loop = np.eye(total) - junctions - write @ D @ read
+        if np.linalg.cond(loop) > 1e12:
+            raise ValueError("blocks without lag form a loop that has no unique solution")
+        from_state, from_input = np.linalg.solve(loop, write @ C), np.linalg.solve(loop, self._picked(inputs).T)
+        select = self._picked(outputs)
+        return Lti(
+            A=A + B @ read @ from_state,
+            B=B @ read @ from_input,
+            C=select @ from_state,
+            D=select @ from_input,
+        )
+
+    def _picked(self, names: tuple[str, ...]) -> Matrix:
+        """Return the matrix that takes the named signals, one after the other, out of the vector of all signals."""
+        start, offset = {}, 0
+        for signal in self.signals:
+            start[signal.name] = offset
+            offset += signal.width
+        rows = [start[name] + k for name in names for k in range(self.width((name,)))]
+        return np.asarray(np.eye(offset)[rows], dtype=np.float64)

@@ -1,0 +1,161 @@
+"""The paper's attitude model, linear in the state and rational in seven parameters, and its design plant at hover.
+
+`d/dt (E, omega_B) = A(rho) (E, omega_B) + B moment_B` with `rho = (sin phi, cos phi, sin theta, cos theta, p, q, r)`
+(Kumar and Bhattacharya, Eq. 3 to 5) equals the rigid body exactly. Two slips of the paper are repaired: r-dot has
+N / I_z, and the second rate row is `rho7/2 p + rho5/2 r` (in print `rho7/2 p + rho7/2 r`, which is not q-dot).
+`cos(theta)` may not reach 0, where the kinematics are singular, though Table II allows it.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from firmware_model.vehicle import Vehicle
+from gustproof.numerics.lti import Lti, Matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """One scheduling parameter and the bounds that the paper gives it."""
+
+    name: str
+    """Short name."""
+    label: str
+    """Name in mathematical type."""
+    meaning: str
+    """What it is in mathematical type."""
+    low: float
+    """[-, or rad/s] Table II, least value."""
+    high: float
+    """[-, or rad/s] Table II, largest value."""
+
+
+RATE_BOUND_IN_TEXT = 1.5 * math.pi
+"""[rad/s] bound on the rates in section IV-C of the paper, where Table II has 1.5."""
+
+PARAMETERS = tuple(
+    Parameter(name=f"rho{k}", label=rf"$\rho_{k}$", meaning=meaning, low=low, high=high)
+    for k, (meaning, low, high) in enumerate(
+        (
+            (r"$\sin\phi$", -1.0, 1.0),
+            (r"$\cos\phi$", 0.0, 1.0),
+            (r"$\sin\theta$", -1.0, 1.0),
+            (r"$\cos\theta$", 0.0, 1.0),
+            ("$p$", -1.5, 1.5),
+            ("$q$", -1.5, 1.5),
+            ("$r$", -1.5, 1.5),
+        ),
+        start=1,
+    )
+)
+"""The seven parameters with the bounds of Table II."""
+
+HOVER = (0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+"""[-, rad/s] the parameters at level rest."""
+
+
+def scheduling(E: ArrayLike, omega_B: ArrayLike) -> Matrix:
+    """Return the parameters, (..., 7), of Euler angles `E` (..., 3) [rad] and rates `omega_B` (..., 3) [rad/s] B."""
+    angles, rates = np.asarray(E, dtype=np.float64), np.asarray(omega_B, dtype=np.float64)
+    phi, theta = angles[..., 0], angles[..., 1]
+    trigonometric = np.stack([np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta)], axis=-1)
+    return np.concatenate([trigonometric, rates], axis=-1)
+
+
+def within_bounds(rho: ArrayLike, *, rate_bound: float | None = None) -> bool:
+    """Return whether every `rho` (..., 7) keeps Table II; `rate_bound` [rad/s] replaces its bounds on the rates."""
+    low = np.array([parameter.low for parameter in PARAMETERS])
+    high = np.array([parameter.high for parameter in PARAMETERS])
+    if rate_bound is not None:
+        low[4:], high[4:] = -rate_bound, rate_bound
+    values = np.asarray(rho, dtype=np.float64)
+    return bool(np.all((low <= values) & (values <= high)))
+
+
+def lpv_matrix(rho: ArrayLike, inertia_B: ArrayLike) -> Matrix:
+    """Return `A(rho)`, (6, 6), of the state (phi, theta, psi, p, q, r) [rad, rad/s].
+
+    Parameters
+    ----------
+    rho
+        (7,) [-, rad/s] the parameters; rho4 = cos(theta) may not be 0.
+    inertia_B
+        (3,) [kg*m^2] B, principal moments of inertia.
+
+    Raises
+    ------
+    ValueError
+        If rho4 is 0: the Euler kinematics are singular there.
+
+    References
+    ----------
+    T. Kumar, R. Bhattacharya, Robust Attitude Control of Nonlinear UAV Dynamics with LFT Models and H-infinity
+    Performance, Eq. 3 to 5, errata repaired as this module says.
+    """
+    s_phi, c_phi, s_theta, c_theta, p, q, r = np.asarray(rho, dtype=np.float64)
+    I_x, I_y, I_z = np.asarray(inertia_B, dtype=np.float64)
+    if c_theta == 0.0:
+        raise ValueError("rho4 = cos(theta) is 0: the Euler kinematics are singular")
+    A = np.zeros((6, 6))
+    A[:3, 3:] = [
+        [1.0, s_phi * s_theta / c_theta, c_phi * s_theta / c_theta],
+        [0.0, c_phi, -s_phi],
+        [0.0, s_phi / c_theta, c_phi / c_theta],
+    ]
+    coupling = np.array([[(I_y - I_z) / I_x], [(I_z - I_x) / I_y], [(I_x - I_y) / I_z]])
+    A[3:, 3:] = coupling * [[0.0, r / 2, q / 2], [r / 2, 0.0, p / 2], [q / 2, p / 2, 0.0]]
+    return A
+
+
+def airframe(vehicle: Vehicle, *, leak: float, rate_damping: float) -> Lti:
+    """Return the airframe at hover: moment (3,) [N*m] B to (phi, theta, psi, p, q, r), which are its states.
+
+    Parameters
+    ----------
+    vehicle
+        Gives the inertia.
+    leak
+        [1/s] `-leak E` added to the Euler kinematics, the paper's stability augmentation. Without it the attitude
+        cannot be detected from rates and no H-infinity problem is solvable; no vehicle has it.
+    rate_damping
+        [1/s] `-rate_damping omega_B` in the rate equations.
+    """
+    A = lpv_matrix(HOVER, vehicle.inertia_B) - np.diag([leak] * 3 + [rate_damping] * 3)
+    B = np.vstack([np.zeros((3, 3)), np.diag(1.0 / np.asarray(vehicle.inertia_B))])
+    return Lti(A=A, B=B, C=np.eye(6), D=np.zeros((6, 3)))
+
+
+def rate_loop(vehicle: Vehicle, *, leak: float, tau: float) -> Lti:
+    """Return an airframe whose autopilot tracks rates: rate command and disturbance moment to the six states.
+
+    Each rate follows its command as a first-order lag of `tau` [s], and the moment (3,) [N*m] B enters as angular
+    acceleration: what is left of a rate loop seen from outside. Inputs are rates (3,) [rad/s] B, then the moment.
+    """
+    A = lpv_matrix(HOVER, vehicle.inertia_B) - np.diag([leak] * 3 + [1.0 / tau] * 3)
+    B_rates = np.vstack([np.zeros((3, 3)), np.eye(3) / tau])
+    B_moment = np.vstack([np.zeros((3, 3)), np.diag(1.0 / np.asarray(vehicle.inertia_B))])
+    return Lti(A=A, B=np.hstack([B_rates, B_moment]), C=np.eye(6), D=np.zeros((6, 6)))
+
+
+def actuators(vehicle: Vehicle) -> Lti:
+    """Return the first-order torque actuators: command (3,) [N*m] B to moment (3,) [N*m] B, which is their state."""
+    rate = np.eye(3) / vehicle.actuator_lag
+    return Lti(A=-rate, B=rate, C=np.eye(3), D=np.zeros((3, 3)))
+
+
+def linear_plant(vehicle: Vehicle, *, leak: float = 0.0, rate_damping: float | None = None) -> Lti:
+    """Return the vehicle at hover with its actuators: states (phi, theta, psi, p, q, r, T_L, T_M, T_N).
+
+    Inputs are the torque command (3,) and the disturbance moment (3,) [N*m] B; outputs are the Euler angles (3,) [rad]
+    and the rates (3,) [rad/s] B. `rate_damping` [1/s] is the vehicle's own unless given.
+    """
+    body = airframe(vehicle, leak=leak, rate_damping=vehicle.rate_damping if rate_damping is None else rate_damping)
+    motors = actuators(vehicle)
+    return Lti(
+        A=np.block([[body.A, body.B], [np.zeros((3, 6)), motors.A]]),
+        B=np.block([[np.zeros((6, 3)), body.B], [motors.B, np.zeros((3, 3))]]),
+        C=np.eye(6, 9),
+        D=np.zeros((6, 6)),
+    )
