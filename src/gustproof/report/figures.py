@@ -78,9 +78,7 @@ def save_scheduling(records: Records, law: str, path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
-def save_singular_values(
-    frequency: Array, curves: Mapping[str, Array], level: float, title: str, path: Path
-) -> None:
+def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: float, title: str, path: Path) -> None:
     """Draw singular values (n, k) over `frequency` (n,) [rad/s] by name, and the level that bounds them."""
     figure = _figure((7.5, 4.8), title)
     axes = figure.subplots()
@@ -116,9 +114,7 @@ def _stacked(
     figure.savefig(path, dpi=150)
 
 
-def _bounded(
-    axes: Axes, time: Array, values: Array, label: str, bounds: tuple[float, float], law: str
-) -> None:
+def _bounded(axes: Axes, time: Array, values: Array, label: str, bounds: tuple[float, float], law: str) -> None:
     axes.plot(time, values, color=_colour(law), linewidth=1.0)
     for bound in bounds:
         axes.axhline(bound, color="#d55e00", linestyle="--", linewidth=1.0)

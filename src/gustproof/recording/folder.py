@@ -1,0 +1,32 @@
+"""Where a run's files go: never over another run's."""
+
+from pathlib import Path
+
+from firmware_model.errors import ConfigError
+
+RUNS = Path("runs")
+
+
+def fresh_folder(out: Path | None, name: str) -> Path:
+    """Make and return `out`, or the next free `runs/<name>-001`, -002, … if none is asked for.
+
+    Raises
+    ------
+    ConfigError
+        If `out` exists and is not an empty folder.
+    """
+    if out is not None:
+        if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+            raise ConfigError(f"{out}: exists already and is not an empty folder; nothing is overwritten")
+        out.mkdir(parents=True, exist_ok=True)
+        return out
+    RUNS.mkdir(exist_ok=True)
+    number = 1
+    while True:
+        folder = RUNS / f"{name}-{number:03d}"
+        try:
+            folder.mkdir()  # fails if someone else took the number in the meantime
+        except FileExistsError:
+            number += 1
+        else:
+            return folder

@@ -1,0 +1,31 @@
+"""Output folders never take another run's place."""
+
+import pytest
+
+from firmware_model.errors import ConfigError
+from gustproof.recording.folder import fresh_folder
+
+
+def test_default_folders_are_numbered_and_each_is_new(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    made = [fresh_folder(None, "fly") for _ in range(3)]
+    assert [str(folder) for folder in made] == ["runs/fly-001", "runs/fly-002", "runs/fly-003"]
+    assert all(folder.is_dir() for folder in made)
+
+
+def test_an_asked_folder_may_be_new_or_empty(tmp_path):
+    (tmp_path / "empty").mkdir()
+    assert fresh_folder(tmp_path / "empty", "fly") == tmp_path / "empty"
+    assert fresh_folder(tmp_path / "a" / "b", "fly").is_dir()
+
+
+@pytest.mark.parametrize("taken", ["file", "folder"])
+def test_a_taken_place_is_refused(tmp_path, taken):
+    place = tmp_path / "out"
+    if taken == "file":
+        place.write_text("mine")
+    else:
+        place.mkdir()
+        (place / "mine").touch()
+    with pytest.raises(ConfigError, match="nothing is overwritten"):
+        fresh_folder(place, "fly")
