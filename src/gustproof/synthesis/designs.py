@@ -1,0 +1,112 @@
+"""The designs: files that say what is weighted how, and the shipped ones by name."""
+
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, ConfigDict, Field
+from pydantic.dataclasses import dataclass
+
+from firmware_model.files import read_toml, shipped
+from firmware_model.vehicle import NonNegative, Positive, PositiveVector, Vehicle
+from gustproof.model.generalized import Weights, rates_problem, torque_problem
+from gustproof.model.interconnection import Interconnection
+from gustproof.model.weights import constant, first_order
+from gustproof.numerics.lti import Lti
+
+DESIGNS = Path(__file__).parents[1] / "designs"
+_STRICT = ConfigDict(extra="forbid")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Weight:
+    """A weight on each axis that goes from one gain to another with frequency; in a file, a plain list is constant."""
+
+    low: PositiveVector
+    """Gain at low frequency, roll, pitch, yaw."""
+    high: PositiveVector
+    """Gain at high frequency."""
+    corner: Positive
+    """[rad/s] pole between the two."""
+
+    def system(self) -> Lti:
+        """Return the weight as a system, without states if it is constant."""
+        if self.low == self.high:
+            return constant(self.low)
+        return first_order(self.low, self.corner, self.high)
+
+
+def _from_list(value: Any) -> Any:
+    return {"low": value, "high": value, "corner": 1.0} if isinstance(value, list | tuple) else value
+
+
+WeightField = Annotated[Weight, BeforeValidator(_from_list)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Design:
+    """What a controller is made for: the model, the weights, the level."""
+
+    name: str
+    """Short name; the file's by default."""
+    description: str
+    """One line for people."""
+    leak: Positive
+    """[1/s] the model's stability augmentation on the Euler kinematics; no level is below W_e W_n / leak."""
+    W_d: WeightField
+    """[N*m] disturbance moment."""
+    W_n: WeightField
+    """[rad/s] gyro noise."""
+    W_e: WeightField
+    """[1/rad] on the attitude error."""
+    W_u: WeightField
+    """[1/(N*m), or 1/(rad/s)] on the command."""
+    W_r: WeightField | None = None
+    """[rad] attitude reference; without it the law regulates to level."""
+    rate_damping: NonNegative | None = None
+    """[1/s] the model's damping of rates; the vehicle's own if not given."""
+    rate_loop_lag: Positive | None = None
+    """[s] lag of the autopilot's rate loop: given, the law commands rates instead of torque."""
+    gamma: Positive | None = None
+    """[-] level to design for; if not given, `backoff` times the least."""
+    backoff: Annotated[float, Field(gt=1.0, allow_inf_nan=False)] = 1.05
+    """[-] level as a multiple of the least."""
+    scheduled: bool = False
+    """Whether the law carries the exact kinematics of its own attitude estimate."""
+    dt: Positive = 0.004
+    """[s] sample time of the law."""
+    vehicle: str = "paper"
+    """Vehicle to design for: a shipped name or a file."""
+    law: str = field(default="")
+    """Name of the law; the design's by default."""
+
+
+def load_design(name_or_path: str | Path) -> Design:
+    """Read a design file, or a shipped one by its name.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, or a key or value is not allowed.
+    """
+    return read_toml(Design, name_or_path, DESIGNS)
+
+
+def shipped_designs() -> tuple[str, ...]:
+    """Return the names of the shipped designs."""
+    return shipped(DESIGNS)
+
+
+def design_problem(design: Design, vehicle: Vehicle) -> Interconnection:
+    """Return the labelled diagram of `design` for `vehicle`: what is solved, and what is drawn."""
+    weights = Weights(
+        W_d=design.W_d.system(),
+        W_n=design.W_n.system(),
+        W_e=design.W_e.system(),
+        W_u=design.W_u.system(),
+        W_r=None if design.W_r is None else design.W_r.system(),
+    )
+    if design.rate_loop_lag is not None:
+        return rates_problem(vehicle, weights, leak=design.leak, tau=design.rate_loop_lag)
+    damping = vehicle.rate_damping if design.rate_damping is None else design.rate_damping
+    return torque_problem(vehicle, weights, leak=design.leak, rate_damping=damping)
