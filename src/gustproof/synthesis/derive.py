@@ -1,0 +1,182 @@
+"""From a design to a law that flies, and to the figures that say how good it is."""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+import gustproof
+from firmware_model.vehicle import Vehicle, load_vehicle
+from gustproof.law import Law, Output, Provenance
+from gustproof.model.interconnection import Interconnection
+from gustproof.numerics.lti import ComplexMatrix, Lti, Matrix, delay, hold_discretized, lft, sensitivity, series
+from gustproof.numerics.margins import Margins, margins
+from gustproof.synthesis.designs import Design, design_problem
+from gustproof.synthesis.discretize import central_law, linear_law
+from gustproof.synthesis.hinfsyn import HinfResult, hinfsyn
+from gustproof.synthesis.tracking import StepResponse, reference_step
+
+_AXES = ("roll", "pitch", "yaw")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DesignReport:
+    """What is known of a design once it is solved."""
+
+    design: Design
+    """What was asked for."""
+    vehicle: str
+    """Vehicle that it was designed for."""
+    problem: Interconnection
+    """The labelled diagram that was solved."""
+    result: HinfResult
+    """Controller, levels and achieved norm."""
+    continuous: Margins
+    """Margins of the continuous controller in the design model."""
+    sampled: Margins
+    """Margins of the law at its sample time, the plant's input held and one sample late."""
+    step: StepResponse | None
+    """Response to a step of the reference, of the vehicle without leak; `None` for a regulator."""
+
+    def poles(self) -> ComplexMatrix:
+        """Return the controller's poles, (n,) [rad/s], slowest first."""
+        poles = self.result.controller.poles()
+        return poles[np.argsort(np.abs(poles), kind="stable")]
+
+    def singular_values(self, omega: Matrix) -> dict[str, Matrix]:
+        """Return singular values (k, j) at the frequencies `omega` (k,) [rad/s] by the name of the transfer."""
+        controller = self.result.controller
+        G, K = _loop(self.problem, controller)
+        L = series(G, Lti(A=K.A, B=K.B, C=-K.C, D=-K.D))
+        S = sensitivity(L)
+        transfers = {"w to z": lft(self.problem.plant(), controller), "S, plant input": S, "L, plant input": L}
+        return {
+            name: np.asarray(np.linalg.svd(system.response(omega), compute_uv=False), dtype=np.float64)
+            for name, system in transfers.items()
+        }
+
+    def document(self) -> dict[str, Any]:
+        """Return the report as values of JSON; what is not finite is `None`."""
+        figures = {
+            "design": self.design.name,
+            "description": self.design.description,
+            "vehicle": self.vehicle,
+            "law": self.design.law or self.design.name,
+            "order": self.result.order,
+            "gamma_opt": self.result.gamma_opt,
+            "gamma": self.result.gamma,
+            "norm": self.result.norm,
+            "norm_omega_rad_s": self.result.omega,
+            "leak_per_s": self.design.leak,
+            "scheduled": self.design.scheduled,
+            "dt_s": self.design.dt,
+            "continuous": _document(self.continuous),
+            "sampled": _document(self.sampled),
+            "poles_rad_s": [[float(pole.real), float(pole.imag)] for pole in self.poles()],
+        }
+        if self.step is not None:
+            figures["step"] = _finite(asdict(self.step.figures()))
+        return figures
+
+
+def derive(design: Design, vehicle: Vehicle | None = None) -> tuple[Law, DesignReport]:
+    """Return the law of a design, and its report; the vehicle is the one that the design names unless given.
+
+    Raises
+    ------
+    DesignError
+        If the problem is ill posed, or no controller exists at the design's level.
+    ConfigError
+        If there is no such vehicle.
+    ValueError
+        If one sample of delay makes the loop of the law unstable.
+    """
+    vehicle = load_vehicle(design.vehicle) if vehicle is None else vehicle
+    problem = design_problem(design, vehicle)
+    P = problem.plant()
+    result = hinfsyn(P, problem.n_meas, problem.n_con, gamma=design.gamma, backoff=design.backoff)
+    rates = design.rate_loop_lag is not None
+    law = central_law(
+        design.law or design.name,
+        result.controller,
+        P.B[:, -problem.n_con :],
+        scheduled=design.scheduled,
+        dt=design.dt,
+        limits=np.array([vehicle.stabilizer.rate_limit] * 3 if rates else vehicle.torque_limit),
+        output=Output.RATES if rates else Output.TORQUE,
+        provenance=_provenance(design, vehicle, result),
+    )
+    G, K = _loop(problem, result.controller)
+    report = DesignReport(
+        design=design,
+        vehicle=vehicle.name,
+        problem=problem,
+        result=result,
+        continuous=margins(G, K),
+        sampled=margins(hold_discretized(G, design.dt), series(linear_law(law), delay(3, design.dt))),
+        step=None if design.W_r is None else reference_step(law, vehicle, tau=design.rate_loop_lag),
+    )
+    return law, report
+
+
+def _loop(problem: Interconnection, controller: Lti) -> tuple[Lti, Lti]:
+    """Return plant and controller of the feedback loop, from the command to the gyro and back; references left out."""
+    return problem.system(("u",), ("gyro",)), controller.part(slice(None), slice(0, 3))
+
+
+def _provenance(design: Design, vehicle: Vehicle, result: HinfResult) -> Provenance:
+    parameters = {
+        "gamma": result.gamma,
+        "norm": result.norm,
+        "gamma_opt": result.gamma_opt,
+        "leak_per_s": design.leak,
+    }
+    if design.rate_loop_lag is not None:
+        parameters["rate_loop_lag_s"] = design.rate_loop_lag
+    else:
+        damping = vehicle.rate_damping if design.rate_damping is None else design.rate_damping
+        parameters |= {"rate_damping_per_s": damping, "actuator_lag_s": vehicle.actuator_lag}
+    for name in ("W_d", "W_n", "W_e", "W_u", "W_r"):
+        weight = getattr(design, name)
+        if weight is None:
+            continue
+        constant = weight.low == weight.high
+        for part in ("high",) if constant else ("low", "high"):
+            suffix = "" if constant else f"_{part}"
+            parameters |= {
+                f"{name}{suffix}_{axis}": value for axis, value in zip(_AXES, getattr(weight, part), strict=True)
+            }
+        if not constant:
+            parameters[f"{name}_corner_rad_s"] = weight.corner
+    return Provenance(
+        design=f"{design.name}: {design.description}",
+        vehicle=vehicle.name,
+        parameters=parameters,
+        version=gustproof.__version__,
+    )
+
+
+def _document(margins_: Margins) -> dict[str, Any]:
+    figures: dict[str, Any] = {}
+    for place, loops, disk in (
+        ("input", margins_.input, margins_.input_disk),
+        ("output", margins_.output, margins_.output_disk),
+    ):
+        figures[place] = {"disk_margin": disk}
+        for axis, loop in zip(_AXES, loops, strict=True):
+            figures[place][axis] = _finite(
+                {
+                    "crossover_rad_s": loop.crossover,
+                    "phase_margin_deg": math.degrees(loop.phase_margin),
+                    "gain_margin": loop.gain_margin,
+                    "gain_reduction_margin": loop.gain_reduction_margin,
+                    "delay_margin_s": loop.delay_margin,
+                    "Ms": loop.Ms,
+                }
+            )
+    return figures
+
+
+def _finite(figures: dict[str, float]) -> dict[str, float | None]:
+    return {name: value if math.isfinite(value) else None for name, value in figures.items()}
