@@ -18,9 +18,9 @@ from firmware_model.autopilot import Mode
 from firmware_model.endpoint import Outcome, VehicleEndpoint
 from firmware_model.errors import ConfigError
 from firmware_model.files import Parsed, parse
+from firmware_model.frames import Peer
 from firmware_model.journal import JournalWriter
 from firmware_model.loop import VehicleLoop
-from firmware_model.messages import Peer
 from firmware_model.scenario import Scenario, load_scenario, shipped_scenarios
 from firmware_model.vehicle import Vehicle, load_vehicle, shipped_vehicles
 

@@ -21,8 +21,9 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model import messages
 from firmware_model.autopilot import Autopilot, Event, Mode
 from firmware_model.flight import Due, Flight
+from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer, parse
 from firmware_model.loop import VehicleLoop
-from firmware_model.messages import AUTOPILOT, CONTROLLER, Dropped, Message, Peer
+from firmware_model.messages import AUTOPILOT, CONTROLLER
 from firmware_model.params import STREAM_TIMEOUT_NAME, Parameters
 from firmware_model.scenario import Scenario
 from firmware_model.services import commands
@@ -41,15 +42,14 @@ MAX_PEERS = 16
 _BATCH = 250  # samples flown in one poll at most, so that heartbeats and Ctrl-C are not kept waiting
 
 _IMU = wire.MAVLINK_MSG_ID_HIGHRES_IMU
-_RATES_HZ = {
-    _IMU: 50,
-    wire.MAVLINK_MSG_ID_ATTITUDE: 100,
-    wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 50,
-    wire.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: 50,
-    wire.MAVLINK_MSG_ID_ATTITUDE_TARGET: 10,
-    wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: 10,
+_INTERVALS_US = {  # of a peer that has asked for nothing
+    _IMU: 20_000,
+    wire.MAVLINK_MSG_ID_ATTITUDE: 10_000,
+    wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 20_000,
+    wire.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: 20_000,
+    wire.MAVLINK_MSG_ID_ATTITUDE_TARGET: 100_000,
+    wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: 100_000,
 }
-_INTERVALS_US = {message_id: 1_000_000 // rate for message_id, rate in _RATES_HZ.items()}
 _NEVER_US = 1 << 62
 _REQUESTS = (
     wire.MAVLINK_MSG_ID_COMMAND_LONG,
@@ -108,7 +108,7 @@ class _Listener:
 
 
 @dataclass(frozen=True, slots=True)
-class _Request:
+class _Asker:
     """A command's reach into the streams of its sender."""
 
     endpoint: "VehicleEndpoint"
@@ -168,7 +168,7 @@ class VehicleEndpoint:
 
     def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
-        for item in messages.parse(datagram):
+        for item in parse(datagram):
             if isinstance(item, Dropped):
                 self.counters[item] += 1
             elif (listener := self._heard(peer, item, now_us)) is None:
@@ -208,36 +208,38 @@ class VehicleEndpoint:
             self._send(message, listener)
         return message is not None
 
-    def _dispatch(self, message: Message, listener: _Listener, now_us: int) -> Dropped | None:
-        kind = message.get_msgId()
-        if kind == wire.MAVLINK_MSG_ID_HEARTBEAT:
-            return None
-        if kind not in _SETPOINTS and kind not in _REQUESTS:
-            return Dropped.UNUSED_MESSAGE
-        if message.target_system not in (0, self._system) or message.target_component not in (0, AUTOPILOT):
-            return Dropped.OTHER_TARGET
+    def _dispatch(self, frame: Frame, listener: _Listener, now_us: int) -> Dropped | None:
+        kind = frame.message_id
         if kind in _SETPOINTS:
-            return self._take_setpoint(message, listener, now_us)
+            return self._take_setpoint(frame, listener, now_us)
+        if kind not in _REQUESTS:
+            return None if kind == wire.MAVLINK_MSG_ID_HEARTBEAT else Dropped.UNUSED_MESSAGE
+        request = frame.message()
+        if not messages.is_for(self._system, request.target_system, request.target_component):
+            return Dropped.OTHER_TARGET
         if kind == wire.MAVLINK_MSG_ID_COMMAND_LONG:
-            clock_us = self.flight.clock_us(now_us)
-            request = _Request(self, listener, clock_us)
-            result, text = commands.execute(message, self.autopilot, request, clock_us)
-            self._send(commands.acknowledgement(message, result), listener)
-            if text:
-                self._tell(text, wire.MAV_SEVERITY_WARNING)
+            self._execute(request, listener, self.flight.clock_us(now_us))
             return None
-        for reply in parameter_service.replies(self.parameters, message):
-            everyone = kind == wire.MAVLINK_MSG_ID_PARAM_SET and reply.get_msgId() == wire.MAVLINK_MSG_ID_PARAM_VALUE
-            for receiver in self._listeners.values() if everyone else (listener,):
+        for reply in parameter_service.replies(self.parameters, request):
+            # Whoever shows parameters must hear of a change that another one made.
+            shared = kind == wire.MAVLINK_MSG_ID_PARAM_SET and reply.get_msgId() == wire.MAVLINK_MSG_ID_PARAM_VALUE
+            for receiver in self._listeners.values() if shared else (listener,):
                 self._send(reply, receiver)
         self.autopilot.stream_timeout_us = self._stream_timeout_us()
         return None
 
-    def _take_setpoint(self, message: Message, listener: _Listener, now_us: int) -> Dropped | None:
+    def _execute(self, command: Message, listener: _Listener, clock_us: int) -> None:
+        asker = _Asker(self, listener, clock_us)
+        result, text = commands.execute(command, self.autopilot, asker, clock_us)
+        self._send(commands.acknowledgement(command, result), listener)
+        if text:
+            self._tell(text, wire.MAV_SEVERITY_WARNING)
+
+    def _take_setpoint(self, frame: Frame, listener: _Listener, now_us: int) -> Dropped | None:
         alive = self.autopilot.stream_alive(self.flight.clock_us(now_us))
         if listener is not self._commander and self._commander is not None and alive:
             return Dropped.NOT_IN_COMMAND
-        command = messages.command(message)
+        command = messages.command(frame, self._system)
         if isinstance(command, Dropped):
             return command
         cause = self.flight.offer(command, now_us)
@@ -285,13 +287,13 @@ class VehicleEndpoint:
         if listener.expected:
             self._listeners[listener.address] = self._new_listener(listener.address, expected=True)
 
-    def _heard(self, address: Peer, message: Message, now_us: int) -> _Listener | None:
+    def _heard(self, address: Peer, frame: Frame, now_us: int) -> _Listener | None:
         listener = self._listeners.get(address)
         if listener is None:
             if len(self._listeners) >= MAX_PEERS:
                 return None
             listener = self._listeners[address] = self._new_listener(address, expected=False)
-        controller = message.get_srcComponent() == CONTROLLER
+        controller = frame.component == CONTROLLER
         if listener.heard_us is None or (controller and not listener.controller):
             listener.controller = controller
             listener.defaults_us = _default_intervals(controller=controller, lockstep=self.flight.lockstep)
@@ -309,12 +311,12 @@ class VehicleEndpoint:
         for listener in self._listeners.values():
             self._send(wire.MAVLink_statustext_message(severity, text.encode()), listener)
 
-    def _send(self, message: Message, listener: _Listener) -> None:
+    def _send(self, message: Message | Outgoing, listener: _Listener) -> None:
         packer = listener.packer
         self._outbox.append((message.pack(packer), listener.address))
         packer.seq = (packer.seq + 1) % 256
 
-    def _message(self, message_id: int) -> Message | None:
+    def _message(self, message_id: int) -> Message | Outgoing | None:
         loop, setpoint = self.flight.loop, self.flight.setpoint
         match message_id:
             case wire.MAVLINK_MSG_ID_HEARTBEAT:

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.autopilot import Autopilot, Event, Mode
+from firmware_model.frames import Dropped
 from firmware_model.loop import VehicleLoop
-from firmware_model.messages import Dropped, stamp_difference
+from firmware_model.messages import stamp_difference
 from firmware_model.signals import Command
 
 RESEND_US = 100_000

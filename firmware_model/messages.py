@@ -10,27 +10,24 @@ MAVLink, common message set, messages 0, 30, 31, 82, 83, 105, 115, 139, 140.
 
 import math
 import struct
-from collections.abc import Iterator
-from enum import Enum
-from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import all as wire
 
+from firmware_model.frames import Dropped, Frame, Message, Outgoing
 from firmware_model.rotations import euler_angles
 from firmware_model.signals import AttitudeTarget, Command, ImuSample, Quaternion, TorqueCommand, Vector
-
-Message = Any
-"""A message of pymavlink's dialect module, which has no type stubs."""
-
-Peer = tuple[int, tuple[str, int]]
-"""Where a datagram comes from or goes to: number of our socket, host and port of the other side."""
 
 AUTOPILOT = 1
 """Component id of the autopilot."""
 CONTROLLER = 191
 """Component id of an on-board controller (MAV_COMP_ID_ONBOARD_COMPUTER)."""
 
+# The layouts of the messages of each sample; fields in wire order, largest first.
+_IMU = wire.MAVLink_highres_imu_message.unpacker
+_TORQUE = wire.MAVLink_set_actuator_control_target_message.unpacker
+_TARGET = wire.MAVLink_set_attitude_target_message.unpacker
+_NOT_MEASURED = (0.0,) * 7  # magnetic field, pressures, altitude, temperature
 _ACCELERATION_AND_GYRO = 0x7 | 0x38  # HIGHRES_IMU_UPDATED_FLAGS: which fields carry a measurement
 _GYRO = 0x38
 _IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE = 1, 2, 4  # ATTITUDE_TARGET_TYPEMASK
@@ -43,95 +40,21 @@ _FIRMWARE_VERSION = 1 << 24 | 15 << 16  # 1.15.0, type byte 0: development; clie
 _MILLI_G = 1000.0 / 9.80665
 
 
-class Dropped(Enum):
-    """Why a datagram, or a message in it, had no effect; the values are the names of the counters."""
-
-    NOT_MAVLINK = "not_mavlink"
-    """No frame begins where one should."""
-    TRUNCATED = "truncated"
-    """The datagram ends before the frame does."""
-    INCOMPATIBLE = "incompatible"
-    """The frame asks for a feature that is not known here."""
-    BAD_CHECKSUM = "bad_checksum"
-    """The frame was damaged, or its sender has another definition of the message."""
-    UNKNOWN_MESSAGE = "unknown_message"
-    """The message's number is not in the dialect."""
-    UNUSED_MESSAGE = "unused_message"
-    """Nothing here reads this message."""
-    OTHER_TARGET = "other_target"
-    """Addressed to another system or component, or sent under a wrong one."""
-    NOT_FINITE = "not_finite"
-    """A number in use is NaN or infinite, or a quaternion has no direction."""
-    NO_SETPOINT = "no_setpoint"
-    """A set-point without thrust, or with nothing to track."""
-    STALE = "stale"
-    """Carries a stamp older than what was used already."""
-    DUPLICATE = "duplicate"
-    """Carries the stamp that was answered last."""
-    EARLY = "early"
-    """Answers a sample that was not sent yet."""
-    NOT_IN_COMMAND = "not_in_command"
-    """A set-point from one peer while another one's stream is alive."""
-    TOO_MANY_PEERS = "too_many_peers"
-    """No room for one more peer."""
-
-
-_decoder = wire.MAVLink(None)
-
-
-def parse(datagram: bytes) -> Iterator["Message | Dropped"]:
-    """Yield the messages in a datagram, and the cause for each frame that is not one; never raises.
-
-    pymavlink's own stream parser loses the next datagram after half a frame; here the frames are cut out by
-    their length, and only its stateless decoder is used. After a frame without end the rest is given up.
-    """
-    start, end = 0, len(datagram)
-    while start < end:
-        if end - start < 3:
-            yield Dropped.TRUNCATED
-            return
-        if datagram[start] == wire.PROTOCOL_MARKER_V2:
-            signed = datagram[start + 2] & wire.MAVLINK_IFLAG_SIGNED
-            length = datagram[start + 1] + 12 + (wire.MAVLINK_SIGNATURE_BLOCK_LEN if signed else 0)
-            compatible = not datagram[start + 2] & ~wire.MAVLINK_IFLAG_SIGNED
-        elif datagram[start] == wire.PROTOCOL_MARKER_V1:
-            length, compatible = datagram[start + 1] + 8, True
-        else:
-            yield Dropped.NOT_MAVLINK
-            return
-        if start + length > end:
-            yield Dropped.TRUNCATED
-            return
-        yield _decode(datagram[start : start + length]) if compatible else Dropped.INCOMPATIBLE
-        start += length
-
-
-def _decode(frame: bytes) -> "Message | Dropped":
-    try:
-        message = _decoder.decode(bytearray(frame))
-    except wire.MAVError:
-        return Dropped.BAD_CHECKSUM
-    return Dropped.UNKNOWN_MESSAGE if message.get_type().startswith("UNKNOWN") else message
-
-
-def imu_message(sample: ImuSample) -> Message:
+def imu_message(sample: ImuSample) -> Outgoing:
     """Return HIGHRES_IMU; magnetometer and barometer are marked as not measured."""
-    (x, y, z), (p, q, r) = sample.specific_force_B, sample.gyro_B
-    return wire.MAVLink_highres_imu_message(
-        sample.time_us, x, y, z, p, q, r, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, _ACCELERATION_AND_GYRO
-    )
+    fields = (sample.time_us, *sample.specific_force_B, *sample.gyro_B, *_NOT_MEASURED)
+    return Outgoing(wire.MAVLINK_MSG_ID_HIGHRES_IMU, _IMU.pack(*fields, _ACCELERATION_AND_GYRO, 0))
 
 
-def imu_sample(message: Message) -> ImuSample | Dropped:
+def imu_sample(frame: Frame) -> ImuSample | Dropped:
     """Return the sample in a HIGHRES_IMU; without a gyro it is no sample."""
-    gyro_B = (message.xgyro, message.ygyro, message.zgyro)
-    specific_force_B = (message.xacc, message.yacc, message.zacc)
-    if message.fields_updated & _GYRO != _GYRO or not _finite(*gyro_B, *specific_force_B):
+    time_us, x, y, z, p, q, r, *_, updated, _ = _IMU.unpack(frame.payload)
+    if updated & _GYRO != _GYRO or not math.isfinite(x + y + z + p + q + r):
         return Dropped.NOT_FINITE
-    return ImuSample(time_us=message.time_usec, gyro_B=gyro_B, specific_force_B=specific_force_B)
+    return ImuSample(time_us=time_us, gyro_B=(p, q, r), specific_force_B=(x, y, z))
 
 
-def command_message(command: Command, target_system: int) -> Message:
+def command_message(command: Command, target_system: int) -> Outgoing:
     """Return the set-point message of a command.
 
     Raises
@@ -141,42 +64,57 @@ def command_message(command: Command, target_system: int) -> Message:
     """
     if isinstance(command, TorqueCommand):
         controls = (*command.torque_B, command.throttle, 0.0, 0.0, 0.0, 0.0)
-        return wire.MAVLink_set_actuator_control_target_message(command.time_us, 0, target_system, AUTOPILOT, controls)
+        payload = _TORQUE.pack(command.time_us, *controls, 0, target_system, AUTOPILOT)
+        return Outgoing(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, payload)
     mask, q_NB, omega_B = _target_fields(command)
-    return wire.MAVLink_set_attitude_target_message(
-        command.time_us // 1000, target_system, AUTOPILOT, mask, q_NB, *omega_B, command.thrust
-    )
+    time_ms = command.time_us // 1000
+    payload = _TARGET.pack(time_ms, *q_NB, *omega_B, command.thrust, target_system, AUTOPILOT, mask)
+    return Outgoing(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, payload)
 
 
-def command(message: Message) -> Command | Dropped:
-    """Return the command in a SET_ATTITUDE_TARGET or SET_ACTUATOR_CONTROL_TARGET.
+def command(frame: Frame, system: int) -> Command | Dropped:
+    """Return the command in a SET_ATTITUDE_TARGET or SET_ACTUATOR_CONTROL_TARGET to the autopilot of `system`.
 
     An attitude is tracked unless its mask bit is set, with the yaw rate as feed-forward; otherwise rates are, if
     roll and pitch rates are both given (PX4's rule). Torques outside -1..1, thrust outside 0..1 are clipped.
     """
-    if message.get_msgId() == wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET:
-        return _torque_command(message)
-    mask, thrust = message.type_mask, message.thrust
+    if frame.message_id == wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET:
+        time_us, roll, pitch, yaw, throttle, _, _, _, _, group, *target = _TORQUE.unpack(frame.payload)
+        if not is_for(system, *target):
+            return Dropped.OTHER_TARGET
+        if group != 0:
+            return Dropped.NO_SETPOINT
+        if not math.isfinite(roll + pitch + yaw + throttle):
+            return Dropped.NOT_FINITE
+        torque_B = (min(max(roll, -1.0), 1.0), min(max(pitch, -1.0), 1.0), min(max(yaw, -1.0), 1.0))
+        return TorqueCommand(time_us=time_us, torque_B=torque_B, throttle=min(max(throttle, 0.0), 1.0))
+    time_ms, w, x, y, z, p, q, r, thrust, target_system, component, mask = _TARGET.unpack(frame.payload)
+    if not is_for(system, target_system, component):
+        return Dropped.OTHER_TARGET
     if mask & (_IGNORE_THROTTLE | _THRUST_BODY_SET) or not math.isfinite(thrust):
         return Dropped.NO_SETPOINT
-    rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
-    yaw_rate = 0.0 if mask & _IGNORE_YAW_RATE else rates[2]
-    q_NB: Quaternion | None = None
-    omega_B: Vector | None
-    if not mask & _IGNORE_ATTITUDE:
-        w, x, y, z = message.q
-        if not (_finite(w, x, y, z, yaw_rate) and abs(math.hypot(w, x, y, z) - 1.0) < _UNIT_TOLERANCE):
-            return Dropped.NOT_FINITE
-        q_NB, omega_B = (w, x, y, z), None if mask & _IGNORE_YAW_RATE else (0.0, 0.0, yaw_rate)
-    elif mask & (_IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE):
-        return Dropped.NO_SETPOINT
-    else:
-        omega_B = (rates[0], rates[1], yaw_rate)
-        if not _finite(*omega_B):
-            return Dropped.NOT_FINITE
-    return AttitudeTarget(
-        time_us=message.time_boot_ms * 1000, q_NB=q_NB, omega_B=omega_B, thrust=min(max(thrust, 0.0), 1.0)
-    )
+    tracked = _tracked(mask, (w, x, y, z), (p, q, 0.0 if mask & _IGNORE_YAW_RATE else r))
+    if isinstance(tracked, Dropped):
+        return tracked
+    q_NB, omega_B = tracked
+    return AttitudeTarget(time_us=time_ms * 1000, q_NB=q_NB, omega_B=omega_B, thrust=min(max(thrust, 0.0), 1.0))
+
+
+def _tracked(mask: int, q_NB: Quaternion, omega_B: Vector) -> tuple[Quaternion | None, Vector | None] | Dropped:
+    """Return what a SET_ATTITUDE_TARGET asks to track, attitude and rates."""
+    if mask & _IGNORE_ATTITUDE:
+        if mask & (_IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE):
+            return Dropped.NO_SETPOINT
+        return (None, omega_B) if math.isfinite(sum(omega_B)) else Dropped.NOT_FINITE
+    # NaN fails the comparison too.
+    if not (abs(math.hypot(*q_NB) - 1.0) < _UNIT_TOLERANCE and math.isfinite(omega_B[2])):
+        return Dropped.NOT_FINITE
+    return q_NB, None if mask & _IGNORE_YAW_RATE else (0.0, 0.0, omega_B[2])
+
+
+def is_for(system: int, target_system: int, target_component: int) -> bool:
+    """Whether a message is addressed to the autopilot of `system`; 0 addresses all."""
+    return target_system in (0, system) and target_component in (0, AUTOPILOT)
 
 
 def stamp_difference(command: Command, time_us: int) -> int:
@@ -253,16 +191,6 @@ def command_echo(command: Command) -> Message:
     return wire.MAVLink_attitude_target_message(command.time_us // 1000, mask, q_NB, *omega_B, command.thrust)
 
 
-def _torque_command(message: Message) -> TorqueCommand | Dropped:
-    roll, pitch, yaw, throttle = message.controls[:4]
-    if message.group_mlx != 0:
-        return Dropped.NO_SETPOINT
-    if not _finite(roll, pitch, yaw, throttle):
-        return Dropped.NOT_FINITE
-    torque_B = (min(max(roll, -1.0), 1.0), min(max(pitch, -1.0), 1.0), min(max(yaw, -1.0), 1.0))
-    return TorqueCommand(time_us=message.time_usec, torque_B=torque_B, throttle=min(max(throttle, 0.0), 1.0))
-
-
 def _target_fields(target: AttitudeTarget) -> tuple[int, Quaternion, Vector]:
     if target.q_NB is not None:
         mask = _IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE | (_IGNORE_YAW_RATE if target.omega_B is None else 0)
@@ -270,10 +198,6 @@ def _target_fields(target: AttitudeTarget) -> tuple[int, Quaternion, Vector]:
     if target.omega_B is None:
         raise ValueError("an attitude target needs q_NB, omega_B, or both; neither is given")
     return _IGNORE_ATTITUDE, (0.0, 0.0, 0.0, 0.0), target.omega_B
-
-
-def _finite(*values: float) -> bool:
-    return all(map(math.isfinite, values))
 
 
 def _int16(value: float) -> int:

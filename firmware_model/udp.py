@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from firmware_model.errors import ConfigError
-from firmware_model.messages import Peer
+from firmware_model.frames import Peer
 
 _LARGEST = 65_535  # bytes, the largest UDP datagram
 _SPIN_US = 150  # waking from sleep takes this long at worst on an idle machine; the last stretch is polled instead

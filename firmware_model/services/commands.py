@@ -11,7 +11,7 @@ from typing import Protocol
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot import Autopilot, Mode, Verdict
-from firmware_model.messages import Message
+from firmware_model.frames import Message
 
 _RESULTS = {
     Verdict.ACCEPTED: wire.MAV_RESULT_ACCEPTED,

@@ -7,7 +7,7 @@ MAVLink, parameter protocol, messages 20 to 23 and 345.
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.messages import Message
+from firmware_model.frames import Message
 from firmware_model.params import Parameters, Refusal
 
 _ERRORS = {

@@ -162,7 +162,8 @@ class _Pair:
         self.told: dict[str, Any] = {}
         self.reason = ""
         self._files, self._seed, self._journal, self._real_time = files, seed, journal, real_time
-        self._errors = {name: TemporaryFile("w+") for name in ("vehicle", "controller")}
+        self._closing = contextlib.ExitStack()
+        self._errors = {name: self._closing.enter_context(TemporaryFile("w+")) for name in ("vehicle", "controller")}
         self._processes: dict[str, subprocess.Popen[str]] = {}
 
     def __enter__(self) -> Self:
@@ -176,8 +177,7 @@ class _Pair:
             for stream in (process.stdin, process.stdout):
                 if stream:
                     stream.close()
-        for file in self._errors.values():
-            file.close()
+        self._closing.close()
 
     def fly(self, samples: int, progress: Callable[[float], None]) -> Outcome:
         """Start both, watch them to the end, and say how it ended."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from firmware_model.messages import Dropped
+from firmware_model.frames import Dropped
 from firmware_model.signals import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
 from gustproof.law import Law, Output, step
 

@@ -1,19 +1,21 @@
 """The controller as a sans-I/O MAVLink peer: finds the vehicle, reads its limits, arms it, and answers each sample.
 
-    SEEKING --heartbeat--> READING --first answer--> ARMING --accepted--> ENTERING --accepted--> FLYING --disarmed--> done
+    SEEKING --heartbeat--> READING --answer--> ARMING --accepted--> ENTERING --accepted--> FLYING --disarmed--> done
 
 A request is repeated on wall time until it is answered, and given up after a stated number of times. Samples are
 answered as soon as the parameters are known, as the autopilot enters OFFBOARD only when set-points flow.
 """
 
 from collections import Counter
+from collections.abc import Callable
 from enum import Enum
 
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model import messages
 from firmware_model.autopilot import Mode
-from firmware_model.messages import AUTOPILOT, CONTROLLER, Dropped, Message, Peer
+from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer, parse
+from firmware_model.messages import AUTOPILOT, CONTROLLER
 from firmware_model.params import RATE_NAME, TORQUE_LIMIT_NAMES
 from gustproof.controller.core import Controller
 from gustproof.law import Law, Output
@@ -77,6 +79,12 @@ class ControllerEndpoint:
         self._heartbeat_at_us = self._retry_at_us = 0
         self._retries = 0
         self._heard_us = 0
+        self._handlers: dict[int, Callable[[Message], None]] = {
+            wire.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
+            wire.MAVLINK_MSG_ID_PARAM_VALUE: self._on_parameter,
+            wire.MAVLINK_MSG_ID_COMMAND_ACK: self._on_acknowledgement,
+            wire.MAVLINK_MSG_ID_STATUSTEXT: self._on_text,
+        }
 
     @property
     def finished(self) -> bool:
@@ -89,7 +97,7 @@ class ControllerEndpoint:
 
     def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
-        for item in messages.parse(datagram):
+        for item in parse(datagram):
             cause = item if isinstance(item, Dropped) else self._dispatch(item, peer, now_us)
             if cause is not None:
                 self.counters[cause] += 1
@@ -116,36 +124,32 @@ class ControllerEndpoint:
         other_us = self._heard_us + SILENCE_US + 1 if self.phase is Phase.FLYING else self._retry_at_us
         return min(self._heartbeat_at_us, other_us)
 
-    def _dispatch(self, message: Message, peer: Peer, now_us: int) -> Dropped | None:
-        if peer != self._vehicle or message.get_srcComponent() != AUTOPILOT:
+    def _dispatch(self, frame: Frame, peer: Peer, now_us: int) -> Dropped | None:
+        if peer != self._vehicle or frame.component != AUTOPILOT:
             return Dropped.OTHER_TARGET
         self._heard_us = now_us
-        match message.get_msgId():
-            case wire.MAVLINK_MSG_ID_HIGHRES_IMU:
-                return self._on_sample(message)
-            case wire.MAVLINK_MSG_ID_HEARTBEAT:
-                self._on_heartbeat(message)
-            case wire.MAVLINK_MSG_ID_PARAM_VALUE:
-                self._on_parameter(message)
-            case wire.MAVLINK_MSG_ID_COMMAND_ACK:
-                self._on_acknowledgement(message)
-            case wire.MAVLINK_MSG_ID_STATUSTEXT:
-                self.message = message.text
-            case _:
-                return Dropped.UNUSED_MESSAGE
+        if frame.message_id == wire.MAVLINK_MSG_ID_HIGHRES_IMU:
+            return self._on_sample(frame)
+        handler = self._handlers.get(frame.message_id)
+        if handler is None:
+            return Dropped.UNUSED_MESSAGE
+        handler(frame.message())
         return None
 
-    def _on_sample(self, message: Message) -> Dropped | None:
-        sample = messages.imu_sample(message)
-        if self._controller is None or isinstance(sample, Dropped):
-            return sample if isinstance(sample, Dropped) else None
-        answer = self._controller.answer(sample)
+    def _on_sample(self, frame: Frame) -> Dropped | None:
+        if self._controller is None:
+            return None
+        sample = messages.imu_sample(frame)
+        answer = sample if isinstance(sample, Dropped) else self._controller.answer(sample)
         if isinstance(answer, Dropped):
             return answer
         self._send(messages.command_message(answer, self._packer.srcSystem))
         if self.phase is Phase.READING:
             self._enter(Phase.ARMING)
         return None
+
+    def _on_text(self, message: Message) -> None:
+        self.message = message.text
 
     def _on_heartbeat(self, message: Message) -> None:
         if self.phase is Phase.SEEKING:
@@ -215,7 +219,7 @@ class ControllerEndpoint:
             )
         )
 
-    def _send(self, message: Message) -> None:
+    def _send(self, message: Message | Outgoing) -> None:
         self._outbox.append((message.pack(self._packer), self._vehicle))
         self._packer.seq = (self._packer.seq + 1) % 256
 

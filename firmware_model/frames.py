@@ -1,0 +1,150 @@
+"""MAVLink framing: datagrams into checked frames, messages into datagrams.
+
+pymavlink's own stream parser loses the next datagram after half a frame, and takes 10 us where this takes 2; its
+dialect module says all that is particular to a message: layout, checksum seed, names.
+
+References
+----------
+MAVLink, packet serialization: version 2 frames, version 1 frames, payload truncation, CRC_EXTRA.
+"""
+
+import struct
+from enum import Enum
+from typing import Any, NamedTuple
+
+from fastcrc.crc16 import mcrf4xx
+from pymavlink.dialects.v20 import all as wire
+
+Message = Any
+"""A message of pymavlink's dialect module, which has no type stubs."""
+
+Peer = tuple[int, tuple[str, int]]
+"""Where a datagram comes from or goes to: number of our socket, host and port of the other side."""
+
+_V2, _V1 = wire.PROTOCOL_MARKER_V2, wire.PROTOCOL_MARKER_V1
+_SIGNED = wire.MAVLINK_IFLAG_SIGNED
+_V2_HEADER = struct.Struct("<BBBBBBBHB")  # marker, length, two flag bytes, sequence, system, component, id in 3 bytes
+_KINDS = {message_id: (bytes([kind.crc_extra]), kind.unpacker.size) for message_id, kind in wire.mavlink_map.items()}
+_decoder = wire.MAVLink(None)
+
+
+class Dropped(Enum):
+    """Why a datagram, or a message in it, had no effect; the values are the names of the counters."""
+
+    NOT_MAVLINK = "not_mavlink"
+    """No frame begins where one should."""
+    TRUNCATED = "truncated"
+    """The datagram ends before the frame does."""
+    INCOMPATIBLE = "incompatible"
+    """The frame asks for a feature that is not known here."""
+    BAD_CHECKSUM = "bad_checksum"
+    """The frame was damaged, or its sender has another definition of the message."""
+    UNKNOWN_MESSAGE = "unknown_message"
+    """The message's number is not in the dialect."""
+    UNUSED_MESSAGE = "unused_message"
+    """Nothing here reads this message."""
+    OTHER_TARGET = "other_target"
+    """Addressed to another system or component, or sent by another than the one listened to."""
+    NOT_FINITE = "not_finite"
+    """A number in use is NaN or infinite, or a quaternion has no direction."""
+    NO_SETPOINT = "no_setpoint"
+    """A set-point without thrust, or with nothing to track."""
+    STALE = "stale"
+    """Carries a stamp older than what was used already."""
+    DUPLICATE = "duplicate"
+    """Carries the stamp that was answered last."""
+    EARLY = "early"
+    """Answers a sample that was not sent yet."""
+    NOT_IN_COMMAND = "not_in_command"
+    """A set-point from one peer while another one's stream is alive."""
+    TOO_MANY_PEERS = "too_many_peers"
+    """No room for one more peer."""
+
+
+class Frame(NamedTuple):
+    """One checked frame."""
+
+    message_id: int
+    """Number of the message."""
+    system: int
+    """Sender's system id."""
+    component: int
+    """Sender's component id."""
+    payload: bytes
+    """Fields in wire order, filled up to the message's full length."""
+    raw: bytes
+    """The whole frame."""
+
+    def message(self) -> Message:
+        """Return the frame as pymavlink's message, with its fields by name."""
+        return _decoder.decode(bytearray(self.raw))
+
+
+class Outgoing(NamedTuple):
+    """A message whose payload is packed already; used like a pymavlink message, and faster."""
+
+    message_id: int
+    """Number of the message."""
+    payload: bytes
+    """Fields in wire order."""
+
+    def pack(self, packer: Any) -> bytes:
+        """Return the version 2 frame, with sender and sequence number of `packer`, a `wire.MAVLink`."""
+        number = self.message_id
+        payload = self.payload.rstrip(b"\0") or b"\0"
+        body = payload + _KINDS[number][0]
+        header = _V2_HEADER.pack(
+            _V2, len(payload), 0, 0, packer.seq, packer.srcSystem, packer.srcComponent, number & 0xFFFF, number >> 16
+        )
+        return header + payload + mcrf4xx(header[1:] + body).to_bytes(2, "little")
+
+
+def parse(datagram: bytes) -> list[Frame | Dropped]:
+    """Return the frames in a datagram, and the cause for each that is none; never raises.
+
+    After a frame without an end the rest of the datagram is given up.
+    """
+    found: list[Frame | Dropped] = []
+    start, end = 0, len(datagram)
+    while start < end:
+        length = _frame_length(datagram, start)
+        if isinstance(length, Dropped):
+            found.append(length)
+            break
+        found.append(_checked(datagram[start : start + length]))
+        start += length
+    return found
+
+
+def _frame_length(datagram: bytes, start: int) -> int | Dropped:
+    marker, left = datagram[start], len(datagram) - start
+    if marker not in (_V1, _V2):
+        return Dropped.NOT_MAVLINK
+    if left < 3:
+        return Dropped.TRUNCATED
+    length = datagram[start + 1] + 8
+    if marker == _V2:
+        length += 4 + (wire.MAVLINK_SIGNATURE_BLOCK_LEN if datagram[start + 2] & _SIGNED else 0)
+    return length if length <= left else Dropped.TRUNCATED
+
+
+def _checked(frame: bytes) -> Frame | Dropped:
+    if frame[0] == _V2:
+        _, length, flags, _, _, system, component, low, high = _V2_HEADER.unpack_from(frame)
+        number, header = low | high << 16, 10
+        if flags & ~_SIGNED:
+            return Dropped.INCOMPATIBLE
+    else:
+        _, length, _, system, component, number = frame[:6]
+        header = 6
+    kind = _KINDS.get(number)
+    if kind is None:
+        return Dropped.UNKNOWN_MESSAGE
+    end = header + length
+    if mcrf4xx(frame[1:end] + kind[0]) != frame[end] | frame[end + 1] << 8:
+        return Dropped.BAD_CHECKSUM
+    payload = frame[header:end]
+    if length != kind[1]:
+        # Trailing zeros are not sent; what a newer sender has added is not read.
+        payload = payload.ljust(kind[1], b"\0")[: kind[1]]
+    return Frame(number, system, component, payload, frame)
