@@ -94,8 +94,8 @@ def measure_response(
     counted = time >= _SETTLING * period
     # The journal has what acts at a sample; the law asked for it `delay_samples` earlier.
     lead = np.exp(1j * omega * scenario.delay_samples * scenario.dt)
-    U = lead * _phasors(time[counted], torque[counted], omega)
-    return Response(omega=omega, G=_phasors(time[counted], rate[counted], omega) / U)
+    U = lead * phasors(time[counted], torque[counted], omega)
+    return Response(omega=omega, G=phasors(time[counted], rate[counted], omega) / U)
 
 
 def tune_axis(response: Response, inertia: float, dt: float, *, phase_margin: float = math.radians(60.0)) -> Gains:
@@ -208,7 +208,7 @@ def _experiment_law(vehicle: Vehicle, bandwidth: float, dt: float) -> Law:
     )  # fmt: skip
 
 
-def _phasors(time: Matrix, signal: Matrix, omega: Matrix) -> ComplexVector:
+def phasors(time: Matrix, signal: Matrix, omega: Matrix) -> ComplexVector:
     """Return the complex amplitudes of `signal` at `omega`, by least squares beside a constant and a drift."""
     angle = np.outer(time, omega)
     trend = np.stack([np.ones_like(time), time / time[-1]], axis=1)
