@@ -10,9 +10,8 @@ absolute deadlines and a late command holds the last one.
 
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +21,8 @@ from firmware_model import messages
 from firmware_model.autopilot import Autopilot, Event, Mode
 from firmware_model.flight import Due, Flight
 from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer, parse
+from firmware_model.listener import NEVER_US, Listener
 from firmware_model.loop import VehicleLoop
-from firmware_model.messages import AUTOPILOT, CONTROLLER
 from firmware_model.params import STREAM_TIMEOUT_NAME, Parameters
 from firmware_model.scenario import Scenario
 from firmware_model.services import commands
@@ -42,15 +41,6 @@ MAX_PEERS = 16
 _BATCH = 250  # samples flown in one poll at most, so that heartbeats and Ctrl-C are not kept waiting
 
 _IMU = wire.MAVLINK_MSG_ID_HIGHRES_IMU
-_INTERVALS_US = {  # of a peer that has asked for nothing
-    _IMU: 20_000,
-    wire.MAVLINK_MSG_ID_ATTITUDE: 10_000,
-    wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 20_000,
-    wire.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: 20_000,
-    wire.MAVLINK_MSG_ID_ATTITUDE_TARGET: 100_000,
-    wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: 100_000,
-}
-_NEVER_US = 1 << 62
 _REQUESTS = (
     wire.MAVLINK_MSG_ID_COMMAND_LONG,
     wire.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
@@ -75,56 +65,17 @@ class Outcome(Enum):
     """Ctrl-C or a termination signal."""
 
 
-@dataclass(slots=True, kw_only=True, eq=False)
-class _Listener:
-    """What is known of one peer."""
-
-    address: Peer
-    packer: Any  # holds the sequence counter of what is sent to this peer
-    expected: bool  # told of the vehicle unasked, and never forgotten
-    heard_us: int | None = None
-    controller: bool = False
-    defaults_us: dict[int, int] = field(default_factory=dict)  # time between messages, by message id
-    intervals_us: dict[int, int] = field(default_factory=dict)
-    due_us: dict[int, int] = field(default_factory=dict)
-    next_us: int = _NEVER_US
-
-    def stream(self, intervals_us: dict[int, int], clock_us: int) -> None:
-        """Start these streams, and stop all others."""
-        self.intervals_us = intervals_us
-        self.due_us = dict.fromkeys(intervals_us, clock_us)
-        self.next_us = clock_us if intervals_us else _NEVER_US
-
-    def take_due(self, clock_us: int) -> list[int]:
-        """Return the message ids that are due, and set when they are due again."""
-        if clock_us < self.next_us:
-            return []
-        due = [message_id for message_id, due_us in self.due_us.items() if due_us <= clock_us]
-        for message_id in due:
-            again_us = self.due_us[message_id] + self.intervals_us[message_id]
-            self.due_us[message_id] = again_us if again_us > clock_us else clock_us + self.intervals_us[message_id]
-        self.next_us = min(self.due_us.values(), default=_NEVER_US)
-        return due
-
-
 @dataclass(frozen=True, slots=True)
 class _Asker:
     """A command's reach into the streams of its sender."""
 
     endpoint: "VehicleEndpoint"
-    listener: _Listener
+    listener: Listener
     clock_us: int
 
     def set_interval(self, message_id: int, interval_us: int) -> bool:
         """Set the time between two messages to this peer."""
-        if message_id not in _INTERVALS_US:
-            return False
-        intervals_us = {key: us for key, us in self.listener.intervals_us.items() if key != message_id}
-        if interval_us >= 0:
-            default_us = self.listener.defaults_us.get(message_id, _INTERVALS_US[message_id])
-            intervals_us[message_id] = interval_us or default_us
-        self.listener.stream(intervals_us, self.clock_us)
-        return True
+        return self.listener.set_interval(message_id, interval_us, self.clock_us)
 
     def request(self, message_id: int) -> bool:
         """Send a message once."""
@@ -155,7 +106,7 @@ class VehicleEndpoint:
         self._system = system
         self._outbox: list[tuple[bytes, Peer]] = []
         self._listeners = {address: self._new_listener(address, expected=True) for address in expected}
-        self._commander: _Listener | None = None
+        self._commander: Listener | None = None
         self._stream_lost = False
         self._heartbeat_at_us = 0
         self._created_us: int | None = None
@@ -198,17 +149,17 @@ class VehicleEndpoint:
         """Return the wall time at which `poll` has something to do, at the latest."""
         flight_us = self.flight.deadline_us()
         if flight_us is None:
-            flight_us = min((listener.next_us for listener in self._listeners.values()), default=_NEVER_US)
+            flight_us = min((listener.next_us for listener in self._listeners.values()), default=NEVER_US)
         return min(self._heartbeat_at_us, flight_us)
 
-    def send_once(self, message_id: int, listener: _Listener) -> bool:
+    def send_once(self, message_id: int, listener: Listener) -> bool:
         """Send the message with this id as it stands; False if there is none."""
         message = self._message(message_id)
         if message is not None:
             self._send(message, listener)
         return message is not None
 
-    def _dispatch(self, frame: Frame, listener: _Listener, now_us: int) -> Dropped | None:
+    def _dispatch(self, frame: Frame, listener: Listener, now_us: int) -> Dropped | None:
         kind = frame.message_id
         if kind in _SETPOINTS:
             return self._take_setpoint(frame, listener, now_us)
@@ -228,14 +179,14 @@ class VehicleEndpoint:
         self.autopilot.stream_timeout_us = self._stream_timeout_us()
         return None
 
-    def _execute(self, command: Message, listener: _Listener, clock_us: int) -> None:
+    def _execute(self, command: Message, listener: Listener, clock_us: int) -> None:
         asker = _Asker(self, listener, clock_us)
         result, text = commands.execute(command, self.autopilot, asker, clock_us)
         self._send(commands.acknowledgement(command, result), listener)
         if text:
             self._tell(text, wire.MAV_SEVERITY_WARNING)
 
-    def _take_setpoint(self, frame: Frame, listener: _Listener, now_us: int) -> Dropped | None:
+    def _take_setpoint(self, frame: Frame, listener: Listener, now_us: int) -> Dropped | None:
         alive = self.autopilot.stream_alive(self.flight.clock_us(now_us))
         if listener is not self._commander and self._commander is not None and alive:
             return Dropped.NOT_IN_COMMAND
@@ -280,41 +231,35 @@ class VehicleEndpoint:
             self.outcome = Outcome.NO_CONTROLLER
             self.finished = True
 
-    def _forget(self, listener: _Listener) -> None:
+    def _forget(self, listener: Listener) -> None:
         del self._listeners[listener.address]
         if listener is self._commander:
             self._commander = None
         if listener.expected:
             self._listeners[listener.address] = self._new_listener(listener.address, expected=True)
 
-    def _heard(self, address: Peer, frame: Frame, now_us: int) -> _Listener | None:
+    def _heard(self, address: Peer, frame: Frame, now_us: int) -> Listener | None:
         listener = self._listeners.get(address)
         if listener is None:
             if len(self._listeners) >= MAX_PEERS:
                 return None
             listener = self._listeners[address] = self._new_listener(address, expected=False)
-        controller = frame.component == CONTROLLER
-        if listener.heard_us is None or (controller and not listener.controller):
-            listener.controller = controller
-            listener.defaults_us = _default_intervals(controller=controller, lockstep=self.flight.lockstep)
-            listener.stream(dict(listener.defaults_us), self.flight.clock_us(now_us))
+        listener.identify(frame, lockstep=self.flight.lockstep, clock_us=self.flight.clock_us(now_us))
         listener.heard_us = now_us
         return listener
 
     def _stream_timeout_us(self) -> int:
         return round(1e6 * self.parameters[STREAM_TIMEOUT_NAME])
 
-    def _new_listener(self, address: Peer, *, expected: bool) -> _Listener:
-        return _Listener(address=address, packer=wire.MAVLink(None, self._system, AUTOPILOT), expected=expected)
+    def _new_listener(self, address: Peer, *, expected: bool) -> Listener:
+        return Listener(address, self._system, expected=expected)
 
     def _tell(self, text: str, severity: int) -> None:
         for listener in self._listeners.values():
             self._send(wire.MAVLink_statustext_message(severity, text.encode()), listener)
 
-    def _send(self, message: Message | Outgoing, listener: _Listener) -> None:
-        packer = listener.packer
-        self._outbox.append((message.pack(packer), listener.address))
-        packer.seq = (packer.seq + 1) % 256
+    def _send(self, message: Message | Outgoing, listener: Listener) -> None:
+        self._outbox.append((listener.pack(message), listener.address))
 
     def _message(self, message_id: int) -> Message | Outgoing | None:
         loop, setpoint = self.flight.loop, self.flight.setpoint
@@ -340,13 +285,3 @@ class VehicleEndpoint:
             case wire.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
                 return messages.version_message()
         return None
-
-
-def _default_intervals(*, controller: bool, lockstep: bool) -> dict[int, int]:
-    """Return the streams of a peer that has asked for nothing.
-
-    A lockstep controller is sent each sample when it is due and nothing more, as every other message costs it time.
-    """
-    if controller and lockstep:
-        return {_IMU: _INTERVALS_US[_IMU]}
-    return _INTERVALS_US | ({_IMU: 4_000} if controller else {})

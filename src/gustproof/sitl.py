@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from tempfile import TemporaryDirectory, TemporaryFile
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any, Self
 
@@ -62,7 +62,7 @@ _OUTCOMES = {
     VehicleOutcome.STREAM_LOST: Outcome.CONTROLLER_LOST,
     VehicleOutcome.LEFT_OFFBOARD: Outcome.LEFT_OFFBOARD,
     VehicleOutcome.NO_CONTROLLER: Outcome.NOT_STARTED,
-    VehicleOutcome.INTERRUPTED: Outcome.NOT_STARTED,
+    VehicleOutcome.INTERRUPTED: Outcome.AUTOPILOT_LOST,
 }
 
 
@@ -161,9 +161,8 @@ class _Pair:
     def __init__(self, files: dict[str, Path], seed: int, journal: Path, *, real_time: bool) -> None:
         self.told: dict[str, Any] = {}
         self.reason = ""
+        self._given_up = False
         self._files, self._seed, self._journal, self._real_time = files, seed, journal, real_time
-        self._closing = contextlib.ExitStack()
-        self._errors = {name: self._closing.enter_context(TemporaryFile("w+")) for name in ("vehicle", "controller")}
         self._processes: dict[str, subprocess.Popen[str]] = {}
 
     def __enter__(self) -> Self:
@@ -174,10 +173,9 @@ class _Pair:
     ) -> None:
         for process in self._processes.values():
             _end(process)
-            for stream in (process.stdin, process.stdout):
+            for stream in (process.stdin, process.stdout, process.stderr):
                 if stream:
                     stream.close()
-        self._closing.close()
 
     def fly(self, samples: int, progress: Callable[[float], None]) -> Outcome:
         """Start both, watch them to the end, and say how it ended."""
@@ -202,7 +200,6 @@ class _Pair:
         )
         greeting = vehicle.stdout.readline() if vehicle.stdout else ""
         if not greeting:
-            vehicle.wait()
             raise ConfigError(self._last_words("vehicle") or "the vehicle's process did not start")
         port = json.loads(greeting)["listening"][-1]
         # A controller that has ended already is found out by the watch.
@@ -214,7 +211,7 @@ class _Pair:
         # A session of its own: Ctrl-C reaches this process alone, which then ends both in order.
         self._processes[name] = process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors[name], text=True, start_new_session=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         )  # fmt: skip
         return process
 
@@ -228,6 +225,7 @@ class _Pair:
             if controller.poll() is not None:
                 alone_since = alone_since or time.monotonic()
                 if not flown and time.monotonic() > alone_since + _ALONE_S:
+                    self._given_up = True
                     _end(vehicle)
             time.sleep(_WATCH_S)
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -241,7 +239,7 @@ class _Pair:
             self.reason = _after(self._last_words("vehicle"))
             return Outcome.AUTOPILOT_LOST
         self.told = json.loads(lines[-1])
-        outcome = _OUTCOMES[VehicleOutcome(self.told["outcome"])]
+        outcome = Outcome.NOT_STARTED if self._given_up else _OUTCOMES[VehicleOutcome(self.told["outcome"])]
         if outcome is not Outcome.DONE:
             self.reason = _after(self._last_words("controller"))
         return outcome
@@ -251,9 +249,10 @@ class _Pair:
         return size // RECORD.itemsize
 
     def _last_words(self, name: str) -> str:
-        """Return the last line that a process left on stderr."""
-        self._errors[name].seek(0)
-        lines = self._errors[name].read().strip().splitlines()
+        """Return the last line that an ended process left on stderr."""
+        process = self._processes[name]
+        _end(process)
+        lines = process.stderr.read().strip().splitlines() if process.stderr else []
         return lines[-1] if lines else ""
 
 
