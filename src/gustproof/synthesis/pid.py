@@ -100,9 +100,10 @@ def strapdown_axis(gains: Gains, inertia: float, dt: float) -> AxisLaw:
 
         E+ = E + dt T(E) omega + dt/2 (g - omega)
 
-    is the trapezoidal rule: the sum telescopes, so `E` and `omega` always belong to the same instant. The kinematics
-    are taken where they hold, so nothing of first order in dt is rectified into a drift, and the attitude that the
-    law acts on, `E + dt/2 (omega + g)`, has no phase lag.
+    is the trapezoidal rule: the sum telescopes, so `E` and `omega` always belong to the same instant and the kinematics
+    are taken where they hold. No error of first order in dt accumulates, as a forward step's `dt/2 q r` does; what is
+    left of that order, the newest half step without its kinematics, is bounded. The attitude that the law acts on,
+    `E + dt/2 (omega + g)`, has no phase lag.
     """
     E, omega, integral, smooth = np.eye(4)
     rate, angle_reference = np.eye(2)
