@@ -104,8 +104,11 @@ def _continuous_peak(G: Lti, accuracy: float) -> Peak:
         crossings = _crossings(G, (1.0 + 2.0 * accuracy) * best.gain)
         if crossings.size == 0:
             return best
-        # gains beside and between the crossings: at the crossings too, for a peak so narrow that they coincide
-        candidates = np.concatenate([crossings, 0.5 * (crossings[:-1] + crossings[1:])])
+        # Where the gain is flat, rounding hides crossings and bands look half open: so 0 and beyond count as ends too,
+        # and a band is tried at its arithmetic and its geometric middle.
+        ends = np.concatenate([[0.0], crossings, [2.0 * crossings[-1]]])
+        middles = np.concatenate([0.5 * (ends[:-1] + ends[1:]), np.sqrt(ends[:-1] * ends[1:])])
+        candidates = np.concatenate([crossings, middles])
         higher = _better(G, best, candidates)
         if higher.gain <= (1.0 + accuracy) * best.gain:
             return higher

@@ -9,8 +9,8 @@ from gustproof.errors import DesignError
 from gustproof.numerics.lti import Matrix
 
 _AXIS_TOLERANCE = 1e-9
-"""Real parts below this fraction of the largest eigenvalue count as zero: some ten times what rounding moves a
-double eigenvalue of a balanced matrix of order 20 to 40."""
+"""Real parts below this fraction of the largest eigenvalue count as zero; rounding of a balanced matrix of order 40
+moves a simple eigenvalue by some 1e-14 of it, and more would refuse plants with slow modes and fast actuators."""
 _RANK_TOLERANCE = 1e-13
 """Reciprocal condition of the leading half of the basis below which its inverse has no digits left."""
 
