@@ -151,9 +151,7 @@ def test_what_is_not_a_bag_of_ours_is_refused_in_one_line(tmp_path, spoil):
         types = get_typestore(Stores.ROS2_JAZZY)
         with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             topic = writer.add_connection("/chatter", "std_msgs/msg/Int32", typestore=types)
-            writer.write(
-                topic, 0, types.serialize_cdr(types.types["std_msgs/msg/Int32"](1), "std_msgs/msg/Int32")
-            )
+            writer.write(topic, 0, types.serialize_cdr(types.types["std_msgs/msg/Int32"](1), "std_msgs/msg/Int32"))
     with pytest.raises(ConfigError) as error:
         read_bag(path)
     assert "\n" not in str(error.value)

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
+from rich.box import SIMPLE
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -12,9 +13,10 @@ from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.metrics import Metrics
 from gustproof.report.claims import PAPER_LAWS, Claim, Medians, Verdict
-from gustproof.report.margins import Margins
+from gustproof.report.margins import HoverMargins
 from gustproof.report.open_questions import ERRATA, OpenQuestion, choices
 
+Document = RenderableType
 _WIDTH = 118
 _VERDICT_STYLES = {Verdict.HOLDS: "green", Verdict.IN_PART: "yellow", Verdict.FAILS: "red"}
 _FIGURES = {
@@ -41,40 +43,56 @@ _LIMITATIONS = (
     "Margins are those of the linear model at hover; a verdict on flights is one on these seeds, not a proof.",
 )
 _WHY = (
-    "The paper names no gains, weights, gust shape or aggregation: its Table III can be met but not checked. What is",
-    "met here follows from three choices within its words: a PID as slow as an autotuner's default, a discrete gust",
+    "The paper names no gains, weights, gust shape or aggregation: its Table III can be met but not checked. What is "
+    "met here follows from three choices within its words: a PID as slow as an autotuner's default, a discrete gust "
     "with the turbulence ('wind gust and turbulence'), and design D1 at γ = .25.",
-    "",
-    "The gap between its two columns is that slow PID. A PID with the same measurement, tuned for these gusts, stands",
+    "The gap between its two columns is that slow PID. A PID with the same measurement, tuned for these gusts, stands "
     "in the fair comparison; nothing is called better than PID here unless it beats that one.",
-    "",
-    "Its linear law integrates gyro rates axis by axis. Coning (pitch and yaw in quadrature) is rectified into a roll",
+    "Its linear law integrates gyro rates axis by axis. Coning (pitch and yaw in quadrature) is rectified into a roll "
     "drift that such a law can't see; a strapdown attitude, as in every autopilot, sees it.",
 )
 
 
-def show(document: RenderableType) -> None:
+def show(document: Document) -> None:
     """Print on stdout."""
-    Console(highlight=False).print(document)
+    terminal = Console(highlight=False)
+    (terminal if terminal.is_terminal else Console(highlight=False, width=_WIDTH)).print(document)
 
 
-def save(document: RenderableType, path: Path) -> None:
+def save(document: Document, path: Path) -> None:
     """Write as plain text."""
     with path.open("w", encoding="utf-8") as stream:
         Console(file=stream, width=_WIDTH, highlight=False, color_system=None).print(document)
 
 
-def flight_document(title: str, metrics: Metrics, place: Path) -> RenderableType:
+def flight_document(title: str, metrics: Metrics | None, bag: Path | None) -> Document:
     """Return the figures of one flight and where its recording is."""
     table = Table("", "", "", title=title, show_header=False)
-    for name, value in asdict(metrics).items():
+    for name, value in asdict(metrics).items() if metrics else ():
         label, unit = _FIGURES[name]
         table.add_row(label, _number(value), unit)
-    return Group(table, Text(f"recorded in {place}"))
+    return Group(table, Text(f"recorded in {bag}" if bag else "nothing was flown, nothing is recorded"))
 
 
-def paper_document(medians: Medians, claims: Iterable[Claim]) -> RenderableType:
-    """Return the paper's Table III beside ours and the verdicts on its claims."""
+def reproduction_document(
+    medians: Medians,
+    margins: Mapping[str, HoverMargins | None],
+    claims: Iterable[Claim],
+    vehicle: Vehicle,
+    scenario: Scenario,
+) -> Document:
+    """Return the whole report: Table III, the fair comparison, the verdicts, and what stands behind them."""
+    parts = (
+        paper_document(medians),
+        comparison_document(medians, margins),
+        claims_document(claims),
+        background_document(vehicle, scenario),
+    )
+    return Group(*(Group(part, Text()) for part in parts))
+
+
+def paper_document(medians: Medians) -> Document:
+    """Return the paper's Table III beside ours."""
     table = Table("", title="Table III: errors in attitude, the paper's flight")
     for name in PAPER_LAWS:
         table.add_column(f"paper: {'PID' if 'pid' in name else 'H∞'}", justify="right")
@@ -82,20 +100,27 @@ def paper_document(medians: Medians, claims: Iterable[Claim]) -> RenderableType:
     for key, label in (("peak_deg", "peak magnitude [deg]"), ("rmse_deg", "RMSE [deg]")):
         cells = [(getattr(theirs, key), getattr(medians[law]["paper"], key)) for law, theirs in PAPER_LAWS.items()]
         table.add_row(label, *(f"{value:.2f}" for pair in cells for value in pair))
+    return table
+
+
+def claims_document(claims: Iterable[Claim]) -> Document:
+    """Return the verdicts on the paper's claims."""
     verdicts = Table("the paper claims", "found here", "verdict", title="The paper's claims", show_lines=True)
     for claim in claims:
         verdict = Text(claim.verdict.value, style=_VERDICT_STYLES[claim.verdict])
         verdicts.add_row(claim.paper, claim.ours, verdict)
-    return Group(table, Text(), verdicts)
+    return verdicts
 
 
-def comparison_document(medians: Medians, margins: Mapping[str, Margins]) -> RenderableType:
+def comparison_document(medians: Medians, margins: Mapping[str, HoverMargins | None]) -> Document:
     """Return all laws in the same turbulence, who is better in what at which margins, and what rates cost."""
     columns = (
-        "law", "peak\n[deg]", "RMSE\n[deg]", "torque\n[N m]", "slew\n[N m/s]", "coning\nroll [deg]", "bias\npeak [deg]",
-        "Ms", "phase\nmargin [deg]", "delay\nmargin [ms]",
+        "law", "peak\n\n[deg]", "RMSE\n\n[deg]", "torque\nrms\n[N m]", "slew\nrms\n[N m/s]", "coning\nroll\n[deg]",
+        "bias\npeak\n[deg]", "Ms\n\n[-]", "phase\nmargin\n[deg]", "delay\nmargin\n[ms]",
     )  # fmt: skip
-    table = Table(title="Fair comparison: turbulence alone, all laws on the same route")
+    table = Table(
+        title="Fair comparison: turbulence alone, all laws on the same route", box=SIMPLE, padding=0, pad_edge=False
+    )
     for column in columns:
         table.add_column(column, justify="left" if column == "law" else "right", no_wrap=True)
     for law, scenarios in medians.items():
@@ -107,18 +132,22 @@ def comparison_document(medians: Medians, margins: Mapping[str, Margins]) -> Ren
         )  # fmt: skip
     lines = [_duel("hinf-scheduled", "pid-fair", medians, margins), _duel("hinf-d1", "pid-fair", medians, margins)]
     lines.append(_cost_of_rates(medians))
-    return Group(table, Text(), *(Text(line) for line in lines))
+    notes = (
+        "Margins: the worst axis, at the plant's input, sampled and late as flown; a law of rates has no torque loop."
+    )
+    return Group(table, Text(notes, style="dim"), *(Text(f"\n{line}") for line in lines))
 
 
-def background_document(vehicle: Vehicle, scenario: Scenario) -> RenderableType:
+def background_document(vehicle: Vehicle, scenario: Scenario) -> Document:
     """Return what differs from the paper and why, what it leaves open, and what is not shown here."""
-    differences = Text("What differs from the paper, and why\n", style="bold")
-    differences.append("\n".join(_WHY), style="not bold")
+    differences = Text("What differs from the paper, and why", style="bold")
     errata = _questions("Errors of the paper, and what stands here instead", "the paper", ERRATA)
     gaps = _questions("What the paper leaves open, and what was chosen", "open", choices(vehicle, scenario))
-    limits = Text("Limits of what is shown\n", style="bold")
-    limits.append("\n".join(f"- {line}" for line in _LIMITATIONS), style="not bold")
-    return Group(differences, Text(), errata, Text(), gaps, Text(), limits)
+    limits = Text("Limits of what is shown", style="bold")
+    return Group(
+        differences, *(Text(f"{paragraph}\n") for paragraph in _WHY), errata, Text(), gaps, Text(),
+        limits, *(Text(f"- {line}") for line in _LIMITATIONS),
+    )  # fmt: skip
 
 
 def _questions(title: str, first: str, questions: Iterable[OpenQuestion]) -> Table:
@@ -128,7 +157,7 @@ def _questions(title: str, first: str, questions: Iterable[OpenQuestion]) -> Tab
     return table
 
 
-def _duel(one: str, other: str, medians: Medians, margins: Mapping[str, Margins]) -> str:
+def _duel(one: str, other: str, medians: Medians, margins: Mapping[str, HoverMargins | None]) -> str:
     """Return who of two laws is better in what, by how much, at which margins."""
     a, b = medians[one]["paper-turbulence"], medians[other]["paper-turbulence"]
     quantities = (
@@ -137,12 +166,12 @@ def _duel(one: str, other: str, medians: Medians, margins: Mapping[str, Margins]
         ("torque slew", a.torque_slew_rms, b.torque_slew_rms),
         ("coning roll", medians[one]["coning"].peak_roll_deg, medians[other]["coning"].peak_roll_deg),
     )
-    better = {name: [] for name in (one, other)}  # type: dict[str, list[str]]
+    better: dict[str, list[str]] = {one: [], other: []}
     for label, x, y in quantities:
         winner, ratio = (one, y / x) if x < y else (other, x / y)
-        better[winner].append(f"{label} ({ratio:.2f} times less)")
+        better[winner].append(f"{label} ({ratio:.3g} times less)")
     shown = "; ".join(f"{name} is better in {', '.join(what) or 'nothing'}" for name, what in better.items())
-    at = ", ".join(f"{name} Ms {margins[name].sensitivity_peak:.2f}" for name in (one, other))
+    at = "; ".join(f"{name} Ms {', phase '.join(_robustness(margins[name])[:2])} deg" for name in (one, other))
     return f"{one} against {other}: {shown}. Margins: {at}."
 
 
@@ -156,11 +185,11 @@ def _cost_of_rates(medians: Medians) -> str:
     )
 
 
-def _robustness(margins: Margins | None) -> tuple[str, str, str]:
+def _robustness(margins: HoverMargins | None) -> tuple[str, str, str]:
     if margins is None:
         return "-", "-", "-"
     return (
-        f"{margins.sensitivity_peak:.2f}",
+        f"{margins.Ms:.2f}",
         f"{margins.phase_margin_deg:.1f}",
         f"{1000.0 * margins.delay_margin:.0f}",
     )

@@ -100,8 +100,10 @@ def _stacked(
 ) -> None:
     figure = _figure((8.0, 6.4), title)
     rows = figure.subplots(3, 1, sharex=True)
-    for law, records in flights.items():
-        time, columns = _time(records), values(records)
+    curves = {law: values(records) for law, records in flights.items()}
+    # The most agitated curve goes below the others, which would not be seen under it.
+    for law in sorted(flights, key=lambda law: -float(np.sum(np.abs(np.diff(curves[law], axis=0))))):
+        time, columns = _time(flights[law]), curves[law]
         for i, axes in enumerate(rows):
             axes.plot(time, columns[:, i], color=_colour(law), linewidth=1.0, label=law)
     for axes, label in zip(rows, labels, strict=True):

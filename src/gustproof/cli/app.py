@@ -1,0 +1,30 @@
+"""The command line, put together from one file a subcommand."""
+
+import typer
+
+from gustproof.cli.autopilot import autopilot
+from gustproof.cli.controller import controller
+from gustproof.cli.design import design
+from gustproof.cli.failures import OneLineErrors
+from gustproof.cli.fly import fly
+from gustproof.cli.reproduce import reproduce
+
+PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+
+app = typer.Typer(
+    cls=OneLineErrors,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    help="Design, prove and fly multirotor attitude control in gusts, over real MAVLink.",
+    epilog=(
+        "Exit status: 0 done, 1 a requirement failed, 2 bad input, 3 the flight broke off, 130 interrupted. "
+        "Start with `gustproof reproduce`."
+    ),
+)
+app.command()(reproduce)
+app.command()(design)
+app.command()(fly)
+app.command(context_settings=PASSED_ON)(autopilot)
+app.command(context_settings=PASSED_ON)(controller)

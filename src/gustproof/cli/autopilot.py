@@ -1,0 +1,18 @@
+"""`gustproof autopilot`: the vehicle's process."""
+
+import typer
+
+from gustproof.cli.failures import Status
+
+
+def autopilot(ctx: typer.Context) -> None:
+    """Run the simulated autopilot and its vehicle; `gustproof autopilot --help` shows its options.
+
+    The same as `python -m firmware_model`: it speaks MAVLink over UDP on the ports that ground stations
+    and off-board programs look at.
+
+        gustproof autopilot --scenario paper-turbulence
+    """
+    from firmware_model.__main__ import main
+
+    raise typer.Exit(main(ctx.args) or Status.DONE.value)

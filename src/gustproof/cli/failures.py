@@ -1,0 +1,51 @@
+"""The one place that turns a failure into one line on stderr and an exit status."""
+
+import sys
+from enum import IntEnum
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from firmware_model.errors import ConfigError
+from gustproof.errors import DesignError, FlightError
+
+
+class Status(IntEnum):
+    """Exit statuses."""
+
+    DONE = 0
+    """All went well."""
+    REQUIREMENT_FAILED = 1
+    """Everything ran, and a stated requirement was not met."""
+    BAD_INPUT = 2
+    """A file, a name or an option is wrong, or no controller exists as asked."""
+    FLIGHT_BROKE_OFF = 3
+    """A flight did not reach its end."""
+    INTERRUPTED = 130
+    """Ctrl-C, as shells count it."""
+
+
+class OneLineErrors(TyperGroup):
+    """A group of subcommands whose expected failures end in one clear line instead of a traceback."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the subcommand; what nobody expected still shows its traceback."""
+        try:
+            return super().invoke(ctx)
+        except (ConfigError, DesignError) as error:
+            raise stop(str(error), Status.BAD_INPUT) from None
+        except FlightError as error:
+            raise stop(str(error), Status.FLIGHT_BROKE_OFF) from None
+        except KeyboardInterrupt:
+            raise stop("interrupted", Status.INTERRUPTED) from None
+        except OSError as error:
+            if error.filename is None:  # not about a file that someone named
+                raise
+            raise stop(f"{error.filename}: {error.strerror}", Status.BAD_INPUT) from None
+
+
+def stop(line: str, status: Status) -> typer.Exit:
+    """Print one line on stderr and return the exception that ends the command with `status`."""
+    print(f"gustproof: {line}", file=sys.stderr)
+    return typer.Exit(status.value)

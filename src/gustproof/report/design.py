@@ -1,0 +1,68 @@
+"""What a design achieved, as tables and as the figure of its singular values."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from gustproof.report.document import Document
+from gustproof.synthesis.derive import DesignReport
+
+_FREQUENCIES = np.geomspace(1e-3, 1e3, 600)
+_MARGINS = {
+    "crossover_rad_s": "crossover\n[rad/s]",
+    "phase_margin_deg": "phase\n[deg]",
+    "gain_margin": "gain up\n[-]",
+    "gain_reduction_margin": "gain down\n[-]",
+    "delay_margin_s": "delay\n[s]",
+    "Ms": "Ms\n[-]",
+}
+
+
+def design_document(report: DesignReport) -> Document:
+    """Return levels, order, margins and controller poles of a design."""
+    figures = report.document()
+    levels = Table("", "", title=f"Design {figures['design']}: {figures['description']}", show_header=False)
+    levels.add_row("least level, gamma_opt", f"{figures['gamma_opt']:.5f}")
+    levels.add_row("level designed for, gamma", f"{figures['gamma']:.5f}")
+    levels.add_row("norm achieved", f"{figures['norm']:.5f} at {figures['norm_omega_rad_s']:.3g} rad/s")
+    levels.add_row("controller states", str(figures["order"]))
+    levels.add_row("stability augmentation in the model, leak", f"{figures['leak_per_s']:g} 1/s")
+    levels.add_row("exact kinematics in the law", "yes" if figures["scheduled"] else "no")
+    for name, value in figures.get("step", {}).items():
+        levels.add_row(f"step of the reference: {name}", _cell(value))
+    poles = ", ".join(_pole(re, im) for re, im in figures["poles_rad_s"] if im >= 0.0)
+    return Group(
+        levels,
+        _margins("as designed, continuous", figures["continuous"]),
+        _margins(f"as it flies, every {figures['dt_s']:g} s and one sample late", figures["sampled"]),
+        Text(f"controller poles [rad/s]: {poles}"),
+    )
+
+
+def save_design_figure(report: DesignReport, path: Path) -> None:
+    """Draw the singular values of a design as PNG."""
+    from gustproof.report.figures import save_singular_values
+
+    values = report.singular_values(_FREQUENCIES)
+    save_singular_values(_FREQUENCIES, values, report.result.gamma, f"Design {report.design.name}", path)
+
+
+def _margins(title: str, places: dict[str, Any]) -> Table:
+    table = Table("plant's", "axis", *_MARGINS.values(), "disk\n[-]", title=f"Margins {title}")
+    for place, figures in places.items():
+        for axis in ("roll", "pitch", "yaw"):
+            cells = (_cell(figures[axis][name]) for name in _MARGINS)
+            table.add_row(place, axis, *cells, _cell(figures["disk_margin"]) if axis == "roll" else "")
+    return table
+
+
+def _cell(value: float | None) -> str:
+    return "∞" if value is None else f"{value:.3g}"
+
+
+def _pole(real: float, imaginary: float) -> str:
+    return f"{real:.4g}" if imaginary == 0.0 else f"{real:.4g} ± {imaginary:.4g}j"

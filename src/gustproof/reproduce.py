@@ -1,0 +1,182 @@
+"""Fly the paper: every scenario with every law and seed, over UDP; figures, verdicts and pictures of all of it."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from threading import Event
+from typing import Any, NamedTuple
+
+from firmware_model.scenario import Dryden, Scenario, load_scenario
+from firmware_model.vehicle import Vehicle
+from gustproof.errors import FlightError
+from gustproof.flight import RecordedFlight, fly_and_record
+from gustproof.law import Law, load_law
+from gustproof.metrics import Metrics, median_metrics
+from gustproof.model.generalized import lft_structure
+from gustproof.model.interconnection import Interconnection
+from gustproof.report.claims import PAPER_LAWS, Claim, judge
+from gustproof.report.document import Document, reproduction_document, save
+from gustproof.report.margins import HoverMargins, hover_margins
+from gustproof.sitl import Outcome
+from gustproof.synthesis.derive import derive
+from gustproof.synthesis.designs import load_design
+
+SCENARIOS = ("paper", "paper-turbulence", "coning", "bias")
+LAWS = ("pid-default", "pid-fair", "hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-scheduled", "hinf-rates")
+_AT_ONCE = 2
+"""Flights side by side: a lockstep flight keeps one core busy, whichever of its processes has the turn."""
+
+Progress = Callable[[float, str], None]
+
+
+class Case(NamedTuple):
+    """One flight to be flown."""
+
+    scenario: Scenario
+    """Script."""
+    law: Law
+    """Law."""
+    seed: int
+    """Seed of gusts and noise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reproduction:
+    """What came out."""
+
+    vehicle: Vehicle
+    """Vehicle that was flown."""
+    laws: Mapping[str, Law]
+    """Laws by name."""
+    seeds: tuple[int, ...]
+    """Seeds of gusts and noise."""
+    medians: Mapping[str, Mapping[str, Metrics]]
+    """Figures by law and scenario, medians over the seeds."""
+    margins: Mapping[str, HoverMargins | None]
+    """Margins at hover by law."""
+    claims: tuple[Claim, ...]
+    """Verdicts on the paper's claims."""
+
+    def summary(self) -> dict[str, Any]:
+        """Return what `summary.json` has."""
+        return {
+            "laws": {
+                law: {
+                    **{name: asdict(metrics) for name, metrics in scenarios.items()},
+                    "seeds": list(_seeds(law, self.seeds)),
+                }
+                for law, scenarios in self.medians.items()
+            },
+            "claims": [
+                {"paper": claim.paper, "ours": claim.ours, "verdict": claim.verdict.value} for claim in self.claims
+            ],
+        }
+
+    def document(self) -> Document:
+        """Return what a person reads of it."""
+        return reproduction_document(self.medians, self.margins, self.claims, self.vehicle, load_scenario("paper"))
+
+
+def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progress) -> Reproduction:
+    """Fly everything, leave bags, laws, figures and `summary.json` in the empty folder `out`, and judge the claims.
+
+    Raises
+    ------
+    ConfigError
+        If a law or scenario can't be read.
+    FlightError
+        If a flight did not reach its end.
+    """
+    laws = {name: load_law(name) for name in LAWS}
+    scenarios = {name: load_scenario(name) for name in SCENARIOS}
+    (out / "laws").mkdir()
+    for law in laws.values():
+        law.save(out / "laws" / f"{law.name}.json")
+    flights = _fly_all(
+        [
+            Case(scenario, law, seed)
+            for scenario in scenarios.values()
+            for law in laws.values()
+            for seed in (_seeds(law.name, seeds) if _is_random(scenario) else seeds[:1])
+        ],
+        vehicle, out / "bags", progress,
+    )  # fmt: skip
+    medians = {law: {scenario: _median(flights, scenario, law) for scenario in scenarios} for law in laws}
+    _, solved = derive(load_design("D1"), vehicle)
+    reproduction = Reproduction(
+        vehicle=vehicle,
+        laws=laws,
+        seeds=tuple(seeds),
+        medians=medians,
+        margins={name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()},
+        claims=judge(
+            medians, laws, norm=solved.result.norm, gamma_opt=solved.result.gamma_opt,
+            peak_rate=max(flight.peak_rate for flight in flights if flight.named("paper", "hinf-d1")),
+        ),
+    )  # fmt: skip
+    (out / "summary.json").write_text(json.dumps(reproduction.summary(), indent=2) + "\n", encoding="utf-8")
+    _draw(flights, seeds[0], solved.problem, out / "figures")
+    save(reproduction.document(), out / "report.txt")
+    return reproduction
+
+
+def _fly_all(cases: Sequence[Case], vehicle: Vehicle, out: Path, progress: Progress) -> list[RecordedFlight]:
+    """Return the flights of `cases`, flown side by side; the first that breaks off ends the others."""
+    out.mkdir()
+    shares, stop = [0.0] * len(cases), Event()
+
+    def fly(index: int, case: Case) -> RecordedFlight:
+        name = f"{case.scenario.name}, {case.law.name}, seed {case.seed}"
+
+        def shown(share: float) -> None:
+            if stop.is_set():
+                raise KeyboardInterrupt  # where this is heard, the flight's processes are ended in order
+            shares[index] = share
+            progress(sum(shares) / len(shares), name)
+
+        flight = fly_and_record(case.scenario, case.law, vehicle=vehicle, seed=case.seed, out=out, progress=shown)
+        if flight.outcome is not Outcome.DONE:
+            raise FlightError(flight.message)
+        return flight
+
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        futures = [pool.submit(fly, index, case) for index, case in enumerate(cases)]
+        try:
+            return [future.result() for future in futures]
+        except BaseException:
+            stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _median(flights: Sequence[RecordedFlight], scenario: str, law: str) -> Metrics:
+    return median_metrics([f.metrics for f in flights if f.named(scenario, law) and f.metrics is not None])
+
+
+def _draw(flights: Sequence[RecordedFlight], seed: int, problem: Interconnection, out: Path) -> None:
+    """Draw the paper's figures of the flights with `seed`: its two laws on its flight, all but one in turbulence."""
+    from gustproof.report import diagrams, figures
+
+    out.mkdir()
+    for scenario, names in (("paper", PAPER_LAWS), ("paper-turbulence", LAWS[1:])):
+        records = {f.law.name: f.records for f in flights if f.scenario.name == scenario and f.seed == seed}
+        shown = {name: records[name] for name in names}
+        figures.save_moments(records["hinf-d1"], out / f"{scenario}-moments.png")
+        figures.save_euler_angles(shown, scenario, out / f"{scenario}-euler-angles.png")
+        figures.save_body_rates(shown, scenario, out / f"{scenario}-body-rates.png")
+        figures.save_torques(shown, scenario, out / f"{scenario}-torques.png")
+        figures.save_scheduling(records["hinf-d1"], "hinf-d1", out / f"{scenario}-scheduling.png")
+    diagrams.save_interconnection(problem, "Interconnection of design D1", out / "interconnection.png")
+    diagrams.save_lft(lft_structure(problem), "LFT of the closed loop", out / "lft.png")
+
+
+def _seeds(law: str, seeds: Sequence[int]) -> Sequence[int]:
+    """Return the seeds that a law is flown with: the one with a frequency weight is shown once, not compared."""
+    return seeds[:1] if law == "hinf-d1-noise" else seeds
+
+
+def _is_random(scenario: Scenario) -> bool:
+    """Return whether the seed changes anything."""
+    return scenario.gyro.noise or any(isinstance(item, Dryden) for item in scenario.wind)

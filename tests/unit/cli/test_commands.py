@@ -1,0 +1,130 @@
+"""What a person gets from the command line: help that answers at once, one line a mistake, the right exit status."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from gustproof.cli.app import app
+from gustproof.errors import DesignError, FlightError
+
+
+def run(*arguments: str):
+    return CliRunner().invoke(app, list(arguments))
+
+
+def one_line(result) -> str:
+    assert "Traceback" not in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    return result.stderr.strip()
+
+
+@pytest.mark.parametrize("command", ["reproduce", "design", "fly"])
+def test_help_shows_an_example(command):
+    result = run(command, "--help")
+    assert result.exit_code == 0
+    assert f"gustproof {command}" in result.stdout
+
+
+@pytest.mark.parametrize("command", ["autopilot", "controller"])
+def test_a_process_command_passes_its_options_on(command):
+    result = run(command, "--help")
+    assert result.exit_code == 0
+    assert "Exit status" in result.stdout  # the process's own help, not the command line's
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys; from gustproof.cli.app import app\n"
+        "try: app(['--help'])\n"
+        "except SystemExit: pass\n"
+        "print(*sorted({'numpy', 'numba', 'scipy', 'matplotlib', 'control', 'rosbags', 'pymavlink'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.splitlines()[-1] == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("fly", "nowhere", "--law", "hinf-d1"), "no scenario named 'nowhere'"),
+        (("fly", "paper", "--law", "nothing"), "no law named 'nothing'"),
+        (("fly", "paper", "--law", "hinf-d1", "--vehicle", "bike"), "no vehicle named 'bike'"),
+        (("fly", "paper", "--law", "/nowhere/law.json"), "/nowhere/law.json: No such file"),
+        (("design", "D99"), "no design named 'D99'"),
+        (("design", "D1", "--gamma", "0.1"), "gamma"),
+        (("design", "D1", "--gamma", "0.3", "--backoff", "1.1"), "give one of them"),
+        (("design", "D1", "--backoff", "1.0"), "--backoff above 1"),
+        (("design", "D1", "-o", "law.txt"), "ends in .json"),
+        (("design", "D1", "-o", "/nowhere/law.json"), "/nowhere/law.json: No such file"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_status_2(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert words in one_line(result)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_scenario_with_an_unknown_key_names_file_and_key(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('description = "x"\nduration_s = 1.0\ndurationn_s = 2.0\n')
+    result = run("fly", str(path), "--law", "hinf-d1")
+    assert result.exit_code == 2
+    assert f"{path}: durationn_s: unknown key" in one_line(result)
+
+
+def test_a_taken_output_folder_is_refused(tmp_path):
+    (tmp_path / "mine").touch()
+    result = run("fly", "paper", "--law", "hinf-d1", "--out", str(tmp_path))
+    assert result.exit_code == 2
+    assert "nothing is overwritten" in one_line(result)
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (DesignError("no controller"), 2),
+        (FlightError("lost"), 3),
+        (KeyboardInterrupt(), 130),
+        (PermissionError(13, "Permission denied", "/root/x"), 2),
+    ],
+)
+def test_each_failure_has_its_status(error, status, monkeypatch):
+    def fail(_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("gustproof.synthesis.designs.load_design", fail)
+    result = run("design", "D1")
+    assert result.exit_code == status
+    one_line(result)
+
+
+def test_what_nobody_expected_is_not_hidden(monkeypatch):
+    def fail(_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("gustproof.synthesis.designs.load_design", fail)
+    assert isinstance(run("design", "D1").exception, ZeroDivisionError)
+
+
+def test_a_design_prints_its_levels_and_leaves_law_and_figure(tmp_path):
+    law = tmp_path / "law.json"
+    result = run("design", "D1", "--json", "-o", str(law))
+    assert result.exit_code == 0
+    figures = json.loads(result.stdout)
+    assert figures["gamma_opt"] == pytest.approx(0.2136, abs=2e-4)
+    assert figures["norm"] < figures["gamma"] == 0.25
+    assert json.loads(law.read_text())["name"] == figures["law"]
+    assert law.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_level_can_be_asked_for_either_way():
+    least = json.loads(run("design", "D1", "--json").stdout)["gamma_opt"]
+    by_level = json.loads(run("design", "D1", "--gamma", "0.3", "--json").stdout)
+    by_backoff = json.loads(run("design", "D1", "--backoff", "1.1", "--json").stdout)
+    assert by_level["gamma"] == 0.3
+    assert by_backoff["gamma"] == pytest.approx(1.1 * least, rel=1e-6)
