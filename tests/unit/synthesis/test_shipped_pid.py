@@ -1,0 +1,61 @@
+"""The shipped PID laws: derived again they are the same, and they fly as well as is said of them."""
+
+import statistics
+
+import numpy as np
+import pytest
+
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof.closed_loop import fly_direct
+from gustproof.law import Law, load_law
+from gustproof.metrics import Metrics, measure
+from gustproof.synthesis.autotune import autotuned_pid
+from gustproof.synthesis.fair import fair_pid
+
+pytestmark = pytest.mark.compiled
+
+
+def assert_same(law: Law, shipped: Law, *, rtol: float) -> None:
+    for name in ("A", "B", "C", "D", "G", "H"):
+        np.testing.assert_allclose(getattr(law, name), getattr(shipped, name), rtol=rtol, atol=1e-12, err_msg=name)
+    assert (law.name, law.dt, law.output) == (shipped.name, shipped.dt, shipped.output)
+    assert law.limits.tolist() == shipped.limits.tolist()
+    assert law.provenance.design == shipped.provenance.design
+    assert law.provenance.parameters == pytest.approx(shipped.provenance.parameters, rel=rtol)
+
+
+def flown(law: str, scenario_name: str) -> list[Metrics]:
+    vehicle, scenario = load_vehicle("paper"), load_scenario(scenario_name)
+    return [
+        measure(fly_direct(scenario, load_law(law), vehicle=vehicle, seed=seed), vehicle, scenario, 1.0)
+        for seed in (1, 2, 3)
+    ]
+
+
+def test_the_default_pid_is_what_the_autotuner_makes() -> None:
+    # Least squares on the same flight: only the order of sums may differ between machines.
+    assert_same(autotuned_pid(load_vehicle("paper")), load_law("pid-default"), rtol=1e-9)
+
+
+def test_the_fair_pid_is_what_the_search_finds() -> None:
+    # The search ends within 2e-5 of the same gains from any of four starts.
+    assert_same(fair_pid(load_vehicle("paper"), load_scenario("paper-turbulence")), load_law("pid-fair"), rtol=1e-3)
+
+
+def test_the_fair_pid_is_a_strong_baseline_in_turbulence() -> None:
+    flights = flown("pid-fair", "paper-turbulence")
+    assert statistics.median(flight.rmse_deg for flight in flights) <= 0.13
+    assert statistics.median(flight.torque_slew_rms for flight in flights) <= 20.0
+    assert statistics.median(flight.torque_rms_nm for flight in flights) <= 0.24
+
+
+def test_coning_does_not_turn_the_fair_pid_but_the_default_one_over() -> None:
+    assert max(flight.peak_roll_deg for flight in flown("pid-fair", "coning")) <= 0.05
+    assert min(flight.peak_roll_deg for flight in flown("pid-default", "coning")) >= 90.0
+
+
+def test_the_default_pid_is_slow_and_calm() -> None:
+    flights = flown("pid-default", "paper-turbulence")
+    assert statistics.median(flight.rmse_deg for flight in flights) >= 4.0
+    assert statistics.median(flight.torque_slew_rms for flight in flights) <= 1.0
