@@ -1,0 +1,87 @@
+"""Tables and text say what the figures say."""
+
+import io
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof.law import load_law
+from gustproof.metrics import Metrics
+from gustproof.report.document import background_document, comparison_document, flight_document, paper_document
+from gustproof.report.margins import HoverMargins, hover_margins
+from gustproof.report.open_questions import choices
+
+FIGURES = Metrics(
+    peak_deg=1.5, rmse_deg=0.25, peak_roll_deg=1.5, peak_pitch_deg=1.0, peak_yaw_deg=1.0, rmse_roll_deg=0.1,
+    rmse_pitch_deg=0.1, rmse_yaw_deg=0.1, torque_rms_nm=0.2, torque_peak_nm=0.9, torque_slew_rms=20.0,
+    saturated_s=0.0, rho_in_bounds=True, realtime_factor=100.0,
+)  # fmt: skip
+LAWS = ("pid-default", "pid-fair", "hinf-d1", "hinf-scheduled", "hinf-rates")
+
+
+def written(document: object) -> str:
+    stream = io.StringIO()
+    Console(file=stream, width=200, color_system=None).print(document)
+    return stream.getvalue()
+
+
+def medians(**changes: Metrics):
+    scenarios = ("paper", "paper-turbulence", "coning", "bias")
+    return {law: dict.fromkeys(scenarios, changes.get(law.replace("-", "_"), FIGURES)) for law in LAWS}
+
+
+def test_table_iii_stands_beside_ours():
+    text = written(paper_document(medians(hinf_d1=replace(FIGURES, peak_deg=6.66, rmse_deg=1.11))))
+    for number in ("30.54", "5.67", "7.12", "1.35", "6.66", "1.11", "1.50", "0.25"):
+        assert number in text
+
+
+@pytest.mark.parametrize("better", ["hinf-scheduled", "pid-fair"])
+def test_who_is_better_follows_the_figures(better):
+    margins = dict.fromkeys(LAWS, HoverMargins(Ms=1.3, phase_margin_deg=45.0, delay_margin=0.04))
+    change = {better.replace("-", "_"): replace(FIGURES, rmse_deg=0.125)}
+    text = written(comparison_document(medians(**change), margins))
+    assert f"{better} is better in RMSE (2 times less)" in text
+    assert "Ms 1.30, phase 45.0 deg" in text
+
+
+def test_what_rates_cost_is_told():
+    margins = dict.fromkeys(LAWS, HoverMargins(Ms=1.3, phase_margin_deg=45.0, delay_margin=0.04))
+    text = written(comparison_document(medians(hinf_rates=replace(FIGURES, rmse_deg=0.5)), margins))
+    assert "2.00 times" in " ".join(text.split())
+
+
+def test_the_choices_are_read_from_the_files_that_were_flown():
+    vehicle, scenario = load_vehicle("paper"), load_scenario("paper")
+    changed = choices(replace(vehicle, actuator_lag=0.123), replace(scenario, delay_samples=7))
+    told = " ".join(question.choice for question in changed)
+    assert "0.123 s" in told
+    assert "7 sample(s)" in told
+
+
+def test_the_limits_of_the_results_are_told():
+    text = written(background_document(load_vehicle("paper"), load_scenario("paper")))
+    assert "gyro bias b turns every law here by b t" in text
+    assert "Translation is held" in text
+
+
+def test_a_flight_that_never_began_has_no_figures():
+    assert "nothing was flown" in written(flight_document("x", None, None))
+
+
+def test_margins_are_those_of_the_worst_axis_and_only_of_torque_laws():
+    vehicle, scenario = load_vehicle("paper"), load_scenario("paper")
+    margins = hover_margins(load_law("hinf-d1"), vehicle, scenario)
+    assert margins is not None
+    # Continuous, roll: Ms 1.21, 64 deg, 117 ms; the hold, a sample of delay and the worst axis only take from that.
+    assert 1.21 < margins.Ms < 1.45
+    assert 45.0 < margins.phase_margin_deg < 64.0
+    assert 0.09 < margins.delay_margin < 0.117
+    late = hover_margins(load_law("hinf-d1"), vehicle, replace(scenario, delay_samples=3))
+    assert late is not None
+    # Two samples more take from the delay margin what they are: 2 * 4 ms, to the accuracy of the crossing.
+    assert margins.delay_margin - late.delay_margin == pytest.approx(0.008, rel=1e-6)
+    assert hover_margins(load_law("hinf-rates"), vehicle, scenario) is None

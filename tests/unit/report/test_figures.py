@@ -1,0 +1,95 @@
+"""Figures are drawn, of the flights and the objects that are given."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from firmware_model.journal import RECORD
+from firmware_model.vehicle import load_vehicle
+from gustproof.model.generalized import lft_structure
+from gustproof.report import diagrams, figures
+from gustproof.report.layout import Node, Shape, Wire, laid_out
+from gustproof.synthesis.designs import design_problem, load_design
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Catch figures when they are saved, so that what they show can be asked."""
+    caught: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: caught.append(self))
+    return caught
+
+
+def flight(amplitude: float = 0.1, n: int = 250):
+    records = np.zeros(n, dtype=RECORD)
+    records["time_us"] = np.arange(n) * 4000
+    angle = amplitude * np.sin(np.arange(n) / 20.0)
+    records["q_NB"][:, 0], records["q_NB"][:, 1] = np.cos(angle / 2), np.sin(angle / 2)
+    records["torque_command_B"][:, 2] = angle
+    records["omega_B"][:, 0] = 2.0 * angle
+    return records
+
+
+def texts(figure: Figure) -> list[str]:
+    return [text.get_text() for axes in figure.axes for text in axes.texts]
+
+
+def test_euler_angles_are_drawn_in_degrees_against_seconds(drawn, tmp_path):
+    figures.save_euler_angles({"hinf-d1": flight()}, "paper", tmp_path / "x.png")
+    line = drawn[0].axes[0].lines[0]
+    assert np.max(line.get_ydata()) == pytest.approx(np.degrees(0.1), rel=1e-3)
+    assert line.get_xdata()[-1] == pytest.approx(249 * 0.004)
+    assert all("[deg]" in axes.get_ylabel() for axes in drawn[0].axes)
+
+
+def test_a_law_has_one_colour_in_every_figure_and_no_two_laws_share_one(drawn, tmp_path):
+    flights = {"pid-default": flight(), "hinf-d1": flight(0.2), "pid-fair": flight(0.3)}
+    figures.save_euler_angles(flights, "", tmp_path / "x.png")
+    figures.save_torques(flights, "", tmp_path / "x.png")
+    colours = [{line.get_label(): line.get_color() for line in figure.axes[0].lines} for figure in drawn]
+    assert colours[0] == colours[1]
+    assert len(set(colours[0].values())) == len(flights)
+
+
+def test_scheduling_shows_seven_parameters_each_between_its_bounds(drawn, tmp_path):
+    figures.save_scheduling(flight(), "hinf-d1", tmp_path / "x.png")
+    panels = [axes for axes in drawn[0].axes if "rho" in axes.get_ylabel()]
+    bounds = sorted(tuple(float(line.get_ydata()[0]) for line in axes.lines[1:]) for axes in panels)
+    assert bounds == sorted([(-1.0, 1.0), (0.0, 1.0)] * 2 + [(-1.5, 1.5)] * 3)
+
+
+@pytest.mark.parametrize("design", ["D1", "reference", "R1"])
+def test_the_interconnection_names_every_block_and_every_exogenous_signal(design, drawn, tmp_path):
+    problem = design_problem(load_design(design), load_vehicle("paper"))
+    diagrams.save_interconnection(problem, "x", tmp_path / "x.png")
+    labels = {signal.name: signal.label for signal in problem.signals}
+    expected = {"$K$", *(block.label for block in problem.blocks), *(labels[s] for s in (*problem.w, *problem.z))}
+    assert expected <= set(texts(drawn[0]))
+
+
+def test_the_lft_names_its_three_boxes_and_the_width_of_each_signal(drawn, tmp_path):
+    structure = lft_structure(design_problem(load_design("D1"), load_vehicle("paper")))
+    diagrams.save_lft(structure, "x", tmp_path / "x.png")
+    written = " ".join(texts(drawn[0]))
+    for parameter in structure.parameters:
+        assert parameter.label in written
+    for label in ("$P$", "$K$", "$w_d$ (3)", "$z_u$ (3)", "$u$ (3)"):
+        assert label in written
+
+
+@pytest.mark.parametrize("design", ["D1", "reference", "R1"])
+def test_no_two_nodes_of_a_diagram_overlap_and_wires_go_right(design):
+    nodes, wires = diagrams._graph(design_problem(load_design(design), load_vehicle("paper")))
+    forward = [wire for wire in wires if wire.target != "K"]
+    places, _ = laid_out(nodes, forward, ["+gyro"])
+    shown = [place for place in places.values() if place.node.shape is not Shape.PASS]
+    for i, a in enumerate(shown):
+        assert all(a.layer != b.layer or abs(a.y - b.y) > 0.75 for b in shown[:i])
+    assert all(places[wire.source].layer < places[wire.target].layer for wire in forward)
+
+
+def test_a_loop_without_a_controller_is_refused():
+    nodes = [Node(name=name, label=name, shape=Shape.BLOCK) for name in "ab"]
+    wires = [Wire(source="a", target="b"), Wire(source="b", target="a")]
+    with pytest.raises(ValueError, match="loop"):
+        laid_out(nodes, wires, [])
