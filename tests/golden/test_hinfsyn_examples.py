@@ -27,9 +27,7 @@ def test_skogestads_mixed_sensitivity_example():
     example = GOLDEN["skogestad"]
     weight = example["performance_weight"]
     G = control.ss(control.zpk([], example["plant"]["poles_rad_s"], example["plant"]["zpk_gain"]))
-    W_p = control.tf2ss(
-        [1.0 / weight["M"], weight["bandwidth_rad_s"]], [1.0, weight["bandwidth_rad_s"] * weight["A"]]
-    )
+    W_p = control.tf2ss([1.0 / weight["M"], weight["bandwidth_rad_s"]], [1.0, weight["bandwidth_rad_s"] * weight["A"]])
     signals = tuple(Signal(name=name, label="", width=1) for name in ("r", "u", "g", "e", "z_p", "z_u"))
     problem = Interconnection(
         signals=signals,

@@ -94,13 +94,11 @@ def derive(design: Design, vehicle: Vehicle | None = None) -> tuple[Law, DesignR
     """
     vehicle = load_vehicle(design.vehicle) if vehicle is None else vehicle
     problem = design_problem(design, vehicle)
-    P = problem.plant()
-    result = hinfsyn(P, problem.n_meas, problem.n_con, gamma=design.gamma, backoff=design.backoff)
+    result = hinfsyn(problem.plant(), problem.n_meas, problem.n_con, gamma=design.gamma, backoff=design.backoff)
     rates = design.rate_loop_lag is not None
     law = central_law(
         design.law or design.name,
         result.controller,
-        P.B[:, -problem.n_con :],
         scheduled=design.scheduled,
         dt=design.dt,
         limits=np.array([vehicle.stabilizer.rate_limit] * 3 if rates else vehicle.torque_limit),

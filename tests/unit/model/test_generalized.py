@@ -27,18 +27,14 @@ def test_the_plant_is_that_of_the_equations():
 
 
 def test_states_of_a_frequency_dependent_weight_stand_after_those_of_the_vehicle():
-    shaped = Weights(
-        W_d=first_order((0.65,) * 3, 1.0, (0.1,) * 3), W_n=WEIGHTS.W_n, W_e=WEIGHTS.W_e, W_u=WEIGHTS.W_u
-    )
+    shaped = Weights(W_d=first_order((0.65,) * 3, 1.0, (0.1,) * 3), W_n=WEIGHTS.W_n, W_e=WEIGHTS.W_e, W_u=WEIGHTS.W_u)
     P = torque_problem(PAPER, shaped, leak=0.05, rate_damping=0.02).plant()
     assert P.order == 12
     assert np.array_equal(P.A[:9, :9], torque_problem(PAPER, WEIGHTS, leak=0.05, rate_damping=0.02).plant().A)
 
 
 def test_holding_a_reference_asks_for_no_rate_in_the_model():
-    tracking = Weights(
-        W_d=WEIGHTS.W_d, W_n=WEIGHTS.W_n, W_e=WEIGHTS.W_e, W_u=WEIGHTS.W_u, W_r=constant((0.3,) * 3)
-    )
+    tracking = Weights(W_d=WEIGHTS.W_d, W_n=WEIGHTS.W_n, W_e=WEIGHTS.W_e, W_u=WEIGHTS.W_u, W_r=constant((0.3,) * 3))
     problem = torque_problem(PAPER, tracking, leak=0.05, rate_damping=0.02)
     held = problem.system(problem.w, ("attitude", "rates")).response(0.0)[0, :, 6:]
     assert np.allclose(held[:3], 0.3 * np.eye(3), rtol=1e-12)

@@ -9,7 +9,9 @@ from gustproof.numerics.lti import Lti, gain, hold_discretized, sensitivity, ser
 from gustproof.numerics.margins import disk_margin, loop_margins, margins
 
 INTEGRATOR = Lti(A=[[0.0]], B=[[1.0]], C=[[1.0]], D=[[0.0]])
-MOTOR = Lti(A=[[0.0, 1.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, -4.0]], B=[[0.0], [0.0], [1.0]], C=[[8.0, 0.0, 0.0]], D=[[0.0]])
+MOTOR = Lti(
+    A=[[0.0, 1.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, -4.0]], B=[[0.0], [0.0], [1.0]], C=[[8.0, 0.0, 0.0]], D=[[0.0]]
+)
 """8 / (s (s + 1) (s + 4)): phase -180 deg at 2 rad/s, where the gain is 8 / 20 exactly."""
 
 

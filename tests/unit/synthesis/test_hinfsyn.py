@@ -1,4 +1,4 @@
-"""The least level against another solver, what every returned controller must do, and each ill-posed problem by name."""
+"""The least level against another solver, what a returned controller must do, each ill-posed problem by name."""
 
 import dataclasses
 
