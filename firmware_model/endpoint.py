@@ -70,8 +70,11 @@ class _Asker:
     """A command's reach into the streams of its sender."""
 
     endpoint: "VehicleEndpoint"
+    """Whose streams they are."""
     listener: Listener
+    """The sender."""
     clock_us: int
+    """[us] time of the request."""
 
     def set_interval(self, message_id: int, interval_us: int) -> bool:
         """Set the time between two messages to this peer."""

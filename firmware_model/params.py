@@ -36,13 +36,13 @@ class Parameter:
     name: str
     """At most 16 characters."""
     default: float | int
-    """Value at start, in `unit`."""
+    """[`unit`] value at start."""
     unit: str
     """Unit as shown to people."""
     minimum: float = -math.inf
-    """Smallest value that may be set."""
+    """[`unit`] smallest value that may be set."""
     maximum: float = math.inf
-    """Largest value that may be set."""
+    """[`unit`] largest value that may be set."""
     read_only: bool = True
     """Whether it describes the vehicle or scenario, and so can't be set."""
 

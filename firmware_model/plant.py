@@ -76,9 +76,9 @@ class World:
     """Everything that a flight computes with, as arrays that the kernels take."""
 
     params: Array
-    """Constants in rows."""
+    """(n,) constants, each NamedTuple in a row with its own units."""
     state: Array
-    """Body, air and on-board loop in rows; moved on by the kernels."""
+    """(n,) body, air and on-board loop, each NamedTuple in a row with its own units; moved on by the kernels."""
     gusts: Array
     """(n, 5) discrete gusts: amplitude [m/s] B, start [s], length [s]."""
     moments: Array

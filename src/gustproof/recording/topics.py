@@ -33,7 +33,7 @@ class Topic:
     fields: tuple[tuple[str, tuple[int, ...]], ...]
     """Field of the journal, and the place of each of its components among the numbers."""
     constants: tuple[tuple[int, float], ...] = ()
-    """Place and value of what is not 0 and not from the journal."""
+    """Place and value [of the message's field] of what is not 0 and not from the journal."""
 
     @property
     def layout(self) -> np.dtype[np.void]:
@@ -117,9 +117,7 @@ TOPICS = (
         numbers=6,
         fields=(("gust_B", _LINEAR), ("gust_omega_B", _ANGULAR)),
     ),
-    Topic(
-        name="/moment", message=_WRENCH, frame_id=BASE_LINK_FRD, numbers=6, fields=(("moment_B", _ANGULAR),)
-    ),
+    Topic(name="/moment", message=_WRENCH, frame_id=BASE_LINK_FRD, numbers=6, fields=(("moment_B", _ANGULAR),)),
 )
 """Every field of the journal but its mode, which is written when it changes."""
 

@@ -70,7 +70,7 @@ class Place:
     layer: int
     """Number of steps from the left."""
     y: float = 0.0
-    """Height."""
+    """[nodes] height."""
 
     @property
     def x(self) -> float:

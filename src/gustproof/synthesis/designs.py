@@ -23,9 +23,9 @@ class Weight:
     """A weight on each axis that goes from one gain to another with frequency; in a file, a plain list is constant."""
 
     low: PositiveVector
-    """Gain at low frequency, roll, pitch, yaw."""
+    """[1/unit of what it weights] gain at low frequency, roll, pitch, yaw."""
     high: PositiveVector
-    """Gain at high frequency."""
+    """[1/unit of what it weights] gain at high frequency."""
     corner: Positive
     """[rad/s] pole between the two."""
 
