@@ -1,0 +1,68 @@
+"""What the README shows can be typed: commands, options, and the names of laws and scenarios exist."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from firmware_model.scenario import shipped_scenarios
+from gustproof.cli.app import app
+from gustproof.law import shipped_laws
+
+ROOT = Path(__file__).parents[2]
+
+
+def console_lines() -> list[str]:
+    """Return the lines typed in the README's console blocks, without prompt, continued lines joined."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```console\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    joined = "".join(blocks).replace("\\\n", " ")
+    return [line.removeprefix("$ ") for line in joined.splitlines() if line.startswith("$ ")]
+
+
+def words(line: str) -> list[str]:
+    return shlex.split(line, comments=True)
+
+
+def gustproof_lines() -> list[str]:
+    return [line for line in console_lines() if line.startswith("gustproof ")]
+
+
+@cache
+def help_text(*command: str) -> str:
+    """Return what `gustproof COMMAND --help` prints."""
+    wide = {**os.environ, "COLUMNS": "250", "NO_COLOR": "1", "TERM": "dumb"}
+    arguments = [sys.executable, "-m", "gustproof", *command, "--help"]
+    return subprocess.run(arguments, capture_output=True, text=True, check=True, env=wide).stdout
+
+
+@pytest.mark.parametrize("line", gustproof_lines())
+def test_a_command_of_the_readme_has_these_options_and_names(line: str) -> None:
+    _, command, *arguments = words(line)
+    assert command in {info.callback.__name__ for info in app.registered_commands if info.callback}
+    shown = help_text(command)
+    for argument in arguments:
+        if argument.startswith("-"):
+            option = re.escape(argument.partition("=")[0])
+            assert re.search(rf"(?<![\w-]){option}(?![\w-])", shown), f"gustproof {command} has no option {argument}"
+    if "--law" in arguments:
+        law = arguments[arguments.index("--law") + 1]
+        assert law.endswith(".json") or law in shipped_laws()
+    if command == "fly":
+        assert arguments[0].endswith(".toml") or arguments[0] in shipped_scenarios()
+
+
+def test_the_readme_shows_every_command() -> None:
+    shown = {words(line)[1] for line in gustproof_lines()}
+    assert shown == {info.callback.__name__ for info in app.registered_commands if info.callback}
+
+
+def test_the_tools_that_the_readme_starts_are_there_and_executable() -> None:
+    tools = {words(line)[0] for line in console_lines() if line.startswith("tools/")}
+    assert {"tools/demo", "tools/test"} <= tools
+    assert all(os.access(ROOT / tool, os.X_OK) for tool in tools)

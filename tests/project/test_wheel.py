@@ -1,0 +1,103 @@
+"""The wheel that a user installs holds both packages with their data, and works away from the checkout."""
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = {"firmware_model": ROOT / "firmware_model", "gustproof": ROOT / "src" / "gustproof"}
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    subprocess.run([*pip, "--wheel-dir", str(folder), str(ROOT)], check=True)
+    (path,) = folder.glob("gustproof-*.whl")
+    return path
+
+
+def test_the_wheel_holds_every_source_and_data_file_and_nothing_else(wheel: Path) -> None:
+    expected = {
+        f"{package}/{path.relative_to(folder).as_posix()}"
+        for package, folder in PACKAGES.items()
+        for path in folder.rglob("*")
+        if path.is_file() and path.suffix not in {".pyc", ".nbi", ".nbc"}
+    }
+    with zipfile.ZipFile(wheel) as archive:
+        held = {name for name in archive.namelist() if ".dist-info/" not in name}
+    assert held == expected
+    assert {Path(name).suffix for name in held} >= {".py", ".toml", ".json"}
+
+
+def test_the_installed_wheel_flies_a_shipped_law_on_a_shipped_vehicle(wheel: Path, tmp_path: Path) -> None:
+    target = tmp_path / "site"
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", str(target)]
+    subprocess.run([*pip, str(wheel)], check=True)
+    program = (
+        "import json, firmware_model, gustproof\n"
+        "from firmware_model.scenario import load_scenario\n"
+        "from firmware_model.vehicle import load_vehicle\n"
+        "from gustproof.law import load_law, shipped_laws, step\n"
+        "import numpy\n"
+        "x, u = step(law := load_law('pid-default'), numpy.zeros(6), numpy.full(6, 0.1))\n"
+        "print(json.dumps({'files': [firmware_model.__file__, gustproof.__file__], 'laws': shipped_laws(),\n"
+        "    'vehicle': load_vehicle('iris').name, 'scenario': load_scenario('paper').name, 'u': u.tolist()}))\n"
+    )
+    clean = {**os.environ, "PYTHONPATH": str(target)}
+    result = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, env=clean, capture_output=True, text=True, check=True
+    )
+    found = json.loads(result.stdout)
+    assert all(Path(file).is_relative_to(target) for file in found["files"])
+    assert "pid-default" in found["laws"]
+    assert (found["vehicle"], found["scenario"]) == ("iris", "paper")
+    command = [str(target / "bin" / "gustproof"), "--help"]
+    shown = subprocess.run(command, cwd=tmp_path, env=clean, capture_output=True, text=True, check=True).stdout
+    assert "reproduce" in shown
+
+
+def requirements(name: str, extras: frozenset[str]) -> Iterator[Requirement]:
+    """Yield what an installed distribution asks for here, on this Python and system."""
+    from importlib.metadata import requires
+
+    for text in requires(name) or ():
+        requirement = Requirement(text)
+        if requirement.marker is None or any(requirement.marker.evaluate({"extra": e}) for e in extras | {""}):
+            yield requirement
+
+
+def test_every_package_that_is_installed_has_its_pinned_version() -> None:
+    lines = (ROOT / "tools" / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pins = [Requirement(line) for line in lines if not line.startswith("#")]
+    assert all(str(pin.specifier).startswith("==") and pin.url is None for pin in pins)
+    pinned = {canonicalize_name(pin.name) for pin in pins}
+    seen: set[tuple[str, frozenset[str]]] = set()
+    waiting: list[tuple[str, frozenset[str]]] = [("gustproof", frozenset({"test"}))]
+    while waiting:
+        seen.add(current := waiting.pop())
+        for requirement in requirements(*current):
+            name = canonicalize_name(requirement.name)
+            assert name in pinned, f"{name}, which {current[0]} needs, is not in tools/constraints.txt"
+            following = (name, frozenset(requirement.extras))
+            if following not in seen:
+                waiting.append(following)
+
+
+def test_what_the_wheel_says_of_itself_is_what_pyproject_says(wheel: Path) -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = [name for name in archive.namelist() if name.endswith(".dist-info/METADATA")]
+        metadata = archive.read(name).decode()
+        assert any(entry.endswith("licenses/LICENSE") for entry in archive.namelist())
+    assert f"License-Expression: {project['license']}" in metadata
+    assert f"Requires-Python: {project['requires-python']}" in metadata
