@@ -7,6 +7,7 @@ from firmware_model import plant
 from firmware_model.autopilot import Mode
 from firmware_model.compiled import compiled
 from firmware_model.journal import RECORD, WIDTH
+from firmware_model.params import published_limit
 from firmware_model.plant import Array, advance_kernel, observe_kernel
 from firmware_model.scenario import Scenario
 from firmware_model.sensors import float32
@@ -35,11 +36,11 @@ def fly_direct(
     records = np.empty((scenario.samples, WIDTH))
     records[:, -1] = Mode.OFFBOARD.value
     torque = law.output is Output.TORQUE
-    scale = np.array(vehicle.torque_limit) if torque else np.ones(3)
+    scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
     _fly(
         world.params, world.state, world.gusts, world.moments, world.seed, scenario.sample_us,
         law.A, law.B, law.C, law.D, law.G, law.H, law.limits, reference, scale,
-        plant.TORQUE if torque else plant.RATES, scenario.delay_samples, records,
+        plant.TORQUE if torque else plant.RATES, 1.0 if torque else np.inf, scenario.delay_samples, records,
     )  # fmt: skip
     return records.view(RECORD)[:, 0]
 
@@ -47,7 +48,7 @@ def fly_direct(
 @compiled
 def _fly(params: Array, state: Array, gusts: Array, moments: Array, seed: int, sample_us: int, A: Array, B: Array,
          C: Array, D: Array, G: Array, H: Array, limits: Array, reference: Array, scale: Array, kind: float,
-         delay: int, records: Array) -> None:  # fmt: skip
+         bound: float, delay: int, records: Array) -> None:  # fmt: skip
     n = A.shape[0]
     x, y, command, work = np.zeros(n), np.zeros(6), np.zeros(3), np.zeros(n + 3)
     ring = np.zeros((delay + 1, plant.SETPOINT))
@@ -61,5 +62,5 @@ def _fly(params: Array, state: Array, gusts: Array, moments: Array, seed: int, s
         slot = ring[k % (delay + 1)]
         slot[0] = kind
         for i in range(3):
-            slot[1 + i] = float32(command[i] / scale[i])
+            slot[1 + i] = min(max(float32(command[i] / scale[i]), -bound), bound)
         advance_kernel(params, state, seed, k, sample_us, ring[(k + 1) % (delay + 1)], record)
