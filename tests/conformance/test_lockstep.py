@@ -1,0 +1,194 @@
+"""Both endpoints on one virtual clock, with a link between them that loses, repeats, delays and dies."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from firmware_model.autopilot import Mode
+from firmware_model.endpoint import START_TIMEOUT_US, Outcome, VehicleEndpoint
+from firmware_model.flight import RESEND_US, RESENDS, Hitch
+from firmware_model.frames import Dropped, parse
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof.controller.endpoint import ControllerEndpoint
+from gustproof.controller.endpoint import Outcome as ControllerOutcome
+from gustproof.law import load_law
+
+VEHICLE, CONTROLLER = (0, ("vehicle", 1)), (0, ("controller", 1))
+SETPOINT, IMU = 139, 105
+Tamper = Callable[[bytes, int], list[bytes]]
+
+
+class Flight:
+    """A flight of half a second in turbulence; `up` and `down` tamper with what controller and vehicle send."""
+
+    def __init__(self, *, lockstep: bool = True) -> None:
+        self.rows: list[bytes] = []
+        self.modes: list[float] = []
+        scenario = replace(load_scenario("paper-turbulence"), duration_s=0.5)
+        self.vehicle = VehicleEndpoint(load_vehicle("paper"), scenario, 1, self.record, lockstep=lockstep)
+        self.controller = ControllerEndpoint(load_law("hinf-d1"), VEHICLE)
+        self.now_us = 0
+
+    def record(self, row) -> None:
+        self.rows.append(row.tobytes())
+        self.modes.append(row[-1])
+
+    def run(self, up: Tamper = lambda datagram, _: [datagram], down: Tamper = lambda datagram, _: [datagram]) -> None:
+        steps = 0
+        while not self.vehicle.finished:
+            sent = self.vehicle.poll(self.now_us)
+            for datagram, _ in sent:
+                for altered in down(datagram, len(self.rows)):
+                    self.controller.receive(altered, VEHICLE, self.now_us)
+            answers = [] if self.controller.finished else self.controller.poll(self.now_us)
+            for datagram, _ in answers:
+                for altered in up(datagram, len(self.rows)):
+                    self.vehicle.receive(altered, CONTROLLER, self.now_us)
+            if not sent and not answers:
+                deadlines = [self.vehicle.deadline_us()]
+                deadlines += [] if self.controller.finished else [self.controller.deadline_us()]
+                self.now_us = max(self.now_us + 1, min(deadlines))
+            steps += 1
+            assert steps < 100_000, "the flight hangs"
+
+    @property
+    def counters(self) -> dict:
+        return dict(self.vehicle.counters) | dict(self.vehicle.flight.counters)
+
+
+def kind(datagram: bytes) -> int:
+    (frame,) = parse(datagram)
+    return frame.message_id
+
+
+@pytest.fixture(scope="module")
+def clean() -> Flight:
+    flight = Flight()
+    flight.run()
+    return flight
+
+
+def test_clean_flight_is_flown_to_the_end_by_the_law(clean):
+    assert clean.vehicle.outcome is Outcome.DONE
+    assert clean.controller.outcome is ControllerOutcome.DONE
+    assert len(clean.rows) == 125
+    assert set(clean.modes) == {Mode.OFFBOARD.value}
+    assert clean.counters == {}
+
+
+def test_lost_samples_are_sent_again_and_change_no_bit(clean):
+    flight, sent = Flight(), []
+
+    def lose_every_third_sample(datagram, _):
+        if kind(datagram) != IMU:
+            return [datagram]
+        sent.append(datagram)
+        return [] if len(sent) % 3 == 0 else [datagram]
+
+    flight.run(down=lose_every_third_sample)
+    assert flight.vehicle.outcome is Outcome.DONE
+    assert flight.rows == clean.rows
+    assert flight.counters[Hitch.RESENT] > 30
+
+
+def test_lost_answers_are_repeated_by_the_law_without_a_step(clean):
+    flight, sent = Flight(), []
+
+    def lose_every_third_answer(datagram, _):
+        if kind(datagram) != SETPOINT:
+            return [datagram]
+        sent.append(datagram)
+        return [] if len(sent) % 3 == 0 else [datagram]
+
+    flight.run(up=lose_every_third_answer)
+    assert flight.vehicle.outcome is Outcome.DONE
+    assert flight.rows == clean.rows
+
+
+def test_doubled_answers_are_counted_and_change_no_bit(clean):
+    flight = Flight()
+    flight.run(up=lambda datagram, _: [datagram, datagram] if kind(datagram) == SETPOINT else [datagram])
+    assert flight.rows == clean.rows
+    assert flight.counters[Dropped.DUPLICATE] >= 124
+
+
+def test_late_answers_are_stale_and_change_no_bit(clean):
+    flight, late = Flight(), []
+
+    def and_the_one_of_two_before(datagram, _):
+        if kind(datagram) != SETPOINT:
+            return [datagram]
+        late.append(datagram)
+        return [late[-3], datagram] if len(late) > 3 else [datagram]
+
+    flight.run(up=and_the_one_of_two_before)
+    assert flight.rows == clean.rows
+    assert flight.counters[Dropped.STALE] > 100
+
+
+def test_answer_to_a_sample_that_was_not_sent_is_early(clean):
+    flight, answers = Flight(), list[bytes]()
+    Flight().run(up=lambda datagram, _: answers.append(datagram) or [datagram])
+    future = [datagram for datagram in answers if kind(datagram) == SETPOINT][-1]
+    flight.run(up=lambda datagram, _: [future, datagram] if kind(datagram) == SETPOINT else [datagram])
+    assert flight.rows == clean.rows
+    assert flight.counters[Dropped.EARLY] > 100
+
+
+def test_dead_controller_ends_in_the_fail_safe_after_the_stated_resends(clean):
+    flight = Flight()
+    flight.run(up=lambda datagram, flown: [datagram] if flown < 50 else [])
+    assert flight.vehicle.outcome is Outcome.STREAM_LOST
+    assert flight.counters[Hitch.RESENT] == RESENDS
+    assert len(flight.rows) == 125
+    assert flight.rows[:50] == clean.rows[:50]
+    assert flight.modes == [Mode.OFFBOARD.value] * 50 + [Mode.STABILIZED.value] * 75
+    # One waiting time for the first sending and one for each repetition; the margin covers a heartbeat.
+    assert flight.now_us < (RESENDS + 1) * RESEND_US + 2_000_000
+
+
+def test_controller_hears_that_offboard_is_lost():
+    flight = Flight()
+    flight.run(up=lambda datagram, flown: [datagram] if flown < 50 else [])
+    assert flight.controller.outcome in (ControllerOutcome.MODE_LOST, ControllerOutcome.DONE)
+    assert Mode.STABILIZED.value in flight.modes
+
+
+def test_damaged_answers_are_counted_and_asked_for_again(clean):
+    flight, sent = Flight(), []
+
+    def damage_every_fourth(datagram, _):
+        sent.append(datagram)
+        return [datagram[:-1] + bytes([datagram[-1] ^ 1])] if len(sent) % 4 == 0 else [datagram]
+
+    flight.run(up=damage_every_fourth)
+    assert flight.vehicle.outcome is Outcome.DONE
+    assert flight.rows == clean.rows
+    assert flight.counters[Dropped.BAD_CHECKSUM] > 30
+
+
+def test_flight_that_nobody_begins_ends_with_a_name():
+    flight = Flight()
+    flight.run(up=lambda *_: [])
+    assert flight.vehicle.outcome is Outcome.NO_CONTROLLER
+    assert flight.rows == []
+    assert flight.now_us <= START_TIMEOUT_US + 2_000_000
+
+
+def test_dead_autopilot_is_noticed_by_the_controller():
+    flight = Flight()
+    flight.run(down=lambda datagram, flown: [datagram] if flown < 50 else [])
+    assert flight.vehicle.outcome is Outcome.STREAM_LOST  # it can't hear that it is not heard
+    while not flight.controller.finished:
+        flight.now_us = max(flight.now_us + 1, flight.controller.deadline_us())
+        flight.controller.poll(flight.now_us)
+    assert flight.controller.outcome is ControllerOutcome.AUTOPILOT_LOST
+
+
+def test_real_time_on_a_virtual_clock_flies_the_same_bits(clean):
+    flight = Flight(lockstep=False)
+    flight.run()
+    assert flight.vehicle.outcome is Outcome.DONE
+    assert flight.rows == clean.rows

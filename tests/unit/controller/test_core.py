@@ -1,0 +1,74 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firmware_model.frames import Dropped
+from firmware_model.signals import AttitudeTarget, ImuSample, TorqueCommand
+from gustproof.controller.core import Controller
+from gustproof.law import Law, Output, Provenance
+
+
+def integrator(output: Output = Output.TORQUE) -> Law:
+    """u = x, x+ = x + gyro, axis by axis, within 2."""
+    return Law(
+        name="integrator",
+        A=np.eye(3),
+        B=np.hstack([np.eye(3), np.zeros((3, 3))]),
+        C=np.eye(3),
+        D=np.zeros((3, 6)),
+        G=np.zeros((3, 3)),
+        H=np.zeros((3, 3)),
+        dt=0.004,
+        limits=np.full(3, 2.0),
+        output=output,
+        provenance=Provenance(design="test", vehicle="paper"),
+    )
+
+
+def sample(time_us: int, roll_rate: float = 1.0) -> ImuSample:
+    return ImuSample(time_us=time_us, gyro_B=(roll_rate, 0.0, 0.0), specific_force_B=(0.0, 0.0, -9.8))
+
+
+def test_first_answer_comes_from_the_stated_initial_state():
+    answer = Controller(integrator(), (10.0, 10.0, 10.0)).answer(sample(0))
+    assert answer == TorqueCommand(time_us=0, torque_B=(0.0, 0.0, 0.0), throttle=0.5)
+
+
+def test_law_steps_once_a_stamp_and_repeats_its_answer():
+    controller = Controller(integrator(), (10.0, 10.0, 10.0))
+    controller.answer(sample(0))
+    first = controller.answer(sample(4000))
+    assert controller.answer(sample(4000)) is first
+    assert isinstance(first, TorqueCommand)
+    assert first.torque_B == (np.float32(0.1), 0.0, 0.0)
+
+
+def test_sample_from_the_past_is_stale():
+    controller = Controller(integrator(), (10.0, 10.0, 10.0))
+    controller.answer(sample(4000))
+    assert controller.answer(sample(0)) is Dropped.STALE
+
+
+@pytest.mark.parametrize("limit", [0.35, 1.5, 10.0])
+def test_fraction_is_the_float32_of_command_over_limit(limit):
+    controller = Controller(integrator(), (limit, limit, limit))
+    controller.answer(sample(0, 0.123456789))
+    answer = controller.answer(sample(4000))
+    assert isinstance(answer, TorqueCommand)
+    assert answer.torque_B[0] == float(np.float32(0.123456789 / limit))
+
+
+def test_rates_are_sent_as_an_attitude_target_without_attitude():
+    controller = Controller(integrator(Output.RATES), (1.0, 1.0, 1.0))
+    controller.answer(sample(0, 0.1))
+    answer = controller.answer(sample(4000))
+    assert answer == AttitudeTarget(time_us=4000, q_NB=None, omega_B=(float(np.float32(0.1)), 0.0, 0.0), thrust=0.5)
+
+
+def test_command_stays_within_the_laws_limits():
+    controller = Controller(replace(integrator(), limits=np.full(3, 0.5)), (1.0, 1.0, 1.0))
+    controller.answer(sample(0, 100.0))
+    answer = controller.answer(sample(4000))
+    assert isinstance(answer, TorqueCommand)
+    assert answer.torque_B[0] == 0.5

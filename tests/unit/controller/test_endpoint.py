@@ -1,0 +1,186 @@
+"""The controller's endpoint on a virtual clock, against an autopilot that says what the test tells it to say."""
+
+import random
+import struct
+
+import pytest
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.frames import Dropped, Outgoing, parse
+from firmware_model.messages import heartbeat_message, imu_message
+from firmware_model.signals import ImuSample
+from gustproof.controller.endpoint import RETRIES, RETRY_US, SILENCE_US, ControllerEndpoint, Outcome, Phase
+from gustproof.law import load_law
+
+VEHICLE = (0, ("vehicle", 14580))
+OFFBOARD, STABILIZED = 6 << 16, 7 << 16
+
+
+class Autopilot:
+    """What the test says to the controller, and what it hears from it."""
+
+    def __init__(self, law: str = "hinf-d1") -> None:
+        self.endpoint = ControllerEndpoint(load_law(law), VEHICLE)
+        self.packer = wire.MAVLink(None, 3, 1)
+        self.now_us = 0
+
+    def say(self, *messages, peer=VEHICLE) -> None:
+        for message in messages:
+            self.endpoint.receive(message.pack(self.packer), peer, self.now_us)
+
+    def hear(self) -> list:
+        return [frame.message() for datagram, _ in self.endpoint.poll(self.now_us) for frame in parse(datagram)]
+
+    def names(self) -> list[str]:
+        return [message.get_type() for message in self.hear()]
+
+    def reach(self, phase: Phase) -> None:
+        steps = {
+            Phase.READING: [heartbeat_message(STABILIZED, False, critical=False)],
+            Phase.ARMING: [*parameters(), imu(0)],
+            Phase.ENTERING: [accepted(wire.MAV_CMD_COMPONENT_ARM_DISARM)],
+            Phase.FLYING: [accepted(wire.MAV_CMD_DO_SET_MODE)],
+        }
+        for reached, messages in steps.items():
+            self.hear()
+            self.say(*messages)
+            assert self.endpoint.phase is reached
+            if reached is phase:
+                return
+
+
+def parameters(rate_hz: int = 250):
+    for name in ("GP_TRQ_MAX_R", "GP_TRQ_MAX_P", "GP_TRQ_MAX_Y"):
+        yield wire.MAVLink_param_value_message(name.encode(), 10.0, 9, 4, 0)
+    bytewise = struct.unpack("<f", struct.pack("<i", rate_hz))[0]
+    yield wire.MAVLink_param_value_message(b"IMU_INTEG_RATE", bytewise, 6, 4, 3)
+
+
+def imu(time_us: int):
+    return imu_message(ImuSample(time_us=time_us, gyro_B=(0.1, 0.0, 0.0), specific_force_B=(0.0, 0.0, -9.8)))
+
+
+def accepted(command: int, result: int = wire.MAV_RESULT_ACCEPTED):
+    return wire.MAVLink_command_ack_message(command, result)
+
+
+@pytest.fixture
+def autopilot() -> Autopilot:
+    return Autopilot()
+
+
+def test_controller_shows_itself_as_an_on_board_computer(autopilot):
+    (datagram, peer), *_ = autopilot.endpoint.poll(0)
+    (frame,) = parse(datagram)
+    assert (frame.message().type, frame.component, peer) == (18, 191, VEHICLE)
+
+
+def test_it_takes_the_system_id_of_its_vehicle(autopilot):
+    autopilot.reach(Phase.READING)
+    (datagram, _), *_ = autopilot.endpoint.poll(0)
+    (frame,) = parse(datagram)
+    assert frame.system == 3
+    assert frame.message().target_system == 3
+
+
+def test_it_reads_limits_and_rate_then_arms_then_asks_for_offboard(autopilot):
+    autopilot.reach(Phase.READING)
+    wanted = [message.param_id for message in autopilot.hear()]
+    assert wanted == ["GP_TRQ_MAX_R", "GP_TRQ_MAX_P", "GP_TRQ_MAX_Y", "IMU_INTEG_RATE"]
+    autopilot.say(*parameters(), imu(0))
+    setpoint, arm = autopilot.hear()
+    assert setpoint.get_type() == "SET_ACTUATOR_CONTROL_TARGET"
+    assert (arm.command, arm.param1) == (wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+    autopilot.say(accepted(wire.MAV_CMD_COMPONENT_ARM_DISARM))
+    (mode,) = autopilot.hear()
+    assert (mode.command, mode.param1, mode.param2) == (wire.MAV_CMD_DO_SET_MODE, 1.0, 6.0)
+
+
+def test_rates_law_needs_no_torque_limits():
+    autopilot = Autopilot("hinf-rates")
+    autopilot.reach(Phase.READING)
+    assert [message.param_id for message in autopilot.hear()] == ["IMU_INTEG_RATE"]
+
+
+def test_every_sample_is_answered_with_its_stamp(autopilot):
+    autopilot.reach(Phase.FLYING)
+    for time_us in (4000, 8000):
+        autopilot.say(imu(time_us))
+    assert [message.time_usec for message in autopilot.hear() if message.get_type().startswith("SET_ACT")] == [
+        4000,
+        8000,
+    ]
+
+
+@pytest.mark.parametrize("phase", [Phase.SEEKING, Phase.READING, Phase.ARMING, Phase.ENTERING])
+def test_it_repeats_a_request_and_then_gives_up_with_a_name(autopilot, phase):
+    if phase is not Phase.SEEKING:
+        autopilot.reach(phase)
+    polls = 0
+    while not autopilot.endpoint.finished:
+        autopilot.hear()
+        autopilot.now_us += RETRY_US
+        polls += 1
+    assert polls == RETRIES + 1
+    assert autopilot.endpoint.outcome is Outcome.NOT_STARTED
+    assert autopilot.endpoint.message == phase.value
+
+
+def test_refused_arming_ends_with_the_autopilots_words(autopilot):
+    autopilot.reach(Phase.ARMING)
+    autopilot.say(wire.MAVLink_statustext_message(4, b"battery empty"))
+    autopilot.say(accepted(wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_RESULT_DENIED))
+    assert autopilot.endpoint.outcome is Outcome.NOT_STARTED
+    assert "battery empty" in autopilot.endpoint.message
+
+
+def test_temporary_rejection_is_tried_again(autopilot):
+    autopilot.reach(Phase.ENTERING)
+    autopilot.hear()
+    autopilot.say(accepted(wire.MAV_CMD_DO_SET_MODE, wire.MAV_RESULT_TEMPORARILY_REJECTED))
+    autopilot.now_us += RETRY_US
+    assert "COMMAND_LONG" in autopilot.names()
+
+
+def test_vehicle_of_another_rate_is_not_flown(autopilot):
+    autopilot.reach(Phase.READING)
+    autopilot.say(*parameters(rate_hz=400))
+    assert autopilot.endpoint.outcome is Outcome.WRONG_RATE
+    assert "400 Hz" in autopilot.endpoint.message
+
+
+@pytest.mark.parametrize(
+    ("mode", "armed", "outcome"),
+    [(OFFBOARD, True, None), (OFFBOARD, False, Outcome.DONE), (STABILIZED, True, Outcome.MODE_LOST)],
+)
+def test_heartbeat_in_flight_tells_how_it_goes(autopilot, mode, armed, outcome):
+    autopilot.reach(Phase.FLYING)
+    autopilot.say(heartbeat_message(mode, armed, critical=False))
+    assert autopilot.endpoint.outcome is outcome
+
+
+def test_silent_autopilot_is_lost(autopilot):
+    autopilot.reach(Phase.FLYING)
+    autopilot.now_us += SILENCE_US + 1
+    autopilot.hear()
+    assert autopilot.endpoint.outcome is Outcome.AUTOPILOT_LOST
+
+
+def test_strangers_are_not_listened_to(autopilot):
+    autopilot.say(heartbeat_message(OFFBOARD, True, critical=False), peer=(0, ("stranger", 1)))
+    assert autopilot.endpoint.phase is Phase.SEEKING
+    assert autopilot.endpoint.counters[Dropped.OTHER_TARGET] == 1
+
+
+def test_any_datagram_is_survived(autopilot):
+    autopilot.reach(Phase.FLYING)
+    chance = random.Random(3)
+    names = ("highres_imu", "param_value", "command_ack", "statustext", "attitude")
+    kinds = [getattr(wire, f"MAVLink_{name}_message") for name in names]
+    for _ in range(5_000):
+        kind = chance.choice(kinds)
+        datagram = Outgoing(kind.id, chance.randbytes(kind.unpacker.size)).pack(autopilot.packer)
+        cut = chance.randrange(len(datagram)) if chance.random() < 0.3 else len(datagram)
+        autopilot.endpoint.receive(datagram[:cut], VEHICLE, 0)
+        autopilot.endpoint.poll(0)
+    assert autopilot.endpoint.counters[Dropped.TRUNCATED] > 100
