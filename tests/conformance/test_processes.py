@@ -1,0 +1,208 @@
+"""Real processes over real sockets: what a user, a ground station and a killer may do to them."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import psutil
+import pytest
+
+from firmware_model import udp
+from firmware_model.autopilot import Mode
+from firmware_model.errors import ConfigError
+from firmware_model.journal import read_journal
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof.law import load_law
+from gustproof.sitl import Outcome, fly
+
+LONG = replace(load_scenario("paper"), duration_s=3600.0)  # nobody waits for its end
+MINUTE = replace(load_scenario("paper"), duration_s=60.0)
+
+
+def children() -> list[psutil.Process]:
+    return [child for child in psutil.Process().children() if child.status() != psutil.STATUS_ZOMBIE]
+
+
+def child(module: str) -> psutil.Process:
+    (found,) = [process for process in children() if module in process.cmdline()]
+    return found
+
+
+class AtFirstProgress:
+    """Does something once as soon as records of the flight have been seen."""
+
+    def __init__(self, action: Callable[[], None]) -> None:
+        self.action: Callable[[], None] | None = action
+
+    def __call__(self, fraction: float) -> None:
+        if fraction > 0.0 and self.action is not None:
+            action, self.action = self.action, None
+            action()
+
+
+def fly_and(action: Callable[[], None], tmp_path, scenario=LONG):
+    return fly(
+        scenario,
+        load_law("hinf-d1"),
+        vehicle=load_vehicle("paper"),
+        out=tmp_path,
+        progress=AtFirstProgress(action),
+    )
+
+
+@pytest.fixture(autouse=True)
+def _no_process_is_left_behind() -> Iterator[None]:
+    yield
+    assert children() == []
+
+
+def test_killed_controller_is_named_and_the_fail_safe_flies_to_the_end(tmp_path):
+    flight = fly_and(lambda: child("gustproof.controller").kill(), tmp_path, MINUTE)
+    assert flight.outcome is Outcome.CONTROLLER_LOST
+    assert "fail-safe" in flight.message
+    assert len(flight.records) == MINUTE.samples
+    modes = flight.records["mode"]
+    assert (modes[0], modes[-1]) == (Mode.OFFBOARD.value, Mode.STABILIZED.value)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_killed_autopilot_is_named_and_its_journal_is_readable(tmp_path, number):
+    flight = fly_and(lambda: child("firmware_model").send_signal(number), tmp_path)
+    assert flight.outcome is Outcome.AUTOPILOT_LOST
+    assert 0 < len(flight.records) < LONG.samples
+    header, records = read_journal(flight.journal)
+    assert header["scenario"] == LONG.name
+    assert len(records) == len(flight.records)
+
+
+def test_ctrl_c_ends_both_processes_and_keeps_what_was_flown(tmp_path):
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    flight = fly_and(interrupt, tmp_path)
+    assert flight.outcome is Outcome.INTERRUPTED
+    assert len(flight.records) > 0
+
+
+def test_law_of_another_rate_is_refused_before_anything_starts(tmp_path):
+    law = replace(load_law("hinf-d1"), dt=0.01)
+    with pytest.raises(ConfigError, match=r"steps every 0\.01 s"):
+        fly(MINUTE, law, vehicle=load_vehicle("paper"), out=tmp_path)
+
+
+def test_journal_is_never_overwritten(tmp_path):
+    (tmp_path / "paper-hinf-d1-seed1.journal").touch()
+    with pytest.raises(ConfigError, match="exists already"):
+        fly(MINUTE, load_law("hinf-d1"), vehicle=load_vehicle("paper"), out=tmp_path)
+
+
+@contextmanager
+def autopilot(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], dict]]:
+    command = [sys.executable, "-m", "firmware_model", "--json", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            greeting = process.stdout.readline()
+            yield process, json.loads(greeting) if greeting else {}
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_autopilot_ends_in_order_on_a_signal(number, tmp_path):
+    with autopilot("--bind-port", "0", "--journal", str(tmp_path / "flight")) as (process, _):
+        process.send_signal(number)
+        out, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert json.loads(out.splitlines()[-1])["outcome"] == "interrupted"
+    assert err == ""
+    assert len(read_journal(tmp_path / "flight")[1]) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--scenario", "nowhere"], "no scenario named 'nowhere'"),
+        (["--vehicle", "missing.toml"], "missing.toml"),
+        (["--journal", "no/such/folder/flight"], "no/such/folder/flight"),
+        (["--bind-port", "70000"], "70000"),
+    ],
+)
+def test_autopilot_tells_bad_input_in_one_line(arguments, words):
+    with autopilot("--bind-port", "0", *arguments) as (process, greeting):
+        _, err = process.communicate(timeout=60)
+    assert greeting == {}
+    assert process.returncode == 2
+    assert words in err
+    assert len(err.splitlines()) == 1
+
+
+def test_port_in_use_is_told_in_one_line():
+    with udp.bind(0) as taken:
+        with autopilot("--bind-port", str(taken.getsockname()[1])) as (process, _):
+            _, err = process.communicate(timeout=60)
+        assert process.returncode == 2
+        assert "Address already in use" in err
+        assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--law", "nothing"], "no law named 'nothing'"),
+        (["--law", "hinf-d1", "--via", "rates"], "commands torque, it can't fly via rates"),
+        (["--law", "hinf-d1", "--connect", "here"], "must be HOST:PORT"),
+    ],
+)
+def test_controller_tells_bad_input_in_one_line(arguments, words):
+    command = [sys.executable, "-m", "gustproof.controller", *arguments]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 2
+    assert words in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
+
+
+def test_plain_mavutil_client_sees_arms_and_flies_the_vehicle():
+    os.environ.setdefault("MAVLINK20", "1")
+    from pymavlink import mavutil
+
+    with autopilot("--bind-port", "0") as (_, greeting):
+        link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{greeting['listening'][0]}", source_system=255)
+        try:
+            link.mav.heartbeat_send(6, 8, 0, 0, 4)
+            beat = link.recv_match(type="HEARTBEAT", blocking=True, timeout=20)
+            assert (beat.type, beat.autopilot) == (2, 12)
+            stop = threading.Event()
+
+            def stream() -> None:
+                while not stop.is_set():
+                    link.mav.set_attitude_target_send(0, 1, 1, 7, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.5)
+                    time.sleep(0.05)
+
+            streaming = threading.Thread(target=stream)
+            streaming.start()
+            try:
+                link.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+                assert link.recv_match(type="COMMAND_ACK", blocking=True, timeout=20).result == 0
+                link.mav.command_long_send(1, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0)
+                assert link.recv_match(type="COMMAND_ACK", blocking=True, timeout=20).result == 0
+                seen = link.recv_match(
+                    type="HEARTBEAT", condition="HEARTBEAT.base_mode & 128", blocking=True, timeout=20
+                )
+                assert seen.custom_mode == Mode.OFFBOARD.value
+                flown = link.recv_match(
+                    type="HIGHRES_IMU", condition="HIGHRES_IMU.time_usec > 0", blocking=True, timeout=20
+                )
+                assert flown.zacc == pytest.approx(-9.80665, abs=1e-5)
+            finally:
+                stop.set()
+                streaming.join()
+        finally:
+            link.close()

@@ -1,0 +1,68 @@
+import socket
+
+import pytest
+
+from firmware_model import udp
+from firmware_model.errors import ConfigError
+
+
+class Echo:
+    """Sends one datagram to itself, and has finished when it is back."""
+
+    def __init__(self, port: int) -> None:
+        self.address = ("127.0.0.1", port)
+        self.outbox: list = [(b"there and back", (0, self.address))]
+        self.received: list = []
+
+    @property
+    def finished(self) -> bool:
+        return bool(self.received)
+
+    def receive(self, datagram, peer, now_us):
+        self.received.append((datagram, peer, now_us))
+
+    def poll(self, now_us):
+        outbox, self.outbox = self.outbox, []
+        self.now_us = now_us
+        return outbox
+
+    def deadline_us(self) -> int:
+        return self.now_us + 1_000_000
+
+
+def test_datagrams_are_carried_with_their_peer_and_a_time():
+    with udp.bind(0) as bound:
+        echo = Echo(bound.getsockname()[1])
+        udp.serve(echo, [bound])
+    ((datagram, peer, now_us),) = echo.received
+    assert (datagram, peer) == (b"there and back", (0, echo.address))
+    assert now_us <= echo.now_us
+
+
+def test_datagram_that_cannot_be_sent_is_lost_and_no_more():
+    with udp.bind(0) as bound:
+        echo = Echo(bound.getsockname()[1])
+        echo.outbox.insert(0, (bytes(70_000), (0, echo.address)))
+        udp.serve(echo, [bound])
+    assert len(echo.received) == 1
+
+
+def test_port_in_use_is_told_in_one_line():
+    with udp.bind(0) as bound:
+        port = bound.getsockname()[1]
+        with pytest.raises(ConfigError, match=f"can't listen on UDP port {port}: Address already in use"):
+            udp.bind(port)
+
+
+def test_number_that_is_no_port_is_refused():
+    with pytest.raises(ConfigError, match="70000"):
+        udp.bind(70_000)
+
+
+def test_unknown_host_is_refused(monkeypatch):
+    def unknown(_):
+        raise socket.gaierror(-2, "Name or service not known")
+
+    monkeypatch.setattr(socket, "gethostbyname", unknown)
+    with pytest.raises(ConfigError, match="nowhere"):
+        udp.resolve("nowhere", 1)
