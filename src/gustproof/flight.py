@@ -77,7 +77,7 @@ def fly_and_record(
 ) -> RecordedFlight:
     """Fly a scenario over UDP and leave its bag in the folder `out`, named for scenario, law and seed.
 
-    The journal is removed once its bag is whole.
+    The journal is removed once its bag is whole, or if there is nothing in it.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def fly_and_record(
     if len(flown.records):
         bag = out / f"{scenario.name}-{law.name}-seed{seed}"
         write_bag(bag, flown.records, _about(scenario, law, vehicle, seed, flown.outcome))
-        flown.journal.unlink()
+    flown.journal.unlink(missing_ok=True)
     figures = len(flown.records) >= 2
     return RecordedFlight(
         scenario=scenario,

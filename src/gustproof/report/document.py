@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from rich.box import SIMPLE
 from rich.console import Console, Group, RenderableType
@@ -18,6 +19,7 @@ from gustproof.report.open_questions import ERRATA, OpenQuestion, choices
 
 Document = RenderableType
 _WIDTH = 118
+_PLAIN: dict[str, Any] = {"highlight": False, "markup": False}  # a unit in brackets is no markup
 _VERDICT_STYLES = {Verdict.HOLDS: "green", Verdict.IN_PART: "yellow", Verdict.FAILS: "red"}
 _FIGURES = {
     "peak_deg": ("peak", "deg"),
@@ -55,14 +57,14 @@ _WHY = (
 
 def show(document: Document) -> None:
     """Print on stdout."""
-    terminal = Console(highlight=False)
-    (terminal if terminal.is_terminal else Console(highlight=False, width=_WIDTH)).print(document)
+    terminal = Console(**_PLAIN)
+    (terminal if terminal.is_terminal else Console(width=_WIDTH, **_PLAIN)).print(document)
 
 
 def save(document: Document, path: Path) -> None:
     """Write as plain text."""
     with path.open("w", encoding="utf-8") as stream:
-        Console(file=stream, width=_WIDTH, highlight=False, color_system=None).print(document)
+        Console(file=stream, width=_WIDTH, color_system=None, **_PLAIN).print(document)
 
 
 def flight_document(title: str, metrics: Metrics | None, bag: Path | None) -> Document:
@@ -169,7 +171,7 @@ def _duel(one: str, other: str, medians: Medians, margins: Mapping[str, HoverMar
     better: dict[str, list[str]] = {one: [], other: []}
     for label, x, y in quantities:
         winner, ratio = (one, y / x) if x < y else (other, x / y)
-        better[winner].append(f"{label} ({ratio:.3g} times less)")
+        better[winner].append(f"{label} ({ratio:.{2 if ratio < 10.0 else 0}f} times less)")
     shown = "; ".join(f"{name} is better in {', '.join(what) or 'nothing'}" for name, what in better.items())
     at = "; ".join(f"{name} Ms {', phase '.join(_robustness(margins[name])[:2])} deg" for name in (one, other))
     return f"{one} against {other}: {shown}. Margins: {at}."
