@@ -103,6 +103,7 @@ def continuous_psd(component: int, omega: np.ndarray) -> np.ndarray:
     return Omega**2 / (1 + (width * Omega) ** 2) * density
 
 
+@pytest.mark.compiled
 def test_the_spectrum_is_that_of_the_specification_in_every_band() -> None:
     dt, seconds = 0.02, 20000.0
     params, factor = dryden_filters(SPECTRUM, SPAN, dt)
@@ -130,6 +131,7 @@ def test_angular_gusts_turn_the_air_as_its_field_says() -> None:
     assert q < 0.0
 
 
+@pytest.mark.compiled
 def test_the_paper_vehicle_feels_a_peak_of_065_newton_metres_in_the_median_of_1000_seeds() -> None:
     vehicle = load_vehicle("paper")
     spectrum = dryden_spectrum(DRYDEN, 10.0, vehicle.span)
