@@ -1,10 +1,13 @@
 """The autopilot's rate loop, identified from flight."""
 
 import numpy as np
+import pytest
 
 from firmware_model.vehicle import load_vehicle
 from gustproof.synthesis.designs import load_design
 from gustproof.synthesis.identify import identify_rate_loop
+
+pytestmark = pytest.mark.compiled
 
 
 def test_the_shipped_rates_design_uses_the_lag_that_is_identified_from_flight() -> None:
