@@ -82,7 +82,7 @@ def reference_step(law: Law, vehicle: Vehicle, *, tau: float | None = None, dura
         for k in range(samples):
             attitude[k, axis] = closed.C[axis] @ x + closed.D[axis, axis]
             x = closed.A @ x + closed.B[:, axis]
-    return StepResponse(time=law.dt * np.arange(samples), attitude=attitude)
+    return StepResponse(time=np.asarray(law.dt * np.arange(samples), dtype=np.float64), attitude=attitude)
 
 
 def _closed(plant: Lti, K: Lti) -> Lti:
