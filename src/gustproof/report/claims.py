@@ -123,7 +123,7 @@ def _superior(hinf: Metrics, default: Metrics, fair: Metrics) -> Claim:
     ]  # fmt: skip
     return Claim(
         paper="H-infinity holds attitude far better than PID",
-        ours=f"RMSE {hinf.rmse_deg:.2f} deg, against {default.rmse_deg:.2f} of the autotuner's default PID and "
+        ours=f"RMSE {hinf.rmse_deg:.2f} deg, against {default.rmse_deg:.2f} of the autotuned PID and "
         f"{fair.rmse_deg:.2f} of the fair one",
         verdict=Verdict.HOLDS if len(beats) == 2 else Verdict.IN_PART if beats else Verdict.FAILS,
     )

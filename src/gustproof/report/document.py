@@ -46,8 +46,8 @@ _LIMITATIONS = (
 )
 _WHY = (
     "The paper names no gains, weights, gust shape or aggregation: its Table III can be met but not checked. What is "
-    "met here follows from three choices within its words: a PID as slow as an autotuner's default, a discrete gust "
-    "with the turbulence ('wind gust and turbulence'), and design D1 at γ = .25.",
+    "met here follows from three choices within its words: a PID tuned to 0.8 rad/s, near an autotuner's "
+    "default, a discrete gust with the turbulence ('wind gust and turbulence'), and design D1 at γ = .25.",
     "The gap between its two columns is that slow PID. A PID with the same measurement, tuned for these gusts, stands "
     "in the fair comparison; nothing is called better than PID here unless it beats that one.",
     "Its linear law integrates gyro rates axis by axis. Coning (pitch and yaw in quadrature) is rectified into a roll "

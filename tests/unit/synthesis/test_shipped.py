@@ -8,10 +8,9 @@ import pytest
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.closed_loop import fly_direct
-from gustproof.law import Law, load_law
+from gustproof.law import Law, load_law, shipped_laws
 from gustproof.metrics import Metrics, measure
-from gustproof.synthesis.autotune import autotuned_pid
-from gustproof.synthesis.fair import fair_pid
+from gustproof.synthesis.shipped import DERIVATIONS
 
 pytestmark = pytest.mark.compiled
 
@@ -35,12 +34,12 @@ def flown(law: str, scenario_name: str) -> list[Metrics]:
 
 def test_the_default_pid_is_what_the_autotuner_makes() -> None:
     # Least squares on the same flight: only the order of sums may differ between machines.
-    assert_same(autotuned_pid(load_vehicle("paper")), load_law("pid-default"), rtol=1e-9)
+    assert_same(DERIVATIONS["pid-default"](), load_law("pid-default"), rtol=1e-9)
 
 
 def test_the_fair_pid_is_what_the_search_finds() -> None:
     # The search ends within 2e-5 of the same gains from any of four starts.
-    assert_same(fair_pid(load_vehicle("paper"), load_scenario("paper-turbulence")), load_law("pid-fair"), rtol=1e-3)
+    assert_same(DERIVATIONS["pid-fair"](), load_law("pid-fair"), rtol=1e-3)
 
 
 def test_the_fair_pid_is_a_strong_baseline_in_turbulence() -> None:
@@ -59,3 +58,7 @@ def test_the_default_pid_is_slow_and_calm() -> None:
     flights = flown("pid-default", "paper-turbulence")
     assert statistics.median(flight.rmse_deg for flight in flights) >= 4.0
     assert statistics.median(flight.torque_slew_rms for flight in flights) <= 1.0
+
+
+def test_every_shipped_law_is_derived() -> None:
+    assert set(DERIVATIONS) == set(shipped_laws())
