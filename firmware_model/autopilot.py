@@ -101,10 +101,6 @@ class Autopilot:
         """Whether the last set-point is younger than the time-out."""
         return self._last_setpoint_us is not None and now_us < self._last_setpoint_us + self.stream_timeout_us
 
-    def check_stream(self, now_us: int) -> Event | None:
-        """Enter the fail-safe if the stream has stopped in OFFBOARD."""
-        return self.lose_stream() if not self.stream_alive(now_us) else None
-
     def lose_stream(self) -> Event | None:
         """Forget the stream; in OFFBOARD, enter the fail-safe."""
         self._last_setpoint_us = None

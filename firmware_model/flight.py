@@ -65,16 +65,13 @@ class Flight:
         self.setpoint: Command | None = None
         self.started_us: int | None = None
         self.advanced_us = 0
+        self.airborne = False
         self.landed_us: int | None = None
         self._record, self._sample_us = record, sample_us
+        self._time_us = 0
         self._answered = False
         self._attempts = 0
         self._resend_at_us = 0
-
-    @property
-    def airborne(self) -> bool:
-        """Whether the clamp is open and the scenario has not ended."""
-        return self.started_us is not None and self.landed_us is None
 
     @property
     def wall_us(self) -> int:
@@ -83,7 +80,7 @@ class Flight:
 
     def clock_us(self, now_us: int) -> int:
         """Return the autopilot's clock: wall time while clamped, then model time from there on."""
-        return now_us if self.started_us is None else self.started_us + self.loop.time_us
+        return now_us if self.started_us is None else self.started_us + self._time_us
 
     def offer(self, command: Command, now_us: int) -> Dropped | None:
         """Take a set-point, or say why not.
@@ -92,9 +89,9 @@ class Flight:
         as other controllers stamp with clocks of their own.
         """
         if self.lockstep:
-            difference = stamp_difference(command, self.loop.time_us)
+            difference = stamp_difference(command, self._time_us)
             if difference:
-                previous = stamp_difference(command, self.loop.time_us - self._sample_us) == 0
+                previous = stamp_difference(command, self._time_us - self._sample_us) == 0
                 return Dropped.EARLY if difference > 0 else Dropped.DUPLICATE if previous else Dropped.STALE
             if self._answered and self.airborne:
                 return Dropped.DUPLICATE
@@ -106,12 +103,13 @@ class Flight:
 
     def ready(self) -> bool:
         """Whether the clamp may open: armed, in OFFBOARD, sample 0 answered."""
-        armed = self.autopilot.armed and self.autopilot.mode is Mode.OFFBOARD
-        return armed and self._answered and self.started_us is None
+        clamped = self.started_us is None
+        return clamped and self._answered and self.autopilot.armed and self.autopilot.mode is Mode.OFFBOARD
 
     def begin(self, now_us: int) -> None:
         """Open the clamp: t = 0."""
         self.started_us = now_us
+        self.airborne = True
         self.autopilot.take_off()
         self.autopilot.setpoint(now_us)
 
@@ -134,13 +132,15 @@ class Flight:
 
     def advance(self, now_us: int) -> Event | None:
         """Fly the current sample; return what happened to the stream."""
-        event = self._check_stream(now_us)
-        offboard = self.autopilot.mode is Mode.OFFBOARD
-        self._record(self.loop.advance(self.setpoint if offboard else None, self.autopilot.mode.value))
+        event = self._check_lockstep() if self.lockstep else self._check_real_time(now_us)
+        mode = self.autopilot.mode
+        self._record(self.loop.advance(self.setpoint if mode is Mode.OFFBOARD else None, mode.value))
+        self._time_us += self._sample_us
         self._answered, self._attempts = False, 0
         self.advanced_us = now_us
         self._resend_at_us = now_us + RESEND_US
         if self.loop.finished:
+            self.airborne = False
             self.landed_us = now_us
             self.autopilot.land()
         return event
@@ -151,22 +151,26 @@ class Flight:
 
     def deadline_us(self) -> int | None:
         """Return the wall time at which `due` changes by itself, `None` if it never does."""
-        if not self.airborne or self.started_us is None:
+        if not self.airborne:
             return None
         if not self.lockstep:
-            return self.started_us + self.loop.time_us + self._sample_us
+            return self.clock_us(0) + self._sample_us
         waits = self.autopilot.mode is Mode.OFFBOARD and not self._answered
-        return self._resend_at_us if waits else self.started_us
+        return self._resend_at_us if waits else self.advanced_us
 
-    def _check_stream(self, now_us: int) -> Event | None:
-        if self.lockstep:
-            event = None if self._answered else self.autopilot.lose_stream()
-        else:
-            if not self._answered and self.autopilot.mode is Mode.OFFBOARD:
-                self.counters[Hitch.HELD] += 1
-            if now_us > self.clock_us(now_us) + 2 * self._sample_us:
-                self.counters[Hitch.OVERRUN] += 1
-            event = self.autopilot.check_stream(self.clock_us(now_us))
-        if not self.autopilot.stream_alive(self.clock_us(now_us)):
-            self.setpoint = None
-        return event
+    def _check_lockstep(self) -> Event | None:
+        if self._answered:
+            return None
+        self.setpoint = None
+        return self.autopilot.lose_stream()
+
+    def _check_real_time(self, now_us: int) -> Event | None:
+        clock_us = self.clock_us(now_us)
+        if not self._answered and self.autopilot.mode is Mode.OFFBOARD:
+            self.counters[Hitch.HELD] += 1
+        if now_us > clock_us + 2 * self._sample_us:
+            self.counters[Hitch.OVERRUN] += 1
+        if self.autopilot.stream_alive(clock_us):
+            return None
+        self.setpoint = None
+        return self.autopilot.lose_stream()

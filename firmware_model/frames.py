@@ -22,7 +22,7 @@ Peer = tuple[int, tuple[str, int]]
 """Where a datagram comes from or goes to: number of our socket, host and port of the other side."""
 
 _V2, _V1 = wire.PROTOCOL_MARKER_V2, wire.PROTOCOL_MARKER_V1
-_SIGNED = wire.MAVLINK_IFLAG_SIGNED
+_SIGNED, _SIGNATURE = wire.MAVLINK_IFLAG_SIGNED, wire.MAVLINK_SIGNATURE_BLOCK_LEN
 _V2_HEADER = struct.Struct("<BBBBBBBHB")  # marker, length, two flag bytes, sequence, system, component, id in 3 bytes
 _KINDS = {message_id: (bytes([kind.crc_extra]), kind.unpacker.size) for message_id, kind in wire.mavlink_map.items()}
 _decoder = wire.MAVLink(None)
@@ -107,24 +107,24 @@ def parse(datagram: bytes) -> list[Frame | Dropped]:
     found: list[Frame | Dropped] = []
     start, end = 0, len(datagram)
     while start < end:
-        length = _frame_length(datagram, start)
+        length = _frame_length(datagram, start, end - start)
         if isinstance(length, Dropped):
             found.append(length)
             break
-        found.append(_checked(datagram[start : start + length]))
+        found.append(_checked(datagram if length == end else datagram[start : start + length]))
         start += length
     return found
 
 
-def _frame_length(datagram: bytes, start: int) -> int | Dropped:
-    marker, left = datagram[start], len(datagram) - start
-    if marker not in (_V1, _V2):
+def _frame_length(datagram: bytes, start: int, left: int) -> int | Dropped:
+    marker = datagram[start]
+    if marker != _V2 and marker != _V1:
         return Dropped.NOT_MAVLINK
     if left < 3:
         return Dropped.TRUNCATED
     length = datagram[start + 1] + 8
     if marker == _V2:
-        length += 4 + (wire.MAVLINK_SIGNATURE_BLOCK_LEN if datagram[start + 2] & _SIGNED else 0)
+        length += 4 + _SIGNATURE if datagram[start + 2] & _SIGNED else 4
     return length if length <= left else Dropped.TRUNCATED
 
 
@@ -140,11 +140,12 @@ def _checked(frame: bytes) -> Frame | Dropped:
     kind = _KINDS.get(number)
     if kind is None:
         return Dropped.UNKNOWN_MESSAGE
+    seed, full = kind
     end = header + length
-    if mcrf4xx(frame[1:end] + kind[0]) != frame[end] | frame[end + 1] << 8:
+    if mcrf4xx(frame[1:end] + seed) != frame[end] | frame[end + 1] << 8:
         return Dropped.BAD_CHECKSUM
     payload = frame[header:end]
-    if length != kind[1]:
+    if length != full:
         # Trailing zeros are not sent; what a newer sender has added is not read.
-        payload = payload.ljust(kind[1], b"\0")[: kind[1]]
+        payload = payload.ljust(full, b"\0")[:full]
     return Frame(number, system, component, payload, frame)

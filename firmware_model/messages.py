@@ -79,8 +79,8 @@ def command(frame: Frame, system: int) -> Command | Dropped:
     roll and pitch rates are both given (PX4's rule). Torques outside -1..1, thrust outside 0..1 are clipped.
     """
     if frame.message_id == wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET:
-        time_us, roll, pitch, yaw, throttle, _, _, _, _, group, *target = _TORQUE.unpack(frame.payload)
-        if not is_for(system, *target):
+        time_us, roll, pitch, yaw, throttle, *_, group, target, component = _TORQUE.unpack(frame.payload)
+        if not is_for(system, target, component):
             return Dropped.OTHER_TARGET
         if group != 0:
             return Dropped.NO_SETPOINT

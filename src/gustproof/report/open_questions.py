@@ -83,8 +83,9 @@ def choices(vehicle: Vehicle, scenario: Scenario) -> tuple[OpenQuestion, ...]:
         *(_wind(item, scenario) for item in scenario.wind),
         OpenQuestion(
             "from gust to moment, no map",
-            f"L = k v_g, M = -k u_g, N = {vehicle.gust_yaw_ratio:g} k w_g with k = {vehicle.gust_gain:g} N m/(m/s); for "
-            "the paper's vehicle k puts the 60 s peak of 15 m/s turbulence in roll and pitch at .65 N m in the median of 1,000 seeds",
+            f"L = k v_g, M = -k u_g, N = {vehicle.gust_yaw_ratio:g} k w_g with k = {vehicle.gust_gain:g} N m/(m/s); "
+            "for the paper's vehicle k puts the 60 s peak of roll and pitch in 15 m/s turbulence at .65 N m in the "
+            "median of 1,000 seeds",
         ),
         OpenQuestion("duration", f"{scenario.duration_s:g} s"),
         OpenQuestion("number of runs", "the median over the seeds"),
