@@ -190,9 +190,9 @@ class VehicleEndpoint:
             self._tell(text, wire.MAV_SEVERITY_WARNING)
 
     def _take_setpoint(self, frame: Frame, listener: Listener, now_us: int) -> Dropped | None:
-        if listener is not self._commander and self._commander is not None:
-            if self.autopilot.stream_alive(self.flight.clock_us(now_us)):
-                return Dropped.NOT_IN_COMMAND
+        rival = self._commander is not None and self._commander is not listener
+        if rival and self.autopilot.stream_alive(self.flight.clock_us(now_us)):
+            return Dropped.NOT_IN_COMMAND
         command = messages.command(frame, self._system)
         if isinstance(command, Dropped):
             return command
