@@ -66,3 +66,13 @@ def test_the_tools_that_the_readme_starts_are_there_and_executable() -> None:
     tools = {words(line)[0] for line in console_lines() if line.startswith("tools/")}
     assert {"tools/demo", "tools/test"} <= tools
     assert all(os.access(ROOT / tool, os.X_OK) for tool in tools)
+
+
+def test_the_library_example_runs_as_it_stands(tmp_path: Path) -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"^```python\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    run = subprocess.run([sys.executable, "-c", example], capture_output=True, text=True, cwd=tmp_path, check=True)
+    rmse = re.search(r"RMSE ([\d.]+) deg", run.stdout)
+    assert rmse is not None
+    assert 0.0 < float(rmse[1]) < 1.0
+    assert (tmp_path / "mine.json").exists()

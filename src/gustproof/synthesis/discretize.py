@@ -4,7 +4,7 @@ import numpy as np
 
 from gustproof.errors import DesignError
 from gustproof.law import Law, Output, Provenance
-from gustproof.numerics.lti import Lti, Matrix
+from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied
 
 
 def tustin(K: Lti, dt: float) -> Lti:
@@ -34,7 +34,7 @@ def tustin(K: Lti, dt: float) -> Lti:
 
 def central_law(
     name: str,
-    K: Lti,
+    K: LinearSystem,
     *,
     scheduled: bool,
     dt: float,
@@ -56,7 +56,7 @@ def central_law(
     name
         Name of the law.
     K
-        Central controller of order n; 3 inputs (gyro) or 6 (gyro, reference), 3 outputs. Its states begin with Euler
+        Central controller of order n, as `hinfsyn` returns it; 3 inputs (gyro) or 6 (gyro, reference), 3 outputs. Its states begin with Euler
         angles and body rates.
     scheduled
         Whether the kinematics of the estimate are exact.
@@ -69,6 +69,7 @@ def central_law(
     provenance
         Where it comes from.
     """
+    K = copied(K)
     n, measured = K.order, K.n_inputs
     # the attitude rows get an input of their own, whose sampled input matrix is G
     entries = np.hstack([K.B, np.eye(n, 3)])
