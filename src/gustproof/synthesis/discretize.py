@@ -56,8 +56,8 @@ def central_law(
     name
         Name of the law.
     K
-        Central controller of order n, as `hinfsyn` returns it; 3 inputs (gyro) or 6 (gyro, reference), 3 outputs. Its states begin with Euler
-        angles and body rates.
+        Central controller of order n, as `hinfsyn` returns it; 3 inputs (gyro) or 6 (gyro, reference), 3 outputs. Its
+        states begin with Euler angles and body rates.
     scheduled
         Whether the kinematics of the estimate are exact.
     dt
