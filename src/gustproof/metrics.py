@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from firmware_model.rotations import euler_angles
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
-
-RATE_BOUND = 1.5
-"""[rad/s] bound on rho_5, rho_6, rho_7 in the paper's Table II; its text has 1.5 pi instead."""
+from gustproof.model.lpv import scheduling, within_bounds
 
 Records = NDArray[np.void]
 Array = NDArray[np.float64]
@@ -63,12 +61,12 @@ def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_fac
     """
     if len(records) < 2:
         raise ValueError(f"{len(records)} records, at least 2 are needed")
-    angles = np.degrees(attitude(records))
+    euler = attitude(records)
+    angles = np.degrees(euler)
     torque = records["torque_command_B"]
     slew = np.diff(torque, axis=0) / scenario.dt
     peak, rmse = np.max(np.abs(angles), axis=0), np.sqrt(np.mean(angles**2, axis=0))
     saturated = np.any(np.abs(torque) >= np.array(vehicle.torque_limit), axis=1)
-    upright = bool(np.all(np.abs(angles[:, :2]) < 90.0))
     return Metrics(
         peak_deg=float(np.max(peak)),
         rmse_deg=_rms(angles),
@@ -82,7 +80,7 @@ def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_fac
         torque_peak_nm=float(np.max(np.abs(torque))),
         torque_slew_rms=_rms(slew),
         saturated_s=float(np.count_nonzero(saturated) * scenario.dt),
-        rho_in_bounds=upright and peak_rate(records) <= RATE_BOUND,
+        rho_in_bounds=within_bounds(scheduling(euler, records["omega_B"])),
         realtime_factor=realtime_factor,
     )
 

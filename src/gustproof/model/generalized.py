@@ -38,8 +38,8 @@ class LftStructure:
     """What stands in the middle box."""
     controller_label: str
     """What stands in the lowest box."""
-    delta_signals: tuple[Signal, Signal]
-    """Output and input of Delta; their width is that of the parameters listed once."""
+    delta_signals: tuple[str, str]
+    """Labels of output and input of Delta; how often each parameter is repeated is the LFT's, not this figure's."""
     w: tuple[Signal, ...]
     """Exogenous inputs."""
     z: tuple[Signal, ...]
@@ -88,10 +88,7 @@ def lft_structure(problem: Interconnection) -> LftStructure:
         delta_label=r"$\Delta(\rho)$",
         plant_label="$P$",
         controller_label="$K$",
-        delta_signals=(
-            Signal(name="w_delta", label=r"$w_\Delta$", width=len(PARAMETERS)),
-            Signal(name="z_delta", label=r"$z_\Delta$", width=len(PARAMETERS)),
-        ),
+        delta_signals=(r"$w_\Delta$", r"$z_\Delta$"),
         w=tuple(by_name[name] for name in problem.w),
         z=tuple(by_name[name] for name in problem.z),
         u=tuple(by_name[name] for name in problem.u),

@@ -32,8 +32,10 @@ class Parameter:
     """[-, or rad/s] Table II, largest value."""
 
 
+RATE_BOUND = 1.5
+"""[rad/s] bound on the rates in Table II."""
 RATE_BOUND_IN_TEXT = 1.5 * math.pi
-"""[rad/s] bound on the rates in section IV-C of the paper, where Table II has 1.5."""
+"""[rad/s] bound on the rates in section IV-C of the paper."""
 
 PARAMETERS = tuple(
     Parameter(name=f"rho{k}", label=rf"$\rho_{k}$", meaning=meaning, low=low, high=high)
@@ -43,9 +45,9 @@ PARAMETERS = tuple(
             (r"$\cos\phi$", 0.0, 1.0),
             (r"$\sin\theta$", -1.0, 1.0),
             (r"$\cos\theta$", 0.0, 1.0),
-            ("$p$", -1.5, 1.5),
-            ("$q$", -1.5, 1.5),
-            ("$r$", -1.5, 1.5),
+            ("$p$ [rad/s]", -RATE_BOUND, RATE_BOUND),
+            ("$q$ [rad/s]", -RATE_BOUND, RATE_BOUND),
+            ("$r$ [rad/s]", -RATE_BOUND, RATE_BOUND),
         ),
         start=1,
     )
@@ -64,12 +66,10 @@ def scheduling(E: ArrayLike, omega_B: ArrayLike) -> Matrix:
     return np.concatenate([trigonometric, rates], axis=-1)
 
 
-def within_bounds(rho: ArrayLike, *, rate_bound: float | None = None) -> bool:
-    """Return whether every `rho` (..., 7) keeps Table II; `rate_bound` [rad/s] replaces its bounds on the rates."""
+def within_bounds(rho: ArrayLike) -> bool:
+    """Return whether every `rho` (..., 7) keeps Table II."""
     low = np.array([parameter.low for parameter in PARAMETERS])
     high = np.array([parameter.high for parameter in PARAMETERS])
-    if rate_bound is not None:
-        low[4:], high[4:] = -rate_bound, rate_bound
     values = np.asarray(rho, dtype=np.float64)
     return bool(np.all((low <= values) & (values <= high)))
 

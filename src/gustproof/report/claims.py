@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
-from math import pi
 
 from gustproof.law import Law
-from gustproof.metrics import RATE_BOUND, Metrics
+from gustproof.metrics import Metrics
+from gustproof.model.lpv import RATE_BOUND, RATE_BOUND_IN_TEXT
 
 TOLERANCE = 0.25
 """[-] how far a figure may lie from the paper's, relative: the paper leaves gust, seed and aggregation open."""
@@ -89,7 +89,7 @@ def judge(
         Claim(
             paper="p, q, r stay within ±1.5π rad/s (text)",
             ours=f"at most {peak_rate:.3f} rad/s",
-            verdict=_verdict(peak_rate <= RATE_BOUND * pi),
+            verdict=_verdict(peak_rate <= RATE_BOUND_IN_TEXT),
         ),
         Claim(
             paper="no violation of the bounds on ρ under H-infinity",

@@ -140,7 +140,7 @@ def save_lft(structure: LftStructure, title: str, path: Path) -> None:
     axes = figure.subplots()
     axes.set_aspect("equal")
     axes.axis("off")
-    delta = structure.delta_label + "\n" + ", ".join(parameter.label for parameter in structure.parameters)
+    delta = structure.delta_label + "\n" + ", ".join(f"{parameter.label}$I$" for parameter in structure.parameters)
     for label, y, half, fill in (
         (delta, 2.2, (2.2, 0.55), _ACCENT),
         (structure.plant_label, 0.0, (1.5, 0.75), _FILL),
@@ -149,8 +149,8 @@ def save_lft(structure: LftStructure, title: str, path: Path) -> None:
         _box(axes, 0.0, y, half, fill)
         axes.text(0.0, y, label, ha="center", va="center", fontsize=11, color=_INK, zorder=4)
     made, read = structure.delta_signals
-    _around(axes, (2.2, 2.2), (1.5, 0.45), _listed((made,)), 1.0)
-    _around(axes, (-1.5, 0.45), (-2.2, 2.2), _listed((read,)), -1.0)
+    _around(axes, (2.2, 2.2), (1.5, 0.45), made, 1.0)
+    _around(axes, (-1.5, 0.45), (-2.2, 2.2), read, -1.0)
     _around(axes, (0.9, -2.0), (1.5, -0.45), _listed(structure.u), 1.0)
     _around(axes, (-1.5, -0.45), (-0.9, -2.0), _listed(structure.y), -1.0)
     for start, signals in ((4.3, structure.w), (-1.5, structure.z)):

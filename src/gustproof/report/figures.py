@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from gustproof.metrics import RATE_BOUND, attitude
+from gustproof.metrics import attitude
+from gustproof.model.lpv import PARAMETERS, scheduling
 
 Records = NDArray[np.void]
 Array = NDArray[np.float64]
@@ -56,20 +57,13 @@ def save_torques(flights: Flights, title: str, path: Path) -> None:
 
 def save_scheduling(records: Records, law: str, path: Path) -> None:
     """Draw rho(t) of one flight against the bounds of the paper's Table II."""
-    phi, theta, _ = attitude(records).T
-    trigonometric = (
-        (r"$\rho_1=\sin\phi$", np.sin(phi), -1.0),
-        (r"$\rho_2=\cos\phi$", np.cos(phi), 0.0),
-        (r"$\rho_3=\sin\theta$", np.sin(theta), -1.0),
-        (r"$\rho_4=\cos\theta$", np.cos(theta), 0.0),
-    )
+    rho = scheduling(attitude(records), records["omega_B"])
     figure, time = _figure((9.0, 7.2), f"Scheduling parameters against Table II: {law}"), _time(records)
     grid = figure.subplots(4, 2, sharex=True)
-    for axes, (label, values, low) in zip(grid[:, 0], trigonometric, strict=True):
-        _bounded(axes, time, values, label, (low, 1.0), law)
-    for i, name in enumerate("pqr"):
-        label = rf"$\rho_{i + 5}={name}$ [rad/s]"
-        _bounded(grid[i + 1, 1], time, records["omega_B"][:, i], label, (-RATE_BOUND, RATE_BOUND), law)
+    # Trigonometric ones on the left, rates on the right, below the legend.
+    places = [*grid[:, 0], *grid[1:, 1]]
+    for axes, parameter, values in zip(places, PARAMETERS, rho.T, strict=True):
+        _bounded(axes, time, values, f"{parameter.label} = {parameter.meaning}", (parameter.low, parameter.high), law)
     grid[0, 1].axis("off")
     lines = [Line2D([], [], color=_colour(law)), Line2D([], [], color="#d55e00", linestyle="--")]
     grid[0, 1].legend(lines, [law, "bounds of Table II"], loc="center", frameon=False)
