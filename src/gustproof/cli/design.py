@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.errors import DesignError
 
 
 def design(
@@ -46,10 +45,7 @@ def design(
         asked = replace(asked, gamma=gamma)
     elif backoff is not None:
         asked = replace(asked, gamma=None, backoff=backoff)
-    try:
-        law, report = derive(asked, None if vehicle is None else load_vehicle(vehicle))
-    except ValueError as error:
-        raise DesignError(f"design {asked.name}: {error}") from None
+    law, report = derive(asked, None if vehicle is None else load_vehicle(vehicle))
     if output is not None:
         law.save(output)
         save_design_figure(report, output.with_suffix(".png"))

@@ -8,6 +8,7 @@ import numpy as np
 
 import gustproof
 from firmware_model.vehicle import Vehicle, load_vehicle
+from gustproof.errors import DesignError
 from gustproof.law import Law, Output, Provenance
 from gustproof.model.interconnection import Interconnection
 from gustproof.numerics.lti import ComplexMatrix, Lti, Matrix, delay, hold_discretized, lft, sensitivity, series
@@ -86,11 +87,10 @@ def derive(design: Design, vehicle: Vehicle | None = None) -> tuple[Law, DesignR
     Raises
     ------
     DesignError
-        If the problem is ill posed, or no controller exists at the design's level.
+        If the problem is ill posed, no controller exists at the design's level, or one sample of delay makes the loop
+        of the law unstable.
     ConfigError
         If there is no such vehicle.
-    ValueError
-        If one sample of delay makes the loop of the law unstable.
     """
     vehicle = load_vehicle(design.vehicle) if vehicle is None else vehicle
     problem = design_problem(design, vehicle)
@@ -106,13 +106,17 @@ def derive(design: Design, vehicle: Vehicle | None = None) -> tuple[Law, DesignR
         provenance=_provenance(design, vehicle, result),
     )
     G, K = _loop(problem, result.controller)
+    try:
+        sampled = margins(hold_discretized(G, design.dt), series(linear_law(law), delay(3, design.dt)))
+    except ValueError as error:
+        raise DesignError(f"design {design.name}, sampled every {design.dt} s and one sample late: {error}") from None
     report = DesignReport(
         design=design,
         vehicle=vehicle.name,
         problem=problem,
         result=result,
         continuous=margins(G, K),
-        sampled=margins(hold_discretized(G, design.dt), series(linear_law(law), delay(3, design.dt))),
+        sampled=sampled,
         step=None if design.W_r is None else reference_step(law, vehicle, tau=design.rate_loop_lag),
     )
     return law, report
