@@ -48,7 +48,7 @@ def imu_message(sample: ImuSample) -> Outgoing:
 
 def imu_sample(frame: Frame) -> ImuSample | Dropped:
     """Return the sample in a HIGHRES_IMU; without a gyro it is no sample."""
-    time_us, x, y, z, p, q, r, *_, updated, _ = _IMU.unpack(frame.payload)
+    time_us, x, y, z, p, q, r, _, _, _, _, _, _, _, updated, _ = _IMU.unpack(frame.payload)
     if updated & _GYRO != _GYRO or not math.isfinite(x + y + z + p + q + r):
         return Dropped.NOT_FINITE
     return ImuSample(time_us=time_us, gyro_B=(p, q, r), specific_force_B=(x, y, z))
@@ -79,15 +79,15 @@ def command(frame: Frame, system: int) -> Command | Dropped:
     roll and pitch rates are both given (PX4's rule). Torques outside -1..1, thrust outside 0..1 are clipped.
     """
     if frame.message_id == wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET:
-        time_us, roll, pitch, yaw, throttle, *_, group, target, component = _TORQUE.unpack(frame.payload)
+        time_us, roll, pitch, yaw, throttle, _, _, _, _, group, target, component = _TORQUE.unpack(frame.payload)
         if not is_for(system, target, component):
             return Dropped.OTHER_TARGET
         if group != 0:
             return Dropped.NO_SETPOINT
         if not math.isfinite(roll + pitch + yaw + throttle):
             return Dropped.NOT_FINITE
-        torque_B = (min(max(roll, -1.0), 1.0), min(max(pitch, -1.0), 1.0), min(max(yaw, -1.0), 1.0))
-        return TorqueCommand(time_us=time_us, torque_B=torque_B, throttle=min(max(throttle, 0.0), 1.0))
+        torque_B = (_clipped(roll, -1.0), _clipped(pitch, -1.0), _clipped(yaw, -1.0))
+        return TorqueCommand(time_us=time_us, torque_B=torque_B, throttle=_clipped(throttle, 0.0))
     time_ms, w, x, y, z, p, q, r, thrust, target_system, component, mask = _TARGET.unpack(frame.payload)
     if not is_for(system, target_system, component):
         return Dropped.OTHER_TARGET
@@ -97,7 +97,7 @@ def command(frame: Frame, system: int) -> Command | Dropped:
     if isinstance(tracked, Dropped):
         return tracked
     q_NB, omega_B = tracked
-    return AttitudeTarget(time_us=time_ms * 1000, q_NB=q_NB, omega_B=omega_B, thrust=min(max(thrust, 0.0), 1.0))
+    return AttitudeTarget(time_us=time_ms * 1000, q_NB=q_NB, omega_B=omega_B, thrust=_clipped(thrust, 0.0))
 
 
 def _tracked(mask: int, q_NB: Quaternion, omega_B: Vector) -> tuple[Quaternion | None, Vector | None] | Dropped:
@@ -198,6 +198,10 @@ def _target_fields(target: AttitudeTarget) -> tuple[int, Quaternion, Vector]:
     if target.omega_B is None:
         raise ValueError("an attitude target needs q_NB, omega_B, or both; neither is given")
     return _IGNORE_ATTITUDE, (0.0, 0.0, 0.0, 0.0), target.omega_B
+
+
+def _clipped(value: float, low: float) -> float:
+    return low if value < low else 1.0 if value > 1.0 else value
 
 
 def _int16(value: float) -> int:

@@ -19,6 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from firmware_model.compiled import compiled, kernel
 from firmware_model.elementary import sin_cos
+from firmware_model.sensors import float32
+from firmware_model.signals import Vector
 from gustproof.errors import LawFileError
 
 LAWS = Path(__file__).parent / "laws"
@@ -215,6 +217,38 @@ def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
     x_next, command = x.copy(), np.empty(3)
     _step(law.A, law.B, law.C, law.D, law.G, law.H, law.limits, x_next, y, command, np.empty(x.size + 3))
     return x_next, command
+
+
+class FlyingLaw:
+    """A law in flight with a level reference, from its stated initial state: all states 0.
+
+    Its steps give the bits of `step`; everything is in two arrays that stay, as Python hands them over fastest.
+    `scale` (3,) [N*m or rad/s] B is what 1.0 on the wire means.
+    """
+
+    def __init__(self, law: Law, scale: Vector) -> None:
+        columns = np.column_stack([law.C, law.D, law.limits, scale, np.zeros((3, 4))])
+        self._gains = np.vstack([np.hstack([law.A, law.B, law.G, law.H]), columns])
+        self._memory = np.zeros(2 * law.order + 12)
+
+    def step(self, gyro_B: Vector) -> Vector:
+        """Return the command for the measured rates [rad/s] as float32 fractions of `scale`, and move on."""
+        fractions: Vector = _fly(self._gains, self._memory, *gyro_B)
+        return fractions
+
+
+@compiled
+def _fly(gains: Matrix, memory: Matrix, p: float, q: float, r: float) -> Vector:
+    n = gains.shape[0] - 3
+    states, outputs = gains[:n], gains[n:]
+    x, y, command, work = memory[:n], memory[n : n + 6], memory[n + 6 : n + 9], memory[n + 9 :]
+    y[0], y[1], y[2] = p, q, r
+    law_kernel(
+        states[:, :n], states[:, n : n + 6], outputs[:, :n], outputs[:, n : n + 6],
+        states[:, n + 6 : n + 9], states[:, n + 9 :], outputs[:, n + 6], x, y, command, work,
+    )  # fmt: skip
+    scale = outputs[:, n + 7]
+    return float32(command[0] / scale[0]), float32(command[1] / scale[1]), float32(command[2] / scale[2])
 
 
 def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Matrix:

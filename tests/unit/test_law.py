@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gustproof.errors import LawFileError
-from gustproof.law import Law, Output, Provenance, euler_rates, load_law, step
+from gustproof.law import FlyingLaw, Law, Output, Provenance, euler_rates, load_law, step
 
 
 def make(n: int = 7, *, scheduled: bool = True, seed: int = 1) -> Law:
@@ -55,6 +55,15 @@ def test_a_step_leaves_its_arguments_alone() -> None:
     step(law, x, y)
     assert (x == 1.0).all()
     assert (y == 1.0).all()
+
+
+@pytest.mark.parametrize("name", ["pid-fair", "hinf-d1", "hinf-scheduled", "hinf-rates"])
+def test_a_flying_law_gives_the_bits_of_step(name: str) -> None:
+    law, scale = load_law(name), (0.7, 1.5, 3.0)
+    flying, x = FlyingLaw(law, scale), np.zeros(law.order)
+    for gyro in np.random.default_rng(3).normal(size=(50, 3)).tolist():
+        x, command = step(law, x, np.array([*gyro, 0.0, 0.0, 0.0]))
+        assert flying.step(tuple(gyro)) == tuple((command / scale).astype(np.float32).tolist())
 
 
 @pytest.mark.parametrize("theta", [math.pi / 2.0, -math.pi / 2.0, 1.6])

@@ -7,12 +7,10 @@ import signal
 import sys
 from collections.abc import Sequence
 
-import numpy as np
-
 from firmware_model import udp
 from firmware_model.errors import ConfigError
 from gustproof.controller.endpoint import ControllerEndpoint, Outcome
-from gustproof.law import Law, Output, load_law, shipped_laws, step
+from gustproof.law import FlyingLaw, Law, Output, load_law, shipped_laws
 
 _EXIT = {Outcome.DONE: 0, Outcome.WRONG_RATE: 2, Outcome.INTERRUPTED: 130}
 _BROKEN = 3
@@ -33,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _fly(law: Law, options: argparse.Namespace) -> int:
     # The machine code is loaded, or made, before anybody waits for it.
-    step(law, np.zeros(law.order), np.zeros(6))
+    FlyingLaw(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0))
     gc.freeze()
     with udp.bind(0) as bound:
         endpoint = ControllerEndpoint(law, (0, _address(options.connect)))
