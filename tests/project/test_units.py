@@ -1,4 +1,4 @@
-"""Every field of every dataclass says what it is, and every number in which unit."""
+"""Every field of every dataclass and NamedTuple says what it is, and every number in which unit."""
 
 import ast
 import re
@@ -18,10 +18,18 @@ UNIT = re.compile(r"\[[^\[\]]+\]")
 SHAPE = re.compile(r"\([\w +*-]+,[\w +*,-]*\)")
 
 
+def is_record(node: ast.ClassDef) -> bool:
+    """Whether a class is a dataclass or a public NamedTuple, other than a kernel's row of floats."""
+    types = {ast.unparse(item.annotation) for item in node.body if isinstance(item, ast.AnnAssign)}
+    named_tuple = any("NamedTuple" in ast.unparse(base) for base in node.bases)
+    public = named_tuple and types != {"float"} and not node.name.startswith("_")
+    return public or any("dataclass" in ast.unparse(decorator) for decorator in node.decorator_list)
+
+
 def fields(source: str) -> Iterator[tuple[str, ast.AnnAssign, str | None]]:
-    """Yield class and field name, the field, and its attribute docstring, of each dataclass in `source`."""
+    """Yield class and field name, the field, and its attribute docstring, of each record in `source`."""
     for node in ast.walk(ast.parse(source)):
-        if not isinstance(node, ast.ClassDef) or not any("dataclass" in ast.unparse(d) for d in node.decorator_list):
+        if not isinstance(node, ast.ClassDef) or not is_record(node):
             continue
         for item, following in zip(node.body, [*node.body[1:], None], strict=True):
             if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name):
@@ -62,9 +70,13 @@ class Example:
     count: int
     name: str
     """Short name."""
+class Sample(NamedTuple):
+    gyro_B: Vector
+    """Measured."""
 '''
     assert mistakes(source) == [
         "Example.span: a number without [unit]",
         "Example.time_us: a number without [unit]",
         "Example.count: no attribute docstring",
+        "Sample.gyro_B: a number without [unit]",
     ]
