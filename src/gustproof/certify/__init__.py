@@ -1,1 +1,1 @@
-"""What is true of a closed loop over its whole uncertainty: mu, worst cases, certificates; it never sees how a law was made."""
+"""What is true of a closed loop over its whole uncertainty: mu, worst cases, certificates; blind to how laws are made."""
