@@ -1,1 +1,1 @@
-"""What is true of a closed loop over its whole uncertainty: mu, worst cases, certificates; blind to how laws are made."""
+"""What holds for a closed loop over its whole uncertainty: mu, worst cases, certificates; blind to a law's making."""
