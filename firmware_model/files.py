@@ -1,10 +1,13 @@
-"""Read a TOML file into a checked dataclass, every mistake reported at once in one clear line."""
+"""Read a TOML file into a checked dataclass, every mistake reported at once in one clear line; write it again."""
 
+import json
 import tomllib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
+from pydantic_core import to_jsonable_python
 
 from firmware_model.errors import ConfigError
 
@@ -45,6 +48,28 @@ def parse(kind: type[Parsed], document: dict[str, Any], source: str) -> Parsed:
         return TypeAdapter(kind).validate_python(document)
     except ValidationError as error:
         raise ConfigError(f"{source}: " + "; ".join(_mistake(item) for item in error.errors())) from None
+
+
+def write_toml(value: Any, path: Path) -> None:
+    """Write a checked dataclass as a TOML file that `read_toml` reads back equal, every number to the bit."""
+    path.write_text("\n".join(_toml_lines(to_jsonable_python(value), "")) + "\n", encoding="utf-8")
+
+
+def _toml_lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
+    """Yield a table's own keys, then its tables below their headers; what is `None` or empty is left out."""
+    below = {key: value for key, value in table.items() if isinstance(value, dict) or _is_tables(value)}
+    for key, value in table.items():
+        if key not in below and value is not None and value != []:
+            # A JSON number, string or list of numbers is TOML too, but for the one control character JSON allows.
+            yield f"{key} = {json.dumps(value, ensure_ascii=False, allow_nan=False)}".replace("\x7f", "\\u007f")
+    for key, value in below.items():
+        header = f"[[{path}{key}]]" if _is_tables(value) else f"[{path}{key}]"
+        for item in value if _is_tables(value) else [value]:
+            yield from ("", header, *_toml_lines(item, f"{path}{key}."))
+
+
+def _is_tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
 
 
 def _mistake(item: Any) -> str:

@@ -203,14 +203,19 @@ def discrete_gust(rows: Array, time: float) -> Vector:
 
 
 @kernel
-def sine_moment(rows: Array, time: float) -> Vector:
-    """Return the sum of sine moments [N*m] B; a row is amplitude (3) [N*m], rate [rad/s], phase [rad]."""
+def periodic_moment(rows: Array, time: float) -> Vector:
+    """Return the sum of sine and square moments [N*m] B at `time` [s].
+
+    A row is amplitude (3) [N*m], rate [rad/s], phase [rad], and 1 where it is square, 0 where it is a sine.
+    """
     L, M, N = 0.0, 0.0, 0.0
     for i in range(rows.shape[0]):
-        sine, _ = sin_cos(rows[i, 3] * time + rows[i, 4])
-        L += sine * rows[i, 0]
-        M += sine * rows[i, 1]
-        N += sine * rows[i, 2]
+        wave, _ = sin_cos(rows[i, 3] * time + rows[i, 4])
+        if rows[i, 5] != 0.0:
+            wave = 1.0 if wave >= 0.0 else -1.0
+        L += wave * rows[i, 0]
+        M += wave * rows[i, 1]
+        N += wave * rows[i, 2]
     return L, M, N
 
 

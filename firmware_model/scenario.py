@@ -55,6 +55,20 @@ class Sine:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Square:
+    """Direct moment of full amplitude all the time, `amplitude * sign(sin(rate * t + phase))`: bang-bang."""
+
+    kind: Literal["square"]
+    """Names this primitive."""
+    amplitude_nm: Vector
+    """[N*m] B."""
+    rate_rad_s: Positive
+    """[rad/s] angular frequency; the sign changes twice a period."""
+    phase_rad: Finite = 0.0
+    """[rad] at t = 0."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
 class GyroFault:
     """What is wrong with the gyro beyond the vehicle's own description."""
 
@@ -65,6 +79,7 @@ class GyroFault:
 
 
 Wind = Annotated[Dryden | OneMinusCosine, Field(discriminator="kind")]
+Moment = Annotated[Sine | Square, Field(discriminator="kind")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
@@ -87,7 +102,7 @@ class Scenario:
     """[samples] from a sample to the moment its command acts."""
     wind: tuple[Wind, ...] = ()
     """Wind, added up."""
-    moment: tuple[Sine, ...] = ()
+    moment: tuple[Moment, ...] = ()
     """Moments that act directly, added up."""
     gyro: GyroFault = field(default_factory=GyroFault)
     """Gyro faults."""

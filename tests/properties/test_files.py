@@ -1,0 +1,52 @@
+"""A scenario or vehicle that is written as TOML is read back equal, whatever it holds."""
+
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_model.files import write_toml
+from firmware_model.scenario import Dryden, GyroFault, OneMinusCosine, Scenario, Sine, Square, load_scenario
+from firmware_model.vehicle import load_vehicle, shipped_vehicles
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+positive = st.floats(min_value=0.0, exclude_min=True, allow_infinity=False)
+vector = st.tuples(finite, finite, finite)
+text = st.text(st.characters(exclude_categories=["Cs"]))
+dryden = st.builds(Dryden, kind=st.just("dryden"), wind_speed_20ft_mps=positive, airspeed_mps=st.none() | positive)
+gust = st.builds(
+    OneMinusCosine, kind=st.just("one_minus_cosine"), amplitude_mps=vector, start_s=positive, length_s=positive
+)
+moment = st.one_of(
+    st.builds(kind, kind=st.just(word), amplitude_nm=vector, rate_rad_s=positive, phase_rad=finite)
+    for kind, word in ((Sine, "sine"), (Square, "square"))
+)
+scenario = st.builds(
+    Scenario,
+    name=text,
+    description=text,
+    duration_s=positive,
+    altitude_m=positive,
+    delay_samples=st.integers(0, 50),
+    wind=st.tuples(dryden, gust) | st.lists(gust, max_size=2).map(tuple),
+    moment=st.lists(moment, max_size=3).map(tuple),
+    gyro=st.builds(GyroFault, bias_rad_s=vector, noise=st.booleans()),
+)
+
+
+@settings(deadline=None)
+@given(scenario=scenario)
+def test_a_written_scenario_is_read_back_equal(scenario: Scenario) -> None:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "written.toml"
+        write_toml(scenario, path)
+        assert load_scenario(path) == scenario
+
+
+def test_a_written_vehicle_is_read_back_equal(tmp_path: Path) -> None:
+    for name in shipped_vehicles():
+        vehicle = replace(load_vehicle(name), actuator_lag=0.1 + 0.2)
+        write_toml(vehicle, tmp_path / "written.toml")
+        assert load_vehicle(tmp_path / "written.toml") == vehicle
