@@ -1,0 +1,150 @@
+"""The rotating airframe as exact uncertain models: the least, in half-angle tangents, and the paper's in rho1..rho7.
+
+Both equal `d/dt (E, omega_B) = A(rho) (E, omega_B)` at every attitude below |theta| = 90 deg; their Delta is what an
+envelope leaves open. With `t = tan(phi/2)` and `v = tan(theta/2)` the Euler kinematics are rational of order 2 in each.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from firmware_model.vehicle import Vehicle
+from gustproof.model.lft import Uncertain, appended, real, star, uncertain, with_states
+from gustproof.numerics.lti import Matrix, gain
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Envelope:
+    """The attitudes and rates that a model covers.
+
+    Raises
+    ------
+    ValueError
+        If the angle is not between 0 and 90 deg, where the Euler kinematics are singular, or the rate not positive.
+    """
+
+    angle: float
+    """[rad] largest |phi| and |theta|."""
+    rate: float
+    """[rad/s] largest |p|, |q| and |r|."""
+
+    def __post_init__(self) -> None:
+        """Check the bounds."""
+        if not 0.0 < self.angle < math.pi / 2.0:
+            raise ValueError(f"angle is {self.angle} rad, must be above 0 and below pi/2")
+        if not (math.isfinite(self.rate) and self.rate > 0.0):
+            raise ValueError(f"rate is {self.rate} rad/s, must be positive")
+
+
+def half_angles(E: ArrayLike, omega_B: ArrayLike) -> dict[str, float]:
+    """Return the parameters t, v, r, q of `rotation` at Euler angles `E` (3,) [rad], rates `omega_B` (3,) [rad/s] B."""
+    (phi, theta, _), (_, q, r) = np.asarray(E, dtype=np.float64), np.asarray(omega_B, dtype=np.float64)
+    return {"t": math.tan(phi / 2.0), "v": math.tan(theta / 2.0), "r": float(r), "q": float(q)}
+
+
+def rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -> Uncertain:
+    """Return the exact rotational dynamics, (E, omega_B, moment_B) to d/dt (E, omega_B): Delta = t I2, v I2, r I2, q.
+
+    Seven is the least order. With `b + j a = (q + j r) e^(j phi)`: theta' = b, psi' = a / cos(theta), phi' = p +
+    a tan(theta), and `I omega' = moment - omega x I omega`. Moments of inertia (3,) [kg*m^2] B may be uncertain
+    themselves; each that is adds one inverse and two factors to Delta.
+    """
+    t = real("t", low=-math.tan(envelope.angle / 2.0), high=math.tan(envelope.angle / 2.0))
+    v = real("v", low=-math.tan(envelope.angle / 2.0), high=math.tan(envelope.angle / 2.0))
+    q, r = (real(name, low=-envelope.rate, high=envelope.rate) for name in ("q", "r"))
+    # (b, a) = (I - t J)^-1 (I + t J) (q, r): a turn by phi, as t acts on the sum of what goes in and what comes out
+    J = np.array([[0.0, -1.0], [1.0, 0.0]])
+    bank = star(gain(np.block([[np.eye(2), J], [2.0 * np.eye(2), J]])), appended(t, t), 2, 2)
+    # (1 + v) / (1 - v) and its inverse act on a; half their difference is tan(theta), half their sum 1 / cos(theta)
+    tilt = star(gain([[0.0, 0.5, 0.5], [1.0, 0.5, -0.5], [2.0, 1.0, 0.0], [2.0, 0.0, -1.0]]), appended(v, v), 2, 2)
+    turned = appended(1.0, 1.0, tilt) @ appended(1.0, bank)
+    kinematics = _taken([[1, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]) @ turned
+    products = appended(r, r, q) @ _taken([[0, 1, 0], [1, 0, 0], [1, 0, 0]])
+    return _rigid_body(kinematics, products, inertia_B)
+
+
+def paper_rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -> Uncertain:
+    """Return the same dynamics with the paper's rho1..rho7 as Delta, of order 12: a relaxation.
+
+    Delta lets sine and cosine vary apart from each other, and shares each product of rates between its two factors, as
+    the paper's A(rho) does (Kumar and Bhattacharya, Eq. 3, repaired). Same channels as `rotation`.
+    """
+    s, c = math.sin(envelope.angle), math.cos(envelope.angle)
+    rho1, rho3 = (real(name, low=-s, high=s) for name in ("rho1", "rho3"))
+    rho2, rho4 = (real(name, low=c, high=1.0) for name in ("rho2", "rho4"))
+    p, q, r = (real(f"rho{k}", low=-envelope.rate, high=envelope.rate) for k in (5, 6, 7))
+    # (q, r) to (b, a), then a to (a tan(theta), a / cos(theta)): one division by rho4 serves both
+    bank = _taken([[1, 0, 0, -1], [0, 1, 1, 0]]) @ appended(rho2, rho2, rho1, rho1) @ _taken(np.tile(np.eye(2), (2, 1)))
+    tilt = appended(rho3, 1.0) @ _taken([[1], [1]]) @ rho4.inverse()
+    turned = appended(1.0, 1.0, tilt) @ appended(1.0, bank)
+    kinematics = _taken([[1, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]) @ turned
+    halves = _taken(np.kron(np.eye(3), [[0.5, 0.5]])) @ appended(r, q, r, p, q, p)
+    products = halves @ _taken([[0, 1, 0], [0, 0, 1], [1, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    return _rigid_body(kinematics, products, inertia_B)
+
+
+def uncertain_airframe(dynamics: Uncertain, *, leak: float, rate_damping: float) -> Uncertain:
+    """Return the airframe as a system: moment (3,) [N*m] B to its states (phi, theta, psi, p, q, r).
+
+    It takes the place of the block "airframe" in a design problem; at delta = 0 of `rotation` it is `lpv.airframe`.
+
+    Parameters
+    ----------
+    dynamics
+        From `rotation` or `paper_rotation`.
+    leak
+        [1/s] `-leak E` added to the Euler kinematics.
+    rate_damping
+        [1/s] `-rate_damping omega_B` in the rate equations.
+    """
+    decay = np.hstack([-np.diag([leak] * 3 + [rate_damping] * 3), np.zeros((6, 3))])
+    stacked = np.vstack([np.eye(6), np.zeros((6, 6))]) @ (dynamics + decay)
+    return with_states(stacked + np.block([[np.zeros((6, 9))], [np.eye(6), np.zeros((6, 3))]]), 6)
+
+
+def uncertain_actuators(vehicle: Vehicle, *, lag: Uncertain | None = None, gain_: Uncertain | None = None) -> Uncertain:
+    """Return the first-order actuators, torque command (3,) to moment (3,) [N*m] B, of uncertain lag [s] and gain [-].
+
+    All three share the two parameters; what is not given is the vehicle's lag and 1.
+    """
+    rate = uncertain(vehicle.actuator_lag if lag is None else lag).inverse()
+    drive = uncertain(1.0 if gain_ is None else gain_)
+    axis = appended(rate, 1.0) @ (_taken([[-1, 0], [1, 0]]) + _taken([[1], [0]]) @ drive @ _taken([[0, 1]]))
+    return appended(*[with_states(axis, 1)] * 3)
+
+
+def uncertain_delay(delay: Uncertain, *, order: int = 2) -> Uncertain:
+    """Return a delay of an uncertain, positive time [s] as its diagonal Pade approximant, one channel.
+
+    Phase is right to 1 deg up to omega delay = 1.4 at order 1, and 3.6 at order 2; Delta needs `order` repetitions.
+
+    References
+    ----------
+    G. H. Golub, C. F. Van Loan, Matrix Computations, 4th edition 2013, Eq. 9.3.1 (coefficients).
+    """
+    n = order
+    falling = [math.factorial(2 * n - k) // (math.factorial(k) * math.factorial(n - k)) for k in range(n + 1)]
+    denominator = np.array(falling, dtype=np.float64) / falling[n]
+    numerator = denominator * (-1.0) ** np.arange(n + 1)
+    A = np.vstack([np.eye(n)[1:], -denominator[:n]])
+    C, D = (numerator - numerator[n] * denominator)[:n], numerator[n]
+    # for 1 s; time scales with the delay: x' = (A x + B u) / delay
+    unit = np.block([[A, np.eye(n)[:, -1:]], [C[None], np.array([[D]])]])
+    return with_states(appended(*[delay.inverse()] * n, 1.0) @ unit, n)
+
+
+def _rigid_body(kinematics: Uncertain, products: Uncertain, inertia_B: Sequence[float | Uncertain]) -> Uncertain:
+    """Return (E, omega, moment) to derivatives from omega to E' and omega to (r q, r p, q p)."""
+    I_x, I_y, I_z = inertia_B
+    differences = _taken(np.kron(np.eye(3), [[1.0, -1.0]])) @ appended(I_y, I_z, I_z, I_x, I_x, I_y)
+    gyroscopic = differences @ _taken(np.kron(np.eye(3), [[1.0], [1.0]])) @ products
+    rates = appended(I_x, I_y, I_z).inverse() @ (gyroscopic @ _taken(np.eye(3, 6)) + _taken(np.eye(3, 6, 3)))
+    both = appended(kinematics, rates) @ _taken(np.vstack([np.eye(3, 6), np.eye(6)]))
+    return both @ _taken(np.eye(6, 9, 3))
+
+
+def _taken(matrix: ArrayLike) -> Matrix:
+    return np.asarray(matrix, dtype=np.float64)

@@ -1,0 +1,142 @@
+"""The blocks of Delta: what an uncertain model does not know, normalised so that 0 is nominal and 1 the edge."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike
+
+from gustproof.numerics.lti import Matrix
+
+Delta = Mapping[str, ArrayLike]
+"""A value for each named block: a number in [-1, 1] for a real parameter, a matrix of norm <= 1 for a full block. Names
+that are left out are 0, nominal."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RealBlock:
+    """A real parameter that stands `repeats` times on the diagonal of Delta (MATLAB: `ureal`).
+
+    Its normalised value is delta in [-1, 1] with `value = nominal + b delta / (1 + c delta)`: low at -1, nominal at 0,
+    high at 1, and linear when nominal is the middle. The form is rational, so it costs no further repetition.
+
+    Raises
+    ------
+    ValueError
+        If not `low < nominal < high`, all finite, or `repeats` is below 1.
+    """
+
+    name: str
+    """Unique in the model: blocks of one name are one parameter."""
+    low: float
+    """Least value, in the parameter's own unit."""
+    high: float
+    """Largest value."""
+    nominal: float
+    """Value at delta = 0."""
+    repeats: int = 1
+    """How often the parameter stands on the diagonal."""
+
+    def __post_init__(self) -> None:
+        """Check the range."""
+        if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low < self.nominal < self.high):
+            raise ValueError(
+                f"parameter '{self.name}': low {self.low} < nominal {self.nominal} < high {self.high} fails"
+            )
+        if self.repeats < 1:
+            raise ValueError(f"parameter '{self.name}' is repeated {self.repeats} times, must be at least once")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Outputs and inputs of the block."""
+        return (self.repeats, self.repeats)
+
+    @property
+    def coefficients(self) -> tuple[float, float]:
+        """`b` and `c` of the normalisation."""
+        up, down = self.high - self.nominal, self.nominal - self.low
+        return 2.0 * up * down / (up + down), (down - up) / (up + down)
+
+    def value(self, delta: float) -> float:
+        """Return the parameter at the normalised `delta`."""
+        b, c = self.coefficients
+        return self.nominal + b * delta / (1.0 + c * delta)
+
+    def delta(self, value: float) -> float:
+        """Return the normalised value of the parameter's `value`."""
+        b, c = self.coefficients
+        return (value - self.nominal) / (b - c * (value - self.nominal))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FullBlock:
+    """A complex full block of norm <= 1: neglected dynamics (MATLAB: `ultidyn`, `ucomplexm`) or a performance channel.
+
+    Raises
+    ------
+    ValueError
+        If the block has no inputs or no outputs.
+    """
+
+    name: str
+    """Unique in the model."""
+    n_outputs: int = 1
+    """Rows of the block: signals that it drives."""
+    n_inputs: int = 1
+    """Columns of the block: signals that it reads."""
+
+    def __post_init__(self) -> None:
+        """Check the size."""
+        if min(self.shape) < 1:
+            raise ValueError(f"block '{self.name}' is {self.n_outputs} x {self.n_inputs}, must be at least 1 x 1")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Outputs and inputs of the block."""
+        return (self.n_outputs, self.n_inputs)
+
+
+Block = RealBlock | FullBlock
+"""One block of Delta."""
+
+
+def rows(blocks: tuple[Block, ...]) -> tuple[slice, ...]:
+    """Return for each block its rows in Delta: the inputs of M that it drives."""
+    return _slices([block.shape[0] for block in blocks])
+
+
+def columns(blocks: tuple[Block, ...]) -> tuple[slice, ...]:
+    """Return for each block its columns in Delta: the outputs of M that it reads."""
+    return _slices([block.shape[1] for block in blocks])
+
+
+def delta_matrix(blocks: tuple[Block, ...], delta: Delta) -> Matrix:
+    """Return the real block-diagonal matrix Delta at `delta`.
+
+    Values outside the unit ball are allowed: they are outside the model's claim, not outside its arithmetic.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, or the shape of a value does not fit its block.
+    """
+    if unknown := sorted(set(delta) - {block.name for block in blocks}):
+        raise ValueError(f"unknown parameter '{unknown[0]}', there are {', '.join(block.name for block in blocks)}")
+    parts = []
+    for block in blocks:
+        value = np.asarray(delta.get(block.name, np.zeros(block.shape)), dtype=np.float64)
+        if isinstance(block, RealBlock) and value.ndim == 0:
+            value = value * np.eye(block.repeats)
+        if value.shape != block.shape and value.size == block.shape[0] * block.shape[1] == 1:
+            value = value.reshape(1, 1)
+        if value.shape != block.shape:
+            raise ValueError(f"block '{block.name}' has the shape {block.shape}, its value {value.shape}")
+        parts.append(value)
+    return np.asarray(scipy.linalg.block_diag(*parts) if parts else np.zeros((0, 0)), dtype=np.float64)
+
+
+def _slices(sizes: list[int]) -> tuple[slice, ...]:
+    ends = np.cumsum([0, *sizes]).tolist()
+    return tuple(slice(start, end) for start, end in pairwise(ends))
