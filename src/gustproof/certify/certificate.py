@@ -1,0 +1,55 @@
+"""A certificate: what is claimed, under which assumptions, and the evidence that anyone can check again."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from gustproof.certify.check import FORMAT, seal
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Certificate:
+    """A claim about a closed loop; `proven` is what the check found in exact arithmetic, never what a solver said."""
+
+    statement: str
+    """What is claimed, in words."""
+    gain: float
+    """[-] level that is claimed: an L2 gain, or for a closure the largest part of its bound that an angle uses."""
+    lower_bound: float
+    """[-] level that is reached for certain by something that was simulated; 0 if nothing was tried."""
+    proven: bool
+    """Whether the check accepted the evidence. `False` is an ordinary result: nothing is known then."""
+    assumes: dict[str, Any]
+    """What the claim rests on, by name: plant, leak, delay in samples, envelope, horizon, noise and its probability."""
+    evidence: dict[str, Any]
+    """Everything that the check computes with, values of JSON."""
+    residual: float
+    """[-] least eigenvalue of what must be positive definite, or least slack of what must fit, in floating point."""
+
+    def document(self) -> dict[str, Any]:
+        """Return the certificate as values of JSON, sealed."""
+        document = {"format": FORMAT, **asdict(self)}
+        return {**document, "seal": seal(document)}
+
+    def save(self, path: str | Path) -> None:
+        """Write the certificate as JSON; every number is kept to the bit."""
+        Path(path).write_text(json.dumps(self.document(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def load_certificate(path: str | Path) -> Certificate:
+    """Read a certificate file, without checking what it claims: that is `certify.check.check`.
+
+    Raises
+    ------
+    ValueError
+        If it is not JSON, or a key is missing or unknown.
+    """
+    document = json.loads(Path(path).read_text(encoding="utf-8"))
+    if not isinstance(document, dict) or document.pop("format", None) != FORMAT:
+        raise ValueError(f"{path}: format: must be '{FORMAT}'")
+    document.pop("seal", None)
+    try:
+        return Certificate(**document)
+    except TypeError as error:
+        raise ValueError(f"{path}: {error}") from None
