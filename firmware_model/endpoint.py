@@ -247,7 +247,8 @@ class VehicleEndpoint:
             if len(self._listeners) >= MAX_PEERS:
                 return None
             listener = self._listeners[address] = self._new_listener(address, expected=False)
-        listener.identify(frame, lockstep=self.flight.lockstep, clock_us=self.flight.clock_us(now_us))
+        if not listener.controller:
+            listener.identify(frame, lockstep=self.flight.lockstep, clock_us=self.flight.clock_us(now_us))
         listener.heard_us = now_us
         return listener
 

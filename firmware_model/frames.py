@@ -90,13 +90,13 @@ class Outgoing(NamedTuple):
 
     def pack(self, packer: Any) -> bytes:
         """Return the version 2 frame, with sender and sequence number of `packer`, a `wire.MAVLink`."""
-        number = self.message_id
-        payload = self.payload.rstrip(b"\0") or b"\0"
-        body = payload + _KINDS[number][0]
+        number, payload = self
+        payload = payload.rstrip(b"\0") or b"\0"
         header = _V2_HEADER.pack(
             _V2, len(payload), 0, 0, packer.seq, packer.srcSystem, packer.srcComponent, number & 0xFFFF, number >> 16
         )
-        return header + payload + mcrf4xx(header[1:] + body).to_bytes(2, "little")
+        frame = header + payload
+        return frame + mcrf4xx(frame[1:] + _KINDS[number][0]).to_bytes(2, "little")
 
 
 def parse(datagram: bytes) -> list[Frame | Dropped]:

@@ -27,8 +27,8 @@ class Listener:
         self.address, self.expected = address, expected
         self.heard_us: int | None = None
         self.next_us = NEVER_US
+        self.controller = False
         self._packer = wire.MAVLink(None, system, AUTOPILOT)
-        self._controller = False
         self._defaults_us: dict[int, int] = {}
         self._intervals_us: dict[int, int] = {}
         self._due_us: dict[int, int] = {}
@@ -45,9 +45,9 @@ class Listener:
         A lockstep controller is sent each sample when it is due and nothing more, as every message costs it time.
         """
         controller = frame.component == CONTROLLER
-        if self.heard_us is not None and (self._controller or not controller):
+        if self.heard_us is not None and (self.controller or not controller):
             return
-        self._controller = controller
+        self.controller = controller
         if controller and lockstep:
             self._defaults_us = {_IMU: _INTERVALS_US[_IMU]}
         else:

@@ -21,38 +21,28 @@ class VehicleLoop:
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int) -> None:
         self._world = plant.new_world(vehicle, scenario, seed)
-        self._scenario = scenario
+        self._sample_us, self._samples = scenario.sample_us, scenario.samples
         self._record = np.empty(WIDTH)
         self._fields = self._record.view(RECORD)[0]
         self._imu: ImuSample | None = None
         idle = np.zeros(plant.SETPOINT)
         self._pending = deque([idle] * scenario.delay_samples)
         self.sample = 0
-
-    @property
-    def time_us(self) -> int:
-        """[us] model time of the sample."""
-        return self.sample * self._scenario.sample_us
+        self.time_us = 0
 
     @property
     def finished(self) -> bool:
         """Whether all samples of the scenario are flown."""
-        return self.sample >= self._scenario.samples
+        return self.sample >= self._samples
 
     def observe(self) -> ImuSample:
         """Return what the sensors measure at this sample; the same object until `advance`."""
         if self._imu is None:
-            world, us = self._world, self._scenario.sample_us
+            world = self._world
             plant.observe(
-                world.params,
-                world.state,
-                world.gusts,
-                world.moments,
-                world.seed,
-                self.sample,
-                us,
+                world.params, world.state, world.gusts, world.moments, world.seed, self.sample, self._sample_us,
                 self._record,
-            )
+            )  # fmt: skip
             _, p, q, r, f_x, f_y, f_z = self._record[:7].tolist()
             self._imu = ImuSample(time_us=self.time_us, gyro_B=(p, q, r), specific_force_B=(f_x, f_y, f_z))
         return self._imu
@@ -72,16 +62,11 @@ class VehicleLoop:
             setpoint = self._pending.popleft()
         world = self._world
         plant.advance(
-            world.params,
-            world.state,
-            world.seed,
-            self.sample,
-            self._scenario.sample_us,
-            setpoint,
-            self._record,
-        )
+            world.params, world.state, world.seed, self.sample, self._sample_us, setpoint, self._record
+        )  # fmt: skip
         self._record[_MODE] = mode
         self.sample += 1
+        self.time_us += self._sample_us
         self._imu = None
         return self._record
 

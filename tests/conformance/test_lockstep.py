@@ -1,5 +1,6 @@
 """Both endpoints on one virtual clock, with a link between them that loses, repeats, delays and dies."""
 
+import gc
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -76,6 +77,17 @@ def test_clean_flight_is_flown_to_the_end_by_the_law(clean):
     assert len(clean.rows) == 125
     assert set(clean.modes) == {Mode.OFFBOARD.value}
     assert clean.counters == {}
+
+
+def test_a_flight_leaves_no_cycles_as_its_processes_do_without_the_collector(clean):
+    flight = Flight()
+    gc.collect()
+    gc.disable()
+    try:
+        flight.run()
+        assert gc.collect() == 0
+    finally:
+        gc.enable()
 
 
 def test_lost_samples_are_sent_again_and_change_no_bit(clean):

@@ -1,3 +1,4 @@
+import os
 import socket
 
 import pytest
@@ -45,6 +46,57 @@ def test_datagram_that_cannot_be_sent_is_lost_and_no_more():
         echo.outbox.insert(0, (bytes(70_000), (0, echo.address)))
         udp.serve(echo, [bound])
     assert len(echo.received) == 1
+
+
+class Clock(Echo):
+    """Sends nothing and has finished at its third deadline."""
+
+    def __init__(self) -> None:
+        self.polls = 0
+
+    @property
+    def finished(self) -> bool:
+        return self.polls == 3
+
+    def poll(self, now_us):
+        self.polls += 1
+        self.now_us = now_us
+        return []
+
+    def deadline_us(self) -> int:
+        return self.now_us + 500
+
+
+class Rally(Echo):
+    """Returns what it gets, and has finished when it has it for the third time."""
+
+    @property
+    def finished(self) -> bool:
+        return len(self.received) == 3
+
+    def receive(self, datagram, peer, now_us):
+        super().receive(datagram, peer, now_us)
+        self.outbox.append((datagram, peer))
+
+
+@pytest.fixture
+def yields(monkeypatch):
+    """Calls of `sched_yield`, one each time that a waiting process asks again instead of sleeping."""
+    calls: list = []
+    monkeypatch.setattr(os, "sched_yield", lambda: calls.append(1))
+    return calls
+
+
+def test_an_endpoint_that_waits_for_time_sleeps(yields):
+    with udp.bind(0) as bound:
+        udp.serve(Clock(), [bound])
+    assert not yields
+
+
+def test_a_quick_answer_makes_the_next_one_be_awaited_without_sleep(yields):
+    with udp.bind(0) as bound:
+        udp.serve(Rally(bound.getsockname()[1]), [bound])
+    assert len(yields) >= 1
 
 
 def test_port_in_use_is_told_in_one_line():
