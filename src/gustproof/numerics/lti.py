@@ -193,7 +193,7 @@ def lft(P: Lti, K: Lti) -> Lti:
     B1, B2, C1, C2 = P.B[:, :m1], P.B[:, m1:], P.C[:p1], P.C[p1:]
     D11, D12, D21, D22 = P.D[:p1, :m1], P.D[:p1, m1:], P.D[p1:, :m1], P.D[p1:, m1:]
     return_difference = np.eye(K.n_outputs) - K.D @ D22
-    if np.linalg.cond(return_difference) > 1e12:
+    if K.n_outputs and np.linalg.cond(return_difference) > 1e12:
         raise ValueError("the loop of P and K is not well posed: I - D_K D22 is singular")
     # u = E_x x + E_k x_k + E_w w, with the feedthrough loop solved once
     E = np.linalg.solve(return_difference, np.hstack([K.D @ C2, K.C, K.D @ D21]))
