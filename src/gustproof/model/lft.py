@@ -104,7 +104,7 @@ class Uncertain:
         """Return the system at Delta = 0."""
         return self.M.part(slice(self.n_z, None), slice(self.n_w, None))
 
-    def delta(self, values: Mapping[str, float]) -> dict[str, float]:
+    def delta(self, values: Mapping[str, ArrayLike]) -> dict[str, Matrix]:
         """Return the normalised delta of parameter `values`, each in its own unit; names left out stay out."""
         known = {block.name: block for block in self.blocks if isinstance(block, RealBlock)}
         if unknown := sorted(set(values) - set(known)):

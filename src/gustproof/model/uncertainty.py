@@ -59,15 +59,17 @@ class RealBlock:
         up, down = self.high - self.nominal, self.nominal - self.low
         return 2.0 * up * down / (up + down), (down - up) / (up + down)
 
-    def value(self, delta: float) -> float:
-        """Return the parameter at the normalised `delta`."""
+    def value(self, delta: ArrayLike) -> Matrix:
+        """Return the parameter at the normalised `delta`, (...)."""
         b, c = self.coefficients
-        return self.nominal + b * delta / (1.0 + c * delta)
+        factor = np.asarray(delta, dtype=np.float64)
+        return np.asarray(self.nominal + b * factor / (1.0 + c * factor))
 
-    def delta(self, value: float) -> float:
-        """Return the normalised value of the parameter's `value`."""
+    def delta(self, value: ArrayLike) -> Matrix:
+        """Return the normalised value of the parameter's `value`, (...)."""
         b, c = self.coefficients
-        return (value - self.nominal) / (b - c * (value - self.nominal))
+        off = np.asarray(value, dtype=np.float64) - self.nominal
+        return np.asarray(off / (b - c * off))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
