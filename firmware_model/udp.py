@@ -12,7 +12,7 @@ from firmware_model.frames import Peer
 
 _LARGEST = 65_535  # bytes, the largest UDP datagram
 _EAGER_US = 200  # lockstep answers in less; to fall asleep and to wake takes as long as the answer itself
-_QUICK_US = 500  # a datagram that came in less is an answer in lockstep, not the next sample in real time
+_NAPS = 100  # waits; on a busy machine a watch in vain can cost ms, and is to be rare
 _SPIN_US = 150  # waking from sleep takes this long at worst on an idle machine; the last stretch is polled instead
 
 
@@ -69,9 +69,10 @@ def resolve(host: str, port: int) -> tuple[str, int]:
 def serve(endpoint: Endpoint, sockets: Sequence[socket.socket]) -> None:
     """Carry datagrams and time to the endpoint, and its datagrams to the wire, until it has finished.
 
-    Where the last datagram came quickly, as in lockstep, the next one is awaited without falling asleep.
+    The next datagram is awaited without falling asleep, as in lockstep it comes at once. Where that was in vain, as in
+    real time or on a machine with other work to do, the process sleeps through the next waits before it tries again.
     """
-    quick = False
+    naps = 0
     while True:
         for datagram, (index, address) in endpoint.poll(_now_us()):
             try:
@@ -80,19 +81,22 @@ def serve(endpoint: Endpoint, sockets: Sequence[socket.socket]) -> None:
                 continue
         if endpoint.finished:
             return
-        begin_us = _now_us()
-        readable = _watch(sockets, begin_us + _EAGER_US) if quick else []
+        readable: list[socket.socket] = []
+        if naps:
+            naps -= 1
+        else:
+            end_us = _now_us() + _EAGER_US
+            readable = _watch(sockets, end_us)
+            naps = _NAPS if _now_us() >= end_us else 0
         if not readable:
             wait_us = endpoint.deadline_us() - _now_us() - _SPIN_US
             readable, _, _ = select.select(sockets, (), (), max(wait_us, 0) * 1e-6)
-        now_us = _now_us()
-        quick = bool(readable) and now_us < begin_us + _QUICK_US
         for ready in readable:
             try:
                 datagram, address = ready.recvfrom(_LARGEST)
             except OSError:  # a damaged datagram, or the refusal of one that was sent before, is not an arrival
                 continue
-            endpoint.receive(datagram, (sockets.index(ready), address), now_us)
+            endpoint.receive(datagram, (sockets.index(ready), address), _now_us())
 
 
 def _watch(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:

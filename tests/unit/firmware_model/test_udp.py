@@ -1,4 +1,3 @@
-import os
 import socket
 
 import pytest
@@ -80,23 +79,26 @@ class Rally(Echo):
 
 
 @pytest.fixture
-def yields(monkeypatch):
-    """Calls of `sched_yield`, one each time that a waiting process asks again instead of sleeping."""
+def watches(monkeypatch):
+    """Calls of `_watch`: waits without falling asleep."""
     calls: list = []
-    monkeypatch.setattr(os, "sched_yield", lambda: calls.append(1))
+    watch = udp._watch
+    monkeypatch.setattr(udp, "_watch", lambda sockets, end_us: calls.append(end_us) or watch(sockets, end_us))
     return calls
 
 
-def test_an_endpoint_that_waits_for_time_sleeps(yields):
+def test_where_nothing_comes_at_once_the_next_waits_are_slept_through(watches, monkeypatch):
+    monkeypatch.setattr(udp, "_EAGER_US", 0)
     with udp.bind(0) as bound:
         udp.serve(Clock(), [bound])
-    assert not yields
+    assert len(watches) == 1
 
 
-def test_a_quick_answer_makes_the_next_one_be_awaited_without_sleep(yields):
+def test_every_quick_answer_is_awaited_without_falling_asleep(watches, monkeypatch):
+    monkeypatch.setattr(udp, "_EAGER_US", 60_000_000)  # longer than a busy machine holds a process up
     with udp.bind(0) as bound:
         udp.serve(Rally(bound.getsockname()[1]), [bound])
-    assert len(yields) >= 1
+    assert len(watches) == 3
 
 
 def test_port_in_use_is_told_in_one_line():
