@@ -39,6 +39,9 @@ class Due(Enum):
     """Fly this sample."""
 
 
+_WAIT, _ADVANCE = Due.WAIT, Due.ADVANCE
+
+
 class Hitch(Enum):
     """What went other than planned, counted; the values are the names of the counters."""
 
@@ -117,19 +120,19 @@ class Flight:
     def due(self, now_us: int) -> Due:
         """Return what is to be done; a resend counts as done."""
         if not self.airborne:
-            return Due.WAIT
+            return _WAIT
         if not self.lockstep:
-            return Due.ADVANCE if now_us >= self.clock_us(now_us) + self._sample_us else Due.WAIT
+            return _ADVANCE if now_us >= self.clock_us(now_us) + self._sample_us else _WAIT
         if self._answered or self.autopilot.mode is not _OFFBOARD:
-            return Due.ADVANCE
+            return _ADVANCE
         if now_us < self._resend_at_us:
-            return Due.WAIT
+            return _WAIT
         if self._attempts < RESENDS:
             self._attempts += 1
             self._resend_at_us = now_us + RESEND_US
             self.counters[Hitch.RESENT] += 1
             return Due.RESEND
-        return Due.ADVANCE
+        return _ADVANCE
 
     def advance(self, now_us: int) -> Event | None:
         """Fly the current sample; return what happened to the stream."""

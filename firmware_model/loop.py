@@ -91,7 +91,7 @@ class VehicleLoop:
 def setpoint_of(command: Command) -> Array:
     """Return a command as the set-point (SETPOINT,) that the kernels take."""
     if isinstance(command, TorqueCommand):
-        return np.array([plant.TORQUE, *command.torque_B, 0.0, 0.0, 0.0, 0.0])
+        return np.array((plant.TORQUE, *command.torque_B, 0.0, 0.0, 0.0, 0.0))
     return _target(command)
 
 

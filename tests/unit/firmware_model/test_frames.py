@@ -72,6 +72,15 @@ def test_empty_datagram_holds_nothing():
     assert parse(b"") == []
 
 
+def test_frame_alone_is_read_as_it_is_among_others():
+    chance = random.Random(2)
+    for _ in range(2_000):
+        datagram = packed()
+        for _ in range(chance.randrange(3)):
+            datagram = damaged(datagram, chance.choice([*range(3, len(datagram))]), chance.randrange(256))
+        assert parse(datagram) + parse(packed()) == parse(datagram + packed())
+
+
 def test_frames_before_a_damaged_one_are_kept():
     first, second = parse(packed() + damaged(packed(), 12, 99))
     assert isinstance(first, Frame)
