@@ -41,10 +41,16 @@ def help_text(*command: str) -> str:
     return subprocess.run(arguments, capture_output=True, text=True, check=True, env=wide).stdout
 
 
+def commands() -> set[str]:
+    """Return the names of all commands, as they are typed."""
+    names = (info.callback.__name__ for info in app.registered_commands if info.callback)
+    return {name.replace("_", "-") for name in names}
+
+
 @pytest.mark.parametrize("line", gustproof_lines())
 def test_a_command_of_the_readme_has_these_options_and_names(line: str) -> None:
     _, command, *arguments = words(line)
-    assert command in {info.callback.__name__ for info in app.registered_commands if info.callback}
+    assert command in commands()
     shown = help_text(command)
     for argument in arguments:
         if argument.startswith("-"):
@@ -59,7 +65,7 @@ def test_a_command_of_the_readme_has_these_options_and_names(line: str) -> None:
 
 def test_the_readme_shows_every_command() -> None:
     shown = {words(line)[1] for line in gustproof_lines()}
-    assert shown == {info.callback.__name__ for info in app.registered_commands if info.callback}
+    assert shown == commands()
 
 
 def test_the_tools_that_the_readme_starts_are_there_and_executable() -> None:

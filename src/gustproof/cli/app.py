@@ -8,6 +8,7 @@ from gustproof.cli.design import design
 from gustproof.cli.failures import OneLineErrors
 from gustproof.cli.fly import fly
 from gustproof.cli.reproduce import reproduce
+from gustproof.cli.worst_case import worst_case
 
 PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
 
@@ -26,5 +27,6 @@ app = typer.Typer(
 app.command()(reproduce)
 app.command()(design)
 app.command()(fly)
+app.command()(worst_case)
 app.command(context_settings=PASSED_ON)(autopilot)
 app.command(context_settings=PASSED_ON)(controller)

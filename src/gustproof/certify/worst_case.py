@@ -1,0 +1,332 @@
+"""The disturbance inside a budget that does most harm to a law, found by flying it and written as a scenario.
+
+What is flown is the nonlinear truth on the direct route, so whatever is found flies over UDP to the same bits. The
+search is a lower bound on the harm: it shows what a law suffers, never what it can't. (MATLAB's `wcgain` looks for the
+worst parameters of a linear model; this looks for the worst disturbance of the nonlinear one.)
+
+Starts come from the flown step responses of the loop about hover, and at random:
+
+- held moments, those that turn once when the loop overshoots most, and moments in step at the frequency and in the
+  direction of the largest singular value: what a linear loop fears most;
+- two axes in step so that an angle and a rate rise and fall together: their product, the second-order term of the
+  Euler kinematics (theta r in phi-dot), then has a mean, which turns the third axis steadily;
+- Dryden turbulence whose peak fills the budget.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.scenario import Dryden, GyroFault, Scenario, Sine, Square
+from firmware_model.signals import Vector
+from firmware_model.vehicle import Vehicle
+from gustproof.closed_loop import fly_direct
+from gustproof.law import Law
+from gustproof.metrics import attitude
+
+Array = NDArray[np.float64]
+Records = NDArray[np.void]
+Progress = Callable[[float], None]
+
+PAPER_BUDGET: Vector = (0.65, 0.65, 0.3)
+"""[N*m] B, the paper's W_d: what it says of disturbance moments."""
+_FASTEST = 30.0  # [rad/s] beyond it the angle that a moment gives falls with the square of the frequency
+_RANDOM_SHARE = 0.35  # of all flights
+_LOCAL_SHARE = 0.5  # of the flights left after the starts; the rest goes to the best two
+_RECTIFIED = ((1, 2, 0, "theta and r into phi"), (0, 2, 1, "phi and r into theta"), (0, 1, 2, "phi and q into psi"))
+_RATE, _PHASES, _AMPLITUDES, _INERTIA, _LAG, _SIZE = 0, slice(1, 4), slice(4, 7), slice(7, 10), 10, 11
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spreads:
+    """How far the vehicle may be from its file; 0 leaves it as it is.
+
+    Raises
+    ------
+    ValueError
+        If a spread is not in [0, 1).
+    """
+
+    inertia: float = 0.0
+    """[-] each moment of inertia is within 1 - spread and 1 + spread of the file's."""
+    actuator_lag: float = 0.0
+    """[-] the same for the actuator lag."""
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        for name, value in (("inertia", self.inertia), ("actuator_lag", self.actuator_lag)):
+            if not 0.0 <= value < 1.0:
+                raise ValueError(f"{name} spread is {value!r}, must be in [0, 1)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorstCase:
+    """The worst flight that was found."""
+
+    scenario: Scenario
+    """Its script."""
+    vehicle: Vehicle
+    """Vehicle that it was flown with, as disturbed within the spreads."""
+    seed: int
+    """Seed that it was flown with; matters only where the scenario has turbulence."""
+    peak_deg: float
+    """[deg] largest magnitude of the Euler angles."""
+    peaks_deg: Vector
+    """[deg] largest magnitudes of phi, theta, psi."""
+    linear_deg: float
+    """[deg] the most that any disturbance in the budget does to the linear loop of the vehicle as in its file."""
+    start: str
+    """Where the search that found it started."""
+    start_deg: float
+    """[deg] the figure there."""
+    flights: int
+    """Flights that were flown."""
+
+
+class _Point(NamedTuple):
+    """A disturbance and a vehicle: what stays as it is in a search, and a point of the unit cube that moves."""
+
+    start: str  # where the search started
+    multiples: tuple[int, int, int]  # rate of each axis over the common rate; 0: the moment is held
+    square: bool
+    x: Array  # (11,) 0..1: common rate (logarithmic), phases (3), amplitudes (3), inertia (3), lag
+
+
+class _Found(NamedTuple):
+    peak_deg: float
+    point: _Point
+    start_deg: float
+
+
+def worst_case(
+    law: Law,
+    *,
+    vehicle: Vehicle,
+    budget: Vector = PAPER_BUDGET,
+    spreads: Spreads | None = None,
+    duration_s: float = 60.0,
+    delay_samples: int = 1,
+    flights: int = 500,
+    seed: int = 1,
+    progress: Progress | None = None,
+) -> WorstCase:
+    """Return the worst flight of `law` that a search of some `flights` finds.
+
+    Disturbances are direct moments with |moment| <= `budget` [N*m] B about each axis at all times: sines and square
+    waves at multiples of a common rate, held moments, turbulence. Gyro noise is off: the harm is the moment's alone.
+    The same arguments give the same result to the bit; `progress` is told the fraction of the search, 0..1.
+
+    Raises
+    ------
+    ValueError
+        If a budget is not positive, or there are less than 100 flights.
+    """
+    if not all(math.isfinite(limit) and limit > 0.0 for limit in budget):
+        raise ValueError(f"budget is {budget}, must be positive")
+    if flights < 100:
+        raise ValueError(f"flights are {flights}, must be at least 100")
+    search = _Search(
+        law, vehicle, budget, spreads or Spreads(), duration_s, delay_samples, flights, seed, progress or _silent
+    )
+    return search.run()
+
+
+def _silent(_: float) -> None:
+    """Show no progress."""
+
+
+class _Search:
+    """One search: all that stays the same in it, and the count of its flights."""
+
+    def __init__(
+        self, law: Law, vehicle: Vehicle, budget: Vector, spreads: Spreads, duration_s: float, delay_samples: int,
+        flights: int, seed: int, progress: Progress,
+    ) -> None:  # fmt: skip
+        rate = round(1.0 / law.dt)
+        self._calm = Scenario(
+            name=f"worst-{law.name}", description="still air", duration_s=duration_s, control_rate_hz=rate,
+            physics_rate_hz=rate * math.ceil(1000 / rate), delay_samples=delay_samples, gyro=GyroFault(noise=False),
+        )  # fmt: skip
+        self._law, self._vehicle, self._budget, self._spreads = law, vehicle, np.array(budget), spreads
+        self._slowest = math.pi / duration_s  # one turn of sign in a flight
+        self._flights, self._flown, self._seed, self._progress = flights, 0, seed, progress
+
+    def run(self) -> WorstCase:
+        rng = np.random.default_rng(self._seed)
+        turbulent = self._turbulent()
+        steps = self._step_responses()
+        points = [*_starts(steps, self._budget, self._calm.dt, self._slowest)]
+        if self._spreads != Spreads():
+            points += [_on_another_vehicle(point, rng) for point in points]
+        points += [_drawn(f"random {k}", rng) for k in range(round(_RANDOM_SHARE * self._flights))]
+        found = [self._begun(point) for point in points]
+        for share, kept in ((_LOCAL_SHARE, 8), (1.0, 2)):
+            best: dict[tuple[int, int, int], _Found] = {}  # one for each pattern, so that not all climb one hill
+            for one in sorted(found, key=lambda one: -one.peak_deg):
+                best.setdefault(one.point.multiples, one)
+            flights_each = int(share * (self._flights - self._flown) / kept)
+            found = [self._climbed(one, flights_each, rng) for one in list(best.values())[:kept]]
+        return self._result(max(found, key=lambda one: one.peak_deg), turbulent, steps)
+
+    def _result(self, best: _Found, turbulent: tuple[Scenario, float], steps: Array) -> WorstCase:
+        scenario, vehicle = self._scenario(best.point), self._airframe(best.point.x)
+        start, start_deg = best.point.start, best.start_deg
+        if turbulent[1] > best.peak_deg:
+            scenario, vehicle, start, start_deg = turbulent[0], self._vehicle, "Dryden turbulence", turbulent[1]
+        records = self._fly(scenario, vehicle)
+        roll, pitch, yaw = _peaks_deg(records).tolist()
+        return WorstCase(
+            scenario=scenario, vehicle=vehicle, seed=self._seed, peak_deg=max(roll, pitch, yaw),
+            peaks_deg=(roll, pitch, yaw), linear_deg=_linear_peak_deg(steps, self._budget),
+            start=start, start_deg=start_deg, flights=self._flown,
+        )  # fmt: skip
+
+    def _fly(self, scenario: Scenario, vehicle: Vehicle) -> Records:
+        self._flown += 1
+        self._progress(min(self._flown / self._flights, 1.0))
+        return fly_direct(scenario, self._law, vehicle=vehicle, seed=self._seed)
+
+    def _harm(self, point: _Point) -> float:
+        """Return the peak [deg] of a point's flight; 0 for what no rigid body is."""
+        vehicle = self._airframe(point.x)
+        if 2.0 * max(vehicle.inertia_B) > sum(vehicle.inertia_B):
+            return 0.0
+        return float(np.max(_peaks_deg(self._fly(self._scenario(point), vehicle))))
+
+    def _begun(self, point: _Point) -> _Found:
+        harm = self._harm(point)
+        return _Found(harm, point, harm)
+
+    def _climbed(self, found: _Found, flights: int, rng: np.random.Generator) -> _Found:
+        """Return the best of a random walk uphill: (1+1) evolution, steps longer after success, shorter after failure.
+
+        References
+        ----------
+        I. Rechenberg, Evolutionsstrategie, 1973: the rule of one success in five.
+        """
+        size = 0.1
+        for _ in range(flights):
+            moved = found.point.x + size * rng.standard_normal(_SIZE)
+            moved[_PHASES] %= 1.0
+            point = found.point._replace(x=np.clip(moved, 0.0, 1.0))
+            harm = self._harm(point)
+            better = harm > found.peak_deg
+            size *= 1.5 if better else 1.5**-0.25
+            if better:
+                found = found._replace(peak_deg=harm, point=point)
+        return found
+
+    def _scenario(self, point: _Point) -> Scenario:
+        rate = self._slowest * (_FASTEST / self._slowest) ** float(point.x[_RATE])
+        moments = []
+        for axis, multiple in enumerate(point.multiples):
+            amplitude = [0.0, 0.0, 0.0]
+            amplitude[axis] = float(self._budget[axis] * point.x[_AMPLITUDES][axis])
+            phase = 2.0 * math.pi * float(point.x[_PHASES][axis])
+            if multiple:
+                moments.append(_wave(point.square, amplitude, multiple * rate, phase))
+            else:  # so slow that its sign stays through the flight
+                sign = math.copysign(0.5 * math.pi, math.pi - phase)
+                moments.append(_wave(True, amplitude, 1.0 / self._calm.duration_s, sign))
+        return replace(self._calm, description=f"found by search from: {point.start}", moment=tuple(moments))
+
+    def _airframe(self, x: Array) -> Vehicle:
+        factors = 1.0 + self._spreads.inertia * (2.0 * x[_INERTIA] - 1.0)
+        I_x, I_y, I_z = (factors * self._vehicle.inertia_B).tolist()
+        lag = self._vehicle.actuator_lag * (1.0 + self._spreads.actuator_lag * (2.0 * float(x[_LAG]) - 1.0))
+        return replace(self._vehicle, inertia_B=(I_x, I_y, I_z), actuator_lag=lag)
+
+    def _step_responses(self) -> Array:
+        """Return angles [rad] and rates [rad/s], (samples, 6, 3), per held moment of 1 N*m about each axis.
+
+        One axis alone is a plane rotation, so that the response is that of the linear loop.
+        """
+        columns = []
+        for axis in range(3):
+            x = np.full(_SIZE, 0.5)
+            x[_AMPLITUDES] = np.eye(3)[axis]
+            x[_PHASES] = 0.0
+            records = self._fly(self._scenario(_Point("step", (0, 0, 0), True, x)), self._vehicle)
+            columns.append(np.hstack([attitude(records), records["omega_B"]]) / self._budget[axis])
+        return np.stack(columns, axis=2)
+
+    def _turbulent(self) -> tuple[Scenario, float]:
+        """Return turbulence whose peak fills the budget on one axis at least, and its figure [deg]."""
+        gusty = Dryden(kind="dryden", wind_speed_20ft_mps=15.0, airspeed_mps=15.0)
+        scenario = replace(self._calm, description="Dryden turbulence that fills the budget", wind=(gusty,))
+        peaks = np.max(np.abs(self._fly(scenario, self._vehicle)["moment_B"]), axis=0)
+        fill = 0.999 * float(np.min(self._budget / np.maximum(peaks, 1e-9)))  # below the budget whatever is rounded
+        filled = replace(scenario, wind=(replace(gusty, wind_speed_20ft_mps=15.0 * fill),))
+        return filled, float(np.max(_peaks_deg(self._fly(filled, self._vehicle))))
+
+
+def _starts(steps: Array, budget: Array, dt: float, slowest: float) -> Iterator[_Point]:
+    """Yield what the linear loop fears most, and what its second-order terms rectify."""
+    omegas = np.geomspace(slowest, _FASTEST, 80)
+    pulses = np.diff(steps, axis=0, prepend=0.0).reshape(len(steps), -1)
+    times = dt * np.arange(len(steps))
+    G = (np.exp(-1j * np.outer(omegas, times)) @ pulses).reshape(-1, 6, 3) * budget
+    rates = np.linspace(0.0, 1.0, omegas.size)
+    yield _point("held moments", (0, 0, 0), True, 0.0, np.zeros(3), np.ones(3))
+    own = steps[:, [0, 1, 2], [0, 1, 2]]
+    turns = 1.0 - np.argmax(np.abs(2.0 * own - own[-1]), axis=0) / len(own)  # held one way, then the other for the rest
+    yield _point("moments that turn at the overshoot", (1, 1, 1), True, 0.0, 0.5 * (1.0 - turns), np.ones(3))
+    _, gains, directions = np.linalg.svd(G[:, :3])
+    peak = int(np.argmax(gains[:, 0]))
+    v = directions[peak, 0].conj()
+    for square in (False, True):
+        phases = np.angle(v) / (2.0 * math.pi)
+        yield _point("largest singular value", (1, 1, 1), square, rates[peak], phases, np.abs(v) / np.max(np.abs(v)))
+    for i, j, k, name in _RECTIFIED:
+        angle, rate = G[:, i, i], G[:, 3 + j, j]
+        peak = int(np.argmax(np.abs(angle) * np.abs(rate)))
+        phases = np.zeros(3)
+        phases[[i, j]] = -np.angle([angle[peak], rate[peak]]) / (2.0 * math.pi)
+        multiples = (int(k != 0), int(k != 1), int(k != 2))
+        for square in (False, True):
+            for held in (0.25, 0.75):  # the third axis held, one way or the other
+                phases[k] = held
+                yield _point(f"rectification of {name}", multiples, square, rates[peak], phases, np.ones(3))
+
+
+def _point(start: str, multiples: tuple[int, int, int], square: bool, rate: float, phases: Array,
+           amplitudes: Array) -> _Point:  # fmt: skip
+    x = np.full(_SIZE, 0.5)
+    x[_RATE], x[_PHASES], x[_AMPLITUDES] = rate, phases % 1.0, amplitudes
+    return _Point(start, multiples, square, x)
+
+
+def _drawn(start: str, rng: np.random.Generator) -> _Point:
+    """Return a random point; amplitudes are the budget's, the search may lessen them."""
+    L, M, N = rng.integers(0, 3, size=3).tolist()
+    x = rng.random(_SIZE)
+    x[_AMPLITUDES] = 1.0
+    return _Point(start, (L, M, N), bool(rng.integers(2)), x)
+
+
+def _on_another_vehicle(point: _Point, rng: np.random.Generator) -> _Point:
+    x = point.x.copy()
+    x[_INERTIA], x[_LAG] = rng.random(3), rng.random()
+    return point._replace(x=x)
+
+
+def _wave(square: bool, amplitude: list[float], rate: float, phase: float) -> Sine | Square:
+    L, M, N = amplitude
+    if square:
+        return Square(kind="square", amplitude_nm=(L, M, N), rate_rad_s=rate, phase_rad=phase)
+    return Sine(kind="sine", amplitude_nm=(L, M, N), rate_rad_s=rate, phase_rad=phase)
+
+
+def _linear_peak_deg(steps: Array, budget: Array) -> float:
+    """Return the largest Euler angle [deg] that moments in the budget give the linear loop: its impulse's L1 norm."""
+    pulses = np.abs(np.diff(steps[:, :3], axis=0, prepend=0.0)).sum(axis=0)
+    return math.degrees(float(np.max(pulses @ budget)))
+
+
+def _peaks_deg(records: Records) -> Array:
+    peaks: Array = np.max(np.abs(np.degrees(attitude(records))), axis=0)
+    return peaks

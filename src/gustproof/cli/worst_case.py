@@ -1,0 +1,80 @@
+"""`gustproof worst-case`: the disturbance that does most harm."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from firmware_model.errors import ConfigError
+from gustproof.cli.progress import progress
+from gustproof.cli.vectors import three_positive
+
+
+def worst_case(
+    law: Annotated[str, typer.Argument(help="Name of a shipped law, or a .json file.")],
+    budget: Annotated[
+        str, typer.Option("--moment", help="Largest moment about each axis, L,M,N [N m].")
+    ] = "0.65,0.65,0.3",
+    horizon: Annotated[float, typer.Option(min=1.0, max=3600.0, help="Length of a flight [s].")] = 60.0,
+    inertia_spread: Annotated[
+        float, typer.Option(min=0.0, max=0.9, help="Inertias may be off by this fraction; the worst are found.")
+    ] = 0.0,
+    lag_spread: Annotated[
+        float, typer.Option(min=0.0, max=0.9, help="The actuators' lag may be off by this fraction.")
+    ] = 0.0,
+    vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
+    flights: Annotated[int, typer.Option(min=100, help="Flights to search with.")] = 500,
+    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of the search.")] = 1,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Write the worst flight here (.toml), to be flown.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
+) -> None:
+    """Search for the disturbance within a budget that does most harm to a law in the nonlinear simulation.
+
+    Sines, square waves, held moments and turbulence, started from what the loop itself shows to be its weak
+    directions and at random. What is found is a lower bound: the law does at least this badly. For an upper bound
+    see `gustproof certify`.
+
+        gustproof worst-case hinf-d1 -o worst.toml && gustproof fly worst.toml --law hinf-d1
+
+        gustproof worst-case hinf-scheduled --inertia-spread 0.2 --lag-spread 0.3 --json
+    """
+    from pydantic_core import to_jsonable_python
+
+    from firmware_model.files import write_toml
+    from firmware_model.vehicle import load_vehicle
+    from gustproof.certify.worst_case import Spreads
+    from gustproof.certify.worst_case import worst_case as search
+    from gustproof.law import load_law
+
+    moment = three_positive("--moment", budget)
+    if output is not None and output.suffix != ".toml":
+        raise ConfigError(f"{output}: a scenario file ends in .toml")
+    if output is not None and not output.parent.is_dir():
+        raise ConfigError(f"{output.parent}: no such folder")
+    flown, airframe = load_law(law), load_vehicle(vehicle)
+    with progress(f"searching, {flown.name}", quiet=as_json) as shown:
+        found = search(
+            flown, vehicle=airframe, budget=moment, duration_s=horizon, flights=flights, seed=seed,
+            spreads=Spreads(inertia=inertia_spread, actuator_lag=lag_spread),
+            progress=lambda fraction: shown(fraction, f"searching, {flown.name}"),
+        )  # fmt: skip
+    files = [] if output is None else [output]
+    if output is not None:
+        write_toml(found.scenario, output)
+        if found.vehicle != airframe:
+            files.append(output.with_name(f"{output.stem}-vehicle.toml"))
+            write_toml(found.vehicle, files[1])
+    if as_json:
+        told = {"law": flown.name, "moment_nm": moment, "files": files, **to_jsonable_python(found)}
+        print(json.dumps(to_jsonable_python(told), indent=2))
+        return
+    phi, theta, psi = found.peaks_deg
+    print(f"{flown.name}: {found.peak_deg:.2f} deg (phi {phi:.2f}, theta {theta:.2f}, psi {psi:.2f}) in {horizon:g} s")
+    print(f"found in {found.flights} flights, from: {found.start} ({found.start_deg:.2f} deg there)")
+    print(f"the linear loop of this vehicle fears at most {found.linear_deg:.2f} deg from any moment in the budget")
+    if files:
+        other = f" --vehicle {files[1] if files[1:] else vehicle}" if files[1:] or vehicle != "paper" else ""
+        print(f"written; fly it: gustproof fly {output} --law {law}{other} --seed {found.seed}")

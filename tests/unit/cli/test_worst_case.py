@@ -1,0 +1,62 @@
+"""`gustproof worst-case`: what it prints, what it leaves behind, what it refuses."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof.cli.app import app
+
+SHORT = ("worst-case", "hinf-d1", "--flights", "100", "--horizon", "2")
+
+
+def run(*arguments: str):
+    return CliRunner().invoke(app, list(arguments))
+
+
+def test_help_shows_how_to_fly_what_is_found():
+    result = run("worst-case", "--help")
+    assert result.exit_code == 0
+    assert "gustproof fly worst.toml" in result.stdout
+
+
+@pytest.mark.compiled
+def test_what_is_found_is_printed_and_left_as_a_scenario(tmp_path: Path):
+    path = tmp_path / "worst.toml"
+    result = run(*SHORT, "-o", str(path))
+    assert result.exit_code == 0
+    assert f"gustproof fly {path} --law hinf-d1" in result.stdout
+    assert load_scenario(path).moment
+    assert [entry.name for entry in tmp_path.iterdir()] == ["worst.toml"]
+
+
+@pytest.mark.compiled
+def test_a_changed_vehicle_is_left_beside_its_scenario(tmp_path: Path):
+    result = run(*SHORT, "--inertia-spread", "0.2", "--json", "-o", str(tmp_path / "worst.toml"))
+    assert result.exit_code == 0
+    told = json.loads(result.stdout)
+    assert told["files"] == [str(tmp_path / "worst.toml"), str(tmp_path / "worst-vehicle.toml")]
+    assert list(load_vehicle(tmp_path / "worst-vehicle.toml").inertia_B) == told["vehicle"]["inertia_B"]
+    assert told["peak_deg"] == max(told["peaks_deg"]) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("nothing",), "no law named 'nothing'"),
+        (("hinf-d1", "--moment", "1,2"), "must be three numbers"),
+        (("hinf-d1", "--moment", "1,2,x"), "must be three numbers"),
+        (("hinf-d1", "--moment", "1,2,0"), "must be positive"),
+        (("hinf-d1", "--moment", "1,2,nan"), "must be positive"),
+        (("hinf-d1", "-o", "worst.json"), "ends in .toml"),
+        (("hinf-d1", "-o", "/nowhere/worst.toml"), "/nowhere: no such folder"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_status_2(arguments: tuple[str, ...], words: str):
+    result = run("worst-case", *arguments)
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
