@@ -1,0 +1,67 @@
+"""The command `gustproof fly` as a shell runs it, ended by others than itself."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from gustproof.recording.bag import read_bag
+
+LONG = 'description = "long enough to be ended before its end"\nduration_s = 300.0\n'
+ENOUGH_S = 120.0  # for starting and compiling on a loaded machine
+
+
+def start(tmp_path: Path) -> subprocess.Popen[str]:
+    (tmp_path / "long.toml").write_text(LONG)
+    arguments = ["fly", "long.toml", "--law", "hinf-d1", "--out", "run", "--json"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gustproof", *arguments],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + ENOUGH_S
+    while not any(path.stat().st_size > 1_000_000 for path in (tmp_path / "run").glob("*.journal")):
+        assert process.poll() is None, process.communicate()[1]
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    return process
+
+
+def end_by(process: subprocess.Popen[str], number: signal.Signals) -> tuple[str, str]:
+    started = psutil.Process(process.pid).children(recursive=True)
+    assert len(started) == 2
+    process.send_signal(number)
+    output, errors = process.communicate(timeout=ENOUGH_S)
+    assert not any(child.is_running() for child in started)
+    return output, errors
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_flight_leaves_a_whole_bag_one_line_and_no_process(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    process = start(tmp_path)
+    output, errors = end_by(process, number)
+    assert process.returncode == 130
+    assert errors.strip().splitlines() == ["gustproof: interrupted; what was flown is in run"]
+    told = json.loads(output)
+    _, records = read_bag(tmp_path / told["bag"])
+    assert told["outcome"] == "interrupted"
+    assert len(records) > 1000
+
+
+def test_a_killed_controller_ends_in_the_fail_safe_status_3_and_a_whole_bag(tmp_path: Path) -> None:
+    process = start(tmp_path)
+    (controller,) = [
+        child for child in psutil.Process(process.pid).children() if "gustproof.controller" in child.cmdline()
+    ]
+    controller.kill()
+    output, errors = process.communicate(timeout=ENOUGH_S)
+    assert process.returncode == 3
+    assert len(errors.strip().splitlines()) == 1
+    _, records = read_bag(tmp_path / json.loads(output)["bag"])
+    assert set(records["mode"].tolist()) == {6 << 16, 7 << 16}  # OFFBOARD, then STABILIZED
