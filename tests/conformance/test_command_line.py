@@ -12,7 +12,7 @@ import pytest
 
 from gustproof.recording.bag import read_bag
 
-LONG = 'description = "long enough to be ended before its end"\nduration_s = 300.0\n'
+LONG = 'description = "long enough to be ended before its end"\nduration_s = 120.0\n'
 ENOUGH_S = 120.0  # for starting and compiling on a loaded machine
 
 
