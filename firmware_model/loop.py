@@ -17,7 +17,10 @@ _LEVEL = np.array([plant.ATTITUDE, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 class VehicleLoop:
-    """A vehicle that flies a scenario sample by sample: `observe`, then `advance`, until `finished`."""
+    """A vehicle that flies a scenario sample by sample: `observe`, then `advance`, until `finished`.
+
+    `sample` is the number of the current one, `time_us` [us] its model time.
+    """
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int) -> None:
         self._world = plant.new_world(vehicle, scenario, seed)
