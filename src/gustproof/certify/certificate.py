@@ -14,8 +14,8 @@ class Certificate:
 
     statement: str
     """What is claimed, in words."""
-    gain: float
-    """[-] level that is claimed: an L2 gain, or for a closure the largest part of its bound that an angle uses."""
+    gain: float | None
+    """[-] level that is claimed: an L2 gain, or the part of the moment that a closure covers; `None` if none is known."""
     lower_bound: float
     """[-] level that is reached for certain by something that was simulated; 0 if nothing was tried."""
     proven: bool
@@ -24,8 +24,8 @@ class Certificate:
     """What the claim rests on, by name: plant, leak, delay in samples, envelope, horizon, noise and its probability."""
     evidence: dict[str, Any]
     """Everything that the check computes with, values of JSON."""
-    residual: float
-    """[-] least eigenvalue of what must be positive definite, or least slack of what must fit, in floating point."""
+    residual: float | None
+    """[-] least eigenvalue of what must be positive definite, or least slack of what must fit, in floating point; `None` without evidence."""
 
     def document(self) -> dict[str, Any]:
         """Return the certificate as values of JSON, sealed."""

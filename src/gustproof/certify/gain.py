@@ -1,0 +1,152 @@
+"""The certified gain of an attitude loop over an envelope of attitudes and rates that change as fast as they like."""
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from gustproof.certify.certificate import Certificate
+from gustproof.certify.check import Refusal, gain_inequality, judge
+from gustproof.certify.multipliers import Multipliers, best_multipliers
+from gustproof.certify.switching import worst_schedule
+from gustproof.model.interconnection import Interconnection
+from gustproof.model.lft import Uncertain, closed, connected, star, with_states
+from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
+from gustproof.numerics.lti import LinearSystem, Matrix, copied
+from gustproof.numerics.rational import exact, multiply, transpose
+
+_MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
+"""[-] relative margins above the solver's level that are tried in turn: rounding of the multipliers needs some."""
+
+
+def certify_gain(
+    problem: Interconnection,
+    controller: LinearSystem,
+    *,
+    angle: float,
+    rate: float,
+    scheduled: bool = False,
+    level: float | None = None,
+) -> Certificate:
+    """Return a certificate of the L2 gain from w to z of a design problem closed by a continuous controller.
+
+    It holds for |phi|, |theta| <= `angle` and |p|, |q|, |r| <= `rate` that change arbitrarily fast: the exact
+    rotational dynamics of the diagram's airframe are an LFT of order 7, its Delta any function of time.
+
+    Parameters
+    ----------
+    problem
+        From `torque_problem`: its block "airframe" gives inertia, leak and damping.
+    controller
+        `u = K y`; where `scheduled`, its first six states are the attitude and rates that it estimates.
+    angle
+        [rad] of the envelope, below pi/2.
+    rate
+        [rad/s] of the envelope.
+    scheduled
+        Whether the controller carries the same `A(rho)` as the airframe, with exact rho.
+    level
+        [-] gain to certify; the least that can be proved unless given.
+
+    Raises
+    ------
+    ValueError
+        If the envelope is not sound, or the loop is unstable at hover.
+    """
+    loop = attitude_loop(problem, controller, Envelope(angle=angle, rate=rate), scheduled=scheduled)
+    leak, damping, _ = _airframe(problem)
+    return certify_lft(
+        loop,
+        assumes={
+            "plant": "continuous, rotation exact, actuators without limits",
+            "leak_per_s": leak,
+            "rate_damping_per_s": damping,
+            "delay_samples": 0,
+            "angle_rad": angle,
+            "rate_rad_s": rate,
+            "rho": "any function of time within the envelope; exact in the controller" if scheduled
+            else "any function of time within the envelope",
+            "horizon_s": None,
+            "noise": "part of w, square integrable",
+        },
+        level=level,
+    )  # fmt: skip
+
+
+def certify_lft(loop: Uncertain, *, assumes: dict[str, Any], level: float | None = None) -> Certificate:
+    """Return a certificate of the L2 gain of any continuous loop with real parameters of arbitrary speed.
+
+    The lower bound is what a switching schedule of the parameters reaches in simulation.
+    """
+    multipliers = best_multipliers(loop)
+    wanted, proven = level, False
+    evidence: dict[str, Any] = {}
+    if multipliers is not None:
+        evidence = _evidence(loop, multipliers)
+        candidates = [multipliers.level * (1.0 + margin) for margin in _MARGINS] if level is None else [level]
+        wanted = next((candidate for candidate in candidates if _holds(candidate, evidence)), None)
+        proven = wanted is not None
+        wanted = candidates[-1] if wanted is None else wanted
+    claim = "is not bounded by these multipliers" if wanted is None else f"is below {wanted:.6g}"
+    return Certificate(
+        statement=f"the L2 gain from w to z {claim} for every Delta(t) of the envelope",
+        gain=wanted,
+        lower_bound=worst_schedule(loop).gain,
+        proven=proven,
+        assumes=assumes,
+        evidence=evidence,
+        residual=None if wanted is None or not evidence else _residual(wanted, evidence),
+    )
+
+
+def attitude_loop(
+    problem: Interconnection, controller: LinearSystem, envelope: Envelope, *, scheduled: bool
+) -> Uncertain:
+    """Return the loop of a design problem and a controller, (w) to (z), with exact rotation over the envelope."""
+    leak, damping, inertia_B = _airframe(problem)
+    dynamics = rotation(inertia_B, envelope)
+    P = connected(problem, {"airframe": uncertain_airframe(dynamics, leak=leak, rate_damping=damping)})
+    K = copied(controller)
+    if not scheduled:
+        return closed(P, K)
+    n = K.order
+    excess = (dynamics + -dynamics.nominal().D) @ np.eye(9, 6)  # what A(rho) adds to hover's
+    system = np.block([[K.A, K.B], [K.C, K.D]]) + np.eye(n + K.n_outputs, 6) @ excess @ np.eye(6, n + K.n_inputs)
+    return star(P, with_states(system, n), K.n_inputs, K.n_outputs)
+
+
+def _airframe(problem: Interconnection) -> tuple[float, float, list[float]]:
+    """Return leak [1/s], damping [1/s] and inertia [kg*m^2] of the diagram's airframe, whose states are (E, omega)."""
+    bodies = [copied(block.system) for block in problem.blocks if block.name == "airframe"]
+    if not bodies:
+        raise ValueError("the diagram has no block 'airframe'")
+    A: Matrix = bodies[0].A
+    return float(-A[0, 0]), float(-A[3, 3]), [float(1.0 / bodies[0].B[3 + k, k]) for k in range(3)]
+
+
+def _evidence(loop: Uncertain, multipliers: Multipliers) -> dict[str, Any]:
+    blocks = [
+        {"name": block.name, "size": block.shape[0], "D": D.tolist(), "G": G.tolist()}
+        for block, D, G in zip(loop.blocks, multipliers.D, multipliers.G, strict=True)
+    ]
+    system = {name: getattr(loop.M, name).tolist() for name in "ABCD"}
+    return {"kind": "gain", "system": system, "coordinates": multipliers.coordinates.tolist(),
+            "P": multipliers.P.tolist(), "blocks": blocks}  # fmt: skip
+
+
+def _holds(level: float, evidence: dict[str, Any]) -> bool:
+    try:
+        return judge(level, evidence).accepted
+    except Refusal:
+        return False
+
+
+def _residual(level: float, evidence: dict[str, Any]) -> float:
+    """Return the least eigenvalue of the inequality in the coordinates of its Lyapunov matrix."""
+    form = gain_inequality(Fraction(level), evidence)
+    n = len(evidence["P"])
+    change = np.eye(len(form))
+    change[:n, :n] = np.linalg.inv(evidence["coordinates"])
+    moved = exact(change.tolist())
+    matrix = np.array(multiply(transpose(moved), multiply(form, moved)), dtype=np.float64)
+    return float(np.linalg.eigvalsh(matrix)[0])

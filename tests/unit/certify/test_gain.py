@@ -1,0 +1,166 @@
+"""Certified gains: analytic cases, the paper's loop, refusals, and evidence that bears no change."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firmware_model.vehicle import load_vehicle
+from gustproof.certify.certificate import Certificate, load_certificate
+from gustproof.certify.check import check, seal
+from gustproof.certify.gain import attitude_loop, certify_gain, certify_lft
+from gustproof.certify.switching import worst_schedule
+from gustproof.model.lft import Uncertain, neglected, real, with_states
+from gustproof.model.rotational import Envelope
+from gustproof.numerics.lti import Lti
+from gustproof.synthesis import hinfsyn
+from gustproof.synthesis.designs import design_problem, load_design
+
+VEHICLE = load_vehicle("paper")
+
+
+def lag(spread: float) -> Uncertain:
+    """Return `x' = -(1 + spread delta) x + w`, z = x: its gain is 1 / (1 - spread) at worst, delta resting at -1."""
+    rate = real("rate", low=1.0 - spread, high=1.0 + spread)
+    pole = np.array([[1.0], [0.0]]) @ rate @ np.array([[-1.0, 0.0]])
+    return with_states(pole + np.array([[0.0, 1.0], [1.0, 0.0]]), 1)
+
+
+@pytest.fixture(scope="module")
+def certificate() -> Certificate:
+    return certify_lft(lag(0.5), assumes={"plant": "a lag"})
+
+
+def controller(name: str) -> Lti:
+    return hinfsyn(design_problem(load_design(name), VEHICLE).plant(), 3, 3, gamma=0.25).controller
+
+
+def test_the_gain_of_an_uncertain_lag_is_that_of_its_slowest_member(certificate):
+    assert certificate.proven
+    assert certificate.residual > 0.0
+    assert 2.0 < certificate.gain < 2.0 * 1.002  # the multipliers' back-off is .001
+    assert 1.9 < certificate.lower_bound < 2.0 + 1e-3  # of 60 s only
+
+
+def test_a_level_below_the_gain_is_not_proven():
+    certificate = certify_lft(lag(0.5), assumes={}, level=1.99)
+    assert not certificate.proven
+    assert not check(json.dumps(certificate.document())).accepted
+
+
+def test_a_loop_that_some_parameter_destabilises_is_not_proven():
+    certificate = certify_lft(lag(1.5), assumes={})
+    assert not certificate.proven
+    assert certificate.gain is None
+
+
+def test_neglected_dynamics_are_no_real_parameter():
+    loop = Uncertain(M=neglected("n").M, blocks=neglected("n").blocks)
+    with pytest.raises(ValueError, match="no real parameter"):
+        certify_lft(
+            with_states(np.array([[-1.0, 1.0], [1.0, 0.0]]) + np.diag([0.0, 1.0]) @ loop_of(loop), 1), assumes={}
+        )
+
+
+def loop_of(channel: Uncertain) -> Uncertain:
+    return np.array([[0.0], [1.0]]) @ channel @ np.array([[0.0, 1.0]])
+
+
+def test_a_saved_certificate_reads_back_and_is_accepted(certificate, tmp_path):
+    path = tmp_path / "certificate.json"
+    certificate.save(path)
+    assert load_certificate(path) == certificate
+    assert check(path.read_text()).accepted
+
+
+def leaves(value, path=()):
+    if isinstance(value, dict | list):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from leaves(item, (*path, key))
+    else:
+        yield path
+
+
+def changed(document, path):
+    """Return a copy of `document` in which the value at `path` differs by its last bit or letter."""
+    copy = json.loads(json.dumps(document))
+    place = copy
+    for key in path[:-1]:
+        place = place[key]
+    value = place[path[-1]]
+    if isinstance(value, bool):
+        place[path[-1]] = not value
+    elif isinstance(value, float):
+        place[path[-1]] = float(np.nextafter(value, np.inf))
+    else:
+        place[path[-1]] = value + 1 if isinstance(value, int) else value + "x"
+    return copy
+
+
+def test_one_changed_bit_anywhere_is_refused(certificate):
+    document = certificate.document()
+    paths = list(leaves(document))
+    assert len(paths) > 20
+    for path in paths:
+        assert not check(json.dumps(changed(document, path))).accepted, path
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "reason"),
+    [
+        (("gain",), 1.99, "inequality does not hold"),
+        (("gain",), -3.0, "not positive"),
+        (("evidence", "P"), [[-1.0]], "P is not positive definite"),
+        (("evidence", "system", "A"), [[-0.9]], "inequality does not hold"),
+        (("evidence", "blocks", 0, "D"), [[-1.0]], "not positive definite"),
+        (("evidence", "blocks", 0, "G"), [[0.1]], "not skew"),
+        (("evidence", "blocks", 0, "size"), 2, "do not have its size"),
+        (("evidence", "kind"), "oath", "unknown kind"),
+        (("evidence", "system"), None, "malformed"),
+    ],
+)
+def test_a_false_proof_is_refused_even_with_a_new_seal(certificate, path, value, reason):
+    document = json.loads(json.dumps(certificate.document()))
+    del document["seal"]
+    place = document
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    verdict = check(json.dumps({**document, "seal": seal(document)}))
+    assert not verdict.accepted
+    assert reason in verdict.reason
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": "gustproof-certificate-1"}', "[" * 100_000, "NaN"])
+def test_any_text_gets_a_verdict(text):
+    assert not check(text).accepted
+
+
+def test_the_papers_law_has_a_proven_gain_near_its_lower_bound_and_far_above_its_level():
+    problem, K = design_problem(load_design("D2"), VEHICLE), controller("D2")
+    certificate = certify_gain(problem, K, angle=0.1, rate=0.5)
+    assert check(json.dumps(certificate.document())).accepted
+    assert certificate.gain <= 2.61
+    assert 1.5 <= certificate.lower_bound <= certificate.gain
+    assert certificate.assumes["leak_per_s"] == 0.05
+    refused = certify_lft(
+        attitude_loop(problem, K, Envelope(angle=0.1, rate=0.5), scheduled=False), assumes={}, level=0.25
+    )
+    assert not refused.proven
+
+
+def test_the_exact_schedule_gives_most_of_the_level_back():
+    design = replace(load_design("D1"), leak=0.05, rate_damping=0.05)
+    certificate = certify_gain(design_problem(design, VEHICLE), controller("D1"), angle=0.3, rate=0.5, scheduled=True)
+    assert certificate.proven
+    assert certificate.lower_bound <= certificate.gain <= 0.29
+
+
+def test_a_diagram_without_airframe_is_refused():
+    with pytest.raises(ValueError, match="airframe"):
+        certify_gain(design_problem(load_design("R1"), VEHICLE), controller("D1"), angle=0.1, rate=0.5)
+
+
+def test_a_schedule_reaches_no_more_than_the_gain_of_the_worst_member():
+    assert worst_schedule(lag(0.5), duration=20.0, rounds=4, seed=3).gain <= 2.0 * 1.02  # steps of .02 s
