@@ -3,6 +3,7 @@
 import typer
 
 from gustproof.cli.autopilot import autopilot
+from gustproof.cli.certify import certify
 from gustproof.cli.controller import controller
 from gustproof.cli.design import design
 from gustproof.cli.failures import OneLineErrors
@@ -27,6 +28,7 @@ app = typer.Typer(
 app.command()(reproduce)
 app.command()(design)
 app.command()(fly)
+app.command()(certify)
 app.command()(worst_case)
 app.command(context_settings=PASSED_ON)(autopilot)
 app.command(context_settings=PASSED_ON)(controller)

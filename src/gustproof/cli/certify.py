@@ -1,0 +1,131 @@
+"""`gustproof certify`: what can be proved of a loop, and whether a proof holds."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from firmware_model.errors import ConfigError
+from gustproof.cli.failures import Status
+
+if TYPE_CHECKING:
+    from gustproof.certify.certificate import Certificate
+    from gustproof.synthesis.designs import Design
+
+
+def certify(
+    name: Annotated[
+        str | None, typer.Argument(help="Name of a shipped design or of a law made from one, or a design's .toml file.")
+    ] = None,
+    angle: Annotated[
+        float | None, typer.Option("--angle-rad", help="Envelope: largest roll and pitch [rad], below pi/2.")
+    ] = None,
+    rate: Annotated[float | None, typer.Option("--rate-rad-s", help="Envelope: largest rates p, q, r [rad/s].")] = None,
+    level: Annotated[float | None, typer.Option(help="Gain to prove [default: the least that can be proved].")] = None,
+    check_file: Annotated[
+        Path | None, typer.Option("--check", help="Check a certificate again: exact arithmetic, no solver.")
+    ] = None,
+    vehicle: Annotated[
+        str | None, typer.Option(help="Name of a shipped vehicle, or a .toml file [default: the design's].")
+    ] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the certificate here (.json).")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
+) -> None:
+    """Prove a bound on what disturbances and noise do to a loop, for every motion within an envelope.
+
+    The gain is the L2 gain from the design's weighted inputs (moment, gyro noise) to its weighted outputs (attitude
+    error, command): gain 1 means that a disturbance as large as its weight costs no more than the weights allow. At
+    hover it is the design's H-infinity norm; off hover the rotation couples the axes, and the bound holds for all
+    attitudes and rates in the envelope, however fast they change. A lower bound from simulation shows how much of the
+    gain is real. A solver only proposes the evidence: what is called proven was checked in exact rational arithmetic.
+
+    The statement is about the design's own plant and continuous controller, as listed under "assumes". Exit status: 0
+    proven, 1 not proven, 2 bad input.
+
+        gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 -o certificate.json
+
+        gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 --level 0.25
+
+        gustproof certify --check certificate.json
+    """
+    if check_file is not None:
+        if name is not None:
+            raise ConfigError("--check needs the certificate's file alone")
+        raise typer.Exit(_check(check_file, as_json=as_json).value)
+    if name is None or angle is None or rate is None:
+        raise ConfigError("give a design with --angle-rad and --rate-rad-s, or --check with a certificate")
+    if output is not None and output.suffix != ".json":
+        raise ConfigError(f"{output}: a certificate ends in .json")
+    certificate = _gain(_design(name), vehicle, angle, rate, level)
+    if output is not None and certificate.proven:
+        certificate.save(output)
+    _show(name, certificate, output, as_json=as_json)
+    raise typer.Exit((Status.DONE if certificate.proven else Status.REQUIREMENT_FAILED).value)
+
+
+def _design(name: str) -> "Design":
+    """Return the design that `name` names, or that the shipped law of that name was made from."""
+    from gustproof.law import shipped_laws
+    from gustproof.synthesis.designs import load_design, shipped_designs
+
+    if name not in shipped_laws():
+        return load_design(name)
+    made_from = {design.law: design for design in map(load_design, shipped_designs())}
+    if name not in made_from:
+        raise ConfigError(
+            f"law '{name}' was made from no design, whose weights a gain needs; give one of {', '.join(made_from)}"
+        )
+    return made_from[name]
+
+
+def _gain(design: "Design", vehicle: str | None, angle: float, rate: float, level: float | None) -> "Certificate":
+    from firmware_model.vehicle import load_vehicle
+    from gustproof.certify.gain import certify_gain
+    from gustproof.synthesis.derive import derive
+
+    _, report = derive(design, None if vehicle is None else load_vehicle(vehicle))
+    try:
+        return certify_gain(
+            report.problem, report.result.controller, angle=angle, rate=rate, scheduled=design.scheduled, level=level
+        )
+    except ValueError as error:
+        raise ConfigError(f"design {design.name}: {error}") from None
+
+
+def _check(path: Path, *, as_json: bool) -> Status:
+    from gustproof.certify.check import check
+
+    text = path.read_text(encoding="utf-8", errors="replace")
+    verdict = check(text)
+    if as_json:
+        claimed = json.loads(text) if verdict.accepted else {}
+        figures = {key: claimed[key] for key in ("statement", "gain", "lower_bound", "assumes") if key in claimed}
+        print(json.dumps({"proven": verdict.accepted, "reason": verdict.reason, **figures}, indent=2))
+    elif verdict.accepted:
+        claimed = json.loads(text)
+        print(f"proven: {claimed['statement']}\n{verdict.reason}")
+        _show_assumptions(claimed["assumes"])
+    else:
+        print(f"refused: {verdict.reason}")
+    return Status.DONE if verdict.accepted else Status.REQUIREMENT_FAILED
+
+
+def _show(name: str, certificate: "Certificate", output: Path | None, *, as_json: bool) -> None:
+    gain = certificate.gain
+    if as_json:
+        told = {"gain": gain, "lower_bound": certificate.lower_bound, "proven": certificate.proven}
+        print(json.dumps({**told, "assumes": certificate.assumes, "statement": certificate.statement}, indent=2))
+        return
+    print(f"{name}: {'proven' if certificate.proven else 'NOT proven'}: {certificate.statement}")
+    beyond = ", so that it is not so" if gain is not None and certificate.lower_bound > gain else ""
+    print(f"reached for certain, in simulation: {certificate.lower_bound:.4g}{beyond}")
+    _show_assumptions(certificate.assumes)
+    if output is not None:
+        print(f"certificate in {output}" if certificate.proven else "nothing is written: there is no proof to check")
+
+
+def _show_assumptions(assumes: dict[str, Any]) -> None:
+    print("assumes")
+    for key, value in assumes.items():
+        print(f"  {key:20} {'-' if value is None else value}")

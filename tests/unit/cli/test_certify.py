@@ -1,0 +1,90 @@
+"""`gustproof certify`: what it prints, what it leaves behind, and its exit status."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from gustproof.certify.certificate import Certificate
+from gustproof.cli.app import app
+
+ENVELOPE = ("--angle-rad", "0.01", "--rate-rad-s", "0.01")
+
+
+def run(*arguments: str):
+    return CliRunner().invoke(app, ["certify", *arguments])
+
+
+def answer(monkeypatch: pytest.MonkeyPatch, *, gain: float | None, lower_bound: float, proven: bool) -> None:
+    """Let `certify_gain` return this result, as it does after some seconds."""
+    certificate = Certificate(
+        statement=f"the gain is below {gain}", gain=gain, lower_bound=lower_bound, proven=proven,
+        assumes={"leak_per_s": 0.05, "horizon_s": None}, evidence={}, residual=0.0,
+    )  # fmt: skip
+    monkeypatch.setattr("gustproof.certify.gain.certify_gain", lambda *_, **__: certificate)
+
+
+def test_help_says_what_a_gain_is_and_shows_examples():
+    result = run("--help")
+    assert result.exit_code == 0
+    assert "L2 gain" in result.stdout
+    assert "gustproof certify --check certificate.json" in result.stdout
+
+
+def test_a_law_is_proved_by_its_design_and_the_file_checked_until_a_digit_is_changed(tmp_path: Path):
+    path = tmp_path / "certificate.json"
+    proved = run("hinf-d2", *ENVELOPE, "--json", "-o", str(path))
+    assert proved.exit_code == 0
+    told = json.loads(proved.stdout)
+    assert told["proven"] is True
+    # between the norm at hover, .2493, and the published bound on this envelope, .37
+    assert 0.2492 < told["lower_bound"] < told["gain"] < 0.375
+    assert (told["assumes"]["leak_per_s"], told["assumes"]["angle_rad"]) == (0.05, 0.01)
+
+    checked = run("--check", str(path), "--json")
+    assert checked.exit_code == 0
+    assert json.loads(checked.stdout)["gain"] == told["gain"]
+    assert "proven: " in run("--check", str(path)).stdout
+
+    path.write_text(path.read_text().replace(f'"gain": {told["gain"]}', '"gain": 0.25'))
+    refused = run("--check", str(path))
+    assert refused.exit_code == 1
+    assert refused.stdout.startswith("refused: ")
+    assert json.loads(run("--check", str(path), "--json").stdout)["proven"] is False
+
+
+def test_what_is_not_proved_has_status_1_and_leaves_no_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    answer(monkeypatch, gain=0.25, lower_bound=1.72, proven=False)
+    result = run("D2", *ENVELOPE, "--level", "0.25", "-o", str(tmp_path / "c.json"))
+    assert result.exit_code == 1
+    assert "NOT proven" in result.stdout
+    assert "1.72, so that it is not so" in result.stdout
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPatch):
+    answer(monkeypatch, gain=None, lower_bound=3.0, proven=False)
+    result = run("D2", *ENVELOPE, "--json")
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["gain"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "give a design with --angle-rad and --rate-rad-s"),
+        (("D2", "--angle-rad", "0.1"), "give a design with --angle-rad and --rate-rad-s"),
+        (("D2", "--check", "c.json"), "--check needs the certificate's file alone"),
+        (("--check", "/nowhere.json"), "/nowhere.json: No such file"),
+        (("nothing", *ENVELOPE), "no design named 'nothing'"),
+        (("pid-fair", *ENVELOPE), "law 'pid-fair' was made from no design"),
+        (("D2", "--angle-rad", "2", "--rate-rad-s", "1"), "angle is 2.0 rad"),
+        (("D2", *ENVELOPE, "-o", "c.txt"), "ends in .json"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_status_2(arguments: tuple[str, ...], words: str):
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
