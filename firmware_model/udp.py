@@ -10,6 +10,7 @@ from typing import Protocol
 from firmware_model.errors import ConfigError
 from firmware_model.frames import Peer
 
+_yield_core = getattr(os, "sched_yield", None) or (lambda: time.sleep(0.0))  # not every system has it
 _LARGEST = 65_535  # bytes, the largest UDP datagram
 _EAGER_US = 200  # lockstep answers in less; to fall asleep and to wake takes as long as the answer itself
 _NAPS = 100  # waits; on a busy machine a watch in vain can cost ms, and is to be rare
@@ -103,7 +104,7 @@ def _watch(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]
     """Return the sockets that can be read, as soon as there is one; whoever else wants this core gets it in between."""
     readable: list[socket.socket] = []
     while not readable and _now_us() < end_us:
-        os.sched_yield()
+        _yield_core()
         readable, _, _ = select.select(sockets, (), (), 0.0)
     return readable
 
