@@ -19,6 +19,8 @@ from firmware_model.signals import Vector
 
 FOOT = 0.3048
 """[m]."""
+SINE, SQUARE, STEP = 0.0, 1.0, 2.0
+"""Kinds of direct moments."""
 Array = NDArray[np.float64]
 
 
@@ -203,16 +205,20 @@ def discrete_gust(rows: Array, time: float) -> Vector:
 
 
 @kernel
-def periodic_moment(rows: Array, time: float) -> Vector:
-    """Return the sum of sine and square moments [N*m] B at `time` [s].
+def direct_moment(rows: Array, time: float) -> Vector:
+    """Return the sum of direct moments [N*m] B at `time` [s].
 
-    A row is amplitude (3) [N*m], rate [rad/s], phase [rad], and 1 where it is square, 0 where it is a sine.
+    A row is amplitude (3) [N*m], two numbers and the kind: rate [rad/s] and phase [rad] of a sine (`SINE`) or a square
+    wave (`SQUARE`), start [s] and nothing of a step (`STEP`).
     """
     L, M, N = 0.0, 0.0, 0.0
     for i in range(rows.shape[0]):
-        wave, _ = sin_cos(rows[i, 3] * time + rows[i, 4])
-        if rows[i, 5] != 0.0:
-            wave = 1.0 if wave >= 0.0 else -1.0
+        if rows[i, 5] == STEP:
+            wave = 1.0 if time + 0.5e-6 >= rows[i, 3] else 0.0  # stamps are whole microseconds, roundings are not
+        else:
+            wave, _ = sin_cos(rows[i, 3] * time + rows[i, 4])
+            if rows[i, 5] == SQUARE:
+                wave = 1.0 if wave >= 0.0 else -1.0
         L += wave * rows[i, 0]
         M += wave * rows[i, 1]
         N += wave * rows[i, 2]

@@ -14,20 +14,23 @@ from firmware_model import rigid_body
 from firmware_model.compiled import compiled, kernel
 from firmware_model.elementary import normals
 from firmware_model.gusts import (
+    SINE,
+    SQUARE,
+    STEP,
     DrydenParams,
     DrydenState,
+    direct_moment,
     discrete_gust,
     dryden_filters,
     dryden_gust,
     dryden_spectrum,
     dryden_step,
     gust_moment,
-    periodic_moment,
 )
 from firmware_model.journal import RECORD
 from firmware_model.rigid_body import Body, BodyInputs, BodyParams
 from firmware_model.rows import loader, starts, storer
-from firmware_model.scenario import Dryden, OneMinusCosine, Scenario, Square
+from firmware_model.scenario import Dryden, Moment, OneMinusCosine, Scenario, Square, Step
 from firmware_model.sensors import GyroParams, accelerometer, gyro
 from firmware_model.stabilizer import (
     Estimate,
@@ -82,7 +85,7 @@ class World:
     gusts: Array
     """(n, 5) discrete gusts: amplitude [m/s] B, start [s], length [s]."""
     moments: Array
-    """(n, 6) periodic moments: amplitude [N*m] B, rate [rad/s], phase [rad], whether it is square."""
+    """(n, 6) direct moments: amplitude [N*m] B, then rate [rad/s] and phase [rad], or start [s]; and the kind."""
     seed: int
     """Seed of all that is random."""
 
@@ -113,16 +116,20 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int) -> World:
     gusts = [
         (*item.amplitude_mps, item.start_s, item.length_s) for item in scenario.wind if isinstance(item, OneMinusCosine)
     ]
-    moments = [
-        (*item.amplitude_nm, item.rate_rad_s, item.phase_rad, isinstance(item, Square)) for item in scenario.moment
-    ]
     return World(
         params=params,
         state=np.concatenate([body, dryden_state, estimate]),
         gusts=np.array(gusts, dtype=np.float64).reshape(-1, 5),
-        moments=np.array(moments, dtype=np.float64).reshape(-1, 6),
+        moments=np.array([_row(item) for item in scenario.moment], dtype=np.float64).reshape(-1, 6),
         seed=seed,
     )
+
+
+def _row(moment: Moment) -> tuple[float, ...]:
+    if isinstance(moment, Step):
+        return (*moment.amplitude_nm, moment.start_s, 0.0, STEP)
+    kind = SQUARE if isinstance(moment, Square) else SINE
+    return (*moment.amplitude_nm, moment.rate_rad_s, moment.phase_rad, kind)
 
 
 def _gyro_params(vehicle: Vehicle, scenario: Scenario) -> GyroParams:
@@ -160,7 +167,7 @@ def observe_kernel(params: Array, state: Array, gusts: Array, moments: Array, se
     time = time_us * 1e-6
     turbulence, gust_omega = dryden_gust(_load_dryden_params(params, _DRYDEN), _load_dryden(state, _X_DRYDEN))
     discrete = discrete_gust(gusts, time)
-    direct = periodic_moment(moments, time)
+    direct = direct_moment(moments, time)
     gust = (turbulence[0] + discrete[0], turbulence[1] + discrete[1], turbulence[2] + discrete[2])
     moment = gust_moment(params[_GAIN], params[_YAW_RATIO], gust)
     rate = gyro(_load_gyro_params(params, _GYRO), (body.p, body.q, body.r), normals(seed, GYRO_STREAM, sample, 0))

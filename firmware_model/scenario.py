@@ -69,6 +69,18 @@ class Square:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Step:
+    """Direct moment that is there from `start` on, to the end."""
+
+    kind: Literal["step"]
+    """Names this primitive."""
+    amplitude_nm: Vector
+    """[N*m] B."""
+    start_s: NonNegative = 0.0
+    """[s] begin."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
 class GyroFault:
     """What is wrong with the gyro beyond the vehicle's own description."""
 
@@ -79,7 +91,7 @@ class GyroFault:
 
 
 Wind = Annotated[Dryden | OneMinusCosine, Field(discriminator="kind")]
-Moment = Annotated[Sine | Square, Field(discriminator="kind")]
+Moment = Annotated[Sine | Square | Step, Field(discriminator="kind")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)

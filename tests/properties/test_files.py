@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_model.files import write_toml
-from firmware_model.scenario import Dryden, GyroFault, OneMinusCosine, Scenario, Sine, Square, load_scenario
+from firmware_model.scenario import Dryden, GyroFault, OneMinusCosine, Scenario, Sine, Square, Step, load_scenario
 from firmware_model.vehicle import load_vehicle, shipped_vehicles
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -20,8 +20,11 @@ gust = st.builds(
     OneMinusCosine, kind=st.just("one_minus_cosine"), amplitude_mps=vector, start_s=positive, length_s=positive
 )
 moment = st.one_of(
-    st.builds(kind, kind=st.just(word), amplitude_nm=vector, rate_rad_s=positive, phase_rad=finite)
-    for kind, word in ((Sine, "sine"), (Square, "square"))
+    st.builds(Step, kind=st.just("step"), amplitude_nm=vector, start_s=positive),
+    *(
+        st.builds(kind, kind=st.just(word), amplitude_nm=vector, rate_rad_s=positive, phase_rad=finite)
+        for kind, word in ((Sine, "sine"), (Square, "square"))
+    ),
 )
 scenario = st.builds(
     Scenario,

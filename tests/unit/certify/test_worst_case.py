@@ -44,10 +44,10 @@ def test_a_search_from_random_starts_alone_finds_coning_too(monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("law", ["hinf-scheduled", "hinf-rates"])
-def test_a_law_with_the_exact_kinematics_suffers_hardly_less_and_no_more_than_its_linear_loop(law: str) -> None:
+def test_a_law_with_the_exact_kinematics_suffers_about_what_its_linear_loop_does(law: str) -> None:
     worst = found(law)
-    # Below 1 deg the vehicle is linear to about 1e-3; the search need not find the very last percent.
-    assert 0.85 * worst.linear_deg < worst.peak_deg < 1.001 * worst.linear_deg
+    # The linear worst case is bang-bang and among the starts; the coupling of the axes at 1 deg adds some percent.
+    assert 0.95 * worst.linear_deg < worst.peak_deg < 1.1 * worst.linear_deg
 
 
 def test_what_is_found_keeps_the_budget_and_is_flown_again_from_its_file(tmp_path: Path) -> None:

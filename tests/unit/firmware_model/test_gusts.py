@@ -13,13 +13,13 @@ from firmware_model.gusts import (
     FOOT,
     DrydenParams,
     DrydenState,
+    direct_moment,
     discrete_gust,
     dryden_filters,
     dryden_gust,
     dryden_spectrum,
     dryden_step,
     gust_moment,
-    periodic_moment,
 )
 from firmware_model.scenario import Dryden
 from firmware_model.vehicle import load_vehicle
@@ -153,17 +153,23 @@ def test_a_discrete_gust_follows_its_formula_and_is_calm_outside() -> None:
     assert discrete_gust(rows, 7.1) == (0.0, 0.0, 0.0)
 
 
-def test_periodic_moments_add_up() -> None:
+def test_direct_moments_add_up() -> None:
     rows = np.array([[0.0, 0.65, 0.0, 3.0, 0.0, 0.0], [0.0, 0.0, 0.3, 3.0, math.pi / 2.0, 0.0]])
     t = 0.7
-    assert periodic_moment(rows, t) == pytest.approx((0.0, 0.65 * math.sin(3.0 * t), 0.3 * math.cos(3.0 * t)))
+    assert direct_moment(rows, t) == pytest.approx((0.0, 0.65 * math.sin(3.0 * t), 0.3 * math.cos(3.0 * t)))
 
 
 def test_a_square_moment_has_its_full_amplitude_at_all_times_and_the_sign_of_its_sine() -> None:
     rows = np.array([[0.65, -0.1, 0.0, 2.0, 0.5, 1.0]])
     for t in np.linspace(0.0, 10.0, 101):
         sign = math.copysign(1.0, math.sin(2.0 * t + 0.5))
-        assert periodic_moment(rows, t) == (0.65 * sign, -0.1 * sign, 0.0)
+        assert direct_moment(rows, t) == (0.65 * sign, -0.1 * sign, 0.0)
+
+
+def test_a_step_moment_is_there_from_its_start_on() -> None:
+    rows = np.array([[0.65, 0.0, 0.1, 2.0, 0.0, 2.0], [-1.0, 0.0, 0.0, 0.0, 0.0, 2.0]])
+    assert direct_moment(rows, 0.0) == direct_moment(rows, 1.996) == (-1.0, 0.0, 0.0)
+    assert direct_moment(rows, 2.0) == direct_moment(rows, 60.0) == (0.65 - 1.0, 0.0, 0.1)
 
 
 def test_a_gust_from_the_left_rolls_right_and_a_tailwind_pitches_down() -> None:
