@@ -1,0 +1,125 @@
+"""The structured singular value of an uncertain system, over all frequencies, bracketed.
+
+The upper bound holds between frequencies too; the lower bound is a Delta that makes the loop singular. Parameters are
+constant in time (frozen): see the certificates for ones that vary.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gustproof.certify.sweep import Bracket, continuous, sampled, swept, with_performance
+from gustproof.certify.worst_delta import most_unstable, worst_delta
+from gustproof.model.lft import Uncertain
+from gustproof.model.uncertainty import Block, FullBlock, RealBlock, columns, rows
+from gustproof.numerics.lti import ComplexMatrix, LinearSystem, Lti, copied, sensitivity
+
+
+def mu(system: Uncertain, *, accuracy: float = 0.02) -> Bracket:
+    """Return the peak of mu of `M` with respect to `Delta` over all frequencies (MATLAB: `mussv`, `robstab`).
+
+    The system is stable for every Delta of norm below 1 / upper, and a Delta of norm 1 / lower, the one returned, makes
+    it singular at `omega`. Inputs and outputs, if there are any, are closed by a full block named "performance": the
+    result is then robust performance, and below 1 it says that the gain stays below 1 over the unit ball.
+
+    Parameters
+    ----------
+    system
+        Stable at Delta = 0.
+    accuracy
+        [-] relative, of the upper bound above the least that D-G scalings give.
+
+    Raises
+    ------
+    ValueError
+        If the system is not stable at Delta = 0, or has no blocks.
+
+    References
+    ----------
+    A. Packard, J. C. Doyle, The complex structured singular value, Automatica 29 (1993), 71-109.
+    """
+    blocks = with_performance(system) if system.n_inputs else system.blocks
+    M = continuous(system)
+    upper, grid = swept(M, blocks, gain=False, accuracy=accuracy)
+    if all(isinstance(block, RealBlock) for block in blocks):
+        found = _least_unstable(M, blocks, upper)
+        return replace(found, omega=sampled(found.omega, system))
+    best = Bracket(lower=0.0, upper=upper, omega=0.0, delta={})
+    for omega in grid:
+        lower, delta = _least_singular(M.response(omega)[0], blocks, upper)
+        if lower > best.lower:
+            best = Bracket(lower=lower, upper=upper, omega=sampled(omega, system), delta=delta)
+    return best
+
+
+def disk_margin(L: LinearSystem, *, accuracy: float = 1e-3) -> tuple[float, float]:
+    """Return bounds, from below and above, on the multi-loop disk margin of the negative-feedback loop `L`.
+
+    One over mu of `S - I/2` with one complex block a channel (MATLAB: `diskmargin`). Scalings are free at each
+    frequency, so, up to `accuracy`, this is never below `numerics.margins.disk_margin`, whose scaling is constant.
+
+    References
+    ----------
+    P. Seiler, A. Packard, P. Gahinet, An introduction to disk margins, IEEE Control Systems Magazine 40 (2020), 78-95.
+    """
+    S = sensitivity(copied(L))
+    M = Lti(A=S.A, B=S.B, C=S.C, D=S.D - 0.5 * np.eye(S.n_outputs), dt=S.dt)
+    channels = tuple(FullBlock(name=f"channel {k}") for k in range(S.n_outputs))
+    found = mu(Uncertain(M=M, blocks=channels), accuracy=accuracy)
+    return 1.0 / found.upper, 1.0 / found.lower
+
+
+def _least_singular(M: ComplexMatrix, blocks: tuple[Block, ...], upper: float) -> tuple[float, dict[str, ArrayLike]]:
+    """Return a lower bound on mu of a matrix with a full block, and a Delta of norm 1 / bound that makes it singular.
+
+    The gain that the last full block sees falls as the ball of the others shrinks; where it is one over the radius,
+    both norms are as small as they can be.
+    """
+    last = max(k for k, block in enumerate(blocks) if isinstance(block, FullBlock))
+    order = [*(k for k in range(len(blocks)) if k != last), last]
+    z = [i for k in order for i in range(columns(blocks)[k].start, columns(blocks)[k].stop)]
+    w = [i for k in order for i in range(rows(blocks)[k].start, rows(blocks)[k].stop)]
+    swapped, others = M[np.ix_(z, w)], tuple(blocks[k] for k in order[:-1])
+    beta = upper if math.isfinite(upper) else float(np.linalg.norm(M, 2))
+    best, delta = 0.0, dict[str, ArrayLike]()
+    for _ in range(8):
+        found = worst_delta(swapped, others, radius=1.0 / beta)
+        if min(beta, found.gain) > best:
+            best = min(beta, found.gain)
+            delta = {**found.parts(others), blocks[last].name: _closing(swapped, found.Delta)}
+        if found.gain <= 0.0 or abs(found.gain - beta) <= 1e-3 * beta:
+            break
+        beta = math.sqrt(beta * min(found.gain, 100.0 * beta))
+    return best, delta
+
+
+def _closing(M: ComplexMatrix, Delta: ComplexMatrix) -> ComplexMatrix:
+    """Return the smallest matrix that makes the loop singular when it closes what `F_u(M, Delta)` leaves open."""
+    n_w, n_z = Delta.shape
+    loop = np.eye(n_z) - M[:n_z, :n_w] @ Delta
+    seen = M[n_z:, n_w:] + M[n_z:, :n_w] @ Delta @ np.linalg.solve(loop, M[:n_z, n_w:])
+    U, s, Vh = np.linalg.svd(seen)
+    return np.asarray(np.outer(Vh[0].conj(), U[:, 0].conj()) / s[0])
+
+
+def _least_unstable(M: Lti, blocks: tuple[Block, ...], upper: float) -> Bracket:
+    """Return a lower bound on mu of real parameters: the smallest ball found in which a pole crosses the axis."""
+    inside, outside = 0.0, math.inf
+    best = Bracket(lower=0.0, upper=upper, omega=0.0, delta={})
+    radius = 1.0 / upper if 0.0 < upper < math.inf else 1.0
+    while outside > 1.001 * inside and radius < 1e3:
+        found, pole = most_unstable(M, blocks, radius=radius)
+        if found.gain >= 0.0:
+            outside = radius
+            best = Bracket(lower=1.0 / radius, upper=upper, omega=abs(pole.imag), delta=found.parts(blocks))
+        else:
+            inside = radius
+        if math.isinf(outside):
+            radius *= 1.3
+        else:
+            radius = math.sqrt(inside * outside) if inside else 0.5 * outside
+        if outside < 1e-6:
+            break
+    return best

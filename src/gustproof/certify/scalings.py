@@ -1,0 +1,336 @@
+"""Upper bounds on mu and on the worst-case gain of one complex matrix, by D-G scalings; and how far they carry.
+
+The scalings come from an interior-point search of our own, but nothing rests on it: `Scalings.level` computes the bound
+from the scalings alone, by eigenvalues, whoever made them.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from gustproof.model.uncertainty import Block, RealBlock, columns, rows
+from gustproof.numerics.lti import ComplexMatrix, Lti, Matrix
+
+_RAISE = 8.0
+"""Factor on the weight of the objective from one centre to the next."""
+_NEWTON = 12
+"""Newton steps for a centre; where scalings may grow without end there is none, and the search goes on."""
+_EDGE = 1e-6
+"""[-] relative: bands end this much early, so that neighbours overlap and nothing hides in rounding between them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scalings:
+    """Multipliers that bound mu: `M* D_z M + j (G M - M* G*) <= beta^2 D_w`, all commuting with Delta.
+
+    With `gain`, beta stands on the last block alone, the performance channel, and Delta of the others stays in the unit
+    ball: beta then bounds the worst-case gain.
+    """
+
+    D_z: ComplexMatrix
+    """(n_z, n_z) positive definite, on what Delta reads."""
+    D_w: ComplexMatrix
+    """(n_w, n_w) the same scalings on what Delta drives."""
+    G: ComplexMatrix
+    """(n_w, n_z) Hermitian on real blocks, 0 elsewhere."""
+    gain: ComplexMatrix
+    """(n_w, n_w) part of `D_w` that beta^2 multiplies: all of it for mu, the last block's for the gain."""
+
+    def form(self, M: ComplexMatrix) -> ComplexMatrix:
+        """Return `M* D_z M + j (G M - M* G*) - (D_w - gain)`, to be kept below beta^2 `gain`."""
+        turned = 1j * self.G @ M
+        return np.asarray(M.conj().T @ self.D_z @ M + turned + turned.conj().T - (self.D_w - self.gain))
+
+    def level(self, M: ComplexMatrix) -> float:
+        """Return the least beta that these scalings prove for `M`; infinite if they prove none."""
+        n = self.gain.shape[0]
+        on = np.flatnonzero(np.diag(self.gain).real)
+        off = np.setdiff1d(np.arange(n), on)
+        form = self.form(M)
+        # what rounding may have done to the form counts against the bound: where G is huge, little is proved
+        rounding = 1e-14 * n * (np.linalg.norm(self.G @ M) + np.linalg.norm(M.conj().T @ self.D_z @ M))
+        form = form + rounding * np.eye(n)
+        rest = -form[np.ix_(off, off)]
+        inner = form[np.ix_(on, on)]
+        if off.size:
+            if np.linalg.eigvalsh(rest)[0] <= 0.0:
+                return np.inf
+            inner = inner + form[np.ix_(on, off)] @ np.linalg.solve(rest, form[np.ix_(off, on)])
+        largest = scipy.linalg.eigvalsh(_hermitian(inner), self.gain[np.ix_(on, on)])[-1]
+        return float(np.sqrt(max(largest, 0.0)))
+
+    def band(self, M: Lti, level: float, omega: float) -> tuple[float, float]:
+        """Return the frequencies around `omega` [rad/s] on which the scalings prove `level` for the continuous `M`.
+
+        The form is singular only where a pencil of order 2n + m has an eigenvalue on the imaginary axis. Empty,
+        `(omega, omega)`, if the level is not proved at `omega` itself. This holds between frequencies, up to rounding.
+        """
+        if not self.level(M.response(omega)[0]) < level:
+            return (omega, omega)
+        n, m = M.order, M.n_inputs
+        DC, DD = self.D_z @ M.C, self.D_z @ M.D
+        turned = 1j * self.G
+        Q, S = M.C.T @ DC, M.C.T @ (DD + turned.conj().T)
+        R = M.D.T @ DD + turned @ M.D + (turned @ M.D).conj().T - (self.D_w - self.gain) - level**2 * self.gain
+        pencil = np.block(
+            [
+                [M.A, np.zeros((n, n)), M.B],
+                [-Q, -M.A.T, -S],
+                [S.conj().T, M.B.T, R],
+            ]
+        )
+        mass = scipy.linalg.block_diag(np.eye(2 * n), np.zeros((m, m)))
+        alpha, beta = scipy.linalg.eig(pencil, mass, right=False, homogeneous_eigvals=True)
+        finite = np.abs(beta) > 1e-13 * np.abs(alpha)
+        poles = alpha[finite] / beta[finite]
+        near = np.abs(poles.real) <= 1e-6 * np.abs(poles) + 1e-12 * np.max(np.abs(M.A), initial=1.0)
+        crossings = poles[near].imag
+        below, above = crossings[crossings < omega], crossings[crossings > omega]
+        low, high = max(float(np.max(below, initial=0.0)), 0.0), float(np.min(above, initial=np.inf))
+        # rounding may lose a crossing when scalings are extreme: the band ends where a sample inside denies it
+        inside = np.geomspace(max(low, 1e-3 * omega), min(high, 1e3 * omega), 40) if omega > 0.0 else np.empty(0)
+        denied = [float(point) for point in inside if low < point < high and not self._holds(M, 1.001 * level, point)]
+        low = max([low, *(point for point in denied if point < omega)])
+        high = min([high, *(point for point in denied if point > omega)])
+        return (min((1.0 + _EDGE) * low, omega), max((1.0 - _EDGE) * high, omega))
+
+    def _holds(self, M: Lti, level: float, omega: float) -> bool:
+        return self.level(M.response(omega)[0]) <= level
+
+
+class _Basis(NamedTuple):
+    """Every direction in which scalings may go, N of them, with the trace of D_w kept."""
+
+    D_z: ComplexMatrix
+    D_w: ComplexMatrix
+    G: ComplexMatrix
+    gain: ComplexMatrix
+
+    def at(self, x: Matrix) -> Scalings:
+        return Scalings(**{name: np.tensordot(x, getattr(self, name), 1) for name in self._fields})
+
+
+def best_scalings(
+    M: ComplexMatrix,
+    blocks: tuple[Block, ...],
+    *,
+    gain: bool,
+    accuracy: float = 1e-3,
+    enough: float = 0.0,
+    real: bool = True,
+) -> Scalings:
+    """Return scalings whose level for the matrix `M` is within `accuracy` of the least that D-G scalings give.
+
+    The least level is a generalised eigenvalue problem; it is solved as a few convex ones (Dinkelbach), each by a
+    barrier method with Newton steps. Cost: some 50 Newton steps of N matrices (n, n), N the number of free scalings.
+
+    Parameters
+    ----------
+    M
+        (n_z, n_w) closed by Delta.
+    blocks
+        Blocks of Delta; with `gain` the last one is the performance channel.
+    gain
+        Whether to bound the gain of the last block over the unit ball of the others, instead of mu.
+    accuracy
+        [-] relative.
+    enough
+        [-] level at which the search may stop at once.
+    real
+        Whether to use that parameters are real. Where mu of real parameters jumps with frequency, only scalings that do
+        not (G = 0) hold on a band.
+
+    References
+    ----------
+    M. K. H. Fan, A. L. Tits, J. C. Doyle, Robustness in the presence of mixed parametric uncertainty and unmodeled
+    dynamics, IEEE TAC 36 (1991), 25-38. W. Dinkelbach, On nonlinear fractional programming, Management Science 13
+    (1967), 492-498.
+    """
+    basis = _basis(blocks, gain, real)
+    best = _first(M, blocks, gain, real)
+    level = best.level(M)
+    floor = max(accuracy * float(np.linalg.norm(M, 2)), enough)
+    while floor < level < np.inf:
+        found = _improved(basis, best, M, level, accuracy, enough)
+        reached = found.level(M)
+        if not reached < level:
+            break
+        best, previous, level = found, level, reached
+        if level > (1.0 - 0.5 * accuracy) * previous:
+            break
+    # where mu is 0, G may grow without end; no more of it than is needed, so that bands are not lost in rounding
+    while level < floor and (smaller := replace(best, G=0.5 * best.G)).level(M) < floor:
+        if not np.any(smaller.G):
+            break
+        best = smaller
+    return best
+
+
+def _basis(blocks: tuple[Block, ...], gain: bool, real: bool) -> _Basis:
+    z_parts, w_parts = columns(blocks), rows(blocks)
+    n_z, n_w = z_parts[-1].stop, w_parts[-1].stop
+    D_z, D_w, G, level = [], [], [], []
+    for k, (block, z, w) in enumerate(zip(blocks, z_parts, w_parts, strict=True)):
+        is_real = isinstance(block, RealBlock)
+        counts = gain <= (k == len(blocks) - 1)
+        shapes = _hermitian_basis(block.shape[0]) if is_real else []
+        whole = [(np.eye(block.shape[1]), np.eye(block.shape[0]))]
+        for read, drive in [(shape, shape) for shape in shapes] or whole:
+            D_z.append(_placed(read, z, z, n_z, n_z))
+            D_w.append(_placed(drive, w, w, n_w, n_w))
+            G.append(np.zeros((n_w, n_z), dtype=np.complex128))
+            level.append(D_w[-1] * counts)
+        for shape in shapes if real else []:
+            D_z.append(np.zeros((n_z, n_z), dtype=np.complex128))
+            D_w.append(np.zeros((n_w, n_w), dtype=np.complex128))
+            G.append(_placed(shape, w, z, n_w, n_z))
+            level.append(D_w[-1])
+    return _Basis(D_z=np.array(D_z), D_w=np.array(D_w), G=np.array(G), gain=np.array(level))
+
+
+def _hermitian_basis(r: int) -> list[ComplexMatrix]:
+    units = np.eye(r, dtype=np.complex128)
+    found = [np.outer(units[k], units[k]) for k in range(r)]
+    for k in range(r):
+        for j in range(k):
+            pair = np.outer(units[k], units[j])
+            found += [pair + pair.T, 1j * (pair - pair.T)]
+    return found
+
+
+def _placed(part: ComplexMatrix | Matrix, i: slice, j: slice, n: int, m: int) -> ComplexMatrix:
+    whole = np.zeros((n, m), dtype=np.complex128)
+    whole[i, j] = part
+    return whole
+
+
+def _first(M: ComplexMatrix, blocks: tuple[Block, ...], gain: bool, real: bool) -> Scalings:
+    """Return scalings to start from: balanced; for the gain, such as prove the other blocks stable, if any do."""
+    if not gain or len(blocks) == 1:
+        return _diagonal(blocks, _balance(M, blocks), gain)
+    z, w = columns(blocks)[-1].start, rows(blocks)[-1].start
+    inner = best_scalings(M[:z, :w], blocks[:-1], gain=False, accuracy=0.02, enough=0.9, real=real)
+    start = _diagonal(blocks, np.ones(len(blocks)), gain)
+    # the performance channel must be weighted little enough not to spoil what the other blocks have
+    for weight in 0.1 ** np.arange(12.0):
+        trial = Scalings(
+            D_z=scipy.linalg.block_diag(inner.D_z, weight * start.D_z[z:, z:]),
+            D_w=scipy.linalg.block_diag(inner.D_w, weight * start.D_w[w:, w:]),
+            G=_placed(inner.G, slice(0, w), slice(0, z), *start.G.shape),
+            gain=weight * start.gain,
+        )
+        if np.isfinite(trial.level(M)):
+            return trial
+    return start
+
+
+def _diagonal(blocks: tuple[Block, ...], weights: Matrix, gain: bool) -> Scalings:
+    sizes_w, sizes_z = [block.shape[0] for block in blocks], [block.shape[1] for block in blocks]
+    D_z, D_w = np.diag(np.repeat(weights, sizes_z)), np.diag(np.repeat(weights, sizes_w))
+    counted = D_w.copy()
+    if gain:
+        counted[: -sizes_w[-1], : -sizes_w[-1]] = 0.0
+    zero = np.zeros((D_w.shape[0], D_z.shape[0]), dtype=np.complex128)
+    return Scalings(D_z=D_z.astype(complex), D_w=D_w.astype(complex), G=zero, gain=counted.astype(complex))
+
+
+def _balance(M: ComplexMatrix, blocks: tuple[Block, ...]) -> Matrix:
+    """Return one weight a block that makes what it reads as large as what it drives (Osborne)."""
+    size = np.array([[np.linalg.norm(M[z, w]) ** 2 for w in rows(blocks)] for z in columns(blocks)])
+    np.fill_diagonal(size, 0.0)
+    floor = 1e-12 * max(float(np.max(size)), np.finfo(float).tiny)
+    weights = np.ones(len(blocks))
+    for _ in range(20):
+        for k in range(len(blocks)):
+            row, column = size[k] @ (1.0 / weights), weights @ size[:, k]
+            weights[k] = np.sqrt((column + floor) / (row + floor))
+    return np.asarray(np.clip(weights / weights[-1], 1e-10, 1e10))
+
+
+def _improved(
+    basis: _Basis, start: Scalings, M: ComplexMatrix, level: float, accuracy: float, enough: float
+) -> Scalings:
+    """Return scalings with the least s that keep `form <= level^2 gain + s R`, R the gain part of `start`.
+
+    Barrier method: along centres of `t s - log det F - log det D_w` for growing t, F the slack of the inequality.
+    """
+    congruent = M.conj().T @ basis.D_z @ M
+    turned = 1j * basis.G @ M
+    slack = level**2 * basis.gain - congruent - turned - _adjoint(turned) + basis.D_w - basis.gain
+    # scalings of one inequality are only known up to a factor: the trace of D_w stays
+    trace = np.trace(basis.D_w, axis1=1, axis2=2).real
+    free = np.asarray(scipy.linalg.null_space(trace[None]))
+    barriers = [
+        np.concatenate([np.tensordot(free.T, slack, 1), start.gain[None]]),
+        np.concatenate([np.tensordot(free.T, basis.D_w, 1), np.zeros((1, *start.D_w.shape))]),
+    ]
+    origin = _coordinates(basis, start)
+    offsets = [np.tensordot(origin, slack, 1), np.tensordot(origin, basis.D_w, 1)]
+    y = np.zeros(free.shape[1] + 1)
+    y[-1] = 0.05 * level**2
+    weight = len(start.D_w) / level**2
+    while weight < 4.0 * len(start.D_w) / (accuracy * level**2):
+        y = _centre(y, weight, offsets, barriers)
+        weight *= _RAISE
+        found = basis.at(origin + free @ y[:-1])
+        if found.level(M) <= enough:
+            break
+    return basis.at(origin + free @ y[:-1])
+
+
+def _centre(y: Matrix, weight: float, offsets: list[ComplexMatrix], barriers: list[ComplexMatrix]) -> Matrix:
+    """Return the minimiser of `weight y[-1] - sum log det (offset + y . barrier)`, by damped Newton steps."""
+    for _ in range(_NEWTON):
+        gradient, hessian = np.zeros(y.size), np.zeros((y.size, y.size))
+        gradient[-1] = weight
+        for offset, barrier in zip(offsets, barriers, strict=True):
+            root = np.linalg.inv(np.linalg.cholesky(_hermitian(offset + np.tensordot(y, barrier, 1))))
+            scaled = np.asarray(root @ barrier @ root.conj().T).reshape(y.size, -1)
+            gradient -= scaled[:, :: root.shape[0] + 1].real.sum(axis=1)
+            hessian += scaled.real @ scaled.real.T + scaled.imag @ scaled.imag.T
+        # a scaling that a real response does not feel has no curvature, and no gradient either
+        diagonal = np.sqrt(np.maximum(hessian.diagonal(), 1e-30 * np.max(hessian)))
+        factor = scipy.linalg.cho_factor(hessian / np.outer(diagonal, diagonal) + 1e-12 * np.eye(y.size))
+        step = -scipy.linalg.cho_solve(factor, gradient / diagonal) / diagonal
+        decrement = math.sqrt(max(-float(gradient @ step), 0.0))
+        length = 1.0 / (1.0 + decrement) if decrement > 0.25 else 1.0
+        while length > 1e-6 and not all(
+            _is_positive(offset + np.tensordot(y + length * step, barrier, 1))
+            for offset, barrier in zip(offsets, barriers, strict=True)
+        ):
+            length *= 0.5
+        if length <= 1e-6:
+            break
+        y = y + length * step
+        if decrement < 0.1:
+            break
+    return y
+
+
+def _coordinates(basis: _Basis, scalings: Scalings) -> Matrix:
+    """Return the coordinates of scalings; the directions of a basis are orthogonal."""
+    projections = np.zeros(len(basis.D_w))
+    for directions, value in ((basis.D_w, scalings.D_w), (basis.G, scalings.G)):
+        size = np.sum(np.abs(directions) ** 2, axis=(1, 2))
+        inner = np.sum((directions.conj() * value).real, axis=(1, 2))
+        projections += np.divide(inner, size, out=np.zeros_like(size), where=size > 0.0)
+    return projections
+
+
+def _is_positive(matrix: ComplexMatrix) -> bool:
+    try:
+        np.linalg.cholesky(_hermitian(matrix))
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def _hermitian(matrix: ComplexMatrix) -> ComplexMatrix:
+    return np.asarray(0.5 * (matrix + matrix.conj().T))
+
+
+def _adjoint(stack: ComplexMatrix) -> ComplexMatrix:
+    return np.asarray(stack.conj().transpose(0, 2, 1))

@@ -1,0 +1,123 @@
+"""Upper bounds that hold at every frequency: bands on which scalings prove a level, until they cover the axis."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gustproof.certify.scalings import best_scalings
+from gustproof.model.lft import Uncertain
+from gustproof.model.uncertainty import Block, FullBlock
+from gustproof.numerics.lti import Lti
+from gustproof.numerics.norms import bilinear, hinf_norm
+
+PERFORMANCE = "performance"
+"""Name of the full block that closes inputs and outputs of a system."""
+_BANDS = 400
+"""Bands at most; where they do not suffice nothing is proved and the upper bound is infinite."""
+_NARROW = 1e-4
+"""[-] relative width of a gap below which mu is taken to jump inside."""
+_ROUNDING = 1e-6
+"""[-] relative: bands are computed for a level this much below the one that is told."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bracket:
+    """What is known of a largest value over all frequencies and the whole family."""
+
+    lower: float
+    """[-] attained by `delta` at `omega`."""
+    upper: float
+    """[-] never exceeded, up to rounding; infinite if nothing was proved."""
+    omega: float
+    """[rad/s] frequency of the lower bound."""
+    delta: Mapping[str, ArrayLike]
+    """Value of each block for the lower bound, 1 the edge of the family: a number, or a complex matrix."""
+
+    @property
+    def gap(self) -> float:
+        """[-] upper over lower bound, less 1."""
+        return self.upper / self.lower - 1.0 if self.lower > 0.0 else math.inf
+
+
+def swept(M: Lti, blocks: tuple[Block, ...], *, gain: bool, accuracy: float) -> tuple[float, list[float]]:
+    """Return a level that holds at every frequency, and the frequencies of the largest levels met, largest first.
+
+    Parameters
+    ----------
+    M
+        Continuous system, stable, all of it closed by `blocks`.
+    blocks
+        Blocks of Delta; with `gain` the last one is the performance channel.
+    gain
+        Whether the level is the gain of the last block, instead of mu.
+    accuracy
+        [-] relative, of the level above the least that D-G scalings give.
+
+    Raises
+    ------
+    ValueError
+        If `M` is unstable or there are no blocks.
+    """
+    if not blocks:
+        raise ValueError("there is nothing uncertain")
+    if not M.is_stable():
+        raise ValueError("the system is unstable at Delta = 0")
+    speeds = np.abs(M.poles())
+    slow, fast = float(np.min(speeds, initial=1.0)), float(np.max(speeds, initial=1.0))
+    peak = hinf_norm(M)
+    pending = [0.0, min(peak.omega, 1e3 * fast), 1e3 * fast, *np.geomspace(slow, fast, 5).tolist()]
+    gaps, level, met = [(0.0, math.inf)], 1e-3 * accuracy * peak.gain, list[tuple[float, float]]()
+    for _ in range(_BANDS):
+        omega = pending.pop(0) if pending else _inside(gaps[0], slow, fast)
+        response = M.response(omega)[0]
+        # the best scalings, though the level asks for less: scalings that only just reach it hold on a narrow band
+        jumps = gaps[0][1] < (1.0 + _NARROW) * gaps[0][0]
+        scalings = best_scalings(response, blocks, gain=gain, accuracy=0.5 * accuracy, real=not jumps)
+        reached = scalings.level(response)
+        met.append((reached, omega))
+        if not math.isfinite(reached):
+            return math.inf, _largest(met)
+        level = max(level, (1.0 + 0.5 * accuracy) * reached)
+        gaps = _without(gaps, scalings.band(M, level / (1.0 + _ROUNDING), omega))
+        if not gaps:
+            return level, _largest(met)
+    return math.inf, _largest(met)
+
+
+def with_performance(system: Uncertain) -> tuple[Block, ...]:
+    """Return the blocks of a system and, last, the full block that closes its inputs and outputs."""
+    return (*system.blocks, FullBlock(name=PERFORMANCE, n_outputs=system.n_inputs, n_inputs=system.n_outputs))
+
+
+def continuous(system: Uncertain) -> Lti:
+    """Return `M` in continuous time, by the bilinear image, which keeps every bound, if it is discrete."""
+    return bilinear(system.M) if system.M.dt else system.M
+
+
+def sampled(omega: float, system: Uncertain) -> float:
+    """Return the frequency [rad/s] of the system whose continuous image is at `omega`."""
+    dt = system.M.dt
+    return 2.0 / dt * math.atan(0.5 * omega * dt) if dt else omega
+
+
+def _inside(gap: tuple[float, float], slow: float, fast: float) -> float:
+    """Return a frequency to look at inside a gap."""
+    low, high = gap
+    if math.isinf(high):
+        return 4.0 * max(low, fast)
+    return math.sqrt(low * high) if low > 0.0 else min(0.1 * high, slow)
+
+
+def _without(gaps: list[tuple[float, float]], band: tuple[float, float]) -> list[tuple[float, float]]:
+    """Return the gaps less the band."""
+    if band[0] >= band[1]:
+        return gaps
+    pieces = [piece for low, high in gaps for piece in ((low, min(high, band[0])), (max(low, band[1]), high))]
+    return [(low, high) for low, high in pieces if low < high]
+
+
+def _largest(met: list[tuple[float, float]]) -> list[float]:
+    return [omega for _, omega in sorted(met, reverse=True)[:4]]

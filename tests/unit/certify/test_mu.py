@@ -1,0 +1,166 @@
+"""Mu and worst-case gain against closed forms, and bounds that must bracket."""
+
+import math
+
+import numpy as np
+import pytest
+
+from firmware_model.vehicle import load_vehicle
+from gustproof.certify.mu import disk_margin, mu
+from gustproof.certify.scalings import best_scalings
+from gustproof.certify.sweep import with_performance
+from gustproof.certify.worst_gain import restricted, worst_gain
+from gustproof.model.lft import Uncertain, closed, connected, real, with_states
+from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
+from gustproof.model.uncertainty import FullBlock, RealBlock
+from gustproof.numerics.lti import Lti, gain, hold_discretized
+from gustproof.numerics.norms import hinf_norm
+from gustproof.synthesis import hinfsyn
+from gustproof.synthesis.designs import design_problem, load_design
+
+TIGHT = 1e-3
+"""Relative; the accuracy that the scalings are asked for."""
+SCALARS = (FullBlock(name="a"), FullBlock(name="b"))
+
+
+def oscillator(stiffness: Uncertain | float, damping: Uncertain | float) -> Uncertain:
+    """x'' = u - damping x' - stiffness x, from u to x."""
+    row = np.array([[0.0, 0.0, 1.0]]) - np.array([[1.0]]) @ (
+        real_or(stiffness) @ np.array([[1.0, 0.0, 0.0]]) + real_or(damping) @ np.array([[0.0, 1.0, 0.0]])
+    )
+    rest = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    return with_states(np.array([[0.0], [1.0], [0.0]]) @ row + rest, 2)
+
+
+def real_or(value: Uncertain | float) -> Uncertain:
+    return value if isinstance(value, Uncertain) else Uncertain(M=gain([[value]]))
+
+
+def attitude_loop(angle: float, rate: float) -> Uncertain:
+    vehicle, design = load_vehicle("paper"), load_design("D2")
+    problem = design_problem(design, vehicle)
+    result = hinfsyn(problem.plant(), problem.n_meas, problem.n_con, gamma=design.gamma)
+    dynamics = rotation(vehicle.inertia_B, Envelope(angle=angle, rate=rate))
+    airframe = uncertain_airframe(dynamics, leak=design.leak, rate_damping=0.05)
+    return closed(connected(problem, {"airframe": airframe}), result.controller)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_one_complex_block_has_the_largest_singular_value_and_two_their_best_balance(seed):
+    rng = np.random.default_rng(seed)
+    M = rng.normal(size=(2, 2)) + 1j * rng.normal(size=(2, 2))
+    whole = best_scalings(M, (FullBlock(name="a", n_outputs=2, n_inputs=2),), gain=False).level(M)
+    assert whole == pytest.approx(np.linalg.norm(M, 2), rel=1e-9)
+    # two scalar blocks: mu = min over d of the norm of [[a, b d], [c / d, e]], and d^2 = |c / b| is the minimiser
+    d = math.sqrt(abs(M[1, 0] / M[0, 1]))
+    expected = np.linalg.norm(M * [[1.0, d], [1.0 / d, 1.0]], 2)
+    assert best_scalings(M, SCALARS, gain=False, accuracy=TIGHT).level(M) == pytest.approx(expected, rel=TIGHT)
+
+
+def test_real_blocks_profit_from_being_real():
+    # rank one, so mu of repeated blocks is analytic: 1 - delta (m1 + m2) = 0 with real delta
+    blocks = (RealBlock(name="k", low=-1.0, high=1.0, nominal=0.0, repeats=2),)
+    M = np.outer([1.0, 1.0], [0.3, 0.5]).astype(complex)
+    assert best_scalings(M, blocks, gain=False, accuracy=TIGHT).level(M) == pytest.approx(0.8, rel=TIGHT)
+    turned = 1j * M
+    assert best_scalings(turned, blocks, gain=False, accuracy=TIGHT).level(turned) < 0.01
+    assert best_scalings(turned, blocks, gain=False, accuracy=TIGHT, real=False).level(turned) == pytest.approx(
+        0.8, rel=TIGHT
+    )
+
+
+def test_scalings_are_judged_by_what_they_prove_not_by_who_made_them():
+    rng = np.random.default_rng(5)
+    M = rng.normal(size=(3, 3)) + 1j * rng.normal(size=(3, 3))
+    blocks = (RealBlock(name="k", low=-1.0, high=1.0, nominal=0.0), *SCALARS)
+    level, other = best_scalings(M, blocks, gain=False, accuracy=TIGHT).level, M + 0.5
+    assert level(other) > level(M)
+    # whatever the scalings, no Delta of norm 1 / level makes the loop singular
+    for seed in range(200):
+        draw = np.random.default_rng(seed)
+        Delta = np.diag([draw.uniform(-1.0, 1.0), *np.exp(2j * np.pi * draw.uniform(size=2))])
+        real_eigenvalues = [abs(e) for e in np.linalg.eigvals(other @ Delta) if abs(e.imag) < 1e-12]
+        assert max(real_eigenvalues, default=0.0) <= level(other)
+        assert max(abs(np.linalg.eigvals(M @ np.diag([0.0, *np.diag(Delta)[1:]])))) <= level(M)
+
+
+def test_real_parameters_alone_are_bracketed_even_where_mu_jumps():
+    for stiffness, damping, name, edge in (
+        (real("k", low=-1.0, high=3.0), 0.2, "k", -0.5),
+        (4.0, real("c", low=-0.3, high=0.7), "c", -0.4),
+    ):
+        loop = oscillator(stiffness, damping)
+        alone = Uncertain(M=loop.M.part(slice(0, loop.n_z), slice(0, loop.n_w)), blocks=loop.blocks)
+        found = mu(alone)
+        assert found.delta[name] == pytest.approx(edge, rel=0.01)
+        assert found.lower <= 1.0 / abs(edge) <= found.upper
+        assert found.gap < 0.05
+        sampled = mu(Uncertain(M=hold_discretized(alone.M, 0.01), blocks=alone.blocks))
+        assert sampled.upper == pytest.approx(found.upper, rel=0.05)  # the hold is a little delay
+
+
+def test_the_worst_gain_of_a_resonance_is_at_the_least_damping():
+    found = worst_gain(oscillator(1.0, real("c", low=0.1, high=0.3)))
+    assert found.lower == pytest.approx(1.0 / (0.1 * math.sqrt(1.0 - 0.1**2 / 4.0)), rel=1e-6)
+    assert found.delta == {"c": -1.0}
+    assert found.lower <= found.upper <= 1.03 * found.lower
+
+
+def test_no_member_of_the_family_exceeds_the_worst_gain_and_the_bracket_is_within_five_percent():
+    system = attitude_loop(0.3, 0.5)
+    found = worst_gain(system)
+    assert found.lower == pytest.approx(0.279, rel=0.005)
+    assert found.gap < 0.05
+    assert hinf_norm(system.at(found.delta)).gain == pytest.approx(found.lower, rel=1e-9)
+    assert all(hinf_norm(system.at(delta)).gain <= found.upper for delta in system.samples(50, 1))
+
+
+def test_a_band_holds_everywhere_inside_and_ends_where_the_level_is_met():
+    system = attitude_loop(0.1, 0.5)
+    blocks = with_performance(system)
+    scalings = best_scalings(system.M.response(2.0)[0], blocks, gain=True)
+    low, high = scalings.band(system.M, 0.255, 2.0)
+    assert 0.0 < low < 2.0 < high < math.inf
+    levels = [scalings.level(M) for M in system.M.response(np.geomspace(low * 1.001, high * 0.999, 50))]
+    assert max(levels) < 0.255
+    assert scalings.level(system.M.response(high * 1.01)[0]) > 0.255
+    assert scalings.band(system.M, 0.2, 2.0) == (2.0, 2.0)
+
+
+def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
+    stiffness, damping = real("k", low=0.3, high=1.7), real("c", low=0.05, high=0.35)
+    system = oscillator(stiffness, damping)
+    truth = 1.0 / (0.05 * math.sqrt(0.3 - 0.05**2 / 4.0))
+    one, many = worst_gain(system, accuracy=1e-3), worst_gain(system, accuracy=1e-3, boxes=3)
+    assert many.lower == pytest.approx(truth, rel=1e-6)
+    assert truth <= many.upper <= one.upper
+    assert many.gap < 0.01
+
+
+def test_a_box_of_parameters_is_a_family_of_the_same_members():
+    system = attitude_loop(0.3, 0.5)
+    inner = restricted(system, {"t": (0.0, 1.0), "v": (-0.5, 0.5), "r": (-1.0, -0.5), "q": (-1.0, 1.0)})
+    expected = system.at({"t": 0.75, "v": 0.25, "r": -0.75, "q": 0.1}).response(3.0)
+    assert inner.at({"t": 0.5, "v": 0.5, "r": 0.0, "q": 0.1}).response(3.0) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_spinning_satellite_has_a_tenth_of_a_disk_margin():
+    # Zhou, Doyle and Glover, section 9.6: 1 / |1 + a j| for complex perturbations at a = 10, here in symmetric form
+    loop = Lti(A=[[0.0, 10.0], [-10.0, 0.0]], B=np.eye(2), C=[[1.0, 10.0], [-10.0, 1.0]], D=np.zeros((2, 2)))
+    low, high = disk_margin(loop)
+    assert low <= high <= 1.002 * low
+    assert low == pytest.approx(0.0997, rel=0.002)
+
+
+def test_what_has_no_mu_is_refused():
+    with pytest.raises(ValueError, match="nothing uncertain"):
+        mu(Uncertain(M=gain(np.zeros((0, 0)))))
+    with pytest.raises(ValueError, match="unstable at Delta = 0"):
+        mu(oscillator(real("k", low=-3.0, high=1.0), 0.2))
+    with pytest.raises(ValueError, match="no worst gain"):
+        worst_gain(Uncertain(M=gain([[1.0]]), blocks=()))
+
+
+def test_an_unstable_member_makes_the_worst_gain_infinite():
+    found = worst_gain(oscillator(1.0, real("c", low=-0.1, high=0.3)), boxes=2)
+    assert math.isinf(found.upper)
