@@ -16,6 +16,7 @@ Starts come from the flown step responses of the loop about hover, and at random
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -130,14 +131,8 @@ def worst_case(
         raise ValueError(f"budget is {budget}, must be positive")
     if flights < 100:
         raise ValueError(f"flights are {flights}, must be at least 100")
-    search = _Search(
-        law, vehicle, budget, spreads or Spreads(), duration_s, delay_samples, flights, seed, progress or _silent
-    )
-    return search.run()
-
-
-def _silent(_: float) -> None:
-    """Show no progress."""
+    shown: Progress = progress or (lambda _: None)
+    return _Search(law, vehicle, budget, spreads or Spreads(), duration_s, delay_samples, flights, seed, shown).run()
 
 
 class _Search:
@@ -158,8 +153,11 @@ class _Search:
 
     def run(self) -> WorstCase:
         rng = np.random.default_rng(self._seed)
-        steps = self._step_responses()
-        unmoved = [self._bang_bang(steps), self._turbulent()]
+        bodies = self._bodies()
+        responses = [self._step_responses(body) for body in bodies]
+        unmoved = [(self._bang_bang(steps), body) for steps, body in zip(responses, bodies, strict=True)]
+        unmoved.append((self._turbulent(), self._vehicle))
+        steps = responses[0]
         points = [*_starts(steps, self._budget, self._calm.dt, self._slowest)]
         if self._spreads != Spreads():
             points += [_on_another_vehicle(point, rng) for point in points]
@@ -173,14 +171,14 @@ class _Search:
             found = [self._climbed(one, flights_each, rng) for one in list(best.values())[:kept]]
         return self._result(max(found, key=lambda one: one.peak_deg), unmoved, steps)
 
-    def _result(self, best: _Found, unmoved: list[Scenario], steps: Array) -> WorstCase:
+    def _result(self, best: _Found, unmoved: list[tuple[Scenario, Vehicle]], steps: Array) -> WorstCase:
         scenario, vehicle = self._scenario(best.point), self._airframe(best.point.x)
         start, start_deg = best.point.start, best.start_deg
         records = self._fly(scenario, vehicle)
-        for other in unmoved:
-            flown = self._fly(other, self._vehicle)
+        for other, body in unmoved:
+            flown = self._fly(other, body)
             if np.max(_peaks_deg(flown)) > np.max(_peaks_deg(records)):
-                scenario, vehicle, records = other, self._vehicle, flown
+                scenario, vehicle, records = other, body, flown
                 start, start_deg = other.description, float(np.max(_peaks_deg(flown)))
         roll, pitch, yaw = _peaks_deg(records).tolist()
         return WorstCase(
@@ -243,7 +241,12 @@ class _Search:
         lag = self._vehicle.actuator_lag * (1.0 + self._spreads.actuator_lag * (2.0 * float(x[_LAG]) - 1.0))
         return replace(self._vehicle, inertia_B=(I_x, I_y, I_z), actuator_lag=lag)
 
-    def _step_responses(self) -> Array:
+    def _bodies(self) -> list[Vehicle]:
+        """Return the vehicle of the file and, with spreads, light and heavy ones with small and large lag."""
+        corners = [] if self._spreads == Spreads() else product((0.0, 1.0), repeat=2)
+        return [self._vehicle, *(self._airframe(np.array([0.0] * 7 + [i, i, i, lag])) for i, lag in corners)]
+
+    def _step_responses(self, vehicle: Vehicle) -> Array:
         """Return angles [rad] and rates [rad/s], (samples, 6, 3), per held moment of 1 N*m about each axis.
 
         One axis alone is a plane rotation, so that the response is that of the linear loop.
@@ -253,7 +256,7 @@ class _Search:
             x = np.full(_SIZE, 0.5)
             x[_AMPLITUDES] = np.eye(3)[axis]
             x[_PHASES] = 0.0
-            records = self._fly(self._scenario(_Point("step", (0, 0, 0), True, x)), self._vehicle)
+            records = self._fly(self._scenario(_Point("step", (0, 0, 0), True, x)), vehicle)
             columns.append(np.hstack([attitude(records), records["omega_B"]]) / self._budget[axis])
         return np.stack(columns, axis=2)
 
@@ -282,15 +285,14 @@ def _starts(steps: Array, budget: Array, dt: float, slowest: float) -> Iterator[
     """Yield what the linear loop fears most, and what its second-order terms rectify."""
     omegas = np.geomspace(slowest, _FASTEST, 80)
     pulses = np.diff(steps, axis=0, prepend=0.0).reshape(len(steps), -1)
-    times = dt * np.arange(len(steps))
-    G = (np.exp(-1j * np.outer(omegas, times)) @ pulses).reshape(-1, 6, 3) * budget
+    G = (np.exp(-1j * np.outer(omegas, dt * np.arange(len(steps)))) @ pulses).reshape(-1, 6, 3) * budget
     rates = np.linspace(0.0, 1.0, omegas.size)
     yield _point("held moments", (0, 0, 0), True, 0.0, np.zeros(3), np.ones(3))
     _, gains, directions = np.linalg.svd(G[:, :3])
     peak = int(np.argmax(gains[:, 0]))
     v = directions[peak, 0].conj()
+    phases = np.angle(v) / (2.0 * math.pi)
     for square in (False, True):
-        phases = np.angle(v) / (2.0 * math.pi)
         yield _point("largest singular value", (1, 1, 1), square, rates[peak], phases, np.abs(v) / np.max(np.abs(v)))
     for i, j, k, name in _RECTIFIED:
         angle, rate = G[:, i, i], G[:, 3 + j, j]
@@ -339,8 +341,8 @@ def _wave(square: bool, amplitude: list[float], rate: float, phase: float) -> Mo
 
 def _linear_peak_deg(steps: Array, budget: Array) -> float:
     """Return the largest Euler angle [deg] that moments in the budget give the linear loop: its impulse's L1 norm."""
-    pulses = np.abs(np.diff(steps[:, :3], axis=0, prepend=0.0)).sum(axis=0)
-    return math.degrees(float(np.max(pulses @ budget)))
+    norms = np.abs(np.diff(steps[:, :3], axis=0, prepend=0.0)).sum(axis=0)
+    return math.degrees(float(np.max(norms @ budget)))
 
 
 def _peaks_deg(records: Records) -> Array:
