@@ -31,13 +31,13 @@ class RealBlock:
     name: str
     """Unique in the model: blocks of one name are one parameter."""
     low: float
-    """Least value, in the parameter's own unit."""
+    """[as the parameter] least value."""
     high: float
-    """Largest value."""
+    """[as the parameter] largest value."""
     nominal: float
-    """Value at delta = 0."""
+    """[as the parameter] value at delta = 0."""
     repeats: int = 1
-    """How often the parameter stands on the diagonal."""
+    """How often the parameter stands on the diagonal, a count."""
 
     def __post_init__(self) -> None:
         """Check the range."""
