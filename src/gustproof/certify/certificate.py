@@ -15,7 +15,7 @@ class Certificate:
     statement: str
     """What is claimed, in words."""
     gain: float | None
-    """[-] level that is claimed: an L2 gain, or the part of the moment that a closure covers; `None` if none is known."""
+    """[-] level that is claimed: an L2 gain, or the part of the moment that a closure covers; `None` if unknown."""
     lower_bound: float
     """[-] level that is reached for certain by something that was simulated; 0 if nothing was tried."""
     proven: bool
@@ -25,7 +25,7 @@ class Certificate:
     evidence: dict[str, Any]
     """Everything that the check computes with, values of JSON."""
     residual: float | None
-    """[-] least eigenvalue of what must be positive definite, or least slack of what must fit, in floating point; `None` without evidence."""
+    """[-] least eigenvalue or slack of what must be positive, in floating point; `None` without evidence."""
 
     def document(self) -> dict[str, Any]:
         """Return the certificate as values of JSON, sealed."""

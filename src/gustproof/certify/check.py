@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from gustproof.certify.enclosure import SIGNALS, Norms, axis_norms, mapped
 from gustproof.numerics.rational import (
     Rational,
     add,
     exact,
+    exp_below,
     identity,
     is_positive_definite,
     multiply,
@@ -152,4 +154,38 @@ def _gain(level: Fraction, evidence: dict[str, Any]) -> str:
     return f"the L2 gain is below {float(level):.6g}: the matrix inequality holds exactly"
 
 
-_PROOFS: dict[str, Callable[[Fraction, dict[str, Any]], str]] = {"gain": _gain}
+def _closure(level: Fraction, evidence: dict[str, Any]) -> str:
+    """Prove that a flight stays inside a box; see `gustproof.certify.enclosure`."""
+    norms = [axis_norms(evidence, axis) for axis in range(3)]
+    return closed(level, evidence, norms)
+
+
+def closed(level: Fraction, evidence: dict[str, Any], norms: list[Norms]) -> str:
+    """Return what is proved if the evidence's box closes over `level` times its moment with these norms.
+
+    Raises
+    ------
+    Refusal
+        If a signal leaves the box, a command its limit, or the noise is not covered.
+    """
+    if level <= 0:
+        raise Refusal("the part of the moment is not positive")
+    box, law = exact(evidence["box"]), evidence["law"]
+    if [len(row) for row in box] != [len(SIGNALS)] * 3 or min(map(min, box)) < 0:
+        raise Refusal("the box does not bound every signal of every axis")
+    deviations = Fraction(evidence["deviations"])
+    # 2 Q(z) <= exp(-z^2 / 2) for each signal and measurement of each sample
+    count = 3 * (len(SIGNALS) + 1) * (evidence["samples"] + 1)
+    if evidence["noise"] != 0 and exp_below(deviations**2 / 2) * Fraction(evidence["risk"]) < count:
+        raise Refusal("the noise exceeds so many deviations with a larger probability")
+    for axis, (inside, follows) in enumerate(zip(box, mapped(evidence, norms, level, box), strict=True)):
+        for name, bound, value in zip(SIGNALS, inside, follows, strict=True):
+            if not value <= bound:
+                raise Refusal(f"axis {axis}: the bound of {name} does not close: {float(value)} above {float(bound)}")
+        limit = Fraction(law["limits"][axis])
+        if not inside[SIGNALS.index("command")] <= limit * Fraction(999, 1000):
+            raise Refusal(f"axis {axis}: the command may reach its limit")
+    return f"{float(level):.6g} of the moment keeps every signal in the box, every command inside its limit"
+
+
+_PROOFS: dict[str, Callable[[Fraction, dict[str, Any]], str]] = {"gain": _gain, "closure": _closure}

@@ -113,6 +113,11 @@ def is_positive_definite(M: Rational) -> bool:
     return True
 
 
+def rounded_up(x: Fraction, bits: int = 64) -> Fraction:
+    """Return the least multiple of 2^-`bits` that is not below `x`: bounds stay short."""
+    return Fraction(-((-x.numerator << bits) // x.denominator), 1 << bits)
+
+
 def sqrt_above(x: Fraction, bits: int = 64) -> Fraction:
     """Return a number not below the square root of `x` >= 0 and within 2^-`bits` of it."""
     root = math.isqrt((x.numerator << (2 * bits)) // x.denominator)

@@ -1,0 +1,132 @@
+"""Boxes that flights provably keep: flown against, spoiled, and refused where they do not close."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firmware_model.vehicle import load_vehicle
+from gustproof.certify.certificate import Certificate
+from gustproof.certify.check import check, seal
+from gustproof.certify.closure import certify_closure
+from gustproof.certify.enclosure import SIGNALS, axis_norms
+from gustproof.law import Law, load_law, step
+
+VEHICLE = load_vehicle("paper")
+MOMENT = (0.65, 0.65, 0.3)
+HORIZON = 4.0
+"""[s] short, so that integers of 96 places stay cheap; the proof is the same."""
+
+
+@pytest.fixture(scope="module")
+def certificate() -> Certificate:
+    return certify_closure(load_law("hinf-scheduled"), VEHICLE, moment=MOMENT, horizon=HORIZON)
+
+
+def excess(E, omega):
+    turn = (np.sin(E[0]) * omega[1] + np.cos(E[0]) * omega[2]) / np.cos(E[1])
+    return np.array(
+        [np.sin(E[1]) * turn, np.cos(E[0]) * omega[1] - np.sin(E[0]) * omega[2] - omega[1], turn - omega[2]]
+    )
+
+
+def flown(law: Law, moments, substeps: int = 4):
+    """Return the largest moduli of E, omega and command of a flight, by Euler's equations in Runge-Kutta steps."""
+    inertia, lag = np.array(VEHICLE.inertia_B), VEHICLE.actuator_lag
+
+    def derivative(s, u, d):
+        E, omega, torque = s[:3], s[3:6], s[6:]
+        turn = (torque + d - np.cross(omega, inertia * omega)) / inertia - VEHICLE.rate_damping * omega
+        return np.concatenate([omega + excess(E, omega), turn, (u - torque) / lag])
+
+    s, x, last = np.zeros(9), np.zeros(9), np.zeros(3)
+    largest = np.zeros((3, 3))
+    h = law.dt / substeps
+    for d in moments:
+        x, command = step(law, x, np.concatenate([s[3:6], np.zeros(3)]))
+        for _ in range(substeps):
+            a = derivative(s, last, d)
+            b = derivative(s + h / 2 * a, last, d)
+            c = derivative(s + h / 2 * b, last, d)
+            s = s + h / 6 * (a + 2 * b + 2 * c + derivative(s + h * c, last, d))
+            largest = np.maximum(largest, np.abs([s[:3], s[3:6], command]))
+        last = command
+    return largest
+
+
+def test_a_box_is_proven_and_accepted_again(certificate):
+    assert certificate.proven
+    assert certificate.gain is not None
+    assert 0.05 < certificate.gain <= 1.0
+    assert certificate.residual > 0.0
+    assert check(json.dumps(certificate.document())).accepted
+
+
+@pytest.mark.compiled
+def test_no_flight_within_the_moment_leaves_the_box_and_the_worst_come_near(certificate):
+    law, rng = load_law("hinf-scheduled"), np.random.default_rng(2)
+    box = np.array(certificate.evidence["box"])
+    bound = box[:, [SIGNALS.index(name) for name in ("E", "omega", "command")]].T
+    samples = round(HORIZON / law.dt)
+    time = law.dt * np.arange(samples)[:, None]
+    reached = np.zeros((3, 3))
+    for rate in (0.0, 3.0, 12.0, 20.0, 40.0):
+        shape = np.cos(rate * time + rng.uniform(0.0, 6.0, 3)) if rate else np.ones((samples, 3))
+        reached = np.maximum(reached, flown(law, certificate.gain * np.array(MOMENT) * np.sign(shape)))
+    assert np.all(reached <= bound)
+    assert np.all(reached[1] >= 0.5 * bound[1])  # bang-bang torque near the crossover comes close in the rates
+
+
+def test_without_leak_the_attitude_integrates_what_turns_it(certificate):
+    norms = axis_norms(certificate.evidence, 2)
+    assert float(norms.attitude[SIGNALS.index("E")]) == pytest.approx(HORIZON)
+    assert float(norms.attitude[SIGNALS.index("omega")]) == 0.0  # no gyro sees it
+
+
+def test_noise_is_covered_with_its_probability(certificate):
+    noisy = certify_closure(load_law("hinf-d2"), VEHICLE, moment=MOMENT, horizon=HORIZON, noise=0.001, risk=1e-3)
+    assert noisy.proven
+    assert noisy.assumes["noise_probability"] == 1e-3
+    assert not spoiled(noisy, ("evidence", "risk"), 1e-6).accepted
+
+
+def spoiled(certificate, path, value):
+    document = json.loads(json.dumps(certificate.document()))
+    del document["seal"]
+    place = document
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    return check(json.dumps({**document, "seal": seal(document)}))
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "reason"),
+    [
+        (("gain",), 0.9, "does not close"),
+        (("gain",), 0.0, "not positive"),
+        (("evidence", "box", 0, 0), 0.0, "does not close"),
+        (("evidence", "box"), [[1.0]] * 3, "does not bound every signal"),
+        (("evidence", "law", "limits", 2), 1e-3, "may reach its limit"),
+        (("evidence", "law", "dt"), 0.2, "malformed"),
+        (("evidence", "vehicle", "actuator_lag"), 0.2, "does not close"),
+    ],
+)
+def test_a_false_box_is_refused_even_with_a_new_seal(certificate, path, value, reason):
+    verdict = spoiled(certificate, path, value)
+    assert not verdict.accepted
+    assert reason in verdict.reason
+
+
+def test_a_law_of_another_form_or_a_senseless_number_is_refused():
+    with pytest.raises(ValueError, match="three states an axis"):
+        certify_closure(load_law("pid-fair"), VEHICLE, moment=MOMENT, horizon=HORIZON)
+    with pytest.raises(ValueError, match="must be positive"):
+        certify_closure(load_law("hinf-d2"), VEHICLE, moment=MOMENT, horizon=0.0)
+
+
+def test_a_command_that_may_saturate_is_not_proven():
+    law = load_law("hinf-d2")
+    certificate = certify_closure(replace(law, limits=np.full(3, 1e-6)), VEHICLE, moment=MOMENT, horizon=HORIZON)
+    assert not certificate.proven
