@@ -174,8 +174,8 @@ def closed(level: Fraction, evidence: dict[str, Any], norms: list[Norms]) -> str
     if [len(row) for row in box] != [len(SIGNALS)] * 3 or min(map(min, box)) < 0:
         raise Refusal("the box does not bound every signal of every axis")
     deviations = Fraction(evidence["deviations"])
-    # 2 Q(z) <= exp(-z^2 / 2) for each signal and measurement of each sample
-    count = 3 * (len(SIGNALS) + 1) * (evidence["samples"] + 1)
+    # 2 Q(z) <= exp(-z^2 / 2) for each signal, late signal and measurement of each sample
+    count = 3 * (len(SIGNALS) + 3) * (evidence["samples"] + 1)
     if evidence["noise"] != 0 and exp_below(deviations**2 / 2) * Fraction(evidence["risk"]) < count:
         raise Refusal("the noise exceeds so many deviations with a larger probability")
     for axis, (inside, follows) in enumerate(zip(box, mapped(evidence, norms, level, box), strict=True)):

@@ -61,7 +61,7 @@ def certify_closure(
     if not (min(moment) >= 0.0 < max(moment) and horizon >= law.dt and leak >= 0.0 <= noise and 0.0 < risk < 1.0):
         raise ValueError("moment, horizon and risk must be positive, leak and noise not negative")
     samples = math.ceil(horizon / law.dt)
-    count = 3 * (len(SIGNALS) + 1) * (samples + 1)
+    count = 3 * (len(SIGNALS) + 3) * (samples + 1)
     evidence: dict[str, Any] = {
         "kind": "closure",
         "vehicle": {
