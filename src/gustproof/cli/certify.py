@@ -8,6 +8,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import Status
+from gustproof.cli.vectors import three_positive
 
 if TYPE_CHECKING:
     from gustproof.certify.certificate import Certificate
@@ -16,36 +17,54 @@ if TYPE_CHECKING:
 
 def certify(
     name: Annotated[
-        str | None, typer.Argument(help="Name of a shipped design or of a law made from one, or a design's .toml file.")
+        str | None, typer.Argument(help="Name of a shipped design or law, or a file: design .toml, law .json.")
     ] = None,
     angle: Annotated[
         float | None, typer.Option("--angle-rad", help="Envelope: largest roll and pitch [rad], below pi/2.")
     ] = None,
     rate: Annotated[float | None, typer.Option("--rate-rad-s", help="Envelope: largest rates p, q, r [rad/s].")] = None,
     level: Annotated[float | None, typer.Option(help="Gain to prove [default: the least that can be proved].")] = None,
+    closure: Annotated[
+        bool, typer.Option("--closure", help="Prove that the nonlinear flight stays in a box under the moments below.")
+    ] = False,
+    moment: Annotated[
+        str, typer.Option(help="Closure: largest moment about each axis, L,M,N [N m].")
+    ] = "0.65,0.65,0.3",
+    horizon: Annotated[float, typer.Option(help="Closure: length of the flight [s].")] = 60.0,
+    leak: Annotated[
+        float, typer.Option(help="Closure: leak of the Euler kinematics [1/s]; the true vehicle has none.")
+    ] = 0.0,
+    noise: Annotated[float, typer.Option(help="Closure: rms of a gyro sample's white noise [rad/s].")] = 0.0,
+    risk: Annotated[float, typer.Option(help="Closure: probability that the noise leaves its bounds.")] = 1e-3,
     check_file: Annotated[
         Path | None, typer.Option("--check", help="Check a certificate again: exact arithmetic, no solver.")
     ] = None,
     vehicle: Annotated[
-        str | None, typer.Option(help="Name of a shipped vehicle, or a .toml file [default: the design's].")
+        str | None, typer.Option(help="Name of a shipped vehicle, or a .toml file [default: the design's, or paper].")
     ] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the certificate here (.json).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
 ) -> None:
-    """Prove a bound on what disturbances and noise do to a loop, for every motion within an envelope.
+    """Prove a bound on what disturbances and noise do to a loop.
 
-    The gain is the L2 gain from the design's weighted inputs (moment, gyro noise) to its weighted outputs (attitude
-    error, command): gain 1 means that a disturbance as large as its weight costs no more than the weights allow. At
-    hover it is the design's H-infinity norm; off hover the rotation couples the axes, and the bound holds for all
-    attitudes and rates in the envelope, however fast they change. A lower bound from simulation shows how much of the
-    gain is real. A solver only proposes the evidence: what is called proven was checked in exact rational arithmetic.
+    With an envelope: the L2 gain from the design's weighted inputs (moment, gyro noise) to its weighted outputs
+    (attitude error, command), for every motion within the envelope, however fast. Gain 1 means that a disturbance as
+    large as its weight costs no more than the weights allow. At hover it is the design's H-infinity norm; off hover
+    the rotation couples the axes. A lower bound from simulation shows how much of the gain is real. A solver only
+    proposes the evidence: what is called proven was checked in exact rational arithmetic. The statement is about the
+    design's own plant and its continuous controller.
 
-    The statement is about the design's own plant and continuous controller, as listed under "assumes". Exit status: 0
-    proven, 1 not proven, 2 bad input.
+    With `--closure` the statement is about the law file that flies, sampled and one sample late, on the nonlinear
+    vehicle: from rest, within the horizon, under any moment within the certified part of the budget, angles, rates and
+    commands stay in a box. Nothing is assumed of the motion; the gain is the part of the budget, at most 1.
+
+    What each statement rests on is listed under "assumes". Exit status: 0 proven, 1 not proven, 2 bad input.
 
         gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 -o certificate.json
 
         gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 --level 0.25
+
+        gustproof certify hinf-scheduled --closure --moment 0.65,0.65,0.3 --horizon 60
 
         gustproof certify --check certificate.json
     """
@@ -53,11 +72,17 @@ def certify(
         if name is not None:
             raise ConfigError("--check needs the certificate's file alone")
         raise typer.Exit(_check(check_file, as_json=as_json).value)
-    if name is None or angle is None or rate is None:
-        raise ConfigError("give a design with --angle-rad and --rate-rad-s, or --check with a certificate")
+    if name is None or closure == (angle is not None or rate is not None) or (angle is None) != (rate is None):
+        raise ConfigError(
+            "give a design with --angle-rad and --rate-rad-s, a law with --closure, or --check with a certificate"
+        )
     if output is not None and output.suffix != ".json":
         raise ConfigError(f"{output}: a certificate ends in .json")
-    certificate = _gain(_design(name), vehicle, angle, rate, level)
+    if angle is not None and rate is not None:
+        certificate = _gain(_design(name), vehicle, angle, rate, level)
+    else:
+        bound = three_positive("--moment", moment)
+        certificate = _closure(name, vehicle or "paper", bound, horizon, leak=leak, noise=noise, risk=risk)
     if output is not None and certificate.proven:
         certificate.save(output)
     _show(name, certificate, output, as_json=as_json)
@@ -93,6 +118,27 @@ def _gain(design: "Design", vehicle: str | None, angle: float, rate: float, leve
         raise ConfigError(f"design {design.name}: {error}") from None
 
 
+def _closure(
+    law: str,
+    vehicle: str,
+    moment: tuple[float, float, float],
+    horizon: float,
+    *,
+    leak: float,
+    noise: float,
+    risk: float,
+) -> "Certificate":
+    from firmware_model.vehicle import load_vehicle
+    from gustproof.certify.closure import certify_closure
+    from gustproof.law import load_law
+
+    flown, airframe = load_law(law), load_vehicle(vehicle)
+    try:
+        return certify_closure(flown, airframe, moment=moment, horizon=horizon, leak=leak, noise=noise, risk=risk)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+
+
 def _check(path: Path, *, as_json: bool) -> Status:
     from gustproof.certify.check import check
 
@@ -118,8 +164,9 @@ def _show(name: str, certificate: "Certificate", output: Path | None, *, as_json
         print(json.dumps({**told, "assumes": certificate.assumes, "statement": certificate.statement}, indent=2))
         return
     print(f"{name}: {'proven' if certificate.proven else 'NOT proven'}: {certificate.statement}")
-    beyond = ", so that it is not so" if gain is not None and certificate.lower_bound > gain else ""
-    print(f"reached for certain, in simulation: {certificate.lower_bound:.4g}{beyond}")
+    if certificate.lower_bound:  # 0 where nothing was tried
+        beyond = ", so that it is not so" if gain is not None and certificate.lower_bound > gain else ""
+        print(f"reached for certain, in simulation: {certificate.lower_bound:.4g}{beyond}")
     _show_assumptions(certificate.assumes)
     if output is not None:
         print(f"certificate in {output}" if certificate.proven else "nothing is written: there is no proof to check")

@@ -12,6 +12,7 @@ from firmware_model.files import write_toml
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.certify import worst_case as module
+from gustproof.certify.closure import certify_closure
 from gustproof.certify.worst_case import PAPER_BUDGET, Spreads, WorstCase, worst_case
 from gustproof.closed_loop import fly_direct
 from gustproof.law import load_law
@@ -133,3 +134,14 @@ def test_a_search_that_makes_no_sense_is_refused(change: dict, message: str) -> 
 def test_a_spread_is_a_fraction() -> None:
     with pytest.raises(ValueError, match="inertia spread"):
         Spreads(inertia=1.0)
+
+
+def test_the_search_finds_nothing_outside_the_box_of_a_closure() -> None:
+    law = load_law("hinf-scheduled")
+    certificate = certify_closure(law, VEHICLE, moment=PAPER_BUDGET, horizon=2.0)
+    assert certificate.proven
+    assert certificate.gain is not None
+    L, M, N = (certificate.gain * limit for limit in PAPER_BUDGET)
+    worst = worst_case(law, vehicle=VEHICLE, budget=(L, M, N), duration_s=2.0, flights=100)
+    bounds_deg = [math.degrees(row[0]) for row in certificate.evidence["box"]]  # the angle stands first for each axis
+    assert all(0.0 < peak < bound for peak, bound in zip(worst.peaks_deg, bounds_deg, strict=True))

@@ -54,6 +54,17 @@ def test_a_law_is_proved_by_its_design_and_the_file_checked_until_a_digit_is_cha
     assert json.loads(run("--check", str(path), "--json").stdout)["proven"] is False
 
 
+def test_the_law_that_flies_is_proved_to_stay_in_a_box(tmp_path: Path):
+    path = tmp_path / "certificate.json"
+    proved = run("hinf-d2", "--closure", "--moment", "0.01,0.01,0.01", "--horizon", "1", "--json", "-o", str(path))
+    assert proved.exit_code == 0
+    told = json.loads(proved.stdout)
+    assert told["proven"] is True
+    assert 0.0 < told["gain"] <= 1.0
+    assert {"leak_per_s": 0.0, "delay_samples": 1, "horizon_s": 1.0}.items() <= told["assumes"].items()
+    assert run("--check", str(path)).exit_code == 0
+
+
 def test_what_is_not_proved_has_status_1_and_leaves_no_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     answer(monkeypatch, gain=0.25, lower_bound=1.72, proven=False)
     result = run("D2", *ENVELOPE, "--level", "0.25", "-o", str(tmp_path / "c.json"))
@@ -75,6 +86,10 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
     [
         ((), "give a design with --angle-rad and --rate-rad-s"),
         (("D2", "--angle-rad", "0.1"), "give a design with --angle-rad and --rate-rad-s"),
+        (("hinf-d2", "--closure", *ENVELOPE), "a law with --closure"),
+        (("hinf-d2", "--closure", "--moment", "1,2"), "--moment: is '1,2', must be three numbers"),
+        (("hinf-d2", "--closure", "--horizon", "-1"), "horizon"),
+        (("pid-fair", "--closure"), "law 'pid-fair' has"),
         (("D2", "--check", "c.json"), "--check needs the certificate's file alone"),
         (("--check", "/nowhere.json"), "/nowhere.json: No such file"),
         (("nothing", *ENVELOPE), "no design named 'nothing'"),
