@@ -12,12 +12,12 @@ import pytest
 
 from gustproof.recording.bag import read_bag
 
-LONG = 'description = "long enough to be ended before its end"\nduration_s = 120.0\n'
+LONG = 'description = "long enough to be ended before its end"\nduration_s = {}\n'
 ENOUGH_S = 120.0  # for starting and compiling on a loaded machine
 
 
-def start(tmp_path: Path) -> subprocess.Popen[str]:
-    (tmp_path / "long.toml").write_text(LONG)
+def start(tmp_path: Path, *, duration_s: float) -> subprocess.Popen[str]:
+    (tmp_path / "long.toml").write_text(LONG.format(duration_s))
     arguments = ["fly", "long.toml", "--law", "hinf-d1", "--out", "run", "--json"]
     process = subprocess.Popen(
         [sys.executable, "-m", "gustproof", *arguments],
@@ -44,7 +44,7 @@ def end_by(process: subprocess.Popen[str], number: signal.Signals) -> tuple[str,
 def test_an_interrupted_flight_leaves_a_whole_bag_one_line_and_no_process(
     tmp_path: Path, number: signal.Signals
 ) -> None:
-    process = start(tmp_path)
+    process = start(tmp_path, duration_s=3600.0)
     output, errors = end_by(process, number)
     assert process.returncode == 130
     assert errors.strip().splitlines() == ["gustproof: interrupted; what was flown is in run"]
@@ -55,7 +55,7 @@ def test_an_interrupted_flight_leaves_a_whole_bag_one_line_and_no_process(
 
 
 def test_a_killed_controller_ends_in_the_fail_safe_status_3_and_a_whole_bag(tmp_path: Path) -> None:
-    process = start(tmp_path)
+    process = start(tmp_path, duration_s=300.0)  # its fail-safe is flown and recorded to the end
     (controller,) = [
         child for child in psutil.Process(process.pid).children() if "gustproof.controller" in child.cmdline()
     ]

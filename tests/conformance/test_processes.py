@@ -24,7 +24,7 @@ from gustproof.law import load_law
 from gustproof.sitl import Outcome, fly
 
 LONG = replace(load_scenario("paper"), duration_s=3600.0)  # nobody waits for its end
-MINUTE = replace(load_scenario("paper"), duration_s=60.0)
+MINUTES = replace(load_scenario("paper"), duration_s=300.0)
 
 
 def children() -> list[psutil.Process]:
@@ -65,10 +65,10 @@ def _no_process_is_left_behind() -> Iterator[None]:
 
 
 def test_killed_controller_is_named_and_the_fail_safe_flies_to_the_end(tmp_path):
-    flight = fly_and(lambda: child("gustproof.controller").kill(), tmp_path, MINUTE)
+    flight = fly_and(lambda: child("gustproof.controller").kill(), tmp_path, MINUTES)
     assert flight.outcome is Outcome.CONTROLLER_LOST
     assert "fail-safe" in flight.message
-    assert len(flight.records) == MINUTE.samples
+    assert len(flight.records) == MINUTES.samples
     modes = flight.records["mode"]
     assert (modes[0], modes[-1]) == (Mode.OFFBOARD.value, Mode.STABILIZED.value)
 
@@ -95,13 +95,13 @@ def test_ctrl_c_ends_both_processes_and_keeps_what_was_flown(tmp_path):
 def test_law_of_another_rate_is_refused_before_anything_starts(tmp_path):
     law = replace(load_law("hinf-d1"), dt=0.01)
     with pytest.raises(ConfigError, match=r"steps every 0\.01 s"):
-        fly(MINUTE, law, vehicle=load_vehicle("paper"), out=tmp_path)
+        fly(MINUTES, law, vehicle=load_vehicle("paper"), out=tmp_path)
 
 
 def test_journal_is_never_overwritten(tmp_path):
     (tmp_path / "paper-hinf-d1-seed1.journal").touch()
     with pytest.raises(ConfigError, match="exists already"):
-        fly(MINUTE, load_law("hinf-d1"), vehicle=load_vehicle("paper"), out=tmp_path)
+        fly(MINUTES, load_law("hinf-d1"), vehicle=load_vehicle("paper"), out=tmp_path)
 
 
 @contextmanager
