@@ -16,6 +16,8 @@ from gustproof.law import Law, load_law
 from gustproof.metrics import Metrics, median_metrics
 from gustproof.model.generalized import lft_structure
 from gustproof.model.interconnection import Interconnection
+from gustproof.model.lpv import RATE_BOUND
+from gustproof.model.rotational import Envelope, paper_rotation
 from gustproof.report.claims import PAPER_LAWS, Claim, judge
 from gustproof.report.document import Document, reproduction_document, save
 from gustproof.report.margins import HoverMargins, hover_margins
@@ -117,7 +119,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         ),
     )  # fmt: skip
     (out / "summary.json").write_text(json.dumps(reproduction.summary(), indent=2) + "\n", encoding="utf-8")
-    _draw(flights, seeds[0], solved.problem, out / "figures")
+    _draw(flights, seeds[0], solved.problem, vehicle, out / "figures")
     save(reproduction.document(), out / "report.txt")
     return reproduction
 
@@ -155,7 +157,7 @@ def _median(flights: Sequence[RecordedFlight], scenario: str, law: str) -> Metri
     return median_metrics([f.metrics for f in flights if f.named(scenario, law) and f.metrics is not None])
 
 
-def _draw(flights: Sequence[RecordedFlight], seed: int, problem: Interconnection, out: Path) -> None:
+def _draw(flights: Sequence[RecordedFlight], seed: int, problem: Interconnection, vehicle: Vehicle, out: Path) -> None:
     """Draw the paper's figures of the flights with `seed`: its two laws on its flight, all but one in turbulence."""
     from gustproof.report import diagrams, figures
 
@@ -169,7 +171,10 @@ def _draw(flights: Sequence[RecordedFlight], seed: int, problem: Interconnection
         figures.save_torques(shown, scenario, out / f"{scenario}-torques.png")
         figures.save_scheduling(records["hinf-d1"], "hinf-d1", out / f"{scenario}-scheduling.png")
     diagrams.save_interconnection(problem, "Interconnection of design D1", out / "interconnection.png")
-    diagrams.save_lft(lft_structure(problem), "LFT of the closed loop", out / "lft.png")
+    # Delta has the same blocks in every envelope.
+    dynamics = paper_rotation(vehicle.inertia_B, Envelope(angle=0.5, rate=RATE_BOUND))
+    title = f"LFT of the closed loop, Delta of order {dynamics.n_z}"
+    diagrams.save_lft(lft_structure(problem, dynamics), title, out / "lft.png")
 
 
 def _seeds(law: str, seeds: Sequence[int]) -> Sequence[int]:

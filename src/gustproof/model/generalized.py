@@ -6,7 +6,8 @@ import numpy as np
 
 from firmware_model.vehicle import Vehicle
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
-from gustproof.model.lpv import PARAMETERS, Parameter, actuators, airframe, rate_loop
+from gustproof.model.lft import Uncertain
+from gustproof.model.lpv import PARAMETERS, actuators, airframe, rate_loop
 from gustproof.numerics.lti import Lti
 
 
@@ -30,8 +31,8 @@ class Weights:
 class LftStructure:
     """The figure of the closed LFT: the parameters above, the generalised plant between, the controller below."""
 
-    parameters: tuple[Parameter, ...]
-    """Blocks of Delta, each repeated as often as the model needs it."""
+    parameters: tuple[tuple[str, int], ...]
+    """Blocks of Delta: label of the parameter, and how often the model repeats it."""
     delta_label: str
     """What stands in the uppermost box."""
     plant_label: str
@@ -39,7 +40,7 @@ class LftStructure:
     controller_label: str
     """What stands in the lowest box."""
     delta_signals: tuple[str, str]
-    """Labels of output and input of Delta; how often each parameter is repeated is the LFT's, not this figure's."""
+    """Labels of output and input of Delta."""
     w: tuple[Signal, ...]
     """Exogenous inputs."""
     z: tuple[Signal, ...]
@@ -80,11 +81,12 @@ def rates_problem(vehicle: Vehicle, weights: Weights, *, leak: float, tau: float
     return _problem([block], (), (), weights, "rad/s")
 
 
-def lft_structure(problem: Interconnection) -> LftStructure:
-    """Return the LFT of which `problem` is the slice at hover: Delta of the seven parameters around P and K."""
+def lft_structure(problem: Interconnection, dynamics: Uncertain) -> LftStructure:
+    """Return the LFT of which `problem` is the slice at hover: Delta of the airframe's `dynamics` around P and K."""
     by_name = {signal.name: signal for signal in problem.signals}
+    labels = {parameter.name: parameter.label for parameter in PARAMETERS}
     return LftStructure(
-        parameters=PARAMETERS,
+        parameters=tuple((labels[block.name], block.shape[0]) for block in dynamics.blocks),
         delta_label=r"$\Delta(\rho)$",
         plant_label="$P$",
         controller_label="$K$",

@@ -140,7 +140,8 @@ def save_lft(structure: LftStructure, title: str, path: Path) -> None:
     axes = figure.subplots()
     axes.set_aspect("equal")
     axes.axis("off")
-    delta = structure.delta_label + "\n" + ", ".join(f"{parameter.label}$I$" for parameter in structure.parameters)
+    blocks = ", ".join(f"{label}$I_{{{repeats}}}$" if repeats > 1 else label for label, repeats in structure.parameters)
+    delta = f"{structure.delta_label}\n{blocks}"
     for label, y, half, fill in (
         (delta, 2.2, (2.2, 0.55), _ACCENT),
         (structure.plant_label, 0.0, (1.5, 0.75), _FILL),
