@@ -22,6 +22,7 @@ from firmware_model.frames import Peer
 from firmware_model.journal import JournalWriter
 from firmware_model.loop import VehicleLoop
 from firmware_model.scenario import Scenario, load_scenario, shipped_scenarios
+from firmware_model.signals import Level
 from firmware_model.vehicle import Vehicle, load_vehicle, shipped_vehicles
 
 # PX4's ports in simulation, so that its clients find us: (ours, theirs) for ground stations and for off-board control.
@@ -63,7 +64,7 @@ def _fly(options: argparse.Namespace) -> int:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
         # The machine code is loaded, or made, before anybody waits for it.
-        VehicleLoop(vehicle, scenario, options.seed).advance(None, Mode.STABILIZED.value)
+        VehicleLoop(vehicle, scenario, options.seed).advance(Level(), Mode.STABILIZED.value)
         # A flight leaves no cycles, and the collector's visits cost a sixth of it.
         gc.disable()
         _say(options, {"listening": [bound.getsockname()[1] for bound in sockets], **header})

@@ -18,13 +18,14 @@ from firmware_model.autopilot import Autopilot, Event, Mode
 from firmware_model.frames import Dropped
 from firmware_model.loop import VehicleLoop
 from firmware_model.messages import stamp_difference
-from firmware_model.signals import Command
+from firmware_model.signals import Command, Level, Setpoint
 
 RESEND_US = 100_000
 """[us] wall time after which a lockstep sample is sent again."""
 RESENDS = 30
 """Times that a lockstep sample is sent again before the fail-safe."""
 
+_LEVEL = Level()
 _OFFBOARD = Mode.OFFBOARD  # asked for several times a sample, and to look up a member of an Enum takes .1 us
 
 
@@ -138,7 +139,8 @@ class Flight:
         """Fly the current sample; return what happened to the stream."""
         event = self._check_lockstep() if self.lockstep else self._check_real_time(now_us)
         mode = self.autopilot.mode
-        self._record(self.loop.advance(self.setpoint if mode is _OFFBOARD else None, mode.value))
+        setpoint: Setpoint = self.setpoint if mode is _OFFBOARD and self.setpoint is not None else _LEVEL
+        self._record(self.loop.advance(setpoint, mode.value))
         self._time_us += self._sample_us
         self._answered, self._attempts = False, 0
         self.advanced_us = now_us

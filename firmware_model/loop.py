@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 from firmware_model import plant
 from firmware_model.journal import RECORD, WIDTH
 from firmware_model.scenario import Scenario
-from firmware_model.signals import AttitudeTarget, Command, ImuSample, Quaternion, TorqueCommand, Vector
+from firmware_model.signals import AttitudeTarget, Command, ImuSample, Off, Quaternion, Setpoint, TorqueCommand, Vector
 from firmware_model.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 _MODE = WIDTH - 1
+_IDLE = np.zeros(plant.SETPOINT)
 _LEVEL = np.array([plant.ATTITUDE, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
@@ -28,8 +29,7 @@ class VehicleLoop:
         self._record = np.empty(WIDTH)
         self._fields = self._record.view(RECORD)[0]
         self._imu: ImuSample | None = None
-        idle = np.zeros(plant.SETPOINT)
-        self._pending = deque([idle] * scenario.delay_samples)
+        self._pending = deque([_IDLE] * scenario.delay_samples)
         self.sample = 0
         self.time_us = 0
 
@@ -50,22 +50,22 @@ class VehicleLoop:
             self._imu = ImuSample(time_us=self.time_us, gyro_B=(p, q, r), specific_force_B=(f_x, f_y, f_z))
         return self._imu
 
-    def advance(self, answer: Command | None, mode: int) -> Array:
+    def advance(self, setpoint: Setpoint, mode: int) -> Array:
         """Move to the next sample and return the journal record (WIDTH,) of this one, valid until the next call.
 
-        `answer` is the command for this sample; it acts `delay_samples` later. `None` stands for no controller: the
-        on-board loop levels the vehicle at once, and commands that are still on their way are dropped.
+        A command of a controller acts `delay_samples` later. What the autopilot flies by itself acts at once, and
+        commands that are still on their way are dropped.
         """
         self.observe()
-        if answer is None:
-            setpoint = _LEVEL
-            self._pending = deque([_LEVEL] * len(self._pending))
+        row = setpoint_of(setpoint)
+        if isinstance(setpoint, Command):
+            self._pending.append(row)
+            row = self._pending.popleft()
         else:
-            self._pending.append(setpoint_of(answer))
-            setpoint = self._pending.popleft()
+            self._pending = deque([row] * len(self._pending))
         world = self._world
         plant.advance(
-            world.params, world.state, world.seed, self.sample, self._sample_us, setpoint, self._record
+            world.params, world.state, world.seed, self.sample, self._sample_us, row, self._record
         )  # fmt: skip
         self._record[_MODE] = mode
         self.sample += 1
@@ -91,11 +91,13 @@ class VehicleLoop:
         return a, b, c
 
 
-def setpoint_of(command: Command) -> Array:
-    """Return a command as the set-point (SETPOINT,) that the kernels take."""
-    if isinstance(command, TorqueCommand):
-        return np.array((plant.TORQUE, *command.torque_B, 0.0, 0.0, 0.0, 0.0))
-    return _target(command)
+def setpoint_of(setpoint: Setpoint) -> Array:
+    """Return a set-point as the row (SETPOINT,) that the kernels take."""
+    if isinstance(setpoint, TorqueCommand):
+        return np.array((plant.TORQUE, *setpoint.torque_B, 0.0, 0.0, 0.0, 0.0))
+    if isinstance(setpoint, AttitudeTarget):
+        return _target(setpoint)
+    return _IDLE if isinstance(setpoint, Off) else _LEVEL
 
 
 def _target(command: AttitudeTarget) -> Array:

@@ -63,12 +63,12 @@ def command_message(command: Command, target_system: int) -> Outgoing:
         If an attitude target has neither attitude nor rates.
     """
     if isinstance(command, TorqueCommand):
-        controls = (*command.torque_B, command.throttle, 0.0, 0.0, 0.0, 0.0)
+        controls = (*command.torque_B, _thrust_field(command.throttle), 0.0, 0.0, 0.0, 0.0)
         payload = _TORQUE.pack(command.time_us, *controls, 0, target_system, AUTOPILOT)
         return Outgoing(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, payload)
     mask, q_NB, omega_B = _target_fields(command)
     time_ms = command.time_us // 1000
-    payload = _TARGET.pack(time_ms, *q_NB, *omega_B, command.thrust, target_system, AUTOPILOT, mask)
+    payload = _TARGET.pack(time_ms, *q_NB, *omega_B, _thrust_field(command.thrust), target_system, AUTOPILOT, mask)
     return Outgoing(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, payload)
 
 
@@ -76,7 +76,8 @@ def command(frame: Frame, system: int) -> Command | Dropped:
     """Return the command in a SET_ATTITUDE_TARGET or SET_ACTUATOR_CONTROL_TARGET to the autopilot of `system`.
 
     An attitude is tracked unless its mask bit is set, with the yaw rate as feed-forward; otherwise rates are, if
-    roll and pitch rates are both given (PX4's rule). Torques outside -1..1, thrust outside 0..1 are clipped.
+    roll and pitch rates are both given (PX4's rule). Torques outside -1..1, thrust outside 0..1 are clipped; beside
+    torques, a throttle of NaN asks for the on-board altitude hold.
     """
     if frame.message_id == wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET:
         time_us, roll, pitch, yaw, throttle, _, _, _, _, group, target, component = _TORQUE.unpack(frame.payload)
@@ -84,10 +85,12 @@ def command(frame: Frame, system: int) -> Command | Dropped:
             return Dropped.OTHER_TARGET
         if group != 0:
             return Dropped.NO_SETPOINT
-        if not math.isfinite(roll + pitch + yaw + throttle):
+        if not math.isfinite(roll + pitch + yaw):
             return Dropped.NOT_FINITE
         torque_B = (_clipped(roll, -1.0), _clipped(pitch, -1.0), _clipped(yaw, -1.0))
-        return TorqueCommand(time_us=time_us, torque_B=torque_B, throttle=_clipped(throttle, 0.0))
+        return TorqueCommand(
+            time_us=time_us, torque_B=torque_B, throttle=None if math.isnan(throttle) else _clipped(throttle, 0.0)
+        )
     time_ms, w, x, y, z, p, q, r, thrust, target_system, component, mask = _TARGET.unpack(frame.payload)
     if not is_for(system, target_system, component):
         return Dropped.OTHER_TARGET
@@ -185,10 +188,12 @@ def truth_message(
 def command_echo(command: Command) -> Message:
     """Return ATTITUDE_TARGET or ACTUATOR_CONTROL_TARGET: what the vehicle is tracking."""
     if isinstance(command, TorqueCommand):
-        controls = (*command.torque_B, command.throttle, 0.0, 0.0, 0.0, 0.0)
+        controls = (*command.torque_B, _thrust_field(command.throttle), 0.0, 0.0, 0.0, 0.0)
         return wire.MAVLink_actuator_control_target_message(command.time_us, 0, controls)
     mask, q_NB, omega_B = _target_fields(command)
-    return wire.MAVLink_attitude_target_message(command.time_us // 1000, mask, q_NB, *omega_B, command.thrust)
+    return wire.MAVLink_attitude_target_message(
+        command.time_us // 1000, mask, q_NB, *omega_B, _thrust_field(command.thrust)
+    )
 
 
 def _target_fields(target: AttitudeTarget) -> tuple[int, Quaternion, Vector]:
@@ -198,6 +203,10 @@ def _target_fields(target: AttitudeTarget) -> tuple[int, Quaternion, Vector]:
     if target.omega_B is None:
         raise ValueError("an attitude target needs q_NB, omega_B, or both; neither is given")
     return _IGNORE_ATTITUDE, (0.0, 0.0, 0.0, 0.0), target.omega_B
+
+
+def _thrust_field(thrust: float | None) -> float:
+    return math.nan if thrust is None else thrust
 
 
 def _clipped(value: float, low: float) -> float:

@@ -27,8 +27,8 @@ class TorqueCommand(NamedTuple):
     """[us] stamp of the sample that this command answers."""
     torque_B: Vector
     """[-1..1] B, roll, pitch, yaw as float32 fractions of `torque_limit`."""
-    throttle: float
-    """[0..1] collective thrust as a fraction of the largest."""
+    throttle: float | None
+    """[0..1] collective thrust as a fraction of the largest; `None`: the height is held on board, where that began."""
 
 
 class AttitudeTarget(NamedTuple):
@@ -40,8 +40,30 @@ class AttitudeTarget(NamedTuple):
     """Attitude, B to N, scalar first; `None` if rates are to be tracked."""
     omega_B: Vector | None
     """[rad/s] B, rates to track, or feed-forward beside `q_NB`."""
-    thrust: float
-    """[0..1] collective thrust as a fraction of the largest."""
+    thrust: float | None
+    """[0..1] collective thrust as a fraction of the largest; `None`: the height is held on board, where that began."""
+
+
+class Guidance(NamedTuple):
+    """A place and a heading for the on-board position loop; on the test stand it only levels."""
+
+    position_N: Vector
+    """[m] N, where to go; the third is not used while `v_down` is given."""
+    yaw: float
+    """[rad] heading."""
+    v_down: float | None
+    """[m/s] steady descent, as for landing; `None`: go to the height of `position_N`."""
+
+
+class Level(NamedTuple):
+    """Level attitude at the present heading, height held: a free vehicle drifts with the wind."""
+
+
+class Off(NamedTuple):
+    """Motors off; on the test stand the vehicle is clamped."""
 
 
 Command = TorqueCommand | AttitudeTarget
+"""What a controller sends."""
+Setpoint = Command | Guidance | Level | Off
+"""What the vehicle flies."""

@@ -9,14 +9,14 @@ from firmware_model.journal import RECORD
 from firmware_model.loop import VehicleLoop
 from firmware_model.rotations import euler_angles, from_euler
 from firmware_model.scenario import GyroFault, Scenario, Sine, load_scenario
-from firmware_model.signals import AttitudeTarget, Command, TorqueCommand
+from firmware_model.signals import AttitudeTarget, Level, Setpoint, TorqueCommand
 from firmware_model.vehicle import load_vehicle
 
 VEHICLE = load_vehicle("paper")
 QUIET = Scenario(name="quiet", description="", duration_s=8.0, gyro=GyroFault(noise=False))
 
 
-def fly(scenario: Scenario, command: Command | None, seed: int = 1) -> np.ndarray:
+def fly(scenario: Scenario, command: Setpoint, seed: int = 1) -> np.ndarray:
     loop = VehicleLoop(VEHICLE, scenario, seed)
     records = [loop.advance(command, 0).copy() for _ in range(scenario.samples)]
     assert loop.finished
@@ -39,7 +39,7 @@ def test_a_sample_stays_the_same_until_the_vehicle_advances() -> None:
     loop = VehicleLoop(VEHICLE, load_scenario("calm"), 1)
     first = loop.observe()
     assert loop.observe() is first
-    loop.advance(None, 0)
+    loop.advance(Level(), 0)
     assert loop.observe().time_us == 4000
 
 
@@ -60,7 +60,7 @@ def test_without_a_controller_the_vehicle_levels_itself_in_a_steady_torque() -> 
     # .3 N m at 1e-6 rad/s and a quarter turn of phase: constant for the flight.
     push = Sine(kind="sine", amplitude_nm=(0.3, 0.0, 0.0), rate_rad_s=1e-6, phase_rad=math.pi / 2)
     scenario = Scenario(name="p", description="", duration_s=8.0, moment=(push,), gyro=GyroFault(noise=False))
-    records = fly(scenario, None)
+    records = fly(scenario, Level())
     assert abs(euler_angles(records["q_NB"])[-1, 0]) < 2e-3  # the integral carries the torque
     assert records["torque_command_B"][-1, 0] == pytest.approx(-0.3, rel=0.02)
 
@@ -68,8 +68,8 @@ def test_without_a_controller_the_vehicle_levels_itself_in_a_steady_torque() -> 
 def test_lost_commands_on_their_way_are_dropped_when_the_controller_is_lost() -> None:
     loop = VehicleLoop(VEHICLE, QUIET, 1)
     loop.advance(torque(1.0), 0)
-    assert abs(loop.advance(None, 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
-    assert abs(loop.advance(None, 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
+    assert abs(loop.advance(Level(), 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
+    assert abs(loop.advance(Level(), 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
 
 
 def test_the_torque_stays_inside_its_limit_and_the_rate_integral_does_not_wind_up() -> None:
@@ -94,22 +94,23 @@ def test_the_strapdown_attitude_follows_the_truth() -> None:
 
 def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
     scenario = Scenario(name="s", description="", duration_s=0.5, wind=load_scenario("paper").wind)
-    assert fly(scenario, None, 3).tobytes() == fly(scenario, None, 3).tobytes()
-    assert fly(scenario, None, 3).tobytes() != fly(scenario, None, 4).tobytes()
+    assert fly(scenario, Level(), 3).tobytes() == fly(scenario, Level(), 3).tobytes()
+    assert fly(scenario, Level(), 3).tobytes() != fly(scenario, Level(), 4).tobytes()
 
 
 def test_a_flight_twice_as_long_begins_identically() -> None:
     wind = load_scenario("paper").wind
     short = Scenario(name="s", description="", duration_s=0.5, wind=wind)
     long = Scenario(name="s", description="", duration_s=1.0, wind=wind)
-    assert fly(long, None)[: short.samples].tobytes() == fly(short, None).tobytes()
+    assert fly(long, Level())[: short.samples].tobytes() == fly(short, Level()).tobytes()
 
 
 def test_a_gyro_fault_leaves_every_gust_as_it_was() -> None:
     wind = load_scenario("paper").wind
-    sound = fly(Scenario(name="s", description="", duration_s=0.5, wind=wind), None)
+    sound = fly(Scenario(name="s", description="", duration_s=0.5, wind=wind), Level())
     faulty = fly(
-        Scenario(name="s", description="", duration_s=0.5, wind=wind, gyro=GyroFault(bias_rad_s=(0.1, 0.0, 0.0))), None
+        Scenario(name="s", description="", duration_s=0.5, wind=wind, gyro=GyroFault(bias_rad_s=(0.1, 0.0, 0.0))),
+        Level(),
     )
     np.testing.assert_array_equal(sound["gust_B"], faulty["gust_B"])
     np.testing.assert_allclose((faulty["gyro_B"] - sound["gyro_B"])[0], (0.1, 0.0, 0.0), atol=1e-8)
