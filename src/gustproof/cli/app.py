@@ -6,6 +6,7 @@ from gustproof.cli.autopilot import autopilot
 from gustproof.cli.certify import certify
 from gustproof.cli.controller import controller
 from gustproof.cli.design import design
+from gustproof.cli.export import export
 from gustproof.cli.failures import OneLineErrors
 from gustproof.cli.fly import fly
 from gustproof.cli.reproduce import reproduce
@@ -30,5 +31,6 @@ app.command()(design)
 app.command()(fly)
 app.command()(certify)
 app.command()(worst_case)
+app.command()(export)
 app.command(context_settings=PASSED_ON)(autopilot)
 app.command(context_settings=PASSED_ON)(controller)

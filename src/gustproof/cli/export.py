@@ -1,0 +1,45 @@
+"""`gustproof export`: a law for other tools."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from firmware_model.errors import ConfigError
+
+
+def export(
+    law: Annotated[str, typer.Argument(help="Name of a shipped law, a .json or .mat file, or a folder of tables.")],
+    c: Annotated[Path | None, typer.Option("--c", help="Write C code here: one function, no library.")] = None,
+    mat: Annotated[Path | None, typer.Option("--mat", help="Write a MATLAB file here.")] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", help="Write tables of numbers into this new folder.")] = None,
+    as_law: Annotated[Path | None, typer.Option("--law", help="Write a law file (.json) here, to be flown.")] = None,
+) -> None:
+    """Take a law elsewhere: as C code that gives the same bits, as a MATLAB file, as tables; or bring one in.
+
+    gustproof export hinf-scheduled --c law.c
+
+    gustproof export mine.mat --law mine.json && gustproof fly paper-turbulence --law mine.json
+    """
+    from gustproof.exchange.c_code import c_code
+    from gustproof.exchange.matrices import read_law, save_csv, save_mat
+
+    wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
+    if not wanted:
+        raise ConfigError("nothing to write: give --c, --mat, --csv or --law")
+    for path, suffix in wanted.items():
+        if path.suffix != suffix:
+            raise ConfigError(f"{path}: must end in {suffix}" if suffix else f"{path}: a folder has no suffix")
+    if csv is not None and csv.exists():
+        raise ConfigError(f"{csv}: exists already")
+    read = read_law(law)
+    if c is not None:
+        c.write_text(c_code(read), encoding="utf-8")
+    if mat is not None:
+        save_mat(read, mat)
+    if csv is not None:
+        save_csv(read, csv)
+    if as_law is not None:
+        read.save(as_law)
+    for path in wanted:
+        print(f"law '{read.name}' in {path}")

@@ -1,0 +1,1 @@
+"""Laws for other tools: C code, MATLAB and SciPy files, tables of numbers."""
