@@ -1,4 +1,6 @@
-"""One peer of the vehicle: what it is sent how often, and the sequence numbers of what it was sent."""
+"""The peers of the vehicle: what each is sent how often, and the sequence numbers of what it was sent."""
+
+from collections.abc import Iterable, Iterator, Mapping
 
 from pymavlink.dialects.v20 import all as wire
 
@@ -7,28 +9,28 @@ from firmware_model.messages import AUTOPILOT, CONTROLLER
 
 NEVER_US = 1 << 62
 """[us] a time that does not come."""
+SILENCE_US = 10_000_000
+"""[us] wall time after which a silent peer is forgotten."""
+MAX_PEERS = 16
+"""Peers served at once; more are refused, so that a flood of addresses can't fill the memory."""
+_SLOWEST_US = 2**31 - 1  # MESSAGE_INTERVAL has no more bits
 
 _IMU = wire.MAVLINK_MSG_ID_HIGHRES_IMU
-_INTERVALS_US = {  # of a peer that has asked for nothing
-    _IMU: 20_000,
-    wire.MAVLINK_MSG_ID_ATTITUDE: 10_000,
-    wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 20_000,
-    wire.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: 20_000,
-    wire.MAVLINK_MSG_ID_ATTITUDE_TARGET: 100_000,
-    wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: 100_000,
-}
 _CONTROLLER_IMU_US = 4_000
 
 
 class Listener:
     """A peer and its streams; `expected` ones are told of the vehicle unasked, and never forgotten."""
 
-    def __init__(self, address: Peer, system: int, *, expected: bool) -> None:
+    def __init__(
+        self, address: Peer, system: int, intervals_us: Mapping[int, int], *, fastest_us: int, expected: bool
+    ) -> None:
         self.address, self.expected = address, expected
         self.heard_us: int | None = None
         self.next_us = NEVER_US
         self.controller = False
         self._packer = wire.MAVLink(None, system, AUTOPILOT)
+        self._usual_us, self._fastest_us = intervals_us, fastest_us
         self._defaults_us: dict[int, int] = {}
         self._intervals_us: dict[int, int] = {}
         self._due_us: dict[int, int] = {}
@@ -49,21 +51,29 @@ class Listener:
             return
         self.controller = controller
         if controller and lockstep:
-            self._defaults_us = {_IMU: _INTERVALS_US[_IMU]}
+            self._defaults_us = {_IMU: self._usual_us[_IMU]}
         else:
-            self._defaults_us = _INTERVALS_US | ({_IMU: _CONTROLLER_IMU_US} if controller else {})
+            self._defaults_us = {**self._usual_us, **({_IMU: _CONTROLLER_IMU_US} if controller else {})}
         self._start(dict(self._defaults_us), clock_us)
 
-    def set_interval(self, message_id: int, interval_us: int, clock_us: int) -> bool:
-        """Set the time between two messages, 0 for the default, below 0 for never; False if it is not streamed."""
-        if message_id not in _INTERVALS_US:
-            return False
-        intervals_us = {key: us for key, us in self._intervals_us.items() if key != message_id}
-        if interval_us >= 0:
-            default_us = self._defaults_us.get(message_id, _INTERVALS_US[message_id])
-            intervals_us[message_id] = interval_us or default_us
-        self._start(intervals_us, clock_us)
-        return True
+    def interval_us(self, message_id: int) -> int | None:
+        """Return the time between two messages, `None` if there are none."""
+        return self._intervals_us.get(message_id)
+
+    def set_interval(self, message_id: int, interval_us: int | None, clock_us: int) -> None:
+        """Set the time between two messages, 0 for the default, `None` for never.
+
+        A sample is not told twice: no stream is faster than the samples.
+        """
+        if interval_us == 0:
+            interval_us = self._defaults_us.get(message_id, self._usual_us.get(message_id))
+        if interval_us is None:
+            self._intervals_us.pop(message_id, None)
+            self._due_us.pop(message_id, None)
+        else:
+            self._intervals_us[message_id] = min(max(interval_us, self._fastest_us), _SLOWEST_US)
+            self._due_us[message_id] = clock_us
+        self.next_us = min(self._due_us.values(), default=NEVER_US)
 
     def take_due(self, clock_us: int) -> list[int]:
         """Return the message ids that are due, and set when they are due again."""
@@ -82,3 +92,42 @@ class Listener:
         self._intervals_us = intervals_us
         self._due_us = dict.fromkeys(intervals_us, clock_us)
         self.next_us = clock_us if intervals_us else NEVER_US
+
+
+class Listeners:
+    """All peers of a vehicle by their addresses, a bounded number."""
+
+    def __init__(
+        self, system: int, intervals_us: Mapping[int, int], expected: Iterable[Peer], *, fastest_us: int
+    ) -> None:
+        self._system, self._intervals_us, self._fastest_us = system, intervals_us, fastest_us
+        self._at = {address: self._new(address, expected=True) for address in expected}
+
+    def __iter__(self) -> Iterator[Listener]:
+        return iter(self._at.values())
+
+    @property
+    def next_us(self) -> int:
+        """[us] when a stream is due, on the clock of the streams."""
+        return min((listener.next_us for listener in self), default=NEVER_US)
+
+    def at(self, address: Peer) -> Listener | None:
+        """Return the peer at an address, a new one if there is room, `None` if there is not."""
+        listener = self._at.get(address)
+        if listener is None and len(self._at) < MAX_PEERS:
+            listener = self._at[address] = self._new(address, expected=False)
+        return listener
+
+    def forget_silent(self, now_us: int) -> list[Listener]:
+        """Forget who has been silent for too long and return them; an expected one begins anew."""
+        silent = [
+            listener for listener in self if listener.heard_us is not None and now_us > listener.heard_us + SILENCE_US
+        ]
+        for listener in silent:
+            del self._at[listener.address]
+            if listener.expected:
+                self._at[listener.address] = self._new(listener.address, expected=True)
+        return silent
+
+    def _new(self, address: Peer, *, expected: bool) -> Listener:
+        return Listener(address, self._system, self._intervals_us, fastest_us=self._fastest_us, expected=expected)

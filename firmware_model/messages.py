@@ -1,21 +1,19 @@
-"""Signals <-> MAVLink messages: the only place that knows their wire fields, units and signs.
+"""Signals <-> the flight's messages: the only place that knows their wire fields, units and signs.
 
 Axes and units on the wire are ours: N is north-east-down, B forward-right-down, quaternions are w, x, y, z from B
-to N. What differs: stamps of SET_ATTITUDE_TARGET are whole milliseconds, positions are degrees and millimetres.
+to N. What differs: stamps of SET_ATTITUDE_TARGET are whole milliseconds.
 
 References
 ----------
-MAVLink, common message set, messages 0, 30, 31, 82, 83, 105, 115, 139, 140.
+MAVLink, common message set, messages 0, 82, 83, 105, 139, 140.
 """
 
 import math
 import struct
 
-import numpy as np
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.frames import Dropped, Frame, Message, Outgoing
-from firmware_model.rotations import euler_angles
 from firmware_model.signals import AttitudeTarget, Command, ImuSample, Quaternion, TorqueCommand, Vector
 
 AUTOPILOT = 1
@@ -33,11 +31,6 @@ _GYRO = 0x38
 _IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE = 1, 2, 4  # ATTITUDE_TARGET_TYPEMASK
 _THRUST_BODY_SET, _IGNORE_THROTTLE, _IGNORE_ATTITUDE = 32, 64, 128
 _UNIT_TOLERANCE = 1e-3  # [-] how far from 1 a quaternion's length may be: far above float32, far below a mistake
-_HOME_DEG = (47.397742, 8.545594)  # PX4's own simulated home, where its users expect a simulated vehicle
-_HOME_ALTITUDE_M = 488.0
-_METRES_PER_DEGREE = math.radians(1.0) * 6_371_000.0  # spherical earth; 0.3 % at most over a hover
-_FIRMWARE_VERSION = 1 << 24 | 15 << 16  # 1.15.0, type byte 0: development; clients ask PX4 for at least 1.4.1
-_MILLI_G = 1000.0 / 9.80665
 
 
 def imu_message(sample: ImuSample) -> Outgoing:
@@ -140,49 +133,11 @@ def heartbeat_message(custom_mode: int, armed: bool, *, critical: bool) -> Messa
     )  # fmt: skip
 
 
-def version_message() -> Message:
-    """Return AUTOPILOT_VERSION: MAVLink 2, bytewise parameters, attitude targets; a development build."""
-    capabilities = (
-        wire.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
-        | wire.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
-        | wire.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-    )
-    return wire.MAVLink_autopilot_version_message(
-        capabilities, _FIRMWARE_VERSION, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0
-    )
-
-
 def parameter(message: Message) -> float:
     """Return the value in a PARAM_VALUE; integers travel bytewise in the float field."""
     if message.param_type == wire.MAV_PARAM_TYPE_REAL32:
         return float(message.param_value)
     return float(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
-
-
-def attitude_message(sample: ImuSample, q_NB: Quaternion) -> Message:
-    """Return ATTITUDE from the on-board estimate `q_NB` and the measured rates."""
-    euler = euler_angles(np.array([q_NB]))[0].tolist()
-    return wire.MAVLink_attitude_message(sample.time_us // 1000, *euler, *sample.gyro_B)
-
-
-def attitude_quaternion_message(sample: ImuSample, q_NB: Quaternion) -> Message:
-    """Return ATTITUDE_QUATERNION from the on-board estimate `q_NB` and the measured rates."""
-    return wire.MAVLink_attitude_quaternion_message(sample.time_us // 1000, *q_NB, *sample.gyro_B)
-
-
-def truth_message(
-    sample: ImuSample, q_NB: Quaternion, omega_B: Vector, position_N: Vector, velocity_N: Vector
-) -> Message:
-    """Return HIL_STATE_QUATERNION: the true state about a fixed home, in degrees, mm, cm/s and mG."""
-    latitude = _HOME_DEG[0] + position_N[0] / _METRES_PER_DEGREE
-    longitude = _HOME_DEG[1] + position_N[1] / (_METRES_PER_DEGREE * math.cos(math.radians(_HOME_DEG[0])))
-    altitude_mm = round(1000.0 * (_HOME_ALTITUDE_M - position_N[2]))
-    airspeed = min(round(100.0 * math.hypot(*velocity_N)), 65535)
-    return wire.MAVLink_hil_state_quaternion_message(
-        sample.time_us, q_NB, *omega_B, round(1e7 * latitude), round(1e7 * longitude), altitude_mm,
-        *(_int16(100.0 * v) for v in velocity_N), airspeed, airspeed,
-        *(_int16(_MILLI_G * f) for f in sample.specific_force_B),
-    )  # fmt: skip
 
 
 def command_echo(command: Command) -> Message:
@@ -211,7 +166,3 @@ def _thrust_field(thrust: float | None) -> float:
 
 def _clipped(value: float, low: float) -> float:
     return low if value < low else 1.0 if value > 1.0 else value
-
-
-def _int16(value: float) -> int:
-    return min(max(round(value), -32768), 32767)
