@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model import messages
-from firmware_model.autopilot import Autopilot, Event, Mode
+from firmware_model.autopilot import Autopilot, Mode, Settings
 from firmware_model.flight import Due, Flight
 from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer, parse
 from firmware_model.listener import Listener, Listeners
@@ -84,13 +84,13 @@ class VehicleEndpoint:
         expected: Iterable[Peer] = (),
     ) -> None:
         self.parameters = Parameters(vehicle, scenario)
-        self.autopilot = Autopilot(self._stream_timeout_us())
+        self.autopilot = Autopilot(self._settings(), free=False)
         self.loop = VehicleLoop(vehicle, scenario, seed)
         self.flight = Flight(self.loop, self.autopilot, record, sample_us=scenario.sample_us, lockstep=lockstep)
         self.outcome: Outcome | None = None
         self.finished = False
         self.counters: Counter[Dropped] = Counter()
-        self._system, self._sample_us = system, scenario.sample_us
+        self._system = system
         parts = combined(service(self) for service in _SERVICES)
         self.services = combined([parts, commands.service(self, parts.commands)])
         self._streams, self._requests = self.services.streams, self.services.requests
@@ -111,6 +111,7 @@ class VehicleEndpoint:
     def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
         self._now_us = now_us
+        self.flight.tick(now_us)
         for item in parse(datagram):
             if isinstance(item, Dropped):
                 self.counters[item] += 1
@@ -130,7 +131,9 @@ class VehicleEndpoint:
                 break
             if due is _ADVANCE:
                 self._advance(now_us)
-            if self._commander is not None and self.flight.asks():
+            if not self.flight.lockstep:
+                self._stream(self.flight.clock_us(now_us))  # each sample of those that are made up for
+            elif self._commander is not None and self.flight.asks():
                 self._send(messages.imu_message(self.loop.observe()), self._commander)
         self._stream(self.flight.clock_us(now_us))
         if now_us >= self._heartbeat_at_us or self._announced != (self.autopilot.mode, self.autopilot.armed):
@@ -151,7 +154,7 @@ class VehicleEndpoint:
     @property
     def failed(self) -> bool:
         """Whether the fail-safe flies."""
-        return self._stream_lost and self.autopilot.mode is not Mode.OFFBOARD
+        return self.autopilot.in_fail_safe
 
     @property
     def clock_us(self) -> int:
@@ -161,9 +164,7 @@ class VehicleEndpoint:
     @property
     def stamp_us(self) -> int:
         """[us] model time now, between two samples too: the clock of the messages' stamps."""
-        running = self.flight.airborne and not self.flight.lockstep
-        since_us = self._now_us - self.clock_us if running else 0
-        return self.loop.time_us + min(max(since_us, 0), self._sample_us)
+        return self.loop.time_us + self.flight.since_sample_us(self._now_us)
 
     def broadcast(self, message: Message | Outgoing) -> None:
         """Send a message to all peers."""
@@ -176,7 +177,7 @@ class VehicleEndpoint:
 
     def apply_parameters(self) -> None:
         """Let changed parameters act."""
-        self.autopilot.stream_timeout_us = self._stream_timeout_us()
+        self.autopilot.settings = self._settings()
 
     def _dispatch(self, frame: Frame, listener: Listener, now_us: int) -> Dropped | None:
         kind = frame.message_id
@@ -194,7 +195,7 @@ class VehicleEndpoint:
 
     def _take_setpoint(self, frame: Frame, listener: Listener, now_us: int) -> Dropped | None:
         rival = self._commander is not None and self._commander is not listener
-        if rival and self.autopilot.stream_alive(self.flight.clock_us(now_us)):
+        if rival and self.autopilot.stream_alive:
             return Dropped.NOT_IN_COMMAND
         command = messages.command(frame, self._system)
         if isinstance(command, Dropped):
@@ -205,11 +206,11 @@ class VehicleEndpoint:
         return cause
 
     def _advance(self, now_us: int) -> None:
-        event = self.flight.advance(now_us)
-        if event is not None:
-            self._stream_lost = self._stream_lost or event is Event.STREAM_LOST
-            self.tell(event.value, wire.MAV_SEVERITY_CRITICAL)
-        if self.flight.landed_us is not None:
+        self.flight.advance(now_us)
+        for event in self.autopilot.take_events():
+            self._stream_lost = self._stream_lost or event.critical
+            self.tell(event.value, wire.MAV_SEVERITY_CRITICAL if event.critical else wire.MAV_SEVERITY_INFO)
+        if self.flight.ended_us is not None:
             offboard = self.autopilot.mode is Mode.OFFBOARD
             flown = Outcome.DONE if offboard else Outcome.LEFT_OFFBOARD
             self.outcome = Outcome.STREAM_LOST if self._stream_lost else flown
@@ -218,8 +219,8 @@ class VehicleEndpoint:
     def _stream(self, clock_us: int) -> None:
         for listener in self._listeners:
             for message_id in listener.take_due(clock_us):
-                # The commander gets every sample of the flight as it is taken.
-                if message_id == _IMU and listener is self._commander and self.flight.airborne:
+                # In lockstep the commander gets every sample of the flight as it is taken.
+                if message_id == _IMU and listener is self._commander and self.flight.lockstep and self.flight.running:
                     continue
                 message = self._streams[message_id].message()
                 if message is not None:
@@ -246,8 +247,8 @@ class VehicleEndpoint:
             listener.heard_us = now_us
         return listener
 
-    def _stream_timeout_us(self) -> int:
-        return round(1e6 * self.parameters[STREAM_TIMEOUT_NAME])
+    def _settings(self) -> Settings:
+        return Settings(stream_timeout_us=round(1e6 * self.parameters[STREAM_TIMEOUT_NAME]))
 
     def _send(self, message: Message | Outgoing, listener: Listener) -> None:
         self._outbox.append((listener.pack(message), listener.address))

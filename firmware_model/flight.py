@@ -1,12 +1,18 @@
 """The pace of a flight: which sample is due when, which set-point answers it, and when to stop waiting.
 
-    clamped --begin--> [due: WAIT | RESEND | ADVANCE] --> landed
+    scripted   clamped --begin--> [due: WAIT | RESEND | ADVANCE] --> ended
+    standing             begin--> [due: WAIT | ADVANCE] without end
 
 In lockstep a sample is due when the set-point with its stamp is there; after a wall time-out it is sent again, and
 after a stated number of times the fail-safe begins. In real time samples are due on absolute deadlines, and a late
-set-point means that the last one is held. Without OFFBOARD nobody is waited for.
+set-point means that the last one is held. A sample that is late itself is made up for, up to `CATCH_UP_US`; beyond
+that model time slips against wall time. Without OFFBOARD nobody is waited for.
+
+A scripted flight begins when its controller is there and ends with the scenario, or before it by landing. A standing
+vehicle begins with its process, on the ground; its model time is wall time less what has slipped.
 """
 
+import math
 from collections import Counter
 from collections.abc import Callable
 from enum import Enum
@@ -16,16 +22,19 @@ from numpy.typing import NDArray
 
 from firmware_model.autopilot import Autopilot, Event, Mode
 from firmware_model.frames import Dropped
+from firmware_model.guidance import Situation
 from firmware_model.loop import VehicleLoop
 from firmware_model.messages import stamp_difference
-from firmware_model.signals import Command, Level, Setpoint
+from firmware_model.signals import Command, Setpoint
 
 RESEND_US = 100_000
 """[us] wall time after which a lockstep sample is sent again."""
 RESENDS = 30
 """Times that a lockstep sample is sent again before the fail-safe."""
+CATCH_UP_US = 250_000
+"""[us] lateness that is made up for in real time; a process that was away for longer lets model time slip."""
+_SAY_SLIP_US = 10_000_000  # wall time from one word on it to the next
 
-_LEVEL = Level()
 _OFFBOARD = Mode.OFFBOARD  # asked for several times a sample, and to look up a member of an Enum takes .1 us
 
 
@@ -52,10 +61,12 @@ class Hitch(Enum):
     """Real time: no new set-point from one sample to the next, the last one was held."""
     OVERRUN = "overrun"
     """Real time: a sample was flown more than a sample time late."""
+    SLIPPED = "slipped"
+    """Real time: the vehicle was later than can be made up for, and model time was set back by that."""
 
 
 class Flight:
-    """One scripted flight from clamp to landing; the caller owns clock and wire."""
+    """One vehicle from its first sample to its last; the caller owns clock and wire."""
 
     def __init__(
         self,
@@ -65,19 +76,22 @@ class Flight:
         *,
         sample_us: int,
         lockstep: bool,
+        standing: bool = False,
     ) -> None:
-        self.loop, self.autopilot, self.lockstep = loop, autopilot, lockstep
+        self.loop, self.autopilot, self.lockstep, self.standing = loop, autopilot, lockstep, standing
         self.counters: Counter[Hitch] = Counter()
         self.setpoint: Command | None = None
         self.started_us: int | None = None
         self.advanced_us = 0
-        self.airborne = False
-        self.landed_us: int | None = None
+        self.slipped_us = 0
+        self.running = False
+        self.ended_us: int | None = None
         self._record, self._sample_us = record, sample_us
         self._time_us = 0
         self._answered = False
         self._attempts = 0
         self._resend_at_us = 0
+        self._say_slip_at_us = 0
 
     @property
     def wall_us(self) -> int:
@@ -88,42 +102,56 @@ class Flight:
         """Return the autopilot's clock: wall time while clamped, then model time from there on."""
         return now_us if self.started_us is None else self.started_us + self._time_us
 
+    def since_sample_us(self, now_us: int) -> int:
+        """Return the time that has passed since the current sample; none in lockstep, where time waits."""
+        if self.lockstep or not self.running:
+            return 0
+        return min(max(now_us - self.slipped_us - self.clock_us(now_us), 0), self._sample_us)
+
+    def tick(self, now_us: int) -> None:
+        """Tell the autopilot the time, before anything is asked of it."""
+        self.autopilot.clock_us = self.clock_us(now_us)
+
     def offer(self, command: Command, now_us: int) -> Dropped | None:
         """Take a set-point, or say why not.
 
         In lockstep only the stamp of the current sample is taken; in real time any that is not older than the last,
-        as other controllers stamp with clocks of their own.
+        as other controllers stamp with clocks of their own. A stream that has died takes its stamps with it.
         """
         if self.lockstep:
             if command.time_us != self._time_us and (difference := stamp_difference(command, self._time_us)):
                 previous = stamp_difference(command, self._time_us - self._sample_us) == 0
                 return Dropped.EARLY if difference > 0 else Dropped.DUPLICATE if previous else Dropped.STALE
-            if self._answered and self.airborne:
+            if self._answered and self.running:
                 return Dropped.DUPLICATE
         elif self.setpoint is not None and command.time_us < self.setpoint.time_us:
             return Dropped.STALE
         self.setpoint, self._answered = command, True
-        self.autopilot.setpoint(self.clock_us(now_us))
+        self.tick(now_us)
+        self.autopilot.hear_setpoint()
         return None
 
     def ready(self) -> bool:
-        """Whether the clamp may open: armed, in OFFBOARD, sample 0 answered."""
-        clamped = self.started_us is None
-        return clamped and self._answered and self.autopilot.armed and self.autopilot.mode is _OFFBOARD
+        """Whether the first sample may be flown: at once, or scripted: armed, in OFFBOARD, sample 0 answered."""
+        if self.started_us is not None:
+            return False
+        return self.standing or (self._answered and self.autopilot.armed and self.autopilot.mode is _OFFBOARD)
 
     def begin(self, now_us: int) -> None:
-        """Open the clamp: t = 0."""
+        """Let time run: t = 0."""
         self.started_us = now_us
-        self.airborne = True
-        self.autopilot.take_off()
-        self.autopilot.setpoint(now_us)
+        self.running = True
+        self.tick(now_us)
+        if not self.standing:
+            self.autopilot.begin()
+            self.autopilot.hear_setpoint()
 
     def due(self, now_us: int) -> Due:
         """Return what is to be done; a resend counts as done."""
-        if not self.airborne:
+        if not self.running:
             return _WAIT
         if not self.lockstep:
-            return _ADVANCE if now_us >= self.clock_us(now_us) + self._sample_us else _WAIT
+            return _ADVANCE if now_us >= self._due_us() else _WAIT
         if self._answered or self.autopilot.mode is not _OFFBOARD:
             return _ADVANCE
         if now_us < self._resend_at_us:
@@ -135,48 +163,72 @@ class Flight:
             return Due.RESEND
         return _ADVANCE
 
-    def advance(self, now_us: int) -> Event | None:
-        """Fly the current sample; return what happened to the stream."""
-        event = self._check_lockstep() if self.lockstep else self._check_real_time(now_us)
-        mode = self.autopilot.mode
-        setpoint: Setpoint = self.setpoint if mode is _OFFBOARD and self.setpoint is not None else _LEVEL
-        self._record(self.loop.advance(setpoint, mode.value))
+    def advance(self, now_us: int) -> None:
+        """Fly the current sample."""
+        autopilot, command = self.autopilot, self.setpoint
+        self.tick(now_us)
+        if self.lockstep:
+            self._check_lockstep()
+        else:
+            self._check_real_time(now_us)
+        setpoint: Setpoint
+        if autopilot.mode is _OFFBOARD and not self.standing and command is not None:
+            setpoint = command  # nothing else can come of it, and a lockstep flight has no time for the question
+        else:
+            setpoint = autopilot.setpoint(self.setpoint, self._situation())
+        self._record(self.loop.advance(setpoint, autopilot.mode.value))
         self._time_us += self._sample_us
         self._answered, self._attempts = False, 0
         self.advanced_us = now_us
         self._resend_at_us = now_us + RESEND_US
-        if self.loop.finished:
-            self.airborne = False
-            self.landed_us = now_us
-            self.autopilot.land()
-        return event
+        if not self.standing and (self.loop.finished or not autopilot.armed):
+            self.running = False
+            self.ended_us = now_us
+            autopilot.end()
 
     def asks(self) -> bool:
-        """Whether the commanding peer is to be sent the current sample: always, but in lockstep only in OFFBOARD."""
-        return self.airborne and (not self.lockstep or self.autopilot.mode is _OFFBOARD)
+        """Whether lockstep waits for the commanding peer, which is to be sent the current sample."""
+        return self.running and self.lockstep and self.autopilot.mode is _OFFBOARD
 
     def deadline_us(self) -> int | None:
         """Return the wall time at which `due` changes by itself, `None` if it never does."""
-        if not self.airborne:
+        if not self.running:
             return None
         if not self.lockstep:
-            return self.clock_us(0) + self._sample_us
+            return self._due_us()
         waits = self.autopilot.mode is _OFFBOARD and not self._answered
         return self._resend_at_us if waits else self.advanced_us
 
-    def _check_lockstep(self) -> Event | None:
-        if self._answered:
-            return None
-        self.setpoint = None
-        return self.autopilot.lose_stream()
+    def _due_us(self) -> int:
+        """Return the wall time [us] at which the current sample is flown in real time: at its end."""
+        return self.clock_us(0) + self.slipped_us + self._sample_us
 
-    def _check_real_time(self, now_us: int) -> Event | None:
-        clock_us = self.clock_us(now_us)
+    def _situation(self) -> Situation:
+        """Return what navigation says: ideal in position, the on-board estimate in attitude."""
+        loop = self.loop
+        loop.observe()
+        w, x, y, z = loop.estimate_q_NB
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        tilt = math.acos(min(max(1.0 - 2.0 * (x * x + y * y), -1.0), 1.0))
+        return Situation(loop.truth("position_N"), yaw, tilt, loop.on_ground)
+
+    def _check_lockstep(self) -> None:
+        if not self._answered:
+            self.setpoint = None
+            self.autopilot.lose_stream()
+
+    def _check_real_time(self, now_us: int) -> None:
         if not self._answered and self.autopilot.mode is _OFFBOARD:
             self.counters[Hitch.HELD] += 1
-        if now_us > clock_us + 2 * self._sample_us:
+        late_us = now_us - self._due_us()
+        if late_us > self._sample_us:
             self.counters[Hitch.OVERRUN] += 1
-        if self.autopilot.stream_alive(clock_us):
-            return None
-        self.setpoint = None
-        return self.autopilot.lose_stream()
+        if late_us > CATCH_UP_US:
+            self.slipped_us += late_us
+            self.counters[Hitch.SLIPPED] += 1
+            if now_us >= self._say_slip_at_us:
+                self._say_slip_at_us = now_us + _SAY_SLIP_US
+                self.autopilot.note(Event.SLIPPED)
+        if not self.autopilot.stream_alive:
+            self.setpoint = None
+            self.autopilot.lose_stream()

@@ -74,6 +74,11 @@ class VehicleLoop:
         return self._record
 
     @property
+    def on_ground(self) -> bool:
+        """Whether the ground carries the vehicle: never where its place is held."""
+        return False
+
+    @property
     def q_NB(self) -> Quaternion:
         """True attitude at the sample."""
         w, x, y, z = self._fields["q_NB"].tolist()

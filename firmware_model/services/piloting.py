@@ -28,7 +28,7 @@ def service(craft: Craft) -> Service:
         # Bit 0 of the base mode says that main and sub mode are given (MAVSDK sends 33).
         given = base is not None and base & 1 and main is not None and main > 0
         mode = _MODES.get(main << 16 | sub << 24) if given and main is not None else None
-        return told(autopilot.set_mode(mode, craft.clock_us) if mode else Verdict.NOT_FLOWN)
+        return told(autopilot.set_mode(mode) if mode else Verdict.NOT_FLOWN)
 
     return Service(
         commands={

@@ -219,7 +219,7 @@ def test_set_parameter_is_told_to_all_peers(vehicle):
     for port in (1, 2):
         (value,) = vehicle.take("PARAM_VALUE", port)
         assert (value.param_id, value.param_value) == ("COM_OF_LOSS_T", 2.0)
-    assert vehicle.endpoint.autopilot.stream_timeout_us == 2_000_000
+    assert vehicle.endpoint.autopilot.settings.stream_timeout_us == 2_000_000
 
 
 @pytest.mark.parametrize(
