@@ -3,7 +3,7 @@
 from enum import Enum
 
 import numpy as np
-import scipy.linalg
+from scipy.linalg.lapack import dgebal, dgees
 
 from gustproof.errors import DesignError
 from gustproof.numerics.lti import Matrix
@@ -50,13 +50,12 @@ def stabilizing_solution(H: Matrix) -> Matrix:
     """
     n = H.shape[0] // 2
     scale = _symplectic_scale(H)
-    try:
-        T, U, stable = scipy.linalg.schur(H * np.outer(scale, 1.0 / scale), output="real", sort="lhp")
-    except np.linalg.LinAlgError:  # reordering moved an eigenvalue across the axis: it is on it but for rounding
-        raise RiccatiError(RiccatiFailure.AXIS) from None
-    eigenvalues = _eigenvalues(T)
-    largest = np.max(np.abs(eigenvalues))
-    if stable != n or np.min(np.abs(eigenvalues.real)) <= _AXIS_TOLERANCE * largest:
+    _, stable, real, imaginary, U, _, info = dgees(
+        lambda real, imaginary: real < 0.0, H * np.outer(scale, 1.0 / scale), lwork=128 * n, sort_t=1
+    )
+    largest = np.max(np.hypot(real, imaginary))
+    # info: no convergence, or reordering moved an eigenvalue across the axis (it is on it but for rounding)
+    if info or stable != n or np.min(np.abs(real)) <= _AXIS_TOLERANCE * largest:
         raise RiccatiError(RiccatiFailure.AXIS)
     U1, U2 = U[:n, :n], U[n:, :n]
     if 1.0 / np.linalg.cond(U1) < _RANK_TOLERANCE:
@@ -68,17 +67,8 @@ def stabilizing_solution(H: Matrix) -> Matrix:
 def _symplectic_scale(H: Matrix) -> Matrix:
     """Return powers of two `(s, 1/s)`, (2n,), that balance `H` and keep it Hamiltonian."""
     n = H.shape[0] // 2
-    off_diagonal = np.abs(H) - np.diag(np.abs(np.diag(H)))
-    _, (factors, _) = scipy.linalg.matrix_balance(off_diagonal, permute=False, separate=True)
+    off_diagonal = np.abs(H)
+    np.fill_diagonal(off_diagonal, 0.0)
+    _, _, _, factors, _ = dgebal(off_diagonal, scale=1)
     exponent = np.round(0.5 * (np.log2(factors[n:]) - np.log2(factors[:n])))
     return np.asarray(np.exp2(np.concatenate([exponent, -exponent])), dtype=np.float64)
-
-
-def _eigenvalues(T: Matrix) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
-    """Return the eigenvalues of a standardised real Schur form: 2 x 2 blocks have equal diagonal entries."""
-    product = np.diag(T, 1) * np.diag(T, -1)
-    imaginary = np.sqrt(np.maximum(-product, 0.0))
-    values = np.diag(T).astype(np.complex128)
-    values[:-1] += 1j * imaginary
-    values[1:] -= 1j * imaginary
-    return values
