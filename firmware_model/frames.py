@@ -5,11 +5,12 @@ dialect module says all that is particular to a message: layout, checksum seed, 
 
 References
 ----------
-MAVLink, packet serialization: version 2 frames, version 1 frames, payload truncation, CRC_EXTRA.
+MAVLink, packet serialization: version 2 frames, version 1 frames, payload truncation, CRC_EXTRA, message signing.
 """
 
 import struct
 from enum import Enum
+from hashlib import sha256
 from typing import Any, NamedTuple
 
 from fastcrc.crc16 import mcrf4xx
@@ -23,6 +24,7 @@ Peer = tuple[int, tuple[str, int]]
 
 _V2, _V1 = wire.PROTOCOL_MARKER_V2, wire.PROTOCOL_MARKER_V1
 _SIGNED, _SIGNATURE = wire.MAVLINK_IFLAG_SIGNED, wire.MAVLINK_SIGNATURE_BLOCK_LEN
+_SIGNATURE_HEAD = 7  # bytes of the signature block before the signature itself: link id, time stamp
 _V2_HEADER = struct.Struct("<BBBBBBBHB")  # marker, length, two flag bytes, sequence, system, component, id in 3 bytes
 _KINDS = {message_id: (bytes([kind.crc_extra]), kind.unpacker.size) for message_id, kind in wire.mavlink_map.items()}
 _decoder = wire.MAVLink(None)
@@ -59,6 +61,26 @@ class Dropped(Enum):
     """A set-point from one peer while another one's stream is alive."""
     TOO_MANY_PEERS = "too_many_peers"
     """No room for one more peer."""
+    TOO_MUCH = "too_much"
+    """Its sender has sent more than is read in one go, while others wait."""
+    NOT_SIGNED = "not_signed"
+    """Not signed, where a key is asked for."""
+    WRONG_SIGNATURE = "wrong_signature"
+    """Signed with another key, or altered since."""
+    REPLAYED = "replayed"
+    """Its signature's time stamp is not newer than the last one of its sender."""
+    OUT_OF_DATE = "out_of_date"
+    """The first signature of a sender, and from longer ago than clocks differ."""
+
+
+DAMAGE = (
+    Dropped.NOT_MAVLINK,
+    Dropped.TRUNCATED,
+    Dropped.INCOMPATIBLE,
+    Dropped.BAD_CHECKSUM,
+    Dropped.UNKNOWN_MESSAGE,
+)
+"""Why a datagram holds no frame that can be read."""
 
 
 class Frame(NamedTuple):
@@ -75,6 +97,16 @@ class Frame(NamedTuple):
     raw: bytes
     """The whole frame."""
 
+    @property
+    def sequence(self) -> int:
+        """Number of the frame among its sender's, 0..255."""
+        return self.raw[4] if self.raw[0] == _V2 else self.raw[2]
+
+    @property
+    def signed(self) -> bool:
+        """Whether a signature block ends the frame."""
+        return self.raw[0] == _V2 and bool(self.raw[2] & _SIGNED)
+
     def message(self) -> Message:
         """Return the frame as pymavlink's message, with its fields by name."""
         return _decoder.decode(bytearray(self.raw))
@@ -89,14 +121,26 @@ class Outgoing(NamedTuple):
     """Fields in wire order."""
 
     def pack(self, packer: Any) -> bytes:
-        """Return the version 2 frame, with sender and sequence number of `packer`, a `wire.MAVLink`."""
+        """Return the version 2 frame, with sender, sequence number and key of `packer`, a `wire.MAVLink`."""
         number, payload = self
         payload = payload.rstrip(b"\0") or b"\0"
+        signing = packer.signing
+        flags = _SIGNED if signing.sign_outgoing else 0
         header = _V2_HEADER.pack(
-            _V2, len(payload), 0, 0, packer.seq, packer.srcSystem, packer.srcComponent, number & 0xFFFF, number >> 16
-        )
+            _V2, len(payload), flags, 0, packer.seq, packer.srcSystem, packer.srcComponent,
+            number & 0xFFFF, number >> 16,
+        )  # fmt: skip
         frame = header + payload
-        return frame + mcrf4xx(frame[1:] + _KINDS[number][0]).to_bytes(2, "little")
+        frame += mcrf4xx(frame[1:] + _KINDS[number][0]).to_bytes(2, "little")
+        if flags:
+            frame += struct.pack("<BQ", signing.link_id, signing.timestamp)[:_SIGNATURE_HEAD]
+            frame += signature(signing.secret_key, frame)
+        return frame
+
+
+def signature(key: bytes, frame: bytes) -> bytes:
+    """Return the signature of a frame that ends with link id and time stamp: the first 48 bits of a SHA-256."""
+    return sha256(key + frame).digest()[: _SIGNATURE - _SIGNATURE_HEAD]
 
 
 def parse(datagram: bytes) -> list[Frame | Dropped]:
