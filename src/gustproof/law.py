@@ -15,12 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from firmware_model.compiled import compiled, kernel
 from firmware_model.elementary import sin_cos
 from firmware_model.sensors import float32
 from firmware_model.signals import Vector
+from gustproof.arrays import frozen
 from gustproof.errors import LawFileError
 
 LAWS = Path(__file__).parent / "laws"
@@ -91,7 +92,7 @@ class Law:
         n = np.asarray(self.A).shape[0] if np.ndim(self.A) == 2 else 0
         shapes = {"A": (n, n), "B": (n, 6), "C": (3, n), "D": (3, 6), "G": (n, 3), "H": (n, 3), "limits": (3,)}
         for name, shape in shapes.items():
-            object.__setattr__(self, name, _checked(name, getattr(self, name), shape))
+            object.__setattr__(self, name, frozen(name, getattr(self, name), shape))
         if not (np.isfinite(self.dt) and self.dt > 0.0):
             raise ValueError(f"dt is {self.dt!r}, must be positive and finite")
         if not np.all(self.limits > 0.0):
@@ -249,16 +250,6 @@ def _fly(gains: Matrix, memory: Matrix, p: float, q: float, r: float) -> Vector:
     )  # fmt: skip
     scale = outputs[:, n + 7]
     return float32(command[0] / scale[0]), float32(command[1] / scale[1]), float32(command[2] / scale[2])
-
-
-def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Matrix:
-    array = np.array(value, dtype=np.float64, order="C")
-    if array.shape != shape:
-        raise ValueError(f"{name} has shape {array.shape}, must be {shape}")
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} has a number that is not finite")
-    array.flags.writeable = False
-    return array
 
 
 def _law_from(document: Any) -> Law:

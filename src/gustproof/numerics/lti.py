@@ -12,6 +12,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from gustproof.arrays import frozen
+
 if TYPE_CHECKING:
     import control
 
@@ -70,7 +72,7 @@ class Lti:
         p, m = D.shape
         n = np.atleast_2d(np.asarray(self.A, dtype=np.float64)).shape[0] if np.size(self.A) else 0
         for name, shape in {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m)}.items():
-            object.__setattr__(self, name, _frozen(name, getattr(self, name), shape))
+            object.__setattr__(self, name, frozen(name, _shaped(getattr(self, name), shape), shape))
         if not (np.isfinite(self.dt) and self.dt >= 0.0):
             raise ValueError(f"dt is {self.dt!r}, must be 0 (continuous) or positive")
 
@@ -233,13 +235,8 @@ def _same_time(first: Lti, second: Lti) -> None:
         raise ValueError(f"sample times differ: {first.dt} s and {second.dt} s")
 
 
-def _frozen(name: str, value: ArrayLike, shape: tuple[int, int]) -> Matrix:
-    array = np.array(value, dtype=np.float64, order="C")
-    if array.ndim < 2 or 0 in shape:
-        array = array.reshape(shape) if array.size == shape[0] * shape[1] else array
-    if array.shape != shape:
-        raise ValueError(f"{name} has shape {array.shape}, must be {shape}")
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} has a number that is not finite")
-    array.flags.writeable = False
-    return array
+def _shaped(value: ArrayLike, shape: tuple[int, int]) -> Matrix:
+    """Return `value` as a matrix: a row, a column or nothing at all may come with fewer axes."""
+    array = np.asarray(value, dtype=np.float64)
+    lacks_axes = array.ndim < 2 or 0 in shape
+    return array.reshape(shape) if lacks_axes and array.size == shape[0] * shape[1] else array

@@ -43,11 +43,15 @@ def stabilizing_solution(H: Matrix) -> Matrix:
     ------
     RiccatiError
         If `H` has eigenvalues on the imaginary axis, or the stable subspace is no graph.
+    DesignError
+        If `H` has a number that is not finite: LAPACK may not return then.
 
     References
     ----------
     A. J. Laub, A Schur method for solving algebraic Riccati equations, IEEE TAC 24 (1979), 913-921.
     """
+    if not np.all(np.isfinite(H)):
+        raise DesignError("the Hamiltonian overflows: the plant is too badly scaled to solve")
     n = H.shape[0] // 2
     scale = _symplectic_scale(H)
     _, stable, real, imaginary, U, _, info = dgees(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from gustproof.errors import DesignError
 from gustproof.numerics.riccati import RiccatiError, RiccatiFailure, stabilizing_solution
 
 
@@ -40,3 +41,8 @@ def test_an_unstable_mode_that_nothing_reaches_is_named():
     with pytest.raises(RiccatiError, match="not stabilisable") as raised:
         stabilizing_solution(regulator(np.diag([1.0, -2.0]), [[0.0], [1.0]], np.eye(2)))
     assert raised.value.failure is RiccatiFailure.COMPLEMENT
+
+
+def test_an_equation_that_overflows_is_refused_and_does_not_hang():
+    with pytest.raises(DesignError, match="overflows"):
+        stabilizing_solution(np.array([[-1.0, np.inf], [-1.0, 1.0]]))

@@ -1,0 +1,21 @@
+"""Arrays that are checked once, where they come in, and do not change after it."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def frozen(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return a read-only copy of `value`, in C order.
+
+    Raises
+    ------
+    ValueError
+        If it has another shape, or a number that is not finite; it is called `name` there.
+    """
+    array = np.array(value, dtype=np.float64, order="C")
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}, must be {shape}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} has a number that is not finite")
+    array.flags.writeable = False
+    return array
