@@ -2,6 +2,7 @@
 
 import typer
 
+from gustproof.cli.analyse import analyse
 from gustproof.cli.autopilot import autopilot
 from gustproof.cli.certify import certify
 from gustproof.cli.controller import controller
@@ -31,6 +32,7 @@ app.command()(design)
 app.command()(fly)
 app.command()(certify)
 app.command()(worst_case)
+app.command()(analyse)
 app.command()(export)
 app.command(context_settings=PASSED_ON)(autopilot)
 app.command(context_settings=PASSED_ON)(controller)

@@ -1,5 +1,6 @@
 """What a design achieved, as tables and as the figure of its singular values."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -34,12 +35,11 @@ def design_document(report: DesignReport) -> Document:
     levels.add_row("exact kinematics in the law", "yes" if figures["scheduled"] else "no")
     for name, value in figures.get("step", {}).items():
         levels.add_row(f"step of the reference: {name}", _cell(value))
-    poles = ", ".join(_pole(re, im) for re, im in figures["poles_rad_s"] if im >= 0.0)
     return Group(
         levels,
-        _margins("as designed, continuous", figures["continuous"]),
-        _margins(f"as it flies, every {figures['dt_s']:g} s and one sample late", figures["sampled"]),
-        Text(f"controller poles [rad/s]: {poles}"),
+        margins_table("as designed, continuous", figures["continuous"]),
+        margins_table(f"as it flies, every {figures['dt_s']:g} s and one sample late", figures["sampled"]),
+        Text(f"controller poles [rad/s]: {poles_text(figures['poles_rad_s'])}"),
     )
 
 
@@ -51,7 +51,8 @@ def save_design_figure(report: DesignReport, path: Path) -> None:
     save_singular_values(_FREQUENCIES, values, report.result.gamma, f"Design {report.design.name}", path)
 
 
-def _margins(title: str, places: dict[str, Any]) -> Table:
+def margins_table(title: str, places: dict[str, Any]) -> Table:
+    """Return margins, as `margins_document` has them, by the plant's side and axis."""
     table = Table("plant's", "axis", *_MARGINS.values(), "disk\n[-]", title=f"Margins {title}")
     for place, figures in places.items():
         for axis in ("roll", "pitch", "yaw"):
@@ -62,6 +63,11 @@ def _margins(title: str, places: dict[str, Any]) -> Table:
 
 def _cell(value: float | None) -> str:
     return "∞" if value is None else f"{value:.3g}"
+
+
+def poles_text(poles: Iterable[tuple[float, float]]) -> str:
+    """Return poles, real and imaginary part, one of each pair."""
+    return ", ".join(_pole(re, im) for re, im in poles if im >= 0.0)
 
 
 def _pole(real: float, imaginary: float) -> str:

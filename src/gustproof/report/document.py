@@ -1,7 +1,6 @@
 """Tables and text on the results, as `rich` shows them on a terminal or writes them to a file."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -69,11 +68,18 @@ def save(document: Document, path: Path) -> None:
 
 def flight_document(title: str, metrics: Metrics | None, bag: Path | None) -> Document:
     """Return the figures of one flight and where its recording is."""
-    table = Table("", "", "", title=title, show_header=False)
-    for name, value in asdict(metrics).items() if metrics else ():
-        label, unit = _FIGURES[name]
-        table.add_row(label, _number(value), unit)
+    table = figures_table(title, {"": metrics} if metrics else {})
     return Group(table, Text(f"recorded in {bag}" if bag else "nothing was flown, nothing is recorded"))
+
+
+def figures_table(title: str, flights: Mapping[str, Metrics]) -> Table:
+    """Return the figures of flights side by side, by name; one without a name has no head."""
+    table = Table("", *flights, "", title=title, show_header=any(flights))
+    for key, (label, unit) in _FIGURES.items():
+        values = [getattr(metrics, key) for metrics in flights.values()]
+        if values and not (key == "realtime_factor" and not any(values)):
+            table.add_row(label, *map(_number, values), unit)
+    return table
 
 
 def reproduction_document(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gustproof.metrics import attitude
 from gustproof.model.lpv import PARAMETERS, scheduling
+from gustproof.report.analysis import Analysis
 
 Records = NDArray[np.void]
 Array = NDArray[np.float64]
@@ -30,6 +31,7 @@ _COLOURS = {
 _SPARE = "#e69f00"
 _INK, _GRID = "#333333", "#dddddd"
 _AXES = ("roll", "pitch", "yaw")
+_AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73")
 
 
 def save_moments(records: Records, path: Path) -> None:
@@ -86,6 +88,46 @@ def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: f
     axes.set_xlabel("frequency [rad/s]")
     axes.set_xlim(frequency[0], frequency[-1])
     axes.legend(frameon=False, fontsize=9)
+    figure.savefig(path, dpi=150)
+
+
+def save_analysis(analysis: Analysis, path: Path) -> None:
+    """Draw the loop's Bode plot, its sensitivities, and the flights through a step and through the air."""
+    figure = _figure((11.0, 8.0), f"{analysis.law.name}: {analysis.scenario.name}")
+    ((gain, S), (phase, step), (torque, air)) = figure.subplots(3, 2)
+    if len(analysis.loop):
+        for axis, values, colour in zip(_AXES, analysis.loop.T, _AXIS_COLOURS, strict=True):
+            gain.loglog(analysis.omega, np.abs(values), color=colour, linewidth=1.2, label=axis)
+            angles = np.degrees(np.unwrap(np.angle(values)))
+            phase.semilogx(analysis.omega, angles - 360.0 * np.ceil(angles[0] / 360.0), color=colour, linewidth=1.2)
+        gain.axhline(1.0, color=_INK, linestyle="--", linewidth=0.8)
+        for (name, values), colour in zip(analysis.sensitivities.items(), _AXIS_COLOURS, strict=False):
+            S.loglog(analysis.omega, values, color=colour, linewidth=1.2, label=f"largest of {name}")
+    else:
+        for axes in (gain, phase, S):
+            axes.text(0.5, 0.5, "no torque loop: it commands rates", transform=axes.transAxes, ha="center", color=_INK)
+    height = ", ".join(f"{value:g}" for value in analysis.step_moment)
+    for axes, records, values, label, title in (
+        (step, analysis.step, np.degrees(attitude(analysis.step)), "angles [deg]", f"moment step, {height} N m"),
+        (air, analysis.flown, np.degrees(attitude(analysis.flown)), "angles [deg]", "flown"),
+        (torque, analysis.flown, analysis.flown["torque_command_B"], "torque command [N m]", "flown"),
+    ):
+        for column, axis, colour in zip(values.T, _AXES, _AXIS_COLOURS, strict=True):
+            axes.plot(_time(records), column, color=colour, linewidth=1.0, label=axis)
+        _dress(axes, label)
+        axes.set_title(title, fontsize=10, color=_INK)
+        axes.set_xlabel("time [s]")
+    for axes, label, title in (
+        (gain, "|L| [-]", "loop at the plant's input"),
+        (phase, "arg L [deg]", "loop at the plant's input"),
+        (S, "singular value [-]", "sensitivity at the plant's input"),
+    ):
+        _dress(axes, label)
+        axes.set_title(title, fontsize=10, color=_INK)
+        axes.set_xlabel("frequency [rad/s]")
+    for axes in (gain, S, step):
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(frameon=False, fontsize=8)
     figure.savefig(path, dpi=150)
 
 

@@ -27,19 +27,26 @@ class HoverMargins:
 def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargins | None:
     """Return the margins of a torque law at the sample time and delay of `scenario`; `None` for a law of rates.
 
-    The plant is torque command to gyro without attitude, which no gyro sees: rates, damping and actuators. What a law
-    of rates drives is the autopilot's own loop, whose margins are not those of the law.
+    What a law of rates drives is the autopilot's own loop, whose margins are not those of the law.
     """
     if law.output is not Output.TORQUE:
         return None
-    full = linear_plant(vehicle)
-    rates = Lti(A=full.A[3:, 3:], B=full.B[3:, :3], C=full.C[3:, 3:], D=full.D[3:, :3])
-    plant = hold_discretized(rates, scenario.dt)
-    for _ in range(scenario.delay_samples):
-        plant = series(delay(3, scenario.dt), plant)
-    axes = margins(plant, linear_law(law)).input
+    axes = margins(hover_plant(vehicle, scenario), linear_law(law)).input
     return HoverMargins(
         Ms=max(axis.Ms for axis in axes),
         phase_margin_deg=math.degrees(min(axis.phase_margin for axis in axes)),
         delay_margin=min(axis.delay_margin for axis in axes),
     )
+
+
+def hover_plant(vehicle: Vehicle, scenario: Scenario) -> Lti:
+    """Return torque command (3,) [N*m] to gyro (3,) [rad/s] at hover, sampled and delayed as `scenario` has it.
+
+    The attitude, which no gyro sees, is left out: rates, damping, actuators and commands on their way are the states.
+    """
+    full = linear_plant(vehicle)
+    rates = Lti(A=full.A[3:, 3:], B=full.B[3:, :3], C=full.C[3:, 3:], D=full.D[3:, :3])
+    plant = hold_discretized(rates, scenario.dt)
+    for _ in range(scenario.delay_samples):
+        plant = series(delay(3, scenario.dt), plant)
+    return plant

@@ -72,8 +72,8 @@ class DesignReport:
             "leak_per_s": self.design.leak,
             "scheduled": self.design.scheduled,
             "dt_s": self.design.dt,
-            "continuous": _document(self.continuous),
-            "sampled": _document(self.sampled),
+            "continuous": margins_document(self.continuous),
+            "sampled": margins_document(self.sampled),
             "poles_rad_s": [[float(pole.real), float(pole.imag)] for pole in self.poles()],
         }
         if self.step is not None:
@@ -159,7 +159,8 @@ def _provenance(design: Design, vehicle: Vehicle, result: HinfResult) -> Provena
     )
 
 
-def _document(margins_: Margins) -> dict[str, Any]:
+def margins_document(margins_: Margins) -> dict[str, Any]:
+    """Return margins as JSON has them, by the plant's side and axis; what is infinite is `None`."""
     figures: dict[str, Any] = {}
     for place, loops, disk in (
         ("input", margins_.input, margins_.input_disk),

@@ -13,14 +13,6 @@ from gustproof.report.layout import Node, Shape, Wire, laid_out
 from gustproof.synthesis.designs import design_problem, load_design
 
 
-@pytest.fixture
-def drawn(monkeypatch):
-    """Catch figures when they are saved, so that what they show can be asked."""
-    caught: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: caught.append(self))
-    return caught
-
-
 def flight(amplitude: float = 0.1, n: int = 250):
     records = np.zeros(n, dtype=RECORD)
     records["time_us"] = np.arange(n) * 4000

@@ -1,0 +1,50 @@
+"""`gustproof analyse`: what a law is worth, and what limits it."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from firmware_model.errors import ConfigError
+
+
+def analyse(
+    law: Annotated[str, typer.Argument(help="Name of a shipped law, a .json or .mat file, or a folder of tables.")],
+    scenario: Annotated[str, typer.Option(help="Air and rates of the flights.")] = "paper-turbulence",
+    vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
+    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")] = 1,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Draw Bode, sensitivities, step and gust here (.png).")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
+) -> None:
+    """Print a law's margins, poles, flown figures, what its error is made of, and what limits it.
+
+    gustproof analyse hinf-scheduled -o hinf-scheduled.png
+
+    gustproof analyse mine.mat --vehicle iris --json
+    """
+    from firmware_model.scenario import load_scenario
+    from firmware_model.vehicle import load_vehicle
+    from gustproof.exchange.matrices import read_law
+    from gustproof.report.analysis import analyse as analysed
+    from gustproof.report.analysis import analysis_document
+    from gustproof.report.document import show
+
+    if output is not None and output.suffix != ".png":
+        raise ConfigError(f"{output}: the figure's file must end in .png")
+    read, script = read_law(law), load_scenario(scenario)
+    if read.dt != script.dt:
+        raise ConfigError(f"law '{read.name}' steps every {read.dt} s, scenario '{script.name}' every {script.dt} s")
+    analysis = analysed(read, load_vehicle(vehicle), script, seed=seed)
+    if output is not None:
+        from gustproof.report.figures import save_analysis
+
+        save_analysis(analysis, output)
+    if as_json:
+        print(json.dumps(analysis.document(), indent=2))
+        return
+    show(analysis_document(analysis))
+    if output is not None:
+        print(f"drawn in {output}")

@@ -1,0 +1,204 @@
+"""What a law is worth on a vehicle: margins, poles, responses, and what its error is made of."""
+
+import math
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from firmware_model.scenario import GyroFault, Scenario, Step
+from firmware_model.vehicle import Vehicle
+from gustproof.closed_loop import fly_direct
+from gustproof.law import Law, Output
+from gustproof.metrics import Metrics, measure
+from gustproof.numerics.lti import ComplexMatrix, Lti, Matrix, sensitivity, series
+from gustproof.numerics.margins import Margins, margins
+from gustproof.report.design import margins_table, poles_text
+from gustproof.report.document import Document, figures_table
+from gustproof.report.margins import hover_plant
+from gustproof.synthesis.derive import margins_document
+from gustproof.synthesis.discretize import linear_law
+
+_POINTS = 400
+_AXES = ("roll", "pitch", "yaw")
+_STEP_S = 5.0
+_STEP_SHARE = 0.03  # [-] of the torque limit: small enough for every sound law to stay near level
+
+Records = NDArray[np.void]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Analysis:
+    """Linear figures of the loop at hover, and flights on the direct route."""
+
+    law: Law
+    """What was analysed."""
+    scenario: Scenario
+    """Air and rates of the flights."""
+    margins: Margins | None
+    """Margins at hover, sampled and late; `None` for a law of rates or an unstable loop."""
+    law_poles: ComplexMatrix
+    """(n,) [rad/s] poles of the law at level attitude, `log(z) / dt`."""
+    loop_poles: ComplexMatrix
+    """(m,) [rad/s] poles of the loop, `log(z) / dt`; none for a law of rates."""
+    omega: Matrix
+    """(k,) [rad/s] frequencies up to half the sample rate."""
+    loop: ComplexMatrix
+    """(k, 3) loop transfer of each axis at the plant's input, negative feedback."""
+    sensitivities: dict[str, Matrix]
+    """(k,) largest singular values of S and T at the plant's input."""
+    step: Records
+    """Flight through a step of moment about each axis, without air or noise."""
+    step_moment: tuple[float, float, float]
+    """[N*m] B, height of the step."""
+    flown: Records
+    """Flight through the scenario."""
+    whole: Metrics
+    """Figures of that flight."""
+    gust_alone: Metrics
+    """Figures of the same flight with a noiseless gyro."""
+    noise_alone: Metrics
+    """Figures of the same flight in still air."""
+
+    def limits(self) -> tuple[str, ...]:
+        """Return what limits the law, in words, the largest share of the error first."""
+        return tuple(_limits(self))
+
+    def document(self) -> dict[str, Any]:
+        """Return the analysis as JSON has it."""
+        return {
+            "law": self.law.name,
+            "order": self.law.order,
+            "dt_s": self.law.dt,
+            "output": self.law.output.value,
+            "scheduled": self.law.scheduled,
+            "design": self.law.provenance.design,
+            "scenario": self.scenario.name,
+            "margins": None if self.margins is None else margins_document(self.margins),
+            "law_poles_rad_s": _pairs(self.law_poles),
+            "loop_poles_rad_s": _pairs(self.loop_poles),
+            "flown": asdict(self.whole),
+            "gust_alone": asdict(self.gust_alone),
+            "noise_alone": asdict(self.noise_alone),
+            "limits": list(self.limits()),
+        }
+
+
+def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) -> Analysis:
+    """Return what a law does on a vehicle, at the sample time and delay of `scenario` and in its air.
+
+    Raises
+    ------
+    ValueError
+        If the law's sample time is not the scenario's.
+    """
+    roll, pitch, yaw = vehicle.torque_limit
+    step_moment = (_STEP_SHARE * roll, _STEP_SHARE * pitch, _STEP_SHARE * yaw)
+    still = replace(scenario, wind=(), moment=(), duration_s=_STEP_S, gyro=GyroFault(noise=False))
+    stepped = replace(still, moment=(Step(kind="step", amplitude_nm=step_moment, start_s=0.5),))
+    quiet = replace(scenario, gyro=replace(scenario.gyro, noise=False))
+    flown = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
+    controller = linear_law(law)
+    omega = np.geomspace(1e-2, math.pi / law.dt, _POINTS)
+    torque = law.output is Output.TORQUE
+    loop = _at_input(hover_plant(vehicle, scenario), controller) if torque else None
+    S = None if loop is None else sensitivity(loop)
+    return Analysis(
+        law=law,
+        scenario=scenario,
+        margins=margins(hover_plant(vehicle, scenario), controller) if S is not None and S.is_stable() else None,
+        law_poles=_continuous(controller),
+        loop_poles=np.empty(0, dtype=np.complex128) if S is None else _continuous(S),
+        omega=omega,
+        loop=np.empty((0, 3), dtype=np.complex128) if loop is None else np.diagonal(loop.response(omega), 0, 1, 2),
+        sensitivities={} if S is None else _largest(S.response(omega)),
+        step=fly_direct(stepped, law, vehicle=vehicle, seed=seed),
+        step_moment=step_moment,
+        flown=flown,
+        whole=measure(flown, vehicle, scenario, 0.0),
+        gust_alone=_flown(quiet, law, vehicle, seed),
+        noise_alone=_flown(replace(scenario, wind=(), moment=()), law, vehicle, seed),
+    )
+
+
+def analysis_document(analysis: Analysis) -> Document:
+    """Return the analysis as tables and text."""
+    law = analysis.law
+    facts = Table("", "", title=f"Law '{law.name}': {law.provenance.design}", show_header=False)
+    facts.add_row("states", str(law.order))
+    facts.add_row("sample time", f"{law.dt:g} s")
+    facts.add_row("commands", law.output.value)
+    facts.add_row("exact kinematics of its own estimate", "yes" if law.scheduled else "no")
+    parts: list[Document] = [facts]
+    if analysis.margins is not None:
+        parts.append(margins_table("at hover, sampled and late", margins_document(analysis.margins)))
+    parts.append(Text(f"poles of the law [rad/s]: {poles_text(_pairs(analysis.law_poles))}"))
+    if len(analysis.loop_poles):
+        parts.append(Text(f"poles of the loop [rad/s]: {poles_text(_pairs(analysis.loop_poles))}"))
+    columns = {
+        analysis.scenario.name: analysis.whole,
+        "gust alone": analysis.gust_alone,
+        "gyro noise alone": analysis.noise_alone,
+    }
+    parts.append(figures_table("Flown on the direct route, the figures of UDP", columns))
+    parts.append(Text("What limits it:"))
+    parts += [Text(f"- {line}") for line in analysis.limits()]
+    return Group(*parts)
+
+
+def _limits(analysis: Analysis) -> list[str]:
+    whole, gust, noise = (
+        (m.rmse_deg, m.torque_slew_rms) for m in (analysis.whole, analysis.gust_alone, analysis.noise_alone)
+    )
+    shares = sorted((("gusts", gust[0]), ("gyro noise", noise[0])), key=lambda share: -share[1])
+    lines = [
+        f"error: {whole[0]:.3g} deg RMSE; " + ", ".join(f"{name} alone {rmse:.3g} deg" for name, rmse in shares),
+        f"torque slew: {whole[1]:.3g} N m/s, of which gyro noise alone makes {noise[1]:.3g}: "
+        + ("more bandwidth costs slew" if noise[1] > gust[1] else "there is room for more bandwidth"),
+    ]
+    if len(analysis.loop_poles) and np.any(analysis.loop_poles.real >= 0.0):
+        lines.insert(0, "the loop is unstable at hover")
+    if analysis.margins is not None:
+        loops = analysis.margins.input
+        worst = max(range(3), key=lambda axis: loops[axis].Ms)
+        least = min(range(3), key=lambda axis: loops[axis].delay_margin)
+        samples = loops[least].delay_margin / analysis.law.dt
+        lines.append(f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {_peak(analysis):.3g} rad/s")
+        lines.append(f"delay: {samples:.3g} samples more make {_AXES[least]} unstable")
+    if analysis.whole.saturated_s:
+        lines.append(f"torque limit: reached for {analysis.whole.saturated_s:.3g} s")
+    lines.append("gyro bias: a constant one turns the vehicle by bias times time; a gyro can't see attitude")
+    return lines
+
+
+def _peak(analysis: Analysis) -> float:
+    return float(analysis.omega[int(np.argmax(analysis.sensitivities["S"]))])
+
+
+def _flown(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int) -> Metrics:
+    return measure(fly_direct(scenario, law, vehicle=vehicle, seed=seed), vehicle, scenario, 0.0)
+
+
+def _at_input(plant: Lti, controller: Lti) -> Lti:
+    """Return the loop transfer at the plant's input, for negative feedback."""
+    loop = series(plant, controller)
+    return Lti(A=loop.A, B=loop.B, C=-loop.C, D=-loop.D, dt=loop.dt)
+
+
+def _largest(S: ComplexMatrix) -> dict[str, Matrix]:
+    both = {"S": S, "T": np.eye(3) - S}
+    return {name: np.linalg.norm(values, ord=2, axis=(1, 2)).astype(np.float64) for name, values in both.items()}
+
+
+def _continuous(system: Lti) -> ComplexMatrix:
+    """Return the poles as those of the continuous system that they sample; poles at 0, pure delays, are left out."""
+    poles = system.poles()
+    return np.asarray(np.log(poles[np.abs(poles) > 1e-9]) / system.dt, dtype=np.complex128)
+
+
+def _pairs(poles: ComplexMatrix) -> list[tuple[float, float]]:
+    return [(float(pole.real), float(pole.imag)) for pole in sorted(poles, key=abs)]

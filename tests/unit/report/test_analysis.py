@@ -1,0 +1,80 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof.closed_loop import fly_direct
+from gustproof.law import load_law
+from gustproof.metrics import measure
+from gustproof.report import figures
+from gustproof.report.analysis import analyse, analysis_document
+from gustproof.report.document import save
+from gustproof.report.margins import hover_margins
+
+pytestmark = pytest.mark.compiled
+
+VEHICLE = load_vehicle("paper")
+SHORT = replace(load_scenario("paper-turbulence"), duration_s=10.0)
+
+
+@pytest.fixture(scope="module")
+def scheduled():
+    return analyse(load_law("hinf-scheduled"), VEHICLE, SHORT)
+
+
+def test_the_flown_figures_are_those_of_the_flight(scheduled):
+    law = load_law("hinf-scheduled")
+    assert scheduled.whole == measure(fly_direct(SHORT, law, vehicle=VEHICLE, seed=1), VEHICLE, SHORT, 0.0)
+
+
+def test_error_of_gusts_and_of_noise_add_up_as_squares(scheduled):
+    parts = np.hypot(scheduled.gust_alone.rmse_deg, scheduled.noise_alone.rmse_deg)
+    # they are independent, so over ten seconds their product averages out to a tenth
+    assert parts == pytest.approx(scheduled.whole.rmse_deg, rel=0.15)
+
+
+def test_the_loop_s_curves_agree_with_its_margins(scheduled):
+    worst = hover_margins(load_law("hinf-scheduled"), VEHICLE, SHORT)
+    assert max(axis.Ms for axis in scheduled.margins.input) == worst.Ms
+    S = 1.0 / (1.0 + scheduled.loop)
+    # the axes do not couple at hover, so the singular values are the axes' own
+    assert np.max(np.abs(S)) == pytest.approx(worst.Ms, rel=5e-3)
+    assert np.max(np.abs(S), axis=1) == pytest.approx(scheduled.sensitivities["S"], rel=1e-6)
+
+
+def test_a_step_is_seen_on_each_axis_and_is_taken_back(scheduled):
+    euler = np.abs(scheduled.step["q_NB"][:, 1:])
+    assert np.all(np.max(euler, axis=0) > 1e-4)
+    assert np.all(scheduled.step["q_NB"][:100, 0] == 1.0)  # nothing before half a second
+
+
+def test_json_has_every_part_and_no_infinity(scheduled):
+    document = json.loads(json.dumps(scheduled.document(), allow_nan=False))
+    assert {"law", "margins", "loop_poles_rad_s", "flown", "gust_alone", "noise_alone", "limits"} <= set(document)
+    assert any("Ms 2.6 in yaw" in line for line in document["limits"])
+
+
+def test_a_law_of_rates_has_no_torque_loop_and_is_flown_all_the_same(tmp_path):
+    analysis = analyse(load_law("hinf-rates"), VEHICLE, SHORT)
+    assert analysis.margins is None
+    assert analysis.document()["margins"] is None
+    figures.save_analysis(analysis, tmp_path / "rates.png")
+    save(analysis_document(analysis), tmp_path / "rates.txt")
+    assert "commands" in (tmp_path / "rates.txt").read_text()
+
+
+def test_an_unstable_loop_is_said_first():
+    law = load_law("hinf-d2")
+    backwards = replace(law, C=-law.C, D=-law.D)
+    assert analyse(backwards, VEHICLE, SHORT).limits()[0] == "the loop is unstable at hover"
+
+
+def test_the_figure_has_bode_sensitivities_step_and_air(scheduled, drawn, tmp_path):
+    figures.save_analysis(scheduled, tmp_path / "x.png")
+    gain, S, phase, step, torque, air = drawn[0].axes
+    assert [len(axes.lines) for axes in (gain, S, phase, step, torque, air)] == [4, 2, 3, 3, 3, 3]
+    assert phase.lines[0].get_ydata()[0] <= 0.0
+    assert np.ptp(step.lines[0].get_ydata()) > 0.0
