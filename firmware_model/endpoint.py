@@ -18,14 +18,28 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model import messages
-from firmware_model.autopilot import Autopilot, Mode, Settings
+from firmware_model.autopilot import Autopilot, Mode
 from firmware_model.flight import Due, Flight
 from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer, parse
 from firmware_model.listener import Listener, Listeners
 from firmware_model.loop import VehicleLoop
-from firmware_model.params import STREAM_TIMEOUT_NAME, Parameters
+from firmware_model.params import Parameters
 from firmware_model.scenario import Scenario
-from firmware_model.services import commands, identity, motion, parameters, piloting, setpoints, streams
+from firmware_model.services import (
+    clock,
+    commands,
+    identity,
+    logs,
+    mission,
+    modes,
+    motion,
+    parameters,
+    piloting,
+    position,
+    setpoints,
+    status,
+    streams,
+)
 from firmware_model.services.service import combined
 from firmware_model.signals import Command
 from firmware_model.vehicle import Vehicle
@@ -38,15 +52,26 @@ _BATCH = 250  # samples flown in one poll at most, so that heartbeats and Ctrl-C
 
 _WAIT, _ADVANCE = Due.WAIT, Due.ADVANCE  # to look up a member of an Enum takes .1 us
 _IMU = wire.MAVLINK_MSG_ID_HIGHRES_IMU
+_AT_A_CHANGE = (
+    wire.MAVLINK_MSG_ID_HEARTBEAT,
+    wire.MAVLINK_MSG_ID_CURRENT_MODE,
+    wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+)
 _SETPOINTS = (wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET)
 
 
 _SERVICES = (
+    clock.service,
     identity.service,
+    logs.service,
+    mission.service,
+    modes.service,
     motion.service,
     parameters.service,
     piloting.service,
+    position.service,
     setpoints.service,
+    status.service,
     streams.service,
 )
 
@@ -82,9 +107,11 @@ class VehicleEndpoint:
         lockstep: bool,
         system: int = 1,
         expected: Iterable[Peer] = (),
+        generic: bool = False,
     ) -> None:
-        self.parameters = Parameters(vehicle, scenario)
-        self.autopilot = Autopilot(self._settings(), free=False)
+        self.generic = generic
+        self.parameters = Parameters(vehicle, scenario, bytewise=not generic)
+        self.autopilot = Autopilot(self.parameters.settings(), free=False)
         self.loop = VehicleLoop(vehicle, scenario, seed)
         self.flight = Flight(self.loop, self.autopilot, record, sample_us=scenario.sample_us, lockstep=lockstep)
         self.outcome: Outcome | None = None
@@ -101,7 +128,7 @@ class VehicleEndpoint:
         self._stream_lost = False
         self._now_us = self._heartbeat_at_us = 0
         self._created_us: int | None = None
-        self._announced: tuple[Mode, bool] | None = None
+        self._announced: tuple[Mode, bool, bool] | None = None
 
     def interrupt(self) -> None:
         """End the flight here: Ctrl-C or a termination signal."""
@@ -136,7 +163,7 @@ class VehicleEndpoint:
             elif self._commander is not None and self.flight.asks():
                 self._send(messages.imu_message(self.loop.observe()), self._commander)
         self._stream(self.flight.clock_us(now_us))
-        if now_us >= self._heartbeat_at_us or self._announced != (self.autopilot.mode, self.autopilot.armed):
+        if now_us >= self._heartbeat_at_us or self._announced != self._state():
             self._beat(now_us)
         outbox, self._outbox = self._outbox, []
         return outbox
@@ -177,7 +204,7 @@ class VehicleEndpoint:
 
     def apply_parameters(self) -> None:
         """Let changed parameters act."""
-        self.autopilot.settings = self._settings()
+        self.autopilot.settings = self.parameters.settings()
 
     def _dispatch(self, frame: Frame, listener: Listener, now_us: int) -> Dropped | None:
         kind = frame.message_id
@@ -229,15 +256,20 @@ class VehicleEndpoint:
     def _beat(self, now_us: int) -> None:
         """Send HEARTBEAT to all, and forget who has been silent for too long."""
         self._heartbeat_at_us = now_us + HEARTBEAT_US
-        self._announced = (self.autopilot.mode, self.autopilot.armed)
         if self._commander in self._listeners.forget_silent(now_us):
             self._commander = None
-        self.broadcast(self._streams[wire.MAVLINK_MSG_ID_HEARTBEAT].message())
+        changed = self._announced is not None and self._announced != self._state()
+        self._announced = self._state()
+        for message_id in _AT_A_CHANGE if changed else _AT_A_CHANGE[:1]:
+            self.broadcast(self._streams[message_id].message())
         self._created_us = now_us if self._created_us is None else self._created_us
         waiting = self.flight.lockstep and self.flight.started_us is None
         if waiting and now_us > self._created_us + START_TIMEOUT_US:
             self.outcome = Outcome.NO_CONTROLLER
             self.finished = True
+
+    def _state(self) -> tuple[Mode, bool, bool]:
+        return self.autopilot.mode, self.autopilot.armed, self.autopilot.airborne
 
     def _heard(self, address: Peer, frame: Frame, now_us: int) -> Listener | None:
         listener = self._listeners.at(address)
@@ -246,9 +278,6 @@ class VehicleEndpoint:
                 listener.identify(frame, lockstep=self.flight.lockstep, clock_us=self.flight.clock_us(now_us))
             listener.heard_us = now_us
         return listener
-
-    def _settings(self) -> Settings:
-        return Settings(stream_timeout_us=round(1e6 * self.parameters[STREAM_TIMEOUT_NAME]))
 
     def _send(self, message: Message | Outgoing, listener: Listener) -> None:
         self._outbox.append((listener.pack(message), listener.address))

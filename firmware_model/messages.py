@@ -123,12 +123,13 @@ def stamp_difference(command: Command, time_us: int) -> int:
     return command.time_us - time_us
 
 
-def heartbeat_message(custom_mode: int, armed: bool, *, critical: bool) -> Message:
-    """Return the vehicle's HEARTBEAT: a quadrotor that speaks as PX4 does."""
+def heartbeat_message(custom_mode: int, armed: bool, *, critical: bool, generic: bool = False) -> Message:
+    """Return the vehicle's HEARTBEAT: a quadrotor that speaks as PX4 does, or `generic` as nobody in particular."""
     base_mode = wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (wire.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
     flying = wire.MAV_STATE_CRITICAL if critical else wire.MAV_STATE_ACTIVE
+    autopilot = wire.MAV_AUTOPILOT_GENERIC if generic else wire.MAV_AUTOPILOT_PX4
     return wire.MAVLink_heartbeat_message(
-        wire.MAV_TYPE_QUADROTOR, wire.MAV_AUTOPILOT_PX4, base_mode, custom_mode,
+        wire.MAV_TYPE_QUADROTOR, autopilot, base_mode, custom_mode,
         flying if armed else wire.MAV_STATE_STANDBY, 3,
     )  # fmt: skip
 

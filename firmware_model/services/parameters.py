@@ -14,7 +14,9 @@ from firmware_model.services.service import Client, Craft, Service
 _ERRORS = {
     Refusal.READ_ONLY: wire.MAV_PARAM_ERROR_READ_ONLY,
     Refusal.OUT_OF_RANGE: wire.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE,
+    Refusal.WRONG_TYPE: 7,  # MAV_PARAM_ERROR_TYPE_MISMATCH, younger than pymavlink's dialect
 }
+_NO_INDEX = -1
 
 
 def service(craft: Craft) -> Service:
@@ -26,24 +28,29 @@ def service(craft: Craft) -> Service:
             client.send(_value(parameters, parameter.name))
 
     def read(request: Message, client: Client) -> None:
-        name = request.param_id
-        if 0 <= request.param_index < len(parameters.table):
-            name = parameters.table[request.param_index].name
-        known = parameters.index(name) is not None
-        client.send(_value(parameters, name) if known else _error(request, wire.MAV_PARAM_ERROR_DOES_NOT_EXIST))
+        index = request.param_index if request.param_index != _NO_INDEX else parameters.index(request.param_id)
+        if index is None or not 0 <= index < len(parameters.table):
+            client.send(_error(request, request.param_index, wire.MAV_PARAM_ERROR_DOES_NOT_EXIST))
+        else:
+            client.send(_value(parameters, parameters.table[index].name))
 
     def write(request: Message, client: Client) -> None:
         name = request.param_id
         if parameters.index(name) is None:
-            client.send(_error(request, wire.MAV_PARAM_ERROR_DOES_NOT_EXIST))
+            client.send(_error(request, _NO_INDEX, wire.MAV_PARAM_ERROR_DOES_NOT_EXIST))
             return
-        refusal = parameters.set_wire_value(name, request.param_value)
+        integer = request.param_type != wire.MAV_PARAM_TYPE_REAL32
+        refusal = parameters.set_wire_value(name, request.param_value, integer=integer)
         if refusal is None:
             craft.apply_parameters()
-        # Whoever shows parameters must hear of a change that another one made.
-        craft.broadcast(_value(parameters, name))
-        if refusal is not None:
-            client.send(_error(request, _ERRORS[refusal]))
+            # Whoever shows parameters must hear of a change that another one made.
+            craft.broadcast(_value(parameters, name))
+            return
+        client.send(_value(parameters, name))
+        client.send(_error(request, _NO_INDEX, _ERRORS[refusal]))
+        allowed = parameters.table[parameters.index(name) or 0].allowed
+        text = f": {allowed}" if refusal is Refusal.OUT_OF_RANGE else ""
+        craft.tell(f"{name} {refusal.value}{text}", wire.MAV_SEVERITY_WARNING)
 
     return Service(
         requests={
@@ -60,6 +67,6 @@ def _value(parameters: Parameters, name: str) -> Message:
     return wire.MAVLink_param_value_message(name.encode(), value, kind, len(parameters.table), parameters.index(name))
 
 
-def _error(request: Message, error: int) -> Message:
+def _error(request: Message, index: int, error: int) -> Message:
     name = request.param_id.encode("ascii", "replace")[:16]
-    return wire.MAVLink_param_error_message(request.get_srcSystem(), request.get_srcComponent(), name, -1, error)
+    return wire.MAVLink_param_error_message(request.get_srcSystem(), request.get_srcComponent(), name, index, error)

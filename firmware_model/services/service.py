@@ -53,6 +53,10 @@ class Craft(Protocol):
         """What is tracked, if an outside controller said so."""
 
     @property
+    def generic(self) -> bool:
+        """Whether it speaks as no autopilot in particular, and not as PX4."""
+
+    @property
     def failed(self) -> bool:
         """Whether the fail-safe flies."""
 
@@ -84,7 +88,7 @@ class Order(NamedTuple):
     command: int
     """MAV_CMD."""
     numbers: tuple[float | None, ...]
-    """Parameters 1 to 7 in the units [of the command], `None` where one is not given; positions in degrees and metres."""
+    """Parameters 1 to 7 in units [of the command], positions in degrees and metres; `None` where one is not given."""
     relative: bool
     """Whether the height in parameter 7 counts from home, not from the sea."""
 
@@ -107,6 +111,7 @@ ACCEPTED = Answer(wire.MAV_RESULT_ACCEPTED)
 DENIED = wire.MAV_RESULT_DENIED
 NOT_NOW = wire.MAV_RESULT_TEMPORARILY_REJECTED
 UNSUPPORTED = wire.MAV_RESULT_UNSUPPORTED
+_NEVER = (Verdict.NOT_FLOWN, Verdict.ON_STAND, Verdict.HEIGHT)  # the same request will fail again
 
 
 class Stream(NamedTuple):
@@ -153,7 +158,7 @@ def told(verdict: Verdict) -> Answer:
     """Return the autopilot's verdict as the answer to a command."""
     if verdict is Verdict.ACCEPTED:
         return ACCEPTED
-    return Answer(DENIED if verdict is Verdict.NOT_FLOWN else NOT_NOW, verdict.value)
+    return Answer(DENIED if verdict in _NEVER else NOT_NOW, verdict.value)
 
 
 def _merged(tables: Iterable[Mapping[int, _Value]]) -> dict[int, _Value]:

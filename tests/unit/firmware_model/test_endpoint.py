@@ -153,7 +153,8 @@ def test_message_is_sent_once_on_request(vehicle):
         (MODE, (1.0, math.nan), wire.MAV_RESULT_DENIED),
         (MODE, (1.0, -7.0), wire.MAV_RESULT_DENIED),
         (wire.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, (1.0,), wire.MAV_RESULT_ACCEPTED),
-        (wire.MAV_CMD_NAV_TAKEOFF, (), wire.MAV_RESULT_UNSUPPORTED),
+        (wire.MAV_CMD_NAV_TAKEOFF, (), wire.MAV_RESULT_DENIED),  # on the stand
+        (wire.MAV_CMD_NAV_WAYPOINT, (), wire.MAV_RESULT_UNSUPPORTED),
     ],
 )
 def test_every_command_is_acknowledged(vehicle, command, params, result):

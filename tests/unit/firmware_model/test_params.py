@@ -31,18 +31,18 @@ def test_integers_travel_bytewise(parameters):
 
 
 def test_real_parameter_is_set_within_its_range(parameters):
-    assert parameters.set_wire_value("COM_OF_LOSS_T", 2.5) is None
+    assert parameters.set_wire_value("COM_OF_LOSS_T", 2.5, integer=False) is None
     assert parameters["COM_OF_LOSS_T"] == 2.5
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -1.0, 0.0, 61.0])
 def test_value_outside_the_range_is_refused_and_the_old_one_stays(parameters, value):
-    assert parameters.set_wire_value("COM_OF_LOSS_T", value) is Refusal.OUT_OF_RANGE
+    assert parameters.set_wire_value("COM_OF_LOSS_T", value, integer=False) is Refusal.OUT_OF_RANGE
     assert parameters["COM_OF_LOSS_T"] == 1.0
 
 
 def test_what_describes_the_vehicle_is_read_only(parameters):
-    assert parameters.set_wire_value("GP_TRQ_MAX_R", 3.0) is Refusal.READ_ONLY
+    assert parameters.set_wire_value("GP_TRQ_MAX_R", 3.0, integer=False) is Refusal.READ_ONLY
     assert parameters["GP_TRQ_MAX_R"] == 1.5
 
 
