@@ -36,11 +36,12 @@ from firmware_model.services import (
     parameters,
     piloting,
     position,
+    relay,
     setpoints,
     status,
     streams,
 )
-from firmware_model.services.service import combined
+from firmware_model.services.service import Client, combined
 from firmware_model.signals import Command
 from firmware_model.vehicle import Vehicle
 
@@ -70,6 +71,7 @@ _SERVICES = (
     parameters.service,
     piloting.service,
     position.service,
+    relay.service,
     setpoints.service,
     status.service,
     streams.service,
@@ -117,7 +119,7 @@ class VehicleEndpoint:
         self.outcome: Outcome | None = None
         self.finished = False
         self.counters: Counter[Dropped] = Counter()
-        self._system = system
+        self.system = system
         parts = combined(service(self) for service in _SERVICES)
         self.services = combined([parts, commands.service(self, parts.commands)])
         self._streams, self._requests = self.services.streams, self.services.requests
@@ -193,6 +195,12 @@ class VehicleEndpoint:
         """[us] model time now, between two samples too: the clock of the messages' stamps."""
         return self.loop.time_us + self.flight.since_sample_us(self._now_us)
 
+    def relay(self, message: Message, source: Client) -> None:
+        """Pass a message of the on-board controller on to all peers but the one that it came from."""
+        for listener in self._listeners:
+            if not (isinstance(source, _Asker) and source.listener is listener):
+                self._outbox.append((listener.relay(message), listener.address))
+
     def broadcast(self, message: Message | Outgoing) -> None:
         """Send a message to all peers."""
         for listener in self._listeners:
@@ -215,7 +223,7 @@ class VehicleEndpoint:
             return None if kind == wire.MAVLINK_MSG_ID_HEARTBEAT else Dropped.UNUSED_MESSAGE
         request = frame.message()
         target = getattr(request, "target_system", 0), getattr(request, "target_component", 0)
-        if not messages.is_for(self._system, *target):
+        if not messages.is_for(self.system, *target):
             return Dropped.OTHER_TARGET
         handler(request, _Asker(self, listener))
         return None
@@ -224,7 +232,7 @@ class VehicleEndpoint:
         rival = self._commander is not None and self._commander is not listener
         if rival and self.autopilot.stream_alive:
             return Dropped.NOT_IN_COMMAND
-        command = messages.command(frame, self._system)
+        command = messages.command(frame, self.system)
         if isinstance(command, Dropped):
             return command
         cause = self.flight.offer(command, now_us)

@@ -6,6 +6,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.frames import Frame, Message, Outgoing, Peer
 from firmware_model.messages import AUTOPILOT, CONTROLLER
+from firmware_model.traffic import Traffic
 
 NEVER_US = 1 << 62
 """[us] a time that does not come."""
@@ -30,6 +31,7 @@ class Listener:
         self.next_us = NEVER_US
         self.controller = False
         self._packer = wire.MAVLink(None, system, AUTOPILOT)
+        self._relay = Traffic(system, CONTROLLER)
         self._usual_us, self._fastest_us = intervals_us, fastest_us
         self._defaults_us: dict[int, int] = {}
         self._intervals_us: dict[int, int] = {}
@@ -40,6 +42,10 @@ class Listener:
         datagram: bytes = message.pack(self._packer)
         self._packer.seq = (self._packer.seq + 1) % 256
         return datagram
+
+    def relay(self, message: Message) -> bytes:
+        """Return a message of the on-board controller as a datagram to this peer, with sequence numbers of its own."""
+        return self._relay.pack(message)
 
     def identify(self, frame: Frame, *, lockstep: bool, clock_us: int) -> None:
         """Start the streams that a peer of this kind gets when it asks for nothing.

@@ -72,6 +72,13 @@ class Craft(Protocol):
     def stamp_us(self) -> int:
         """[us] model time now, between two samples too: the clock of the messages' stamps."""
 
+    @property
+    def system(self) -> int:
+        """System id."""
+
+    def relay(self, message: Message, source: Client) -> None:
+        """Pass a message of the on-board controller on to all peers but the one that it came from."""
+
     def broadcast(self, message: Message | Outgoing) -> None:
         """Send a message to all peers."""
 

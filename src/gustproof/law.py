@@ -232,6 +232,10 @@ class FlyingLaw:
         self._gains = np.vstack([np.hstack([law.A, law.B, law.G, law.H]), columns])
         self._memory = np.zeros(2 * law.order + 12)
 
+    def restart(self) -> None:
+        """Go back to the initial state."""
+        self._memory[:] = 0.0
+
     def step(self, gyro_B: Vector) -> Vector:
         """Return the command for the measured rates [rad/s] as float32 fractions of `scale`, and move on."""
         fractions: Vector = _fly(self._gains, self._memory, *gyro_B)

@@ -5,11 +5,13 @@ from firmware_model.signals import AttitudeTarget, Command, ImuSample, TorqueCom
 from gustproof.law import FlyingLaw, Law, Output
 
 HOVER_THRUST = 0.5
-"""[0..1] thrust sent with every command; the simulated vehicle's position is held."""
+"""[0..1] thrust sent with body rates; beside torques the autopilot is asked to hold the height."""
 
 
 class Controller:
     """A law in flight, level as its reference, from its stated initial state: all states 0.
+
+    A law knows no attitude but the one that it integrates: what it holds as level is the attitude it begins in.
 
     `scale` is what 1.0 on the wire means: the published torque limits [N*m] B for torques, 1 rad/s for rates. The
     command is divided by it and rounded to float32, here as in every other route.
@@ -21,13 +23,17 @@ class Controller:
         self._answer: Command | None = None
         self._answered_us = -1
 
+    def restart(self) -> None:
+        """Begin again at the next sample: the vehicle was flown by another until now."""
+        self._law.restart()
+
     def answer(self, sample: ImuSample) -> Command | Dropped:
         """Return the command for a sample; the law steps if it is newer than the last one."""
         time_us = sample.time_us
         if self._answer is None or time_us > self._answered_us:
             command = self._law.step(sample.gyro_B)
             if self._torque:
-                self._answer = TorqueCommand(time_us=time_us, torque_B=command, throttle=HOVER_THRUST)
+                self._answer = TorqueCommand(time_us=time_us, torque_B=command, throttle=None)
             else:
                 self._answer = AttitudeTarget(time_us=time_us, q_NB=None, omega_B=command, thrust=HOVER_THRUST)
             self._answered_us = time_us

@@ -1,6 +1,14 @@
-"""The controller as a sans-I/O MAVLink peer: finds the vehicle, reads its limits, arms it, and answers each sample.
+"""The controller as a sans-I/O MAVLink peer: finds the vehicle, reads its limits, and answers each sample.
 
-    SEEKING --heartbeat--> READING --answer--> ARMING --accepted--> ENTERING --accepted--> FLYING --disarmed--> done
+    SEEKING --heartbeat--> READING --time stands--> ARMING --accepted--> ENTERING --accepted--> FLYING
+                              |                                             ^                   ^    |
+                              +--time runs: flown by a pilot-- in the air --+      OFFBOARD set |    | another mode
+                              +--on the ground, landing or taking off--------------> STANDING_BY <---+
+
+A vehicle whose time stands at 0 waits for this controller, which arms it, and flies until it is disarmed. One whose
+time runs has a pilot: the controller asks for OFFBOARD once, if it finds the vehicle flying, and never arms it. Another
+mode takes the vehicle away; the controller goes on streaming, asks for nothing, and flies again when OFFBOARD is set.
+While it is not in command the law is kept at its initial state, so that it begins afresh.
 
 A request is repeated on wall time until it is answered, and given up after a stated number of times. Samples are
 answered as soon as the parameters are known, as the autopilot enters OFFBOARD only when set-points flow.
@@ -42,10 +50,17 @@ class Phase(Enum):
     ENTERING = "the autopilot does not enter OFFBOARD"
     """Asks for OFFBOARD."""
     FLYING = "the flight was left"
-    """Answers samples until the vehicle disarms."""
+    """The vehicle follows the law."""
+    STANDING_BY = "the vehicle was taken out of OFFBOARD"
+    """Another flies; set-points go on, so that OFFBOARD can be set at any time."""
 
 
-_FLYING, _READING = Phase.FLYING, Phase.READING  # asked for each sample, and to look up a member takes .1 us
+# Looked up once, as a look-up of a member takes .1 us and some are asked for each sample.
+_FLYING, _READING, _STANDING_BY = Phase.FLYING, Phase.READING, Phase.STANDING_BY
+_JOINED = (_FLYING, _STANDING_BY)
+_TAKEN = frozenset(  # what a pilot flies without an end in view; a take-off, a landing or a way home is not broken off
+    mode.value for mode in (Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.HOLD, Mode.STABILIZED)
+)
 
 
 class Outcome(Enum):
@@ -60,7 +75,7 @@ class Outcome(Enum):
     AUTOPILOT_LOST = "autopilot_lost"
     """The vehicle fell silent."""
     MODE_LOST = "mode_lost"
-    """The vehicle has left OFFBOARD."""
+    """The vehicle was landed out of OFFBOARD."""
     INTERRUPTED = "interrupted"
     """Ctrl-C or a termination signal."""
 
@@ -77,6 +92,8 @@ class ControllerEndpoint:
         self._packer = wire.MAVLink(None, 1, CONTROLLER)
         self._outbox: list[tuple[bytes, Peer]] = []
         self._controller: Controller | None = None
+        self._piloted = self._resting = False
+        self._armed, self._mode = False, 0
         wanted = (*TORQUE_LIMIT_NAMES, RATE_NAME) if law.output is Output.TORQUE else (RATE_NAME,)
         self._parameters: dict[str, float | None] = dict.fromkeys(wanted)
         self._heartbeat_at_us = self._retry_at_us = 0
@@ -114,7 +131,7 @@ class ControllerEndpoint:
                     wire.MAV_TYPE_ONBOARD_CONTROLLER, wire.MAV_AUTOPILOT_INVALID, 0, 0, wire.MAV_STATE_ACTIVE, 3
                 )
             )
-        if self.phase is _FLYING:
+        if self.phase in _JOINED:
             if now_us > self._heard_us + SILENCE_US:
                 self._end(Outcome.AUTOPILOT_LOST, "the autopilot has fallen silent")
         elif now_us >= self._retry_at_us:
@@ -124,7 +141,7 @@ class ControllerEndpoint:
 
     def deadline_us(self) -> int:
         """Return the wall time at which `poll` has something to do, at the latest."""
-        other_us = self._heard_us + SILENCE_US + 1 if self.phase is _FLYING else self._retry_at_us
+        other_us = self._heard_us + SILENCE_US + 1 if self.phase in _JOINED else self._retry_at_us
         return min(self._heartbeat_at_us, other_us)
 
     def _dispatch(self, frame: Frame, peer: Peer, now_us: int) -> Dropped | None:
@@ -143,27 +160,57 @@ class ControllerEndpoint:
         if self._controller is None:
             return None
         sample = messages.imu_sample(frame)
+        if self._resting:
+            self._controller.restart()
         answer = sample if isinstance(sample, Dropped) else self._controller.answer(sample)
         if isinstance(answer, Dropped):
             return answer
         self._send(messages.command_message(answer, self._packer.srcSystem))
         if self.phase is _READING:
-            self._enter(Phase.ARMING)
+            self._join(answer.time_us)
         return None
+
+    def _join(self, time_us: int) -> None:
+        """Arm a vehicle that waits, take one that flies; stand by one on the ground, on its way up or down."""
+        self._piloted = time_us > 0
+        if not self._piloted:
+            self._enter(Phase.ARMING)
+        elif self._armed and self._mode in _TAKEN:
+            self._enter(Phase.ENTERING)
+        else:
+            self._enter(_STANDING_BY)
 
     def _on_text(self, message: Message) -> None:
         self.message = message.text
 
     def _on_heartbeat(self, message: Message) -> None:
+        self._armed, mode = bool(message.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED), message.custom_mode
+        # Another mode than the one that was found is the pilot's will.
+        overruled = self._piloted and self.phase is Phase.ENTERING and mode not in (self._mode, Mode.OFFBOARD.value)
+        self._mode = mode
         if self.phase is Phase.SEEKING:
             # An on-board controller shares the vehicle's system id.
             self._packer.srcSystem = message.get_srcSystem()
             self._enter(Phase.READING)
-        elif self.phase is Phase.FLYING:
-            if not message.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED:
-                self._end(Outcome.DONE, "")
-            elif message.custom_mode != Mode.OFFBOARD.value:
-                self._end(Outcome.MODE_LOST, self.message or "the vehicle has left OFFBOARD")
+        elif overruled:
+            self._enter(_STANDING_BY)
+        elif self.phase in _JOINED:
+            self._follow()
+
+    def _follow(self) -> None:
+        """Fly while the vehicle is armed in OFFBOARD; a flight that waited for this controller ends with disarming."""
+        if self._armed and self._mode == Mode.OFFBOARD.value:
+            wanted = _FLYING
+        elif self._armed or self._piloted:
+            wanted = _STANDING_BY
+        elif self.phase is _FLYING:
+            self._end(Outcome.DONE, "")
+            return
+        else:
+            self._end(Outcome.MODE_LOST, self.message or self.phase.value)
+            return
+        if wanted is not self.phase:
+            self._enter(wanted)
 
     def _on_parameter(self, message: Message) -> None:
         name = message.param_id
@@ -190,18 +237,30 @@ class ControllerEndpoint:
             return
         if message.result == wire.MAV_RESULT_ACCEPTED:
             self._enter(asked[1])
-        elif message.result != wire.MAV_RESULT_TEMPORARILY_REJECTED:
+        elif message.result == wire.MAV_RESULT_TEMPORARILY_REJECTED:
+            return
+        elif self._piloted:
+            self._enter(_STANDING_BY)
+        else:
             self._end(Outcome.NOT_STARTED, f"{self.phase.value}: {self.message or 'refused'}")
 
     def _enter(self, phase: Phase) -> None:
         self.phase = phase
         self._retries = self._retry_at_us = 0
+        self._resting = phase is _STANDING_BY or (self._piloted and phase is Phase.ENTERING)
+        if phase in _JOINED:
+            doing = "flies" if phase is _FLYING else "stands by"
+            text = f"law '{self._law.name}' {doing}".encode("ascii", "replace")
+            self._send(wire.MAVLink_statustext_message(wire.MAV_SEVERITY_INFO, text[:50]))
 
     def _retry(self, now_us: int) -> None:
         self._retry_at_us = now_us + RETRY_US
         self._retries += 1
         if self._retries > RETRIES:
-            self._end(Outcome.NOT_STARTED, self.phase.value)
+            if self._piloted:
+                self._enter(_STANDING_BY)
+            else:
+                self._end(Outcome.NOT_STARTED, self.phase.value)
             return
         system = self._packer.srcSystem
         match self.phase:

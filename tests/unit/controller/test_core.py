@@ -32,7 +32,15 @@ def sample(time_us: int, roll_rate: float = 1.0) -> ImuSample:
 
 def test_first_answer_comes_from_the_stated_initial_state():
     answer = Controller(integrator(), (10.0, 10.0, 10.0)).answer(sample(0))
-    assert answer == TorqueCommand(time_us=0, torque_B=(0.0, 0.0, 0.0), throttle=0.5)
+    assert answer == TorqueCommand(time_us=0, torque_B=(0.0, 0.0, 0.0), throttle=None)
+
+
+def test_restarted_law_answers_as_at_first():
+    controller = Controller(integrator(), (10.0, 10.0, 10.0))
+    before = [controller.answer(sample(time_us)).torque_B for time_us in (0, 4000, 8000)]
+    controller.restart()
+    assert [controller.answer(sample(time_us)).torque_B for time_us in (12_000, 16_000, 20_000)] == before
+    assert before[2] != before[0]
 
 
 def test_law_steps_once_a_stamp_and_repeats_its_answer():

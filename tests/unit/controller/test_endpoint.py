@@ -13,7 +13,9 @@ from gustproof.controller.endpoint import RETRIES, RETRY_US, SILENCE_US, Control
 from gustproof.law import load_law
 
 VEHICLE = (0, ("vehicle", 14580))
-OFFBOARD, STABILIZED = 6 << 16, 7 << 16
+OFFBOARD, STABILIZED, HOLD = 6 << 16, 7 << 16, 4 << 16 | 3 << 24
+TAKEOFF, RETURN, LAND = (4 << 16 | sub << 24 for sub in (2, 5, 6))
+ARM, MODE = wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_CMD_DO_SET_MODE
 
 
 class Autopilot:
@@ -151,12 +153,125 @@ def test_vehicle_of_another_rate_is_not_flown(autopilot):
 
 @pytest.mark.parametrize(
     ("mode", "armed", "outcome"),
-    [(OFFBOARD, True, None), (OFFBOARD, False, Outcome.DONE), (STABILIZED, True, Outcome.MODE_LOST)],
+    [(OFFBOARD, True, None), (OFFBOARD, False, Outcome.DONE), (STABILIZED, True, None)],
 )
 def test_heartbeat_in_flight_tells_how_it_goes(autopilot, mode, armed, outcome):
     autopilot.reach(Phase.FLYING)
     autopilot.say(heartbeat_message(mode, armed, critical=False))
     assert autopilot.endpoint.outcome is outcome
+
+
+def test_flight_that_is_landed_out_of_offboard_is_named(autopilot):
+    autopilot.reach(Phase.FLYING)
+    autopilot.say(beat(STABILIZED), beat(STABILIZED, armed=False))
+    assert autopilot.endpoint.outcome is Outcome.MODE_LOST
+
+
+def beat(mode: int, *, armed: bool = True):
+    return heartbeat_message(mode, armed, critical=False)
+
+
+def join(mode: int, *, armed: bool = True) -> Autopilot:
+    """Find a vehicle whose time runs, in a mode."""
+    autopilot = Autopilot()
+    autopilot.hear()
+    autopilot.say(beat(mode, armed=armed))
+    autopilot.hear()
+    autopilot.say(*parameters(), imu(12_000))
+    return autopilot
+
+
+def asked(autopilot: Autopilot, seconds: float = 60.0) -> list[int]:
+    """Return the commands that the controller gives while samples go on."""
+    given: list[int] = []
+    for _ in range(round(5 * seconds)):
+        given += [message.command for message in autopilot.hear() if message.get_type() == "COMMAND_LONG"]
+        autopilot.now_us += 200_000
+        autopilot.say(imu(autopilot.now_us))
+    return given
+
+
+@pytest.mark.parametrize("mode", [HOLD, STABILIZED])
+def test_vehicle_that_a_pilot_flies_is_taken_and_not_armed(mode):
+    autopilot = join(mode)
+    (request,) = [message for message in autopilot.hear() if message.get_type() == "COMMAND_LONG"]
+    assert (request.command, request.param2) == (MODE, 6.0)
+    autopilot.say(accepted(MODE))
+    assert autopilot.endpoint.phase is Phase.FLYING
+
+
+@pytest.mark.parametrize(("mode", "armed"), [(HOLD, False), (TAKEOFF, True), (RETURN, True), (LAND, True)])
+def test_vehicle_on_the_ground_or_on_its_way_is_stood_by(mode, armed):
+    autopilot = join(mode, armed=armed)
+    assert autopilot.endpoint.phase is Phase.STANDING_BY
+    assert asked(autopilot) == []
+    assert not autopilot.endpoint.finished
+
+
+@pytest.mark.parametrize("found", [0, 12_000])
+def test_taken_vehicle_gets_set_points_and_no_request_until_it_is_given_back(autopilot, found):
+    if found:
+        autopilot = join(HOLD)
+        autopilot.hear()
+        autopilot.say(accepted(MODE))
+    else:
+        autopilot.reach(Phase.FLYING)
+    autopilot.say(beat(HOLD))
+    assert autopilot.endpoint.phase is Phase.STANDING_BY
+    autopilot.hear()
+    autopilot.say(imu(16_000))
+    assert "SET_ACTUATOR_CONTROL_TARGET" in autopilot.names()
+    assert asked(autopilot) == []
+    autopilot.say(beat(OFFBOARD))
+    assert autopilot.endpoint.phase is Phase.FLYING
+    assert not autopilot.endpoint.finished
+
+
+def test_pilot_who_changes_the_mode_meanwhile_is_not_overruled():
+    autopilot = join(HOLD)
+    autopilot.hear()
+    autopilot.say(accepted(MODE, wire.MAV_RESULT_TEMPORARILY_REJECTED), beat(LAND))
+    assert autopilot.endpoint.phase is Phase.STANDING_BY
+    assert asked(autopilot) == []
+
+
+def test_refused_request_to_take_the_vehicle_leads_to_standing_by():
+    autopilot = join(HOLD)
+    autopilot.say(accepted(MODE, wire.MAV_RESULT_DENIED))
+    assert autopilot.endpoint.phase is Phase.STANDING_BY
+
+
+def test_piloted_vehicle_that_is_disarmed_is_not_left():
+    autopilot = join(HOLD)
+    autopilot.say(accepted(MODE), beat(OFFBOARD), beat(HOLD, armed=False))
+    assert not autopilot.endpoint.finished
+    autopilot.say(beat(OFFBOARD))
+    assert autopilot.endpoint.phase is Phase.FLYING
+
+
+def test_law_begins_afresh_when_the_vehicle_is_given():
+    def torques(autopilot: Autopilot, *stamps: int) -> list[float]:
+        autopilot.hear()
+        autopilot.say(*[imu(stamp) for stamp in stamps])
+        return [message.controls[0] for message in autopilot.hear() if hasattr(message, "controls")]
+
+    autopilot = join(HOLD)
+    waiting = torques(autopilot, 16_000, 20_000, 24_000)
+    assert len(set(waiting)) == 1
+    autopilot.say(accepted(MODE))
+    flown = torques(autopilot, 28_000, 32_000, 36_000)
+    autopilot.say(beat(HOLD))
+    torques(autopilot, 40_000, 44_000)
+    autopilot.say(beat(OFFBOARD))
+    assert torques(autopilot, 48_000, 52_000, 56_000) == flown
+    assert len(set(flown)) == 3
+
+
+def test_people_are_told_which_law_flies():
+    autopilot = join(HOLD)
+    autopilot.say(accepted(MODE), beat(HOLD), beat(OFFBOARD))
+    texts = [message.text for message in autopilot.hear() if message.get_type() == "STATUSTEXT"]
+    assert texts == ["law 'hinf-d1' flies", "law 'hinf-d1' stands by", "law 'hinf-d1' flies"]
 
 
 def test_silent_autopilot_is_lost(autopilot):
