@@ -36,9 +36,10 @@ def service(craft: Craft) -> Service:
     """Return the service of streams."""
 
     def known(message_id: int | None) -> Answer:
+        """Accept what is sent here at all; a number that no message can have is a mistake."""
         if message_id in craft.services.streams:
             return ACCEPTED
-        return Answer(UNSUPPORTED if message_id in wire.mavlink_map else DENIED)
+        return Answer(UNSUPPORTED if message_id is not None and 0 <= message_id < 2**24 else DENIED)
 
     def set_interval(order: Order, client: Client) -> Answer:
         message_id, interval_us = order.whole(1), order.whole(2)
