@@ -1,4 +1,8 @@
-"""`python -m firmware_model`: a simulated vehicle with its autopilot, on UDP."""
+"""`python -m firmware_model`: a simulated vehicle with its autopilot, on UDP.
+
+without --scenario   a standing vehicle: real time, disarmed, until Ctrl-C
+--scenario           one scripted flight: clamped until a controller flies it, ends with the scenario
+"""
 
 import argparse
 import gc
@@ -32,17 +36,21 @@ _BROKEN = 3
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the vehicle until its scenario has ended; return the exit status."""
+    """Run the vehicle until it is interrupted, or its scenario has ended; return the exit status."""
     options = _parser().parse_args(arguments)
+    standing = options.scenario is None and not options.lockstep
     try:
-        return _fly(options)
+        if not standing and (options.held or options.air):
+            raise ConfigError("--held and --air are for a vehicle without --scenario and --lockstep")
+        return _fly(options, standing)
     except ConfigError as error:
         print(f"firmware_model: {error}", file=sys.stderr)
         return 2
 
 
-def _fly(options: argparse.Namespace) -> int:
-    scenario = _read(Scenario, options.scenario) or load_scenario(options.scenario)
+def _fly(options: argparse.Namespace, standing: bool) -> int:
+    name = options.scenario or options.air or "calm"
+    scenario = _read(Scenario, name) or load_scenario(name)
     vehicle = _read(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
     header = {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
     with ExitStack() as stack:
@@ -58,6 +66,7 @@ def _fly(options: argparse.Namespace) -> int:
             options.seed,
             record,
             lockstep=options.lockstep,
+            standing=standing,
             system=options.instance + 1,
             expected=expected,
         )
@@ -65,16 +74,48 @@ def _fly(options: argparse.Namespace) -> int:
             signal.signal(number, lambda *_: endpoint.interrupt())
         # The machine code is loaded, or made, before anybody waits for it.
         VehicleLoop(vehicle, scenario, options.seed).advance(Level(), Mode.STABILIZED.value)
-        # A flight leaves no cycles, and the collector's visits cost a sixth of it.
-        gc.disable()
-        _say(options, {"listening": [bound.getsockname()[1] for bound in sockets], **header})
+        if not standing:
+            # A flight leaves no cycles, and the collector's visits cost a sixth of it.
+            gc.disable()
+        listening = [bound.getsockname()[1] for bound in sockets]
+        if standing and not options.json:
+            print(greeting(vehicle.name, scenario.name, listening, [peer[1][1] for peer in expected]), flush=True)
+        else:
+            _say(options, {"listening": listening, **header})
         udp.serve(endpoint, sockets)
-    _say(options, summary(endpoint, scenario.samples))
+    _say(options, summary(endpoint, None if standing else scenario.samples))
     return _EXIT.get(endpoint.outcome, _BROKEN) if endpoint.outcome else _BROKEN
 
 
-def summary(endpoint: VehicleEndpoint, samples: int) -> dict[str, Any]:
-    """Return what is to be said of a flight: outcome, samples flown, wall time from t = 0 to landing, counters."""
+def greeting(vehicle: str, air: str, listening: Sequence[int], told: Sequence[int]) -> str:
+    """Return how to connect to a standing vehicle; `told` are the ports that it speaks to unasked, if any."""
+    if told:
+        ground, offboard = told
+        ways = {
+            "QGroundControl": f"finds it by itself (UDP port {ground})",
+            "MAVProxy": f"mavproxy.py --master udp:127.0.0.1:{ground}",
+            "MAVSDK": f"udpin://0.0.0.0:{offboard}",
+            "pymavlink": f'mavutil.mavlink_connection("udpin:127.0.0.1:{ground}")',
+        }
+    else:
+        ways = {
+            "QGroundControl": f"a UDP link with server address 127.0.0.1:{listening[-1]}",
+            "MAVProxy": f"mavproxy.py --master udpout:127.0.0.1:{listening[-1]}",
+            "MAVSDK": f"udpout://127.0.0.1:{listening[-1]}",
+            "pymavlink": f'mavutil.mavlink_connection("udpout:127.0.0.1:{listening[-1]}")',
+        }
+    ways["a law"] = f"gustproof controller --law hinf-scheduled --connect 127.0.0.1:{listening[-1]}"
+    return "\n".join(
+        (
+            f"vehicle '{vehicle}' in the air of '{air}', disarmed; speaks MAVLink as PX4 does, and is not PX4",
+            *(f"  {client:<15} {way}" for client, way in ways.items()),
+            "Ctrl-C ends it.",
+        )
+    )
+
+
+def summary(endpoint: VehicleEndpoint, samples: int | None) -> dict[str, Any]:
+    """Return what is to be said in the end: outcome, samples flown, wall time from t = 0, counters."""
     flight = endpoint.flight
     flown_s = flight.wall_us * 1e-6
     counters = {cause.value: count for cause, count in sorted((flight.counters + endpoint.counters).items(), key=str)}
@@ -83,6 +124,7 @@ def summary(endpoint: VehicleEndpoint, samples: int) -> dict[str, Any]:
         "samples": flight.loop.sample,
         "of": samples,
         "wall_s": flown_s,
+        "slipped_s": flight.slipped_us * 1e-6,
         "realtime_factor": flight.loop.time_us * 1e-6 / flown_s if flown_s else 0.0,
         "counters": counters,
     }
@@ -92,15 +134,18 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="firmware_model",
         description="A simulated multirotor with its autopilot. Speaks MAVLink over UDP on this machine, as PX4's "
-        "simulation does, and is not PX4. The vehicle is clamped until it is armed and in OFFBOARD; then the "
-        "scenario is flown, and the process ends with it.",
+        "simulation does, and is not PX4. It stands on the ground in real time until Ctrl-C. With --scenario it is "
+        "clamped until it is armed and in OFFBOARD; then the scenario is flown, and the process ends with it.",
         epilog="Exit status: 0 flown in OFFBOARD to the end, 2 bad input, 3 the flight broke off, 130 interrupted.",
     )
     add = parser.add_argument
-    add("--scenario", default="calm", help=f"a .toml file, or one of {', '.join(shipped_scenarios())} [calm]")
+    shipped = f"a .toml file, or one of {', '.join(shipped_scenarios())}"
+    add("--scenario", help=f"fly this script and end: {shipped}")
+    add("--air", help=f"scenario in whose air the vehicle stands, from the start on: {shipped} [calm]")
+    add("--held", action="store_true", help="hold the vehicle in its place, free in attitude while armed: a test stand")
     add("--vehicle", default="paper", help=f"a .toml file, or one of {', '.join(shipped_vehicles())} [paper]")
     add("--seed", type=int, default=1, help="seed of gusts and noise [1]")
-    add("--lockstep", action="store_true", help="wait for the answer to each sample, as fast as it goes")
+    add("--lockstep", action="store_true", help="fly the script, by default calm, as fast as its samples are answered")
     add("--instance", type=int, default=0, help="number of this vehicle: added to all ports, system id N + 1 [0]")
     add("--bind-port", type=int, help="listen on this port alone, 0 for a free one [18570 and 14580]")
     add("--journal", type=Path, help="new file for the flight's records")

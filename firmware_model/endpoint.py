@@ -3,15 +3,17 @@
     datagram --receive--> parse -> set-points | the service that answers such a message
     time     --poll-----> fly samples that are due -> streams, heartbeats, answers --> datagrams
 
-Before t = 0 the airframe is clamped and sample 0 is repeated on wall time. The flight begins when the vehicle is armed
-in OFFBOARD. In lockstep sample k is sent to the commanding peer and waited for; in real time samples are due on
-absolute deadlines and a late command holds the last one.
+Before t = 0 of a scripted flight the airframe is clamped and sample 0 is repeated on wall time. The flight begins when
+the vehicle is armed in OFFBOARD. In lockstep sample k is sent to the commanding peer and waited for; in real time
+samples are due on absolute deadlines and a late command holds the last one. A standing vehicle begins when it is first
+polled.
 """
 
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +45,7 @@ from firmware_model.services import (
 )
 from firmware_model.services.service import Client, combined
 from firmware_model.signals import Command
+from firmware_model.signing import Signing
 from firmware_model.vehicle import Vehicle
 
 HEARTBEAT_US = 1_000_000
@@ -94,7 +97,7 @@ class Outcome(Enum):
 
 
 class VehicleEndpoint:
-    """One vehicle in one scripted flight; give it datagrams and the time, send what it returns.
+    """One vehicle, `standing` or in one scripted flight; give it datagrams and the time, send what it returns.
 
     It is the `Craft` of its services, and composes them: a new one is a line in `_SERVICES`.
     """
@@ -107,24 +110,29 @@ class VehicleEndpoint:
         record: Callable[[NDArray[np.float64]], None],
         *,
         lockstep: bool,
+        standing: bool = False,
         system: int = 1,
         expected: Iterable[Peer] = (),
+        signing: Signing | None = None,
         generic: bool = False,
     ) -> None:
         self.generic = generic
         self.parameters = Parameters(vehicle, scenario, bytewise=not generic)
         self.autopilot = Autopilot(self.parameters.settings(), free=False)
         self.loop = VehicleLoop(vehicle, scenario, seed)
-        self.flight = Flight(self.loop, self.autopilot, record, sample_us=scenario.sample_us, lockstep=lockstep)
+        self.flight = Flight(
+            self.loop, self.autopilot, record, sample_us=scenario.sample_us, lockstep=lockstep, standing=standing
+        )
         self.outcome: Outcome | None = None
         self.finished = False
         self.counters: Counter[Dropped] = Counter()
+        self._signing = signing
         self.system = system
         parts = combined(service(self) for service in _SERVICES)
         self.services = combined([parts, commands.service(self, parts.commands)])
         self._streams, self._requests = self.services.streams, self.services.requests
         intervals_us = {number: stream.interval_us for number, stream in self._streams.items() if stream.interval_us}
-        self._listeners = Listeners(system, intervals_us, expected, fastest_us=scenario.sample_us)
+        self._listeners = Listeners(system, signing, intervals_us, expected, fastest_us=scenario.sample_us)
         self._outbox: list[tuple[bytes, Peer]] = []
         self._commander: Listener | None = None
         self._stream_lost = False
@@ -141,17 +149,23 @@ class VehicleEndpoint:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
         self._now_us = now_us
         self.flight.tick(now_us)
+        if self._signing is not None:
+            self._signing.tick(now_us)
         for item in parse(datagram):
-            if isinstance(item, Dropped):
-                self.counters[item] += 1
-            elif (listener := self._heard(peer, item, now_us)) is None:
-                self.counters[Dropped.TOO_MANY_PEERS] += 1
-            elif cause := self._dispatch(item, listener, now_us):
-                self.counters[cause] += 1
+            cause = item if isinstance(item, Dropped) else self._take(item, peer, now_us)
+            if cause is not None:
+                self.drop(cause, peer)
+
+    def drop(self, cause: Dropped, peer: Peer) -> None:
+        """Count something of a peer's that has no effect."""
+        self.counters[cause] += 1
+        self._listeners.drop(peer, cause)
 
     def poll(self, now_us: int) -> list[tuple[bytes, Peer]]:
         """Do what is due and return the datagrams to send."""
         self._now_us = now_us
+        if self._signing is not None:
+            self._signing.tick(now_us)
         if self.flight.ready():
             self.flight.begin(now_us)
         for _ in range(_BATCH):
@@ -197,9 +211,16 @@ class VehicleEndpoint:
 
     def relay(self, message: Message, source: Client) -> None:
         """Pass a message of the on-board controller on to all peers but the one that it came from."""
+        if self._signing is not None and not message.get_header().incompat_flags & wire.MAVLINK_IFLAG_SIGNED:
+            return  # what nobody has signed is not signed here
         for listener in self._listeners:
             if not (isinstance(source, _Asker) and source.listener is listener):
                 self._outbox.append((listener.relay(message), listener.address))
+
+    @property
+    def links(self) -> dict[str, dict[str, Any]]:
+        """What came and went between here and each peer."""
+        return self._listeners.figures()
 
     def broadcast(self, message: Message | Outgoing) -> None:
         """Send a message to all peers."""
@@ -213,6 +234,13 @@ class VehicleEndpoint:
     def apply_parameters(self) -> None:
         """Let changed parameters act."""
         self.autopilot.settings = self.parameters.settings()
+
+    def _take(self, frame: Frame, peer: Peer, now_us: int) -> Dropped | None:
+        # Before anything else: who does not prove himself takes no place among the peers.
+        if self._signing is not None and (cause := self._signing.refusal(frame)):
+            return cause
+        listener = self._heard(peer, frame, now_us)
+        return Dropped.TOO_MANY_PEERS if listener is None else self._dispatch(frame, listener, now_us)
 
     def _dispatch(self, frame: Frame, listener: Listener, now_us: int) -> Dropped | None:
         kind = frame.message_id
@@ -285,10 +313,11 @@ class VehicleEndpoint:
             if not listener.controller:
                 listener.identify(frame, lockstep=self.flight.lockstep, clock_us=self.flight.clock_us(now_us))
             listener.heard_us = now_us
+            listener.traffic.count(frame)
         return listener
 
     def _send(self, message: Message | Outgoing, listener: Listener) -> None:
-        self._outbox.append((listener.pack(message), listener.address))
+        self._outbox.append((listener.traffic.pack(message), listener.address))
 
 
 @dataclass(frozen=True, slots=True)

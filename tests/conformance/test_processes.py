@@ -117,7 +117,7 @@ def autopilot(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], dict]]:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_autopilot_ends_in_order_on_a_signal(number, tmp_path):
-    with autopilot("--bind-port", "0", "--journal", str(tmp_path / "flight")) as (process, _):
+    with autopilot("--scenario", "calm", "--bind-port", "0", "--journal", str(tmp_path / "flight")) as (process, _):
         process.send_signal(number)
         out, err = process.communicate(timeout=30)
     assert process.returncode == 130
@@ -173,7 +173,7 @@ def test_plain_mavutil_client_sees_arms_and_flies_the_vehicle():
     os.environ.setdefault("MAVLINK20", "1")
     from pymavlink import mavutil
 
-    with autopilot("--bind-port", "0") as (_, greeting):
+    with autopilot("--scenario", "calm", "--bind-port", "0") as (_, greeting):
         link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{greeting['listening'][0]}", source_system=255)
         try:
             link.mav.heartbeat_send(6, 8, 0, 0, 4)

@@ -8,8 +8,12 @@ from gustproof.cli.failures import Status
 def autopilot(ctx: typer.Context) -> None:
     """Run the simulated autopilot and its vehicle; `gustproof autopilot --help` shows its options.
 
-    The same as `python -m firmware_model`: it speaks MAVLink over UDP on the ports that ground stations
-    and off-board programs look at.
+    The same as `python -m firmware_model`: it stands on the ground in real time, speaks MAVLink over UDP on the
+    ports that ground stations and off-board programs look at, and prints how to connect each.
+
+        gustproof autopilot
+
+        gustproof autopilot --air paper-turbulence --held
 
         gustproof autopilot --scenario paper-turbulence
     """
