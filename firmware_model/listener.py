@@ -1,11 +1,17 @@
-"""The peers of the vehicle: what each is sent how often, and the sequence numbers of what it was sent."""
+"""The peers of the vehicle: what each is sent how often, and what came and went.
+
+A peer is the address that a datagram says it comes from. On this machine the system vouches for it; from elsewhere
+anybody can write any address, so only a signature says who speaks.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.frames import Frame, Message, Outgoing, Peer
+from firmware_model.frames import Dropped, Frame, Message, Peer
 from firmware_model.messages import AUTOPILOT, CONTROLLER
+from firmware_model.signing import Signing
 from firmware_model.traffic import Traffic
 
 NEVER_US = 1 << 62
@@ -24,27 +30,33 @@ class Listener:
     """A peer and its streams; `expected` ones are told of the vehicle unasked, and never forgotten."""
 
     def __init__(
-        self, address: Peer, system: int, intervals_us: Mapping[int, int], *, fastest_us: int, expected: bool
+        self,
+        address: Peer,
+        system: int,
+        signing: Signing | None,
+        intervals_us: Mapping[int, int],
+        *,
+        fastest_us: int,
+        expected: bool,
     ) -> None:
         self.address, self.expected = address, expected
+        self.traffic = Traffic(system, AUTOPILOT, signing, address[0])
+        self._relay = Traffic(system, CONTROLLER, signing, address[0])
+        self._usual_us, self._fastest_us = intervals_us, fastest_us
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin as if nothing had been heard of this peer; its packets are numbered and counted on."""
         self.heard_us: int | None = None
         self.next_us = NEVER_US
         self.controller = False
-        self._packer = wire.MAVLink(None, system, AUTOPILOT)
-        self._relay = Traffic(system, CONTROLLER)
-        self._usual_us, self._fastest_us = intervals_us, fastest_us
         self._defaults_us: dict[int, int] = {}
         self._intervals_us: dict[int, int] = {}
         self._due_us: dict[int, int] = {}
 
-    def pack(self, message: Message | Outgoing) -> bytes:
-        """Return the message as a datagram to this peer, with the next of its sequence numbers."""
-        datagram: bytes = message.pack(self._packer)
-        self._packer.seq = (self._packer.seq + 1) % 256
-        return datagram
-
     def relay(self, message: Message) -> bytes:
         """Return a message of the on-board controller as a datagram to this peer, with sequence numbers of its own."""
+        self.traffic.sent += 1
         return self._relay.pack(message)
 
     def identify(self, frame: Frame, *, lockstep: bool, clock_us: int) -> None:
@@ -104,9 +116,17 @@ class Listeners:
     """All peers of a vehicle by their addresses, a bounded number."""
 
     def __init__(
-        self, system: int, intervals_us: Mapping[int, int], expected: Iterable[Peer], *, fastest_us: int
+        self,
+        system: int,
+        signing: Signing | None,
+        intervals_us: Mapping[int, int],
+        expected: Iterable[Peer],
+        *,
+        fastest_us: int,
     ) -> None:
-        self._system, self._intervals_us, self._fastest_us = system, intervals_us, fastest_us
+        self._system, self._signing = system, signing
+        self._intervals_us, self._fastest_us = intervals_us, fastest_us
+        self._gone = Traffic(system, AUTOPILOT)
         self._at = {address: self._new(address, expected=True) for address in expected}
 
     def __iter__(self) -> Iterator[Listener]:
@@ -130,10 +150,23 @@ class Listeners:
             listener for listener in self if listener.heard_us is not None and now_us > listener.heard_us + SILENCE_US
         ]
         for listener in silent:
-            del self._at[listener.address]
             if listener.expected:
-                self._at[listener.address] = self._new(listener.address, expected=True)
+                listener.begin()
+            else:
+                self._gone.absorb(self._at.pop(listener.address).traffic)
         return silent
 
+    def drop(self, address: Peer, cause: Dropped) -> None:
+        """Count what a known peer sent in vain."""
+        if listener := self._at.get(address):
+            listener.traffic.dropped[cause] += 1
+
+    def figures(self) -> dict[str, dict[str, Any]]:
+        """Return what came and went, by peer; `gone` sums up those that are forgotten."""
+        figures = {f"{host}:{port}": listener.traffic.figures() for (_, (host, port)), listener in self._at.items()}
+        return {**figures, "gone": self._gone.figures()} if self._gone.received else figures
+
     def _new(self, address: Peer, *, expected: bool) -> Listener:
-        return Listener(address, self._system, self._intervals_us, fastest_us=self._fastest_us, expected=expected)
+        return Listener(
+            address, self._system, self._signing, self._intervals_us, fastest_us=self._fastest_us, expected=expected
+        )

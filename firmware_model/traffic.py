@@ -50,6 +50,13 @@ class Traffic:
                 return
         self._expected[source] = (sequence + 1) & 255
 
+    def absorb(self, other: "Traffic") -> None:
+        """Add the figures of a peer that is gone."""
+        self.sent, self.received, self.lost = (
+            self.sent + other.sent, self.received + other.received, self.lost + other.lost
+        )  # fmt: skip
+        self.dropped.update(other.dropped)
+
     def figures(self) -> dict[str, Any]:
         """Return the figures: packets in, out, lost on the way here, damaged, and rejected by cause."""
         rejected = {cause.value: count for cause, count in self.dropped.items() if cause not in DAMAGE}
