@@ -184,6 +184,90 @@ def test_each_peer_has_sequence_numbers_without_a_gap(vehicle):
         assert len(numbers) > 256
 
 
+def test_three_ground_stations_and_a_controller_see_no_gap_in_a_flight():
+    vehicle = Vehicle(lockstep=False, duration_s=3.0)
+    for port in (2, 3, 4):
+        vehicle.say(HEARTBEAT, port=port, component=190)
+    vehicle.take_off()
+    for step in range(750):
+        vehicle.setpoint(step * SAMPLE_US)
+        if step % 100 == 0:
+            vehicle.say(wire.MAVLink_param_set_message(1, 1, b"COM_OF_LOSS_T", 1.0 + step, 9), port=2)
+            vehicle.ask(wire.MAV_CMD_REQUEST_MESSAGE, 148.0, port=3)
+            vehicle.say(wire.MAVLink_param_request_list_message(1, 1), port=4)
+        vehicle.wait(SAMPLE_US)
+    assert vehicle.endpoint.outcome is Outcome.DONE
+    for port in (1, 2, 3, 4):
+        for component, least in ((1, 1000), (CONTROLLER, 0)):  # what is relayed has its own numbers
+            numbers = [frame.raw[4] for frame in vehicle.raw[port] if frame.component == component]
+            assert numbers == [index % 256 for index in range(len(numbers))]
+            assert len(numbers) >= least
+    stamps = [message.time_usec for message in vehicle.take("HIGHRES_IMU") if message.time_usec]
+    assert stamps == [step * SAMPLE_US for step in range(1, 751)]  # one for each sample
+
+
+def test_what_qgroundcontrol_asks_for_on_connection_is_answered_without_a_retry(vehicle):
+    vehicle.say(HEARTBEAT, component=190, system=255)
+    request = wire.MAV_CMD_REQUEST_MESSAGE
+    assert vehicle.ask(request, 148.0) == [wire.MAV_RESULT_ACCEPTED]
+    assert len(vehicle.take("AUTOPILOT_VERSION")) == 1
+    for metadata in (397.0, 395.0):  # COMPONENT_METADATA, and COMPONENT_INFORMATION before it
+        assert vehicle.ask(request, metadata) == [wire.MAV_RESULT_UNSUPPORTED]
+    index = total = 1
+    while index <= total:
+        assert vehicle.ask(request, 435.0, float(index)) == [wire.MAV_RESULT_ACCEPTED]
+        (mode,) = vehicle.take("AVAILABLE_MODES")
+        assert mode.mode_index == index
+        index, total = index + 1, mode.number_modes
+    assert total > 4
+    vehicle.say(wire.MAVLink_param_request_list_message(1, 0))
+    vehicle.wait()
+    listed = vehicle.take("PARAM_VALUE")
+    assert {value.param_index for value in listed} == set(range(listed[0].param_count))
+    for kind in (0, 1, 2):
+        vehicle.say(wire.MAVLink_mission_request_list_message(1, 1, kind))
+        vehicle.wait()
+        (count,) = vehicle.take("MISSION_COUNT")
+        assert (count.count, count.mission_type) == (0, kind)
+    assert vehicle.endpoint.counters == {}
+
+
+def test_state_is_told_at_once_when_it_changes(vehicle):
+    vehicle.say(HEARTBEAT)
+    vehicle.wait(100_000)
+    vehicle.heard.clear()
+    assert vehicle.ask(MODE, 1.0, 3.0) == [wire.MAV_RESULT_ACCEPTED]
+    (beat,), (current,) = vehicle.take("HEARTBEAT"), vehicle.take("CURRENT_MODE")
+    assert beat.custom_mode == current.custom_mode == Mode.POSCTL.value
+    assert len(vehicle.take("EXTENDED_SYS_STATE")) == 1
+
+
+def test_stream_is_never_faster_than_the_samples_nor_its_interval_too_long_to_tell(vehicle):
+    vehicle.say(HEARTBEAT)
+    attitude = float(wire.MAVLINK_MSG_ID_ATTITUDE)
+    for asked, kept in ((1.0, SAMPLE_US), (1e30, 2**31 - 1)):
+        assert vehicle.ask(wire.MAV_CMD_SET_MESSAGE_INTERVAL, attitude, asked) == [wire.MAV_RESULT_ACCEPTED]
+        assert vehicle.ask(wire.MAV_CMD_GET_MESSAGE_INTERVAL, attitude) == [wire.MAV_RESULT_ACCEPTED]
+        assert vehicle.take("MESSAGE_INTERVAL")[0].interval_us == kept
+
+
+def test_everything_that_is_streamed_fits_its_fields_and_comes_on_request(vehicle):
+    vehicle.say(HEARTBEAT)
+    for message_id in sorted(vehicle.endpoint.services.streams):
+        result = vehicle.ask(wire.MAV_CMD_REQUEST_MESSAGE, float(message_id))
+        tracked = message_id in (wire.MAVLINK_MSG_ID_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET)
+        assert result == [wire.MAV_RESULT_TEMPORARILY_REJECTED if tracked else wire.MAV_RESULT_ACCEPTED]
+
+
+def test_generic_autopilot_tells_all_parameters_as_real_numbers():
+    vehicle = Vehicle(lockstep=False, generic=True)
+    vehicle.say(wire.MAVLink_param_request_read_message(1, 1, b"SYS_AUTOSTART", -1))
+    vehicle.wait()
+    (value,) = vehicle.take("PARAM_VALUE")
+    assert (value.param_value, value.param_type) == (4001.0, wire.MAV_PARAM_TYPE_REAL32)
+    assert vehicle.take("HEARTBEAT")[0].autopilot == wire.MAV_AUTOPILOT_GENERIC
+
+
 def test_silent_peer_is_forgotten_after_10_s(vehicle):
     vehicle.say(HEARTBEAT)
     vehicle.wait(20_000_000)
