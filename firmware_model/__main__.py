@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model import udp
+from firmware_model import access, status, udp
 from firmware_model.autopilot import Mode
 from firmware_model.endpoint import Outcome, VehicleEndpoint
 from firmware_model.errors import ConfigError
@@ -55,7 +55,9 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
     header = {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
     with ExitStack() as stack:
         ports = [pair[0] + options.instance for pair in _PORTS] if options.bind_port is None else [options.bind_port]
-        sockets = [stack.enter_context(udp.bind(port)) for port in ports]
+        host, _ = udp.resolve(options.bind, 0)
+        signing = access.signing(options, host)
+        sockets = [stack.enter_context(udp.bind(port, host)) for port in ports]
         record = stack.enter_context(_journal(options.journal, header)).append if options.journal else _no_record
         expected: list[Peer] = []
         if options.bind_port is None:
@@ -69,6 +71,7 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
             standing=standing,
             system=options.instance + 1,
             expected=expected,
+            signing=signing,
         )
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
@@ -80,6 +83,8 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
         listening = [bound.getsockname()[1] for bound in sockets]
         if standing and not options.json:
             print(greeting(vehicle.name, scenario.name, listening, [peer[1][1] for peer in expected]), flush=True)
+            if sys.stderr.isatty():
+                stack.enter_context(status.shown(lambda: endpoint.links))
         else:
             _say(options, {"listening": listening, **header})
         udp.serve(endpoint, sockets)
@@ -115,7 +120,7 @@ def greeting(vehicle: str, air: str, listening: Sequence[int], told: Sequence[in
 
 
 def summary(endpoint: VehicleEndpoint, samples: int | None) -> dict[str, Any]:
-    """Return what is to be said in the end: outcome, samples flown, wall time from t = 0, counters."""
+    """Return what is to be said in the end: outcome, samples flown, wall time from t = 0, counters, links."""
     flight = endpoint.flight
     flown_s = flight.wall_us * 1e-6
     counters = {cause.value: count for cause, count in sorted((flight.counters + endpoint.counters).items(), key=str)}
@@ -127,6 +132,7 @@ def summary(endpoint: VehicleEndpoint, samples: int | None) -> dict[str, Any]:
         "slipped_s": flight.slipped_us * 1e-6,
         "realtime_factor": flight.loop.time_us * 1e-6 / flown_s if flown_s else 0.0,
         "counters": counters,
+        "links": endpoint.links,
     }
 
 
@@ -148,6 +154,13 @@ def _parser() -> argparse.ArgumentParser:
     add("--lockstep", action="store_true", help="fly the script, by default calm, as fast as its samples are answered")
     add("--instance", type=int, default=0, help="number of this vehicle: added to all ports, system id N + 1 [0]")
     add("--bind-port", type=int, help="listen on this port alone, 0 for a free one [18570 and 14580]")
+    add(
+        "--bind",
+        default=access.LOOPBACK,
+        metavar="HOST",
+        help="address to be reached at, 0.0.0.0 for all [%(default)s]",
+    )
+    access.add_options(parser)
     add("--journal", type=Path, help="new file for the flight's records")
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser

@@ -1,19 +1,24 @@
 """The only loop with a socket and a clock: it serves any endpoint, the vehicle's and the controller's."""
 
+import ipaddress
 import os
 import select
 import socket
 import time
+from collections import Counter
 from collections.abc import Sequence
 from typing import Protocol
 
 from firmware_model.errors import ConfigError
-from firmware_model.frames import Peer
+from firmware_model.frames import Dropped, Peer
 
 _yield_core = getattr(os, "sched_yield", None) or (lambda: time.sleep(0.0))  # not every system has it
 _LARGEST = 65_535  # bytes, the largest UDP datagram
 _EAGER_US = 200  # lockstep answers in less; to fall asleep and to wake takes as long as the answer itself
 _NAPS = 100  # waits; on a busy machine a watch in vain can cost ms, and is to be rare
+_EMPTYING = 16  # cycles; a look whether more waits costs a call, and in lockstep there never is more
+_AT_ONCE = 256  # datagrams; about what the system keeps for a socket
+_SHARE = 16  # datagrams of one peer among them; the rest is thrown away unread
 _SPIN_US = 150  # waking from sleep takes this long at worst on an idle machine; the last stretch is polled instead
 
 
@@ -26,6 +31,9 @@ class Endpoint(Protocol):
 
     def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
         """Take a datagram."""
+
+    def drop(self, cause: Dropped, peer: Peer) -> None:
+        """Count a datagram that was not handed over."""
 
     def poll(self, now_us: int) -> list[tuple[bytes, Peer]]:
         """Do what is due and return the datagrams to send."""
@@ -67,13 +75,26 @@ def resolve(host: str, port: int) -> tuple[str, int]:
         raise ConfigError(f"{host}: {error.strerror}") from None
 
 
+def is_loopback(host: str) -> bool:
+    """Whether an address is of this machine alone."""
+    return ipaddress.ip_address(host).is_loopback
+
+
+def unix_us() -> int:
+    """Return the Unix time at which the clock of `serve` is 0."""
+    return time.time_ns() // 1000 - _now_us()
+
+
 def serve(endpoint: Endpoint, sockets: Sequence[socket.socket]) -> None:
     """Carry datagrams and time to the endpoint, and its datagrams to the wire, until it has finished.
 
     The next datagram is awaited without falling asleep, as in lockstep it comes at once. Where that was in vain, as in
     real time or on a machine with other work to do, the process sleeps through the next waits before it tries again.
+
+    A cycle hands over one datagram a socket, so that nobody who floods keeps the endpoint from what is due. Every few
+    cycles a socket is emptied, each peer getting its share, so that he keeps nobody else's datagrams out either.
     """
-    naps = 0
+    naps = cycle = 0
     while True:
         for datagram, (index, address) in endpoint.poll(_now_us()):
             try:
@@ -92,12 +113,34 @@ def serve(endpoint: Endpoint, sockets: Sequence[socket.socket]) -> None:
         if not readable:
             wait_us = endpoint.deadline_us() - _now_us() - _SPIN_US
             readable, _, _ = select.select(sockets, (), (), max(wait_us, 0) * 1e-6)
+        cycle += 1
         for ready in readable:
+            if cycle % _EMPTYING == 0:
+                _empty(endpoint, ready, sockets.index(ready))
+                continue
             try:
                 datagram, address = ready.recvfrom(_LARGEST)
             except OSError:  # a damaged datagram, or the refusal of one that was sent before, is not an arrival
                 continue
             endpoint.receive(datagram, (sockets.index(ready), address), _now_us())
+
+
+def _empty(endpoint: Endpoint, ready: socket.socket, index: int) -> None:
+    """Hand over what waits in a socket, of each peer no more than its share."""
+    taken: Counter[Peer] = Counter()
+    for _ in range(_AT_ONCE):
+        try:
+            datagram, address = ready.recvfrom(_LARGEST)
+        except BlockingIOError:
+            return
+        except OSError:
+            continue
+        peer = index, address
+        taken[peer] += 1
+        if taken[peer] <= _SHARE:
+            endpoint.receive(datagram, peer, _now_us())
+        else:
+            endpoint.drop(Dropped.TOO_MUCH, peer)
 
 
 def _watch(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:

@@ -7,7 +7,7 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from firmware_model import udp
+from firmware_model import access, udp
 from firmware_model.errors import ConfigError
 from gustproof.controller.endpoint import ControllerEndpoint, Outcome
 from gustproof.law import FlyingLaw, Law, Output, load_law, shipped_laws
@@ -34,15 +34,18 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
     FlyingLaw(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0))
     # A flight leaves no cycles, and the collector's visits cost a sixth of it.
     gc.disable()
-    with udp.bind(0) as bound:
-        endpoint = ControllerEndpoint(law, (0, _address(options.connect)))
+    vehicle = _address(options.connect)
+    signing = access.signing(options, vehicle[0], strict=True)
+    with udp.bind(0, access.LOOPBACK if udp.is_loopback(vehicle[0]) else "0.0.0.0") as bound:
+        endpoint = ControllerEndpoint(law, (0, vehicle), signing)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
         udp.serve(endpoint, [bound])
     outcome = endpoint.outcome or Outcome.INTERRUPTED
     if options.json:
         counters = {cause.value: count for cause, count in endpoint.counters.items()}
-        print(json.dumps({"outcome": outcome.value, "message": endpoint.message, "counters": counters}))
+        told = {"outcome": outcome.value, "message": endpoint.message, "counters": counters}
+        print(json.dumps({**told, "link": endpoint.traffic.figures()}))
     elif outcome is Outcome.DONE:
         print(f"law '{law.name}': flown to the end")
     else:
@@ -68,6 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--law", required=True, help=f"a .json file, or one of {', '.join(shipped_laws())}")
     add("--via", choices=[output.value for output in Output], help="how commands travel [what the law commands]")
     add("--connect", default="127.0.0.1:14580", help="HOST:PORT of the autopilot, - reads it from stdin [%(default)s]")
+    access.add_options(parser)
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser
 

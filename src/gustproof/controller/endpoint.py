@@ -25,6 +25,8 @@ from firmware_model.autopilot import Mode
 from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer, parse
 from firmware_model.messages import AUTOPILOT, CONTROLLER
 from firmware_model.params import RATE_NAME, TORQUE_LIMIT_NAMES
+from firmware_model.signing import Signing
+from firmware_model.traffic import Traffic
 from gustproof.controller.core import Controller
 from gustproof.law import Law, Output
 
@@ -83,13 +85,14 @@ class Outcome(Enum):
 class ControllerEndpoint:
     """One law for one vehicle; give it datagrams and the time, send what it returns."""
 
-    def __init__(self, law: Law, vehicle: Peer) -> None:
+    def __init__(self, law: Law, vehicle: Peer, signing: Signing | None = None) -> None:
         self.phase = Phase.SEEKING
         self.outcome: Outcome | None = None
         self.message = ""
-        self.counters: Counter[Dropped] = Counter()
+        self.traffic = Traffic(1, CONTROLLER, signing)
+        self._signing = signing
         self._law, self._vehicle = law, vehicle
-        self._packer = wire.MAVLink(None, 1, CONTROLLER)
+        self._packer = self.traffic.packer
         self._outbox: list[tuple[bytes, Peer]] = []
         self._controller: Controller | None = None
         self._piloted = self._resting = False
@@ -111,19 +114,32 @@ class ControllerEndpoint:
         """Whether there is nothing more to do."""
         return self.outcome is not None
 
+    @property
+    def counters(self) -> Counter[Dropped]:
+        """What had no effect, by cause."""
+        return self.traffic.dropped
+
     def interrupt(self) -> None:
         """End here: Ctrl-C or a termination signal."""
         self._end(Outcome.INTERRUPTED, "interrupted")
 
     def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
+        if self._signing is not None:
+            self._signing.tick(now_us)
         for item in parse(datagram):
             cause = item if isinstance(item, Dropped) else self._dispatch(item, peer, now_us)
             if cause is not None:
-                self.counters[cause] += 1
+                self.drop(cause, peer)
+
+    def drop(self, cause: Dropped, peer: Peer) -> None:
+        """Count something that has no effect, whoever sent it."""
+        self.traffic.dropped[cause] += 1
 
     def poll(self, now_us: int) -> list[tuple[bytes, Peer]]:
         """Do what is due and return the datagrams to send."""
+        if self._signing is not None:
+            self._signing.tick(now_us)
         if now_us >= self._heartbeat_at_us:
             self._heartbeat_at_us = now_us + HEARTBEAT_US
             self._send(
@@ -147,6 +163,9 @@ class ControllerEndpoint:
     def _dispatch(self, frame: Frame, peer: Peer, now_us: int) -> Dropped | None:
         if peer != self._vehicle or frame.component != AUTOPILOT:
             return Dropped.OTHER_TARGET
+        if self._signing is not None and (cause := self._signing.refusal(frame)):
+            return cause
+        self.traffic.count(frame)
         self._heard_us = now_us
         if frame.message_id == wire.MAVLINK_MSG_ID_HIGHRES_IMU:
             return self._on_sample(frame)
@@ -282,8 +301,7 @@ class ControllerEndpoint:
         )
 
     def _send(self, message: Message | Outgoing) -> None:
-        self._outbox.append((message.pack(self._packer), self._vehicle))
-        self._packer.seq = (self._packer.seq + 1) % 256
+        self._outbox.append((self.traffic.pack(message), self._vehicle))
 
     def _end(self, outcome: Outcome, message: str) -> None:
         if self.outcome is None:

@@ -4,6 +4,7 @@ import pytest
 
 from firmware_model import udp
 from firmware_model.errors import ConfigError
+from firmware_model.frames import Dropped
 
 
 class Echo:
@@ -13,10 +14,14 @@ class Echo:
         self.address = ("127.0.0.1", port)
         self.outbox: list = [(b"there and back", (0, self.address))]
         self.received: list = []
+        self.dropped: list = []
 
     @property
     def finished(self) -> bool:
         return bool(self.received)
+
+    def drop(self, cause, peer):
+        self.dropped.append((cause, peer))
 
     def receive(self, datagram, peer, now_us):
         self.received.append((datagram, peer, now_us))
@@ -120,3 +125,50 @@ def test_unknown_host_is_refused(monkeypatch):
     monkeypatch.setattr(socket, "gethostbyname", unknown)
     with pytest.raises(ConfigError, match="nowhere"):
         udp.resolve("nowhere", 1)
+
+
+class Patient(Echo):
+    """Sends nothing and has finished when it has heard everybody in `awaited`."""
+
+    def __init__(self, awaited) -> None:
+        self.outbox, self.received, self.dropped, self.awaited = [], [], [], set(awaited)
+
+    @property
+    def finished(self) -> bool:
+        return self.awaited <= {address for _, (_, address), _ in self.received}
+
+
+def test_peer_that_floods_keeps_nobody_else_out():
+    with udp.bind(0) as bound, udp.bind(0) as flooder, udp.bind(0) as modest:
+        flood = flooder.getsockname()
+        for _ in range(150):
+            flooder.sendto(b"flood", bound.getsockname())
+        modest.sendto(b"please", bound.getsockname())
+        endpoint = Patient([modest.getsockname()])
+        udp.serve(endpoint, [bound])
+    heard = [address for _, (_, address), _ in endpoint.received]
+    # One in each cycle until the socket is emptied, and then its share.
+    assert heard.count(flood) == udp._EMPTYING - 1 + udp._SHARE
+    assert endpoint.dropped == [(Dropped.TOO_MUCH, (0, flood))] * (150 - heard.count(flood))
+
+
+def test_what_is_due_is_done_between_any_two_datagrams_of_a_flood():
+    class Counting(Patient):
+        polls = 0
+
+        def poll(self, now_us):
+            self.polls += 1
+            return super().poll(now_us)
+
+    with udp.bind(0) as bound, udp.bind(0) as flooder, udp.bind(0) as modest:
+        for _ in range(udp._EMPTYING - 2):
+            flooder.sendto(b"flood", bound.getsockname())
+        modest.sendto(b"please", bound.getsockname())
+        endpoint = Counting([modest.getsockname()])
+        udp.serve(endpoint, [bound])
+    assert endpoint.polls == len(endpoint.received) + 1
+
+
+@pytest.mark.parametrize(("host", "alone"), [("127.0.0.1", True), ("127.0.7.1", True), ("0.0.0.0", False)])
+def test_loopback_is_this_machine_alone(host, alone):
+    assert udp.is_loopback(host) is alone
