@@ -59,7 +59,7 @@ def test_set_acts_and_is_told_to_all(service, craft, ask):
 )
 def test_refused_value_is_named_and_nothing_acts(service, craft, ask, name, value, kind, error):
     answers = ask(service, wire.MAVLink_param_set_message(1, 1, name, value, kind))
-    assert answers[-1].get_type() == "PARAM_ERROR"
-    assert (answers[-1].param_id.encode(), answers[-1].error) == (name, error)
+    assert answers[0].get_type() == "PARAM_ERROR"
+    assert (answers[0].param_id.encode(), answers[0].error) == (name, error)
     assert (craft.applied, craft.shared.sent) == (0, [])
     assert bool(craft.texts) is (error != 1)
