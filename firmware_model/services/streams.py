@@ -76,7 +76,7 @@ def service(craft: Craft) -> Service:
         everything = message.req_stream_id == wire.MAV_DATA_STREAM_ALL
         for group, message_ids in _GROUPS.items():
             if everything or group == message.req_stream_id:
-                for message_id in message_ids:
+                for message_id in craft.services.streams.keys() & message_ids:
                     client.set_interval(message_id, interval_us)
 
     return Service(
