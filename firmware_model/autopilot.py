@@ -145,9 +145,9 @@ class Settings:
     fail_safe: FailSafe = FailSafe.STABILIZED
     """What begins then (COM_OBL_RC_ACT)."""
     takeoff_height: float = 2.5
-    """[m] above ground, of a take-off that says no other (MIS_TAKEOFF_ALT)."""
+    """[m] above home, of a take-off that says no other (MIS_TAKEOFF_ALT)."""
     return_height: float = 15.0
-    """[m] above ground, least height of the way home (RTL_RETURN_ALT)."""
+    """[m] above home, least height of the way home (RTL_RETURN_ALT)."""
     land_speed: float = 0.5
     """[m/s] down, near the ground (MPC_LAND_SPEED)."""
 
@@ -166,7 +166,7 @@ class Autopilot:
         self.airborne = False
         self.in_fail_safe = False
         self.home_N: Vector = (0.0, 0.0, 0.0)
-        self._situation = Situation((0.0, 0.0, 0.0), 0.0, 0.0, True)
+        self._situation = Situation(self.home_N, 0.0, 0.0, True)
         self._last_setpoint_us: int | None = None
         self._settled_us: int | None = None
         self._takeoff_height = settings.takeoff_height
@@ -190,7 +190,7 @@ class Autopilot:
         return self._younger_than(self.settings.stream_timeout_us)
 
     def arm(self) -> Verdict:
-        """Arm the vehicle; home is where it stands."""
+        """Arm the vehicle; home is where it stands then."""
         if self.armed:
             return Verdict.ACCEPTED
         if self.mode in _LANDING_MODES:
@@ -199,8 +199,6 @@ class Autopilot:
             return Verdict.NO_STREAM
         if self._situation.tilt > _TIPPED:
             return Verdict.TIPPED
-        north, east, _ = self._situation.position_N
-        self.home_N = (north, east, 0.0)
         self.armed = True
         return Verdict.ACCEPTED
 
@@ -235,7 +233,7 @@ class Autopilot:
         return Verdict.ACCEPTED
 
     def take_off(self, height: float | None) -> Verdict:
-        """Climb to `height` [m] above ground, `None` for the set one, as soon as the vehicle is armed."""
+        """Climb to `height` [m] above home, `None` for the set one, as soon as the vehicle is armed."""
         if not self.free:
             return Verdict.ON_STAND
         height = self.settings.takeoff_height if height is None else height
@@ -295,6 +293,8 @@ class Autopilot:
         self._situation = now
         self._touch(now)
         if not self.armed:
+            if not self.airborne:
+                self.home_N = now.position_N
             return Off()
         if self.mode is _OFFBOARD and command is not None:
             return command if self.airborne or _lifts(command) else Off()
@@ -312,12 +312,12 @@ class Autopilot:
                 self.mode = Mode.HOLD
                 self.note(Event.HEIGHT_REACHED)
             self._legs = self._legs[1:] or self._legs
-        return guidance.target(self._legs[0], now, self._yaw, self.settings.land_speed)
+        return guidance.target(self._legs[0], now, self.home_N, self._yaw, self.settings.land_speed)
 
     def _plan(self, now: Situation) -> tuple[Leg, ...]:
         match self.mode:
             case Mode.TAKEOFF:
-                return guidance.take_off(now, self._takeoff_height)
+                return guidance.take_off(now, self.home_N, self._takeoff_height)
             case Mode.LAND:
                 return guidance.land(now)
             case Mode.RETURN:

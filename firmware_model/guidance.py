@@ -1,6 +1,7 @@
 """Where the autopilot's own modes fly to, as legs to straight targets: take-off, hold, return, landing.
 
-No clock and no physics: a situation comes in, a target goes out. Heights are above the ground at the origin of N.
+No clock and no physics: a situation comes in, a target goes out. Heights are above home, where the vehicle stood when
+it was armed.
 """
 
 import math
@@ -18,7 +19,7 @@ class Situation(NamedTuple):
     """What navigation tells the autopilot at a sample."""
 
     position_N: Vector
-    """[m] N, from the place where the vehicle stood at first."""
+    """[m] N."""
     yaw: float
     """[rad] heading."""
     tilt: float
@@ -41,9 +42,9 @@ def stay(now: Situation) -> tuple[Leg, ...]:
     return (Leg(now.position_N, False),)
 
 
-def take_off(now: Situation, height: float) -> tuple[Leg, ...]:
+def take_off(now: Situation, home_N: Vector, height: float) -> tuple[Leg, ...]:
     """Return the way straight up to `height` [m]."""
-    return (Leg((now.position_N[0], now.position_N[1], -height), False),)
+    return (Leg((now.position_N[0], now.position_N[1], home_N[2] - height), False),)
 
 
 def land(now: Situation) -> tuple[Leg, ...]:
@@ -54,7 +55,7 @@ def land(now: Situation) -> tuple[Leg, ...]:
 def return_home(now: Situation, home_N: Vector, height: float) -> tuple[Leg, ...]:
     """Return the way home: up to `height` [m] or as high as it is, over home, down; straight down if it is there."""
     north, east, down = now.position_N
-    level = min(down, -height)
+    level = min(down, home_N[2] - height)
     down_home = Leg((home_N[0], home_N[1], level), True)
     if math.hypot(north - home_N[0], east - home_N[1]) < REACHED_M:
         return (down_home,)
@@ -66,9 +67,9 @@ def reached(leg: Leg, now: Situation) -> bool:
     return not leg.descends and math.dist(leg.position_N, now.position_N) < REACHED_M
 
 
-def target(leg: Leg, now: Situation, yaw: float, land_speed: float) -> Guidance:
+def target(leg: Leg, now: Situation, home_N: Vector, yaw: float, land_speed: float) -> Guidance:
     """Return what is to be flown on a leg; a descent slows down to `land_speed` [m/s] near the ground."""
     if not leg.descends:
         return Guidance(leg.position_N, yaw, None)
-    height = -now.position_N[2]
+    height = home_N[2] - now.position_N[2]
     return Guidance(leg.position_N, yaw, max(land_speed, min(_FLARE * height, _FASTEST_DESCENT)))

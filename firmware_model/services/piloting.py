@@ -56,7 +56,7 @@ def service(craft: Craft) -> Service:
     def take_off(order: Order, _: Client) -> Answer:
         height = order.numbers[6]
         if height is not None and not order.relative:
-            height -= ORIGIN_HEIGHT
+            height -= ORIGIN_HEIGHT - autopilot.home_N[2]
             if height <= 0.0:
                 craft.tell(_TOO_LOW, wire.MAV_SEVERITY_WARNING)
                 height = None

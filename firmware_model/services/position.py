@@ -61,8 +61,9 @@ def _local(craft: Craft) -> Message:
 def _global(craft: Craft) -> Message:
     time_us, position, velocity = _navigation(craft)
     course = round(100.0 * math.degrees(heading(craft.loop.q_NB))) % 36_000
+    above_home = craft.autopilot.home_N[2] - position[2]
     return wire.MAVLink_global_position_int_message(
-        time_us // 1000, *globe(position), round(-1000.0 * position[2]), *(centi(v) for v in velocity), course
+        time_us // 1000, *globe(position), round(1000.0 * above_home), *(centi(v) for v in velocity), course
     )
 
 
