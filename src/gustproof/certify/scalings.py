@@ -214,17 +214,18 @@ def _first(M: ComplexMatrix, blocks: tuple[Block, ...], gain: bool, real: bool) 
     z, w = columns(blocks)[-1].start, rows(blocks)[-1].start
     inner = best_scalings(M[:z, :w], blocks[:-1], gain=False, accuracy=0.02, enough=0.9, real=real)
     start = _diagonal(blocks, np.ones(len(blocks)), gain)
-    # the performance channel must be weighted little enough not to spoil what the other blocks have
-    for weight in 0.1 ** np.arange(12.0):
-        trial = Scalings(
-            D_z=scipy.linalg.block_diag(inner.D_z, weight * start.D_z[z:, z:]),
-            D_w=scipy.linalg.block_diag(inner.D_w, weight * start.D_w[w:, w:]),
-            G=_placed(inner.G, slice(0, w), slice(0, z), *start.G.shape),
-            gain=weight * start.gain,
-        )
-        if np.isfinite(trial.level(M)):
-            return trial
-    return start
+    slack = inner.gain - inner.form(M[:z, :w])
+    if np.linalg.eigvalsh(slack)[0] <= 0.0:
+        return start
+    # half the weight of the performance channel at which it takes all that the other blocks have left
+    seen = scipy.linalg.eigvalsh(M[z:, :w].conj().T @ M[z:, :w], slack)[-1]
+    weight = 0.5 / max(float(seen), 1e-12)
+    return Scalings(
+        D_z=scipy.linalg.block_diag(inner.D_z, weight * start.D_z[z:, z:]),
+        D_w=scipy.linalg.block_diag(inner.D_w, weight * start.D_w[w:, w:]),
+        G=_placed(inner.G, slice(0, w), slice(0, z), *start.G.shape),
+        gain=weight * start.gain,
+    )
 
 
 def _diagonal(blocks: tuple[Block, ...], weights: Matrix, gain: bool) -> Scalings:

@@ -13,6 +13,7 @@ from gustproof.certify.worst_gain import restricted, worst_gain
 from gustproof.model.lft import Uncertain, closed, connected, real, with_states
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
 from gustproof.model.uncertainty import FullBlock, RealBlock
+from gustproof.numerics import margins
 from gustproof.numerics.lti import Lti, gain, hold_discretized
 from gustproof.numerics.norms import hinf_norm
 from gustproof.synthesis import hinfsyn
@@ -55,6 +56,16 @@ def test_one_complex_block_has_the_largest_singular_value_and_two_their_best_bal
     d = math.sqrt(abs(M[1, 0] / M[0, 1]))
     expected = np.linalg.norm(M * [[1.0, d], [1.0 / d, 1.0]], 2)
     assert best_scalings(M, SCALARS, gain=False, accuracy=TIGHT).level(M) == pytest.approx(expected, rel=TIGHT)
+
+
+def test_mu_of_two_complex_scalars_and_a_constant_matrix_is_the_analytic_one():
+    M = np.array([[0.5, 4.0], [-0.3, 0.8]])
+    d = math.sqrt(abs(M[1, 0] / M[0, 1]))
+    expected = np.linalg.norm(M * [[1.0, d], [1.0 / d, 1.0]], 2)
+    found = mu(Uncertain(M=gain(M), blocks=SCALARS), accuracy=TIGHT)
+    assert found.lower == pytest.approx(expected, rel=2.0 * TIGHT)
+    assert found.upper == pytest.approx(expected, rel=TIGHT)
+    assert found.lower <= expected <= found.upper
 
 
 def test_real_blocks_profit_from_being_real():
@@ -106,10 +117,11 @@ def test_the_worst_gain_of_a_resonance_is_at_the_least_damping():
     assert found.lower <= found.upper <= 1.03 * found.lower
 
 
-def test_no_member_of_the_family_exceeds_the_worst_gain_and_the_bracket_is_within_five_percent():
-    system = attitude_loop(0.3, 0.5)
+@pytest.mark.parametrize(("angle", "rate", "lower"), [(0.3, 0.5, 0.279), (0.5, 1.0, 0.321), (0.8, 1.5, 0.434)])
+def test_no_member_of_the_family_exceeds_the_worst_gain_and_the_bracket_is_within_five_percent(angle, rate, lower):
+    system = attitude_loop(angle, rate)
     found = worst_gain(system)
-    assert found.lower == pytest.approx(0.279, rel=0.005)
+    assert found.lower == pytest.approx(lower, rel=0.005)
     assert found.gap < 0.05
     assert hinf_norm(system.at(found.delta)).gain == pytest.approx(found.lower, rel=1e-9)
     assert all(hinf_norm(system.at(delta)).gain <= found.upper for delta in system.samples(50, 1))
@@ -150,6 +162,28 @@ def test_the_spinning_satellite_has_a_tenth_of_a_disk_margin():
     low, high = disk_margin(loop)
     assert low <= high <= 1.002 * low
     assert low == pytest.approx(0.0997, rel=0.002)
+
+
+def test_the_disk_margin_of_one_loop_is_its_distance_from_the_critical_point():
+    # 8 / (s (s + 1) (s + 4))
+    loop = Lti(
+        A=[[0.0, 1.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, -4.0]],
+        B=[[0.0], [0.0], [1.0]],
+        C=[[8.0, 0.0, 0.0]],
+        D=[[0.0]],
+    )
+    s = 1j * np.geomspace(0.01, 100.0, 200_000)
+    L = 8.0 / (s * (s + 1.0) * (s + 4.0))
+    distance = np.min(np.abs(2.0 * (1.0 + L) / (1.0 - L)))  # one over |S - 1/2|
+    low, high = disk_margin(loop)
+    assert low <= distance * (1.0 + 1e-6)
+    assert distance <= high * (1.0 + 1e-6)
+    assert low >= high / (1.0 + 2.0 * TIGHT)
+    assert margins.disk_margin(loop) == pytest.approx(distance, rel=1e-6)
+    # what it guarantees lies within the classical margins
+    classical = margins.loop_margins(loop)
+    assert (2.0 + low) / (2.0 - low) <= classical.gain_margin
+    assert 2.0 * math.atan(low / 2.0) <= classical.phase_margin
 
 
 def test_what_has_no_mu_is_refused():
