@@ -25,6 +25,7 @@ from firmware_model.files import Parsed, parse
 from firmware_model.frames import Peer
 from firmware_model.journal import JournalWriter
 from firmware_model.loop import VehicleLoop
+from firmware_model.params import Parameters
 from firmware_model.scenario import Scenario, load_scenario, shipped_scenarios
 from firmware_model.signals import Level
 from firmware_model.vehicle import Vehicle, load_vehicle, shipped_vehicles
@@ -52,6 +53,10 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
     name = options.scenario or options.air or "calm"
     scenario = _read(Scenario, name) or load_scenario(name)
     vehicle = _read(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
+    generic = options.autopilot == "generic"
+    if options.params:
+        _say_parameters(options, Parameters(vehicle, scenario, bytewise=not generic))
+        return 0
     header = {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
     with ExitStack() as stack:
         ports = [pair[0] + options.instance for pair in _PORTS] if options.bind_port is None else [options.bind_port]
@@ -72,6 +77,7 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
             system=options.instance + 1,
             expected=expected,
             signing=signing,
+            generic=generic,
         )
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
@@ -162,6 +168,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     access.add_options(parser)
     add("--journal", type=Path, help="new file for the flight's records")
+    add("--autopilot", choices=("px4", "generic"), default="px4", help="whose MAVLink it speaks [%(default)s]")
+    add("--params", action="store_true", help="print all parameters with units, ranges and meanings, and end")
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser
 
@@ -184,6 +192,15 @@ def _journal(path: Path, header: dict[str, Any]) -> JournalWriter:
         return JournalWriter(path, header)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
+
+
+def _say_parameters(options: argparse.Namespace, parameters: Parameters) -> None:
+    for row in parameters.reference():
+        if options.json:
+            print(json.dumps(row))
+        else:
+            value = f"{row['default']} {row['unit']}".rstrip()
+            print(f"{row['name']:<17} {row['type']:<7} {value:<16} {row['allowed']:<16} {row['meaning']}")
 
 
 def _no_record(_: NDArray[np.float64]) -> None:

@@ -77,6 +77,10 @@ class Refusal(Enum):
     """The value came as another type than the parameter's."""
 
 
+def _rounded(value: float | int) -> float | int:
+    return value if isinstance(value, int) else float(f"{value:.7g}")  # what a float32 tells
+
+
 def _table(vehicle: Vehicle, scenario: Scenario) -> tuple[Parameter, ...]:
     limits = zip(TORQUE_LIMIT_NAMES, published_limit(vehicle), ("roll", "pitch", "yaw"), strict=True)
     usual = Settings()
@@ -158,3 +162,17 @@ class Parameters:
             return_height=self["RTL_RETURN_ALT"],
             land_speed=self["MPC_LAND_SPEED"],
         )
+
+    def reference(self) -> list[dict[str, str | float]]:
+        """Return what is to be known about each parameter."""
+        return [
+            {
+                "name": parameter.name,
+                "type": "INT32" if isinstance(parameter.default, int) else "REAL32",
+                "default": _rounded(parameter.default),
+                "unit": parameter.unit,
+                "allowed": parameter.allowed,
+                "meaning": parameter.meaning,
+            }
+            for parameter in self.table
+        ]

@@ -46,7 +46,7 @@ def service(craft: Craft) -> Service:
             # Whoever shows parameters must hear of a change that another one made.
             craft.broadcast(_value(parameters, name))
             return
-        # The error first: a client that sees the old value before it asks again. The value is for those that know no errors.
+        # The error first: a client that sees the old value before it asks again. The value is for those without errors.
         client.send(_error(request, _NO_INDEX, _ERRORS[refusal]))
         client.send(_value(parameters, name))
         allowed = parameters.table[parameters.index(name) or 0].allowed
