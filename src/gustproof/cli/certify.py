@@ -1,6 +1,7 @@
 """`gustproof certify`: what can be proved of a loop, and whether a proof holds."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,9 +32,15 @@ def certify(
         str, typer.Option(help="Closure: largest moment about each axis, L,M,N [N m].")
     ] = "0.65,0.65,0.3",
     horizon: Annotated[float, typer.Option(help="Closure: length of the flight [s].")] = 60.0,
+    exact_rho: Annotated[
+        bool, typer.Option("--exact-rho", help="The controller carries the airframe's A(rho), and knows rho exactly.")
+    ] = False,
     leak: Annotated[
-        float, typer.Option(help="Closure: leak of the Euler kinematics [1/s]; the true vehicle has none.")
-    ] = 0.0,
+        float | None,
+        typer.Option(
+            help="Leak of the plant's Euler kinematics [1/s] [default: the design's; closure: none, the truth]."
+        ),
+    ] = None,
     noise: Annotated[float, typer.Option(help="Closure: rms of a gyro sample's white noise [rad/s].")] = 0.0,
     risk: Annotated[float, typer.Option(help="Closure: probability that the noise leaves its bounds.")] = 1e-3,
     check_file: Annotated[
@@ -52,7 +59,8 @@ def certify(
     large as its weight costs no more than the weights allow. At hover it is the design's H-infinity norm; off hover
     the rotation couples the axes. A lower bound from simulation shows how much of the gain is real. A solver only
     proposes the evidence: what is called proven was checked in exact rational arithmetic. The statement is about the
-    design's own plant and its continuous controller.
+    design's own plant, or one with the leak that you give, and its continuous controller. With `--exact-rho` that
+    controller is scheduled: it turns its own estimates by the airframe's A(rho).
 
     With `--closure` the statement is about the law file that flies, sampled and one sample late, on the nonlinear
     vehicle: from rest, within the horizon, under any moment within the certified part of the budget, angles, rates and
@@ -63,6 +71,8 @@ def certify(
         gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 -o certificate.json
 
         gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 --level 0.25
+
+        gustproof certify hinf-d1 --angle-rad 0.3 --rate-rad-s 0.5 --exact-rho --leak 0.05
 
         gustproof certify hinf-scheduled --closure --moment 0.65,0.65,0.3 --horizon 60
 
@@ -79,10 +89,10 @@ def certify(
     if output is not None and output.suffix != ".json":
         raise ConfigError(f"{output}: a certificate ends in .json")
     if angle is not None and rate is not None:
-        certificate = _gain(_design(name), vehicle, angle, rate, level)
+        certificate = _gain(_design(name), vehicle, angle, rate, level=level, leak=leak, exact_rho=exact_rho)
     else:
         bound = three_positive("--moment", moment)
-        certificate = _closure(name, vehicle or "paper", bound, horizon, leak=leak, noise=noise, risk=risk)
+        certificate = _closure(name, vehicle or "paper", bound, horizon, leak=leak or 0.0, noise=noise, risk=risk)
     if output is not None and certificate.proven:
         certificate.save(output)
     _show(name, certificate, output, as_json=as_json)
@@ -104,16 +114,31 @@ def _design(name: str) -> "Design":
     return made_from[name]
 
 
-def _gain(design: "Design", vehicle: str | None, angle: float, rate: float, level: float | None) -> "Certificate":
+def _gain(
+    design: "Design",
+    vehicle: str | None,
+    angle: float,
+    rate: float,
+    *,
+    level: float | None,
+    leak: float | None,
+    exact_rho: bool,
+) -> "Certificate":
     from firmware_model.vehicle import load_vehicle
     from gustproof.certify.gain import certify_gain
     from gustproof.synthesis.derive import derive
+    from gustproof.synthesis.designs import design_problem
 
-    _, report = derive(design, None if vehicle is None else load_vehicle(vehicle))
-    try:
-        return certify_gain(
-            report.problem, report.result.controller, angle=angle, rate=rate, scheduled=design.scheduled, level=level
+    airframe = load_vehicle(vehicle or design.vehicle)
+    _, report = derive(design, airframe)
+    if leak is not None and not leak > 0.0:
+        raise ConfigError(
+            f"--leak: is {leak}, must be positive: without leak the attitude integrates, no gain is finite"
         )
+    try:
+        problem = report.problem if leak is None else design_problem(replace(design, leak=leak), airframe)
+        scheduled = exact_rho or design.scheduled
+        return certify_gain(problem, report.result.controller, angle=angle, rate=rate, scheduled=scheduled, level=level)
     except ValueError as error:
         raise ConfigError(f"design {design.name}: {error}") from None
 

@@ -54,6 +54,15 @@ def test_a_law_is_proved_by_its_design_and_the_file_checked_until_a_digit_is_cha
     assert json.loads(run("--check", str(path), "--json").stdout)["proven"] is False
 
 
+def test_a_controller_with_exact_rho_is_proved_on_a_plant_of_another_leak():
+    result = run("hinf-d1", *ENVELOPE, "--exact-rho", "--leak", "0.05", "--json")
+    assert result.exit_code == 0
+    told = json.loads(result.stdout)
+    assert told["gain"] < 0.26  # .41 without the schedule, on this envelope
+    assert told["assumes"]["leak_per_s"] == 0.05
+    assert "exact in the controller" in told["assumes"]["rho"]
+
+
 def test_the_law_that_flies_is_proved_to_stay_in_a_box(tmp_path: Path):
     path = tmp_path / "certificate.json"
     proved = run("hinf-d2", "--closure", "--moment", "0.01,0.01,0.01", "--horizon", "1", "--json", "-o", str(path))
@@ -86,6 +95,7 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
     [
         ((), "give a design with --angle-rad and --rate-rad-s"),
         (("D2", "--angle-rad", "0.1"), "give a design with --angle-rad and --rate-rad-s"),
+        (("D2", *ENVELOPE, "--leak", "0"), "--leak: is 0.0, must be positive"),
         (("hinf-d2", "--closure", *ENVELOPE), "a law with --closure"),
         (("hinf-d2", "--closure", "--moment", "1,2"), "--moment: is '1,2', must be three numbers"),
         (("hinf-d2", "--closure", "--horizon", "-1"), "horizon"),
