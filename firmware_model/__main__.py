@@ -11,6 +11,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _fly(options: argparse.Namespace, standing: bool) -> int:
     name = options.scenario or options.air or "calm"
     scenario = _read(Scenario, name) or load_scenario(name)
+    if standing:
+        scenario = replace(scenario, translation="held" if options.held else "free")
     vehicle = _read(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
     generic = options.autopilot == "generic"
     if options.params:

@@ -118,8 +118,8 @@ class VehicleEndpoint:
     ) -> None:
         self.generic = generic
         self.parameters = Parameters(vehicle, scenario, bytewise=not generic)
-        self.autopilot = Autopilot(self.parameters.settings(), free=False)
-        self.loop = VehicleLoop(vehicle, scenario, seed)
+        self.autopilot = Autopilot(self.parameters.settings(), free=scenario.free)
+        self.loop = VehicleLoop(vehicle, scenario, seed, standing=standing)
         self.flight = Flight(
             self.loop, self.autopilot, record, sample_us=scenario.sample_us, lockstep=lockstep, standing=standing
         )

@@ -29,7 +29,15 @@ RECORD = np.dtype(
         ("omega_B", "<f8", 3),  # [rad/s]
         ("gust_B", "<f8", 3),  # [m/s] gust, blowing toward, from this sample to the next
         ("gust_omega_B", "<f8", 3),  # [rad/s] angular gust
-        ("moment_B", "<f8", 3),  # [N*m] disturbance moment from this sample to the next
+        ("moment_B", "<f8", 3),  # [N*m] disturbance moment from this sample to the next; in free flight at it
+        ("thrust_z_command", "<f8", (1,)),  # [N] B, z: minus the collective thrust asked of the actuators
+        (
+            "thrust_z",
+            "<f8",
+            (1,),
+        ),  # [N] B, z: minus what the actuators give; on the test stand it only turns the rotors
+        ("rotors", "<f8", 4),  # [N] thrust of each rotor
+        ("wind_N", "<f8", 3),  # [m/s] mean wind, blowing toward
         ("mode", "<f8"),  # autopilot mode, firmware_model.autopilot.Mode
     ]
 )

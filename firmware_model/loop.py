@@ -1,5 +1,6 @@
 """Plant and on-board loop at their rates: the one place where commands are delayed and turned into set-points."""
 
+import math
 from collections import deque
 
 import numpy as np
@@ -8,35 +9,52 @@ from numpy.typing import NDArray
 from firmware_model import plant
 from firmware_model.journal import RECORD, WIDTH
 from firmware_model.scenario import Scenario
-from firmware_model.signals import AttitudeTarget, Command, ImuSample, Off, Quaternion, Setpoint, TorqueCommand, Vector
-from firmware_model.vehicle import Vehicle
+from firmware_model.signals import (
+    AttitudeTarget,
+    Guidance,
+    ImuSample,
+    Level,
+    Quaternion,
+    Setpoint,
+    TorqueCommand,
+    Vector,
+)
+from firmware_model.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
+from firmware_model.world import X_LOAD, new_world
 
 Array = NDArray[np.float64]
 _MODE = WIDTH - 1
-_IDLE = np.zeros(plant.SETPOINT)
-_LEVEL = np.array([plant.ATTITUDE, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+_NOTHING = (math.nan,) * (plant.SETPOINT - 1)
+_TRIM = np.array((plant.TRIM, *_NOTHING))
+_LEVEL = np.array((plant.LEVEL, *_NOTHING))
+_OFF = np.array((plant.OFF, *_NOTHING))
+_ON_GROUND = 0.1  # [-] of the weight, carried by the ground
 
 
 class VehicleLoop:
     """A vehicle that flies a scenario sample by sample: `observe`, then `advance`, until `finished`.
 
-    `sample` is the number of the current one, `time_us` [us] its model time.
+    `sample` is the number of the current one, `time_us` [us] its model time. A `standing` vehicle begins with its
+    motors off, on the ground or clamped on the stand, and never finishes; a free one that does not hovers at first.
     """
 
-    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int) -> None:
-        self._world = plant.new_world(vehicle, scenario, seed)
+    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> None:
+        self._world = new_world(vehicle, scenario, seed, standing=standing)
+        self._free, self._standing, self._clamped = scenario.free, standing, standing
+        self._thrust_max = 4.0 * vehicle.rotors.thrust_max
+        self._on_ground_load = _ON_GROUND * vehicle.mass * GRAVITY
         self._sample_us, self._samples = scenario.sample_us, scenario.samples
         self._record = np.empty(WIDTH)
         self._fields = self._record.view(RECORD)[0]
         self._imu: ImuSample | None = None
-        self._pending = deque([_IDLE] * scenario.delay_samples)
+        self._pending = deque([_TRIM] * scenario.delay_samples)
         self.sample = 0
         self.time_us = 0
 
     @property
     def finished(self) -> bool:
         """Whether all samples of the scenario are flown."""
-        return self.sample >= self._samples
+        return self.sample >= self._samples and not self._standing
 
     def observe(self) -> ImuSample:
         """Return what the sensors measure at this sample; the same object until `advance`."""
@@ -58,11 +76,13 @@ class VehicleLoop:
         """
         self.observe()
         row = setpoint_of(setpoint)
-        if isinstance(setpoint, Command):
+        if isinstance(setpoint, (TorqueCommand, AttitudeTarget)):
             self._pending.append(row)
             row = self._pending.popleft()
+            self._clamped = False
         else:
             self._pending = deque([row] * len(self._pending))
+            self._clamped = row is _OFF
         world = self._world
         plant.advance(
             world.params, world.state, world.seed, self.sample, self._sample_us, row, self._record
@@ -72,11 +92,6 @@ class VehicleLoop:
         self.time_us += self._sample_us
         self._imu = None
         return self._record
-
-    @property
-    def on_ground(self) -> bool:
-        """Whether the ground carries the vehicle: never where its place is held."""
-        return False
 
     @property
     def q_NB(self) -> Quaternion:
@@ -90,6 +105,35 @@ class VehicleLoop:
         w, x, y, z = plant.estimate_q_NB(self._world.state).tolist()
         return w, x, y, z
 
+    @property
+    def on_ground(self) -> bool:
+        """Whether the ground carries a tenth of the weight at the sample, or the vehicle is clamped on the stand."""
+        self.observe()
+        return bool(self._world.state[X_LOAD] >= self._on_ground_load) if self._free else self._clamped
+
+    @property
+    def thrust(self) -> float:
+        """[-] Collective thrust at the sample, as a fraction of the largest."""
+        return -float(self._fields["thrust_z"][0]) / self._thrust_max
+
+    @property
+    def rotors(self) -> tuple[float, float, float, float]:
+        """[-] Thrust of each rotor at the sample, as a fraction of its largest."""
+        a, b, c, d = (self._fields["rotors"] * (4.0 / self._thrust_max)).tolist()
+        return a, b, c, d
+
+    def set_gust_scale(self, scale: float) -> None:
+        """Make all gusts from the next sample on `scale` [-] times what the scenario says; the mean wind stays."""
+        self._world.set_gust_scale(scale)
+
+    def set_stabilizer(self, gains: Stabilizer) -> None:
+        """Change the gains of the on-board attitude and rate loops."""
+        self._world.set_stabilizer(gains)
+
+    def set_position_loop(self, gains: PositionLoop) -> None:
+        """Change gains and limits of the on-board height and position loops."""
+        self._world.set_position_loop(gains)
+
     def truth(self, name: str) -> Vector:
         """Return a vector of the journal's record at the sample by its name, as `omega_B` or `gust_B`."""
         a, b, c = self._fields[name].tolist()
@@ -99,14 +143,19 @@ class VehicleLoop:
 def setpoint_of(setpoint: Setpoint) -> Array:
     """Return a set-point as the row (SETPOINT,) that the kernels take."""
     if isinstance(setpoint, TorqueCommand):
-        return np.array((plant.TORQUE, *setpoint.torque_B, 0.0, 0.0, 0.0, 0.0))
+        throttle = math.nan if setpoint.throttle is None else setpoint.throttle
+        return np.array((plant.TORQUE, *setpoint.torque_B, 0.0, 0.0, 0.0, 0.0, throttle))
     if isinstance(setpoint, AttitudeTarget):
         return _target(setpoint)
-    return _IDLE if isinstance(setpoint, Off) else _LEVEL
+    if isinstance(setpoint, Guidance):
+        v_down = math.nan if setpoint.v_down is None else setpoint.v_down
+        return np.array((plant.GUIDANCE, *setpoint.position_N, setpoint.yaw, v_down, 0.0, 0.0, math.nan))
+    return _LEVEL if isinstance(setpoint, Level) else _OFF
 
 
-def _target(command: AttitudeTarget) -> Array:
-    rates = command.omega_B or (0.0, 0.0, 0.0)
-    if command.q_NB is None:
-        return np.array([plant.RATES, *rates, 0.0, 0.0, 0.0, 0.0])
-    return np.array([plant.ATTITUDE, *command.q_NB, *rates])
+def _target(target: AttitudeTarget) -> Array:
+    rates = target.omega_B or (0.0, 0.0, 0.0)
+    thrust = math.nan if target.thrust is None else target.thrust
+    if target.q_NB is None:
+        return np.array((plant.RATES, *rates, 0.0, 0.0, 0.0, 0.0, thrust))
+    return np.array((plant.ATTITUDE, *target.q_NB, *rates, thrust))

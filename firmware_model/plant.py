@@ -4,237 +4,285 @@ The gust is sampled with the gyro and held from sample to sample, so that one jo
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from firmware_model import rigid_body
+from firmware_model import free_flight, rigid_body, world
 from firmware_model.compiled import compiled, kernel
 from firmware_model.elementary import normals
+from firmware_model.free_flight import Air, AirParams, FreeInputs, FreeParams
+from firmware_model.ground import GroundParams
 from firmware_model.gusts import (
-    SINE,
-    SQUARE,
-    STEP,
     DrydenParams,
     DrydenState,
     direct_moment,
     discrete_gust,
-    dryden_filters,
     dryden_gust,
-    dryden_spectrum,
     dryden_step,
     gust_moment,
 )
 from firmware_model.journal import RECORD
-from firmware_model.rigid_body import Body, BodyInputs, BodyParams
-from firmware_model.rows import loader, starts, storer
-from firmware_model.scenario import Dryden, Moment, OneMinusCosine, Scenario, Square, Step
+from firmware_model.position import (
+    Holding,
+    PositionParams,
+    forget_heading,
+    guide,
+    keep_heading,
+    lean,
+    lift,
+    nothing_held,
+)
+from firmware_model.rigid_body import Body, BodyInputs, BodyParams, still
+from firmware_model.rotors import RotorParams, allocate, rotor_thrusts
+from firmware_model.rows import loader, storer
 from firmware_model.sensors import GyroParams, accelerometer, gyro
+from firmware_model.signals import Quaternion, Vector
 from firmware_model.stabilizer import (
     Estimate,
     StabilizerParams,
+    aligned,
     attitude_rates,
     rate_torque,
     rest,
-    stabilizer_params,
+    set_attitude,
     strapdown,
 )
-from firmware_model.vehicle import NoiseModel, Vehicle
-
-Array = NDArray[np.float64]
-
-# One stream of random numbers for each purpose, so that a new sensor leaves every gust as it was.
-GUST_STREAM, GYRO_STREAM = 1, 2
+from firmware_model.world import (
+    FREE,
+    GUST_SCALE,
+    GUST_STREAM,
+    GYRO_STREAM,
+    STEPS,
+    WEIGHT,
+    WIND,
+    X_BODY,
+    X_DIRECT,
+    X_DRYDEN,
+    X_ESTIMATE,
+    X_HOLDING,
+    X_LOAD,
+    Array,
+)
 
 # What a set-point asks for: its first number; the others follow.
-IDLE, TORQUE, RATES, ATTITUDE = 0.0, 1.0, 2.0, 3.0
-SETPOINT = 8
-"""Length of a set-point: kind, then torque fractions (3), or rates (3) [rad/s], or q_NB (4) and rates (3)."""
-
-_BODY, _DRYDEN, _GYRO, _STABILIZER, _AIR = starts([BodyParams, DrydenParams, GyroParams, StabilizerParams])
-_X_BODY, _X_DRYDEN, _X_ESTIMATE, _X_END = starts([Body, DrydenState, Estimate])
-_GAIN, _YAW_RATIO, _STEPS, _PARAMS_END = _AIR, _AIR + 1, _AIR + 2, _AIR + 3
+TRIM, TORQUE, RATES, ATTITUDE, LEVEL, GUIDANCE, OFF = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
+SETPOINT = 9
+"""Length of a set-point: kind; then torque fractions (3), or rates (3) [rad/s], or q_NB (4) and rates (3), or position
+(3) [m] N, yaw [rad] and v_down [m/s] or NaN; and at `THRUST`, a fraction of the largest, NaN to hold the height."""
+THRUST = 8
 
 _load_body_params, _load_dryden_params = loader(BodyParams), loader(DrydenParams)
 _load_gyro_params, _load_stabilizer_params = loader(GyroParams), loader(StabilizerParams)
-_load_body, _load_dryden, _load_estimate = loader(Body), loader(DrydenState), loader(Estimate)
-_store_body, _store_dryden, _store_estimate = storer(Body), storer(DrydenState), storer(Estimate)
+_load_position_params, _load_rotor_params = loader(PositionParams), loader(RotorParams)
+_load_air_params, _load_ground_params = loader(AirParams), loader(GroundParams)
+_load_body, _load_dryden = loader(Body), loader(DrydenState)
+_load_estimate, _load_holding = loader(Estimate), loader(Holding)
+_store_body, _store_dryden = storer(Body), storer(DrydenState)
+_store_estimate, _store_holding = storer(Estimate), storer(Holding)
 
 # Where a field of the journal's record starts, counted in numbers.
-_TIME, _GYRO_B, _FORCE_B, _TORQUE_COMMAND, _OMEGA_COMMAND, _TORQUE, _POSITION, _VELOCITY = (
-    RECORD.fields[name][1] // 8  # type: ignore[index]
-    for name in ("time_us", "gyro_B", "specific_force_B", "torque_command_B", "omega_command_B", "torque_B",
-                 "position_N", "velocity_N")
-)  # fmt: skip
-_Q_NB, _OMEGA, _GUST, _GUST_OMEGA, _MOMENT = (
-    RECORD.fields[name][1] // 8  # type: ignore[index]
-    for name in ("q_NB", "omega_B", "gust_B", "gust_omega_B", "moment_B")
-)
+_AT = {name: RECORD.fields[name][1] // 8 for name in RECORD.names or ()}  # type: ignore[index]
+_TIME, _GYRO_B, _FORCE_B = _AT["time_us"], _AT["gyro_B"], _AT["specific_force_B"]
+_TORQUE_COMMAND, _OMEGA_COMMAND, _TORQUE = _AT["torque_command_B"], _AT["omega_command_B"], _AT["torque_B"]
+_POSITION, _VELOCITY, _Q_NB, _OMEGA = _AT["position_N"], _AT["velocity_N"], _AT["q_NB"], _AT["omega_B"]
+_GUST, _GUST_OMEGA, _MOMENT, _WIND = _AT["gust_B"], _AT["gust_omega_B"], _AT["moment_B"], _AT["wind_N"]
+_THRUST_COMMAND, _THRUST, _ROTORS = _AT["thrust_z_command"], _AT["thrust_z"], _AT["rotors"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class World:
-    """Everything that a flight computes with, as arrays that the kernels take."""
-
-    params: Array
-    """(n,) constants, each NamedTuple in a row with its own units."""
-    state: Array
-    """(n,) body, air and on-board loop, each NamedTuple in a row with its own units; moved on by the kernels."""
-    gusts: Array
-    """(n, 5) discrete gusts: amplitude [m/s] B, start [s], length [s]."""
-    moments: Array
-    """(n, 6) direct moments: amplitude [N*m] B, then rate [rad/s] and phase [rad], or start [s]; and the kind."""
-    seed: int
-    """Seed of all that is random."""
+@kernel
+def _q_NB(body: Body) -> Quaternion:
+    return body.qw, body.qx, body.qy, body.qz
 
 
-def new_world(vehicle: Vehicle, scenario: Scenario, seed: int) -> World:
-    """Return a vehicle at rest and level at the scenario's height, in stationary air.
-
-    Raises
-    ------
-    ValueError
-        If the seed is not in [0, 2^32).
-    """
-    if not 0 <= seed < 2**32:
-        raise ValueError(f"seed is {seed}, must be in [0, 2^32)")
-    dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
-    dryden_params, dryden_state = _air(vehicle, scenario, dryden, seed)
-    estimate = Estimate(1.0, *[0.0] * 12)
-    body = Body(0.0, 0.0, -scenario.altitude_m, 0.0, 0.0, 0.0, 1.0, *[0.0] * 9)
-    params = np.concatenate(
-        [
-            rigid_body.body_params(vehicle, free=False),
-            dryden_params,
-            _gyro_params(vehicle, scenario),
-            stabilizer_params(vehicle, scenario.dt),
-            [vehicle.gust_gain, vehicle.gust_yaw_ratio, scenario.physics_rate_hz // scenario.control_rate_hz],
-        ]
-    )
-    gusts = [
-        (*item.amplitude_mps, item.start_s, item.length_s) for item in scenario.wind if isinstance(item, OneMinusCosine)
-    ]
-    return World(
-        params=params,
-        state=np.concatenate([body, dryden_state, estimate]),
-        gusts=np.array(gusts, dtype=np.float64).reshape(-1, 5),
-        moments=np.array([_row(item) for item in scenario.moment], dtype=np.float64).reshape(-1, 6),
-        seed=seed,
+@kernel
+def _free_params(params: Array) -> FreeParams:
+    return FreeParams(
+        _load_body_params(params, world.BODY),
+        _load_air_params(params, world.AIR),
+        _load_ground_params(params, world.GROUND),
     )
 
 
-def _row(moment: Moment) -> tuple[float, ...]:
-    if isinstance(moment, Step):
-        return (*moment.amplitude_nm, moment.start_s, 0.0, STEP)
-    kind = SQUARE if isinstance(moment, Square) else SINE
-    return (*moment.amplitude_nm, moment.rate_rad_s, moment.phase_rad, kind)
-
-
-def _gyro_params(vehicle: Vehicle, scenario: Scenario) -> GyroParams:
-    """Noise is stated for 250 Hz; as a density it grows with the root of the sample rate."""
-    instrument = vehicle.gyro
-    ratio = instrument.noise_ratio * math.sqrt(scenario.control_rate_hz / 250.0) * scenario.gyro.noise
-    steady = instrument.noise_model is NoiseModel.CONSTANT
-    b_x, b_y, b_z = (b + fault for b, fault in zip(instrument.bias_B, scenario.gyro.bias_rad_s, strict=True))
-    sigma = ratio * instrument.reference_rate if steady else 0.0
-    return GyroParams(sigma, 0.0 if steady else ratio, b_x, b_y, b_z, instrument.range)
-
-
-def _air(vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int) -> tuple[DrydenParams, DrydenState]:
-    if dryden is None:
-        return DrydenParams(*[0.0] * len(DrydenParams._fields)), DrydenState(*[0.0] * 8)
-    spectrum = dryden_spectrum(dryden, scenario.altitude_m, vehicle.span)
-    params, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
-    # Blocks 0 and 1 of sample 0 drive its step, 2 and 3 are its initial state.
-    draw = np.array([*_normals(seed, GUST_STREAM, 0, 2), *_normals(seed, GUST_STREAM, 0, 3)])
-    return params, DrydenState(*(factor @ draw).tolist())
-
-
-@compiled
-def _normals(seed: int, stream: int, sample: int, block: int) -> tuple[float, float, float, float]:
-    return normals(seed, stream, sample, block)
+@kernel
+def _write(record: Array, at: int, value: Vector) -> None:
+    record[at], record[at + 1], record[at + 2] = value[0], value[1], value[2]
 
 
 @kernel
 def observe_kernel(params: Array, state: Array, gusts: Array, moments: Array, seed: int, sample: int,
                    sample_us: int, record: Array) -> None:  # fmt: skip
     """Write to `record` the truth at a sample, what acts from it on, and what the sensors measure."""
-    body = _load_body(state, _X_BODY)
-    body_params = _load_body_params(params, _BODY)
+    body = _load_body(state, X_BODY)
     time_us = sample * sample_us
     time = time_us * 1e-6
-    turbulence, gust_omega = dryden_gust(_load_dryden_params(params, _DRYDEN), _load_dryden(state, _X_DRYDEN))
+    record[_TIME] = time_us
+    turbulence, turning = dryden_gust(_load_dryden_params(params, world.DRYDEN), _load_dryden(state, X_DRYDEN))
     discrete = discrete_gust(gusts, time)
     direct = direct_moment(moments, time)
-    gust = (turbulence[0] + discrete[0], turbulence[1] + discrete[1], turbulence[2] + discrete[2])
-    moment = gust_moment(params[_GAIN], params[_YAW_RATIO], gust)
-    rate = gyro(_load_gyro_params(params, _GYRO), (body.p, body.q, body.r), normals(seed, GYRO_STREAM, sample, 0))
-    nothing = BodyInputs(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    force = accelerometer(rigid_body.specific_force(body_params, body, nothing))
-    record[_TIME] = time_us
+    scale = params[GUST_SCALE]
     for i in range(3):
-        record[_GYRO_B + i] = rate[i]
-        record[_FORCE_B + i] = force[i]
-        record[_GUST + i] = gust[i]
-        record[_GUST_OMEGA + i] = gust_omega[i]
-        record[_MOMENT + i] = moment[i] + direct[i]
-    record[_POSITION], record[_POSITION + 1], record[_POSITION + 2] = body.north, body.east, body.down
-    record[_VELOCITY], record[_VELOCITY + 1], record[_VELOCITY + 2] = body.v_north, body.v_east, body.v_down
-    record[_Q_NB], record[_Q_NB + 1], record[_Q_NB + 2], record[_Q_NB + 3] = (
-        body.qw,
-        body.qx,
-        body.qy,
-        body.qz,
+        record[_GUST + i] = scale * (turbulence[i] + discrete[i])
+        record[_GUST_OMEGA + i] = scale * turning[i]
+        record[_WIND + i] = params[WIND + i]
+    force, moment, state[X_LOAD] = _felt(params, body, direct, record)
+    _write(state, X_DIRECT, direct)
+    rate = gyro(_load_gyro_params(params, world.GYRO), (body.p, body.q, body.r), normals(seed, GYRO_STREAM, sample, 0))
+    _write(record, _GYRO_B, rate)
+    _write(record, _FORCE_B, accelerometer(force))
+    _write(record, _MOMENT, (moment[0] + direct[0], moment[1] + direct[1], moment[2] + direct[2]))
+    _write(record, _POSITION, (body.north, body.east, body.down))
+    _write(record, _VELOCITY, (body.v_north, body.v_east, body.v_down))
+    _write(record, _OMEGA, (body.p, body.q, body.r))
+    for i in range(4):
+        record[_Q_NB + i] = _q_NB(body)[i]
+    _write_rotors(params, body, record)
+    stabilizer = _load_stabilizer_params(params, world.STABILIZER)
+    estimate = strapdown(stabilizer, _load_estimate(state, X_ESTIMATE), rate)
+    if params[FREE] != 0.0:
+        estimate = aligned(stabilizer, estimate, _q_NB(body))
+    _store_estimate(state, X_ESTIMATE, estimate)
+
+
+@kernel
+def _felt(params: Array, body: Body, direct: Vector, record: Array) -> tuple[Vector, Vector, float]:
+    """Return specific force [m/s^2] B, the air's moment [N*m] B, and the load that the ground carries [N]."""
+    gust = (record[_GUST], record[_GUST + 1], record[_GUST + 2])
+    if params[FREE] == 0.0:
+        nothing = BodyInputs(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        force = rigid_body.specific_force(_load_body_params(params, world.BODY), body, nothing)
+        air_params = _load_air_params(params, world.AIR)
+        return force, gust_moment(air_params.gust_gain, air_params.gust_yaw_ratio, gust), 0.0
+    return free_flight.felt(
+        _free_params(params), body, FreeInputs(_acting(record, direct, (0.0, 0.0, 0.0), 0.0), _air(record))
     )
-    record[_OMEGA], record[_OMEGA + 1], record[_OMEGA + 2] = body.p, body.q, body.r
-    record[_TORQUE], record[_TORQUE + 1], record[_TORQUE + 2] = body.roll, body.pitch, body.yaw
-    estimate = _load_estimate(state, _X_ESTIMATE)
-    _store_estimate(state, _X_ESTIMATE, strapdown(_load_stabilizer_params(params, _STABILIZER), estimate, rate))
+
+
+@kernel
+def _acting(record: Array, moment: Vector, torque: Vector, thrust: float) -> BodyInputs:
+    """Return what acts on the body from the record's sample on, under commands [N*m] B and [N]."""
+    return BodyInputs(
+        torque[0], torque[1], torque[2], moment[0], moment[1], moment[2],
+        record[_GUST_OMEGA], record[_GUST_OMEGA + 1], record[_GUST_OMEGA + 2], 0.0, 0.0, 0.0, thrust,
+    )  # fmt: skip
+
+
+@kernel
+def _air(record: Array) -> Air:
+    return Air(record[_GUST], record[_GUST + 1], record[_GUST + 2], record[_WIND], record[_WIND + 1], record[_WIND + 2])
+
+
+@kernel
+def _write_rotors(params: Array, body: Body, record: Array) -> None:
+    """Write what the actuators give; on the stand the rotors are what the allocation makes of it at that thrust."""
+    torque = (body.roll, body.pitch, body.yaw)
+    _write(record, _TORQUE, torque)
+    record[_THRUST] = -body.thrust
+    rotors = _load_rotor_params(params, world.ROTORS)
+    thrust = body.thrust
+    if params[FREE] == 0.0:
+        torque, thrust = allocate(rotors, torque, thrust)
+    thrusts = rotor_thrusts(rotors, torque, thrust)
+    for i in range(4):
+        record[_ROTORS + i] = thrusts[i]
 
 
 @kernel
 def advance_kernel(params: Array, state: Array, seed: int, sample: int, sample_us: int, setpoint: Array,
                    record: Array) -> None:  # fmt: skip
     """Move the world from a sample to the next under `setpoint`, and write to `record` what was commanded."""
-    stabilizer = _load_stabilizer_params(params, _STABILIZER)
-    estimate = _load_estimate(state, _X_ESTIMATE)
+    q_NB, thrust = _aim(params, state, setpoint)
+    torque = _track(params, state, setpoint, q_NB, record)
+    if params[FREE] != 0.0:
+        torque, thrust = allocate(_load_rotor_params(params, world.ROTORS), torque, thrust)
+    _write(record, _TORQUE_COMMAND, torque)
+    record[_THRUST_COMMAND] = -thrust
+    _move(params, state, sample_us, torque, thrust, setpoint[0] == OFF, record)
+    a, b = normals(seed, GUST_STREAM, sample, 0), normals(seed, GUST_STREAM, sample, 1)
+    noise = (a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3])
+    air = dryden_step(_load_dryden_params(params, world.DRYDEN), _load_dryden(state, X_DRYDEN), noise)
+    _store_dryden(state, X_DRYDEN, air)
+
+
+@kernel
+def _aim(params: Array, state: Array, setpoint: Array) -> tuple[Quaternion, float]:
+    """Return the attitude to track, if one is, and the thrust [N] to be asked for; on the stand it is the weight."""
+    kind = setpoint[0]
+    q_NB = (setpoint[1], setpoint[2], setpoint[3], setpoint[4]) if kind == ATTITUDE else (1.0, 0.0, 0.0, 0.0)
+    if kind == OFF:
+        _store_holding(state, X_HOLDING, nothing_held())
+        return q_NB, 0.0
+    if params[FREE] == 0.0:
+        return q_NB, params[WEIGHT]
+    gains, body = _load_position_params(params, world.POSITION), _load_body(state, X_BODY)
+    holding = _load_holding(state, X_HOLDING)
+    if kind == GUIDANCE:
+        place = (setpoint[1], setpoint[2], setpoint[3])
+        holding, acceleration, thrust = guide(gains, holding, body, place, setpoint[5])
+        q_NB = lean(acceleration, setpoint[4])
+    else:
+        holding, thrust = lift(gains, holding, body, 4.0 * params[world.ROTORS] * setpoint[THRUST])
+        if kind == LEVEL:
+            estimate = _load_estimate(state, X_ESTIMATE)
+            holding = keep_heading(holding, (estimate.qw, estimate.qx, estimate.qy, estimate.qz))
+            q_NB = lean((0.0, 0.0, 0.0), holding.yaw)
+        else:
+            holding = forget_heading(holding)
+    _store_holding(state, X_HOLDING, holding)
+    return q_NB, thrust
+
+
+@kernel
+def _track(params: Array, state: Array, setpoint: Array, target_q_NB: Quaternion, record: Array) -> Vector:
+    """Return the torque [N*m] B that is asked for, and write the rates that are."""
+    stabilizer = _load_stabilizer_params(params, world.STABILIZER)
+    estimate = _load_estimate(state, X_ESTIMATE)
+    kind = setpoint[0]
     rates = (math.nan, math.nan, math.nan)
     torque = (0.0, 0.0, 0.0)
-    if setpoint[0] == TORQUE:
+    if kind == TORQUE:
         torque = (
             setpoint[1] * stabilizer.limit_roll,
             setpoint[2] * stabilizer.limit_pitch,
             setpoint[3] * stabilizer.limit_yaw,
         )
         estimate = rest(estimate)
-    elif setpoint[0] == RATES:
+    elif kind == RATES:
         rates = (setpoint[1], setpoint[2], setpoint[3])
         estimate, torque = rate_torque(stabilizer, estimate, rates)
-    elif setpoint[0] == ATTITUDE:
-        turn = attitude_rates(stabilizer, estimate, (setpoint[1], setpoint[2], setpoint[3], setpoint[4]))
-        rates = (turn[0] + setpoint[5], turn[1] + setpoint[6], turn[2] + setpoint[7])
+    elif kind == OFF:
+        estimate = rest(estimate)
+    elif kind != TRIM:
+        turn = attitude_rates(stabilizer, estimate, target_q_NB)
+        ahead = (setpoint[5], setpoint[6], setpoint[7]) if kind == ATTITUDE else (0.0, 0.0, 0.0)
+        rates = (turn[0] + ahead[0], turn[1] + ahead[1], turn[2] + ahead[2])
         estimate, torque = rate_torque(stabilizer, estimate, rates)
-    _store_estimate(state, _X_ESTIMATE, estimate)
-    for i in range(3):
-        record[_TORQUE_COMMAND + i] = torque[i]
-        record[_OMEGA_COMMAND + i] = rates[i]
-    inputs = BodyInputs(
-        torque[0], torque[1], torque[2], record[_MOMENT], record[_MOMENT + 1], record[_MOMENT + 2],
-        record[_GUST_OMEGA], record[_GUST_OMEGA + 1], record[_GUST_OMEGA + 2], 0.0, 0.0, 0.0,
-    )  # fmt: skip
-    body = _load_body(state, _X_BODY)
-    body_params = _load_body_params(params, _BODY)
-    steps = int(params[_STEPS])
+    _store_estimate(state, X_ESTIMATE, estimate)
+    _write(record, _OMEGA_COMMAND, rates)
+    return torque
+
+
+@kernel
+def _move(params: Array, state: Array, sample_us: int, torque: Vector, thrust: float, clamped: bool,
+          record: Array) -> None:  # fmt: skip
+    """Move the body to the next sample under commands [N*m] B and [N]; `clamped` holds it on the stand."""
+    body = _load_body(state, X_BODY)
+    steps = int(params[STEPS])
     dt = sample_us * 1e-6 / steps
-    for _ in range(steps):
-        body = rigid_body.step(body_params, body, inputs, dt)
-    _store_body(state, _X_BODY, body)
-    a, b = normals(seed, GUST_STREAM, sample, 0), normals(seed, GUST_STREAM, sample, 1)
-    noise = (a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3])
-    air = dryden_step(_load_dryden_params(params, _DRYDEN), _load_dryden(state, _X_DRYDEN), noise)
-    _store_dryden(state, _X_DRYDEN, air)
+    if params[FREE] != 0.0:
+        direct = (state[X_DIRECT], state[X_DIRECT + 1], state[X_DIRECT + 2])
+        flight, inputs = _free_params(params), FreeInputs(_acting(record, direct, torque, thrust), _air(record))
+        for _ in range(steps):
+            body = free_flight.step(flight, body, inputs, dt)
+    else:
+        start, body_params = body, _load_body_params(params, world.BODY)
+        moment = (record[_MOMENT], record[_MOMENT + 1], record[_MOMENT + 2])
+        acting = _acting(record, moment, torque, thrust)
+        for _ in range(steps):
+            body = rigid_body.step(body_params, body, acting, dt)
+        if clamped:
+            body = still(start, body)
+            estimate = set_attitude(_load_estimate(state, X_ESTIMATE), _q_NB(body))
+            _store_estimate(state, X_ESTIMATE, estimate)
+    _store_body(state, X_BODY, body)
 
 
 @compiled
@@ -253,4 +301,4 @@ def advance(params: Array, state: Array, seed: int, sample: int, sample_us: int,
 
 def estimate_q_NB(state: Array) -> Any:
     """Return the on-board strapdown attitude (4,) of a world's state."""
-    return state[_X_ESTIMATE : _X_ESTIMATE + 4]
+    return state[X_ESTIMATE : X_ESTIMATE + 4]

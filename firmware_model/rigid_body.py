@@ -1,17 +1,16 @@
-"""The airframe in motion: rigid body in six degrees of freedom with first-order torque actuators, and its RK4 step.
+"""The airframe in motion: rigid body in six degrees of freedom with first-order actuators, and its RK4 step.
 
 Translation is free or held (the paper's test stand: it turns about its centre of mass and does not move).
+All rotors share one lag, and torques and thrust are fixed sums of the rotors' thrusts, so each of them has that lag.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 from firmware_model.compiled import kernel
 from firmware_model.rotations import conjugate, normalize, rotate
 from firmware_model.signals import Vector
-from firmware_model.vehicle import Vehicle
-
-GRAVITY = 9.80665
-"""[m/s^2] standard gravity (3rd CGPM, 1901), down."""
+from firmware_model.vehicle import GRAVITY, Vehicle
 
 
 class Body(NamedTuple):
@@ -33,6 +32,7 @@ class Body(NamedTuple):
     roll: float  # [N*m] B, what the actuators give
     pitch: float
     yaw: float
+    thrust: float  # [N] up, along -z of B
 
 
 class BodyParams(NamedTuple):
@@ -62,9 +62,10 @@ class BodyInputs(NamedTuple):
     p_gust: float  # [rad/s] B, angular gust
     q_gust: float
     r_gust: float
-    F_x: float  # [N] B, all forces but gravity
+    F_x: float  # [N] B, all forces but gravity and thrust
     F_y: float
     F_z: float
+    thrust_command: float  # [N] asked of the actuators
 
 
 def body_params(vehicle: Vehicle, *, free: bool) -> BodyParams:
@@ -84,7 +85,7 @@ def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
     The yaw equation has N / I_z, where the paper's (2) prints L / I_z.
     """
     q_NB = (body.qw, body.qx, body.qy, body.qz)
-    F_N = rotate(q_NB, (inputs.F_x, inputs.F_y, inputs.F_z))
+    F_N = rotate(q_NB, (inputs.F_x, inputs.F_y, inputs.F_z - body.thrust))
     p, q, r = body.p, body.q, body.r
     return Body(
         north=params.free * body.v_north,
@@ -103,6 +104,7 @@ def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
         roll=params.bandwidth * (inputs.roll_command - body.roll),
         pitch=params.bandwidth * (inputs.pitch_command - body.pitch),
         yaw=params.bandwidth * (inputs.yaw_command - body.yaw),
+        thrust=params.bandwidth * (inputs.thrust_command - body.thrust),
     )
 
 
@@ -125,21 +127,45 @@ def _along(body: Body, h: float, rate: Body) -> Body:
         body.roll + h * rate.roll,
         body.pitch + h * rate.pitch,
         body.yaw + h * rate.yaw,
+        body.thrust + h * rate.thrust,
     )
 
 
+Params = TypeVar("Params")
+Inputs = TypeVar("Inputs")
+
+
+def runge_kutta(rate: Callable[[Params, Body, Inputs], Body]) -> Callable[[Params, Body, Inputs, float], Body]:
+    """Return the kernel `step(params, body, inputs, dt)` of the classical method for the time derivative `rate`.
+
+    Its error falls with the fourth power of `dt` [s].
+    """
+
+    @kernel
+    def step(params: Params, body: Body, inputs: Inputs, dt: float) -> Body:
+        a = rate(params, body, inputs)
+        b = rate(params, _along(body, 0.5 * dt, a), inputs)
+        c = rate(params, _along(body, 0.5 * dt, b), inputs)
+        d = rate(params, _along(body, dt, c), inputs)
+        end = _along(_along(_along(_along(body, dt / 6.0, a), dt / 3.0, b), dt / 3.0, c), dt / 6.0, d)
+        qw, qx, qy, qz = normalize((end.qw, end.qx, end.qy, end.qz))
+        return Body(
+            end.north, end.east, end.down, end.v_north, end.v_east, end.v_down,
+            qw, qx, qy, qz, end.p, end.q, end.r, end.roll, end.pitch, end.yaw, end.thrust,
+        )  # fmt: skip
+
+    return step
+
+
+step = runge_kutta(derivative)
+
+
 @kernel
-def step(params: BodyParams, body: Body, inputs: BodyInputs, dt: float) -> Body:
-    """Return the state after `dt` [s] by the classical Runge-Kutta method; its error falls with the fourth power."""
-    a = derivative(params, body, inputs)
-    b = derivative(params, _along(body, 0.5 * dt, a), inputs)
-    c = derivative(params, _along(body, 0.5 * dt, b), inputs)
-    d = derivative(params, _along(body, dt, c), inputs)
-    end = _along(_along(_along(_along(body, dt / 6.0, a), dt / 3.0, b), dt / 3.0, c), dt / 6.0, d)
-    qw, qx, qy, qz = normalize((end.qw, end.qx, end.qy, end.qz))
+def still(pose: Body, actuators: Body) -> Body:
+    """Return the body at rest in a pose, with the actuators of another state."""
     return Body(
-        end.north, end.east, end.down, end.v_north, end.v_east, end.v_down,
-        qw, qx, qy, qz, end.p, end.q, end.r, end.roll, end.pitch, end.yaw,
+        pose.north, pose.east, pose.down, 0.0, 0.0, 0.0, pose.qw, pose.qx, pose.qy, pose.qz, 0.0, 0.0, 0.0,
+        actuators.roll, actuators.pitch, actuators.yaw, actuators.thrust,
     )  # fmt: skip
 
 
@@ -154,5 +180,5 @@ def specific_force(params: BodyParams, body: Body, inputs: BodyInputs) -> Vector
     return (
         params.free * params.inverse_mass * inputs.F_x + held * up[0],
         params.free * params.inverse_mass * inputs.F_y + held * up[1],
-        params.free * params.inverse_mass * inputs.F_z + held * up[2],
+        params.free * params.inverse_mass * (inputs.F_z - body.thrust) + held * up[2],
     )

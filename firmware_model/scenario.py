@@ -41,6 +41,16 @@ class OneMinusCosine:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Constant:
+    """Steady mean wind: a free vehicle drifts with it; on the test stand it is trimmed out and gives no moment."""
+
+    kind: Literal["constant"]
+    """Names this primitive."""
+    velocity_mps: Vector
+    """[m/s] N (north, east, down), blowing toward: (5, 0, 0) is a wind from the south."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
 class Sine:
     """Direct moment `amplitude * sin(rate * t + phase)`."""
 
@@ -90,7 +100,7 @@ class GyroFault:
     """False switches the noise off."""
 
 
-Wind = Annotated[Dryden | OneMinusCosine, Field(discriminator="kind")]
+Wind = Annotated[Dryden | OneMinusCosine | Constant, Field(discriminator="kind")]
 Moment = Annotated[Sine | Square | Step, Field(discriminator="kind")]
 
 
@@ -104,8 +114,10 @@ class Scenario:
     """One line: what it shows."""
     duration_s: Positive
     """[s] simulated time from the first commanded sample."""
+    translation: Literal["held", "free"] = "held"
+    """Held on a test stand, as in the paper, where the vehicle turns and does not move; or in free flight."""
     altitude_m: Positive = 10.0
-    """[m] height above ground, where the air model is evaluated and the vehicle is held."""
+    """[m] height above ground, where the air model is evaluated and the vehicle is held, or its free flight begins."""
     control_rate_hz: Annotated[int, Field(ge=10, le=1000)] = 250
     """[Hz] samples and commands."""
     physics_rate_hz: Annotated[int, Field(ge=100, le=10000)] = 1000
@@ -128,6 +140,24 @@ class Scenario:
         if sum(isinstance(item, Dryden) for item in self.wind) > 1:
             raise ValueError("wind: at most one 'dryden', its components are not independent of a second one's")
         return self
+
+    @model_validator(mode="after")
+    def _ground_is_stiff(self) -> Self:
+        if self.translation == "free" and self.physics_rate_hz < 500:
+            raise ValueError("physics_rate_hz must be at least 500 in free flight, for the feet on the ground")
+        return self
+
+    @property
+    def free(self) -> bool:
+        """Whether the vehicle flies, and is not held on the stand."""
+        return self.translation == "free"
+
+    @property
+    def mean_wind_N(self) -> tuple[float, float, float]:
+        """[m/s] N, sum of the steady winds, blowing toward."""
+        winds = [item.velocity_mps for item in self.wind if isinstance(item, Constant)]
+        north, east, down = (sum(wind[i] for wind in winds) for i in range(3))
+        return north, east, down
 
     @property
     def samples(self) -> int:

@@ -6,7 +6,10 @@ from typing import NamedTuple
 from firmware_model.compiled import kernel
 from firmware_model.rotations import conjugate, from_rotation_vector, multiply, normalize
 from firmware_model.signals import Quaternion, Vector
-from firmware_model.vehicle import Vehicle
+from firmware_model.vehicle import Stabilizer, Vehicle
+
+ALIGNMENT = 3.0
+"""[s] time constant of the attitude's alignment in free flight: slow beside the loops, fast beside a gyro's drift."""
 
 
 class Estimate(NamedTuple):
@@ -48,9 +51,8 @@ class StabilizerParams(NamedTuple):
     limit_yaw: float
 
 
-def stabilizer_params(vehicle: Vehicle, dt: float) -> StabilizerParams:
-    """Return the vehicle's on-board gains for the sample time `dt` [s]."""
-    gains = vehicle.stabilizer
+def stabilizer_params(vehicle: Vehicle, gains: Stabilizer, dt: float) -> StabilizerParams:
+    """Return on-board gains for a vehicle and the sample time `dt` [s]."""
     tau = 1.0 / (2.0 * math.pi * gains.derivative_cutoff)
 
     def torque(gain: Vector) -> Vector:
@@ -76,6 +78,26 @@ def strapdown(params: StabilizerParams, x: Estimate, gyro_B: Vector) -> Estimate
         x.f_pitch + params.smoothing * (gyro_B[1] - x.f_pitch),
         x.f_yaw + params.smoothing * (gyro_B[2] - x.f_yaw),
     )  # fmt: skip
+
+
+@kernel
+def aligned(params: StabilizerParams, x: Estimate, q_NB: Quaternion) -> Estimate:
+    """Return the estimate pulled to the true attitude with the time constant `ALIGNMENT`.
+
+    This stands for what accelerometer, compass and GPS tell a real autopilot about its attitude.
+    """
+    error = multiply(conjugate((x.qw, x.qx, x.qy, x.qz)), q_NB)
+    gain = 2.0 * params.dt / ALIGNMENT if error[0] >= 0.0 else -2.0 * params.dt / ALIGNMENT
+    turn = from_rotation_vector((gain * error[1], gain * error[2], gain * error[3]))
+    return set_attitude(x, normalize(multiply((x.qw, x.qx, x.qy, x.qz), turn)))
+
+
+@kernel
+def set_attitude(x: Estimate, q_NB: Quaternion) -> Estimate:
+    """Return the estimate with its attitude set to `q_NB`."""
+    return Estimate(
+        q_NB[0], q_NB[1], q_NB[2], q_NB[3], x.p, x.q, x.r, x.i_roll, x.i_pitch, x.i_yaw, x.f_roll, x.f_pitch, x.f_yaw
+    )
 
 
 @kernel

@@ -3,19 +3,22 @@
 from dataclasses import field
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, Self
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from firmware_model.files import read_toml, shipped
 
+GRAVITY = 9.80665
+"""[m/s^2] standard gravity (3rd CGPM, 1901), down."""
 VEHICLES = Path(__file__).parent / "vehicles"
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 PositiveVector = tuple[Positive, Positive, Positive]
+Spin = Literal[1, -1]
 Vector = tuple[Finite, Finite, Finite]
 _STRICT = ConfigDict(extra="forbid")
 
@@ -74,6 +77,67 @@ class Stabilizer:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Rotors:
+    """Four rotors, in PX4's order for a quadrotor X: front right, rear left, front left, rear right."""
+
+    position_B: tuple[Vector, Vector, Vector, Vector]
+    """[m] B, hubs from the centre of mass."""
+    spin: tuple[Spin, Spin, Spin, Spin]
+    """[-] 1 counter-clockwise seen from above, whose drag turns the nose right; -1 clockwise."""
+    thrust_max: Positive
+    """[N] largest thrust of one rotor; four times that is what 1.0 of a thrust command means."""
+    drag_ratio: Positive
+    """[m] drag torque per thrust."""
+
+    @property
+    def height(self) -> float:
+        """[m] of the rotor plane above the centre of mass."""
+        return -sum(z for _, _, z in self.position_B) / 4.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Gear:
+    """Four feet at the corners of a rectangle."""
+
+    half_length: Positive
+    """[m] feet ahead of and behind the centre of mass."""
+    half_width: Positive
+    """[m] feet to its right and left."""
+    height: Positive
+    """[m] feet below it, without load."""
+    sag: Positive
+    """[m] yield under the weight."""
+    friction: Positive
+    """[-] force that the ground holds, per load."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class PositionLoop:
+    """Gains and limits of the on-board loops that hold height and position in free flight."""
+
+    xy_p: Positive
+    """[1/s] horizontal velocity asked for per position error."""
+    xy_velocity_p: Positive
+    """[1/s] acceleration per velocity error."""
+    xy_velocity_i: NonNegative
+    """[1/s^2] acceleration per integrated velocity error."""
+    xy_velocity_max: Positive
+    """[m/s] largest horizontal velocity asked for."""
+    z_p: Positive
+    """[1/s] vertical velocity asked for per height error."""
+    z_velocity_p: Positive
+    """[1/s] acceleration per velocity error."""
+    z_velocity_i: NonNegative
+    """[1/s^2] acceleration per integrated velocity error."""
+    z_velocity_max_up: Positive
+    """[m/s] fastest climb."""
+    z_velocity_max_down: Positive
+    """[m/s] fastest descent."""
+    tilt_max: Annotated[float, Field(gt=0.0, lt=1.2)]
+    """[rad] largest tilt asked for."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
 class Vehicle:
     """A multirotor as a rigid body with torque actuators."""
 
@@ -97,12 +161,35 @@ class Vehicle:
     """[N*m/(m/s)] roll moment per lateral gust: rotor drag times height of the rotor plane above the centre of mass."""
     gust_yaw_ratio: NonNegative
     """[-] yaw moment per vertical gust, divided by `gust_gain`."""
+    heave_drag: NonNegative
+    """[N/(m/s)] force of all rotors in hover per velocity of the air along their axis."""
+    drag_area: NonNegative
+    """[m^2] drag coefficient times area of the body."""
     gyro: Gyro
     """Rate gyro."""
     stabilizer: Stabilizer
     """On-board cascade."""
+    rotors: Rotors
+    """Rotors."""
+    gear: Gear
+    """Feet."""
+    position: PositionLoop
+    """On-board loops of height and position."""
     description: str = field(default="")
     """One line for people."""
+
+    @property
+    def rotor_drag(self) -> float:
+        """[N/(m/s)] force of all rotors in hover per velocity of the air in their plane: what gives `gust_gain`."""
+        return self.gust_gain / self.rotors.height
+
+    @model_validator(mode="after")
+    def _can_fly(self) -> Self:
+        if self.rotors.height <= 0.0:
+            raise ValueError("rotors.position_B: the rotors must be above the centre of mass, z < 0 on average")
+        if 4.0 * self.rotors.thrust_max <= 1.2 * GRAVITY * self.mass:
+            raise ValueError("rotors.thrust_max: four rotors must lift 1.2 times the weight")
+        return self
 
 
 def load_vehicle(name_or_path: str | Path) -> Vehicle:

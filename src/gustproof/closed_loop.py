@@ -8,10 +8,12 @@ from firmware_model.autopilot import Mode
 from firmware_model.compiled import compiled
 from firmware_model.journal import RECORD, WIDTH
 from firmware_model.params import published_limit
-from firmware_model.plant import Array, advance_kernel, observe_kernel
+from firmware_model.plant import advance_kernel, observe_kernel
 from firmware_model.scenario import Scenario
 from firmware_model.sensors import float32
+from firmware_model.signals import RATES_THRUST
 from firmware_model.vehicle import Vehicle
+from firmware_model.world import Array, new_world
 from gustproof.law import Law, Output, law_kernel
 
 
@@ -32,7 +34,7 @@ def fly_direct(
     reference = np.zeros((scenario.samples, 3)) if reference is None else np.ascontiguousarray(reference)
     if reference.shape != (scenario.samples, 3):
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
-    world = plant.new_world(vehicle, scenario, seed)
+    world = new_world(vehicle, scenario, seed)
     records = np.empty((scenario.samples, WIDTH))
     records[:, -1] = Mode.OFFBOARD.value
     torque = law.output is Output.TORQUE
@@ -40,7 +42,8 @@ def fly_direct(
     _fly(
         world.params, world.state, world.gusts, world.moments, world.seed, scenario.sample_us,
         law.A, law.B, law.C, law.D, law.G, law.H, law.limits, reference, scale,
-        plant.TORQUE if torque else plant.RATES, 1.0 if torque else np.inf, scenario.delay_samples, records,
+        plant.TORQUE if torque else plant.RATES, 1.0 if torque else np.inf, np.nan if torque else RATES_THRUST,
+        scenario.delay_samples, records,
     )  # fmt: skip
     return records.view(RECORD)[:, 0]
 
@@ -48,10 +51,11 @@ def fly_direct(
 @compiled
 def _fly(params: Array, state: Array, gusts: Array, moments: Array, seed: int, sample_us: int, A: Array, B: Array,
          C: Array, D: Array, G: Array, H: Array, limits: Array, reference: Array, scale: Array, kind: float,
-         bound: float, delay: int, records: Array) -> None:  # fmt: skip
+         bound: float, thrust: float, delay: int, records: Array) -> None:  # fmt: skip
     n = A.shape[0]
     x, y, command, work = np.zeros(n), np.zeros(6), np.zeros(3), np.zeros(n + 3)
     ring = np.zeros((delay + 1, plant.SETPOINT))
+    ring[:, plant.THRUST] = np.nan
     for k in range(records.shape[0]):
         record = records[k]
         observe_kernel(params, state, gusts, moments, seed, k, sample_us, record)
@@ -60,7 +64,7 @@ def _fly(params: Array, state: Array, gusts: Array, moments: Array, seed: int, s
             y[3 + i] = reference[k, i]
         law_kernel(A, B, C, D, G, H, limits, x, y, command, work)
         slot = ring[k % (delay + 1)]
-        slot[0] = kind
+        slot[0], slot[plant.THRUST] = kind, thrust
         for i in range(3):
             slot[1 + i] = min(max(float32(command[i] / scale[i]), -bound), bound)
         advance_kernel(params, state, seed, k, sample_us, ring[(k + 1) % (delay + 1)], record)

@@ -66,6 +66,10 @@ def test_mcap_and_its_ros2_decoder_find_every_number_under_its_ros_name(bag):
             "gust_B": xyz(one["/gust"].twist.linear),
             "gust_omega_B": xyz(one["/gust"].twist.angular),
             "moment_B": xyz(one["/moment"].wrench.torque),
+            "thrust_z_command": [one["/command/torque"].wrench.force.z],
+            "thrust_z": [one["/actuator/torque"].wrench.force.z],
+            "rotors": list(one["/actuator/rotors"].effort),
+            "wind_N": xyz(one["/wind"].vector),
         }
         assert set(expected) == set(RECORD.names or ()) - {"time_us", "mode"}
         for field, values in expected.items():
@@ -74,7 +78,7 @@ def test_mcap_and_its_ros2_decoder_find_every_number_under_its_ros_name(bag):
 
 def test_stamps_are_model_time_and_frames_say_ned_and_frd(bag):
     records, found = flight(), by_topic(bag)
-    frames = {"/truth/pose": "map_ned", "/truth/velocity": "map_ned"}
+    frames = dict.fromkeys(("/truth/pose", "/truth/velocity", "/wind"), "map_ned")
     for topic in TOPICS:
         for (log_time, message), time_us in zip(found[topic.name], records["time_us"], strict=True):
             stamp = message.header.stamp
@@ -84,6 +88,12 @@ def test_stamps_are_model_time_and_frames_say_ned_and_frd(bag):
 
 def test_an_unknown_attitude_is_marked_as_the_imu_message_asks(bag):
     assert all(message.orientation_covariance[0] == -1.0 for _, message in by_topic(bag)["/imu"])
+
+
+def test_the_rotors_are_named_in_their_order(bag):
+    assert all(
+        message.name == ["rotor_1", "rotor_2", "rotor_3", "rotor_4"] for _, message in by_topic(bag)["/actuator/rotors"]
+    )
 
 
 def test_the_flight_topic_names_the_flight_and_the_mode_is_written_when_it_changes(bag):

@@ -1,11 +1,8 @@
 """Samples in, commands out: a law that steps once a sample, and answers a repeated sample as it did before."""
 
 from firmware_model.frames import Dropped
-from firmware_model.signals import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
+from firmware_model.signals import RATES_THRUST, AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
 from gustproof.law import FlyingLaw, Law, Output
-
-HOVER_THRUST = 0.5
-"""[0..1] thrust sent with body rates; beside torques the autopilot is asked to hold the height."""
 
 
 class Controller:
@@ -35,7 +32,7 @@ class Controller:
             if self._torque:
                 self._answer = TorqueCommand(time_us=time_us, torque_B=command, throttle=None)
             else:
-                self._answer = AttitudeTarget(time_us=time_us, q_NB=None, omega_B=command, thrust=HOVER_THRUST)
+                self._answer = AttitudeTarget(time_us=time_us, q_NB=None, omega_B=command, thrust=RATES_THRUST)
             self._answered_us = time_us
         elif time_us < self._answered_us:
             return Dropped.STALE

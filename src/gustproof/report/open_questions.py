@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from firmware_model.scenario import Dryden, OneMinusCosine, Scenario
+from firmware_model.scenario import Constant, Dryden, Scenario, Wind
 from firmware_model.vehicle import Vehicle
 
 
@@ -99,7 +99,7 @@ def choices(vehicle: Vehicle, scenario: Scenario) -> tuple[OpenQuestion, ...]:
     )
 
 
-def _wind(item: Dryden | OneMinusCosine, scenario: Scenario) -> OpenQuestion:
+def _wind(item: Wind, scenario: Scenario) -> OpenQuestion:
     if isinstance(item, Dryden):
         speed = item.wind_speed_20ft_mps
         airspeed = "the mean wind" if item.airspeed_mps is None else f"{item.airspeed_mps:g} m/s"
@@ -108,6 +108,9 @@ def _wind(item: Dryden | OneMinusCosine, scenario: Scenario) -> OpenQuestion:
             f"MIL-F-8785C, low altitude, {scenario.altitude_m:g} m; mean wind {speed:g} m/s at 20 ft (itself without "
             f"moment); airspeed: {airspeed}",
         )
+    if isinstance(item, Constant):
+        velocity = ", ".join(f"{component:g}" for component in item.velocity_mps)
+        return OpenQuestion("mean wind", f"({velocity}) m/s north, east, down; on the test stand it gives no moment")
     amplitude = ", ".join(f"{component:g}" for component in item.amplitude_mps)
     return OpenQuestion(
         "'wind gust and turbulence', no gust shape",

@@ -20,8 +20,8 @@ from firmware_model.vehicle import load_vehicle
 
 VEHICLE = load_vehicle("paper")
 I_B = np.array(VEHICLE.inertia_B)
-NOTHING = BodyInputs(*[0.0] * 12)
-REST = Body(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, *[0.0] * 9)
+NOTHING = BodyInputs(*[0.0] * 13)
+REST = Body(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, *[0.0] * 10)
 
 
 def params(*, free: bool = False, damping: float = 0.0) -> BodyParams:

@@ -1,0 +1,143 @@
+"""What a flight computes with: the constants and the state of vehicle, air and on-board loops, packed into arrays."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.compiled import compiled
+from firmware_model.elementary import normals
+from firmware_model.free_flight import AirParams, air_params
+from firmware_model.ground import GroundParams, ground_params, standing_height
+from firmware_model.gusts import SINE, SQUARE, STEP, DrydenParams, DrydenState, dryden_filters, dryden_spectrum
+from firmware_model.position import Holding, PositionParams, nothing_held, position_params
+from firmware_model.rigid_body import Body, BodyParams, body_params
+from firmware_model.rotors import RotorParams, rotor_params
+from firmware_model.rows import starts
+from firmware_model.scenario import Dryden, Moment, OneMinusCosine, Scenario, Square, Step
+from firmware_model.sensors import GyroParams
+from firmware_model.stabilizer import Estimate, StabilizerParams, stabilizer_params
+from firmware_model.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
+
+Array = NDArray[np.float64]
+
+# One stream of random numbers for each purpose, so that a new sensor leaves every gust as it was.
+GUST_STREAM, GYRO_STREAM = 1, 2
+
+# Where each NamedTuple starts among the constants, then single numbers; and in the state.
+BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, _SINGLE = starts(
+    [BodyParams, DrydenParams, GyroParams, StabilizerParams, PositionParams, RotorParams, AirParams, GroundParams]
+)
+FREE, STEPS, GUST_SCALE, WIND, WEIGHT = _SINGLE, _SINGLE + 1, _SINGLE + 2, _SINGLE + 3, _SINGLE + 6
+X_BODY, X_DRYDEN, X_ESTIMATE, X_HOLDING, X_LOAD = starts([Body, DrydenState, Estimate, Holding])
+X_DIRECT = X_LOAD + 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class World:
+    """Everything that a flight computes with, as arrays that the kernels take."""
+
+    params: Array
+    """(n,) constants, each NamedTuple in a row with its own units."""
+    state: Array
+    """(n,) body, air and on-board loop, each NamedTuple in a row with its own units; moved on by the kernels."""
+    gusts: Array
+    """(n, 5) discrete gusts: amplitude [m/s] B, start [s], length [s]."""
+    moments: Array
+    """(n, 6) direct moments: amplitude [N*m] B, then rate [rad/s] and phase [rad], or start [s]; and the kind."""
+    seed: int
+    """Seed of all that is random."""
+    vehicle: Vehicle
+    """What the constants were made from."""
+    dt: float
+    """[s] from sample to sample."""
+
+    def set_gust_scale(self, scale: float) -> None:
+        """Make all gusts from now on `scale` times what the scenario says; the mean wind stays."""
+        self.params[GUST_SCALE] = scale
+
+    def set_stabilizer(self, gains: Stabilizer) -> None:
+        """Change the gains of the attitude and rate loops."""
+        self.params[STABILIZER:POSITION] = stabilizer_params(self.vehicle, gains, self.dt)
+
+    def set_position_loop(self, gains: PositionLoop) -> None:
+        """Change gains and limits of the height and position loops."""
+        self.params[POSITION:ROTORS] = position_params(self.vehicle, gains, self.dt)
+
+
+def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> World:
+    """Return a vehicle at rest and level at the scenario's height, in trimmed hover, in stationary air.
+
+    A `standing` one has its motors off; it stands on the ground, or is clamped on the test stand.
+
+    Raises
+    ------
+    ValueError
+        If the seed is not in [0, 2^32), or the vehicle's rotors can't fly it.
+    """
+    if not 0 <= seed < 2**32:
+        raise ValueError(f"seed is {seed}, must be in [0, 2^32)")
+    dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
+    dryden_params, dryden_state = _air(vehicle, scenario, dryden, seed)
+    estimate = Estimate(1.0, *[0.0] * 12)
+    weight = vehicle.mass * GRAVITY
+    height = standing_height(vehicle) if standing and scenario.free else scenario.altitude_m
+    body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, 1.0, *[0.0] * 10)._replace(thrust=0.0 if standing else weight)
+    params = np.concatenate(
+        [
+            body_params(vehicle, free=scenario.free),
+            dryden_params,
+            _gyro_params(vehicle, scenario),
+            stabilizer_params(vehicle, vehicle.stabilizer, scenario.dt),
+            position_params(vehicle, vehicle.position, scenario.dt),
+            rotor_params(vehicle),
+            air_params(vehicle),
+            ground_params(vehicle),
+            [scenario.free, scenario.physics_rate_hz // scenario.control_rate_hz, 1.0, *scenario.mean_wind_N, weight],
+        ]
+    )
+    gusts = [
+        (*item.amplitude_mps, item.start_s, item.length_s) for item in scenario.wind if isinstance(item, OneMinusCosine)
+    ]
+    return World(
+        params=params,
+        state=np.concatenate([body, dryden_state, estimate, nothing_held(), [0.0] * 4]),
+        gusts=np.array(gusts, dtype=np.float64).reshape(-1, 5),
+        moments=np.array([_row(item) for item in scenario.moment], dtype=np.float64).reshape(-1, 6),
+        seed=seed,
+        vehicle=vehicle,
+        dt=scenario.dt,
+    )
+
+
+def _row(moment: Moment) -> tuple[float, ...]:
+    if isinstance(moment, Step):
+        return (*moment.amplitude_nm, moment.start_s, 0.0, STEP)
+    kind = SQUARE if isinstance(moment, Square) else SINE
+    return (*moment.amplitude_nm, moment.rate_rad_s, moment.phase_rad, kind)
+
+
+def _gyro_params(vehicle: Vehicle, scenario: Scenario) -> GyroParams:
+    """Noise is stated for 250 Hz; as a density it grows with the root of the sample rate."""
+    instrument = vehicle.gyro
+    ratio = instrument.noise_ratio * math.sqrt(scenario.control_rate_hz / 250.0) * scenario.gyro.noise
+    steady = instrument.noise_model is NoiseModel.CONSTANT
+    b_x, b_y, b_z = (b + fault for b, fault in zip(instrument.bias_B, scenario.gyro.bias_rad_s, strict=True))
+    sigma = ratio * instrument.reference_rate if steady else 0.0
+    return GyroParams(sigma, 0.0 if steady else ratio, b_x, b_y, b_z, instrument.range)
+
+
+def _air(vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int) -> tuple[DrydenParams, DrydenState]:
+    if dryden is None:
+        return DrydenParams(*[0.0] * len(DrydenParams._fields)), DrydenState(*[0.0] * 8)
+    spectrum = dryden_spectrum(dryden, scenario.altitude_m, vehicle.span)
+    params, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
+    # Blocks 0 and 1 of sample 0 drive its step, 2 and 3 are its initial state.
+    draw = np.array([*_normals(seed, GUST_STREAM, 0, 2), *_normals(seed, GUST_STREAM, 0, 3)])
+    return params, DrydenState(*(factor @ draw).tolist())
+
+
+@compiled
+def _normals(seed: int, stream: int, sample: int, block: int) -> tuple[float, float, float, float]:
+    return normals(seed, stream, sample, block)
