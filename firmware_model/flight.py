@@ -112,8 +112,8 @@ class Flight:
         """Tell the autopilot the time, before anything is asked of it."""
         self.autopilot.clock_us = self.clock_us(now_us)
 
-    def offer(self, command: Command, now_us: int) -> Dropped | None:
-        """Take a set-point, or say why not.
+    def offer(self, command: Command) -> Dropped | None:
+        """Take a set-point that arrived at the last tick, or say why not.
 
         In lockstep only the stamp of the current sample is taken; in real time any that is not older than the last,
         as other controllers stamp with clocks of their own. A stream that has died takes its stamps with it.
@@ -127,7 +127,6 @@ class Flight:
         elif self.setpoint is not None and command.time_us < self.setpoint.time_us:
             return Dropped.STALE
         self.setpoint, self._answered = command, True
-        self.tick(now_us)
         self.autopilot.hear_setpoint()
         return None
 

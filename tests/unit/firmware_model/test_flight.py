@@ -77,7 +77,8 @@ class Paced:
 
     def offer(self, time_us: int = 0, thrust: float = 0.5) -> Dropped | None:
         command = AttitudeTarget(time_us=time_us, q_NB=(1.0, 0.0, 0.0, 0.0), omega_B=None, thrust=thrust)
-        return self.flight.offer(command, self.now_us)
+        self.flight.tick(self.now_us)
+        return self.flight.offer(command)
 
     def enter_offboard(self) -> None:
         self.offer()
