@@ -5,6 +5,7 @@ from firmware_model.services import streams
 from firmware_model.services.service import Service, Stream
 
 SET, GET, ONCE = wire.MAV_CMD_SET_MESSAGE_INTERVAL, wire.MAV_CMD_GET_MESSAGE_INTERVAL, wire.MAV_CMD_REQUEST_MESSAGE
+ATTITUDE, HUD = wire.MAVLINK_MSG_ID_ATTITUDE, wire.MAVLINK_MSG_ID_VFR_HUD
 ACCEPTED, NOT_NOW, DENIED, UNSUPPORTED = 0, 1, 2, 3
 PING, TARGET, MODES = wire.MAVLINK_MSG_ID_PING, wire.MAVLINK_MSG_ID_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_AVAILABLE_MODES
 
@@ -16,7 +17,7 @@ def ping(number: int = 0):
 @pytest.fixture
 def service(craft):
     craft.services = Service(
-        streams={PING: Stream(ping, 1000), TARGET: Stream(lambda: None)},
+        streams={PING: Stream(ping, 1000), TARGET: Stream(lambda: None), ATTITUDE: Stream(ping), HUD: Stream(ping)},
         shows={MODES: lambda index: [ping(number) for number in (1, 2, 3) if index in (0, number)]},
     )
     return streams.service(craft)
@@ -83,8 +84,8 @@ def test_request_of_one_message_is_answered(service, order, peer, numbers, resul
 
 def test_old_clients_set_the_rates_of_groups(service, ask, peer):
     ask(service, wire.MAVLink_request_data_stream_message(1, 1, wire.MAV_DATA_STREAM_EXTRA1, 4, 1))
-    assert peer.intervals == {wire.MAVLINK_MSG_ID_ATTITUDE: 250_000}
+    assert peer.intervals == {ATTITUDE: 250_000}
     ask(service, wire.MAVLink_request_data_stream_message(1, 1, wire.MAV_DATA_STREAM_EXTRA1, 4, 0))
-    assert peer.intervals == {wire.MAVLINK_MSG_ID_ATTITUDE: None}
-    ask(service, wire.MAVLink_request_data_stream_message(1, 1, wire.MAV_DATA_STREAM_ALL, 0, 1))
-    assert len(peer.intervals) > 5
+    assert peer.intervals == {ATTITUDE: None}
+    ask(service, wire.MAVLink_request_data_stream_message(1, 1, wire.MAV_DATA_STREAM_ALL, 2, 1))
+    assert peer.intervals == {ATTITUDE: 500_000, HUD: 500_000}  # of all groups, what is told here
