@@ -7,7 +7,7 @@ import numpy as np
 
 from gustproof.errors import DesignError
 from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied, lft
-from gustproof.numerics.norms import hinf_norm
+from gustproof.numerics.norms import Peak, hinf_norm
 from gustproof.numerics.riccati import RiccatiError, stabilizing_solution
 from gustproof.synthesis.conditions import Normalized, normalize
 
@@ -66,7 +66,8 @@ class _Half(NamedTuple):
     """(m1 + m2, n) D1^T C1."""
     Q: Matrix
     """(n, n) C1^T C1."""
-    m1: int
+    J: Matrix
+    """(m1 + m2, m1 + m2) identity on w, 0 on u."""
     natural_size: float
     """Size of a solution, by which an eigenvalue is judged."""
 
@@ -123,7 +124,13 @@ def hinfsyn(
     if not (np.isfinite(backoff) and backoff > 1.0):
         raise ValueError(f"backoff is {backoff!r}, must be above 1")
     plant = copied(P)
-    problem = normalize(plant, n_meas, n_con)
+    try:
+        return _synthesized(plant, normalize(plant, n_meas, n_con), gamma, backoff)
+    except (np.linalg.LinAlgError, OverflowError) as error:
+        raise DesignError(f"the plant is too badly scaled to solve: {error}") from None
+
+
+def _synthesized(plant: Lti, problem: Normalized, gamma: float | None, backoff: float) -> HinfResult:
     halves = _halves(problem)
     gamma_opt = _least_level(halves, problem.floor)
     level = backoff * gamma_opt if gamma is None else gamma
@@ -132,9 +139,7 @@ def hinfsyn(
     solution = _solve(halves, level)
     _require_controller(solution, level)
     K = _central(problem, solution, level)
-    peak = hinf_norm(lft(plant, K))
-    if not peak.gain < level:
-        raise DesignError(f"rounding spoilt the controller at gamma = {level:.6g}: its norm is {peak.gain:.6g}")
+    peak = _peak(plant, K, level)
     return HinfResult(
         controller=K,
         gamma_opt=gamma_opt,
@@ -144,6 +149,17 @@ def hinfsyn(
         X=solution.X,
         Y=solution.Y,
     )
+
+
+def _peak(plant: Lti, K: Lti, gamma: float) -> Peak:
+    """Return the norm of the closed loop, or raise if it is not below the level that `K` was made for."""
+    try:
+        peak = hinf_norm(lft(plant, K))
+    except ValueError as error:
+        raise DesignError(f"rounding spoilt the controller at gamma = {gamma:.6g}: {error}") from None
+    if not peak.gain < gamma:
+        raise DesignError(f"rounding spoilt the controller at gamma = {gamma:.6g}: its norm is {peak.gain:.6g}")
+    return peak
 
 
 def _least_level(halves: tuple[_Half, _Half], floor: float) -> float:
@@ -194,13 +210,14 @@ def _margin(halves: tuple[_Half, _Half], gamma: float) -> float:
 
 def _halves(problem: Normalized) -> tuple[_Half, _Half]:
     A, B, C, m1, p1 = problem.A, problem.B, problem.C, problem.m1, problem.p1
-    C1, D1, B1, D_1 = C[:p1], problem.D[:p1], B[:, :m1], problem.D[:, :m1]
-    speed = float(np.linalg.norm(A, 2))
-    sizes = [float(np.linalg.norm(part, 2)) ** 2 / speed if speed else 1.0 for part in (C1, B1)]
-    return (
-        _Half(A=A, B=B, R=D1.T @ D1, S=D1.T @ C1, Q=C1.T @ C1, m1=m1, natural_size=sizes[0]),
-        _Half(A=A.T, B=C.T, R=D_1 @ D_1.T, S=D_1 @ B1.T, Q=B1 @ B1.T, m1=p1, natural_size=sizes[1]),
-    )
+    B1, C1, D1 = B[:, :m1], C[:p1], problem.D[:p1]
+    return _prepared(A, B, C1, D1, m1), _prepared(A.T, C.T, B1.T, problem.D[:, :m1].T, p1)
+
+
+def _prepared(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int) -> _Half:
+    natural_size = float(np.linalg.norm(C1, 2) ** 2 / np.linalg.norm(A, 2)) if np.any(A) else 1.0
+    J = np.diag((np.arange(D1.shape[1]) < m1).astype(np.float64))
+    return _Half(A=A, B=B, R=D1.T @ D1, S=D1.T @ C1, Q=C1.T @ C1, J=J, natural_size=natural_size)
 
 
 def _solve(halves: tuple[_Half, _Half], gamma: float) -> _Solution:
@@ -220,10 +237,8 @@ def _solve(halves: tuple[_Half, _Half], gamma: float) -> _Solution:
 
 def _half(half: _Half, gamma: float) -> tuple[Matrix, Matrix, bool]:
     """Return a Riccati solution, its gain, and whether it has no negative eigenvalue."""
-    n, (A, B, R, S, Q, m1, natural_size) = half.A.shape[0], half
-    R = R.copy()
-    R.ravel()[: m1 * R.shape[0] : R.shape[0] + 1] -= gamma**2
-    RS, RB = np.split(np.linalg.solve(R, np.hstack([S, B.T])), [n], axis=1)
+    n, (A, B, R, S, Q, J, natural_size) = half.A.shape[0], half
+    RS, RB = np.split(np.linalg.solve(R - gamma**2 * J, np.hstack([S, B.T])), [n], axis=1)
     H = np.empty((2 * n, 2 * n))
     H[:n, :n] = A - B @ RS
     H[:n, n:] = -B @ RB

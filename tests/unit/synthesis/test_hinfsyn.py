@@ -1,5 +1,6 @@
 """The least level of the designs, what a returned controller must do, each ill-posed problem by name."""
 
+import contextlib
 import dataclasses
 
 import control
@@ -95,6 +96,19 @@ def test_python_controls_objects_go_in_and_come_out():
 def test_a_level_below_the_least_is_refused_with_both_numbers():
     with pytest.raises(DesignError, match=r"gamma = 0\.2: the least level is 0\.21"):
         hinfsyn(design_plant("D1"), 3, 3, gamma=0.2)
+
+
+def test_a_plant_that_no_arithmetic_can_hold_is_refused_by_name():
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        n, decades = int(rng.integers(1, 5)), rng.choice([40, 150])
+        A, B, C, D = (
+            rng.normal(size=shape) * 10.0 ** rng.uniform(-decades, decades, size=shape)
+            for shape in ((n, n), (n, 3), (3, n), (3, 3))
+        )
+        with contextlib.suppress(DesignError), np.errstate(all="ignore"):
+            result = hinfsyn(Lti(A=A, B=B, C=C, D=D), 1, 1)
+            assert result.norm < result.gamma
 
 
 LAG = {"A": [[-1.0]], "B": [[1.0, 0.0, 1.0]], "C": [[1.0], [0.0], [1.0]]}
