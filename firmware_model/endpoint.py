@@ -240,12 +240,12 @@ class VehicleEndpoint:
         if self._signing is not None and (cause := self._signing.refusal(frame)):
             return cause
         listener = self._heard(peer, frame, now_us)
-        return Dropped.TOO_MANY_PEERS if listener is None else self._dispatch(frame, listener, now_us)
+        return Dropped.TOO_MANY_PEERS if listener is None else self._dispatch(frame, listener)
 
-    def _dispatch(self, frame: Frame, listener: Listener, now_us: int) -> Dropped | None:
+    def _dispatch(self, frame: Frame, listener: Listener) -> Dropped | None:
         kind = frame.message_id
         if kind in _SETPOINTS:
-            return self._take_setpoint(frame, listener, now_us)
+            return self._take_setpoint(frame, listener)
         handler = self._requests.get(kind)
         if handler is None:
             return None if kind == wire.MAVLINK_MSG_ID_HEARTBEAT else Dropped.UNUSED_MESSAGE
@@ -256,14 +256,14 @@ class VehicleEndpoint:
         handler(request, _Asker(self, listener))
         return None
 
-    def _take_setpoint(self, frame: Frame, listener: Listener, now_us: int) -> Dropped | None:
+    def _take_setpoint(self, frame: Frame, listener: Listener) -> Dropped | None:
         rival = self._commander is not None and self._commander is not listener
         if rival and self.autopilot.stream_alive:
             return Dropped.NOT_IN_COMMAND
         command = messages.command(frame, self.system)
         if isinstance(command, Dropped):
             return command
-        cause = self.flight.offer(command, now_us)
+        cause = self.flight.offer(command)
         if cause is None:
             self._commander = listener
         return cause
