@@ -201,6 +201,15 @@ def test_the_loop_is_stable_below_its_level_and_its_norm_is_slicots(seed):
     assert control.norm(loop, "inf") == pytest.approx(result.norm, rel=SAME_NORM)
 
 
+@pytest.mark.parametrize("seed", [seed for seed in range(PLANTS) if random_plant(seed)[0].is_stable()])
+def test_the_norm_of_a_stable_plant_is_slicots_and_no_frequency_exceeds_it(seed):
+    P = random_plant(seed)[0]
+    peak = hinf_norm(P)
+    assert control.norm(P.to_control(), "inf") == pytest.approx(peak.gain, rel=SAME_NORM)
+    gains = np.linalg.norm(P.response(np.geomspace(1e-3, 1e3, 500)), 2, axis=(1, 2))
+    assert np.max(gains) <= (1.0 + SAME_NORM) * peak.gain
+
+
 @pytest.mark.parametrize("seed", [seed for seed in range(PLANTS) if random_plant(seed)[0].order <= SMALL])
 def test_the_least_level_of_a_small_plant_is_the_optimum_of_the_inequalities(seed):
     assert least_level_by_inequalities(seed) == pytest.approx(hinfsyn(*random_plant(seed)).gamma_opt, rel=AGREED)
