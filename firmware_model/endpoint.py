@@ -25,11 +25,13 @@ from firmware_model.flight import Due, Flight
 from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer, parse
 from firmware_model.listener import Listener, Listeners
 from firmware_model.loop import VehicleLoop
-from firmware_model.params import Parameters
+from firmware_model.params import GUST_SCALE_NAME, Parameters
 from firmware_model.scenario import Scenario
 from firmware_model.services import (
+    actuators,
     clock,
     commands,
+    files,
     identity,
     logs,
     mission,
@@ -65,7 +67,9 @@ _SETPOINTS = (wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_SET_A
 
 
 _SERVICES = (
+    actuators.service,
     clock.service,
+    files.service,
     identity.service,
     logs.service,
     mission.service,
@@ -234,6 +238,9 @@ class VehicleEndpoint:
     def apply_parameters(self) -> None:
         """Let changed parameters act."""
         self.autopilot.settings = self.parameters.settings()
+        self.loop.set_gust_scale(self.parameters[GUST_SCALE_NAME])
+        self.loop.set_stabilizer(self.parameters.stabilizer())
+        self.loop.set_position_loop(self.parameters.position_loop())
 
     def _take(self, frame: Frame, peer: Peer, now_us: int) -> Dropped | None:
         # Before anything else: who does not prove himself takes no place among the peers.
