@@ -7,20 +7,25 @@ the published limit is too: controller and vehicle both use that number, and no 
 
 import math
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
 from firmware_model.autopilot import FailSafe, Settings
+from firmware_model.gains import POSITION_GAINS, Gain, changed, stabilizer_gains
 from firmware_model.scenario import Scenario
 from firmware_model.signals import Vector
-from firmware_model.vehicle import Vehicle
+from firmware_model.vehicle import PositionLoop, Stabilizer, Vehicle
 
 TORQUE_LIMIT_NAMES = ("GP_TRQ_MAX_R", "GP_TRQ_MAX_P", "GP_TRQ_MAX_Y")
 """Largest torque about roll, pitch and yaw."""
 RATE_NAME = "IMU_INTEG_RATE"
 """Samples and commands per second."""
+
+GUST_SCALE_NAME = "GP_GUST_SCALE"
+"""Intensity of the gusts."""
 
 _DEVICE = 1_310_988  # PX4's number for the first simulated sensor; clients take 0 for one that is not calibrated
 
@@ -103,6 +108,14 @@ def _table(vehicle: Vehicle, scenario: Scenario) -> tuple[Parameter, ...]:
                   meaning="Least height above home on the way home"),
         Parameter(name="MPC_LAND_SPEED", default=usual.land_speed, unit="m/s", minimum=0.2, maximum=1.5,
                   meaning="Descent near the ground"),
+        Parameter(name=GUST_SCALE_NAME, default=1.0, minimum=0.0, maximum=3.0,
+                  meaning="All gusts, as a multiple of what the scenario says"),
+        *(
+            Parameter(name=name, default=gain.told(loop), unit=gain.unit, minimum=gain.minimum, maximum=gain.maximum,
+                      meaning=gain.meaning)
+            for gains, loop in ((stabilizer_gains(vehicle), vehicle.stabilizer), (POSITION_GAINS, vehicle.position))
+            for name, gain in gains.items()
+        ),
         Parameter(name="COM_RC_IN_MODE", default=4, read_only=True, meaning="4: no sticks"),
         Parameter(name="SYS_AUTOSTART", default=4001, read_only=True, meaning="PX4's generic quadcopter"),
         Parameter(name="SYS_HAS_MAG", default=1, read_only=True,
@@ -120,7 +133,7 @@ class Parameters:
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario, *, bytewise: bool = True) -> None:
         self.table = _table(vehicle, scenario)
-        self._bytewise = bytewise
+        self._vehicle, self._bytewise = vehicle, bytewise
         self._values = {parameter.name: parameter.default for parameter in self.table}
         self._index = {parameter.name: index for index, parameter in enumerate(self.table)}
 
@@ -163,6 +176,15 @@ class Parameters:
             land_speed=self["MPC_LAND_SPEED"],
         )
 
+    def stabilizer(self) -> Stabilizer:
+        """Return the gains of the attitude and rate loops as they are set."""
+        gains = stabilizer_gains(self._vehicle)
+        return changed(self._vehicle.stabilizer, gains, self._set(gains))
+
+    def position_loop(self) -> PositionLoop:
+        """Return gains and limits of the height and position loops as they are set."""
+        return changed(self._vehicle.position, POSITION_GAINS, self._set(POSITION_GAINS))
+
     def reference(self) -> list[dict[str, str | float]]:
         """Return what is to be known about each parameter."""
         return [
@@ -176,3 +198,7 @@ class Parameters:
             }
             for parameter in self.table
         ]
+
+    def _set(self, gains: Mapping[str, Gain]) -> dict[str, float]:
+        """Return those of the gains that are not as they were at start."""
+        return {name: self[name] for name in gains if self[name] != self.table[self._index[name]].default}

@@ -1,4 +1,4 @@
-"""How the vehicle moves: what it measures, what it takes for its attitude, the truth, and the gust that it is in.
+"""How the vehicle moves: what it measures, what it takes for its attitude, the truth, and the air that it is in.
 
 References
 ----------
@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model import messages
 from firmware_model.frames import Message
+from firmware_model.loop import VehicleLoop
 from firmware_model.rotations import euler_angles, rotate
 from firmware_model.services.place import ORIGIN_HEIGHT, centi, globe, int16
 from firmware_model.services.service import Craft, Service, Stream
@@ -33,11 +34,12 @@ def service(craft: Craft) -> Service:
 
     def truth() -> Message:
         sample = loop.observe()
-        return truth_message(sample, loop.q_NB, *(loop.truth(name) for name in ("omega_B", "position_N", "velocity_N")))
+        omega_B, position_N, velocity_N = (loop.truth(name) for name in ("omega_B", "position_N", "velocity_N"))
+        return truth_message(sample, loop.q_NB, omega_B, position_N, velocity_N, math.dist(velocity_N, air_N(loop)))
 
     def wind() -> Message:
         time_us = loop.observe().time_us
-        return wind_message(time_us, rotate(loop.q_NB, loop.truth("gust_B")), loop.truth("position_N"))
+        return wind_message(time_us, air_N(loop), loop.truth("position_N"))
 
     return Service(
         streams={
@@ -48,6 +50,13 @@ def service(craft: Craft) -> Service:
             wire.MAVLINK_MSG_ID_WIND_COV: Stream(wind, 100_000),
         }
     )
+
+
+def air_N(loop: VehicleLoop) -> Vector:
+    """Return how the air moves at the vehicle, mean wind and gust, [m/s] N, blowing toward."""
+    loop.observe()
+    wind, gust = loop.truth("wind_N"), rotate(loop.q_NB, loop.truth("gust_B"))
+    return wind[0] + gust[0], wind[1] + gust[1], wind[2] + gust[2]
 
 
 def attitude_message(sample: ImuSample, q_NB: Quaternion) -> Message:
@@ -62,17 +71,17 @@ def attitude_quaternion_message(sample: ImuSample, q_NB: Quaternion) -> Message:
 
 
 def truth_message(
-    sample: ImuSample, q_NB: Quaternion, omega_B: Vector, position_N: Vector, velocity_N: Vector
+    sample: ImuSample, q_NB: Quaternion, omega_B: Vector, position_N: Vector, velocity_N: Vector, airspeed: float
 ) -> Message:
     """Return HIL_STATE_QUATERNION: the true state, in degrees, mm, cm/s and mG."""
-    airspeed = min(round(100.0 * math.hypot(*velocity_N)), 65535)
+    air_cm = min(round(100.0 * airspeed), 65535)
     return wire.MAVLink_hil_state_quaternion_message(
-        sample.time_us, q_NB, *omega_B, *globe(position_N), *(centi(v) for v in velocity_N), airspeed, airspeed,
+        sample.time_us, q_NB, *omega_B, *globe(position_N), *(centi(v) for v in velocity_N), air_cm, air_cm,
         *(int16(_MILLI_G * f) for f in sample.specific_force_B),
     )  # fmt: skip
 
 
-def wind_message(time_us: int, gust_N: Vector, position_N: Vector) -> Message:
-    """Return WIND_COV: the gust [m/s] N at the vehicle, blowing toward; exact, of unknown spread."""
+def wind_message(time_us: int, air_N: Vector, position_N: Vector) -> Message:
+    """Return WIND_COV: how the air moves at the vehicle [m/s] N, blowing toward; exact, of unknown spread."""
     height = ORIGIN_HEIGHT - position_N[2]
-    return wire.MAVLink_wind_cov_message(time_us, *gust_N, _UNKNOWN, _UNKNOWN, height, 0.0, 0.0)
+    return wire.MAVLink_wind_cov_message(time_us, *air_N, _UNKNOWN, _UNKNOWN, height, 0.0, 0.0)

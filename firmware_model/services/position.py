@@ -10,6 +10,7 @@ import math
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.frames import Message
+from firmware_model.services.motion import air_N
 from firmware_model.services.place import ORIGIN_HEIGHT, centi, globe
 from firmware_model.services.service import ACCEPTED, Answer, Client, Craft, Order, Service, Stream
 from firmware_model.signals import Quaternion, Vector
@@ -71,7 +72,9 @@ def _hud(craft: Craft) -> Message:
     _, position, velocity = _navigation(craft)
     speed = math.hypot(velocity[0], velocity[1])
     course = round(math.degrees(heading(craft.loop.q_NB))) % 360
-    return wire.MAVLink_vfr_hud_message(speed, speed, course, 0, ORIGIN_HEIGHT - position[2], -velocity[2])
+    airspeed = math.dist(velocity, air_N(craft.loop))
+    throttle = round(100.0 * min(max(craft.loop.thrust, 0.0), 1.0))
+    return wire.MAVLink_vfr_hud_message(airspeed, speed, course, throttle, ORIGIN_HEIGHT - position[2], -velocity[2])
 
 
 def _gps(craft: Craft) -> Message:

@@ -34,17 +34,17 @@ def test_attitude_quaternion_is_scalar_first():
 
 def test_truth_is_told_in_degrees_millimetres_and_milli_g():
     message = motion.truth_message(
-        SAMPLE, (1.0, 0.0, 0.0, 0.0), (0.1, 0.2, 0.3), (111.19492664455873, 0.0, -10.0), (1.0, -2.0, 0.5)
+        SAMPLE, (1.0, 0.0, 0.0, 0.0), (0.1, 0.2, 0.3), (111.19492664455873, 0.0, -10.0), (1.0, -2.0, 0.5), 3.5
     )
     assert message.lat == 473_987_420  # .001 deg north of 47.397742, 111.19 m on a sphere of 6371 km
     assert message.lon == 85_455_940
     assert message.alt == 498_000  # 10 m above 488 m
     assert (message.vx, message.vy, message.vz) == (100, -200, 50)
-    assert message.zacc == -1000
+    assert (message.ind_airspeed, message.zacc) == (350, -1000)
     message.pack(wire.MAVLink(None, 1, 1))
 
 
 def test_truth_beyond_the_fields_range_is_clipped_not_refused():
-    message = motion.truth_message(SAMPLE, (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, (1e6, -1e6, 0.0))
+    message = motion.truth_message(SAMPLE, (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, (1e6, -1e6, 0.0), 1e6)
     assert (message.vx, message.vy) == (32767, -32768)
     message.pack(wire.MAVLink(None, 1, 1))

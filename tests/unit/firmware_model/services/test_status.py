@@ -5,7 +5,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot import Mode
 from firmware_model.rotations import rotate
-from firmware_model.services import identity, logs, motion, setpoints, status
+from firmware_model.services import actuators, identity, logs, motion, setpoints, status
 from firmware_model.signals import AttitudeTarget, TorqueCommand
 
 
@@ -72,8 +72,17 @@ def test_echo_is_of_what_is_tracked(craft):
 
 def test_gust_is_told_as_wind_that_blows_toward(craft):
     message = told(motion.service(craft), wire.MAVLINK_MSG_ID_WIND_COV)
-    gust_N = rotate(craft.loop.q_NB, craft.loop.truth("gust_B"))
+    gust_N = rotate(craft.loop.q_NB, craft.loop.truth("gust_B"))  # there is no mean wind in it
     assert (message.wind_x, message.wind_y, message.wind_z) == pytest.approx(gust_N)
     assert message.wind_alt == 498.0
     east = motion.wind_message(0, (0.0, 5.0, 0.0), (0.0, 0.0, 0.0))
     assert (east.wind_x, east.wind_y) == (0.0, 5.0)
+
+
+def test_rotors_are_told_as_fractions_and_as_pulses(craft):
+    service = actuators.service(craft)
+    outputs = told(service, wire.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS)
+    assert outputs.actuator[:5] == pytest.approx([0.5, 0.5, 0.5, 0.5, 0.0])  # hovers at half throttle
+    assert outputs.active == 0b1111
+    servos = told(service, wire.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)
+    assert [servos.servo1_raw, servos.servo4_raw, servos.servo5_raw] == [1500, 1500, 0]
