@@ -3,7 +3,7 @@
 from enum import Enum
 
 import numpy as np
-from scipy.linalg.lapack import dgebal, dgees
+from scipy.linalg.lapack import dgebal, dgecon, dgees, dgetrf, dgetrs
 
 from gustproof.errors import DesignError
 from gustproof.numerics.lti import Matrix
@@ -62,9 +62,10 @@ def stabilizing_solution(H: Matrix) -> Matrix:
     if info or stable != n or np.min(np.abs(real)) <= _AXIS_TOLERANCE * largest:
         raise RiccatiError(RiccatiFailure.AXIS)
     U1, U2 = U[:n, :n], U[n:, :n]
-    if 1.0 / np.linalg.cond(U1) < _RANK_TOLERANCE:
+    factors, pivots, _ = dgetrf(U1.T)
+    if dgecon(factors, np.linalg.norm(U1, np.inf))[0] < _RANK_TOLERANCE:
         raise RiccatiError(RiccatiFailure.COMPLEMENT)
-    X = np.linalg.solve(U1.T, U2.T).T * np.outer(scale[:n], scale[:n])
+    X = dgetrs(factors, pivots, U2.T)[0].T * np.outer(scale[:n], scale[:n])
     return np.asarray(0.5 * (X + X.T), dtype=np.float64)
 
 
