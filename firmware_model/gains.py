@@ -76,10 +76,13 @@ POSITION_GAINS = {
 def changed(loop: _Loop, gains: Mapping[str, Gain], told: Mapping[str, float]) -> _Loop:
     """Return a loop with the numbers of `told` in their places, by name and in people's units."""
     for name, value in told.items():
-        gain = gains[name]
-        new: Any = value / gain.scale
-        if gain.axis is not None:
-            old = getattr(loop, gain.field)
-            new = (*old[: gain.axis], new, *old[gain.axis + 1 :])
-        loop = replace(loop, **{gain.field: new})
+        loop = replace(loop, **{gains[name].field: _field(loop, gains[name], value)})
     return loop
+
+
+def _field(loop: Stabilizer | PositionLoop, gain: Gain, value: float) -> Any:
+    new = value / gain.scale
+    if gain.axis is None:
+        return new
+    old = getattr(loop, gain.field)
+    return (*old[: gain.axis], new, *old[gain.axis + 1 :])

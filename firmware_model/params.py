@@ -163,7 +163,9 @@ class Parameters:
             value = struct.unpack("<i", struct.pack("<f", value))[0]
         if not parameter.allows(value):
             return Refusal.OUT_OF_RANGE
-        self._values[name] = int(value) if whole else value
+        # What is set to the start value as it was told is that value again, with the bits that a float32 has not.
+        start = value == float(np.float32(parameter.default))
+        self._values[name] = parameter.default if start else int(value) if whole else value
         return None
 
     def settings(self) -> Settings:

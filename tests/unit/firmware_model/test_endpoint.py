@@ -25,15 +25,18 @@ ARM, MODE = wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_CMD_DO_SET_MODE
 class Vehicle:
     """An endpoint, its clock, and what each peer has heard since it was last asked."""
 
-    def __init__(self, *, lockstep: bool, duration_s: float = 0.2, **options) -> None:
+    def __init__(self, *, lockstep: bool, scenario: str = "calm", duration_s: float = 0.2, **options) -> None:
         self.modes: list[float] = []
-        scenario = replace(load_scenario("calm"), duration_s=duration_s)
-        self.endpoint = VehicleEndpoint(
-            load_vehicle("paper"), scenario, 1, lambda row: self.modes.append(row[-1]), lockstep=lockstep, **options
-        )
+        self.rates: list[list[float]] = []
+        script = replace(load_scenario(scenario), duration_s=duration_s)
+        self.endpoint = VehicleEndpoint(load_vehicle("paper"), script, 1, self.record, lockstep=lockstep, **options)
         self.now_us = 0
         self.heard: dict[int, list] = {}
         self.raw: dict[int, list[Frame]] = {}
+
+    def record(self, row) -> None:
+        self.modes.append(row[-1])
+        self.rates.append(row[1:4].tolist())
 
     def say(self, message, *, port: int = 1, component: int = CONTROLLER, system: int = 1) -> None:
         datagram = message.pack(wire.MAVLink(None, system, component))
@@ -305,6 +308,40 @@ def test_set_parameter_is_told_to_all_peers(vehicle):
         (value,) = vehicle.take("PARAM_VALUE", port)
         assert (value.param_id, value.param_value) == ("COM_OF_LOSS_T", 2.0)
     assert vehicle.endpoint.autopilot.settings.stream_timeout_us == 2_000_000
+
+
+def test_gust_intensity_acts_in_flight():
+    vehicle = Vehicle(lockstep=False, scenario="paper-turbulence", duration_s=1.0)
+    vehicle.take_off()
+    gusts = []
+    for scale in (1.0, 0.0):
+        vehicle.say(wire.MAVLink_param_set_message(1, 1, b"GP_GUST_SCALE", scale, 9))
+        vehicle.wait(100_000)
+        vehicle.take("WIND_COV")
+        vehicle.wait(100_000)
+        (wind,) = vehicle.take("WIND_COV")
+        gusts.append(math.hypot(wind.wind_x, wind.wind_y, wind.wind_z))
+    assert gusts[0] > 0.1
+    assert gusts[1] == 0.0
+
+
+def test_gains_act_in_flight_and_to_set_them_to_what_they_are_changes_no_bit():
+    flights = []
+    for value in (None, 0.35, 0.1):  # 0.35 is the paper's vehicle
+        vehicle = Vehicle(lockstep=False, scenario="paper-turbulence", duration_s=1.0)
+        vehicle.take_off()
+        vehicle.ask(MODE, 1.0, 7.0)
+        vehicle.wait(500_000)
+        if value is not None:
+            vehicle.say(wire.MAVLink_param_set_message(1, 1, b"MC_ROLLRATE_P", value, 9))
+            (told,) = (vehicle.wait(), vehicle.take("PARAM_VALUE"))[1]
+            assert told.param_value == pytest.approx(value)
+        vehicle.wait(1_000_000)
+        flights.append(vehicle.rates)
+    plain, same, other = flights
+    assert plain[:125] == same[:125] == other[:125]
+    assert same == plain
+    assert other != plain
 
 
 @pytest.mark.parametrize(
