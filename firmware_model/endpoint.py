@@ -11,7 +11,6 @@ polled.
 
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
@@ -23,29 +22,12 @@ from firmware_model import messages
 from firmware_model.autopilot import Autopilot, Mode
 from firmware_model.flight import Due, Flight
 from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer, parse
-from firmware_model.listener import Listener, Listeners
+from firmware_model.listener import Asker, Listener, Listeners
 from firmware_model.loop import VehicleLoop
 from firmware_model.params import GUST_SCALE_NAME, Parameters
 from firmware_model.scenario import Scenario
-from firmware_model.services import (
-    actuators,
-    clock,
-    commands,
-    files,
-    identity,
-    logs,
-    mission,
-    modes,
-    motion,
-    parameters,
-    piloting,
-    position,
-    relay,
-    setpoints,
-    status,
-    streams,
-)
-from firmware_model.services.service import Client, combined
+from firmware_model.services import composed
+from firmware_model.services.service import Client
 from firmware_model.signals import Command
 from firmware_model.signing import Signing
 from firmware_model.vehicle import Vehicle
@@ -66,34 +48,15 @@ _AT_A_CHANGE = (
 _SETPOINTS = (wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET)
 
 
-_SERVICES = (
-    actuators.service,
-    clock.service,
-    files.service,
-    identity.service,
-    logs.service,
-    mission.service,
-    modes.service,
-    motion.service,
-    parameters.service,
-    piloting.service,
-    position.service,
-    relay.service,
-    setpoints.service,
-    status.service,
-    streams.service,
-)
-
-
 class Outcome(Enum):
     """How a flight ended."""
 
     DONE = "done"
-    """Flown to its end in OFFBOARD."""
+    """Flown in OFFBOARD from beginning to end."""
     STREAM_LOST = "stream_lost"
     """The set-points stopped; the on-board loop flew to the end."""
     LEFT_OFFBOARD = "left_offboard"
-    """Another mode was asked for; the on-board loop flew to the end."""
+    """Another mode was asked for; the on-board loop flew until OFFBOARD was asked for again, or to the end."""
     NO_CONTROLLER = "no_controller"
     """Nobody began the lockstep flight in time."""
     INTERRUPTED = "interrupted"
@@ -103,7 +66,7 @@ class Outcome(Enum):
 class VehicleEndpoint:
     """One vehicle, `standing` or in one scripted flight; give it datagrams and the time, send what it returns.
 
-    It is the `Craft` of its services, and composes them: a new one is a line in `_SERVICES`.
+    It is the `Craft` of its services.
     """
 
     def __init__(
@@ -132,8 +95,7 @@ class VehicleEndpoint:
         self.counters: Counter[Dropped] = Counter()
         self._signing = signing
         self.system = system
-        parts = combined(service(self) for service in _SERVICES)
-        self.services = combined([parts, commands.service(self, parts.commands)])
+        self.services = composed(self)
         self._streams, self._requests = self.services.streams, self.services.requests
         intervals_us = {number: stream.interval_us for number, stream in self._streams.items() if stream.interval_us}
         self._listeners = Listeners(system, signing, intervals_us, expected, fastest_us=scenario.sample_us)
@@ -218,7 +180,7 @@ class VehicleEndpoint:
         if self._signing is not None and not message.get_header().incompat_flags & wire.MAVLINK_IFLAG_SIGNED:
             return  # what nobody has signed is not signed here
         for listener in self._listeners:
-            if not (isinstance(source, _Asker) and source.listener is listener):
+            if not (isinstance(source, Asker) and source.listener is listener):
                 self._outbox.append((listener.relay(message), listener.address))
 
     @property
@@ -260,7 +222,7 @@ class VehicleEndpoint:
         target = getattr(request, "target_system", 0), getattr(request, "target_component", 0)
         if not messages.is_for(self.system, *target):
             return Dropped.OTHER_TARGET
-        handler(request, _Asker(self, listener))
+        handler(request, Asker(listener, self._outbox, self.clock_us))
         return None
 
     def _take_setpoint(self, frame: Frame, listener: Listener) -> Dropped | None:
@@ -281,8 +243,7 @@ class VehicleEndpoint:
             self._stream_lost = self._stream_lost or event.critical
             self.tell(event.value, wire.MAV_SEVERITY_CRITICAL if event.critical else wire.MAV_SEVERITY_INFO)
         if self.flight.ended_us is not None:
-            offboard = self.autopilot.mode is Mode.OFFBOARD
-            flown = Outcome.DONE if offboard else Outcome.LEFT_OFFBOARD
+            flown = Outcome.LEFT_OFFBOARD if self.flight.left_offboard else Outcome.DONE
             self.outcome = Outcome.STREAM_LOST if self._stream_lost else flown
             self.finished = True
 
@@ -325,25 +286,3 @@ class VehicleEndpoint:
 
     def _send(self, message: Message | Outgoing, listener: Listener) -> None:
         self._outbox.append((listener.traffic.pack(message), listener.address))
-
-
-@dataclass(frozen=True, slots=True)
-class _Asker:
-    """The peer that a request came from, as services see it."""
-
-    endpoint: VehicleEndpoint
-    """Whose peer it is."""
-    listener: Listener
-    """Its streams."""
-
-    def send(self, message: Message | Outgoing) -> None:
-        """Send a message to it alone."""
-        self.endpoint._send(message, self.listener)
-
-    def interval_us(self, message_id: int) -> int | None:
-        """Return the time [us] between two messages of a stream to it, `None` if there are none."""
-        return self.listener.interval_us(message_id)
-
-    def set_interval(self, message_id: int, interval_us: int | None) -> None:
-        """Set the time [us] between two messages of a stream to it, 0 for the default, `None` for never."""
-        self.listener.set_interval(message_id, interval_us, self.endpoint.clock_us)

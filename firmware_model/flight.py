@@ -86,6 +86,7 @@ class Flight:
         self.slipped_us = 0
         self.running = False
         self.ended_us: int | None = None
+        self.left_offboard = False
         self._record, self._sample_us = record, sample_us
         self._time_us = 0
         self._answered = False
@@ -175,6 +176,7 @@ class Flight:
             setpoint = command  # nothing else can come of it, and a lockstep flight has no time for the question
         else:
             setpoint = autopilot.setpoint(self.setpoint, self._situation())
+            self.left_offboard = True
         self._record(self.loop.advance(setpoint, autopilot.mode.value))
         self._time_us += self._sample_us
         self._answered, self._attempts = False, 0

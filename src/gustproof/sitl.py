@@ -47,8 +47,8 @@ class Outcome(Enum):
     """The law flew the whole scenario."""
     CONTROLLER_LOST = "the controller stopped; the fail-safe levelled the vehicle to the end"
     """Set-points stopped in mid-flight; the on-board loop flew the rest."""
-    LEFT_OFFBOARD = "another client took the vehicle out of OFFBOARD; its on-board loop flew to the end"
-    """Somebody else asked for another mode."""
+    LEFT_OFFBOARD = "another client took the vehicle out of OFFBOARD; its on-board loop flew until it was given back"
+    """Somebody else asked for another mode; given back or not, the law has not flown it all."""
     AUTOPILOT_LOST = "the autopilot's process ended in mid-flight"
     """The vehicle's process died."""
     NOT_STARTED = "the flight did not begin"
@@ -100,12 +100,14 @@ def fly(
     seed: int = 1,
     out: Path,
     real_time: bool = False,
+    usual_ports: bool = True,
     progress: Callable[[float], None] | None = None,
 ) -> Flight:
     """Fly a scenario with two processes, leave the journal in the folder `out`, and return what was flown.
 
     In lockstep the processes use a free port; in real time those of the vehicle are the usual ones, so that ground
-    stations can watch. `progress` is told the fraction flown, 0..1. No process is left behind, whatever happens.
+    stations can watch, unless `usual_ports` is false. `progress` is told the fraction flown, 0..1. No process is left
+    behind, whatever happens.
 
     Raises
     ------
@@ -123,7 +125,9 @@ def fly(
         files["scenario"].write_text(json.dumps(to_jsonable_python(scenario)), encoding="utf-8")
         files["vehicle"].write_text(json.dumps(to_jsonable_python(vehicle)), encoding="utf-8")
         law.save(files["law"])
-        with _Pair(files, seed, journal, real_time=real_time) as pair:
+        pace = [] if real_time else ["--lockstep"]
+        ports = [] if real_time and usual_ports else ["--bind-port", "0"]
+        with _Pair(files, seed, journal, [*pace, *ports]) as pair:
             outcome = pair.fly(scenario.samples, progress or (lambda _: None))
     told = pair.told
     records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
@@ -158,11 +162,11 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
 class _Pair:
     """The two processes of a flight; on leaving, both have ended."""
 
-    def __init__(self, files: dict[str, Path], seed: int, journal: Path, *, real_time: bool) -> None:
+    def __init__(self, files: dict[str, Path], seed: int, journal: Path, options: list[str]) -> None:
         self.told: dict[str, Any] = {}
         self.reason = ""
         self._given_up = False
-        self._files, self._seed, self._journal, self._real_time = files, seed, journal, real_time
+        self._files, self._seed, self._journal, self._options = files, seed, journal, options
         self._processes: dict[str, subprocess.Popen[str]] = {}
 
     def __enter__(self) -> Self:
@@ -189,10 +193,10 @@ class _Pair:
         return self._outcome()
 
     def _start(self) -> None:
-        pace = [] if self._real_time else ["--lockstep", "--bind-port", "0"]
         vehicle = self._launch(
-            "vehicle", "firmware_model", "--json", *pace, "--seed", str(self._seed), "--journal", str(self._journal),
-            "--scenario", str(self._files["scenario"]), "--vehicle", str(self._files["vehicle"]),
+            "vehicle", "firmware_model", "--json", *self._options, "--seed", str(self._seed),
+            "--journal", str(self._journal), "--scenario", str(self._files["scenario"]),
+            "--vehicle", str(self._files["vehicle"]),
         )  # fmt: skip
         # The controller starts meanwhile, and is told the port when the vehicle has one.
         controller = self._launch(

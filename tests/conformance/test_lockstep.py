@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot import Mode
 from firmware_model.endpoint import START_TIMEOUT_US, Outcome, VehicleEndpoint
@@ -204,3 +205,42 @@ def test_real_time_on_a_virtual_clock_flies_the_same_bits(clean):
     flight.run()
     assert flight.vehicle.outcome is Outcome.DONE
     assert flight.rows == clean.rows
+
+
+def test_flight_that_was_taken_and_given_back_is_not_called_the_laws_own():
+    flight, pilot = Flight(lockstep=False), wire.MAVLink(None, 255, 190)
+
+    def ask_for_another_mode_and_back(datagram: bytes, flown: int) -> list[bytes]:
+        mode = {30: (4, 3), 60: (6, 0)}.get(flown)
+        if mode is None:
+            return [datagram]
+        return [datagram, wire.MAVLink_command_long_message(1, 1, 176, 0, 1, *mode, 0, 0, 0, 0).pack(pilot)]
+
+    flight.run(up=ask_for_another_mode_and_back)
+    assert set(flight.modes[:30] + flight.modes[61:]) == {Mode.OFFBOARD.value}
+    assert set(flight.modes[31:60]) == {Mode.HOLD.value}
+    assert flight.vehicle.outcome is Outcome.LEFT_OFFBOARD
+    assert flight.controller.outcome is ControllerOutcome.DONE
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_flood_of_answers_changes_no_bit(clean, lockstep):
+    flight = Flight(lockstep=lockstep)
+    flight.run(up=lambda datagram, _: [datagram] * 40 if kind(datagram) == SETPOINT else [datagram])
+    assert flight.rows == clean.rows
+    assert flight.counters.get(Dropped.DUPLICATE, 0) >= (39 * 124 if lockstep else 0)
+
+
+def test_hung_controller_is_waited_for_in_lockstep(clean):
+    flight, silent_until_us = Flight(), 0
+
+    def hang_for_two_seconds(datagram: bytes, flown: int) -> list[bytes]:
+        nonlocal silent_until_us
+        if flown == 50 and not silent_until_us:
+            silent_until_us = flight.now_us + 2_000_000
+        return [] if flight.now_us < silent_until_us else [datagram]
+
+    flight.run(up=hang_for_two_seconds)
+    assert flight.vehicle.outcome is Outcome.DONE
+    assert flight.rows == clean.rows
+    assert flight.counters[Hitch.RESENT] == 2_000_000 // RESEND_US

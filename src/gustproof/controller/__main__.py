@@ -64,7 +64,9 @@ def _address(text: str) -> tuple[str, int]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="gustproof controller",
-        description="Fly a law: find the autopilot, read its limits, arm it, enter OFFBOARD, answer every sample.",
+        description="Fly a law: find the autopilot, read its limits, answer every sample. A vehicle that waits for its "
+        "script is armed and flown in OFFBOARD to the end. One that a pilot flies is taken once, if it is in the air; "
+        "after another mode was set it is flown again when OFFBOARD is.",
         epilog="Exit status: 0 flown to the end, 2 bad input, 3 the flight broke off, 130 interrupted.",
     )
     add = parser.add_argument

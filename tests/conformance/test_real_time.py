@@ -1,0 +1,148 @@
+"""Real processes at the pace of the clock, on free ports; nothing here asks how fast the machine is."""
+
+import json
+import math
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.autopilot import Mode
+from firmware_model.frames import parse
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof.law import load_law
+from gustproof.sitl import Outcome, fly
+
+PATIENCE_S = 60.0
+HOLD, OFFBOARD = (4.0, 3.0), (6.0, 0.0)
+
+
+@contextmanager
+def process(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", module, "--json", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        try:
+            yield running
+        finally:
+            running.kill()
+
+
+def last_words(running: subprocess.Popen[str]) -> dict:
+    running.send_signal(signal.SIGINT)
+    out, err = running.communicate(timeout=PATIENCE_S)
+    assert err == ""
+    return json.loads(out.splitlines()[-1])
+
+
+class Pilot:
+    """A ground station on a socket of its own."""
+
+    def __init__(self, link: socket.socket, port: int) -> None:
+        self.link, self.vehicle = link, ("127.0.0.1", port)
+        self.packer = wire.MAVLink(None, 255, 190)
+        self.texts: list[str] = []
+        self.mode, self.armed, self.components = 0, False, set[int]()
+        self.acks: list[tuple[int, int]] = []
+        self._beat_at = 0.0
+
+    def say(self, message) -> None:
+        self.link.sendto(message.pack(self.packer), self.vehicle)
+
+    def listen(self) -> None:
+        if time.monotonic() > self._beat_at:
+            self._beat_at = time.monotonic() + 0.5
+            self.say(wire.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+        try:
+            datagram = self.link.recv(2048)
+        except TimeoutError:
+            return
+        for message in (frame.message() for frame in parse(datagram)):
+            match message.get_type():
+                case "HEARTBEAT":
+                    self.components.add(message.get_srcComponent())
+                    if message.get_srcComponent() == 1:
+                        self.mode, self.armed = message.custom_mode, bool(message.base_mode & 128)
+                case "STATUSTEXT":
+                    self.texts.append(message.text)
+                case "COMMAND_ACK":
+                    self.acks.append((message.command, message.result))
+
+    def until(self, reached: Callable[[], bool], what: str) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not reached():
+            assert time.monotonic() < end, f"{what}: not within {PATIENCE_S:g} s; heard {self.texts}"
+            self.listen()
+
+    def order(self, command: int, *numbers: float) -> None:
+        """Give a command until it is accepted."""
+        filled = (*numbers, *[math.nan] * (7 - len(numbers)))
+        end = time.monotonic() + PATIENCE_S
+        while (command, wire.MAV_RESULT_ACCEPTED) not in self.acks:
+            assert time.monotonic() < end, f"{command} is not accepted: {self.acks}, {self.texts}"
+            self.say(wire.MAVLink_command_long_message(1, 1, command, 0, *filled))
+            again = time.monotonic() + 0.5
+            while time.monotonic() < again and (command, wire.MAV_RESULT_ACCEPTED) not in self.acks:
+                self.listen()
+        self.acks.clear()
+
+    def set_mode(self, main: float, sub: float) -> None:
+        self.order(wire.MAV_CMD_DO_SET_MODE, 1.0, main, sub)
+
+
+def test_scripted_flight_in_real_time_is_flown_to_the_end(tmp_path):
+    scenario = replace(load_scenario("paper-turbulence"), duration_s=2.0)
+    flight = fly(
+        scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper"), out=tmp_path, real_time=True, usual_ports=False
+    )
+    assert flight.outcome is Outcome.DONE
+    assert len(flight.records) == scenario.samples
+    assert set(flight.records["mode"]) == {Mode.OFFBOARD.value}
+
+
+def test_pilot_flies_a_standing_vehicle_gives_it_to_a_law_takes_it_back_and_lands():
+    with process("firmware_model", "--bind-port", "0") as vehicle, socket.socket(type=socket.SOCK_DGRAM) as link:
+        link.settimeout(0.05)
+        (port,) = json.loads(vehicle.stdout.readline())["listening"]
+        pilot = Pilot(link, port)
+        pilot.order(wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        pilot.order(wire.MAV_CMD_NAV_TAKEOFF)
+        pilot.until(lambda: pilot.mode == Mode.HOLD.value, "take-off")
+        with process("gustproof.controller", "--law", "hinf-scheduled", "--connect", f"127.0.0.1:{port}") as law:
+            pilot.until(lambda: pilot.mode == Mode.OFFBOARD.value, "the law takes the vehicle")
+            pilot.until(lambda: "law 'hinf-scheduled' flies" in pilot.texts, "the law says so")
+            pilot.set_mode(*HOLD)
+            pilot.until(lambda: "law 'hinf-scheduled' stands by" in pilot.texts, "the law gives way")
+            pilot.set_mode(*OFFBOARD)
+            pilot.until(lambda: pilot.texts.count("law 'hinf-scheduled' flies") == 2, "the law flies again")
+            pilot.until(lambda: 191 in pilot.components, "the controller's own heartbeat")
+            pilot.order(wire.MAV_CMD_NAV_LAND)
+            pilot.until(lambda: not pilot.armed, "landing")
+            assert last_words(law)["outcome"] == "interrupted"
+        told = last_words(vehicle)
+    assert told["outcome"] == "interrupted"
+    assert "landed: disarmed" in pilot.texts
+
+
+@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
+def test_law_that_hangs_or_dies_leaves_the_vehicle_to_its_fail_safe(number):
+    with process("firmware_model", "--bind-port", "0") as vehicle, socket.socket(type=socket.SOCK_DGRAM) as link:
+        link.settimeout(0.05)
+        (port,) = json.loads(vehicle.stdout.readline())["listening"]
+        pilot = Pilot(link, port)
+        pilot.order(wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        pilot.order(wire.MAV_CMD_NAV_TAKEOFF)
+        pilot.until(lambda: pilot.mode == Mode.HOLD.value, "take-off")
+        with process("gustproof.controller", "--law", "hinf-d1", "--connect", f"127.0.0.1:{port}") as law:
+            pilot.until(lambda: pilot.mode == Mode.OFFBOARD.value, "the law takes the vehicle")
+            law.send_signal(number)
+            pilot.until(lambda: pilot.mode == Mode.STABILIZED.value, "fail-safe")
+            assert "set-points stopped: fail-safe to STABILIZED" in pilot.texts
+        assert last_words(vehicle)["outcome"] == "interrupted"
