@@ -5,11 +5,12 @@ anybody can write any address, so only a signature says who speaks.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.frames import Dropped, Frame, Message, Peer
+from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer
 from firmware_model.messages import AUTOPILOT, CONTROLLER
 from firmware_model.signing import Signing
 from firmware_model.traffic import Traffic
@@ -110,6 +111,30 @@ class Listener:
         self._intervals_us = intervals_us
         self._due_us = dict.fromkeys(intervals_us, clock_us)
         self.next_us = clock_us if intervals_us else NEVER_US
+
+
+@dataclass(frozen=True, slots=True)
+class Asker:
+    """The peer that a request came from, as services see it."""
+
+    listener: Listener
+    """The peer."""
+    outbox: list[tuple[bytes, Peer]]
+    """What is to be sent."""
+    clock_us: int
+    """[us] time of the request, on the clock of the streams."""
+
+    def send(self, message: Message | Outgoing) -> None:
+        """Send a message to it alone."""
+        self.outbox.append((self.listener.traffic.pack(message), self.listener.address))
+
+    def interval_us(self, message_id: int) -> int | None:
+        """Return the time [us] between two messages of a stream to it, `None` if there are none."""
+        return self.listener.interval_us(message_id)
+
+    def set_interval(self, message_id: int, interval_us: int | None) -> None:
+        """Set the time [us] between two messages of a stream to it, 0 for the default, `None` for never."""
+        self.listener.set_interval(message_id, interval_us, self.clock_us)
 
 
 class Listeners:
