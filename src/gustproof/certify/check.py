@@ -9,20 +9,19 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import product
 from typing import Any
 
-from gustproof.certify.enclosure import SIGNALS, Norms, axis_norms, mapped
-from gustproof.numerics.rational import (
-    Rational,
-    add,
-    exact,
-    exp_below,
-    identity,
-    is_positive_definite,
-    multiply,
-    scale,
-    transpose,
+from gustproof.certify.dissipation import (
+    corner,
+    gain_inequality,
+    lyapunov,
+    slow_blocks,
+    slow_inequalities,
+    vertices,
 )
+from gustproof.certify.enclosure import SIGNALS, Norms, axis_norms, mapped
+from gustproof.numerics.rational import exact, exp_below, is_positive_definite, scale, transpose
 
 FORMAT = "gustproof-certificate-1"
 
@@ -84,74 +83,47 @@ def seal(document: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def gain_inequality(level: Fraction, evidence: dict[str, Any]) -> Rational:
-    """Return the matrix that is positive definite only if the L2 gain from w to z is below `level`.
-
-    The system `x' = A x + B (p, w)`, `(q, z) = C x + D (p, w)` is closed by `p = Delta(t) q`, where Delta holds real
-    numbers `|delta_i(t)| <= 1`, each times an identity, that change as fast as they like. With P and each `D_i`
-    positive definite and each `G_i` skew, along every trajectory
-
-        V' + |z|^2 - level^2 |w|^2 + sum_i (q_i' D_i q_i - p_i' D_i p_i + 2 q_i' G_i p_i) < 0,  V = x' P x,
-
-    and no term of the sum is negative, for `q_i' G_i q_i = 0`. The matrix is minus this form in (x, p, w); that it is
-    positive definite makes the loop well posed and exponentially stable too.
-
-    References
-    ----------
-    C. Scherer, LPV control and full block multipliers, Automatica 37 (2001), 361-375 (D-G scalings are the multipliers
-    of repeated real parameters).
-    """
-    A, B, C, D = (exact(evidence["system"][name]) for name in "ABCD")
-    P = _lyapunov(evidence)
-    blocks = evidence["blocks"]
-    k = sum(item["size"] for item in blocks)
-    n, m = len(A), len(D[0])
-    x_and_input = [a + b for a, b in zip(A, B, strict=True)]
-    states = transpose(identity(n + m)[:n])
-    stored = multiply(states, multiply(P, x_and_input))
-    output = [c + d for c, d in zip(C, D, strict=True)]
-    q, z = output[:k], output[k:]
-    p, w = identity(n + m)[n : n + k], identity(n + m)[n + k :]
-    form = add(stored, transpose(stored), multiply(transpose(z), z), scale(-level * level, multiply(transpose(w), w)))
-    start = 0
-    for item in blocks:
-        rows = slice(start, start + item["size"])
-        D_i, G_i = exact(item["D"]), exact(item["G"])
-        cross = multiply(transpose(q[rows]), multiply(G_i, p[rows]))
-        form = add(
-            form,
-            multiply(transpose(q[rows]), multiply(D_i, q[rows])),
-            scale(-1, multiply(transpose(p[rows]), multiply(D_i, p[rows]))),
-            cross,
-            transpose(cross),
-        )
-        start += item["size"]
-    return scale(-1, form)
-
-
-def _lyapunov(evidence: dict[str, Any]) -> Rational:
-    """Return the Lyapunov matrix in the coordinates of the system, from those in which it was found."""
-    coordinates = exact(evidence["coordinates"])
-    return multiply(transpose(coordinates), multiply(exact(evidence["P"]), coordinates))
-
-
 def _gain(level: Fraction, evidence: dict[str, Any]) -> str:
     """Prove an L2 gain; see `gain_inequality`."""
     if level <= 0:
         raise Refusal("the level is not positive")
-    if not is_positive_definite(_lyapunov(evidence)):
+    if not is_positive_definite(lyapunov(evidence, evidence["P"])):
         raise Refusal("P is not positive definite")
-    for item in evidence["blocks"]:
-        D_i, G_i = exact(item["D"]), exact(item["G"])
-        if not len(D_i) == len(G_i) == item["size"]:
-            raise Refusal(f"the scalings of block {item['name']} do not have its size")
-        if not is_positive_definite(D_i):
-            raise Refusal(f"D of block {item['name']} is not positive definite")
-        if transpose(G_i) != scale(-1, G_i):
-            raise Refusal(f"G of block {item['name']} is not skew")
+    _demand_multipliers(evidence, evidence["blocks"])
     if not is_positive_definite(gain_inequality(level, evidence)):
         raise Refusal("the matrix inequality does not hold")
     return f"the L2 gain is below {float(level):.6g}: the matrix inequality holds exactly"
+
+
+def _slow_gain(level: Fraction, evidence: dict[str, Any]) -> str:
+    """Prove an L2 gain where some parameters are slow; see `slow_inequalities`."""
+    if level <= 0:
+        raise Refusal("the level is not positive")
+    slow = slow_blocks(evidence)
+    if any(Fraction(evidence["blocks"][i]["speed"]) < 0 for i in slow):
+        raise Refusal("a bound on a speed is negative")
+    for signs in product((-1, 1), repeat=len(slow)):
+        P = corner([exact(term) for term in evidence["P"]], signs)
+        if not is_positive_definite(lyapunov(evidence, P)):
+            raise Refusal(f"P is not positive definite at the corner {signs}")
+    for scalings in evidence["vertices"]:
+        _demand_multipliers(evidence, scalings)
+    for vertex, matrix in zip(vertices(len(slow)), slow_inequalities(level, evidence), strict=True):
+        if not is_positive_definite(matrix):
+            raise Refusal(f"the matrix inequality does not hold at the corner {vertex.signs}, speeds {vertex.speeds}")
+    return f"the L2 gain is below {float(level):.6g}: the matrix inequality holds exactly at every corner"
+
+
+def _demand_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]]) -> None:
+    """Refuse scalings that are no multipliers of the evidence's blocks."""
+    for block, item in zip(evidence["blocks"], scalings, strict=True):
+        D_i, G_i = exact(item["D"]), exact(item["G"])
+        if not len(D_i) == len(G_i) == block["size"]:
+            raise Refusal(f"the scalings of block {block['name']} do not have its size")
+        if not is_positive_definite(D_i):
+            raise Refusal(f"D of block {block['name']} is not positive definite")
+        if transpose(G_i) != scale(-1, G_i):
+            raise Refusal(f"G of block {block['name']} is not skew")
 
 
 def _closure(level: Fraction, evidence: dict[str, Any]) -> str:
@@ -188,4 +160,8 @@ def closed(level: Fraction, evidence: dict[str, Any], norms: list[Norms]) -> str
     return f"{float(level):.6g} of the moment keeps every signal in the box, every command inside its limit"
 
 
-_PROOFS: dict[str, Callable[[Fraction, dict[str, Any]], str]] = {"gain": _gain, "closure": _closure}
+_PROOFS: dict[str, Callable[[Fraction, dict[str, Any]], str]] = {
+    "gain": _gain,
+    "slow gain": _slow_gain,
+    "closure": _closure,
+}

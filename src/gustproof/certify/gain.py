@@ -1,14 +1,18 @@
 """The certified gain of an attitude loop over an envelope of attitudes and rates that change as fast as they like."""
 
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from gustproof.certify.certificate import Certificate
-from gustproof.certify.check import Refusal, gain_inequality, judge
+from gustproof.certify.check import Refusal, judge
+from gustproof.certify.dissipation import gain_inequality, slow_inequalities
 from gustproof.certify.multipliers import Multipliers, best_multipliers
-from gustproof.certify.switching import worst_schedule
+from gustproof.certify.slow_multipliers import SlowMultipliers, slow_multipliers
+from gustproof.certify.switching import worst_schedule, worst_swing
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lft import Uncertain, closed, connected, star, with_states
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
@@ -26,12 +30,15 @@ def certify_gain(
     angle: float,
     rate: float,
     scheduled: bool = False,
+    slow: bool = False,
     level: float | None = None,
 ) -> Certificate:
     """Return a certificate of the L2 gain from w to z of a design problem closed by a continuous controller.
 
     It holds for |phi|, |theta| <= `angle` and |p|, |q|, |r| <= `rate` that change arbitrarily fast: the exact
-    rotational dynamics of the diagram's airframe are an LFT of order 7, its Delta any function of time.
+    rotational dynamics of the diagram's airframe are an LFT of order 7, its Delta any function of time. Where `slow`,
+    phi and theta turn no faster than the kinematics allow with such rates, and P depends on them; p, q and r still
+    change as they like, so that nothing is assumed of their derivatives.
 
     Parameters
     ----------
@@ -45,6 +52,8 @@ def certify_gain(
         [rad/s] of the envelope.
     scheduled
         Whether the controller carries the same `A(rho)` as the airframe, with exact rho.
+    slow
+        Whether bounds on the speed of phi and theta are used; takes some ten times as long.
     level
         [-] gain to certify; the least that can be proved unless given.
 
@@ -55,6 +64,18 @@ def certify_gain(
     """
     loop = attitude_loop(problem, controller, Envelope(angle=angle, rate=rate), scheduled=scheduled)
     leak, damping, _ = _airframe(problem)
+    turning = attitude_speeds(angle, rate, leak=leak) if slow else None
+    # t = tan(phi / 2) over its largest value, and v likewise
+    edge = math.tan(angle / 2.0)
+    speeds = None if turning is None else [turn * (1.0 + edge**2) / (2.0 * edge) for turn in turning]
+    rho = (
+        "any function of time within the envelope"
+        if turning is None
+        else (
+            f"within the envelope, |phi'| <= {turning[0]:.6g} and |theta'| <= {turning[1]:.6g} rad/s, "
+            "which the kinematics imply; p, q, r as fast as they like"
+        )
+    )
     return certify_lft(
         loop,
         assumes={
@@ -64,25 +85,50 @@ def certify_gain(
             "delay_samples": 0,
             "angle_rad": angle,
             "rate_rad_s": rate,
-            "rho": "any function of time within the envelope; exact in the controller" if scheduled
-            else "any function of time within the envelope",
+            "rho": f"{rho}; exact in the controller" if scheduled else rho,
             "horizon_s": None,
             "noise": "part of w, square integrable",
         },
         level=level,
-    )  # fmt: skip
+        speeds=None if speeds is None else dict(zip(("t", "v"), speeds, strict=True)),
+    )
 
 
-def certify_lft(loop: Uncertain, *, assumes: dict[str, Any], level: float | None = None) -> Certificate:
-    """Return a certificate of the L2 gain of any continuous loop with real parameters of arbitrary speed.
+def attitude_speeds(angle: float, rate: float, *, leak: float) -> tuple[float, float]:
+    """Return bounds of |phi'| and |theta'| [rad/s] inside an envelope, from the kinematics and their leak [1/s].
 
-    The lower bound is what a switching schedule of the parameters reaches in simulation.
+    phi' = p + tan(theta) (sin(phi) q + cos(phi) r) - leak phi, theta' = cos(phi) q - sin(phi) r - leak theta.
     """
-    multipliers = best_multipliers(loop)
+    across = rate * (1.0 + math.sin(angle))
+    return rate + math.tan(angle) * across + leak * angle, across + leak * angle
+
+
+def certify_lft(
+    loop: Uncertain,
+    *,
+    assumes: dict[str, Any],
+    level: float | None = None,
+    speeds: Mapping[str, float] | None = None,
+) -> Certificate:
+    """Return a certificate of the L2 gain of any continuous loop with real parameters.
+
+    Normalised parameters named in `speeds` [1/s] keep these bounds on their derivatives, the others are as fast as they
+    like. The lower bound is what a schedule of the parameters reaches in simulation.
+
+    Raises
+    ------
+    ValueError
+        If the loop is discrete, unstable at hover, has no block of a name in `speeds` or one that is no real parameter.
+    """
+    names = [block.name for block in loop.blocks]
+    if unknown := sorted(set(speeds or ()) - set(names)):
+        raise ValueError(f"speeds name '{unknown[0]}', there are {', '.join(names)}")
+    bounds = [None if speeds is None else speeds.get(name) for name in names]
+    multipliers = best_multipliers(loop) if speeds is None else slow_multipliers(loop, bounds)
     wanted, proven = level, False
     evidence: dict[str, Any] = {}
     if multipliers is not None:
-        evidence = _evidence(loop, multipliers)
+        evidence = _evidence(loop, multipliers, bounds)
         candidates = [multipliers.level * (1.0 + margin) for margin in _MARGINS] if level is None else [level]
         wanted = next((candidate for candidate in candidates if _holds(candidate, evidence)), None)
         proven = wanted is not None
@@ -91,7 +137,7 @@ def certify_lft(loop: Uncertain, *, assumes: dict[str, Any], level: float | None
     return Certificate(
         statement=f"the L2 gain from w to z {claim} for every Delta(t) of the envelope",
         gain=wanted,
-        lower_bound=worst_schedule(loop).gain,
+        lower_bound=(worst_schedule(loop) if speeds is None else worst_swing(loop, bounds)).gain,
         proven=proven,
         assumes=assumes,
         evidence=evidence,
@@ -124,14 +170,28 @@ def _airframe(problem: Interconnection) -> tuple[float, float, list[float]]:
     return float(-A[0, 0]), float(-A[3, 3]), [float(1.0 / bodies[0].B[3 + k, k]) for k in range(3)]
 
 
-def _evidence(loop: Uncertain, multipliers: Multipliers) -> dict[str, Any]:
-    blocks = [
-        {"name": block.name, "size": block.shape[0], "D": D.tolist(), "G": G.tolist()}
-        for block, D, G in zip(loop.blocks, multipliers.D, multipliers.G, strict=True)
-    ]
+def _evidence(
+    loop: Uncertain, multipliers: Multipliers | SlowMultipliers, speeds: Sequence[float | None]
+) -> dict[str, Any]:
     system = {name: getattr(loop.M, name).tolist() for name in "ABCD"}
-    return {"kind": "gain", "system": system, "coordinates": multipliers.coordinates.tolist(),
-            "P": multipliers.P.tolist(), "blocks": blocks}  # fmt: skip
+    common = {"system": system, "coordinates": multipliers.coordinates.tolist()}
+    blocks: list[dict[str, Any]] = [{"name": block.name, "size": block.shape[0]} for block in loop.blocks]
+    if isinstance(multipliers, Multipliers):
+        pairs = zip(multipliers.D, multipliers.G, strict=True)
+        blocks = [block | scalings for block, scalings in zip(blocks, _scalings(pairs), strict=True)]
+        return {"kind": "gain", **common, "P": multipliers.P.tolist(), "blocks": blocks}
+    return {
+        "kind": "slow gain",
+        **common,
+        "P": [term.tolist() for term in multipliers.P],
+        "Y": multipliers.Y.tolist(),
+        "blocks": [block | {"speed": speed} for block, speed in zip(blocks, speeds, strict=True)],
+        "vertices": [_scalings(pairs) for pairs in multipliers.scalings],
+    }
+
+
+def _scalings(pairs: Iterable[tuple[Matrix, Matrix]]) -> list[dict[str, Any]]:
+    return [{"D": D.tolist(), "G": G.tolist()} for D, G in pairs]
 
 
 def _holds(level: float, evidence: dict[str, Any]) -> bool:
@@ -142,11 +202,19 @@ def _holds(level: float, evidence: dict[str, Any]) -> bool:
 
 
 def _residual(level: float, evidence: dict[str, Any]) -> float:
-    """Return the least eigenvalue of the inequality in the coordinates of its Lyapunov matrix."""
-    form = gain_inequality(Fraction(level), evidence)
-    n = len(evidence["P"])
-    change = np.eye(len(form))
-    change[:n, :n] = np.linalg.inv(evidence["coordinates"])
-    moved = exact(change.tolist())
-    matrix = np.array(multiply(transpose(moved), multiply(form, moved)), dtype=np.float64)
-    return float(np.linalg.eigvalsh(matrix)[0])
+    """Return the least eigenvalue of the inequalities in the coordinates of their Lyapunov matrix."""
+    exact_level = Fraction(level)
+    forms = (
+        [gain_inequality(exact_level, evidence)]
+        if evidence["kind"] == "gain"
+        else slow_inequalities(exact_level, evidence)
+    )
+    inverse = np.linalg.inv(evidence["coordinates"])
+    least = []
+    for form in forms:
+        change = np.eye(len(form))
+        change[: len(inverse), : len(inverse)] = inverse
+        moved = exact(change.tolist())
+        matrix = np.array(multiply(transpose(moved), multiply(form, moved)), dtype=np.float64)
+        least.append(float(np.linalg.eigvalsh(matrix)[0]))
+    return min(least)

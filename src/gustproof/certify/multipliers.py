@@ -1,6 +1,6 @@
 """The multipliers that bound an L2 gain over real parameters of any speed, from one linear matrix inequality."""
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 
 import clarabel
@@ -54,7 +54,7 @@ def best_multipliers(loop: Uncertain) -> Multipliers | None:
         raise ValueError("the loop must be continuous and stable at Delta = 0")
     if full := [block.name for block in loop.blocks if not isinstance(block, RealBlock)]:
         raise ValueError(f"block '{full[0]}' is no real parameter")
-    T = _balancing(loop.M)
+    T = balancing(loop.M)
     inverse: Matrix = np.asarray(np.linalg.inv(T), dtype=np.float64)
     M = Lti(A=inverse @ loop.M.A @ T, B=inverse @ loop.M.B, C=loop.M.C @ T, D=loop.M.D)
     inequality = _Inequality(Uncertain(M=M, blocks=loop.blocks))
@@ -68,15 +68,24 @@ def best_multipliers(loop: Uncertain) -> Multipliers | None:
     return None
 
 
-def _balancing(M: Lti) -> Matrix:
-    """Return the state transformation that makes both Gramians equal, but for modes that are hardly there."""
+def balancing(M: Lti, classes: Sequence[Hashable] | None = None) -> Matrix:
+    """Return the state transformation that makes both Gramians equal, but for modes that are hardly there.
+
+    States of different `classes`, one for each state, are not mixed.
+    """
     Wc = scipy.linalg.solve_continuous_lyapunov(M.A, -M.B @ M.B.T)
     Wo = scipy.linalg.solve_continuous_lyapunov(M.A.T, -M.C.T @ M.C)
-    # some modes cannot be reached but for rounding: the Gramian is made definite by a multiple of rounding
-    L = np.linalg.cholesky(0.5 * (Wc + Wc.T) + 1e-13 * np.trace(Wc) * np.eye(M.order))
-    U, squares, _ = np.linalg.svd(L.T @ Wo @ L)
-    hankel = np.maximum(np.sqrt(squares), _LEAST_MODE * np.sqrt(squares[0]))
-    return np.asarray(L @ U / np.sqrt(hankel), dtype=np.float64)
+    kinds = [0] * M.order if classes is None else list(classes)
+    T = np.zeros((M.order, M.order))
+    for kind in dict.fromkeys(kinds):
+        own = np.ix_(*[[i for i, other in enumerate(kinds) if other == kind]] * 2)
+        W = 0.5 * (Wc + Wc.T)[own]
+        # some modes cannot be reached but for rounding: the Gramian is made definite by a multiple of rounding
+        L = np.linalg.cholesky(W + 1e-13 * np.trace(W) * np.eye(W.shape[0]))
+        U, squares, _ = np.linalg.svd(L.T @ Wo[own] @ L)
+        hankel = np.maximum(np.sqrt(squares), _LEAST_MODE * np.sqrt(squares[0]))
+        T[own] = L @ U / np.sqrt(hankel)
+    return T
 
 
 class _Inequality:
@@ -90,21 +99,21 @@ class _Inequality:
         x, p, w = inputs[: self.n], inputs[self.n : self.n + k], inputs[self.n + k :]
         self.constant = np.asarray(z.T @ z, dtype=np.float64)
         self.repeats = [block.shape[0] for block in loop.blocks]
-        self.terms = [_symmetric(x.T @ S @ derivative) for S in _basis(self.n, skew=False)]
+        self.terms = [symmetric(x.T @ S @ derivative) for S in basis(self.n, skew=False)]
         start = 0
         for repeats in self.repeats:
             q_i, p_i = q[start : start + repeats], p[start : start + repeats]
-            self.terms += [q_i.T @ S @ q_i - p_i.T @ S @ p_i for S in _basis(repeats, skew=False)]
-            self.terms += [_symmetric(q_i.T @ S @ p_i) for S in _basis(repeats, skew=True)]
+            self.terms += [q_i.T @ S @ q_i - p_i.T @ S @ p_i for S in basis(repeats, skew=False)]
+            self.terms += [symmetric(q_i.T @ S @ p_i) for S in basis(repeats, skew=True)]
             start += repeats
         self.terms.append(-w.T @ w)
 
     def split(self, unknowns: Matrix) -> tuple[Matrix, tuple[Matrix, ...], tuple[Matrix, ...]]:
         """Return P, the D and the G of a vector of unknowns."""
         values = iter(unknowns.tolist())
-        matrices = [_combined(values, self.n, skew=False)]
+        matrices = [combined(values, self.n, skew=False)]
         for repeats in self.repeats:
-            matrices += [_combined(values, repeats, skew=skew) for skew in (False, True)]
+            matrices += [combined(values, repeats, skew=skew) for skew in (False, True)]
         return matrices[0], tuple(matrices[1::2]), tuple(matrices[2::2])
 
 
@@ -118,13 +127,12 @@ def _optimal(inequality: _Inequality, square: float | None) -> Matrix:
         terms, constant = terms[:-1], constant + square * terms[-1]
     columns = len(inequality.terms)
     whole = np.zeros((inequality.size * (inequality.size + 1) // 2, columns))
-    whole[:, : len(terms)] = np.column_stack([_packed(term) for term in terms])
+    whole[:, : len(terms)] = np.column_stack([packed(term) for term in terms])
     parts, bounds = [whole], [-constant]
     column = inequality.n * (inequality.n + 1) // 2
     for repeats in inequality.repeats:  # each D is positive definite
-        basis = _basis(repeats, skew=False)
-        part = np.zeros((len(basis), columns))
-        part[:, column : column + len(basis)] = -np.column_stack([_packed(S) for S in basis])
+        part = np.zeros((repeats * (repeats + 1) // 2, columns))
+        part[:, column : column + part.shape[0]] = -np.column_stack([packed(S) for S in basis(repeats, skew=False)])
         parts.append(part)
         bounds.append(np.zeros((repeats, repeats)))
         column += repeats**2  # symmetric and skew together
@@ -133,14 +141,14 @@ def _optimal(inequality: _Inequality, square: float | None) -> Matrix:
         if square is None:
             bounds[k] = bound - _STRICT * margin
         else:
-            parts[k][:, -1] = _packed(margin)
+            parts[k][:, -1] = packed(margin)
     cost = np.zeros(columns)
     cost[-1] = 1.0 if square is None else -1.0
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     solver = clarabel.DefaultSolver(
         scipy.sparse.csc_matrix((columns, columns)), cost, scipy.sparse.csc_matrix(np.vstack(parts)),
-        np.concatenate([_packed(bound) for bound in bounds]),
+        np.concatenate([packed(bound) for bound in bounds]),
         [clarabel.PSDTriangleConeT(bound.shape[0]) for bound in bounds], settings,
     )  # fmt: skip
     return np.array(solver.solve().x, dtype=np.float64)
@@ -149,40 +157,44 @@ def _optimal(inequality: _Inequality, square: float | None) -> Matrix:
 def _level(inequality: _Inequality, unknowns: Matrix) -> float | None:
     """Return the least level for the multipliers in `unknowns`, whatever the solver said, if there is one."""
     form = inequality.constant + sum(x * term for x, term in zip(unknowns[:-1], inequality.terms[:-1], strict=True))
-    w = np.flatnonzero(np.diag(inequality.terms[-1]))
-    rest = np.setdiff1d(np.arange(inequality.size), w)
-    inner = form[np.ix_(rest, rest)]
+    return least_level(form, int(np.trace(-inequality.terms[-1])))
+
+
+def least_level(form: Matrix, inputs: int) -> float | None:
+    """Return the least level for which `form` - level^2 |w|^2 is negative, w the last `inputs` of it, or `None`."""
+    rest = form.shape[0] - inputs
+    inner, cross = form[:rest, :rest], form[:rest, rest:]
     if not np.all(np.isfinite(form)) or np.linalg.eigvalsh(inner)[-1] >= 0.0:
         return None
-    cross = form[np.ix_(rest, w)]
-    square = np.linalg.eigvalsh(form[np.ix_(w, w)] - cross.T @ np.linalg.solve(inner, cross))[-1]
+    square = np.linalg.eigvalsh(form[rest:, rest:] - cross.T @ np.linalg.solve(inner, cross))[-1]
     return float(np.sqrt(max(square, 0.0)))
 
 
-def _basis(n: int, *, skew: bool) -> list[Matrix]:
+def basis(n: int, *, skew: bool) -> list[Matrix]:
     """Return a basis of the symmetric or skew matrices, column by column of the upper triangle."""
-    basis = []
+    found = []
     for j in range(n):
         for i in range(j if skew else j + 1):
             S = np.zeros((n, n))
             S[i, j], S[j, i] = 1.0, -1.0 if skew else 1.0
-            basis.append(S)
-    return basis
+            found.append(S)
+    return found
 
 
-def _combined(values: Iterator[float], n: int, *, skew: bool) -> Matrix:
+def combined(values: Iterator[float], n: int, *, skew: bool) -> Matrix:
     """Return the matrix that the next unknowns are the coordinates of."""
     matrix = np.zeros((n, n))
-    for S in _basis(n, skew=skew):
+    for S in basis(n, skew=skew):
         matrix += next(values) * S
     return matrix
 
 
-def _symmetric(X: Matrix) -> Matrix:
+def symmetric(X: Matrix) -> Matrix:
+    """Return X + X'."""
     return np.asarray(X + X.T, dtype=np.float64)
 
 
-def _packed(S: Matrix) -> Matrix:
+def packed(S: Matrix) -> Matrix:
     """Return the upper triangle by columns, off the diagonal times sqrt(2): the solver's form of a symmetric matrix."""
     rows, columns = np.tril_indices(S.shape[0])
     return np.asarray(S[columns, rows] * np.where(rows == columns, 1.0, np.sqrt(2.0)), dtype=np.float64)

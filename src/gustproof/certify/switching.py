@@ -1,6 +1,8 @@
-"""A lower bound of the gain over parameters of any speed: a switching schedule that a simulation shows."""
+"""Lower bounds of a gain over parameters in motion: schedules that a simulation shows, switching or swinging."""
 
 import itertools
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +13,7 @@ from gustproof.model.lft import Uncertain
 from gustproof.numerics.lti import Matrix
 
 Order = NDArray[np.int64]
+Systems = tuple[Matrix, Matrix, Matrix, Matrix]
 
 _STEP = 0.02
 """[s] time that a vertex of Delta is held at least; input constant in it."""
@@ -27,7 +30,7 @@ class Schedule:
     gain: float
     """[-] L2 norm of z divided by that of w, in simulation."""
     delta: Matrix
-    """(k, blocks) [-] normalised parameters, each -1 or 1, held over each step of `dt`."""
+    """(k, blocks) [-] normalised parameters, held over each step of `dt`."""
     dt: float
     """[s] step."""
 
@@ -49,12 +52,11 @@ def worst_schedule(loop: Uncertain, *, duration: float = 60.0, rounds: int = 24,
     seed
         Of the random start.
     """
-    vertices = [dict(zip((b.name for b in loop.blocks), signs, strict=True)) for signs in _signs(len(loop.blocks))]
-    systems = [_held(loop, vertex) for vertex in vertices]
-    A, B, C, D = (np.array(matrices) for matrices in zip(*systems, strict=True))
+    corners = np.array(list(_signs(len(loop.blocks))))
+    A, B, C, D = _systems(loop, corners)
     steps = round(duration / _STEP)
     rng = np.random.default_rng(seed)
-    order = np.repeat(rng.integers(len(vertices), size=steps // 25 + 1), 25)[:steps]  # half a second each, to start
+    order = np.repeat(rng.integers(len(corners), size=steps // 25 + 1), 25)[:steps]  # half a second each, to start
     w = rng.normal(size=(steps, B.shape[2]))
     best, best_order = 0.0, order
     for _ in range(rounds):
@@ -68,7 +70,53 @@ def worst_schedule(loop: Uncertain, *, duration: float = 60.0, rounds: int = 24,
         best, best_order = gain, order
         ahead = np.einsum("vij,kj->kvi", A, x[:-1]) + np.einsum("vij,kj->kvi", B, played)
         order = np.argmax(np.einsum("ki,kvi->kv", adjoint, ahead), axis=1)
-    return Schedule(gain=best, delta=np.array(list(_signs(len(loop.blocks))))[best_order], dt=_STEP)
+    return Schedule(gain=best, delta=corners[best_order], dt=_STEP)
+
+
+def worst_swing(loop: Uncertain, speeds: Sequence[float | None], *, duration: float = 60.0, seed: int = 0) -> Schedule:
+    """Return the worst of some histories of Delta that keep `speeds`, and by it a lower bound of the gain.
+
+    Each parameter with a bound in `speeds` [1/s] rests at a corner, or swings in triangles from -1 to 1 at the least of
+    the speeds or slower, in step with the first or a quarter turn late; the others rest at 0. Ramps are taken at the
+    middle of each step. Cost 100 simulations for two slow parameters.
+    """
+    slow = [i for i, speed in enumerate(speeds) if speed is not None]
+    fastest = min(speed for speed in speeds if speed is not None)
+    steps = round(duration / _STEP)
+    start = np.random.default_rng(seed).normal(size=(steps, loop.n_inputs))
+    histories = [np.array([signs]) for signs in _signs(len(slow))]
+    for slower, *late in itertools.product((1.0, 2.0, 4.0), *[(0.0, 0.25)] * (len(slow) - 1)):
+        period = math.ceil(4.0 * slower / fastest / _STEP)
+        turns = (np.arange(min(period, steps)) + 0.5)[:, None] / period + np.array([0.0, *late])
+        histories.append(1.0 - 4.0 * np.abs((turns + 0.25) % 1.0 - 0.5))
+    found = []
+    for history in histories:
+        delta = np.zeros((len(history), len(loop.blocks)))
+        delta[:, slow] = history
+        found.append((*_powered(_systems(loop, delta), np.arange(steps) % len(delta), start, rounds=_SWEEPS), delta))
+    _, w, delta = max(found, key=lambda one: one[0])
+    order = np.arange(steps) % len(delta)
+    gain, _ = _powered(_systems(loop, delta), order, w, rounds=4 * _SWEEPS)
+    return Schedule(gain=gain, delta=delta[order], dt=_STEP)
+
+
+def _powered(systems: Systems, order: Order, w: Matrix, *, rounds: int) -> tuple[float, Matrix]:
+    """Return the gain that power iteration of the loop and its adjoint reaches from the input `w`, and its input."""
+    gain = 0.0
+    for _ in range(rounds):
+        _, z = _forward(*systems, order, w)
+        gain = float(np.linalg.norm(z) / np.linalg.norm(w))
+        _, played = _backward(*systems, order, z)
+        w = played / np.linalg.norm(played)
+    return gain, w
+
+
+def _systems(loop: Uncertain, deltas: Matrix) -> Systems:
+    """Return the loop at each of `deltas`, (k, blocks), over a step: A, B, C and D, each k of them."""
+    names = [block.name for block in loop.blocks]
+    held = [_held(loop, dict(zip(names, delta, strict=True))) for delta in deltas]
+    A, B, C, D = (np.array(matrices) for matrices in zip(*held, strict=True))
+    return A, B, C, D
 
 
 def _signs(blocks: int) -> "itertools.product[tuple[float, ...]]":

@@ -96,6 +96,7 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
         ((), "give a design with --angle-rad and --rate-rad-s"),
         (("D2", "--angle-rad", "0.1"), "give a design with --angle-rad and --rate-rad-s"),
         (("D2", *ENVELOPE, "--leak", "0"), "--leak: is 0.0, must be positive"),
+        (("hinf-d2", "--closure", "--slow"), "a closure flies the law file as it is"),
         (("hinf-d2", "--closure", *ENVELOPE), "a law with --closure"),
         (("hinf-d2", "--closure", "--moment", "1,2"), "--moment: is '1,2', must be three numbers"),
         (("hinf-d2", "--closure", "--horizon", "-1"), "horizon"),

@@ -1,0 +1,178 @@
+"""Certified gains where parameters are slow: what speed buys, the paper's loop, and evidence that bears no change."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firmware_model.vehicle import load_vehicle
+from gustproof.certify.certificate import Certificate, load_certificate
+from gustproof.certify.check import check, seal
+from gustproof.certify.gain import attitude_loop, attitude_speeds, certify_lft
+from gustproof.certify.mirrors import mirrors
+from gustproof.certify.switching import worst_schedule, worst_swing
+from gustproof.model.lft import Uncertain, appended, real, with_states
+from gustproof.model.rotational import Envelope
+from gustproof.synthesis import hinfsyn
+from gustproof.synthesis.designs import design_problem, load_design
+
+GOLDEN = Path(__file__).parents[2] / "golden" / "slow_gain_d2.json"
+
+
+def spring(spread: float = 0.9) -> Uncertain:
+    """Return `x'' + .2 x' + (1 + spread delta) x = w`, z = x: each frozen member is stable, switching destabilises."""
+    stiffness = real("stiffness", low=1.0 - spread, high=1.0 + spread)
+    force = np.array([[0.0], [1.0], [0.0]]) @ stiffness @ np.array([[-1.0, 0.0, 0.0]])
+    return with_states(force + np.array([[0.0, 1.0, 0.0], [0.0, -0.2, 1.0], [1.0, 0.0, 0.0]]), 2)
+
+
+def frozen(loop: Uncertain, delta: float) -> float:
+    system = loop.at({"stiffness": delta})
+    responses = system.response(np.linspace(1e-3, 3.0, 4000))
+    return float(np.max(np.abs(responses)))
+
+
+@pytest.fixture(scope="module")
+def certificate() -> Certificate:
+    return certify_lft(spring(), assumes={}, speeds={"stiffness": 1e-3})
+
+
+def test_a_slow_spring_has_a_bound_where_a_fast_one_has_none(certificate):
+    assert not certify_lft(spring(), assumes={}).proven
+    assert worst_schedule(spring()).gain > 1e3  # it is unstable: no proof could be had
+    assert certificate.proven
+    assert check(json.dumps(certificate.document())).accepted
+    softest = frozen(spring(), -1.0)
+    assert softest * 0.9 < certificate.lower_bound <= certificate.gain
+    assert softest <= certificate.gain
+
+
+def test_the_bound_grows_with_the_speed_until_there_is_none(certificate):
+    faster = certify_lft(spring(), assumes={}, speeds={"stiffness": 0.01})
+    assert faster.proven
+    assert faster.gain > certificate.gain
+    assert not certify_lft(spring(), assumes={}, speeds={"stiffness": 10.0}).proven
+
+
+def leaves(value, path=()):
+    if isinstance(value, dict | list):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from leaves(item, (*path, key))
+    else:
+        yield path
+
+
+def changed(document, path, value=None):
+    """Return a copy of `document` with `value` at `path`, or its last bit or letter changed."""
+    copy = json.loads(json.dumps(document))
+    place = copy
+    for key in path[:-1]:
+        place = place[key]
+    old = place[path[-1]]
+    if value is not None:
+        place[path[-1]] = value
+    elif isinstance(old, bool):
+        place[path[-1]] = not old
+    elif isinstance(old, float):
+        place[path[-1]] = float(np.nextafter(old, np.inf))
+    else:
+        place[path[-1]] = old + 1 if isinstance(old, int) else old + "x"
+    return copy
+
+
+def test_one_changed_bit_anywhere_is_refused(certificate):
+    document = certificate.document()
+    paths = list(leaves(document))
+    assert len(paths) > 40
+    for path in paths:
+        assert not check(json.dumps(changed(document, path))).accepted, path
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "reason"),
+    [
+        (("gain",), 4.0, "inequality does not hold at the corner"),
+        (("gain",), -4.0, "not positive"),
+        (("evidence", "blocks", 0, "speed"), 0.5, "inequality does not hold at the corner"),
+        (("evidence", "blocks", 0, "speed"), -1e-3, "speed is negative"),
+        (("evidence", "system", "A", 1, 0), -0.5, "inequality does not hold at the corner"),
+        (("evidence", "P", 0), [[-1.0, 0.0], [0.0, -1.0]], "P is not positive definite at the corner"),
+        (("evidence", "P"), [[[1.0, 0.0], [0.0, 1.0]]], "malformed"),
+        (("evidence", "Y"), [[0.0] * 4], "inequality does not hold at the corner"),
+        (("evidence", "vertices", 1, 0, "D"), [[-1.0]], "not positive definite"),
+        (("evidence", "vertices", 1, 0, "G"), [[0.1]], "not skew"),
+        (("evidence", "vertices"), [], "malformed"),
+    ],
+)
+def test_a_false_proof_is_refused_even_with_a_new_seal(certificate, path, value, reason):
+    document = changed(certificate.document(), path, value)
+    del document["seal"]
+    verdict = check(json.dumps({**document, "seal": seal(document)}))
+    assert not verdict.accepted
+    assert reason in verdict.reason
+
+
+def test_a_proof_for_every_corner_is_asked_for(certificate):
+    document = certificate.document()
+    document["evidence"]["vertices"] = document["evidence"]["vertices"][:2]
+    del document["seal"]
+    assert not check(json.dumps({**document, "seal": seal(document)})).accepted
+
+
+@pytest.mark.parametrize(
+    ("speeds", "message"), [({"stifness": 1.0}, "speeds name 'stifness'"), ({}, "must be one a block, not all None")]
+)
+def test_speeds_are_of_parameters_of_the_loop(speeds, message):
+    with pytest.raises(ValueError, match=message):
+        certify_lft(spring(), assumes={}, speeds=speeds)
+
+
+def paper_loop() -> Uncertain:
+    problem = design_problem(load_design("D2"), load_vehicle("paper"))
+    controller = hinfsyn(problem.plant(), 3, 3, gamma=0.25).controller
+    return attitude_loop(problem, controller, Envelope(angle=0.1, rate=0.5), scheduled=False)
+
+
+def test_the_papers_law_gains_a_quarter_from_what_the_kinematics_allow_roll_and_pitch():
+    """The certificate was found once (`gustproof certify hinf-d2 ... --slow`); here it is judged and compared."""
+    certificate = load_certificate(GOLDEN)
+    assert check(GOLDEN.read_text()).accepted
+    assert certificate.gain <= 2.0  # 2.604 with a constant matrix, arbitrarily fast
+    loop = paper_loop()
+    for name in "ABCD":
+        np.testing.assert_allclose(certificate.evidence["system"][name], getattr(loop.M, name), rtol=1e-6, atol=1e-8)
+    edge = math.tan(0.05)
+    speeds = [turn * (1.0 + edge**2) / (2.0 * edge) for turn in attitude_speeds(0.1, 0.5, leak=0.05)]
+    told = {block["name"]: block["speed"] for block in certificate.evidence["blocks"]}
+    assert told == {"t": pytest.approx(speeds[0]), "v": pytest.approx(speeds[1]), "r": None, "q": None}
+    assert worst_swing(loop, list(told.values()), duration=20.0).gain <= certificate.lower_bound * 1.01
+
+
+def test_the_attitude_turns_no_faster_than_its_bound():
+    rng = np.random.default_rng(3)
+    phi, theta = rng.uniform(-0.3, 0.3, (2, 20_000))
+    p, q, r = rng.uniform(-0.5, 0.5, (3, 20_000))
+    turn = np.sin(phi) * q + np.cos(phi) * r
+    of_phi, of_theta = attitude_speeds(0.3, 0.5, leak=0.05)
+    assert np.max(np.abs(p + np.tan(theta) * turn - 0.05 * phi)) <= of_phi
+    assert np.max(np.abs(np.cos(phi) * q - np.sin(phi) * r - 0.05 * theta)) <= of_theta
+
+
+def test_the_mirrors_of_a_loop_leave_it_as_it_is():
+    loop = paper_loop()
+    group = mirrors(loop)
+    assert {mirror.delta for mirror in group} == {
+        (1, 1, 1, 1),
+        (-1, 1, -1, 1),
+    }  # left for right: roll and yaw rate turn
+    for mirror in group:
+        turned = loop.at({block.name: 0.5 * sign for block, sign in zip(loop.blocks, mirror.delta, strict=True)})
+        held = loop.at({block.name: 0.5 for block in loop.blocks})
+        np.testing.assert_allclose(turned.A * np.outer(mirror.x, mirror.x), held.A, atol=1e-8)
+        np.testing.assert_allclose(turned.B * np.outer(mirror.x, mirror.w), held.B, atol=1e-8)
+
+
+def test_parts_that_do_not_meet_are_mirrored_apart():
+    assert len(mirrors(appended(spring(), 1.0))) == 4
