@@ -1,5 +1,6 @@
 """H-infinity and H2 norms of linear systems, continuous and discrete."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,10 +8,14 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from gustproof.errors import DesignError
-from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied
+from gustproof.numerics.lti import ComplexMatrix, LinearSystem, Lti, Matrix, copied
 
 _CANDIDATE = 1e-6
 """Eigenvalues with a real part below this fraction of their magnitude, or of rounding, are tried as crossings."""
+
+_ABOVE_INFINITY = (1e-4, 1e-6, 1e-8)
+"""[-] relative excess of levels tried first where no gain above the one at infinity is known: closer to it the
+Hamiltonian matrix grows without bound, and its rounding hides crossings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,11 +54,15 @@ def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
     Systems & Control Letters 14 (1990), 287-293.
     """
     G = copied(system)
-    if not G.is_stable():
-        worst = _least_stable(G)
-        return Peak(gain=np.inf, omega=abs(np.angle(worst)) / G.dt if G.dt else abs(worst.imag))
-    peak = _continuous_peak(bilinear(G) if G.dt else G, accuracy)
-    return Peak(gain=peak.gain, omega=2.0 / G.dt * float(np.arctan(peak.omega * G.dt / 2.0))) if G.dt else peak
+    poles = G.poles()
+    beyond = np.abs(poles) - 1.0 if G.dt else poles.real
+    if np.max(beyond, initial=-1.0) >= 0.0:
+        worst = poles[np.argmax(beyond)]
+        return Peak(gain=np.inf, omega=float(abs(np.angle(worst)) / G.dt if G.dt else abs(worst.imag)))
+    if not G.dt:
+        return _continuous_peak(G, poles, accuracy)
+    peak = _continuous_peak(bilinear(G), 2.0 / G.dt * (poles - 1.0) / (poles + 1.0), accuracy)
+    return Peak(gain=peak.gain, omega=2.0 / G.dt * float(np.arctan(peak.omega * G.dt / 2.0)))
 
 
 def h2_norm(system: LinearSystem) -> float:
@@ -92,23 +101,21 @@ def bilinear(G: Lti) -> Lti:
     )
 
 
-def _continuous_peak(G: Lti, accuracy: float) -> Peak:
+def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:
     at_infinity = float(np.linalg.norm(G.D, 2)) if G.D.size else 0.0
     best = Peak(gain=at_infinity, omega=np.inf)
     if not G.order or not G.D.size:
         return best
-    best = _better(G, best, _first_guesses(G))
+    best = _better(G, best, _first_guesses(poles))
     if best.gain <= 0.0:
         return best
+    for excess in _ABOVE_INFINITY:
+        if math.isinf(best.omega):
+            best = _better(G, best, _candidates(_crossings(G, (1.0 + excess) * best.gain)))
     for _ in range(60):
-        crossings = _crossings(G, (1.0 + 2.0 * accuracy) * best.gain)
-        if crossings.size == 0:
+        candidates = _candidates(_crossings(G, (1.0 + 2.0 * accuracy) * best.gain))
+        if candidates.size == 0:
             return best
-        # Where the gain is flat, rounding hides crossings and bands look half open: so 0 and beyond count as ends too,
-        # and a band is tried at its arithmetic and its geometric middle.
-        ends = np.concatenate([[0.0], crossings, [2.0 * crossings[-1]]])
-        middles = np.concatenate([0.5 * (ends[:-1] + ends[1:]), np.sqrt(ends[:-1] * ends[1:])])
-        candidates = np.concatenate([crossings, middles])
         higher = _better(G, best, candidates)
         if higher.gain <= (1.0 + accuracy) * best.gain:
             return higher
@@ -116,13 +123,26 @@ def _continuous_peak(G: Lti, accuracy: float) -> Peak:
     raise DesignError("the H-infinity norm did not settle in 60 rounds; the system is badly scaled")
 
 
-def _first_guesses(G: Lti) -> Matrix:
-    poles = G.poles()
+def _candidates(crossings: Matrix) -> Matrix:
+    """Return the crossings and the middles of the bands between them; nothing for none.
+
+    Where the gain is flat, rounding hides crossings and bands look half open: so 0 and beyond count as ends too, and a
+    band is tried at its arithmetic and its geometric middle.
+    """
+    if crossings.size == 0:
+        return crossings
+    ends = np.concatenate([[0.0], crossings, [2.0 * crossings[-1]]])
+    return np.concatenate([crossings, 0.5 * (ends[:-1] + ends[1:]), np.sqrt(ends[:-1] * ends[1:])])
+
+
+def _first_guesses(poles: ComplexMatrix) -> Matrix:
     resonance = np.abs(poles) * np.sqrt(np.maximum(1.0 - 2.0 * (poles.real / np.abs(poles)) ** 2, 0.0))
     return np.unique(np.concatenate([[0.0], np.abs(poles), resonance]))
 
 
 def _better(G: Lti, best: Peak, omega: NDArray[np.float64]) -> Peak:
+    if omega.size == 0:
+        return best
     gains = np.linalg.norm(G.response(omega), 2, axis=(1, 2))
     k = int(np.argmax(gains))
     return Peak(gain=float(gains[k]), omega=float(omega[k])) if gains[k] > best.gain else best
@@ -144,8 +164,3 @@ def _crossings(G: Lti, level: float) -> Matrix:
     rounding = 1e-13 * np.max(np.abs(eigenvalues))
     on_axis = np.abs(eigenvalues.real) <= _CANDIDATE * np.abs(eigenvalues) + rounding
     return np.unique(np.abs(eigenvalues[on_axis].imag))
-
-
-def _least_stable(G: Lti) -> complex:
-    poles = G.poles()
-    return complex(poles[np.argmax(np.abs(poles) if G.dt else poles.real)])

@@ -43,6 +43,31 @@ def test_a_rise_of_a_few_parts_in_ten_thousand_above_a_plateau_is_found():
     assert hinf_norm(bump).gain == pytest.approx(1.0003, rel=TIGHT)
 
 
+def test_a_peak_just_above_the_gain_at_infinity_is_not_lost_in_rounding():
+    # every guess lies below the gain at infinity, and the level just above it makes the Hamiltonian matrix huge
+    system = Lti(
+        A=[
+            [-0.6445396338915006, 0.23599825548660097, 0.8610151621733736],
+            [-0.12934378528653054, -3.1838561076265615, -0.32429615981767923],
+            [0.18363724944982562, -1.2831534866144731, -1.0558129076089575],
+        ],
+        B=[
+            [1.0408415152765786, -1.5262932706948533],
+            [-0.12167070072917209, 0.4497134632331462],
+            [-0.3012675824275476, 0.44934150817527313],
+        ],
+        C=[
+            [-1.2919499923423572, 0.79392097447448, 0.9910225957106517],
+            [0.332407022089407, 1.4355268702506445, 0.759323236825502],
+        ],
+        D=[[0.9047818635818073, -1.851647165832078], [0.10358283248197178, 2.0782049169216843]],
+    )
+    peak = hinf_norm(system)
+    dense = np.linalg.norm(system.response(np.geomspace(1.0, 30.0, 20001)), 2, axis=(1, 2))
+    assert peak.gain == pytest.approx(np.max(dense), rel=TIGHT)
+    assert peak.gain > 1.001 * np.linalg.norm(system.D, 2)
+
+
 def test_a_discrete_resonance_has_the_peak_of_its_dense_response():
     system = Lti(A=0.999 * np.array([[0.6, 0.8], [-0.8, 0.6]]), B=[[1.0], [0.0]], C=[[0.0, 1.0]], D=[[0.1]], dt=0.01)
     peak = hinf_norm(system)
