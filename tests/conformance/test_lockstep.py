@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot import Mode
+from firmware_model.autopilot import FailSafe, Mode
 from firmware_model.endpoint import START_TIMEOUT_US, Outcome, VehicleEndpoint
 from firmware_model.flight import RESEND_US, RESENDS, Hitch
 from firmware_model.frames import Dropped, parse
@@ -25,10 +25,10 @@ Tamper = Callable[[bytes, int], list[bytes]]
 class Flight:
     """A flight of half a second in turbulence; `up` and `down` tamper with what controller and vehicle send."""
 
-    def __init__(self, *, lockstep: bool = True) -> None:
+    def __init__(self, *, lockstep: bool = True, **changes) -> None:
         self.rows: list[bytes] = []
         self.modes: list[float] = []
-        scenario = replace(load_scenario("paper-turbulence"), duration_s=0.5)
+        scenario = replace(load_scenario("paper-turbulence"), **{"duration_s": 0.5, **changes})
         self.vehicle = VehicleEndpoint(load_vehicle("paper"), scenario, 1, self.record, lockstep=lockstep)
         self.controller = ControllerEndpoint(load_law("hinf-d1"), VEHICLE)
         self.now_us = 0
@@ -244,3 +244,15 @@ def test_hung_controller_is_waited_for_in_lockstep(clean):
     assert flight.vehicle.outcome is Outcome.DONE
     assert flight.rows == clean.rows
     assert flight.counters[Hitch.RESENT] == 2_000_000 // RESEND_US
+
+
+def test_free_flight_whose_law_dies_lands_if_so_set_and_ends_before_its_script():
+    flight = Flight(lockstep=False, duration_s=120.0, translation="free", altitude_m=3.0, wind=())
+    flight.vehicle.autopilot.settings = replace(flight.vehicle.autopilot.settings, fail_safe=FailSafe.LAND)
+    flight.run(up=lambda datagram, flown: [datagram] if flown < 250 else [])
+    assert flight.vehicle.outcome is Outcome.STREAM_LOST
+    assert set(flight.modes[:499]) == {Mode.OFFBOARD.value}
+    assert set(flight.modes[500:-1]) == {Mode.LAND.value}
+    assert len(flight.rows) < 30 * 250
+    assert flight.vehicle.loop.on_ground
+    assert not flight.vehicle.autopilot.armed
