@@ -6,5 +6,16 @@ from gustproof.synthesis.designs import load_design
 from gustproof.synthesis.discretize import central_law
 from gustproof.synthesis.fair import fair_pid
 from gustproof.synthesis.hinfsyn import HinfResult, hinfsyn
+from gustproof.synthesis.structured import StructResult, hinfstruct
 
-__all__ = ["HinfResult", "autotuned_pid", "central_law", "derive", "fair_pid", "hinfsyn", "load_design"]
+__all__ = [
+    "HinfResult",
+    "StructResult",
+    "autotuned_pid",
+    "central_law",
+    "derive",
+    "fair_pid",
+    "hinfstruct",
+    "hinfsyn",
+    "load_design",
+]
