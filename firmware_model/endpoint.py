@@ -145,8 +145,10 @@ class VehicleEndpoint:
             elif self._commander is not None and self.flight.asks():
                 self._send(messages.imu_message(self.loop.observe()), self._commander)
         self._stream(self.flight.clock_us(now_us))
-        if now_us >= self._heartbeat_at_us or self._announced != self._state():
-            self._beat(now_us)
+        autopilot = self.autopilot
+        state = autopilot.mode, autopilot.armed, autopilot.airborne
+        if now_us >= self._heartbeat_at_us or state != self._announced:
+            self._beat(now_us, state)
         outbox, self._outbox = self._outbox, []
         return outbox
 
@@ -257,13 +259,13 @@ class VehicleEndpoint:
                 if message is not None:
                     self._send(message, listener)
 
-    def _beat(self, now_us: int) -> None:
-        """Send HEARTBEAT to all, and forget who has been silent for too long."""
+    def _beat(self, now_us: int, state: tuple[Mode, bool, bool]) -> None:
+        """Send HEARTBEAT to all, with what changes with `state` if that is new, and forget who has been silent for too long."""
         self._heartbeat_at_us = now_us + HEARTBEAT_US
         if self._commander in self._listeners.forget_silent(now_us):
             self._commander = None
-        changed = self._announced is not None and self._announced != self._state()
-        self._announced = self._state()
+        changed = self._announced not in (None, state)
+        self._announced = state
         for message_id in _AT_A_CHANGE if changed else _AT_A_CHANGE[:1]:
             self.broadcast(self._streams[message_id].message())
         self._created_us = now_us if self._created_us is None else self._created_us
@@ -271,9 +273,6 @@ class VehicleEndpoint:
         if waiting and now_us > self._created_us + START_TIMEOUT_US:
             self.outcome = Outcome.NO_CONTROLLER
             self.finished = True
-
-    def _state(self) -> tuple[Mode, bool, bool]:
-        return self.autopilot.mode, self.autopilot.armed, self.autopilot.airborne
 
     def _heard(self, address: Peer, frame: Frame, now_us: int) -> Listener | None:
         listener = self._listeners.at(address)
