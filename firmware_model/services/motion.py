@@ -11,6 +11,7 @@ import numpy as np
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model import messages
+from firmware_model.compiled import compiled
 from firmware_model.frames import Message
 from firmware_model.loop import VehicleLoop
 from firmware_model.rotations import euler_angles, rotate
@@ -55,8 +56,13 @@ def service(craft: Craft) -> Service:
 def air_N(loop: VehicleLoop) -> Vector:
     """Return how the air moves at the vehicle, mean wind and gust, [m/s] N, blowing toward."""
     loop.observe()
-    wind, gust = loop.truth("wind_N"), rotate(loop.q_NB, loop.truth("gust_B"))
-    return wind[0] + gust[0], wind[1] + gust[1], wind[2] + gust[2]
+    return _air_N(loop.q_NB, loop.truth("gust_B"), loop.truth("wind_N"))
+
+
+@compiled  # a kernel called by itself would be made anew in each process, which holds up its first second
+def _air_N(q_NB: Quaternion, gust_B: Vector, wind_N: Vector) -> Vector:
+    gust = rotate(q_NB, gust_B)
+    return wind_N[0] + gust[0], wind_N[1] + gust[1], wind_N[2] + gust[2]
 
 
 def attitude_message(sample: ImuSample, q_NB: Quaternion) -> Message:
