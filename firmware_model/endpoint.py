@@ -260,7 +260,7 @@ class VehicleEndpoint:
                     self._send(message, listener)
 
     def _beat(self, now_us: int, state: tuple[Mode, bool, bool]) -> None:
-        """Send HEARTBEAT to all, with what changes with `state` if that is new, and forget who has been silent for too long."""
+        """Send HEARTBEAT to all, with more if `state` is new, and forget who has been silent for too long."""
         self._heartbeat_at_us = now_us + HEARTBEAT_US
         if self._commander in self._listeners.forget_silent(now_us):
             self._commander = None
