@@ -91,7 +91,9 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
             gc.disable()
         listening = [bound.getsockname()[1] for bound in sockets]
         if standing and not options.json:
-            print(greeting(vehicle.name, scenario.name, listening, [peer[1][1] for peer in expected]), flush=True)
+            place = "on the test stand" if options.held else "on the ground"
+            stands = f"vehicle '{vehicle.name}' {place} in the air of '{scenario.name}'"
+            print(greeting(stands, listening, [peer[1][1] for peer in expected]), flush=True)
             if sys.stderr.isatty():
                 stack.enter_context(status.shown(lambda: endpoint.links))
         else:
@@ -101,8 +103,8 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
     return _EXIT.get(endpoint.outcome, _BROKEN) if endpoint.outcome else _BROKEN
 
 
-def greeting(vehicle: str, air: str, listening: Sequence[int], told: Sequence[int]) -> str:
-    """Return how to connect to a standing vehicle; `told` are the ports that it speaks to unasked, if any."""
+def greeting(stands: str, listening: Sequence[int], told: Sequence[int]) -> str:
+    """Return what stands there and how to connect to it; `told` are the ports that it speaks to unasked, if any."""
     if told:
         ground, offboard = told
         ways = {
@@ -121,7 +123,7 @@ def greeting(vehicle: str, air: str, listening: Sequence[int], told: Sequence[in
     ways["a law"] = f"gustproof controller --law hinf-scheduled --connect 127.0.0.1:{listening[-1]}"
     return "\n".join(
         (
-            f"vehicle '{vehicle}' in the air of '{air}', disarmed; speaks MAVLink as PX4 does, and is not PX4",
+            f"{stands}, disarmed; speaks MAVLink as PX4 does, and is not PX4",
             *(f"  {client:<15} {way}" for client, way in ways.items()),
             "Ctrl-C ends it.",
         )

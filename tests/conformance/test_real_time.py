@@ -14,6 +14,7 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
+from firmware_model.__main__ import greeting
 from firmware_model.autopilot import Mode
 from firmware_model.frames import parse
 from firmware_model.scenario import load_scenario
@@ -95,6 +96,25 @@ class Pilot:
 
     def set_mode(self, main: float, sub: float) -> None:
         self.order(wire.MAV_CMD_DO_SET_MODE, 1.0, main, sub)
+
+
+@pytest.mark.parametrize(
+    ("told", "ways"),
+    [
+        (
+            (14553, 14543),
+            ("UDP port 14553", "--master udp:127.0.0.1:14553", "udpin://0.0.0.0:14543", '"udpin:127.0.0.1:14553"'),
+        ),
+        ((), ("127.0.0.1:14583", "--master udpout:127.0.0.1:14583", "udpout://127.0.0.1:14583", '"udpout:127.0.0.1')),
+    ],
+)
+def test_standing_vehicle_says_how_each_client_connects(told, ways):
+    lines = greeting("vehicle", [18573, 14583], told).splitlines()
+    clients = dict(zip(("QGroundControl", "MAVProxy", "MAVSDK", "pymavlink"), ways, strict=True))
+    for client, way in clients.items():
+        (line,) = [line for line in lines if line.startswith(f"  {client}")]
+        assert way in line
+    assert any("gustproof controller" in line and "--connect 127.0.0.1:14583" in line for line in lines)
 
 
 def test_scripted_flight_in_real_time_is_flown_to_the_end(tmp_path):

@@ -353,3 +353,46 @@ def test_stand_is_clamped_until_armed_and_lands_by_levelling():
     stand.order(LAND)
     stand.until(lambda: not stand.autopilot.armed, 20.0)
     assert stand.autopilot.landed is Landed.ON_GROUND
+
+
+@pytest.mark.parametrize(
+    ("mask", "q_NB", "rates", "gyro"),
+    [
+        (7, (math.cos(0.05), math.sin(0.05), 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),  # roll .1 rad
+        (128, (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.4), (0.0, 0.0, 0.4)),  # as MAVSDK sends rates
+        (3, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ],
+)
+def test_set_points_of_the_pilots_own_program_are_flown(field, mask, q_NB, rates, gyro):
+    def stream(seconds: float) -> None:
+        for _ in range(round(20 * seconds)):
+            message = wire.MAVLink_set_attitude_target_message(0, 1, 1, mask, list(q_NB), *rates, 0.5)
+            field.say(message)
+            field.run(0.05)
+
+    field.take_off()
+    assert field.order(SET_MODE, 1.0, OFFBOARD) == wire.MAV_RESULT_TEMPORARILY_REJECTED
+    stream(0.5)
+    assert field.order(SET_MODE, 1.0, OFFBOARD) == wire.MAV_RESULT_ACCEPTED
+    stream(3.0)
+    assert field.autopilot.mode is Mode.OFFBOARD
+    assert field.loop.truth("omega_B") == pytest.approx(gyro, abs=0.02)
+    if mask != 128:
+        assert field.loop.q_NB == pytest.approx(q_NB, abs=0.01)
+    field.run(1.5)
+    assert field.autopilot.mode is Mode.STABILIZED
+
+
+def test_second_stream_is_refused_while_the_first_is_alive_and_flies_after_it(flown):
+    def stream() -> None:
+        for _ in range(10):
+            flown.say(wire.MAVLink_set_attitude_target_message(0, 1, 1, 7, [1.0, 0.0, 0.0, 0.0], 0, 0, 0, 0.5))
+            flown.run(0.05)
+
+    stream()
+    assert flown.vehicle.counters[Dropped.NOT_IN_COMMAND] == 10
+    flown.up = lambda _: []
+    flown.run(1.2)
+    stream()
+    assert flown.order(SET_MODE, 1.0, OFFBOARD) == wire.MAV_RESULT_ACCEPTED
+    assert flown.vehicle.counters[Dropped.NOT_IN_COMMAND] == 10
