@@ -17,7 +17,7 @@ from firmware_model.autopilot import FailSafe, Settings
 from firmware_model.gains import POSITION_GAINS, Gain, changed, stabilizer_gains
 from firmware_model.scenario import Scenario
 from firmware_model.signals import Vector
-from firmware_model.vehicle import PositionLoop, Stabilizer, Vehicle
+from firmware_model.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
 
 TORQUE_LIMIT_NAMES = ("GP_TRQ_MAX_R", "GP_TRQ_MAX_P", "GP_TRQ_MAX_Y")
 """Largest torque about roll, pitch and yaw."""
@@ -108,6 +108,9 @@ def _table(vehicle: Vehicle, scenario: Scenario) -> tuple[Parameter, ...]:
                   meaning="Least height above home on the way home"),
         Parameter(name="MPC_LAND_SPEED", default=usual.land_speed, unit="m/s", minimum=0.2, maximum=1.5,
                   meaning="Descent near the ground"),
+        Parameter(name="MPC_THR_HOVER", read_only=True,
+                  default=_rounded(vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max)),
+                  meaning="Thrust of a set-point that hovers"),
         Parameter(name=GUST_SCALE_NAME, default=1.0, minimum=0.0, maximum=3.0,
                   meaning="All gusts, as a multiple of what the scenario says"),
         *(

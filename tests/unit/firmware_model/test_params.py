@@ -25,6 +25,11 @@ def test_limits_are_parameters_in_newton_metres(parameters):
     assert [parameters[f"GP_TRQ_MAX_{axis}"] for axis in "RPY"] == [1.5, 0.8999999761581421, 0.3499999940395355]
 
 
+def test_thrust_that_hovers_carries_the_weight_by_four_rotors(parameters):
+    vehicle = load_vehicle("paper")
+    assert parameters["MPC_THR_HOVER"] * 4.0 * vehicle.rotors.thrust_max == pytest.approx(9.80665 * vehicle.mass, 1e-6)
+
+
 def test_integers_travel_bytewise(parameters):
     value, integer = parameters.wire_value("IMU_INTEG_RATE")
     assert integer
