@@ -8,10 +8,11 @@ import numpy as np
 
 from gustproof.errors import DesignError
 from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied, lft
-from gustproof.numerics.norms import hinf_norm
+from gustproof.numerics.norms import Peak, hinf_norm
 from gustproof.synthesis.hinfsyn import hinfsyn
 from gustproof.synthesis.structured_blocks import Structure, full
 from gustproof.synthesis.structured_goals import Gain, Goal
+from gustproof.synthesis.structured_loop import augmented, closed, peak
 from gustproof.synthesis.structured_objective import Penalized, Problem
 from gustproof.synthesis.structured_search import minimize
 
@@ -25,7 +26,7 @@ _STABLE = -1e-3
 _STABILIZING_STEPS, _STEPS, _KICKS = 300, 1000, 2
 _KICK = 0.03
 """[-] relative size of the change that is made to all parameters of the best, before its search is tried again."""
-_PRICE, _DEARER, _ROUNDS = 10.0, 10.0, 5
+_PRICE, _DEARER, _ROUNDS = 10.0, 10.0, 12
 """Price of a limit in units of the target, what it is raised by where it is too low, and how often."""
 _ROUND_GAIN = 1e-3
 """[-] relative progress of a round below which there is no other."""
@@ -246,34 +247,46 @@ def _shaken(problem: Problem, objective: Penalized, theta: Matrix, rng: np.rando
 
 
 def _traded(objective: Penalized, theta: Matrix) -> Matrix:
-    """Return parameters with the least target among those that keep the limits, from some that do."""
-    best, price = theta, _PRICE
-    target = objective.reached(theta)[0]
-    for _ in range(_ROUNDS if np.isfinite(target) else 0):
-        theta = minimize(objective.priced(target, price), theta, steps=_STEPS).theta
-        reached, kept = objective.reached(theta)
-        if max(kept.values()) > 1.0:
-            price *= _DEARER
-            continue
-        gained, best = target - reached, theta if reached < target else best
-        target = min(target, reached)
-        if gained <= _ROUND_GAIN * target:
+    """Return parameters with the least target among those that keep the limits, from some that do.
+
+    In turns away from the limits' edge, where a search goes further, and down to the edge.
+    """
+    best, price, least = theta, _PRICE, objective.reached(theta)[0]
+    for _ in range(_ROUNDS if np.isfinite(least) else 0):
+        before = least
+        for centred in (True, False):
+            function = objective.centred(least) if centred else objective.priced(least, price)
+            theta = minimize(function, best, steps=_STEPS).theta
+            target, kept = objective.reached(theta)
+            if max(kept.values()) > 1.0:
+                price *= _DEARER
+            elif target < least:
+                best, least = theta, target
+        if before - least <= _ROUND_GAIN * least:
             break
     objective.priced(1.0)
     return best
+
+
+def _peak(model: Lti, K: Lti) -> Peak:
+    loop = augmented(model, K.n_inputs, K.n_outputs, K.order)
+    gain, omega = peak(closed(loop, np.block([[K.A, K.B], [K.C, K.D]])), [])
+    return Peak(gain=gain, omega=omega)
 
 
 def _result(
     problem: Problem, objective: Penalized, theta: Matrix, tried: tuple[Start, ...], gamma_opt: float | None
 ) -> StructResult:
     K = problem.structure.controller(theta)
+    # where the gain is flat either computation may miss a little of it: the larger one is a norm that is attained
     peaks = [hinf_norm(lft(model, K)) for model in problem.models]
-    peak = max(peaks, key=lambda item: item.gain)
+    peaks += [_peak(model, K) for model in problem.models]
+    top = max(peaks, key=lambda item: item.gain)
     target, kept = objective.reached(theta)
-    if not np.isfinite(peak.gain):
+    if not np.isfinite(top.gain):
         raise DesignError("rounding spoilt the controller: its closed loop is unstable")
     return StructResult(
-        controller=K, gamma=peak.gain, omega=peak.omega, target=target, limits=kept, gamma_opt=gamma_opt,
+        controller=K, gamma=top.gain, omega=top.omega, target=target, limits=kept, gamma_opt=gamma_opt,
         blocks=problem.structure.systems(theta), theta=theta, starts=tried, evaluations=objective.evaluations,
         winner=int(np.argmin([start.target for start in tried])),
     )  # fmt: skip

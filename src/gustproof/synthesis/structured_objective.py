@@ -1,5 +1,6 @@
 """What a search minimises: goals of the worst model as functions of a structured controller's parameters."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,12 +93,18 @@ class Penalized:
         self.target, self.limits, self.scale, self.price, self.evaluations = target, limits, 1.0, 1.0, 0
         self._offset, self._basis = structure.basis()
         self._theta: Matrix | None = None
+        self._together = False
         self._targets: list[float] = []
         self._passed: list[float] = []
 
     def priced(self, scale: float, price: float = 1.0) -> "Penalized":
         """Return this function with another scale of the target and price of a limit."""
-        self.scale, self.price = scale, price
+        self.scale, self.price, self._together = scale, price, False
+        return self
+
+    def centred(self, scale: float) -> "Penalized":
+        """Return the largest of the target over its scale and the other goals over their limits instead of a sum."""
+        self.scale, self.price, self._together = scale, 1.0, True
         return self
 
     def value(self, theta: Matrix) -> float:
@@ -105,6 +112,8 @@ class Penalized:
         if self._theta is None or not np.array_equal(theta, self._theta):
             self._evaluate(theta)
         wanted = max(self._targets) / self.scale if np.isfinite(self.scale) else 0.0
+        if self._together:
+            return max([wanted, *(1.0 + passed for passed in self._passed)])
         return wanted + self.price * max([0.0, *self._passed])
 
     def branches(self, theta: Matrix, near: float) -> list[Branch]:
@@ -116,10 +125,12 @@ class Penalized:
         wanted = [nothing]
         if np.isfinite(self.scale):
             wanted = self._branches(self.target, self._targets, 1.0 / self.scale, near * top)
+        if self._together:
+            limits = self._branches(self.limits, [1.0 + passed for passed in self._passed], 1.0, near * top)
+            return _nearest([*wanted, *limits], top, near)
         passed = [nothing, *self._branches(self.limits, self._passed, self.price, near * top)]
         sums = [Branch(a.value + b.value, a.gradient + b.gradient) for a in wanted for b in passed]
-        sums.sort(key=lambda branch: -branch.value)
-        return sums[:1] if near == 0.0 else [branch for branch in sums if branch.value >= (1.0 - near) * top]
+        return _nearest(sums, top, near)
 
     def _branches(
         self, criteria: "Sequence[Criterion]", values: list[float], factor: float, within: float
@@ -151,6 +162,11 @@ class Penalized:
         for criterion in self.limits:
             kept[criterion.goal.name] = max(kept.get(criterion.goal.name, -np.inf), criterion.last)
         return max(self._targets), kept
+
+
+def _nearest(branches: list[Branch], top: float, near: float) -> list[Branch]:
+    branches.sort(key=lambda branch: -branch.value)
+    return branches[:1] if near == 0.0 else [branch for branch in branches if branch.value >= (1.0 - near) * top]
 
 
 Criterion = NormCriterion | PoleCriterion
