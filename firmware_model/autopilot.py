@@ -126,11 +126,7 @@ class Event(Enum):
         return self in _LOST.values()
 
 
-_LOST = {
-    FailSafe.STABILIZED: Event.LOST_STABILIZED,
-    FailSafe.LAND: Event.LOST_LAND,
-    FailSafe.HOLD: Event.LOST_HOLD,
-}
+_LOST = dict(zip(FailSafe, (Event.LOST_STABILIZED, Event.LOST_LAND, Event.LOST_HOLD), strict=True))
 _LEVEL_MODES = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.STABILIZED})
 _LANDING_MODES = frozenset({Mode.LAND, Mode.RETURN})
 _OFFBOARD = Mode.OFFBOARD  # asked for several times a sample, and to look up a member of an Enum takes .1 us
@@ -227,9 +223,8 @@ class Autopilot:
             return self.take_off(None)
         if mode is Mode.RETURN and not self.free:
             return Verdict.ON_STAND
-        if mode is not self.mode:
+        if mode is not self.mode or self.in_fail_safe:
             self._enter(mode)
-        self.in_fail_safe = False
         return Verdict.ACCEPTED
 
     def take_off(self, height: float | None) -> Verdict:
@@ -244,7 +239,6 @@ class Autopilot:
             return Verdict.HEIGHT
         self._takeoff_height = height
         self._enter(Mode.TAKEOFF)
-        self.in_fail_safe = False
         return Verdict.ACCEPTED
 
     def land(self) -> Verdict:
@@ -345,7 +339,7 @@ class Autopilot:
                 self.note(Event.LANDED)
 
     def _enter(self, mode: Mode) -> None:
-        self.mode, self._legs, self._settled_us = mode, (), None
+        self.mode, self.in_fail_safe, self._legs, self._settled_us = mode, False, (), None
 
     def _younger_than(self, age_us: int) -> bool:
         return self._last_setpoint_us is not None and self.clock_us < self._last_setpoint_us + age_us

@@ -182,10 +182,11 @@ def test_pilot_takes_the_vehicle_from_a_living_stream_and_gives_it_back(craft, a
     assert craft.stay(SAMPLE_US) is LEVEL_THRUST
 
 
-def test_pilot_who_takes_over_ends_the_fail_safe(craft, autopilot):
+@pytest.mark.parametrize("mode", [Mode.STABILIZED, Mode.HOLD])
+def test_pilot_who_takes_over_ends_the_fail_safe(craft, autopilot, mode):
     craft.fly_to(Mode.OFFBOARD)
     autopilot.lose_stream()
-    autopilot.set_mode(Mode.STABILIZED)
+    autopilot.set_mode(mode)
     assert not autopilot.in_fail_safe
 
 
