@@ -88,7 +88,8 @@ def air_wrench(params: AirParams, body: Body, air: Air) -> tuple[Vector, Vector]
     """Return force [N] B and moment [N*m] B of the air.
 
     Rotors: in proportion to the relative air and to the rotors' speed, which goes with the root of the thrust and is 1
-    in hover. Body: in proportion to the square, in all directions alike.
+    in hover. Body: in proportion to the square, in all directions alike. Yaw comes of gusts alone: what passes all
+    rotors alike turns none of them more than another.
     """
     past = (air.north - body.v_north, air.east - body.v_east, air.down - body.v_down)
     mean = rotate(conjugate((body.qw, body.qx, body.qy, body.qz)), past)
@@ -96,7 +97,7 @@ def air_wrench(params: AirParams, body: Body, air: Air) -> tuple[Vector, Vector]
     spin = math.sqrt(max(body.thrust, 0.0) * params.inverse_weight)
     square = params.body_drag * math.sqrt(v_B[0] * v_B[0] + v_B[1] * v_B[1] + v_B[2] * v_B[2])
     plane, axis = spin * params.rotor_drag + square, spin * params.heave_drag + square
-    moment = gust_moment(spin * params.gust_gain, params.gust_yaw_ratio, v_B)
+    moment = gust_moment(spin * params.gust_gain, params.gust_yaw_ratio, (v_B[0], v_B[1], air.w))
     return (plane * v_B[0], plane * v_B[1], axis * v_B[2]), moment
 
 

@@ -232,6 +232,6 @@ def gust_moment(gain: float, yaw_ratio: float, gust_B: Vector) -> Vector:
     Each rotor drags along with the air that blows through its plane, F = c (gust) at a height h above the centre of
     mass, r = (0, 0, -h): r x F = (h c v, -h c u, 0), so `gain` = h c [N*m/(m/s)]. Yaw comes from the rotors' unequal
     answer to vertical gusts, `yaw_ratio` times that. On the stand mean wind is trimmed out and gives none; in free
-    flight `gust_B` is all the air that moves past the vehicle, of which its own loop trims out what is steady.
+    flight roll and pitch are of all the air that moves past the vehicle, whose own loop trims out what is steady.
     """
     return gain * gust_B[1], -gain * gust_B[0], yaw_ratio * gain * gust_B[2]

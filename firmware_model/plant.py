@@ -30,6 +30,7 @@ from firmware_model.position import (
     lean,
     lift,
     nothing_held,
+    toward,
 )
 from firmware_model.rigid_body import Body, BodyInputs, BodyParams, still
 from firmware_model.rotors import RotorParams, allocate, rotor_thrusts
@@ -69,6 +70,8 @@ SETPOINT = 9
 """Length of a set-point: kind; then torque fractions (3), or rates (3) [rad/s], or q_NB (4) and rates (3), or position
 (3) [m] N, yaw [rad] and v_down [m/s] or NaN; and at `THRUST`, a fraction of the largest, NaN to hold the height."""
 THRUST = 8
+_TOUCH = 0.1  # [-] of the weight on the ground, from which on a descent has touched it
+_TOUCHING_THRUST = 0.3  # [-] of the weight
 
 _load_body_params, _load_dryden_params = loader(BodyParams), loader(DrydenParams)
 _load_gyro_params, _load_stabilizer_params = loader(GyroParams), loader(StabilizerParams)
@@ -189,8 +192,9 @@ def _write_rotors(params: Array, body: Body, record: Array) -> None:
 def advance_kernel(params: Array, state: Array, seed: int, sample: int, sample_us: int, setpoint: Array,
                    record: Array) -> None:  # fmt: skip
     """Move the world from a sample to the next under `setpoint`, and write to `record` what was commanded."""
-    q_NB, thrust = _aim(params, state, setpoint)
-    torque = _track(params, state, setpoint, q_NB, record)
+    touches = setpoint[0] == GUIDANCE and not math.isnan(setpoint[5]) and state[X_LOAD] > _TOUCH * params[WEIGHT]
+    q_NB, thrust = _aim(params, state, setpoint, touches)
+    torque = _track(params, state, setpoint, q_NB, touches, record)
     if params[FREE] != 0.0:
         torque, thrust = allocate(_load_rotor_params(params, world.ROTORS), torque, thrust)
     _write(record, _TORQUE_COMMAND, torque)
@@ -203,8 +207,12 @@ def advance_kernel(params: Array, state: Array, seed: int, sample: int, sample_u
 
 
 @kernel
-def _aim(params: Array, state: Array, setpoint: Array) -> tuple[Quaternion, float]:
-    """Return the attitude to track, if one is, and the thrust [N] to be asked for; on the stand it is the weight."""
+def _aim(params: Array, state: Array, setpoint: Array, touches: bool) -> tuple[Quaternion, float]:
+    """Return the attitude to track, if one is, and the thrust [N] to be asked for; on the stand it is the weight.
+
+    Where a descent touches the ground, that gets the better part of the weight and levels the vehicle: loops that went
+    on holding place and attitude against the ground would wind up and throw it over.
+    """
     kind = setpoint[0]
     q_NB = (setpoint[1], setpoint[2], setpoint[3], setpoint[4]) if kind == ATTITUDE else (1.0, 0.0, 0.0, 0.0)
     if kind == OFF:
@@ -213,17 +221,19 @@ def _aim(params: Array, state: Array, setpoint: Array) -> tuple[Quaternion, floa
     if params[FREE] == 0.0:
         return q_NB, params[WEIGHT]
     gains, body = _load_position_params(params, world.POSITION), _load_body(state, X_BODY)
-    holding = _load_holding(state, X_HOLDING)
-    if kind == GUIDANCE:
+    holding, estimate = _load_holding(state, X_HOLDING), _load_estimate(state, X_ESTIMATE)
+    present_q_NB = (estimate.qw, estimate.qx, estimate.qy, estimate.qz)
+    if touches:
+        holding, q_NB, thrust = nothing_held(), present_q_NB, _TOUCHING_THRUST * params[WEIGHT]
+    elif kind == GUIDANCE:
         place = (setpoint[1], setpoint[2], setpoint[3])
         holding, acceleration, thrust = guide(gains, holding, body, place, setpoint[5])
-        q_NB = lean(acceleration, setpoint[4])
+        q_NB = lean(acceleration, toward(present_q_NB, setpoint[4]))
     else:
         holding, thrust = lift(gains, holding, body, 4.0 * params[world.ROTORS] * setpoint[THRUST])
         if kind == LEVEL:
-            estimate = _load_estimate(state, X_ESTIMATE)
-            holding = keep_heading(holding, (estimate.qw, estimate.qx, estimate.qy, estimate.qz))
-            q_NB = lean((0.0, 0.0, 0.0), holding.yaw)
+            holding = keep_heading(holding, present_q_NB)
+            q_NB = lean((0.0, 0.0, 0.0), toward(present_q_NB, holding.yaw))
         else:
             holding = forget_heading(holding)
     _store_holding(state, X_HOLDING, holding)
@@ -231,7 +241,8 @@ def _aim(params: Array, state: Array, setpoint: Array) -> tuple[Quaternion, floa
 
 
 @kernel
-def _track(params: Array, state: Array, setpoint: Array, target_q_NB: Quaternion, record: Array) -> Vector:
+def _track(params: Array, state: Array, setpoint: Array, target_q_NB: Quaternion, touches: bool,
+           record: Array) -> Vector:  # fmt: skip
     """Return the torque [N*m] B that is asked for, and write the rates that are."""
     stabilizer = _load_stabilizer_params(params, world.STABILIZER)
     estimate = _load_estimate(state, X_ESTIMATE)
@@ -252,6 +263,7 @@ def _track(params: Array, state: Array, setpoint: Array, target_q_NB: Quaternion
         estimate = rest(estimate)
     elif kind != TRIM:
         turn = attitude_rates(stabilizer, estimate, target_q_NB)
+        estimate = rest(estimate) if touches else estimate
         ahead = (setpoint[5], setpoint[6], setpoint[7]) if kind == ATTITUDE else (0.0, 0.0, 0.0)
         rates = (turn[0] + ahead[0], turn[1] + ahead[1], turn[2] + ahead[2])
         estimate, torque = rate_torque(stabilizer, estimate, rates)

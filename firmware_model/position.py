@@ -15,6 +15,7 @@ from firmware_model.vehicle import GRAVITY, PositionLoop, Vehicle
 
 _THRUST_MIN, _THRUST_MAX = 0.1, 0.9  # [-] of the weight, of the largest thrust: the rest is left for torques
 _UPRIGHT = 0.5  # [-] cosine of the tilt from which on thrust makes up for it no further
+_TURN = 0.2  # [rad] heading asked for ahead of the present one, at most
 
 
 class Holding(NamedTuple):
@@ -125,6 +126,17 @@ def lift(params: PositionParams, x: Holding, body: Body, thrust: float) -> tuple
     fresh = math.isnan(x.down)
     x = Holding(0.0, 0.0, 0.0 if fresh else x.i_down, body.down if fresh else x.down, x.yaw)
     return climb(params, x, body, params.z_p * (x.down - body.down))
+
+
+@kernel
+def toward(q_NB: Quaternion, yaw: float) -> float:
+    """Return the heading [rad] to be asked for next on the way from that of `q_NB` to `yaw`, the shorter way.
+
+    It is never far from the present one: a large turn at once would swing the tilt about, too.
+    """
+    present = to_euler(q_NB)[2]
+    sine, cosine = sin_cos(yaw - present)
+    return present + min(max(arctan2(sine, cosine), -_TURN), _TURN)
 
 
 @kernel

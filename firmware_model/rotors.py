@@ -20,10 +20,21 @@ Four = tuple[float, float, float, float]
 
 
 class RotorParams(NamedTuple):
-    """Each rotor's share of a wrench, and its limit."""
+    """Each rotor's share of a wrench, and its limit.
+
+    Rotor i gives `share_i` of the thrust; torques change that as `roll_i` and so on of thrust would.
+    """
 
     thrust_max: float  # [N] of one rotor
-    roll_1: float  # [1/m] thrust of rotor 1 per roll torque
+    share_1: float  # [-]
+    share_2: float
+    share_3: float
+    share_4: float
+    reach_1: float  # [N] collective thrust at which the rotor, without torques, is at its limit
+    reach_2: float
+    reach_3: float
+    reach_4: float
+    roll_1: float  # [1/m]
     roll_2: float
     roll_3: float
     roll_4: float
@@ -35,10 +46,6 @@ class RotorParams(NamedTuple):
     yaw_2: float
     yaw_3: float
     yaw_4: float
-    thrust_1: float  # [-] of the collective thrust
-    thrust_2: float
-    thrust_3: float
-    thrust_4: float
 
 
 def rotor_params(vehicle: Vehicle) -> RotorParams:
@@ -54,10 +61,12 @@ def rotor_params(vehicle: Vehicle) -> RotorParams:
     wrench = np.array([-y, x, rotors.drag_ratio * np.array(rotors.spin), np.ones(4)])
     if np.linalg.cond(wrench) > 1e6:
         raise ValueError(f"rotors of '{vehicle.name}': position_B and spin don't give each torque by itself")
-    shares = np.linalg.inv(wrench)
-    if np.min(shares[:, 3]) <= 0.0:
+    inverse = np.linalg.inv(wrench)
+    share = inverse[:, 3]
+    if np.min(share) <= 0.0:
         raise ValueError(f"rotors of '{vehicle.name}': the centre of mass is not between them")
-    return RotorParams(rotors.thrust_max, *shares.T.ravel().tolist())
+    torques = (inverse[:, :3].T / share).ravel()
+    return RotorParams._make([rotors.thrust_max, *share, *(rotors.thrust_max / share), *torques])
 
 
 @kernel
@@ -65,19 +74,19 @@ def allocate(params: RotorParams, torque_B: Vector, thrust: float) -> tuple[Vect
     """Return the torques [N*m] B and the thrust [N] that the rotors can give of those asked for.
 
     Where they can't give all: roll and pitch first, both scaled alike if even they are too much; then the thrust, moved
-    to the nearest that leaves room for them; then what yaw there is room for. No rotor leaves 0..`thrust_max`.
+    to the nearest that leaves room for them; then what yaw there is room for. No rotor leaves 0..`thrust_max`. Each is
+    judged without those after it, as PX4 does: a yaw that would make room for tilt is not counted on.
     """
-    share = (params.thrust_1, params.thrust_2, params.thrust_3, params.thrust_4)
-    turn = (params.yaw_1, params.yaw_2, params.yaw_3, params.yaw_4)
-    limit = params.thrust_max
-    # For each rotor: minus the collective thrust that would just let it stop; and the range of thrust up to its limit.
+    L, M, N = torque_B
     tilt = (
-        (params.roll_1 * torque_B[0] + params.pitch_1 * torque_B[1]) / share[0],
-        (params.roll_2 * torque_B[0] + params.pitch_2 * torque_B[1]) / share[1],
-        (params.roll_3 * torque_B[0] + params.pitch_3 * torque_B[1]) / share[2],
-        (params.roll_4 * torque_B[0] + params.pitch_4 * torque_B[1]) / share[3],
+        params.roll_1 * L + params.pitch_1 * M,
+        params.roll_2 * L + params.pitch_2 * M,
+        params.roll_3 * L + params.pitch_3 * M,
+        params.roll_4 * L + params.pitch_4 * M,
     )
-    reach = (limit / share[0], limit / share[1], limit / share[2], limit / share[3])
+    turn = (params.yaw_1 * N, params.yaw_2 * N, params.yaw_3 * N, params.yaw_4 * N)
+    reach = (params.reach_1, params.reach_2, params.reach_3, params.reach_4)
+    # In collective thrust: rotor i stops at -scale * tilt[i], and is at its limit reach[i] above that.
     least = min(min(tilt[0], tilt[1]), min(tilt[2], tilt[3]))
     scale = 1.0
     for i in range(4):
@@ -89,12 +98,11 @@ def allocate(params: RotorParams, torque_B: Vector, thrust: float) -> tuple[Vect
     given = max(min(thrust, high), -scale * least)
     yaw = 1.0
     for i in range(4):
-        used = share[i] * (scale * tilt[i] + given)
-        asked = turn[i] * torque_B[2]
-        room = limit - used if asked > 0.0 else used
-        if yaw * abs(asked) > room:
-            yaw = max(room, 0.0) / abs(asked)
-    return (scale * torque_B[0], scale * torque_B[1], yaw * torque_B[2]), given
+        used = scale * tilt[i] + given
+        room = reach[i] - used if turn[i] > 0.0 else used
+        if yaw * abs(turn[i]) > room:
+            yaw = max(room, 0.0) / abs(turn[i])
+    return (scale * L, scale * M, yaw * N), given
 
 
 @kernel
@@ -102,8 +110,8 @@ def rotor_thrusts(params: RotorParams, torque_B: Vector, thrust: float) -> Four:
     """Return the thrust [N] of each rotor that makes up torques [N*m] B and a thrust [N]."""
     L, M, N = torque_B
     return (
-        params.roll_1 * L + params.pitch_1 * M + params.yaw_1 * N + params.thrust_1 * thrust,
-        params.roll_2 * L + params.pitch_2 * M + params.yaw_2 * N + params.thrust_2 * thrust,
-        params.roll_3 * L + params.pitch_3 * M + params.yaw_3 * N + params.thrust_3 * thrust,
-        params.roll_4 * L + params.pitch_4 * M + params.yaw_4 * N + params.thrust_4 * thrust,
+        params.share_1 * (params.roll_1 * L + params.pitch_1 * M + params.yaw_1 * N + thrust),
+        params.share_2 * (params.roll_2 * L + params.pitch_2 * M + params.yaw_2 * N + thrust),
+        params.share_3 * (params.roll_3 * L + params.pitch_3 * M + params.yaw_3 * N + thrust),
+        params.share_4 * (params.roll_4 * L + params.pitch_4 * M + params.yaw_4 * N + thrust),
     )

@@ -4,13 +4,18 @@ from dataclasses import replace
 
 import pytest
 
-from firmware_model.scenario import load_scenario
+from firmware_model.scenario import Constant, load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.closed_loop import fly_direct
 from gustproof.law import load_law
 from gustproof.sitl import Outcome, fly, fly_loopback
 
 TWO_SECONDS = replace(load_scenario("paper"), duration_s=2.0)
+FREE = replace(
+    TWO_SECONDS,
+    translation="free",
+    wind=(*TWO_SECONDS.wind, Constant(kind="constant", velocity_mps=(3.0, -2.0, 0.0))),
+)
 
 
 @pytest.mark.parametrize("law", ["hinf-d1", "hinf-scheduled", "hinf-rates"])
@@ -24,12 +29,24 @@ def test_loopback_equals_direct_to_the_bit(law, vehicle, delay):
 
 
 @pytest.mark.parametrize("law", ["hinf-scheduled", "hinf-rates"])
-def test_two_processes_equal_direct_to_the_bit(law, tmp_path):
+@pytest.mark.parametrize("vehicle", ["paper", "iris"])
+@pytest.mark.parametrize("delay", [0, 2])
+def test_loopback_equals_direct_to_the_bit_in_free_flight(law, vehicle, delay):
+    scenario = replace(FREE, delay_samples=delay)
+    flown, airframe = load_law(law), load_vehicle(vehicle)
+    direct = fly_direct(scenario, flown, vehicle=airframe, seed=7)
+    assert fly_loopback(scenario, flown, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
+    assert direct["velocity_N"][-1, 0] > 0.1  # it is carried along
+
+
+@pytest.mark.parametrize("scenario", [TWO_SECONDS, FREE], ids=["held", "free"])
+@pytest.mark.parametrize("law", ["hinf-scheduled", "hinf-rates"])
+def test_two_processes_equal_direct_to_the_bit(law, scenario, tmp_path):
     flown, airframe = load_law(law), load_vehicle("paper")
     told: list[float] = []
-    flight = fly(TWO_SECONDS, flown, vehicle=airframe, seed=7, out=tmp_path, progress=told.append)
+    flight = fly(scenario, flown, vehicle=airframe, seed=7, out=tmp_path, progress=told.append)
     assert (flight.outcome, flight.counters) == (Outcome.DONE, {})
-    assert flight.records.tobytes() == fly_direct(TWO_SECONDS, flown, vehicle=airframe, seed=7).tobytes()
+    assert flight.records.tobytes() == fly_direct(scenario, flown, vehicle=airframe, seed=7).tobytes()
     assert flight.realtime_factor > 0.0
     assert told == sorted(told)
     assert told[-1] == 1.0

@@ -1,6 +1,7 @@
 """Plant, on-board loop and the delay between them."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,9 +9,9 @@ import pytest
 from firmware_model.journal import RECORD
 from firmware_model.loop import VehicleLoop
 from firmware_model.rotations import euler_angles, from_euler
-from firmware_model.scenario import GyroFault, Scenario, Sine, load_scenario
-from firmware_model.signals import AttitudeTarget, Level, Setpoint, TorqueCommand
-from firmware_model.vehicle import load_vehicle
+from firmware_model.scenario import Constant, GyroFault, Scenario, Sine, load_scenario
+from firmware_model.signals import AttitudeTarget, Level, Off, Setpoint, TorqueCommand
+from firmware_model.vehicle import GRAVITY, load_vehicle
 
 VEHICLE = load_vehicle("paper")
 QUIET = Scenario(name="quiet", description="", duration_s=8.0, gyro=GyroFault(noise=False))
@@ -120,3 +121,38 @@ def test_a_gyro_fault_leaves_every_gust_as_it_was() -> None:
 def test_a_seed_out_of_range_is_refused(seed: int) -> None:
     with pytest.raises(ValueError, match="seed is"):
         VehicleLoop(VEHICLE, QUIET, seed)
+
+
+def test_off_clamps_on_the_stand_and_the_next_set_point_frees() -> None:
+    push = Sine(kind="sine", amplitude_nm=(0.5, 0.3, 0.1), rate_rad_s=2.0)
+    loop = VehicleLoop(VEHICLE, replace(QUIET, moment=(push,)), 1, standing=True)
+    assert loop.on_ground
+    for _ in range(250):
+        loop.advance(Level(), 0)
+    assert not loop.on_ground
+    loop.observe()
+    caught = loop.q_NB
+    for _ in range(250):
+        record = loop.advance(Off(), 0).view(RECORD)[0]
+    loop.observe()
+    assert loop.q_NB == loop.estimate_q_NB == caught
+    assert not record["omega_B"].any()
+    assert loop.on_ground
+    assert loop.thrust == pytest.approx(0.0, abs=1e-8)  # 20 time constants
+    assert not loop.finished
+
+
+def test_on_the_stand_the_rotors_turn_as_in_hover_and_share_out_the_torque() -> None:
+    records = fly(QUIET, torque(0.2))
+    weight = VEHICLE.mass * GRAVITY
+    np.testing.assert_allclose(records["rotors"].sum(axis=1), weight)
+    arms = np.array(VEHICLE.rotors.position_B)[:, 1]
+    np.testing.assert_allclose(-records["rotors"] @ arms, records["torque_B"][:, 0], atol=1e-12)
+
+
+def test_a_steady_wind_gives_no_moment_on_the_stand() -> None:
+    wind = Constant(kind="constant", velocity_mps=(10.0, 5.0, 0.0))
+    blown, still = fly(replace(QUIET, wind=(wind,)), Level()), fly(QUIET, Level())
+    np.testing.assert_array_equal(blown["wind_N"], [(10.0, 5.0, 0.0)] * len(blown))
+    for field in set(RECORD.names or ()) - {"wind_N"}:
+        assert blown[field].tobytes() == still[field].tobytes(), field
