@@ -17,7 +17,7 @@ class Certificate:
     gain: float | None
     """[-] level that is claimed: an L2 gain, or the part of the moment that a closure covers; `None` if unknown."""
     lower_bound: float
-    """[-] level that is reached for certain by something that was simulated; 0 if nothing was tried."""
+    """[-] reached for certain in simulation: a gain, or the part of a closure's angles; 0 if nothing was tried."""
     proven: bool
     """Whether the check accepted the evidence. `False` is an ordinary result: nothing is known then."""
     assumes: dict[str, Any]

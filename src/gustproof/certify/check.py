@@ -24,6 +24,8 @@ from gustproof.certify.enclosure import SIGNALS, Norms, axis_norms, mapped
 from gustproof.numerics.rational import exact, exp_below, is_positive_definite, scale, transpose
 
 FORMAT = "gustproof-certificate-1"
+CERTAIN = Fraction(999, 1000)
+"""[-] part of its limit that a command may reach: what is inside it is so whatever floating point rounds."""
 
 
 class Refusal(Exception):
@@ -155,7 +157,7 @@ def closed(level: Fraction, evidence: dict[str, Any], norms: list[Norms]) -> str
             if not value <= bound:
                 raise Refusal(f"axis {axis}: the bound of {name} does not close: {float(value)} above {float(bound)}")
         limit = Fraction(law["limits"][axis])
-        if not inside[SIGNALS.index("command")] <= limit * Fraction(999, 1000):
+        if not inside[SIGNALS.index("command")] <= limit * CERTAIN:
             raise Refusal(f"axis {axis}: the command may reach its limit")
     return f"{float(level):.6g} of the moment keeps every signal in the box, every command inside its limit"
 

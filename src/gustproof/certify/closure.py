@@ -6,16 +6,23 @@ from typing import Any
 
 from firmware_model.vehicle import Vehicle
 from gustproof.certify.certificate import Certificate
-from gustproof.certify.check import Refusal, closed
+from gustproof.certify.check import CERTAIN, Refusal, closed
 from gustproof.certify.enclosure import SIGNALS, Box, Norms, axis_norms, mapped
+from gustproof.certify.worst_case import worst_case
 from gustproof.law import Law, Output
 
 _ROUNDS = 400
 """Rounds in which a box grows; one that has not settled by then counts as open."""
+_EARLY = 12
+"""Rounds by which the steps of a box that settles have become shorter: what begins at one signal has been all round."""
 _GROWTH = Fraction(1, 10**6)
 """[-] relative widening of a box in each round, so that it closes with slack."""
-_HALVINGS = 14
-"""Halvings of the interval of the part of the moment: to 1e-4."""
+_RELATIVE = Fraction(1, 1000)
+"""[-] how close below the largest part of the moment the search ends."""
+_LEAST = Fraction(1, 1 << 14)
+"""[-] a part of the moment below which the search gives up."""
+_FLIGHTS = 100
+"""Flights of the search for the lower bound."""
 
 
 def certify_closure(
@@ -27,11 +34,13 @@ def certify_closure(
     leak: float = 0.0,
     noise: float = 0.0,
     risk: float = 1e-3,
+    flown: bool = True,
 ) -> Certificate:
     """Return a certificate of the largest part of `moment` under which the flight provably stays in a box.
 
     Nothing is assumed of rho: attitude, rates and estimates are bounded from the moment. The certificate's `gain` is
-    the part, at most 1; its evidence holds the box.
+    the part, at most 1; its evidence holds the box. Its `lower_bound` is the part of the box's angles that the worst
+    flight reaches which a search under that moment finds: how tight the box is.
 
     Parameters
     ----------
@@ -50,6 +59,8 @@ def certify_closure(
         [rad/s] rms of the white Gaussian noise of a gyro sample.
     risk
         [-] probability that the noise leaves its bounds; not used without noise.
+    flown
+        Whether the lower bound is searched, by 100 flights without noise; a vehicle with a leak is none to fly.
 
     Raises
     ------
@@ -87,15 +98,25 @@ def certify_closure(
     level, box = _largest(evidence, norms)
     evidence["box"] = [[float(value) for value in row] for row in box]
     proven = bool(box) and _closes(level, evidence, norms)
+    searched = proven and flown and leak == 0.0 and min(moment) > 0.0
     return Certificate(
         statement=_statement(law, level, moment, horizon, box) if proven else "no part of the moment is covered",
         gain=float(level) if proven else None,
-        lower_bound=0.0,
+        lower_bound=_reached(law, vehicle, [float(level) * limit for limit in moment], horizon, box)
+        if searched
+        else 0.0,
         proven=proven,
         assumes=_assumptions(law, moment, horizon, leak, noise, risk),
         evidence=evidence,
         residual=_slack(evidence, norms, level, box) if proven else None,
     )
+
+
+def _reached(law: Law, vehicle: Vehicle, budget: list[float], horizon: float, box: Box) -> float:
+    """Return the largest part of the box's angles that a search of the worst flight reaches."""
+    L, M, N = budget
+    worst = worst_case(law, vehicle=vehicle, budget=(L, M, N), duration_s=horizon, flights=_FLIGHTS)
+    return max(math.radians(peak) / float(row[0]) for peak, row in zip(worst.peaks_deg, box, strict=True))
 
 
 def _assumptions(
@@ -127,13 +148,15 @@ def _statement(law: Law, level: Fraction, moment: tuple[float, float, float], ho
 
 def _largest(evidence: dict[str, Any], norms: list[Norms]) -> tuple[Fraction, Box]:
     """Return the largest part of the moment, at most 1, whose box closes, and the box; an empty one if none does."""
-    whole = _settled(evidence, norms, Fraction(1))
+    nothing = [[Fraction(0)] * len(SIGNALS) for _ in range(3)]
+    whole = _settled(evidence, norms, Fraction(1), nothing)
     if whole:
         return Fraction(1), whole
-    low, high, best = Fraction(0), Fraction(1), []
-    for _ in range(_HALVINGS):
+    low, high = Fraction(0), Fraction(1)
+    best: Box = []
+    while high - low > max(_RELATIVE * high, _LEAST):
         middle = (low + high) / 2
-        box = _settled(evidence, norms, middle)
+        box = _settled(evidence, norms, middle, best or nothing)
         if box:
             low, best = middle, box
         else:
@@ -141,13 +164,19 @@ def _largest(evidence: dict[str, Any], norms: list[Norms]) -> tuple[Fraction, Bo
     return low, best
 
 
-def _settled(evidence: dict[str, Any], norms: list[Norms], level: Fraction) -> Box:
-    """Return the least box that closes, grown from nothing; an empty one if it does not settle."""
-    box = [[Fraction(0)] * len(SIGNALS) for _ in range(3)]
+def _settled(evidence: dict[str, Any], norms: list[Norms], level: Fraction, box: Box) -> Box:
+    """Return a box that closes, grown from one that is too small; an empty one if it does not settle within the limits.
+
+    The map is convex and grows with the box: where the rounds' steps have begun to lengthen they do so for good.
+    """
+    limits = [Fraction(limit) * CERTAIN for limit in evidence["law"]["limits"]]
+    sizes = [sum(map(sum, box))]
     for _ in range(_ROUNDS):
         try:
             follows = mapped(evidence, norms, level, box)
         except ValueError:  # an angle is above 1 rad: it will not come back
+            return []
+        if any(row[SIGNALS.index("command")] > limit for row, limit in zip(box, limits, strict=True)):
             return []
         if all(
             value <= bound
@@ -156,6 +185,9 @@ def _settled(evidence: dict[str, Any], norms: list[Norms], level: Fraction) -> B
         ):
             return box
         box = [[Fraction(float(value * (1 + _GROWTH))) for value in row] for row in follows]
+        sizes.append(sum(map(sum, box)))
+        if len(sizes) > _EARLY and sizes[-1] - sizes[-2] > sizes[-2] - sizes[-3]:
+            return []
     return []
 
 

@@ -3,18 +3,10 @@
 What is flown is the nonlinear truth on the direct route, so whatever is found flies over UDP to the same bits. The
 search is a lower bound on the harm: it shows what a law suffers, never what it can't. (MATLAB's `wcgain` looks for the
 worst parameters of a linear model; this looks for the worst disturbance of the nonlinear one.)
-
-Starts come from the flown step responses of the loop about hover, and at random:
-
-- held moments, moments at the frequency and in the direction of the largest singular value, and bang-bang moments that
-  follow the sign of each axis's own impulse response backwards in time: what a linear loop fears most;
-- two axes in step so that an angle and a rate rise and fall together: their product, the second-order term of the
-  Euler kinematics (theta r in phi-dot), then has a mean, which turns the third axis steadily;
-- Dryden turbulence whose peak fills the budget.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
@@ -25,6 +17,19 @@ from numpy.typing import NDArray
 from firmware_model.scenario import Dryden, GyroFault, Moment, Scenario, Sine, Square, Step
 from firmware_model.signals import Vector
 from firmware_model.vehicle import Vehicle
+from gustproof.certify.worst_starts import (
+    AMPLITUDES,
+    FASTEST,
+    INERTIA,
+    LAG,
+    PHASES,
+    RATE,
+    SIZE,
+    Point,
+    drawn,
+    on_another_vehicle,
+    starts,
+)
 from gustproof.closed_loop import fly_direct
 from gustproof.law import Law
 from gustproof.metrics import attitude
@@ -35,12 +40,9 @@ Progress = Callable[[float], None]
 
 PAPER_BUDGET: Vector = (0.65, 0.65, 0.3)
 """[N*m] B, the paper's W_d: what it says of disturbance moments."""
-_FASTEST = 30.0  # [rad/s] beyond it the angle that a moment gives falls with the square of the frequency
 _RANDOM_SHARE = 0.35  # of all flights
 _TURNS = 30  # a loop that rings on for longer is found out by square waves
 _LOCAL_SHARE = 0.5  # of the flights left after the starts; the rest goes to the best two
-_RECTIFIED = ((1, 2, 0, "theta and r into phi"), (0, 2, 1, "phi and r into theta"), (0, 1, 2, "phi and q into psi"))
-_RATE, _PHASES, _AMPLITUDES, _INERTIA, _LAG, _SIZE = 0, slice(1, 4), slice(4, 7), slice(7, 10), 10, 11
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,18 +91,9 @@ class WorstCase:
     """Flights that were flown."""
 
 
-class _Point(NamedTuple):
-    """A disturbance and a vehicle: what stays as it is in a search, and a point of the unit cube that moves."""
-
-    start: str  # where the search started
-    multiples: tuple[int, int, int]  # rate of each axis over the common rate; 0: the moment is held
-    square: bool
-    x: Array  # (11,) 0..1: common rate (logarithmic), phases (3), amplitudes (3), inertia (3), lag
-
-
 class _Found(NamedTuple):
     peak_deg: float
-    point: _Point
+    point: Point
     start_deg: float
 
 
@@ -158,10 +151,10 @@ class _Search:
         unmoved = [(self._bang_bang(steps), body) for steps, body in zip(responses, bodies, strict=True)]
         unmoved.append((self._turbulent(), self._vehicle))
         steps = responses[0]
-        points = [*_starts(steps, self._budget, self._calm.dt, self._slowest)]
+        points = [*starts(steps, self._budget, self._calm.dt, self._slowest)]
         if self._spreads != Spreads():
-            points += [_on_another_vehicle(point, rng) for point in points]
-        points += [_drawn(f"random {k}", rng) for k in range(round(_RANDOM_SHARE * self._flights))]
+            points += [on_another_vehicle(point, rng) for point in points]
+        points += [drawn(f"random {k}", rng) for k in range(round(_RANDOM_SHARE * self._flights))]
         found = [self._begun(point) for point in points]
         for share, kept in ((_LOCAL_SHARE, 8), (1.0, 2)):
             best: dict[tuple[int, int, int], _Found] = {}  # one for each pattern, so that not all climb one hill
@@ -192,14 +185,14 @@ class _Search:
         self._progress(min(self._flown / self._flights, 1.0))
         return fly_direct(scenario, self._law, vehicle=vehicle, seed=self._seed)
 
-    def _harm(self, point: _Point) -> float:
+    def _harm(self, point: Point) -> float:
         """Return the peak [deg] of a point's flight; 0 for what no rigid body is."""
         vehicle = self._airframe(point.x)
         if 2.0 * max(vehicle.inertia_B) > sum(vehicle.inertia_B):
             return 0.0
         return float(np.max(_peaks_deg(self._fly(self._scenario(point), vehicle))))
 
-    def _begun(self, point: _Point) -> _Found:
+    def _begun(self, point: Point) -> _Found:
         harm = self._harm(point)
         return _Found(harm, point, harm)
 
@@ -212,8 +205,8 @@ class _Search:
         """
         size = 0.1
         for _ in range(flights):
-            moved = found.point.x + size * rng.standard_normal(_SIZE)
-            moved[_PHASES] %= 1.0
+            moved = found.point.x + size * rng.standard_normal(SIZE)
+            moved[PHASES] %= 1.0
             point = found.point._replace(x=np.clip(moved, 0.0, 1.0))
             harm = self._harm(point)
             better = harm > found.peak_deg
@@ -222,13 +215,13 @@ class _Search:
                 found = found._replace(peak_deg=harm, point=point)
         return found
 
-    def _scenario(self, point: _Point) -> Scenario:
-        rate = self._slowest * (_FASTEST / self._slowest) ** float(point.x[_RATE])
+    def _scenario(self, point: Point) -> Scenario:
+        rate = self._slowest * (FASTEST / self._slowest) ** float(point.x[RATE])
         moments = []
         for axis, multiple in enumerate(point.multiples):
             amplitude = [0.0, 0.0, 0.0]
-            amplitude[axis] = float(self._budget[axis] * point.x[_AMPLITUDES][axis])
-            phase = 2.0 * math.pi * float(point.x[_PHASES][axis])
+            amplitude[axis] = float(self._budget[axis] * point.x[AMPLITUDES][axis])
+            phase = 2.0 * math.pi * float(point.x[PHASES][axis])
             if multiple:
                 moments.append(_wave(point.square, amplitude, multiple * rate, phase))
             else:
@@ -236,9 +229,9 @@ class _Search:
         return replace(self._calm, description=f"found by search from: {point.start}", moment=tuple(moments))
 
     def _airframe(self, x: Array) -> Vehicle:
-        factors = 1.0 + self._spreads.inertia * (2.0 * x[_INERTIA] - 1.0)
+        factors = 1.0 + self._spreads.inertia * (2.0 * x[INERTIA] - 1.0)
         I_x, I_y, I_z = (factors * self._vehicle.inertia_B).tolist()
-        lag = self._vehicle.actuator_lag * (1.0 + self._spreads.actuator_lag * (2.0 * float(x[_LAG]) - 1.0))
+        lag = self._vehicle.actuator_lag * (1.0 + self._spreads.actuator_lag * (2.0 * float(x[LAG]) - 1.0))
         return replace(self._vehicle, inertia_B=(I_x, I_y, I_z), actuator_lag=lag)
 
     def _bodies(self) -> list[Vehicle]:
@@ -253,10 +246,10 @@ class _Search:
         """
         columns = []
         for axis in range(3):
-            x = np.full(_SIZE, 0.5)
-            x[_AMPLITUDES] = np.eye(3)[axis]
-            x[_PHASES] = 0.0
-            records = self._fly(self._scenario(_Point("step", (0, 0, 0), True, x)), vehicle)
+            x = np.full(SIZE, 0.5)
+            x[AMPLITUDES] = np.eye(3)[axis]
+            x[PHASES] = 0.0
+            records = self._fly(self._scenario(Point("step", (0, 0, 0), True, x)), vehicle)
             columns.append(np.hstack([attitude(records), records["omega_B"]]) / self._budget[axis])
         return np.stack(columns, axis=2)
 
@@ -279,52 +272,6 @@ class _Search:
         peaks = np.max(np.abs(self._fly(scenario, self._vehicle)["moment_B"]), axis=0)
         fill = 0.999 * float(np.min(self._budget / np.maximum(peaks, 1e-9)))  # below the budget whatever is rounded
         return replace(scenario, wind=(replace(gusty, wind_speed_20ft_mps=15.0 * fill),))
-
-
-def _starts(steps: Array, budget: Array, dt: float, slowest: float) -> Iterator[_Point]:
-    """Yield what the linear loop fears most, and what its second-order terms rectify."""
-    omegas = np.geomspace(slowest, _FASTEST, 80)
-    pulses = np.diff(steps, axis=0, prepend=0.0).reshape(len(steps), -1)
-    G = (np.exp(-1j * np.outer(omegas, dt * np.arange(len(steps)))) @ pulses).reshape(-1, 6, 3) * budget
-    rates = np.linspace(0.0, 1.0, omegas.size)
-    yield _point("held moments", (0, 0, 0), True, 0.0, np.zeros(3), np.ones(3))
-    _, gains, directions = np.linalg.svd(G[:, :3])
-    peak = int(np.argmax(gains[:, 0]))
-    v = directions[peak, 0].conj()
-    phases = np.angle(v) / (2.0 * math.pi)
-    for square in (False, True):
-        yield _point("largest singular value", (1, 1, 1), square, rates[peak], phases, np.abs(v) / np.max(np.abs(v)))
-    for i, j, k, name in _RECTIFIED:
-        angle, rate = G[:, i, i], G[:, 3 + j, j]
-        peak = int(np.argmax(np.abs(angle) * np.abs(rate)))
-        phases = np.zeros(3)
-        phases[[i, j]] = -np.angle([angle[peak], rate[peak]]) / (2.0 * math.pi)
-        multiples = (int(k != 0), int(k != 1), int(k != 2))
-        for square in (False, True):
-            for held in (0.25, 0.75):  # the third axis held, one way or the other
-                phases[k] = held
-                yield _point(f"rectification of {name}", multiples, square, rates[peak], phases, np.ones(3))
-
-
-def _point(start: str, multiples: tuple[int, int, int], square: bool, rate: float, phases: Array,
-           amplitudes: Array) -> _Point:  # fmt: skip
-    x = np.full(_SIZE, 0.5)
-    x[_RATE], x[_PHASES], x[_AMPLITUDES] = rate, phases % 1.0, amplitudes
-    return _Point(start, multiples, square, x)
-
-
-def _drawn(start: str, rng: np.random.Generator) -> _Point:
-    """Return a random point; amplitudes are the budget's, the search may lessen them."""
-    L, M, N = rng.integers(0, 3, size=3).tolist()
-    x = rng.random(_SIZE)
-    x[_AMPLITUDES] = 1.0
-    return _Point(start, (L, M, N), bool(rng.integers(2)), x)
-
-
-def _on_another_vehicle(point: _Point, rng: np.random.Generator) -> _Point:
-    x = point.x.copy()
-    x[_INERTIA], x[_LAG] = rng.random(3), rng.random()
-    return point._replace(x=x)
 
 
 def _step(amplitude: Array, start: float = 0.0) -> Step:

@@ -199,8 +199,10 @@ def _show(name: str, certificate: "Certificate", output: Path | None, *, as_json
         return
     print(f"{name}: {'proven' if certificate.proven else 'NOT proven'}: {certificate.statement}")
     if certificate.lower_bound:  # 0 where nothing was tried
-        beyond = ", so that it is not so" if gain is not None and certificate.lower_bound > gain else ""
-        print(f"reached for certain, in simulation: {certificate.lower_bound:.4g}{beyond}")
+        closure = certificate.evidence.get("kind") == "closure"
+        unit, claimed = (" of these angles", 1.0) if closure else ("", gain)
+        beyond = ", so that it is not so" if claimed is not None and certificate.lower_bound > claimed else ""
+        print(f"reached for certain, in simulation: {certificate.lower_bound:.4g}{unit}{beyond}")
     _show_assumptions(certificate.assumes)
     if output is not None:
         print(f"certificate in {output}" if certificate.proven else "nothing is written: there is no proof to check")

@@ -5,7 +5,7 @@ Only the standard library: what checks a proof shares no code with what found it
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from fractions import Fraction
 
 Rational = list[list[Fraction]]
@@ -69,11 +69,6 @@ def multiply(A: Rational, B: Rational) -> Rational:
     return product
 
 
-def block(parts: Sequence[Sequence[Rational]]) -> Rational:
-    """Return the matrix of blocks."""
-    return [[value for part in row for value in part[i]] for row in parts for i in range(len(row[0]))]
-
-
 def is_symmetric(M: Rational) -> bool:
     """Return whether `M` equals its transpose, exactly."""
     return all(len(row) == len(M) for row in M) and transpose(M) == M
@@ -132,11 +127,6 @@ def sin_above(x: Fraction) -> Fraction:
 def cos_below(x: Fraction) -> Fraction:
     """Return a number not above `cos x` for 0 <= x <= 1: the series ends with a negative term."""
     return _alternating(Fraction(1), x, 0, 10)
-
-
-def tan_above(x: Fraction) -> Fraction:
-    """Return a number not below `tan x` for 0 <= x <= 1, within 1e-8 of it."""
-    return sin_above(x) / cos_below(x)
 
 
 def exp_below(x: Fraction, terms: int = 200) -> Fraction:

@@ -2,9 +2,11 @@
 
 import json
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 from firmware_model.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate, load_certificate
@@ -158,6 +160,37 @@ def test_the_exact_schedule_gives_most_of_the_level_back(name, published):
     assert check(json.dumps(certificate.document())).accepted
     assert certificate.assumes["leak_per_s"] == 0.05
     assert certificate.lower_bound <= certificate.gain <= published
+
+
+def test_no_simulation_of_ten_thousand_exceeds_the_certified_gain():
+    """D2 at (.1, .5): Delta switches at random between its corners, w is noise, waves or both, all within 10 s."""
+    loop = attitude_loop(design_problem(load_design("D2"), VEHICLE), controller("D2"), Envelope(angle=0.1, rate=0.5),
+                         scheduled=False)  # fmt: skip
+    certified = 2.61  # test_the_papers_law_has_a_proven_gain_...
+    rng, dt, runs, steps = np.random.default_rng(11), 0.02, 10_000, 500
+    corners = [dict(zip("tvrq", signs, strict=True)) for signs in product((-1.0, 1.0), repeat=4)]
+    systems = []
+    for corner in corners:
+        M = loop.at(corner)
+        n, m = M.order, M.n_inputs
+        held = scipy.linalg.expm(np.block([[M.A, M.B], [np.zeros((m, n + m))]]) * dt)[:n]
+        systems.append(np.vstack([held, np.hstack([M.C, M.D])]).T)
+    x, sums = np.zeros((runs, n)), np.zeros((2, runs))
+    corner, switching = rng.integers(16, size=runs), rng.uniform(0.01, 0.5, runs)
+    omega, phase = np.exp(rng.uniform(np.log(0.1), np.log(30.0), runs)), rng.uniform(0.0, 6.3, (runs, m))
+    size, noisy = rng.exponential(size=(runs, m)), rng.integers(2, size=(runs, 1))
+    for k in range(steps):
+        w = size * (np.sin(omega[:, None] * k * dt + phase) + noisy * rng.normal(size=(runs, m)))
+        corner = np.where(rng.random(runs) < switching, rng.integers(16, size=runs), corner)
+        after = np.empty((runs, n + loop.n_outputs))
+        for v, system in enumerate(systems):
+            own = corner == v
+            after[own] = np.hstack([x[own], w[own]]) @ system
+        x, z = after[:, :n], after[:, n:]
+        sums += np.sum(z**2, axis=1), np.sum(w**2, axis=1)
+    gains = np.sqrt(sums[0] / sums[1])
+    assert np.max(gains) <= certified
+    assert np.max(gains) > 0.2  # of the .249 at hover
 
 
 def test_a_diagram_without_airframe_is_refused():

@@ -12,7 +12,7 @@ from firmware_model.files import write_toml
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.certify import worst_case as module
-from gustproof.certify.closure import certify_closure
+from gustproof.certify.certificate import Certificate
 from gustproof.certify.worst_case import PAPER_BUDGET, Spreads, WorstCase, worst_case
 from gustproof.closed_loop import fly_direct
 from gustproof.law import load_law
@@ -38,7 +38,7 @@ def test_the_papers_law_is_turned_far_beyond_all_that_its_linear_loop_allows() -
 
 
 def test_a_search_from_random_starts_alone_finds_coning_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_starts", lambda *_: iter(()))
+    monkeypatch.setattr(module, "starts", lambda *_: iter(()))
     worst = worst_case(load_law("hinf-d1"), vehicle=VEHICLE, flights=150)
     assert worst.start.startswith("random")
     assert worst.peak_deg >= 40.0
@@ -136,12 +136,10 @@ def test_a_spread_is_a_fraction() -> None:
         Spreads(inertia=1.0)
 
 
-def test_the_search_finds_nothing_outside_the_box_of_a_closure() -> None:
-    law = load_law("hinf-scheduled")
-    certificate = certify_closure(law, VEHICLE, moment=PAPER_BUDGET, horizon=2.0)
-    assert certificate.proven
-    assert certificate.gain is not None
-    L, M, N = (certificate.gain * limit for limit in PAPER_BUDGET)
-    worst = worst_case(law, vehicle=VEHICLE, budget=(L, M, N), duration_s=2.0, flights=100)
-    bounds_deg = [math.degrees(row[0]) for row in certificate.evidence["box"]]  # the angle stands first for each axis
+def test_the_search_finds_nothing_outside_the_box_of_a_closure(closure: Certificate) -> None:
+    assert closure.proven
+    assert closure.gain is not None
+    L, M, N = (closure.gain * limit for limit in PAPER_BUDGET)
+    worst = worst_case(load_law("hinf-scheduled"), vehicle=VEHICLE, budget=(L, M, N), duration_s=2.0, flights=100)
+    bounds_deg = [math.degrees(row[0]) for row in closure.evidence["box"]]  # the angle stands first for each axis
     assert all(0.0 < peak < bound for peak, bound in zip(worst.peaks_deg, bounds_deg, strict=True))

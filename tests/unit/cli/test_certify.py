@@ -63,6 +63,7 @@ def test_a_controller_with_exact_rho_is_proved_on_a_plant_of_another_leak():
     assert "exact in the controller" in told["assumes"]["rho"]
 
 
+@pytest.mark.compiled
 def test_the_law_that_flies_is_proved_to_stay_in_a_box(tmp_path: Path):
     path = tmp_path / "certificate.json"
     proved = run("hinf-d2", "--closure", "--moment", "0.01,0.01,0.01", "--horizon", "1", "--json", "-o", str(path))
@@ -70,6 +71,7 @@ def test_the_law_that_flies_is_proved_to_stay_in_a_box(tmp_path: Path):
     told = json.loads(proved.stdout)
     assert told["proven"] is True
     assert 0.0 < told["gain"] <= 1.0
+    assert 0.0 < told["lower_bound"] <= 1.0
     assert {"leak_per_s": 0.0, "delay_samples": 1, "horizon_s": 1.0}.items() <= told["assumes"].items()
     assert run("--check", str(path)).exit_code == 0
 
