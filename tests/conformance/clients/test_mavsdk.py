@@ -1,0 +1,69 @@
+"""MAVSDK 4 in a program of its own: what its user does with a vehicle, and what he is told."""
+
+import pytest
+
+from firmware_model.params import Parameters
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+
+pytestmark = pytest.mark.clients
+PROGRAM = "mavsdk_client.py"
+DENIED_NOW = 1  # MAV_RESULT_TEMPORARILY_REJECTED
+
+
+def test_the_vehicle_is_discovered_healthy_and_armable(vehicle, run_program):
+    facts = run_program(PROGRAM, "discover", vehicle.off_board)
+    assert (facts["autopilot"], facts["vehicle"]) == ("PX4", "MULTICOPTER")
+    assert (facts["system"], facts["components"]) == (vehicle.system, [1])
+    assert facts["version"] >= [1, 4]
+    assert facts["development"] == "DEV"
+    assert facts["all_ok"]
+    assert set(facts["health"].values()) == {True}
+    assert (facts["fix"], facts["landed"], facts["mode"]) == ("FIX_3D", "ON_GROUND", "STABILIZED")
+    assert facts["home"] == pytest.approx([47.397742, 8.545594], abs=1e-6)
+
+
+def test_all_parameters_are_listed_set_echoed_and_refused_by_name(vehicle, run_program):
+    facts = run_program(PROGRAM, "change_parameters", vehicle.off_board)
+    table = Parameters(load_vehicle("paper"), load_scenario("calm")).table
+    listed = facts["float"] | facts["int"]
+    assert listed == pytest.approx({parameter.name: parameter.default for parameter in table}, rel=1e-6)
+    assert set(facts["int"]) == {parameter.name for parameter in table if isinstance(parameter.default, int)}
+    assert facts["set"] == [2.5, 4]
+    assert facts["unknown"] == ["DOES_NOT_EXIST", "DOES_NOT_EXIST"]  # an answer; to wait for none would be TIMEOUT
+    assert facts["range"] == "VALUE_OUT_OF_RANGE"
+    assert vehicle.stop()["links"][f"127.0.0.1:{vehicle.off_board}"]["rejected"] == {}
+
+
+def test_telemetry_comes_at_the_rates_that_are_set(vehicle, run_program):
+    facts = run_program(PROGRAM, "set_rates", vehicle.off_board)
+    # A late sample is made up for; only what an overloaded machine lets slip makes an interval longer.
+    assert facts == pytest.approx(
+        {"quaternion 10 Hz": 100_000, "quaternion 50 Hz": 20_000, "quaternion 100 Hz": 10_000, "imu 250 Hz": 4_000},
+        rel=0.05,
+    )
+
+
+def test_it_arms_takes_off_to_10_m_holds_and_lands(vehicle, run_program):
+    facts = run_program(PROGRAM, "take_off_and_land", vehicle.off_board, timeout_s=150.0)
+    assert facts["in_air"] == "COMMAND_DENIED"
+    assert facts["held"] == "HOLD"
+    assert len(facts["rotors"]) == 4
+    assert all(0.4 < output < 0.6 for output in facts["rotors"])  # it hovers at half of the largest thrust
+    assert facts["truth_m"] == pytest.approx(facts["told_m"], abs=0.5)
+    assert facts["truth_m"] == pytest.approx(488.0 + 10.0, abs=1.0)
+    assert facts["landed_m"] == pytest.approx(0.0, abs=0.1)
+
+
+def test_attitudes_and_rates_are_flown_off_board_and_given_back(vehicle, run_program):
+    facts = run_program(PROGRAM, "fly_off_board", vehicle.off_board, timeout_s=150.0)
+    without_setpoint, asked_anyway = facts["without"]
+    assert without_setpoint == "NO_SETPOINT_SET"
+    assert asked_anyway == {"result": DENIED_NOW, "said": "no off-board set-points: OFFBOARD refused"}
+    assert facts["rolled_deg"] == pytest.approx(10.0, abs=2.0)
+    assert facts["yaw_rate_deg"] == pytest.approx(30.0, abs=3.0)
+    assert facts["roll_rate_deg"] == pytest.approx(0.0, abs=3.0)
+
+
+def test_it_arms_and_disarms_on_the_ground(vehicle, run_program):
+    assert run_program(PROGRAM, "arm_and_disarm", vehicle.off_board) == {"armed": True, "disarmed": True}
