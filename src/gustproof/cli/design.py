@@ -1,13 +1,30 @@
 """`gustproof design`: from weights to a law file."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
+from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from firmware_model.errors import ConfigError
+from gustproof.cli.progress import progress
+
+if TYPE_CHECKING:
+    from gustproof.model.interconnection import Interconnection
+    from gustproof.synthesis.designs import Design
+    from gustproof.synthesis.structured import StructResult
+
+
+class Method(Enum):
+    """How a design is solved."""
+
+    HINFSYN = "hinfsyn"
+    """By two Riccati equations: the central controller, of the plant's order."""
+    HINFSTRUCT = "hinfstruct"
+    """By nonsmooth optimisation: any order, each axis on its own."""
 
 
 def design(
@@ -17,6 +34,14 @@ def design(
     vehicle: Annotated[
         str | None, typer.Option(help="Name of a shipped vehicle, or a .toml file [default: the design's].")
     ] = None,
+    method: Annotated[
+        Method, typer.Option(help="hinfsyn: a controller of the plant's order; hinfstruct: of the order asked for.")
+    ] = Method.HINFSYN,
+    order: Annotated[
+        int | None, typer.Option(help="hinfstruct: states of the controller, the same number for each axis: 3, 6, 9...")
+    ] = None,
+    starts: Annotated[int, typer.Option(min=1, help="hinfstruct: how often the search starts.")] = 5,
+    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="hinfstruct: seed of random starts.")] = 1,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Write the law here (.json), its singular values beside it.")
     ] = None,
@@ -27,6 +52,8 @@ def design(
     gustproof design D1
 
     gustproof design D2 --gamma 0.25 -o my-law.json
+
+    gustproof design D2 --method hinfstruct --order 6 -o reduced.json
     """
     from firmware_model.vehicle import load_vehicle
     from gustproof.report.design import design_document, save_design_figure
@@ -40,12 +67,17 @@ def design(
         raise ConfigError("--gamma must be above 0, --backoff above 1")
     if output is not None and output.suffix != ".json":
         raise ConfigError(f"{output}: a law file ends in .json")
+    if (method is Method.HINFSTRUCT) != (order is not None):
+        raise ConfigError("--method hinfstruct and --order go together")
+    if method is Method.HINFSTRUCT and (gamma is not None or backoff is not None):
+        raise ConfigError("--method hinfstruct finds the least level that it can: --gamma and --backoff set none")
     asked = load_design(name)
     if gamma is not None:
         asked = replace(asked, gamma=gamma)
     elif backoff is not None:
         asked = replace(asked, gamma=None, backoff=backoff)
-    law, report = derive(asked, None if vehicle is None else load_vehicle(vehicle))
+    solve = None if order is None else _structured(order, starts, seed, quiet=as_json)
+    law, report = derive(asked, None if vehicle is None else load_vehicle(vehicle), solve=solve)
     if output is not None:
         law.save(output)
         save_design_figure(report, output.with_suffix(".png"))
@@ -55,3 +87,16 @@ def design(
         show(design_document(report))
         if output is not None:
             print(f"law in {output}, singular values in {output.with_suffix('.png')}")
+
+
+def _structured(
+    order: int, starts: int, seed: int, *, quiet: bool
+) -> "Callable[[Design, Interconnection], StructResult]":
+    """Return what solves a design by `hinfstruct`, with its progress shown."""
+    from gustproof.synthesis.structured_design import structured_controller
+
+    def solve(design: "Design", problem: "Interconnection") -> "StructResult":
+        with progress(f"searching, {design.name}", quiet=quiet) as shown:
+            return structured_controller(design, problem, order=order, starts=starts, seed=seed, progress=shown)
+
+    return solve

@@ -27,9 +27,10 @@ def design_document(report: DesignReport) -> Document:
     """Return levels, order, margins and controller poles of a design."""
     figures = report.document()
     levels = Table("", "", title=f"Design {figures['design']}: {figures['description']}", show_header=False)
-    levels.add_row("least level, gamma_opt", f"{figures['gamma_opt']:.5f}")
+    least = figures["gamma_opt"]
+    levels.add_row("least level, gamma_opt", "not solvable" if least is None else f"{least:.5f}")
     levels.add_row("level designed for, gamma", f"{figures['gamma']:.5f}")
-    levels.add_row("norm achieved", f"{figures['norm']:.5f} at {figures['norm_omega_rad_s']:.3g} rad/s")
+    levels.add_row("norm achieved", f"{figures['norm']:.5f} at {_cell(figures['norm_omega_rad_s'])} rad/s")
     levels.add_row("controller states", str(figures["order"]))
     levels.add_row("stability augmentation in the model, leak", f"{figures['leak_per_s']:g} 1/s")
     levels.add_row("exact kinematics in the law", "yes" if figures["scheduled"] else "no")

@@ -1,6 +1,7 @@
 """From a design to a law that flies, and to the figures that say how good it is."""
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -16,9 +17,13 @@ from gustproof.numerics.margins import Margins, margins
 from gustproof.synthesis.designs import Design, design_problem
 from gustproof.synthesis.discretize import central_law, linear_law
 from gustproof.synthesis.hinfsyn import HinfResult, hinfsyn
+from gustproof.synthesis.structured import StructResult
 from gustproof.synthesis.tracking import StepResponse, reference_step
 
 _AXES = ("roll", "pitch", "yaw")
+
+Solver = Callable[[Design, Interconnection], HinfResult | StructResult]
+"""What finds the controller of a design's labelled diagram."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,7 +36,7 @@ class DesignReport:
     """Vehicle that it was designed for."""
     problem: Interconnection
     """The labelled diagram that was solved."""
-    result: HinfResult
+    result: HinfResult | StructResult
     """Controller, levels and achieved norm."""
     continuous: Margins
     """Margins of the continuous controller in the design model."""
@@ -68,7 +73,7 @@ class DesignReport:
             "gamma_opt": self.result.gamma_opt,
             "gamma": self.result.gamma,
             "norm": self.result.norm,
-            "norm_omega_rad_s": self.result.omega,
+            "norm_omega_rad_s": _finite({"": self.result.omega})[""],
             "leak_per_s": self.design.leak,
             "scheduled": self.design.scheduled,
             "dt_s": self.design.dt,
@@ -81,8 +86,10 @@ class DesignReport:
         return figures
 
 
-def derive(design: Design, vehicle: Vehicle | None = None) -> tuple[Law, DesignReport]:
+def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | None = None) -> tuple[Law, DesignReport]:
     """Return the law of a design, and its report; the vehicle is the one that the design names unless given.
+
+    `solve` finds the controller; the central one of `hinfsyn` at the design's level unless given.
 
     Raises
     ------
@@ -94,7 +101,7 @@ def derive(design: Design, vehicle: Vehicle | None = None) -> tuple[Law, DesignR
     """
     vehicle = load_vehicle(design.vehicle) if vehicle is None else vehicle
     problem = design_problem(design, vehicle)
-    result = hinfsyn(problem.plant(), problem.n_meas, problem.n_con, gamma=design.gamma, backoff=design.backoff)
+    result = _central(design, problem) if solve is None else solve(design, problem)
     rates = design.rate_loop_lag is not None
     law = central_law(
         design.law or design.name,
@@ -122,18 +129,19 @@ def derive(design: Design, vehicle: Vehicle | None = None) -> tuple[Law, DesignR
     return law, report
 
 
+def _central(design: Design, problem: Interconnection) -> HinfResult:
+    return hinfsyn(problem.plant(), problem.n_meas, problem.n_con, gamma=design.gamma, backoff=design.backoff)
+
+
 def _loop(problem: Interconnection, controller: Lti) -> tuple[Lti, Lti]:
     """Return plant and controller of the feedback loop, from the command to the gyro and back; references left out."""
     return problem.system(("u",), ("gyro",)), controller.part(slice(None), slice(0, 3))
 
 
-def _provenance(design: Design, vehicle: Vehicle, result: HinfResult) -> Provenance:
-    parameters = {
-        "gamma": result.gamma,
-        "norm": result.norm,
-        "gamma_opt": result.gamma_opt,
-        "leak_per_s": design.leak,
-    }
+def _provenance(design: Design, vehicle: Vehicle, result: HinfResult | StructResult) -> Provenance:
+    parameters = {"gamma": result.gamma, "norm": result.norm, "leak_per_s": design.leak}
+    if result.gamma_opt is not None:
+        parameters["gamma_opt"] = result.gamma_opt
     if design.rate_loop_lag is not None:
         parameters["rate_loop_lag_s"] = design.rate_loop_lag
     else:
