@@ -23,7 +23,8 @@ TORQUE_LIMIT_NAMES = ("GP_TRQ_MAX_R", "GP_TRQ_MAX_P", "GP_TRQ_MAX_Y")
 """Largest torque about roll, pitch and yaw."""
 RATE_NAME = "IMU_INTEG_RATE"
 """Samples and commands per second."""
-
+HOVER_NAME = "MPC_THR_HOVER"
+"""Thrust that hovers."""
 GUST_SCALE_NAME = "GP_GUST_SCALE"
 """Intensity of the gusts."""
 
@@ -34,6 +35,11 @@ def published_limit(vehicle: Vehicle) -> Vector:
     """Return the torque limits as published, [N*m] B: float32 values."""
     roll, pitch, yaw = (float(np.float32(limit)) for limit in vehicle.torque_limit)
     return roll, pitch, yaw
+
+
+def published_hover(vehicle: Vehicle) -> float:
+    """Return the thrust that hovers as published, [-] of the largest: a float32 value."""
+    return float(np.float32(vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,8 +114,7 @@ def _table(vehicle: Vehicle, scenario: Scenario) -> tuple[Parameter, ...]:
                   meaning="Least height above home on the way home"),
         Parameter(name="MPC_LAND_SPEED", default=usual.land_speed, unit="m/s", minimum=0.2, maximum=1.5,
                   meaning="Descent near the ground"),
-        Parameter(name="MPC_THR_HOVER", read_only=True,
-                  default=_rounded(vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max)),
+        Parameter(name=HOVER_NAME, read_only=True, default=published_hover(vehicle),
                   meaning="Thrust of a set-point that hovers"),
         Parameter(name=GUST_SCALE_NAME, default=1.0, minimum=0.0, maximum=3.0,
                   meaning="All gusts, as a multiple of what the scenario says"),

@@ -9,10 +9,6 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
-RATES_THRUST = 0.5
-"""[-] thrust that a law sends with body rates: about what hovers; with torques it leaves the height to the vehicle."""
-
-
 class ImuSample(NamedTuple):
     """One sample of the inertial measurement unit; every value is a float32, as on the wire."""
 

@@ -7,11 +7,10 @@ from firmware_model import plant
 from firmware_model.autopilot import Mode
 from firmware_model.compiled import compiled
 from firmware_model.journal import RECORD, WIDTH
-from firmware_model.params import published_limit
+from firmware_model.params import published_hover, published_limit
 from firmware_model.plant import advance_kernel, observe_kernel
 from firmware_model.scenario import Scenario
 from firmware_model.sensors import float32
-from firmware_model.signals import RATES_THRUST
 from firmware_model.vehicle import Vehicle
 from firmware_model.world import Array, new_world
 from gustproof.law import Law, Output, law_kernel
@@ -42,8 +41,8 @@ def fly_direct(
     _fly(
         world.params, world.state, world.gusts, world.moments, world.seed, scenario.sample_us,
         law.A, law.B, law.C, law.D, law.G, law.H, law.limits, reference, scale,
-        plant.TORQUE if torque else plant.RATES, 1.0 if torque else np.inf, np.nan if torque else RATES_THRUST,
-        scenario.delay_samples, records,
+        plant.TORQUE if torque else plant.RATES, 1.0 if torque else np.inf,
+        np.nan if torque else published_hover(vehicle), scenario.delay_samples, records,
     )  # fmt: skip
     return records.view(RECORD)[:, 0]
 

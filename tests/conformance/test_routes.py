@@ -37,6 +37,7 @@ def test_loopback_equals_direct_to_the_bit_in_free_flight(law, vehicle, delay):
     direct = fly_direct(scenario, flown, vehicle=airframe, seed=7)
     assert fly_loopback(scenario, flown, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
     assert direct["velocity_N"][-1, 0] > 0.1  # it is carried along
+    assert abs(direct["position_N"][-1, 2] + FREE.altitude_m) < 0.5
 
 
 @pytest.mark.parametrize("scenario", [TWO_SECONDS, FREE], ids=["held", "free"])

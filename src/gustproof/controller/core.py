@@ -1,7 +1,7 @@
 """Samples in, commands out: a law that steps once a sample, and answers a repeated sample as it did before."""
 
 from firmware_model.frames import Dropped
-from firmware_model.signals import RATES_THRUST, AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
+from firmware_model.signals import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
 from gustproof.law import FlyingLaw, Law, Output
 
 
@@ -11,10 +11,12 @@ class Controller:
     A law knows no attitude but the one that it integrates: what it holds as level is the attitude it begins in.
 
     `scale` is what 1.0 on the wire means: the published torque limits [N*m] B for torques, 1 rad/s for rates. The
-    command is divided by it and rounded to float32, here as in every other route.
+    command is divided by it and rounded to float32, here as in every other route. `hover` is the published thrust
+    that goes with rates; beside torques the vehicle is asked to hold its height.
     """
 
-    def __init__(self, law: Law, scale: Vector) -> None:
+    def __init__(self, law: Law, scale: Vector, hover: float) -> None:
+        self._hover = hover
         self._law = FlyingLaw(law, scale)
         self._torque = law.output is Output.TORQUE
         self._answer: Command | None = None
@@ -32,7 +34,7 @@ class Controller:
             if self._torque:
                 self._answer = TorqueCommand(time_us=time_us, torque_B=command, throttle=None)
             else:
-                self._answer = AttitudeTarget(time_us=time_us, q_NB=None, omega_B=command, thrust=RATES_THRUST)
+                self._answer = AttitudeTarget(time_us=time_us, q_NB=None, omega_B=command, thrust=self._hover)
             self._answered_us = time_us
         elif time_us < self._answered_us:
             return Dropped.STALE

@@ -24,7 +24,7 @@ from firmware_model import messages
 from firmware_model.autopilot import Mode
 from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer, parse
 from firmware_model.messages import AUTOPILOT, CONTROLLER
-from firmware_model.params import RATE_NAME, TORQUE_LIMIT_NAMES
+from firmware_model.params import HOVER_NAME, RATE_NAME, TORQUE_LIMIT_NAMES
 from firmware_model.signing import Signing
 from firmware_model.traffic import Traffic
 from gustproof.controller.core import Controller
@@ -46,7 +46,7 @@ class Phase(Enum):
     SEEKING = "no autopilot answers"
     """Waits for the vehicle's heartbeat; the value says what failed if it ends here."""
     READING = "the autopilot does not tell its parameters"
-    """Reads torque limits and sample rate."""
+    """Reads torque limits, hover thrust and sample rate."""
     ARMING = "the autopilot does not arm"
     """Asks to arm."""
     ENTERING = "the autopilot does not enter OFFBOARD"
@@ -97,7 +97,7 @@ class ControllerEndpoint:
         self._controller: Controller | None = None
         self._piloted = self._resting = False
         self._armed, self._mode = False, 0
-        wanted = (*TORQUE_LIMIT_NAMES, RATE_NAME) if law.output is Output.TORQUE else (RATE_NAME,)
+        wanted = (*(TORQUE_LIMIT_NAMES if law.output is Output.TORQUE else ()), HOVER_NAME, RATE_NAME)
         self._parameters: dict[str, float | None] = dict.fromkeys(wanted)
         self._heartbeat_at_us = self._retry_at_us = 0
         self._retries = 0
@@ -244,8 +244,9 @@ class ControllerEndpoint:
             text = f"law '{self._law.name}' steps every {self._law.dt} s, the vehicle samples at {rate:g} Hz"
             self._end(Outcome.WRONG_RATE, text)
             return
+        hover = known.pop()
         roll, pitch, yaw = known or (1.0, 1.0, 1.0)
-        self._controller = Controller(self._law, (roll, pitch, yaw))
+        self._controller = Controller(self._law, (roll, pitch, yaw), hover)
 
     def _on_acknowledgement(self, message: Message) -> None:
         asked = {

@@ -31,12 +31,12 @@ def sample(time_us: int, roll_rate: float = 1.0) -> ImuSample:
 
 
 def test_first_answer_comes_from_the_stated_initial_state():
-    answer = Controller(integrator(), (10.0, 10.0, 10.0)).answer(sample(0))
+    answer = Controller(integrator(), (10.0, 10.0, 10.0), 0.5).answer(sample(0))
     assert answer == TorqueCommand(time_us=0, torque_B=(0.0, 0.0, 0.0), throttle=None)
 
 
 def test_restarted_law_answers_as_at_first():
-    controller = Controller(integrator(), (10.0, 10.0, 10.0))
+    controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
     before = [controller.answer(sample(time_us)).torque_B for time_us in (0, 4000, 8000)]
     controller.restart()
     assert [controller.answer(sample(time_us)).torque_B for time_us in (12_000, 16_000, 20_000)] == before
@@ -44,7 +44,7 @@ def test_restarted_law_answers_as_at_first():
 
 
 def test_law_steps_once_a_stamp_and_repeats_its_answer():
-    controller = Controller(integrator(), (10.0, 10.0, 10.0))
+    controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
     controller.answer(sample(0))
     first = controller.answer(sample(4000))
     assert controller.answer(sample(4000)) is first
@@ -53,14 +53,14 @@ def test_law_steps_once_a_stamp_and_repeats_its_answer():
 
 
 def test_sample_from_the_past_is_stale():
-    controller = Controller(integrator(), (10.0, 10.0, 10.0))
+    controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
     controller.answer(sample(4000))
     assert controller.answer(sample(0)) is Dropped.STALE
 
 
 @pytest.mark.parametrize("limit", [0.35, 1.5, 10.0])
 def test_fraction_is_the_float32_of_command_over_limit(limit):
-    controller = Controller(integrator(), (limit, limit, limit))
+    controller = Controller(integrator(), (limit, limit, limit), 0.5)
     controller.answer(sample(0, 0.123456789))
     answer = controller.answer(sample(4000))
     assert isinstance(answer, TorqueCommand)
@@ -68,14 +68,14 @@ def test_fraction_is_the_float32_of_command_over_limit(limit):
 
 
 def test_rates_are_sent_as_an_attitude_target_without_attitude():
-    controller = Controller(integrator(Output.RATES), (1.0, 1.0, 1.0))
+    controller = Controller(integrator(Output.RATES), (1.0, 1.0, 1.0), 0.5)
     controller.answer(sample(0, 0.1))
     answer = controller.answer(sample(4000))
     assert answer == AttitudeTarget(time_us=4000, q_NB=None, omega_B=(float(np.float32(0.1)), 0.0, 0.0), thrust=0.5)
 
 
 def test_command_stays_within_the_laws_limits():
-    controller = Controller(replace(integrator(), limits=np.full(3, 0.5)), (1.0, 1.0, 1.0))
+    controller = Controller(replace(integrator(), limits=np.full(3, 0.5)), (1.0, 1.0, 1.0), 0.5)
     controller.answer(sample(0, 100.0))
     answer = controller.answer(sample(4000))
     assert isinstance(answer, TorqueCommand)

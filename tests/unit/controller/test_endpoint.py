@@ -53,9 +53,10 @@ class Autopilot:
 
 def parameters(rate_hz: int = 250):
     for name in ("GP_TRQ_MAX_R", "GP_TRQ_MAX_P", "GP_TRQ_MAX_Y"):
-        yield wire.MAVLink_param_value_message(name.encode(), 10.0, 9, 4, 0)
+        yield wire.MAVLink_param_value_message(name.encode(), 10.0, 9, 5, 0)
+    yield wire.MAVLink_param_value_message(b"MPC_THR_HOVER", 0.5, 9, 5, 3)
     bytewise = struct.unpack("<f", struct.pack("<i", rate_hz))[0]
-    yield wire.MAVLink_param_value_message(b"IMU_INTEG_RATE", bytewise, 6, 4, 3)
+    yield wire.MAVLink_param_value_message(b"IMU_INTEG_RATE", bytewise, 6, 5, 4)
 
 
 def imu(time_us: int):
@@ -88,7 +89,7 @@ def test_it_takes_the_system_id_of_its_vehicle(autopilot):
 def test_it_reads_limits_and_rate_then_arms_then_asks_for_offboard(autopilot):
     autopilot.reach(Phase.READING)
     wanted = [message.param_id for message in autopilot.hear()]
-    assert wanted == ["GP_TRQ_MAX_R", "GP_TRQ_MAX_P", "GP_TRQ_MAX_Y", "IMU_INTEG_RATE"]
+    assert wanted == ["GP_TRQ_MAX_R", "GP_TRQ_MAX_P", "GP_TRQ_MAX_Y", "MPC_THR_HOVER", "IMU_INTEG_RATE"]
     autopilot.say(*parameters(), imu(0))
     setpoint, arm = autopilot.hear()
     assert setpoint.get_type() == "SET_ACTUATOR_CONTROL_TARGET"
@@ -101,7 +102,7 @@ def test_it_reads_limits_and_rate_then_arms_then_asks_for_offboard(autopilot):
 def test_rates_law_needs_no_torque_limits():
     autopilot = Autopilot("hinf-rates")
     autopilot.reach(Phase.READING)
-    assert [message.param_id for message in autopilot.hear()] == ["IMU_INTEG_RATE"]
+    assert [message.param_id for message in autopilot.hear()] == ["MPC_THR_HOVER", "IMU_INTEG_RATE"]
 
 
 def test_every_sample_is_answered_with_its_stamp(autopilot):
