@@ -1,4 +1,9 @@
-"""Certified flight of the law that flies: sampled, one sample late, nonlinear, under any moment within a bound."""
+"""Certified flight of the law that flies: sampled, one sample late, nonlinear, under any moment within a bound.
+
+What limits the part of the moment is the horizon. Without a leak nothing takes an attitude error back, and the bound of
+`(T(E) - T(x0)) x1`, rate times attitude error, is added up without its sign: over a minute the box closes only while
+`horizon * rate` is below about 1/2. In flight that product turns back with the rate, and the error stays far inside.
+"""
 
 import math
 from fractions import Fraction

@@ -2,13 +2,14 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from firmware_model.scenario import GyroFault, Scenario, Sine, Square
 from firmware_model.vehicle import load_vehicle
-from gustproof.certify.certificate import Certificate
+from gustproof.certify.certificate import Certificate, load_certificate
 from gustproof.certify.check import check, seal
 from gustproof.certify.closure import certify_closure
 from gustproof.certify.enclosure import SIGNALS, axis_norms
@@ -17,6 +18,7 @@ from gustproof.law import Law, load_law, step
 from gustproof.metrics import attitude
 
 VEHICLE = load_vehicle("paper")
+GOLDEN = Path(__file__).parents[2] / "golden"
 MOMENT = (0.65, 0.65, 0.3)
 HORIZON = 2.0
 """[s] of the fixture."""
@@ -174,6 +176,24 @@ def test_of_a_moment_too_large_the_largest_part_is_found():
     wider = spoiled(part, ("gain",), 1.02 * part.gain)
     assert "does not close" in wider.reason  # its box is the least
     assert 0.98 * law.limits[1] < part.evidence["box"][1][SIGNALS.index("command")] < law.limits[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "leak", "least"),
+    [("hinf-d2", "closure_d2_leak.json", 0.05, 0.1), ("hinf-scheduled", "closure_scheduled_60s.json", 0.0, 0.039)],
+)
+def test_the_certificates_of_a_minute_are_accepted_and_of_the_shipped_laws(name, file, leak, least):
+    """Found once, by `gustproof certify NAME --closure`, for D2 with `--leak 0.05`; the other is of the true vehicle."""
+    certificate, law = load_certificate(GOLDEN / file), load_law(name)
+    assert check((GOLDEN / file).read_text()).accepted
+    assert certificate.gain >= least
+    assert certificate.lower_bound < 1.0
+    assert (certificate.assumes["horizon_s"], certificate.assumes["leak_per_s"]) == (60.0, leak)
+    evidence = certificate.evidence
+    assert (evidence["leak"], evidence["samples"] * law.dt, evidence["moment"]) == (leak, 60.0, list(MOMENT))
+    assert evidence["vehicle"]["inertia_B"] == list(VEHICLE.inertia_B)
+    assert [evidence["law"][key] for key in "ACG"] == [getattr(law, key).tolist() for key in "ACG"]
+    assert [evidence["law"][key] for key in "BD"] == [getattr(law, key)[:, :3].tolist() for key in "BD"]
 
 
 def leaves(value, path=()):
