@@ -183,7 +183,7 @@ def test_of_a_moment_too_large_the_largest_part_is_found():
     [("hinf-d2", "closure_d2_leak.json", 0.05, 0.1), ("hinf-scheduled", "closure_scheduled_60s.json", 0.0, 0.039)],
 )
 def test_the_certificates_of_a_minute_are_accepted_and_of_the_shipped_laws(name, file, leak, least):
-    """Found once, by `gustproof certify NAME --closure`, for D2 with `--leak 0.05`; the other is of the true vehicle."""
+    """Found once, by `gustproof certify NAME --closure`, D2 with `--leak 0.05`; the other is of the true vehicle."""
     certificate, law = load_certificate(GOLDEN / file), load_law(name)
     assert check((GOLDEN / file).read_text()).accepted
     assert certificate.gain >= least
