@@ -108,6 +108,7 @@ async def take_off_and_land(system: System) -> dict:
     await until(telemetry.subscribe_armed(), bool)
     await action.takeoff()
     await until(telemetry.subscribe_in_air(), bool)
+    await until(telemetry.subscribe_position(), lambda place: place.relative_altitude_m > 1.0)
     refused = await refusal(action.disarm(), ActionError)
     await until(telemetry.subscribe_position(), lambda place: place.relative_altitude_m > 0.95 * HEIGHT_M)
     rotors = await until(telemetry.subscribe_actuator_output_status())

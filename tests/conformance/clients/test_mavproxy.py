@@ -1,0 +1,126 @@
+"""MAVProxy 1.8, typed into as its user does."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from firmware_model.params import Parameters
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+
+pytestmark = pytest.mark.clients
+PATIENCE_S = 30.0
+
+
+class Console:
+    """MAVProxy with its keyboard and its screen."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self.process = process
+        self.screen = ""
+        self._read_to = 0
+        self._news = threading.Condition()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def type(self, line: str) -> None:
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
+
+    def expect(self, pattern: str) -> re.Match[str]:
+        """Return the next place on the screen that looks like this."""
+        found = self._find(pattern, PATIENCE_S)
+        assert found, f"no {pattern!r} in:\n{self.screen}"
+        return found
+
+    def type_until(self, line: str, pattern: str) -> None:
+        """Type a line again until its answer is this one, as what was typed before acts in its own time."""
+        for _ in range(int(PATIENCE_S)):
+            self.type(line)
+            if self._find(pattern, 1.0):
+                return
+        raise AssertionError(f"no {pattern!r} in:\n{self.screen}")
+
+    def leave(self) -> None:
+        self.process.stdin.close()
+        self.process.terminate()
+        self.process.wait(timeout=PATIENCE_S)
+        self._reader.join()
+
+    def _find(self, pattern: str, timeout_s: float) -> re.Match[str] | None:
+        deadline = time.monotonic() + timeout_s
+        with self._news:
+            while not (found := re.compile(pattern).search(self.screen, self._read_to)):
+                if not self._news.wait(deadline - time.monotonic()):
+                    return None
+            self._read_to = found.end()
+            return found
+
+    def _read(self) -> None:
+        while text := os.read(self.process.stdout.fileno(), 4096):
+            with self._news:
+                self.screen += text.decode(errors="replace")
+                self._news.notify()
+
+
+@pytest.fixture
+def console(vehicle, tmp_path: Path) -> Iterator[Console]:
+    program = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
+    assert program is not None, "MAVProxy is not installed: tools/test does it"
+    command = [sys.executable, "-u", program, f"--master=udp:127.0.0.1:{vehicle.ground_station}", "--no-state"]
+    with subprocess.Popen(
+        command, cwd=tmp_path, env={**os.environ, "HOME": str(tmp_path)},
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    ) as process:  # fmt: skip
+        typed = Console(process)
+        try:
+            typed.expect(f"online system {vehicle.system}")
+            yield typed
+            typed.leave()
+        finally:
+            process.kill()
+
+
+def test_its_user_lists_and_sets_parameters(console):
+    parameters = Parameters(load_vehicle("paper"), load_scenario("calm"))
+    console.type("param fetch")
+    console.expect(rf"Received {len(parameters.table)} parameters")
+    console.type("param set COM_OF_LOSS_T 2.5")
+    console.type("param set COM_OBL_RC_ACT 4")
+    console.type_until("param show COM_OBL_RC_ACT", r"COM_OBL_RC_ACT\s+4\b")
+    console.type_until("param show COM_OF_LOSS_T", r"COM_OF_LOSS_T\s+2\.5")
+    console.type("param set COM_OF_LOSS_T 61")
+    console.expect("AP: COM_OF_LOSS_T out of range: 0.1 to 60")
+    assert not re.search("fence breach|timed out|link 1 down$", console.screen.split("online system")[1])
+
+
+def test_its_user_arms_changes_mode_and_pings(console):
+    console.expect("Mode STABILIZED")
+    console.type("ping")
+    console.expect(r"ping response: .*from=\d+/1")
+    console.type("mode")
+    assert {"STABILIZED", "OFFBOARD", "LOITER", "LAND"} <= set(console.expect("Available modes: (.*)")[1].split(", "))
+    # Its "mode NAME" fails with the modes of any PX4: it takes the three numbers of one for a single number.
+    console.type("long DO_SET_MODE 1 6 0")
+    console.expect("DO_SET_MODE: TEMPORARILY_REJECTED")
+    console.expect("AP: .*OFFBOARD refused")
+    console.type("long DO_SET_MODE 1 3 0")
+    console.expect("Mode POSCTL")
+    console.type("arm throttle")
+    console.expect("COMPONENT_ARM_DISARM: ACCEPTED")
+    console.expect("ARMED")
+    console.type("disarm")
+    console.expect("DISARMED")
+    console.type("wp list")
+    console.expect("Requesting 0 waypoints")
+    console.type("log list")
+    console.expect("No logs")
+    assert not re.search("fence breach|timed out|link 1 down$", console.screen.split("online system")[1])
