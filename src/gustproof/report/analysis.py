@@ -1,6 +1,5 @@
 """What a law is worth on a vehicle: margins, poles, responses, and what its error is made of."""
 
-import math
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -13,17 +12,14 @@ from rich.text import Text
 from firmware_model.scenario import GyroFault, Scenario, Step
 from firmware_model.vehicle import Vehicle
 from gustproof.closed_loop import fly_direct
-from gustproof.law import Law, Output
+from gustproof.law import Law
 from gustproof.metrics import Metrics, measure
-from gustproof.numerics.lti import ComplexMatrix, Lti, Matrix, sensitivity, series
-from gustproof.numerics.margins import Margins, margins
+from gustproof.numerics.lti import ComplexMatrix
 from gustproof.report.design import margins_table, poles_text
 from gustproof.report.document import Document, figures_table
-from gustproof.report.margins import hover_plant
+from gustproof.report.hover import HoverLoop, hover_loop
 from gustproof.synthesis.derive import margins_document
-from gustproof.synthesis.discretize import linear_law
 
-_POINTS = 400
 _AXES = ("roll", "pitch", "yaw")
 _STEP_S = 5.0
 _STEP_SHARE = 0.03  # [-] of the torque limit: small enough for every sound law to stay near level
@@ -39,18 +35,8 @@ class Analysis:
     """What was analysed."""
     scenario: Scenario
     """Air and rates of the flights."""
-    margins: Margins | None
-    """Margins at hover, sampled and late; `None` for a law of rates or an unstable loop."""
-    law_poles: ComplexMatrix
-    """(n,) [rad/s] poles of the law at level attitude, `log(z) / dt`."""
-    loop_poles: ComplexMatrix
-    """(m,) [rad/s] poles of the loop, `log(z) / dt`; none for a law of rates."""
-    omega: Matrix
-    """(k,) [rad/s] frequencies up to half the sample rate."""
-    loop: ComplexMatrix
-    """(k, 3) loop transfer of each axis at the plant's input, negative feedback."""
-    sensitivities: dict[str, Matrix]
-    """(k,) largest singular values of S and T at the plant's input."""
+    hover: HoverLoop
+    """The linear loop at hover."""
     step: Records
     """Flight through a step of moment about each axis, without air or noise."""
     step_moment: tuple[float, float, float]
@@ -78,9 +64,9 @@ class Analysis:
             "scheduled": self.law.scheduled,
             "design": self.law.provenance.design,
             "scenario": self.scenario.name,
-            "margins": None if self.margins is None else margins_document(self.margins),
-            "law_poles_rad_s": _pairs(self.law_poles),
-            "loop_poles_rad_s": _pairs(self.loop_poles),
+            "margins": None if self.hover.margins is None else margins_document(self.hover.margins),
+            "law_poles_rad_s": _pairs(self.hover.law_poles),
+            "loop_poles_rad_s": _pairs(self.hover.loop_poles),
             "flown": asdict(self.whole),
             "gust_alone": asdict(self.gust_alone),
             "noise_alone": asdict(self.noise_alone),
@@ -102,20 +88,10 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
     stepped = replace(still, moment=(Step(kind="step", amplitude_nm=step_moment, start_s=0.5),))
     quiet = replace(scenario, gyro=replace(scenario.gyro, noise=False))
     flown = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
-    controller = linear_law(law)
-    omega = np.geomspace(1e-2, math.pi / law.dt, _POINTS)
-    torque = law.output is Output.TORQUE
-    loop = _at_input(hover_plant(vehicle, scenario), controller) if torque else None
-    S = None if loop is None else sensitivity(loop)
     return Analysis(
         law=law,
         scenario=scenario,
-        margins=margins(hover_plant(vehicle, scenario), controller) if S is not None and S.is_stable() else None,
-        law_poles=_continuous(controller),
-        loop_poles=np.empty(0, dtype=np.complex128) if S is None else _continuous(S),
-        omega=omega,
-        loop=np.empty((0, 3), dtype=np.complex128) if loop is None else np.diagonal(loop.response(omega), 0, 1, 2),
-        sensitivities={} if S is None else _largest(S.response(omega)),
+        hover=hover_loop(law, vehicle, scenario),
         step=fly_direct(stepped, law, vehicle=vehicle, seed=seed),
         step_moment=step_moment,
         flown=flown,
@@ -134,11 +110,11 @@ def analysis_document(analysis: Analysis) -> Document:
     facts.add_row("commands", law.output.value)
     facts.add_row("exact kinematics of its own estimate", "yes" if law.scheduled else "no")
     parts: list[Document] = [facts]
-    if analysis.margins is not None:
-        parts.append(margins_table("at hover, sampled and late", margins_document(analysis.margins)))
-    parts.append(Text(f"poles of the law [rad/s]: {poles_text(_pairs(analysis.law_poles))}"))
-    if len(analysis.loop_poles):
-        parts.append(Text(f"poles of the loop [rad/s]: {poles_text(_pairs(analysis.loop_poles))}"))
+    if analysis.hover.margins is not None:
+        parts.append(margins_table("at hover, sampled and late", margins_document(analysis.hover.margins)))
+    parts.append(Text(f"poles of the law [rad/s]: {poles_text(_pairs(analysis.hover.law_poles))}"))
+    if len(analysis.hover.loop_poles):
+        parts.append(Text(f"poles of the loop [rad/s]: {poles_text(_pairs(analysis.hover.loop_poles))}"))
     columns = {
         analysis.scenario.name: analysis.whole,
         "gust alone": analysis.gust_alone,
@@ -160,10 +136,10 @@ def _limits(analysis: Analysis) -> list[str]:
         f"torque slew: {whole[1]:.3g} N m/s, of which gyro noise alone makes {noise[1]:.3g}: "
         + ("more bandwidth costs slew" if noise[1] > gust[1] else "there is room for more bandwidth"),
     ]
-    if len(analysis.loop_poles) and np.any(analysis.loop_poles.real >= 0.0):
+    if len(analysis.hover.loop_poles) and np.any(analysis.hover.loop_poles.real >= 0.0):
         lines.insert(0, "the loop is unstable at hover")
-    if analysis.margins is not None:
-        loops = analysis.margins.input
+    if analysis.hover.margins is not None:
+        loops = analysis.hover.margins.input
         worst = max(range(3), key=lambda axis: loops[axis].Ms)
         least = min(range(3), key=lambda axis: loops[axis].delay_margin)
         samples = loops[least].delay_margin / analysis.law.dt
@@ -176,28 +152,11 @@ def _limits(analysis: Analysis) -> list[str]:
 
 
 def _peak(analysis: Analysis) -> float:
-    return float(analysis.omega[int(np.argmax(analysis.sensitivities["S"]))])
+    return float(analysis.hover.omega[int(np.argmax(analysis.hover.sensitivities["S"]))])
 
 
 def _flown(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int) -> Metrics:
     return measure(fly_direct(scenario, law, vehicle=vehicle, seed=seed), vehicle, scenario, 0.0)
-
-
-def _at_input(plant: Lti, controller: Lti) -> Lti:
-    """Return the loop transfer at the plant's input, for negative feedback."""
-    loop = series(plant, controller)
-    return Lti(A=loop.A, B=loop.B, C=-loop.C, D=-loop.D, dt=loop.dt)
-
-
-def _largest(S: ComplexMatrix) -> dict[str, Matrix]:
-    both = {"S": S, "T": np.eye(3) - S}
-    return {name: np.linalg.norm(values, ord=2, axis=(1, 2)).astype(np.float64) for name, values in both.items()}
-
-
-def _continuous(system: Lti) -> ComplexMatrix:
-    """Return the poles as those of the continuous system that they sample; poles at 0, pure delays, are left out."""
-    poles = system.poles()
-    return np.asarray(np.log(poles[np.abs(poles) > 1e-9]) / system.dt, dtype=np.complex128)
 
 
 def _pairs(poles: ComplexMatrix) -> list[tuple[float, float]]:

@@ -95,14 +95,16 @@ def save_analysis(analysis: Analysis, path: Path) -> None:
     """Draw the loop's Bode plot, its sensitivities, and the flights through a step and through the air."""
     figure = _figure((11.0, 8.0), f"{analysis.law.name}: {analysis.scenario.name}")
     ((gain, S), (phase, step), (torque, air)) = figure.subplots(3, 2)
-    if len(analysis.loop):
-        for axis, values, colour in zip(_AXES, analysis.loop.T, _AXIS_COLOURS, strict=True):
-            gain.loglog(analysis.omega, np.abs(values), color=colour, linewidth=1.2, label=axis)
+    if len(analysis.hover.loop):
+        for axis, values, colour in zip(_AXES, analysis.hover.loop.T, _AXIS_COLOURS, strict=True):
+            gain.loglog(analysis.hover.omega, np.abs(values), color=colour, linewidth=1.2, label=axis)
             angles = np.degrees(np.unwrap(np.angle(values)))
-            phase.semilogx(analysis.omega, angles - 360.0 * np.ceil(angles[0] / 360.0), color=colour, linewidth=1.2)
+            phase.semilogx(
+                analysis.hover.omega, angles - 360.0 * np.ceil(angles[0] / 360.0), color=colour, linewidth=1.2
+            )
         gain.axhline(1.0, color=_INK, linestyle="--", linewidth=0.8)
-        for (name, values), colour in zip(analysis.sensitivities.items(), _AXIS_COLOURS, strict=False):
-            S.loglog(analysis.omega, values, color=colour, linewidth=1.2, label=f"largest of {name}")
+        for (name, values), colour in zip(analysis.hover.sensitivities.items(), _AXIS_COLOURS, strict=False):
+            S.loglog(analysis.hover.omega, values, color=colour, linewidth=1.2, label=f"largest of {name}")
     else:
         for axes in (gain, phase, S):
             axes.text(0.5, 0.5, "no torque loop: it commands rates", transform=axes.transAxes, ha="center", color=_INK)

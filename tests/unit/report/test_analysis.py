@@ -38,11 +38,11 @@ def test_error_of_gusts_and_of_noise_add_up_as_squares(scheduled):
 
 def test_the_loop_s_curves_agree_with_its_margins(scheduled):
     worst = hover_margins(load_law("hinf-scheduled"), VEHICLE, SHORT)
-    assert max(axis.Ms for axis in scheduled.margins.input) == worst.Ms
-    S = 1.0 / (1.0 + scheduled.loop)
+    assert max(axis.Ms for axis in scheduled.hover.margins.input) == worst.Ms
+    S = 1.0 / (1.0 + scheduled.hover.loop)
     # the axes do not couple at hover, so the singular values are the axes' own
     assert np.max(np.abs(S)) == pytest.approx(worst.Ms, rel=5e-3)
-    assert np.max(np.abs(S), axis=1) == pytest.approx(scheduled.sensitivities["S"], rel=1e-6)
+    assert np.max(np.abs(S), axis=1) == pytest.approx(scheduled.hover.sensitivities["S"], rel=1e-6)
 
 
 def test_a_step_is_seen_on_each_axis_and_is_taken_back(scheduled):
@@ -59,7 +59,7 @@ def test_json_has_every_part_and_no_infinity(scheduled):
 
 def test_a_law_of_rates_has_no_torque_loop_and_is_flown_all_the_same(tmp_path):
     analysis = analyse(load_law("hinf-rates"), VEHICLE, SHORT)
-    assert analysis.margins is None
+    assert analysis.hover.margins is None
     assert analysis.document()["margins"] is None
     figures.save_analysis(analysis, tmp_path / "rates.png")
     save(analysis_document(analysis), tmp_path / "rates.txt")
