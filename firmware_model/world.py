@@ -81,10 +81,26 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool
     dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
     dryden_params, dryden_state = _air(vehicle, scenario, dryden, seed)
     estimate = Estimate(1.0, *[0.0] * 12)
-    weight = vehicle.mass * GRAVITY
     height = standing_height(vehicle) if standing and scenario.free else scenario.altitude_m
-    body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, 1.0, *[0.0] * 10)._replace(thrust=0.0 if standing else weight)
-    params = np.concatenate(
+    body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, 1.0, *[0.0] * 10)._replace(
+        thrust=0.0 if standing else vehicle.mass * GRAVITY
+    )
+    gusts = [
+        (*item.amplitude_mps, item.start_s, item.length_s) for item in scenario.wind if isinstance(item, OneMinusCosine)
+    ]
+    return World(
+        params=_params(vehicle, scenario, dryden_params),
+        state=np.concatenate([body, dryden_state, estimate, nothing_held(), [0.0] * 4]),
+        gusts=np.array(gusts, dtype=np.float64).reshape(-1, 5),
+        moments=np.array([_row(item) for item in scenario.moment], dtype=np.float64).reshape(-1, 6),
+        seed=seed,
+        vehicle=vehicle,
+        dt=scenario.dt,
+    )
+
+
+def _params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams) -> Array:
+    return np.concatenate(
         [
             body_params(vehicle, free=scenario.free),
             dryden_params,
@@ -94,20 +110,14 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool
             rotor_params(vehicle),
             air_params(vehicle),
             ground_params(vehicle),
-            [scenario.free, scenario.physics_rate_hz // scenario.control_rate_hz, 1.0, *scenario.mean_wind_N, weight],
+            [
+                scenario.free,
+                scenario.physics_rate_hz // scenario.control_rate_hz,
+                1.0,
+                *scenario.mean_wind_N,
+                vehicle.mass * GRAVITY,
+            ],
         ]
-    )
-    gusts = [
-        (*item.amplitude_mps, item.start_s, item.length_s) for item in scenario.wind if isinstance(item, OneMinusCosine)
-    ]
-    return World(
-        params=params,
-        state=np.concatenate([body, dryden_state, estimate, nothing_held(), [0.0] * 4]),
-        gusts=np.array(gusts, dtype=np.float64).reshape(-1, 5),
-        moments=np.array([_row(item) for item in scenario.moment], dtype=np.float64).reshape(-1, 6),
-        seed=seed,
-        vehicle=vehicle,
-        dt=scenario.dt,
     )
 
 
