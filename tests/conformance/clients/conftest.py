@@ -102,6 +102,12 @@ def vehicle(stand: Callable[..., Any]) -> Iterator[Vehicle]:
 
 
 @pytest.fixture
+def programs() -> Path:
+    """Return the folder of the programs."""
+    return PROGRAMS
+
+
+@pytest.fixture
 def run_program() -> Callable[..., dict[str, Any]]:
     """Return what runs a program of this folder to its end and returns the facts that it prints, one JSON object."""
 
