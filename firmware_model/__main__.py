@@ -7,12 +7,14 @@ without --scenario   a standing vehicle: real time, disarmed, until Ctrl-C
 import argparse
 import gc
 import json
+import os
 import signal
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 from firmware_model import access, status, udp
 from firmware_model.autopilot import Mode
 from firmware_model.endpoint import Outcome, VehicleEndpoint
-from firmware_model.errors import ConfigError
+from firmware_model.errors import ConfigError, RecordingError
 from firmware_model.files import Parsed, parse
 from firmware_model.frames import Peer
 from firmware_model.journal import JournalWriter
@@ -29,6 +31,7 @@ from firmware_model.loop import VehicleLoop
 from firmware_model.params import Parameters
 from firmware_model.scenario import Scenario, load_scenario, shipped_scenarios
 from firmware_model.signals import Level
+from firmware_model.tlog import Tlog
 from firmware_model.vehicle import Vehicle, load_vehicle, shipped_vehicles
 
 # PX4's ports in simulation, so that its clients find us: (ours, theirs) for ground stations and for off-board control.
@@ -48,6 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ConfigError as error:
         print(f"firmware_model: {error}", file=sys.stderr)
         return 2
+    except RecordingError as error:
+        print(f"firmware_model: {error}", file=sys.stderr)
+        return _BROKEN
 
 
 def _fly(options: argparse.Namespace, standing: bool) -> int:
@@ -66,7 +72,7 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
         host, _ = udp.resolve(options.bind, 0)
         signing = access.signing(options, host)
         sockets = [stack.enter_context(udp.bind(port, host)) for port in ports]
-        record = stack.enter_context(_journal(options.journal, header)).append if options.journal else _no_record
+        record = _journal(stack, options, header, scenario).append if options.journal else _no_record
         expected: list[Peer] = []
         if options.bind_port is None:
             expected = [(index, ("127.0.0.1", pair[1] + options.instance)) for index, pair in enumerate(_PORTS)]
@@ -98,7 +104,9 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
                 stack.enter_context(status.shown(lambda: endpoint.links))
         else:
             _say(options, {"listening": listening, **header})
-        udp.serve(endpoint, sockets)
+        if options.attended:
+            _attend(endpoint)
+        udp.serve(_logged(stack, options, endpoint) if options.tlog else endpoint, sockets)
     _say(options, summary(endpoint, None if standing else scenario.samples))
     return _EXIT.get(endpoint.outcome, _BROKEN) if endpoint.outcome else _BROKEN
 
@@ -173,6 +181,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     access.add_options(parser)
     add("--journal", type=Path, help="new file for the flight's records")
+    add("--note", type=Path, help="JSON file whose content heads the journal: all that a recording of the flight says")
+    add("--tlog", type=Path, help="new file for the MAVLink traffic, which ground stations open")
+    add("--attended", action="store_true", help="end in order when standard input does: whoever started this is gone")
     add("--autopilot", choices=("px4", "generic"), default="px4", help="whose MAVLink it speaks [%(default)s]")
     add("--params", action="store_true", help="print all parameters with units, ranges and meanings, and end")
     add("--json", action="store_true", help="print JSON, one object a line")
@@ -192,11 +203,38 @@ def _read(kind: type[Parsed], name: str) -> Parsed | None:
         raise ConfigError(f"{path}: not JSON: {error}") from None
 
 
-def _journal(path: Path, header: dict[str, Any]) -> JournalWriter:
+def _journal(
+    stack: ExitStack, options: argparse.Namespace, header: dict[str, Any], scenario: Scenario
+) -> JournalWriter:
     try:
-        return JournalWriter(path, header)
+        note = {"note": json.loads(options.note.read_text(encoding="utf-8"))} if options.note else {}
+        writer = JournalWriter(options.journal, {**header, **note}, scenario.control_rate_hz)
     except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}") from None
+        raise ConfigError(f"{error.filename}: {error.strerror}") from None
+    return stack.enter_context(writer)
+
+
+def _logged(stack: ExitStack, options: argparse.Namespace, endpoint: VehicleEndpoint) -> udp.Endpoint:
+    unix_us = udp.unix_us()
+    flight = endpoint.flight
+    try:
+        log = Tlog(
+            options.tlog, endpoint, lambda now_us: unix_us + (flight.clock_us(now_us) if flight.lockstep else now_us)
+        )
+    except OSError as error:
+        raise ConfigError(f"{options.tlog}: {error.strerror}") from None
+    return stack.enter_context(log)
+
+
+def _attend(endpoint: VehicleEndpoint) -> None:
+    """End the flight when standard input ends: whoever started it is gone, and can't be killed without it."""
+
+    def wait() -> None:
+        while os.read(sys.stdin.fileno(), 4096):
+            pass
+        endpoint.interrupt()
+
+    Thread(target=wait, daemon=True).start()
 
 
 def _say_parameters(options: argparse.Namespace, parameters: Parameters) -> None:

@@ -1,7 +1,8 @@
 """The flight's journal: one record of fixed size a sample, appended while flying. Every recording is made from it.
 
-The file starts with one line of JSON (scenario, vehicle, seed: all that is needed to name the flight), then the
-records follow as little-endian float64. A flight that is cut off leaves a journal that is whole up to its last record.
+The file starts with one line of JSON (scenario, vehicle and seed by name, and what the flight's starter has noted to
+make a recording of it, or fly it again), then the records follow as little-endian float64. A flight that is cut off
+leaves a journal that is whole up to its last record.
 """
 
 import json
@@ -13,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_model.appended import AppendedFile
 from firmware_model.errors import ConfigError
 
 RECORD = np.dtype(
@@ -42,36 +44,38 @@ RECORD = np.dtype(
     ]
 )
 WIDTH = RECORD.itemsize // 8
-_FLUSH = 250  # records: what a crash of the process can lose, a second at 250 Hz
 
 
 class JournalWriter:
-    """Append records to a journal file; a context manager that leaves a whole file behind.
+    """Append records to a new journal file; a context manager that leaves a whole file behind.
+
+    A crash of the process can lose `at_once` records: as many as a second has.
 
     Raises
     ------
     OSError
-        If the file can't be made, or the disk is full; what was written before stays readable.
+        If the file can't be made.
+    RecordingError
+        If the disk is full; what was written before stays readable.
     """
 
-    def __init__(self, path: Path, header: Mapping[str, Any]) -> None:
-        self._file = path.open("xb")
+    def __init__(self, path: Path, header: Mapping[str, Any], at_once: int = 250) -> None:
+        self._file = AppendedFile(path)
         self._file.write(json.dumps(header, separators=(",", ":")).encode() + b"\n")
-        self._block = np.empty((_FLUSH, WIDTH))
+        self._block = np.empty((at_once, WIDTH))
         self._used = 0
 
     def append(self, record: NDArray[np.float64]) -> None:
         """Append one record (WIDTH,)."""
         self._block[self._used] = record
         self._used += 1
-        if self._used == _FLUSH:
+        if self._used == len(self._block):
             self.flush()
 
     def flush(self) -> None:
         """Hand all records so far to the operating system."""
-        self._file.write(self._block[: self._used].tobytes())
-        self._used = 0
-        self._file.flush()
+        used, self._used = self._used, 0  # what a full disk has refused once is not tried again
+        self._file.write(self._block[:used].tobytes())
 
     def __enter__(self) -> Self:
         return self
