@@ -28,6 +28,8 @@ _KICK = 0.03
 """[-] relative size of the change that is made to all parameters of the best, before its search is tried again."""
 _PRICE, _DEARER, _ROUNDS = 10.0, 10.0, 12
 """Price of a limit in units of the target, what it is raised by where it is too low, and how often."""
+_MET = 1e-5
+"""[-] two searches that end within this fraction of each other have met."""
 _ROUND_GAIN = 1e-3
 """[-] relative progress of a round below which there is no other."""
 
@@ -160,7 +162,7 @@ def hinfstruct(
         least = np.inf if winner is None else winner.target
         if k < len(seeds):
             name, theta = seeds[k]
-        elif winner is not None and best is not None:
+        elif winner is not None and best is not None and not _confirmed(tried):
             name, theta = f"{winner.name}, shaken", _shaken(problem, objective, best, rng)
         else:
             break
@@ -174,6 +176,12 @@ def hinfstruct(
         failures = "; ".join(f"{start.name}: {start.failed}" for start in tried)
         raise DesignError(f"no controller of this structure was found in {len(tried)} starts: {failures}")
     return _result(problem, objective, best, tuple(tried), gamma_opt)
+
+
+def _confirmed(tried: list[Start]) -> bool:
+    """Return whether two searches met at the least target: there is no better one nearby."""
+    targets = sorted(start.target for start in tried)
+    return len(targets) > 1 and targets[1] <= (1.0 + _MET) * targets[0]
 
 
 def _check(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_con: int, starts: int) -> None:
@@ -215,7 +223,7 @@ def _descended(problem: Problem, objective: Penalized, name: str, theta: Matrix)
     """Return where one start leads: stable first, then within the limits, then small."""
     stable = minimize(problem.stability(), theta, steps=_STABILIZING_STEPS, enough=_STABLE)
     theta = stable.theta
-    if stable.value >= 0.0:
+    if stable.value >= 0.0 or (not np.isfinite(objective.priced(1.0).reached(theta)[0]) and stable.value > _STABLE):
         return Start(name=name, target=np.inf, failed=f"unstable, abscissa {stable.value:.3g}"), theta
     if problem.limits:
         theta = _found(objective.priced(np.inf), theta, enough=0.0)

@@ -19,6 +19,8 @@ _ACCURACY = 1e-8
 _ON_AXIS = 1e-3
 """[-] eigenvalues with a real part below this fraction of their magnitude are tried as crossings: where the gain is
 flat, as at an optimum, they are far off the axis by rounding, and one tried in vain costs a frequency response."""
+_ROUNDED = 1e-10
+"""[-] eigenvalues nearer to the axis than this fraction of the largest may be on it, but for rounding."""
 _ROUNDS = 30
 """Rounds in which a lower bound is raised; two or three are the rule."""
 
@@ -146,7 +148,7 @@ def peak(loop: Closed, warm: list[float]) -> Peaks:
     if not np.all(np.isfinite(loop.A)):
         return Peaks(np.inf, 0.0)
     poles = np.linalg.eigvals(loop.A)
-    if not np.all(poles.real < 0.0):
+    if not np.max(poles.real) < -_ROUNDED * np.max(np.abs(poles)):
         return Peaks(np.inf, 0.0)
     best = Peaks(float(np.linalg.norm(loop.D, 2)), np.inf)
     upper = poles[poles.imag >= 0.0]
@@ -182,7 +184,9 @@ def peak_slopes(loop: Closed, top: Peaks, near: float) -> list[Slope]:
 
 def h2(loop: Closed) -> float:
     """Return the H2 norm; infinite for an unstable loop or one with feedthrough."""
-    if abscissa(loop.A) >= 0.0 or np.max(np.abs(loop.D), initial=0.0) > 1e-12 * np.max(np.abs(loop.C), initial=1.0):
+    if not abscissa(loop.A) < -_ROUNDED * np.linalg.norm(loop.A) or np.max(
+        np.abs(loop.D), initial=0.0
+    ) > 1e-12 * np.max(np.abs(loop.C), initial=1.0):
         return np.inf
     X = scipy.linalg.solve_continuous_lyapunov(loop.A, -loop.B @ loop.B.T)
     return float(np.sqrt(max(np.trace(loop.C @ X @ loop.C.T), 0.0)))
