@@ -49,22 +49,10 @@ class RotorParams(NamedTuple):
 
 
 def rotor_params(vehicle: Vehicle) -> RotorParams:
-    """Return the shares of a vehicle's rotors.
-
-    Raises
-    ------
-    ValueError
-        If the geometry can't give each torque by itself, or a rotor carries nothing of a pure thrust.
-    """
+    """Return the shares of a vehicle's rotors."""
     rotors = vehicle.rotors
-    x, y, _ = np.array(rotors.position_B).T
-    wrench = np.array([-y, x, rotors.drag_ratio * np.array(rotors.spin), np.ones(4)])
-    if np.linalg.cond(wrench) > 1e6:
-        raise ValueError(f"rotors of '{vehicle.name}': position_B and spin don't give each torque by itself")
-    inverse = np.linalg.inv(wrench)
+    inverse = np.linalg.inv(rotors.wrench)
     share = inverse[:, 3]
-    if np.min(share) <= 0.0:
-        raise ValueError(f"rotors of '{vehicle.name}': the centre of mass is not between them")
     torques = (inverse[:, :3].T / share).ravel()
     return RotorParams._make([rotors.thrust_max, *share, *(rotors.thrust_max / share), *torques])
 

@@ -5,6 +5,8 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
@@ -93,6 +95,20 @@ class Rotors:
     def height(self) -> float:
         """[m] of the rotor plane above the centre of mass."""
         return -sum(z for _, _, z in self.position_B) / 4.0
+
+    @property
+    def wrench(self) -> NDArray[np.float64]:
+        """(4, 4) roll, pitch, yaw torque [N*m] and thrust [N] per thrust [N] of each rotor."""
+        x, y, _ = np.array(self.position_B).T
+        return np.array([-y, x, self.drag_ratio * np.array(self.spin), np.ones(4)])
+
+    @model_validator(mode="after")
+    def _give_each_torque(self) -> Self:
+        if np.linalg.cond(self.wrench) > 1e6:
+            raise ValueError("position_B and spin don't give each torque by itself")
+        if np.min(np.linalg.inv(self.wrench)[:, 3]) <= 0.0:
+            raise ValueError("position_B: the centre of mass is not between the rotors")
+        return self
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)

@@ -74,7 +74,7 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool
     Raises
     ------
     ValueError
-        If the seed is not in [0, 2^32), or the vehicle's rotors can't fly it.
+        If the seed is not in [0, 2^32).
     """
     if not 0 <= seed < 2**32:
         raise ValueError(f"seed is {seed}, must be in [0, 2^32)")

@@ -107,6 +107,5 @@ def test_signs_by_hand_in_px4s_order_of_rotors():
     ],
 )
 def test_a_geometry_that_cannot_fly_is_refused(change, cause):
-    vehicle = VEHICLES["paper"]
     with pytest.raises(ValueError, match=cause):
-        rotor_params(replace(vehicle, rotors=replace(vehicle.rotors, **change)))
+        replace(VEHICLES["paper"].rotors, **change)
