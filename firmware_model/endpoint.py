@@ -24,7 +24,7 @@ from firmware_model.flight import Due, Flight
 from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer, parse
 from firmware_model.listener import Asker, Listener, Listeners
 from firmware_model.loop import VehicleLoop
-from firmware_model.params import GUST_SCALE_NAME, Parameters
+from firmware_model.params import GUST_SCALE_NAME, PAUSE_NAME, Parameters
 from firmware_model.scenario import Scenario
 from firmware_model.services import composed
 from firmware_model.services.service import Client
@@ -205,6 +205,7 @@ class VehicleEndpoint:
         self.loop.set_gust_scale(self.parameters[GUST_SCALE_NAME])
         self.loop.set_stabilizer(self.parameters.stabilizer())
         self.loop.set_position_loop(self.parameters.position_loop())
+        self.flight.pause(self._now_us, paused=bool(self.parameters[PAUSE_NAME]))
 
     def _take(self, frame: Frame, peer: Peer, now_us: int) -> Dropped | None:
         # Before anything else: who does not prove himself takes no place among the peers.

@@ -34,6 +34,7 @@ RESENDS = 30
 CATCH_UP_US = 250_000
 """[us] lateness that is made up for in real time; a process that was away for longer lets model time slip."""
 _SAY_SLIP_US = 10_000_000  # wall time from one word on it to the next
+_NEVER_US = 1 << 62
 
 _OFFBOARD = Mode.OFFBOARD  # asked for several times a sample, and to look up a member of an Enum takes .1 us
 
@@ -83,7 +84,7 @@ class Flight:
         self.setpoint: Command | None = None
         self.started_us: int | None = None
         self.advanced_us = 0
-        self.slipped_us = 0
+        self.slipped_us = self.paused_us = 0
         self.running = False
         self.ended_us: int | None = None
         self.left_offboard = False
@@ -93,11 +94,12 @@ class Flight:
         self._attempts = 0
         self._resend_at_us = 0
         self._say_slip_at_us = 0
+        self._paused_at_us: int | None = None
 
     @property
     def wall_us(self) -> int:
-        """[us] wall time from t = 0 to the sample flown last."""
-        return 0 if self.started_us is None else max(self.advanced_us - self.started_us, 0)
+        """[us] wall time from t = 0 to the sample flown last, without pauses."""
+        return 0 if self.started_us is None else max(self.advanced_us - self.started_us - self.paused_us, 0)
 
     def clock_us(self, now_us: int) -> int:
         """Return the autopilot's clock: wall time while clamped, then model time from there on."""
@@ -107,7 +109,7 @@ class Flight:
         """Return the time that has passed since the current sample; none in lockstep, where time waits."""
         if self.lockstep or not self.running:
             return 0
-        return min(max(now_us - self.slipped_us - self.clock_us(now_us), 0), self._sample_us)
+        return min(max(now_us - self.paused_us - self.slipped_us - self.clock_us(now_us), 0), self._sample_us)
 
     def tick(self, now_us: int) -> None:
         """Tell the autopilot the time, before anything is asked of it."""
@@ -146,9 +148,19 @@ class Flight:
             self.autopilot.begin()
             self.autopilot.hear_setpoint()
 
+    def pause(self, now_us: int, *, paused: bool) -> None:
+        """Let model time stand still, or go on from where it stands; what is flown is the same to the bit."""
+        if paused and self._paused_at_us is None:
+            self._paused_at_us = now_us
+        elif not paused and self._paused_at_us is not None:
+            if self.started_us is not None:
+                self.paused_us += now_us - max(self._paused_at_us, self.started_us)
+            self._paused_at_us = None
+            self._resend_at_us = now_us + RESEND_US
+
     def due(self, now_us: int) -> Due:
         """Return what is to be done; a resend counts as done."""
-        if not self.running:
+        if not self.running or self._paused_at_us is not None:
             return _WAIT
         if not self.lockstep:
             return _ADVANCE if now_us >= self._due_us() else _WAIT
@@ -195,6 +207,8 @@ class Flight:
         """Return the wall time at which `due` changes by itself, `None` if it never does."""
         if not self.running:
             return None
+        if self._paused_at_us is not None:
+            return _NEVER_US
         if not self.lockstep:
             return self._due_us()
         waits = self.autopilot.mode is _OFFBOARD and not self._answered
@@ -202,7 +216,7 @@ class Flight:
 
     def _due_us(self) -> int:
         """Return the wall time [us] at which the current sample is flown in real time: at its end."""
-        return self.clock_us(0) + self.slipped_us + self._sample_us
+        return self.clock_us(0) + self.paused_us + self.slipped_us + self._sample_us
 
     def _situation(self) -> Situation:
         """Return what navigation says: ideal in position, the on-board estimate in attitude."""

@@ -27,6 +27,8 @@ HOVER_NAME = "MPC_THR_HOVER"
 """Thrust that hovers."""
 GUST_SCALE_NAME = "GP_GUST_SCALE"
 """Intensity of the gusts."""
+PAUSE_NAME = "GP_PAUSE"
+"""Whether model time stands still."""
 
 _DEVICE = 1_310_988  # PX4's number for the first simulated sensor; clients take 0 for one that is not calibrated
 
@@ -118,6 +120,8 @@ def _table(vehicle: Vehicle, scenario: Scenario) -> tuple[Parameter, ...]:
                   meaning="Thrust of a set-point that hovers"),
         Parameter(name=GUST_SCALE_NAME, default=1.0, minimum=0.0, maximum=3.0,
                   meaning="All gusts, as a multiple of what the scenario says"),
+        Parameter(name=PAUSE_NAME, default=0, choices=(0, 1),
+                  meaning="1: model time stands still, and a flight goes on at 0 as if nothing had been"),
         *(
             Parameter(name=name, default=gain.told(loop), unit=gain.unit, minimum=gain.minimum, maximum=gain.maximum,
                       meaning=gain.meaning)

@@ -1,6 +1,7 @@
 """Both endpoints on one virtual clock, with a link between them that loses, repeats, delays and dies."""
 
 import gc
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -41,7 +42,7 @@ class Flight:
         steps = 0
         while not self.vehicle.finished:
             sent = self.vehicle.poll(self.now_us)
-            for datagram, _ in sent:
+            for datagram in [datagram for datagram, peer in sent if peer == CONTROLLER]:
                 for altered in down(datagram, len(self.rows)):
                     self.controller.receive(altered, VEHICLE, self.now_us)
             answers = [] if self.controller.finished else self.controller.poll(self.now_us)
@@ -256,3 +257,28 @@ def test_free_flight_whose_law_dies_lands_if_so_set_and_ends_before_its_script()
     assert len(flight.rows) < 30 * 250
     assert flight.vehicle.loop.on_ground
     assert not flight.vehicle.autopilot.armed
+
+
+def test_flight_paused_by_a_parameter_is_the_same_to_the_bit(clean):
+    flight, watcher, packer = Flight(), (0, ("watcher", 2)), wire.MAVLink(None, 255, 190)
+    heard: list[int] = []
+
+    def pause(paused: int) -> None:
+        (value,) = struct.unpack("<f", struct.pack("<i", paused))
+        message = wire.MAVLink_param_set_message(1, 1, b"GP_PAUSE", value, wire.MAV_PARAM_TYPE_INT32)
+        flight.vehicle.receive(message.pack(packer), watcher, flight.now_us)
+
+    def down(datagram: bytes, flown: int) -> list[bytes]:
+        if kind(datagram) == IMU and flown == 60 and not heard:
+            pause(1)
+        elif kind(datagram) == wire.MAVLINK_MSG_ID_HEARTBEAT and flown >= 60:
+            heard.append(flown)
+            if len(heard) == 20:
+                pause(0)
+        return [datagram]
+
+    flight.run(down=down)
+    assert set(heard[:20]) == {60}
+    assert flight.now_us > 10_000_000
+    assert flight.rows == clean.rows
+    assert flight.counters == {}

@@ -189,3 +189,28 @@ def test_scripted_flight_ends_before_its_script_by_landing():
     assert paced.run(5_000_000) < SCRIPT
     assert paced.flight.ended_us is not None
     assert paced.autopilot.take_events() == [Event.LANDED]
+
+
+def test_pause_stops_model_time_and_nothing_is_made_up_for(paced):
+    paced.enter_offboard()
+    paced.run(900_000)
+    paced.flight.pause(paced.now_us, paused=True)
+    assert paced.run(60_000_000) == 0
+    paced.flight.pause(paced.now_us, paused=False)
+    assert paced.run(80_000) == 20
+    assert paced.autopilot.mode is Mode.OFFBOARD
+    assert (paced.flight.paused_us, paced.flight.slipped_us) == (60_000_000, 0)
+    assert paced.flight.wall_us == 980_000
+    assert Hitch.OVERRUN not in paced.flight.counters
+
+
+def test_pause_before_the_first_sample_holds_it_back():
+    paced = Paced(standing=False)
+    paced.flight.pause(paced.now_us, paused=True)
+    paced.now_us += 5_000_000
+    paced.enter_offboard()
+    assert paced.poll() == 0
+    assert paced.run(1_000_000) == 0
+    paced.flight.pause(paced.now_us, paused=False)
+    assert paced.run(40_000) == 10
+    assert paced.flight.paused_us == 1_000_000
