@@ -67,12 +67,12 @@ def certify_gain(
     turning = attitude_speeds(angle, rate, leak=leak) if slow else None
     # t = tan(phi / 2) over its largest value, and v likewise
     edge = math.tan(angle / 2.0)
-    speeds = None if turning is None else [turn * (1.0 + edge**2) / (2.0 * edge) for turn in turning]
+    speeds = None if turning is None else [(1.0 + 1e-9) * turn * (1.0 + edge**2) / (2.0 * edge) for turn in turning]
     rho = (
         "any function of time within the envelope"
         if turning is None
         else (
-            f"within the envelope, |phi'| <= {turning[0]:.6g} and |theta'| <= {turning[1]:.6g} rad/s, "
+            f"within the envelope, |phi'| <= {turning[0]:.6f} and |theta'| <= {turning[1]:.6f} rad/s, "
             "which the kinematics imply; p, q, r as fast as they like"
         )
     )
@@ -100,7 +100,9 @@ def attitude_speeds(angle: float, rate: float, *, leak: float) -> tuple[float, f
     phi' = p + tan(theta) (sin(phi) q + cos(phi) r) - leak phi, theta' = cos(phi) q - sin(phi) r - leak theta.
     """
     across = rate * (1.0 + math.sin(angle))
-    return rate + math.tan(angle) * across + leak * angle, across + leak * angle
+    bounds = rate + math.tan(angle) * across + leak * angle, across + leak * angle
+    of_phi, of_theta = (math.ceil(1e6 * bound + 1e-3) / 1e6 for bound in bounds)  # up: what is told is what is used
+    return of_phi, of_theta
 
 
 def certify_lft(

@@ -147,7 +147,9 @@ def _gain(
     try:
         problem = report.problem if leak is None else design_problem(replace(design, leak=leak), airframe)
         scheduled = exact_rho or design.scheduled
-        return certify_gain(problem, report.result.controller, angle=angle, rate=rate, scheduled=scheduled, level=level)
+        return certify_gain(
+            problem, report.result.controller, angle=angle, rate=rate, scheduled=scheduled, slow=slow, level=level
+        )
     except ValueError as error:
         raise ConfigError(f"design {design.name}: {error}") from None
 

@@ -49,11 +49,36 @@ def test_a_slow_spring_has_a_bound_where_a_fast_one_has_none(certificate):
     assert softest <= certificate.gain
 
 
-def test_the_bound_grows_with_the_speed_until_there_is_none(certificate):
-    faster = certify_lft(spring(), assumes={}, speeds={"stiffness": 0.01})
+@pytest.fixture(scope="module")
+def faster() -> Certificate:
+    return certify_lft(spring(), assumes={}, speeds={"stiffness": 0.01})
+
+
+def test_the_bound_grows_with_the_speed_until_there_is_none(certificate, faster):
     assert faster.proven
     assert faster.gain > certificate.gain
     assert not certify_lft(spring(), assumes={}, speeds={"stiffness": 10.0}).proven
+
+
+def test_no_simulation_of_ten_thousand_exceeds_the_bound(faster):
+    """The stiffness ramps up and down as fast as it may, w follows the resonance or not; 80 s, energy left unspent."""
+    rng, runs, dt = np.random.default_rng(5), 10_000, 0.04
+    delta = np.where(rng.random(runs) < 0.5, -1.0, rng.uniform(-1.0, 1.0, runs))
+    direction, turning = rng.choice([-1.0, 0.0, 1.0], runs), rng.uniform(0.0, 0.05, runs)
+    off, phase = rng.normal(0.0, 0.05, runs) * rng.integers(2, size=runs), rng.uniform(0.0, 6.3, runs)
+    x, v, sums = np.zeros(runs), np.zeros(runs), np.zeros((2, runs))
+    for _ in range(2000):
+        direction = np.where(rng.random(runs) < turning * dt, -direction, direction)
+        delta = np.clip(delta + 0.01 * direction * dt, -1.0, 1.0)
+        stiffness = 1.0 + 0.9 * delta
+        phase += (np.sqrt(stiffness) + off) * dt
+        w = np.cos(phase)
+        middle = x + 0.5 * dt * v  # leapfrog, the damping taken at the middle
+        v = ((1.0 - 0.1 * dt) * v + dt * (w - stiffness * middle)) / (1.0 + 0.1 * dt)
+        x = middle + 0.5 * dt * v
+        sums += middle**2, w**2
+    gains = np.sqrt(sums[0] / sums[1])
+    assert 0.7 * faster.gain < np.max(gains) <= faster.gain
 
 
 def leaves(value, path=()):
@@ -119,6 +144,12 @@ def test_a_proof_for_every_corner_is_asked_for(certificate):
     document["evidence"]["vertices"] = document["evidence"]["vertices"][:2]
     del document["seal"]
     assert not check(json.dumps({**document, "seal": seal(document)})).accepted
+
+
+def test_a_loop_that_is_unstable_at_rest_has_no_multipliers():
+    unstable = with_states(np.diag([1.0, 1.0]) @ appended(real("rate", low=0.5, high=1.5), 1.0), 1)
+    with pytest.raises(ValueError, match="continuous and stable"):
+        certify_lft(unstable, assumes={}, speeds={"rate": 1.0})
 
 
 @pytest.mark.parametrize(

@@ -76,6 +76,22 @@ def test_the_law_that_flies_is_proved_to_stay_in_a_box(tmp_path: Path):
     assert run("--check", str(path)).exit_code == 0
 
 
+def test_what_is_asked_of_a_gain_is_handed_on(monkeypatch: pytest.MonkeyPatch):
+    asked: dict[str, object] = {}
+
+    def certify_gain(*_: object, **options: object) -> Certificate:
+        asked.update(options)
+        return Certificate(
+            statement="", gain=0.3, lower_bound=0.2, proven=True, assumes={}, evidence={}, residual=0.0
+        )  # fmt: skip
+
+    monkeypatch.setattr("gustproof.certify.gain.certify_gain", certify_gain)
+    assert run("D2", *ENVELOPE, "--slow", "--level", "0.3").exit_code == 0
+    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": False, "slow": True, "level": 0.3}
+    assert run("D2", *ENVELOPE, "--exact-rho").exit_code == 0
+    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": True, "slow": False, "level": None}
+
+
 def test_what_is_not_proved_has_status_1_and_leaves_no_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     answer(monkeypatch, gain=0.25, lower_bound=1.72, proven=False)
     result = run("D2", *ENVELOPE, "--level", "0.25", "-o", str(tmp_path / "c.json"))
