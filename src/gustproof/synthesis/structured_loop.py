@@ -79,13 +79,21 @@ class Closed(NamedTuple):
     """A closed loop at one M, and how a change of M enters: `dA = B2 dM C2`, `dB = B2 dM D21`, and so on."""
 
     A: Matrix
+    """(n, n)."""
     B: Matrix
+    """(n, m1) of w."""
     C: Matrix
+    """(p1, n) of z."""
     D: Matrix
+    """(p1, m1)."""
     B2: Matrix
+    """(n, r) of a change of what M puts out."""
     C2: Matrix
+    """(c, n) of what M reads."""
     D12: Matrix
+    """(p1, r) of a change of what M puts out."""
     D21: Matrix
+    """(c, m1) of what M reads."""
 
 
 def closed(plant: Augmented, M: Matrix) -> Closed:

@@ -30,9 +30,9 @@ GOLDEN = json.loads((Path(__file__).parents[2] / "golden" / "compleib.json").rea
 NEAR = 1.005
 """A local search may end this far above the least value known; it may be below."""
 SEED = 2
-"""With it few starts are enough, which spares the gate the default five."""
-STARTS = {"HE1": 5, "NN8": 5, "AC6": 2}
-"""Starts that are enough for a plant; 1 for the others."""
+"""With it one start is enough for most plants, which spares the gate the default five."""
+STARTS = {"NN8": 3}
+"""Starts for a plant that wants more."""
 
 
 def compleib(name: str) -> tuple[control.StateSpace, int, int]:
@@ -74,7 +74,7 @@ def test_static_output_feedback_of_compleib_is_as_good_as_known(name):
 @pytest.mark.parametrize("name", ["D1", "D2"])
 def test_two_states_an_axis_come_within_two_percent_of_any_controller(name):
     P = design_plant(name)
-    result = hinfstruct(P, 3, 3, structure=decoupled(2, 3, 3), starts=3)
+    result = hinfstruct(P, 3, 3, structure=decoupled(2, 3, 3), starts=1)
     assert result.order == 6
     assert result.gamma <= 1.02 * result.gamma_opt
     assert hinf_norm(lft(P, result.controller)).gain == pytest.approx(result.gamma, rel=1e-3)
