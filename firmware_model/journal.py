@@ -104,6 +104,8 @@ def read_journal(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
     except ValueError:
-        raise ConfigError(f"{path}: not a journal") from None
+        header = None
+    if not isinstance(header, dict):
+        raise ConfigError(f"{path}: not a journal")
     whole = len(body) // RECORD.itemsize * RECORD.itemsize
     return header, np.frombuffer(body[:whole], dtype=RECORD)

@@ -1,21 +1,29 @@
-"""One flight from scenario to figures: flown over UDP, written as a bag, measured."""
+"""One flight from scenario to figures: flown over UDP, written as a bag, measured; recovered, and flown again."""
 
 import platform
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
+from firmware_model.appended import still_grows
+from firmware_model.autopilot import Mode
+from firmware_model.errors import ConfigError
+from firmware_model.files import parse
+from firmware_model.journal import read_journal
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof import __version__
-from gustproof.law import Law
+from gustproof.errors import FlightError
+from gustproof.law import Law, law_from
 from gustproof.metrics import Metrics, measure, peak_rate
-from gustproof.recording.bag import write_bag
+from gustproof.recording.bag import UNFINISHED, read_bag, write_bag
 from gustproof.sitl import Outcome, fly
 
 
@@ -65,6 +73,60 @@ class RecordedFlight:
         }
 
 
+class Plan(NamedTuple):
+    """All that is needed to fly a flight, or to fly it again."""
+
+    scenario: Scenario
+    """Script."""
+    law: Law
+    """Law."""
+    vehicle: Vehicle
+    """Vehicle."""
+    seed: int
+    """Seed of gusts and noise."""
+    real_time: bool
+    """Whether at the pace of the clock; else in lockstep, where each repetition gives the same bits."""
+
+    @property
+    def name(self) -> str:
+        """Name of the files that it leaves."""
+        return f"{self.scenario.name}-{self.law.name}-seed{self.seed}"
+
+    def note(self) -> dict[str, Any]:
+        """Return the plan as JSON has it, from which `noted` makes it again, and the versions that fly it."""
+        return {
+            "scenario": to_jsonable_python(self.scenario),
+            "vehicle": to_jsonable_python(self.vehicle),
+            "law": {**self.law.document(), "order": self.law.order},
+            "seed": self.seed,
+            "real_time": self.real_time,
+            "versions": _versions(),
+        }
+
+
+def noted(note: Any, source: Path) -> Plan:
+    """Return the plan that a bag or a journal carries.
+
+    Raises
+    ------
+    ConfigError
+        If it carries none.
+    """
+    try:
+        scenario, vehicle = note["scenario"], note["vehicle"]
+        law = {key: value for key, value in note["law"].items() if key != "order"}
+        seed, real_time = int(note["seed"]), bool(note["real_time"])
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise ConfigError(f"{source}: does not say what was flown") from None
+    return Plan(
+        scenario=parse(Scenario, scenario, f"{source}: scenario"),
+        law=law_from(law, f"{source}: law"),
+        vehicle=parse(Vehicle, vehicle, f"{source}: vehicle"),
+        seed=seed,
+        real_time=real_time,
+    )
+
+
 def fly_and_record(
     scenario: Scenario,
     law: Law,
@@ -73,44 +135,118 @@ def fly_and_record(
     seed: int,
     out: Path,
     real_time: bool = False,
+    tlog: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> RecordedFlight:
     """Fly a scenario over UDP and leave its bag in the folder `out`, named for scenario, law and seed.
 
-    The journal is removed once its bag is whole, or if there is nothing in it.
+    With `tlog` the MAVLink traffic is left beside it. The journal is removed once its bag is whole, or if there is
+    nothing in it.
 
     Raises
     ------
     ConfigError
         If the bag exists already, or the flight can't be started as asked.
+    FlightError
+        If the bag can't be written; the journal stays, to `recover` from.
     """
-    flown = fly(scenario, law, vehicle=vehicle, seed=seed, out=out, real_time=real_time, progress=progress)
+    plan = Plan(scenario, law, vehicle, seed, real_time)
+    flown = fly(
+        scenario, law, vehicle=vehicle, seed=seed, out=out, real_time=real_time, progress=progress,
+        note=plan.note(), tlog=tlog,
+    )  # fmt: skip
+    return _recorded(
+        plan, plan.note(), flown.records, flown.journal,
+        outcome=flown.outcome, message=flown.message, realtime_factor=flown.realtime_factor,
+    )  # fmt: skip
+
+
+def recover(folder: Path) -> list[RecordedFlight]:
+    """Make the bags of flights that were cut off, from the journals in `folder`; return them.
+
+    A flight to the end of its script in OFFBOARD gives the bag that it would have left itself.
+
+    Raises
+    ------
+    ConfigError
+        If there is no journal, one is no journal, lacks what was flown or still grows, or its bag exists with other
+        records.
+    FlightError
+        If a bag can't be written; its journal stays.
+    """
+    journals = sorted(folder.glob("*.journal"))
+    if not journals:
+        raise ConfigError(f"{folder}: no journal here: nothing to recover")
+    for unfinished in folder.glob(f"{UNFINISHED}*"):
+        shutil.rmtree(unfinished)
+    return [_recover(journal) for journal in journals]
+
+
+def _recover(journal: Path) -> RecordedFlight:
+    if still_grows(journal):
+        raise ConfigError(f"{journal}: the flight is not over")
+    header, written = read_journal(journal)
+    note = header.get("note", {})
+    plan, records = noted(note, journal), _sound(written)
+    whole = len(records) == plan.scenario.samples and bool(np.all(records["mode"] == Mode.OFFBOARD.value))
+    outcome = Outcome.DONE if whole else Outcome.CUT_OFF
+    return _recorded(
+        plan, note, records, journal, outcome=outcome, realtime_factor=0.0,
+        message=f"{plan.scenario.name}, {plan.law.name}, seed {plan.seed}: {outcome.value}, "
+        f"{len(records)} of {plan.scenario.samples} samples",
+    )  # fmt: skip
+
+
+def differs_from_s(records: NDArray[np.void], others: NDArray[np.void]) -> float | None:
+    """Return the model time [s] of the first sample that two flights do not share to the bit, `None` if they all are.
+
+    A flight that was cut off shares all samples with the whole one.
+    """
+    n = min(len(records), len(others))
+    ours, theirs = (np.frombuffer(each[:n].tobytes(), dtype=np.uint64).reshape(n, -1) for each in (records, others))
+    rows = np.flatnonzero(np.any(ours != theirs, axis=1))
+    return float(records["time_us"][rows[0]] * 1e-6) if len(rows) else None
+
+
+def _sound(records: NDArray[np.void]) -> NDArray[np.void]:
+    """Return the records up to where time no longer goes on: what a lost disk cache leaves is zeros."""
+    breaks = np.flatnonzero(~(np.diff(records["time_us"]) > 0.0))
+    return records[: int(breaks[0]) + 1] if len(breaks) else records
+
+
+def _recorded(
+    plan: Plan, note: Mapping[str, Any], records: NDArray[np.void], journal: Path, *,
+    outcome: Outcome, message: str, realtime_factor: float,
+) -> RecordedFlight:  # fmt: skip
+    """Write the bag of what was flown beside its journal, unless it is there already, and remove the journal."""
     bag = None
-    if len(flown.records):
-        bag = out / f"{scenario.name}-{law.name}-seed{seed}"
-        write_bag(bag, flown.records, _about(scenario, law, vehicle, seed, flown.outcome))
-    flown.journal.unlink(missing_ok=True)
-    figures = len(flown.records) >= 2
+    if len(records):
+        bag = journal.parent / plan.name
+        try:
+            if not _is_bag_of(bag, records):
+                write_bag(bag, records, {**note, "outcome": outcome.name.lower()})
+        except OSError as error:
+            kept = f"what was flown is in {journal}: make room, then gustproof recover {bag.parent}"
+            raise FlightError(f"{bag}: {error.strerror}; {kept}") from None
+    journal.unlink(missing_ok=True)
+    figures = len(records) >= 2
     return RecordedFlight(
-        scenario=scenario,
-        law=law,
-        vehicle=vehicle,
-        seed=seed,
-        outcome=flown.outcome,
-        message=flown.message,
-        records=flown.records,
-        bag=bag,
-        metrics=measure(flown.records, vehicle, scenario, flown.realtime_factor) if figures else None,
-    )
+        scenario=plan.scenario, law=plan.law, vehicle=plan.vehicle, seed=plan.seed,
+        outcome=outcome, message=message, records=records, bag=bag,
+        metrics=measure(records, plan.vehicle, plan.scenario, realtime_factor) if figures else None,
+    )  # fmt: skip
 
 
-def _about(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int, outcome: Outcome) -> dict[str, Any]:
-    """Return what names the flight; nothing that differs when the same flight is flown again."""
+def _is_bag_of(bag: Path, records: NDArray[np.void]) -> bool:
+    """Return whether `bag` is there with these records: its writer was killed before it had removed the journal."""
+    return bag.exists() and read_bag(bag)[1].tobytes() == records.tobytes()
+
+
+def _versions() -> dict[str, str]:
+    """Return what can change the bits of a flight; nothing that differs when it is flown again."""
     return {
-        "scenario": to_jsonable_python(scenario),
-        "vehicle": to_jsonable_python(vehicle),
-        "law": {"name": law.name, "order": law.order, "provenance": to_jsonable_python(law.provenance)},
-        "seed": seed,
-        "outcome": outcome.name.lower(),
-        "versions": {"gustproof": __version__, "python": platform.python_version(), "numpy": np.__version__},
+        "gustproof": __version__,
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        **{name: version(name) for name in ("numpy", "numba", "llvmlite", "pymavlink")},
     }

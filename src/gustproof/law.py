@@ -110,9 +110,9 @@ class Law:
         """Whether the law carries the exact kinematics of its own attitude estimate."""
         return bool(np.any(self.G))
 
-    def save(self, path: str | Path) -> None:
-        """Write the law as JSON; every number is kept to the bit."""
-        document = {
+    def document(self) -> dict[str, Any]:
+        """Return the law as JSON has it, from which `law_from` makes it again; every number is kept to the bit."""
+        return {
             "format": FORMAT,
             "name": self.name,
             "output": self.output.value,
@@ -126,7 +126,10 @@ class Law:
                 "version": self.provenance.version,
             },
         }
-        Path(path).write_text(_layout(document), encoding="utf-8")
+
+    def save(self, path: str | Path) -> None:
+        """Write the law as JSON; every number is kept to the bit."""
+        Path(path).write_text(_layout(self.document()), encoding="utf-8")
 
 
 def load_law(name_or_path: str | Path) -> Law:
@@ -149,10 +152,21 @@ def load_law(name_or_path: str | Path) -> Law:
         raise LawFileError(f"{path}: {error.strerror}") from None
     except ValueError as error:
         raise LawFileError(f"{path}: not JSON: {error}") from None
+    return law_from(document, str(path))
+
+
+def law_from(document: Any, source: str) -> Law:
+    """Return the law that a document says; `source` stands in front of each mistake.
+
+    Raises
+    ------
+    LawFileError
+        If a key, shape or value is not allowed.
+    """
     try:
         return _law_from(document)
     except (ValueError, TypeError) as error:
-        raise LawFileError(f"{path}: {error}") from None
+        raise LawFileError(f"{source}: {error}") from None
 
 
 def shipped_laws() -> tuple[str, ...]:

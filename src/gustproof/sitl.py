@@ -11,7 +11,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -55,6 +55,8 @@ class Outcome(Enum):
     """The controller never came to fly."""
     INTERRUPTED = "interrupted"
     """Ctrl-C."""
+    CUT_OFF = "cut off; what its journal held has been recovered"
+    """All of its processes were killed, or the machine was."""
 
 
 _OUTCOMES = {
@@ -102,8 +104,12 @@ def fly(
     real_time: bool = False,
     usual_ports: bool = True,
     progress: Callable[[float], None] | None = None,
+    note: Mapping[str, Any] | None = None,
+    tlog: bool = False,
 ) -> Flight:
     """Fly a scenario with two processes, leave the journal in the folder `out`, and return what was flown.
+
+    The journal's header has `note`. With `tlog` the MAVLink traffic is left beside it.
 
     In lockstep the processes use a free port; in real time those of the vehicle are the usual ones, so that ground
     stations can watch, unless `usual_ports` is false. `progress` is told the fraction flown, 0..1. No process is left
@@ -112,22 +118,25 @@ def fly(
     Raises
     ------
     ConfigError
-        If the law steps at another rate than the scenario, a port is in use, or the journal exists already.
+        If the law steps at another rate than the scenario, a port is in use, or the journal or log exists already.
     """
     if law.dt != scenario.dt:
         raise ConfigError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
     out.mkdir(parents=True, exist_ok=True)
-    journal = out / f"{scenario.name}-{law.name}-seed{seed}.journal"
-    if journal.exists():
-        raise ConfigError(f"{journal}: exists already")
+    journal, log = (out / f"{scenario.name}-{law.name}-seed{seed}.{kind}" for kind in ("journal", "tlog"))
+    for file in (journal, log):
+        if file.exists():
+            raise ConfigError(f"{file}: exists already")
     with TemporaryDirectory(prefix="gustproof-") as folder:
-        files = {name: Path(folder) / f"{name}.json" for name in ("scenario", "vehicle", "law")}
+        files = {name: Path(folder) / f"{name}.json" for name in ("scenario", "vehicle", "law", "note")}
         files["scenario"].write_text(json.dumps(to_jsonable_python(scenario)), encoding="utf-8")
         files["vehicle"].write_text(json.dumps(to_jsonable_python(vehicle)), encoding="utf-8")
+        files["note"].write_text(json.dumps(note), encoding="utf-8")
         law.save(files["law"])
         pace = [] if real_time else ["--lockstep"]
         ports = [] if real_time and usual_ports else ["--bind-port", "0"]
-        with _Pair(files, seed, journal, [*pace, *ports]) as pair:
+        logged = ["--tlog", str(log)] if tlog else []
+        with _Pair(files, seed, journal, [*pace, *ports, *logged]) as pair:
             outcome = pair.fly(scenario.samples, progress or (lambda _: None))
     told = pair.told
     records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
@@ -194,9 +203,9 @@ class _Pair:
 
     def _start(self) -> None:
         vehicle = self._launch(
-            "vehicle", "firmware_model", "--json", *self._options, "--seed", str(self._seed),
-            "--journal", str(self._journal), "--scenario", str(self._files["scenario"]),
-            "--vehicle", str(self._files["vehicle"]),
+            "vehicle", "firmware_model", "--json", "--attended", *self._options, "--seed", str(self._seed),
+            "--journal", str(self._journal), "--note", str(self._files["note"]),
+            "--scenario", str(self._files["scenario"]), "--vehicle", str(self._files["vehicle"]),
         )  # fmt: skip
         # The controller starts meanwhile, and is told the port when the vehicle has one.
         controller = self._launch(

@@ -12,6 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 from firmware_model.errors import ConfigError
 from firmware_model.journal import RECORD
 from gustproof.recording.bag import read_bag, write_bag
+from gustproof.recording.definitions import TYPES
 from gustproof.recording.topics import TOPICS, encode
 
 FLIGHT = {"scenario": "paper", "law": "hinf-d1", "seed": 1}
@@ -68,7 +69,7 @@ def test_mcap_and_its_ros2_decoder_find_every_number_under_its_ros_name(bag):
             "moment_B": xyz(one["/moment"].wrench.torque),
             "thrust_z_command": [one["/command/torque"].wrench.force.z],
             "thrust_z": [one["/actuator/torque"].wrench.force.z],
-            "rotors": list(one["/actuator/rotors"].effort),
+            "rotors": list(one["/actuator/rotors"].thrust),
             "wind_N": xyz(one["/wind"].vector),
         }
         assert set(expected) == set(RECORD.names or ()) - {"time_us", "mode"}
@@ -90,19 +91,29 @@ def test_an_unknown_attitude_is_marked_as_the_imu_message_asks(bag):
     assert all(message.orientation_covariance[0] == -1.0 for _, message in by_topic(bag)["/imu"])
 
 
-def test_the_rotors_are_named_in_their_order(bag):
-    assert all(
-        message.name == ["rotor_1", "rotor_2", "rotor_3", "rotor_4"] for _, message in by_topic(bag)["/actuator/rotors"]
-    )
+def test_the_definitions_of_our_own_messages_say_units_and_frames(bag):
+    with (bag / f"{bag.name}.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    schemas = {schema.name: schema.data.decode() for schema in summary.schemas.values()}
+    own = {name: text for name, text in schemas.items() if name.startswith("gustproof_msgs/")}
+    assert set(own) == {f"gustproof_msgs/msg/{name}" for name in ("Flight", "Mode", "Rotors")}
+    rotors, mode, flown = (own[f"gustproof_msgs/msg/{name}"] for name in ("Rotors", "Mode", "Flight"))
+    assert "# [N] thrust against the z axis, up: front right, rear left, front left, rear right." in rotors
+    for text in (rotors, mode):
+        assert "frame_id: the body, forward-right-down" in text
+    assert "_N is north-east-down, _B is forward-right-down" in flown
+    assert "uint32 OFFBOARD=393216\n" in mode
 
 
 def test_the_flight_topic_names_the_flight_and_the_mode_is_written_when_it_changes(bag):
     found = by_topic(bag)
-    assert [json.loads(message.data) for _, message in found["/flight"]] == [FLIGHT]
-    assert [(time // 1000, message.data) for time, message in found["/mode"]] == [
+    assert [json.loads(message.document) for _, message in found["/flight"]] == [FLIGHT]
+    assert [(time // 1000, message.custom_mode) for time, message in found["/mode"]] == [
         (1_999_996_000, 6),
         (1_999_996_000 + 20 * 4000, 7),
     ]
+    for time, message in found["/mode"]:
+        assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == time
 
 
 def test_rosbags_own_reader_accepts_the_folder_and_its_metadata(bag):
@@ -113,10 +124,9 @@ def test_rosbags_own_reader_accepts_the_folder_and_its_metadata(bag):
 
 @pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)
 def test_the_bytes_are_those_of_a_general_cdr_serialiser(topic):
-    types = get_typestore(Stores.ROS2_JAZZY)
     for payload in encode(topic, flight(rates=True)):
-        value = types.deserialize_cdr(payload.tobytes(), topic.message)
-        assert bytes(types.serialize_cdr(value, topic.message)) == payload.tobytes()
+        value = TYPES.deserialize_cdr(payload.tobytes(), topic.message)
+        assert bytes(TYPES.serialize_cdr(value, topic.message)) == payload.tobytes()
 
 
 @pytest.mark.parametrize("rates", [True, False])

@@ -1,23 +1,33 @@
-"""`gustproof fly`: one flight."""
+"""`gustproof fly`: one flight, new or again."""
 
 import json
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gustproof.cli.failures import Status, stop
 from gustproof.cli.progress import progress
 
+if TYPE_CHECKING:
+    from gustproof.flight import Plan, RecordedFlight
+
 
 def fly(
-    scenario: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a .toml file.")],
-    law: Annotated[str, typer.Option(help="Name of a shipped law, or a .json file.")],
+    scenario: Annotated[
+        str | None, typer.Argument(help="Name of a shipped scenario, or a .toml file.", show_default=False)
+    ] = None,
+    law: Annotated[str | None, typer.Option(help="Name of a shipped law, or a .json file.", show_default=False)] = None,
     vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")] = 1,
     real_time: Annotated[
         bool, typer.Option("--real-time", help="At the pace of the clock, on the usual ports.")
     ] = False,
+    repeat: Annotated[
+        Path | None, typer.Option(help="Fly a recorded flight again, from its bag alone, and compare every bit.")
+    ] = None,
+    tlog: Annotated[bool, typer.Option(help="Leave the MAVLink traffic as .tlog beside the bag.")] = True,
     out: Annotated[
         Path | None, typer.Option(help="New folder for the recording [default: a fresh one in runs/].")
     ] = None,
@@ -25,26 +35,25 @@ def fly(
 ) -> None:
     """Fly one scenario: autopilot and controller as two processes that speak MAVLink over UDP.
 
-    Leaves a rosbag2 bag (MCAP) in the output folder and prints the flight's figures.
+    Leaves a rosbag2 bag (MCAP) and the traffic (.tlog) in the output folder and prints the flight's figures.
 
         gustproof fly paper --law hinf-d1
 
         gustproof fly paper-turbulence --law my-law.json --seed 7 --json
+
+        gustproof fly --repeat runs/fly-001
     """
-    from firmware_model.scenario import load_scenario
-    from firmware_model.vehicle import load_vehicle
     from gustproof.flight import fly_and_record
-    from gustproof.law import load_law
     from gustproof.recording.folder import fresh_folder
     from gustproof.report.document import flight_document, show
     from gustproof.sitl import Outcome
 
-    script, airframe, flown = load_scenario(scenario), load_vehicle(vehicle), load_law(law)
+    plan = _recorded_plan(repeat, scenario, law) if repeat else _plan(scenario, law, vehicle, seed, real_time)
     folder = fresh_folder(out, "fly")
-    with progress(f"{script.name}, {flown.name}", quiet=as_json) as shown:
+    with progress(f"{plan.scenario.name}, {plan.law.name}", quiet=as_json) as shown:
         result = fly_and_record(
-            script, flown, vehicle=airframe, seed=seed, out=folder, real_time=real_time,
-            progress=lambda fraction: shown(fraction, f"{script.name}, {flown.name}"),
+            plan.scenario, plan.law, vehicle=plan.vehicle, seed=plan.seed, out=folder, real_time=plan.real_time,
+            tlog=tlog, progress=lambda fraction: shown(fraction, f"{plan.scenario.name}, {plan.law.name}"),
         )  # fmt: skip
     if as_json:
         print(json.dumps(result.document(), indent=2))
@@ -54,3 +63,51 @@ def fly(
         raise stop(f"interrupted; what was flown is in {folder}", Status.INTERRUPTED)
     if result.outcome is not Outcome.DONE:
         raise stop(f"{result.message}; what was flown is in {folder}", Status.FLIGHT_BROKE_OFF)
+    if repeat and not plan.real_time:
+        _compare(result, repeat)
+
+
+def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_time: bool) -> "Plan":
+    from firmware_model.errors import ConfigError
+    from firmware_model.scenario import load_scenario
+    from firmware_model.vehicle import load_vehicle
+    from gustproof.flight import Plan
+    from gustproof.law import load_law
+
+    if scenario is None or law is None:
+        raise ConfigError("give a scenario and --law, or --repeat")
+    return Plan(load_scenario(scenario), load_law(law), load_vehicle(vehicle), seed, real_time)
+
+
+def _recorded_plan(run: Path, scenario: str | None, law: str | None) -> "Plan":
+    from firmware_model.errors import ConfigError
+    from gustproof.flight import noted
+    from gustproof.recording.bag import read_bag
+
+    if scenario is not None or law is not None:
+        raise ConfigError("--repeat flies what the bag says; give no scenario and no --law")
+    bag = _bag(run)
+    return noted(read_bag(bag)[0], bag)
+
+
+def _compare(result: "RecordedFlight", run: Path) -> None:
+    """Say whether the flight is the recorded one to the bit; end with a status if not."""
+    from gustproof.flight import differs_from_s
+    from gustproof.recording.bag import read_bag
+
+    about, records = read_bag(_bag(run))
+    begin_s = differs_from_s(result.records, records)
+    if begin_s is not None:
+        line = f"differs from {run} from {begin_s:.3f} s on, which ended as '{about['outcome']}'"
+        raise stop(f"{line}, flown by {about['versions']}", Status.REQUIREMENT_FAILED)
+    print(f"gustproof: equal to {run} in every bit of its {len(records)} samples", file=sys.stderr)
+
+
+def _bag(run: Path) -> Path:
+    from firmware_model.errors import ConfigError
+    from gustproof.recording.folder import bags_in
+
+    bags = bags_in(run)
+    if len(bags) > 1:
+        raise ConfigError(f"{run}: {len(bags)} bags in it; name one, as {bags[0]}")
+    return bags[0]

@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, ReaderError, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 
 from firmware_model.errors import ConfigError
-from gustproof.recording.topics import TOPICS, blank, decode, encode, times_us
+from gustproof.recording import definitions
+from gustproof.recording.definitions import TYPES, definition
+from gustproof.recording.topics import BASE_LINK_FRD, TOPICS, blank, decode, encode, times_us
 
 FLIGHT, MODE = "/flight", "/mode"
-_STRING, _INTEGER = "std_msgs/msg/String", "std_msgs/msg/Int32"
-_TYPES = get_typestore(Stores.ROS2_JAZZY)
+UNFINISHED = ".bag-"
+"""How the folder of a bag in the making begins; a writer that was killed leaves it behind."""
 _FOREVER = QosTime(sec=9223372036, nsec=854775807)  # ROS 2's "no deadline"
 _LATCHED = Qos(
     QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, _FOREVER, _FOREVER,
@@ -46,7 +47,7 @@ def write_bag(path: Path, records: Records, flight: Mapping[str, Any]) -> None:
     if path.exists():
         raise ConfigError(f"{path}: exists already; a bag is never overwritten")
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".bag-") as unfinished:
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=UNFINISHED) as unfinished:
         staged = Path(unfinished) / path.name  # rosbag2 names the file inside after the folder
         writer = Writer(staged, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
@@ -70,7 +71,9 @@ def read_bag(path: Path) -> tuple[dict[str, Any], Records]:
             for connection, time_ns, payload in reader.messages():
                 payloads.setdefault(connection.topic, []).append(bytes(payload))
                 if connection.topic == MODE:
-                    changes.append((time_ns // 1000, float(_TYPES.deserialize_cdr(payload, _INTEGER).data)))
+                    changes.append(
+                        (time_ns // 1000, float(TYPES.deserialize_cdr(payload, definitions.MODE).custom_mode))
+                    )
     except (ReaderError, FileNotFoundError) as error:
         raise ConfigError(f"{path}: {error}") from None
     optional = "/command/rates"
@@ -84,7 +87,7 @@ def read_bag(path: Path) -> tuple[dict[str, Any], Records]:
             records["time_us"] = times_us(messages)
     for time_us, mode in changes:
         records["mode"][records["time_us"] >= time_us] = mode
-    flight: dict[str, Any] = json.loads(_TYPES.deserialize_cdr(payloads[FLIGHT][0], _STRING).data)
+    flight: dict[str, Any] = json.loads(TYPES.deserialize_cdr(payloads[FLIGHT][0], definitions.FLIGHT).document)
     return flight, records
 
 
@@ -92,21 +95,36 @@ def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
     topics = [topic for topic in TOPICS if topic.name != "/command/rates" or not _unasked(records)]
     start_ns = int(records["time_us"][0]) * 1000
     text = json.dumps(flight, sort_keys=True)
-    about = writer.add_connection(FLIGHT, _STRING, typestore=_TYPES, offered_qos_profiles=[_LATCHED])
-    mode = writer.add_connection(MODE, _INTEGER, typestore=_TYPES, offered_qos_profiles=[_LATCHED])
-    writer.write(about, start_ns, _TYPES.serialize_cdr(_TYPES.types[_STRING](text), _STRING))
+    about = _add(writer, FLIGHT, definitions.FLIGHT, latched=True)
+    mode = _add(writer, MODE, definitions.MODE, latched=True)
+    writer.write(about, start_ns, _serialised(definitions.FLIGHT, text))
     streams = []
     for topic in topics:
-        connection = writer.add_connection(topic.name, topic.message, typestore=_TYPES)
+        connection = _add(writer, topic.name, topic.message)
         streams.append((connection, encode(topic, records).tobytes(), topic.layout.itemsize))
     modes = records["mode"].astype(np.int64)
     changed = {0, *(np.flatnonzero(np.diff(modes)) + 1).tolist()}
     for i, time_us in enumerate(records["time_us"].astype(np.int64).tolist()):
         if i in changed:
-            value = _TYPES.types[_INTEGER](int(modes[i]))
-            writer.write(mode, time_us * 1000, _TYPES.serialize_cdr(value, _INTEGER))
+            writer.write(mode, time_us * 1000, _serialised(definitions.MODE, _header(time_us), int(modes[i])))
         for connection, payload, size in streams:
             writer.write(connection, time_us * 1000, payload[i * size : (i + 1) * size])
+
+
+def _add(writer: Writer, topic: str, message: str, *, latched: bool = False) -> Any:
+    text, digest = definition(message)
+    qos = [_LATCHED] if latched else []
+    return writer.add_connection(topic, message, msgdef=text, rihs01=digest, offered_qos_profiles=qos)
+
+
+def _serialised(message: str, *fields: Any) -> memoryview:
+    payload: memoryview = TYPES.serialize_cdr(TYPES.types[message](*fields), message)
+    return payload
+
+
+def _header(time_us: int) -> Any:
+    stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=time_us // 1_000_000, nanosec=time_us % 1_000_000 * 1000)
+    return TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id=BASE_LINK_FRD)
 
 
 def _unasked(records: Records) -> bool:

@@ -30,3 +30,19 @@ def fresh_folder(out: Path | None, name: str) -> Path:
             number += 1
         else:
             return folder
+
+
+def bags_in(run: Path) -> list[Path]:
+    """Return the bags of a run's folder in the order of their names; a bag is its own.
+
+    Raises
+    ------
+    ConfigError
+        If there is none.
+    """
+    folders = [run, *sorted(run.iterdir())] if run.is_dir() else []
+    bags = [folder for folder in folders if (folder / "metadata.yaml").is_file()]
+    if not bags:
+        cut_off = any(path.suffix == ".journal" for path in folders)
+        raise ConfigError(f"{run}: no bag in it" + (f"; a journal is: gustproof recover {run}" if cut_off else ""))
+    return bags

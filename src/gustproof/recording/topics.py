@@ -1,18 +1,18 @@
 """Which field of the journal stands in which ROS message, and the bytes of those messages.
 
 Axes are those of the journal, north-east-down and forward-right-down, and the frame names say so as
-MAVROS's do: `map_ned` and `base_link_frd`. Every message here is a stamped header, perhaps bytes that
-are always the same, and then float64 numbers, so that all messages of a topic are rows of one array
-whose dtype is the message's layout in CDR, little-endian.
+MAVROS's do: `map_ned` and `base_link_frd`. Every message here is a stamped header and then float64
+numbers, so that all messages of a topic are rows of one array whose dtype is the message's layout in
+CDR, little-endian.
 """
 
-import struct
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.journal import RECORD
+from gustproof.recording.definitions import ROTORS
 
 MAP_NED = "map_ned"
 BASE_LINK_FRD = "base_link_frd"
@@ -35,23 +35,19 @@ class Topic:
     """Field of the journal, and the place of each of its components among the numbers."""
     constants: tuple[tuple[int, float], ...] = ()
     """Place and value [of the message's field] of what is not 0 and not from the journal."""
-    preamble: bytes = b""
-    """What stands between header and numbers, from a multiple of 4 bytes on."""
 
     @property
     def layout(self) -> np.dtype[np.void]:
         """Layout of one message in CDR; alignment counts from the end of the 4 bytes of encapsulation."""
         text = len(self.frame_id) + 1
-        gap = -(12 + text) % 4 if self.preamble else 0
-        padding = -(12 + text + gap + len(self.preamble)) % 8
+        padding = -(12 + text) % 8
         return np.dtype(
             [
                 ("encapsulation", "<u4"),
                 ("sec", "<i4"),
                 ("nanosec", "<u4"),
                 ("length", "<u4"),
-                ("frame_id", f"S{text + gap}"),
-                ("preamble", f"S{len(self.preamble) + padding}"),
+                ("frame_id", f"S{text + padding}"),
                 ("numbers", "<f8", self.numbers),
             ]
         )
@@ -63,15 +59,6 @@ _WRENCH, _TWIST, _VECTOR = (
     "geometry_msgs/msg/Vector3Stamped",
 )
 _LINEAR, _ANGULAR, _UP = (0, 1, 2), (3, 4, 5), (2,)
-
-
-def _sequence(items: list[bytes]) -> bytes:
-    """Return strings in CDR, each of a length that with its end mark is a multiple of 4."""
-    return b"".join([struct.pack("<I", len(items)), *(struct.pack("<I", len(item)) + item for item in items)])
-
-
-# JointState: four names, no positions, no velocities, four efforts, which for a rotor are its thrust.
-_JOINTS = _sequence([f"rotor_{i}\0".encode() for i in range(1, 5)]) + struct.pack("<3I", 0, 0, 4)
 
 TOPICS = (
     Topic(
@@ -105,11 +92,10 @@ TOPICS = (
     ),
     Topic(
         name="/actuator/rotors",
-        message="sensor_msgs/msg/JointState",
+        message=ROTORS,
         frame_id=BASE_LINK_FRD,
         numbers=4,
         fields=(("rotors", (0, 1, 2, 3)),),
-        preamble=_JOINTS,
     ),
     Topic(
         name="/truth/pose",
@@ -153,7 +139,6 @@ def encode(topic: Topic, records: NDArray[np.void]) -> NDArray[np.void]:
     messages["sec"], messages["nanosec"] = time_us // 1_000_000, time_us % 1_000_000 * 1000
     messages["length"] = len(topic.frame_id) + 1
     messages["frame_id"] = topic.frame_id.encode()
-    messages["preamble"] = topic.preamble
     for place, value in topic.constants:
         messages["numbers"][:, place] = value
     for field, places in topic.fields:
