@@ -86,7 +86,7 @@ def test_no_flight_within_the_moment_leaves_the_box_and_the_worst_come_near(cert
 @pytest.mark.compiled
 def test_no_flight_of_ten_thousand_leaves_the_box(certificate):
     law, rng = load_law("hinf-scheduled"), np.random.default_rng(7)
-    calm = Scenario(name="random", description="moments at random", duration_s=1.0, gyro=GyroFault(noise=False))
+    calm = Scenario(name="random", description="moments at random", duration_s=0.6, gyro=GyroFault(noise=False))
     limits = certificate.gain * np.array(MOMENT)
     reached = np.zeros((3, 3))
     for _ in range(10_000):
