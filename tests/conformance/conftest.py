@@ -1,0 +1,129 @@
+"""Debian's Chromium without a window, driven over two pipes by its DevTools protocol."""
+
+import base64
+import json
+import os
+import select
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+_FLAGS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+    "--disable-background-networking", "--disable-component-update", "--disable-dev-shm-usage",
+    "--force-color-profile=srgb", "--remote-debugging-pipe",
+)  # fmt: skip
+_PATIENCE_S = 60.0
+
+
+class Browser:
+    """A browser with one page; everything that the page logs, throws or asks the network for is kept."""
+
+    def __init__(self, program: str, profile: Path) -> None:
+        self.complaints: list[str] = []
+        self.requests: list[str] = []
+        self._unread, self._last, self._events = b"", 0, list[dict[str, Any]]()
+        inward, self._to = os.pipe()
+        self._from, outward = os.pipe()
+        # The browser reads on 3 and writes on 4; a shell puts the pipes there, as subprocess can't.
+        command = [program, *_FLAGS, f"--user-data-dir={profile}", "about:blank"]
+        self._process = subprocess.Popen(
+            ["sh", "-c", f'exec "$@" 3<&{inward} 4>&{outward}', "sh", *command],
+            pass_fds=(inward, outward), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        os.close(inward)
+        os.close(outward)
+        self._session: str | None = None
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    def close(self) -> None:
+        """End the browser."""
+        os.close(self._to)
+        os.close(self._from)
+        self._process.terminate()
+        try:
+            self._process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def call(self, method: str, **params: Any) -> dict[str, Any]:
+        """Return the answer to a command of the DevTools protocol."""
+        self._last += 1
+        message = {"id": self._last, "method": method, "params": params}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        os.write(self._to, json.dumps(message).encode() + b"\0")
+        while (answer := self._read()).get("id") != self._last:
+            self._note(answer)
+        assert "error" not in answer, f"{method}: {answer['error']}"
+        result: dict[str, Any] = answer["result"]
+        return result
+
+    def open(self, address: str, *, width: int = 1280, height: int = 900, dark: bool = False) -> None:
+        """Open an address in a window of this size [CSS pixels] and wait until it is loaded."""
+        self.complaints.clear()
+        self.requests.clear()
+        phone = width < 600
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=phone)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.call("Emulation.setEmulatedMedia", features=[scheme])
+        self._events.clear()
+        self.call("Page.navigate", url=address)
+        while not any(event["method"] == "Page.loadEventFired" for event in self._events):
+            self._note(self._read())
+
+    def run(self, script: str) -> Any:
+        """Return the value of a JavaScript expression; a promise is waited for."""
+        answer = self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
+
+    def screenshot(self, path: Path, *, whole: bool = False) -> None:
+        """Save what is shown, or the whole page, as PNG."""
+        answer = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
+        path.write_bytes(base64.b64decode(answer["data"]))
+
+    def _read(self) -> dict[str, Any]:
+        end = time.monotonic() + _PATIENCE_S
+        while b"\0" not in self._unread:
+            ready, _, _ = select.select([self._from], [], [], max(end - time.monotonic(), 0.0))
+            chunk = os.read(self._from, 1 << 20) if ready else b""
+            assert chunk, "the browser is silent or has ended"
+            self._unread += chunk
+        line, _, self._unread = self._unread.partition(b"\0")
+        message: dict[str, Any] = json.loads(line)
+        return message
+
+    def _note(self, event: dict[str, Any]) -> None:
+        method, params = event.get("method"), event.get("params", {})
+        self._events.append({"method": method})
+        if method == "Network.requestWillBeSent":
+            self.requests.append(params["request"]["url"])
+        elif method == "Runtime.exceptionThrown":
+            self.complaints.append(json.dumps(params["exceptionDetails"]))
+        elif method == "Log.entryAdded" or (
+            method == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning", "assert")
+        ):
+            self.complaints.append(json.dumps(params))
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """Give a browser; a test that needs one is skipped, and counted, where there is none."""
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.skip("chromium is not installed")
+    started = Browser(program, tmp_path_factory.mktemp("chromium"))
+    try:
+        yield started
+    finally:
+        started.close()
