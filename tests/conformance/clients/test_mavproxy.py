@@ -1,5 +1,6 @@
 """MAVProxy 1.8, typed into as its user does."""
 
+import hashlib
 import os
 import re
 import shutil
@@ -8,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -71,22 +73,28 @@ class Console:
                 self._news.notify()
 
 
-@pytest.fixture
-def console(vehicle, tmp_path: Path) -> Iterator[Console]:
+@contextmanager
+def opened(vehicle, home: Path) -> Iterator[Console]:
     program = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
     assert program is not None, "MAVProxy is not installed: tools/test does it"
     command = [sys.executable, "-u", program, f"--master=udp:127.0.0.1:{vehicle.ground_station}", "--no-state"]
     with subprocess.Popen(
-        command, cwd=tmp_path, env={**os.environ, "HOME": str(tmp_path)},
+        command, cwd=home, env={**os.environ, "HOME": str(home)},
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     ) as process:  # fmt: skip
-        typed = Console(process)
+        console = Console(process)
         try:
-            typed.expect(f"online system {vehicle.system}")
-            yield typed
-            typed.leave()
+            console.expect(f"online system {vehicle.system}")
+            yield console
+            console.leave()
         finally:
             process.kill()
+
+
+@pytest.fixture
+def console(vehicle, tmp_path: Path) -> Iterator[Console]:
+    with opened(vehicle, tmp_path) as console:
+        yield console
 
 
 def test_its_user_lists_and_sets_parameters(console):
@@ -124,3 +132,20 @@ def test_its_user_arms_changes_mode_and_pings(console):
     console.type("log list")
     console.expect("No logs")
     assert not re.search("fence breach|timed out|link 1 down$", console.screen.split("online system")[1])
+
+
+def test_its_user_is_obeyed_once_the_key_is_typed(stand, tmp_path):
+    key = tmp_path / "key"
+    key.write_bytes(hashlib.sha256(b"open-sesame").digest())
+    key.chmod(0o600)
+    with stand("--signing-key", str(key)) as vehicle, opened(vehicle, tmp_path) as console:
+        console.type("arm throttle")
+        console.type("signing key open-sesame")
+        console.expect("Setup signing key")
+        assert "ARMED" not in console.screen
+        console.type("arm throttle")
+        console.expect("COMPONENT_ARM_DISARM: ACCEPTED")
+        console.expect("ARMED")
+        rejected = vehicle.stop()["links"][f"127.0.0.1:{vehicle.ground_station}"]["rejected"]
+    assert rejected["not_signed"] > 0
+    assert not rejected.keys() & {"wrong_signature", "replayed", "out_of_date"}

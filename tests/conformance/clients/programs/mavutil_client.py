@@ -2,6 +2,7 @@
 
 import json
 import os
+import socket
 import sys
 from typing import Any
 
@@ -123,6 +124,7 @@ def connect_as_qgroundcontrol(link: Link) -> dict:
 
 def listen(link: Link) -> dict:
     """Listen for half a minute of the vehicle's time, with the requests of a user in between; count what is lost."""
+    link.link.port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)  # what waits for a busy machine waits here
     link.meet()
     start_us = stamp_us = link.next("HIGHRES_IMU").time_usec
     beats = 0
