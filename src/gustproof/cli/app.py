@@ -11,6 +11,7 @@ from gustproof.cli.export import export
 from gustproof.cli.failures import OneLineErrors
 from gustproof.cli.fly import fly
 from gustproof.cli.recover import recover
+from gustproof.cli.report import report
 from gustproof.cli.reproduce import reproduce
 from gustproof.cli.worst_case import worst_case
 
@@ -34,6 +35,7 @@ app.command()(fly)
 app.command()(recover)
 app.command()(certify)
 app.command()(worst_case)
+app.command()(report)
 app.command()(analyse)
 app.command()(export)
 app.command(context_settings=PASSED_ON)(autopilot)

@@ -13,7 +13,7 @@ from gustproof.report.document import Document
 from gustproof.synthesis.derive import DesignReport
 
 _FREQUENCIES = np.geomspace(1e-3, 1e3, 600)
-_MARGINS = {
+MARGINS = {
     "crossover_rad_s": "crossover\n[rad/s]",
     "phase_margin_deg": "phase\n[deg]",
     "gain_margin": "gain up\n[-]",
@@ -21,6 +21,7 @@ _MARGINS = {
     "delay_margin_s": "delay\n[s]",
     "Ms": "Ms\n[-]",
 }
+"""Name and heading of each margin of an axis."""
 
 
 def design_document(report: DesignReport) -> Document:
@@ -30,12 +31,12 @@ def design_document(report: DesignReport) -> Document:
     least = figures["gamma_opt"]
     levels.add_row("least level, gamma_opt", "not solvable" if least is None else f"{least:.5f}")
     levels.add_row("level designed for, gamma", f"{figures['gamma']:.5f}")
-    levels.add_row("norm achieved", f"{figures['norm']:.5f} at {_cell(figures['norm_omega_rad_s'])} rad/s")
+    levels.add_row("norm achieved", f"{figures['norm']:.5f} at {margin_cell(figures['norm_omega_rad_s'])} rad/s")
     levels.add_row("controller states", str(figures["order"]))
     levels.add_row("stability augmentation in the model, leak", f"{figures['leak_per_s']:g} 1/s")
     levels.add_row("exact kinematics in the law", "yes" if figures["scheduled"] else "no")
     for name, value in figures.get("step", {}).items():
-        levels.add_row(f"step of the reference: {name}", _cell(value))
+        levels.add_row(f"step of the reference: {name}", margin_cell(value))
     return Group(
         levels,
         margins_table("as designed, continuous", figures["continuous"]),
@@ -54,15 +55,16 @@ def save_design_figure(report: DesignReport, path: Path) -> None:
 
 def margins_table(title: str, places: dict[str, Any]) -> Table:
     """Return margins, as `margins_document` has them, by the plant's side and axis."""
-    table = Table("plant's", "axis", *_MARGINS.values(), "disk\n[-]", title=f"Margins {title}")
+    table = Table("plant's", "axis", *MARGINS.values(), "disk\n[-]", title=f"Margins {title}")
     for place, figures in places.items():
         for axis in ("roll", "pitch", "yaw"):
-            cells = (_cell(figures[axis][name]) for name in _MARGINS)
-            table.add_row(place, axis, *cells, _cell(figures["disk_margin"]) if axis == "roll" else "")
+            cells = (margin_cell(figures[axis][name]) for name in MARGINS)
+            table.add_row(place, axis, *cells, margin_cell(figures["disk_margin"]) if axis == "roll" else "")
     return table
 
 
-def _cell(value: float | None) -> str:
+def margin_cell(value: float | None) -> str:
+    """Return a margin for people; `None` is infinite."""
     return "∞" if value is None else f"{value:.3g}"
 
 

@@ -75,11 +75,19 @@ def flight_document(title: str, metrics: Metrics | None, bag: Path | None) -> Do
 def figures_table(title: str, flights: Mapping[str, Metrics]) -> Table:
     """Return the figures of flights side by side, by name; one without a name has no head."""
     table = Table("", *flights, "", title=title, show_header=any(flights))
+    for label, cells, unit in figure_rows(flights):
+        table.add_row(label, *cells, unit)
+    return table
+
+
+def figure_rows(flights: Mapping[str, Metrics]) -> list[tuple[str, tuple[str, ...], str]]:
+    """Return name, a text a flight, and unit of each figure; how fast it was flown only if that is known."""
+    rows = []
     for key, (label, unit) in _FIGURES.items():
         values = [getattr(metrics, key) for metrics in flights.values()]
         if values and not (key == "realtime_factor" and not any(values)):
-            table.add_row(label, *map(_number, values), unit)
-    return table
+            rows.append((label, tuple(map(_number, values)), unit))
+    return rows
 
 
 def reproduction_document(

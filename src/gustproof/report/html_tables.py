@@ -1,0 +1,59 @@
+"""Tables of the page: what flew, what came of it, what the loops are worth."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from gustproof.report.design import MARGINS, margin_cell, poles_text
+from gustproof.report.document import figure_rows
+from gustproof.report.html_loops import FlownLaw
+from gustproof.report.html_runs import Run
+from gustproof.synthesis.derive import margins_document
+
+_AXES = ("roll", "pitch", "yaw")
+
+
+def flights_table(runs: Sequence[Run]) -> str:
+    """Return laws, flights and figures, a column a flight."""
+    head = ["", *(f'<i class="chip" style="--chip: var(--c{i % 7})"></i>{escape(r.label)}' for i, r in enumerate(runs))]
+    facts: dict[str, list[str]] = {
+        "law": [f"{run.law.name}, {run.law.order} states" for run in runs],
+        "made by": [run.law.provenance.design for run in runs],
+        "scenario": [run.scenario.name for run in runs],
+        "vehicle": [run.vehicle.name for run in runs],
+        "seed": [str(run.seed) for run in runs],
+        "outcome": [run.outcome for run in runs],
+        "flown": [f"{len(run.records) * run.scenario.dt:g} s of {run.scenario.duration_s:g} s" for run in runs],
+    }
+    rows = [[escape(name), *map(escape, cells)] for name, cells in facts.items()]
+    for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs)}):
+        rows.append([escape(f"{label} [{unit}]" if unit else label), *cells])
+    return _table(head, rows)
+
+
+def margins_table(laws: Iterable[FlownLaw]) -> str:
+    """Return the margins at the plant's input, a row an axis, and the poles of each law."""
+    heads = ["law", "axis", *(name.replace("\n", " ") for name in MARGINS.values()), "disk [-]"]
+    rows, poles = [], []
+    for law in laws:
+        pairs = [(float(pole.real), float(pole.imag)) for pole in sorted(law.hover.law_poles, key=abs)]
+        poles.append(f"<p>Poles of {escape(law.label)} [rad/s]: {escape(poles_text(pairs))}</p>")
+        if law.hover.margins is None:
+            reason = "no torque loop or an unstable one: no margins"
+            rows.append([escape(law.label), reason, *[""] * (len(heads) - 2)])
+            continue
+        figures = margins_document(law.hover.margins)["input"]
+        for axis in _AXES:
+            cells = [margin_cell(figures[axis][name]) for name in MARGINS]
+            first = axis == "roll"
+            disk = margin_cell(figures["disk_margin"]) if first else ""
+            rows.append([escape(law.label) if first else "", axis, *cells, disk])
+    return _table([escape(head) for head in heads], rows) + "".join(poles)
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of cells that are HTML; what it does not have room for is scrolled to."""
+    top = "".join(f'<th scope="col">{cell}</th>' for cell in head)
+    body = "".join(
+        f'<tr><th scope="row">{row[0]}</th>{"".join(f"<td>{cell}</td>" for cell in row[1:])}</tr>' for row in rows
+    )
+    return f'<div class="wide" tabindex="0"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
