@@ -86,7 +86,9 @@ def stand(worker_id: str) -> Callable[..., Any]:
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             try:
                 assert process.stdout is not None
-                assert json.loads(process.stdout.readline())["listening"] == [18570 + instance, 14580 + instance]
+                greeting = process.stdout.readline()
+                assert greeting, process.communicate()[1]
+                assert json.loads(greeting)["listening"] == [18570 + instance, 14580 + instance]
                 yield Vehicle(process, instance)
             finally:
                 process.kill()
