@@ -7,7 +7,9 @@ from typing import Annotated, Literal, Self
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
+from firmware_model.events import ControllerHung, ControllerKilled, Event, ModeChange
 from firmware_model.files import read_toml, shipped
+from firmware_model.link import LinkFault
 from firmware_model.vehicle import Finite, NonNegative, Positive, Vector
 
 SCENARIOS = Path(__file__).parent / "scenarios"
@@ -130,6 +132,10 @@ class Scenario:
     """Moments that act directly, added up."""
     gyro: GyroFault = field(default_factory=GyroFault)
     """Gyro faults."""
+    link: tuple[LinkFault, ...] = ()
+    """Faults of the link to the controller, and back."""
+    event: tuple[Event, ...] = ()
+    """What happens at stated times."""
 
     @model_validator(mode="after")
     def _rates_fit(self) -> Self:
@@ -146,6 +152,20 @@ class Scenario:
         if self.translation == "free" and self.physics_rate_hz < 500:
             raise ValueError("physics_rate_hz must be at least 500 in free flight, for the feet on the ground")
         return self
+
+    @model_validator(mode="after")
+    def _one_controller_at_a_time(self) -> Self:
+        killed = [item for item in self.event if isinstance(item, ControllerKilled)]
+        if len(killed) > 1:
+            raise ValueError("event: at most one 'controller_killed', one spare controller stands ready")
+        return self
+
+    @property
+    def scripts_controller(self) -> bool:
+        """Whether modes, the controller or the link to it are part of the script: then messages must be flown."""
+        return bool(self.link) or any(
+            isinstance(item, (ModeChange, ControllerHung, ControllerKilled)) for item in self.event
+        )
 
     @property
     def free(self) -> bool:
