@@ -1,0 +1,137 @@
+"""What one flight leaves behind, read by programs of others, and the flight flown again from its bag alone."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from gustproof.law import load_law
+from gustproof.recording.bag import read_bag
+
+SCRIPT = 'description = "short"\nduration_s = 2.0\n[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 15.4\n'
+NAME = "short-mine-seed5"
+MODULES = Path(sys.prefix) / "node" / "node_modules"
+READER = Path(__file__).with_name("readers") / "mcap_reader.mjs"
+
+
+def fly(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "gustproof", "fly", *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A flight whose scenario and law are gone."""
+    folder = tmp_path_factory.mktemp("recordings")
+    (folder / "short.toml").write_text(SCRIPT)
+    law = json.loads(Path(sys.modules["gustproof.law"].LAWS / "hinf-scheduled.json").read_text())
+    (folder / "mine.json").write_text(json.dumps({**law, "name": "mine"}))
+    ended = fly(
+        folder, "short.toml", "--law", "mine.json", "--vehicle", "iris", "--seed", "5", "--out", "run1", "--json"
+    )
+    assert ended.returncode == 0, ended.stderr
+    for file in ("short.toml", "mine.json"):
+        (folder / file).unlink()
+    return folder / "run1"
+
+
+def mcap(run: Path) -> Path:
+    return run / NAME / f"{NAME}.mcap"
+
+
+def test_a_flight_is_flown_again_from_its_bag_alone_byte_for_byte(run):
+    again = fly(run.parent, "--repeat", "run1", "--out", "run2", "--json")
+    assert again.returncode == 0, again.stderr
+    assert again.stderr.strip() == "gustproof: equal to run1 in every bit of its 500 samples"
+    assert mcap(run.parent / "run2").read_bytes() == mcap(run).read_bytes()
+
+
+def test_the_bag_holds_the_law_the_vehicle_and_the_scenario_whole(run):
+    about, _ = read_bag(run / NAME)
+    law = load_law("hinf-scheduled")
+    for matrix in ("A", "B", "C", "D", "G", "H", "limits"):
+        assert np.array_equal(about["law"][matrix], getattr(law, matrix))
+    assert about["vehicle"]["name"] == "iris"
+    assert about["vehicle"]["rotors"]["thrust_max"] > 0.0
+    assert about["scenario"]["wind"][0]["wind_speed_20ft_mps"] == 15.4
+    assert set(about["versions"]) >= {"gustproof", "python", "numpy", "numba"}
+
+
+@pytest.fixture(scope="module")
+def traffic(run) -> list:
+    os.environ.setdefault("MAVLINK20", "1")
+    from pymavlink import mavutil
+
+    log = mavutil.mavlink_connection(str(run / f"{NAME}.tlog"))
+
+    def messages() -> Iterator:
+        while (message := log.recv_msg()) is not None:
+            yield message
+
+    found = list(messages())
+    log.close()
+    return found
+
+
+def test_mavutil_reads_the_traffic_of_both_directions_and_finds_nothing_else(traffic):
+    kinds = {(message.get_srcSystem(), message.get_srcComponent(), message.get_type()) for message in traffic}
+    assert {(1, 1, "HIGHRES_IMU"), (1, 1, "HEARTBEAT"), (1, 191, "SET_ACTUATOR_CONTROL_TARGET")} <= kinds
+    assert "BAD_DATA" not in {kind for _, _, kind in kinds}
+    assert {message._link for message in traffic} == {0}  # one peer, the controller
+
+
+def test_the_traffic_holds_what_was_measured_and_commanded_to_the_bit_at_the_pace_of_the_flight(run, traffic):
+    _, records = read_bag(run / NAME)
+    stamps, gyro = records["time_us"].astype(int).tolist(), records["gyro_B"].tolist()
+    measured = {m.time_usec: m for m in traffic if m.get_type() == "HIGHRES_IMU"}
+    commanded = {m.time_usec: m for m in traffic if m.get_type() == "SET_ACTUATOR_CONTROL_TARGET"}
+    assert set(stamps) == set(measured) & set(commanded)
+    for stamp, rates in zip(stamps, gyro, strict=True):
+        assert [measured[stamp].xgyro, measured[stamp].ygyro, measured[stamp].zgyro] == rates
+    times = np.array([measured[stamp]._timestamp for stamp in stamps])
+    assert np.diff(times[1:]) == pytest.approx(0.004, abs=1e-5)
+    everything = [message._timestamp for message in traffic]
+    assert everything == sorted(everything)
+
+
+def leaves(message) -> Iterator:
+    """Yield the values of a message of mcap_ros2 depth first."""
+    if hasattr(message, "__slots__"):
+        for name in message.__slots__:
+            yield from leaves(getattr(message, name))
+    elif isinstance(message, list | tuple | np.ndarray):
+        for item in message:
+            yield from leaves(item)
+    else:
+        yield message
+
+
+@pytest.mark.skipif(
+    shutil.which("node") is None or not (MODULES / "@mcap" / "core").is_dir(), reason="@mcap/core is not here"
+)
+def test_mcap_for_python_and_for_node_find_equal_values_in_every_message(run):
+    command = ["node", str(READER), f"{MODULES}/", str(mcap(run))]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert ended.returncode == 0, ended.stderr
+    theirs = json.loads(ended.stdout)
+    ours: dict[str, SimpleNamespace] = {}
+    with mcap(run).open("rb") as stream:
+        for _, channel, message, decoded in make_reader(
+            stream, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
+            found = ours.setdefault(channel.topic, SimpleNamespace(times=[], values=[]))
+            found.times.append(message.log_time)
+            found.values.append(list(leaves(decoded)))
+    assert set(theirs) == set(ours) >= {"/imu", "/truth/pose", "/actuator/rotors", "/flight", "/mode"}
+    for topic, found in ours.items():
+        assert theirs[topic]["times"] == found.times
+        assert theirs[topic]["values"] == found.values, topic
