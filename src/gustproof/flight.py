@@ -137,11 +137,12 @@ def fly_and_record(
     real_time: bool = False,
     tlog: bool = False,
     progress: Callable[[float], None] | None = None,
+    watched: Callable[[int, Path], None] | None = None,
 ) -> RecordedFlight:
     """Fly a scenario over UDP and leave its bag in the folder `out`, named for scenario, law and seed.
 
-    With `tlog` the MAVLink traffic is left beside it. The journal is removed once its bag is whole, or if there is
-    nothing in it.
+    `progress` and `watched` are those of `sitl.fly`. With `tlog` the MAVLink traffic is left beside the bag. The
+    journal is removed once its bag is whole, or if there is nothing in it.
 
     Raises
     ------
@@ -153,7 +154,7 @@ def fly_and_record(
     plan = Plan(scenario, law, vehicle, seed, real_time)
     flown = fly(
         scenario, law, vehicle=vehicle, seed=seed, out=out, real_time=real_time, progress=progress,
-        note=plan.note(), tlog=tlog,
+        note=plan.note(), tlog=tlog, watched=watched,
     )  # fmt: skip
     return _recorded(
         plan, plan.note(), flown.records, flown.journal,

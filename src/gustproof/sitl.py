@@ -106,14 +106,16 @@ def fly(
     progress: Callable[[float], None] | None = None,
     note: Mapping[str, Any] | None = None,
     tlog: bool = False,
+    watched: Callable[[int, Path], None] | None = None,
 ) -> Flight:
     """Fly a scenario with two processes, leave the journal in the folder `out`, and return what was flown.
 
     The journal's header has `note`. With `tlog` the MAVLink traffic is left beside it.
 
     In lockstep the processes use a free port; in real time those of the vehicle are the usual ones, so that ground
-    stations can watch, unless `usual_ports` is false. `progress` is told the fraction flown, 0..1. No process is left
-    behind, whatever happens.
+    stations can watch, unless `usual_ports` is false. `watched` is told the ground stations' port and the journal when
+    the vehicle listens, and the flight begins after that; `progress` is told the fraction flown, 0..1. No process is
+    left behind, whatever happens.
 
     Raises
     ------
@@ -137,7 +139,7 @@ def fly(
         ports = [] if real_time and usual_ports else ["--bind-port", "0"]
         logged = ["--tlog", str(log)] if tlog else []
         with _Pair(files, seed, journal, [*pace, *ports, *logged]) as pair:
-            outcome = pair.fly(scenario.samples, progress or (lambda _: None))
+            outcome = pair.fly(scenario.samples, progress or (lambda _: None), watched or (lambda *_: None))
     told = pair.told
     records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
     return Flight(
@@ -190,10 +192,10 @@ class _Pair:
                 if stream:
                     stream.close()
 
-    def fly(self, samples: int, progress: Callable[[float], None]) -> Outcome:
+    def fly(self, samples: int, progress: Callable[[float], None], watched: Callable[[int, Path], None]) -> Outcome:
         """Start both, watch them to the end, and say how it ended."""
         try:
-            self._start()
+            self._start(watched)
             self._watch(samples, progress)
         except KeyboardInterrupt:
             for process in self._processes.values():
@@ -201,7 +203,7 @@ class _Pair:
             return Outcome.INTERRUPTED
         return self._outcome()
 
-    def _start(self) -> None:
+    def _start(self, watched: Callable[[int, Path], None]) -> None:
         vehicle = self._launch(
             "vehicle", "firmware_model", "--json", "--attended", *self._options, "--seed", str(self._seed),
             "--journal", str(self._journal), "--note", str(self._files["note"]),
@@ -214,11 +216,12 @@ class _Pair:
         greeting = vehicle.stdout.readline() if vehicle.stdout else ""
         if not greeting:
             raise ConfigError(self._last_words("vehicle") or "the vehicle's process did not start")
-        port = json.loads(greeting)["listening"][-1]
+        ports = json.loads(greeting)["listening"]
+        watched(ports[0], self._journal)
         # A controller that has ended already is found out by the watch.
         with contextlib.suppress(BrokenPipeError), controller.stdin or contextlib.nullcontext() as stdin:
             if stdin:
-                stdin.write(f"127.0.0.1:{port}\n")
+                stdin.write(f"127.0.0.1:{ports[-1]}\n")
 
     def _launch(self, name: str, module: str, *arguments: str) -> subprocess.Popen[str]:
         # A session of its own: Ctrl-C reaches this process alone, which then ends both in order.
