@@ -10,6 +10,7 @@ from pydantic.dataclasses import dataclass
 from firmware_model.events import ControllerHung, ControllerKilled, Event, ModeChange
 from firmware_model.files import read_toml, shipped
 from firmware_model.link import LinkFault
+from firmware_model.requirement import Requirement
 from firmware_model.vehicle import Finite, NonNegative, Positive, Vector
 
 SCENARIOS = Path(__file__).parent / "scenarios"
@@ -136,6 +137,8 @@ class Scenario:
     """Faults of the link to the controller, and back."""
     event: tuple[Event, ...] = ()
     """What happens at stated times."""
+    require: tuple[Requirement, ...] = ()
+    """What must hold."""
 
     @model_validator(mode="after")
     def _rates_fit(self) -> Self:
@@ -158,6 +161,16 @@ class Scenario:
         killed = [item for item in self.event if isinstance(item, ControllerKilled)]
         if len(killed) > 1:
             raise ValueError("event: at most one 'controller_killed', one spare controller stands ready")
+        return self
+
+    @model_validator(mode="after")
+    def _windows_are_flown(self) -> Self:
+        for number, item in enumerate(self.require):
+            begin, end = self.window(item)
+            if end > self.samples:
+                raise ValueError(f"require.{number}: to_s must not be later than the end, {self.duration_s} s")
+            if end - begin < 2:
+                raise ValueError(f"require.{number}: a window has at least two samples of {self.dt} s")
         return self
 
     @property
@@ -183,6 +196,11 @@ class Scenario:
     def samples(self) -> int:
         """Number of samples that are flown."""
         return round(self.duration_s * self.control_rate_hz)
+
+    def window(self, requirement: Requirement) -> tuple[int, int]:
+        """Return the number of the first sample of a requirement's window, and that of the first after it."""
+        end_s = self.duration_s if requirement.to_s is None else requirement.to_s
+        return round(requirement.from_s * self.control_rate_hz), round(end_s * self.control_rate_hz)
 
     @property
     def sample_us(self) -> int:

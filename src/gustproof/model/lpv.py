@@ -68,10 +68,24 @@ def scheduling(E: ArrayLike, omega_B: ArrayLike) -> Matrix:
 
 def within_bounds(rho: ArrayLike) -> bool:
     """Return whether every `rho` (..., 7) keeps Table II."""
-    low = np.array([parameter.low for parameter in PARAMETERS])
-    high = np.array([parameter.high for parameter in PARAMETERS])
+    low, high = _bounds()
     values = np.asarray(rho, dtype=np.float64)
     return bool(np.all((low <= values) & (values <= high)))
+
+
+def share_of_bounds(rho: ArrayLike) -> float:
+    """Return how much of the way from hover to its bound in Table II any of `rho` (..., 7) uses: inside up to 1."""
+    low, high = _bounds()
+    hover = np.array(HOVER)
+    values = np.asarray(rho, dtype=np.float64) - hover
+    # No cosine is above that of hover, which is its upper bound.
+    room = np.where((values > 0.0) & (high > hover), high - hover, hover - low)
+    return float(np.max(np.abs(values) / room))
+
+
+def _bounds() -> tuple[Matrix, Matrix]:
+    """Return the least and the largest values (7,) of Table II."""
+    return np.array([parameter.low for parameter in PARAMETERS]), np.array([parameter.high for parameter in PARAMETERS])
 
 
 def lpv_matrix(rho: ArrayLike, inertia_B: ArrayLike) -> Matrix:
