@@ -1,0 +1,134 @@
+"""Flights that are killed, and disks that are full: what was flown is there, and `recover` makes it a recording."""
+
+import json
+import os
+import random
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from firmware_model.autopilot import Mode
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof.closed_loop import fly_direct
+from gustproof.law import load_law
+from gustproof.recording.bag import read_bag
+
+SCRIPT = 'description = "cut off"\nduration_s = 20.0\n[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 15.4\n'
+NAME = "gusty-hinf-d1-seed3"
+A_SECOND = 250  # samples
+ENOUGH_S = 120.0  # for starting and compiling on a loaded machine
+KILLER = Path(__file__).with_name("killer")
+POWER_LOSS = ("controller", "fly", "vehicle")
+KILLS = [POWER_LOSS, ("vehicle",), ("fly",), ("controller",), POWER_LOSS] * 2
+MOMENTS = random.Random(4).sample(range(1, 5000), len(KILLS))
+
+
+def gustproof(tmp_path: Path, *arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "gustproof", *arguments]
+    return subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, timeout=ENOUGH_S, check=False, **options
+    )
+
+
+def fly(tmp_path: Path, *arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
+    (tmp_path / "gusty.toml").write_text(SCRIPT)
+    return gustproof(tmp_path, "fly", "gusty.toml", "--law", "hinf-d1", "--seed", "3", *arguments, **options)
+
+
+def wait_for_the_vehicle_of(run: Path) -> None:
+    """Wait until no process writes to `run` any more: a vehicle whose starter was killed ends in order."""
+    deadline = time.monotonic() + ENOUGH_S
+    while any(str(run) in " ".join(process.info["cmdline"] or ()) for process in psutil.process_iter(["cmdline"])):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory):
+    path = tmp_path_factory.mktemp("script") / "gusty.toml"
+    path.write_text(SCRIPT)
+    return fly_direct(load_scenario(path), load_law("hinf-d1"), vehicle=load_vehicle("paper"), seed=3)
+
+
+@pytest.mark.parametrize(("victims", "moment"), list(zip(KILLS, MOMENTS, strict=True)), ids=str)
+def test_a_kill_at_any_moment_loses_a_second_at_most(tmp_path, undisturbed, victims, moment):
+    run = tmp_path / "run"
+    path = os.pathsep.join(filter(None, (str(KILLER), os.environ.get("PYTHONPATH"))))
+    ended = fly(
+        tmp_path, "--out", str(run), env={**os.environ, "PYTHONPATH": path, "KILL": " ".join((*victims, str(moment)))}
+    )
+    if "fly" in victims:
+        assert ended.returncode == -9
+        wait_for_the_vehicle_of(run)
+        recovered = gustproof(tmp_path, "recover", str(run), "--json")
+        assert recovered.returncode == 0, recovered.stderr
+        (told,) = json.loads(recovered.stdout)
+        assert (told["outcome"], told["scenario"], told["law"], told["seed"]) == ("cut_off", "gusty", "hinf-d1", 3)
+    else:
+        assert ended.returncode == 3
+    about, records = read_bag(run / NAME)
+    assert about["law"]["name"] == "hinf-d1"
+    assert sorted(path.name for path in run.iterdir()) == [NAME, f"{NAME}.tlog"]
+    if "vehicle" in victims:
+        assert moment - A_SECOND < len(records) <= moment
+    else:
+        assert len(records) >= moment
+    by_the_law = records[records["mode"] == Mode.OFFBOARD.value]
+    assert len(by_the_law) >= min(moment, len(records))
+    assert by_the_law.tobytes() == undisturbed[: len(by_the_law)].tobytes()
+
+
+def full_disk_is_told_and_nothing_is_lost(ended, run: Path, why: str) -> None:
+    assert ended.returncode == 3
+    (line,) = ended.stderr.strip().splitlines()
+    assert why in line
+    assert f"what was flown is in {run / NAME}.journal" in line
+    assert sorted(path.name for path in run.iterdir() if path.suffix != ".tlog") == [f"{NAME}.journal"]
+
+
+def is_recovered(tmp_path: Path, run: Path, undisturbed) -> None:
+    recovered = gustproof(tmp_path, "recover", str(run))
+    assert recovered.returncode == 0, recovered.stderr
+    _, records = read_bag(run / NAME)
+    assert len(records) > 10 * A_SECOND
+    assert records.tobytes() == undisturbed[: len(records)].tobytes()
+    assert not (run / f"{NAME}.journal").exists()
+
+
+def test_files_at_their_largest_size_end_the_flight_in_one_line_and_keep_it(tmp_path, undisturbed):
+    size = 1_500_000
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+    run = tmp_path / "run"
+    ended = fly(tmp_path, "--out", str(run), "--no-tlog", preexec_fn=limit)
+    full_disk_is_told_and_nothing_is_lost(ended, run, "File too large")
+    is_recovered(tmp_path, run, undisturbed)
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    place = tmp_path / "disk"
+    place.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1500k", "tmpfs", str(place)]
+    try:
+        subprocess.run(mount, check=True, capture_output=True, timeout=30)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("no small disk can be mounted here")
+    yield place
+    subprocess.run(["umount", str(place)], check=True, timeout=30)
+
+
+def test_a_full_disk_ends_the_flight_in_one_line_and_keeps_it(tmp_path, small_disk, undisturbed):
+    run = small_disk / "run"
+    ended = fly(tmp_path, "--out", str(run))
+    full_disk_is_told_and_nothing_is_lost(ended, run, "No space left on device")
+    subprocess.run(["mount", "-o", "remount,size=64m", str(small_disk)], check=True, timeout=30)
+    is_recovered(tmp_path, run, undisturbed)
