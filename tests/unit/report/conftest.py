@@ -1,5 +1,15 @@
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
+
+from firmware_model.journal import RECORD
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof.flight import Plan
+from gustproof.law import load_law
+from gustproof.recording.bag import write_bag
 
 
 @pytest.fixture
@@ -8,3 +18,22 @@ def drawn(monkeypatch):
     caught: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: caught.append(self))
     return caught
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """Record flights that nobody flew: what stands in the journal is given by field."""
+
+    def make(folder, *, scenario="coning", law="hinf-d1", seed=1, n=500, **fields):
+        script = replace(load_scenario(scenario), duration_s=n / 250)
+        plan = Plan(script, load_law(law), load_vehicle("paper"), seed, False)
+        records = np.zeros(n, dtype=RECORD)
+        records["time_us"] = 4000.0 * np.arange(n)
+        records["q_NB"][:, 0] = 1.0
+        records["omega_command_B"] = np.nan
+        for name, values in fields.items():
+            records[name] = values
+        write_bag(tmp_path / folder / plan.name, records, {**plan.note(), "outcome": "done"})
+        return tmp_path / folder
+
+    return make

@@ -1,0 +1,62 @@
+import base64
+import json
+import re
+import zlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gustproof.report.html import report_page
+from gustproof.report.html_runs import read_runs
+
+
+@pytest.fixture
+def runs(recorded):
+    rates = np.random.default_rng(1).standard_normal((500, 3))
+    return read_runs([recorded("a", law="pid-fair", omega_B=rates), recorded("b", law="pid-default", omega_B=-rates)])
+
+
+def script(page, name):
+    (text,) = re.findall(rf'<script type="[^"]*" id="{name}">(.*?)</script>', page, flags=re.DOTALL)
+    return text
+
+
+def numbers(page):
+    planes = zlib.decompress(base64.b64decode(script(page, "page-numbers")))
+    return np.frombuffer(np.frombuffer(planes, dtype=np.uint8).reshape(4, -1).T.tobytes(), dtype="<f4")
+
+
+def test_the_curves_in_the_page_are_the_recording_s(runs):
+    page = report_page(runs)
+    values, document = numbers(page), json.loads(script(page, "page-data"))
+    (group,) = (group for group in document["sections"]["time"] if group["title"] == "Body rates")
+    for k, chart in enumerate(group["charts"]):
+        for curve in chart["curves"]:
+            (start, length) = curve["y"]
+            expected = runs[curve["colour"]].records["omega_B"][:, k]
+            assert np.array_equal(values[start : start + length], expected.astype("<f4"))
+
+
+def test_the_same_flights_give_the_same_bytes(runs):
+    assert report_page(runs) == report_page(runs)
+
+
+def test_words_of_a_user_are_words_on_the_page(runs):
+    hostile = "</script><script>alert('1 & 2')</script>{{title}}"
+    odd = replace(runs[0], label=hostile, scenario=replace(runs[0].scenario, name=hostile, description=hostile))
+    page = report_page([odd])
+    assert "<script>alert" not in page
+    assert json.loads(script(page, "page-data"))["runs"][0]["label"] == hostile
+    assert page.count("&lt;/script&gt;") >= 3
+
+
+def test_the_tables_hold_figures_and_margins_of_each_flight(runs):
+    page = report_page(runs)
+    assert all(f"{run.law.name}, {run.law.order} states" in page for run in runs)
+    assert re.search(r"<td>1\.36</td>", page)  # pid-fair's sensitivity peak
+    assert page.count('<th scope="col">') == 1 + len(runs) + 9
+
+
+def test_the_page_names_the_licence_of_what_it_carries(runs):
+    assert "Copyright (c) 2022 Leon Sorokin" in report_page(runs)
