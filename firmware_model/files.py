@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,8 +19,15 @@ def shipped(folder: Path) -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in folder.glob("*.toml")))
 
 
-def read_toml(kind: type[Parsed], name_or_path: str | Path, folder: Path) -> Parsed:
+def read_toml(
+    kind: type[Parsed],
+    name_or_path: str | Path,
+    folder: Path,
+    complete: Callable[[dict[str, Any], Path], dict[str, Any]] = lambda document, _: document,
+) -> Parsed:
     """Read `name_or_path`, a file or the name of one shipped in `folder`, as a `kind`.
+
+    `complete` is given the document and its path, and returns it with what stands in other files.
 
     Raises
     ------
@@ -39,7 +46,7 @@ def read_toml(kind: type[Parsed], name_or_path: str | Path, folder: Path) -> Par
         raise ConfigError(f"{path}: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not TOML: {error}") from None
-    return parse(kind, {"name": path.stem, **document}, str(path))
+    return parse(kind, {"name": path.stem, **complete(document, path)}, str(path))
 
 
 def parse(kind: type[Parsed], document: dict[str, Any], source: str) -> Parsed:

@@ -3,6 +3,7 @@
 References
 ----------
 MIL-F-8785C, Military Specification: Flying Qualities of Piloted Airplanes, 1980, section 3.7 (low-altitude model).
+MIL-HDBK-1797, Flying Qualities of Piloted Aircraft, 1997, section 4.9 (low-altitude model).
 """
 
 import math
@@ -13,14 +14,11 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from firmware_model.compiled import kernel
-from firmware_model.elementary import sin_cos
-from firmware_model.scenario import Dryden
 from firmware_model.signals import Vector
+from firmware_model.wind import Dryden
 
 FOOT = 0.3048
 """[m]."""
-SINE, SQUARE, STEP = 0.0, 1.0, 2.0
-"""Kinds of direct moments."""
 Array = NDArray[np.float64]
 
 
@@ -80,7 +78,7 @@ class DrydenParams(NamedTuple):
 
 
 class DrydenSpectrum(NamedTuple):
-    """Intensities and lengths of the low-altitude model at one height."""
+    """Intensities and lengths of the low-altitude model at one height, as the specification states them."""
 
     sigma_u: float  # [m/s] along the mean wind
     sigma_v: float  # [m/s] across
@@ -90,6 +88,7 @@ class DrydenSpectrum(NamedTuple):
     L_w: float  # [m]
     sigma_p: float  # [rad/s] roll gust
     airspeed: float  # [m/s] at which the frozen field passes
+    transverse: float  # [-] L_v and L_w times this, by the airspeed, are the time constants of v and w
 
 
 def dryden_spectrum(dryden: Dryden, altitude: float, span: float) -> DrydenSpectrum:
@@ -97,16 +96,24 @@ def dryden_spectrum(dryden: Dryden, altitude: float, span: float) -> DrydenSpect
 
     The roll gust's variance is the integral of its spectrum (3.7.1.2); the airspeed, where not given, is the mean wind:
     a hovering vehicle lets the field pass at that speed. Heights below 10 ft count as 10 ft, the model's own floor.
+
+    MIL-HDBK-1797 halves the transverse lengths and writes twice them where MIL-F-8785C writes them once, in all
+    spectra: below 1000 ft the gusts are the same.
     """
     height = max(altitude / FOOT, 10.0)
     shear = 0.177 + 0.000823 * height
-    sigma_w = 0.1 * dryden.wind_speed_20ft_mps
+    sigma_w = 0.1 * dryden.wind_speed_20ft
     sigma_u = sigma_w / shear**0.4
+    transverse = 2.0 if dryden.specification == "MIL-HDBK-1797" else 1.0
     L_u = height / shear**1.2 * FOOT
-    L_w = height * FOOT
-    variance_p = sigma_w**2 / L_w * 0.8 * (math.pi * L_w / (4.0 * span)) ** (1.0 / 3.0) * math.pi**2 / (8.0 * span)
-    airspeed = dryden.airspeed_mps or dryden.wind_speed_20ft_mps
-    return DrydenSpectrum(sigma_u, sigma_u, sigma_w, L_u, L_u, L_w, math.sqrt(variance_p), airspeed)
+    whole_L_w = height * FOOT
+    variance_p = (
+        sigma_w**2 / whole_L_w * 0.8 * (math.pi * whole_L_w / (4.0 * span)) ** (1.0 / 3.0) * math.pi**2 / (8.0 * span)
+    )
+    return DrydenSpectrum(
+        sigma_u, sigma_u, sigma_w, L_u, L_u / transverse, whole_L_w / transverse, math.sqrt(variance_p),
+        dryden.airspeed, transverse,
+    )  # fmt: skip
 
 
 def dryden_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[DrydenParams, Array]:
@@ -117,8 +124,8 @@ def dryden_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[Dr
     An initial state `factor n` with n standard normal is stationary.
     """
     V = spectrum.airspeed
-    v = _transverse(spectrum.sigma_v, spectrum.L_v / V, 3.0 * span / (math.pi * V), dt)
-    w = _transverse(spectrum.sigma_w, spectrum.L_w / V, 4.0 * span / (math.pi * V), dt)
+    v = _transverse(spectrum.sigma_v, spectrum.transverse * spectrum.L_v / V, 3.0 * span / (math.pi * V), dt)
+    w = _transverse(spectrum.sigma_w, spectrum.transverse * spectrum.L_w / V, 4.0 * span / (math.pi * V), dt)
     u_a, p_a = math.exp(-dt * V / spectrum.L_u), math.exp(-dt * math.pi * V / (4.0 * span))
     # A gust field w(x) turns the air nose down where w grows ahead: q_gust = -dw/dx, and r_gust = +dv/dx.
     u = (u_a, spectrum.sigma_u * math.sqrt(1.0 - u_a * u_a))
@@ -187,42 +194,6 @@ def dryden_gust(params: DrydenParams, x: DrydenState) -> tuple[Vector, Vector]:
     v = params.v_c1 * x.v1 + params.v_c2 * x.v2
     w = params.w_c1 * x.w1 + params.w_c2 * x.w2
     return (x.u, v, w), (x.p, params.q_c * (w - x.w3), params.r_c * (v - x.v3))
-
-
-@kernel
-def discrete_gust(rows: Array, time: float) -> Vector:
-    """Return the sum of 1-cosine gusts [m/s] B at `time` [s]; a row is amplitude (3) [m/s], start [s], length [s]."""
-    u, v, w = 0.0, 0.0, 0.0
-    for i in range(rows.shape[0]):
-        phase = (time - rows[i, 3]) / rows[i, 4]
-        if 0.0 < phase < 1.0:
-            _, cosine = sin_cos(2.0 * math.pi * phase)
-            shape = 0.5 * (1.0 - cosine)
-            u += shape * rows[i, 0]
-            v += shape * rows[i, 1]
-            w += shape * rows[i, 2]
-    return u, v, w
-
-
-@kernel
-def direct_moment(rows: Array, time: float) -> Vector:
-    """Return the sum of direct moments [N*m] B at `time` [s].
-
-    A row is amplitude (3) [N*m], two numbers and the kind: rate [rad/s] and phase [rad] of a sine (`SINE`) or a square
-    wave (`SQUARE`), start [s] and nothing of a step (`STEP`).
-    """
-    L, M, N = 0.0, 0.0, 0.0
-    for i in range(rows.shape[0]):
-        if rows[i, 5] == STEP:
-            wave = 1.0 if time + 0.5e-6 >= rows[i, 3] else 0.0  # stamps are whole microseconds, roundings are not
-        else:
-            wave, _ = sin_cos(rows[i, 3] * time + rows[i, 4])
-            if rows[i, 5] == SQUARE:
-                wave = 1.0 if wave >= 0.0 else -1.0
-        L += wave * rows[i, 0]
-        M += wave * rows[i, 1]
-        N += wave * rows[i, 2]
-    return L, M, N
 
 
 @kernel

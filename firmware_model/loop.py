@@ -61,7 +61,7 @@ class VehicleLoop:
         if self._imu is None:
             world = self._world
             plant.observe(
-                world.params, world.state, world.gusts, world.moments, world.seed, self.sample, self._sample_us,
+                world.params, world.state, world.waves, world.replay, world.seed, self.sample, self._sample_us,
                 self._record,
             )  # fmt: skip
             _, p, q, r, f_x, f_y, f_z = self._record[:7].tolist()

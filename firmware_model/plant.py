@@ -8,19 +8,13 @@ from typing import Any
 
 from firmware_model import free_flight, rigid_body, world
 from firmware_model.compiled import compiled, kernel
+from firmware_model.disturbances import Disturbance, disturbance
 from firmware_model.elementary import normals
 from firmware_model.free_flight import Air, AirParams, FreeInputs, FreeParams
 from firmware_model.ground import GroundParams
-from firmware_model.gusts import (
-    DrydenParams,
-    DrydenState,
-    direct_moment,
-    discrete_gust,
-    dryden_gust,
-    dryden_step,
-    gust_moment,
-)
+from firmware_model.gusts import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
 from firmware_model.journal import RECORD
+from firmware_model.mean_wind import MeanWindParams, mean_wind
 from firmware_model.position import (
     Holding,
     PositionParams,
@@ -33,6 +27,7 @@ from firmware_model.position import (
     toward,
 )
 from firmware_model.rigid_body import Body, BodyInputs, BodyParams, still
+from firmware_model.rotations import conjugate, rotate
 from firmware_model.rotors import RotorParams, allocate, rotor_thrusts
 from firmware_model.rows import loader, storer
 from firmware_model.sensors import GyroParams, accelerometer, gyro
@@ -54,7 +49,6 @@ from firmware_model.world import (
     GYRO_STREAM,
     STEPS,
     WEIGHT,
-    WIND,
     X_BODY,
     X_DIRECT,
     X_DRYDEN,
@@ -77,6 +71,7 @@ _load_body_params, _load_dryden_params = loader(BodyParams), loader(DrydenParams
 _load_gyro_params, _load_stabilizer_params = loader(GyroParams), loader(StabilizerParams)
 _load_position_params, _load_rotor_params = loader(PositionParams), loader(RotorParams)
 _load_air_params, _load_ground_params = loader(AirParams), loader(GroundParams)
+_load_mean_wind_params = loader(MeanWindParams)
 _load_body, _load_dryden = loader(Body), loader(DrydenState)
 _load_estimate, _load_holding = loader(Estimate), loader(Holding)
 _store_body, _store_dryden = storer(Body), storer(DrydenState)
@@ -111,21 +106,13 @@ def _write(record: Array, at: int, value: Vector) -> None:
 
 
 @kernel
-def observe_kernel(params: Array, state: Array, gusts: Array, moments: Array, seed: int, sample: int,
-                   sample_us: int, record: Array) -> None:  # fmt: skip
+def observe_kernel(params: Array, state: Array, waves: Array, replay: Array, seed: int, sample: int, sample_us: int,
+                   record: Array) -> None:  # fmt: skip
     """Write to `record` the truth at a sample, what acts from it on, and what the sensors measure."""
     body = _load_body(state, X_BODY)
     time_us = sample * sample_us
-    time = time_us * 1e-6
     record[_TIME] = time_us
-    turbulence, turning = dryden_gust(_load_dryden_params(params, world.DRYDEN), _load_dryden(state, X_DRYDEN))
-    discrete = discrete_gust(gusts, time)
-    direct = direct_moment(moments, time)
-    scale = params[GUST_SCALE]
-    for i in range(3):
-        record[_GUST + i] = scale * (turbulence[i] + discrete[i])
-        record[_GUST_OMEGA + i] = scale * turning[i]
-        record[_WIND + i] = params[WIND + i]
+    direct = _write_air(params, state, disturbance(waves, replay, sample, time_us * 1e-6), record)
     force, moment, state[X_LOAD] = _felt(params, body, direct, record)
     _write(state, X_DIRECT, direct)
     rate = gyro(_load_gyro_params(params, world.GYRO), (body.p, body.q, body.r), normals(seed, GYRO_STREAM, sample, 0))
@@ -143,6 +130,23 @@ def observe_kernel(params: Array, state: Array, gusts: Array, moments: Array, se
     if params[FREE] != 0.0:
         estimate = aligned(stabilizer, estimate, _q_NB(body))
     _store_estimate(state, X_ESTIMATE, estimate)
+
+
+@kernel
+def _write_air(params: Array, state: Array, scripted: Disturbance, record: Array) -> Vector:
+    """Write gust and wind, and return the direct moment [N*m] B; what is scripted in N is turned into B."""
+    body = _load_body(state, X_BODY)
+    gust_B, gust_N, moment_B, moment_N = scripted
+    to_B = conjugate(_q_NB(body))
+    turned, turned_moment = rotate(to_B, gust_N), rotate(to_B, moment_N)
+    turbulence, turning = dryden_gust(_load_dryden_params(params, world.DRYDEN), _load_dryden(state, X_DRYDEN))
+    wind = mean_wind(_load_mean_wind_params(params, world.MEAN_WIND), -body.down)
+    scale = params[GUST_SCALE]
+    for i in range(3):
+        record[_GUST + i] = scale * (turbulence[i] + gust_B[i] + turned[i])
+        record[_GUST_OMEGA + i] = scale * turning[i]
+        record[_WIND + i] = wind[i]
+    return moment_B[0] + turned_moment[0], moment_B[1] + turned_moment[1], moment_B[2] + turned_moment[2]
 
 
 @kernel
@@ -298,10 +302,10 @@ def _move(params: Array, state: Array, sample_us: int, torque: Vector, thrust: f
 
 
 @compiled
-def observe(params: Array, state: Array, gusts: Array, moments: Array, seed: int, sample: int, sample_us: int,
+def observe(params: Array, state: Array, waves: Array, replay: Array, seed: int, sample: int, sample_us: int,
             record: Array) -> None:  # fmt: skip
     """Write a sample to `record`, see `observe_kernel`; to be called once a sample."""
-    observe_kernel(params, state, gusts, moments, seed, sample, sample_us, record)
+    observe_kernel(params, state, waves, replay, seed, sample, sample_us, record)
 
 
 @compiled

@@ -4,96 +4,22 @@ from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from firmware_model.events import ControllerHung, ControllerKilled, Event, ModeChange
 from firmware_model.files import read_toml, shipped
 from firmware_model.link import LinkFault
+from firmware_model.moments import Moment
+from firmware_model.replay import with_rows
 from firmware_model.requirement import Requirement
-from firmware_model.vehicle import Finite, NonNegative, Positive, Vector
+from firmware_model.vehicle import Vector
+from firmware_model.wind import STRICT, Dryden, Shear, Wind
 
 SCENARIOS = Path(__file__).parent / "scenarios"
-_STRICT = ConfigDict(extra="forbid")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class Dryden:
-    """Continuous random gusts of MIL-F-8785C, low-altitude model (below 1000 ft), all six components."""
-
-    kind: Literal["dryden"]
-    """Names this primitive."""
-    wind_speed_20ft_mps: Positive
-    """[m/s] mean wind speed at 20 ft: light 7.7, moderate 15.4, severe 23.2."""
-    airspeed_mps: Positive | None = None
-    """[m/s] speed at which the frozen field passes; the mean wind speed by default, the rule for hover."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class OneMinusCosine:
-    """Discrete gust `amplitude / 2 * (1 - cos(2 pi (t - start) / length))`, zero outside its length."""
-
-    kind: Literal["one_minus_cosine"]
-    """Names this primitive."""
-    amplitude_mps: Vector
-    """[m/s] B, gust at its peak, blowing toward."""
-    start_s: NonNegative
-    """[s] begin."""
-    length_s: Positive
-    """[s] from calm to calm."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class Constant:
-    """Steady mean wind: a free vehicle drifts with it; on the test stand it is trimmed out and gives no moment."""
-
-    kind: Literal["constant"]
-    """Names this primitive."""
-    velocity_mps: Vector
-    """[m/s] N (north, east, down), blowing toward: (5, 0, 0) is a wind from the south."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class Sine:
-    """Direct moment `amplitude * sin(rate * t + phase)`."""
-
-    kind: Literal["sine"]
-    """Names this primitive."""
-    amplitude_nm: Vector
-    """[N*m] B."""
-    rate_rad_s: Positive
-    """[rad/s] angular frequency."""
-    phase_rad: Finite = 0.0
-    """[rad] at t = 0."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class Square:
-    """Direct moment of full amplitude all the time, `amplitude * sign(sin(rate * t + phase))`: bang-bang."""
-
-    kind: Literal["square"]
-    """Names this primitive."""
-    amplitude_nm: Vector
-    """[N*m] B."""
-    rate_rad_s: Positive
-    """[rad/s] angular frequency; the sign changes twice a period."""
-    phase_rad: Finite = 0.0
-    """[rad] at t = 0."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class Step:
-    """Direct moment that is there from `start` on, to the end."""
-
-    kind: Literal["step"]
-    """Names this primitive."""
-    amplitude_nm: Vector
-    """[N*m] B."""
-    start_s: NonNegative = 0.0
-    """[s] begin."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class GyroFault:
     """What is wrong with the gyro beyond the vehicle's own description."""
 
@@ -103,11 +29,7 @@ class GyroFault:
     """False switches the noise off."""
 
 
-Wind = Annotated[Dryden | OneMinusCosine | Constant, Field(discriminator="kind")]
-Moment = Annotated[Sine | Square | Step, Field(discriminator="kind")]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Scenario:
     """One scripted flight; times are multiples of the sample time."""
 
@@ -115,11 +37,11 @@ class Scenario:
     """Short name; the file's by default."""
     description: str
     """One line: what it shows."""
-    duration_s: Positive
-    """[s] simulated time from the first commanded sample."""
+    duration_s: Annotated[float, Field(gt=0.0, le=86_400.0)]
+    """[s] simulated time from the first commanded sample, up to a day."""
     translation: Literal["held", "free"] = "held"
     """Held on a test stand, as in the paper, where the vehicle turns and does not move; or in free flight."""
-    altitude_m: Positive = 10.0
+    altitude_m: Annotated[float, Field(gt=0.0, le=10_000.0)] = 10.0
     """[m] height above ground, where the air model is evaluated and the vehicle is held, or its free flight begins."""
     control_rate_hz: Annotated[int, Field(ge=10, le=1000)] = 250
     """[Hz] samples and commands."""
@@ -146,8 +68,24 @@ class Scenario:
             raise ValueError("physics_rate_hz must be a multiple of control_rate_hz")
         if 1_000_000 % self.control_rate_hz:
             raise ValueError("control_rate_hz must divide 1,000,000, so that stamps are whole microseconds")
+        if not self.samples:
+            raise ValueError(f"duration_s must be at least a sample, {self.dt} s")
+        return self
+
+    @model_validator(mode="after")
+    def _angles_are_exact(self) -> Self:
+        for key, item in [*(("wind", item) for item in self.wind), *(("moment", item) for item in self.moment)]:
+            rates = [getattr(item, name, 0.0) for name in ("rate_rad_s", "rate_from_rad_s", "rate_to_rad_s")]
+            if max(rates) * self.duration_s + abs(getattr(item, "phase_rad", 0.0)) > 1e5:
+                raise ValueError(f"{key}: a '{item.kind}' may turn through 1e5 rad in duration_s, no farther")
+        return self
+
+    @model_validator(mode="after")
+    def _one_air(self) -> Self:
         if sum(isinstance(item, Dryden) for item in self.wind) > 1:
             raise ValueError("wind: at most one 'dryden', its components are not independent of a second one's")
+        if sum(isinstance(item, Shear) for item in self.wind) > 1:
+            raise ValueError("wind: at most one 'shear', there is one ground")
         return self
 
     @model_validator(mode="after")
@@ -186,13 +124,6 @@ class Scenario:
         return self.translation == "free"
 
     @property
-    def mean_wind_N(self) -> tuple[float, float, float]:
-        """[m/s] N, sum of the steady winds, blowing toward."""
-        winds = [item.velocity_mps for item in self.wind if isinstance(item, Constant)]
-        north, east, down = (sum(wind[i] for wind in winds) for i in range(3))
-        return north, east, down
-
-    @property
     def samples(self) -> int:
         """Number of samples that are flown."""
         return round(self.duration_s * self.control_rate_hz)
@@ -221,7 +152,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     ConfigError
         If there is no such file, or a key or value is not allowed.
     """
-    return read_toml(Scenario, name_or_path, SCENARIOS)
+    return read_toml(Scenario, name_or_path, SCENARIOS, with_rows)
 
 
 def shipped_scenarios() -> tuple[str, ...]:

@@ -7,29 +7,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.compiled import compiled
+from firmware_model.disturbances import replayed, waves
 from firmware_model.elementary import normals
 from firmware_model.free_flight import AirParams, air_params
 from firmware_model.ground import GroundParams, ground_params, standing_height
-from firmware_model.gusts import SINE, SQUARE, STEP, DrydenParams, DrydenState, dryden_filters, dryden_spectrum
+from firmware_model.gusts import DrydenParams, DrydenState, dryden_filters, dryden_spectrum
+from firmware_model.mean_wind import MeanWindParams, mean_wind_params
 from firmware_model.position import Holding, PositionParams, nothing_held, position_params
 from firmware_model.rigid_body import Body, BodyParams, body_params
 from firmware_model.rotors import RotorParams, rotor_params
 from firmware_model.rows import starts
-from firmware_model.scenario import Dryden, Moment, OneMinusCosine, Scenario, Square, Step
+from firmware_model.scenario import Scenario
 from firmware_model.sensors import GyroParams
 from firmware_model.stabilizer import Estimate, StabilizerParams, stabilizer_params
 from firmware_model.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
+from firmware_model.wind import Dryden
 
 Array = NDArray[np.float64]
 
-# One stream of random numbers for each purpose, so that a new sensor leaves every gust as it was.
+# One stream of random numbers for each purpose, so that a new sensor leaves every gust as it was; the link has 3.
 GUST_STREAM, GYRO_STREAM = 1, 2
 
 # Where each NamedTuple starts among the constants, then single numbers; and in the state.
-BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, _SINGLE = starts(
-    [BodyParams, DrydenParams, GyroParams, StabilizerParams, PositionParams, RotorParams, AirParams, GroundParams]
+BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, _SINGLE = starts(
+    [
+        BodyParams,
+        DrydenParams,
+        GyroParams,
+        StabilizerParams,
+        PositionParams,
+        RotorParams,
+        AirParams,
+        GroundParams,
+        MeanWindParams,
+    ]
 )
-FREE, STEPS, GUST_SCALE, WIND, WEIGHT = _SINGLE, _SINGLE + 1, _SINGLE + 2, _SINGLE + 3, _SINGLE + 6
+FREE, STEPS, GUST_SCALE, WEIGHT = _SINGLE, _SINGLE + 1, _SINGLE + 2, _SINGLE + 3
 X_BODY, X_DRYDEN, X_ESTIMATE, X_HOLDING, X_LOAD = starts([Body, DrydenState, Estimate, Holding])
 X_DIRECT = X_LOAD + 1
 
@@ -42,10 +55,10 @@ class World:
     """(n,) constants, each NamedTuple in a row with its own units."""
     state: Array
     """(n,) body, air and on-board loop, each NamedTuple in a row with its own units; moved on by the kernels."""
-    gusts: Array
-    """(n, 5) discrete gusts: amplitude [m/s] B, start [s], length [s]."""
-    moments: Array
-    """(n, 6) direct moments: amplitude [N*m] B, then rate [rad/s] and phase [rad], or start [s]; and the kind."""
+    waves: Array
+    """(n, WAVE) gusts and direct moments of a formula, see `disturbances`; units there."""
+    replay: Array
+    """(samples or 0, 3 * TARGETS) replayed gusts [m/s] and direct moments [N*m], see `disturbances`."""
     seed: int
     """Seed of all that is random."""
     vehicle: Vehicle
@@ -85,14 +98,11 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool
     body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, 1.0, *[0.0] * 10)._replace(
         thrust=0.0 if standing else vehicle.mass * GRAVITY
     )
-    gusts = [
-        (*item.amplitude_mps, item.start_s, item.length_s) for item in scenario.wind if isinstance(item, OneMinusCosine)
-    ]
     return World(
         params=_params(vehicle, scenario, dryden_params),
         state=np.concatenate([body, dryden_state, estimate, nothing_held(), [0.0] * 4]),
-        gusts=np.array(gusts, dtype=np.float64).reshape(-1, 5),
-        moments=np.array([_row(item) for item in scenario.moment], dtype=np.float64).reshape(-1, 6),
+        waves=waves(scenario),
+        replay=replayed(scenario),
         seed=seed,
         vehicle=vehicle,
         dt=scenario.dt,
@@ -110,22 +120,10 @@ def _params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams) -
             rotor_params(vehicle),
             air_params(vehicle),
             ground_params(vehicle),
-            [
-                scenario.free,
-                scenario.physics_rate_hz // scenario.control_rate_hz,
-                1.0,
-                *scenario.mean_wind_N,
-                vehicle.mass * GRAVITY,
-            ],
+            mean_wind_params(scenario.wind),
+            [scenario.free, scenario.physics_rate_hz // scenario.control_rate_hz, 1.0, vehicle.mass * GRAVITY],
         ]
     )
-
-
-def _row(moment: Moment) -> tuple[float, ...]:
-    if isinstance(moment, Step):
-        return (*moment.amplitude_nm, moment.start_s, 0.0, STEP)
-    kind = SQUARE if isinstance(moment, Square) else SINE
-    return (*moment.amplitude_nm, moment.rate_rad_s, moment.phase_rad, kind)
 
 
 def _gyro_params(vehicle: Vehicle, scenario: Scenario) -> GyroParams:

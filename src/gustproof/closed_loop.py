@@ -39,7 +39,7 @@ def fly_direct(
     torque = law.output is Output.TORQUE
     scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
     _fly(
-        world.params, world.state, world.gusts, world.moments, world.seed, scenario.sample_us,
+        world.params, world.state, world.waves, world.replay, world.seed, scenario.sample_us,
         law.A, law.B, law.C, law.D, law.G, law.H, law.limits, reference, scale,
         plant.TORQUE if torque else plant.RATES, 1.0 if torque else np.inf,
         np.nan if torque else published_hover(vehicle), scenario.delay_samples, records,
@@ -48,7 +48,7 @@ def fly_direct(
 
 
 @compiled
-def _fly(params: Array, state: Array, gusts: Array, moments: Array, seed: int, sample_us: int, A: Array, B: Array,
+def _fly(params: Array, state: Array, waves: Array, replay: Array, seed: int, sample_us: int, A: Array, B: Array,
          C: Array, D: Array, G: Array, H: Array, limits: Array, reference: Array, scale: Array, kind: float,
          bound: float, thrust: float, delay: int, records: Array) -> None:  # fmt: skip
     n = A.shape[0]
@@ -57,7 +57,7 @@ def _fly(params: Array, state: Array, gusts: Array, moments: Array, seed: int, s
     ring[:, plant.THRUST] = np.nan
     for k in range(records.shape[0]):
         record = records[k]
-        observe_kernel(params, state, gusts, moments, seed, k, sample_us, record)
+        observe_kernel(params, state, waves, replay, seed, k, sample_us, record)
         for i in range(3):
             y[i] = record[1 + i]
             y[3 + i] = reference[k, i]

@@ -8,8 +8,9 @@ from pathlib import Path
 from threading import Event
 from typing import Any, NamedTuple
 
-from firmware_model.scenario import Dryden, Scenario, load_scenario
+from firmware_model.scenario import Scenario, load_scenario
 from firmware_model.vehicle import Vehicle
+from firmware_model.wind import Dryden
 from gustproof.errors import FlightError
 from gustproof.flight import RecordedFlight, fly_and_record
 from gustproof.law import Law, load_law

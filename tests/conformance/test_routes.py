@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from firmware_model.scenario import Constant, load_scenario
+from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
+from firmware_model.wind import Constant
 from gustproof.closed_loop import fly_direct
 from gustproof.law import load_law
 from gustproof.sitl import Outcome, fly, fly_loopback

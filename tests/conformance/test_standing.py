@@ -12,8 +12,9 @@ from firmware_model.autopilot import Landed, Mode
 from firmware_model.endpoint import VehicleEndpoint
 from firmware_model.flight import Hitch
 from firmware_model.frames import Dropped, parse
-from firmware_model.scenario import Constant, Scenario, load_scenario
+from firmware_model.scenario import Scenario, load_scenario
 from firmware_model.vehicle import load_vehicle
+from firmware_model.wind import Constant
 from gustproof.controller.endpoint import ControllerEndpoint, Phase
 from gustproof.law import load_law
 

@@ -8,21 +8,33 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_model.files import write_toml
-from firmware_model.scenario import Dryden, GyroFault, OneMinusCosine, Scenario, Sine, Square, Step, load_scenario
+from firmware_model.moments import Sine, Square, Step
+from firmware_model.scenario import GyroFault, Scenario, load_scenario
 from firmware_model.vehicle import load_vehicle, shipped_vehicles
+from firmware_model.wind import Dryden, GustReplay, OneMinusCosine
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 positive = st.floats(min_value=0.0, exclude_min=True, allow_infinity=False)
 vector = st.tuples(finite, finite, finite)
 text = st.text(st.characters(exclude_categories=["Cs"]))
-dryden = st.builds(Dryden, kind=st.just("dryden"), wind_speed_20ft_mps=positive, airspeed_mps=st.none() | positive)
+rate, phase = st.floats(1e-9, 600.0), st.floats(-100.0, 100.0)
+dryden = st.builds(
+    Dryden, kind=st.just("dryden"), wind_speed_20ft_mps=positive, airspeed_mps=st.none() | st.floats(1.0, 1e9)
+)
 gust = st.builds(
     OneMinusCosine, kind=st.just("one_minus_cosine"), amplitude_mps=vector, start_s=positive, length_s=positive
+)
+replay = st.builds(
+    GustReplay,
+    kind=st.just("replay"),
+    rows=st.lists(st.tuples(finite, finite, finite, finite), min_size=2, max_size=4, unique_by=lambda row: row[0])
+    .map(sorted)
+    .map(tuple),
 )
 moment = st.one_of(
     st.builds(Step, kind=st.just("step"), amplitude_nm=vector, start_s=positive),
     *(
-        st.builds(kind, kind=st.just(word), amplitude_nm=vector, rate_rad_s=positive, phase_rad=finite)
+        st.builds(kind, kind=st.just(word), amplitude_nm=vector, rate_rad_s=rate, phase_rad=phase)
         for kind, word in ((Sine, "sine"), (Square, "square"))
     ),
 )
@@ -30,10 +42,10 @@ scenario = st.builds(
     Scenario,
     name=text,
     description=text,
-    duration_s=positive,
-    altitude_m=positive,
+    duration_s=st.floats(0.004, 100.0),
+    altitude_m=st.floats(0.0, 10_000.0, exclude_min=True),
     delay_samples=st.integers(0, 50),
-    wind=st.tuples(dryden, gust) | st.lists(gust, max_size=2).map(tuple),
+    wind=st.tuples(dryden, gust, replay) | st.lists(gust, max_size=2).map(tuple),
     moment=st.lists(moment, max_size=3).map(tuple),
     gyro=st.builds(GyroFault, bias_rad_s=vector, noise=st.booleans()),
 )

@@ -14,9 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.scenario import Dryden, GyroFault, Moment, Scenario, Sine, Square, Step
+from firmware_model.moments import Moment, Sine, Square, Step
+from firmware_model.scenario import GyroFault, Scenario
 from firmware_model.signals import Vector
 from firmware_model.vehicle import Vehicle
+from firmware_model.wind import Dryden
 from gustproof.certify.worst_starts import (
     AMPLITUDES,
     FASTEST,

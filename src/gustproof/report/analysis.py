@@ -9,7 +9,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from firmware_model.scenario import GyroFault, Scenario, Step
+from firmware_model.moments import Step
+from firmware_model.scenario import GyroFault, Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.closed_loop import fly_direct
 from gustproof.law import Law

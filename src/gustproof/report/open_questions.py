@@ -2,8 +2,9 @@
 
 from typing import NamedTuple
 
-from firmware_model.scenario import Constant, Dryden, Scenario, Wind
+from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
+from firmware_model.wind import Constant, Dryden, OneMinusCosine, Wind
 
 
 class OpenQuestion(NamedTuple):
@@ -101,18 +102,21 @@ def choices(vehicle: Vehicle, scenario: Scenario) -> tuple[OpenQuestion, ...]:
 
 def _wind(item: Wind, scenario: Scenario) -> OpenQuestion:
     if isinstance(item, Dryden):
-        speed = item.wind_speed_20ft_mps
+        speed = item.wind_speed_20ft
         airspeed = "the mean wind" if item.airspeed_mps is None else f"{item.airspeed_mps:g} m/s"
         return OpenQuestion(
             "Dryden model: version, intensity, airspeed at hover; 'gust velocities up to 15 m/s'",
-            f"MIL-F-8785C, low altitude, {scenario.altitude_m:g} m; mean wind {speed:g} m/s at 20 ft (itself without "
-            f"moment); airspeed: {airspeed}",
+            f"{item.specification}, low altitude, {scenario.altitude_m:g} m; mean wind {speed:g} m/s at 20 ft "
+            f"(itself without moment); airspeed: {airspeed}",
         )
     if isinstance(item, Constant):
-        velocity = ", ".join(f"{component:g}" for component in item.velocity_mps)
+        velocity = ", ".join(f"{component:g}" for component in item.velocity_N)
         return OpenQuestion("mean wind", f"({velocity}) m/s north, east, down; on the test stand it gives no moment")
-    amplitude = ", ".join(f"{component:g}" for component in item.amplitude_mps)
-    return OpenQuestion(
-        "'wind gust and turbulence', no gust shape",
-        f"1-cosine of ({amplitude}) m/s in body axes, {item.length_s:g} s long, at {item.start_s:g} s",
-    )
+    if isinstance(item, OneMinusCosine):
+        amplitude = ", ".join(f"{component:g}" for component in item.vector)
+        return OpenQuestion(
+            "'wind gust and turbulence', no gust shape",
+            f"1-cosine of ({amplitude}) m/s in {'north, east, down' if item.of_earth else 'body axes'}, "
+            f"{item.length_s:g} s long, at {item.start_s:g} s",
+        )
+    return OpenQuestion("'wind gust and turbulence', no gust shape", f"a '{item.kind}' of the scenario file")

@@ -15,8 +15,9 @@ import scipy.optimize
 
 import gustproof
 from firmware_model.gusts import dryden_filters, dryden_spectrum, gust_moment
-from firmware_model.scenario import Dryden, Scenario
+from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
+from firmware_model.wind import Dryden
 from gustproof.errors import DesignError
 from gustproof.law import Law, Matrix, Provenance
 from gustproof.numerics.lti import Lti, delay, hold_discretized, sensitivity, series

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_model.scenario import GyroFault, Scenario, Sine, Square
+from firmware_model.moments import Sine, Square
+from firmware_model.scenario import GyroFault, Scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate, load_certificate
 from gustproof.certify.check import check, seal

@@ -11,9 +11,10 @@ from firmware_model.journal import RECORD
 from firmware_model.loop import VehicleLoop
 from firmware_model.rigid_body import Body, BodyInputs
 from firmware_model.rotations import euler_angles, from_euler
-from firmware_model.scenario import Constant, Dryden, GyroFault, OneMinusCosine, Scenario
+from firmware_model.scenario import GyroFault, Scenario
 from firmware_model.signals import AttitudeTarget, Level, Setpoint, TorqueCommand
 from firmware_model.vehicle import GRAVITY, load_vehicle
+from firmware_model.wind import Constant, Dryden, OneMinusCosine
 
 VEHICLES = {name: load_vehicle(name) for name in ("paper", "iris")}
 CALM = Scenario(

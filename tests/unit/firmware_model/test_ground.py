@@ -8,9 +8,10 @@ import pytest
 from firmware_model.journal import RECORD
 from firmware_model.loop import VehicleLoop
 from firmware_model.rotations import from_euler, rotate
-from firmware_model.scenario import Constant, Dryden, GyroFault, Scenario
+from firmware_model.scenario import GyroFault, Scenario
 from firmware_model.signals import Guidance, Off, Setpoint, TorqueCommand
 from firmware_model.vehicle import GRAVITY, load_vehicle
+from firmware_model.wind import Constant, Dryden
 from firmware_model.world import X_BODY
 
 VEHICLES = {name: load_vehicle(name) for name in ("paper", "iris")}

@@ -1,6 +1,7 @@
 """Dryden turbulence against MIL-F-8785C; discrete gusts; the moment of a gust."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,20 +14,19 @@ from firmware_model.gusts import (
     FOOT,
     DrydenParams,
     DrydenState,
-    direct_moment,
-    discrete_gust,
     dryden_filters,
     dryden_gust,
     dryden_spectrum,
     dryden_step,
     gust_moment,
 )
-from firmware_model.scenario import Dryden
 from firmware_model.vehicle import load_vehicle
+from firmware_model.wind import Dryden
 
 DRYDEN = Dryden(kind="dryden", wind_speed_20ft_mps=15.0)
 SPAN = 1.0
 SPECTRUM = dryden_spectrum(DRYDEN, 10.0, SPAN)
+HANDBOOK = dryden_spectrum(replace(DRYDEN, specification="MIL-HDBK-1797"), 10.0, SPAN)
 
 
 @compiled
@@ -72,9 +72,31 @@ def test_the_roll_gust_has_the_variance_of_its_spectrum() -> None:
     assert float(np.trapezoid(density, Omega)) == pytest.approx(SPECTRUM.sigma_p**2, rel=1e-4)
 
 
+def test_the_handbook_halves_the_transverse_lengths_and_means_the_same_gusts() -> None:
+    # MIL-HDBK-1797 at h = 100 ft: 2 L_w = h, 2 L_v = L_u = h / .2593^1.2.
+    spectrum = dryden_spectrum(replace(DRYDEN, specification="MIL-HDBK-1797"), 100.0 * FOOT, SPAN)
+    assert spectrum.L_w == pytest.approx(50.0 * FOOT)
+    assert 2.0 * spectrum.L_v == pytest.approx(spectrum.L_u) == pytest.approx(100.0 / 0.2593**1.2 * FOOT)
+    for ours, theirs in zip(dryden_filters(HANDBOOK, SPAN, 0.004), dryden_filters(SPECTRUM, SPAN, 0.004), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize(("intensity", "knots"), [("light", 15.0), ("moderate", 30.0), ("severe", 45.0)])
+def test_a_word_is_a_wind_speed_and_the_airspeed_is_that_of_the_wind_above_a_floor(
+    intensity: str, knots: float
+) -> None:
+    dryden = Dryden(kind="dryden", intensity=intensity)
+    assert dryden_spectrum(dryden, 10.0, SPAN).sigma_w == pytest.approx(0.1 * knots * 1852.0 / 3600.0, rel=1e-5)
+    assert dryden.airspeed == dryden.wind_speed_20ft
+    assert Dryden(kind="dryden", wind_speed_20ft_mps=0.01).airspeed == 1.0
+    assert Dryden(kind="dryden", intensity=intensity, airspeed_mps=15.0).airspeed == 15.0
+
+
 @pytest.mark.parametrize("dt", [0.0005, 0.004, 0.05])
-def test_the_stationary_variance_is_sigma_squared_at_any_step(dt: float) -> None:
-    params, factor = dryden_filters(SPECTRUM, SPAN, dt)
+@pytest.mark.parametrize("specification", ["MIL-F-8785C", "MIL-HDBK-1797"])
+def test_the_stationary_variance_is_sigma_squared_at_any_step(dt: float, specification: str) -> None:
+    stated = dryden_spectrum(replace(DRYDEN, specification=specification), 10.0, SPAN)
+    params, factor = dryden_filters(stated, SPAN, dt)
     A, B, C = state_space(params)
     P = scipy.linalg.solve_discrete_lyapunov(A, B @ B.T)
     variance = np.diag(C @ P @ C.T)[:4]
@@ -96,7 +118,24 @@ def continuous_psd(component: int, omega: np.ndarray) -> np.ndarray:
         return constant / (1 + (4 * SPAN * Omega / math.pi) ** 2)
     source = {1: 1, 2: 2, 4: 2, 5: 1}[component]
     x = (L[source] * Omega) ** 2
-    density = sigma[source] ** 2 * L[source] / (math.pi * V) * (1 + 3 * x) / (1 + x) ** 2
+    return _turned(component, Omega, sigma[source] ** 2 * L[source] / (math.pi * V) * (1 + 3 * x) / (1 + x) ** 2)
+
+
+def handbook_psd(component: int, omega: np.ndarray) -> np.ndarray:
+    """Return the same density as MIL-HDBK-1797 writes it, with its own lengths: L_u = 2 L_v, h = 2 L_w."""
+    spectrum = HANDBOOK
+    V, Omega = spectrum.airspeed, omega / spectrum.airspeed
+    if component == 0:
+        return spectrum.sigma_u**2 * 2 * spectrum.L_u / (math.pi * V) / (1 + (spectrum.L_u * Omega) ** 2)
+    if component == 3:
+        constant = 0.8 * (2 * math.pi * spectrum.L_w / (4 * SPAN)) ** (1 / 3)
+        return spectrum.sigma_w**2 / (2 * V * spectrum.L_w) * constant / (1 + (4 * SPAN * Omega / math.pi) ** 2)
+    L, sigma = (spectrum.L_v, spectrum.sigma_v) if component in (1, 5) else (spectrum.L_w, spectrum.sigma_w)
+    x = (L * Omega) ** 2
+    return _turned(component, Omega, 2 * sigma**2 * L / (math.pi * V) * (1 + 12 * x) / (1 + 4 * x) ** 2)
+
+
+def _turned(component: int, Omega: np.ndarray, density: np.ndarray) -> np.ndarray:
     if component in (1, 2):
         return density
     width = {4: 4.0, 5: 3.0}[component] * SPAN / math.pi
@@ -104,9 +143,13 @@ def continuous_psd(component: int, omega: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.compiled
-def test_the_spectrum_is_that_of_the_specification_in_every_band() -> None:
+@pytest.mark.parametrize("specification", ["MIL-F-8785C", "MIL-HDBK-1797"])
+def test_the_spectrum_is_that_of_the_specification_in_every_band(specification: str) -> None:
     dt, seconds = 0.02, 20000.0
-    params, factor = dryden_filters(SPECTRUM, SPAN, dt)
+    stated, formula = {"MIL-F-8785C": (SPECTRUM, continuous_psd), "MIL-HDBK-1797": (HANDBOOK, handbook_psd)}[
+        specification
+    ]
+    params, factor = dryden_filters(stated, SPAN, dt)
     start = DrydenState(*(factor @ np.random.default_rng(1).normal(size=8)).tolist())
     history = simulate(params, start, 3, round(seconds / dt))
     frequency, density = scipy.signal.welch(history, 1.0 / dt, nperseg=8192, axis=0)
@@ -115,7 +158,7 @@ def test_the_spectrum_is_that_of_the_specification_in_every_band() -> None:
         omega = 2.0 * math.pi * frequency[band]
         for component in range(6):
             measured = float(density[band, component].mean())
-            expected = float(continuous_psd(component, omega).mean()) * 2.0 * math.pi  # per Hz
+            expected = float(formula(component, omega).mean()) * 2.0 * math.pi  # per Hz
             averages = band.sum() * history.shape[0] / 8192
             # Five standard errors of the averaged periodogram, and 2 % for aliasing and leakage at 50 Hz.
             assert measured == pytest.approx(expected, rel=5.0 / math.sqrt(averages) + 0.02), (low, component)
@@ -143,33 +186,6 @@ def test_the_paper_vehicle_feels_a_peak_of_065_newton_metres_in_the_median_of_10
     # The median of 1,000 peaks of some 17 % spread is known to about .7 %: three of that.
     peak = vehicle.gust_gain * float(np.median(peaks))
     assert peak == pytest.approx(0.65, rel=0.02)
-
-
-def test_a_discrete_gust_follows_its_formula_and_is_calm_outside() -> None:
-    rows = np.array([[2.0, -4.0, 0.0, 1.0, 6.0]])
-    assert discrete_gust(rows, 0.9) == (0.0, 0.0, 0.0)
-    assert discrete_gust(rows, 4.0) == pytest.approx((2.0, -4.0, 0.0))
-    assert discrete_gust(rows, 2.5)[0] == pytest.approx(2.0 / 2.0 * (1.0 - math.cos(2.0 * math.pi * 1.5 / 6.0)))
-    assert discrete_gust(rows, 7.1) == (0.0, 0.0, 0.0)
-
-
-def test_direct_moments_add_up() -> None:
-    rows = np.array([[0.0, 0.65, 0.0, 3.0, 0.0, 0.0], [0.0, 0.0, 0.3, 3.0, math.pi / 2.0, 0.0]])
-    t = 0.7
-    assert direct_moment(rows, t) == pytest.approx((0.0, 0.65 * math.sin(3.0 * t), 0.3 * math.cos(3.0 * t)))
-
-
-def test_a_square_moment_has_its_full_amplitude_at_all_times_and_the_sign_of_its_sine() -> None:
-    rows = np.array([[0.65, -0.1, 0.0, 2.0, 0.5, 1.0]])
-    for t in np.linspace(0.0, 10.0, 101):
-        sign = math.copysign(1.0, math.sin(2.0 * t + 0.5))
-        assert direct_moment(rows, t) == (0.65 * sign, -0.1 * sign, 0.0)
-
-
-def test_a_step_moment_is_there_from_its_start_on() -> None:
-    rows = np.array([[0.65, 0.0, 0.1, 2.0, 0.0, 2.0], [-1.0, 0.0, 0.0, 0.0, 0.0, 2.0]])
-    assert direct_moment(rows, 0.0) == direct_moment(rows, 1.996) == (-1.0, 0.0, 0.0)
-    assert direct_moment(rows, 2.0) == direct_moment(rows, 60.0) == (0.65 - 1.0, 0.0, 0.1)
 
 
 def test_a_gust_from_the_left_rolls_right_and_a_tailwind_pitches_down() -> None:

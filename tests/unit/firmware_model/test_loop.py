@@ -8,10 +8,12 @@ import pytest
 
 from firmware_model.journal import RECORD
 from firmware_model.loop import VehicleLoop
+from firmware_model.moments import Sine
 from firmware_model.rotations import euler_angles, from_euler
-from firmware_model.scenario import Constant, GyroFault, Scenario, Sine, load_scenario
+from firmware_model.scenario import GyroFault, Scenario, load_scenario
 from firmware_model.signals import AttitudeTarget, Level, Off, Setpoint, TorqueCommand
 from firmware_model.vehicle import GRAVITY, load_vehicle
+from firmware_model.wind import Constant
 
 VEHICLE = load_vehicle("paper")
 QUIET = Scenario(name="quiet", description="", duration_s=8.0, gyro=GyroFault(noise=False))

@@ -10,9 +10,10 @@ from firmware_model.journal import RECORD
 from firmware_model.loop import VehicleLoop
 from firmware_model.position import lean
 from firmware_model.rotations import euler_angles, from_euler, rotate
-from firmware_model.scenario import Constant, Dryden, GyroFault, Scenario
+from firmware_model.scenario import GyroFault, Scenario
 from firmware_model.signals import AttitudeTarget, Guidance, Level, Setpoint, TorqueCommand
 from firmware_model.vehicle import GRAVITY, load_vehicle
+from firmware_model.wind import Constant, Dryden
 
 VEHICLES = {name: load_vehicle(name) for name in ("paper", "iris")}
 CALM = Scenario(name="calm", description="", duration_s=60.0, translation="free", gyro=GyroFault(noise=False))
