@@ -1,0 +1,122 @@
+"""The live page of one flight: it starts when the page says so, and is watched to its end.
+
+    real time   vehicle --telemetry--> Station --> Feed --> page
+    lockstep    vehicle --> journal --> tail --> Feed --> page;  Station: mode, link, parameters
+
+What the page does to the flight are two parameters, set by MAVLink: the gusts' scale and, in lockstep, the pause.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from threading import Event, Thread
+from types import TracebackType
+from typing import Any, Self
+
+from firmware_model import udp
+from firmware_model.params import GUST_SCALE_NAME, PAUSE_NAME, Parameters, published_limit
+from firmware_model.scenario import Scenario
+from firmware_model.vehicle import Vehicle
+from gustproof.law import Law
+from gustproof.view.feed import Feed
+from gustproof.view.server import LOOPBACK, PageServer, number, switch
+from gustproof.view.station import STREAM_US, Station
+from gustproof.view.tail import tail
+
+_JOIN_S = 5.0
+
+
+class LivePage:
+    """The page and who gathers what it shows; a context manager that leaves no thread and no socket behind."""
+
+    def __init__(self, scenario: Scenario, law: Law, vehicle: Vehicle, *, real_time: bool) -> None:
+        self._law, self._vehicle, self._real_time = law, vehicle, real_time
+        self._every = max(round(STREAM_US / scenario.sample_us), 1)
+        parameters = Parameters(vehicle, scenario)
+        self._gust = parameters.table[parameters.index(GUST_SCALE_NAME) or 0]
+        self._feed = Feed(
+            scenario=scenario.name, law=law.name, vehicle=vehicle.name, duration_s=scenario.duration_s,
+            real_time=real_time, phase="ready", message="", mode="", armed=False, paused=False, texts=[], link=None,
+            gust_scale=self._gust.default, gust_scale_limits=[self._gust.minimum, self._gust.maximum],
+            torque_limit=list(vehicle.torque_limit),
+        )  # fmt: skip
+        self._started, self._done = Event(), Event()
+        self._wishes: dict[str, float] = {}
+        self._station: Station | None = None
+        self._threads: list[Thread] = []
+        wishes: dict[str, Callable[[Any], None]] = {"start": self._start, "gust": self._set_gust}
+        if not real_time:
+            wishes["pause"] = self._pause
+        self._server = PageServer(self._feed, wishes)
+
+    @property
+    def address(self) -> str:
+        """Address of the page."""
+        return self._server.address
+
+    def wait(self) -> None:
+        """Return when the page has said start; Ctrl-C ends this."""
+        while not self._started.wait(0.2):
+            pass
+
+    def watch(self, port: int, journal: Path) -> None:
+        """Watch the flight of the vehicle that listens on `port` and writes `journal`; for `sitl.fly`.
+
+        What the page has wished before is told to the vehicle before the flight begins.
+        """
+        station = Station((0, (LOOPBACK, port)), self._feed, published_limit(self._vehicle), streams=self._real_time)
+        for name, value in self._wishes.items():
+            station.wish(name, value)
+        self._station = station
+        self._run(_serve, station)
+        if not self._real_time:
+            self._run(tail, journal, self._every, self._feed, self._done)
+        station.settled.wait(_JOIN_S)
+        self._feed.tell(phase="flying")
+
+    def end(self, message: str) -> None:
+        """Show how the flight ended."""
+        self._done.set()
+        if self._station is not None:
+            self._station.finished = True
+        for thread in self._threads:
+            thread.join(_JOIN_S)
+        self._feed.tell(phase="over", message=message)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._feed["phase"] != "over":
+            self.end("the flight broke off")
+        self._server.server_close()
+
+    def _run(self, function: Callable[..., None], *arguments: Any) -> None:
+        thread = Thread(target=function, args=arguments, daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def _start(self, value: Any) -> None:
+        if switch(value) and not self._started.is_set():
+            self._feed.tell(phase="starting")
+            self._started.set()
+
+    def _pause(self, value: Any) -> None:
+        self._wish(PAUSE_NAME, float(switch(value)))
+
+    def _set_gust(self, value: Any) -> None:
+        scale = number(value, self._gust.minimum, self._gust.maximum)
+        if not self._started.is_set():
+            self._feed.tell(gust_scale=scale)
+        self._wish(GUST_SCALE_NAME, scale)
+
+    def _wish(self, name: str, value: float) -> None:
+        self._wishes[name] = value
+        if self._station is not None:
+            self._station.wish(name, value)
+
+
+def _serve(station: Station) -> None:
+    with udp.bind(0, LOOPBACK) as bound:
+        udp.serve(station, [bound])

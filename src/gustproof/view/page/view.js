@@ -1,0 +1,240 @@
+// The page: reads the news, keeps a clock of its own between two of them, draws a frame whenever the screen takes one.
+import { camera, colours, drawHorizon, drawVehicle, euler, fresh, readColours } from "./picture.js";
+
+const WINDOW_S = 20, DEGREES = 180 / Math.PI;
+const byId = (id) => document.getElementById(id);
+const rows = { attitude: [], wind: [], torque: [], angles: [], rates: [] }; // each row: time [s], then its numbers
+const facts = {};
+const clock = { t: 0, rate: 0, latest: 0, heard: 0 };
+// What is drawn at this moment, for whoever tests the page.
+const shown = { frames: 0, t: 0, q: null, wind_N: null, news: 0, changed: true };
+globalThis.gustproof = { rows, facts, shown };
+
+const CHARTS = [
+  { title: "attitude [deg]", rows: rows.angles, names: ["roll φ", "pitch θ", "yaw ψ"], least: 1 },
+  { title: "rates [deg/s]", rows: rows.rates, names: ["p", "q", "r"], least: 2 },
+  { title: "torque asked for [N·m]", rows: rows.torque, names: ["roll", "pitch", "yaw"], least: 0.05 },
+  { title: "wind at the vehicle, blowing toward [m/s]", rows: rows.wind, names: ["north", "east", "down"], least: 0.5 },
+].map((chart) => {
+  const figure = byId("charts").appendChild(document.createElement("figure"));
+  const caption = figure.appendChild(document.createElement("figcaption"));
+  caption.append(chart.title);
+  chart.names.forEach((name, i) => {
+    caption.appendChild(document.createElement("i")).className = `k${i}`;
+    caption.append(name);
+  });
+  const canvas = figure.appendChild(document.createElement("canvas"));
+  canvas.className = "strip";
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", `${chart.title} over time`);
+  return { ...chart, canvas, span: chart.least };
+});
+
+// Index of the first row at or after time t.
+function place(list, t) {
+  let low = 0, high = list.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (list[middle][0] < t) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+// Numbers of a series at time t, on the line between two rows; null if there are none.
+function at(list, t) {
+  if (!list.length) return null;
+  const after = Math.min(place(list, t), list.length - 1), b = list[after], a = list[Math.max(after - 1, 0)];
+  const share = b[0] > a[0] ? Math.min(1, Math.max(0, (t - a[0]) / (b[0] - a[0]))) : 1;
+  return a.slice(1).map((value, i) => value + share * (b[i + 1] - value));
+}
+
+function attitudeAt(t) {
+  const numbers = at(rows.attitude, t);
+  if (!numbers) return null;
+  const length = Math.hypot(...numbers.slice(0, 4));
+  return numbers.slice(0, 4).map((part) => part / length);
+}
+
+function take(news) {
+  shown.news += 1;
+  for (const name of ["attitude", "wind", "torque"]) for (const row of news[name] ?? []) rows[name].push(row);
+  let last = rows.angles.at(-1);
+  for (const [t, w, x, y, z, p, q, r] of news.attitude ?? []) {
+    const angles = euler([w, x, y, z]).map((angle) => angle * DEGREES);
+    if (last) for (const i of [0, 2]) angles[i] += 360 * Math.round((last[i + 1] - angles[i]) / 360); // a turn counts as a turn
+    last = [t, ...angles];
+    rows.angles.push(last);
+    rows.rates.push([t, p * DEGREES, q * DEGREES, r * DEGREES]);
+  }
+  if (news.attitude) {
+    const now = performance.now() / 1000, latest = rows.attitude.at(-1)[0];
+    if (clock.heard) clock.rate += 0.15 * ((latest - clock.latest) / Math.max(now - clock.heard, 0.005) - clock.rate);
+    clock.latest = latest;
+    clock.heard = now;
+  }
+  if (news.facts) {
+    Object.assign(facts, news.facts);
+    showFacts();
+  }
+  shown.changed = true;
+}
+
+// The clock of what is drawn follows the newest sample at the flight's own pace, a little behind.
+function tick(now, dt) {
+  const stands = facts.phase === "over" || facts.paused || now - clock.heard > 0.5;
+  if (stands) clock.rate = 0;
+  const behind = clock.latest - 0.08 * clock.rate - clock.t;
+  clock.t = stands && Math.abs(behind) < 0.02 ? clock.latest : Math.min(clock.latest, clock.t + (clock.rate + 8 * behind) * Math.min(dt, 0.12));
+}
+
+function nice(value) {
+  const decade = 10 ** Math.floor(Math.log10(value));
+  return decade * ([1, 2, 5].find((step) => step * decade >= value * 0.999) ?? 10);
+}
+
+function drawStrip(chart, from, to) {
+  const [g, width, height] = fresh(chart.canvas), list = chart.rows, left = 42, bottom = height - 16;
+  const first = Math.max(place(list, from) - 1, 0), last = Math.min(place(list, to) + 1, list.length);
+  const every = Math.max(1, Math.ceil((last - first) / ((width - left) / 2)));
+  let largest = chart.least;
+  for (let i = first; i < last; i++) for (let k = 1; k < 4; k++) largest = Math.max(largest, Math.abs(list[i][k]));
+  chart.span = largest > chart.span ? largest : Math.max(largest, chart.span * 0.995);
+  const span = 1.08 * chart.span, y = (value) => (bottom / 2) * (1 - value / span), step = nice(span / 2.2);
+  const x = (t) => left + ((t - from) / (to - from)) * (width - left);
+  g.font = "11px system-ui, sans-serif";
+  g.textBaseline = "middle";
+  g.lineWidth = 1;
+  g.strokeStyle = colours.grid;
+  g.fillStyle = colours.muted;
+  g.beginPath();
+  g.textAlign = "right";
+  for (let value = -Math.floor(span / step) * step; value <= span; value += step) {
+    g.moveTo(left, y(value));
+    g.lineTo(width, y(value));
+    g.fillText(+value.toPrecision(6), left - 5, Math.min(Math.max(y(value), 6), bottom - 5));
+  }
+  const ticks = nice((to - from) / 6);
+  g.textAlign = "center";
+  for (let t = Math.ceil(Math.max(from, 0) / ticks) * ticks; t <= to; t += ticks) {
+    g.moveTo(x(t), 0);
+    g.lineTo(x(t), bottom);
+    g.fillText(`${+t.toPrecision(6)} s`, Math.min(Math.max(x(t), left + 8), width - 14), height - 6);
+  }
+  g.stroke();
+  g.save();
+  g.beginPath();
+  g.rect(left, 0, width - left, bottom);
+  g.clip();
+  g.lineWidth = 1.5;
+  for (let k = 1; k < 4; k++) {
+    g.strokeStyle = colours[`c${k - 1}`];
+    g.beginPath();
+    for (let i = first - (first % every); i < last; i += every) g.lineTo(x(list[i][0]), y(list[i][k]));
+    if (last > first) g.lineTo(x(list[last - 1][0]), y(list[last - 1][k]));
+    g.stroke();
+  }
+  g.restore();
+}
+
+const sizes = { told: 0, frames: 0, since: 0 };
+
+function draw(milliseconds) {
+  const now = milliseconds / 1000, dt = Math.max(now - (draw.last ?? now), 0);
+  draw.last = now;
+  shown.frames += 1;
+  const before = clock.t;
+  tick(performance.now() / 1000, dt);
+  if (clock.t !== before || shown.changed) {
+    shown.changed = false;
+    shown.t = clock.t;
+    shown.q = attitudeAt(clock.t) ?? [1, 0, 0, 0];
+    shown.wind_N = at(rows.wind, clock.t);
+    drawVehicle(byId("vehicle"), shown.q, shown.wind_N);
+    drawHorizon(byId("horizon"), shown.q);
+    const over = facts.phase === "over", to = over ? Math.max(clock.latest, 1) : Math.max(clock.t, WINDOW_S);
+    for (const chart of CHARTS) drawStrip(chart, over ? 0 : to - WINDOW_S, to);
+  }
+  if (now - sizes.told > 0.1) {
+    sizes.told = now;
+    showNumbers();
+  }
+  if (now - sizes.since > 1) {
+    byId("drawn").textContent = `${Math.round((shown.frames - sizes.frames) / (now - sizes.since))} frames/s`;
+    sizes.since = now;
+    sizes.frames = shown.frames;
+  }
+  requestAnimationFrame(draw);
+}
+
+const signed = (value, digits) => (value < 0 ? "−" : "+") + Math.abs(value).toFixed(digits);
+
+function showNumbers() {
+  if (rows.attitude.length) {
+    const [phi, theta, psi] = euler(shown.q).map((angle) => signed(angle * DEGREES, 2));
+    byId("angles").textContent = `roll ${phi}°  pitch ${theta}°  yaw ${psi}°`;
+    byId("clock").textContent = `${clock.t.toFixed(2)} s of ${facts.duration_s} s`;
+  }
+  if (shown.wind_N) {
+    const [north, east, down] = shown.wind_N, from = (Math.atan2(-east, -north) * DEGREES + 360) % 360;
+    const level = Math.hypot(north, east);
+    byId("wind").textContent = `wind ${level.toFixed(1)} m/s${level > 0.05 ? ` from ${Math.round(from) % 360}°` : ""}, ${Math.abs(down).toFixed(1)} m/s ${down > 0 ? "down" : "up"}`;
+  }
+}
+
+const PHASES = { ready: "ready: press Start", starting: "the vehicle starts", flying: "flying", over: "over" };
+
+function showFacts() {
+  const { phase, link } = facts, ready = phase === "ready", over = phase === "over";
+  byId("title").textContent = document.title = `${facts.scenario} · ${facts.law}`;
+  byId("phase").textContent = over ? facts.message : facts.paused ? "paused" : PHASES[phase];
+  byId("start").disabled = !ready;
+  byId("pause").hidden = facts.real_time;
+  byId("pause").disabled = phase !== "flying";
+  byId("pause").textContent = facts.paused ? "Go on" : "Pause";
+  const slider = byId("gust");
+  slider.disabled = over;
+  [slider.min, slider.max] = facts.gust_scale_limits;
+  if (document.activeElement !== slider) slider.value = facts.gust_scale;
+  byId("scale").textContent = `× ${facts.gust_scale.toFixed(2)}`;
+  byId("mode").textContent = facts.mode ? `${facts.mode}${facts.armed ? ", armed" : ""}` : "–";
+  byId("law").textContent = `${facts.law} on vehicle ${facts.vehicle}`;
+  byId("link").textContent = link
+    ? `${link.rate} messages/s, ${link.lost} lost, ${link.bad} damaged${link.round_trip_ms === null ? "" : `, ${link.round_trip_ms.toFixed(1)} ms there and back`}`
+    : "–";
+  byId("texts").replaceChildren(
+    ...facts.texts.map((text) => Object.assign(document.createElement("li"), { textContent: text })),
+  );
+}
+
+async function wish(name, value) {
+  const answer = await fetch(name, { method: "POST", body: JSON.stringify(value) });
+  if (!answer.ok) byId("phase").textContent = await answer.text();
+}
+
+byId("start").addEventListener("click", () => wish("start", true));
+byId("pause").addEventListener("click", () => wish("pause", !facts.paused));
+byId("gust").addEventListener("input", () => wish("gust", Number(byId("gust").value)));
+byId("vehicle").addEventListener("pointermove", (event) => {
+  if (!event.buttons) return;
+  camera.azimuth -= event.movementX * 0.01;
+  camera.elevation = Math.min(1.4, Math.max(0.05, camera.elevation + event.movementY * 0.01));
+  shown.changed = true;
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  readColours();
+  shown.changed = true;
+});
+addEventListener("resize", () => (shown.changed = true));
+
+const news = new EventSource("events");
+news.onmessage = (event) => {
+  take(JSON.parse(event.data));
+  if (facts.phase === "over") news.close();
+};
+news.onerror = () => {
+  news.close();
+  byId("phase").textContent = "the program that flies has gone";
+};
+readColours();
+requestAnimationFrame(draw);
