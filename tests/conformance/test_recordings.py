@@ -55,6 +55,21 @@ def test_a_flight_is_flown_again_from_its_bag_alone_byte_for_byte(run):
     assert mcap(run.parent / "run2").read_bytes() == mcap(run).read_bytes()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--repeat", "run1", "--law", "hinf-d1"), "'law' can't be given with it"),
+        (("--repeat", "run1", "--seed", "1"), "'seed' can't be given with it"),
+        (("--repeat", "."), "no bag in it"),
+    ],
+)
+def test_a_repetition_takes_nothing_but_the_recording(run, arguments, words):
+    ended = fly(run.parent, *arguments)
+    assert ended.returncode == 2
+    (line,) = ended.stderr.strip().splitlines()
+    assert words in line
+
+
 def test_the_bag_holds_the_law_the_vehicle_and_the_scenario_whole(run):
     about, _ = read_bag(run / NAME)
     law = load_law("hinf-scheduled")

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +14,11 @@ if TYPE_CHECKING:
     from gustproof.flight import Plan, RecordedFlight
 
 
+_SAID_BY_THE_BAG = ("scenario", "law", "vehicle", "seed", "real_time")
+
+
 def fly(
+    context: typer.Context,
     scenario: Annotated[
         str | None, typer.Argument(help="Name of a shipped scenario, or a .toml file.", show_default=False)
     ] = None,
@@ -28,9 +31,6 @@ def fly(
     repeat: Annotated[
         Path | None, typer.Option(help="Fly a recorded flight again, from its bag alone, and compare every bit.")
     ] = None,
-    view: Annotated[
-        bool, typer.Option("--view", help="Watch on a page in a browser of this machine; the page starts the flight.")
-    ] = False,
     tlog: Annotated[bool, typer.Option(help="Leave the MAVLink traffic as .tlog beside the bag.")] = True,
     out: Annotated[
         Path | None, typer.Option(help="New folder for the recording [default: a fresh one in runs/].")
@@ -45,17 +45,26 @@ def fly(
 
         gustproof fly paper-turbulence --law my-law.json --seed 7 --json
 
-        gustproof fly paper --law hinf-scheduled --real-time --view
-
         gustproof fly --repeat runs/fly-001
     """
+    from gustproof.flight import fly_and_record
     from gustproof.recording.folder import fresh_folder
     from gustproof.report.document import flight_document, show
     from gustproof.sitl import Outcome
 
-    plan = _recorded_plan(repeat, scenario, law) if repeat else _plan(scenario, law, vehicle, seed, real_time)
+    plan = _recorded_plan(context, repeat) if repeat else _plan(scenario, law, vehicle, seed, real_time)
     folder = fresh_folder(out, "fly")
-    result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
+    try:
+        with progress(f"{plan.scenario.name}, {plan.law.name}", quiet=as_json) as shown:
+            result = fly_and_record(
+                plan.scenario, plan.law, vehicle=plan.vehicle, seed=plan.seed, out=folder, real_time=plan.real_time,
+                tlog=tlog, progress=lambda fraction: shown(fraction, f"{plan.scenario.name}, {plan.law.name}"),
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        if not any(folder.glob("*.journal")):
+            raise
+        line = f"interrupted while the bag was written; all is there for gustproof recover {folder}"
+        raise stop(line, Status.INTERRUPTED) from None
     if as_json:
         print(json.dumps(result.document(), indent=2))
     else:
@@ -66,29 +75,6 @@ def fly(
         raise stop(f"{result.message}; what was flown is in {folder}", Status.FLIGHT_BROKE_OFF)
     if repeat and not plan.real_time:
         _compare(result, repeat)
-
-
-def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "RecordedFlight":
-    """Fly, shown on standard error and, if `view`, on a page that starts it."""
-    from gustproof.flight import fly_and_record
-
-    title = f"{plan.scenario.name}, {plan.law.name}"
-    with ExitStack() as stack:
-        page = None
-        if view:
-            from gustproof.view.live import LivePage
-
-            page = stack.enter_context(LivePage(plan.scenario, plan.law, plan.vehicle, real_time=plan.real_time))
-            print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
-            page.wait()
-        shown = stack.enter_context(progress(title, quiet=quiet))
-        result = fly_and_record(
-            plan.scenario, plan.law, vehicle=plan.vehicle, seed=plan.seed, out=folder, real_time=plan.real_time,
-            tlog=tlog, progress=lambda fraction: shown(fraction, title), watched=page.watch if page else None,
-        )  # fmt: skip
-        if page:
-            page.end(result.message)
-    return result
 
 
 def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_time: bool) -> "Plan":
@@ -103,13 +89,15 @@ def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_t
     return Plan(load_scenario(scenario), load_law(law), load_vehicle(vehicle), seed, real_time)
 
 
-def _recorded_plan(run: Path, scenario: str | None, law: str | None) -> "Plan":
+def _recorded_plan(context: typer.Context, run: Path) -> "Plan":
     from firmware_model.errors import ConfigError
     from gustproof.flight import noted
     from gustproof.recording.bag import read_bag
 
-    if scenario is not None or law is not None:
-        raise ConfigError("--repeat flies what the bag says; give no scenario and no --law")
+    for name in _SAID_BY_THE_BAG:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            raise ConfigError(f"--repeat flies what the bag says; '{name.replace('_', '-')}' can't be given with it")
     bag = _bag(run)
     return noted(read_bag(bag)[0], bag)
 

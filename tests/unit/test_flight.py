@@ -1,0 +1,139 @@
+"""A flight's plan survives its recording, and journals of cut-off flights become recordings."""
+
+import errno
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firmware_model.errors import ConfigError
+from firmware_model.journal import WIDTH, JournalWriter
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof import flight
+from gustproof.closed_loop import fly_direct
+from gustproof.errors import FlightError
+from gustproof.flight import Plan, differs_from_s, noted, recover
+from gustproof.law import load_law
+from gustproof.recording.bag import read_bag, write_bag
+from gustproof.recording.folder import bags_in
+from gustproof.sitl import Outcome
+
+SHORT = replace(load_scenario("paper"), duration_s=2.0)
+PLAN = Plan(SHORT, load_law("hinf-d1"), load_vehicle("iris"), 7, False)
+NAME = "paper-hinf-d1-seed7"
+
+
+@pytest.fixture(scope="module")
+def records():
+    flown = fly_direct(SHORT, PLAN.law, vehicle=PLAN.vehicle, seed=7).copy()
+    flown["mode"] = 6 << 16
+    return flown
+
+
+def write_journal(folder, records, header=None):
+    header = {"note": json.loads(json.dumps(PLAN.note()))} if header is None else header
+    with JournalWriter(folder / f"{NAME}.journal", header) as journal:
+        for row in records.copy().view(np.float64).reshape(len(records), WIDTH):
+            journal.append(row)
+
+
+def test_a_plan_goes_through_json_and_back_without_a_bit_lost():
+    back = noted(json.loads(json.dumps(PLAN.note())), "here")
+    assert (back.scenario, back.vehicle, back.seed, back.real_time) == (SHORT, PLAN.vehicle, 7, False)
+    assert back.law.document() == PLAN.law.document()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"seed": None}, "does not say what was flown"),
+        ({"law": "hinf-d1"}, "does not say what was flown"),
+        ({"law": {"name": "x"}}, "law: format: must be"),
+        ({"scenario": {"name": "x"}}, "scenario: description: missing"),
+    ],
+)
+def test_a_note_that_says_too_little_is_refused_in_one_line(change, words):
+    with pytest.raises(ConfigError, match=f"^here: {words}"):
+        noted({**PLAN.note(), **change}, "here")
+
+
+def test_a_flight_that_was_whole_gives_the_bag_that_it_would_have_left(tmp_path, records):
+    write_journal(tmp_path, records)
+    (recovered,) = recover(tmp_path)
+    assert recovered.outcome is Outcome.DONE
+    write_bag(tmp_path / "undisturbed" / NAME, records, {**PLAN.note(), "outcome": "done"})
+    ours, theirs = (folder / NAME / f"{NAME}.mcap" for folder in (tmp_path, tmp_path / "undisturbed"))
+    assert ours.read_bytes() == theirs.read_bytes()
+
+
+def test_what_a_lost_disk_cache_leaves_is_cut_off_and_leftovers_are_removed(tmp_path, records):
+    spoiled = records.copy()
+    spoiled[300:] = np.zeros(1, dtype=records.dtype)
+    write_journal(tmp_path, spoiled)
+    (tmp_path / ".bag-killed" / NAME).mkdir(parents=True)
+    (recovered,) = recover(tmp_path)
+    assert recovered.outcome is Outcome.CUT_OFF
+    assert recovered.message.endswith("300 of 500 samples")
+    about, back = read_bag(tmp_path / NAME)
+    assert about["outcome"] == "cut_off"
+    assert back.tobytes() == records[:300].tobytes()
+    assert [path.name for path in tmp_path.iterdir()] == [NAME]
+
+
+def test_a_journal_without_one_record_leaves_nothing(tmp_path, records):
+    write_journal(tmp_path, records[:0])
+    (recovered,) = recover(tmp_path)
+    assert (recovered.bag, recovered.metrics) == (None, None)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bag_that_is_there_already_is_kept_and_its_journal_removed(tmp_path, records):
+    write_journal(tmp_path, records)
+    write_bag(tmp_path / NAME, records, {**PLAN.note(), "outcome": "interrupted"})
+    recover(tmp_path)
+    assert read_bag(tmp_path / NAME)[0]["outcome"] == "interrupted"
+    assert [path.name for path in tmp_path.iterdir()] == [NAME]
+
+
+def test_another_flight_s_bag_is_never_overwritten(tmp_path, records):
+    write_journal(tmp_path, records)
+    write_bag(tmp_path / NAME, records[:100], {**PLAN.note(), "outcome": "interrupted"})
+    with pytest.raises(ConfigError, match="never overwritten"):
+        recover(tmp_path)
+    assert (tmp_path / f"{NAME}.journal").exists()
+
+
+def test_a_flight_that_goes_on_is_not_recovered(tmp_path):
+    with JournalWriter(tmp_path / f"{NAME}.journal", {}), pytest.raises(ConfigError, match="the flight is not over"):
+        recover(tmp_path)
+
+
+def test_a_folder_without_a_journal_and_a_journal_without_a_note_are_refused(tmp_path, records):
+    with pytest.raises(ConfigError, match="nothing to recover"):
+        recover(tmp_path)
+    write_journal(tmp_path, records, header={"scenario": "paper"})
+    with pytest.raises(ConfigError, match="does not say what was flown"):
+        recover(tmp_path)
+    with pytest.raises(ConfigError, match=f"a journal is: gustproof recover {tmp_path}$"):
+        bags_in(tmp_path)
+
+
+def test_no_room_for_the_bag_keeps_the_journal_and_says_what_to_do(tmp_path, records, monkeypatch):
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    write_journal(tmp_path, records)
+    monkeypatch.setattr(flight, "write_bag", full)
+    with pytest.raises(FlightError, match=r"No space left on device; what was flown is in .*then gustproof recover"):
+        recover(tmp_path)
+    assert (tmp_path / f"{NAME}.journal").exists()
+
+
+def test_the_first_bit_that_differs_is_found_and_a_shorter_flight_is_no_difference(records):
+    other = records.copy()
+    assert differs_from_s(records, other) is None
+    assert differs_from_s(records, other[:20]) is None
+    other["gyro_B"][33, 1] = np.nextafter(other["gyro_B"][33, 1], 1.0)
+    assert differs_from_s(records, other) == pytest.approx(33 * 0.004)
