@@ -6,7 +6,7 @@
 Before t = 0 of a scripted flight the airframe is clamped and sample 0 is repeated on wall time. The flight begins when
 the vehicle is armed in OFFBOARD. In lockstep sample k is sent to the commanding peer and waited for; in real time
 samples are due on absolute deadlines and a late command holds the last one. A standing vehicle begins when it is first
-polled.
+polled. Where the script interferes with the conversation, an `Exchange` leads it.
 """
 
 from collections import Counter
@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model import messages
-from firmware_model.autopilot import Autopilot, Mode
-from firmware_model.flight import Due, Flight
+from firmware_model.autopilot import Autopilot, Mode, Verdict
+from firmware_model.events import ControllerKilled, ModeChange
+from firmware_model.exchange import Exchange
+from firmware_model.flight import Due, Flight, Hitch
 from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer, parse
 from firmware_model.listener import Asker, Listener, Listeners
 from firmware_model.loop import VehicleLoop
@@ -28,7 +30,7 @@ from firmware_model.params import GUST_SCALE_NAME, PAUSE_NAME, Parameters
 from firmware_model.scenario import Scenario
 from firmware_model.services import composed
 from firmware_model.services.service import Client
-from firmware_model.signals import Command
+from firmware_model.signals import Command, ImuSample
 from firmware_model.signing import Signing
 from firmware_model.vehicle import Vehicle
 
@@ -82,14 +84,20 @@ class VehicleEndpoint:
         expected: Iterable[Peer] = (),
         signing: Signing | None = None,
         generic: bool = False,
+        flush: Callable[[], None] = lambda: None,
     ) -> None:
         self.generic = generic
         self.parameters = Parameters(vehicle, scenario, bytewise=not generic)
         self.autopilot = Autopilot(self.parameters.settings(), free=scenario.free)
         self.loop = VehicleLoop(vehicle, scenario, seed, standing=standing)
+        linked = scenario.scripts_controller and not standing
         self.flight = Flight(
-            self.loop, self.autopilot, record, sample_us=scenario.sample_us, lockstep=lockstep, standing=standing
-        )
+            self.loop, self.autopilot, record,
+            sample_us=scenario.sample_us, lockstep=lockstep, standing=standing, linked=linked,
+        )  # fmt: skip
+        self.exchange = Exchange(scenario, seed, self.flight, self.loop) if linked else None
+        self._pace = self.exchange or self.flight
+        self._flush = flush
         self.outcome: Outcome | None = None
         self.finished = False
         self.counters: Counter[Dropped] = Counter()
@@ -101,6 +109,7 @@ class VehicleEndpoint:
         self._listeners = Listeners(system, signing, intervals_us, expected, fastest_us=scenario.sample_us)
         self._outbox: list[tuple[bytes, Peer]] = []
         self._commander: Listener | None = None
+        self._killed: Listener | None = None
         self._stream_lost = False
         self._now_us = self._heartbeat_at_us = 0
         self._created_us: int | None = None
@@ -134,16 +143,23 @@ class VehicleEndpoint:
             self._signing.tick(now_us)
         if self.flight.ready():
             self.flight.begin(now_us)
+            if self.exchange is not None:
+                self._begin_sample(self.exchange, now_us)
         for _ in range(_BATCH):
-            due = self.flight.due(now_us)
+            due = self._pace.due(now_us)
             if due is _WAIT:
                 break
             if due is _ADVANCE:
                 self._advance(now_us)
-            if not self.flight.lockstep:
+            if self.exchange is not None:
+                self._converse(self.exchange, due, now_us)
+            elif not self.flight.lockstep:
                 self._stream(self.flight.clock_us(now_us))  # each sample of those that are made up for
             elif self._commander is not None and self.flight.asks():
                 self._send(messages.imu_message(self.loop.observe()), self._commander)
+        if self.exchange is not None and not self.flight.lockstep:
+            for sample in self.exchange.deliveries(self.stamp_us):
+                self._deliver(sample)
         self._stream(self.flight.clock_us(now_us))
         autopilot = self.autopilot
         state = autopilot.mode, autopilot.armed, autopilot.airborne
@@ -154,7 +170,7 @@ class VehicleEndpoint:
 
     def deadline_us(self) -> int:
         """Return the wall time at which `poll` has something to do, at the latest."""
-        flight_us = self.flight.deadline_us()
+        flight_us = self._pace.deadline_us()
         return min(self._heartbeat_at_us, self._listeners.next_us if flight_us is None else flight_us)
 
     @property
@@ -230,12 +246,15 @@ class VehicleEndpoint:
 
     def _take_setpoint(self, frame: Frame, listener: Listener) -> Dropped | None:
         rival = self._commander is not None and self._commander is not listener
-        if rival and self.autopilot.stream_alive:
+        if (rival and self.autopilot.stream_alive) or listener is self._killed:
             return Dropped.NOT_IN_COMMAND
         command = messages.command(frame, self.system)
         if isinstance(command, Dropped):
             return command
-        cause = self.flight.offer(command)
+        if self.exchange is not None and self.flight.running:
+            cause = self.exchange.answer(command, len(frame.raw), self.stamp_us)
+        else:
+            cause = self.flight.offer(command)
         if cause is None:
             self._commander = listener
         return cause
@@ -250,11 +269,53 @@ class VehicleEndpoint:
             self.outcome = Outcome.STREAM_LOST if self._stream_lost else flown
             self.finished = True
 
+    def _converse(self, exchange: Exchange, due: Due, now_us: int) -> None:
+        """Go on with a conversation that the script interferes with, after what was due."""
+        if due is not _ADVANCE:
+            # The controller knows the mode with each sample, however long the script let it be silent.
+            state = self.autopilot.mode, self.autopilot.armed, self.autopilot.airborne
+            if state != self._announced:
+                self._beat(now_us, state)
+            if exchange.sample is not None:
+                self._deliver(exchange.sample)
+            return
+        if self.flight.running:
+            self._begin_sample(exchange, now_us)
+        if not self.flight.lockstep:
+            self._stream(self.flight.clock_us(now_us))
+
+    def _begin_sample(self, exchange: Exchange, now_us: int) -> None:
+        """Begin a sample of the conversation, and let happen what the script says."""
+        incidents = exchange.begin_sample(now_us)
+        if incidents is not None:
+            self._flush()  # whoever reads the journal is to know that it is time
+        for incident in incidents or ():
+            if isinstance(incident, ControllerKilled):
+                self._killed, self._commander = self._commander, None
+            elif isinstance(incident, ModeChange):
+                verdict = self.autopilot.set_mode(Mode[incident.mode.upper()])
+                if verdict is not Verdict.ACCEPTED:
+                    self.flight.counters[Hitch.REFUSED] += 1
+                    self.tell(verdict.value, wire.MAV_SEVERITY_WARNING)
+
+    def _deliver(self, sample: ImuSample) -> None:
+        """Send a sample to who is in command, or to whoever may take the place of one that was killed."""
+        joining = self.exchange is not None and self.exchange.joining
+        for listener in self._listeners:
+            invited = joining and listener.controller and listener is not self._killed
+            if invited or listener is self._commander:
+                self._send(messages.imu_message(sample), listener)
+
+    def _is_sent_each(self, listener: Listener) -> bool:
+        """Whether a peer gets every sample of the flight as it is taken, or as it comes through the link."""
+        if listener is self._commander:
+            return self.flight.lockstep or self.exchange is not None
+        return self.exchange is not None and self.flight.lockstep and listener.controller
+
     def _stream(self, clock_us: int) -> None:
         for listener in self._listeners:
             for message_id in listener.take_due(clock_us):
-                # In lockstep the commander gets every sample of the flight as it is taken.
-                if message_id == _IMU and listener is self._commander and self.flight.lockstep and self.flight.running:
+                if message_id == _IMU and self.flight.running and self._is_sent_each(listener):
                     continue
                 message = self._streams[message_id].message()
                 if message is not None:

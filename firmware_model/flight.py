@@ -8,6 +8,9 @@ after a stated number of times the fail-safe begins. In real time samples are du
 set-point means that the last one is held. A sample that is late itself is made up for, up to `CATCH_UP_US`; beyond
 that model time slips against wall time. Without OFFBOARD nobody is waited for.
 
+Over a link with faults an `Exchange` says what is waited for in lockstep, in every mode, and which set-points come
+through; there, too, the last one is held.
+
 A scripted flight begins when its controller is there and ends with the scenario, or before it by landing. A standing
 vehicle begins with its process, on the ground; its model time is wall time less what has slipped.
 """
@@ -25,7 +28,7 @@ from firmware_model.frames import Dropped
 from firmware_model.guidance import Situation
 from firmware_model.loop import VehicleLoop
 from firmware_model.messages import stamp_difference
-from firmware_model.signals import Command, Setpoint
+from firmware_model.signals import Command, Setpoint, Trim
 
 RESEND_US = 100_000
 """[us] wall time after which a lockstep sample is sent again."""
@@ -59,11 +62,13 @@ class Hitch(Enum):
     RESENT = "resent"
     """Lockstep: a sample was sent again, as its answer did not come."""
     HELD = "held"
-    """Real time: no new set-point from one sample to the next, the last one was held."""
+    """Real time, or over a link: no new set-point from one sample to the next, the last one was held."""
     OVERRUN = "overrun"
     """Real time: a sample was flown more than a sample time late."""
     SLIPPED = "slipped"
     """Real time: the vehicle was later than can be made up for, and model time was set back by that."""
+    REFUSED = "mode_refused"
+    """A mode that the script asks for was refused."""
 
 
 class Flight:
@@ -78,8 +83,10 @@ class Flight:
         sample_us: int,
         lockstep: bool,
         standing: bool = False,
+        linked: bool = False,
     ) -> None:
         self.loop, self.autopilot, self.lockstep, self.standing = loop, autopilot, lockstep, standing
+        self.linked = linked
         self.counters: Counter[Hitch] = Counter()
         self.setpoint: Command | None = None
         self.started_us: int | None = None
@@ -90,7 +97,9 @@ class Flight:
         self.left_offboard = False
         self._record, self._sample_us = record, sample_us
         self._time_us = 0
-        self._answered = False
+        self.answered = False
+        self._unasked = lockstep and linked
+        self._untouched = False
         self._attempts = 0
         self._resend_at_us = 0
         self._say_slip_at_us = 0
@@ -125,11 +134,11 @@ class Flight:
             if command.time_us != self._time_us and (difference := stamp_difference(command, self._time_us)):
                 previous = stamp_difference(command, self._time_us - self._sample_us) == 0
                 return Dropped.EARLY if difference > 0 else Dropped.DUPLICATE if previous else Dropped.STALE
-            if self._answered and self.running:
+            if self.answered and self.running:
                 return Dropped.DUPLICATE
         elif self.setpoint is not None and command.time_us < self.setpoint.time_us:
             return Dropped.STALE
-        self.setpoint, self._answered = command, True
+        self.setpoint, self.answered = command, True
         self.autopilot.hear_setpoint()
         return None
 
@@ -137,7 +146,7 @@ class Flight:
         """Whether the first sample may be flown: at once, or scripted: armed, in OFFBOARD, sample 0 answered."""
         if self.started_us is not None:
             return False
-        return self.standing or (self._answered and self.autopilot.armed and self.autopilot.mode is _OFFBOARD)
+        return self.standing or (self.answered and self.autopilot.armed and self.autopilot.mode is _OFFBOARD)
 
     def begin(self, now_us: int) -> None:
         """Let time run: t = 0."""
@@ -147,6 +156,9 @@ class Flight:
         if not self.standing:
             self.autopilot.begin()
             self.autopilot.hear_setpoint()
+        if self.linked:
+            # What answered sample 0 so far came past the link.
+            self.setpoint, self.answered, self._untouched = None, self._unasked, True
 
     def pause(self, now_us: int, *, paused: bool) -> None:
         """Let model time stand still, or go on from where it stands; what is flown is the same to the bit."""
@@ -164,7 +176,7 @@ class Flight:
             return _WAIT
         if not self.lockstep:
             return _ADVANCE if now_us >= self._due_us() else _WAIT
-        if self._answered or self.autopilot.mode is not _OFFBOARD:
+        if self.answered or not (self.linked or self.autopilot.mode is _OFFBOARD):
             return _ADVANCE
         if now_us < self._resend_at_us:
             return _WAIT
@@ -186,12 +198,14 @@ class Flight:
         setpoint: Setpoint
         if autopilot.mode is _OFFBOARD and not self.standing and command is not None:
             setpoint = command  # nothing else can come of it, and a lockstep flight has no time for the question
+        elif self._untouched and autopilot.mode is _OFFBOARD:
+            setpoint = Trim()
         else:
             setpoint = autopilot.setpoint(self.setpoint, self._situation())
             self.left_offboard = True
         self._record(self.loop.advance(setpoint, autopilot.mode.value))
         self._time_us += self._sample_us
-        self._answered, self._attempts = False, 0
+        self.answered, self._attempts = self._unasked, 0
         self.advanced_us = now_us
         self._resend_at_us = now_us + RESEND_US
         if not self.standing and (self.loop.finished or not autopilot.armed):
@@ -203,6 +217,21 @@ class Flight:
         """Whether lockstep waits for the commanding peer, which is to be sent the current sample."""
         return self.running and self.lockstep and self.autopilot.mode is _OFFBOARD
 
+    def expect(self, now_us: int) -> None:
+        """Wait in lockstep for `answered`, as a sample is sent now over a link."""
+        self.answered, self._attempts = False, 0
+        self._resend_at_us = now_us + RESEND_US
+
+    def hear(self, command: Command) -> None:
+        """Take a set-point that came over a link."""
+        self.setpoint, self.answered = command, True
+        self.autopilot.hear_setpoint()
+
+    @property
+    def paused(self) -> bool:
+        """Whether model time stands still."""
+        return self._paused_at_us is not None
+
     def deadline_us(self) -> int | None:
         """Return the wall time at which `due` changes by itself, `None` if it never does."""
         if not self.running:
@@ -211,12 +240,16 @@ class Flight:
             return _NEVER_US
         if not self.lockstep:
             return self._due_us()
-        waits = self.autopilot.mode is _OFFBOARD and not self._answered
+        waits = not self.answered and (self.linked or self.autopilot.mode is _OFFBOARD)
         return self._resend_at_us if waits else self.advanced_us
+
+    def moment_us(self, time_us: int) -> int:
+        """Return the wall time of a model time, in real time."""
+        return self.clock_us(0) - self._time_us + time_us + self.paused_us + self.slipped_us
 
     def _due_us(self) -> int:
         """Return the wall time [us] at which the current sample is flown in real time: at its end."""
-        return self.clock_us(0) + self.paused_us + self.slipped_us + self._sample_us
+        return self.moment_us(self._time_us + self._sample_us)
 
     def _situation(self) -> Situation:
         """Return what navigation says: ideal in position, the on-board estimate in attitude."""
@@ -228,12 +261,11 @@ class Flight:
         return Situation(loop.truth("position_N"), yaw, tilt, loop.on_ground)
 
     def _check_lockstep(self) -> None:
-        if not self._answered:
-            self.setpoint = None
-            self.autopilot.lose_stream()
+        if not self.answered or (self.linked and not self.autopilot.stream_alive):
+            self._lose_stream()
 
     def _check_real_time(self, now_us: int) -> None:
-        if not self._answered and self.autopilot.mode is _OFFBOARD:
+        if not self.answered and self.autopilot.mode is _OFFBOARD:
             self.counters[Hitch.HELD] += 1
         late_us = now_us - self._due_us()
         if late_us > self._sample_us:
@@ -245,5 +277,8 @@ class Flight:
                 self._say_slip_at_us = now_us + _SAY_SLIP_US
                 self.autopilot.note(Event.SLIPPED)
         if not self.autopilot.stream_alive:
-            self.setpoint = None
-            self.autopilot.lose_stream()
+            self._lose_stream()
+
+    def _lose_stream(self) -> None:
+        self.setpoint, self._untouched = None, False
+        self.autopilot.lose_stream()

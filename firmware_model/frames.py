@@ -120,6 +120,11 @@ class Outgoing(NamedTuple):
     payload: bytes
     """Fields in wire order."""
 
+    @property
+    def size(self) -> int:
+        """[bytes] of the frame, if it is not signed."""
+        return len(self.payload.rstrip(b"\0") or b"\0") + 12
+
     def pack(self, packer: Any) -> bytes:
         """Return the version 2 frame, with sender, sequence number and key of `packer`, a `wire.MAVLink`."""
         number, payload = self

@@ -158,6 +158,10 @@ class Passage(Enum):
     """Went on as two."""
     HELD_BACK = "held_back"
     """Was held back, for others to overtake it."""
+    UNHEARD = "unheard"
+    """Came to a controller that hangs or is dead."""
+    OVERTAKEN = "overtaken"
+    """Came to the vehicle after the answer to a newer sample, and was not flown."""
 
 
 class Line(Generic[Item]):

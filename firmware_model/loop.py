@@ -17,6 +17,7 @@ from firmware_model.signals import (
     Quaternion,
     Setpoint,
     TorqueCommand,
+    Trim,
     Vector,
 )
 from firmware_model.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
@@ -72,11 +73,11 @@ class VehicleLoop:
         """Move to the next sample and return the journal record (WIDTH,) of this one, valid until the next call.
 
         A command of a controller acts `delay_samples` later. What the autopilot flies by itself acts at once, and
-        commands that are still on their way are dropped.
+        commands that are still on their way are dropped. The trim that stands in for a command takes its time, too.
         """
         self.observe()
         row = setpoint_of(setpoint)
-        if isinstance(setpoint, (TorqueCommand, AttitudeTarget)):
+        if isinstance(setpoint, (TorqueCommand, AttitudeTarget, Trim)):
             self._pending.append(row)
             row = self._pending.popleft()
             self._clamped = False
@@ -150,7 +151,7 @@ def setpoint_of(setpoint: Setpoint) -> Array:
     if isinstance(setpoint, Guidance):
         v_down = math.nan if setpoint.v_down is None else setpoint.v_down
         return np.array((plant.GUIDANCE, *setpoint.position_N, setpoint.yaw, v_down, 0.0, 0.0, math.nan))
-    return _LEVEL if isinstance(setpoint, Level) else _OFF
+    return _LEVEL if isinstance(setpoint, Level) else _TRIM if isinstance(setpoint, Trim) else _OFF
 
 
 def _target(target: AttitudeTarget) -> Array:

@@ -59,11 +59,15 @@ class Level(NamedTuple):
     """Level attitude at the present heading, height held: a free vehicle drifts with the wind."""
 
 
+class Trim(NamedTuple):
+    """No torque, height held, as in the trimmed hover that a flight begins in: what flies before the first command."""
+
+
 class Off(NamedTuple):
     """Motors off; on the test stand the vehicle is clamped."""
 
 
 Command = TorqueCommand | AttitudeTarget
 """What a controller sends."""
-Setpoint = Command | Guidance | Level | Off
+Setpoint = Command | Guidance | Level | Trim | Off
 """What the vehicle flies."""
