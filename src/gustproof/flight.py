@@ -24,6 +24,7 @@ from gustproof.errors import FlightError
 from gustproof.law import Law, law_from
 from gustproof.metrics import Metrics, measure, peak_rate
 from gustproof.recording.bag import UNFINISHED, read_bag, write_bag
+from gustproof.requirements import RequirementResult, judge
 from gustproof.sitl import Outcome, fly
 
 
@@ -55,6 +56,11 @@ class RecordedFlight:
         """[rad/s] largest magnitude of p, q, r."""
         return peak_rate(self.records)
 
+    @property
+    def requirements(self) -> tuple[RequirementResult, ...]:
+        """What became of each requirement of the scenario."""
+        return judge(self.records, self.scenario, self.vehicle)
+
     def named(self, scenario: str, law: str) -> bool:
         """Return whether this is a flight of `scenario` with `law`, whatever the seed."""
         return (self.scenario.name, self.law.name) == (scenario, law)
@@ -70,6 +76,7 @@ class RecordedFlight:
             "message": self.message,
             "bag": None if self.bag is None else str(self.bag),
             **({} if self.metrics is None else asdict(self.metrics)),
+            "requirements": [result.document() for result in self.requirements],
         }
 
 

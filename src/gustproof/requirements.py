@@ -69,8 +69,8 @@ class _Window(NamedTuple):
 
 def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[RequirementResult, ...]:
     """Return what became of each requirement of `scenario` in a flight, (n,) of `firmware_model.journal.RECORD`."""
-    if not scenario.require:
-        return ()
+    if not len(records):
+        return tuple(RequirementResult(requirement=requirement, value=math.nan) for requirement in scenario.require)
     reference = np.degrees(_reference(records, scenario))
     error = np.degrees(attitude(records)) - reference
     return tuple(

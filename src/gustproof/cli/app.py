@@ -13,6 +13,7 @@ from gustproof.cli.fly import fly
 from gustproof.cli.recover import recover
 from gustproof.cli.report import report
 from gustproof.cli.reproduce import reproduce
+from gustproof.cli.scenario import scenario
 from gustproof.cli.worst_case import worst_case
 
 PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
@@ -31,6 +32,7 @@ app = typer.Typer(
 )
 app.command()(reproduce)
 app.command()(design)
+app.add_typer(scenario, name="scenario")
 app.command()(fly)
 app.command()(recover)
 app.command()(certify)

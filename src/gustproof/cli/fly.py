@@ -68,13 +68,16 @@ def fly(
     if as_json:
         print(json.dumps(result.document(), indent=2))
     else:
-        show(flight_document(result.message, result.metrics, result.bag))
+        show(flight_document(result.message, result.metrics, result.bag, result.requirements))
     if result.outcome is Outcome.INTERRUPTED:
         raise stop(f"interrupted; what was flown is in {folder}", Status.INTERRUPTED)
     if result.outcome is not Outcome.DONE:
         raise stop(f"{result.message}; what was flown is in {folder}", Status.FLIGHT_BROKE_OFF)
     if repeat and not plan.real_time:
         _compare(result, repeat)
+    failed = sum(not each.held for each in result.requirements)
+    if failed:
+        raise stop(f"{failed} of {len(result.requirements)} requirements failed", Status.REQUIREMENT_FAILED)
 
 
 def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_time: bool) -> "Plan":

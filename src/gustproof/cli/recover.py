@@ -25,4 +25,4 @@ def recover(
         print(json.dumps([flight.document() for flight in flights], indent=2))
         return
     for flight in flights:
-        show(flight_document(flight.message, flight.metrics, flight.bag))
+        show(flight_document(flight.message, flight.metrics, flight.bag, flight.requirements))

@@ -1,6 +1,7 @@
 """Tables and text on the results, as `rich` shows them on a terminal or writes them to a file."""
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,14 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from firmware_model.requirement import Metric, Requirement
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.metrics import Metrics
 from gustproof.report.claims import PAPER_LAWS, Claim, Medians, Verdict
 from gustproof.report.margins import HoverMargins
 from gustproof.report.open_questions import ERRATA, OpenQuestion, choices
+from gustproof.requirements import RequirementResult
 
 Document = RenderableType
 _WIDTH = 118
@@ -37,6 +40,19 @@ _FIGURES = {
     "realtime_factor": ("times real time", ""),
 }
 
+_METRICS = {
+    Metric.PEAK: ("peak", "deg"),
+    Metric.RMSE: ("RMSE", "deg"),
+    Metric.SETTLING: ("settling", "s"),
+    Metric.OVERSHOOT: ("overshoot", "%"),
+    Metric.RECOVERY: ("recovery", "s"),
+    Metric.TORQUE_RMS: ("torque rms", "N m"),
+    Metric.TORQUE_PEAK: ("torque peak", "N m"),
+    Metric.TORQUE_SLEW: ("torque slew rms", "N m/s"),
+    Metric.SATURATED: ("at a torque limit", "s"),
+    Metric.RHO: ("ρ, share of Table II", "-"),
+    Metric.DRIFT: ("drift", "m"),
+}
 _LIMITATIONS = (
     "A gyro bias b turns every law here by b t: none of them has anything else to measure attitude with "
     "(scenario `bias`).",
@@ -66,10 +82,47 @@ def save(document: Document, path: Path) -> None:
         Console(file=stream, width=_WIDTH, color_system=None, **_PLAIN).print(document)
 
 
-def flight_document(title: str, metrics: Metrics | None, bag: Path | None) -> Document:
-    """Return the figures of one flight and where its recording is."""
-    table = figures_table(title, {"": metrics} if metrics else {})
-    return Group(table, Text(f"recorded in {bag}" if bag else "nothing was flown, nothing is recorded"))
+def flight_document(
+    title: str, metrics: Metrics | None, bag: Path | None, requirements: Sequence[RequirementResult] = ()
+) -> Document:
+    """Return the figures of one flight, what it was required to keep, and where its recording is."""
+    parts: list[RenderableType] = [figures_table(title, {"": metrics} if metrics else {})]
+    if requirements:
+        parts.append(requirements_table(requirements))
+    return Group(*parts, Text(f"recorded in {bag}" if bag else "nothing was flown, nothing is recorded"))
+
+
+def requirements_table(requirements: Iterable[RequirementResult]) -> Table:
+    """Return which requirements held, and by what margin."""
+    table = Table("required", "from .. to [s]", title="What had to hold")
+    for column in ("limit", "flown", "margin", ""):
+        table.add_column(column, justify="right")
+    for result in requirements:
+        required = result.requirement
+        style = "green" if result.held else "red"
+        table.add_row(
+            requirement_label(required), f"{required.from_s:g} .. {'end' if required.to_s is None else required.to_s}",
+            _limits(required), *map(_figure, (result.value, result.margin)),
+            Text("held" if result.held else "FAILED", style=style),
+        )  # fmt: skip
+    return table
+
+
+def requirement_label(requirement: Requirement) -> str:
+    """Return what is measured, with its unit, axis and band."""
+    label, unit = _METRICS[requirement.metric]
+    axis = "" if requirement.axis is None else f", {requirement.axis}"
+    band = "" if requirement.within_deg is None else f" within {requirement.within_deg:g} deg"
+    return f"{label}{axis}{band} [{unit}]"
+
+
+def _limits(requirement: Requirement) -> str:
+    told = (("≥", requirement.at_least), ("≤", requirement.at_most))
+    return " ".join(f"{sign} {limit:g}" for sign, limit in told if limit is not None)
+
+
+def _figure(value: float) -> str:
+    return "not flown" if math.isnan(value) else _number(value)
 
 
 def figures_table(title: str, flights: Mapping[str, Metrics]) -> Table:

@@ -1,0 +1,60 @@
+"""`gustproof scenario`: which flights are shipped, what stands in one, and whether a file is sound."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+scenario = typer.Typer(
+    no_args_is_help=True, help="Scenarios: the shipped ones, what stands in one, whether a file of your own is sound."
+)
+
+
+@scenario.command("list")
+def list_shipped(
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
+) -> None:
+    """Name the shipped scenarios, and say what each shows.
+
+    gustproof scenario list
+    """
+    from firmware_model.scenario import load_scenario, shipped_scenarios
+    from gustproof.report.scenarios import scenario_summary, scenarios_table
+
+    scenarios = [load_scenario(name) for name in shipped_scenarios()]
+    if as_json:
+        print(json.dumps([scenario_summary(each) for each in scenarios], indent=2))
+        return
+    from gustproof.report.document import show
+
+    show(scenarios_table(scenarios))
+
+
+@scenario.command("show")
+def show_text(
+    name: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a .toml file.", show_default=False)],
+) -> None:
+    """Print a scenario's file, to read or to begin one of your own with.
+
+    gustproof scenario show paper > mine.toml
+    """
+    from firmware_model.scenario import SCENARIOS, load_scenario
+
+    load_scenario(name)  # says so if there is none, or if it is not sound
+    path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
+    print(path.read_text(encoding="utf-8"), end="")
+
+
+@scenario.command()
+def check(
+    file: Annotated[str, typer.Argument(help="A .toml file, or the name of a shipped one.", show_default=False)],
+) -> None:
+    """Say whether a scenario is sound; if not, every mistake with its key and what is allowed, and exit status 2.
+
+    gustproof scenario check mine.toml
+    """
+    from firmware_model.scenario import load_scenario
+    from gustproof.report.scenarios import scenario_line
+
+    print(scenario_line(load_scenario(file)))

@@ -1,0 +1,39 @@
+"""What a scenario is about, in a line, in a table, as JSON."""
+
+from collections.abc import Iterable
+from typing import Any
+
+from rich.box import SIMPLE
+from rich.table import Table
+from rich.text import Text
+
+from firmware_model.scenario import Scenario
+
+_PARTS = ("wind", "moment", "link", "event", "require")
+
+
+def scenarios_table(scenarios: Iterable[Scenario]) -> Table:
+    """Return what each scenario shows and how long it takes."""
+    table = Table("scenario", "shows", box=SIMPLE, padding=(0, 1), pad_edge=False)
+    table.add_column("[s]", justify="right")
+    for each in scenarios:
+        table.add_row(each.name, Text(each.description), f"{each.duration_s:g}")
+    return table
+
+
+def scenario_summary(scenario: Scenario) -> dict[str, Any]:
+    """Return what a scenario shows, as JSON has it, and how many tables of each kind it has."""
+    return {
+        "name": scenario.name,
+        "description": scenario.description,
+        "duration_s": scenario.duration_s,
+        "translation": scenario.translation,
+        **{part: len(getattr(scenario, part)) for part in _PARTS},
+    }
+
+
+def scenario_line(scenario: Scenario) -> str:
+    """Return in one line how long a scenario takes and what is in it."""
+    counts = [f"{len(getattr(scenario, part))} [[{part}]]" for part in _PARTS if getattr(scenario, part)]
+    where = "in free flight" if scenario.free else "on the test stand"
+    return f"{scenario.name}: sound; {', '.join([f'{scenario.duration_s:g} s {where}', *counts])}"
