@@ -2,6 +2,7 @@
 
 import json
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,6 +32,9 @@ def fly(
     repeat: Annotated[
         Path | None, typer.Option(help="Fly a recorded flight again, from its bag alone, and compare every bit.")
     ] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Watch on a page in a browser of this machine; the page starts the flight.")
+    ] = False,
     tlog: Annotated[bool, typer.Option(help="Leave the MAVLink traffic as .tlog beside the bag.")] = True,
     out: Annotated[
         Path | None, typer.Option(help="New folder for the recording [default: a fresh one in runs/].")
@@ -45,9 +49,10 @@ def fly(
 
         gustproof fly paper-turbulence --law my-law.json --seed 7 --json
 
+        gustproof fly paper --law hinf-scheduled --real-time --view
+
         gustproof fly --repeat runs/fly-001
     """
-    from gustproof.flight import fly_and_record
     from gustproof.recording.folder import fresh_folder
     from gustproof.report.document import flight_document, show
     from gustproof.sitl import Outcome
@@ -55,11 +60,7 @@ def fly(
     plan = _recorded_plan(context, repeat) if repeat else _plan(scenario, law, vehicle, seed, real_time)
     folder = fresh_folder(out, "fly")
     try:
-        with progress(f"{plan.scenario.name}, {plan.law.name}", quiet=as_json) as shown:
-            result = fly_and_record(
-                plan.scenario, plan.law, vehicle=plan.vehicle, seed=plan.seed, out=folder, real_time=plan.real_time,
-                tlog=tlog, progress=lambda fraction: shown(fraction, f"{plan.scenario.name}, {plan.law.name}"),
-            )  # fmt: skip
+        result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
     except KeyboardInterrupt:
         if not any(folder.glob("*.journal")):
             raise
@@ -78,6 +79,29 @@ def fly(
     failed = sum(not each.held for each in result.requirements)
     if failed:
         raise stop(f"{failed} of {len(result.requirements)} requirements failed", Status.REQUIREMENT_FAILED)
+
+
+def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "RecordedFlight":
+    """Fly, shown on standard error and, if `view`, on a page that starts it."""
+    from gustproof.flight import fly_and_record
+
+    title = f"{plan.scenario.name}, {plan.law.name}"
+    with ExitStack() as stack:
+        page = None
+        if view:
+            from gustproof.view.live import LivePage
+
+            page = stack.enter_context(LivePage(plan.scenario, plan.law, plan.vehicle, real_time=plan.real_time))
+            print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
+            page.wait()
+        shown = stack.enter_context(progress(title, quiet=quiet))
+        result = fly_and_record(
+            plan.scenario, plan.law, vehicle=plan.vehicle, seed=plan.seed, out=folder, real_time=plan.real_time,
+            tlog=tlog, progress=lambda fraction: shown(fraction, title), watched=page.watch if page else None,
+        )  # fmt: skip
+        if page:
+            page.end(result.message, result.records)
+    return result
 
 
 def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_time: bool) -> "Plan":

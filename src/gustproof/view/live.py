@@ -2,6 +2,7 @@
 
     real time   vehicle --telemetry--> Station --> Feed --> page
     lockstep    vehicle --> journal --> tail --> Feed --> page;  Station: mode, link, parameters
+    both        vehicle --> journal --> lights --> Feed --> page
 
 What the page does to the flight are two parameters, set by MAVLink: the gusts' scale and, in lockstep, the pause.
 """
@@ -12,24 +13,31 @@ from threading import Event, Thread
 from types import TracebackType
 from typing import Any, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firmware_model import udp
+from firmware_model.journal import RECORD, read_journal
 from firmware_model.params import GUST_SCALE_NAME, PAUSE_NAME, Parameters, published_limit
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.law import Law
 from gustproof.view.feed import Feed
+from gustproof.view.lights import lights
 from gustproof.view.server import LOOPBACK, PageServer, number, switch
 from gustproof.view.station import STREAM_US, Station
 from gustproof.view.tail import tail
 
 _JOIN_S = 5.0
+_JUDGE_S = 0.5
+_NOTHING = np.empty(0, dtype=RECORD)
 
 
 class LivePage:
     """The page and who gathers what it shows; a context manager that leaves no thread and no socket behind."""
 
     def __init__(self, scenario: Scenario, law: Law, vehicle: Vehicle, *, real_time: bool) -> None:
-        self._law, self._vehicle, self._real_time = law, vehicle, real_time
+        self._scenario, self._vehicle, self._real_time = scenario, vehicle, real_time
         self._every = max(round(STREAM_US / scenario.sample_us), 1)
         parameters = Parameters(vehicle, scenario)
         self._gust = parameters.table[parameters.index(GUST_SCALE_NAME) or 0]
@@ -37,7 +45,7 @@ class LivePage:
             scenario=scenario.name, law=law.name, vehicle=vehicle.name, duration_s=scenario.duration_s,
             real_time=real_time, phase="ready", message="", mode="", armed=False, paused=False, texts=[], link=None,
             gust_scale=self._gust.default, gust_scale_limits=[self._gust.minimum, self._gust.maximum],
-            torque_limit=list(vehicle.torque_limit),
+            lights=lights(_NOTHING, scenario, vehicle, over=False),
         )  # fmt: skip
         self._started, self._done = Event(), Event()
         self._wishes: dict[str, float] = {}
@@ -70,17 +78,19 @@ class LivePage:
         self._run(_serve, station)
         if not self._real_time:
             self._run(tail, journal, self._every, self._feed, self._done)
+        if self._scenario.require:
+            self._run(self._judge, journal)
         station.settled.wait(_JOIN_S)
         self._feed.tell(phase="flying")
 
-    def end(self, message: str) -> None:
-        """Show how the flight ended."""
+    def end(self, message: str, records: NDArray[np.void] = _NOTHING) -> None:
+        """Show how the flight ended, and what its journal records (n,) held."""
         self._done.set()
         if self._station is not None:
             self._station.finished = True
         for thread in self._threads:
             thread.join(_JOIN_S)
-        self._feed.tell(phase="over", message=message)
+        self._feed.tell(phase="over", message=message, lights=lights(records, self._scenario, self._vehicle, over=True))
 
     def __enter__(self) -> Self:
         return self
@@ -96,6 +106,11 @@ class LivePage:
         thread = Thread(target=function, args=arguments, daemon=True)
         self._threads.append(thread)
         thread.start()
+
+    def _judge(self, journal: Path) -> None:
+        while not self._done.wait(_JUDGE_S):
+            _, records = read_journal(journal)
+            self._feed.tell(lights=lights(records, self._scenario, self._vehicle, over=False))
 
     def _start(self, value: Any) -> None:
         if switch(value) and not self._started.is_set():

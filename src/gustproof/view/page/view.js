@@ -202,6 +202,14 @@ function showFacts() {
   byId("link").textContent = link
     ? `${link.rate} messages/s, ${link.lost} lost, ${link.bad} damaged${link.round_trip_ms === null ? "" : `, ${link.round_trip_ms.toFixed(1)} ms there and back`}`
     : "–";
+  byId("lights").replaceChildren(
+    ...facts.lights.map(({ text, value, held }) =>
+      Object.assign(document.createElement("li"), {
+        textContent: value === null ? text : `${text}: ${+value.toPrecision(3)}`,
+        className: held === null ? "dark" : held ? "held" : "failed",
+      }),
+    ),
+  );
   byId("texts").replaceChildren(
     ...facts.texts.map((text) => Object.assign(document.createElement("li"), { textContent: text })),
   );
