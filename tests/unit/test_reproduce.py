@@ -23,7 +23,7 @@ def shortened(name):
 def direct(lost: str = ""):
     """Return what flies instead of two processes; the controller of the law `lost` is lost."""
 
-    def fly(scenario, law, *, vehicle, seed, out, real_time, progress, note, tlog):
+    def fly(scenario, law, *, vehicle, seed, out, progress, **_):
         journal = out / f"{scenario.name}-{law.name}-seed{seed}.journal"
         journal.touch()
         progress(1.0)

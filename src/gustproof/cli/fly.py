@@ -100,7 +100,7 @@ def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> 
             tlog=tlog, progress=lambda fraction: shown(fraction, title), watched=page.watch if page else None,
         )  # fmt: skip
         if page:
-            page.end(result.message)
+            page.end(result.message, result.records)
     return result
 
 

@@ -140,7 +140,7 @@ def test_a_level_can_be_asked_for_either_way():
     ("outcome", "status"), [(Outcome.DONE, 0), (Outcome.CONTROLLER_LOST, 3), (Outcome.INTERRUPTED, 130)]
 )
 def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outcome, status, tmp_path, monkeypatch):
-    def fly(scenario, law, *, vehicle, seed, out, real_time, progress, note, tlog):
+    def fly(scenario, law, *, vehicle, seed, out, **_):
         journal = out / "journal"
         journal.touch()
         short = replace(scenario, duration_s=1.0)
