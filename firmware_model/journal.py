@@ -6,6 +6,7 @@ leaves a journal that is whole up to its last record.
 """
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
@@ -109,3 +110,14 @@ def read_journal(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
         raise ConfigError(f"{path}: not a journal")
     whole = len(body) // RECORD.itemsize * RECORD.itemsize
     return header, np.frombuffer(body[:whole], dtype=RECORD)
+
+
+def records_in(path: Path) -> int:
+    """Return how many whole records a journal holds that may still grow, or not be there yet."""
+    try:
+        with path.open("rb") as file:
+            header = file.readline()
+            size = os.fstat(file.fileno()).st_size
+    except FileNotFoundError:
+        return 0
+    return (size - len(header)) // RECORD.itemsize if header.endswith(b"\n") else 0

@@ -26,7 +26,7 @@ from pydantic_core import to_jsonable_python
 from firmware_model.endpoint import Outcome as VehicleOutcome
 from firmware_model.endpoint import VehicleEndpoint
 from firmware_model.errors import ConfigError
-from firmware_model.journal import RECORD, read_journal
+from firmware_model.journal import RECORD, read_journal, records_in
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.controller.endpoint import ControllerEndpoint
@@ -236,7 +236,7 @@ class _Pair:
         vehicle, controller = self._processes["vehicle"], self._processes["controller"]
         alone_since = None
         while vehicle.poll() is None:
-            flown = self._flown()
+            flown = records_in(self._journal)
             progress(min(flown / samples, 1.0))
             if controller.poll() is not None:
                 alone_since = alone_since or time.monotonic()
@@ -246,7 +246,7 @@ class _Pair:
             time.sleep(_WATCH_S)
         with contextlib.suppress(subprocess.TimeoutExpired):
             controller.wait(_LAST_WORDS_S if vehicle.returncode == 0 else 0.0)
-        progress(min(self._flown() / samples, 1.0))
+        progress(min(records_in(self._journal) / samples, 1.0))
 
     def _outcome(self) -> Outcome:
         vehicle = self._processes["vehicle"]
@@ -259,10 +259,6 @@ class _Pair:
         if outcome is not Outcome.DONE:
             self.reason = _after(self._last_words("controller"))
         return outcome
-
-    def _flown(self) -> int:
-        size = self._journal.stat().st_size if self._journal.exists() else 0
-        return size // RECORD.itemsize
 
     def _last_words(self, name: str) -> str:
         """Return the last line that an ended process left on stderr."""

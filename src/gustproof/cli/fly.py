@@ -72,10 +72,10 @@ def fly(
         show(flight_document(result.message, result.metrics, result.bag, result.requirements))
     if result.outcome is Outcome.INTERRUPTED:
         raise stop(f"interrupted; what was flown is in {folder}", Status.INTERRUPTED)
-    if result.outcome is not Outcome.DONE:
-        raise stop(f"{result.message}; what was flown is in {folder}", Status.FLIGHT_BROKE_OFF)
     if repeat and not plan.real_time:
         _compare(result, repeat)
+    if result.outcome is not Outcome.DONE:
+        raise stop(f"{result.message}; what was flown is in {folder}", Status.FLIGHT_BROKE_OFF)
     failed = sum(not each.held for each in result.requirements)
     if failed:
         raise stop(f"{failed} of {len(result.requirements)} requirements failed", Status.REQUIREMENT_FAILED)
