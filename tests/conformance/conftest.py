@@ -1,6 +1,7 @@
 """Debian's Chromium without a window, driven over two pipes by its DevTools protocol."""
 
 import base64
+import fcntl
 import json
 import os
 import select
@@ -28,17 +29,21 @@ class Browser:
         self.complaints: list[str] = []
         self.requests: list[str] = []
         self._unread, self._last, self._events = b"", 0, list[dict[str, Any]]()
+        self._session: str | None = None
         inward, self._to = os.pipe()
         self._from, outward = os.pipe()
-        # The browser reads on 3 and writes on 4; a shell puts the pipes there, as subprocess can't.
-        command = [program, *_FLAGS, f"--user-data-dir={profile}", "about:blank"]
+        # The browser reads on 3 and writes on 4; where these are taken, the pipes are first moved out of the way.
+        ends = tuple(fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in (inward, outward))
         self._process = subprocess.Popen(
-            ["sh", "-c", f'exec "$@" 3<&{inward} 4>&{outward}', "sh", *command],
-            pass_fds=(inward, outward), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            [program, *_FLAGS, f"--user-data-dir={profile}", "about:blank"],
+            preexec_fn=lambda: (os.dup2(ends[0], 3), os.dup2(ends[1], 4)), close_fds=False,
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        os.close(inward)
-        os.close(outward)
-        self._session: str | None = None
+        for end in (inward, outward, *ends):
+            os.close(end)
+
+    def start(self) -> None:
+        """Make the page and listen to it."""
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
@@ -124,6 +129,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
         pytest.skip("chromium is not installed")
     started = Browser(program, tmp_path_factory.mktemp("chromium"))
     try:
+        started.start()
         yield started
     finally:
         started.close()

@@ -49,11 +49,11 @@ function axisOf(label, k, side) {
 function optionsOf(chart, width, height, k = 1) {
   const distr = { time: 1, frequency: 3, plane: 4 }[chart.kind];
   const values = (_, splits) => (chart.kind === "time" ? splits.map(plain) : decades(splits));
-  const range = rangesOf(chart);
+  const range = rangesOf(chart), splits = chart.kind === "frequency" && { splits: (_, __, low, high) => lines(low, high) };
   return {
     width, height, padding: [8 * k, 16 * k, 0, 0],
     scales: { x: { time: false, distr, asinh: 0.1, ...range.x }, y: { distr, asinh: 0.1, ...range.y } },
-    axes: [{ ...axisOf(chart.x, k, "x"), values }, { ...axisOf("", k, "y"), values }],
+    axes: [{ ...axisOf(chart.x, k, "x"), values, ...splits }, { ...axisOf("", k, "y"), values, ...splits }],
     series: [{ label: chart.x.split(" [")[0], value: (_, v) => told(v) }, ...chart.curves.map((curve) => seriesOf(curve, chart.kind, k))],
     legend: { live: true, markers: { width: 2, stroke: (_, i) => colourOf(chart.curves[i - 1]), dash: (_, i) => (chart.curves[i - 1].style === "dashed" ? "dashed" : "solid") } },
     cursor: {
@@ -69,6 +69,15 @@ function rangesOf(chart) {
   if (chart.kind === "frequency") return { y: { range: (_, low, high) => [Math.max(low, high * 1e-6) / 1.4, high * 1.4] } };
   const widest = (_, low, high) => 3 * Math.max(-low, high, 1);
   return { x: { range: (_, low, high) => [-widest(_, low, high), Math.max(3 * high, 0.1)] }, y: { range: (...all) => [-widest(...all), widest(...all)] } };
+}
+
+// Lines of a logarithmic axis: 1 to 9 times each power of ten. uPlot's own never end where a range begins just below one.
+function lines(low, high) {
+  const found = [];
+  for (let power = Math.floor(Math.log10(low)); power <= Math.log10(high); power++) {
+    for (let digit = 1; digit < 10; digit++) found.push(Number(`${digit}e${power}`));
+  }
+  return found.filter((value) => value >= low && value <= high);
 }
 
 function plain(value) { return value === null ? value : String(Number(value.toPrecision(5))).replace("-", "−"); }

@@ -1,0 +1,234 @@
+"""`gustproof report` in Debian's Chromium: what a colleague sees who opens the file."""
+
+import base64
+import io
+import re
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof.closed_loop import fly_direct
+from gustproof.flight import Plan
+from gustproof.law import load_law
+from gustproof.metrics import attitude
+from gustproof.recording.bag import read_bag, write_bag
+
+LAWS = ("hinf-d1", "pid-fair")
+DURATION = 12.0
+FRAME = "new Promise((shown) => requestAnimationFrame(() => requestAnimationFrame(shown)))"
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Two flights of the paper's gusts, as folders of `gustproof fly`."""
+    folder, vehicle = tmp_path_factory.mktemp("flights"), load_vehicle("paper")
+    scenario = replace(load_scenario("paper-turbulence"), duration_s=DURATION)
+    for name in LAWS:
+        plan = Plan(scenario, load_law(name), vehicle, 1, False)
+        records = fly_direct(scenario, plan.law, vehicle=vehicle, seed=1)
+        write_bag(folder / name / plan.name, records, {**plan.note(), "outcome": "done"})
+    return [folder / name for name in LAWS]
+
+
+@pytest.fixture(scope="module")
+def page(runs):
+    """The report's file, made by the command."""
+    path = runs[0].parent / "report.html"
+    command = [sys.executable, "-m", "gustproof", "report", *map(str, runs), "-o", str(path)]
+    told = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert told.stdout == f"2 flights in {path}\n"
+    return path
+
+
+@pytest.fixture(scope="module")
+def flights(runs):
+    """What the bags hold, read back."""
+    return [read_bag(next(run.iterdir()))[1] for run in runs]
+
+
+@pytest.fixture
+def opened(browser, page):
+    """Open the page, and see at the end that nothing was complained of and nobody else was asked for anything."""
+
+    def see(**window):
+        browser.open(page.as_uri(), **window)
+        browser.run("ready")
+        return browser
+
+    yield see
+    assert browser.complaints == []
+    assert browser.requests == [page.as_uri()]
+
+
+def drag(browser, chart, start, stop):
+    """Drag the mouse across a chart, from one share of its width to another."""
+    browser.run(f"charts.drawn[{chart}].plot.root.scrollIntoView({{block: 'center', behavior: 'instant'}})")
+    box = f"charts.drawn[{chart}].plot.over.getBoundingClientRect()"
+    x, y, width, height = browser.run(f"[{box}.left, {box}.top, {box}.width, {box}.height]")
+    middle = y + height / 2
+    for kind, share in (("mouseMoved", start), ("mousePressed", start), ("mouseMoved", stop), ("mouseReleased", stop)):
+        pressed = 0 if share == start and kind == "mouseMoved" else 1
+        browser.call("Input.dispatchMouseEvent", type=kind, x=x + share * width, y=middle, button="left",
+                     buttons=pressed, clickCount=1)  # fmt: skip
+    browser.run(FRAME)
+
+
+def test_every_curve_of_every_chart_is_drawn(opened):
+    browser = opened()
+    counts = browser.run("Object.values(page.sections).map((groups) => groups.length)")
+    assert all(count > 0 for count in counts)
+    undrawn = browser.run("""(async () => {
+      const pixels = ({ ctx: { canvas } }) => {  // of a copy: a canvas that is read often is one that is drawn slowly
+        const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
+        copy.drawImage(canvas, 0, 0);
+        return copy.getImageData(0, 0, canvas.width, canvas.height).data;
+      };
+      const undrawn = [];
+      for (const { chart, plot } of charts.drawn) {
+        const scales = Object.entries(plot.scales).map(([key, { min, max }]) => [key, { min, max }]);
+        for (let i = 1; i < plot.series.length; i++) {
+          const before = pixels(plot);
+          plot.batch(() => {  // hidden at the same scales, so that no axis moves
+            plot.setSeries(i, { show: false });
+            for (const [key, range] of scales) plot.setScale(key, range);
+          });
+          await new Promise((done) => setTimeout(done));
+          const same = pixels(plot).every((value, k) => value === before[k]);
+          if (same) undrawn.push(`${chart.title}: ${plot.series[i].label}`);
+          plot.setSeries(i, { show: true });
+          await new Promise((done) => setTimeout(done));
+        }
+      }
+      return undrawn;
+    })()""")
+    assert undrawn == []
+    assert browser.run("charts.drawn.length") >= 30
+
+
+def test_the_attitude_shown_is_that_of_the_bag(opened, flights):
+    browser = opened()
+    for time in (0.0, 3.1, 7.772, DURATION - 0.004):
+        browser.run(f"scrub.value = {time}, scrub.dispatchEvent(new Event('input'))")
+        texts = browser.run("[...document.querySelectorAll('.angles')].map((angles) => angles.textContent)")
+        sample = round(time * 250)
+        for text, records in zip(texts, flights, strict=True):
+            shown = [float(value) for value in re.findall(r"-?\d+\.\d+", text.replace("−", "-"))]
+            assert shown == pytest.approx(np.degrees(attitude(records))[sample], abs=6e-4)  # three decimals
+
+
+def test_the_vehicle_is_drawn_as_the_bag_has_it_turned(opened, flights):
+    """Rotor hubs against the rotation matrix and a camera of its own: not the script's way of either."""
+    browser = opened()
+    azimuth, elevation = browser.run("[camera.azimuth, camera.elevation]")
+    ahead = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    hub_B = np.array([0.62 / np.sqrt(2), 0.62 / np.sqrt(2), -0.08])  # front right
+    sample = int(np.argmax(np.abs(attitude(flights[0])[:, 0])))
+    browser.run(f"showMoment({sample * 0.004})")
+    for i, records in enumerate(flights):
+        arm = browser.run(f"document.querySelectorAll('.attitude')[{i}].querySelector('.arm').getAttribute('d')")
+        tip = [float(value) for value in arm.rpartition("L")[2].split()]
+        hub_N = Rotation.from_quat(records["q_NB"][sample, [1, 2, 3, 0]]).apply(hub_B)
+        assert tip == pytest.approx([hub_N @ right, hub_N @ np.cross(ahead, right)], abs=1e-3)
+
+
+def test_nose_up_is_up_and_right_wing_down_is_down(opened):
+    browser = opened()
+    browser.run("camera.azimuth = 0, camera.elevation = 0.1")
+    heights = "replay.runs[0].view.svg.querySelectorAll('.rotor')].map((rotor) => rotor.getBBox().y)"
+    for q, higher, lower in (("[0.98, 0, 0.2, 0]", (0, 2), (1, 3)), ("[0.98, 0.2, 0, 0]", (1, 2), (0, 3))):
+        y = browser.run(f"replay.runs[0].view.update({q}, null), [...{heights}")
+        assert max(y[i] for i in higher) < min(y[i] for i in lower)
+
+
+def test_the_replay_plays_and_pauses(opened):
+    browser = opened()
+    browser.run("play.click()")
+    for _ in range(3):
+        browser.run(FRAME)
+    browser.run("play.click()")
+    stopped = browser.run("replay.time")
+    assert 0.0 < stopped < DURATION
+    browser.run(FRAME)
+    assert browser.run("[replay.time, play.textContent]") == [stopped, "Play"]
+    assert browser.run("Number(scrub.value)") == pytest.approx(stopped)
+
+
+def test_a_drag_zooms_all_time_histories_and_a_click_sets_the_replay(opened):
+    browser = opened()
+    whole = browser.run("[charts.start, charts.end]")
+    drag(browser, 0, 0.25, 0.5)
+    ranges = browser.run("charts.ofTime().map(({ plot }) => [plot.scales.x.min, plot.scales.x.max])")
+    assert len(ranges) > 15
+    assert all(shown == ranges[0] for shown in ranges)
+    assert ranges[0] == pytest.approx([0.25 * whole[1], 0.5 * whole[1]], abs=0.2)
+    assert browser.run("[Number(from.value), Number(to.value)]") == pytest.approx(ranges[0], abs=1e-3)
+    drag(browser, 4, 0.5, 0.5)
+    assert browser.run("replay.time") == pytest.approx(0.375 * whole[1], abs=0.1)
+    browser.run("document.getElementById('whole').click()")
+    browser.run(FRAME)
+    assert browser.run("charts.ofTime().every(({ plot }) => plot.scales.x.max === charts.end)")
+
+
+def test_a_cursor_in_one_chart_reads_all_of_them(opened, flights):
+    browser = opened()
+    drag(browser, 0, 0.5, 0.5)
+    read = browser.run("charts.drawn.slice(0, 6).map(({ plot }) => plot.cursor.idx)")
+    assert len(set(read)) == 1
+    values = browser.run("[...charts.drawn[0].plot.root.querySelectorAll('.u-value')].map((cell) => cell.textContent)")
+    phi = sorted(np.degrees(attitude(records))[read[0], 0] for records in flights)
+    assert sorted(float(value.replace("−", "-")) for value in values[1:]) == pytest.approx(phi, rel=1e-3)
+
+
+@pytest.mark.parametrize("width", [320, 390, 1280])
+def test_the_page_fits_its_window(opened, width):
+    browser = opened(width=width, height=800)
+    assert browser.run("document.documentElement.scrollWidth") <= width
+    widest = browser.run("Math.max(...charts.drawn.map(({ plot }) => plot.root.getBoundingClientRect().right))")
+    assert widest <= width
+
+
+def luminance(shown):
+    return float(np.mean(np.asarray(Image.open(io.BytesIO(shown)).convert("L"))))
+
+
+def test_the_page_is_light_or_dark_as_the_reader_s_system_is(opened, tmp_path):
+    shown = {}
+    for dark in (False, True):
+        browser = opened(dark=dark)
+        browser.run("document.getElementById('time').scrollIntoView({behavior: 'instant'})")
+        browser.run(FRAME)
+        browser.screenshot(tmp_path / "shown.png")
+        shown[dark] = luminance((tmp_path / "shown.png").read_bytes())
+    assert shown[False] > 200.0
+    assert shown[True] < 60.0
+
+
+def test_a_change_of_the_system_s_colours_repaints_the_charts(opened):
+    browser = opened()
+    axis = "charts.drawn[0].plot.ctx.canvas.toDataURL()"
+    light = browser.run(axis)
+    browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+    browser.run(FRAME)
+    assert browser.run(axis) != light
+
+
+def test_a_group_is_saved_as_a_picture_for_paper(opened):
+    browser = opened(dark=True)
+    data = browser.run("picture(page.sections.time[0]).then((canvas) => canvas.toDataURL('image/png'))")
+    content = base64.b64decode(data.partition(",")[2])
+    picture = np.asarray(Image.open(io.BytesIO(content)).convert("RGB"))
+    assert picture.shape[1] >= 1800  # 6 inches at 300 dots an inch
+    assert luminance(content) > 220.0
+    blue, vermillion = np.array([0x00, 0x72, 0xB2]), np.array([0xD5, 0x5E, 0x00])
+    for third in np.array_split(picture, 3):
+        for colour in (blue, vermillion):
+            assert np.count_nonzero(np.all(np.abs(third - colour.astype(int)) < 30, axis=2)) > 200
+    assert browser.run("document.documentElement.dataset.theme") is None
