@@ -24,7 +24,7 @@ from firmware_model import access, status, udp
 from firmware_model.autopilot import Mode
 from firmware_model.endpoint import Outcome, VehicleEndpoint
 from firmware_model.errors import ConfigError, RecordingError
-from firmware_model.files import Parsed, parse
+from firmware_model.files import read_json
 from firmware_model.frames import Peer
 from firmware_model.journal import JournalWriter
 from firmware_model.loop import VehicleLoop
@@ -58,10 +58,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _fly(options: argparse.Namespace, standing: bool) -> int:
     name = options.scenario or options.air or "calm"
-    scenario = _read(Scenario, name) or load_scenario(name)
+    scenario = read_json(Scenario, name) or load_scenario(name)
     if standing:
         scenario = replace(scenario, translation="held" if options.held else "free")
-    vehicle = _read(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
+    vehicle = read_json(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
     generic = options.autopilot == "generic"
     if options.params:
         _say_parameters(options, Parameters(vehicle, scenario, bytewise=not generic))
@@ -188,19 +188,6 @@ def _parser() -> argparse.ArgumentParser:
     add("--params", action="store_true", help="print all parameters with units, ranges and meanings, and end")
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser
-
-
-def _read(kind: type[Parsed], name: str) -> Parsed | None:
-    """Return the content of a .json file, as another process of the project writes it; `None` if it is none."""
-    path = Path(name)
-    if path.suffix != ".json":
-        return None
-    try:
-        return parse(kind, json.loads(path.read_text(encoding="utf-8")), name)
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: not JSON: {error}") from None
 
 
 def _journal(

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
+from firmware_model.plant_events import PlantEvent
 from firmware_model.vehicle import NonNegative, Positive
 
 _STRICT = ConfigDict(extra="forbid")
@@ -46,4 +47,4 @@ class ControllerKilled:
     """[s] from then on, until the next one joins; never by default."""
 
 
-Event = Annotated[ModeChange | ControllerHung | ControllerKilled, Field(discriminator="kind")]
+Event = Annotated[ModeChange | ControllerHung | ControllerKilled | PlantEvent, Field(discriminator="kind")]

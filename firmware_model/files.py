@@ -49,6 +49,25 @@ def read_toml(
     return parse(kind, {"name": path.stem, **complete(document, path)}, str(path))
 
 
+def read_json(kind: type[Parsed], name: str) -> Parsed | None:
+    """Return the content of a .json file, as another process of the project writes it; `None` if it is none.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, it is not JSON, or a key or value is not allowed.
+    """
+    path = Path(name)
+    if path.suffix != ".json":
+        return None
+    try:
+        return parse(kind, json.loads(path.read_text(encoding="utf-8")), name)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(f"{path}: not JSON: {error}") from None
+
+
 def parse(kind: type[Parsed], document: dict[str, Any], source: str) -> Parsed:
     """Return `document` as a checked `kind`; `source` stands in front of each mistake."""
     try:

@@ -62,8 +62,8 @@ class VehicleLoop:
         if self._imu is None:
             world = self._world
             plant.observe(
-                world.params, world.state, world.waves, world.replay, world.seed, self.sample, self._sample_us,
-                self._record,
+                world.params, world.state, world.waves, world.replay, world.changes, world.seed, self.sample,
+                self._sample_us, self._record,
             )  # fmt: skip
             _, p, q, r, f_x, f_y, f_z = self._record[:7].tolist()
             self._imu = ImuSample(time_us=self.time_us, gyro_B=(p, q, r), specific_force_B=(f_x, f_y, f_z))

@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 from firmware_model import free_flight, rigid_body, world
+from firmware_model.actuators import ActuatorParams, given
 from firmware_model.compiled import compiled, kernel
 from firmware_model.disturbances import Disturbance, disturbance
 from firmware_model.elementary import normals
@@ -50,6 +51,7 @@ from firmware_model.world import (
     STEPS,
     WEIGHT,
     X_BODY,
+    X_CHANGE,
     X_DIRECT,
     X_DRYDEN,
     X_ESTIMATE,
@@ -71,7 +73,7 @@ _load_body_params, _load_dryden_params = loader(BodyParams), loader(DrydenParams
 _load_gyro_params, _load_stabilizer_params = loader(GyroParams), loader(StabilizerParams)
 _load_position_params, _load_rotor_params = loader(PositionParams), loader(RotorParams)
 _load_air_params, _load_ground_params = loader(AirParams), loader(GroundParams)
-_load_mean_wind_params = loader(MeanWindParams)
+_load_mean_wind_params, _load_actuator_params = loader(MeanWindParams), loader(ActuatorParams)
 _load_body, _load_dryden = loader(Body), loader(DrydenState)
 _load_estimate, _load_holding = loader(Estimate), loader(Holding)
 _store_body, _store_dryden = storer(Body), storer(DrydenState)
@@ -106,16 +108,19 @@ def _write(record: Array, at: int, value: Vector) -> None:
 
 
 @kernel
-def observe_kernel(params: Array, state: Array, waves: Array, replay: Array, seed: int, sample: int, sample_us: int,
-                   record: Array) -> None:  # fmt: skip
+def observe_kernel(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seed: int, sample: int,
+                   sample_us: int, record: Array) -> None:  # fmt: skip
     """Write to `record` the truth at a sample, what acts from it on, and what the sensors measure."""
+    _change(params, state, changes, sample)
     body = _load_body(state, X_BODY)
     time_us = sample * sample_us
+    time = time_us * 1e-6
     record[_TIME] = time_us
-    direct = _write_air(params, state, disturbance(waves, replay, sample, time_us * 1e-6), record)
+    direct = _write_air(params, state, disturbance(waves, replay, sample, time), record)
     force, moment, state[X_LOAD] = _felt(params, body, direct, record)
     _write(state, X_DIRECT, direct)
-    rate = gyro(_load_gyro_params(params, world.GYRO), (body.p, body.q, body.r), normals(seed, GYRO_STREAM, sample, 0))
+    noise = normals(seed, GYRO_STREAM, sample, 0)
+    rate = gyro(_load_gyro_params(params, world.GYRO), (body.p, body.q, body.r), noise, time)
     _write(record, _GYRO_B, rate)
     _write(record, _FORCE_B, accelerometer(force))
     _write(record, _MOMENT, (moment[0] + direct[0], moment[1] + direct[1], moment[2] + direct[2]))
@@ -130,6 +135,16 @@ def observe_kernel(params: Array, state: Array, waves: Array, replay: Array, see
     if params[FREE] != 0.0:
         estimate = aligned(stabilizer, estimate, _q_NB(body))
     _store_estimate(state, X_ESTIMATE, estimate)
+
+
+@kernel
+def _change(params: Array, state: Array, changes: Array, sample: int) -> None:
+    """Change the constants that events change at a sample, or have changed since the last one that was observed."""
+    i = int(state[X_CHANGE])
+    while i < changes.shape[0] and changes[i, 0] <= sample:
+        params[int(changes[i, 1])] = changes[i, 2]
+        i += 1
+    state[X_CHANGE] = i
 
 
 @kernel
@@ -203,6 +218,7 @@ def advance_kernel(params: Array, state: Array, seed: int, sample: int, sample_u
         torque, thrust = allocate(_load_rotor_params(params, world.ROTORS), torque, thrust)
     _write(record, _TORQUE_COMMAND, torque)
     record[_THRUST_COMMAND] = -thrust
+    torque = given(_load_actuator_params(params, world.ACTUATORS), torque)
     _move(params, state, sample_us, torque, thrust, setpoint[0] == OFF, record)
     a, b = normals(seed, GUST_STREAM, sample, 0), normals(seed, GUST_STREAM, sample, 1)
     noise = (a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3])
@@ -302,10 +318,10 @@ def _move(params: Array, state: Array, sample_us: int, torque: Vector, thrust: f
 
 
 @compiled
-def observe(params: Array, state: Array, waves: Array, replay: Array, seed: int, sample: int, sample_us: int,
-            record: Array) -> None:  # fmt: skip
+def observe(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seed: int, sample: int,
+            sample_us: int, record: Array) -> None:  # fmt: skip
     """Write a sample to `record`, see `observe_kernel`; to be called once a sample."""
-    observe_kernel(params, state, waves, replay, seed, sample, sample_us, record)
+    observe_kernel(params, state, waves, replay, changes, seed, sample, sample_us, record)
 
 
 @compiled

@@ -1,6 +1,8 @@
 """A scripted flight: how long, at which rates, in which air, with which faults. Read from TOML, units in the keys."""
 
+import math
 from dataclasses import field
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -11,6 +13,7 @@ from firmware_model.events import ControllerHung, ControllerKilled, Event, ModeC
 from firmware_model.files import read_toml, shipped
 from firmware_model.link import LinkFault
 from firmware_model.moments import Moment
+from firmware_model.plant_events import ActuatorLag, AttitudeReference, GyroBias, PlantEvent
 from firmware_model.replay import with_rows
 from firmware_model.requirement import Requirement
 from firmware_model.vehicle import Vector
@@ -122,6 +125,32 @@ class Scenario:
     def free(self) -> bool:
         """Whether the vehicle flies, and is not held on the stand."""
         return self.translation == "free"
+
+    @model_validator(mode="after")
+    def _events_follow(self) -> Self:
+        drifts = sorted((item for item in self.event if isinstance(item, GyroBias)), key=lambda item: item.at_s)
+        for earlier, later in pairwise(drifts):
+            if later.at_s < earlier.at_s + earlier.over_s:
+                raise ValueError(f"event: a 'gyro_bias' at {later.at_s} s begins before the one before it ends")
+        for item in self.event:
+            if isinstance(item, ActuatorLag) and item.lag_s * self.physics_rate_hz < 1.0:
+                raise ValueError("event: lag_s of 'actuator_lag' must be at least a step, 1 / physics_rate_hz")
+        return self
+
+    @property
+    def plant_events(self) -> tuple[PlantEvent, ...]:
+        """Events of the plant and the reference."""
+        return tuple(item for item in self.event if isinstance(item, PlantEvent))
+
+    @property
+    def references(self) -> tuple[tuple[int, Vector], ...]:
+        """Stamps [us] of the samples from which on the law is to hold another attitude, as roll, pitch, yaw [rad]."""
+        turns = sorted((item for item in self.event if isinstance(item, AttitudeReference)), key=lambda item: item.at_s)
+        return tuple((self.sample_at(item.at_s) * self.sample_us, item.euler) for item in turns)
+
+    def sample_at(self, time_s: float) -> int:
+        """Return the first sample at or after a time [s]; half a microsecond is not after it."""
+        return math.ceil((time_s * 1e6 - 0.5) / self.sample_us)
 
     @property
     def samples(self) -> int:

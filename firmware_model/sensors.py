@@ -17,6 +17,10 @@ class GyroParams(NamedTuple):
     b_y: float
     b_z: float
     range: float  # [rad/s]
+    drift_x: float = 0.0  # [rad/s^2] B, by which the bias grows
+    drift_y: float = 0.0
+    drift_z: float = 0.0
+    since: float = 0.0  # [s] from when on
 
 
 @kernel
@@ -32,12 +36,13 @@ def _axis(params: GyroParams, rate: float, bias: float, noise: float) -> float:
 
 
 @kernel
-def gyro(params: GyroParams, omega_B: Vector, noise: tuple[float, float, float, float]) -> Vector:
-    """Return the measured rate [rad/s] B for three standard normal numbers (a fourth is not used)."""
+def gyro(params: GyroParams, omega_B: Vector, noise: tuple[float, float, float, float], time: float) -> Vector:
+    """Return the rate [rad/s] B measured at `time` [s] for three standard normal numbers (a fourth is not used)."""
+    age = time - params.since
     return (
-        _axis(params, omega_B[0], params.b_x, noise[0]),
-        _axis(params, omega_B[1], params.b_y, noise[1]),
-        _axis(params, omega_B[2], params.b_z, noise[2]),
+        _axis(params, omega_B[0], params.b_x + params.drift_x * age, noise[0]),
+        _axis(params, omega_B[1], params.b_y + params.drift_y * age, noise[1]),
+        _axis(params, omega_B[2], params.b_z + params.drift_z * age, noise[2]),
     )
 
 

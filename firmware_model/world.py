@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_model.actuators import ActuatorParams
+from firmware_model.changes import Plant, first_plant, later_plants
 from firmware_model.compiled import compiled
 from firmware_model.disturbances import replayed, waves
 from firmware_model.elementary import normals
@@ -29,7 +31,7 @@ Array = NDArray[np.float64]
 GUST_STREAM, GYRO_STREAM = 1, 2
 
 # Where each NamedTuple starts among the constants, then single numbers; and in the state.
-BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, _SINGLE = starts(
+BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUATORS, _SINGLE = starts(
     [
         BodyParams,
         DrydenParams,
@@ -40,11 +42,12 @@ BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, _SINGL
         AirParams,
         GroundParams,
         MeanWindParams,
+        ActuatorParams,
     ]
 )
 FREE, STEPS, GUST_SCALE, WEIGHT = _SINGLE, _SINGLE + 1, _SINGLE + 2, _SINGLE + 3
 X_BODY, X_DRYDEN, X_ESTIMATE, X_HOLDING, X_LOAD = starts([Body, DrydenState, Estimate, Holding])
-X_DIRECT = X_LOAD + 1
+X_DIRECT, X_CHANGE = X_LOAD + 1, X_LOAD + 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,6 +62,8 @@ class World:
     """(n, WAVE) gusts and direct moments of a formula, see `disturbances`; units there."""
     replay: Array
     """(samples or 0, 3 * TARGETS) replayed gusts [m/s] and direct moments [N*m], see `disturbances`."""
+    changes: Array
+    """(n, 3) what events change: sample, place among the constants, value from then on."""
     seed: int
     """Seed of all that is random."""
     vehicle: Vehicle
@@ -100,9 +105,10 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool
     )
     return World(
         params=_params(vehicle, scenario, dryden_params),
-        state=np.concatenate([body, dryden_state, estimate, nothing_held(), [0.0] * 4]),
+        state=np.concatenate([body, dryden_state, estimate, nothing_held(), [0.0] * 5]),
         waves=waves(scenario),
         replay=replayed(scenario),
+        changes=_changes(vehicle, scenario),
         seed=seed,
         vehicle=vehicle,
         dt=scenario.dt,
@@ -114,26 +120,49 @@ def _params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams) -
         [
             body_params(vehicle, free=scenario.free),
             dryden_params,
-            _gyro_params(vehicle, scenario),
+            _gyro_params(first_plant(vehicle, scenario), scenario),
             stabilizer_params(vehicle, vehicle.stabilizer, scenario.dt),
             position_params(vehicle, vehicle.position, scenario.dt),
             rotor_params(vehicle),
             air_params(vehicle),
             ground_params(vehicle),
             mean_wind_params(scenario.wind),
+            ActuatorParams(),
             [scenario.free, scenario.physics_rate_hz // scenario.control_rate_hz, 1.0, vehicle.mass * GRAVITY],
         ]
     )
 
 
-def _gyro_params(vehicle: Vehicle, scenario: Scenario) -> GyroParams:
+def _changes(vehicle: Vehicle, scenario: Scenario) -> Array:
+    """Return a row for each constant that an event changes."""
+    rows: list[tuple[int, int, float]] = []
+    before = _changeable(first_plant(vehicle, scenario), scenario)
+    for sample, plant in later_plants(vehicle, scenario):
+        now = _changeable(plant, scenario)
+        rows += [(sample, at, value) for at, value in now.items() if value != before[at]]
+        before = now
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def _changeable(plant: Plant, scenario: Scenario) -> dict[int, float]:
+    """Return the constants that events may change by their place.
+
+    Springs of the feet, hover thrust and all gains stay: they are of the vehicle that was built.
+    """
+    weight = GROUND + GroundParams._fields.index("weight")
+    body, gyro = body_params(plant.vehicle, free=scenario.free), _gyro_params(plant, scenario)
+    rows = [(BODY, body), (GYRO, gyro), (ACTUATORS, plant.actuators), (weight, (plant.vehicle.mass * GRAVITY,))]
+    return {start + i: value for start, row in rows for i, value in enumerate(row)}
+
+
+def _gyro_params(plant: Plant, scenario: Scenario) -> GyroParams:
     """Noise is stated for 250 Hz; as a density it grows with the root of the sample rate."""
-    instrument = vehicle.gyro
-    ratio = instrument.noise_ratio * math.sqrt(scenario.control_rate_hz / 250.0) * scenario.gyro.noise
+    instrument = plant.vehicle.gyro
+    ratio = instrument.noise_ratio * math.sqrt(scenario.control_rate_hz / 250.0) * plant.noise
     steady = instrument.noise_model is NoiseModel.CONSTANT
-    b_x, b_y, b_z = (b + fault for b, fault in zip(instrument.bias_B, scenario.gyro.bias_rad_s, strict=True))
+    b_x, b_y, b_z = (b + fault for b, fault in zip(instrument.bias_B, plant.bias, strict=True))
     sigma = ratio * instrument.reference_rate if steady else 0.0
-    return GyroParams(sigma, 0.0 if steady else ratio, b_x, b_y, b_z, instrument.range)
+    return GyroParams(sigma, 0.0 if steady else ratio, b_x, b_y, b_z, instrument.range, *plant.drift, plant.since_s)
 
 
 def _air(vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int) -> tuple[DrydenParams, DrydenState]:

@@ -21,7 +21,7 @@ def fly_direct(
 ) -> NDArray[np.void]:
     """Fly a scenario without messages and return the journal's records (samples,) of `RECORD`.
 
-    `reference` (samples, 3) [rad] is what the law is asked to hold, phi, theta, psi; level by default.
+    `reference` (samples, 3) [rad] is what the law is asked to hold, phi, theta, psi; the scenario's by default.
 
     Raises
     ------
@@ -30,7 +30,7 @@ def fly_direct(
     """
     if law.dt != scenario.dt:
         raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
-    reference = np.zeros((scenario.samples, 3)) if reference is None else np.ascontiguousarray(reference)
+    reference = _reference(scenario) if reference is None else np.ascontiguousarray(reference)
     if reference.shape != (scenario.samples, 3):
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
     world = new_world(vehicle, scenario, seed)
@@ -39,7 +39,7 @@ def fly_direct(
     torque = law.output is Output.TORQUE
     scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
     _fly(
-        world.params, world.state, world.waves, world.replay, world.seed, scenario.sample_us,
+        world.params, world.state, world.waves, world.replay, world.changes, world.seed, scenario.sample_us,
         law.A, law.B, law.C, law.D, law.G, law.H, law.limits, reference, scale,
         plant.TORQUE if torque else plant.RATES, 1.0 if torque else np.inf,
         np.nan if torque else published_hover(vehicle), scenario.delay_samples, records,
@@ -47,17 +47,24 @@ def fly_direct(
     return records.view(RECORD)[:, 0]
 
 
+def _reference(scenario: Scenario) -> Array:
+    reference = np.zeros((scenario.samples, 3))
+    for time_us, euler in scenario.references:
+        reference[time_us // scenario.sample_us :] = euler
+    return reference
+
+
 @compiled
-def _fly(params: Array, state: Array, waves: Array, replay: Array, seed: int, sample_us: int, A: Array, B: Array,
-         C: Array, D: Array, G: Array, H: Array, limits: Array, reference: Array, scale: Array, kind: float,
-         bound: float, thrust: float, delay: int, records: Array) -> None:  # fmt: skip
+def _fly(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seed: int, sample_us: int,
+         A: Array, B: Array, C: Array, D: Array, G: Array, H: Array, limits: Array, reference: Array, scale: Array,
+         kind: float, bound: float, thrust: float, delay: int, records: Array) -> None:  # fmt: skip
     n = A.shape[0]
     x, y, command, work = np.zeros(n), np.zeros(6), np.zeros(3), np.zeros(n + 3)
     ring = np.zeros((delay + 1, plant.SETPOINT))
     ring[:, plant.THRUST] = np.nan
     for k in range(records.shape[0]):
         record = records[k]
-        observe_kernel(params, state, waves, replay, seed, k, sample_us, record)
+        observe_kernel(params, state, waves, replay, changes, seed, k, sample_us, record)
         for i in range(3):
             y[i] = record[1 + i]
             y[3 + i] = reference[k, i]

@@ -235,7 +235,7 @@ def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
 
 
 class FlyingLaw:
-    """A law in flight with a level reference, from its stated initial state: all states 0.
+    """A law in flight, asked to hold level at first, from its stated initial state: all states 0.
 
     Its steps give the bits of `step`; everything is in two arrays that stay, as Python hands them over fastest.
     `scale` (3,) [N*m or rad/s] B is what 1.0 on the wire means.
@@ -245,10 +245,15 @@ class FlyingLaw:
         columns = np.column_stack([law.C, law.D, law.limits, scale, np.zeros((3, 4))])
         self._gains = np.vstack([np.hstack([law.A, law.B, law.G, law.H]), columns])
         self._memory = np.zeros(2 * law.order + 12)
+        self._order = law.order
 
     def restart(self) -> None:
-        """Go back to the initial state."""
-        self._memory[:] = 0.0
+        """Go back to the initial state; the reference stays."""
+        self._memory[: self._order] = 0.0
+
+    def set_reference(self, euler: Vector) -> None:
+        """Ask for another attitude from the next step on: roll, pitch, yaw [rad]."""
+        self._memory[self._order + 3 : self._order + 6] = euler
 
     def step(self, gyro_B: Vector) -> Vector:
         """Return the command for the measured rates [rad/s] as float32 fractions of `scale`, and move on."""

@@ -156,7 +156,7 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
     """
     rows: list[NDArray[np.float64]] = []
     autopilot = VehicleEndpoint(vehicle, scenario, seed, lambda row: rows.append(row.copy()), lockstep=True)
-    controller = ControllerEndpoint(law, _VEHICLE)
+    controller = ControllerEndpoint(law, _VEHICLE, references=scenario.references)
     now_us = 0
     while not autopilot.finished:
         sent = autopilot.poll(now_us)
@@ -211,8 +211,9 @@ class _Pair:
         )  # fmt: skip
         # The controller starts meanwhile, and is told the port when the vehicle has one.
         controller = self._launch(
-            "controller", "gustproof.controller", "--law", str(self._files["law"]), "--connect", "-"
-        )
+            "controller", "gustproof.controller", "--law", str(self._files["law"]), "--connect", "-",
+            "--scenario", str(self._files["scenario"]),
+        )  # fmt: skip
         greeting = vehicle.stdout.readline() if vehicle.stdout else ""
         if not greeting:
             raise ConfigError(self._last_words("vehicle") or "the vehicle's process did not start")

@@ -2,8 +2,11 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from firmware_model.plant_events import ActuatorEffect, ActuatorLag, AttitudeReference, GyroBias, GyroNoise, Payload
+from firmware_model.rotations import euler_angles
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
 from firmware_model.wind import Constant
@@ -17,6 +20,37 @@ FREE = replace(
     translation="free",
     wind=(*TWO_SECONDS.wind, Constant(kind="constant", velocity_mps=(3.0, -2.0, 0.0))),
 )
+EVENTS = (
+    AttitudeReference(kind="attitude", at_s=0.3, euler_deg=(6.0, -4.0, 10.0)),
+    AttitudeReference(kind="attitude", at_s=1.1, euler_deg=(0.0, 3.0, 0.0)),
+    GyroBias(kind="gyro_bias", at_s=0.2, bias_rad_s=(0.01, 0.0, -0.01), over_s=0.5),
+    GyroNoise(kind="gyro_noise", at_s=0.4, factor=2.0),
+    ActuatorEffect(kind="actuator_effect", at_s=0.6, share=(0.7, 1.0, 0.9)),
+    ActuatorLag(kind="actuator_lag", at_s=0.8, lag_s=0.04),
+    Payload(kind="payload", at_s=1.0, mass_kg=0.1, inertia_kgm2=(0.001, 0.0, 0.0)),
+)
+
+
+@pytest.mark.parametrize("translation", ["held", "free"])
+@pytest.mark.parametrize("law", ["pid-fair", "hinf-rates"])
+def test_events_are_the_same_to_the_bit_on_every_route(law, translation, tmp_path):
+    scenario = replace(TWO_SECONDS, event=EVENTS, translation=translation)
+    flown, airframe = load_law(law), load_vehicle("paper")
+    direct = fly_direct(scenario, flown, vehicle=airframe, seed=7)
+    assert direct.tobytes() != fly_direct(replace(scenario, event=()), flown, vehicle=airframe, seed=7).tobytes()
+    assert fly_loopback(scenario, flown, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
+    assert fly(scenario, flown, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
+
+
+@pytest.mark.parametrize("law", ["pid-fair", "hinf-reference"])
+def test_a_law_turns_to_the_reference_of_the_scenario(law):
+    turn = AttitudeReference(kind="attitude", at_s=0.5, euler_deg=(4.0, -2.5, 6.0))
+    scenario = replace(load_scenario("calm"), duration_s=8.0, event=(turn,))
+    records = fly_direct(scenario, load_law(law), vehicle=load_vehicle("paper"))
+    angles = np.degrees(euler_angles(records["q_NB"]))
+    assert np.max(np.abs(angles[:125])) < 0.1
+    # A linear law takes the integrals of rates for angles: an error of the second order, 4 deg times 6 deg.
+    np.testing.assert_allclose(angles[-1], turn.euler_deg, atol=0.5)
 
 
 @pytest.mark.parametrize("law", ["hinf-d1", "hinf-scheduled", "hinf-rates"])

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 
 from firmware_model import access, udp
 from firmware_model.errors import ConfigError
+from firmware_model.files import read_json
+from firmware_model.scenario import Scenario, load_scenario
 from gustproof.controller.endpoint import ControllerEndpoint, Outcome
 from gustproof.law import FlyingLaw, Law, Output, load_law, shipped_laws
 
@@ -34,10 +36,12 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
     FlyingLaw(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0))
     # A flight leaves no cycles, and the collector's visits cost a sixth of it.
     gc.disable()
+    name = options.scenario
+    references = (read_json(Scenario, name) or load_scenario(name)).references if name else ()
     vehicle = _address(options.connect)
     signing = access.signing(options, vehicle[0], strict=True)
     with udp.bind(0, access.LOOPBACK if udp.is_loopback(vehicle[0]) else "0.0.0.0") as bound:
-        endpoint = ControllerEndpoint(law, (0, vehicle), signing)
+        endpoint = ControllerEndpoint(law, (0, vehicle), signing, references)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
         udp.serve(endpoint, [bound])
@@ -73,6 +77,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--law", required=True, help=f"a .json file, or one of {', '.join(shipped_laws())}")
     add("--via", choices=[output.value for output in Output], help="how commands travel [what the law commands]")
     add("--connect", default="127.0.0.1:14580", help="HOST:PORT of the autopilot, - reads it from stdin [%(default)s]")
+    add("--scenario", help="file whose attitude references the law is asked to hold, else level")
     access.add_options(parser)
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser

@@ -1,26 +1,35 @@
 """Samples in, commands out: a law that steps once a sample, and answers a repeated sample as it did before."""
 
+from collections import deque
+from collections.abc import Sequence
+
 from firmware_model.frames import Dropped
 from firmware_model.signals import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
 from gustproof.law import FlyingLaw, Law, Output
 
+References = Sequence[tuple[int, Vector]]
+
 
 class Controller:
-    """A law in flight, level as its reference, from its stated initial state: all states 0.
+    """A law in flight, from its stated initial state: all states 0.
 
     A law knows no attitude but the one that it integrates: what it holds as level is the attitude it begins in.
 
     `scale` is what 1.0 on the wire means: the published torque limits [N*m] B for torques, 1 rad/s for rates. The
     command is divided by it and rounded to float32, here as in every other route. `hover` is the published thrust
     that goes with rates; beside torques the vehicle is asked to hold its height.
+
+    `references` are stamps [us], rising, and the attitude to be held from the sample with this stamp on, as roll,
+    pitch, yaw [rad]; level before.
     """
 
-    def __init__(self, law: Law, scale: Vector, hover: float) -> None:
+    def __init__(self, law: Law, scale: Vector, hover: float, references: References = ()) -> None:
         self._hover = hover
         self._law = FlyingLaw(law, scale)
         self._torque = law.output is Output.TORQUE
         self._answer: Command | None = None
         self._answered_us = -1
+        self._references = deque(references)
 
     def restart(self) -> None:
         """Begin again at the next sample: the vehicle was flown by another until now."""
@@ -30,6 +39,8 @@ class Controller:
         """Return the command for a sample; the law steps if it is newer than the last one."""
         time_us = sample.time_us
         if self._answer is None or time_us > self._answered_us:
+            while self._references and self._references[0][0] <= time_us:
+                self._law.set_reference(self._references.popleft()[1])
             command = self._law.step(sample.gyro_B)
             if self._torque:
                 self._answer = TorqueCommand(time_us=time_us, torque_B=command, throttle=None)

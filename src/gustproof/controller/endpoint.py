@@ -27,7 +27,7 @@ from firmware_model.messages import AUTOPILOT, CONTROLLER
 from firmware_model.params import HOVER_NAME, RATE_NAME, TORQUE_LIMIT_NAMES
 from firmware_model.signing import Signing
 from firmware_model.traffic import Traffic
-from gustproof.controller.core import Controller
+from gustproof.controller.core import Controller, References
 from gustproof.law import Law, Output
 
 HEARTBEAT_US = 1_000_000
@@ -85,13 +85,13 @@ class Outcome(Enum):
 class ControllerEndpoint:
     """One law for one vehicle; give it datagrams and the time, send what it returns."""
 
-    def __init__(self, law: Law, vehicle: Peer, signing: Signing | None = None) -> None:
+    def __init__(self, law: Law, vehicle: Peer, signing: Signing | None = None, references: References = ()) -> None:
         self.phase = Phase.SEEKING
         self.outcome: Outcome | None = None
         self.message = ""
         self.traffic = Traffic(1, CONTROLLER, signing)
         self._signing = signing
-        self._law, self._vehicle = law, vehicle
+        self._law, self._vehicle, self._references = law, vehicle, references
         self._packer = self.traffic.packer
         self._outbox: list[tuple[bytes, Peer]] = []
         self._controller: Controller | None = None
@@ -246,7 +246,7 @@ class ControllerEndpoint:
             return
         hover = known.pop()
         roll, pitch, yaw = known or (1.0, 1.0, 1.0)
-        self._controller = Controller(self._law, (roll, pitch, yaw), hover)
+        self._controller = Controller(self._law, (roll, pitch, yaw), hover, self._references)
 
     def _on_acknowledgement(self, message: Message) -> None:
         asked = {

@@ -80,3 +80,15 @@ def test_command_stays_within_the_laws_limits():
     answer = controller.answer(sample(4000))
     assert isinstance(answer, TorqueCommand)
     assert answer.torque_B[0] == 0.5
+
+
+def test_the_reference_is_that_of_the_newest_stamp_that_has_come():
+    # u = reference phi: the law passes it through.
+    D = np.hstack([np.zeros((3, 3)), np.eye(3)])
+    law = replace(integrator(), A=np.zeros((3, 3)), B=np.zeros((3, 6)), C=np.zeros((3, 3)), D=D)
+    references = [(4000, (0.25, 0.0, 0.0)), (6000, (0.5, 0.0, 0.0)), (16_000, (0.75, 0.0, 0.0))]
+    controller = Controller(law, (1.0, 1.0, 1.0), 0.5, references)
+    asked = [controller.answer(sample(time_us)).torque_B[0] for time_us in (0, 4000, 8000)]
+    controller.restart()
+    asked += [controller.answer(sample(time_us)).torque_B[0] for time_us in (12_000, 16_000)]
+    assert asked == [0.0, 0.25, 0.5, 0.5, 0.75]
