@@ -161,3 +161,24 @@ def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outc
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["calm-hinf-d1-seed5"]
     if status:
         assert str(tmp_path / "out") in one_line(result)
+
+
+def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(tmp_path, monkeypatch):
+    def fly(scenario, law, *, vehicle, seed, out, **_):
+        journal = out / "calm.journal"
+        journal.touch()
+        records = fly_direct(replace(scenario, duration_s=1.0), law, vehicle=vehicle, seed=seed)
+        return SimpleNamespace(
+            records=records, outcome=Outcome.DONE, message="it ended", realtime_factor=9.0, journal=journal
+        )
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gustproof.flight.fly", fly)
+    monkeypatch.setattr("gustproof.flight.write_bag", interrupted)
+    out = tmp_path / "out"
+    result = run("fly", "calm", "--law", "hinf-d1", "--out", str(out))
+    assert result.exit_code == 130
+    assert result.stderr.strip().endswith(f"all is there for gustproof recover {out}")
+    assert [path.name for path in out.iterdir()] == ["calm.journal"]
