@@ -72,7 +72,7 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
         host, _ = udp.resolve(options.bind, 0)
         signing = access.signing(options, host)
         sockets = [stack.enter_context(udp.bind(port, host)) for port in ports]
-        record = _journal(stack, options, header, scenario).append if options.journal else _no_record
+        journal = _journal(stack, options, header, scenario) if options.journal else None
         expected: list[Peer] = []
         if options.bind_port is None:
             expected = [(index, ("127.0.0.1", pair[1] + options.instance)) for index, pair in enumerate(_PORTS)]
@@ -80,13 +80,14 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
             vehicle,
             scenario,
             options.seed,
-            record,
+            journal.append if journal else _no_record,
             lockstep=options.lockstep,
             standing=standing,
             system=options.instance + 1,
             expected=expected,
             signing=signing,
             generic=generic,
+            flush=journal.flush if journal else lambda: None,
         )
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
@@ -152,6 +153,7 @@ def summary(endpoint: VehicleEndpoint, samples: int | None) -> dict[str, Any]:
         "realtime_factor": flight.loop.time_us * 1e-6 / flown_s if flown_s else 0.0,
         "counters": counters,
         "links": endpoint.links,
+        "link_faults": endpoint.exchange.figures() if endpoint.exchange else {},
     }
 
 

@@ -26,8 +26,10 @@ def fly_direct(
     Raises
     ------
     ValueError
-        If the law's sample time is not the scenario's, or the reference has another shape.
+        If the law's sample time is not the scenario's, the reference has another shape, or the script is of messages.
     """
+    if scenario.scripts_controller:
+        raise ValueError(f"scenario '{scenario.name}' scripts link, controller or modes, must be flown with messages")
     if law.dt != scenario.dt:
         raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
     reference = _reference(scenario) if reference is None else np.ascontiguousarray(reference)

@@ -8,6 +8,7 @@ Both leave the vehicle's journal; the same law, scenario and seed give the same 
 
 import contextlib
 import json
+import math
 import subprocess
 import sys
 import time
@@ -17,7 +18,7 @@ from enum import Enum
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,9 @@ from pydantic_core import to_jsonable_python
 from firmware_model.endpoint import Outcome as VehicleOutcome
 from firmware_model.endpoint import VehicleEndpoint
 from firmware_model.errors import ConfigError
+from firmware_model.events import ControllerKilled
 from firmware_model.journal import RECORD, read_journal, records_in
+from firmware_model.listener import NEVER_US
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.controller.endpoint import ControllerEndpoint
@@ -35,7 +38,7 @@ from gustproof.law import Law
 _WATCH_S = 0.02  # how often the processes are looked after
 _LAST_WORDS_S = 5.0  # how long a process may take to end by itself
 _ALONE_S = 10.0  # how long a vehicle may take to show that it flies on without its controller
-_VEHICLE, _CONTROLLER = (0, ("vehicle", 1)), (0, ("controller", 1))
+_VEHICLE, _CONTROLLER, _SPARE = (0, ("vehicle", 1)), (0, ("controller", 1)), (0, ("controller", 2))
 
 Records = NDArray[np.void]
 
@@ -45,10 +48,10 @@ class Outcome(Enum):
 
     DONE = "flown to the end"
     """The law flew the whole scenario."""
-    CONTROLLER_LOST = "the controller stopped; the fail-safe levelled the vehicle to the end"
-    """Set-points stopped in mid-flight; the on-board loop flew the rest."""
-    LEFT_OFFBOARD = "another client took the vehicle out of OFFBOARD; its on-board loop flew until it was given back"
-    """Somebody else asked for another mode; given back or not, the law has not flown it all."""
+    CONTROLLER_LOST = "the set-points stopped, at the controller or on the link; the fail-safe took the vehicle"
+    """Set-points stopped in mid-flight; the on-board loop flew, until OFFBOARD was set again or to the end."""
+    LEFT_OFFBOARD = "the vehicle was taken out of OFFBOARD; its on-board loop flew until it was given back"
+    """Another client or the script asked for another mode; given back or not, the law has not flown it all."""
     AUTOPILOT_LOST = "the autopilot's process ended in mid-flight"
     """The vehicle's process died."""
     NOT_STARTED = "the flight did not begin"
@@ -90,6 +93,8 @@ class Flight:
     """[-] simulated time over wall time from t = 0 to landing; 0 if unknown."""
     counters: dict[str, int]
     """What went other than planned on the vehicle's side, by cause."""
+    link: dict[str, dict[str, int]]
+    """What the faults of the link did, by direction; empty if the script has none."""
     journal: Path
     """File of the records."""
 
@@ -138,14 +143,15 @@ def fly(
         pace = [] if real_time else ["--lockstep"]
         ports = [] if real_time and usual_ports else ["--bind-port", "0"]
         logged = ["--tlog", str(log)] if tlog else []
-        with _Pair(files, seed, journal, [*pace, *ports, *logged]) as pair:
+        with _Pair(files, seed, journal, [*pace, *ports, *logged], _killing(scenario)) as pair:
             outcome = pair.fly(scenario.samples, progress or (lambda _: None), watched or (lambda *_: None))
     told = pair.told
     records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
     return Flight(
         scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
         message=f"{scenario.name}, {law.name}, seed {seed}: {outcome.value}{pair.reason}",
-        realtime_factor=told.get("realtime_factor", 0.0), counters=told.get("counters", {}), journal=journal,
+        realtime_factor=told.get("realtime_factor", 0.0), counters=told.get("counters", {}),
+        link=told.get("link_faults", {}), journal=journal,
     )  # fmt: skip
 
 
@@ -156,28 +162,54 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
     """
     rows: list[NDArray[np.float64]] = []
     autopilot = VehicleEndpoint(vehicle, scenario, seed, lambda row: rows.append(row.copy()), lockstep=True)
-    controller = ControllerEndpoint(law, _VEHICLE, references=scenario.references)
+    controller, peer = ControllerEndpoint(law, _VEHICLE, references=scenario.references), _CONTROLLER
+    killing = _killing(scenario)
     now_us = 0
     while not autopilot.finished:
         sent = autopilot.poll(now_us)
-        for datagram, _ in sent:
-            controller.receive(datagram, _VEHICLE, now_us)
-        answers = controller.poll(now_us)
+        if killing is not None and len(rows) >= killing.back:
+            controller = ControllerEndpoint(law, _VEHICLE, references=scenario.references)
+            peer, killing = _SPARE, None
+        dead = controller.finished or (killing is not None and len(rows) >= killing.sample)
+        for datagram, address in sent:
+            if address == peer and not dead:
+                controller.receive(datagram, _VEHICLE, now_us)
+        answers = [] if dead else controller.poll(now_us)
         for datagram, _ in answers:
-            autopilot.receive(datagram, _CONTROLLER, now_us)
+            autopilot.receive(datagram, peer, now_us)
         if not sent and not answers:
-            now_us = max(now_us + 1, min(autopilot.deadline_us(), controller.deadline_us()))
+            now_us = max(now_us + 1, min(autopilot.deadline_us(), NEVER_US if dead else controller.deadline_us()))
     return np.array(rows).reshape(len(rows), -1).view(RECORD)[:, 0] if rows else np.empty(0, dtype=RECORD)
 
 
-class _Pair:
-    """The two processes of a flight; on leaving, both have ended."""
+class _Killing(NamedTuple):
+    """When the script kills the controller, and when another one takes its place, in samples flown."""
 
-    def __init__(self, files: dict[str, Path], seed: int, journal: Path, options: list[str]) -> None:
+    sample: int
+    back: float
+
+
+def _killing(scenario: Scenario) -> _Killing | None:
+    """Return when the controller is killed, if it is; `back` is infinite if that is its end."""
+    for item in scenario.event:
+        if isinstance(item, ControllerKilled):
+            away_s, rate_hz = item.recovers_after_s, scenario.control_rate_hz
+            back = math.inf if away_s is None else round((item.at_s + away_s) * rate_hz)
+            return _Killing(round(item.at_s * rate_hz), back)
+    return None
+
+
+class _Pair:
+    """The processes of a flight: vehicle, controller, and a spare one if the script kills that; in the end, none."""
+
+    def __init__(
+        self, files: dict[str, Path], seed: int, journal: Path, options: list[str], killing: _Killing | None
+    ) -> None:
         self.told: dict[str, Any] = {}
         self.reason = ""
         self._given_up = False
         self._files, self._seed, self._journal, self._options = files, seed, journal, options
+        self._killing, self._relieved, self._address = killing, False, ""
         self._processes: dict[str, subprocess.Popen[str]] = {}
 
     def __enter__(self) -> Self:
@@ -210,19 +242,40 @@ class _Pair:
             "--scenario", str(self._files["scenario"]), "--vehicle", str(self._files["vehicle"]),
         )  # fmt: skip
         # The controller starts meanwhile, and is told the port when the vehicle has one.
-        controller = self._launch(
-            "controller", "gustproof.controller", "--law", str(self._files["law"]), "--connect", "-",
-            "--scenario", str(self._files["scenario"]),
-        )  # fmt: skip
+        self._launch_controller("controller")
+        if self._killing is not None:
+            self._launch_controller("spare")
         greeting = vehicle.stdout.readline() if vehicle.stdout else ""
         if not greeting:
             raise ConfigError(self._last_words("vehicle") or "the vehicle's process did not start")
         ports = json.loads(greeting)["listening"]
         watched(ports[0], self._journal)
-        # A controller that has ended already is found out by the watch.
-        with contextlib.suppress(BrokenPipeError), controller.stdin or contextlib.nullcontext() as stdin:
+        self._address = f"127.0.0.1:{ports[-1]}\n"
+        self._tell_address("controller")
+
+    def _launch_controller(self, name: str) -> None:
+        self._launch(
+            name, "gustproof.controller", "--law", str(self._files["law"]), "--connect", "-",
+            "--scenario", str(self._files["scenario"]),
+        )  # fmt: skip
+
+    def _tell_address(self, name: str) -> None:
+        """Let a controller begin; one that has ended already is found out by the watch."""
+        stdin = self._processes[name].stdin
+        with contextlib.suppress(BrokenPipeError), stdin or contextlib.nullcontext():
             if stdin:
-                stdin.write(f"127.0.0.1:{ports[-1]}\n")
+                stdin.write(self._address)
+
+    def _follow_script(self, flown: int) -> None:
+        """Kill the controller when the script says so, and let the spare one take its place."""
+        if self._killing is None or flown < self._killing.sample:
+            return
+        self._processes["controller"].kill()
+        if flown >= self._killing.back:
+            self._processes["dead"] = self._processes["controller"]
+            self._processes["controller"] = self._processes.pop("spare")
+            self._killing, self._relieved = None, True
+            self._tell_address("controller")
 
     def _launch(self, name: str, module: str, *arguments: str) -> subprocess.Popen[str]:
         # A session of its own: Ctrl-C reaches this process alone, which then ends both in order.
@@ -234,19 +287,22 @@ class _Pair:
 
     def _watch(self, samples: int, progress: Callable[[float], None]) -> None:
         """Wait until the vehicle has ended; end it if its controller did before anything was flown."""
-        vehicle, controller = self._processes["vehicle"], self._processes["controller"]
+        vehicle = self._processes["vehicle"]
         alone_since = None
         while vehicle.poll() is None:
             flown = records_in(self._journal)
+            self._follow_script(flown)
             progress(min(flown / samples, 1.0))
-            if controller.poll() is not None:
+            if self._processes["controller"].poll() is not None:
                 alone_since = alone_since or time.monotonic()
                 if not flown and time.monotonic() > alone_since + _ALONE_S:
                     self._given_up = True
                     _end(vehicle)
             time.sleep(_WATCH_S)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            controller.wait(_LAST_WORDS_S if vehicle.returncode == 0 else 0.0)
+            # One that took a flying vehicle over does not end with this flight.
+            ends = vehicle.returncode == 0 and not self._relieved
+            self._processes["controller"].wait(_LAST_WORDS_S if ends else 0.0)
         progress(min(records_in(self._journal) / samples, 1.0))
 
     def _outcome(self) -> Outcome:

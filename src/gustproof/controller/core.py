@@ -31,14 +31,15 @@ class Controller:
         self._answered_us = -1
         self._references = deque(references)
 
-    def restart(self) -> None:
-        """Begin again at the next sample: the vehicle was flown by another until now."""
-        self._law.restart()
+    def answer(self, sample: ImuSample, *, afresh: bool = False) -> Command | Dropped:
+        """Return the command for a sample; the law steps if it is newer than the last one.
 
-    def answer(self, sample: ImuSample) -> Command | Dropped:
-        """Return the command for a sample; the law steps if it is newer than the last one."""
+        It does so `afresh` from its initial state, if the vehicle was flown by another until now.
+        """
         time_us = sample.time_us
         if self._answer is None or time_us > self._answered_us:
+            if afresh:
+                self._law.restart()
             while self._references and self._references[0][0] <= time_us:
                 self._law.set_reference(self._references.popleft()[1])
             command = self._law.step(sample.gyro_B)

@@ -179,9 +179,7 @@ class ControllerEndpoint:
         if self._controller is None:
             return None
         sample = messages.imu_sample(frame)
-        if self._resting:
-            self._controller.restart()
-        answer = sample if isinstance(sample, Dropped) else self._controller.answer(sample)
+        answer = sample if isinstance(sample, Dropped) else self._controller.answer(sample, afresh=self._resting)
         if isinstance(answer, Dropped):
             return answer
         self._send(messages.command_message(answer, self._packer.srcSystem))
@@ -190,10 +188,15 @@ class ControllerEndpoint:
         return None
 
     def _join(self, time_us: int) -> None:
-        """Arm a vehicle that waits, take one that flies; stand by one on the ground, on its way up or down."""
+        """Arm a vehicle that waits, take one that flies; stand by one on the ground, on its way up or down.
+
+        One that is in OFFBOARD has lost its controller a moment ago: nothing is to be asked for.
+        """
         self._piloted = time_us > 0
         if not self._piloted:
             self._enter(Phase.ARMING)
+        elif self._armed and self._mode == Mode.OFFBOARD.value:
+            self._enter(_FLYING)
         elif self._armed and self._mode in _TAKEN:
             self._enter(Phase.ENTERING)
         else:
