@@ -107,7 +107,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         vehicle, out / "bags", progress,
     )  # fmt: skip
     medians = {law: {scenario: _median(flights, scenario, law) for scenario in scenarios} for law in laws}
-    _, solved = derive(load_design("D1"), vehicle)
+    design_d1, solved = derive(load_design("D1"), vehicle)
     reproduction = Reproduction(
         vehicle=vehicle,
         laws=laws,
@@ -115,7 +115,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         medians=medians,
         margins={name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()},
         claims=judge(
-            medians, laws, norm=solved.result.norm, gamma_opt=solved.result.gamma_opt,
+            medians, laws, norm=solved.result.norm, gamma_opt=design_d1.provenance.parameters["gamma_opt"],
             peak_rate=max(flight.peak_rate for flight in flights if flight.named("paper", "hinf-d1")),
         ),
     )  # fmt: skip
