@@ -102,7 +102,7 @@ def requirements_table(requirements: Iterable[RequirementResult]) -> Table:
         style = "green" if result.held else "red"
         table.add_row(
             requirement_label(required), f"{required.from_s:g} .. {'end' if required.to_s is None else required.to_s}",
-            _limits(required), *map(_figure, (result.value, result.margin)),
+            requirement_limits(required), *map(_figure, (result.value, result.margin)),
             Text("held" if result.held else "FAILED", style=style),
         )  # fmt: skip
     return table
@@ -116,7 +116,8 @@ def requirement_label(requirement: Requirement) -> str:
     return f"{label}{axis}{band} [{unit}]"
 
 
-def _limits(requirement: Requirement) -> str:
+def requirement_limits(requirement: Requirement) -> str:
+    """Return between which limits it must lie."""
     told = (("≥", requirement.at_least), ("≤", requirement.at_most))
     return " ".join(f"{sign} {limit:g}" for sign, limit in told if limit is not None)
 

@@ -21,7 +21,7 @@ from gustproof import __version__
 from gustproof.report.html_charts import SAMPLES, Curve, Group, spectra, time_histories
 from gustproof.report.html_loops import flown_laws, frequency_charts, pole_charts
 from gustproof.report.html_runs import Run
-from gustproof.report.html_tables import flights_table, margins_table
+from gustproof.report.html_tables import flights_table, margins_table, requirements_table
 
 _ASSETS = files("gustproof.report") / "page"
 _SCRIPTS = ("uPlot.min.js", "numbers.js", "charts.js", "attitude.js", "replay.js", "page.js")
@@ -53,7 +53,7 @@ def report_page(runs: Sequence[Run]) -> str:
     parts = {
         "title": escape(f"{scenarios}: {', '.join(run.label for run in runs)}"),
         "scenarios": "".join(f"<p>{escape(text)}</p>" for text in _scenarios(runs)),
-        "flights": flights_table(runs),
+        "flights": flights_table(runs) + requirements_table(runs),
         "margins": margins_table(laws),
         "footer": escape(_footer(runs)),
         "licence": escape(_asset("uPlot.LICENSE")),

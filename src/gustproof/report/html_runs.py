@@ -15,6 +15,7 @@ from firmware_model.vehicle import Vehicle
 from gustproof.law import Law, law_from
 from gustproof.metrics import Metrics, measure
 from gustproof.recording.bag import read_bag
+from gustproof.requirements import RequirementResult, judge
 
 MOST = 12
 """Flights that a page shows at most: more curves can't be told apart."""
@@ -46,6 +47,8 @@ class Run:
     """(n,) the journal's records."""
     metrics: Metrics
     """Figures of the flight."""
+    requirements: tuple[RequirementResult, ...]
+    """What became of each requirement of the scenario."""
 
 
 def read_runs(paths: Iterable[Path]) -> tuple[Run, ...]:
@@ -97,6 +100,7 @@ def _run(label: str, bag: Path, about: dict[str, Any], records: Records) -> Run:
         versions=versions,
         records=records,
         metrics=measure(records, airframe, script, 0.0),
+        requirements=judge(records, script, airframe),
     )
 
 

@@ -1,10 +1,11 @@
 """Tables of the page: what flew, what came of it, what the loops are worth."""
 
+import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
 from gustproof.report.design import MARGINS, margin_cell, poles_text
-from gustproof.report.document import figure_rows
+from gustproof.report.document import figure_rows, requirement_label, requirement_limits
 from gustproof.report.html_loops import FlownLaw
 from gustproof.report.html_runs import Run
 from gustproof.synthesis.derive import margins_document
@@ -28,6 +29,25 @@ def flights_table(runs: Sequence[Run]) -> str:
     for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs)}):
         rows.append([escape(f"{label} [{unit}]" if unit else label), *cells])
     return _table(head, rows)
+
+
+def requirements_table(runs: Sequence[Run]) -> str:
+    """Return what each flight had to keep, a row a requirement, with its value and margin; empty if nothing."""
+    head = ["requirement", "from .. to [s]", "limit", "flight", "flown", "margin"]
+    rows = []
+    for run in runs:
+        for result in run.requirements:
+            required = result.requirement
+            window = f"{required.from_s:g} .. {'end' if required.to_s is None else f'{required.to_s:g}'}"
+            mark = "good" if result.held else "bad"
+            verdict = f'<span class="{mark}">{"held" if result.held else "not held"}, {_told(result.margin)}</span>'
+            texts = (requirement_label(required), window, requirement_limits(required), run.label, _told(result.value))
+            rows.append([*map(escape, texts), verdict])
+    return f"<h3>Requirements</h3>{_table(head, rows)}" if rows else ""
+
+
+def _told(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "not flown" if math.isnan(value) else "∞"
 
 
 def margins_table(laws: Iterable[FlownLaw]) -> str:

@@ -24,8 +24,8 @@ def drawn(monkeypatch):
 def recorded(tmp_path):
     """Record flights that nobody flew: what stands in the journal is given by field."""
 
-    def make(folder, *, scenario="coning", law="hinf-d1", seed=1, n=500, **fields):
-        script = replace(load_scenario(scenario), duration_s=n / 250)
+    def make(folder, *, scenario="coning", law="hinf-d1", seed=1, n=500, require=(), **fields):
+        script = replace(load_scenario(scenario), duration_s=n / 250, require=require)
         plan = Plan(script, load_law(law), load_vehicle("paper"), seed, False)
         records = np.zeros(n, dtype=RECORD)
         records["time_us"] = 4000.0 * np.arange(n)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from firmware_model.requirement import Requirement
 from gustproof.report.html import report_page
 from gustproof.report.html_runs import read_runs
 
@@ -56,6 +57,17 @@ def test_the_tables_hold_figures_and_margins_of_each_flight(runs):
     assert all(f"{run.law.name}, {run.law.order} states" in page for run in runs)
     assert re.search(r"<td>1\.36</td>", page)  # pid-fair's sensitivity peak
     assert page.count('<th scope="col">') == 1 + len(runs) + 9
+
+
+def test_what_a_scenario_requires_is_shown_with_its_margin(recorded):
+    """Roll is 2 degrees throughout: within 3, beyond 1."""
+    turned = np.array([np.cos(np.radians(1.0)), np.sin(np.radians(1.0)), 0.0, 0.0])
+    limits = ({"at_most": 3.0}, {"at_most": 1.0})
+    require = tuple(Requirement(metric="peak_deg", axis="roll", **limit) for limit in limits)
+    page = report_page(read_runs([recorded("run", require=require, q_NB=turned)]))
+    assert re.findall(r'<span class="(good|bad)">(.*?)</span>', page) == [("good", "held, 1"), ("bad", "not held, -1")]
+    assert page.count("peak, roll [deg]") == 3  # and among the figures
+    assert "Requirements" not in report_page(read_runs([recorded("free", require=())]))
 
 
 def test_the_page_names_the_licence_of_what_it_carries(runs):
