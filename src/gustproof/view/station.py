@@ -10,7 +10,7 @@ MAVLink, messages 0, 20, 22, 23, 111, 115, 140, 231, 253, 345; command 511.
 """
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from queue import Empty, SimpleQueue
 from threading import Event
 from typing import Any
@@ -56,11 +56,13 @@ class Station:
         self._vehicle, self._feed, self._torque_limit = vehicle, feed, torque_limit
         self._wishes: SimpleQueue[tuple[str, float]] = SimpleQueue()
         self._open: dict[str, float] = {}
-        self._silent = set(_SHOWN if streams else ())
+        self._shown = _SHOWN if streams else ()
+        self._silent: set[int] = set()
         self._refused: dict[int, int] = {}
         self._outbox: list[tuple[bytes, Peer]] = []
         self._system: int | None = None
         self._beat_at_us = self._retry_at_us = self._now_us = 0
+        self._newest_us: dict[str, int] = {}
         self._received = 0
         self._asked_ns = -1
         self._round_trip_ms: float | None = None
@@ -141,9 +143,8 @@ class Station:
             return
         self._asked_ns = 1000 * self._now_us
         self._send(wire.MAVLink_timesync_message(0, self._asked_ns))
-        for number in self._silent:
-            self._order_interval(number, STREAM_US)
-        self._silent = {number for number in _SHOWN if number in self._handlers}
+        self._ask(self._silent)
+        self._silent = set(self._shown)
 
     def _take(self, frame: Frame) -> None:
         self.traffic.count(frame)
@@ -169,6 +170,7 @@ class Station:
             self._beat_at_us = self._now_us
             for name in _FACTS:
                 self._send(wire.MAVLink_param_request_read_message(self._system, AUTOPILOT, name.encode(), -1))
+            self._ask(self._shown)
             self._settle()
 
     def _on_parameter(self, message: Message) -> None:
@@ -210,6 +212,9 @@ class Station:
         self._add("torque", message.time_usec, *(control * limit for control, limit in asked))
 
     def _add(self, name: str, time_us: int, *numbers: float) -> None:
+        if time_us <= self._newest_us.get(name, -1):  # before t = 0 the same sample is told again
+            return
+        self._newest_us[name] = time_us
         self._feed.add(name, [[time_us * 1e-6, *(round(number, _DIGITS) for number in numbers)]])
 
     def _tell_link(self) -> None:
@@ -224,6 +229,10 @@ class Station:
         if name in _WHOLE:  # an integer travels bytewise, as PX4 has it
             value, kind = struct.unpack("<f", struct.pack("<i", int(value)))[0], wire.MAV_PARAM_TYPE_INT32
         self._send(wire.MAVLink_param_set_message(self._system, AUTOPILOT, name.encode(), value, kind))
+
+    def _ask(self, numbers: Iterable[int]) -> None:
+        for number in numbers:
+            self._order_interval(number, STREAM_US)
 
     def _order_interval(self, number: int, interval_us: int) -> None:
         self._send(

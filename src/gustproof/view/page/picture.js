@@ -44,12 +44,12 @@ export const camera = { azimuth: -0.5, elevation: 0.38 };
 // q: q_NB; wind_N: [m/s], or null
 export function drawVehicle(canvas, q, wind_N) {
   const [g, width, height] = fresh(canvas);
-  const size = Math.min(width / 3.4, height / 2.5), ca = Math.cos(camera.azimuth), sa = Math.sin(camera.azimuth);
+  const size = Math.min(width / 3.6, height / 2.7), ca = Math.cos(camera.azimuth), sa = Math.sin(camera.azimuth);
   const ce = Math.cos(camera.elevation), se = Math.sin(camera.elevation);
   const place = ([n, e, d]) => {
     const ahead = n * ca + e * sa, right = e * ca - n * sa;
     const scale = (size * DISTANCE) / (DISTANCE + ahead * ce + d * se);
-    return [width / 2 + right * scale, height * 0.4 + (d * ce - ahead * se) * scale];
+    return [width / 2 + right * scale, height * 0.38 + (d * ce - ahead * se) * scale];
   };
   const path = (points, closed) => {
     g.beginPath();
