@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from firmware_model.actuators import ActuatorParams
 from firmware_model.errors import ConfigError
+from firmware_model.mistakes import told
 from firmware_model.plant_events import (
     ActuatorEffect,
     ActuatorLag,
@@ -97,5 +98,5 @@ def _loaded(vehicle: Vehicle, event: Payload) -> Vehicle:
     try:
         return replace(vehicle, mass=vehicle.mass + event.mass_kg, inertia_B=(I_x, I_y, I_z))
     except ValidationError as error:
-        mistakes = "; ".join(f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors())
+        mistakes = told(Vehicle, error.errors())
         raise ConfigError(f"event 'payload' at {event.at_s} s: vehicle '{vehicle.name}' can't be: {mistakes}") from None

@@ -10,6 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_jsonable_python
 
 from firmware_model.errors import ConfigError
+from firmware_model.mistakes import one_line, told
 
 Parsed = TypeVar("Parsed")
 
@@ -44,8 +45,8 @@ def read_toml(
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: not TOML: {one_line(str(error))}") from None
     return parse(kind, {"name": path.stem, **complete(document, path)}, str(path))
 
 
@@ -64,8 +65,8 @@ def read_json(kind: type[Parsed], name: str) -> Parsed | None:
         return parse(kind, json.loads(path.read_text(encoding="utf-8")), name)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: not JSON: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: not JSON: {one_line(str(error))}") from None
 
 
 def parse(kind: type[Parsed], document: dict[str, Any], source: str) -> Parsed:
@@ -73,7 +74,7 @@ def parse(kind: type[Parsed], document: dict[str, Any], source: str) -> Parsed:
     try:
         return TypeAdapter(kind).validate_python(document)
     except ValidationError as error:
-        raise ConfigError(f"{source}: " + "; ".join(_mistake(item) for item in error.errors())) from None
+        raise ConfigError(f"{source}: {told(kind, error.errors())}") from None
 
 
 def write_toml(value: Any, path: Path) -> None:
@@ -96,13 +97,3 @@ def _toml_lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
 
 def _is_tables(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
-
-
-def _mistake(item: Any) -> str:
-    key = ".".join(str(part) for part in item["loc"]) or "file"
-    if item["type"] in {"unexpected_keyword_argument", "extra_forbidden"}:
-        return f"{key}: unknown key"
-    if item["type"] in {"missing", "missing_argument"}:
-        return f"{key}: missing"
-    shown = "" if isinstance(item["input"], dict) else f" (given {item['input']!r})"
-    return f"{key}: {item['msg'][:1].lower()}{item['msg'][1:]}{shown}"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from firmware_model.errors import ConfigError
+from firmware_model.mistakes import one_line
 
 _FRAMES: dict[tuple[str, ...], Literal["ned", "body"]] = {
     ("wind", "time_s", "north_mps", "east_mps", "down_mps"): "ned",
@@ -41,9 +42,10 @@ def _filled(tables: list[Any], key: str, path: Path) -> Iterator[Any]:
             yield table
             continue
         file = path.parent / table["file"]
-        frame, rows = _read(file, key, f"{path}: {key}.{i}.file")
+        frame, rows = _read(file, key, f"{path}: {key}.{i}.file: {one_line(table['file'])}")
         if table.get("frame", frame) != frame:
-            raise ConfigError(f"{path}: {key}.{i}.frame: {file} has columns in '{frame}' (given {table['frame']!r})")
+            given = one_line(repr(table["frame"]))
+            raise ConfigError(f"{path}: {key}.{i}.frame: the file has columns in '{frame}' (given {given})")
         yield {**table, "frame": frame, "rows": rows}
 
 
@@ -52,15 +54,15 @@ def _read(file: Path, key: str, source: str) -> tuple[str, list[list[float]]]:
         with file.open(encoding="utf-8", newline="") as lines:
             table = [line for line in csv.reader(lines) if line]
     except OSError as error:
-        raise ConfigError(f"{source}: {file}: {error.strerror}") from None
+        raise ConfigError(f"{source}: {error.strerror}") from None
     except (ValueError, csv.Error) as error:
-        raise ConfigError(f"{source}: {file}: not CSV: {error}") from None
+        raise ConfigError(f"{source}: not CSV: {error}") from None
     header = tuple(name.strip() for name in table[0]) if table else ()
     frame = _FRAMES.get((key, *header))
     if frame is None:
         known = " or ".join(",".join(names[1:]) for names in _FRAMES if names[0] == key)
-        raise ConfigError(f"{source}: {file}: the first line must be {known}")
-    return frame, [_numbers(line, f"{source}: {file}: row {i}") for i, line in enumerate(table[1:], 1)]
+        raise ConfigError(f"{source}: the first line must be {known}")
+    return frame, [_numbers(line, f"{source}: row {i}") for i, line in enumerate(table[1:], 1)]
 
 
 def _numbers(line: list[str], source: str) -> list[float]:

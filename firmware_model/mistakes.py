@@ -1,0 +1,50 @@
+"""What is wrong with a file, in one clear line: each key, what it was given, what is allowed."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any, get_args, get_type_hints
+
+_MOST = 20  # mistakes that are told one by one
+_LONGEST = 300  # characters of one
+_UNKNOWN = {"unexpected_keyword_argument", "extra_forbidden"}
+_MISSING = {"missing", "missing_argument"}
+
+
+def one_line(text: str) -> str:
+    """Return a text without control characters, and its end left out if it is long."""
+    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[: _LONGEST + 1])
+    return shown if len(shown) <= _LONGEST else shown[: _LONGEST - 3] + "..."
+
+
+def told(kind: Any, errors: Sequence[Any]) -> str:
+    """Return all mistakes that pydantic has found in a document of `kind`."""
+    more = [f"and {len(errors) - _MOST} more"] if len(errors) > _MOST else []
+    return "; ".join([*(one_line(_mistake(kind, item)) for item in errors[:_MOST]), *more])
+
+
+def _mistake(kind: Any, item: Any) -> str:
+    key, context = ".".join(str(part) for part in item["loc"]) or "file", item.get("ctx", {})
+    if item["type"] in _UNKNOWN:
+        known = ", ".join(_known(kind, item["loc"][:-1]))
+        return f"{one_line(key)}: unknown key{known and f', known are {known}'}"
+    if item["type"] in _MISSING:
+        return f"{key}: missing"
+    if item["type"] == "union_tag_not_found":
+        return f"{key}.kind: missing"
+    if item["type"] == "union_tag_invalid":
+        return f"{key}.kind: must be one of {context['expected_tags']} (given '{one_line(context['tag'])}')"
+    said = str(context["error"]) if item["type"] == "value_error" else item["msg"][:1].lower() + item["msg"][1:]
+    shown = "" if isinstance(item["input"], dict) else f" (given {item['input']!r})"
+    return f"{key}: {said}{shown}"
+
+
+def _known(kind: Any, location: Iterable[int | str]) -> tuple[str, ...]:
+    """Return the keys of the table at a location in a document of `kind`, as far as it can be followed."""
+    for part in location:
+        if isinstance(part, int):
+            kind = next(iter(get_args(kind)), None)
+        elif is_dataclass(kind):
+            kind = get_type_hints(kind).get(part)
+        else:
+            kind = next((one for one in get_args(kind) if part in get_args(get_type_hints(one).get("kind"))), None)
+    return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
