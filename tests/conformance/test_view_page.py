@@ -1,0 +1,195 @@
+"""The live page in Debian's Chromium, with flights by real processes; nothing here asks how fast the machine is."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from firmware_model.requirement import Metric, Requirement
+from firmware_model.rotations import euler_angles
+from firmware_model.scenario import Scenario, load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof.law import load_law
+from gustproof.sitl import Flight, Outcome, fly, fly_loopback
+from gustproof.view.live import LivePage
+
+LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")
+PATIENCE_S = 200.0  # kernels may have to be compiled first
+RESOLUTION = 1e-6  # of the rows; telemetry is float32
+
+
+def scenario(duration_s: float) -> Scenario:
+    required = (
+        Requirement(metric=Metric.PEAK, at_most=10.0),
+        Requirement(metric=Metric.TORQUE_PEAK, at_most=1e-3),
+    )
+    return replace(load_scenario("paper-turbulence"), duration_s=duration_s, require=required)
+
+
+class Watched:
+    """A flight in a thread, as the command line flies it, and its page."""
+
+    def __init__(self, page: LivePage, script: Scenario, out: Path, *, real_time: bool) -> None:
+        self.page, self.flight = page, None
+        self._thread = Thread(target=self._fly, args=(script, out, real_time))
+        self._thread.start()
+
+    def _fly(self, script: Scenario, out: Path, real_time: bool) -> None:
+        self.page.wait()
+        flight = fly(
+            script, LAW, vehicle=VEHICLE, out=out, real_time=real_time, usual_ports=False, watched=self.page.watch
+        )
+        self.page.end(flight.message, flight.records)
+        self.flight = flight
+
+    def flown(self) -> Flight:
+        self._thread.join(PATIENCE_S)
+        assert self.flight is not None, "the flight did not end"
+        return self.flight
+
+
+@contextmanager
+def watched(script: Scenario, out: Path, *, real_time: bool) -> Iterator[Watched]:
+    with LivePage(script, LAW, VEHICLE, real_time=real_time) as page:
+        flight = Watched(page, script, out, real_time=real_time)
+        try:
+            yield flight
+        finally:
+            page._start(True)
+            flight._thread.join(PATIENCE_S)
+
+
+def until(reached: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not reached():
+        assert time.monotonic() < end, f"{what}: not within {PATIENCE_S:g} s"
+        time.sleep(0.02)
+
+
+def phase(browser) -> str:
+    return browser.run("globalThis.gustproof?.facts.phase ?? ''")
+
+
+def click(browser, name: str) -> None:
+    browser.run(f"document.getElementById('{name}').click()")
+
+
+def drawn(browser, canvas: str) -> int:
+    """Return how many colours a picture has."""
+    return browser.run(
+        f"(() => {{ const c = document.querySelector('{canvas}'); const d = new Uint32Array(c.getContext('2d')"
+        ".getImageData(0, 0, c.width, c.height).data.buffer); return new Set(d).size; })()"
+    )
+
+
+def text(browser, name: str) -> str:
+    return browser.run(f"document.getElementById('{name}').textContent")
+
+
+def assert_clean(browser, page: LivePage) -> None:
+    assert browser.complaints == []
+    assert browser.requests
+    assert [request for request in browser.requests if not request.startswith((page.address, "data:"))] == []
+
+
+def assert_attitude_is_the_recordings(browser, flight: Flight) -> None:
+    """All rows that the page has are those of the journal, and the last is what it draws when the flight is over.
+
+    In real time the state after the last sample may be told too, which no record has.
+    """
+    rows = np.array(browser.run("gustproof.rows.attitude"))
+    sample = np.rint(rows[:, 0] / flight.scenario.dt).astype(int)
+    flown = sample < len(flight.records)
+    assert np.all(flown[:-1])
+    records = flight.records[sample[flown]]
+    np.testing.assert_allclose(rows[flown, 1:5], records["q_NB"], atol=RESOLUTION)
+    np.testing.assert_allclose(rows[flown, 5:8], records["omega_B"], atol=RESOLUTION)
+    until(lambda: browser.run("gustproof.shown.t === gustproof.rows.attitude.at(-1)[0]"), "the last row is drawn")
+    last = rows[-1, 1:5]
+    assert browser.run("gustproof.shown.q") == pytest.approx(last.tolist(), abs=2 * RESOLUTION)
+    until(lambda: abs(told_angles(browser) - np.degrees(euler_angles(last[np.newaxis])[0])).max() < 0.0051, "angles")
+
+
+def told_angles(browser) -> np.ndarray:
+    words = text(browser, "angles").replace("−", "-").replace("°", "").split()
+    return np.array([float(word) for word in words[1::2]])
+
+
+def test_lockstep_flight_is_started_paused_and_shown_and_is_the_same_to_the_bit(browser, tmp_path):
+    script = scenario(4.0)
+    with watched(script, tmp_path, real_time=False) as flight:
+        browser.open(flight.page.address)
+        until(lambda: phase(browser) == "ready", "the page is ready")
+        click(browser, "start")
+        click(browser, "start")
+        until(lambda: phase(browser) == "over", "the flight is over")
+        flown = flight.flown()
+        assert flown.outcome is Outcome.DONE
+        assert len(browser.run("gustproof.rows.attitude")) == 200
+        assert_attitude_is_the_recordings(browser, flown)
+        for canvas in ("#vehicle", "#horizon", *(f"#charts figure:nth-child({n}) canvas" for n in range(1, 5))):
+            assert drawn(browser, canvas) > 20, canvas
+        assert browser.run("[...document.querySelectorAll('#lights li')].map((light) => light.className)") == [
+            "held",
+            "failed",
+        ]
+        assert text(browser, "mode").startswith("OFFBOARD")
+        assert browser.run("gustproof.shown.frames") > 0
+        assert_clean(browser, flight.page)
+    assert flown.records.tobytes() == fly_loopback(script, LAW, vehicle=VEHICLE).tobytes()
+
+
+def test_pause_and_gusts_act_and_a_page_that_is_closed_changes_nothing(browser, tmp_path):
+    script = scenario(120.0)
+    with watched(script, tmp_path, real_time=False) as flight:
+        browser.open(flight.page.address)
+        until(lambda: phase(browser) == "ready", "the page is ready")
+        browser.run("fetch('gust', {method: 'POST', body: '0'})")
+        click(browser, "start")
+        until(lambda: phase(browser) == "flying", "the flight begins")
+        until(lambda: browser.run("gustproof.rows.wind.length") > 100, "the flight is shown")
+        click(browser, "pause")
+        until(lambda: browser.run("gustproof.facts.paused"), "pause")
+        time.sleep(0.3)  # what was under way
+        stands = browser.run("gustproof.rows.attitude.length")
+        time.sleep(0.5)
+        assert browser.run("gustproof.rows.attitude.length") == stands
+        assert (
+            browser.run("Math.max(...gustproof.rows.wind.slice(1).map(([t, n, e, d]) => Math.hypot(n, e, d)))") == 0.0
+        )
+        browser.run("fetch('gust', {method: 'POST', body: '1.5'})")
+        until(lambda: text(browser, "scale") == "× 1.50", "the gusts' scale is told back")
+        click(browser, "pause")
+        until(lambda: browser.run("gustproof.rows.attitude.length") > stands, "the flight goes on")
+        assert_clean(browser, flight.page)
+        browser.open("about:blank")
+        flown = flight.flown()
+    assert flown.outcome is Outcome.DONE
+    assert len(flown.records) == script.samples
+    gust = np.linalg.norm(flown.records["gust_B"], axis=1)
+    assert np.all(gust[1:500] == 0.0)  # sample 0 was taken before anybody could wish
+    assert np.all(gust[-500:] > 0.0)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_real_time_flight_is_watched_by_telemetry_at_phone_width(browser, tmp_path, dark):
+    with watched(scenario(3.0), tmp_path, real_time=True) as flight:
+        browser.open(flight.page.address, width=390, height=844, dark=dark)
+        until(lambda: phase(browser) == "ready", "the page is ready")
+        assert browser.run("document.getElementById('pause').checkVisibility()") is False
+        click(browser, "start")
+        until(lambda: phase(browser) == "over", "the flight is over")
+        flown = flight.flown()
+        assert flown.outcome is Outcome.DONE
+        assert browser.run("gustproof.rows.attitude.length") > 50
+        assert browser.run("gustproof.rows.torque.length") > 50
+        assert_attitude_is_the_recordings(browser, flown)
+        assert browser.run("document.documentElement.scrollWidth") <= 390
+        background = browser.run("getComputedStyle(document.body).backgroundColor")
+        assert background == ("rgb(18, 22, 26)" if dark else "rgb(246, 247, 249)")
+        assert_clean(browser, flight.page)
