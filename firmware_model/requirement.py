@@ -5,12 +5,15 @@ holds nothing.
 """
 
 from enum import Enum
-from typing import Literal, Self
+from typing import Literal, Self, get_args
 
 from pydantic import ConfigDict, model_validator
 from pydantic.dataclasses import dataclass
 
 from firmware_model.vehicle import Finite, NonNegative, Positive
+
+Axis = Literal["roll", "pitch", "yaw"]
+AXES = get_args(Axis)
 
 
 class Metric(Enum):
@@ -52,7 +55,7 @@ class Requirement:
 
     metric: Metric
     """What is measured."""
-    axis: Literal["roll", "pitch", "yaw"] | None = None
+    axis: Axis | None = None
     """Of which axis alone; of all three at once by default."""
     from_s: NonNegative = 0.0
     """[s] begin of the window."""

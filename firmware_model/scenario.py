@@ -15,7 +15,7 @@ from firmware_model.link import LinkFault
 from firmware_model.moments import Moment
 from firmware_model.plant_events import ActuatorLag, AttitudeReference, GyroBias, PlantEvent
 from firmware_model.replay import with_rows
-from firmware_model.requirement import Requirement
+from firmware_model.requirement import AXES, Metric, Requirement
 from firmware_model.vehicle import Vector
 from firmware_model.wind import STRICT, Dryden, Shear, Wind
 
@@ -112,6 +112,8 @@ class Scenario:
                 raise ValueError(f"require.{number}: to_s must not be later than the end, {self.duration_s} s")
             if end - begin < 2:
                 raise ValueError(f"require.{number}: a window has at least two samples of {self.dt} s")
+            if item.metric is Metric.OVERSHOOT and not self._step_of(item):
+                raise ValueError(f"require.{number}: the window has no step of the reference in {item.axis}")
         return self
 
     @property
@@ -159,8 +161,22 @@ class Scenario:
 
     def window(self, requirement: Requirement) -> tuple[int, int]:
         """Return the number of the first sample of a requirement's window, and that of the first after it."""
-        end_s = self.duration_s if requirement.to_s is None else requirement.to_s
-        return round(requirement.from_s * self.control_rate_hz), round(end_s * self.control_rate_hz)
+        end = self.samples if requirement.to_s is None else self.sample_at(requirement.to_s)
+        return self.sample_at(requirement.from_s), end
+
+    def _step_of(self, requirement: Requirement) -> float:
+        """Return by how much [rad] the reference of a requirement's axis changes from before its window to its end."""
+        begin, end = self.window(requirement)
+        axis = AXES.index(requirement.axis or "roll")
+        before, after = self.reference_at(begin - 1), self.reference_at(end - 1)
+        return after[axis] - before[axis]
+
+    def reference_at(self, sample: int) -> Vector:
+        """Return roll, pitch, yaw [rad] that the law is to hold at a sample; level before the first."""
+        held = (0.0, 0.0, 0.0)
+        for time_us, euler in self.references:
+            held = euler if time_us <= sample * self.sample_us else held
+        return held
 
     @property
     def sample_us(self) -> int:

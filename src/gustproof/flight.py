@@ -57,6 +57,12 @@ class RecordedFlight:
         return peak_rate(self.records)
 
     @property
+    def as_scripted(self) -> bool:
+        """Whether the law flew it, or the autopilot where the script is about modes, the controller or the link."""
+        expected = {Outcome.CONTROLLER_LOST, Outcome.LEFT_OFFBOARD} if self.scenario.scripts_controller else set()
+        return self.outcome in {Outcome.DONE, *expected}
+
+    @property
     def requirements(self) -> tuple[RequirementResult, ...]:
         """What became of each requirement of the scenario."""
         return judge(self.records, self.scenario, self.vehicle)

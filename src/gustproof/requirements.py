@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
-from firmware_model.requirement import Metric, Requirement
+from firmware_model.requirement import AXES, Metric, Requirement
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.metrics import Records, attitude
 from gustproof.model.lpv import scheduling, share_of_bounds
 
 Array = NDArray[np.float64]
-AXES = ("roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +25,7 @@ class RequirementResult:
     requirement: Requirement
     """What had to hold."""
     value: float
-    """[unit of the metric] what was flown; NaN if the window was not flown to its end, or has no step to judge."""
+    """[unit of the metric] what was flown; NaN if the window was not flown to its end."""
 
     @property
     def margin(self) -> float:
@@ -54,7 +53,7 @@ class _Window(NamedTuple):
     error: Array
     """(n, axes) [deg] Euler angles less their references."""
     reference: Array
-    """(n + 1, axes) [deg] from the sample before the window on."""
+    """(n + 1, axes) [deg] from the sample before the window on; level before the flight."""
     records: Records
     """(n,) of the journal."""
     torque: Array
@@ -71,8 +70,8 @@ def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[Requi
     """Return what became of each requirement of `scenario` in a flight, (n,) of `firmware_model.journal.RECORD`."""
     if not len(records):
         return tuple(RequirementResult(requirement=requirement, value=math.nan) for requirement in scenario.require)
-    reference = np.degrees(_reference(records, scenario))
-    error = np.degrees(attitude(records)) - reference
+    reference = np.degrees([scenario.reference_at(sample) for sample in range(-1, len(records))])
+    error = np.degrees(attitude(records)) - reference[1:]
     return tuple(
         RequirementResult(
             requirement=requirement, value=_measured(requirement, records, error, reference, scenario, vehicle)
@@ -90,7 +89,7 @@ def _measured(
     axes = slice(None) if requirement.axis is None else [AXES.index(requirement.axis)]
     window = _Window(
         error=error[begin:end, axes],
-        reference=reference[[max(begin - 1, 0), *range(begin, end)]][:, axes],
+        reference=reference[begin : end + 1, axes],
         records=records[begin:end],
         torque=records["torque_command_B"][begin:end, axes],
         limit=np.array(vehicle.torque_limit)[axes],
@@ -121,8 +120,6 @@ def _until_back(window: _Window, begin: int, last_outside: int) -> float:
 
 def _overshoot(window: _Window) -> float:
     before, after = window.reference[0, 0], window.reference[-1, 0]
-    if before == after:
-        return math.nan
     beyond = (window.error[:, 0] + window.reference[1:, 0] - after) / (after - before)
     return 100.0 * max(float(np.max(beyond)), 0.0)
 
@@ -165,8 +162,3 @@ _MEASURES: dict[Metric, Callable[[_Window], float]] = {
     Metric.RHO: _rho_share,
     Metric.DRIFT: _drift,
 }
-
-
-def _reference(records: Records, scenario: Scenario) -> Array:
-    """Return phi, theta, psi (n, 3) [rad] that the law was asked to hold."""
-    return np.zeros((len(records), 3))

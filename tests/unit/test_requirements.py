@@ -10,6 +10,7 @@ import pytest
 from firmware_model.errors import ConfigError
 from firmware_model.files import parse
 from firmware_model.journal import RECORD
+from firmware_model.plant_events import AttitudeReference
 from firmware_model.requirement import Metric, Requirement
 from firmware_model.scenario import Scenario, load_scenario
 from firmware_model.vehicle import load_vehicle
@@ -150,12 +151,40 @@ def test_a_result_is_json_even_where_it_is_no_number():
     assert json.loads(json.dumps(told, allow_nan=False)) == told
 
 
+STEP = AttitudeReference(kind="attitude", at_s=1.0, euler_deg=(0.0, -10.0, 0.0))
+
+
+def test_what_is_asked_for_is_no_error():
+    records = flight()
+    asked = np.where(np.arange(1000) < 250, 0.0, -10.0)
+    turn(records, 1, asked)
+    scenario = replace(SCENARIO, event=(STEP,))
+    assert judged(records, scenario, metric="peak_deg").value == pytest.approx(0.0, abs=1e-9)
+    assert judged(records, metric="peak_deg").value == pytest.approx(10.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(("furthest", "percent"), [(-9.0, 0.0), (-10.0, 0.0), (-12.5, 25.0)])
+@pytest.mark.parametrize("at_s", [0.0, 1.0])
+def test_overshoot_is_the_part_of_the_step_beyond_the_new_reference(furthest, percent, at_s):
+    records = flight()
+    angle = np.full(1000, -8.0)
+    angle[:250] = 3.0  # on the other side
+    angle[600] = furthest
+    turn(records, 1, angle)
+    scenario = replace(SCENARIO, event=(replace(STEP, at_s=at_s),))
+    result = judged(records, scenario, metric="overshoot_percent", axis="pitch", from_s=at_s, at_most=20.0)
+    assert result.value == pytest.approx(percent, abs=1e-9)
+    assert result.held == (percent <= 20.0)
+
+
 @pytest.mark.parametrize("metric", Metric)
 def test_every_metric_is_measured(metric):
-    banded = {"within_deg": 1.0} if metric in (Metric.SETTLING, Metric.RECOVERY) else {}
-    axis = {"axis": "roll"} if metric is Metric.OVERSHOOT else {}
-    value = judged(flight(), metric=metric.value, **banded, **axis).value
-    assert math.isnan(value) if metric is Metric.OVERSHOOT else value == 0.0  # level and still, and nothing is asked
+    banded = {"within_deg": 20.0} if metric in (Metric.SETTLING, Metric.RECOVERY) else {}
+    axis = {"axis": "pitch"} if metric is Metric.OVERSHOOT else {}
+    records, scenario = flight(), replace(SCENARIO, event=(replace(STEP, at_s=0.0),))
+    turn(records, 1, -10.0)
+    value = judged(records, scenario, metric=metric.value, **banded, **axis).value
+    assert value == pytest.approx(math.sin(math.radians(10.0)) if metric is Metric.RHO else 0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -173,6 +202,7 @@ def test_every_metric_is_measured(metric):
         ({"metric": "overshoot_percent", "at_most": 1.0}, "is of one axis"),
         ({"metric": "peak_deg", "at_most": 1.0, "to_s": 5.0}, "require.0: to_s must not be later than the end, 4.0 s"),
         ({"metric": "peak_deg", "at_most": 1.0, "from_s": 3.996}, "at least two samples"),
+        ({"metric": "overshoot_percent", "axis": "yaw", "at_most": 1.0}, "no step of the reference in yaw"),
         ({"metric": "peak_deg", "at_most": 1.0, "limit": 1.0}, "limit: unknown key"),
     ],
 )

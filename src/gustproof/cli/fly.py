@@ -74,7 +74,7 @@ def fly(
         raise stop(f"interrupted; what was flown is in {folder}", Status.INTERRUPTED)
     if repeat and not plan.real_time:
         _compare(result, repeat)
-    if result.outcome is not Outcome.DONE:
+    if not result.as_scripted:
         raise stop(f"{result.message}; what was flown is in {folder}", Status.FLIGHT_BROKE_OFF)
     failed = sum(not each.held for each in result.requirements)
     if failed:

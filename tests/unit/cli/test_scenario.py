@@ -125,3 +125,15 @@ def test_where_nothing_was_flown_nothing_holds(flown):
     result = flown(HEAD + LEVEL, outcome=Outcome.NOT_STARTED, samples=0)
     assert result.exit_code == 3
     assert "not flown" in result.stdout
+
+
+SCRIPTED = '[[event]]\nkind = "controller_killed"\nat_s = 0.5\n'
+
+
+@pytest.mark.parametrize(("script", "status"), [("", 3), (SCRIPTED, 0)])
+def test_a_controller_that_dies_by_the_script_breaks_nothing_off(flown, script, status):
+    assert flown(HEAD + script + LEVEL, outcome=Outcome.CONTROLLER_LOST).exit_code == status
+
+
+def test_a_vehicle_that_dies_breaks_a_flight_off_whatever_the_script_says(flown):
+    assert flown(HEAD + SCRIPTED + LEVEL, outcome=Outcome.AUTOPILOT_LOST).exit_code == 3
