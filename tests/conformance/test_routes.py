@@ -9,7 +9,7 @@ from firmware_model.plant_events import ActuatorEffect, ActuatorLag, AttitudeRef
 from firmware_model.rotations import euler_angles
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
-from firmware_model.wind import Constant
+from firmware_model.wind import Constant, GustReplay, GustStep, Shear
 from gustproof.closed_loop import fly_direct
 from gustproof.law import load_law
 from gustproof.sitl import Outcome, fly, fly_loopback
@@ -29,12 +29,17 @@ EVENTS = (
     ActuatorLag(kind="actuator_lag", at_s=0.8, lag_s=0.04),
     Payload(kind="payload", at_s=1.0, mass_kg=0.1, inertia_kgm2=(0.001, 0.0, 0.0)),
 )
+WINDS = (
+    GustStep(kind="step", speed_mps=3.0, from_deg=30.0, start_s=0.4),
+    GustReplay(kind="replay", rows=((0.0, 1.0, 0.0, 0.5), (1.0, -1.0, 2.0, 0.0))),
+    Shear(kind="shear", wind_speed_20ft_mps=4.0, from_deg=200.0),
+)
 
 
 @pytest.mark.parametrize("translation", ["held", "free"])
 @pytest.mark.parametrize("law", ["pid-fair", "hinf-rates"])
-def test_events_are_the_same_to_the_bit_on_every_route(law, translation, tmp_path):
-    scenario = replace(TWO_SECONDS, event=EVENTS, translation=translation)
+def test_events_and_winds_are_the_same_to_the_bit_on_every_route(law, translation, tmp_path):
+    scenario = replace(TWO_SECONDS, event=EVENTS, wind=(*TWO_SECONDS.wind, *WINDS), translation=translation)
     flown, airframe = load_law(law), load_vehicle("paper")
     direct = fly_direct(scenario, flown, vehicle=airframe, seed=7)
     assert direct.tobytes() != fly_direct(replace(scenario, event=()), flown, vehicle=airframe, seed=7).tobytes()
