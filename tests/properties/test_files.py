@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from firmware_model.files import write_toml
 from firmware_model.moments import Sine, Square, Step
-from firmware_model.scenario import GyroFault, Scenario, load_scenario
+from firmware_model.scenario import GyroFault, Scenario, load_scenario, shipped_scenarios
 from firmware_model.vehicle import load_vehicle, shipped_vehicles
 from firmware_model.wind import Dryden, GustReplay, OneMinusCosine
 
@@ -58,6 +58,13 @@ def test_a_written_scenario_is_read_back_equal(scenario: Scenario) -> None:
         path = Path(folder) / "written.toml"
         write_toml(scenario, path)
         assert load_scenario(path) == scenario
+
+
+def test_a_shipped_scenario_is_read_back_equal_with_its_events_and_requirements(tmp_path: Path) -> None:
+    for name in shipped_scenarios():
+        path = tmp_path / f"{name}.toml"
+        write_toml(load_scenario(name), path)
+        assert load_scenario(path) == load_scenario(name)
 
 
 def test_a_written_vehicle_is_read_back_equal(tmp_path: Path) -> None:
