@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from firmware_model.errors import ConfigError
+
 scenario = typer.Typer(
     no_args_is_help=True, help="Scenarios: the shipped ones, what stands in one, whether a file of your own is sound."
 )
@@ -58,3 +60,31 @@ def check(
     from gustproof.report.scenarios import scenario_line
 
     print(scenario_line(load_scenario(file)))
+
+
+@scenario.command()
+def extract(
+    run: Annotated[Path, typer.Argument(help="Output folder of a flight, or its bag.", show_default=False)],
+    output: Annotated[Path, typer.Option("-o", "--output", help="New file (.csv) for a scenario's `replay`.")],
+    moment: Annotated[
+        bool, typer.Option("--moment", help="The whole disturbance moment in the place of the gusts.")
+    ] = False,
+) -> None:
+    """Write the gusts of a recorded flight as CSV, to be replayed in a scenario of your own.
+
+        gustproof scenario extract runs/fly-001 -o wind.csv
+
+    In the scenario: [[wind]] with kind = "replay" and file = "wind.csv".
+    """
+    from gustproof.recording.bag import read_bag
+    from gustproof.recording.folder import bags_in
+    from gustproof.recording.replay import save_replay
+
+    bag, *others = bags_in(run)
+    if others:
+        raise ConfigError(f"{run}: holds {1 + len(others)} bags; name one of them")
+    if output.suffix != ".csv":
+        raise ConfigError(f"{output}: the file must end in .csv")
+    _, records = read_bag(bag)
+    save_replay(records, "moment" if moment else "wind", output)
+    print(f"{len(records)} samples in {output}")
