@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_model.scenario import shipped_scenarios
+from firmware_model.scenario import load_scenario, shipped_scenarios
 from gustproof.cli.app import app
 from gustproof.law import shipped_laws
 
@@ -87,3 +87,11 @@ def test_the_library_example_runs_as_it_stands(tmp_path: Path) -> None:
     assert rmse is not None
     assert 0.0 < float(rmse[1]) < 1.0
     assert (tmp_path / "mine.json").exists()
+
+
+def test_the_scenario_of_the_readme_is_sound(tmp_path: Path) -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"^```toml\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    (tmp_path / "day.toml").write_text(example)
+    day = load_scenario(tmp_path / "day.toml")
+    assert (len(day.wind), len(day.event), len(day.link), len(day.require)) == (2, 1, 1, 1)
