@@ -16,9 +16,9 @@ from gustproof.closed_loop import fly_direct
 from gustproof.law import Law
 from gustproof.metrics import Metrics, measure
 from gustproof.numerics.lti import ComplexMatrix
-from gustproof.report.design import margins_table, poles_text
 from gustproof.report.document import Document, figures_table
 from gustproof.report.hover import HoverLoop, hover_loop
+from gustproof.report.loop_tables import margins_table, poles_text
 from gustproof.synthesis.derive import margins_document
 
 _AXES = ("roll", "pitch", "yaw")

@@ -1,8 +1,6 @@
 """What a design achieved, as tables and as the figure of its singular values."""
 
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Group
@@ -10,18 +8,10 @@ from rich.table import Table
 from rich.text import Text
 
 from gustproof.report.document import Document
+from gustproof.report.loop_tables import margin_cell, margins_table, poles_text
 from gustproof.synthesis.derive import DesignReport
 
 _FREQUENCIES = np.geomspace(1e-3, 1e3, 600)
-MARGINS = {
-    "crossover_rad_s": "crossover\n[rad/s]",
-    "phase_margin_deg": "phase\n[deg]",
-    "gain_margin": "gain up\n[-]",
-    "gain_reduction_margin": "gain down\n[-]",
-    "delay_margin_s": "delay\n[s]",
-    "Ms": "Ms\n[-]",
-}
-"""Name and heading of each margin of an axis."""
 
 
 def design_document(report: DesignReport) -> Document:
@@ -51,27 +41,3 @@ def save_design_figure(report: DesignReport, path: Path) -> None:
 
     values = report.singular_values(_FREQUENCIES)
     save_singular_values(_FREQUENCIES, values, report.result.gamma, f"Design {report.design.name}", path)
-
-
-def margins_table(title: str, places: dict[str, Any]) -> Table:
-    """Return margins, as `margins_document` has them, by the plant's side and axis."""
-    table = Table("plant's", "axis", *MARGINS.values(), "disk\n[-]", title=f"Margins {title}")
-    for place, figures in places.items():
-        for axis in ("roll", "pitch", "yaw"):
-            cells = (margin_cell(figures[axis][name]) for name in MARGINS)
-            table.add_row(place, axis, *cells, margin_cell(figures["disk_margin"]) if axis == "roll" else "")
-    return table
-
-
-def margin_cell(value: float | None) -> str:
-    """Return a margin for people; `None` is infinite."""
-    return "∞" if value is None else f"{value:.3g}"
-
-
-def poles_text(poles: Iterable[tuple[float, float]]) -> str:
-    """Return poles, real and imaginary part, one of each pair."""
-    return ", ".join(_pole(re, im) for re, im in poles if im >= 0.0)
-
-
-def _pole(real: float, imaginary: float) -> str:
-    return f"{real:.4g}" if imaginary == 0.0 else f"{real:.4g} ± {imaginary:.4g}j"

@@ -4,10 +4,10 @@ import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from gustproof.report.design import MARGINS, margin_cell, poles_text
 from gustproof.report.document import figure_rows, requirement_label, requirement_limits
 from gustproof.report.html_loops import FlownLaw
 from gustproof.report.html_runs import Run
+from gustproof.report.loop_tables import MARGINS, margin_cell, poles_text
 from gustproof.synthesis.derive import margins_document
 
 _AXES = ("roll", "pitch", "yaw")
