@@ -40,19 +40,22 @@ _EXIT = {Outcome.DONE: 0, Outcome.INTERRUPTED: 130}
 _BROKEN = 3
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the vehicle until it is interrupted, or its scenario has ended; return the exit status."""
-    options = _parser().parse_args(arguments)
+def main(arguments: Sequence[str] | None = None, *, program: str = "firmware_model") -> int:
+    """Run the vehicle until it is interrupted, or its scenario has ended; return the exit status.
+
+    `program` is the name that help and errors begin with.
+    """
+    options = _parser(program).parse_args(arguments)
     standing = options.scenario is None and not options.lockstep
     try:
         if not standing and (options.held or options.air):
             raise ConfigError("--held and --air are for a vehicle without --scenario and --lockstep")
         return _fly(options, standing)
     except ConfigError as error:
-        print(f"firmware_model: {error}", file=sys.stderr)
+        print(f"{program}: {error}", file=sys.stderr)
         return 2
     except RecordingError as error:
-        print(f"firmware_model: {error}", file=sys.stderr)
+        print(f"{program}: {error}", file=sys.stderr)
         return _BROKEN
 
 
@@ -157,9 +160,9 @@ def summary(endpoint: VehicleEndpoint, samples: int | None) -> dict[str, Any]:
     }
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(program: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="firmware_model",
+        prog=program,
         description="A simulated multirotor with its autopilot. Speaks MAVLink over UDP on this machine, as PX4's "
         "simulation does, and is not PX4. It stands on the ground in real time until Ctrl-C. With --scenario it is "
         "clamped until it is armed and in OFFBOARD; then the scenario is flown, and the process ends with it.",

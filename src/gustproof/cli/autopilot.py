@@ -19,4 +19,4 @@ def autopilot(ctx: typer.Context) -> None:
     """
     from firmware_model.__main__ import main
 
-    raise typer.Exit(main(ctx.args) or Status.DONE.value)
+    raise typer.Exit(main(ctx.args, program="gustproof autopilot") or Status.DONE.value)

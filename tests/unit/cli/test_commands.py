@@ -39,6 +39,7 @@ def test_a_process_command_passes_its_options_on(command):
     result = run(command, "--help")
     assert result.exit_code == 0
     assert "Exit status" in result.stdout  # the process's own help, not the command line's
+    assert f"usage: gustproof {command}" in result.stdout
 
 
 def test_help_loads_nothing_heavy():
