@@ -205,7 +205,7 @@ def to_controller(seed: int) -> Generator:
     """A generator that knows what the controller reads."""
     fields = {
         "command": [struct.pack("<H", number) for number in (176, 400)],
-        "param_id": [b"GP_TRQ_MAX_R", b"GP_TRQ_MAX_P", b"GP_TRQ_MAX_Y", b"IMU_INTEG_RATE"],
+        "param_id": [b"GP_TRQ_MAX_R", b"GP_TRQ_MAX_P", b"GP_TRQ_MAX_Y", b"IMU_INTEG_RATE", b"MPC_THR_HOVER"],
         "param_type": [b"\x06", b"\x09"],
         "custom_mode": [struct.pack("<I", number << 16) for number in (6, 7)],
         "result": [b"\0", b"\1"],
@@ -223,6 +223,7 @@ class Autopilot:
 
     def is_obeyed(self, time_us: int, now_us: int) -> None:
         values = [(name, 10.0, 9) for name in (b"GP_TRQ_MAX_R", b"GP_TRQ_MAX_P", b"GP_TRQ_MAX_Y")]
+        values.append((b"MPC_THR_HOVER", 0.5, 9))
         values.append((b"IMU_INTEG_RATE", struct.unpack("<f", struct.pack("<i", 250))[0], 6))
         beat = heartbeat_message(7 << 16, False, critical=False)
         sample = imu_message(ImuSample(time_us=time_us, gyro_B=(0.1, 0.0, 0.0), specific_force_B=(0.0, 0.0, -9.8)))
