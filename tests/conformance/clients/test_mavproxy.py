@@ -52,9 +52,7 @@ class Console:
         raise AssertionError(f"no {pattern!r} in:\n{self.screen}")
 
     def leave(self) -> None:
-        self.process.stdin.close()
-        self.process.terminate()
-        self.process.wait(timeout=PATIENCE_S)
+        self.process.kill()  # told to end, it does not always
         self._reader.join()
 
     def _find(self, pattern: str, timeout_s: float) -> re.Match[str] | None:
@@ -86,9 +84,8 @@ def opened(vehicle, home: Path) -> Iterator[Console]:
         try:
             console.expect(f"online system {vehicle.system}")
             yield console
-            console.leave()
         finally:
-            process.kill()
+            console.leave()
 
 
 @pytest.fixture
