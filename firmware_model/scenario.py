@@ -16,10 +16,11 @@ from firmware_model.moments import Moment
 from firmware_model.plant_events import ActuatorLag, AttitudeReference, GyroBias, PlantEvent
 from firmware_model.replay import with_rows
 from firmware_model.requirement import AXES, Metric, Requirement
-from firmware_model.vehicle import Vector
+from firmware_model.vehicle import NonNegative, Vector
 from firmware_model.wind import STRICT, Dryden, Shear, Wind
 
 SCENARIOS = Path(__file__).parent / "scenarios"
+Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
@@ -52,6 +53,10 @@ class Scenario:
     """[Hz] integration steps, a multiple of `control_rate_hz`."""
     delay_samples: Annotated[int, Field(ge=0, le=50)] = 1
     """[samples] from a sample to the moment its command acts."""
+    initial_attitude_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    """[deg] roll, pitch, yaw in which the flight begins, at rest; a vehicle on the ground stands level."""
+    gust_scale: NonNegative = 1.0
+    """[-] all gusts times this; the mean wind stays."""
     wind: tuple[Wind, ...] = ()
     """Wind, added up."""
     moment: tuple[Moment, ...] = ()

@@ -17,10 +17,12 @@ from firmware_model.gusts import DrydenParams, DrydenState, dryden_filters, dryd
 from firmware_model.mean_wind import MeanWindParams, mean_wind_params
 from firmware_model.position import Holding, PositionParams, nothing_held, position_params
 from firmware_model.rigid_body import Body, BodyParams, body_params
+from firmware_model.rotations import from_euler
 from firmware_model.rotors import RotorParams, rotor_params
 from firmware_model.rows import starts
 from firmware_model.scenario import Scenario
 from firmware_model.sensors import GyroParams
+from firmware_model.signals import Quaternion
 from firmware_model.stabilizer import Estimate, StabilizerParams, stabilizer_params
 from firmware_model.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
 from firmware_model.wind import Dryden
@@ -68,12 +70,14 @@ class World:
     """Seed of all that is random."""
     vehicle: Vehicle
     """What the constants were made from."""
+    gust_scale: float
+    """[-] the scenario's."""
     dt: float
     """[s] from sample to sample."""
 
     def set_gust_scale(self, scale: float) -> None:
         """Make all gusts from now on `scale` times what the scenario says; the mean wind stays."""
-        self.params[GUST_SCALE] = scale
+        self.params[GUST_SCALE] = self.gust_scale * scale
 
     def set_stabilizer(self, gains: Stabilizer) -> None:
         """Change the gains of the attitude and rate loops."""
@@ -85,9 +89,9 @@ class World:
 
 
 def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> World:
-    """Return a vehicle at rest and level at the scenario's height, in trimmed hover, in stationary air.
+    """Return a vehicle at rest in the scenario's attitude and height, in trimmed hover, in stationary air.
 
-    A `standing` one has its motors off; it stands on the ground, or is clamped on the test stand.
+    A `standing` one has its motors off; it stands level on the ground, or is clamped on the test stand.
 
     Raises
     ------
@@ -98,9 +102,11 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool
         raise ValueError(f"seed is {seed}, must be in [0, 2^32)")
     dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
     dryden_params, dryden_state = _air(vehicle, scenario, dryden, seed)
-    estimate = Estimate(1.0, *[0.0] * 12)
-    height = standing_height(vehicle) if standing and scenario.free else scenario.altitude_m
-    body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, 1.0, *[0.0] * 10)._replace(
+    grounded = standing and scenario.free
+    q_NB = _pose(*(0.0 if grounded else math.radians(angle) for angle in scenario.initial_attitude_deg))
+    estimate = Estimate(*q_NB, *[0.0] * 9)
+    height = standing_height(vehicle) if grounded else scenario.altitude_m
+    body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, *q_NB, *[0.0] * 7)._replace(
         thrust=0.0 if standing else vehicle.mass * GRAVITY
     )
     return World(
@@ -111,6 +117,7 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool
         changes=_changes(vehicle, scenario),
         seed=seed,
         vehicle=vehicle,
+        gust_scale=scenario.gust_scale,
         dt=scenario.dt,
     )
 
@@ -128,7 +135,12 @@ def _params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams) -
             ground_params(vehicle),
             mean_wind_params(scenario.wind),
             ActuatorParams(),
-            [scenario.free, scenario.physics_rate_hz // scenario.control_rate_hz, 1.0, vehicle.mass * GRAVITY],
+            [
+                scenario.free,
+                scenario.physics_rate_hz // scenario.control_rate_hz,
+                scenario.gust_scale,
+                vehicle.mass * GRAVITY,
+            ],
         ]
     )
 
@@ -173,6 +185,11 @@ def _air(vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int)
     # Blocks 0 and 1 of sample 0 drive its step, 2 and 3 are its initial state.
     draw = np.array([*_normals(seed, GUST_STREAM, 0, 2), *_normals(seed, GUST_STREAM, 0, 3)])
     return params, DrydenState(*(factor @ draw).tolist())
+
+
+@compiled
+def _pose(phi: float, theta: float, psi: float) -> Quaternion:
+    return from_euler(phi, theta, psi)
 
 
 @compiled
