@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from firmware_model.files import read_toml, shipped
+from firmware_model.spreads import nominal
 
 GRAVITY = 9.80665
 """[m/s^2] standard gravity (3rd CGPM, 1901), down."""
@@ -209,14 +210,14 @@ class Vehicle:
 
 
 def load_vehicle(name_or_path: str | Path) -> Vehicle:
-    """Read a vehicle file, or a shipped one by its name.
+    """Read a vehicle file, or a shipped one by its name; where a number has a spread, it is the nominal one.
 
     Raises
     ------
     ConfigError
         If there is no such file, or a key or value is not allowed.
     """
-    return read_toml(Vehicle, name_or_path, VEHICLES)
+    return read_toml(Vehicle, name_or_path, VEHICLES, lambda document, path: nominal(document, str(path)))
 
 
 def shipped_vehicles() -> tuple[str, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
+from firmware_model.spreads import normalisation
 from gustproof.numerics.lti import Matrix
 
 Delta = Mapping[str, ArrayLike]
@@ -56,8 +57,7 @@ class RealBlock:
     @property
     def coefficients(self) -> tuple[float, float]:
         """`b` and `c` of the normalisation."""
-        up, down = self.high - self.nominal, self.nominal - self.low
-        return 2.0 * up * down / (up + down), (down - up) / (up + down)
+        return normalisation(self.low, self.nominal, self.high)
 
     def value(self, delta: ArrayLike) -> Matrix:
         """Return the parameter at the normalised `delta`, (...)."""

@@ -1,0 +1,74 @@
+"""All the vehicles that a file allows: each number as it stands there, or anywhere within its spread."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from firmware_model.files import parse
+from firmware_model.spreads import Spread, at, nominal, spreads
+from firmware_model.vehicle import VEHICLES, Vehicle, load_vehicle
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleSet:
+    """A vehicle file with its spreads."""
+
+    document: Mapping[str, Any]
+    """What the file says, units there."""
+
+    @cached_property
+    def spreads(self) -> dict[str, Spread]:
+        """Each spread by the name of its number, in the file's order: `actuator_lag`, `inertia_B.x`, `gyro.snr_db`."""
+        return dict(spreads(self.document))
+
+    @property
+    def nominal(self) -> Vehicle:
+        """The vehicle with all numbers nominal."""
+        return self.at({})
+
+    def at(self, delta: Mapping[str, float]) -> Vehicle:
+        """Return the vehicle at normalised values in [-1, 1] by name; those that are left out are 0, nominal.
+
+        Raises
+        ------
+        ValueError
+            If a name is unknown.
+        ConfigError
+            If there can be no such vehicle.
+        """
+        if unknown := sorted(set(delta) - set(self.spreads)):
+            raise ValueError(f"unknown spread '{unknown[0]}', there are {', '.join(self.spreads) or 'none'}")
+        values = {name: spread.value(delta.get(name, 0.0)) for name, spread in self.spreads.items()}
+        return parse(Vehicle, at(self.document, values), f"vehicle '{self.document['name']}'")
+
+
+def vehicle_set(document: Mapping[str, Any], source: str) -> VehicleSet:
+    """Return the set that a document says, each mistake told with its `source`.
+
+    Raises
+    ------
+    ConfigError
+        If a key or value is not allowed, or an end of a spread is not.
+    """
+    parse(Vehicle, nominal(document, source), source)
+    vehicles = VehicleSet(document=dict(document))
+    for name in vehicles.spreads:
+        for end in (-1.0, 1.0):
+            vehicles.at({name: end})
+    return vehicles
+
+
+def load_vehicle_set(name_or_path: str | Path) -> VehicleSet:
+    """Read a vehicle file, or a shipped one by its name, with its spreads.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, or a key or value is not allowed, or an end of a spread is not.
+    """
+    name = load_vehicle(name_or_path).name
+    path = Path(name_or_path) if Path(name_or_path).suffix == ".toml" else VEHICLES / f"{name_or_path}.toml"
+    return vehicle_set({"name": name, **tomllib.loads(path.read_text(encoding="utf-8"))}, str(path))
