@@ -11,6 +11,7 @@ import numpy as np
 
 from firmware_model.vehicle import Vehicle
 from gustproof.law import Law, Matrix, Output, Provenance
+from gustproof.numerics.lti import Lti
 
 _AXES = ("roll", "pitch", "yaw")
 
@@ -65,6 +66,10 @@ class AxisLaw:
     def A_linear(self) -> Matrix:
         """(n, n) `A` with the kinematics linearised at level attitude and rest, where the Euler rate is state 1."""
         return self.A + self.G @ np.eye(2, self.A.shape[0])[1:]
+
+    def controller(self, dt: float) -> Lti:
+        """Return the law from the gyro [rad/s] to the command [N*m], linear at level attitude, at the sample time."""
+        return Lti(A=self.A_linear, B=self.B[:, :1], C=self.C, D=self.D[:, :1], dt=dt)
 
 
 def plain_axis(gains: Gains, inertia: float, dt: float) -> AxisLaw:
