@@ -41,6 +41,7 @@ RECORD = np.dtype(
         ),  # [N] B, z: minus what the actuators give; on the test stand it only turns the rotors
         ("rotors", "<f8", 4),  # [N] thrust of each rotor
         ("wind_N", "<f8", 3),  # [m/s] mean wind, blowing toward
+        ("command_age", "<f8", (1,)),  # [samples] of the command that acts, by its stamp; NaN if none does
         ("mode", "<f8"),  # autopilot mode, firmware_model.autopilot.Mode
     ]
 )

@@ -24,7 +24,7 @@ from firmware_model.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
 from firmware_model.world import X_LOAD, new_world
 
 Array = NDArray[np.float64]
-_MODE = WIDTH - 1
+_AGE, _MODE = WIDTH - 2, WIDTH - 1
 _NOTHING = (math.nan,) * (plant.SETPOINT - 1)
 _TRIM = np.array((plant.TRIM, *_NOTHING))
 _LEVEL = np.array((plant.LEVEL, *_NOTHING))
@@ -48,7 +48,7 @@ class VehicleLoop:
         self._record = np.empty(WIDTH)
         self._fields = self._record.view(RECORD)[0]
         self._imu: ImuSample | None = None
-        self._pending = deque([_TRIM] * scenario.delay_samples)
+        self._pending: deque[tuple[Array, int | None]] = deque([(_TRIM, None)] * scenario.delay_samples)
         self.sample = 0
         self.time_us = 0
 
@@ -74,20 +74,25 @@ class VehicleLoop:
 
         A command of a controller acts `delay_samples` later. What the autopilot flies by itself acts at once, and
         commands that are still on their way are dropped. The trim that stands in for a command takes its time, too.
+
+        The age of the command that acts is what its stamp says, `delay_samples` if it came in time. It counts whole
+        samples, so the whole milliseconds of an attitude target's stamp do not show.
         """
         self.observe()
         row = setpoint_of(setpoint)
+        stamp_us = setpoint.time_us if isinstance(setpoint, (TorqueCommand, AttitudeTarget)) else None
         if isinstance(setpoint, (TorqueCommand, AttitudeTarget, Trim)):
-            self._pending.append(row)
-            row = self._pending.popleft()
+            self._pending.append((row, stamp_us))
+            row, stamp_us = self._pending.popleft()
             self._clamped = False
         else:
-            self._pending = deque([row] * len(self._pending))
+            self._pending = deque([(row, None)] * len(self._pending))
             self._clamped = row is _OFF
         world = self._world
         plant.advance(
             world.params, world.state, world.seed, self.sample, self._sample_us, row, self._record
         )  # fmt: skip
+        self._record[_AGE] = math.nan if stamp_us is None else (self.time_us - stamp_us) // self._sample_us
         self._record[_MODE] = mode
         self.sample += 1
         self.time_us += self._sample_us

@@ -15,6 +15,8 @@ from firmware_model.vehicle import Vehicle
 from firmware_model.world import Array, new_world
 from gustproof.law import Law, Output, law_kernel
 
+_AGE, _MODE = WIDTH - 2, WIDTH - 1
+
 
 def fly_direct(
     scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1, reference: Array | None = None
@@ -37,7 +39,8 @@ def fly_direct(
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
     world = new_world(vehicle, scenario, seed)
     records = np.empty((scenario.samples, WIDTH))
-    records[:, -1] = Mode.OFFBOARD.value
+    records[: scenario.delay_samples, _AGE], records[scenario.delay_samples :, _AGE] = np.nan, scenario.delay_samples
+    records[:, _MODE] = Mode.OFFBOARD.value
     torque = law.output is Output.TORQUE
     scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
     _fly(

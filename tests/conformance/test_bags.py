@@ -66,6 +66,7 @@ def test_mcap_and_its_ros2_decoder_find_every_number_under_its_ros_name(bag):
             "omega_B": xyz(one["/truth/rates"].vector),
             "gust_B": xyz(one["/gust"].twist.linear),
             "gust_omega_B": xyz(one["/gust"].twist.angular),
+            "command_age": [one["/command/age"].age],
             "moment_B": xyz(one["/moment"].wrench.torque),
             "thrust_z_command": [one["/command/torque"].wrench.force.z],
             "thrust_z": [one["/actuator/torque"].wrench.force.z],
@@ -96,10 +97,13 @@ def test_the_definitions_of_our_own_messages_say_units_and_frames(bag):
         summary = make_reader(stream).get_summary()
     schemas = {schema.name: schema.data.decode() for schema in summary.schemas.values()}
     own = {name: text for name, text in schemas.items() if name.startswith("gustproof_msgs/")}
-    assert set(own) == {f"gustproof_msgs/msg/{name}" for name in ("Flight", "Mode", "Rotors")}
-    rotors, mode, flown = (own[f"gustproof_msgs/msg/{name}"] for name in ("Rotors", "Mode", "Flight"))
+    assert set(own) == {f"gustproof_msgs/msg/{name}" for name in ("CommandAge", "Flight", "Mode", "Rotors")}
+    age, mode, rotors, flown = (
+        own[f"gustproof_msgs/msg/{name}"] for name in ("CommandAge", "Mode", "Rotors", "Flight")
+    )
     assert "# [N] thrust against the z axis, up: front right, rear left, front left, rear right." in rotors
-    for text in (rotors, mode):
+    assert "# [samples] whole, from the sample that the command answers by its stamp to this one" in age
+    for text in (age, rotors, mode):
         assert "frame_id: the body, forward-right-down" in text
     assert "_N is north-east-down, _B is forward-right-down" in flown
     assert "uint32 OFFBOARD=393216\n" in mode

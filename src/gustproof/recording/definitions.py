@@ -7,7 +7,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from firmware_model.autopilot import Mode
 
-FLIGHT, MODE, ROTORS = (f"gustproof_msgs/msg/{name}" for name in ("Flight", "Mode", "Rotors"))
+FLIGHT, MODE, ROTORS, COMMAND_AGE = (
+    f"gustproof_msgs/msg/{name}" for name in ("Flight", "Mode", "Rotors", "CommandAge")
+)
 
 _OWN = {
     FLIGHT: """# What was flown, once, at the flight's first sample: all that is needed to fly it again.
@@ -34,6 +36,15 @@ std_msgs/Header header
 
 # [N] thrust against the z axis, up: front right, rear left, front left, rear right.
 float64[4] thrust
+""",
+    COMMAND_AGE: """# How old the command is that acts: what the link, the controller and the vehicle's own delay take.
+
+# stamp: model time from the flight's first commanded sample. frame_id: the body, forward-right-down.
+std_msgs/Header header
+
+# [samples] whole, from the sample that the command answers by its stamp to this one: the scenario's delay_samples if it
+# came in time. NaN while no command acts: on-board loops fly, or none has come.
+float64 age
 """,
 }
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.journal import RECORD
-from gustproof.recording.definitions import ROTORS
+from gustproof.recording.definitions import COMMAND_AGE, ROTORS
 
 MAP_NED = "map_ned"
 BASE_LINK_FRD = "base_link_frd"
@@ -82,6 +82,13 @@ TOPICS = (
         frame_id=BASE_LINK_FRD,
         numbers=6,
         fields=(("omega_command_B", _ANGULAR),),
+    ),
+    Topic(
+        name="/command/age",
+        message=COMMAND_AGE,
+        frame_id=BASE_LINK_FRD,
+        numbers=1,
+        fields=(("command_age", (0,)),),
     ),
     Topic(
         name="/actuator/torque",

@@ -11,7 +11,7 @@ from firmware_model.loop import VehicleLoop
 from firmware_model.moments import Sine
 from firmware_model.rotations import euler_angles, from_euler
 from firmware_model.scenario import GyroFault, Scenario, load_scenario
-from firmware_model.signals import AttitudeTarget, Level, Off, Setpoint, TorqueCommand
+from firmware_model.signals import AttitudeTarget, Level, Off, Setpoint, TorqueCommand, Trim
 from firmware_model.vehicle import GRAVITY, load_vehicle
 from firmware_model.wind import Constant
 
@@ -36,6 +36,22 @@ def test_a_command_acts_the_stated_number_of_samples_later(delay: int) -> None:
     acting = fly(scenario, torque(0.1))["torque_command_B"][:, 0]
     assert not acting[:delay].any()
     np.testing.assert_allclose(acting[delay:], 0.1 * VEHICLE.torque_limit[0])
+
+
+def test_the_age_of_a_command_is_counted_from_the_sample_that_it_answers() -> None:
+    loop = VehicleLoop(VEHICLE, replace(QUIET, delay_samples=2), 1)
+    answers = [torque(0.0)._replace(time_us=4000 * sample) for sample in (0, 1, 1, 1, 2)]
+    on_board = (Trim(), Level())
+    ages = [loop.advance(setpoint, 0).view(RECORD)["command_age"][0, 0] for setpoint in (*answers, *on_board)]
+    np.testing.assert_array_equal(ages, [math.nan, math.nan, 2.0, 2.0, 3.0, 4.0, math.nan])
+
+
+def test_whole_milliseconds_of_a_stamp_do_not_age_an_attitude_target() -> None:
+    loop = VehicleLoop(VEHICLE, replace(QUIET, control_rate_hz=400, physics_rate_hz=2000), 1)
+    rates = AttitudeTarget(time_us=0, q_NB=None, omega_B=(0.0, 0.0, 0.0), thrust=0.5)
+    targets = [rates._replace(time_us=2500 * sample // 1000 * 1000) for sample in range(9)]
+    ages = [loop.advance(target, 0).view(RECORD)["command_age"][0, 0] for target in targets]
+    assert ages[1:] == [1.0] * 8
 
 
 def test_a_sample_stays_the_same_until_the_vehicle_advances() -> None:
