@@ -64,7 +64,7 @@ def _fly(params: Array, state: Array, waves: Array, replay: Array, changes: Arra
          A: Array, B: Array, C: Array, D: Array, G: Array, H: Array, limits: Array, reference: Array, scale: Array,
          kind: float, bound: float, thrust: float, delay: int, records: Array) -> None:  # fmt: skip
     n = A.shape[0]
-    x, y, command, work = np.zeros(n), np.zeros(6), np.zeros(3), np.zeros(n + 3)
+    x, y, command, work = np.zeros(n), np.zeros(9), np.zeros(3), np.zeros(n + 3)
     ring = np.zeros((delay + 1, plant.SETPOINT))
     ring[:, plant.THRUST] = np.nan
     for k in range(records.shape[0]):
@@ -73,6 +73,7 @@ def _fly(params: Array, state: Array, waves: Array, replay: Array, changes: Arra
         for i in range(3):
             y[i] = record[1 + i]
             y[3 + i] = reference[k, i]
+            y[6 + i] = record[4 + i]
         law_kernel(A, B, C, D, G, H, limits, x, y, command, work)
         slot = ring[k % (delay + 1)]
         slot[0], slot[plant.THRUST] = kind, thrust

@@ -3,9 +3,10 @@
     u  = C x + D y,      command = sat(u),
     x+ = A x + B y + G f(x) + H (sat(u) - u),
 
-with `y` = (gyro p, q, r [rad/s]; reference phi, theta, psi [rad]) and `f(x) = T(E) omega`, the exact Euler kinematics
-at the law's own estimates `E = x[0:3]` [rad] and `omega = x[3:6]` [rad/s]. With `G = 0` a law is linear; `H` is its
-anti-windup. PID, H-infinity and self-scheduled laws differ in these numbers only, so a comparison compares gains.
+with `y` = (gyro p, q, r [rad/s]; reference phi, theta, psi [rad]; specific force x, y, z [m/s^2] B) and `f(x) = T(E)
+omega`, the exact Euler kinematics at the law's own estimates `E = x[0:3]` [rad] and `omega = x[3:6]` [rad/s]. With
+`G = 0` a law is linear; `H` is its anti-windup. A law that has no use for the accelerometer leaves its three columns
+out of B and D. PID, H-infinity and self-scheduled laws differ in these numbers only, so a comparison compares gains.
 """
 
 import json
@@ -26,7 +27,10 @@ from gustproof.errors import LawFileError
 
 LAWS = Path(__file__).parent / "laws"
 FORMAT = "gustproof-law-1"
+MEASURED = 9
+"""Numbers in `y`: gyro, reference, specific force."""
 _MATRICES = ("A", "B", "C", "D", "G", "H")
+_WITHOUT_FORCE = 6
 
 Matrix = NDArray[np.float64]
 
@@ -69,11 +73,11 @@ class Law:
     A: Matrix
     """(n, n) state to next state."""
     B: Matrix
-    """(n, 6) measurement and reference to next state."""
+    """(n, 6 or 9) measurements and reference to next state."""
     C: Matrix
     """(3, n) state to command."""
     D: Matrix
-    """(3, 6) measurement and reference to command."""
+    """(3, 6 or 9) measurements and reference to command, as many columns as B."""
     G: Matrix
     """(n, 3) Euler rates of the law's own estimates to next state; 0 for a linear law."""
     H: Matrix
@@ -90,7 +94,8 @@ class Law:
     def __post_init__(self) -> None:
         """Check shapes and values, and set the arrays read-only."""
         n = np.asarray(self.A).shape[0] if np.ndim(self.A) == 2 else 0
-        shapes = {"A": (n, n), "B": (n, 6), "C": (3, n), "D": (3, 6), "G": (n, 3), "H": (n, 3), "limits": (3,)}
+        m = MEASURED if np.shape(self.D)[1:] == (MEASURED,) else _WITHOUT_FORCE
+        shapes = {"A": (n, n), "B": (n, m), "C": (3, n), "D": (3, m), "G": (n, 3), "H": (n, 3), "limits": (3,)}
         for name, shape in shapes.items():
             object.__setattr__(self, name, frozen(name, getattr(self, name), shape))
         if not (np.isfinite(self.dt) and self.dt > 0.0):
@@ -104,6 +109,11 @@ class Law:
     def order(self) -> int:
         """Number of states."""
         return int(self.A.shape[0])
+
+    @property
+    def feels_force(self) -> bool:
+        """Whether the law reads the accelerometer."""
+        return bool(self.D.shape[1] == MEASURED)
 
     @property
     def scheduled(self) -> bool:
@@ -191,7 +201,10 @@ def euler_rates(E: Any, omega: Any) -> tuple[float, float, float]:
 @kernel
 def law_kernel(A: Matrix, B: Matrix, C: Matrix, D: Matrix, G: Matrix, H: Matrix, limits: Matrix, x: Matrix,
                y: Matrix, command: Matrix, work: Matrix) -> None:  # fmt: skip
-    """Write the command for `y` and move `x` to the next sample; `work` is (n + 3,) scratch."""
+    """Write the command for `y` and move `x` to the next sample; `work` is (n + 3,) scratch.
+
+    Of `y`, as much is read as B and D have columns.
+    """
     n = x.size
     scheduled = False
     for i in range(n):
@@ -201,7 +214,7 @@ def law_kernel(A: Matrix, B: Matrix, C: Matrix, D: Matrix, G: Matrix, H: Matrix,
         u = 0.0
         for j in range(n):
             u += C[i, j] * x[j]
-        for j in range(6):
+        for j in range(D.shape[1]):
             u += D[i, j] * y[j]
         command[i] = min(max(u, -limits[i]), limits[i])
         work[n + i] = command[i] - u
@@ -212,7 +225,7 @@ def law_kernel(A: Matrix, B: Matrix, C: Matrix, D: Matrix, G: Matrix, H: Matrix,
         s = 0.0
         for j in range(n):
             s += A[i, j] * x[j]
-        for j in range(6):
+        for j in range(B.shape[1]):
             s += B[i, j] * y[j]
         s += G[i, 0] * rates[0] + G[i, 1] * rates[1] + G[i, 2] * rates[2]
         s += H[i, 0] * work[n] + H[i, 1] * work[n + 1] + H[i, 2] * work[n + 2]
@@ -228,7 +241,15 @@ def _step(A: Matrix, B: Matrix, C: Matrix, D: Matrix, G: Matrix, H: Matrix, limi
 
 
 def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
-    """Return the next state (n,) and the command (3,) [N*m or rad/s] B for the measurement `y` (6,)."""
+    """Return the next state (n,) and the command (3,) [N*m or rad/s] B for `y`, (9,), or (6,) without accelerometer.
+
+    Raises
+    ------
+    ValueError
+        If `y` is neither, or lacks the specific force that the law reads.
+    """
+    if y.shape not in ((law.D.shape[1],), (MEASURED,)):
+        raise ValueError(f"y has shape {y.shape}, must be {(law.D.shape[1],)}")
     x_next, command = x.copy(), np.empty(3)
     _step(law.A, law.B, law.C, law.D, law.G, law.H, law.limits, x_next, y, command, np.empty(x.size + 3))
     return x_next, command
@@ -244,7 +265,7 @@ class FlyingLaw:
     def __init__(self, law: Law, scale: Vector) -> None:
         columns = np.column_stack([law.C, law.D, law.limits, scale, np.zeros((3, 4))])
         self._gains = np.vstack([np.hstack([law.A, law.B, law.G, law.H]), columns])
-        self._memory = np.zeros(2 * law.order + 12)
+        self._memory = np.zeros(2 * law.order + MEASURED + 6)
         self._order = law.order
 
     def restart(self) -> None:
@@ -255,23 +276,27 @@ class FlyingLaw:
         """Ask for another attitude from the next step on: roll, pitch, yaw [rad]."""
         self._memory[self._order + 3 : self._order + 6] = euler
 
-    def step(self, gyro_B: Vector) -> Vector:
-        """Return the command for the measured rates [rad/s] as float32 fractions of `scale`, and move on."""
-        fractions: Vector = _fly(self._gains, self._memory, *gyro_B)
+    def step(self, gyro_B: Vector, force_B: Vector) -> Vector:
+        """Return the command for rates [rad/s] and specific force [m/s^2] as float32 fractions of `scale`; move on."""
+        fractions: Vector = _fly(self._gains, self._memory, *gyro_B, *force_B)
         return fractions
 
 
 @compiled
-def _fly(gains: Matrix, memory: Matrix, p: float, q: float, r: float) -> Vector:
+def _fly(
+    gains: Matrix, memory: Matrix, p: float, q: float, r: float, force_x: float, force_y: float, force_z: float
+) -> Vector:
     n = gains.shape[0] - 3
+    end = gains.shape[1] - 6  # of the columns of B
     states, outputs = gains[:n], gains[n:]
-    x, y, command, work = memory[:n], memory[n : n + 6], memory[n + 6 : n + 9], memory[n + 9 :]
+    x, y, command, work = memory[:n], memory[n : n + 9], memory[n + 9 : n + 12], memory[n + 12 :]
     y[0], y[1], y[2] = p, q, r
+    y[6], y[7], y[8] = force_x, force_y, force_z
     law_kernel(
-        states[:, :n], states[:, n : n + 6], outputs[:, :n], outputs[:, n : n + 6],
-        states[:, n + 6 : n + 9], states[:, n + 9 :], outputs[:, n + 6], x, y, command, work,
+        states[:, :n], states[:, n:end], outputs[:, :n], outputs[:, n:end],
+        states[:, end : end + 3], states[:, end + 3 :], outputs[:, end], x, y, command, work,
     )  # fmt: skip
-    scale = outputs[:, n + 7]
+    scale = outputs[:, end + 1]
     return float32(command[0] / scale[0]), float32(command[1] / scale[1]), float32(command[2] / scale[2])
 
 

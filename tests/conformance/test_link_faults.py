@@ -222,8 +222,8 @@ def test_controller_that_takes_over_within_the_time_out_begins_afresh():
     assert killed[:back].tobytes() == hung[:back].tobytes()
     assert killed[back]["torque_command_B"].tolist() != hung[back]["torque_command_B"].tolist()
     limit = published_limit(VEHICLE)
-    gyro_B = tuple(killed[150]["gyro_B"].tolist())
-    first = FlyingLaw(load_law("hinf-scheduled"), limit).step(gyro_B)
+    gyro_B, force_B = (tuple(killed[150][name].tolist()) for name in ("gyro_B", "specific_force_B"))
+    first = FlyingLaw(load_law("hinf-scheduled"), limit).step(gyro_B, force_B)
     assert killed[back]["torque_command_B"] == pytest.approx(np.multiply(first, limit), rel=1e-12)
 
 

@@ -50,6 +50,19 @@ def test_events_and_winds_are_the_same_to_the_bit_on_every_route(law, translatio
     assert fly(scenario, flown, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
 
 
+@pytest.mark.parametrize("scenario", [TWO_SECONDS, FREE], ids=["held", "free"])
+def test_a_law_that_feels_force_is_the_same_to_the_bit_on_every_route(scenario, tmp_path):
+    gyro_only, airframe = load_law("hinf-scheduled"), load_vehicle("paper")
+    # level is pulled back to, as far as the specific force tells it: f_y = -g sin(phi), f_x = g sin(theta)
+    B, D = np.zeros((gyro_only.order, 3)), np.zeros((3, 3))
+    D[0, 1], D[1, 0] = 0.2, -0.2
+    law = replace(gyro_only, B=np.hstack([gyro_only.B, B]), D=np.hstack([gyro_only.D, D]))
+    direct = fly_direct(scenario, law, vehicle=airframe, seed=7)
+    assert direct.tobytes() != fly_direct(scenario, gyro_only, vehicle=airframe, seed=7).tobytes()
+    assert fly_loopback(scenario, law, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
+    assert fly(scenario, law, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
+
+
 @pytest.mark.parametrize("law", ["pid-fair", "hinf-reference"])
 def test_a_law_turns_to_the_reference_of_the_scenario(law):
     turn = AttitudeReference(kind="attitude", at_s=0.5, euler_deg=(4.0, -2.5, 6.0))

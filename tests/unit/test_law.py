@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +12,14 @@ from gustproof.errors import LawFileError
 from gustproof.law import FlyingLaw, Law, Output, Provenance, euler_rates, load_law, step
 
 
-def make(n: int = 7, *, scheduled: bool = True, seed: int = 1) -> Law:
+def make(n: int = 7, *, scheduled: bool = True, seed: int = 1, measured: int = 6) -> Law:
     rng = np.random.default_rng(seed)
     return Law(
         name="test",
         A=0.3 * rng.normal(size=(n, n)) / math.sqrt(n),
-        B=rng.normal(size=(n, 6)),
+        B=rng.normal(size=(n, measured)),
         C=rng.normal(size=(3, n)),
-        D=rng.normal(size=(3, 6)),
+        D=rng.normal(size=(3, measured)),
         G=0.1 * rng.normal(size=(n, 3)) if scheduled else np.zeros((n, 3)),
         H=rng.normal(size=(n, 3)),
         dt=0.004,
@@ -28,11 +29,12 @@ def make(n: int = 7, *, scheduled: bool = True, seed: int = 1) -> Law:
     )
 
 
+@pytest.mark.parametrize("measured", [6, 9])
 @pytest.mark.parametrize("scheduled", [False, True])
-def test_a_step_is_the_stated_form(scheduled: bool) -> None:
-    law = make(scheduled=scheduled)
+def test_a_step_is_the_stated_form(scheduled: bool, measured: int) -> None:
+    law = make(scheduled=scheduled, measured=measured)
     rng = np.random.default_rng(2)
-    x, y = rng.normal(size=7), rng.normal(size=6)
+    x, y = rng.normal(size=7), rng.normal(size=measured)
     phi, theta = x[0], x[1]
     T = np.array(
         [
@@ -57,13 +59,33 @@ def test_a_step_leaves_its_arguments_alone() -> None:
     assert (y == 1.0).all()
 
 
-@pytest.mark.parametrize("name", ["pid-fair", "hinf-d1", "hinf-scheduled", "hinf-rates"])
-def test_a_flying_law_gives_the_bits_of_step(name: str) -> None:
-    law, scale = load_law(name), (0.7, 1.5, 3.0)
+FEELING = replace(make(measured=9), H=np.zeros((7, 3)), name="feeling force")
+LAWS = {
+    law.name: law
+    for law in (FEELING, *(load_law(name) for name in ("pid-fair", "hinf-d1", "hinf-scheduled", "hinf-rates")))
+}
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_a_flying_law_gives_the_bits_of_step(law: Law) -> None:
+    scale, reference = (0.7, 1.5, 3.0), (0.1, -0.2, 0.3)
     flying, x = FlyingLaw(law, scale), np.zeros(law.order)
-    for gyro in np.random.default_rng(3).normal(size=(50, 3)).tolist():
-        x, command = step(law, x, np.array([*gyro, 0.0, 0.0, 0.0]))
-        assert flying.step(tuple(gyro)) == tuple((command / scale).astype(np.float32).tolist())
+    flying.set_reference(reference)
+    for gyro, force in np.random.default_rng(3).normal(size=(50, 2, 3)).tolist():
+        x, command = step(law, x, np.array([*gyro, *reference, *force]))
+        assert flying.step(tuple(gyro), tuple(force)) == tuple((command / scale).astype(np.float32).tolist())
+
+
+def test_a_law_without_accelerometer_gives_the_same_bits_with_and_without_its_numbers() -> None:
+    law, rng = make(), np.random.default_rng(4)
+    x, y = rng.normal(size=7), rng.normal(size=9)
+    for short, full in zip(step(law, x, y[:6]), step(law, x, y), strict=True):
+        assert short.tobytes() == full.tobytes()
+
+
+def test_a_law_that_feels_force_is_not_stepped_without_it() -> None:
+    with pytest.raises(ValueError, match=r"y has shape \(6,\), must be \(9,\)"):
+        step(make(measured=9), np.zeros(7), np.zeros(6))
 
 
 @pytest.mark.parametrize("theta", [math.pi / 2.0, -math.pi / 2.0, 1.6])
@@ -71,8 +93,9 @@ def test_the_kinematics_stay_bounded_where_they_are_singular(theta: float) -> No
     assert max(abs(rate) for rate in euler_rates((0.4, theta, 0.0), (1.0, 1.0, 1.0))) < 50.0
 
 
-def test_a_file_keeps_every_bit(tmp_path: Path) -> None:
-    law = make()
+@pytest.mark.parametrize("measured", [6, 9])
+def test_a_file_keeps_every_bit(tmp_path: Path, measured: int) -> None:
+    law = make(measured=measured)
     law.save(tmp_path / "law.json")
     back = load_law(tmp_path / "law.json")
     for name in ("A", "B", "C", "D", "G", "H", "limits"):
@@ -85,6 +108,7 @@ def test_a_file_keeps_every_bit(tmp_path: Path) -> None:
     [
         ("A", [[math.nan]], "A"),
         ("D", [[1.0, 2.0]], r"D has shape \(1, 2\), must be \(3, 6\)"),
+        ("D", [[0.0] * 9] * 3, r"B has shape \(7, 6\), must be \(7, 9\)"),
         ("D", [[math.inf] * 6] * 3, "D has a number that is not finite"),
         ("C", "text", "C|could not convert"),
         ("dt", 0.0, "dt is 0.0, must be positive"),

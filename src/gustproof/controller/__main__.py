@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _fly(law: Law, options: argparse.Namespace) -> int:
     # The machine code is loaded, or made, before anybody waits for it.
-    FlyingLaw(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0))
+    FlyingLaw(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     # A flight leaves no cycles, and the collector's visits cost a sixth of it.
     gc.disable()
     name = options.scenario

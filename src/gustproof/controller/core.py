@@ -42,7 +42,7 @@ class Controller:
                 self._law.restart()
             while self._references and self._references[0][0] <= time_us:
                 self._law.set_reference(self._references.popleft()[1])
-            command = self._law.step(sample.gyro_B)
+            command = self._law.step(sample.gyro_B, sample.specific_force_B)
             if self._torque:
                 self._answer = TorqueCommand(time_us=time_us, torque_B=command, throttle=None)
             else:

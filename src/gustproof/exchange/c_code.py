@@ -11,6 +11,7 @@ from gustproof import __version__
 from gustproof.law import Law, Output
 
 _TEMPLATE = Path(__file__).parent / "law.c.in"
+_FORCE = ",\n *                                          specific force x, y, z [m/s^2], (0, 0, -9.81) at rest"
 _COMMANDS = {Output.TORQUE: "torque [N m]", Output.RATES: "body rates [rad/s]"}
 
 
@@ -32,7 +33,8 @@ def c_code(law: Law) -> str:
     return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
         name=_comment(law.name), prefix=c_name(law.name), version=__version__, summary=kind, n=n,
         rows=rows, vehicle=_comment(law.provenance.vehicle), design=_comment(law.provenance.design), dt=repr(law.dt),
-        command=_COMMANDS[law.output], scheduled=int(law.scheduled),
+        command=_COMMANDS[law.output], scheduled=int(law.scheduled), measured=law.D.shape[1],
+        force=_FORCE if law.feels_force else "",
         A=_table(A), C=_table(C), D=_table(law.D), limits=_row(law.limits),
         **{name: _table(matrix) for name, matrix in padded.items()},
     )  # fmt: skip

@@ -1,7 +1,8 @@
 """Laws as MATLAB files and as folders of tables, both ways.
 
 Either holds A, B, C, D, G, H, limits, and the facts dt, name, output, provenance; to read one, A, B, C, D and dt are
-enough. B and D may have the gyro's three columns alone, and what else is missing is G = 0, H = 0, no limits, torque.
+enough. B and D may have the gyro's three columns alone, or six with the reference's, or nine with the specific
+force's; what else is missing is G = 0, H = 0, no limits, torque.
 """
 
 import json
@@ -40,7 +41,7 @@ def read_law(name_or_path: str) -> Law:
 
 
 def save_mat(law: Law, path: Path) -> None:
-    """Write a law as a MATLAB file; there `ss(A, B, C, D, dt)` is its linear part, (gyro, reference) to command."""
+    """Write a law as a MATLAB file; there `ss(A, B, C, D, dt)` is its linear part, from `y` to command."""
     scipy.io.savemat(path, {name: getattr(law, name) for name in _TABLES} | _facts(law), appendmat=False)
 
 

@@ -89,6 +89,14 @@ def test_command_stays_within_the_laws_limits():
     assert answer.torque_B[0] == 0.5
 
 
+def test_the_law_feels_the_force_of_the_sample():
+    # u = specific force
+    law = replace(integrator(), B=np.zeros((3, 9)), D=np.hstack([np.zeros((3, 6)), np.eye(3)]), limits=np.full(3, 20.0))
+    answer = Controller(law, (20.0, 20.0, 20.0), 0.5).answer(sample(0))
+    assert isinstance(answer, TorqueCommand)
+    assert answer.torque_B == (0.0, 0.0, float(np.float32(-0.49)))
+
+
 def test_the_reference_is_that_of_the_newest_stamp_that_has_come():
     # u = reference phi: the law passes it through.
     D = np.hstack([np.zeros((3, 3)), np.eye(3)])

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,9 +18,14 @@ def assert_equal(law, read) -> None:
     assert (read.name, read.dt, read.output, read.provenance) == (law.name, law.dt, law.output, law.provenance)
 
 
-@pytest.mark.parametrize("name", ["hinf-scheduled", "hinf-rates", "pid-fair"])
-def test_a_law_comes_back_from_matlab_and_from_tables_to_the_bit(name, tmp_path):
-    law = load_law(name)
+FEELING = replace(
+    load_law("hinf-d1"), B=np.random.default_rng(1).normal(size=(9, 9)), D=np.random.default_rng(2).normal(size=(3, 9))
+)
+LAWS = {"feeling force": FEELING, **{name: load_law(name) for name in ("hinf-scheduled", "hinf-rates", "pid-fair")}}
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_a_law_comes_back_from_matlab_and_from_tables_to_the_bit(law, tmp_path):
     save_mat(law, tmp_path / "law.mat")
     save_csv(law, tmp_path / "law")
     assert_equal(law, read_law(str(tmp_path / "law.mat")))
