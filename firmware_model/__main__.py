@@ -110,7 +110,11 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
             _say(options, {"listening": listening, **header})
         if options.attended:
             _attend(endpoint)
-        udp.serve(_logged(stack, options, endpoint) if options.tlog else endpoint, sockets)
+        served = _logged(stack, options, endpoint) if options.tlog else endpoint
+        if options.lockstep and len(sockets) == 1:
+            udp.converse(served, sockets[0])
+        else:
+            udp.serve(served, sockets)
     _say(options, summary(endpoint, None if standing else scenario.samples))
     return _EXIT.get(endpoint.outcome, _BROKEN) if endpoint.outcome else _BROKEN
 

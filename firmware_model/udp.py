@@ -4,6 +4,7 @@ import ipaddress
 import os
 import select
 import socket
+import struct
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -19,6 +20,7 @@ _NAPS = 100  # waits; on a busy machine a watch in vain can cost ms, and is to b
 _EMPTYING = 16  # cycles; a look whether more waits costs a call, and in lockstep there never is more
 _AT_ONCE = 256  # datagrams; about what the system keeps for a socket
 _SHARE = 16  # datagrams of one peer among them; the rest is thrown away unread
+_PATIENCE_US = 5_000  # an answer that takes longer is waited for by the deadline instead
 _SPIN_US = 150  # waking from sleep takes this long at worst on an idle machine; the last stretch is polled instead
 
 
@@ -75,6 +77,20 @@ def resolve(host: str, port: int) -> tuple[str, int]:
         raise ConfigError(f"{host}: {error.strerror}") from None
 
 
+def connect(bound: socket.socket, peer: tuple[str, int]) -> None:
+    """Let a socket speak to one peer only, which is faster.
+
+    Raises
+    ------
+    ConfigError
+        If there is no way there.
+    """
+    try:
+        bound.connect(peer)
+    except OSError as error:
+        raise ConfigError(f"{peer[0]}: {error.strerror}") from None
+
+
 def is_loopback(host: str) -> bool:
     """Whether an address is of this machine alone."""
     return ipaddress.ip_address(host).is_loopback
@@ -125,12 +141,57 @@ def serve(endpoint: Endpoint, sockets: Sequence[socket.socket]) -> None:
             endpoint.receive(datagram, (sockets.index(ready), address), _now_us())
 
 
+def converse(endpoint: Endpoint, bound: socket.socket) -> None:
+    """Serve an endpoint that speaks in turns with its peer, as in lockstep, by one socket, connected or not.
+
+    The process falls asleep in the call that reads: on a core that both share, who is to answer goes on at once. After
+    a wait in vain it sleeps until there is something to do, so deadlines are met to some ms.
+    """
+    bound.setblocking(True)
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, _PATIENCE_US))
+    peer = _connected(bound)
+    now_us = _now_us()
+    heard = False
+    cycle = 0
+    while True:
+        for datagram, (_, address) in endpoint.poll(now_us):
+            try:
+                _ = bound.send(datagram) if peer else bound.sendto(datagram, address)
+            except OSError:
+                continue
+        if endpoint.finished:
+            return
+        if not heard:
+            wait_us = endpoint.deadline_us() - _now_us()
+            heard = bool(select.select((bound,), (), (), max(wait_us, 0) * 1e-6)[0])
+        if heard:
+            try:
+                datagram, source = (bound.recv(_LARGEST), peer) if peer else bound.recvfrom(_LARGEST)
+            except OSError as error:
+                heard = not isinstance(error, BlockingIOError)
+            else:
+                endpoint.receive(datagram, (0, source), _now_us())
+                cycle += 1
+                if cycle % _EMPTYING == 0:
+                    _empty(endpoint, bound, 0)
+        now_us = _now_us()
+
+
+def _connected(bound: socket.socket) -> tuple[str, int] | None:
+    """Return the one address that a socket speaks to, `None` if it speaks to any."""
+    try:
+        host, port = bound.getpeername()
+    except OSError:
+        return None
+    return host, port
+
+
 def _empty(endpoint: Endpoint, ready: socket.socket, index: int) -> None:
     """Hand over what waits in a socket, of each peer no more than its share."""
     taken: Counter[Peer] = Counter()
     for _ in range(_AT_ONCE):
         try:
-            datagram, address = ready.recvfrom(_LARGEST)
+            datagram, address = ready.recvfrom(_LARGEST, socket.MSG_DONTWAIT)
         except BlockingIOError:
             return
         except OSError:

@@ -92,6 +92,21 @@ def test_ctrl_c_ends_both_processes_and_keeps_what_was_flown(tmp_path):
     assert len(flight.records) > 0
 
 
+def test_processes_in_lockstep_share_a_core_that_they_are_allowed(tmp_path):
+    allowed = set(psutil.Process().cpu_affinity())
+    cores: list[tuple[int, ...]] = []
+
+    def look_and_interrupt() -> None:
+        cores.extend(tuple(process.cpu_affinity()) for process in children())
+        raise KeyboardInterrupt
+
+    fly_and(look_and_interrupt, tmp_path)
+    assert len(cores) == 2
+    ((core,),) = set(cores)
+    assert core in allowed
+    assert set(psutil.Process().cpu_affinity()) == allowed
+
+
 def test_law_of_another_rate_is_refused_before_anything_starts(tmp_path):
     law = replace(load_law("hinf-d1"), dt=0.01)
     with pytest.raises(ConfigError, match=r"steps every 0\.01 s"):

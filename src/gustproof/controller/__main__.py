@@ -44,7 +44,8 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
         endpoint = ControllerEndpoint(law, (0, vehicle), signing, references)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
-        udp.serve(endpoint, [bound])
+        udp.connect(bound, vehicle)
+        udp.converse(endpoint, bound)
     outcome = endpoint.outcome or Outcome.INTERRUPTED
     if options.json:
         counters = {cause.value: count for cause, count in endpoint.counters.items()}

@@ -35,20 +35,34 @@ class Echo:
         return self.now_us + 1_000_000
 
 
-def test_datagrams_are_carried_with_their_peer_and_a_time():
+def alone(endpoint, bound) -> None:
+    udp.serve(endpoint, [bound])
+
+
+def connected(endpoint, bound) -> None:
+    udp.connect(bound, bound.getsockname())
+    udp.converse(endpoint, bound)
+
+
+carried = pytest.mark.parametrize("carry", [alone, udp.converse, connected])
+
+
+@carried
+def test_datagrams_are_carried_with_their_peer_and_a_time(carry):
     with udp.bind(0) as bound:
         echo = Echo(bound.getsockname()[1])
-        udp.serve(echo, [bound])
+        carry(echo, bound)
     ((datagram, peer, now_us),) = echo.received
     assert (datagram, peer) == (b"there and back", (0, echo.address))
     assert now_us <= echo.now_us
 
 
-def test_datagram_that_cannot_be_sent_is_lost_and_no_more():
+@carried
+def test_datagram_that_cannot_be_sent_is_lost_and_no_more(carry):
     with udp.bind(0) as bound:
         echo = Echo(bound.getsockname()[1])
         echo.outbox.insert(0, (bytes(70_000), (0, echo.address)))
-        udp.serve(echo, [bound])
+        carry(echo, bound)
     assert len(echo.received) == 1
 
 
@@ -106,6 +120,58 @@ def test_every_quick_answer_is_awaited_without_falling_asleep(watches, monkeypat
     assert len(watches) == 3
 
 
+@carried
+def test_deadlines_are_met_while_nobody_speaks(carry):
+    with udp.bind(0) as bound:
+        clock = Clock()
+        carry(clock, bound)
+    assert clock.polls == 3
+
+
+@carried
+def test_deadlines_are_met_after_the_other_has_fallen_silent(carry):
+    class Silent(Echo):
+        """Has its echo, and has finished at a deadline after that."""
+
+        @property
+        def finished(self) -> bool:
+            return bool(self.received) and self.now_us > self.received[0][2] + 10_000
+
+        def deadline_us(self) -> int:
+            return self.now_us + 1_000
+
+    with udp.bind(0) as bound:
+        silent = Silent(bound.getsockname()[1])
+        carry(silent, bound)
+    assert len(silent.received) == 1
+
+
+def test_connected_socket_hears_nobody_else():
+    with udp.bind(0) as bound, udp.bind(0) as stranger:
+        echo = Echo(bound.getsockname()[1])
+        udp.connect(bound, bound.getsockname())
+        stranger.sendto(b"hello", bound.getsockname())
+        udp.converse(echo, bound)
+    assert [datagram for datagram, _, _ in echo.received] == [b"there and back"]
+
+
+def test_address_without_a_way_there_is_told_in_one_line():
+    with udp.bind(0) as bound, pytest.raises(ConfigError, match=r"255\.255\.255\.255"):
+        udp.connect(bound, ("255.255.255.255", 9))
+
+
+def test_refusal_of_what_was_sent_is_not_an_arrival():
+    with udp.bind(0) as bound:
+        with udp.bind(0) as gone:
+            address = gone.getsockname()
+        udp.connect(bound, address)
+        clock = Clock()
+        clock.poll(0)
+        bound.send(b"is anybody there?")
+        udp.converse(clock, bound)
+    assert clock.polls == 3
+
+
 def test_port_in_use_is_told_in_one_line():
     with udp.bind(0) as bound:
         port = bound.getsockname()[1]
@@ -149,6 +215,19 @@ def test_peer_that_floods_keeps_nobody_else_out():
     heard = [address for _, (_, address), _ in endpoint.received]
     # One in each cycle until the socket is emptied, and then its share.
     assert heard.count(flood) == udp._EMPTYING - 1 + udp._SHARE
+    assert endpoint.dropped == [(Dropped.TOO_MUCH, (0, flood))] * (150 - heard.count(flood))
+
+
+def test_peer_that_floods_keeps_nobody_else_out_of_a_conversation():
+    with udp.bind(0) as bound, udp.bind(0) as flooder, udp.bind(0) as modest:
+        flood = flooder.getsockname()
+        for _ in range(150):
+            flooder.sendto(b"flood", bound.getsockname())
+        modest.sendto(b"please", bound.getsockname())
+        endpoint = Patient([modest.getsockname()])
+        udp.converse(endpoint, bound)
+    heard = [address for _, (_, address), _ in endpoint.received]
+    assert heard.count(flood) == udp._EMPTYING + udp._SHARE
     assert endpoint.dropped == [(Dropped.TOO_MUCH, (0, flood))] * (150 - heard.count(flood))
 
 
