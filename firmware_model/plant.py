@@ -31,7 +31,7 @@ from firmware_model.rigid_body import Body, BodyInputs, BodyParams, still
 from firmware_model.rotations import conjugate, rotate
 from firmware_model.rotors import RotorParams, allocate, rotor_thrusts
 from firmware_model.rows import loader, storer
-from firmware_model.sensors import GyroParams, accelerometer, gyro
+from firmware_model.sensors import AccelerometerParams, GyroParams, accelerometer, gyro
 from firmware_model.signals import Quaternion, Vector
 from firmware_model.stabilizer import (
     Estimate,
@@ -44,6 +44,7 @@ from firmware_model.stabilizer import (
     strapdown,
 )
 from firmware_model.world import (
+    ACCELEROMETER_STREAM,
     FREE,
     GUST_SCALE,
     GUST_STREAM,
@@ -74,6 +75,7 @@ _load_gyro_params, _load_stabilizer_params = loader(GyroParams), loader(Stabiliz
 _load_position_params, _load_rotor_params = loader(PositionParams), loader(RotorParams)
 _load_air_params, _load_ground_params = loader(AirParams), loader(GroundParams)
 _load_mean_wind_params, _load_actuator_params = loader(MeanWindParams), loader(ActuatorParams)
+_load_accelerometer_params = loader(AccelerometerParams)
 _load_body, _load_dryden = loader(Body), loader(DrydenState)
 _load_estimate, _load_holding = loader(Estimate), loader(Holding)
 _store_body, _store_dryden = storer(Body), storer(DrydenState)
@@ -122,7 +124,8 @@ def observe_kernel(params: Array, state: Array, waves: Array, replay: Array, cha
     noise = normals(seed, GYRO_STREAM, sample, 0)
     rate = gyro(_load_gyro_params(params, world.GYRO), (body.p, body.q, body.r), noise, time)
     _write(record, _GYRO_B, rate)
-    _write(record, _FORCE_B, accelerometer(force))
+    noise = normals(seed, ACCELEROMETER_STREAM, sample, 0)
+    _write(record, _FORCE_B, accelerometer(_load_accelerometer_params(params, world.ACCELEROMETER), force, noise))
     _write(record, _MOMENT, (moment[0] + direct[0], moment[1] + direct[1], moment[2] + direct[2]))
     _write(record, _POSITION, (body.north, body.east, body.down))
     _write(record, _VELOCITY, (body.v_north, body.v_east, body.v_down))

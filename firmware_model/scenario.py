@@ -34,6 +34,16 @@ class GyroFault:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
+class AccelerometerFault:
+    """What is wrong with the accelerometer beyond the vehicle's own description."""
+
+    bias_mps2: Vector = (0.0, 0.0, 0.0)
+    """[m/s^2] B, added to the vehicle's bias."""
+    noise: bool = True
+    """False switches the noise off."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Scenario:
     """One scripted flight; times are multiples of the sample time."""
 
@@ -63,6 +73,8 @@ class Scenario:
     """Moments that act directly, added up."""
     gyro: GyroFault = field(default_factory=GyroFault)
     """Gyro faults."""
+    accelerometer: AccelerometerFault = field(default_factory=AccelerometerFault)
+    """Accelerometer faults."""
     link: tuple[LinkFault, ...] = ()
     """Faults of the link to the controller, and back."""
     event: tuple[Event, ...] = ()

@@ -23,6 +23,16 @@ class GyroParams(NamedTuple):
     since: float = 0.0  # [s] from when on
 
 
+class AccelerometerParams(NamedTuple):
+    """Constants of the accelerometer and its faults."""
+
+    sigma: float  # [m/s^2] rms of the noise of a sample
+    b_x: float  # [m/s^2] B, bias
+    b_y: float
+    b_z: float
+    range: float  # [m/s^2]
+
+
 @kernel
 def float32(value: float) -> float:
     """Return `value` rounded as the wire rounds it."""
@@ -30,9 +40,13 @@ def float32(value: float) -> float:
 
 
 @kernel
+def _measured(value: float, limit: float) -> float:
+    return float32(min(max(value, -limit), limit))
+
+
+@kernel
 def _axis(params: GyroParams, rate: float, bias: float, noise: float) -> float:
-    value = rate + bias + (params.sigma + params.ratio * abs(rate)) * noise
-    return float32(min(max(value, -params.range), params.range))
+    return _measured(rate + bias + (params.sigma + params.ratio * abs(rate)) * noise, params.range)
 
 
 @kernel
@@ -47,6 +61,12 @@ def gyro(params: GyroParams, omega_B: Vector, noise: tuple[float, float, float, 
 
 
 @kernel
-def accelerometer(specific_force_B: Vector) -> Vector:
-    """Return the measured specific force [m/s^2] B."""
-    return float32(specific_force_B[0]), float32(specific_force_B[1]), float32(specific_force_B[2])
+def accelerometer(
+    params: AccelerometerParams, specific_force_B: Vector, noise: tuple[float, float, float, float]
+) -> Vector:
+    """Return the measured specific force [m/s^2] B for three standard normal numbers (a fourth is not used)."""
+    return (
+        _measured(specific_force_B[0] + params.b_x + params.sigma * noise[0], params.range),
+        _measured(specific_force_B[1] + params.b_y + params.sigma * noise[1], params.range),
+        _measured(specific_force_B[2] + params.b_z + params.sigma * noise[2], params.range),
+    )

@@ -62,6 +62,18 @@ class Gyro:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Accelerometer:
+    """Three-axis accelerometer at the centre of mass; without numbers in the file, a faultless one."""
+
+    noise_density: NonNegative = 0.0
+    """[m/s^2/sqrt(Hz)] one-sided, of white noise."""
+    range: Positive = 16.0 * GRAVITY
+    """[m/s^2] largest magnitude that is measured; more is clipped."""
+    bias_B: Vector = (0.0, 0.0, 0.0)
+    """[m/s^2] B, constant error."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
 class Stabilizer:
     """Gains of the on-board cascade, as angular acceleration, so that they do not depend on the inertia."""
 
@@ -192,6 +204,8 @@ class Vehicle:
     """Feet."""
     position: PositionLoop
     """On-board loops of height and position."""
+    accelerometer: Accelerometer = field(default_factory=Accelerometer)
+    """Accelerometer."""
     description: str = field(default="")
     """One line for people."""
 

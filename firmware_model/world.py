@@ -21,7 +21,7 @@ from firmware_model.rotations import from_euler
 from firmware_model.rotors import RotorParams, rotor_params
 from firmware_model.rows import starts
 from firmware_model.scenario import Scenario
-from firmware_model.sensors import GyroParams
+from firmware_model.sensors import AccelerometerParams, GyroParams
 from firmware_model.signals import Quaternion
 from firmware_model.stabilizer import Estimate, StabilizerParams, stabilizer_params
 from firmware_model.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
@@ -30,10 +30,10 @@ from firmware_model.wind import Dryden
 Array = NDArray[np.float64]
 
 # One stream of random numbers for each purpose, so that a new sensor leaves every gust as it was; the link has 3.
-GUST_STREAM, GYRO_STREAM = 1, 2
+GUST_STREAM, GYRO_STREAM, ACCELEROMETER_STREAM = 1, 2, 4
 
 # Where each NamedTuple starts among the constants, then single numbers; and in the state.
-BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUATORS, _SINGLE = starts(
+BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUATORS, ACCELEROMETER, _SINGLE = starts(
     [
         BodyParams,
         DrydenParams,
@@ -45,6 +45,7 @@ BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUAT
         GroundParams,
         MeanWindParams,
         ActuatorParams,
+        AccelerometerParams,
     ]
 )
 FREE, STEPS, GUST_SCALE, WEIGHT = _SINGLE, _SINGLE + 1, _SINGLE + 2, _SINGLE + 3
@@ -135,6 +136,7 @@ def _params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams) -
             ground_params(vehicle),
             mean_wind_params(scenario.wind),
             ActuatorParams(),
+            _accelerometer_params(vehicle, scenario),
             [
                 scenario.free,
                 scenario.physics_rate_hz // scenario.control_rate_hz,
@@ -175,6 +177,13 @@ def _gyro_params(plant: Plant, scenario: Scenario) -> GyroParams:
     b_x, b_y, b_z = (b + fault for b, fault in zip(instrument.bias_B, plant.bias, strict=True))
     sigma = ratio * instrument.reference_rate if steady else 0.0
     return GyroParams(sigma, 0.0 if steady else ratio, b_x, b_y, b_z, instrument.range, *plant.drift, plant.since_s)
+
+
+def _accelerometer_params(vehicle: Vehicle, scenario: Scenario) -> AccelerometerParams:
+    instrument, fault = vehicle.accelerometer, scenario.accelerometer
+    sigma = instrument.noise_density * math.sqrt(0.5 * scenario.control_rate_hz) if fault.noise else 0.0
+    b_x, b_y, b_z = (b + extra for b, extra in zip(instrument.bias_B, fault.bias_mps2, strict=True))
+    return AccelerometerParams(sigma, b_x, b_y, b_z, instrument.range)
 
 
 def _air(vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int) -> tuple[DrydenParams, DrydenState]:

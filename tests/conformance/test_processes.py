@@ -215,7 +215,7 @@ def test_plain_mavutil_client_sees_arms_and_flies_the_vehicle():
                 flown = link.recv_match(
                     type="HIGHRES_IMU", condition="HIGHRES_IMU.time_usec > 0", blocking=True, timeout=20
                 )
-                assert flown.zacc == pytest.approx(-9.80665, abs=1e-5)
+                assert flown.zacc == pytest.approx(-9.80665, abs=0.2)  # noise of .03 m/s^2 rms
             finally:
                 stop.set()
                 streaming.join()

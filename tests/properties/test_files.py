@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from firmware_model.files import write_toml
 from firmware_model.moments import Sine, Square, Step
-from firmware_model.scenario import GyroFault, Scenario, load_scenario, shipped_scenarios
+from firmware_model.scenario import AccelerometerFault, GyroFault, Scenario, load_scenario, shipped_scenarios
 from firmware_model.vehicle import load_vehicle, shipped_vehicles
 from firmware_model.wind import Dryden, GustReplay, OneMinusCosine
 
@@ -48,6 +48,7 @@ scenario = st.builds(
     wind=st.tuples(dryden, gust, replay) | st.lists(gust, max_size=2).map(tuple),
     moment=st.lists(moment, max_size=3).map(tuple),
     gyro=st.builds(GyroFault, bias_rad_s=vector, noise=st.booleans()),
+    accelerometer=st.builds(AccelerometerFault, bias_mps2=vector, noise=st.booleans()),
 )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.moments import Moment, Sine, Square, Step
-from firmware_model.scenario import GyroFault, Scenario
+from firmware_model.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.signals import Vector
 from firmware_model.vehicle import Vehicle
 from firmware_model.wind import Dryden
@@ -141,6 +141,7 @@ class _Search:
         self._calm = Scenario(
             name=f"worst-{law.name}", description="still air", duration_s=duration_s, control_rate_hz=rate,
             physics_rate_hz=rate * math.ceil(1000 / rate), delay_samples=delay_samples, gyro=GyroFault(noise=False),
+            accelerometer=AccelerometerFault(noise=False),
         )  # fmt: skip
         self._law, self._vehicle, self._budget, self._spreads = law, vehicle, np.array(budget), spreads
         self._slowest = math.pi / duration_s  # one turn of sign in a flight

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from firmware_model.moments import Step
-from firmware_model.scenario import GyroFault, Scenario
+from firmware_model.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.closed_loop import fly_direct
 from gustproof.law import Law
@@ -85,9 +85,12 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
     """
     roll, pitch, yaw = vehicle.torque_limit
     step_moment = (_STEP_SHARE * roll, _STEP_SHARE * pitch, _STEP_SHARE * yaw)
-    still = replace(scenario, wind=(), moment=(), duration_s=_STEP_S, gyro=GyroFault(noise=False))
+    gyro, accelerometer = GyroFault(noise=False), AccelerometerFault(noise=False)
+    still = replace(scenario, wind=(), moment=(), duration_s=_STEP_S, gyro=gyro, accelerometer=accelerometer)
     stepped = replace(still, moment=(Step(kind="step", amplitude_nm=step_moment, start_s=0.5),))
-    quiet = replace(scenario, gyro=replace(scenario.gyro, noise=False))
+    quiet = replace(
+        scenario, gyro=replace(scenario.gyro, noise=False), accelerometer=replace(scenario.accelerometer, noise=False)
+    )
     flown = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
     return Analysis(
         law=law,

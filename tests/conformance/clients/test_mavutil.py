@@ -17,7 +17,7 @@ def test_a_naive_program_reads_sets_changes_mode_and_arms(vehicle, run_program):
     assert facts["changed"] == 3.0
     assert {"POSCTL", "LOITER", "LAND", "OFFBOARD"} <= set(facts["modes"])
     assert (facts["mode"], facts["armed"]) == ("POSCTL", True)
-    assert facts["zacc"] == pytest.approx(-9.81, abs=0.05)
+    assert facts["zacc"] == pytest.approx(-9.81, abs=0.2)  # noise of .03 m/s^2 rms
     assert facts["lost"] == 0
 
 

@@ -11,14 +11,20 @@ from firmware_model.journal import RECORD
 from firmware_model.loop import VehicleLoop
 from firmware_model.rigid_body import Body, BodyInputs
 from firmware_model.rotations import euler_angles, from_euler
-from firmware_model.scenario import GyroFault, Scenario
+from firmware_model.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.signals import AttitudeTarget, Level, Setpoint, TorqueCommand
 from firmware_model.vehicle import GRAVITY, load_vehicle
 from firmware_model.wind import Constant, Dryden, OneMinusCosine
 
 VEHICLES = {name: load_vehicle(name) for name in ("paper", "iris")}
 CALM = Scenario(
-    name="calm", description="", duration_s=60.0, translation="free", altitude_m=500.0, gyro=GyroFault(noise=False)
+    name="calm",
+    description="",
+    duration_s=60.0,
+    translation="free",
+    altitude_m=500.0,
+    gyro=GyroFault(noise=False),
+    accelerometer=AccelerometerFault(noise=False),
 )
 NOTHING = BodyInputs(*[0.0] * 13)
 STILL = Air(*[0.0] * 6)

@@ -8,7 +8,7 @@ import pytest
 from firmware_model.journal import RECORD
 from firmware_model.loop import VehicleLoop
 from firmware_model.rotations import from_euler, rotate
-from firmware_model.scenario import GyroFault, Scenario
+from firmware_model.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.signals import Guidance, Off, Setpoint, TorqueCommand
 from firmware_model.vehicle import GRAVITY, load_vehicle
 from firmware_model.wind import Constant, Dryden
@@ -16,7 +16,13 @@ from firmware_model.world import X_BODY
 
 VEHICLES = {name: load_vehicle(name) for name in ("paper", "iris")}
 CALM = Scenario(
-    name="calm", description="", duration_s=60.0, translation="free", altitude_m=2.0, gyro=GyroFault(noise=False)
+    name="calm",
+    description="",
+    duration_s=60.0,
+    translation="free",
+    altitude_m=2.0,
+    gyro=GyroFault(noise=False),
+    accelerometer=AccelerometerFault(noise=False),
 )
 WINDY = replace(
     CALM,

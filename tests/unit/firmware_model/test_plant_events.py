@@ -22,12 +22,18 @@ from firmware_model.plant_events import (
     GyroRange,
     Payload,
 )
-from firmware_model.scenario import GyroFault, Scenario
+from firmware_model.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.signals import Level, Setpoint, TorqueCommand
 from firmware_model.vehicle import GRAVITY, load_vehicle
 
 VEHICLE = load_vehicle("paper")
-QUIET = Scenario(name="quiet", description="", duration_s=2.0, gyro=GyroFault(noise=False))
+QUIET = Scenario(
+    name="quiet",
+    description="",
+    duration_s=2.0,
+    gyro=GyroFault(noise=False),
+    accelerometer=AccelerometerFault(noise=False),
+)
 AT = 250
 """Sample of 1 s."""
 REST = TorqueCommand(time_us=0, torque_B=(0.0, 0.0, 0.0), throttle=None)

@@ -1,13 +1,22 @@
-"""The gyro as asked for: noise, bias, range, float32."""
+"""Gyro and accelerometer as asked for: noise, bias, range, float32."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from firmware_model.elementary import normals
-from firmware_model.sensors import GyroParams, accelerometer, gyro
+from firmware_model.journal import RECORD
+from firmware_model.scenario import AccelerometerFault, Scenario, load_scenario
+from firmware_model.sensors import AccelerometerParams, GyroParams, accelerometer, gyro
+from firmware_model.vehicle import Accelerometer, Vehicle, load_vehicle
+from gustproof.closed_loop import fly_direct
+from gustproof.law import load_law
 
+CALM: Scenario = replace(load_scenario("calm"), duration_s=4.0)
+AIRFRAME = load_vehicle("paper")
+FAULTLESS = AccelerometerParams(sigma=0.0, b_x=0.0, b_y=0.0, b_z=0.0, range=157.0)
 QUIET = GyroParams(sigma=0.0, ratio=0.0, b_x=0.0, b_y=0.0, b_z=0.0, range=34.9)
 
 
@@ -39,4 +48,45 @@ def test_bias_is_added_and_range_clips() -> None:
 def test_readings_are_float32() -> None:
     reading = gyro(QUIET, (0.1, 1 / 3, math.pi), (0.0, 0.0, 0.0, 0.0), 0.0)
     assert reading == tuple(float(np.float32(value)) for value in (0.1, 1 / 3, math.pi))
-    assert accelerometer((0.1, 0.0, -9.80665))[2] == float(np.float32(-9.80665))
+    assert felt(FAULTLESS, (0.1, 0.0, -9.80665))[2] == float(np.float32(-9.80665))
+
+
+def felt(params: AccelerometerParams, force: tuple[float, float, float], noise: float = 0.0) -> tuple[float, ...]:
+    return accelerometer(params, force, (noise, -noise, 2.0 * noise, 0.0))
+
+
+def test_the_accelerometer_adds_bias_and_noise_and_clips() -> None:
+    params = AccelerometerParams(sigma=0.5, b_x=0.25, b_y=0.0, b_z=-0.5, range=8.0)
+    assert felt(params, (1.0, 2.0, -3.0), 1.0) == (1.75, 1.5, -2.5)
+    assert felt(params, (9.0, 0.0, -9.0)) == (8.0, 0.0, -8.0)
+
+
+def flown(vehicle: Vehicle, **changed: object) -> np.ndarray:
+    scenario = replace(CALM, **changed)
+    return fly_direct(scenario, load_law("hinf-scheduled"), vehicle=vehicle, seed=3)
+
+
+@pytest.mark.parametrize("rate_hz", [250, 500])
+def test_the_accelerometers_noise_is_the_density_at_every_rate(rate_hz: int) -> None:
+    law = replace(load_law("hinf-scheduled"), dt=1.0 / rate_hz)
+    records = fly_direct(replace(CALM, control_rate_hz=rate_hz), law, vehicle=AIRFRAME, seed=3)
+    sigma = AIRFRAME.accelerometer.noise_density * math.sqrt(rate_hz / 2.0)
+    noise = records["specific_force_B"][:, 2] - records["specific_force_B"][:, 2].mean()
+    # five standard errors of a standard deviation
+    assert noise.std() == pytest.approx(sigma, rel=5.0 / math.sqrt(2.0 * len(records)))
+
+
+def test_bias_is_of_the_vehicle_and_of_the_scenario() -> None:
+    quiet = AccelerometerFault(noise=False)
+    biased = replace(AIRFRAME, accelerometer=Accelerometer(bias_B=(0.0, 0.5, 0.0)))
+    level = flown(AIRFRAME, accelerometer=quiet)["specific_force_B"]
+    off = flown(biased, accelerometer=replace(quiet, bias_mps2=(0.25, 0.0, 0.0)))["specific_force_B"]
+    np.testing.assert_allclose(off - level, [(0.25, 0.5, 0.0)] * len(level), atol=1e-6)
+
+
+def test_a_law_without_accelerometer_flies_the_same_bits_whatever_that_measures() -> None:
+    first = flown(AIRFRAME)
+    second = flown(AIRFRAME, accelerometer=AccelerometerFault(noise=False, bias_mps2=(1.0, 1.0, 1.0)))
+    assert not np.array_equal(first["specific_force_B"], second["specific_force_B"])
+    for name in set(RECORD.names) - {"specific_force_B"}:
+        assert first[name].tobytes() == second[name].tobytes(), name
