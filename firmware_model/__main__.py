@@ -5,7 +5,6 @@ without --scenario   a standing vehicle: real time, disarmed, until Ctrl-C
 """
 
 import argparse
-import gc
 import json
 import os
 import signal
@@ -20,11 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model import access, status, udp
+from firmware_model import access, status, udp, undisturbed
 from firmware_model.autopilot import Mode
 from firmware_model.endpoint import Outcome, VehicleEndpoint
 from firmware_model.errors import ConfigError, RecordingError
 from firmware_model.files import read_json
+from firmware_model.flight import Flight, Hitch
 from firmware_model.frames import Peer
 from firmware_model.journal import JournalWriter
 from firmware_model.loop import VehicleLoop
@@ -96,9 +96,7 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
             signal.signal(number, lambda *_: endpoint.interrupt())
         # The machine code is loaded, or made, before anybody waits for it.
         VehicleLoop(vehicle, scenario, options.seed).advance(Level(), Mode.STABILIZED.value)
-        if not standing:
-            # A flight leaves no cycles, and the collector's visits cost a sixth of it.
-            gc.disable()
+        undisturbed.hold_collector(off=not standing)
         listening = [bound.getsockname()[1] for bound in sockets]
         if standing and not options.json:
             place = "on the test stand" if options.held else "on the ground"
@@ -110,12 +108,13 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
             _say(options, {"listening": listening, **header})
         if options.attended:
             _attend(endpoint)
+        fifo = not options.lockstep and undisturbed.go_first()
         served = _logged(stack, options, endpoint) if options.tlog else endpoint
         if options.lockstep and len(sockets) == 1:
             udp.converse(served, sockets[0])
         else:
-            udp.serve(served, sockets)
-    _say(options, summary(endpoint, None if standing else scenario.samples))
+            udp.serve(served, sockets, punctual=not options.lockstep)
+    _say(options, summary(endpoint, None if standing else scenario.samples, fifo=fifo))
     return _EXIT.get(endpoint.outcome, _BROKEN) if endpoint.outcome else _BROKEN
 
 
@@ -146,8 +145,11 @@ def greeting(stands: str, listening: Sequence[int], told: Sequence[int]) -> str:
     )
 
 
-def summary(endpoint: VehicleEndpoint, samples: int | None) -> dict[str, Any]:
-    """Return what is to be said in the end: outcome, samples flown, wall time from t = 0, counters, links."""
+def summary(endpoint: VehicleEndpoint, samples: int | None, *, fifo: bool = False) -> dict[str, Any]:
+    """Return what is to be said in the end: outcome, samples flown, wall time from t = 0, pace, counters, links.
+
+    `fifo` says whether the system ran the process before usual ones.
+    """
     flight = endpoint.flight
     flown_s = flight.wall_us * 1e-6
     counters = {cause.value: count for cause, count in sorted((flight.counters + endpoint.counters).items(), key=str)}
@@ -158,10 +160,17 @@ def summary(endpoint: VehicleEndpoint, samples: int | None) -> dict[str, Any]:
         "wall_s": flown_s,
         "slipped_s": flight.slipped_us * 1e-6,
         "realtime_factor": flight.loop.time_us * 1e-6 / flown_s if flown_s else 0.0,
+        "pace": None if flight.lockstep else _pace(flight, fifo),
         "counters": counters,
         "links": endpoint.links,
         "link_faults": endpoint.exchange.figures() if endpoint.exchange else {},
     }
+
+
+def _pace(flight: Flight, fifo: bool) -> dict[str, Any]:
+    """Return how well the samples were flown on time: what a missed deadline is, `Hitch.OVERRUN` says."""
+    late = {f"late_{name}": value for name, value in flight.lateness.figures().items()}
+    return {"missed": flight.counters[Hitch.OVERRUN], "held": flight.counters[Hitch.HELD], **late, "fifo": fifo}
 
 
 def _parser(program: str) -> argparse.ArgumentParser:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from firmware_model.autopilot import Autopilot, Event, Mode
 from firmware_model.frames import Dropped
 from firmware_model.guidance import Situation
+from firmware_model.lateness import Lateness
 from firmware_model.loop import VehicleLoop
 from firmware_model.messages import stamp_difference
 from firmware_model.signals import Command, Setpoint, Trim
@@ -88,6 +89,7 @@ class Flight:
         self.loop, self.autopilot, self.lockstep, self.standing = loop, autopilot, lockstep, standing
         self.linked = linked
         self.counters: Counter[Hitch] = Counter()
+        self.lateness = Lateness()
         self.setpoint: Command | None = None
         self.started_us: int | None = None
         self.advanced_us = 0
@@ -268,6 +270,7 @@ class Flight:
         if not self.answered and self.autopilot.mode is _OFFBOARD:
             self.counters[Hitch.HELD] += 1
         late_us = now_us - self._due_us()
+        self.lateness.add(late_us)
         if late_us > self._sample_us:
             self.counters[Hitch.OVERRUN] += 1
         if late_us > CATCH_UP_US:

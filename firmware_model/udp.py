@@ -21,7 +21,7 @@ _EMPTYING = 16  # cycles; a look whether more waits costs a call, and in lockste
 _AT_ONCE = 256  # datagrams; about what the system keeps for a socket
 _SHARE = 16  # datagrams of one peer among them; the rest is thrown away unread
 _PATIENCE_US = 5_000  # an answer that takes longer is waited for by the deadline instead
-_SPIN_US = 150  # waking from sleep takes this long at worst on an idle machine; the last stretch is polled instead
+_SPIN_US = 150  # waking from sleep takes this long at worst on an idle machine; the last stretch is not slept through
 
 
 class Endpoint(Protocol):
@@ -101,11 +101,14 @@ def unix_us() -> int:
     return time.time_ns() // 1000 - _now_us()
 
 
-def serve(endpoint: Endpoint, sockets: Sequence[socket.socket]) -> None:
+def serve(endpoint: Endpoint, sockets: Sequence[socket.socket], *, punctual: bool = False) -> None:
     """Carry datagrams and time to the endpoint, and its datagrams to the wire, until it has finished.
 
     The next datagram is awaited without falling asleep, as in lockstep it comes at once. Where that was in vain, as in
     real time or on a machine with other work to do, the process sleeps through the next waits before it tries again.
+
+    A `punctual` endpoint has deadlines that are absolute, the samples of a flight in real time: it sleeps until shortly
+    before the next one, and is awake when it comes.
 
     A cycle hands over one datagram a socket, so that nobody who floods keeps the endpoint from what is due. Every few
     cycles a socket is emptied, each peer getting its share, so that he keeps nobody else's datagrams out either.
@@ -120,15 +123,16 @@ def serve(endpoint: Endpoint, sockets: Sequence[socket.socket]) -> None:
         if endpoint.finished:
             return
         readable: list[socket.socket] = []
-        if naps:
+        if punctual:
+            readable = _until(sockets, endpoint.deadline_us())
+        elif naps:
             naps -= 1
         else:
             end_us = _now_us() + _EAGER_US
             readable = _watch(sockets, end_us)
             naps = _NAPS if _now_us() >= end_us else 0
-        if not readable:
-            wait_us = endpoint.deadline_us() - _now_us() - _SPIN_US
-            readable, _, _ = select.select(sockets, (), (), max(wait_us, 0) * 1e-6)
+        if not (readable or punctual):
+            readable = _sleep(sockets, endpoint.deadline_us())
         cycle += 1
         for ready in readable:
             if cycle % _EMPTYING == 0:
@@ -202,6 +206,20 @@ def _empty(endpoint: Endpoint, ready: socket.socket, index: int) -> None:
             endpoint.receive(datagram, peer, _now_us())
         else:
             endpoint.drop(Dropped.TOO_MUCH, peer)
+
+
+def _sleep(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:
+    """Return the sockets that can be read, as soon as there is one, or none when it is time."""
+    readable, _, _ = select.select(sockets, (), (), max(end_us - _now_us(), 0) * 1e-6)
+    return readable
+
+
+def _until(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:
+    """Return what `_sleep` does, but be awake when it is time, which needs the core to itself for the last stretch."""
+    readable = _sleep(sockets, end_us - _SPIN_US)
+    while not readable and _now_us() < end_us:
+        readable, _, _ = select.select(sockets, (), (), 0.0)
+    return readable
 
 
 def _watch(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:

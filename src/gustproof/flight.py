@@ -50,6 +50,8 @@ class RecordedFlight:
     """Folder of the bag; `None` if not one sample was flown."""
     metrics: Metrics | None
     """Figures; `None` if fewer than two samples were flown."""
+    pace: Mapping[str, Any] | None = None
+    """How well the deadlines of real time were kept, as `sitl.Flight` has it."""
 
     @property
     def peak_rate(self) -> float:
@@ -82,6 +84,7 @@ class RecordedFlight:
             "message": self.message,
             "bag": None if self.bag is None else str(self.bag),
             **({} if self.metrics is None else asdict(self.metrics)),
+            "pace": None if self.pace is None else dict(self.pace),
             "requirements": [result.document() for result in self.requirements],
         }
 
@@ -172,6 +175,7 @@ def fly_and_record(
     return _recorded(
         plan, plan.note(), flown.records, flown.journal,
         outcome=flown.outcome, message=flown.message, realtime_factor=flown.realtime_factor,
+        pace=flown.pace,
     )  # fmt: skip
 
 
@@ -230,7 +234,7 @@ def _sound(records: NDArray[np.void]) -> NDArray[np.void]:
 
 def _recorded(
     plan: Plan, note: Mapping[str, Any], records: NDArray[np.void], journal: Path, *,
-    outcome: Outcome, message: str, realtime_factor: float,
+    outcome: Outcome, message: str, realtime_factor: float, pace: Mapping[str, Any] | None = None,
 ) -> RecordedFlight:  # fmt: skip
     """Write the bag of what was flown beside its journal, unless it is there already, and remove the journal."""
     bag = None
@@ -247,7 +251,7 @@ def _recorded(
     return RecordedFlight(
         scenario=plan.scenario, law=plan.law, vehicle=plan.vehicle, seed=plan.seed,
         outcome=outcome, message=message, records=records, bag=bag,
-        metrics=measure(records, plan.vehicle, plan.scenario, realtime_factor) if figures else None,
+        metrics=measure(records, plan.vehicle, plan.scenario, realtime_factor) if figures else None, pace=pace,
     )  # fmt: skip
 
 

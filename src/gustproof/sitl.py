@@ -94,6 +94,8 @@ class Flight:
     """[-] simulated time over wall time from t = 0 to landing; 0 if unknown."""
     counters: dict[str, int]
     """What went other than planned on the vehicle's side, by cause."""
+    pace: dict[str, Any] | None
+    """How well the deadlines were kept: missed ones, set-points held, delays [us]; `None` in lockstep, and unknown."""
     link: dict[str, dict[str, int]]
     """What the faults of the link did, by direction; empty if the script has none."""
     journal: Path
@@ -152,7 +154,7 @@ def fly(
         scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
         message=f"{scenario.name}, {law.name}, seed {seed}: {outcome.value}{pair.reason}",
         realtime_factor=told.get("realtime_factor", 0.0), counters=told.get("counters", {}),
-        link=told.get("link_faults", {}), journal=journal,
+        pace=told.get("pace"), link=told.get("link_faults", {}), journal=journal,
     )  # fmt: skip
 
 
@@ -211,6 +213,7 @@ class _Pair:
         self._given_up = False
         self._files, self._seed, self._journal, self._options = files, seed, journal, options
         self._killing, self._relieved, self._address = killing, False, ""
+        self._pace = [] if "--lockstep" in options else ["--real-time"]
         self._processes: dict[str, subprocess.Popen[str]] = {}
 
     def __enter__(self) -> Self:
@@ -259,7 +262,7 @@ class _Pair:
     def _launch_controller(self, name: str) -> None:
         self._launch(
             name, "gustproof.controller", "--law", str(self._files["law"]), "--connect", "-",
-            "--scenario", str(self._files["scenario"]),
+            "--scenario", str(self._files["scenario"]), *self._pace,
         )  # fmt: skip
 
     def _tell_address(self, name: str) -> None:

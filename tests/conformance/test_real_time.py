@@ -19,8 +19,9 @@ from firmware_model.autopilot import Mode
 from firmware_model.frames import parse
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
-from gustproof.law import load_law
 from gustproof.sitl import Outcome, fly
+from gustproof.synthesis.derive import derive
+from gustproof.synthesis.designs import load_design
 
 PATIENCE_S = 60.0
 HOLD, OFFBOARD = (4.0, 3.0), (6.0, 0.0)
@@ -117,14 +118,18 @@ def test_standing_vehicle_says_how_each_client_connects(told, ways):
     assert any("gustproof controller" in line and "--connect 127.0.0.1:14583" in line for line in lines)
 
 
-def test_scripted_flight_in_real_time_is_flown_to_the_end(tmp_path):
-    scenario = replace(load_scenario("paper-turbulence"), duration_s=2.0)
-    flight = fly(
-        scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper"), out=tmp_path, real_time=True, usual_ports=False
-    )
+@pytest.mark.parametrize("rate_hz", [250, 1000])
+def test_scripted_flight_in_real_time_is_flown_to_the_end_and_tells_its_delays(tmp_path, rate_hz):
+    scenario = replace(load_scenario("paper-turbulence"), duration_s=2.0, control_rate_hz=rate_hz)
+    law, _ = derive(replace(load_design("D1"), dt=scenario.dt))
+    flight = fly(scenario, law, vehicle=load_vehicle("paper"), out=tmp_path, real_time=True, usual_ports=False)
     assert flight.outcome is Outcome.DONE
     assert len(flight.records) == scenario.samples
     assert set(flight.records["mode"]) == {Mode.OFFBOARD.value}
+    assert flight.pace is not None
+    assert 0 <= flight.pace["late_p50_us"] <= flight.pace["late_p99_us"] <= flight.pace["late_worst_us"]
+    assert (flight.pace["missed"] == 0) is (flight.pace["late_worst_us"] <= scenario.sample_us)
+    assert flight.pace["fifo"] in (True, False)
 
 
 def test_pilot_flies_a_standing_vehicle_gives_it_to_a_law_takes_it_back_and_lands():

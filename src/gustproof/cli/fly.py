@@ -69,7 +69,7 @@ def fly(
     if as_json:
         print(json.dumps(result.document(), indent=2))
     else:
-        show(flight_document(result.message, result.metrics, result.bag, result.requirements))
+        show(flight_document(result.message, result.metrics, result.bag, result.requirements, result.pace))
     if result.outcome is Outcome.INTERRUPTED:
         raise stop(f"interrupted; what was flown is in {folder}", Status.INTERRUPTED)
     if repeat and not plan.real_time:

@@ -40,6 +40,10 @@ _FIGURES = {
     "realtime_factor": ("times real time", ""),
 }
 
+_PACE = (
+    "deadlines missed {missed}, set-points held {held}; samples late by {late_p50_us} us in the median, "
+    "{late_p99_us} us in 99 %, {late_worst_us} us at worst"
+)
 _METRICS = {
     Metric.PEAK: ("peak", "deg"),
     Metric.RMSE: ("RMSE", "deg"),
@@ -83,12 +87,18 @@ def save(document: Document, path: Path) -> None:
 
 
 def flight_document(
-    title: str, metrics: Metrics | None, bag: Path | None, requirements: Sequence[RequirementResult] = ()
+    title: str,
+    metrics: Metrics | None,
+    bag: Path | None,
+    requirements: Sequence[RequirementResult] = (),
+    pace: Mapping[str, Any] | None = None,
 ) -> Document:
-    """Return the figures of one flight, what it was required to keep, and where its recording is."""
+    """Return the figures of one flight, what it was required to keep, its deadlines, and where its recording is."""
     parts: list[RenderableType] = [figures_table(title, {"": metrics} if metrics else {})]
     if requirements:
         parts.append(requirements_table(requirements))
+    if pace:
+        parts.append(Text(_PACE.format_map(pace)))
     return Group(*parts, Text(f"recorded in {bag}" if bag else "nothing was flown, nothing is recorded"))
 
 

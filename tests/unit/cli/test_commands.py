@@ -147,7 +147,7 @@ def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outc
         short = replace(scenario, duration_s=1.0)
         records = fly_direct(short, law, vehicle=vehicle, seed=seed)
         return SimpleNamespace(
-            records=records, outcome=outcome, message="it ended", realtime_factor=9.0, journal=journal
+            records=records, outcome=outcome, message="it ended", realtime_factor=9.0, pace=None, journal=journal
         )
 
     monkeypatch.setattr("gustproof.flight.fly", fly)
@@ -170,7 +170,7 @@ def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(t
         journal.touch()
         records = fly_direct(replace(scenario, duration_s=1.0), law, vehicle=vehicle, seed=seed)
         return SimpleNamespace(
-            records=records, outcome=Outcome.DONE, message="it ended", realtime_factor=9.0, journal=journal
+            records=records, outcome=Outcome.DONE, message="it ended", realtime_factor=9.0, pace=None, journal=journal
         )
 
     def interrupted(*_: object) -> None:

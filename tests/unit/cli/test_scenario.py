@@ -78,7 +78,12 @@ def flown(tmp_path, monkeypatch):
             (out / "journal").touch()
             records = fly_direct(replace(scenario, event=()), law, vehicle=vehicle, seed=seed)[:samples]
             return SimpleNamespace(
-                records=records, outcome=outcome, message="it ended", realtime_factor=9.0, journal=out / "journal"
+                records=records,
+                outcome=outcome,
+                message="it ended",
+                realtime_factor=9.0,
+                pace=None,
+                journal=out / "journal",
             )
 
         monkeypatch.setattr("gustproof.flight.fly", fly)

@@ -108,6 +108,13 @@ def test_late_samples_are_made_up_for_within_the_bound(paced, late_us):
     assert paced.run(1_000_000) in (250, 251)
 
 
+def test_each_sample_is_counted_by_its_own_delay(paced):
+    paced.run(1_000_000)
+    paced.wait(3 * SAMPLE_US + 5)  # three samples, two of them kept waiting
+    assert paced.flight.lateness.figures() == {"p50_us": 0, "p99_us": 5, "worst_us": 2 * SAMPLE_US + 5}
+    assert paced.flight.counters[Hitch.OVERRUN] == 2
+
+
 def test_beyond_the_bound_model_time_slips_and_that_is_said(paced):
     paced.run(1_000_000)
     assert paced.wait(SAMPLE_US + CATCH_UP_US + 1) == 1

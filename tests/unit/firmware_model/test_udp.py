@@ -251,3 +251,84 @@ def test_what_is_due_is_done_between_any_two_datagrams_of_a_flood():
 @pytest.mark.parametrize(("host", "alone"), [("127.0.0.1", True), ("127.0.7.1", True), ("0.0.0.0", False)])
 def test_loopback_is_this_machine_alone(host, alone):
     assert udp.is_loopback(host) is alone
+
+
+class Oversleeping:
+    """A clock that sleep moves too far, and a look at it or at the sockets a little; nothing ever comes."""
+
+    LOOK_US, OVERSLEPT_US = 1, 120
+
+    def __init__(self) -> None:
+        self.now_us = 1_000_000
+        self.slept_us: list[int] = []
+
+    def look(self) -> int:
+        self.now_us += self.LOOK_US
+        return self.now_us
+
+    def select(self, readers, writers, errors, timeout_s):
+        slept_us = round(timeout_s * 1e6)
+        self.slept_us.append(slept_us)
+        self.now_us += slept_us + self.OVERSLEPT_US if slept_us else self.LOOK_US
+        return [], [], []
+
+
+class Beats(Echo):
+    """Is to be polled every `period_us` on the clock, and notes how late it is; has finished after a hundred times."""
+
+    def __init__(self, now_us: int, period_us: int) -> None:
+        self.due_us, self.period_us = now_us + period_us, period_us
+        self.late_us: list[int] = []
+
+    @property
+    def finished(self) -> bool:
+        return len(self.late_us) == 100
+
+    def poll(self, now_us):
+        if now_us >= self.due_us:
+            self.late_us.append(now_us - self.due_us)
+            self.due_us += self.period_us
+        return []
+
+    def deadline_us(self) -> int:
+        return self.due_us
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = Oversleeping()
+    monkeypatch.setattr(udp, "_now_us", clock.look)
+    monkeypatch.setattr(udp.select, "select", clock.select)
+    return clock
+
+
+@pytest.mark.parametrize("period_us", [1_000, 4_000])
+def test_punctual_endpoint_is_served_when_it_is_time_however_long_waking_takes(clock, period_us):
+    beats = Beats(clock.now_us, period_us)
+    udp.serve(beats, [], punctual=True)
+    assert max(beats.late_us) <= 3 * clock.LOOK_US
+    assert sum(clock.slept_us) >= 100 * (period_us - udp._SPIN_US - 10 * clock.LOOK_US)  # all but the last stretch
+
+
+def test_other_endpoints_sleep_to_the_end(clock, monkeypatch):
+    monkeypatch.setattr(udp, "_EAGER_US", 0)
+    beats = Beats(clock.now_us, 4_000)
+    udp.serve(beats, [])
+    assert min(beats.late_us) >= clock.OVERSLEPT_US - 10 * clock.LOOK_US
+    assert clock.slept_us.count(0) <= 2
+
+
+def test_who_is_late_still_listens_in_every_cycle(clock):
+    beats = Beats(clock.now_us - 400_000, 1_000)
+    udp.serve(beats, [], punctual=True)
+    assert clock.slept_us.count(0) >= 99
+
+
+def test_datagram_that_comes_in_the_last_stretch_is_taken_before_the_deadline(monkeypatch):
+    monkeypatch.setattr(udp, "_SPIN_US", 60_000_000)
+    with udp.bind(0) as bound:
+        echo = Echo(bound.getsockname()[1])
+        echo.deadline_us = lambda: echo.now_us + 50_000_000
+        udp.serve(echo, [bound], punctual=True)
+    ((_, _, now_us),) = echo.received
+    assert now_us < echo.now_us + 50_000_000

@@ -1,0 +1,31 @@
+"""How late the samples of a flight in real time were flown."""
+
+from collections import Counter
+
+_COARSE_US = 20_000  # what is later is counted as one, so that a vehicle that stands for a month fills no memory
+
+
+class Lateness:
+    """The distribution of delays after a deadline, to a microsecond up to 20 ms."""
+
+    def __init__(self) -> None:
+        self.worst_us = 0
+        self._counts: Counter[int] = Counter()
+
+    def add(self, late_us: int) -> None:
+        """Count one."""
+        self._counts[min(late_us, _COARSE_US)] += 1
+        self.worst_us = max(self.worst_us, late_us)
+
+    def percentile_us(self, percent: float) -> int:
+        """Return the least delay [us] that this share of all did not exceed; 0 if there is none."""
+        rank = percent / 100.0 * self._counts.total()
+        for late_us, count in sorted(self._counts.items()):
+            rank -= count
+            if rank <= 0.0:
+                return late_us if late_us < _COARSE_US else self.worst_us
+        return 0
+
+    def figures(self) -> dict[str, int]:
+        """Return median, 99 % and worst, in microseconds."""
+        return {"p50_us": self.percentile_us(50.0), "p99_us": self.percentile_us(99.0), "worst_us": self.worst_us}
