@@ -23,7 +23,7 @@ Document = RenderableType
 _WIDTH = 118
 _PLAIN: dict[str, Any] = {"highlight": False, "markup": False}  # a unit in brackets is no markup
 _VERDICT_STYLES = {Verdict.HOLDS: "green", Verdict.IN_PART: "yellow", Verdict.FAILS: "red"}
-_FIGURES = {
+FIGURES = {
     "peak_deg": ("peak", "deg"),
     "rmse_deg": ("RMSE", "deg"),
     "peak_roll_deg": ("peak, roll", "deg"),
@@ -147,7 +147,7 @@ def figures_table(title: str, flights: Mapping[str, Metrics]) -> Table:
 def figure_rows(flights: Mapping[str, Metrics]) -> list[tuple[str, tuple[str, ...], str]]:
     """Return name, a text a flight, and unit of each figure; how fast it was flown only if that is known."""
     rows = []
-    for key, (label, unit) in _FIGURES.items():
+    for key, (label, unit) in FIGURES.items():
         values = [getattr(metrics, key) for metrics in flights.values()]
         if values and not (key == "realtime_factor" and not any(values)):
             rows.append((label, tuple(map(_number, values)), unit))
