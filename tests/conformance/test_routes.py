@@ -13,6 +13,8 @@ from firmware_model.wind import Constant, GustReplay, GustStep, Shear
 from gustproof.closed_loop import fly_direct
 from gustproof.law import load_law
 from gustproof.sitl import Outcome, fly, fly_loopback
+from gustproof.synthesis.derive import derive
+from gustproof.synthesis.designs import load_design
 
 TWO_SECONDS = replace(load_scenario("paper"), duration_s=2.0)
 FREE = replace(
@@ -107,6 +109,14 @@ def test_two_processes_equal_direct_to_the_bit(law, scenario, tmp_path):
     assert flight.realtime_factor > 0.0
     assert told == sorted(told)
     assert told[-1] == 1.0
+
+
+def test_at_1_khz_two_processes_equal_direct_to_the_bit(tmp_path):
+    scenario, airframe = replace(TWO_SECONDS, control_rate_hz=1000), load_vehicle("paper")
+    law, _ = derive(replace(load_design("D1"), dt=scenario.dt))
+    flight = fly(scenario, law, vehicle=airframe, seed=7, out=tmp_path)
+    assert (flight.outcome, flight.counters, flight.pace) == (Outcome.DONE, {}, None)
+    assert flight.records.tobytes() == fly_direct(scenario, law, vehicle=airframe, seed=7).tobytes()
 
 
 def test_another_seed_is_another_flight():
