@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any
+from typing import IO, Any
 
 from firmware_model.errors import RecordingError
 
@@ -58,6 +58,18 @@ class AppendedFile:
     def _keep(self) -> None:
         while not self._closing.wait(_SYNC_S):
             os.fsync(self._file.fileno())
+
+
+def locked(path: Path) -> IO[bytes] | None:
+    """Return a file that is locked until it is closed or its process ends; `None` if another process has it."""
+    file = path.open("ab")
+    if fcntl is not None:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
+            return None
+    return file
 
 
 def still_grows(path: Path) -> bool:

@@ -4,6 +4,7 @@ import typer
 
 from gustproof.cli.analyse import analyse
 from gustproof.cli.autopilot import autopilot
+from gustproof.cli.campaign import campaign
 from gustproof.cli.certify import certify
 from gustproof.cli.controller import controller
 from gustproof.cli.design import design
@@ -35,6 +36,7 @@ app.command()(design)
 app.add_typer(scenario, name="scenario")
 app.command()(fly)
 app.command()(recover)
+app.command()(campaign)
 app.command()(certify)
 app.command()(worst_case)
 app.command()(report)

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,10 +13,12 @@ from gustproof.cli.failures import Status, stop
 from gustproof.cli.progress import progress
 
 if TYPE_CHECKING:
+    from gustproof.campaign.again import Run
     from gustproof.flight import Plan, RecordedFlight
 
 
-_SAID_BY_THE_BAG = ("scenario", "law", "vehicle", "seed", "real_time")
+_SAID_BY_THE_BAG = ("scenario", "law", "vehicle", "seed", "real_time", "run")
+_SAID_BY_THE_TABLE = ("vehicle", "seed", "real_time")
 
 
 def fly(
@@ -31,6 +34,10 @@ def fly(
     ] = False,
     repeat: Annotated[
         Path | None, typer.Option(help="Fly a recorded flight again, from its bag alone, and compare every bit.")
+    ] = None,
+    run: Annotated[
+        str | None,
+        typer.Option(help="Fly a run of a campaign again, as mc.parquet:4711, and compare its figures to the bit."),
     ] = None,
     view: Annotated[
         bool, typer.Option("--view", help="Watch on a page in a browser of this machine; the page starts the flight.")
@@ -52,12 +59,18 @@ def fly(
         gustproof fly paper --law hinf-scheduled --real-time --view
 
         gustproof fly --repeat runs/fly-001
+
+        gustproof fly --run mc.parquet:4711
     """
     from gustproof.recording.folder import fresh_folder
     from gustproof.report.document import flight_document, show
     from gustproof.sitl import Outcome
 
-    plan = _recorded_plan(context, repeat) if repeat else _plan(scenario, law, vehicle, seed, real_time)
+    of_table = _run(context, run, scenario, law) if run and not repeat else None
+    if of_table:
+        plan = of_table.plan
+    else:
+        plan = _recorded_plan(context, repeat) if repeat else _plan(scenario, law, vehicle, seed, real_time)
     folder = fresh_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
@@ -74,6 +87,8 @@ def fly(
         raise stop(f"interrupted; what was flown is in {folder}", Status.INTERRUPTED)
     if repeat and not plan.real_time:
         _compare(result, repeat)
+    if of_table and of_table.row["failure"] is None:
+        _compare_figures(result, of_table)
     if not result.as_scripted:
         raise stop(f"{result.message}; what was flown is in {folder}", Status.FLIGHT_BROKE_OFF)
     failed = sum(not each.held for each in result.requirements)
@@ -112,21 +127,36 @@ def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_t
     from gustproof.law import load_law
 
     if scenario is None or law is None:
-        raise ConfigError("give a scenario and --law, or --repeat")
+        raise ConfigError("give a scenario and --law, or --repeat, or --run")
     return Plan(load_scenario(scenario), load_law(law), load_vehicle(vehicle), seed, real_time)
 
 
 def _recorded_plan(context: typer.Context, run: Path) -> "Plan":
-    from firmware_model.errors import ConfigError
     from gustproof.flight import noted
     from gustproof.recording.bag import read_bag
 
-    for name in _SAID_BY_THE_BAG:
-        source = context.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
-            raise ConfigError(f"--repeat flies what the bag says; '{name.replace('_', '-')}' can't be given with it")
+    _refuse(context, _SAID_BY_THE_BAG, "--repeat flies what the bag says")
     bag = _bag(run)
     return noted(read_bag(bag)[0], bag)
+
+
+def _run(context: typer.Context, run: str, scenario: str | None, law: str | None) -> "Run":
+    from gustproof.campaign.again import read
+
+    _refuse(context, _SAID_BY_THE_TABLE, "--run flies what the table says")
+    found = read(run)
+    found.check(scenario, law)
+    return found
+
+
+def _refuse(context: typer.Context, names: Iterable[str], why: str) -> None:
+    """Refuse options that are said elsewhere."""
+    from firmware_model.errors import ConfigError
+
+    for name in names:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            raise ConfigError(f"{why}; '{name.replace('_', '-')}' can't be given with it")
 
 
 def _compare(result: "RecordedFlight", run: Path) -> None:
@@ -140,6 +170,14 @@ def _compare(result: "RecordedFlight", run: Path) -> None:
         line = f"differs from {run} from {begin_s:.3f} s on, which ended as '{about['outcome']}'"
         raise stop(f"{line}, flown by {about['versions']}", Status.REQUIREMENT_FAILED)
     print(f"gustproof: equal to {run} in every bit of its {len(records)} samples", file=sys.stderr)
+
+
+def _compare_figures(result: "RecordedFlight", run: "Run") -> None:
+    """Say whether the flight left the figures of the campaign's run to the bit; end with a status if not."""
+    name = f"run {run.row['run']} of {run.table}"
+    if differences := run.differences(result):
+        raise stop(f"differs from {name} in {', '.join(differences)}", Status.REQUIREMENT_FAILED)
+    print(f"gustproof: equal to {name} in every bit of its figures", file=sys.stderr)
 
 
 def _bag(run: Path) -> Path:

@@ -1,0 +1,175 @@
+"""What a worker does: fly a stretch of a campaign's runs, and return them as rows of its table."""
+
+import json
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import fields
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from firmware_model.errors import ConfigError
+from firmware_model.mistakes import one_line
+from firmware_model.requirement import Requirement
+from firmware_model.scenario import Scenario
+from gustproof.campaign.draws import Array
+from gustproof.campaign.plan import Campaign, noted, versions
+from gustproof.closed_loop import fly_direct
+from gustproof.lanes import Case, Judged, fly_many
+from gustproof.law import Law
+from gustproof.metrics import Metrics, measure
+from gustproof.requirements import judge
+from gustproof.sitl import fly_loopback
+
+FIGURES = tuple(field.name for field in fields(Metrics) if field.type is float and field.name != "realtime_factor")
+"""Names of the figures of a run that are numbers, units as in `Metrics`."""
+
+
+class Stretch(NamedTuple):
+    """Runs of one law, one after another."""
+
+    first: int
+    """Number of the first."""
+    runs: int
+    """How many they are."""
+
+
+class Flown(NamedTuple):
+    """Rows of a stretch of runs."""
+
+    table: Any
+    """`pyarrow.Table` of `schema`."""
+    wall_s: float
+    """[s] wall time that they took."""
+
+
+def fly_stretch(note: str, stretch: Stretch) -> Flown:
+    """Fly runs of the campaign that `note` says, and return their rows; the same on every machine of one kind.
+
+    Raises
+    ------
+    ConfigError
+        If this process has other versions than the campaign.
+    """
+    begin = time.perf_counter()
+    campaign = _campaign(note)
+    first, count = stretch.first % campaign.cases, stretch.runs
+    delta, seeds = campaign.deltas(first, count), campaign.flight_seeds(first, count)
+    judged = _judged(campaign, campaign.law_of(stretch.first), delta, seeds)
+    return Flown(_table(campaign, stretch, delta, seeds, judged), time.perf_counter() - begin)
+
+
+def ready(note: str) -> int:
+    """Return the number of runs of the campaign that `note` says: what a worker must be able to do before it flies."""
+    return _campaign(note).runs
+
+
+@lru_cache(maxsize=1)
+def _campaign(note: str) -> Campaign:
+    document = json.loads(note)
+    if document["versions"] != versions():
+        raise ConfigError(f"a worker has other versions than the campaign: {versions()}, not {document['versions']}")
+    return noted(document, "campaign")
+
+
+def _judged(campaign: Campaign, law: Law, delta: Array, seeds: Sequence[int]) -> list[Judged | str]:
+    """Return what became of each flight, or why it was none."""
+    cases: list[Case | str] = []
+    for row, seed in zip(delta.tolist(), seeds, strict=True):
+        try:
+            cases.append(campaign.flown(row, seed))
+        except ConfigError as error:
+            cases.append(one_line(str(error)))
+    with np.errstate(all="ignore"):  # a flight that diverges is a result
+        flown = iter(_flown(campaign, law, [case for case in cases if isinstance(case, Case)]))
+        return [case if isinstance(case, str) else _sound(campaign, law, case, next(flown)) for case in cases]
+
+
+def _flown(campaign: Campaign, law: Law, cases: list[Case]) -> list[Judged | str]:
+    """Return what became of each of `cases`; one that can't be flown costs the others nothing but time."""
+    fly = _by_messages if campaign.scenario.scripts_controller else fly_many
+    try:
+        return list(fly(campaign.scenario, law, cases))
+    except (ConfigError, ValueError) as error:
+        if len(cases) == 1:
+            return [one_line(str(error))]
+        return [judged for case in cases for judged in _flown(campaign, law, [case])]
+
+
+def _by_messages(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[Judged]:
+    return [_by_message(case.of(scenario), law, case) for case in cases]
+
+
+def _by_message(scenario: Scenario, law: Law, case: Case) -> Judged:
+    records = fly_loopback(scenario, law, vehicle=case.vehicle, seed=case.seed)
+    return Judged(
+        metrics=measure(records, case.vehicle, scenario, 0.0), requirements=judge(records, scenario, case.vehicle)
+    )
+
+
+def _sound(campaign: Campaign, law: Law, case: Case, judged: Judged | str) -> Judged | str:
+    """Return `judged`, or when the flight diverged if it did."""
+    if isinstance(judged, str) or all(math.isfinite(getattr(judged.metrics, name)) for name in FIGURES):
+        return judged
+    if campaign.scenario.scripts_controller:
+        return "diverged"
+    records = fly_direct(case.of(campaign.scenario), law, vehicle=case.vehicle, seed=case.seed)
+    numbers = np.column_stack([records["q_NB"], records["omega_B"], records["torque_command_B"]])
+    lost = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
+    return f"diverged at {records['time_us'][lost[0]] * 1e-6:g} s" if len(lost) else "diverged"
+
+
+def columns(requirements: Sequence[Requirement]) -> list[str]:
+    """Return a name for each requirement, unique and short."""
+    return [
+        "_".join(filter(None, ("require", str(number), required.metric.value, required.axis)))
+        for number, required in enumerate(requirements)
+    ]
+
+
+def delta_column(spread: str) -> str:
+    """Return the column of what was drawn of a spread."""
+    return f"delta_{spread.replace('.', '_')}"
+
+
+def schema(campaign: Campaign) -> Any:
+    """Return the table's columns as a `pyarrow.Schema`."""
+    numbers = [*map(delta_column, campaign.spreads), *FIGURES]
+    required = columns(campaign.scenario.require)
+    fields = [
+        ("run", pa.int64()), ("case", pa.int64()), ("law", pa.string()), ("seed", pa.int64()),
+        *((name, pa.float64()) for name in numbers), ("rho_in_bounds", pa.bool_()),
+        *(column for name in required for column in ((name, pa.float64()), (f"{name}_held", pa.bool_()))),
+        ("held", pa.bool_()), ("failure", pa.string()),
+    ]  # fmt: skip
+    return pa.schema(fields)
+
+
+def lost(campaign: Campaign, run: int, failure: str) -> Any:
+    """Return the row of a run that left nothing but the reason why."""
+    case = run % campaign.cases
+    delta, seeds = campaign.deltas(case, 1), campaign.flight_seeds(case, 1)
+    return _table(campaign, Stretch(run, 1), delta, seeds, [failure])
+
+
+def _table(
+    campaign: Campaign, stretch: Stretch, delta: Array, seeds: Sequence[int], judged: Sequence[Judged | str]
+) -> Any:
+    sound = [None if isinstance(each, str) else each for each in judged]
+    first = stretch.first % campaign.cases
+    arrays: list[Any] = [
+        range(stretch.first, stretch.first + stretch.runs), range(first, first + stretch.runs),
+        [campaign.law_of(stretch.first).name] * stretch.runs, seeds, *delta.T,
+        *([each and getattr(each.metrics, name) for each in sound] for name in (*FIGURES, "rho_in_bounds")),
+    ]  # fmt: skip
+    for number in range(len(campaign.scenario.require)):
+        results = [None if each is None else each.requirements[number] for each in sound]
+        values = [None if result is None or math.isnan(result.value) else result.value for result in results]
+        arrays += [values, [result is not None and result.held for result in results]]
+    arrays.append([each is not None and all(result.held for result in each.requirements) for each in sound])
+    arrays.append([each if isinstance(each, str) else None for each in judged])
+    kinds = schema(campaign)
+    return pa.Table.from_arrays([pa.array(a, kind.type) for a, kind in zip(arrays, kinds, strict=True)], schema=kinds)

@@ -1,0 +1,174 @@
+"""Where a campaign's runs are kept: parts in a folder beside the output while it is flown, one Parquet file at its end.
+
+Nothing half-written is ever read: a part, and the file, come to their names whole. What was flown before Ctrl-C, a kill
+or a power loss is not flown again.
+"""
+
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Self
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from firmware_model.appended import locked
+from firmware_model.errors import ConfigError
+from gustproof.campaign.flights import Stretch, schema
+from gustproof.campaign.plan import Campaign
+from gustproof.errors import FlightError
+
+ROW_GROUP = 16_384
+"""Rows of the file that are written at once: what its memory is bounded by."""
+NOTE = "gustproof"
+"""Key of the campaign in the file's metadata, as JSON."""
+_PART = re.compile(r"(\d+)-(\d+)\.parquet")
+
+
+class Store:
+    """Parts of one campaign, held by one process at a time.
+
+    Raises
+    ------
+    ConfigError
+        If the output's folder is not there, its parts are of another campaign, or another process flies this one.
+    """
+
+    def __init__(self, output: Path, campaign: Campaign) -> None:
+        self._output, self._campaign = output, campaign
+        self.folder = output.with_name(f"{output.name}.parts")
+        """Folder of the parts."""
+        if not output.parent.is_dir():
+            raise ConfigError(f"{output.parent}: no such folder")
+        self.folder.mkdir(exist_ok=True)
+        self._lock = locked(self.folder / "lock")
+        if self._lock is None:
+            raise ConfigError(f"{output}: another process is flying this campaign")
+        self._parts: dict[int, tuple[int, Path]] = {}
+
+    def __enter__(self) -> Self:
+        try:
+            self._check_note()
+            self._find_parts()
+        except BaseException:
+            self._close()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._close()
+
+    def _close(self) -> None:
+        if self._lock is not None:
+            self._lock.close()
+
+    @property
+    def flown(self) -> int:
+        """Number of runs in the parts."""
+        return sum(count for count, _ in self._parts.values())
+
+    def missing(self) -> list[Stretch]:
+        """Return the runs that are in no part, in stretches of one law each."""
+        gaps, at = [], 0
+        for first, (count, _) in [*sorted(self._parts.items()), (self._campaign.runs, (0, Path()))]:
+            while at < first:
+                end = min(first, (at // self._campaign.cases + 1) * self._campaign.cases)
+                gaps.append(Stretch(at, end - at))
+                at = end
+            at = first + count
+        return gaps
+
+    def add(self, stretch: Stretch, table: Any) -> None:
+        """Keep the rows of a stretch of runs."""
+        path = self.folder / f"{stretch.first:012d}-{stretch.runs}.parquet"
+        _write_whole(path, lambda file: pq.write_table(table, file))
+        self._parts[stretch.first] = (stretch.runs, path)
+
+    def finish(self) -> None:
+        """Write all rows, in the order of the runs, as one file, and remove the parts.
+
+        The bytes do not depend on how the runs were cut into parts.
+        """
+        if self.missing():
+            raise FlightError(f"{self._output}: not all runs are there")
+
+        def write(file: Any) -> None:
+            kinds = schema(self._campaign).with_metadata({NOTE: json.dumps(self._campaign.note())})
+            with pq.ParquetWriter(file, kinds, compression="zstd") as writer:
+                for rows in self._row_groups():
+                    writer.write_table(rows, row_group_size=ROW_GROUP)
+
+        _write_whole(self._output, write)
+        self._close()
+        shutil.rmtree(self.folder)
+
+    def _row_groups(self) -> Iterator[Any]:
+        """Yield all rows in stretches of `ROW_GROUP`; the last one may be shorter."""
+        waiting: list[Any] = []
+        for _, (_, path) in sorted(self._parts.items()):
+            waiting.append(pq.read_table(path, memory_map=False))
+            while sum(table.num_rows for table in waiting) >= ROW_GROUP:
+                joined = pa.concat_tables(waiting).combine_chunks()
+                yield joined.slice(0, ROW_GROUP).combine_chunks()
+                waiting = [joined.slice(ROW_GROUP)]
+        if waiting and (rest := pa.concat_tables(waiting)).num_rows:
+            yield rest.combine_chunks()
+
+    def _check_note(self) -> None:
+        path, note = self.folder / "campaign.json", self._campaign.note()
+        text = json.dumps(note, indent=1, sort_keys=True)
+        if not path.exists():
+            _write_whole(path, lambda file: file.write(text.encode()))
+            return
+        try:
+            theirs = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError:
+            theirs = {}
+        check_same(theirs, json.loads(text), f"{self.folder}: holds parts of another campaign")
+
+    def _find_parts(self) -> None:
+        for path in sorted(self.folder.iterdir()):
+            if path.suffix == ".tmp":
+                path.unlink()
+            elif named := _PART.fullmatch(path.name):
+                first, count = map(int, named.groups())
+                if _rows(path) == count:
+                    self._parts[first] = (count, path)
+                else:  # what a lost disk cache leaves
+                    path.unlink()
+
+
+def check_same(theirs: dict[str, Any], ours: dict[str, Any], complaint: str) -> None:
+    """Refuse a campaign that is not the one asked for.
+
+    Raises
+    ------
+    ConfigError
+        If they differ; says in what.
+    """
+    keys = [key for key in ours if theirs.get(key) != ours[key]]
+    if keys:
+        raise ConfigError(f"{complaint}: {', '.join(keys)} differ; give another -o, or remove it")
+
+
+def _rows(path: Path) -> int:
+    try:
+        return int(pq.read_metadata(path).num_rows)
+    except (pa.ArrowInvalid, OSError):
+        return -1
+
+
+def _write_whole(path: Path, write: Any) -> None:
+    """Let `write` fill a file that comes to its name when it is on the disk."""
+    unfinished = path.with_name(f"{path.name}.tmp")
+    try:
+        with unfinished.open("wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        unfinished.replace(path)
+    except OSError as error:
+        raise FlightError(f"{path}: {error.strerror or error}; what was flown before stays") from None

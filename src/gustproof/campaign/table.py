@@ -1,0 +1,56 @@
+"""A campaign's file, read again: what was flown, and its rows."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from firmware_model.errors import ConfigError
+from gustproof.campaign.plan import Campaign, noted
+from gustproof.campaign.store import NOTE
+
+
+def read_note(path: Path) -> dict[str, Any]:
+    """Return what a campaign's file says of itself.
+
+    Raises
+    ------
+    ConfigError
+        If it is not a campaign's file.
+    """
+    try:
+        metadata = pq.read_schema(path).metadata or {}
+        note: dict[str, Any] = json.loads(metadata[NOTE.encode()])
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file") from None
+    except (KeyError, OSError, ValueError, pa.ArrowException):
+        raise ConfigError(f"{path}: no table of a campaign") from None
+    return note
+
+
+def read_campaign(path: Path) -> Campaign:
+    """Return the campaign that a file's rows are of.
+
+    Raises
+    ------
+    ConfigError
+        If it is not a campaign's file.
+    """
+    return noted(read_note(path), path)
+
+
+def read_run(path: Path, run: int) -> dict[str, Any]:
+    """Return the row of a run; what it lacks is `None`.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such run.
+    """
+    rows = pq.read_table(path, filters=[("run", "=", run)]).to_pylist()
+    if not rows:
+        raise ConfigError(f"{path}: no run {run}, they are 0 to {pq.read_metadata(path).num_rows - 1}")
+    row: dict[str, Any] = rows[0]
+    return row
