@@ -5,6 +5,7 @@ The price is a sensitivity peak of each axis and a torque slew pooled over the a
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 import scipy.optimize
@@ -18,6 +19,10 @@ _GRID = 200
 """Frequencies, evenly spaced in the logarithm, at which the search keeps the sensitivity peak."""
 _BETWEEN = 1e-3
 """[-] share of the peak kept back for what the sensitivity may rise between two frequencies of the grid."""
+_NEAR = 1e-2
+"""[-] relative excess of the peak below which it is put down to what lies between two frequencies."""
+_ROUNDS = 3
+"""Searches, each with what the one before missed between two frequencies kept back too."""
 _ROUNDING = 1e-6
 """[-] share of the slew kept back, because the search meets a limit to rounding only."""
 
@@ -52,49 +57,54 @@ def tune(
     DesignError
         If no such gains are found: the demands are too tight for this vehicle.
     """
-    best = _minimized(models, axis, start, sensitivity_peak, slew)
-    figures = [axis_figures(model, axis(gains, model)) for model, gains in zip(models, best, strict=True)]
-    worst = max(each.sensitivity_peak for each in figures)
-    pooled = math.sqrt(np.mean([each.slew**2 for each in figures]))
-    if worst > sensitivity_peak or pooled > slew:
-        raise DesignError(
-            f"no {name} found at sensitivity peak {sensitivity_peak} and slew {slew} N*m/s: "
-            f"the best had {worst:.4f} and {pooled:.4f}"
-        )
-    return best
+    best, kept = [list(start)] * len(models), sensitivity_peak * (1.0 - _BETWEEN)
+    for _ in range(_ROUNDS):
+        best = _minimized(models, axis, best, kept, slew)
+        figures = [axis_figures(model, axis(gains, model)) for model, gains in zip(models, best, strict=True)]
+        worst = max(each.sensitivity_peak for each in figures)
+        pooled = math.sqrt(np.mean([each.slew**2 for each in figures]))
+        if worst <= sensitivity_peak and pooled <= slew:
+            return best
+        if worst > (1.0 + _NEAR) * sensitivity_peak:
+            break
+        kept *= sensitivity_peak / worst * (1.0 - _ROUNDING)
+    raise DesignError(
+        f"no {name} found at sensitivity peak {sensitivity_peak} and slew {slew} N*m/s: "
+        f"the best had {worst:.4f} and {pooled:.4f}"
+    )
 
 
 def _minimized(
-    models: Sequence[AxisModel], axis: Axis, start: Sequence[float], peak: float, slew: float
+    models: Sequence[AxisModel], axis: Axis, start: Sequence[Sequence[float]], peak: float, slew: float
 ) -> list[list[float]]:
-    dt = models[0].plant.dt
+    dt, n = models[0].plant.dt, len(models)
     omega = np.geomspace(1.0, 0.999 * math.pi / dt, _GRID)
     responses = [m.plant.response(omega)[:, 0, 0] * np.exp(-1j * omega * dt * m.delay_samples) for m in models]
 
-    def laws(z: Matrix) -> list[AxisLaw]:
-        return [axis(gains, model) for gains, model in zip(_gains(z, len(models)), models, strict=True)]
+    @cache  # a gain concerns one axis, and error and margins are asked for at the same gains
+    def judged(k: int, gains: tuple[float, ...]) -> tuple[float, float, Matrix]:
+        controller = axis(list(gains), models[k]).controller(dt)
+        difference = np.abs(1.0 - controller.response(omega)[:, 0, 0] * responses[k])
+        return *rms(models[k], controller), np.log(difference) + math.log(peak)
 
-    def figures(z: Matrix) -> tuple[float, float]:
-        each = [rms(model, law.controller(dt)) for model, law in zip(models, laws(z), strict=True)]
-        rmse, pooled = np.sqrt(np.mean(np.array(each) ** 2, axis=0))
-        return math.log(rmse), math.log(pooled)
+    def each(z: Matrix) -> list[tuple[float, float, Matrix]]:
+        return [judged(k, tuple(gains)) for k, gains in enumerate(_gains(z, n))]
 
     def error(z: Matrix) -> float:
-        return figures(z)[0]
+        return 0.5 * math.log(sum(rmse**2 for rmse, _, _ in each(z)) / n)
 
     def margins(z: Matrix) -> Matrix:
-        controllers = [law.controller(dt).response(omega)[:, 0, 0] for law in laws(z)]
-        differences = [np.abs(1.0 - K * G) for K, G in zip(controllers, responses, strict=True)]
-        room = np.log(np.concatenate(differences)) + math.log(peak * (1.0 - _BETWEEN))
-        return np.append(room, math.log(slew * (1.0 - _ROUNDING)) - figures(z)[1])
+        spent = 0.5 * math.log(sum(slew**2 for _, slew, _ in each(z)) / n)
+        room = np.concatenate([room for _, _, room in each(z)])
+        return np.append(room, math.log(slew * (1.0 - _ROUNDING)) - spent)
 
     room = scipy.optimize.NonlinearConstraint(margins, 0.0, np.inf)
-    bounds = [(math.log(1e-3), math.log(1e4))] * (len(start) * len(models))
+    bounds = [(math.log(1e-3), math.log(1e4))] * np.size(start)
     found = scipy.optimize.minimize(
-        error, np.tile(np.log(start), len(models)), method="SLSQP", bounds=bounds, constraints=room,
+        error, np.log(start).ravel(), method="SLSQP", bounds=bounds, constraints=room,
         options={"maxiter": 300, "ftol": 1e-9},
     )  # fmt: skip
-    return _gains(found.x, len(models))
+    return _gains(found.x, n)
 
 
 def _gains(z: Matrix, axes: int) -> list[list[float]]:

@@ -1,0 +1,223 @@
+"""Least attitude error in turbulence against the sensitivity peak, at a given torque slew: a convex trade-off.
+
+Every linear law that stabilises an axis is the optimal one of `gustproof.synthesis.limits` closed by a stable `Q`
+(Youla's parameter), in which closed-loop responses are affine. So mean-square error and slew are convex quadratics in
+`Q`'s coefficients, and a bound on the sensitivity at a frequency is a second-order cone. With `Q` in the span of a
+constant and n orthonormal functions the optimum is a law that is had, as exactly as `axis_figures` foretells it, and
+the curve falls towards the limit of all linear laws as n grows; what these laws are for is to show where that is.
+
+References
+----------
+S. Boyd, C. Barratt, Linear Controller Design: Limits of Performance, Prentice Hall 1991, chapters 7 and 15.
+B. Ninness, F. Gustafsson, A unifying construction of orthonormal bases for system identification, IEEE Transactions on
+Automatic Control 42 (1997), 515-521.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+import scipy.sparse
+
+from gustproof.errors import DesignError
+from gustproof.law import Matrix
+from gustproof.numerics.lti import ComplexMatrix, Lti, lft, series
+from gustproof.synthesis.limits import central_controller, feedback, gyro_limit
+from gustproof.synthesis.turbulence import AxisModel, axis_flight, controller_figures, flown_moments
+
+_POLES = np.geomspace(1.0, 300.0, 12)
+"""[rad/s] poles of the functions, taken in turn: from the gusts to beyond the fastest loop that the delay allows."""
+_POINTS = 150
+"""Frequencies, evenly spaced in the logarithm, at which the sensitivity is kept."""
+_LOWEST = 0.5
+"""[rad/s] the lowest of them: below it, gusts alone make every law's sensitivity small."""
+_BETWEEN = 5e-4
+"""[-] share of the peak kept back for what the sensitivity may rise between two frequencies."""
+_ROUNDING = 1e-14
+"""[-] share of the largest second moment below which one is rounding."""
+_TOLERANCE = 1e-3
+"""[-] relative excess of peak or slew at which an answer of the solver is refused."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TradeOff:
+    """One point of the trade-off, with the laws that have it."""
+
+    sensitivity_peak: float
+    """[-] largest of the axes, of the laws."""
+    rmse: float
+    """[rad] root mean square attitude over the flight, of all axes."""
+    slew: float
+    """[N*m/s] rms torque slew, of all axes."""
+    controllers: tuple[Lti, ...]
+    """Law of each axis, gyro [rad/s] to command [N*m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Axis:
+    """One axis as a function of the coefficients q of `Q`, (k,)."""
+
+    error: Matrix
+    """(., 1 + k) `|error (1, q)|` is the rms attitude [rad]."""
+    change: Matrix
+    """(., 1 + k) likewise the rms change of command [N*m]."""
+    sensitivity: ComplexMatrix
+    """(f, 1 + k) likewise the sensitivity [-] at each frequency."""
+
+
+def trade_off(
+    models: Sequence[AxisModel], sensitivity_peaks: Sequence[float], slew: float, *, functions: int = 36
+) -> list[TradeOff]:
+    """Return the point of least error for each bound on the sensitivity peak of every axis, ascending bounds or not.
+
+    One cone program a point, of all axes at once: the slew goes where it is worth most. Each point is a law, and its
+    figures are the law's own.
+
+    Parameters
+    ----------
+    models
+        The axes, in the turbulence that counts.
+    sensitivity_peaks
+        [-] bounds, above 1.
+    slew
+        [N*m/s] largest rms torque slew, pooled over the axes.
+    functions
+        Number of orthonormal functions that `Q` is made of, beside a constant.
+
+    Raises
+    ------
+    DesignError
+        If the demands are too tight for this vehicle, or the solver's answer does not keep them.
+    """
+    weight = gyro_limit(models, slew).weight
+    bank = orthonormal(np.exp(-np.resize(_POLES, functions) * models[0].plant.dt), models[0].plant.dt)
+    axes = [_axis(model, weight, bank) for model in models]
+    points = []
+    for peak in sensitivity_peaks:
+        coefficients = _optimal(axes, peak * (1.0 - _BETWEEN), slew * models[0].plant.dt)
+        laws = tuple(_law(model, weight, bank, q) for model, q in zip(models, coefficients, strict=True))
+        points.append(_judged(models, laws, peak, slew))
+    return points
+
+
+def orthonormal(poles: Matrix, dt: float) -> Lti:
+    """Return the system from one input to itself and to an orthonormal function of it for each pole (n,) [-].
+
+    Takenaka and Malmquist's functions: a low-pass of each pole behind the all-passes of the poles before it.
+    """
+    n = poles.size
+    A, B, at = np.zeros((n, n)), np.zeros((n, 1)), np.append(np.zeros(n), 1.0)  # `at`: chain's signal, of (x, input)
+    for i, pole in enumerate(poles):
+        size = math.sqrt(1.0 - pole**2)
+        A[i], B[i] = size * at[:n] + pole * np.eye(n)[i], size * at[n]
+        at = -pole * at
+        at[i] += size
+    return Lti(A=A, B=B, C=np.eye(n + 1, n, -1), D=np.eye(n + 1, 1), dt=dt)
+
+
+def _axis(model: AxisModel, weight: float, bank: Lti) -> _Axis:
+    error, change = (_moments(model, weight, bank, output) for output in (0, 1))
+    omega = np.geomspace(_LOWEST, 0.999 * math.pi / bank.dt, _POINTS)
+    return _Axis(error=_root(error), change=_root(change), sensitivity=_sensitivity(model, weight, bank, omega))
+
+
+def _moments(model: AxisModel, weight: float, bank: Lti, output: int) -> Matrix:
+    """Return the second moments (1 + k, 1 + k) of an output over the flight: at `Q` = 0, and of each function.
+
+    `Q` is scalar, so that its functions may as well act on what the surprise does to the output through the plant.
+    """
+    flight, central = axis_flight(model), central_controller(model, weight)
+    # noises, then what the controller says: command and surprise
+    columns = np.hstack([flight.D, np.zeros((3, 1))])[[output, 0, 2]]
+    columns[1] = np.eye(1, columns.shape[1], columns.shape[1] - 1)
+    P = Lti(
+        A=flight.A, B=np.hstack([flight.B, np.zeros((flight.order, 1))]),
+        C=np.vstack([flight.C[output], np.zeros(flight.order), flight.C[2]]), D=columns, dt=flight.dt,
+    )  # fmt: skip
+    whole = lft(P, central.part(slice(0, 2), slice(0, 1)))  # noises to output and surprise
+    after = series(_answer(flight, weight, flight.C[output], flight.D[output, -1]), bank)
+    both = Lti(
+        A=after.A, B=np.hstack([np.zeros((after.order, 1)), after.B]), C=np.vstack([np.zeros(after.order), after.C]),
+        D=np.block([[np.eye(1), np.zeros((1, 1))], [np.zeros((after.n_outputs, 1)), after.D]]), dt=flight.dt,
+    )  # fmt: skip
+    return flown_moments([model], series(whole, both))
+
+
+def _answer(flight: Lti, weight: float, C: Matrix, D: float) -> Lti:
+    """Return what a further command does to the output `C x + D u` of the axis that the optimal law holds."""
+    B, F = flight.B[:, -1:], feedback(flight, weight)
+    return Lti(A=flight.A - B @ F, B=B, C=C - D * F, D=np.array([[D]]), dt=flight.dt)
+
+
+def _sensitivity(model: AxisModel, weight: float, bank: Lti, omega: Matrix) -> ComplexMatrix:
+    """Return the sensitivity at the plant's input, (f, 1 + k): at `Q` = 0, and what each function adds."""
+    flight = axis_flight(model)
+    gyro = Lti(A=flight.A[1:, 1:], B=flight.B[1:, -1:], C=flight.C[2:, 1:], D=np.zeros((1, 1)), dt=flight.dt)
+    G, J = gyro.response(omega)[:, 0, 0], central_controller(model, weight).response(omega)
+    S = 1.0 / (1.0 - G * J[:, 0, 0])
+    added = S * J[:, 0, 1] * J[:, 1, 0] * G * S
+    return np.hstack([S[:, None], added[:, None] * bank.response(omega)[:, :, 0]])
+
+
+def _optimal(axes: Sequence[_Axis], peak: float, change: float) -> list[Matrix]:
+    """Return the coefficients of each axis with the least error at a peak and a pooled change of command."""
+    k = axes[0].error.shape[1] - 1
+    unknowns = k * len(axes) + 1  # the last one is the error that is made least
+    held = math.sqrt(sum(float(np.sum(axis.error[:, 0] ** 2)) for axis in axes))
+    blocks = [
+        _cone([axis.error / held for axis in axes], np.eye(unknowns)[-1], 0.0),
+        _cone([axis.change / (change * math.sqrt(len(axes))) for axis in axes], np.zeros(unknowns), 1.0),
+    ]
+    for i, axis in enumerate(axes):
+        for row in axis.sensitivity:
+            part = np.zeros((2, 1 + k))
+            part[0], part[1] = row.real, row.imag
+            parts = [part if j == i else np.zeros((0, 1 + k)) for j in range(len(axes))]
+            blocks.append(_cone(parts, np.zeros(unknowns), peak))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    solution = clarabel.DefaultSolver(
+        scipy.sparse.csc_matrix((unknowns, unknowns)), np.eye(unknowns)[-1],
+        scipy.sparse.csc_matrix(np.vstack([A for A, _ in blocks])), np.concatenate([b for _, b in blocks]),
+        [clarabel.SecondOrderConeT(b.size) for _, b in blocks], settings,
+    ).solve()  # fmt: skip
+    return list(np.array(solution.x[:-1], dtype=np.float64).reshape(len(axes), k))
+
+
+def _cone(parts: Sequence[Matrix], slope: Matrix, offset: float) -> tuple[Matrix, Matrix]:
+    """Return A and b of the cone |every part times (1, q)| <= slope x + offset, in the solver's form `b - A x`."""
+    k = parts[0].shape[1] - 1
+    A, b = [-slope[None]], [np.array([offset])]
+    for i, part in enumerate(parts):
+        rows = np.zeros((part.shape[0], slope.size))
+        rows[:, i * k : (i + 1) * k] = -part[:, 1:]
+        A.append(rows)
+        b.append(part[:, 0])
+    return np.vstack(A), np.concatenate(b)
+
+
+def _root(moments: Matrix) -> Matrix:
+    """Return `R` with `R' R` equal to the moments but for rounding."""
+    values, vectors = np.linalg.eigh(0.5 * (moments + moments.T))
+    kept = values > _ROUNDING * values[-1]
+    return np.asarray((vectors[:, kept] * np.sqrt(values[kept])).T)
+
+
+def _law(model: AxisModel, weight: float, bank: Lti, coefficients: Matrix) -> Lti:
+    row = coefficients[None]
+    Q = Lti(A=bank.A, B=bank.B, C=row @ bank.C, D=row @ bank.D, dt=bank.dt)
+    return lft(central_controller(model, weight), Q)
+
+
+def _judged(models: Sequence[AxisModel], laws: tuple[Lti, ...], peak: float, slew: float) -> TradeOff:
+    """Return the point that laws have, or raise: the solver is not trusted."""
+    figures = [controller_figures(model, law) for model, law in zip(models, laws, strict=True)]
+    rmse, spent = (math.sqrt(float(np.mean([getattr(f, name) ** 2 for f in figures]))) for name in ("rmse", "slew"))
+    worst = max(each.sensitivity_peak for each in figures)
+    if worst > (1.0 + _TOLERANCE) * peak or spent > (1.0 + _TOLERANCE) * slew:
+        raise DesignError(
+            f"no law found at sensitivity peak {peak} and slew {slew} N*m/s: the best had {worst:.4f} and {spent:.4f}"
+        )
+    return TradeOff(sensitivity_peak=worst, rmse=rmse, slew=spent, controllers=laws)

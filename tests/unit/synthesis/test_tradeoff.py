@@ -1,0 +1,86 @@
+"""The convex trade-off: its laws have what it says, it meets the limits at its ends, and no law of ours is below it."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof.closed_loop import fly_direct
+from gustproof.errors import DesignError
+from gustproof.law import Provenance
+from gustproof.metrics import measure
+from gustproof.synthesis.fair import tune_fair
+from gustproof.synthesis.limits import gyro_limit
+from gustproof.synthesis.pid import AxisLaw, cascade_law, strapdown_axis
+from gustproof.synthesis.tradeoff import orthonormal, trade_off
+from gustproof.synthesis.turbulence import axis_figures, axis_models
+
+VEHICLE, SCENARIO = load_vehicle("paper"), load_scenario("paper-turbulence")
+MODELS = axis_models(VEHICLE, SCENARIO)
+
+
+def test_the_functions_are_orthonormal() -> None:
+    bank = orthonormal(np.array([0.3, 0.9, 0.9, 0.99, 0.3]), 0.004)
+    # Over time: what the first output has at 0 only, the others never have there.
+    gramian = scipy.linalg.solve_discrete_lyapunov(bank.A, bank.B @ bank.B.T)
+    np.testing.assert_allclose(bank.C @ gramian @ bank.C.T + bank.D @ bank.D.T, np.eye(6), atol=1e-12)
+
+
+def test_more_functions_lower_the_curve_until_it_settles() -> None:
+    few, more, many = (trade_off(MODELS, [1.36], 20.0, functions=n)[0].rmse for n in (12, 24, 36))
+    assert few > more > many > gyro_limit(MODELS, 20.0).rmse
+    assert more < 1.01 * many
+
+
+def test_a_bound_that_does_not_bind_leaves_the_limit() -> None:
+    (point,) = trade_off(MODELS, [10.0], 20.0, functions=4)
+    limit = gyro_limit(MODELS, 20.0)
+    assert point.rmse == pytest.approx(limit.rmse, rel=1e-4)
+    assert point.sensitivity_peak > 3.0
+
+
+def test_each_point_keeps_its_bounds_and_uses_them() -> None:
+    peaks = (1.2, 1.36, 1.6)
+    points = trade_off(MODELS, peaks, 20.0, functions=24)
+    for point, peak in zip(points, peaks, strict=True):
+        assert point.sensitivity_peak == pytest.approx(peak, rel=1e-3)
+        assert point.slew == pytest.approx(20.0, rel=1e-4)
+    assert points[0].rmse > points[1].rmse > points[2].rmse
+
+
+def test_the_cascade_is_above_the_curve_at_its_own_price() -> None:
+    gains = tune_fair(VEHICLE, SCENARIO, sensitivity_peak=1.36, slew=20.0)
+    axes = [axis_figures(m, strapdown_axis(g, m.inertia, SCENARIO.dt)) for m, g in zip(MODELS, gains, strict=True)]
+    rmse = math.sqrt(np.mean([axis.rmse**2 for axis in axes]))
+    # How much room there is above PID at its own price.
+    assert trade_off(MODELS, [1.36], 20.0, functions=24)[0].rmse < 0.8 * rmse
+
+
+@pytest.mark.compiled
+def test_a_law_of_the_curve_flies_as_foretold() -> None:
+    (point,) = trade_off(MODELS, [1.36], 20.0, functions=12)
+    order = 2 + max(K.order for K in point.controllers)
+    axes = []
+    for K in point.controllers:
+        # In front an attitude and a rate of its own, as the law form has them, behind what fills up; both unused.
+        own = slice(2, 2 + K.order)
+        A, B, C = np.zeros((order, order)), np.zeros((order, 2)), np.zeros((1, order))
+        A[own, own], B[own, :1], C[:, own] = K.A, K.B, K.C
+        D = np.hstack([K.D, np.zeros((1, 1))])
+        axes.append(AxisLaw(A=A, B=B, C=C, D=D, G=np.zeros((order, 1)), H=np.zeros((order, 1))))
+    law = cascade_law("best", axes, VEHICLE, SCENARIO.dt, Provenance(design="test", vehicle="paper"))
+    flights = [
+        measure(fly_direct(SCENARIO, law, vehicle=VEHICLE, seed=seed), VEHICLE, SCENARIO, 1.0) for seed in range(20)
+    ]
+    # As in the test of the model: walks scatter by .58 / sqrt(3 * 20) in the root.
+    flown = math.sqrt(np.mean([flight.rmse_deg**2 for flight in flights]))
+    assert flown == pytest.approx(math.degrees(point.rmse), rel=0.2)
+    assert np.mean([flight.torque_slew_rms for flight in flights]) == pytest.approx(20.0, rel=0.01)
+
+
+def test_demands_that_no_law_meets_are_refused() -> None:
+    with pytest.raises(DesignError, match=r"no law found at sensitivity peak 1\.02"):
+        trade_off(MODELS, [1.02], 1.5, functions=12)
