@@ -9,6 +9,7 @@ from gustproof.synthesis.autotune import autotuned_pid
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design, shipped_designs
 from gustproof.synthesis.fair import fair_pid
+from gustproof.synthesis.indi import indi
 
 PAPER_BANDWIDTH = 0.8
 """[rad/s] target of the paper's PID, which it does not give. Chosen once: near the autotuner's default of 1 rad/s, and
@@ -22,6 +23,7 @@ def _designed(name: str) -> Callable[[], Law]:
 DERIVATIONS: dict[str, Callable[[], Law]] = {
     "pid-default": lambda: autotuned_pid(load_vehicle("paper"), bandwidth=PAPER_BANDWIDTH),
     "pid-fair": lambda: fair_pid(load_vehicle("paper"), load_scenario("paper-turbulence")),
+    "indi": lambda: indi(load_vehicle("paper"), load_scenario("paper-turbulence")),
     **{load_design(name).law: _designed(name) for name in shipped_designs()},
 }
 """How each shipped law is made, by its name."""

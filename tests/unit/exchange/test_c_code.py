@@ -45,9 +45,9 @@ def assert_same_bits(law: Law, inputs, tmp_path) -> None:
         function(pointer(mine), pointer(y), pointer(command))
         assert command.tobytes() == expected.tobytes()
         assert mine[: law.order].tobytes() == x.tobytes()
-        cut += bool(np.any(np.abs(command) == law.limits))
+        cut += np.count_nonzero(np.abs(command) == law.limits)
     assert np.all(np.isfinite(x))
-    assert 0 < cut < len(inputs)  # both sides of the limit were seen
+    assert 0 < cut < 3 * len(inputs)  # both sides of the limit were seen
 
 
 @pytest.mark.compiled

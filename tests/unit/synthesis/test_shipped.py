@@ -42,6 +42,19 @@ def test_the_fair_pid_is_what_the_search_finds() -> None:
     assert_same(DERIVATIONS["pid-fair"](), load_law("pid-fair"), rtol=1e-3)
 
 
+def test_the_indi_law_is_what_the_search_finds() -> None:
+    # The search ends within 1e-8 of the same gains from either of two starts; between machines, as the PID's.
+    assert_same(DERIVATIONS["indi"](), load_law("indi"), rtol=1e-3)
+
+
+def test_the_indi_law_is_the_stronger_baseline_in_turbulence() -> None:
+    indi, pid = flown("indi", "paper-turbulence"), flown("pid-fair", "paper-turbulence")
+    for one, other in zip(indi, pid, strict=True):
+        assert one.rmse_deg < 0.95 * other.rmse_deg
+        assert one.torque_slew_rms == pytest.approx(other.torque_slew_rms, rel=0.02)
+    assert max(flight.peak_roll_deg for flight in flown("indi", "coning")) <= 0.05
+
+
 def test_the_fair_pid_is_a_strong_baseline_in_turbulence() -> None:
     flights = flown("pid-fair", "paper-turbulence")
     assert statistics.median(flight.rmse_deg for flight in flights) <= 0.13
