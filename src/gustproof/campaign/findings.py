@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from firmware_model.requirement import Requirement
@@ -25,9 +24,10 @@ from gustproof.campaign.confidence import (
     ranked,
     share,
 )
+from gustproof.campaign.draws import Array
 from gustproof.campaign.flights import FIGURES, columns, delta_column
 from gustproof.campaign.plan import Campaign
-from gustproof.campaign.table import read_campaign
+from gustproof.campaign.table import opened, read_campaign, read_column
 
 QUANTILES = {"median": 0.5, "p95": 0.95, "p99": 0.99}
 """Quantiles that are told of each figure, by name."""
@@ -175,30 +175,23 @@ def findings(path: Path) -> Findings:
     ConfigError
         If it is not a campaign's file.
     """
-    campaign, table = read_campaign(path), pq.ParquetFile(path, memory_map=True)
-    flown = [np.flatnonzero(np.isfinite(row)) for row in _column(table, FIGURES[0], campaign)]
+    campaign, table = read_campaign(path), opened(path)
+    flown = [np.flatnonzero(np.isfinite(row)) for row in read_column(table, FIGURES[0], campaign)]
     deltas: list[dict[str, Ranked]] = [{} for _ in campaign.laws]
     for name in campaign.spreads:
-        drawn = _column(table, delta_column(name), campaign)[0]
+        drawn = read_column(table, delta_column(name), campaign)[0]
         for number, there in enumerate(flown):
             deltas[number][name] = ranked(drawn[there])
     duels: list[Duel] = []
     by_law: list[dict[str, Figure]] = [{} for _ in campaign.laws]
     for name in FIGURES:
-        values = _column(table, name, campaign)
+        values = read_column(table, name, campaign)
         for number, there in enumerate(flown):
             by_law[number][name] = _figure(values[number], there, number * campaign.cases, deltas[number])
         if name in COMPARED:
             duels += _duels(name, values, campaign)
     laws = tuple(_law(table, campaign, number, found) for number, found in enumerate(by_law))
     return Findings(table=path, campaign=campaign, laws=laws, duels=tuple(duels))
-
-
-def _column(table: Any, name: str, campaign: Campaign) -> Array:
-    """Return a column, (laws, cases); NaN where a run has none."""
-    column = table.read(columns=[name]).column(0).to_numpy().astype(np.float64)
-    values: Array = column.reshape(len(campaign.laws), campaign.cases)
-    return values
 
 
 def _figure(values: Array, flown: Places, first: int, deltas: dict[str, Ranked]) -> Figure:
@@ -226,15 +219,15 @@ def _law(table: Any, campaign: Campaign, number: int, figures: dict[str, Figure]
     cases, first = campaign.cases, number * campaign.cases
     passed = []
     for requirement, name in zip(campaign.scenario.require, columns(campaign.scenario.require), strict=True):
-        held = int(_column(table, f"{name}_held", campaign)[number].sum())
-        values = _column(table, name, campaign)[number]
+        held = int(read_column(table, f"{name}_held", campaign)[number].sum())
+        values = read_column(table, name, campaign)[number]
         worst = _largest(values, first, _excess(requirement, values))
         passed.append(Passed(requirement=requirement, rate=share(held, cases), worst=worst))
     reasons = table.read(columns=["failure"]).column(0).slice(first, cases)
     failed = np.flatnonzero(reasons.is_valid().to_numpy())
     return LawFindings(
         law=campaign.laws[number].name, figures=figures, passed=tuple(passed),
-        all_held=share(int(_column(table, "held", campaign)[number].sum()), cases),
+        all_held=share(int(read_column(table, "held", campaign)[number].sum()), cases),
         failures=tuple(Failure(first + int(i), reasons[int(i)].as_py()) for i in failed[:_WORST]), failed=len(failed),
     )  # fmt: skip
 

@@ -4,10 +4,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from firmware_model.errors import ConfigError
+from gustproof.campaign.draws import Array
 from gustproof.campaign.plan import Campaign, noted
 from gustproof.campaign.store import NOTE
 
@@ -54,3 +56,15 @@ def read_run(path: Path, run: int) -> dict[str, Any]:
         raise ConfigError(f"{path}: no run {run}, they are 0 to {pq.read_metadata(path).num_rows - 1}")
     row: dict[str, Any] = rows[0]
     return row
+
+
+def opened(path: Path) -> Any:
+    """Return the file to read columns from, a `pyarrow.parquet.ParquetFile`."""
+    return pq.ParquetFile(path, memory_map=True)
+
+
+def read_column(file: Any, name: str, campaign: Campaign) -> Array:
+    """Return a column as numbers, (laws, cases), units as its name or `Metrics` says; NaN where a run has none."""
+    column = file.read(columns=[name]).column(0).to_numpy().astype(np.float64)
+    values: Array = column.reshape(len(campaign.laws), campaign.cases)
+    return values

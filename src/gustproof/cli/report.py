@@ -9,7 +9,9 @@ from firmware_model.errors import ConfigError
 
 
 def report(
-    runs: Annotated[list[Path], typer.Argument(help="Folders of `gustproof fly --out`, or bags.")],
+    runs: Annotated[
+        list[Path], typer.Argument(help="Folders of `gustproof fly --out`, or bags; or the table of one campaign.")
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Write the page here (.html).")] = Path("report.html"),
 ) -> None:
     """Put flights on one page that opens anywhere: figures, linked time histories, margins, spectra, a 3D replay.
@@ -21,14 +23,30 @@ def report(
         gustproof fly paper --law pid-fair --out run2
 
         gustproof report run1 run2 -o report.html
-    """
-    from gustproof.report.html import write_report
-    from gustproof.report.html_runs import read_runs
 
+    Of a campaign's table: distributions of all figures, laws overlaid, what they depend on, and the worst runs.
+
+        gustproof report mc.parquet -o mc.html
+    """
     if output.suffix != ".html":
         raise ConfigError(f"{output}: a report ends in .html")
     if not output.parent.is_dir():
         raise ConfigError(f"{output.parent}: no such folder")
+    if any(run.suffix == ".parquet" for run in runs):
+        _report_campaign(runs, output)
+        return
+    from gustproof.report.html import write_report
+    from gustproof.report.html_runs import read_runs
+
     flights = read_runs(runs)
     write_report(flights, output)
     print(f"{len(flights)} flight{'s' if len(flights) != 1 else ''} in {output}")
+
+
+def _report_campaign(tables: list[Path], output: Path) -> None:
+    from gustproof.report.campaign_page import write_campaign_report
+
+    if len(tables) > 1:
+        raise ConfigError(f"{', '.join(map(str, tables))}: a page shows one campaign, or flights")
+    write_campaign_report(tables[0], output)
+    print(f"the campaign of {tables[0]} in {output}")

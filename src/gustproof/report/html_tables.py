@@ -7,6 +7,7 @@ from html import escape
 from gustproof.report.document import figure_rows, requirement_label, requirement_limits
 from gustproof.report.html_loops import FlownLaw
 from gustproof.report.html_runs import Run
+from gustproof.report.html_table import table
 from gustproof.report.loop_tables import MARGINS, margin_cell, poles_text
 from gustproof.synthesis.derive import margins_document
 
@@ -28,7 +29,7 @@ def flights_table(runs: Sequence[Run]) -> str:
     rows = [[escape(name), *map(escape, cells)] for name, cells in facts.items()]
     for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs)}):
         rows.append([escape(f"{label} [{unit}]" if unit else label), *cells])
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def requirements_table(runs: Sequence[Run]) -> str:
@@ -43,7 +44,7 @@ def requirements_table(runs: Sequence[Run]) -> str:
             verdict = f'<span class="{mark}">{"held" if result.held else "not held"}, {_told(result.margin)}</span>'
             texts = (requirement_label(required), window, requirement_limits(required), run.label, _told(result.value))
             rows.append([*map(escape, texts), verdict])
-    return f"<h3>Requirements</h3>{_table(head, rows)}" if rows else ""
+    return f"<h3>Requirements</h3>{table(head, rows)}" if rows else ""
 
 
 def _told(value: float) -> str:
@@ -67,13 +68,4 @@ def margins_table(laws: Iterable[FlownLaw]) -> str:
             first = axis == "roll"
             disk = margin_cell(figures["disk_margin"]) if first else ""
             rows.append([escape(law.label) if first else "", axis, *cells, disk])
-    return _table([escape(head) for head in heads], rows) + "".join(poles)
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of cells that are HTML; what it does not have room for is scrolled to."""
-    top = "".join(f'<th scope="col">{cell}</th>' for cell in head)
-    body = "".join(
-        f'<tr><th scope="row">{row[0]}</th>{"".join(f"<td>{cell}</td>" for cell in row[1:])}</tr>' for row in rows
-    )
-    return f'<div class="wide" tabindex="0"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+    return table([escape(head) for head in heads], rows) + "".join(poles)

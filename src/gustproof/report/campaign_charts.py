@@ -1,0 +1,134 @@
+"""Charts of a campaign as inline SVG: what the runs of each law left, and what it depends on. No script draws them."""
+
+import math
+from collections.abc import Callable, Sequence
+from html import escape
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_WIDTH, _HEIGHT = 380.0, 210.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 52.0, 12.0, 8.0, 38.0
+_BINS = 48
+_POINTS = 160  # of an exceedance curve
+_MEANS = 16  # of a response curve
+
+
+class Line(NamedTuple):
+    """One curve of a chart."""
+
+    colour: int
+    """Place in the palette."""
+    x: Array
+    """(n,) ascending [unit of the chart's x]."""
+    y: Array
+    """(n,) [unit of the chart's y]; NaN is left out."""
+
+
+class Axis(NamedTuple):
+    """One axis of a chart."""
+
+    low: float
+    """[unit of the axis]."""
+    high: float
+    """[unit of the axis]."""
+    logarithmic: bool = False
+    """Whether in powers of ten."""
+
+    def share(self, value: float) -> float:
+        """Return where on the axis a value is, 0..1."""
+        if self.logarithmic:
+            low, high, value = math.log10(self.low), math.log10(self.high), math.log10(max(value, self.low))
+        else:
+            low, high = self.low, self.high
+        return (value - low) / (high - low)
+
+    def ticks(self) -> list[float]:
+        """Return some four to eight round values on the axis."""
+        if self.logarithmic:
+            return [10.0**k for k in range(math.ceil(math.log10(self.low)), math.floor(math.log10(self.high)) + 1)]
+        step = 10.0 ** math.floor(math.log10((self.high - self.low) / 4.0))
+        step *= next(k for k in (5.0, 2.0, 1.0) if (self.high - self.low) / (k * step) >= 4.0 or k == 1.0)
+        return [step * k for k in range(math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9) + 1)]
+
+
+def distributions(label: str, values: Sequence[Array]) -> str:
+    """Return how the runs of each law, an array each, are spread: their share in bins that all laws have in common."""
+    found = [each[np.isfinite(each)] for each in values]
+    low, high = _range(found)
+    edges = np.linspace(low, high, _BINS + 1)
+    lines = []
+    for colour, each in enumerate(found):
+        shares = np.histogram(each, edges)[0] / max(len(each), 1) * 100.0
+        lines.append(Line(colour, np.repeat(edges, 2), np.concatenate([[0.0], np.repeat(shares, 2), [0.0]])))
+    top = max((float(np.max(line.y)) for line in lines), default=0.0) or 1.0
+    return chart(label, "share of the runs [%]", lines, Axis(low, high), Axis(0.0, 1.05 * top))
+
+
+def exceedances(label: str, values: Sequence[Array]) -> str:
+    """Return which share of the runs of each law exceeds a value, down to the one worst run."""
+    found = [each[np.isfinite(each)] for each in values]
+    low, high = _range(found)
+    lines = []
+    for colour, each in enumerate(found):
+        ordered, n = np.sort(each), len(each)
+        picks = np.unique(np.round(n - n ** np.linspace(1.0, 0.0, _POINTS)).astype(np.intp)) if n else np.zeros(0, int)
+        lines.append(Line(colour, ordered[picks], (n - picks) / max(n, 1) * 100.0))
+    least = min(100.0 / max(len(each), 2) for each in found)
+    return chart(label, "share of the runs above it [%]", lines, Axis(low, high), Axis(least, 100.0, True))
+
+
+def responses(label: str, drawn: str, values: Sequence[Array], delta: Array, value: Callable[[float], float]) -> str:
+    """Return the mean of a figure of each law in parts of the range of what was drawn, (cases,) normalised."""
+    edges = np.linspace(-1.0, 1.0, _MEANS + 1)
+    middle = np.array([value(float(each)) for each in 0.5 * (edges[1:] + edges[:-1])])
+    part = np.clip(np.searchsorted(edges, delta, side="right") - 1, 0, _MEANS - 1)
+    lines = []
+    for colour, each in enumerate(values):
+        there = np.isfinite(each)
+        counts = np.bincount(part[there], minlength=_MEANS)
+        sums = np.bincount(part[there], weights=each[there], minlength=_MEANS)
+        lines.append(Line(colour, middle, np.where(counts > 0, sums / np.maximum(counts, 1), math.nan)))
+    low, high = _range([line.y[np.isfinite(line.y)] for line in lines])
+    return chart(drawn, label, lines, Axis(value(-1.0), value(1.0)), Axis(min(low, 0.0), high * 1.05 if high else 1.0))
+
+
+def chart(x_label: str, y_label: str, lines: Sequence[Line], x: Axis, y: Axis) -> str:
+    """Return a chart as SVG; its colours are the page's."""
+    width, height = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
+
+    def place(at_x: float, at_y: float) -> str:
+        return f"{_LEFT + width * x.share(at_x):.1f},{_TOP + height * (1.0 - y.share(at_y)):.1f}"
+
+    parts = []
+    for value in y.ticks():
+        at = _TOP + height * (1.0 - y.share(value))
+        parts.append(f'<path class="grid" d="M{_LEFT},{at:.1f}h{width}"/>')
+        parts.append(f'<text class="y" x="{_LEFT - 5}" y="{at:.1f}">{_number(value)}</text>')
+    for value in x.ticks():
+        at = _LEFT + width * x.share(value)
+        parts.append(f'<path class="grid" d="M{at:.1f},{_TOP}v{height}"/>')
+        parts.append(f'<text class="x" x="{at:.1f}" y="{_HEIGHT - _BOTTOM + 14}">{_number(value)}</text>')
+    for line in lines:
+        there = np.isfinite(line.y)
+        points = " ".join(map(place, line.x[there].tolist(), line.y[there].tolist()))
+        parts.append(f'<polyline style="stroke: var(--c{line.colour % 7})" points="{points}"/>')
+    middle = _LEFT + width / 2.0
+    parts.append(f'<text class="x" x="{middle}" y="{_HEIGHT - 5}">{escape(x_label)}</text>')
+    name = escape(f"{y_label} against {x_label}", quote=True)
+    body = "".join(parts)
+    return f'<svg class="plot" viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" role="img" aria-label="{name}">{body}</svg>'
+
+
+def _range(values: Sequence[Array]) -> tuple[float, float]:
+    """Return the least and the largest of all values, apart even where there is but one."""
+    there = [each for each in values if len(each)]
+    low, high = (min(map(np.min, there)), max(map(np.max, there))) if there else (0.0, 0.0)
+    return (float(low), float(high)) if high > low else (float(low) - 0.5, float(high) + 0.5)
+
+
+def _number(value: float) -> str:
+    return f"{value:.6g}".replace("-", "−").replace("e−0", "e−")
