@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_WIDTH, _HEIGHT = 380.0, 210.0
-_LEFT, _RIGHT, _TOP, _BOTTOM = 52.0, 12.0, 8.0, 38.0
-_BINS = 48
+_WIDTH, _HEIGHT = 300.0, 200.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 44.0, 10.0, 22.0, 36.0
+_BINS = 48  # of a distribution, at most
 _POINTS = 160  # of an exceedance curve
-_MEANS = 16  # of a response curve
+_MEANS = 16  # of a response curve, at most
+_FEWEST = 25  # runs that a mean is of
 
 
 class Line(NamedTuple):
@@ -59,7 +60,8 @@ def distributions(label: str, values: Sequence[Array]) -> str:
     """Return how the runs of each law, an array each, are spread: their share in bins that all laws have in common."""
     found = [each[np.isfinite(each)] for each in values]
     low, high = _range(found)
-    edges = np.linspace(low, high, _BINS + 1)
+    bins = min(math.ceil(2.0 * math.sqrt(max(map(len, found)))), _BINS)
+    edges = np.linspace(low, high, max(bins, 1) + 1)
     lines = []
     for colour, each in enumerate(found):
         shares = np.histogram(each, edges)[0] / max(len(each), 1) * 100.0
@@ -83,14 +85,15 @@ def exceedances(label: str, values: Sequence[Array]) -> str:
 
 def responses(label: str, drawn: str, values: Sequence[Array], delta: Array, value: Callable[[float], float]) -> str:
     """Return the mean of a figure of each law in parts of the range of what was drawn, (cases,) normalised."""
-    edges = np.linspace(-1.0, 1.0, _MEANS + 1)
+    means = max(min(len(delta) // _FEWEST, _MEANS), 1)
+    edges = np.linspace(-1.0, 1.0, means + 1)
     middle = np.array([value(float(each)) for each in 0.5 * (edges[1:] + edges[:-1])])
-    part = np.clip(np.searchsorted(edges, delta, side="right") - 1, 0, _MEANS - 1)
+    part = np.clip(np.searchsorted(edges, delta, side="right") - 1, 0, means - 1)
     lines = []
     for colour, each in enumerate(values):
         there = np.isfinite(each)
-        counts = np.bincount(part[there], minlength=_MEANS)
-        sums = np.bincount(part[there], weights=each[there], minlength=_MEANS)
+        counts = np.bincount(part[there], minlength=means)
+        sums = np.bincount(part[there], weights=each[there], minlength=means)
         lines.append(Line(colour, middle, np.where(counts > 0, sums / np.maximum(counts, 1), math.nan)))
     low, high = _range([line.y[np.isfinite(line.y)] for line in lines])
     return chart(drawn, label, lines, Axis(value(-1.0), value(1.0)), Axis(min(low, 0.0), high * 1.05 if high else 1.0))
@@ -117,6 +120,7 @@ def chart(x_label: str, y_label: str, lines: Sequence[Line], x: Axis, y: Axis) -
         points = " ".join(map(place, line.x[there].tolist(), line.y[there].tolist()))
         parts.append(f'<polyline style="stroke: var(--c{line.colour % 7})" points="{points}"/>')
     middle = _LEFT + width / 2.0
+    parts.append(f'<text x="{_LEFT}" y="14">{escape(y_label)}</text>')
     parts.append(f'<text class="x" x="{middle}" y="{_HEIGHT - 5}">{escape(x_label)}</text>')
     name = escape(f"{y_label} against {x_label}", quote=True)
     body = "".join(parts)

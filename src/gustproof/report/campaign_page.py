@@ -1,10 +1,13 @@
 """One HTML file on a campaign: it asks nobody for anything, opens without a network, and needs no script."""
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
+
+import numpy as np
 
 from gustproof import __version__
 from gustproof.campaign.confidence import LEVEL, Estimate, Importance
@@ -83,13 +86,15 @@ def _requirements(found: Findings) -> str:
 
 
 def _distributions(found: Findings) -> str:
-    file, parts = opened(found.table), []
+    file, charts, alike = opened(found.table), list[str](), list[str]()
     for name in FLOWN:
-        values = list(read_column(file, name, found.campaign))
-        label = _label(name)
-        charts = (distributions(label, values), exceedances(label, values))
-        parts.append(_group(label, charts))
-    return "".join(parts)
+        values, label = read_column(file, name, found.campaign), _label(name)
+        least, largest = np.nanmin(values, initial=math.inf), np.nanmax(values, initial=-math.inf)
+        if least < largest:
+            charts += [distributions(label, list(values)), exceedances(label, list(values))]
+        elif least == largest:
+            alike.append(f"<p>{escape(label)}: {number(float(least))} in every run.</p>")
+    return _group("How the runs are spread, and how many exceed a value", charts) + "".join(alike)
 
 
 def _dispersions(found: Findings) -> str:
@@ -157,7 +162,7 @@ def _command(found: Findings, run: int) -> str:
 
 def _group(title: str, charts: Sequence[str]) -> str:
     cells = "".join(f'<div class="chart">{each}</div>' for each in charts)
-    return f'<article class="group"><h3>{escape(title)}</h3><div class="charts">{cells}</div></article>'
+    return f'<article class="group"><h3>{escape(title)}</h3><div class="charts of4">{cells}</div></article>'
 
 
 def _legend(found: Findings) -> str:
