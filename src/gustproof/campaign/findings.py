@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from firmware_model.requirement import Requirement
 from gustproof.campaign.confidence import (
     LEVEL,
-    Array,
     Estimate,
     Importance,
     Ranked,

@@ -148,11 +148,10 @@ def schema(campaign: Campaign) -> Any:
     return pa.schema(fields)
 
 
-def lost(campaign: Campaign, run: int, failure: str) -> Any:
-    """Return the row of a run that left nothing but the reason why."""
-    case = run % campaign.cases
-    delta, seeds = campaign.deltas(case, 1), campaign.flight_seeds(case, 1)
-    return _table(campaign, Stretch(run, 1), delta, seeds, [failure])
+def lost(campaign: Campaign, stretch: Stretch, failure: str) -> Any:
+    """Return the rows of runs that left nothing but the reason why."""
+    first, runs = stretch.first % campaign.cases, stretch.runs
+    return _table(campaign, stretch, campaign.deltas(first, runs), campaign.flight_seeds(first, runs), [failure] * runs)
 
 
 def _table(

@@ -129,7 +129,7 @@ class _Runner:
                 self._suspects.appendleft(stretch)
             else:
                 self._check_pool()
-                self._keep(stretch, lost(self._campaign, first, "the worker that flew it died, each time"))
+                self._keep(stretch, lost(self._campaign, stretch, "the worker that flew it died, each time"))
 
     def _check_pool(self) -> None:
         """Refuse to blame runs for workers that die whatever they do."""
