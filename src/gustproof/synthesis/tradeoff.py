@@ -67,39 +67,56 @@ class _Axis:
     """(f, 1 + k) likewise the sensitivity [-] at each frequency."""
 
 
-def trade_off(
-    models: Sequence[AxisModel], sensitivity_peaks: Sequence[float], slew: float, *, functions: int = 36
-) -> list[TradeOff]:
-    """Return the point of least error for each bound on the sensitivity peak of every axis, ascending bounds or not.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LinearLaws:
+    """Every linear law of the axes whose `Q` is in a span: what `least` looks among."""
 
-    One cone program a point, of all axes at once: the slew goes where it is worth most. Each point is a law, and its
-    figures are the law's own.
+    models: tuple[AxisModel, ...]
+    """The axes, in the turbulence that counts."""
+    weight: float
+    """[rad^2/(N*m)^2] price of slew of the law at `Q` = 0."""
+    bank: Lti
+    """One input to itself and to each orthonormal function of it."""
+    axes: tuple[_Axis, ...]
+    """The axes as functions of the coefficients."""
 
-    Parameters
-    ----------
-    models
-        The axes, in the turbulence that counts.
-    sensitivity_peaks
-        [-] bounds, above 1.
-    slew
-        [N*m/s] largest rms torque slew, pooled over the axes.
-    functions
-        Number of orthonormal functions that `Q` is made of, beside a constant.
+    def least(self, sensitivity_peak: float, slew: float) -> TradeOff:
+        """Return the point of least error, one cone program of all axes at once: the slew goes where it is worth most.
+
+        The point is of laws, and its figures are the laws' own.
+
+        Parameters
+        ----------
+        sensitivity_peak
+            [-] largest sensitivity peak of each axis, above 1.
+        slew
+            [N*m/s] largest rms torque slew, pooled over the axes.
+
+        Raises
+        ------
+        DesignError
+            If the demands are too tight for this vehicle, or the solver's answer does not keep them.
+        """
+        coefficients = _optimal(self.axes, sensitivity_peak * (1.0 - _BETWEEN), slew * self.bank.dt)
+        laws = tuple(_law(m, self.weight, self.bank, q) for m, q in zip(self.models, coefficients, strict=True))
+        return _judged(self.models, laws, sensitivity_peak, slew)
+
+
+def linear_laws(models: Sequence[AxisModel], *, functions: int = 36, around: float = 20.0) -> LinearLaws:
+    """Return the laws that a constant and a number of orthonormal functions span.
+
+    `around` [N*m/s] is the slew of the optimal law that they are added to. The answers do not depend on it but for the
+    functions that are left out: from 2 to 100 N*m/s by less than .1 %.
 
     Raises
     ------
     DesignError
-        If the demands are too tight for this vehicle, or the solver's answer does not keep them.
+        If no law holds attitude at slew `around`.
     """
-    weight = gyro_limit(models, slew).weight
-    bank = orthonormal(np.exp(-np.resize(_POLES, functions) * models[0].plant.dt), models[0].plant.dt)
-    axes = [_axis(model, weight, bank) for model in models]
-    points = []
-    for peak in sensitivity_peaks:
-        coefficients = _optimal(axes, peak * (1.0 - _BETWEEN), slew * models[0].plant.dt)
-        laws = tuple(_law(model, weight, bank, q) for model, q in zip(models, coefficients, strict=True))
-        points.append(_judged(models, laws, peak, slew))
-    return points
+    weight, dt = gyro_limit(models, around).weight, models[0].plant.dt
+    bank = orthonormal(np.exp(-np.resize(_POLES, functions) * dt), dt)
+    axes = tuple(_axis(model, weight, bank) for model in models)
+    return LinearLaws(models=tuple(models), weight=weight, bank=bank, axes=axes)
 
 
 def orthonormal(poles: Matrix, dt: float) -> Lti:

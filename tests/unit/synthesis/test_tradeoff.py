@@ -15,7 +15,7 @@ from gustproof.metrics import measure
 from gustproof.synthesis.fair import tune_fair
 from gustproof.synthesis.limits import gyro_limit
 from gustproof.synthesis.pid import AxisLaw, cascade_law, strapdown_axis
-from gustproof.synthesis.tradeoff import orthonormal, trade_off
+from gustproof.synthesis.tradeoff import linear_laws, orthonormal
 from gustproof.synthesis.turbulence import axis_figures, axis_models
 
 VEHICLE, SCENARIO = load_vehicle("paper"), load_scenario("paper-turbulence")
@@ -30,13 +30,18 @@ def test_the_functions_are_orthonormal() -> None:
 
 
 def test_more_functions_lower_the_curve_until_it_settles() -> None:
-    few, more, many = (trade_off(MODELS, [1.36], 20.0, functions=n)[0].rmse for n in (12, 24, 36))
+    few, more, many = (linear_laws(MODELS, functions=n).least(1.36, 20.0).rmse for n in (12, 24, 36))
     assert few > more > many > gyro_limit(MODELS, 20.0).rmse
     assert more < 1.01 * many
 
 
+def test_it_hardly_matters_which_law_is_at_the_centre() -> None:
+    here, there = (linear_laws(MODELS, around=around).least(1.36, 20.0).rmse for around in (2.0, 100.0))
+    assert here == pytest.approx(there, rel=1e-3)
+
+
 def test_a_bound_that_does_not_bind_leaves_the_limit() -> None:
-    (point,) = trade_off(MODELS, [10.0], 20.0, functions=4)
+    point = linear_laws(MODELS, functions=4).least(10.0, 20.0)
     limit = gyro_limit(MODELS, 20.0)
     assert point.rmse == pytest.approx(limit.rmse, rel=1e-4)
     assert point.sensitivity_peak > 3.0
@@ -44,7 +49,8 @@ def test_a_bound_that_does_not_bind_leaves_the_limit() -> None:
 
 def test_each_point_keeps_its_bounds_and_uses_them() -> None:
     peaks = (1.2, 1.36, 1.6)
-    points = trade_off(MODELS, peaks, 20.0, functions=24)
+    laws = linear_laws(MODELS, functions=24)
+    points = [laws.least(peak, 20.0) for peak in peaks]
     for point, peak in zip(points, peaks, strict=True):
         assert point.sensitivity_peak == pytest.approx(peak, rel=1e-3)
         assert point.slew == pytest.approx(20.0, rel=1e-4)
@@ -56,12 +62,12 @@ def test_the_cascade_is_above_the_curve_at_its_own_price() -> None:
     axes = [axis_figures(m, strapdown_axis(g, m.inertia, SCENARIO.dt)) for m, g in zip(MODELS, gains, strict=True)]
     rmse = math.sqrt(np.mean([axis.rmse**2 for axis in axes]))
     # How much room there is above PID at its own price.
-    assert trade_off(MODELS, [1.36], 20.0, functions=24)[0].rmse < 0.8 * rmse
+    assert linear_laws(MODELS, functions=24).least(1.36, 20.0).rmse < 0.8 * rmse
 
 
 @pytest.mark.compiled
 def test_a_law_of_the_curve_flies_as_foretold() -> None:
-    (point,) = trade_off(MODELS, [1.36], 20.0, functions=12)
+    point = linear_laws(MODELS, functions=12).least(1.36, 20.0)
     order = 2 + max(K.order for K in point.controllers)
     axes = []
     for K in point.controllers:
@@ -83,4 +89,4 @@ def test_a_law_of_the_curve_flies_as_foretold() -> None:
 
 def test_demands_that_no_law_meets_are_refused() -> None:
     with pytest.raises(DesignError, match=r"no law found at sensitivity peak 1\.02"):
-        trade_off(MODELS, [1.02], 1.5, functions=12)
+        linear_laws(MODELS, functions=12).least(1.02, 1.5)
