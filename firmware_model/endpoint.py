@@ -32,6 +32,7 @@ from firmware_model.services import composed
 from firmware_model.services.service import Client
 from firmware_model.signals import Command, ImuSample
 from firmware_model.signing import Signing
+from firmware_model.turns import Turns
 from firmware_model.vehicle import Vehicle
 
 HEARTBEAT_US = 1_000_000
@@ -112,6 +113,7 @@ class VehicleEndpoint:
         self._killed: Listener | None = None
         self._stream_lost = False
         self._now_us = self._heartbeat_at_us = 0
+        self._turns = Turns(self.flight, scenario, system, possible=lockstep and not linked and signing is None)
         self._created_us: int | None = None
         self._announced: tuple[Mode, bool, bool] | None = None
 
@@ -123,6 +125,10 @@ class VehicleEndpoint:
     def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
         self._now_us = now_us
+        sample = self._turns.take(datagram, peer, now_us)
+        if sample is not None:
+            self._outbox.append((sample, peer))
+            return
         self.flight.tick(now_us)
         if self._signing is not None:
             self._signing.tick(now_us)
@@ -139,6 +145,8 @@ class VehicleEndpoint:
     def poll(self, now_us: int) -> list[tuple[bytes, Peer]]:
         """Do what is due and return the datagrams to send."""
         self._now_us = now_us
+        if self._turns.taken() and now_us < self._heartbeat_at_us:
+            return self._sent()
         if self._signing is not None:
             self._signing.tick(now_us)
         if self.flight.ready():
@@ -165,8 +173,8 @@ class VehicleEndpoint:
         state = autopilot.mode, autopilot.armed, autopilot.airborne
         if now_us >= self._heartbeat_at_us or state != self._announced:
             self._beat(now_us, state)
-        outbox, self._outbox = self._outbox, []
-        return outbox
+        self._turns.foresee(self._commander, self._listeners)
+        return self._sent()
 
     def deadline_us(self) -> int:
         """Return the wall time at which `poll` has something to do, at the latest."""
@@ -222,6 +230,10 @@ class VehicleEndpoint:
         self.loop.set_stabilizer(self.parameters.stabilizer())
         self.loop.set_position_loop(self.parameters.position_loop())
         self.flight.pause(self._now_us, paused=bool(self.parameters[PAUSE_NAME]))
+
+    def _sent(self) -> list[tuple[bytes, Peer]]:
+        outbox, self._outbox = self._outbox, []
+        return outbox
 
     def _take(self, frame: Frame, peer: Peer, now_us: int) -> Dropped | None:
         # Before anything else: who does not prove himself takes no place among the peers.

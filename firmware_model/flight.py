@@ -108,6 +108,11 @@ class Flight:
         self._paused_at_us: int | None = None
 
     @property
+    def time_us(self) -> int:
+        """[us] model time of the current sample."""
+        return self._time_us
+
+    @property
     def wall_us(self) -> int:
         """[us] wall time from t = 0 to the sample flown last, without pauses."""
         return 0 if self.started_us is None else max(self.advanced_us - self.started_us - self.paused_us, 0)

@@ -143,6 +143,38 @@ class Outgoing(NamedTuple):
         return frame
 
 
+class Series:
+    """Frames of one message from one sender with few fields that change, at its beginning: made and read at once.
+
+    They are of version 2, not signed, and byte for byte what `Outgoing` makes.
+
+    `layout` says what the changing fields are, `rest` is the payload after them, without trailing zeros.
+    """
+
+    def __init__(self, message_id: int, system: int, component: int, layout: str, rest: bytes) -> None:
+        self._fields = struct.Struct(layout)
+        self._seed = _KINDS[message_id][0]
+        self._rest, self._rest_at = rest, 10 + self._fields.size
+        length = self._fields.size + len(rest)
+        self._heads = tuple(
+            _V2_HEADER.pack(_V2, length, 0, 0, number, system, component, message_id & 0xFFFF, message_id >> 16)
+            for number in range(256)
+        )
+
+    def make(self, sequence: int, *fields: float) -> bytes:
+        """Return the frame with this sequence number."""
+        frame = self._heads[sequence] + self._fields.pack(*fields) + self._rest
+        return frame + mcrf4xx(frame[1:] + self._seed).to_bytes(2, "little")
+
+    def read(self, datagram: bytes, sequence: int) -> tuple[Any, ...] | None:
+        """Return the fields of the frame with this sequence number, `None` if the datagram is anything else."""
+        if datagram[:10] != self._heads[sequence] or datagram[self._rest_at : -2] != self._rest:
+            return None
+        if mcrf4xx(datagram[1:-2] + self._seed) != datagram[-2] | datagram[-1] << 8:
+            return None
+        return self._fields.unpack_from(datagram, 10)
+
+
 def signature(key: bytes, frame: bytes) -> bytes:
     """Return the signature of a frame that ends with link id and time stamp: the first 48 bits of a SHA-256."""
     return sha256(key + frame).digest()[: _SIGNATURE - _SIGNATURE_HEAD]

@@ -75,6 +75,11 @@ class Listener:
             self._defaults_us = {**self._usual_us, **({_IMU: _CONTROLLER_IMU_US} if controller else {})}
         self._start(dict(self._defaults_us), clock_us)
 
+    @property
+    def undemanding(self) -> bool:
+        """Whether it is sent samples and nothing else regularly."""
+        return self._intervals_us.keys() <= {_IMU}
+
     def interval_us(self, message_id: int) -> int | None:
         """Return the time between two messages, `None` if there are none."""
         return self._intervals_us.get(message_id)

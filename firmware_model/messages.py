@@ -13,7 +13,7 @@ import struct
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.frames import Dropped, Frame, Message, Outgoing
+from firmware_model.frames import Dropped, Frame, Message, Outgoing, Series
 from firmware_model.signals import AttitudeTarget, Command, ImuSample, Quaternion, TorqueCommand, Vector
 
 AUTOPILOT = 1
@@ -45,6 +45,24 @@ def imu_sample(frame: Frame) -> ImuSample | Dropped:
     if updated & _GYRO != _GYRO or not math.isfinite(x + y + z + p + q + r):
         return Dropped.NOT_FINITE
     return ImuSample(time_us=time_us, gyro_B=(p, q, r), specific_force_B=(x, y, z))
+
+
+def samples(system: int) -> Series:
+    """Return the samples of the autopilot of `system`: stamp [us], specific force, rates."""
+    rest = struct.pack("<7fB", *_NOT_MEASURED, _ACCELERATION_AND_GYRO)
+    return Series(wire.MAVLINK_MSG_ID_HIGHRES_IMU, system, AUTOPILOT, "<Q6f", rest)
+
+
+def torques(system: int) -> Series:
+    """Return a controller's torque commands to its autopilot: stamp [us], roll, pitch, yaw, throttle or NaN."""
+    rest = struct.pack("<4fBBB", 0.0, 0.0, 0.0, 0.0, 0, system, AUTOPILOT)
+    return Series(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, system, CONTROLLER, "<Q4f", rest)
+
+
+def rates(system: int) -> Series:
+    """Return a controller's rate commands to its autopilot: stamp [ms], roll, pitch, yaw [rad/s], thrust."""
+    rest = struct.pack("<BBB", system, AUTOPILOT, _IGNORE_ATTITUDE)
+    return Series(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, system, CONTROLLER, "<I16x4f", rest)
 
 
 def command_message(command: Command, target_system: int) -> Outgoing:

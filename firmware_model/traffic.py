@@ -5,7 +5,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.frames import DAMAGE, Dropped, Frame, Message, Outgoing
+from firmware_model.frames import DAMAGE, Dropped, Frame, Message, Outgoing, Series
 from firmware_model.signing import Signing
 
 SOURCES = 16
@@ -49,6 +49,23 @@ class Traffic:
             else:  # sent twice, or overtaken: what was expected still is
                 return
         self._expected[source] = (sequence + 1) & 255
+
+    def read(self, series: Series, source: tuple[int, int], datagram: bytes) -> tuple[Any, ...] | None:
+        """Return the fields of the next frame from a source, not counted; `None` if the datagram is anything else."""
+        return series.read(datagram, self._expected.get(source, 0))
+
+    def count_next(self, source: tuple[int, int]) -> None:
+        """Count what was read."""
+        self.received += 1
+        self._expected[source] = (self._expected.get(source, 0) + 1) & 255
+
+    def make(self, series: Series, *fields: float) -> bytes:
+        """Return a message as a datagram to this peer, not signed, with the next of its sequence numbers."""
+        packer = self.packer
+        datagram = series.make(packer.seq, *fields)
+        packer.seq = (packer.seq + 1) & 255
+        self.sent += 1
+        return datagram
 
     def absorb(self, other: "Traffic") -> None:
         """Add the figures of a peer that is gone."""

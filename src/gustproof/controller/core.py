@@ -24,11 +24,11 @@ class Controller:
     """
 
     def __init__(self, law: Law, scale: Vector, hover: float, references: References = ()) -> None:
-        self._hover = hover
+        self.hover = hover
         self._law = FlyingLaw(law, scale)
-        self._torque = law.output is Output.TORQUE
-        self._answer: Command | None = None
-        self._answered_us = -1
+        self.torque = law.output is Output.TORQUE
+        self.answered_us = -1
+        self._fractions: Vector = (0.0, 0.0, 0.0)
         self._references = deque(references)
 
     def answer(self, sample: ImuSample, *, afresh: bool = False) -> Command | Dropped:
@@ -37,17 +37,20 @@ class Controller:
         It does so `afresh` from its initial state, if the vehicle was flown by another until now.
         """
         time_us = sample.time_us
-        if self._answer is None or time_us > self._answered_us:
+        if time_us < self.answered_us:
+            return Dropped.STALE
+        if time_us > self.answered_us:
             if afresh:
                 self._law.restart()
-            while self._references and self._references[0][0] <= time_us:
-                self._law.set_reference(self._references.popleft()[1])
-            command = self._law.step(sample.gyro_B, sample.specific_force_B)
-            if self._torque:
-                self._answer = TorqueCommand(time_us=time_us, torque_B=command, throttle=None)
-            else:
-                self._answer = AttitudeTarget(time_us=time_us, q_NB=None, omega_B=command, thrust=self._hover)
-            self._answered_us = time_us
-        elif time_us < self._answered_us:
-            return Dropped.STALE
-        return self._answer
+            self.step(time_us, sample.gyro_B, sample.specific_force_B)
+        if self.torque:
+            return TorqueCommand(time_us=time_us, torque_B=self._fractions, throttle=None)
+        return AttitudeTarget(time_us=time_us, q_NB=None, omega_B=self._fractions, thrust=self.hover)
+
+    def step(self, time_us: int, gyro_B: Vector, force_B: Vector) -> Vector:
+        """Return the law's command for a sample newer than the last one, as fractions of `scale`."""
+        while self._references and self._references[0][0] <= time_us:
+            self._law.set_reference(self._references.popleft()[1])
+        self.answered_us = time_us
+        self._fractions = self._law.step(gyro_B, force_B)
+        return self._fractions

@@ -14,6 +14,7 @@ A request is repeated on wall time until it is answered, and given up after a st
 answered as soon as the parameters are known, as the autopilot enters OFFBOARD only when set-points flow.
 """
 
+import math
 from collections import Counter
 from collections.abc import Callable
 from enum import Enum
@@ -95,6 +96,7 @@ class ControllerEndpoint:
         self._packer = self.traffic.packer
         self._outbox: list[tuple[bytes, Peer]] = []
         self._controller: Controller | None = None
+        self._turning = False
         self._piloted = self._resting = False
         self._armed, self._mode = False, 0
         wanted = (*(TORQUE_LIMIT_NAMES if law.output is Output.TORQUE else ()), HOVER_NAME, RATE_NAME)
@@ -125,6 +127,9 @@ class ControllerEndpoint:
 
     def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
+        if self._turning and self._turn(datagram, peer, now_us):
+            return
+        self._turning = False
         if self._signing is not None:
             self._signing.tick(now_us)
         for item in parse(datagram):
@@ -185,7 +190,29 @@ class ControllerEndpoint:
         self._send(messages.command_message(answer, self._packer.srcSystem))
         if self.phase is _READING:
             self._join(answer.time_us)
+        self._turning = self.phase is _FLYING and self._signing is None
         return None
+
+    def _turn(self, datagram: bytes, peer: Peer, now_us: int) -> bool:
+        """Answer the sample that nearly always comes next, as `_on_sample` does; or refuse it, and nothing is done."""
+        controller, traffic, system = self._controller, self.traffic, self._packer.srcSystem
+        if peer != self._vehicle or controller is None:
+            return False
+        fields = traffic.read(self._samples, (system, AUTOPILOT), datagram)
+        if fields is None:
+            return False
+        time_us, f_x, f_y, f_z, p, q, r = fields
+        if time_us <= controller.answered_us or not math.isfinite(f_x + f_y + f_z + p + q + r):
+            return False
+        traffic.count_next((system, AUTOPILOT))
+        self._heard_us = now_us
+        command = controller.step(time_us, (p, q, r), (f_x, f_y, f_z))
+        if controller.torque:
+            answer = traffic.make(self._commands, time_us, *command, math.nan)
+        else:
+            answer = traffic.make(self._commands, time_us // 1000, *command, controller.hover)
+        self._outbox.append((answer, peer))
+        return True
 
     def _join(self, time_us: int) -> None:
         """Arm a vehicle that waits, take one that flies; stand by one on the ground, on its way up or down.
@@ -250,6 +277,9 @@ class ControllerEndpoint:
         hover = known.pop()
         roll, pitch, yaw = known or (1.0, 1.0, 1.0)
         self._controller = Controller(self._law, (roll, pitch, yaw), hover, self._references)
+        system = self._packer.srcSystem
+        self._samples = messages.samples(system)
+        self._commands = messages.torques(system) if self._controller.torque else messages.rates(system)
 
     def _on_acknowledgement(self, message: Message) -> None:
         asked = {
