@@ -16,6 +16,20 @@ from gustproof.metrics import Records, attitude
 from gustproof.model.lpv import scheduling, share_of_bounds
 
 Array = NDArray[np.float64]
+_LABELS = {
+    Metric.PEAK: ("peak", "deg"),
+    Metric.RMSE: ("RMSE", "deg"),
+    Metric.SETTLING: ("settling", "s"),
+    Metric.OVERSHOOT: ("overshoot", "%"),
+    Metric.RECOVERY: ("recovery", "s"),
+    Metric.TORQUE_RMS: ("torque rms", "N m"),
+    Metric.TORQUE_PEAK: ("torque peak", "N m"),
+    Metric.TORQUE_SLEW: ("torque slew rms", "N m/s"),
+    Metric.SATURATED: ("at a torque limit", "s"),
+    Metric.RHO: ("ρ, share of Table II", "-"),
+    Metric.DRIFT: ("drift", "m"),
+}
+"""What a metric is called, and its unit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,3 +176,17 @@ _MEASURES: dict[Metric, Callable[[_Window], float]] = {
     Metric.RHO: _rho_share,
     Metric.DRIFT: _drift,
 }
+
+
+def requirement_label(requirement: Requirement) -> str:
+    """Return what is measured, with its unit, axis and band."""
+    label, unit = _LABELS[requirement.metric]
+    axis = "" if requirement.axis is None else f", {requirement.axis}"
+    band = "" if requirement.within_deg is None else f" within {requirement.within_deg:g} deg"
+    return f"{label}{axis}{band} [{unit}]"
+
+
+def requirement_limits(requirement: Requirement) -> str:
+    """Return between which limits it must lie."""
+    told = (("≥", requirement.at_least), ("≤", requirement.at_most))
+    return " ".join(f"{sign} {limit:g}" for sign, limit in told if limit is not None)

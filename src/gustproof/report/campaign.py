@@ -10,7 +10,8 @@ from rich.text import Text
 from gustproof.campaign.confidence import LEVEL, Estimate
 from gustproof.campaign.findings import Findings
 from gustproof.campaign.plan import Campaign
-from gustproof.report.document import FIGURES, Document, requirement_label, requirement_limits
+from gustproof.report.document import FIGURES, Document
+from gustproof.requirements import requirement_label, requirement_limits
 
 SHOWN = ("rmse_deg", "peak_deg", "torque_rms_nm", "torque_slew_rms", "saturated_s")
 """Figures that a terminal has room for; the others stand in the table, in the JSON and on the page."""

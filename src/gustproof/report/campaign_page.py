@@ -17,8 +17,9 @@ from gustproof.campaign.flights import delta_column
 from gustproof.campaign.table import opened, read_column, read_note
 from gustproof.report.campaign import duel_lines, headline, number, share_text
 from gustproof.report.campaign_charts import distributions, exceedances, responses
-from gustproof.report.document import FIGURES, requirement_label, requirement_limits
+from gustproof.report.document import FIGURES
 from gustproof.report.html_table import table
+from gustproof.requirements import requirement_label, requirement_limits
 
 _ASSETS = files("gustproof.report") / "page"
 _COLUMNS = ("mean", "median", "95 % below", "99 % below")

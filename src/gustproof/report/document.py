@@ -10,14 +10,13 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from firmware_model.requirement import Metric, Requirement
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.metrics import Metrics
 from gustproof.report.claims import PAPER_LAWS, Claim, Medians, Verdict
 from gustproof.report.margins import HoverMargins
 from gustproof.report.open_questions import ERRATA, OpenQuestion, choices
-from gustproof.requirements import RequirementResult
+from gustproof.requirements import RequirementResult, requirement_label, requirement_limits
 
 Document = RenderableType
 _WIDTH = 118
@@ -44,19 +43,6 @@ _PACE = (
     "deadlines missed {missed}, set-points held {held}; samples late by {late_p50_us} us in the median, "
     "{late_p99_us} us in 99 %, {late_worst_us} us at worst"
 )
-_METRICS = {
-    Metric.PEAK: ("peak", "deg"),
-    Metric.RMSE: ("RMSE", "deg"),
-    Metric.SETTLING: ("settling", "s"),
-    Metric.OVERSHOOT: ("overshoot", "%"),
-    Metric.RECOVERY: ("recovery", "s"),
-    Metric.TORQUE_RMS: ("torque rms", "N m"),
-    Metric.TORQUE_PEAK: ("torque peak", "N m"),
-    Metric.TORQUE_SLEW: ("torque slew rms", "N m/s"),
-    Metric.SATURATED: ("at a torque limit", "s"),
-    Metric.RHO: ("ρ, share of Table II", "-"),
-    Metric.DRIFT: ("drift", "m"),
-}
 _LIMITATIONS = (
     "A gyro bias b turns every law here by b t: none of them has anything else to measure attitude with "
     "(scenario `bias`).",
@@ -116,20 +102,6 @@ def requirements_table(requirements: Iterable[RequirementResult]) -> Table:
             Text("held" if result.held else "FAILED", style=style),
         )  # fmt: skip
     return table
-
-
-def requirement_label(requirement: Requirement) -> str:
-    """Return what is measured, with its unit, axis and band."""
-    label, unit = _METRICS[requirement.metric]
-    axis = "" if requirement.axis is None else f", {requirement.axis}"
-    band = "" if requirement.within_deg is None else f" within {requirement.within_deg:g} deg"
-    return f"{label}{axis}{band} [{unit}]"
-
-
-def requirement_limits(requirement: Requirement) -> str:
-    """Return between which limits it must lie."""
-    told = (("≥", requirement.at_least), ("≤", requirement.at_most))
-    return " ".join(f"{sign} {limit:g}" for sign, limit in told if limit is not None)
 
 
 def _figure(value: float) -> str:

@@ -4,11 +4,12 @@ import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from gustproof.report.document import figure_rows, requirement_label, requirement_limits
+from gustproof.report.document import figure_rows
 from gustproof.report.html_loops import FlownLaw
 from gustproof.report.html_runs import Run
 from gustproof.report.html_table import table
 from gustproof.report.loop_tables import MARGINS, margin_cell, poles_text
+from gustproof.requirements import requirement_label, requirement_limits
 from gustproof.synthesis.derive import margins_document
 
 _AXES = ("roll", "pitch", "yaw")

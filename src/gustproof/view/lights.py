@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from firmware_model.requirement import Requirement
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
-from gustproof.requirements import judge
+from gustproof.requirements import judge, requirement_label, requirement_limits
 
 
 def lights(records: NDArray[np.void], scenario: Scenario, vehicle: Vehicle, *, over: bool) -> list[dict[str, Any]]:
@@ -33,12 +33,4 @@ def lights(records: NDArray[np.void], scenario: Scenario, vehicle: Vehicle, *, o
 
 def _text(requirement: Requirement) -> str:
     end = "end" if requirement.to_s is None else f"{requirement.to_s:g} s"
-    parts = [
-        requirement.metric.value,
-        *([] if requirement.axis is None else [requirement.axis]),
-        *([] if requirement.within_deg is None else [f"within {requirement.within_deg:g}°"]),
-        *([] if requirement.at_least is None else [f"≥ {requirement.at_least:g}"]),
-        *([] if requirement.at_most is None else [f"≤ {requirement.at_most:g}"]),
-        f"({requirement.from_s:g} s to {end})",
-    ]
-    return " ".join(parts)
+    return f"{requirement_label(requirement)} {requirement_limits(requirement)}, {requirement.from_s:g} s to {end}"

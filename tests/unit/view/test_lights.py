@@ -48,8 +48,8 @@ def test_light_is_dark_until_its_window_is_flown(scenario, samples, over, held):
 def test_light_says_what_is_required(scenario):
     shown = lights(flown(250), scenario, VEHICLE, over=False)
     assert [light["text"] for light in shown] == [
-        "torque_peak_nm ≤ 1 (0 s to 0.4 s)",
-        "torque_peak_nm roll ≤ 0.1 (0 s to 0.4 s)",
-        "peak_deg ≥ 0 ≤ 1 (0 s to end)",
+        "torque peak [N m] ≤ 1, 0 s to 0.4 s",
+        "torque peak, roll [N m] ≤ 0.1, 0 s to 0.4 s",
+        "peak [deg] ≥ 0 ≤ 1, 0 s to end",
     ]
     assert [light["value"] for light in shown] == [0.5, 0.5, 0.0]
