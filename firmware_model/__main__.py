@@ -6,20 +6,19 @@ without --scenario   a standing vehicle: real time, disarmed, until Ctrl-C
 
 import argparse
 import json
-import os
 import signal
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model import access, status, udp, undisturbed
+from firmware_model.attended import ATTENDED, attend
 from firmware_model.autopilot import Mode
 from firmware_model.endpoint import Outcome, VehicleEndpoint
 from firmware_model.errors import ConfigError, RecordingError
@@ -107,7 +106,7 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
         else:
             _say(options, {"listening": listening, **header})
         if options.attended:
-            _attend(endpoint)
+            attend(endpoint.interrupt)
         fifo = not options.lockstep and undisturbed.go_first()
         served = _logged(stack, options, endpoint) if options.tlog else endpoint
         if options.lockstep and len(sockets) == 1:
@@ -201,7 +200,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     add("--journal", type=Path, help="new file for the flight's records")
     add("--note", type=Path, help="JSON file whose content heads the journal: all that a recording of the flight says")
     add("--tlog", type=Path, help="new file for the MAVLink traffic, which ground stations open")
-    add("--attended", action="store_true", help="end in order when standard input does: whoever started this is gone")
+    add("--attended", action="store_true", help=ATTENDED)
     add("--autopilot", choices=("px4", "generic"), default="px4", help="whose MAVLink it speaks [%(default)s]")
     add("--params", action="store_true", help="print all parameters with units, ranges and meanings, and end")
     add("--json", action="store_true", help="print JSON, one object a line")
@@ -229,17 +228,6 @@ def _logged(stack: ExitStack, options: argparse.Namespace, endpoint: VehicleEndp
     except OSError as error:
         raise ConfigError(f"{options.tlog}: {error.strerror}") from None
     return stack.enter_context(log)
-
-
-def _attend(endpoint: VehicleEndpoint) -> None:
-    """End the flight when standard input ends: whoever started it is gone, and can't be killed without it."""
-
-    def wait() -> None:
-        while os.read(sys.stdin.fileno(), 4096):
-            pass
-        endpoint.interrupt()
-
-    Thread(target=wait, daemon=True).start()
 
 
 def _say_parameters(options: argparse.Namespace, parameters: Parameters) -> None:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
 from firmware_model.appended import still_grows
-from firmware_model.autopilot import Mode
 from firmware_model.errors import ConfigError
 from firmware_model.files import parse
 from firmware_model.journal import read_journal
@@ -23,9 +22,12 @@ from gustproof import __version__
 from gustproof.errors import FlightError
 from gustproof.law import Law, law_from
 from gustproof.metrics import Metrics, measure, peak_rate
+from gustproof.outcome import Outcome, in_words, outcome_of
 from gustproof.recording.bag import UNFINISHED, read_bag, write_bag
 from gustproof.requirements import RequirementResult, judge
-from gustproof.sitl import Outcome, fly
+from gustproof.sitl import WORKING, fly
+
+_REFERENCE = slice(3, 6)  # columns of what a law is given
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,6 +85,7 @@ class RecordedFlight:
             "outcome": self.outcome.name.lower(),
             "message": self.message,
             "bag": None if self.bag is None else str(self.bag),
+            "warnings": list(warnings(self.scenario, self.law)),
             **({} if self.metrics is None else asdict(self.metrics)),
             "pace": None if self.pace is None else dict(self.pace),
             "requirements": [result.document() for result in self.requirements],
@@ -118,6 +121,14 @@ class Plan(NamedTuple):
             "real_time": self.real_time,
             "versions": _versions(),
         }
+
+
+def warnings(scenario: Scenario, law: Law) -> tuple[str, ...]:
+    """Return what a flight will not do though its script asks for it, a line each."""
+    deaf = not (law.B[:, _REFERENCE].any() or law.D[:, _REFERENCE].any())
+    if scenario.references and deaf:
+        return (f"law '{law.name}' has no reference input: it ignores the attitudes that '{scenario.name}' asks for",)
+    return ()
 
 
 def noted(note: Any, source: Path) -> Plan:
@@ -182,7 +193,7 @@ def fly_and_record(
 def recover(folder: Path) -> list[RecordedFlight]:
     """Make the bags of flights that were cut off, from the journals in `folder`; return them.
 
-    A flight to the end of its script in OFFBOARD gives the bag that it would have left itself.
+    A flight to the end of its script gives the bag that it would have left itself.
 
     Raises
     ------
@@ -195,23 +206,23 @@ def recover(folder: Path) -> list[RecordedFlight]:
     journals = sorted(folder.glob("*.journal"))
     if not journals:
         raise ConfigError(f"{folder}: no journal here: nothing to recover")
-    for unfinished in folder.glob(f"{UNFINISHED}*"):
-        shutil.rmtree(unfinished)
+    for journal in journals:
+        if still_grows(journal):
+            raise ConfigError(f"{journal}: the flight is not over")
+    for leftover in (*folder.glob(f"{UNFINISHED}*"), *folder.glob(f"{WORKING}*")):
+        shutil.rmtree(leftover)
     return [_recover(journal) for journal in journals]
 
 
 def _recover(journal: Path) -> RecordedFlight:
-    if still_grows(journal):
-        raise ConfigError(f"{journal}: the flight is not over")
     header, written = read_journal(journal)
     note = header.get("note", {})
     plan, records = noted(note, journal), _sound(written)
-    whole = len(records) == plan.scenario.samples and bool(np.all(records["mode"] == Mode.OFFBOARD.value))
-    outcome = Outcome.DONE if whole else Outcome.CUT_OFF
+    outcome = outcome_of(records, plan.scenario)
+    ended = f"{in_words(outcome, plan.scenario, records)}, {len(records)} of {plan.scenario.samples} samples"
     return _recorded(
         plan, note, records, journal, outcome=outcome, realtime_factor=0.0,
-        message=f"{plan.scenario.name}, {plan.law.name}, seed {plan.seed}: {outcome.value}, "
-        f"{len(records)} of {plan.scenario.samples} samples",
+        message=f"{plan.scenario.name}, {plan.law.name}, seed {plan.seed}: {ended}",
     )  # fmt: skip
 
 

@@ -19,10 +19,10 @@ from gustproof.model.generalized import lft_structure
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lpv import RATE_BOUND
 from gustproof.model.rotational import Envelope, paper_rotation
+from gustproof.outcome import Outcome
 from gustproof.report.claims import PAPER_LAWS, Claim, judge
 from gustproof.report.document import Document, reproduction_document, save
 from gustproof.report.margins import HoverMargins, hover_margins
-from gustproof.sitl import Outcome
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 

@@ -15,7 +15,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
@@ -35,32 +34,16 @@ from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.controller.endpoint import ControllerEndpoint
 from gustproof.law import Law
+from gustproof.outcome import Outcome, in_words
 
+WORKING = ".flight-"
+"""How the folder of what the processes read begins, in the flight's own; a starter that was killed leaves it behind."""
 _WATCH_S = 0.02  # how often the processes are looked after
 _LAST_WORDS_S = 5.0  # how long a process may take to end by itself
 _ALONE_S = 10.0  # how long a vehicle may take to show that it flies on without its controller
 _VEHICLE, _CONTROLLER, _SPARE = (0, ("vehicle", 1)), (0, ("controller", 1)), (0, ("controller", 2))
 
 Records = NDArray[np.void]
-
-
-class Outcome(Enum):
-    """How a flight ended."""
-
-    DONE = "flown to the end"
-    """The law flew the whole scenario."""
-    CONTROLLER_LOST = "the set-points stopped, at the controller or on the link; the fail-safe took the vehicle"
-    """Set-points stopped in mid-flight; the on-board loop flew, until OFFBOARD was set again or to the end."""
-    LEFT_OFFBOARD = "the vehicle was taken out of OFFBOARD; its on-board loop flew until it was given back"
-    """Another client or the script asked for another mode; given back or not, the law has not flown it all."""
-    AUTOPILOT_LOST = "the autopilot's process ended in mid-flight"
-    """The vehicle's process died."""
-    NOT_STARTED = "the flight did not begin"
-    """The controller never came to fly."""
-    INTERRUPTED = "interrupted"
-    """Ctrl-C."""
-    CUT_OFF = "cut off; what its journal held has been recovered"
-    """All of its processes were killed, or the machine was."""
 
 
 _OUTCOMES = {
@@ -137,7 +120,7 @@ def fly(
     for file in (journal, log):
         if file.exists():
             raise ConfigError(f"{file}: exists already")
-    with TemporaryDirectory(prefix="gustproof-") as folder:
+    with TemporaryDirectory(dir=out, prefix=WORKING) as folder:
         files = {name: Path(folder) / f"{name}.json" for name in ("scenario", "vehicle", "law", "note")}
         files["scenario"].write_text(json.dumps(to_jsonable_python(scenario)), encoding="utf-8")
         files["vehicle"].write_text(json.dumps(to_jsonable_python(vehicle)), encoding="utf-8")
@@ -150,9 +133,11 @@ def fly(
             outcome = pair.fly(scenario.samples, progress or (lambda _: None), watched or (lambda *_: None))
     told = pair.told
     records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
+    words = in_words(outcome, scenario, records)
+    reason = pair.reason if words == outcome.value else ""
     return Flight(
         scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
-        message=f"{scenario.name}, {law.name}, seed {seed}: {outcome.value}{pair.reason}",
+        message=f"{scenario.name}, {law.name}, seed {seed}: {words}{reason}",
         realtime_factor=told.get("realtime_factor", 0.0), counters=told.get("counters", {}),
         pace=told.get("pace"), link=told.get("link_faults", {}), journal=journal,
     )  # fmt: skip
@@ -225,8 +210,9 @@ class _Pair:
         for process in self._processes.values():
             _end(process)
             for stream in (process.stdin, process.stdout, process.stderr):
-                if stream:
-                    stream.close()
+                with contextlib.suppress(BrokenPipeError):
+                    if stream:
+                        stream.close()
 
     def fly(self, samples: int, progress: Callable[[float], None], watched: Callable[[int, Path], None]) -> Outcome:
         """Start both, watch them to the end, and say how it ended."""
@@ -261,16 +247,17 @@ class _Pair:
 
     def _launch_controller(self, name: str) -> None:
         self._launch(
-            name, "gustproof.controller", "--law", str(self._files["law"]), "--connect", "-",
+            name, "gustproof.controller", "--attended", "--law", str(self._files["law"]), "--connect", "-",
             "--scenario", str(self._files["scenario"]), *self._pace,
         )  # fmt: skip
 
     def _tell_address(self, name: str) -> None:
         """Let a controller begin; one that has ended already is found out by the watch."""
         stdin = self._processes[name].stdin
-        with contextlib.suppress(BrokenPipeError), stdin or contextlib.nullcontext():
+        with contextlib.suppress(BrokenPipeError):
             if stdin:
                 stdin.write(self._address)
+                stdin.flush()
 
     def _follow_script(self, flown: int) -> None:
         """Kill the controller when the script says so, and let the spare one take its place."""
@@ -284,7 +271,8 @@ class _Pair:
             self._tell_address("controller")
 
     def _launch(self, name: str, module: str, *arguments: str) -> subprocess.Popen[str]:
-        # A session of its own: Ctrl-C reaches this process alone, which then ends both in order.
+        # A session of its own: Ctrl-C reaches this process alone, which then ends both in order. If it is killed,
+        # their standard input ends, and they do.
         self._processes[name] = process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,

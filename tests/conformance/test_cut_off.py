@@ -41,8 +41,8 @@ def fly(tmp_path: Path, *arguments: str, **options: object) -> subprocess.Comple
     return gustproof(tmp_path, "fly", "gusty.toml", "--law", "hinf-d1", "--seed", "3", *arguments, **options)
 
 
-def wait_for_the_vehicle_of(run: Path) -> None:
-    """Wait until no process writes to `run` any more: a vehicle whose starter was killed ends in order."""
+def wait_for_the_processes_of(run: Path) -> None:
+    """Wait until no process of a flight is left: those whose starter was killed end in order."""
     deadline = time.monotonic() + ENOUGH_S
     while any(str(run) in " ".join(process.info["cmdline"] or ()) for process in psutil.process_iter(["cmdline"])):
         assert time.monotonic() < deadline
@@ -59,13 +59,13 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory):
 @pytest.mark.parametrize(("victims", "moment"), list(zip(KILLS, MOMENTS, strict=True)), ids=str)
 def test_a_kill_at_any_moment_loses_a_second_at_most(tmp_path, undisturbed, victims, moment):
     run = tmp_path / "run"
+    (temporary := tmp_path / "temporary").mkdir()
     path = os.pathsep.join(filter(None, (str(KILLER), os.environ.get("PYTHONPATH"))))
-    ended = fly(
-        tmp_path, "--out", str(run), env={**os.environ, "PYTHONPATH": path, "KILL": " ".join((*victims, str(moment)))}
-    )
+    kill = {"PYTHONPATH": path, "KILL": " ".join((*victims, str(moment))), "TMPDIR": str(temporary)}
+    ended = fly(tmp_path, "--out", str(run), env={**os.environ, **kill})
     if "fly" in victims:
         assert ended.returncode == -9
-        wait_for_the_vehicle_of(run)
+        wait_for_the_processes_of(run)
         recovered = gustproof(tmp_path, "recover", str(run), "--json")
         assert recovered.returncode == 0, recovered.stderr
         (told,) = json.loads(recovered.stdout)
@@ -75,6 +75,7 @@ def test_a_kill_at_any_moment_loses_a_second_at_most(tmp_path, undisturbed, vict
     about, records = read_bag(run / NAME)
     assert about["law"]["name"] == "hinf-d1"
     assert sorted(path.name for path in run.iterdir()) == [NAME, f"{NAME}.tlog"]
+    assert list(temporary.iterdir()) == []
     if "vehicle" in victims:
         assert moment - A_SECOND < len(records) <= moment
     else:

@@ -18,7 +18,8 @@ from firmware_model.vehicle import load_vehicle
 from gustproof.closed_loop import fly_direct
 from gustproof.controller.endpoint import ControllerEndpoint
 from gustproof.law import FlyingLaw, load_law
-from gustproof.sitl import Outcome, fly, fly_loopback
+from gustproof.outcome import Outcome, in_words, outcome_of
+from gustproof.sitl import fly, fly_loopback
 
 VEHICLE = load_vehicle("paper")
 GUSTY = replace(load_scenario("paper-turbulence"), duration_s=4.0)
@@ -141,6 +142,7 @@ def test_two_processes_equal_loopback_to_the_bit(script, tmp_path):
         "killed for a moment": Outcome.DONE,
     }
     assert flight.outcome is expected[script]
+    assert outcome_of(flight.records, SCRIPTS[script]) is flight.outcome
 
 
 def test_foul_link_in_real_time_equals_lockstep_to_the_bit():
@@ -253,6 +255,10 @@ def test_free_vehicle_lands_by_script_and_ends_before_it():
     flown = loopback(scenario)
     assert [mode for mode, _ in phases(flown)[:2]] == [OFFBOARD, Mode.LAND]
     assert len(flown) < scenario.samples
+    # A journal shows it too: this was its end.
+    assert outcome_of(flown, scenario) is Outcome.LEFT_OFFBOARD
+    assert in_words(Outcome.LEFT_OFFBOARD, scenario, flown) == "flown as the script asked: LAND from 0.5 s"
+    assert outcome_of(flown[:-1], scenario) is Outcome.CUT_OFF
 
 
 def test_messages_are_needed():

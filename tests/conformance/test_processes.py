@@ -21,7 +21,8 @@ from firmware_model.journal import read_journal
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.law import load_law
-from gustproof.sitl import Outcome, fly
+from gustproof.outcome import Outcome
+from gustproof.sitl import fly
 
 LONG = replace(load_scenario("paper"), duration_s=3600.0)  # nobody waits for its end
 MINUTES = replace(load_scenario("paper"), duration_s=300.0)
@@ -181,6 +182,14 @@ def test_controller_tells_bad_input_in_one_line(arguments, words):
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == 2
     assert words in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("address", ["", "127.0.0.1:9\n"])
+def test_attended_controller_ends_when_who_started_it_has(address):
+    command = [sys.executable, "-m", "gustproof.controller", "--law", "hinf-d1", "--connect", "-", "--attended"]
+    ended = subprocess.run(command, input=address, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == (130 if address else 2)
     assert len(ended.stderr.splitlines()) == 1
 
 

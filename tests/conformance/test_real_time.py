@@ -19,7 +19,8 @@ from firmware_model.autopilot import Mode
 from firmware_model.frames import parse
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
-from gustproof.sitl import Outcome, fly
+from gustproof.outcome import Outcome
+from gustproof.sitl import fly
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 

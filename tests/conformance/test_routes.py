@@ -12,7 +12,8 @@ from firmware_model.vehicle import load_vehicle
 from firmware_model.wind import Constant, GustReplay, GustStep, Shear
 from gustproof.closed_loop import fly_direct
 from gustproof.law import load_law
-from gustproof.sitl import Outcome, fly, fly_loopback
+from gustproof.outcome import Outcome
+from gustproof.sitl import fly, fly_loopback
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 

@@ -15,7 +15,8 @@ from firmware_model.rotations import euler_angles
 from firmware_model.scenario import Scenario, load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.law import load_law
-from gustproof.sitl import Flight, Outcome, fly, fly_loopback
+from gustproof.outcome import Outcome
+from gustproof.sitl import Flight, fly, fly_loopback
 from gustproof.view.live import LivePage
 
 LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")

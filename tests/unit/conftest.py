@@ -1,7 +1,18 @@
 from pathlib import Path
 
 UNITS = Path(__file__).parent
-WITHOUT_KERNELS = {"campaign", "certify", "cli", "exchange", "model", "numerics", "recording", "report", "synthesis", "view"}
+WITHOUT_KERNELS = {
+    "campaign",
+    "certify",
+    "cli",
+    "exchange",
+    "model",
+    "numerics",
+    "recording",
+    "report",
+    "synthesis",
+    "view",
+}
 
 
 def pytest_collection_modifyitems(items):

@@ -7,18 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from firmware_model.autopilot import Mode
 from firmware_model.errors import ConfigError
+from firmware_model.events import ModeChange
 from firmware_model.journal import WIDTH, JournalWriter
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof import flight
 from gustproof.closed_loop import fly_direct
 from gustproof.errors import FlightError
-from gustproof.flight import Plan, differs_from_s, noted, recover
-from gustproof.law import load_law
+from gustproof.flight import Plan, differs_from_s, noted, recover, warnings
+from gustproof.law import load_law, shipped_laws
+from gustproof.outcome import Outcome
 from gustproof.recording.bag import read_bag, write_bag
 from gustproof.recording.folder import bags_in
-from gustproof.sitl import Outcome
 
 SHORT = replace(load_scenario("paper"), duration_s=2.0)
 PLAN = Plan(SHORT, load_law("hinf-d1"), load_vehicle("iris"), 7, False)
@@ -72,7 +74,8 @@ def test_what_a_lost_disk_cache_leaves_is_cut_off_and_leftovers_are_removed(tmp_
     spoiled = records.copy()
     spoiled[300:] = np.zeros(1, dtype=records.dtype)
     write_journal(tmp_path, spoiled)
-    (tmp_path / ".bag-killed" / NAME).mkdir(parents=True)
+    for leftover in (".bag-killed", ".flight-killed"):
+        (tmp_path / leftover / NAME).mkdir(parents=True)
     (recovered,) = recover(tmp_path)
     assert recovered.outcome is Outcome.CUT_OFF
     assert recovered.message.endswith("300 of 500 samples")
@@ -80,6 +83,28 @@ def test_what_a_lost_disk_cache_leaves_is_cut_off_and_leftovers_are_removed(tmp_
     assert about["outcome"] == "cut_off"
     assert back.tobytes() == records[:300].tobytes()
     assert [path.name for path in tmp_path.iterdir()] == [NAME]
+
+
+def test_a_flight_whose_modes_the_script_changed_is_recovered_as_what_it_was(tmp_path, records):
+    hold = ModeChange(kind="mode", at_s=1.0, mode="hold")
+    plan = PLAN._replace(scenario=replace(SHORT, event=(hold,)))
+    held = records.copy()
+    held["mode"][250:] = Mode.HOLD.value
+    write_journal(tmp_path, held, {"note": json.loads(json.dumps(plan.note()))})
+    (recovered,) = recover(tmp_path)
+    assert (recovered.outcome, recovered.as_scripted) == (Outcome.LEFT_OFFBOARD, True)
+    assert recovered.message.endswith("flown as the script asked: HOLD from 1 s, 500 of 500 samples")
+    assert read_bag(tmp_path / NAME)[0]["outcome"] == "left_offboard"
+
+
+def test_laws_without_a_reference_input_are_warned_of_where_the_script_gives_references():
+    steps = load_scenario("attitude-steps")
+    deaf = {name for name in shipped_laws() if warnings(steps, load_law(name))}
+    assert {"hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-scheduled", "hinf-rates"} <= deaf
+    assert deaf.isdisjoint({"hinf-reference", "pid-default", "pid-fair"})
+    (line,) = warnings(steps, load_law("hinf-d1"))
+    assert line == "law 'hinf-d1' has no reference input: it ignores the attitudes that 'attitude-steps' asks for"
+    assert warnings(SHORT, load_law("hinf-d1")) == ()
 
 
 def test_a_journal_without_one_record_leaves_nothing(tmp_path, records):
@@ -106,8 +131,10 @@ def test_another_flight_s_bag_is_never_overwritten(tmp_path, records):
 
 
 def test_a_flight_that_goes_on_is_not_recovered(tmp_path):
+    (tmp_path / ".flight-on").mkdir()
     with JournalWriter(tmp_path / f"{NAME}.journal", {}), pytest.raises(ConfigError, match="the flight is not over"):
         recover(tmp_path)
+    assert (tmp_path / ".flight-on").exists()
 
 
 def test_a_folder_without_a_journal_and_a_journal_without_a_note_are_refused(tmp_path, records):

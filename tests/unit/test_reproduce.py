@@ -12,8 +12,8 @@ from gustproof import flight, reproduce
 from gustproof.closed_loop import fly_direct
 from gustproof.errors import FlightError
 from gustproof.metrics import Metrics
+from gustproof.outcome import Outcome
 from gustproof.recording.bag import read_bag
-from gustproof.sitl import Outcome
 
 
 def shortened(name):

@@ -62,9 +62,9 @@ def fly(
 
         gustproof fly --run mc.parquet:4711
     """
+    from gustproof.outcome import Outcome
     from gustproof.recording.folder import fresh_folder
     from gustproof.report.document import flight_document, show
-    from gustproof.sitl import Outcome
 
     of_table = _run(context, run, scenario, law) if run and not repeat else None
     if of_table:
@@ -98,8 +98,10 @@ def fly(
 
 def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "RecordedFlight":
     """Fly, shown on standard error and, if `view`, on a page that starts it."""
-    from gustproof.flight import fly_and_record
+    from gustproof.flight import fly_and_record, warnings
 
+    for warning in () if quiet else warnings(plan.scenario, plan.law):
+        print(f"gustproof: warning: {warning}", file=sys.stderr)
     title = f"{plan.scenario.name}, {plan.law.name}"
     with ExitStack() as stack:
         page = None

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from firmware_model import access, udp, undisturbed
+from firmware_model.attended import ATTENDED, attend
 from firmware_model.errors import ConfigError
 from firmware_model.files import read_json
 from firmware_model.scenario import Scenario, load_scenario
@@ -42,6 +43,8 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
         endpoint = ControllerEndpoint(law, (0, vehicle), signing, references)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
+        if options.attended:
+            attend(endpoint.interrupt)
         if options.real_time:
             undisturbed.go_first()
         udp.connect(bound, vehicle)
@@ -81,6 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--scenario", help="file whose attitude references the law is asked to hold, else level")
     add("--real-time", action="store_true", help="run before usual processes, if the system allows it: not in lockstep")
     access.add_options(parser)
+    add("--attended", action="store_true", help=ATTENDED)
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser
 

@@ -38,9 +38,11 @@ def bags_in(run: Path) -> list[Path]:
     Raises
     ------
     ConfigError
-        If there is none.
+        If there is none, or no such folder.
     """
-    folders = [run, *sorted(run.iterdir())] if run.is_dir() else []
+    if not run.is_dir():
+        raise ConfigError(f"{run}: no such folder")
+    folders = [run, *sorted(run.iterdir())]
     bags = [folder for folder in folders if (folder / "metadata.yaml").is_file()]
     if not bags:
         cut_off = any(path.suffix == ".journal" for path in folders)

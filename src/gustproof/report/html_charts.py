@@ -37,7 +37,7 @@ class Style(Enum):
     SOLID = "solid"
     """A line."""
     DASHED = "dashed"
-    """A broken line: a bound."""
+    """A broken line: a bound, or what was asked for."""
     HOLLOW = "hollow"
     """Rings instead of dots, in the plane."""
 
@@ -111,6 +111,7 @@ _HISTORIES: tuple[tuple[str, tuple[str, ...], Values], ...] = (
     ("Thrust of the rotors", tuple(f"rotor {i} [N]" for i in range(1, 5)), _of(_field("rotors"))),
     ("Position", ("north [m]", "east [m]", "down [m]"), _of(_field("position_N"))),
     ("Velocity", ("north [m/s]", "east [m/s]", "down [m/s]"), _of(_field("velocity_N"))),
+    ("Link", ("age of the command that acts [samples]",), _of(_field("command_age"))),
     ("Autopilot", ("mode [number]",), _of(lambda r: np.asarray(r["mode"])[:, None])),
 )
 """Title, axes and values (n, k) of each group of time histories; one that nothing happens in is left out."""
@@ -131,8 +132,9 @@ def time_histories(runs: Sequence[Run]) -> tuple[Group, ...]:
         charts = []
         for k, axis in enumerate(axes):
             known = [i for i in order if not np.all(np.isnan(columns[i][:, k]))]
-            curves = [_history(runs[i], columns[i][:, k], i) for i in known]
-            charts.append(Chart(title=axis, x_label="time [s]", kind=Kind.TIME, curves=merged(curves, "all runs")))
+            curves = merged([_history(runs[i], columns[i][:, k], i) for i in known], "all runs")
+            asked = _references(runs, k) if title == "Attitude" else ()
+            charts.append(Chart(title=axis, x_label="time [s]", kind=Kind.TIME, curves=(*curves, *asked)))
         groups.append(Group(title=title, charts=tuple(charts)))
     return tuple(groups)
 
@@ -204,6 +206,20 @@ def thinned(time: Array, values: Array, most: int = SAMPLES) -> tuple[Array, Arr
 def _history(run: Run, column: Array, colour: int) -> Curve:
     time, values = thinned(run.records["time_us"] * 1e-6, column)
     return Curve(label=run.label, colour=colour, x=time, y=values)
+
+
+def _references(runs: Sequence[Run], axis: int) -> tuple[Curve, ...]:
+    """Return the angles [deg] about an axis that the scripts ask the laws to hold, those of all runs as one."""
+    curves = []
+    for i, run in enumerate(runs):
+        if turns := run.scenario.references:
+            stamps, angles = zip((-1, (0.0, 0.0, 0.0)), *turns, strict=True)
+            held = np.degrees(angles)[np.searchsorted(stamps, run.records["time_us"], side="right") - 1, axis]
+            asked = replace(_history(run, held, i), style=Style.DASHED)
+            curves.append(replace(asked, label=f"reference of {run.label}"))
+    if all(_same(curves[0], curve) for curve in curves[1:]):
+        return tuple(replace(curve, label="reference", colour=None) for curve in curves[:1])
+    return tuple(curves)
 
 
 def _spectrum(values: Array, dt: float) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from firmware_model.vehicle import Vehicle
 from gustproof.law import Law, law_from
 from gustproof.metrics import Metrics, measure
 from gustproof.recording.bag import read_bag
+from gustproof.recording.folder import bags_in
 from gustproof.requirements import RequirementResult, judge
 
 MOST = 12
@@ -59,24 +60,12 @@ def read_runs(paths: Iterable[Path]) -> tuple[Run, ...]:
     ConfigError
         If a folder holds no bag, a bag can't be read or holds less than two samples, or there are more than `MOST`.
     """
-    bags = [bag for path in paths for bag in _bags(path)]
+    bags = [bag for path in paths for bag in bags_in(path)]
     if len(bags) > MOST:
         raise ConfigError(f"{len(bags)} flights, a report shows at most {MOST}")
     read = [(bag, *read_bag(bag)) for bag in bags]
     labels = _labels([about for _, about, _ in read])
     return tuple(_run(label, *flight) for label, flight in zip(labels, read, strict=True))
-
-
-def _bags(path: Path) -> list[Path]:
-    """Return the bags in a folder, which may be one itself."""
-    if not path.is_dir():
-        raise ConfigError(f"{path}: no such folder")
-    if (path / "metadata.yaml").exists():
-        return [path]
-    found = sorted(metadata.parent for metadata in path.glob("*/metadata.yaml"))
-    if not found:
-        raise ConfigError(f"{path}: holds no bag of a flight")
-    return found
 
 
 def _run(label: str, bag: Path, about: dict[str, Any], records: Records) -> Run:

@@ -13,8 +13,8 @@ from gustproof.cli.app import app
 from gustproof.closed_loop import fly_direct
 from gustproof.errors import DesignError, FlightError
 from gustproof.metrics import Metrics
+from gustproof.outcome import Outcome
 from gustproof.recording.bag import read_bag
-from gustproof.sitl import Outcome
 
 
 def run(*arguments: str):
@@ -162,6 +162,32 @@ def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outc
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["calm-hinf-d1-seed5"]
     if status:
         assert str(tmp_path / "out") in one_line(result)
+
+
+@pytest.mark.parametrize("law", ["hinf-d1", "pid-fair"])
+def test_references_that_a_law_ignores_are_warned_of_once(law, tmp_path, monkeypatch):
+    def fly(scenario, law, *, vehicle, seed, out, **_):
+        records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
+        return SimpleNamespace(
+            records=records,
+            outcome=Outcome.DONE,
+            message="it ended",
+            realtime_factor=9.0,
+            pace=None,
+            journal=out / "journal",
+        )
+
+    turn = 'kind = "attitude"\nat_s = 0.5\neuler_deg = [5.0, 0.0, 0.0]\n'
+    (tmp_path / "turn.toml").write_text(f'description = "turn"\nduration_s = 1.0\n[[event]]\n{turn}')
+    monkeypatch.setattr("gustproof.flight.fly", fly)
+    plain, json_ = (
+        run("fly", str(tmp_path / "turn.toml"), "--law", law, "--out", str(tmp_path / str(i)), *form)
+        for i, form in enumerate(((), ("--json",)))
+    )
+    told = json.loads(json_.stdout)["warnings"]
+    assert len(told) == (law == "hinf-d1")
+    assert plain.stderr == "".join(f"gustproof: warning: {line}\n" for line in told)
+    assert json_.stderr == ""
 
 
 def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from firmware_model.scenario import SCENARIOS, shipped_scenarios
 from gustproof.cli.app import app
 from gustproof.closed_loop import fly_direct
-from gustproof.sitl import Outcome
+from gustproof.outcome import Outcome
 
 HEAD = 'description = "x"\nduration_s = 1.0\n'
 LEVEL = '[[require]]\nmetric = "peak_deg"\nat_most = 5.0\n'

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from firmware_model.vehicle import load_vehicle
-from gustproof.report.html_charts import spectra, thinned, time_histories
+from gustproof.report.html_charts import Style, spectra, thinned, time_histories
 from gustproof.report.html_runs import read_runs
 
 N = 4000
@@ -35,6 +35,30 @@ def test_rates_that_were_commanded_for_a_time_are_shown_for_that_time(recorded):
     for k, chart in enumerate(group.charts):
         (curve,) = chart.curves
         assert np.array_equal(curve.y, commanded[:, k], equal_nan=True)
+
+
+def test_the_age_of_commands_is_shown_with_its_gaps(recorded):
+    age = np.where(np.arange(N) // 1000 % 2, np.nan, 3.0)[:, np.newaxis]
+    (group,) = time_histories(read_runs([recorded("run", n=N, command_age=age)]))
+    assert group.title == "Link"
+    assert np.array_equal(group.charts[0].curves[0].y, age[:, 0], equal_nan=True)
+
+
+def test_an_attitude_that_is_asked_for_is_drawn_dashed_with_the_one_that_is_flown(recorded):
+    """The scenario asks for 10 degrees of roll from 2 s on, and of pitch instead from 9 s on."""
+    turning = np.column_stack((np.cos(0.1 * TIME), np.sin(0.1 * TIME), 0.0 * TIME, 0.0 * TIME))
+    script = {"n": N, "scenario": "attitude-steps"}
+    one, other = (recorded(law, law=law, q_NB=turning, **script) for law in ("pid-fair", "hinf-d1"))
+    for paths in ([one], [one, other]):
+        charts = time_histories(read_runs(paths))[0].charts
+        for chart, angles in zip(charts, ([0.0, 10.0, 0.0], [0.0, 0.0, 10.0], [0.0, 0.0, 0.0]), strict=True):
+            flown, asked = chart.curves
+            assert (flown.style, asked.style, asked.label) == (Style.SOLID, Style.DASHED, "reference")
+            assert asked.y == pytest.approx(np.repeat(angles, (500, 1750, N - 2250)))
+    script["n"] = N - 500
+    shorter = recorded("shorter", law="hinf-d1", q_NB=turning[:-500], **script)
+    curves = time_histories(read_runs([one, shorter]))[0].charts[0].curves
+    assert [curve.label for curve in curves[-2:]] == ["reference of pid-fair", "reference of hinf-d1"]
 
 
 def test_what_all_flights_share_is_drawn_once(recorded):

@@ -36,7 +36,7 @@ def test_labels_say_what_tells_flights_apart_and_no_more(recorded):
     ("make", "message"),
     [
         (lambda path, _: [path / "nowhere"], "nowhere: no such folder"),
-        (lambda path, _: [path], "holds no bag"),
+        (lambda path, _: [path], "no bag in it"),
         (lambda _, recorded: [recorded("short", n=1)], "1 samples, a report needs at least 2"),
         (lambda _, recorded: [recorded("many")] * (MOST + 1), f"{MOST + 1} flights, a report shows at most {MOST}"),
     ],
