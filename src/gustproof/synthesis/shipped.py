@@ -9,6 +9,7 @@ from gustproof.synthesis.autotune import autotuned_pid
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design, shipped_designs
 from gustproof.synthesis.fair import fair_pid
+from gustproof.synthesis.flagship import flagship
 from gustproof.synthesis.indi import indi
 
 PAPER_BANDWIDTH = 0.8
@@ -23,6 +24,7 @@ def _designed(name: str) -> Callable[[], Law]:
 DERIVATIONS: dict[str, Callable[[], Law]] = {
     "pid-default": lambda: autotuned_pid(load_vehicle("paper"), bandwidth=PAPER_BANDWIDTH),
     "pid-fair": lambda: fair_pid(load_vehicle("paper"), load_scenario("paper-turbulence")),
+    "flagship": lambda: flagship(load_vehicle("paper"), load_scenario("paper-turbulence")),
     "indi": lambda: indi(load_vehicle("paper"), load_scenario("paper-turbulence")),
     **{load_design(name).law: _designed(name) for name in shipped_designs()},
 }

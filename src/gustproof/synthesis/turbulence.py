@@ -16,7 +16,7 @@ from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from firmware_model.wind import Dryden
 from gustproof.law import Matrix
-from gustproof.numerics.lti import Lti, delay, hold_discretized, lft, sensitivity, series
+from gustproof.numerics.lti import LinearSystem, Lti, delay, hold_discretized, lft, sensitivity, series
 from gustproof.numerics.norms import hinf_norm
 from gustproof.synthesis.pid import AxisLaw
 
@@ -110,20 +110,20 @@ def axis_flight(model: AxisModel) -> Lti:
     return Lti(A=A, B=B, C=C, D=D, dt=model.plant.dt)
 
 
-def flown_moments(flights: Sequence[AxisModel], closed: Lti) -> Matrix:
+def flown_moments(flights: Sequence[AxisModel], closed: LinearSystem) -> Matrix:
     """Return the mean over the flight of the second moments of the outputs of a closed loop driven by noise alone.
 
     The loop's states begin with those of `axis_flight`, once for each of `flights`; the air is stationary, the rest at
-    rest.
+    rest. Arrays with leading axes are many loops at once, and may be complex.
     """
     P, start = np.zeros_like(closed.A), 0
     for model in flights:
         start += model.plant.order + max(model.delay_samples, 1)
         air = slice(start, start + model.gust.order)
-        P[air, air] = model.gust_covariance
+        P[..., air, air] = model.gust_covariance
         start = air.stop
-    mean = mean_covariance(closed.A, closed.B @ closed.B.T, P, flights[0].samples)
-    return np.asarray(closed.C @ mean @ closed.C.T + closed.D @ closed.D.T)
+    mean = mean_covariance(closed.A, closed.B @ closed.B.mT, P, flights[0].samples)
+    return np.asarray(closed.C @ mean @ closed.C.mT + closed.D @ closed.D.mT)
 
 
 def axis_figures(model: AxisModel, law: AxisLaw) -> AxisFigures:
@@ -149,18 +149,18 @@ def mean_covariance(F: Matrix, Q: Matrix, P: Matrix, count: int) -> Matrix:
     `Q` is the covariance of `n`. Works where `F` is not stable, as a gyro-only attitude is not: its noise is a random
     walk, and a stationary covariance does not exist. By doubling, in log2(count) products of size n.
     """
-    n = F.shape[0]
+    n = F.shape[-1]
     # Of m steps: F^m, covariance reached from 0, sum of covariances from 0, sum of F^k P F^k'.
     power, reached, total, carried = np.eye(n), np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
     m = 0
     for bit in f"{count:b}":
-        total = total + m * reached + power @ total @ power.T
-        carried = carried + power @ carried @ power.T
-        reached = reached + power @ reached @ power.T
+        total = total + m * reached + power @ total @ power.mT
+        carried = carried + power @ carried @ power.mT
+        reached = reached + power @ reached @ power.mT
         power, m = power @ power, 2 * m
         if bit == "1":
-            total, carried = total + reached, carried + power @ P @ power.T
-            reached, power, m = F @ reached @ F.T + Q, F @ power, m + 1
+            total, carried = total + reached, carried + power @ P @ power.mT
+            reached, power, m = F @ reached @ F.mT + Q, F @ power, m + 1
     return np.asarray((total + carried) / count)
 
 

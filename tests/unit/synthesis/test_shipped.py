@@ -55,6 +55,11 @@ def test_the_indi_law_is_the_stronger_baseline_in_turbulence() -> None:
     assert max(flight.peak_roll_deg for flight in flown("indi", "coning")) <= 0.05
 
 
+def test_the_flagship_is_what_the_search_finds() -> None:
+    # From other starts it ends within 4e-5 of the same law.
+    assert_same(DERIVATIONS["flagship"](), load_law("flagship"), rtol=1e-3)
+
+
 def test_the_fair_pid_is_a_strong_baseline_in_turbulence() -> None:
     flights = flown("pid-fair", "paper-turbulence")
     assert statistics.median(flight.rmse_deg for flight in flights) <= 0.13
