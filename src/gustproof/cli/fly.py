@@ -26,7 +26,10 @@ def fly(
     scenario: Annotated[
         str | None, typer.Argument(help="Name of a shipped scenario, or a .toml file.", show_default=False)
     ] = None,
-    law: Annotated[str | None, typer.Option(help="Name of a shipped law, or a .json file.", show_default=False)] = None,
+    law: Annotated[
+        str | None,
+        typer.Option(help="Name of a shipped law, or a .json file [default: flagship, if it is for the vehicle]."),
+    ] = None,
     vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")] = 1,
     real_time: Annotated[
@@ -51,6 +54,8 @@ def fly(
     """Fly one scenario: autopilot and controller as two processes that speak MAVLink over UDP.
 
     Leaves a rosbag2 bag (MCAP) and the traffic (.tlog) in the output folder and prints the flight's figures.
+
+        gustproof fly paper
 
         gustproof fly paper --law hinf-d1
 
@@ -125,12 +130,18 @@ def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_t
     from firmware_model.errors import ConfigError
     from firmware_model.scenario import load_scenario
     from firmware_model.vehicle import load_vehicle
+    from gustproof.controller import DEFAULT_LAW
     from gustproof.flight import Plan
     from gustproof.law import load_law
 
-    if scenario is None or law is None:
-        raise ConfigError("give a scenario and --law, or --repeat, or --run")
-    return Plan(load_scenario(scenario), load_law(law), load_vehicle(vehicle), seed, real_time)
+    if scenario is None:
+        raise ConfigError("give a scenario, or --repeat, or --run")
+    script, flown, airframe = load_scenario(scenario), load_law(law or DEFAULT_LAW), load_vehicle(vehicle)
+    if law is None and flown.provenance.vehicle != airframe.name:
+        raise ConfigError(
+            f"law '{flown.name}' is for vehicle '{flown.provenance.vehicle}', not '{airframe.name}': give --law"
+        )
+    return Plan(script, flown, airframe, seed, real_time)
 
 
 def _recorded_plan(context: typer.Context, run: Path) -> "Plan":

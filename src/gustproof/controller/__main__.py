@@ -11,6 +11,7 @@ from firmware_model.attended import ATTENDED, attend
 from firmware_model.errors import ConfigError
 from firmware_model.files import read_json
 from firmware_model.scenario import Scenario, load_scenario
+from gustproof.controller import DEFAULT_LAW
 from gustproof.controller.endpoint import ControllerEndpoint, Outcome
 from gustproof.law import FlyingLaw, Law, Output, load_law, shipped_laws
 
@@ -78,7 +79,8 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit status: 0 flown to the end, 2 bad input, 3 the flight broke off, 130 interrupted.",
     )
     add = parser.add_argument
-    add("--law", required=True, help=f"a .json file, or one of {', '.join(shipped_laws())}")
+    names = ", ".join(shipped_laws())
+    add("--law", default=DEFAULT_LAW, help=f"a .json file, or one of {names} [%(default)s, for the vehicle 'paper']")
     add("--via", choices=[output.value for output in Output], help="how commands travel [what the law commands]")
     add("--connect", default="127.0.0.1:14580", help="HOST:PORT of the autopilot, - reads it from stdin [%(default)s]")
     add("--scenario", help="file whose attitude references the law is asked to hold, else level")

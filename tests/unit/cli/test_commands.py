@@ -59,6 +59,8 @@ def test_help_loads_nothing_heavy():
         (("fly", "nowhere", "--law", "hinf-d1"), "no scenario named 'nowhere'"),
         (("fly", "paper", "--law", "nothing"), "no law named 'nothing'"),
         (("fly", "paper", "--law", "hinf-d1", "--vehicle", "bike"), "no vehicle named 'bike'"),
+        (("fly",), "give a scenario, or --repeat, or --run"),
+        (("fly", "paper", "--vehicle", "iris"), "'flagship' is for vehicle 'paper', not 'iris': give --law"),
         (("fly", "paper", "--law", "/nowhere/law.json"), "/nowhere/law.json: No such file"),
         (("design", "D99"), "no design named 'D99'"),
         (("design", "D1", "--gamma", "0.1"), "gamma"),
@@ -135,6 +137,16 @@ def test_a_level_can_be_asked_for_either_way():
     by_backoff = json.loads(run("design", "D1", "--backoff", "1.1", "--json").stdout)
     assert by_level["gamma"] == 0.3
     assert by_backoff["gamma"] == pytest.approx(1.1 * least, rel=1e-6)
+
+
+def test_the_flagship_flies_unless_another_law_is_asked_for(tmp_path, monkeypatch):
+    def fly(scenario, law, *, out, **_):
+        raise FlightError(f"{law.name} was asked to fly {scenario.name}")
+
+    monkeypatch.setattr("gustproof.flight.fly", fly)
+    result = run("fly", "calm", "--out", str(tmp_path / "out"))
+    assert "flagship was asked to fly calm" in one_line(result)
+    assert "[flagship" in run("controller", "--help").stdout
 
 
 @pytest.mark.parametrize(
