@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from gustproof.metrics import attitude
+from gustproof.metrics import Metrics, attitude
 from gustproof.model.lpv import PARAMETERS, scheduling
 from gustproof.report.analysis import Analysis
+from gustproof.report.limits import Standing
 
 Records = NDArray[np.void]
 Array = NDArray[np.float64]
@@ -27,8 +28,10 @@ _COLOURS = {
     "pid-fair": "#d55e00",
     "hinf-scheduled": "#000000",
     "hinf-rates": "#cc79a7",
+    "indi": "#8c510a",
 }
 _SPARE = "#e69f00"
+_SHADES = ("#c9b8e8", "#7b5cc4", "#3d1f8f")  # of limits, darker where more slew is allowed
 _INK, _GRID = "#333333", "#dddddd"
 _AXES = ("roll", "pitch", "yaw")
 _AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73")
@@ -88,6 +91,38 @@ def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: f
     axes.set_xlabel("frequency [rad/s]")
     axes.set_xlim(frequency[0], frequency[-1])
     axes.legend(frameon=False, fontsize=9)
+    figure.savefig(path, dpi=150)
+
+
+def save_trade_off(standing: Standing, flown: Mapping[str, Metrics], path: Path) -> None:
+    """Draw error against sensitivity peak: the limits, and each law as foretold (ring) and as `flown` (disc).
+
+    All laws on the left; on the right, closer, what is near the limit.
+    """
+    limits, places = standing.limits, {name: place for name, place in standing.places.items() if place is not None}
+    figure = _figure((11.0, 5.6), f"Least attitude error against robustness: {limits.scenario}")
+    whole, near = figure.subplots(1, 2)
+    for axes in (whole, near):
+        for curve, shade in zip(limits.curves, _SHADES, strict=False):
+            axes.plot(curve.Ms, curve.rmse_deg, color=shade, label=f"least of linear laws, slew {curve.slew:g} N m/s")
+        label = f"least of all gyro-only laws, slew {limits.slew:g} N m/s"
+        axes.axhline(limits.gyro_deg, color=_SHADES[1], linestyle="--", label=label)
+        for law, place in places.items():
+            ends = [place.rmse_deg, flown[law].rmse_deg]
+            axes.plot([place.Ms, place.Ms], ends, color=_colour(law), linewidth=0.8)
+            axes.plot(place.Ms, ends[0], "o", color=_colour(law), fillstyle="none")
+            axes.plot(place.Ms, ends[1], "o", color=_colour(law), label=f"{law}, slew {place.slew:.3g} N m/s")
+        _dress(axes, "RMSE, three axes [deg]")
+        axes.set_xlabel("sensitivity peak Ms, the worst axis [-]")
+    whole.set_yscale("log")
+    near.set_xlim(1.1, 2.0)
+    near.set_ylim(0.9 * limits.gyro_any_slew_deg, 3.0 * limits.gyro_any_slew_deg)
+    known = f"with state and air known exactly: {limits.clairvoyant_deg:.2g} deg"
+    near.text(0.98, 0.02, known, transform=near.transAxes, ha="right", fontsize=9, color=_INK)
+    handles, labels = whole.get_legend_handles_labels()
+    handles.append(Line2D([], [], color=_INK, marker="o", fillstyle="none", linewidth=0.0))
+    labels.append("foretold, of all flights; discs are what flew")
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     figure.savefig(path, dpi=150)
 
 

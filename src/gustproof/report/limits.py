@@ -1,0 +1,136 @@
+"""What is possible in turbulence, and how far each law is from it: limits and places, in degrees."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from firmware_model.scenario import Scenario
+from firmware_model.vehicle import Vehicle
+from gustproof.errors import DesignError
+from gustproof.law import Law
+from gustproof.report.margins import HoverMargins
+from gustproof.synthesis.foretold import foretell
+from gustproof.synthesis.limits import clairvoyant_limit, gyro_limit
+from gustproof.synthesis.tradeoff import LinearLaws, TradeOff, linear_laws
+from gustproof.synthesis.turbulence import axis_models
+
+SLEW = 20.0
+"""[N*m/s] rms torque slew at which limits are stated: that of the strong baselines."""
+SLEWS = (10.0, SLEW, 40.0)
+"""[N*m/s] slews of the curves."""
+PEAKS = (1.15, 1.18, 1.22, 1.28, 1.36, 1.45, 1.6, 1.8, 2.0)
+"""[-] sensitivity peaks of the points of each curve."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curve:
+    """Least error of linear laws against the sensitivity peak, at one slew."""
+
+    slew: float
+    """[N*m/s] rms torque slew, of all axes."""
+    Ms: tuple[float, ...]
+    """[-] sensitivity peaks, the worst axis."""
+    rmse_deg: tuple[float, ...]
+    """[deg] least error at each."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """Least errors in the turbulence of a scenario, of all flights, over the three axes at once."""
+
+    scenario: str
+    """Name of the scenario."""
+    slew: float
+    """[N*m/s] rms torque slew at which they are stated."""
+    gyro_deg: float
+    """[deg] of any law that measures with gyros, at any margins."""
+    gyro_any_slew_deg: float
+    """[deg] the same with slew for free: the integral of the gyro's noise."""
+    clairvoyant_deg: float
+    """[deg] of any law that knows state and air exactly."""
+    clairvoyant_any_slew_deg: float
+    """[deg] the same with slew for free: what delay and actuator lag leave."""
+    curves: tuple[Curve, ...]
+    """Trade-off with the sensitivity peak."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where a law stands: its price, what is foretold of it, and the least error at the same price."""
+
+    Ms: float
+    """[-] largest sensitivity, the worst axis."""
+    slew: float
+    """[N*m/s] rms torque slew, of all axes, foretold."""
+    rmse_deg: float
+    """[deg] error foretold, of all flights."""
+    least_rmse_deg: float | None
+    """[deg] least error of linear gyro-only laws at this slew and peak; `None` where none was found."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing:
+    """The limits, and where laws stand."""
+
+    limits: Limits
+    """What is possible."""
+    places: Mapping[str, Place | None]
+    """Where each law stands, by name; `None` for a law of rates, which has no torque loop of its own."""
+
+
+def standing(
+    laws: Mapping[str, Law], margins: Mapping[str, HoverMargins | None], vehicle: Vehicle, scenario: Scenario
+) -> Standing:
+    """Return the limits of a vehicle in the scenario's turbulence and the place of each law; takes seconds.
+
+    Raises
+    ------
+    ValueError
+        If the scenario has no Dryden turbulence.
+    DesignError
+        If `SLEW` is too little for any law to hold this vehicle's attitude.
+    """
+    models = axis_models(vehicle, scenario)
+    linear = linear_laws(models, around=SLEW)
+    found = Limits(
+        scenario=scenario.name,
+        slew=SLEW,
+        gyro_deg=math.degrees(gyro_limit(models, SLEW).rmse),
+        gyro_any_slew_deg=math.degrees(gyro_limit(models, math.inf).rmse),
+        clairvoyant_deg=math.degrees(clairvoyant_limit(models, SLEW).rmse),
+        clairvoyant_any_slew_deg=math.degrees(clairvoyant_limit(models, math.inf).rmse),
+        curves=tuple(_curve(linear, slew) for slew in SLEWS),
+    )
+    places = {name: _place(law, margins[name], linear, vehicle, scenario) for name, law in laws.items()}
+    return Standing(limits=found, places=places)
+
+
+def _place(
+    law: Law, margins: HoverMargins | None, linear: LinearLaws, vehicle: Vehicle, scenario: Scenario
+) -> Place | None:
+    foretold = foretell(law, vehicle, scenario)
+    if margins is None or foretold is None:
+        return None
+    least = _least(linear, margins.Ms, foretold.slew)
+    return Place(
+        Ms=margins.Ms,
+        slew=foretold.slew,
+        rmse_deg=math.degrees(foretold.rmse),
+        least_rmse_deg=None if least is None else math.degrees(least.rmse),
+    )
+
+
+def _curve(linear: LinearLaws, slew: float) -> Curve:
+    points = [point for point in (_least(linear, peak, slew) for peak in PEAKS) if point is not None]
+    return Curve(
+        slew=slew,
+        Ms=tuple(point.sensitivity_peak for point in points),
+        rmse_deg=tuple(math.degrees(point.rmse) for point in points),
+    )
+
+
+def _least(linear: LinearLaws, peak: float, slew: float) -> TradeOff | None:
+    try:
+        return linear.least(peak, slew)
+    except DesignError:
+        return None
