@@ -27,7 +27,7 @@ from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 
 SCENARIOS = ("paper", "paper-turbulence", "coning", "bias")
-LAWS = ("pid-default", "pid-fair", "hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-scheduled", "hinf-rates")
+LAWS = ("pid-default", "pid-fair", "flagship", "hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-scheduled", "hinf-rates")
 _AT_ONCE = 2
 """Flights side by side: a lockstep flight keeps one core busy, whichever of its processes has the turn."""
 

@@ -32,6 +32,7 @@ def direct(lost: str = ""):
             outcome=Outcome.CONTROLLER_LOST if law.name == lost else Outcome.DONE,
             message=f"{law.name} ended",
             realtime_factor=50.0,
+            pace=None,
             journal=journal,
         )
 
@@ -61,7 +62,7 @@ def test_everything_is_flown_judged_and_left_in_the_folder(campaign):
     assert all(set(claim) == {"paper", "ours", "verdict"} for claim in summary["claims"])
     assert {path.stem for path in (out / "laws").iterdir()} == set(reproduce.LAWS)
     bags = sorted(path.name for path in (out / "bags").iterdir())
-    assert len(bags) == 6 * (2 + 2 + 1 + 2) + 4
+    assert len(bags) == 7 * (2 + 2 + 1 + 2) + 4
     assert not [name for name in bags if name.endswith(".journal")]
     assert len(list((out / "figures").glob("*.png"))) == 12
     assert "Fair comparison" in (out / "report.txt").read_text()

@@ -182,7 +182,7 @@ def comparison_document(medians: Medians, margins: Mapping[str, HoverMargins | N
             _number(flown.torque_slew_rms), _number(scenarios["coning"].peak_roll_deg),
             _number(scenarios["bias"].peak_deg), *_robustness(robust),
         )  # fmt: skip
-    lines = [_duel("hinf-scheduled", "pid-fair", medians, margins), _duel("hinf-d1", "pid-fair", medians, margins)]
+    lines = [_duel(law, "pid-fair", medians, margins) for law in ("flagship", "hinf-scheduled", "hinf-d1")]
     lines.append(_cost_of_rates(medians))
     notes = (
         "Margins: the worst axis, at the plant's input, sampled and late as flown; a law of rates has no torque loop."
