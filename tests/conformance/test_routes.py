@@ -40,7 +40,7 @@ WINDS = (
 
 
 @pytest.mark.parametrize("translation", ["held", "free"])
-@pytest.mark.parametrize("law", ["pid-fair", "hinf-rates"])
+@pytest.mark.parametrize("law", ["flagship", "hinf-rates"])
 def test_events_and_winds_are_the_same_to_the_bit_on_every_route(law, translation, tmp_path):
     scenario = replace(
         TWO_SECONDS, event=EVENTS, wind=(*TWO_SECONDS.wind, *WINDS), translation=translation,

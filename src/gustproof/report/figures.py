@@ -29,9 +29,9 @@ _COLOURS = {
     "hinf-scheduled": "#000000",
     "hinf-rates": "#cc79a7",
     "indi": "#8c510a",
-    "flagship": "#e69f00",
+    "flagship": "#882255",
 }
-_SPARE = "#f0e442"
+_SPARE = "#e69f00"
 _SHADES = ("#c9b8e8", "#7b5cc4", "#3d1f8f")  # of limits, darker where more slew is allowed
 _INK, _GRID = "#333333", "#dddddd"
 _AXES = ("roll", "pitch", "yaw")
