@@ -22,12 +22,23 @@ from gustproof.model.rotational import Envelope, paper_rotation
 from gustproof.outcome import Outcome
 from gustproof.report.claims import PAPER_LAWS, Claim, judge
 from gustproof.report.document import Document, reproduction_document, save
+from gustproof.report.limits import Standing, standing
 from gustproof.report.margins import HoverMargins, hover_margins
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 
 SCENARIOS = ("paper", "paper-turbulence", "coning", "bias")
-LAWS = ("pid-default", "pid-fair", "flagship", "hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-scheduled", "hinf-rates")
+LAWS = (
+    "pid-default",
+    "pid-fair",
+    "indi",
+    "flagship",
+    "hinf-d1",
+    "hinf-d1-noise",
+    "hinf-d2",
+    "hinf-scheduled",
+    "hinf-rates",
+)
 _AT_ONCE = 2
 """Flights side by side: a lockstep flight keeps one core busy, whichever of its processes has the turn."""
 
@@ -59,6 +70,8 @@ class Reproduction:
     """Figures by law and scenario, medians over the seeds."""
     margins: Mapping[str, HoverMargins | None]
     """Margins at hover by law."""
+    standing: Standing
+    """What is possible in the turbulence, and where the laws stand."""
     claims: tuple[Claim, ...]
     """Verdicts on the paper's claims."""
 
@@ -69,9 +82,11 @@ class Reproduction:
                 law: {
                     **{name: asdict(metrics) for name, metrics in scenarios.items()},
                     "seeds": list(_seeds(law, self.seeds)),
+                    "place": None if (place := self.standing.places[law]) is None else asdict(place),
                 }
                 for law, scenarios in self.medians.items()
             },
+            "limits": asdict(self.standing.limits),
             "claims": [
                 {"paper": claim.paper, "ours": claim.ours, "verdict": claim.verdict.value} for claim in self.claims
             ],
@@ -79,7 +94,9 @@ class Reproduction:
 
     def document(self) -> Document:
         """Return what a person reads of it."""
-        return reproduction_document(self.medians, self.margins, self.claims, self.vehicle, load_scenario("paper"))
+        return reproduction_document(
+            self.medians, self.margins, self.standing, self.claims, self.vehicle, load_scenario("paper")
+        )
 
 
 def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progress) -> Reproduction:
@@ -97,6 +114,9 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     (out / "laws").mkdir()
     for law in laws.values():
         law.save(out / "laws" / f"{law.name}.json")
+    progress(0.0, "what is possible")
+    margins = {name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
+    found = standing(laws, margins, vehicle, scenarios["paper-turbulence"])
     flights = _fly_all(
         [
             Case(scenario, law, seed)
@@ -113,7 +133,8 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         laws=laws,
         seeds=tuple(seeds),
         medians=medians,
-        margins={name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()},
+        margins=margins,
+        standing=found,
         claims=judge(
             medians, laws, norm=solved.result.norm, gamma_opt=design_d1.provenance.parameters["gamma_opt"],
             peak_rate=max(flight.peak_rate for flight in flights if flight.named("paper", "hinf-d1")),
@@ -121,6 +142,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     )  # fmt: skip
     (out / "summary.json").write_text(json.dumps(reproduction.summary(), indent=2) + "\n", encoding="utf-8")
     _draw(flights, seeds[0], solved.problem, vehicle, out / "figures")
+    _draw_trade_off(reproduction, out / "figures")
     save(reproduction.document(), out / "report.txt")
     return reproduction
 
@@ -176,6 +198,13 @@ def _draw(flights: Sequence[RecordedFlight], seed: int, problem: Interconnection
     dynamics = paper_rotation(vehicle.inertia_B, Envelope(angle=0.5, rate=RATE_BOUND))
     title = f"LFT of the closed loop, Delta of order {dynamics.n_z}"
     diagrams.save_lft(lft_structure(problem, dynamics), title, out / "lft.png")
+
+
+def _draw_trade_off(reproduction: Reproduction, out: Path) -> None:
+    from gustproof.report import figures
+
+    flown = {law: scenarios["paper-turbulence"] for law, scenarios in reproduction.medians.items()}
+    figures.save_trade_off(reproduction.standing, flown, out / "trade-off.png")
 
 
 def _seeds(law: str, seeds: Sequence[int]) -> Sequence[int]:

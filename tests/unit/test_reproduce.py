@@ -14,6 +14,7 @@ from gustproof.errors import FlightError
 from gustproof.metrics import Metrics
 from gustproof.outcome import Outcome
 from gustproof.recording.bag import read_bag
+from gustproof.report import limits
 
 
 def shortened(name):
@@ -46,6 +47,8 @@ def campaign(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flight, "fly", direct())
         patch.setattr(reproduce, "load_scenario", shortened)
+        patch.setattr(limits, "PEAKS", (1.36,))
+        patch.setattr(limits, "SLEWS", (20.0,))
         result = reproduce.reproduce(load_vehicle("paper"), (1, 2), out, lambda share, _: told.append(share))
     return result, out, told
 
@@ -56,16 +59,21 @@ def test_everything_is_flown_judged_and_left_in_the_folder(campaign):
     assert summary == json.loads(json.dumps(result.summary()))
     assert set(summary["laws"]) == set(reproduce.LAWS)
     for law, entry in summary["laws"].items():
-        assert set(entry) == {*reproduce.SCENARIOS, "seeds"}
+        assert set(entry) == {*reproduce.SCENARIOS, "seeds", "place"}
         assert entry["seeds"] == ([1] if law == "hinf-d1-noise" else [1, 2])
         assert all(set(entry[name]) == set(Metrics.__dataclass_fields__) for name in reproduce.SCENARIOS)
     assert all(set(claim) == {"paper", "ours", "verdict"} for claim in summary["claims"])
+    assert summary["laws"]["hinf-rates"]["place"] is None
+    assert summary["laws"]["flagship"]["place"]["rmse_deg"] > summary["limits"]["gyro_deg"]
+    assert summary["limits"]["curves"][0]["slew"] == 20.0
     assert {path.stem for path in (out / "laws").iterdir()} == set(reproduce.LAWS)
     bags = sorted(path.name for path in (out / "bags").iterdir())
-    assert len(bags) == 7 * (2 + 2 + 1 + 2) + 4
+    assert len(bags) == 8 * (2 + 2 + 1 + 2) + 4
     assert not [name for name in bags if name.endswith(".journal")]
-    assert len(list((out / "figures").glob("*.png"))) == 12
-    assert "Fair comparison" in (out / "report.txt").read_text()
+    assert len(list((out / "figures").glob("*.png"))) == 13
+    report = (out / "report.txt").read_text()
+    assert "Fair comparison" in report
+    assert "What is possible" in report
     assert max(told) == pytest.approx(1.0, rel=1e-12)
 
 
@@ -80,6 +88,7 @@ def test_a_bag_names_its_flight_and_holds_what_was_flown(campaign):
 def test_a_flight_that_breaks_off_ends_the_campaign_and_says_which(tmp_path, monkeypatch):
     monkeypatch.setattr(flight, "fly", direct(lost="hinf-d2"))
     monkeypatch.setattr(reproduce, "load_scenario", shortened)
+    monkeypatch.setattr(reproduce, "standing", lambda *_: None)
     with pytest.raises(FlightError, match="hinf-d2 ended"):
         reproduce.reproduce(load_vehicle("paper"), (1,), tmp_path, lambda *_: None)
     assert not (tmp_path / "summary.json").exists()

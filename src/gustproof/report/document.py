@@ -14,6 +14,8 @@ from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.metrics import Metrics
 from gustproof.report.claims import PAPER_LAWS, Claim, Medians, Verdict
+from gustproof.report.limit_tables import limits_document
+from gustproof.report.limits import Place, Standing
 from gustproof.report.margins import HoverMargins
 from gustproof.report.open_questions import ERRATA, OpenQuestion, choices
 from gustproof.requirements import RequirementResult, requirement_label, requirement_limits
@@ -43,6 +45,7 @@ _PACE = (
     "deadlines missed {missed}, set-points held {held}; samples late by {late_p50_us} us in the median, "
     "{late_p99_us} us in 99 %, {late_worst_us} us at worst"
 )
+_DUELS = (("flagship", "pid-fair"), ("flagship", "indi"), ("hinf-scheduled", "pid-fair"), ("hinf-d1", "pid-fair"))
 _LIMITATIONS = (
     "A gyro bias b turns every law here by b t: none of them has anything else to measure attitude with "
     "(scenario `bias`).",
@@ -129,14 +132,16 @@ def figure_rows(flights: Mapping[str, Metrics]) -> list[tuple[str, tuple[str, ..
 def reproduction_document(
     medians: Medians,
     margins: Mapping[str, HoverMargins | None],
+    standing: Standing,
     claims: Iterable[Claim],
     vehicle: Vehicle,
     scenario: Scenario,
 ) -> Document:
-    """Return the whole report: Table III, the fair comparison, the verdicts, and what stands behind them."""
+    """Return the whole report: Table III, the fair comparison, the limits, the verdicts, what stands behind them."""
     parts = (
         paper_document(medians),
-        comparison_document(medians, margins),
+        comparison_document(medians, margins, standing.places),
+        limits_document(standing.limits),
         claims_document(claims),
         background_document(vehicle, scenario),
     )
@@ -164,11 +169,14 @@ def claims_document(claims: Iterable[Claim]) -> Document:
     return verdicts
 
 
-def comparison_document(medians: Medians, margins: Mapping[str, HoverMargins | None]) -> Document:
+def comparison_document(
+    medians: Medians, margins: Mapping[str, HoverMargins | None], places: Mapping[str, Place | None]
+) -> Document:
     """Return all laws in the same turbulence, who is better in what at which margins, and what rates cost."""
     columns = (
-        "law", "peak\n\n[deg]", "RMSE\n\n[deg]", "torque\nrms\n[N m]", "slew\nrms\n[N m/s]", "coning\nroll\n[deg]",
-        "bias\npeak\n[deg]", "Ms\n\n[-]", "phase\nmargin\n[deg]", "delay\nmargin\n[ms]",
+        "law", "peak\n\n[deg]", "RMSE\n\n[deg]", "fore-\ntold\n[deg]", "least\nthere\n[deg]", "torque\nrms\n[N m]",
+        "slew\nrms\n[N m/s]", "coning\nroll\n[deg]", "bias\npeak\n[deg]", "Ms\n\n[-]", "phase\nmargin\n[deg]",
+        "delay\nmargin\n[ms]",
     )  # fmt: skip
     table = Table(
         title="Fair comparison: turbulence alone, all laws on the same route", box=SIMPLE, padding=0, pad_edge=False
@@ -178,14 +186,16 @@ def comparison_document(medians: Medians, margins: Mapping[str, HoverMargins | N
     for law, scenarios in medians.items():
         flown, robust = scenarios["paper-turbulence"], margins.get(law)
         table.add_row(
-            law, _number(flown.peak_deg), _number(flown.rmse_deg), _number(flown.torque_rms_nm),
-            _number(flown.torque_slew_rms), _number(scenarios["coning"].peak_roll_deg),
+            law, _number(flown.peak_deg), _number(flown.rmse_deg), *_room(places.get(law)),
+            _number(flown.torque_rms_nm), _number(flown.torque_slew_rms), _number(scenarios["coning"].peak_roll_deg),
             _number(scenarios["bias"].peak_deg), *_robustness(robust),
         )  # fmt: skip
-    lines = [_duel(law, "pid-fair", medians, margins) for law in ("flagship", "hinf-scheduled", "hinf-d1")]
+    lines = [_duel(one, other, medians, margins) for one, other in _DUELS]
     lines.append(_cost_of_rates(medians))
     notes = (
-        "Margins: the worst axis, at the plant's input, sampled and late as flown; a law of rates has no torque loop."
+        "Foretold: RMSE by the linear model, of all flights; least there: of linear gyro-only laws at the law's own Ms "
+        "and slew. Margins: the worst axis, at the plant's input, sampled and late as flown; a law of rates has no "
+        "torque loop."
     )
     return Group(table, Text(notes, style="dim"), *(Text(f"\n{line}") for line in lines))
 
@@ -235,6 +245,12 @@ def _cost_of_rates(medians: Medians) -> str:
         f"{rates.rmse_deg / torque.rmse_deg:.2f} times; slew {rates.torque_slew_rms:.1f} against "
         f"{torque.torque_slew_rms:.1f} N m/s."
     )
+
+
+def _room(place: Place | None) -> tuple[str, str]:
+    if place is None:
+        return "-", "-"
+    return _number(place.rmse_deg), "-" if place.least_rmse_deg is None else _number(place.least_rmse_deg)
 
 
 def _robustness(margins: HoverMargins | None) -> tuple[str, str, str]:

@@ -11,6 +11,8 @@ from firmware_model.vehicle import load_vehicle
 from gustproof.law import load_law
 from gustproof.metrics import Metrics
 from gustproof.report.document import background_document, comparison_document, flight_document, paper_document, save
+from gustproof.report.limit_tables import limits_document
+from gustproof.report.limits import Curve, Limits, Place
 from gustproof.report.margins import HoverMargins, hover_margins
 from gustproof.report.open_questions import choices
 
@@ -19,7 +21,9 @@ FIGURES = Metrics(
     rmse_pitch_deg=0.1, rmse_yaw_deg=0.1, torque_rms_nm=0.2, torque_peak_nm=0.9, torque_slew_rms=20.0,
     saturated_s=0.0, rho_in_bounds=True, realtime_factor=100.0,
 )  # fmt: skip
-LAWS = ("pid-default", "pid-fair", "flagship", "hinf-d1", "hinf-scheduled", "hinf-rates")
+LAWS = ("pid-default", "pid-fair", "indi", "flagship", "hinf-d1", "hinf-scheduled", "hinf-rates")
+
+PLACES = {"flagship": Place(Ms=1.36, slew=19.9, rmse_deg=0.0819, least_rmse_deg=0.0801), "hinf-rates": None}
 
 
 def written(document) -> str:
@@ -44,14 +48,37 @@ def test_table_iii_stands_beside_ours():
 def test_who_is_better_follows_the_figures(better):
     margins = dict.fromkeys(LAWS, HoverMargins(Ms=1.3, phase_margin_deg=45.0, delay_margin=0.04))
     change = {better.replace("-", "_"): replace(FIGURES, rmse_deg=0.125)}
-    text = written(comparison_document(medians(**change), margins))
+    text = written(comparison_document(medians(**change), margins, PLACES))
     assert f"{better} is better in RMSE (2.00 times less)" in text
     assert "Ms 1.30, phase 45.0 deg" in text
 
 
+def test_the_least_error_at_its_price_stands_beside_each_law():
+    margins = dict.fromkeys(LAWS, HoverMargins(Ms=1.3, phase_margin_deg=45.0, delay_margin=0.04))
+    text = written(comparison_document(medians(), margins, PLACES))
+    assert "flagship 1.500 0.250 0.082 0.080 0.200" in text
+    assert "hinf-rates 1.500 0.250 - - 0.200" in text
+
+
+def test_limits_are_told_by_what_is_known_and_by_the_peak():
+    limits = Limits(
+        scenario="x", slew=20.0, gyro_deg=0.0711, gyro_any_slew_deg=0.0706, clairvoyant_deg=6e-4,
+        clairvoyant_any_slew_deg=5e-5,
+        curves=(
+            Curve(slew=10.0, Ms=(1.3601,), rmse_deg=(0.0911,)),
+            Curve(slew=20.0, Ms=(1.1502, 1.3599), rmse_deg=(0.1537, 0.08)),
+        ),
+    )  # fmt: skip
+    text = written(limits_document(limits))
+    assert "gyros, the true spectra │ 0.0711 │ 0.0706" in text
+    assert "state and air, exactly │ 0.0006 │ 5e-05" in text
+    assert "│ 10 │ - │ 0.0911 │" in text
+    assert "│ 20 │ 0.1537 │ 0.0800 │" in text
+
+
 def test_what_rates_cost_is_told():
     margins = dict.fromkeys(LAWS, HoverMargins(Ms=1.3, phase_margin_deg=45.0, delay_margin=0.04))
-    text = written(comparison_document(medians(hinf_rates=replace(FIGURES, rmse_deg=0.5)), margins))
+    text = written(comparison_document(medians(hinf_rates=replace(FIGURES, rmse_deg=0.5)), margins, PLACES))
     assert "2.00 times" in text
 
 

@@ -1,0 +1,33 @@
+"""Tables of what is possible in turbulence."""
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from gustproof.report.limits import Limits
+
+_NOTE = (
+    "A gyro-only attitude walks at random by the gyro's noise, whatever the law: only what is above 'any slew' is the "
+    "law's. The second table is of linear laws, each of them had, so it lies above the limit: by 1 % at Ms 1.15, .2 % "
+    "from 1.36 on. The first is of any law, whatever its margins."
+)
+
+
+def limits_document(limits: Limits) -> RenderableType:
+    """Return the limits by what a law knows, and the trade-off with the sensitivity peak."""
+    known = Table("what the law knows", title=f"What is possible in '{limits.scenario}': least RMSE [deg]")
+    known.add_column(f"slew {limits.slew:g} N m/s", justify="right")
+    known.add_column("any slew", justify="right")
+    known.add_row("gyros, the true spectra", f"{limits.gyro_deg:.4f}", f"{limits.gyro_any_slew_deg:.4f}")
+    known.add_row("state and air, exactly", f"{limits.clairvoyant_deg:.2g}", f"{limits.clairvoyant_any_slew_deg:.2g}")
+    points = {
+        curve.slew: dict(zip((f"{peak:.2f}" for peak in curve.Ms), curve.rmse_deg, strict=True))
+        for curve in limits.curves
+    }
+    traded = Table("slew [N m/s]", title="Least RMSE [deg] of linear gyro-only laws by sensitivity peak Ms")
+    peaks = sorted({peak for curve in points.values() for peak in curve})
+    for peak in peaks:
+        traded.add_column(peak, justify="right")
+    for slew, curve in points.items():
+        traded.add_row(f"{slew:g}", *(f"{curve[peak]:.4f}" if peak in curve else "-" for peak in peaks))
+    return Group(known, traded, Text(_NOTE, style="dim"))
