@@ -91,7 +91,8 @@ class Scalings:
         below, above = crossings[crossings < omega], crossings[crossings > omega]
         low, high = max(float(np.max(below, initial=0.0)), 0.0), float(np.min(above, initial=np.inf))
         # rounding may lose a crossing when scalings are extreme: the band ends where a sample inside denies it
-        inside = np.geomspace(max(low, 1e-3 * omega), min(high, 1e3 * omega), 40) if omega > 0.0 else np.empty(0)
+        speeds = np.array([omega]) if omega > 0.0 else np.append(np.abs(M.poles()), 1.0)
+        inside = np.geomspace(max(low, 1e-3 * np.min(speeds)), min(high, 1e3 * np.max(speeds)), 40)
         denied = [float(point) for point in inside if low < point < high and not self._holds(M, 1.001 * level, point)]
         low = max([low, *(point for point in denied if point < omega)])
         high = min([high, *(point for point in denied if point > omega)])

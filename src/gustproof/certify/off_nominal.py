@@ -1,0 +1,81 @@
+"""What a law's loop is worth where inertia and actuator lag are not the file's: mu and the largest sensitivity peak."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.scenario import Scenario
+from firmware_model.vehicle import Vehicle
+from gustproof.certify.mu import mu
+from gustproof.certify.sweep import Bracket
+from gustproof.certify.worst_case import Spreads
+from gustproof.certify.worst_gain import worst_gain
+from gustproof.law import Law, Matrix, Output
+from gustproof.model.lft import Uncertain, uncertain
+from gustproof.model.sampled_axis import sampled_axis
+from gustproof.numerics.lti import Lti
+
+_BOXES = 8
+"""Boxes of the parameters at most, to bring the two bounds on the peak together."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OffNominal:
+    """Robustness of one axis, of the loop as it flies: sampled and late."""
+
+    stability: Bracket
+    """mu of the uncertain parameters: the loop is stable up to 1 / mu times the spreads."""
+    peak: Bracket
+    """[-] largest sensitivity peak within the spreads, the loop being cut at the plant's input."""
+
+
+def off_nominal(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> OffNominal:
+    """Return the robustness of one axis to constant inertia and lag within `spreads`, at hover.
+
+    Raises
+    ------
+    ValueError
+        If the law couples its axes or commands no torque, a spread is 0, or the loop is unstable as in the file.
+    """
+    family = sensitivity(law, vehicle, scenario, spreads, axis)
+    known = family.M.part(slice(0, family.n_z), slice(0, family.n_w))
+    return OffNominal(stability=mu(Uncertain(M=known, blocks=family.blocks)), peak=worst_gain(family, boxes=_BOXES))
+
+
+def sensitivity(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Uncertain:
+    """Return the sensitivity at the plant's input of one axis, inertia and lag uncertain.
+
+    Raises
+    ------
+    ValueError
+        If the law couples its axes or commands no torque, or a spread is 0.
+    """
+    loop = uncertain(axis_controller(law, axis)) @ sampled_axis(
+        vehicle, scenario, axis, inertia=spreads.inertia, actuator_lag=spreads.actuator_lag
+    )
+    return (np.eye(1) - loop).inverse()
+
+
+def axis_controller(law: Law, axis: int) -> Lti:
+    """Return the law of one axis from gyro [rad/s] to command [N*m], linear at level attitude.
+
+    Raises
+    ------
+    ValueError
+        If the law couples its axes or commands no torque.
+    """
+    A, B = law.A + law.G @ np.eye(3, law.order, 3), law.B[:, axis]
+    own, others = _reached(A, B), [k for k in range(3) if k != axis]
+    across = (law.C[others][:, own], law.D[others, axis], law.C[axis, ~own], law.D[axis, others])
+    if law.output is not Output.TORQUE or any(np.any(part) for part in across):
+        raise ValueError(f"law '{law.name}' couples its axes or commands no torque: it has no loop of one axis")
+    return Lti(A=A[np.ix_(own, own)], B=B[own], C=law.C[axis, own], D=law.D[axis, axis], dt=law.dt)
+
+
+def _reached(A: Matrix, B: Matrix) -> NDArray[np.bool_]:
+    """Return which states the input matrix (n,) of one input reaches."""
+    reached: NDArray[np.bool_] = B != 0.0
+    for _ in range(len(B)):
+        reached = reached | np.any(A[:, reached] != 0.0, axis=1)
+    return reached
