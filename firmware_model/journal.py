@@ -47,6 +47,14 @@ RECORD = np.dtype(
 )
 WIDTH = RECORD.itemsize // 8
 
+# Where a field starts, counted in numbers.
+_AT = {name: RECORD.fields[name][1] // 8 for name in RECORD.names or ()}  # type: ignore[index]
+TIME, GYRO_B, FORCE_B = _AT["time_us"], _AT["gyro_B"], _AT["specific_force_B"]
+TORQUE_COMMAND, OMEGA_COMMAND, TORQUE_B = _AT["torque_command_B"], _AT["omega_command_B"], _AT["torque_B"]
+POSITION, VELOCITY, Q_NB, OMEGA = _AT["position_N"], _AT["velocity_N"], _AT["q_NB"], _AT["omega_B"]
+GUST, GUST_OMEGA, MOMENT, WIND = _AT["gust_B"], _AT["gust_omega_B"], _AT["moment_B"], _AT["wind_N"]
+THRUST_COMMAND, THRUST, ROTORS = _AT["thrust_z_command"], _AT["thrust_z"], _AT["rotors"]
+
 
 class JournalWriter:
     """Append records to a new journal file; a context manager that leaves a whole file behind.

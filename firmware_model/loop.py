@@ -6,7 +6,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model import plant
+from firmware_model import commands, plant
 from firmware_model.journal import RECORD, WIDTH
 from firmware_model.scenario import Scenario
 from firmware_model.signals import (
@@ -25,10 +25,10 @@ from firmware_model.world import X_LOAD, new_world
 
 Array = NDArray[np.float64]
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
-_NOTHING = (math.nan,) * (plant.SETPOINT - 1)
-_TRIM = np.array((plant.TRIM, *_NOTHING))
-_LEVEL = np.array((plant.LEVEL, *_NOTHING))
-_OFF = np.array((plant.OFF, *_NOTHING))
+_NOTHING = (math.nan,) * (commands.SETPOINT - 1)
+_TRIM = np.array((commands.TRIM, *_NOTHING))
+_LEVEL = np.array((commands.LEVEL, *_NOTHING))
+_OFF = np.array((commands.OFF, *_NOTHING))
 _ON_GROUND = 0.1  # [-] of the weight, carried by the ground
 
 
@@ -150,12 +150,12 @@ def setpoint_of(setpoint: Setpoint) -> Array:
     """Return a set-point as the row (SETPOINT,) that the kernels take."""
     if isinstance(setpoint, TorqueCommand):
         throttle = math.nan if setpoint.throttle is None else setpoint.throttle
-        return np.array((plant.TORQUE, *setpoint.torque_B, 0.0, 0.0, 0.0, 0.0, throttle))
+        return np.array((commands.TORQUE, *setpoint.torque_B, 0.0, 0.0, 0.0, 0.0, throttle))
     if isinstance(setpoint, AttitudeTarget):
         return _target(setpoint)
     if isinstance(setpoint, Guidance):
         v_down = math.nan if setpoint.v_down is None else setpoint.v_down
-        return np.array((plant.GUIDANCE, *setpoint.position_N, setpoint.yaw, v_down, 0.0, 0.0, math.nan))
+        return np.array((commands.GUIDANCE, *setpoint.position_N, setpoint.yaw, v_down, 0.0, 0.0, math.nan))
     return _LEVEL if isinstance(setpoint, Level) else _TRIM if isinstance(setpoint, Trim) else _OFF
 
 
@@ -163,5 +163,5 @@ def _target(target: AttitudeTarget) -> Array:
     rates = target.omega_B or (0.0, 0.0, 0.0)
     thrust = math.nan if target.thrust is None else target.thrust
     if target.q_NB is None:
-        return np.array((plant.RATES, *rates, 0.0, 0.0, 0.0, 0.0, thrust))
-    return np.array((plant.ATTITUDE, *target.q_NB, *rates, thrust))
+        return np.array((commands.RATES, *rates, 0.0, 0.0, 0.0, 0.0, thrust))
+    return np.array((commands.ATTITUDE, *target.q_NB, *rates, thrust))

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model import plant
+from firmware_model import commands
 from firmware_model.autopilot import Mode
 from firmware_model.compiled import compiled
 from firmware_model.journal import RECORD, WIDTH
@@ -46,7 +46,7 @@ def fly_direct(
     _fly(
         world.params, world.state, world.waves, world.replay, world.changes, world.seed, scenario.sample_us,
         law.A, law.B, law.C, law.D, law.G, law.H, law.limits, reference, scale,
-        plant.TORQUE if torque else plant.RATES, 1.0 if torque else np.inf,
+        commands.TORQUE if torque else commands.RATES, 1.0 if torque else np.inf,
         np.nan if torque else published_hover(vehicle), scenario.delay_samples, records,
     )  # fmt: skip
     return records.view(RECORD)[:, 0]
@@ -65,8 +65,8 @@ def _fly(params: Array, state: Array, waves: Array, replay: Array, changes: Arra
          kind: float, bound: float, thrust: float, delay: int, records: Array) -> None:  # fmt: skip
     n = A.shape[0]
     x, y, command, work = np.zeros(n), np.zeros(9), np.zeros(3), np.zeros(n + 3)
-    ring = np.zeros((delay + 1, plant.SETPOINT))
-    ring[:, plant.THRUST] = np.nan
+    ring = np.zeros((delay + 1, commands.SETPOINT))
+    ring[:, commands.THRUST] = np.nan
     for k in range(records.shape[0]):
         record = records[k]
         observe_kernel(params, state, waves, replay, changes, seed, k, sample_us, record)
@@ -76,7 +76,7 @@ def _fly(params: Array, state: Array, waves: Array, replay: Array, changes: Arra
             y[6 + i] = record[4 + i]
         law_kernel(A, B, C, D, G, H, limits, x, y, command, work)
         slot = ring[k % (delay + 1)]
-        slot[0], slot[plant.THRUST] = kind, thrust
+        slot[0], slot[commands.THRUST] = kind, thrust
         for i in range(3):
             slot[1 + i] = min(max(float32(command[i] / scale[i]), -bound), bound)
         advance_kernel(params, state, seed, k, sample_us, ring[(k + 1) % (delay + 1)], record)
