@@ -1,5 +1,6 @@
 """What is wrong with a file, in one clear line: each key, what it was given, what is allowed."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any, get_args, get_type_hints
@@ -33,9 +34,15 @@ def _mistake(kind: Any, item: Any) -> str:
         return f"{key}.kind: missing"
     if item["type"] == "union_tag_invalid":
         return f"{key}.kind: must be one of {context['expected_tags']} (given '{one_line(context['tag'])}')"
-    said = str(context["error"]) if item["type"] == "value_error" else item["msg"][:1].lower() + item["msg"][1:]
+    said = str(context["error"]) if item["type"] == "value_error" else _said(item["msg"])
     shown = "" if isinstance(item["input"], dict) else f" (given {item['input']!r})"
     return f"{key}: {said}{shown}"
+
+
+def _said(message: str) -> str:
+    """Return what pydantic says of Python's types in the words of TOML."""
+    message = re.sub(r"(valid )?dictionary or (an instance of \w+|object to extract fields from)", "table", message)
+    return (message[:1].lower() + message[1:]).replace("tuple", "list")
 
 
 def _known(kind: Any, location: Iterable[int | str]) -> tuple[str, ...]:

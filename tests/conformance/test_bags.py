@@ -1,6 +1,8 @@
 """Bags read back by readers that share no code with the writer."""
 
 import json
+import random
+import shutil
 
 import numpy as np
 import pytest
@@ -164,6 +166,24 @@ def test_an_interrupted_write_leaves_nothing_behind(tmp_path, monkeypatch):
 
 def interrupt(*_: object) -> None:
     raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("damage", range(40))
+def test_a_damaged_bag_is_read_or_refused_in_one_line(bag, tmp_path, damage):
+    draw = random.Random(damage)
+    shutil.copytree(bag, tmp_path / "flight")
+    victim = tmp_path / "flight" / draw.choice(("metadata.yaml", "flight.mcap"))
+    content = bytearray(victim.read_bytes())
+    for _ in range(draw.choice((1, 20))):
+        content[draw.randrange(len(content))] = draw.randrange(256)
+    victim.write_bytes(content[: draw.choice((len(content), draw.randrange(len(content))))])
+    told = ""
+    try:
+        read_bag(tmp_path / "flight")
+    except ConfigError as error:
+        told = str(error)
+    assert not told or told.startswith(f"{tmp_path / 'flight'}: ")
+    assert told.isprintable()
 
 
 @pytest.mark.parametrize("spoil", ["no such folder", "another program's bag"])

@@ -1,5 +1,6 @@
 """The one place that turns a failure into one line on stderr and an exit status."""
 
+import errno
 import sys
 from enum import IntEnum
 from typing import Any
@@ -9,6 +10,8 @@ from typer.core import TyperGroup
 
 from firmware_model.errors import ConfigError
 from gustproof.errors import DesignError, FlightError
+
+_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # writing raises them, and does not say where
 
 
 class Status(IntEnum):
@@ -40,9 +43,10 @@ class OneLineErrors(TyperGroup):
         except KeyboardInterrupt:
             raise stop("interrupted", Status.INTERRUPTED) from None
         except OSError as error:
-            if error.filename is None:  # not about a file that someone named
+            if error.filename is None and error.errno not in _FULL:  # not about a file that someone named
                 raise
-            raise stop(f"{error.filename}: {error.strerror}", Status.BAD_INPUT) from None
+            named = "" if error.filename is None else f"{error.filename}: "
+            raise stop(f"{named}{error.strerror}", Status.BAD_INPUT) from None
 
 
 def stop(line: str, status: Status) -> typer.Exit:

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, ReaderError, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 
 from firmware_model.errors import ConfigError
+from firmware_model.mistakes import one_line
 from gustproof.recording import definitions
 from gustproof.recording.definitions import TYPES, definition
 from gustproof.recording.topics import BASE_LINK_FRD, TOPICS, blank, decode, encode, times_us
@@ -64,18 +65,23 @@ def read_bag(path: Path) -> tuple[dict[str, Any], Records]:
     ConfigError
         If the bag can't be read, or lacks one of the topics.
     """
+    try:
+        return _read(path)
+    except ConfigError:
+        raise
+    except Exception as error:  # a damaged file makes its readers raise whatever there is
+        reason = one_line(" ".join(str(error).split())) or type(error).__name__
+        raise ConfigError(f"{path}: {reason}") from None
+
+
+def _read(path: Path) -> tuple[dict[str, Any], Records]:
     payloads: dict[str, list[bytes]] = {}
     changes: list[tuple[int, float]] = []
-    try:
-        with Reader(path) as reader:
-            for connection, time_ns, payload in reader.messages():
-                payloads.setdefault(connection.topic, []).append(bytes(payload))
-                if connection.topic == MODE:
-                    changes.append(
-                        (time_ns // 1000, float(TYPES.deserialize_cdr(payload, definitions.MODE).custom_mode))
-                    )
-    except (ReaderError, FileNotFoundError) as error:
-        raise ConfigError(f"{path}: {error}") from None
+    with Reader(path) as reader:
+        for connection, time_ns, payload in reader.messages():
+            payloads.setdefault(connection.topic, []).append(bytes(payload))
+            if connection.topic == MODE:
+                changes.append((time_ns // 1000, float(TYPES.deserialize_cdr(payload, definitions.MODE).custom_mode)))
     optional = "/command/rates"
     if missing := {FLIGHT, MODE, *(topic.name for topic in TOPICS)} - {optional} - set(payloads):
         raise ConfigError(f"{path}: no topic {min(missing)}: not a bag of a gustproof flight")

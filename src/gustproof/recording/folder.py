@@ -32,6 +32,23 @@ def fresh_folder(out: Path | None, name: str) -> Path:
             return folder
 
 
+def write_whole(path: Path, text: str) -> None:
+    """Write a file, or leave what is there as it is.
+
+    Raises
+    ------
+    OSError
+        If it can't be written; the error names it.
+    """
+    unfinished = path.with_name(f".{path.name}")
+    try:
+        unfinished.write_text(text, encoding="utf-8")
+        unfinished.replace(path)
+    except OSError as error:
+        unfinished.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror, str(path)) from None
+
+
 def bags_in(run: Path) -> list[Path]:
     """Return the bags of a run's folder in the order of their names; a bag is its own.
 

@@ -15,6 +15,7 @@ from gustproof.campaign.findings import COMPARED, Findings, LawFindings, finding
 from gustproof.campaign.flights import FIGURES as FLOWN
 from gustproof.campaign.flights import delta_column
 from gustproof.campaign.table import opened, read_column, read_note
+from gustproof.recording.folder import write_whole
 from gustproof.report.campaign import duel_lines, headline, number, share_text
 from gustproof.report.campaign_charts import distributions, exceedances, responses
 from gustproof.report.document import FIGURES
@@ -28,7 +29,7 @@ _EXPLAINED = "rmse_deg"
 
 def write_campaign_report(path: Path, output: Path) -> None:
     """Write the page on the campaign in a file; the same campaign gives the same bytes."""
-    output.write_text(campaign_page(path), encoding="utf-8")
+    write_whole(output, campaign_page(path))
 
 
 def campaign_page(path: Path) -> str:

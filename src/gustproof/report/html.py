@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gustproof import __version__
+from gustproof.recording.folder import write_whole
 from gustproof.report.html_charts import SAMPLES, Curve, Group, spectra, time_histories
 from gustproof.report.html_loops import flown_laws, frequency_charts, pole_charts
 from gustproof.report.html_runs import Run
@@ -32,7 +33,7 @@ Array = NDArray[np.float64]
 
 def write_report(runs: Sequence[Run], path: Path) -> None:
     """Write the page on `runs`; the same flights give the same bytes."""
-    path.write_text(report_page(runs), encoding="utf-8")
+    write_whole(path, report_page(runs))
 
 
 def report_page(runs: Sequence[Run]) -> str:

@@ -100,6 +100,7 @@ def test_a_taken_output_folder_is_refused(tmp_path):
         (FlightError("lost"), 3),
         (KeyboardInterrupt(), 130),
         (PermissionError(13, "Permission denied", "/root/x"), 2),
+        (OSError(28, "No space left on device"), 2),
     ],
 )
 def test_each_failure_has_its_status(error, status, monkeypatch):

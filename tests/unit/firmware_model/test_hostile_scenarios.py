@@ -208,3 +208,15 @@ def test_a_hostile_file_is_refused_in_one_clear_line(number: int, tmp_path: Path
     assert message.startswith(f"{path}: ")
     assert message.isprintable()
     assert 3 < len(message) - len(str(path)) < 3000
+
+
+def test_what_is_wrong_is_told_in_words_of_toml(tmp_path: Path) -> None:
+    path = tmp_path / "odd.toml"
+    path.write_text('description = "odd"\nduration_s = 1.0\nwind = 3\ngyro = 4\nlink = [5]\n')
+    with pytest.raises(ConfigError) as caught:
+        load_scenario(path)
+    assert str(caught.value).removeprefix(f"{path}: ").split("; ") == [
+        "wind: input should be a valid list (given 3)",
+        "gyro: input should be a table (given 4)",
+        "link.0: input should be a table (given 5)",
+    ]

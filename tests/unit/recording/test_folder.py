@@ -1,9 +1,12 @@
 """Output folders never take another run's place."""
 
+import errno
+from pathlib import Path
+
 import pytest
 
 from firmware_model.errors import ConfigError
-from gustproof.recording.folder import fresh_folder
+from gustproof.recording.folder import fresh_folder, write_whole
 
 
 def test_default_folders_are_numbered_and_each_is_new(tmp_path, monkeypatch):
@@ -29,3 +32,20 @@ def test_a_taken_place_is_refused(tmp_path, taken):
         (place / "mine").touch()
     with pytest.raises(ConfigError, match="nothing is overwritten"):
         fresh_folder(place, "fly")
+
+
+def test_a_file_is_written_whole_or_left_as_it_was(tmp_path, monkeypatch):
+    path = tmp_path / "page.html"
+    write_whole(path, "one")
+    write_whole(path, "another")
+
+    def full(place, text, **_):
+        place.write_bytes(text[:2].encode())
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OSError, match=r"No space left on device: .*page\.html") as caught:
+        write_whole(path, "a third")
+    assert caught.value.filename == str(path)
+    assert path.read_bytes() == b"another"
+    assert [each.name for each in tmp_path.iterdir()] == ["page.html"]
