@@ -3,7 +3,7 @@
 import json
 from collections import Counter, deque
 from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +105,8 @@ class _Runner:
         except self._pool.deaths:
             self._mourn(stretch)
             return
+        except CancelledError:
+            raise FlightError(f"the cluster is gone; what was flown is in {self._store.folder}") from None
         self._keep(stretch, flown.table)
         if not self._fixed:
             size = min(int(stretch.runs * _TASK_S / flown.wall_s), 4 * stretch.runs, _LONGEST)

@@ -1,4 +1,6 @@
+from concurrent.futures import Future
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -21,3 +23,15 @@ def planned():
         return Campaign(laws=tuple(map(load_law, laws)), vehicles=vehicles, spreads=spreads, **values)
 
     return plan
+
+
+@pytest.fixture
+def here():
+    """Return a pool without workers: what is submitted is done at once."""
+
+    def submit(function, *arguments):
+        future = Future()
+        future.set_result(function(*arguments))
+        return future
+
+    return SimpleNamespace(deaths=(), width=1, submit=submit)
