@@ -1,0 +1,81 @@
+"""Flights without messages: many at once, one alone, two processes, and the same arithmetic in C."""
+
+import subprocess
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from table import Bench, in_turns
+from twins import Twin, difference
+
+from firmware_model.scenario import Scenario, load_scenario
+from firmware_model.vehicle import load_vehicle
+from gustproof.closed_loop import fly_direct
+from gustproof.lanes import Case, fly_many
+from gustproof.law import Law, load_law
+
+LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")
+"""The self-scheduled law of order 9, and the vehicle that it was made for."""
+_LANES = 32
+
+
+def scenario(bench: Bench) -> Scenario:
+    """Return a minute of turbulence, or the beginning of it."""
+    script = load_scenario("paper-turbulence")
+    return replace(script, duration_s=1.0) if bench.quick else script
+
+
+def measure(bench: Bench) -> None:
+    """Measure lanes, one flight, two workers, and both C programs."""
+    script = scenario(bench)
+    flights, rounds = (2, 1) if bench.quick else (4 * _LANES, 5)
+    simulated_s = flights * script.duration_s
+    seeds = list(range(1, flights + 1))
+    actions = {
+        "many flights at once, judged": lambda: _fly(script, LAW, seeds),
+        "one flight": lambda: fly_direct(script, LAW, vehicle=VEHICLE),
+    }
+    with TemporaryDirectory() as folder:
+        for name, width in (("C, scalar", 1), (f"C, SIMD, {_LANES} flights at once", _LANES)):
+            try:
+                twin = Twin(Path(folder), script, LAW, VEHICLE, width)
+            except (FileNotFoundError, subprocess.CalledProcessError) as error:
+                bench.leave_out(name, str(error))
+                continue
+            if off := difference(twin, script, LAW, VEHICLE):
+                bench.leave_out(name, f"differs from our flight by {off:.1g}: not the same flight")
+                continue
+            actions[name] = twin.prepared(seeds)
+        times = in_turns(actions, rounds)
+    for name, seconds in times.items():
+        amount = script.duration_s if name == "one flight" else simulated_s
+        note = "our bits, without sensors that the law does not use, records and metrics" if name[0] == "C" else ""
+        bench.row(name, "simulated s/s", [amount / value for value in seconds], note)
+    lanes, simd = times["many flights at once, judged"], times.get(f"C, SIMD, {_LANES} flights at once")
+    if simd:
+        ratios = [ours / theirs for ours, theirs in zip(lanes, simd, strict=True)]
+        bench.ratio("lanes_time_vs_c_simd", ratios, "<= 1.5")
+    if not bench.quick:
+        _workers(bench, script, seeds, rounds)
+
+
+def _fly(script: Scenario, law: Law, seeds: list[int]) -> int:
+    return len(fly_many(script, law, [Case(vehicle=VEHICLE, seed=seed) for seed in seeds]))
+
+
+def _workers(bench: Bench, script: Scenario, seeds: list[int], rounds: int) -> None:
+    """Measure the same flights by one process and by two, which are there already."""
+    halves = [seeds[::2], seeds[1::2]]
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+
+        def by(parts: list[list[int]]) -> None:
+            futures: list[Future[int]] = [pool.submit(_fly, script, LAW, part) for part in parts]
+            for future in futures:
+                future.result()
+
+        by(halves)
+        times = in_turns({"one": lambda: by([seeds]), "two": lambda: by(halves)}, rounds)
+    ratios = [one / two for one, two in zip(times["one"], times["two"], strict=True)]
+    bench.ratio("two_workers_vs_one", ratios, ">= 1.8", "on two cores with nothing else to do")

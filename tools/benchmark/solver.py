@@ -1,0 +1,36 @@
+"""H-infinity synthesis for the paper's plant: ours beside python-control with slycot."""
+
+import warnings
+
+import control
+from table import Bench, in_turns
+
+from firmware_model.vehicle import load_vehicle
+from gustproof.synthesis.designs import design_problem, load_design
+from gustproof.synthesis.hinfsyn import hinfsyn
+
+
+def measure(bench: Bench) -> None:
+    """Measure both, and see that they agree on the least level."""
+    design = load_design("D1")
+    problem = design_problem(design, load_vehicle(design.vehicle))
+    plant = problem.plant()
+    theirs_plant = plant.to_control()
+
+    def theirs() -> float:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return float(control.hinfsyn(theirs_plant, problem.n_meas, problem.n_con)[2])
+
+    def ours() -> float:
+        return hinfsyn(plant, problem.n_meas, problem.n_con).gamma_opt
+
+    level, their_level = ours(), theirs()
+    if not level <= 1.001 * their_level:
+        raise RuntimeError(f"our least level {level:.6g} is above slycot's {their_level:.6g}")
+    times = in_turns({"ours": ours, "theirs": theirs}, 1 if bench.quick else 15)
+    note = f"least level {level:.5f}, slycot's {their_level:.5f}"
+    bench.row("hinfsyn, paper's plant", "ms", [1e3 * value for value in times["ours"]], note)
+    bench.row("control.hinfsyn with slycot", "ms", [1e3 * value for value in times["theirs"]])
+    ratios = [slow / fast for slow, fast in zip(times["theirs"], times["ours"], strict=True)]
+    bench.ratio("hinfsyn_vs_control", ratios, ">= 20", "times faster")

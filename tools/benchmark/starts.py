@@ -1,0 +1,37 @@
+"""How long it takes until there is an answer: help, and a controller that speaks."""
+
+import socket
+import subprocess
+import sys
+
+from table import Bench, in_turns
+
+
+def measure(bench: Bench) -> None:
+    """Measure the help, the controller from its start to its first heartbeat, and Python itself."""
+    rounds = 1 if bench.quick else 7
+    actions = {
+        "Python": lambda: _run("-c", "pass"),
+        "gustproof --help": lambda: _run("-m", "gustproof", "--help"),
+        "controller ready": _controller,
+    }
+    times = in_turns(actions, rounds)
+    bench.row("Python alone", "s", times["Python"])
+    bench.row("controller ready, machine code kept from before", "s", times["controller ready"], "target < 1.5")
+    bench.ratio("help_s", times["gustproof --help"], "< .3", "seconds")
+
+
+def _run(*arguments: str) -> None:
+    subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
+
+
+def _controller() -> None:
+    """Start a controller, and wait for its first heartbeat."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+        vehicle.bind(("127.0.0.1", 0))
+        vehicle.settimeout(60.0)
+        address = f"127.0.0.1:{vehicle.getsockname()[1]}"
+        command = [sys.executable, "-m", "gustproof.controller", "--law", "hinf-scheduled", "--connect", address]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+            vehicle.recv(2048)
+            process.kill()

@@ -1,0 +1,282 @@
+/* The held vehicle in Dryden turbulence under a law of order ORDER, for W flights at once: what the compiled loops of
+ * Python are measured against. The arithmetic is theirs, operation by operation, so that the results are equal to the
+ * bit; built without contraction of products and sums. W = 1 is a plain scalar program, W = 32 lets the compiler use
+ * SIMD. Constants and states are rows of W numbers in the order of firmware_model.world.
+ */
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#define LANES for (int w = 0; w < W; w++)
+#define ALIGNED __attribute__((aligned(64)))
+
+enum { GUST_STREAM = 1, GYRO_STREAM = 2 };
+
+/* Philox4x32-10 (Salmon, Moraes, Dror, Shaw 2011); a double below 2^52 is made from its bits, as SIMD can. */
+static inline void philox(uint32_t sample, uint32_t block, uint32_t seed, uint32_t stream, uint32_t out[4])
+{
+    uint32_t a = sample, b = block, c = 0, d = 0, j = seed, k = stream;
+    for (int i = 0; i < 10; i++) {
+        uint64_t low = (uint64_t)a * 0xD2511F53u, high = (uint64_t)c * 0xCD9E8D57u;
+        a = (uint32_t)(high >> 32) ^ b ^ j;
+        b = (uint32_t)high;
+        c = (uint32_t)(low >> 32) ^ d ^ k;
+        d = (uint32_t)low;
+        j += 0x9E3779B9u;
+        k += 0xBB67AE85u;
+    }
+    out[0] = a, out[1] = b, out[2] = c, out[3] = d;
+}
+
+static inline double from_bits(uint64_t bits)
+{
+    double x;
+    memcpy(&x, &bits, sizeof x);
+    return x;
+}
+
+static inline uint64_t to_bits(double x)
+{
+    uint64_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return bits;
+}
+
+/* fdlibm's e_log.c on a positive normal number. */
+static inline double natural_log(double x)
+{
+    uint64_t bits = to_bits(x);
+    uint64_t biased = (bits - 0x3FE6A09E667F3BCDu + (1024ull << 52)) >> 52;
+    double k = from_bits(biased | 0x4330000000000000u) - 4503599627371520.0;
+    double f = from_bits(bits - ((biased - 1024) << 52)) - 1.0, s = f / (2.0 + f), z = s * s;
+    double r = z * (6.666666666666735130e-01 + z * (3.999999999940941908e-01 + z * (2.857142874366239149e-01
+        + z * (2.222219843214978396e-01 + z * (1.818357216161805012e-01
+        + z * (1.531383769920937332e-01 + z * 1.479819860511658591e-01))))));
+    double half = 0.5 * f * f;
+    return k * 6.93147180369123816490e-01 - ((half - (s * (half + r) + k * 1.90821492927058770002e-10)) - f);
+}
+
+/* Wichura's AS 241, PPND16; one lane takes the branch that it needs, several take both and select. */
+static inline double centre(double q)
+{
+    double r = 0.180625 - q * q;
+    return q * (((((((2.5090809287301226727e3 * r + 3.3430575583588128105e4) * r + 6.7265770927008700853e4) * r
+        + 4.5921953931549871457e4) * r + 1.3731693765509461125e4) * r + 1.9715909503065514427e3) * r
+        + 1.3314166789178437745e2) * r + 3.3871328727963666080e0)
+        / (((((((5.2264952788528545610e3 * r + 2.8729085735721942674e4) * r + 3.9307895800092710610e4) * r
+        + 2.1213794301586595867e4) * r + 5.3941960214247511077e3) * r + 6.8718700749205790830e2) * r
+        + 4.2313330701600911252e1) * r + 1.0);
+}
+
+static inline double tail(double u, double q)
+{
+    double t = sqrt(-natural_log(u < 1.0 - u ? u : 1.0 - u)) - 1.6;
+    double x = (((((((7.74545014278341407640e-4 * t + 2.27238449892691845833e-2) * t + 2.41780725177450611770e-1) * t
+        + 1.27045825245236838258e0) * t + 3.64784832476320460504e0) * t + 5.76949722146069140550e0) * t
+        + 4.63033784615654529590e0) * t + 1.42343711074968357734e0)
+        / (((((((1.05075007164441684324e-9 * t + 5.47593808499534494600e-4) * t + 1.51986665636164571966e-2) * t
+        + 1.48103976427480074590e-1) * t + 6.89767334985100004550e-1) * t + 1.67638483018380384940e0) * t
+        + 2.05319162663775882187e0) * t + 1.0);
+    return q < 0.0 ? -x : x;
+}
+
+static inline double normal(uint32_t word)
+{
+    double u = (from_bits((uint64_t)word | 0x4330000000000000u) - 4503599627370496.0 + 0.5) * 0x1p-32, q = u - 0.5;
+#if W == 1
+    return fabs(q) <= 0.425 ? centre(q) : tail(u, q);
+#else
+    double inner = centre(q), outer = tail(u, q);
+    return fabs(q) <= 0.425 ? inner : outer;
+#endif
+}
+
+static void normals(const uint32_t *seed, uint32_t stream, uint32_t sample, uint32_t block, double n[4][W])
+{
+    static uint32_t words[4][W] ALIGNED;
+    LANES {
+        uint32_t out[4];
+        philox(sample, block, seed[w], stream, out);
+        words[0][w] = out[0], words[1][w] = out[1], words[2][w] = out[2], words[3][w] = out[3];
+    }
+    for (int i = 0; i < 4; i++)
+        LANES n[i][w] = normal(words[i][w]);
+}
+
+static inline void sin_cos(double x, double *sine, double *cosine)
+{
+    double n = floor(x * 0.6366197723675814 + 0.5);
+    double r = ((x - n * 1.57079632673412561417e00) - n * 6.07710050630396597660e-11) - n * 2.02226624879595063154e-21;
+    double z = r * r;
+    double s = r + r * z * (-1.66666666666666324348e-01 + z * (8.33333333332248946124e-03
+        + z * (-1.98412698298579493134e-04 + z * (2.75573137070700676789e-06
+        + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)))));
+    double c = 1.0 - 0.5 * z + z * z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03
+        + z * (2.48015872894767294178e-05 + z * (-2.75573143513906633035e-07
+        + z * (2.08757232129817482790e-09 - z * 1.13596475577881948265e-11)))));
+    double quadrant = n - 4.0 * floor(0.25 * n);
+    int odd = (quadrant == 1.0) | (quadrant == 3.0);
+    double a = odd ? c : s, b = odd ? s : c;
+    *sine = quadrant >= 2.0 ? -a : a;
+    *cosine = (quadrant == 1.0) | (quadrant == 2.0) ? -b : b;
+}
+
+typedef struct {
+    double qw, qx, qy, qz, p, q, r, roll, pitch, yaw;
+} Body;
+
+typedef struct {
+    double k1, k2, k3, inverse_I_x, inverse_I_y, inverse_I_z, damping, bandwidth;
+    double roll, pitch, yaw, L, M, N, p_gust, q_gust, r_gust;
+} Acting;
+
+static inline Body derivative(const Acting *a, Body x)
+{
+    double p = x.p, q = x.q, r = x.r;
+    return (Body){
+        -0.5 * (x.qx * p + x.qy * q + x.qz * r),
+        0.5 * (x.qw * p + x.qy * r - x.qz * q),
+        0.5 * (x.qw * q + x.qz * p - x.qx * r),
+        0.5 * (x.qw * r + x.qx * q - x.qy * p),
+        a->k1 * q * r + (x.roll + a->L) * a->inverse_I_x - a->damping * (p - a->p_gust),
+        a->k2 * r * p + (x.pitch + a->M) * a->inverse_I_y - a->damping * (q - a->q_gust),
+        a->k3 * p * q + (x.yaw + a->N) * a->inverse_I_z - a->damping * (r - a->r_gust),
+        a->bandwidth * (a->roll - x.roll),
+        a->bandwidth * (a->pitch - x.pitch),
+        a->bandwidth * (a->yaw - x.yaw),
+    };
+}
+
+static inline Body along(Body x, double h, Body d)
+{
+    return (Body){
+        x.qw + h * d.qw, x.qx + h * d.qx, x.qy + h * d.qy, x.qz + h * d.qz, x.p + h * d.p, x.q + h * d.q,
+        x.r + h * d.r, x.roll + h * d.roll, x.pitch + h * d.pitch, x.yaw + h * d.yaw,
+    };
+}
+
+static inline Body runge_kutta(const Acting *acting, Body x, double dt)
+{
+    Body a = derivative(acting, x), b = derivative(acting, along(x, 0.5 * dt, a));
+    Body c = derivative(acting, along(x, 0.5 * dt, b)), d = derivative(acting, along(x, dt, c));
+    Body end = along(along(along(along(x, dt / 6.0, a), dt / 3.0, b), dt / 3.0, c), dt / 6.0, d);
+    double scale = 1.0 / sqrt(end.qw * end.qw + end.qx * end.qx + end.qy * end.qy + end.qz * end.qz);
+    end.qw = scale * end.qw, end.qx = scale * end.qx, end.qy = scale * end.qy, end.qz = scale * end.qz;
+    return end;
+}
+
+static inline double clamped(double x, double limit)
+{
+    double low = x < -limit ? -limit : x;
+    return low > limit ? limit : low;
+}
+
+static double law_x[ORDER][W] ALIGNED, next[ORDER][W] ALIGNED, cut[3][W] ALIGNED, rates[3][W] ALIGNED;
+
+/* The one law form with its exact kinematics; `y` is gyro and reference, `gains` A, B, C, D, G, H, limits in a row. */
+static void law_step(const double *gains, double y[6][W], double u[3][W])
+{
+    const double *A = gains, *B = A + ORDER * ORDER, *C = B + ORDER * 6, *D = C + 3 * ORDER, *G = D + 18;
+    const double *H = G + 3 * ORDER, *limits = H + 3 * ORDER;
+    for (int i = 0; i < 3; i++) {
+        double sum[W] ALIGNED;
+        LANES sum[w] = 0.0;
+        for (int j = 0; j < ORDER; j++)
+            LANES sum[w] += C[i * ORDER + j] * law_x[j][w];
+        for (int j = 0; j < 6; j++)
+            LANES sum[w] += D[i * 6 + j] * y[j][w];
+        LANES u[i][w] = clamped(sum[w], limits[i]);
+        LANES cut[i][w] = u[i][w] - sum[w];
+    }
+    LANES {
+        double sin_phi, cos_phi, sin_theta, cos_theta;
+        sin_cos(law_x[0][w], &sin_phi, &cos_phi);
+        sin_cos(law_x[1][w], &sin_theta, &cos_theta);
+        double floored = cos_theta >= 0.0 ? 0.05 : -0.05;
+        cos_theta = fabs(cos_theta) < 0.05 ? floored : cos_theta;
+        double psi_dot = (sin_phi * law_x[4][w] + cos_phi * law_x[5][w]) / cos_theta;
+        rates[0][w] = law_x[3][w] + sin_theta * psi_dot;
+        rates[1][w] = cos_phi * law_x[4][w] - sin_phi * law_x[5][w];
+        rates[2][w] = psi_dot;
+    }
+    for (int i = 0; i < ORDER; i++) {
+        LANES next[i][w] = 0.0;
+        for (int j = 0; j < ORDER; j++)
+            LANES next[i][w] += A[i * ORDER + j] * law_x[j][w];
+        for (int j = 0; j < 6; j++)
+            LANES next[i][w] += B[i * 6 + j] * y[j][w];
+        LANES next[i][w] += G[i * 3] * rates[0][w] + G[i * 3 + 1] * rates[1][w] + G[i * 3 + 2] * rates[2][w];
+        LANES next[i][w] += H[i * 3] * cut[0][w] + H[i * 3 + 1] * cut[1][w] + H[i * 3 + 2] * cut[2][w];
+    }
+    memcpy(law_x, next, sizeof law_x);
+}
+
+/* Flies W flights: `params` and `state` hold rows of W, `last` (7, W) becomes attitude and rates at the last sample,
+ * `torque` (W) the sum of the squares of the torques asked for. */
+void fly(int samples, int substeps, double dt, const double *params, double *state, const uint32_t *seed,
+         const double *gains, const double *scale, const double *limit, double *last, double *torque)
+{
+    static double y[6][W] ALIGNED, u[3][W] ALIGNED, late[3][W] ALIGNED, n[12][W] ALIGNED;
+    static double gust[6][W] ALIGNED, body[10][W] ALIGNED, air[8][W] ALIGNED;
+    memcpy(body, state + (X_BODY + 6) * W, sizeof body);
+    memcpy(air, state + X_DRYDEN * W, sizeof air);
+    memset(law_x, 0, sizeof law_x), memset(late, 0, sizeof late), memset(y, 0, sizeof y);
+    LANES torque[w] = 0.0;
+#define P(row) params[(row) * W + w]
+#define DRY(i) P(DRYDEN + (i))
+    for (int k = 0; k < samples; k++) {
+        if (k == samples - 1)
+            memcpy(last, body, 7 * sizeof body[0]);
+        normals(seed, GYRO_STREAM, k, 0, n);
+        normals(seed, GUST_STREAM, k, 0, n + 4);
+        normals(seed, GUST_STREAM, k, 1, n + 8);
+        for (int i = 0; i < 3; i++)
+            LANES {
+                double rate = body[4 + i][w];
+                double noisy = rate + P(GYRO + 2 + i) + (P(GYRO) + P(GYRO + 1) * fabs(rate)) * n[i][w];
+                y[i][w] = (float)clamped(noisy, P(GYRO + 5));
+            }
+        law_step(gains, y, u);
+        for (int i = 0; i < 3; i++)
+            LANES {
+                double asked = late[i][w] * limit[i];
+                late[i][w] = clamped((float)(u[i][w] / scale[i]), 1.0);
+                u[i][w] = asked;
+                torque[w] += asked * asked;
+            }
+        LANES {
+            double v = DRY(16) * air[1][w] + DRY(17) * air[2][w], vertical = DRY(31) * air[4][w] + DRY(32) * air[5][w];
+            double gain = P(GUST_GAIN);
+            gust[0][w] = gain * v, gust[1][w] = -gain * air[0][w], gust[2][w] = P(GUST_GAIN + 1) * gain * vertical;
+            gust[3][w] = air[7][w], gust[4][w] = DRY(33) * (vertical - air[6][w]), gust[5][w] = DRY(18) * (v - air[3][w]);
+        }
+        for (int step = 0; step < substeps; step++)
+            LANES {
+                Acting acting = {
+                    P(BODY + 1), P(BODY + 2), P(BODY + 3), P(BODY + 4), P(BODY + 5), P(BODY + 6), P(BODY + 7),
+                    P(BODY + 8), u[0][w], u[1][w], u[2][w], gust[0][w], gust[1][w], gust[2][w], gust[3][w],
+                    gust[4][w], gust[5][w],
+                };
+                Body x = {
+                    body[0][w], body[1][w], body[2][w], body[3][w], body[4][w], body[5][w], body[6][w], body[7][w],
+                    body[8][w], body[9][w],
+                };
+                x = runge_kutta(&acting, x, dt);
+                body[0][w] = x.qw, body[1][w] = x.qx, body[2][w] = x.qy, body[3][w] = x.qz, body[4][w] = x.p;
+                body[5][w] = x.q, body[6][w] = x.r, body[7][w] = x.roll, body[8][w] = x.pitch, body[9][w] = x.yaw;
+            }
+        LANES {
+            const double *m = &n[4][w];
+#define N(i) m[(i) * W]
+            double v1 = air[1][w], v2 = air[2][w], v3 = air[3][w], w1 = air[4][w], w2 = air[5][w], w3 = air[6][w];
+            air[0][w] = DRY(0) * air[0][w] + DRY(1) * N(0);
+            air[1][w] = DRY(4) * v1 + DRY(10) * N(1);
+            air[2][w] = DRY(5) * v1 + DRY(6) * v2 + DRY(11) * N(1) + DRY(12) * N(2);
+            air[3][w] = DRY(7) * v1 + DRY(8) * v2 + DRY(9) * v3 + DRY(13) * N(1) + DRY(14) * N(2) + DRY(15) * N(3);
+            air[4][w] = DRY(19) * w1 + DRY(25) * N(4);
+            air[5][w] = DRY(20) * w1 + DRY(21) * w2 + DRY(26) * N(4) + DRY(27) * N(5);
+            air[6][w] = DRY(22) * w1 + DRY(23) * w2 + DRY(24) * w3 + DRY(28) * N(4) + DRY(29) * N(5) + DRY(30) * N(6);
+            air[7][w] = DRY(2) * air[7][w] + DRY(3) * N(7);
+        }
+    }
+}

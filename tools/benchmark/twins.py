@@ -1,0 +1,88 @@
+"""The same flight as a C program, scalar and SIMD: built here, and worth its figure only if its result is ours."""
+
+import ctypes
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model import world
+from firmware_model.free_flight import AirParams
+from firmware_model.params import published_limit
+from firmware_model.scenario import Scenario
+from firmware_model.vehicle import Vehicle
+from gustproof.closed_loop import fly_direct
+from gustproof.law import Law
+
+Array = NDArray[np.float64]
+_SUMMATION = 1e-12  # [-] relative, what another order of summation does to a sum of squares
+_SOURCE = Path(__file__).parent / "twin.c"
+_OPTIONS = ("-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC")
+
+
+class Twin:
+    """The C program for `width` flights at once; `fly` takes their number from the seeds."""
+
+    def __init__(self, folder: Path, scenario: Scenario, law: Law, vehicle: Vehicle, width: int) -> None:
+        compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+        if compiler is None:
+            raise FileNotFoundError("no C compiler")
+        self.width, self._scenario, self._law, self._vehicle = width, scenario, law, vehicle
+        gust_gain = world.AIR + AirParams._fields.index("gust_gain")
+        defined = {
+            "W": width, "ORDER": law.order, "BODY": world.BODY, "DRYDEN": world.DRYDEN, "GYRO": world.GYRO,
+            "GUST_GAIN": gust_gain, "X_BODY": world.X_BODY, "X_DRYDEN": world.X_DRYDEN,
+        }  # fmt: skip
+        library = folder / f"twin{width}.so"
+        options = [*_OPTIONS, *(f"-D{name}={value}" for name, value in defined.items())]
+        subprocess.run([compiler, *options, str(_SOURCE), "-o", str(library), "-lm"], check=True, capture_output=True)
+        self._fly = ctypes.CDLL(str(library)).fly
+        matrices = (law.A, law.B, law.C, law.D, law.G, law.H, law.limits)
+        self._gains = np.concatenate([np.ravel(matrix) for matrix in matrices])
+        self._limit = np.array(published_limit(vehicle))
+
+    def prepared(self, seeds: list[int]) -> Callable[[], tuple[Array, Array]]:
+        """Return the flights alone, whose worlds are made here, not timed.
+
+        They return attitude and rates (7, n) at the last sample, and the sum of the squares of the torques (n,).
+        """
+        batches = [self._batch(seeds[i : i + self.width]) for i in range(0, len(seeds), self.width)]
+
+        def fly() -> tuple[Array, Array]:
+            flown = [batch() for batch in batches]
+            return np.hstack([last for last, _ in flown])[:, : len(seeds)], np.concatenate([sums for _, sums in flown])
+
+        return fly
+
+    def _batch(self, seeds: list[int]) -> Callable[[], tuple[Array, Array]]:
+        full = seeds + seeds[-1:] * (self.width - len(seeds))
+        worlds = [world.new_world(self._vehicle, self._scenario, seed) for seed in full]
+        params, start = (np.array([getattr(one, name) for one in worlds]).T.copy() for name in ("params", "state"))
+        drawn, last, torque = np.array(full, dtype=np.uint32), np.empty((7, self.width)), np.empty(self.width)
+        scenario = self._scenario
+        substeps = scenario.physics_rate_hz // scenario.control_rate_hz
+        arrays = (params, start, drawn, self._gains, self._limit, self._limit, last, torque)
+        dt = ctypes.c_double(scenario.sample_us * 1e-6 / substeps)
+
+        def fly() -> tuple[Array, Array]:
+            self._fly(scenario.samples, substeps, dt, *(array.ctypes.data_as(ctypes.c_void_p) for array in arrays))
+            return last.copy(), torque.copy()
+
+        return fly
+
+
+def difference(twin: Twin, scenario: Scenario, law: Law, vehicle: Vehicle) -> float:
+    """Return the largest relative difference between the twin's flights and ours: 0 if they are equal to the bit."""
+    seeds = [1, 2, 3]
+    last, torque = twin.prepared(seeds)()
+    worst = 0.0
+    for i, seed in enumerate(seeds):
+        records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
+        ours = np.concatenate([records["q_NB"][-1], records["omega_B"][-1]])
+        worst = max(worst, float(np.max(np.abs(last[:, i] - ours) / np.abs(ours))))
+        asked = float(np.sum(records["torque_command_B"] ** 2))
+        worst = max(worst, abs(torque[i] / asked - 1.0) * (abs(torque[i] / asked - 1.0) > _SUMMATION))
+    return worst
