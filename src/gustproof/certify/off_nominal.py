@@ -1,7 +1,5 @@
 """What a law's loop is worth where inertia and actuator lag are not the file's: mu and the largest sensitivity peak."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,27 +18,28 @@ _BOXES = 8
 """Boxes of the parameters at most, to bring the two bounds on the peak together."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class OffNominal:
-    """Robustness of one axis, of the loop as it flies: sampled and late."""
-
-    stability: Bracket
-    """mu of the uncertain parameters: the loop is stable up to 1 / mu times the spreads."""
-    peak: Bracket
-    """[-] largest sensitivity peak within the spreads, the loop being cut at the plant's input."""
-
-
-def off_nominal(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> OffNominal:
-    """Return the robustness of one axis to constant inertia and lag within `spreads`, at hover.
+def robust_stability(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Bracket:
+    """Return mu of constant inertia and lag: the axis is stable at hover up to 1 / mu times `spreads`.
 
     Raises
     ------
     ValueError
-        If the law couples its axes or commands no torque, a spread is 0, or the loop is unstable as in the file.
+        As `sensitivity`, or if the loop is unstable as in the file.
     """
     family = sensitivity(law, vehicle, scenario, spreads, axis)
     known = family.M.part(slice(0, family.n_z), slice(0, family.n_w))
-    return OffNominal(stability=mu(Uncertain(M=known, blocks=family.blocks)), peak=worst_gain(family, boxes=_BOXES))
+    return mu(Uncertain(M=known, blocks=family.blocks))
+
+
+def robust_peak(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Bracket:
+    """Return the largest sensitivity peak [-] of the axis at hover with constant inertia and lag within `spreads`.
+
+    Raises
+    ------
+    ValueError
+        See `robust_stability`.
+    """
+    return worst_gain(sensitivity(law, vehicle, scenario, spreads, axis), boxes=_BOXES)
 
 
 def sensitivity(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Uncertain:

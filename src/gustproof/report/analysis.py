@@ -12,6 +12,9 @@ from rich.text import Text
 from firmware_model.moments import Step
 from firmware_model.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.vehicle import Vehicle
+from gustproof.certify.off_nominal import robust_stability
+from gustproof.certify.sweep import Bracket
+from gustproof.certify.worst_case import Spreads
 from gustproof.closed_loop import fly_direct
 from gustproof.law import Law
 from gustproof.metrics import Metrics, measure
@@ -22,6 +25,8 @@ from gustproof.report.loop_tables import margins_table, poles_text
 from gustproof.synthesis.derive import margins_document
 
 _AXES = ("roll", "pitch", "yaw")
+_SPREADS = Spreads(inertia=0.2, actuator_lag=0.3)
+"""What a vehicle's file may well be off by."""
 _STEP_S = 5.0
 _STEP_SHARE = 0.03  # [-] of the torque limit: small enough for every sound law to stay near level
 
@@ -38,6 +43,8 @@ class Analysis:
     """Air and rates of the flights."""
     hover: HoverLoop
     """The linear loop at hover."""
+    stability: tuple[Bracket, ...]
+    """mu of roll, pitch, yaw, of inertia 20 % and lag 30 % off; none where the law couples axes or has no margins."""
     step: Records
     """Flight through a step of moment about each axis, without air or noise."""
     step_moment: tuple[float, float, float]
@@ -66,6 +73,11 @@ class Analysis:
             "design": self.law.provenance.design,
             "scenario": self.scenario.name,
             "margins": None if self.hover.margins is None else margins_document(self.hover.margins),
+            "off_nominal": {
+                "inertia_spread": _SPREADS.inertia,
+                "actuator_lag_spread": _SPREADS.actuator_lag,
+                "stable_up_to_times": [1.0 / axis.upper for axis in self.stability],
+            },
             "law_poles_rad_s": _pairs(self.hover.law_poles),
             "loop_poles_rad_s": _pairs(self.hover.loop_poles),
             "flown": asdict(self.whole),
@@ -96,6 +108,7 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
         law=law,
         scenario=scenario,
         hover=hover_loop(law, vehicle, scenario),
+        stability=_stability(law, vehicle, scenario),
         step=fly_direct(stepped, law, vehicle=vehicle, seed=seed),
         step_moment=step_moment,
         flown=flown,
@@ -149,10 +162,23 @@ def _limits(analysis: Analysis) -> list[str]:
         samples = loops[least].delay_margin / analysis.law.dt
         lines.append(f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {_peak(analysis):.3g} rad/s")
         lines.append(f"delay: {samples:.3g} samples more make {_AXES[least]} unstable")
+    if analysis.stability:
+        room = 1.0 / max(axis.upper for axis in analysis.stability)
+        spreads = f"{100.0 * _SPREADS.inertia:g} % and the lag {100.0 * _SPREADS.actuator_lag:g} %"
+        lines.append(
+            f"vehicle: the inertia may be off by {room:.2g} times {spreads} before it is unstable (mu, at hover)"
+        )
     if analysis.whole.saturated_s:
         lines.append(f"torque limit: reached for {analysis.whole.saturated_s:.3g} s")
     lines.append("gyro bias: a constant one turns the vehicle by bias times time; a gyro can't see attitude")
     return lines
+
+
+def _stability(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[Bracket, ...]:
+    try:
+        return tuple(robust_stability(law, vehicle, scenario, _SPREADS, axis) for axis in range(3))
+    except ValueError:
+        return ()
 
 
 def _peak(analysis: Analysis) -> float:

@@ -57,6 +57,13 @@ def test_json_has_every_part_and_no_infinity(scheduled):
     assert any("Ms 2.6 in yaw" in line for line in document["limits"])
 
 
+def test_how_far_the_vehicle_may_be_off_is_told_where_axes_do_not_couple(scheduled):
+    assert scheduled.stability == ()  # a central controller's axes couple, if only by rounding
+    flagship = analyse(load_law("flagship"), VEHICLE, SHORT)
+    assert max(axis.upper for axis in flagship.stability) < 0.65
+    assert any("off by 1.7 times 20 % and the lag 30 %" in line for line in flagship.limits())
+
+
 def test_a_law_of_rates_has_no_torque_loop_and_is_flown_all_the_same(tmp_path):
     analysis = analyse(load_law("hinf-rates"), VEHICLE, SHORT)
     assert analysis.hover.margins is None
