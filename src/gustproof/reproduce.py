@@ -33,6 +33,7 @@ LAWS = (
     "pid-fair",
     "indi",
     "flagship",
+    "aided",
     "hinf-d1",
     "hinf-d1-noise",
     "hinf-d2",
@@ -214,4 +215,5 @@ def _seeds(law: str, seeds: Sequence[int]) -> Sequence[int]:
 
 def _is_random(scenario: Scenario) -> bool:
     """Return whether the seed changes anything."""
-    return scenario.gyro.noise or any(isinstance(item, Dryden) for item in scenario.wind)
+    noisy = scenario.gyro.noise or scenario.accelerometer.noise
+    return noisy or any(isinstance(item, Dryden) for item in scenario.wind)

@@ -74,6 +74,8 @@ def certify_closure(
     """
     if law.order != 9 or law.output is not Output.TORQUE:
         raise ValueError(f"law '{law.name}' has {law.order} states, must command torque with three states an axis")
+    if law.feels_force:
+        raise ValueError(f"law '{law.name}' feels specific force, must measure rates alone")
     if not (min(moment) >= 0.0 < max(moment) and horizon >= law.dt and leak >= 0.0 <= noise and 0.0 < risk < 1.0):
         raise ValueError("moment, horizon and risk must be positive, leak and noise not negative")
     samples = math.ceil(horizon / law.dt)

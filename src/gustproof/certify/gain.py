@@ -169,6 +169,8 @@ def _airframe(problem: Interconnection) -> tuple[float, float, list[float]]:
     if not bodies:
         raise ValueError("the diagram has no block 'airframe'")
     A: Matrix = bodies[0].A
+    if not A[0, 0] == A[1, 1] == A[2, 2]:
+        raise ValueError("the leak is not the same in all axes: no gain is proved of a design with an accelerometer")
     return float(-A[0, 0]), float(-A[3, 3]), [float(1.0 / bodies[0].B[3 + k, k]) for k in range(3)]
 
 

@@ -8,7 +8,7 @@ from firmware_model.vehicle import Vehicle
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
 from gustproof.model.lft import Uncertain
 from gustproof.model.lpv import PARAMETERS, actuators, airframe, rate_loop
-from gustproof.numerics.lti import Lti
+from gustproof.numerics.lti import Lti, Matrix, gain
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -25,6 +25,10 @@ class Weights:
     """[1/(N*m), or 1/(rad/s)] on the command."""
     W_r: Lti | None = None
     """[rad] attitude reference for a unit exogenous input; `None` for a regulator."""
+    W_l: Lti | None = None
+    """[rad] (2, 2) error of roll and pitch as the accelerometer tells them; `None` for a law of gyros alone."""
+    W_m: Lti | None = None
+    """[1/(N*m)] on the moment that is left, disturbance and torque together; `None` does not weight it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,13 +58,15 @@ class LftStructure:
 def torque_problem(vehicle: Vehicle, weights: Weights, *, leak: float, rate_damping: float) -> Interconnection:
     """Return the design problem of a torque law: actuators, airframe, gyro, and the weights.
 
-    `w` = (disturbance, gyro noise, reference if `W_r`), `z` = (weighted attitude error, weighted command), `y` = (gyro,
-    reference if `W_r`), `u` = torque command [N*m] B. With a reference the leak pulls towards it, so that holding an
-    attitude asks for no rate in the model, as in the vehicle, which has no leak.
+    `w` = (disturbance, gyro noise, reference if `W_r`, levelling error if `W_l`), `z` = (weighted attitude error,
+    weighted command, weighted moment if `W_m`), `y` = (gyro, reference if `W_r`, roll and pitch if `W_l`), `u` = torque
+    command [N*m] B. With a reference the leak pulls towards it, so that holding an attitude asks for no rate in the
+    model, as in the vehicle, which has no leak. With `W_l` roll and pitch are seen, and the leak is on yaw alone.
     """
-    body = airframe(vehicle, leak=leak, rate_damping=rate_damping)
+    leaks = _leaks(leak, weights)
+    body = airframe(vehicle, leak=leaks, rate_damping=rate_damping)
     blocks = [
-        _body_block("airframe", "airframe", body, ("moment",), leak, weights),
+        _body_block("airframe", "airframe", body, ("moment",), leaks, weights),
         Block(name="actuators", label="actuators", system=actuators(vehicle), inputs=("u",), outputs=("torque",)),
     ]
     extra = (
@@ -75,9 +81,15 @@ def rates_problem(vehicle: Vehicle, weights: Weights, *, leak: float, tau: float
     """Return the design problem of a law that commands rates: the autopilot's rate loop in place of the actuators.
 
     Signals as in `torque_problem`; `u` = rate command [rad/s] B, tracked with the lag `tau` [s].
+
+    Raises
+    ------
+    ValueError
+        If there is a `W_m`: the autopilot's torque is no signal of the diagram.
     """
-    body = rate_loop(vehicle, leak=leak, tau=tau)
-    block = _body_block("rate_loop", "autopilot's\nrate loop", body, ("u", "disturbance"), leak, weights)
+    leaks = _leaks(leak, weights)
+    body = rate_loop(vehicle, leak=leaks, tau=tau)
+    block = _body_block("rate_loop", "autopilot's\nrate loop", body, ("u", "disturbance"), leaks, weights)
     return _problem([block], (), (), weights, "rad/s")
 
 
@@ -98,9 +110,14 @@ def lft_structure(problem: Interconnection, dynamics: Uncertain) -> LftStructure
     )
 
 
-def _body_block(name: str, label: str, body: Lti, inputs: tuple[str, ...], leak: float, weights: Weights) -> Block:
+def _leaks(leak: float, weights: Weights) -> Matrix:
+    """Return the leak [1/s] of each axis: what is seen needs none."""
+    return np.full(3, leak) if weights.W_l is None else np.array([0.0, 0.0, leak])
+
+
+def _body_block(name: str, label: str, body: Lti, inputs: tuple[str, ...], leaks: Matrix, weights: Weights) -> Block:
     if weights.W_r is not None:
-        pull = np.vstack([leak * np.eye(3), np.zeros((3, 3))])
+        pull = np.vstack([np.diag(leaks), np.zeros((3, 3))])
         body = Lti(A=body.A, B=np.hstack([body.B, pull]), C=body.C, D=np.hstack([body.D, np.zeros((6, 3))]))
         inputs = (*inputs, "reference")
     return Block(name=name, label=label, system=body, inputs=inputs, outputs=("attitude", "rates"))
@@ -140,12 +157,25 @@ def _problem(
         ]
         blocks.append(Block(name="W_r", label="$W_r$", system=weights.W_r, inputs=("w_r",), outputs=("reference",)))
         junctions.append(Sum(output="error", terms=((1, "attitude"), (-1, "reference"))))
+    w, z, y = ["w_d", "w_n", *["w_r"] * tracking], ["z_e", "z_u"], ["gyro", *["reference"] * tracking]
+    if weights.W_l is not None:
+        signals += [
+            Signal(name="w_l", label="$w_l$", width=2),
+            Signal(name="tilt", label=r"$(\phi, \theta)$", width=2, unit="rad"),
+            Signal(name="levelling", label=r"$\nu_l$", width=2, unit="rad"),
+            Signal(name="level", label="$y_l$", width=2, unit="rad"),
+        ]
+        blocks += [
+            Block(name="gravity", label="gravity", system=gain(np.eye(2, 3)), inputs=("attitude",), outputs=("tilt",)),
+            Block(name="W_l", label="$W_l$", system=weights.W_l, inputs=("w_l",), outputs=("levelling",)),
+        ]
+        junctions.append(Sum(output="level", terms=((1, "tilt"), (1, "levelling"))))
+        w, y = [*w, "w_l"], [*y, "level"]
+    if weights.W_m is not None:
+        signals.append(Signal(name="z_m", label="$z_m$", width=3))
+        blocks.append(Block(name="W_m", label="$W_m$", system=weights.W_m, inputs=("moment",), outputs=("z_m",)))
+        z = [*z, "z_m"]
     return Interconnection(
-        signals=tuple(signals),
-        blocks=tuple(blocks),
-        sums=tuple(junctions),
-        w=("w_d", "w_n", "w_r") if tracking else ("w_d", "w_n"),
-        u=("u",),
-        z=("z_e", "z_u"),
-        y=("gyro", "reference") if tracking else ("gyro",),
-    )
+        signals=tuple(signals), blocks=tuple(blocks), sums=tuple(junctions),
+        w=tuple(w), u=("u",), z=tuple(z), y=tuple(y),
+    )  # fmt: skip

@@ -123,7 +123,7 @@ def lpv_matrix(rho: ArrayLike, inertia_B: ArrayLike) -> Matrix:
     return A
 
 
-def airframe(vehicle: Vehicle, *, leak: float, rate_damping: float) -> Lti:
+def airframe(vehicle: Vehicle, *, leak: ArrayLike, rate_damping: float) -> Lti:
     """Return the airframe at hover: moment (3,) [N*m] B to (phi, theta, psi, p, q, r), which are its states.
 
     Parameters
@@ -131,23 +131,23 @@ def airframe(vehicle: Vehicle, *, leak: float, rate_damping: float) -> Lti:
     vehicle
         Gives the inertia.
     leak
-        [1/s] `-leak E` added to the Euler kinematics, the paper's stability augmentation. Without it the attitude
-        cannot be detected from rates and no H-infinity problem is solvable; no vehicle has it.
+        [1/s] `-leak E` added to the Euler kinematics, the paper's stability augmentation, alike or (3,) by axis.
+        Without it the attitude cannot be detected from rates and no H-infinity problem is solvable; no vehicle has it.
     rate_damping
         [1/s] `-rate_damping omega_B` in the rate equations.
     """
-    A = lpv_matrix(HOVER, vehicle.inertia_B) - np.diag([leak] * 3 + [rate_damping] * 3)
+    A = lpv_matrix(HOVER, vehicle.inertia_B) - np.diag([*np.broadcast_to(leak, 3), *[rate_damping] * 3])
     B = np.vstack([np.zeros((3, 3)), np.diag(1.0 / np.asarray(vehicle.inertia_B))])
     return Lti(A=A, B=B, C=np.eye(6), D=np.zeros((6, 3)))
 
 
-def rate_loop(vehicle: Vehicle, *, leak: float, tau: float) -> Lti:
+def rate_loop(vehicle: Vehicle, *, leak: ArrayLike, tau: float) -> Lti:
     """Return an airframe whose autopilot tracks rates: rate command and disturbance moment to the six states.
 
     Each rate follows its command as a first-order lag of `tau` [s], and the moment (3,) [N*m] B enters as angular
     acceleration: what is left of a rate loop seen from outside. Inputs are rates (3,) [rad/s] B, then the moment.
     """
-    A = lpv_matrix(HOVER, vehicle.inertia_B) - np.diag([leak] * 3 + [1.0 / tau] * 3)
+    A = lpv_matrix(HOVER, vehicle.inertia_B) - np.diag([*np.broadcast_to(leak, 3), *[1.0 / tau] * 3])
     B_rates = np.vstack([np.zeros((3, 3)), np.eye(3) / tau])
     B_moment = np.vstack([np.zeros((3, 3)), np.diag(1.0 / np.asarray(vehicle.inertia_B))])
     return Lti(A=A, B=np.hstack([B_rates, B_moment]), C=np.eye(6), D=np.zeros((6, 6)))

@@ -17,6 +17,7 @@ def first_order(low: Sequence[float], corner: float, high: Sequence[float]) -> L
     """Return a diagonal weight that goes from gain `low` to gain `high` through one pole, one state an axis.
 
     `W(s) = (high s + low corner) / (s + corner)`: at `corner` [rad/s] the squared gain is the mean of the squares.
+    An axis whose gains are equal has no state.
 
     Raises
     ------
@@ -27,7 +28,12 @@ def first_order(low: Sequence[float], corner: float, high: Sequence[float]) -> L
         raise ValueError(f"corner is {corner!r}, must be positive")
     # the step low - high is split evenly between input and output, so that neither is badly scaled
     rows = [
-        (-corner, math.sqrt(corner * abs(a - b)), math.copysign(math.sqrt(corner * abs(a - b)), a - b), b)
+        (
+            -corner if a != b else 0.0,
+            math.sqrt(corner * abs(a - b)),
+            math.copysign(math.sqrt(corner * abs(a - b)), a - b),
+            b,
+        )
         for a, b in zip(low, high, strict=True)
     ]
     return _diagonal(rows)

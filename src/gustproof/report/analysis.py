@@ -170,7 +170,10 @@ def _limits(analysis: Analysis) -> list[str]:
         )
     if analysis.whole.saturated_s:
         lines.append(f"torque limit: reached for {analysis.whole.saturated_s:.3g} s")
-    lines.append("gyro bias: a constant one turns the vehicle by bias times time; a gyro can't see attitude")
+    if analysis.law.feels_force:
+        lines.append("gyro bias: seen in roll and pitch; in yaw a constant one turns the vehicle by bias times time")
+    else:
+        lines.append("gyro bias: a constant one turns the vehicle by bias times time; a gyro can't see attitude")
     return lines
 
 

@@ -30,6 +30,7 @@ _COLOURS = {
     "hinf-rates": "#cc79a7",
     "indi": "#8c510a",
     "flagship": "#882255",
+    "aided": "#117733",
 }
 _SPARE = "#e69f00"
 _SHADES = ("#c9b8e8", "#7b5cc4", "#3d1f8f")  # of limits, darker where more slew is allowed

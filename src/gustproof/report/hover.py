@@ -11,7 +11,7 @@ from gustproof.law import Law, Output
 from gustproof.numerics.lti import ComplexMatrix, Lti, Matrix, sensitivity, series
 from gustproof.numerics.margins import Margins, margins
 from gustproof.report.margins import hover_plant
-from gustproof.synthesis.discretize import linear_law
+from gustproof.synthesis.discretize import loop_law
 
 _POINTS = 400
 
@@ -36,14 +36,14 @@ class HoverLoop:
 
 def hover_loop(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverLoop:
     """Return the loop of `law`; what a law of rates drives is the autopilot's own loop, which is not shown."""
-    controller = linear_law(law)
+    controller = loop_law(law)
     omega = np.geomspace(1e-2, math.pi / law.dt, _POINTS)
     if law.output is not Output.TORQUE:
         return HoverLoop(
             margins=None, law_poles=_continuous(controller), loop_poles=np.empty(0, dtype=np.complex128),
             omega=omega, loop=np.empty((0, 3), dtype=np.complex128), sensitivities={},
         )  # fmt: skip
-    plant = hover_plant(vehicle, scenario)
+    plant = hover_plant(vehicle, scenario, levelled=law.feels_force)
     loop = _at_input(plant, controller)
     S = sensitivity(loop)
     return HoverLoop(

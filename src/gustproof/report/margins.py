@@ -3,13 +3,15 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.law import Law, Output
 from gustproof.model.lpv import linear_plant
 from gustproof.numerics.lti import Lti, delay, hold_discretized, series
 from gustproof.numerics.margins import margins
-from gustproof.synthesis.discretize import linear_law
+from gustproof.synthesis.discretize import loop_law
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +33,7 @@ def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargin
     """
     if law.output is not Output.TORQUE:
         return None
-    axes = margins(hover_plant(vehicle, scenario), linear_law(law)).input
+    axes = margins(hover_plant(vehicle, scenario, levelled=law.feels_force), loop_law(law)).input
     return HoverMargins(
         Ms=max(axis.Ms for axis in axes),
         phase_margin_deg=math.degrees(min(axis.phase_margin for axis in axes)),
@@ -39,14 +41,18 @@ def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargin
     )
 
 
-def hover_plant(vehicle: Vehicle, scenario: Scenario) -> Lti:
+def hover_plant(vehicle: Vehicle, scenario: Scenario, *, levelled: bool = False) -> Lti:
     """Return torque command (3,) [N*m] to gyro (3,) [rad/s] at hover, sampled and delayed as `scenario` has it.
 
-    The attitude, which no gyro sees, is left out: rates, damping, actuators and commands on their way are the states.
+    A `levelled` one gives roll and pitch (2,) [rad] too, as gravity tells them to an accelerometer on the test stand.
+    The attitude that is not seen is left out: the rest, damping, actuators and commands on their way are the states.
     """
     full = linear_plant(vehicle)
-    rates = Lti(A=full.A[3:, 3:], B=full.B[3:, :3], C=full.C[3:, 3:], D=full.D[3:, :3])
-    plant = hold_discretized(rates, scenario.dt)
+    seen = [0, 1] if levelled else []
+    states, outputs = [*seen, *range(3, full.order)], [3, 4, 5, *seen]
+    system = Lti(A=full.A[np.ix_(states, states)], B=full.B[states, :3], C=full.C[np.ix_(outputs, states)],
+                 D=full.D[outputs, :3])  # fmt: skip
+    plant = hold_discretized(system, scenario.dt)
     for _ in range(scenario.delay_samples):
         plant = series(delay(3, scenario.dt), plant)
     return plant

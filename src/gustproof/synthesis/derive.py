@@ -15,7 +15,7 @@ from gustproof.model.interconnection import Interconnection
 from gustproof.numerics.lti import ComplexMatrix, Lti, Matrix, delay, hold_discretized, lft, sensitivity, series
 from gustproof.numerics.margins import Margins, margins
 from gustproof.synthesis.designs import Design, design_problem
-from gustproof.synthesis.discretize import central_law, linear_law
+from gustproof.synthesis.discretize import central_law, loop_law
 from gustproof.synthesis.hinfsyn import HinfResult, hinfsyn
 from gustproof.synthesis.structured import StructResult
 from gustproof.synthesis.tracking import StepResponse, reference_step
@@ -114,7 +114,7 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
     )
     G, K = _loop(problem, result.controller)
     try:
-        sampled = margins(hold_discretized(G, design.dt), series(linear_law(law), delay(3, design.dt)))
+        sampled = margins(hold_discretized(G, design.dt), series(loop_law(law), delay(3, design.dt)))
     except ValueError as error:
         raise DesignError(f"design {design.name}, sampled every {design.dt} s and one sample late: {error}") from None
     report = DesignReport(
@@ -134,8 +134,11 @@ def _central(design: Design, problem: Interconnection) -> HinfResult:
 
 
 def _loop(problem: Interconnection, controller: Lti) -> tuple[Lti, Lti]:
-    """Return plant and controller of the feedback loop, from the command to the gyro and back; references left out."""
-    return problem.system(("u",), ("gyro",)), controller.part(slice(None), slice(0, 3))
+    """Return plant and controller of the feedback loop, from the command to the sensors and back."""
+    fed_back = tuple(name for name in problem.y if name != "reference")
+    inputs = [k for k in range(controller.n_inputs) if "reference" not in problem.y or not 3 <= k < 6]
+    K = Lti(A=controller.A, B=controller.B[:, inputs], C=controller.C, D=controller.D[:, inputs], dt=controller.dt)
+    return problem.system(("u",), fed_back), K
 
 
 def _provenance(design: Design, vehicle: Vehicle, result: HinfResult | StructResult) -> Provenance:
@@ -147,6 +150,9 @@ def _provenance(design: Design, vehicle: Vehicle, result: HinfResult | StructRes
     else:
         damping = vehicle.rate_damping if design.rate_damping is None else design.rate_damping
         parameters |= {"rate_damping_per_s": damping, "actuator_lag_s": vehicle.actuator_lag}
+    for name in ("W_l", "W_m"):
+        values = getattr(design, name) or ()
+        parameters |= {f"{name}_{axis}": value for axis, value in zip(_AXES, values, strict=False)}
     for name in ("W_d", "W_n", "W_e", "W_u", "W_r"):
         weight = getattr(design, name)
         if weight is None:
@@ -175,7 +181,8 @@ def margins_document(margins_: Margins) -> dict[str, Any]:
         ("output", margins_.output, margins_.output_disk),
     ):
         figures[place] = {"disk_margin": disk}
-        for axis, loop in zip(_AXES, loops, strict=True):
+        # the gyro comes first of what is measured
+        for axis, loop in zip(_AXES, loops[:3], strict=True):
             figures[place][axis] = _finite(
                 {
                     "crossover_rad_s": loop.crossover,

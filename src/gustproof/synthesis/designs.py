@@ -2,9 +2,9 @@
 
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
-from pydantic import BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from firmware_model.files import read_toml, shipped
@@ -52,7 +52,8 @@ class Design:
     description: str
     """One line for people."""
     leak: Positive
-    """[1/s] the model's stability augmentation on the Euler kinematics; no level is below W_e W_n / leak."""
+    """[1/s] the model's stability augmentation on the Euler kinematics, with `W_l` of yaw alone; no level is below
+    W_e W_n / leak."""
     W_d: WeightField
     """[N*m] disturbance moment."""
     W_n: WeightField
@@ -63,6 +64,10 @@ class Design:
     """[1/(N*m), or 1/(rad/s)] on the command."""
     W_r: WeightField | None = None
     """[rad] attitude reference; without it the law regulates to level."""
+    W_l: tuple[Positive, Positive] | None = None
+    """[rad] error of roll and pitch as the accelerometer tells them; without it the law has gyros alone."""
+    W_m: tuple[NonNegative, NonNegative, NonNegative] | None = None
+    """[1/(N*m)] on what a disturbance moment and its answer leave of each other; bounds the sensitivity of the loop."""
     rate_damping: NonNegative | None = None
     """[1/s] the model's damping of rates; the vehicle's own if not given."""
     rate_loop_lag: Positive | None = None
@@ -79,6 +84,12 @@ class Design:
     """Vehicle to design for: a shipped name or a file."""
     law: str = field(default="")
     """Name of the law; the design's by default."""
+
+    @model_validator(mode="after")
+    def _moment_is_known(self) -> Self:
+        if self.W_m is not None and self.rate_loop_lag is not None:
+            raise ValueError("W_m weights the moment of a law that commands torque, not rates")
+        return self
 
 
 def load_design(name_or_path: str | Path) -> Design:
@@ -105,6 +116,8 @@ def design_problem(design: Design, vehicle: Vehicle) -> Interconnection:
         W_e=design.W_e.system(),
         W_u=design.W_u.system(),
         W_r=None if design.W_r is None else design.W_r.system(),
+        W_l=None if design.W_l is None else constant(design.W_l),
+        W_m=None if design.W_m is None else constant(design.W_m),
     )
     if design.rate_loop_lag is not None:
         return rates_problem(vehicle, weights, leak=design.leak, tau=design.rate_loop_lag)

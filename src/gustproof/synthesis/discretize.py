@@ -2,9 +2,13 @@
 
 import numpy as np
 
+from firmware_model.vehicle import GRAVITY
 from gustproof.errors import DesignError
-from gustproof.law import Law, Output, Provenance
+from gustproof.law import MEASURED, Law, Output, Provenance
 from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied
+
+FORCE = GRAVITY * np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])
+"""[m/s^2 per rad] what a little roll and pitch change of the specific force at hover."""
 
 
 def tustin(K: Lti, dt: float) -> Lti:
@@ -56,8 +60,8 @@ def central_law(
     name
         Name of the law.
     K
-        Central controller of order n, as `hinfsyn` returns it; 3 inputs (gyro) or 6 (gyro, reference), 3 outputs. Its
-        states begin with Euler angles and body rates.
+        Central controller of order n, as `hinfsyn` returns it; 3 inputs (gyro) or 6 (gyro, reference), and 2 more if it
+        is told roll and pitch; 3 outputs. Its states begin with Euler angles and body rates.
     scheduled
         Whether the kinematics of the estimate are exact.
     dt
@@ -77,13 +81,12 @@ def central_law(
     B, G = np.split(sampled.B, [measured], axis=1)
     G = G if scheduled else np.zeros((n, 3))
     rates = np.eye(3, n, 3)
-    padding = 6 - measured
     return Law(
         name=name,
         A=sampled.A - G @ rates,
-        B=np.pad(B, ((0, 0), (0, padding))),
+        B=_as_measured(B),
         C=sampled.C,
-        D=np.pad(sampled.D[:, :measured], ((0, 0), (0, padding))),
+        D=_as_measured(sampled.D[:, :measured]),
         G=G,
         H=np.zeros((n, 3)),
         dt=dt,
@@ -93,7 +96,28 @@ def central_law(
     )
 
 
+def _as_measured(matrix: Matrix) -> Matrix:
+    """Return the columns for `y` of a controller's for (gyro, reference if it has one, roll and pitch if told)."""
+    levelled = matrix.shape[1] % 3 == 2
+    told = np.split(matrix, [matrix.shape[1] - 2 * levelled], axis=1)
+    first = np.pad(told[0], ((0, 0), (0, 6 - told[0].shape[1])))
+    # as the specific force tells them: roll is -f_y / g, pitch f_x / g
+    return np.hstack([first, told[1] @ FORCE.T / GRAVITY**2]) if levelled else first
+
+
 def linear_law(law: Law, inputs: int = 3) -> Lti:
     """Return the law linearised at level attitude within its limits, from its first `inputs` inputs to the command."""
     rates = np.eye(3, law.order, 3)
     return Lti(A=law.A + law.G @ rates, B=law.B[:, :inputs], C=law.C, D=law.D[:, :inputs], dt=law.dt)
+
+
+def loop_law(law: Law) -> Lti:
+    """Return the law linearised at hover within its limits, from what closes its loop to the command.
+
+    That is the gyro (3,), and roll and pitch (2,) [rad] as the specific force tells them, if the law feels that.
+    """
+    if not law.feels_force:
+        return linear_law(law)
+    K = linear_law(law, inputs=MEASURED)
+    B, D = (np.hstack([matrix[:, :3], matrix[:, 6:] @ FORCE]) for matrix in (K.B, K.D))
+    return Lti(A=K.A, B=B, C=K.C, D=D, dt=K.dt)

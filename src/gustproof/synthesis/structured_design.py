@@ -29,10 +29,12 @@ def structured_controller(
     """
     if order < _AXES or order % _AXES:
         raise DesignError(f"order {order} can't be shared out among {_AXES} axes: it must be 3, 6, 9, ...")
+    if problem.n_meas % _AXES:
+        raise DesignError(f"design {design.name} has an accelerometer: its law is the central controller alone")
     each = order // _AXES
     estimates = each >= 2 and problem.n_meas == _AXES
     if design.scheduled and not estimates:
-        raise DesignError(f"design {design.name} is self-scheduled: it needs an order of 6 or more, and no reference")
+        raise DesignError(f"design {design.name} is self-scheduled: it needs an order of 6 or more, and gyros alone")
     if estimates:
         structure = self_scheduled(each, _AXES, leak=design.leak)
     else:

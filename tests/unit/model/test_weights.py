@@ -20,6 +20,12 @@ def test_a_first_order_weight_goes_from_low_to_high_through_its_corner(low, high
     assert np.allclose(weight.poles(), -4.0)
 
 
+def test_an_axis_that_is_the_same_at_all_frequencies_has_no_state():
+    weight = first_order((2.0, 0.3, 1.0), 4.0, (0.5, 0.3, 2.0))
+    assert weight.order == 2
+    assert np.abs(weight.response([0.0, 4.0, 1e9])[:, 1, 1]) == pytest.approx([0.3] * 3, rel=1e-15)
+
+
 def test_a_corner_must_be_positive():
     with pytest.raises(ValueError, match="corner"):
         first_order((1.0,) * 3, 0.0, (2.0,) * 3)

@@ -92,7 +92,7 @@ def test_the_choices_are_read_from_the_files_that_were_flown():
 
 def test_the_limits_of_the_results_are_told():
     text = written(background_document(load_vehicle("paper"), load_scenario("paper")))
-    assert "gyro bias b turns every law here by b t" in text
+    assert "gyro bias b turns every law here by b t (scenario `bias`), but `aided` in yaw alone" in text
     assert "Translation is held" in text
 
 

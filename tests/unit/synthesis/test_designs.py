@@ -25,7 +25,7 @@ def written(folder, **changes):
 
 
 def test_the_catalogue_is_the_files():
-    assert shipped_designs() == ("D1", "D1-noise", "D2", "D5", "R1", "reference")
+    assert shipped_designs() == ("D1", "D1-noise", "D2", "D5", "R1", "aided", "reference")
     assert all(load_design(name).name == name for name in shipped_designs())
 
 
@@ -57,6 +57,9 @@ def test_a_design_can_be_changed_in_code():
         ({"W_n": "{ low = [1.0, 1.0, 1.0], corner = 1.0 }"}, r"W_n\.high: missing"),
         ({"backoff": "1.0"}, "backoff: input should be greater than 1"),
         ({"gamma": "nan"}, "gamma"),
+        ({"W_l": "[0.1, 0.1, 0.1]"}, "W_l"),
+        ({"W_m": "[0.1, 0.1, -0.1]"}, r"W_m\.2: input should be greater than or equal to 0"),
+        ({"W_m": "[0.1, 0.1, 0.1]", "rate_loop_lag": "0.1"}, "W_m weights the moment of a law that commands torque"),
     ],
 )
 def test_a_mistake_is_one_clear_line(tmp_path, changes, message):
