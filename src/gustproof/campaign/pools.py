@@ -1,5 +1,6 @@
 """Who flies: processes of this machine, or a dask cluster; both behind `submit`."""
 
+import logging
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -106,6 +107,8 @@ def cluster(address: str) -> Iterator[Pool]:
         from distributed import Client
     except ImportError:
         raise ConfigError("--executor: dask is not installed: pip install 'gustproof[dask]'") from None
+    for name in ("distributed", "distributed.client"):  # what it complains of is told by this package, in a line
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         client = Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
