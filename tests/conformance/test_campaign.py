@@ -205,3 +205,25 @@ def test_a_run_is_flown_again_over_udp_to_the_same_bits(table, script, tmp_path)
     other = CliRunner().invoke(app, ["fly", "--law", LAWS[0], "--run", f"{table}:{run}"])
     assert other.exit_code == 2
     assert "flown by 'hinf-rates', not 'hinf-d1', which flew this case in run 5" in other.stderr
+
+
+@pytest.mark.parametrize("window", [{}, {"width": 390, "height": 800, "dark": True}])
+def test_the_page_opens_in_a_browser_and_asks_nobody(browser, table, tmp_path, window) -> None:
+    path = tmp_path / "mc.html"
+    told = CliRunner().invoke(app, ["report", str(table), "-o", str(path)])
+    assert (told.exit_code, told.stdout) == (0, f"the campaign of {table} in {path}\n")
+    browser.open(path.as_uri(), **window)
+    assert browser.complaints == []
+    assert browser.requests == [path.as_uri()]
+    wide = browser.run("[document.documentElement.scrollWidth, innerWidth]")
+    assert wide[0] <= wide[1]
+    lines = browser.run(
+        "Array.from(document.querySelectorAll('polyline'), (line) => line.getBoundingClientRect().width)"
+    )
+    assert len(lines) >= 2 * len(LAWS)
+    assert min(lines) > 0.0
+    colours = browser.run(
+        "new Set(Array.from(document.querySelectorAll('polyline'), (line) => getComputedStyle(line).stroke)).size"
+    )
+    assert colours == len(LAWS)
+    assert f"gustproof fly --run {table}:" in browser.run("document.getElementById('worst').textContent")

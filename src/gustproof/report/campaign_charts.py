@@ -84,8 +84,13 @@ def exceedances(label: str, values: Sequence[Array]) -> str:
 
 
 def responses(label: str, drawn: str, values: Sequence[Array], delta: Array, value: Callable[[float], float]) -> str:
-    """Return the mean of a figure of each law in parts of the range of what was drawn, (cases,) normalised."""
-    means = max(min(len(delta) // _FEWEST, _MEANS), 1)
+    """Return the mean of a figure of each law in parts of the range of what was drawn, (cases,) normalised.
+
+    Empty if there are too few cases for two means.
+    """
+    means = min(len(delta) // _FEWEST, _MEANS)
+    if means < 2:
+        return ""
     edges = np.linspace(-1.0, 1.0, means + 1)
     middle = np.array([value(float(each)) for each in 0.5 * (edges[1:] + edges[:-1])])
     part = np.clip(np.searchsorted(edges, delta, side="right") - 1, 0, means - 1)

@@ -163,8 +163,8 @@ def _command(found: Findings, run: int) -> str:
 
 
 def _group(title: str, charts: Sequence[str]) -> str:
-    cells = "".join(f'<div class="chart">{each}</div>' for each in charts)
-    return f'<article class="group"><h3>{escape(title)}</h3><div class="charts of4">{cells}</div></article>'
+    cells = "".join(f'<div class="chart">{each}</div>' for each in charts if each)
+    return cells and f'<article class="group"><h3>{escape(title)}</h3><div class="charts of4">{cells}</div></article>'
 
 
 def _legend(found: Findings) -> str:
