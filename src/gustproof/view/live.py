@@ -7,6 +7,7 @@
 What the page does to the flight are two parameters, set by MAVLink: the gusts' scale and, in lockstep, the pause.
 """
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from threading import Event, Thread
@@ -28,8 +29,9 @@ from gustproof.view.server import LOOPBACK, PageServer, number, switch
 from gustproof.view.station import STREAM_US, Station
 from gustproof.view.tail import tail
 
-_JOIN_S = 5.0
+_PATIENCE_S = 30.0  # with threads that have next to nothing left to do, on a machine that may be busy
 _JUDGE_S = 0.5
+_JUDGED_SHARE = 0.05  # of a core: a long flight takes long to judge
 _NOTHING = np.empty(0, dtype=RECORD)
 
 
@@ -80,16 +82,16 @@ class LivePage:
             self._run(tail, journal, self._every, self._feed, self._done)
         if self._scenario.require:
             self._run(self._judge, journal)
-        station.settled.wait(_JOIN_S)
+        station.settled.wait(_PATIENCE_S)
         self._feed.tell(phase="flying")
 
     def end(self, message: str, records: NDArray[np.void] = _NOTHING) -> None:
         """Show how the flight ended, and what its journal records (n,) held."""
         self._done.set()
         if self._station is not None:
-            self._station.finished = True
+            self._station.end()
         for thread in self._threads:
-            thread.join(_JOIN_S)
+            thread.join(_PATIENCE_S)
         self._feed.tell(phase="over", message=message, lights=lights(records, self._scenario, self._vehicle, over=True))
 
     def __enter__(self) -> Self:
@@ -108,9 +110,12 @@ class LivePage:
         thread.start()
 
     def _judge(self, journal: Path) -> None:
-        while not self._done.wait(_JUDGE_S):
+        spent_s = 0.0
+        while not self._done.wait(max(_JUDGE_S, spent_s / _JUDGED_SHARE)):
+            begun_s = time.thread_time()
             _, records = read_journal(journal)
             self._feed.tell(lights=lights(records, self._scenario, self._vehicle, over=False))
+            spent_s = time.thread_time() - begun_s
 
     def _start(self, value: Any) -> None:
         if switch(value) and not self._started.is_set():

@@ -32,7 +32,7 @@ _FILES = {
 _NEWS_S = 1 / 30  # the page draws what lies between two
 _ALIVE_S = 5.0
 _LARGEST = 64  # bytes of a wish
-_LAST_WORDS_S = 2.0
+_LAST_WORDS_S = 5.0
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",

@@ -52,6 +52,8 @@ class Station:
     def __init__(self, vehicle: Peer, feed: Feed, torque_limit: Vector, *, streams: bool) -> None:
         self.finished = False
         self.settled = Event()
+        self._ending = Event()
+        self._heard = self._last_call = False
         self.traffic = Traffic(_SYSTEM, _COMPONENT)
         self._vehicle, self._feed, self._torque_limit = vehicle, feed, torque_limit
         self._wishes: SimpleQueue[tuple[str, float]] = SimpleQueue()
@@ -89,9 +91,13 @@ class Station:
         self.settled.clear()
         self._wishes.put((name, value))
 
+    def end(self) -> None:
+        """Finish when all that was sent until now has been heard; from whatever thread."""
+        self._ending.set()
+
     def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
-        self._now_us = now_us
+        self._now_us, self._heard = now_us, True
         for item in parse(datagram):
             if peer != self._vehicle:
                 self.drop(Dropped.OTHER_TARGET, peer)
@@ -107,6 +113,9 @@ class Station:
     def poll(self, now_us: int) -> list[tuple[bytes, Peer]]:
         """Do what is due and return the datagrams to send."""
         self._now_us = now_us
+        if self._ending.is_set():
+            self.finished, self._last_call = self._last_call and not self._heard, True
+            self._heard = False
         self._take_wishes()
         if now_us >= self._beat_at_us:
             self._beat_at_us = now_us + BEAT_US

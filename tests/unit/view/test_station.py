@@ -61,6 +61,21 @@ def test_station_is_told_attitude_and_wind_fifty_times_a_second_and_little_else(
     assert len(watched.heard) < 230
 
 
+def test_what_was_sent_before_the_end_is_heard_before_it_finishes(watched):
+    watched.run(1_000_000)
+    watched.station.end()
+    told = wire.MAVLink_statustext_message(6, b"landed").pack(wire.MAVLink(None, 1, 1))
+    for _ in range(3):
+        watched.station.poll(watched.now_us)
+        assert not watched.station.finished
+        watched.station.receive(told, VEHICLE, watched.now_us)
+    watched.station.poll(watched.now_us)
+    assert not watched.station.finished
+    watched.station.poll(watched.now_us)
+    assert watched.station.finished
+    assert watched.feed["texts"][-3:] == ["landed"] * 3
+
+
 def test_rows_are_the_truth_at_their_time(watched):
     watched.run(1_500_000)
     time_s, *numbers = watched.reader.news()["attitude"][-1]

@@ -51,7 +51,7 @@ def test_each_fifth_record_is_fed_however_the_journal_grows(records, tmp_path, m
             if record["time_us"] % 68_000 == 0:
                 journal.flush()
     done.set()
-    thread.join(10.0)
+    thread.join(60.0)
     assert not thread.is_alive()
     news = reader.news()
     for name, rows in series(records[::5]).items():

@@ -102,15 +102,12 @@ function drawArrow(g, place, wind_N) {
   const tail = place(wind_N.map((part, i) => (-part / speed) * length - (i === 2 ? 0.12 : 0)));
   const [x, y] = [tip[0] - tail[0], tip[1] - tail[1]], long = Math.hypot(x, y) || 1, head = Math.min(11, long);
   const barb = (side) => [tip[0] - (head * (0.87 * x - side * 0.5 * y)) / long, tip[1] - (head * (0.87 * y + side * 0.5 * x)) / long];
-  g.strokeStyle = colours.wind;
-  g.lineWidth = 3.5;
-  g.beginPath();
-  g.moveTo(...tail);
-  g.lineTo(...tip);
-  g.moveTo(...barb(1));
-  g.lineTo(...tip);
-  g.lineTo(...barb(-1));
-  g.stroke();
+  for (const [colour, thick] of [[colours.card, 7], [colours.wind, 3.5]]) { // set off from the rotors behind it
+    g.strokeStyle = colour;
+    g.lineWidth = thick;
+    stroke(g, [tail, tip]);
+    stroke(g, [barb(1), tip, barb(-1)]);
+  }
 }
 
 // Sky and ground as seen from the vehicle, with a ladder of pitch and a scale of roll.
@@ -131,10 +128,10 @@ export function drawHorizon(canvas, q) {
   g.textBaseline = "middle";
   stroke(g, [[-far, level], [far, level]]);
   g.lineWidth = 1;
-  const middle = Math.round((theta * 18) / Math.PI) * 10;
+  const middle = Math.round((theta * 18) / Math.PI) * 10, radius = height * 0.44, clear = radius - 26;
   for (let angle = Math.max(middle - 30, -90); angle <= Math.min(middle + 30, 90); angle += 5) {
-    const half = angle % 10 ? width * 0.04 : width * 0.09, y = level - angle * degree;
-    if (!angle) continue;
+    const half = height * (angle % 10 ? 0.08 : 0.16), y = level - angle * degree;
+    if (!angle || Math.abs(y) > clear) continue; // the scales of roll and heading stay legible
     stroke(g, [[-half, y], [half, y]]);
     if (angle % 10 === 0) {
       g.textAlign = "left";
@@ -143,7 +140,6 @@ export function drawHorizon(canvas, q) {
       g.fillText(angle, -half - 5, y);
     }
   }
-  const radius = height * 0.44;
   for (const angle of [-60, -45, -30, -20, -10, 0, 10, 20, 30, 45, 60]) {
     const turn = (angle * Math.PI) / 180, long = angle % 30 ? 6 : 11;
     stroke(g, [[radius * Math.sin(turn), -radius * Math.cos(turn)], [(radius - long) * Math.sin(turn), -(radius - long) * Math.cos(turn)]]);

@@ -20,14 +20,16 @@ const CHARTS = [
   const caption = figure.appendChild(document.createElement("figcaption"));
   caption.append(chart.title);
   chart.names.forEach((name, i) => {
-    caption.appendChild(document.createElement("i")).className = `k${i}`;
-    caption.append(name);
+    const item = caption.appendChild(document.createElement("span"));
+    item.appendChild(document.createElement("i")).className = `k${i}`;
+    item.append(name);
+    caption.append(" ");
   });
   const canvas = figure.appendChild(document.createElement("canvas"));
   canvas.className = "strip";
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", `${chart.title} over time`);
-  return { ...chart, canvas, span: chart.least };
+  return { ...chart, canvas, span: chart.least, stale: true };
 });
 
 // Index of the first row at or after time t.
@@ -93,6 +95,24 @@ function nice(value) {
   return decade * ([1, 2, 5].find((step) => step * decade >= value * 0.999) ?? 10);
 }
 
+// Draw column k of rows: of each `every` rows the lowest and the highest, so that no peak is lost.
+function trace(g, list, k, first, last, every, x, y) {
+  const point = (row) => g.lineTo(x(row[0]), y(row[k]));
+  g.beginPath();
+  for (let i = first - (first % every); i < last; i += every) {
+    const end = Math.min(i + every, last);
+    let low = i, high = i;
+    for (let j = i + 1; j < end; j++) {
+      if (list[j][k] < list[low][k]) low = j;
+      if (list[j][k] > list[high][k]) high = j;
+    }
+    point(list[Math.min(low, high)]);
+    if (low !== high) point(list[Math.max(low, high)]);
+  }
+  if (last > first) point(list[last - 1]);
+  g.stroke();
+}
+
 function drawStrip(chart, from, to) {
   const [g, width, height] = fresh(chart.canvas), list = chart.rows, left = 42, bottom = height - 16;
   const first = Math.max(place(list, from) - 1, 0), last = Math.min(place(list, to) + 1, list.length);
@@ -126,13 +146,10 @@ function drawStrip(chart, from, to) {
   g.beginPath();
   g.rect(left, 0, width - left, bottom);
   g.clip();
-  g.lineWidth = 1.5;
+  g.lineWidth = 1;
   for (let k = 1; k < 4; k++) {
     g.strokeStyle = colours[`c${k - 1}`];
-    g.beginPath();
-    for (let i = first - (first % every); i < last; i += every) g.lineTo(x(list[i][0]), y(list[i][k]));
-    if (last > first) g.lineTo(x(list[last - 1][0]), y(list[last - 1][k]));
-    g.stroke();
+    trace(g, list, k, first, last, every, x, y);
   }
   g.restore();
 }
@@ -152,8 +169,14 @@ function draw(milliseconds) {
     shown.wind_N = at(rows.wind, clock.t);
     drawVehicle(byId("vehicle"), shown.q, shown.wind_N);
     drawHorizon(byId("horizon"), shown.q);
+    for (const chart of CHARTS) chart.stale = true;
+  }
+  // A strip moves a few pixels while each of the others has its turn: one a frame costs a quarter.
+  const chart = CHARTS[shown.frames % CHARTS.length];
+  if (chart.stale) {
+    chart.stale = false;
     const over = facts.phase === "over", to = over ? Math.max(clock.latest, 1) : Math.max(clock.t, WINDOW_S);
-    for (const chart of CHARTS) drawStrip(chart, over ? 0 : to - WINDOW_S, to);
+    drawStrip(chart, over ? 0 : to - WINDOW_S, to);
   }
   if (now - sizes.told > 0.1) {
     sizes.told = now;
@@ -200,7 +223,7 @@ function showFacts() {
   byId("mode").textContent = facts.mode ? `${facts.mode}${facts.armed ? ", armed" : ""}` : "–";
   byId("law").textContent = `${facts.law} on vehicle ${facts.vehicle}`;
   byId("link").textContent = link
-    ? `${link.rate} messages/s, ${link.lost} lost, ${link.bad} damaged${link.round_trip_ms === null ? "" : `, ${link.round_trip_ms.toFixed(1)} ms there and back`}`
+    ? `${link.rate} messages/s, ${link.lost} lost, ${link.bad} damaged${link.round_trip_ms === null ? "" : `, ${link.round_trip_ms.toFixed(1)} ms round trip`}`
     : "–";
   byId("lights").replaceChildren(
     ...facts.lights.map(({ text, value, held }) =>
@@ -215,9 +238,25 @@ function showFacts() {
   );
 }
 
+const wished = new Map(), underWay = new Set();
+
+// One wish of a kind is under way at a time, and then the newest: a slider sends many, and none may overtake another.
 async function wish(name, value) {
-  const answer = await fetch(name, { method: "POST", body: JSON.stringify(value) });
-  if (!answer.ok) byId("phase").textContent = await answer.text();
+  wished.set(name, value);
+  if (underWay.has(name)) return;
+  underWay.add(name);
+  try {
+    while (wished.has(name)) {
+      const body = JSON.stringify(wished.get(name));
+      wished.delete(name);
+      const answer = await fetch(name, { method: "POST", body });
+      if (!answer.ok) byId("phase").textContent = await answer.text();
+    }
+  } catch {
+    // the program has gone, as the news say
+  } finally {
+    underWay.delete(name);
+  }
 }
 
 byId("start").addEventListener("click", () => wish("start", true));
