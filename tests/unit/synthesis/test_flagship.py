@@ -18,6 +18,7 @@ from gustproof.report.margins import hover_margins
 from gustproof.requirements import judge
 from gustproof.synthesis.flagship import PRICE, Demands, corners, tune_flagship
 from gustproof.synthesis.shaped import Shape, shaped_axis
+from gustproof.synthesis.tradeoff import linear_laws
 from gustproof.synthesis.turbulence import AxisFigures, axis_figures, axis_models
 
 AXES = ("roll", "pitch", "yaw")
@@ -79,6 +80,14 @@ def test_no_neighbour_of_the_shapes_is_better_at_the_same_price(vehicle, turbule
             assert figures.rmse >= at_best[axis].rmse * (1.0 - 1e-3)
     assert spent <= 3.0 * PRICE.slew**2
     assert feasible > 3
+
+
+def test_no_linear_law_of_any_order_has_three_percent_less_error_at_that_price(vehicle, turbulence, shapes):
+    models = axis_models(vehicle, turbulence)
+    figures = [judged(model, shape) for model, shape in zip(models, shapes, strict=True)]
+    ours = math.sqrt(statistics.mean(each.rmse**2 for each in figures))
+    least = linear_laws(models).least(PRICE.sensitivity_peak, PRICE.slew).rmse
+    assert 0.97 * ours < least < ours
 
 
 def test_demands_that_no_shape_meets_are_refused(vehicle, turbulence):
