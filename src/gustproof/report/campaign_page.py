@@ -110,7 +110,7 @@ def _dispersions(found: Findings) -> str:
     note = (
         "<p class='note'>Share of a figure's variance that each explains by itself (first-order Sobol' index by "
         "binning), and the rank correlation (Spearman); what chance alone may do is called not seen. The rest is gusts "
-        "and noise, drawn anew for each case, and what acts together.</p>"
+        "and noise, drawn anew for each case, and what acts together. Units are those of the vehicle file.</p>"
     )
     return note + _importance(found) + _group(f"mean {label} against each", charts)
 
@@ -124,7 +124,8 @@ def _importance(found: Findings) -> str:
     rows = []
     for name, spread in found.campaign.spreads.items():
         cells = [_bar(law.figures[figure].importance.get(name)) for figure in COMPARED for law in found.laws]
-        rows.append([escape(name), f"{spread.low:g} .. {spread.high:g}", *cells])
+        drawn = f'<span class="interval">{spread.low:g} .. {spread.high:g}</span>'
+        rows.append([escape(name), drawn, *cells])
     return table(heads, rows)
 
 

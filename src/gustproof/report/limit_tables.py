@@ -7,9 +7,10 @@ from rich.text import Text
 from gustproof.report.limits import Limits
 
 _NOTE = (
-    "A gyro-only attitude walks at random by the gyro's noise, whatever the law: only what is above 'any slew' is the "
-    "law's. The second table is of linear laws, each of them had, so it lies above the limit: by 1 % at Ms 1.15, .2 % "
-    "from 1.36 on. The first is of any law, whatever its margins."
+    "All of them are of all flights: in a few, luck weighs more. A gyro-only attitude walks at random by the gyro's "
+    "noise, whatever the law: only what is above 'any slew' is the law's. The second table is of linear laws, each of "
+    "them had, so it lies above the limit: by 1 % at Ms 1.15, .2 % from 1.36 on. The first is of any law, whatever its "
+    "margins."
 )
 
 
