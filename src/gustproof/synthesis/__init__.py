@@ -5,6 +5,7 @@ from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 from gustproof.synthesis.discretize import central_law
 from gustproof.synthesis.fair import fair_pid
+from gustproof.synthesis.flagship import flagship
 from gustproof.synthesis.foretold import foretell
 from gustproof.synthesis.hinfsyn import HinfResult, hinfsyn
 from gustproof.synthesis.indi import indi
@@ -22,6 +23,7 @@ __all__ = [
     "clairvoyant_limit",
     "derive",
     "fair_pid",
+    "flagship",
     "foretell",
     "gyro_limit",
     "hinfstruct",
