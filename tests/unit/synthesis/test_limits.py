@@ -9,10 +9,10 @@ import pytest
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.errors import DesignError
-from gustproof.synthesis.fair import tune_fair
+from gustproof.law import load_law
+from gustproof.synthesis.foretold import foretell
 from gustproof.synthesis.limits import central_controller, clairvoyant_limit, gyro_limit
-from gustproof.synthesis.pid import strapdown_axis
-from gustproof.synthesis.turbulence import AxisModel, axis_figures, axis_flight, axis_models
+from gustproof.synthesis.turbulence import AxisModel, axis_flight, axis_models
 
 
 def models(**changes: int) -> tuple[AxisModel, AxisModel, AxisModel]:
@@ -64,13 +64,11 @@ def test_the_limits_stand_in_order_at_the_slew_asked_for(slew: float) -> None:
     assert 0.0 < clairvoyant.rmse < gyro.rmse < gyro_limit(axes, 0.9 * slew).rmse
 
 
-def test_the_cascade_stays_above_the_limit_at_its_slew() -> None:
-    vehicle, scenario = load_vehicle("paper"), load_scenario("paper-turbulence")
-    axes = axis_models(vehicle, scenario)
-    gains = tune_fair(vehicle, scenario, sensitivity_peak=2.5, slew=20.0)
-    figures = [axis_figures(m, strapdown_axis(g, m.inertia, scenario.dt)) for m, g in zip(axes, gains, strict=True)]
-    slew = math.sqrt(np.mean([each.slew**2 for each in figures]))
-    assert math.sqrt(np.mean([each.rmse**2 for each in figures])) > gyro_limit(axes, slew).rmse
+@pytest.mark.parametrize("name", ["pid-default", "pid-fair", "indi", "hinf-d2", "hinf-scheduled"])
+def test_no_gyro_only_law_is_below_the_limit_at_its_slew(name: str) -> None:
+    foretold = foretell(load_law(name), load_vehicle("paper"), load_scenario("paper-turbulence"))
+    assert foretold is not None
+    assert foretold.rmse > gyro_limit(models(), foretold.slew).rmse
 
 
 def test_with_slew_for_free_a_gyro_leaves_the_integral_of_its_noise() -> None:
