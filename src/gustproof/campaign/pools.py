@@ -37,22 +37,23 @@ class _Processes:
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
+        self._executor: Any = None
 
     @property
     def width(self) -> int:
         return 2 * self._workers  # one flies, one waits its turn
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        future: Future[Any] = self._executor().submit(function, *arguments)
+        from loky import get_reusable_executor
+
+        # The one that there is, or a new one if its workers have died.
+        self._executor = get_reusable_executor(self._workers, initializer=_ignore_ctrl_c, env=_ONE_THREAD)
+        future: Future[Any] = self._executor.submit(function, *arguments)
         return future
 
     def end(self, *, now: bool) -> None:
-        self._executor().shutdown(wait=True, kill_workers=now)
-
-    def _executor(self) -> Any:
-        from loky import get_reusable_executor
-
-        return get_reusable_executor(max_workers=self._workers, initializer=_ignore_ctrl_c, env=_ONE_THREAD)
+        if self._executor is not None:
+            self._executor.shutdown(wait=True, kill_workers=now)
 
 
 @contextmanager

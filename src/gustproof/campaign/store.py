@@ -151,7 +151,9 @@ def check_same(theirs: dict[str, Any], ours: dict[str, Any], complaint: str) -> 
     """
     keys = [key for key in ours if theirs.get(key) != ours[key]]
     if keys:
-        raise ConfigError(f"{complaint}: {', '.join(keys)} differ; give another -o, or remove it")
+        raise ConfigError(
+            f"{complaint}: {', '.join(keys)} differ{'s' if len(keys) == 1 else ''}; give another -o, or remove it"
+        )
 
 
 def _rows(path: Path) -> int:
