@@ -30,11 +30,8 @@ def fly_direct(
     ValueError
         If the law's sample time is not the scenario's, the reference has another shape, or the script is of messages.
     """
-    if scenario.scripts_controller:
-        raise ValueError(f"scenario '{scenario.name}' scripts link, controller or modes, must be flown with messages")
-    if law.dt != scenario.dt:
-        raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
-    reference = _reference(scenario) if reference is None else np.ascontiguousarray(reference)
+    check(scenario, law)
+    reference = references(scenario) if reference is None else np.ascontiguousarray(reference)
     if reference.shape != (scenario.samples, 3):
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
     world = new_world(vehicle, scenario, seed)
@@ -52,7 +49,22 @@ def fly_direct(
     return records.view(RECORD)[:, 0]
 
 
-def _reference(scenario: Scenario) -> Array:
+def check(scenario: Scenario, law: Law) -> None:
+    """Check that a law can fly a scenario without messages.
+
+    Raises
+    ------
+    ValueError
+        If the law's sample time is not the scenario's, or the script is of messages.
+    """
+    if scenario.scripts_controller:
+        raise ValueError(f"scenario '{scenario.name}' scripts link, controller or modes, must be flown with messages")
+    if law.dt != scenario.dt:
+        raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
+
+
+def references(scenario: Scenario) -> Array:
+    """Return what a scenario asks the law to hold at each sample, (samples, 3) [rad] phi, theta, psi."""
     reference = np.zeros((scenario.samples, 3))
     for time_us, euler in scenario.references:
         reference[time_us // scenario.sample_us :] = euler

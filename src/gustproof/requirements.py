@@ -1,19 +1,21 @@
 """Whether a flight kept what its scenario requires, and by what margin."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
+from firmware_model.compiled import compiled, kernel
+from firmware_model.journal import POSITION
 from firmware_model.requirement import AXES, Metric, Requirement
+from firmware_model.rows import Column, alone, get, get_vector, put, put_vector
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
-from gustproof.metrics import Records, attitude
-from gustproof.model.lpv import scheduling, share_of_bounds
+from gustproof.closed_loop import references
+from gustproof.metrics import TALLY, Records, Tally, as_rows, largest, tally_kernel
 
 Array = NDArray[np.float64]
 _LABELS = {
@@ -61,121 +63,26 @@ class RequirementResult:
         return {**to_jsonable_python(self.requirement), **told, "held": self.held}
 
 
-class _Window(NamedTuple):
-    """What was flown in a window, along one axis or all."""
-
-    error: Array
-    """(n, axes) [deg] Euler angles less their references."""
-    reference: Array
-    """(n + 1, axes) [deg] from the sample before the window on; level before the flight."""
-    records: Records
-    """(n,) of the journal."""
-    torque: Array
-    """(n, axes) [N*m] B, commanded."""
-    limit: Array
-    """(axes,) [N*m] B, of the actuators."""
-    dt: float
-    """[s] from sample to sample."""
-    within: float
-    """[deg] half the band's width; NaN without one."""
-
-
-def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[RequirementResult, ...]:
-    """Return what became of each requirement of `scenario` in a flight, (n,) of `firmware_model.journal.RECORD`."""
-    if not len(records):
-        return tuple(RequirementResult(requirement=requirement, value=math.nan) for requirement in scenario.require)
-    reference = np.degrees([scenario.reference_at(sample) for sample in range(-1, len(records))])
-    error = np.degrees(attitude(records)) - reference[1:]
-    return tuple(
-        RequirementResult(
-            requirement=requirement, value=_measured(requirement, records, error, reference, scenario, vehicle)
-        )
-        for requirement in scenario.require
+# A rule says what a requirement measures: metric, first axis and the one after the last, first sample and the one after
+# the last, half the band's width [deg] (NaN without one), reference before the window and at its end [deg].
+_RULE = 8
+_METRICS = tuple(Metric)
+_PEAK, _RMSE, _SETTLING, _OVERSHOOT, _RECOVERY = (
+    _METRICS.index(metric) for metric in (Metric.PEAK, Metric.RMSE, Metric.SETTLING, Metric.OVERSHOOT, Metric.RECOVERY)
+)
+_TORQUE_RMS, _TORQUE_PEAK, _SLEW, _SATURATED, _RHO, _DRIFT = (
+    _METRICS.index(metric)
+    for metric in (
+        Metric.TORQUE_RMS, Metric.TORQUE_PEAK, Metric.TORQUE_SLEW, Metric.SATURATED, Metric.RHO, Metric.DRIFT
     )
+)  # fmt: skip
+_ROLL, _L, _SLEW_L, _SHARE = (Tally._fields.index(name) for name in ("roll", "L", "slew_L", "share"))
 
-
-def _measured(
-    requirement: Requirement, records: Records, error: Array, reference: Array, scenario: Scenario, vehicle: Vehicle
-) -> float:
-    begin, end = scenario.window(requirement)
-    if end > len(records):
-        return math.nan
-    axes = slice(None) if requirement.axis is None else [AXES.index(requirement.axis)]
-    window = _Window(
-        error=error[begin:end, axes],
-        reference=reference[begin : end + 1, axes],
-        records=records[begin:end],
-        torque=records["torque_command_B"][begin:end, axes],
-        limit=np.array(vehicle.torque_limit)[axes],
-        dt=scenario.dt,
-        within=math.nan if requirement.within_deg is None else requirement.within_deg,
-    )
-    return float(_MEASURES[requirement.metric](window))
-
-
-def _settling(window: _Window) -> float:
-    outside = _outside(window)
-    return 0.0 if not len(outside) else _until_back(window, 0, int(outside[-1]))
-
-
-def _recovery(window: _Window) -> float:
-    outside = _outside(window)
-    return 0.0 if not len(outside) else _until_back(window, int(outside[0]), int(outside[-1]))
-
-
-def _outside(window: _Window) -> NDArray[np.intp]:
-    return np.flatnonzero(np.any(np.abs(window.error) > window.within, axis=1))
-
-
-def _until_back(window: _Window, begin: int, last_outside: int) -> float:
-    """Return the time [s] from a sample to the first after all that are outside; infinite if the window has none."""
-    return math.inf if last_outside == len(window.error) - 1 else (last_outside + 1 - begin) * window.dt
-
-
-def _overshoot(window: _Window) -> float:
-    before, after = window.reference[0, 0], window.reference[-1, 0]
-    beyond = (window.error[:, 0] + window.reference[1:, 0] - after) / (after - before)
-    return 100.0 * max(float(np.max(beyond)), 0.0)
-
-
-def _slew(window: _Window) -> float:
-    return _rms(np.diff(window.torque, axis=0) / window.dt)
-
-
-def _saturated(window: _Window) -> float:
-    return float(np.count_nonzero(np.any(np.abs(window.torque) >= window.limit, axis=1)) * window.dt)
-
-
-def _rho_share(window: _Window) -> float:
-    return share_of_bounds(scheduling(attitude(window.records), window.records["omega_B"]))
-
-
-def _drift(window: _Window) -> float:
-    position = window.records["position_N"]
-    return float(np.max(np.linalg.norm(position - position[0], axis=1)))
-
-
-def _peak(values: Array) -> float:
-    return float(np.max(np.abs(values)))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-_MEASURES: dict[Metric, Callable[[_Window], float]] = {
-    Metric.PEAK: lambda window: _peak(window.error),
-    Metric.RMSE: lambda window: _rms(window.error),
-    Metric.SETTLING: _settling,
-    Metric.OVERSHOOT: _overshoot,
-    Metric.RECOVERY: _recovery,
-    Metric.TORQUE_RMS: lambda window: _rms(window.torque),
-    Metric.TORQUE_PEAK: lambda window: _peak(window.torque),
-    Metric.TORQUE_SLEW: _slew,
-    Metric.SATURATED: _saturated,
-    Metric.RHO: _rho_share,
-    Metric.DRIFT: _drift,
-}
+# A reading is what has been measured so far: a sum or an extreme, first and last sample that counted or -1, and where
+# the vehicle was at the window's begin [m] N.
+READING = 6
+"""Numbers in a reading."""
+_FIRST, _LAST, _BEGAN = 1, 2, 3
 
 
 def requirement_label(requirement: Requirement) -> str:
@@ -190,3 +97,165 @@ def requirement_limits(requirement: Requirement) -> str:
     """Return between which limits it must lie."""
     told = (("≥", requirement.at_least), ("≤", requirement.at_most))
     return " ".join(f"{sign} {limit:g}" for sign, limit in told if limit is not None)
+
+
+def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[RequirementResult, ...]:
+    """Return what became of each requirement of `scenario` in a flight, (n,) of `firmware_model.journal.RECORD`."""
+    readings, limit = no_readings(scenario, 1), np.array(vehicle.torque_limit)
+    _read(
+        as_rows(records[: scenario.samples]),
+        rules(scenario),
+        limit,
+        np.degrees(references(scenario)),
+        scenario.dt,
+        readings,
+    )
+    return judged(scenario, readings, len(records))
+
+
+def rules(scenario: Scenario) -> Array:
+    """Return the rules (n, 8) of a scenario's requirements."""
+    return np.array([_rule(scenario, requirement) for requirement in scenario.require]).reshape(-1, _RULE)
+
+
+def no_readings(scenario: Scenario, width: int) -> Array:
+    """Return readings (n, READING * width), each a column of its flight, before a flight of a scenario begins."""
+    reading = np.array([0.0, -1.0, -1.0, 0.0, 0.0, 0.0])
+    return np.tile(np.repeat(reading, width), (len(scenario.require), 1))
+
+
+def judged(scenario: Scenario, readings: Array, samples: int) -> tuple[RequirementResult, ...]:
+    """Return what became of each requirement in a flight of so many samples, from its readings (n, READING)."""
+    return tuple(
+        RequirementResult(requirement=requirement, value=_value(scenario, requirement, reading, samples))
+        for requirement, reading in zip(scenario.require, readings.tolist(), strict=True)
+    )
+
+
+def _rule(scenario: Scenario, requirement: Requirement) -> tuple[float, ...]:
+    begin, end = scenario.window(requirement)
+    low, high = _axes(requirement)
+    before, after = scenario.reference_at(begin - 1), scenario.reference_at(end - 1)
+    within = math.nan if requirement.within_deg is None else requirement.within_deg
+    metric = _METRICS.index(requirement.metric)
+    return metric, low, high, begin, end, within, math.degrees(before[low]), math.degrees(after[low])
+
+
+def _axes(requirement: Requirement) -> tuple[int, int]:
+    axis = None if requirement.axis is None else AXES.index(requirement.axis)
+    return (0, 3) if axis is None else (axis, axis + 1)
+
+
+def _value(scenario: Scenario, requirement: Requirement, reading: list[float], samples: int) -> float:
+    """Return what was flown [unit of the metric]; NaN if the window was not flown to its end."""
+    (begin, end), (low, high) = scenario.window(requirement), _axes(requirement)
+    value, first, last = reading[0], reading[_FIRST], reading[_LAST]
+    if end > samples:
+        return math.nan
+    match requirement.metric:
+        case Metric.RMSE | Metric.TORQUE_RMS:
+            return math.sqrt(value / ((end - begin) * (high - low)))
+        case Metric.TORQUE_SLEW:
+            return math.sqrt(value / ((end - begin - 1) * (high - low)))
+        case Metric.SETTLING | Metric.RECOVERY if last < 0.0:
+            return 0.0
+        case Metric.SETTLING | Metric.RECOVERY if last == end - 1:
+            return math.inf
+        case Metric.SETTLING:
+            return (last + 1.0 - begin) * scenario.dt
+        case Metric.RECOVERY:
+            return (last + 1.0 - first) * scenario.dt
+        case Metric.OVERSHOOT:
+            return 100.0 * value
+        case Metric.SATURATED:
+            return value * scenario.dt
+    return value
+
+
+@compiled
+def _read(rows: Array, rules: Array, limit: Array, reference: Array, dt: float, readings: Array) -> None:
+    tally = np.zeros(TALLY)
+    for k in range(rows.shape[0]):
+        tally_kernel(alone(tally), k == 0, alone(limit), alone(rows[k]), dt)
+        read_kernel(rules, readings, k, reference[k], tally, rows[k], limit, 1)
+
+
+@kernel
+def read_kernel(rules: Array, readings: Array, sample: int, reference: Array, tallies: Array, records: Array,
+                limits: Array, width: int) -> None:  # fmt: skip
+    """Move all readings of `width` flights on by a sample: the reference (3,) [deg], tallies, records, torque limits.
+
+    What a rule says is the same for all flights: branches stand outside of the loops over them.
+    """
+    for i in range(rules.shape[0]):
+        rule, reading = rules[i], readings[i]
+        metric = int(rule[0])
+        if not rule[3] <= sample < rule[4]:
+            continue
+        if metric == _OVERSHOOT:
+            _read_overshoot(rule, reading, tallies, width)
+        elif metric == _RHO:
+            for w in range(width):
+                reading[w] = largest(reading[w], tallies[_SHARE * width + w])
+        elif metric == _DRIFT:
+            for w in range(width):
+                _read_drift(Column(reading, width, w), Column(records, width, w), sample == rule[3])
+        else:
+            for axis in range(int(rule[1]), int(rule[2])):
+                _read_axis(metric, rule, reading, sample, axis, reference[axis], tallies, limits, width)
+
+
+@kernel
+def _read_axis(metric: int, rule: Array, reading: Array, sample: int, axis: int, reference: float, tallies: Array,
+               limits: Array, width: int) -> None:  # fmt: skip
+    angle, torque = (_ROLL + axis) * width, (_L + axis) * width
+    if metric == _PEAK:
+        for w in range(width):
+            reading[w] = largest(reading[w], abs(tallies[angle + w] - reference))
+    elif metric == _RMSE:
+        for w in range(width):
+            reading[w] += (tallies[angle + w] - reference) * (tallies[angle + w] - reference)
+    elif metric == _TORQUE_PEAK:
+        for w in range(width):
+            reading[w] = largest(reading[w], abs(tallies[torque + w]))
+    elif metric == _TORQUE_RMS:
+        for w in range(width):
+            reading[w] += tallies[torque + w] * tallies[torque + w]
+    elif metric == _SATURATED:
+        for w in range(width):
+            if abs(tallies[torque + w]) >= limits[axis * width + w] and reading[_LAST * width + w] != sample:
+                reading[w] += 1.0
+                _note(reading, sample, width, w)
+    elif metric == _SLEW and sample > rule[3]:
+        for w in range(width):
+            slew = tallies[(_SLEW_L + axis) * width + w]
+            reading[w] += slew * slew
+    elif metric in (_SETTLING, _RECOVERY):
+        for w in range(width):
+            if abs(tallies[angle + w] - reference) > rule[5]:
+                _note(reading, sample, width, w)
+
+
+@kernel
+def _read_overshoot(rule: Array, reading: Array, tallies: Array, width: int) -> None:
+    before, after = rule[6], rule[7]
+    for w in range(width):
+        angle = tallies[(_ROLL + int(rule[1])) * width + w]
+        reading[w] = largest(reading[w], (angle - after) / (after - before))
+
+
+@kernel
+def _note(reading: Array, sample: int, width: int, w: int) -> None:
+    if reading[_FIRST * width + w] < 0.0:
+        reading[_FIRST * width + w] = sample
+    reading[_LAST * width + w] = sample
+
+
+@kernel
+def _read_drift(reading: Column, record: Column, begins: bool) -> None:
+    place = get_vector(record, POSITION)
+    if begins:
+        put_vector(reading, _BEGAN, place)
+    began = get_vector(reading, _BEGAN)
+    north, east, down = place[0] - began[0], place[1] - began[1], place[2] - began[2]
+    put(reading, 0, largest(get(reading, 0), math.sqrt(north * north + east * east + down * down)))

@@ -1,21 +1,80 @@
-"""Many flights in one call are the flights that they would be one by one."""
+"""Many flights in one call are the flights that they would be one by one, to the bit."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from firmware_model.plant_events import ActuatorEffect, AttitudeReference, GyroBias, Payload
+from firmware_model.requirement import Metric, Requirement
 from firmware_model.rotations import euler_angles
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
+from firmware_model.wind import GustReplay, GustStep, OneMinusCosine
+from gustproof.batch import LANES
 from gustproof.closed_loop import fly_direct
 from gustproof.lanes import Case, fly_many
-from gustproof.law import load_law
+from gustproof.law import load_law, shipped_laws
 from gustproof.metrics import measure
 from gustproof.requirements import judge
 
 VEHICLE, LAW = load_vehicle("paper"), load_law("hinf-scheduled")
 SHORT = replace(load_scenario("paper-turbulence"), duration_s=0.4)
+EVENTS = (
+    AttitudeReference(kind="attitude", at_s=0.08, euler_deg=(6.0, -4.0, 10.0)),
+    GyroBias(kind="gyro_bias", at_s=0.1, bias_rad_s=(0.01, 0.0, -0.01), over_s=0.1),
+    ActuatorEffect(kind="actuator_effect", at_s=0.12, share=(0.7, 1.0, 0.9)),
+    Payload(kind="payload", at_s=0.2, mass_kg=0.1, inertia_kgm2=(0.001, 0.0, 0.0)),
+)
+WINDS = (
+    GustStep(kind="step", speed_mps=9.0, from_deg=30.0, start_s=0.1),
+    OneMinusCosine(kind="one_minus_cosine", amplitude_mps=(0.0, 30.0, 5.0), start_s=0.02, length_s=0.2),
+    GustReplay(kind="replay", rows=((0.0, 1.0, 0.0, 0.5), (1.0, -1.0, 2.0, 0.0))),
+)
+EVENTFUL = replace(SHORT, event=EVENTS, wind=(*SHORT.wind, *WINDS), delay_samples=2)
+
+
+def every_requirement():
+    """Return one of each metric, over all axes and over one where it can be, in a window of its own."""
+    for number, metric in enumerate(Metric):
+        within = 0.5 if metric in (Metric.SETTLING, Metric.RECOVERY) else None
+        for axis in (None, "pitch"):
+            if (axis is None and metric is Metric.OVERSHOOT) or (axis and metric in (Metric.RHO, Metric.DRIFT)):
+                continue
+            begin = 0.08 if metric is Metric.OVERSHOOT else 0.012 * number
+            yield Requirement(metric=metric, axis=axis, from_s=begin, to_s=0.36, within_deg=within, at_most=1.0)
+
+
+def cases(number: int, *, sway: float = 1.0):
+    """Return cases that differ in all that can differ."""
+    return [
+        Case(
+            vehicle=replace(
+                VEHICLE, mass=9.0 + 0.05 * i, inertia_B=(0.25 + 0.001 * i, 0.2, 0.1 + 0.0005 * i),
+                actuator_lag=0.02 + 0.0005 * i, gyro=replace(VEHICLE.gyro, bias_B=(1e-4 * i, 0.0, -1e-4 * i)),
+                torque_limit=(0.5 + 0.01 * i, 0.5, 0.2),
+            ),
+            seed=100 + i, gust_scale=0.5 + 0.05 * i,
+            initial_attitude_deg=(sway * i, -0.5 * sway * i, 12.0 * sway * (i % 15)),
+        )
+        for i in range(number)
+    ]  # fmt: skip
+
+
+def one_by_one(scenario, law, many):
+    for case in many:
+        flown = case.of(scenario)
+        records = fly_direct(flown, law, vehicle=case.vehicle, seed=case.seed)
+        yield measure(records, case.vehicle, flown, 0.0), judge(records, flown, case.vehicle)
+
+
+def assert_same(scenario, law, many):
+    together = fly_many(scenario, law, many)
+    assert len(together) == len(many)
+    for judged, (metrics, requirements) in zip(together, one_by_one(scenario, law, many), strict=True):
+        assert judged.metrics == metrics
+        assert [r.requirement for r in judged.requirements] == list(scenario.require)
+        np.testing.assert_array_equal([r.value for r in judged.requirements], [r.value for r in requirements])
 
 
 def test_a_case_scales_the_gusts_and_begins_in_its_attitude():
@@ -28,18 +87,44 @@ def test_a_case_scales_the_gusts_and_begins_in_its_attitude():
 
 
 @pytest.mark.compiled
-def test_each_case_is_judged_as_its_own_flight():
-    cases = [
-        Case(
-            vehicle=replace(VEHICLE, mass=9.0 + 0.1 * i),
-            seed=i,
-            gust_scale=1.0 + 0.1 * i,
-            initial_attitude_deg=(i, 0.0, -i),
-        )
-        for i in range(3)
-    ]
-    for case, judged in zip(cases, fly_many(SHORT, LAW, cases), strict=True):
-        scenario = case.of(SHORT)
-        records = fly_direct(scenario, LAW, vehicle=case.vehicle, seed=case.seed)
-        assert judged.metrics == measure(records, case.vehicle, scenario, 0.0)
-        assert judged.requirements == judge(records, scenario, case.vehicle)
+@pytest.mark.parametrize("law", shipped_laws())
+def test_flights_side_by_side_are_those_one_by_one_with_every_law(law):
+    assert_same(SHORT, load_law(law), cases(3))
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("translation", ["held", "free"])
+@pytest.mark.parametrize("law", ["hinf-scheduled", "hinf-rates"])
+def test_events_winds_and_all_that_can_be_required_are_the_same_side_by_side(law, translation):
+    scenario = replace(EVENTFUL, require=tuple(every_requirement()), translation=translation)
+    assert_same(scenario, load_law(law), cases(LANES + 3))
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("rate", [125, 1000])
+@pytest.mark.parametrize("delay", [0, 3])
+def test_other_rates_and_delays_are_the_same_side_by_side(rate, delay):
+    scenario = replace(SHORT, control_rate_hz=rate, physics_rate_hz=2000, delay_samples=delay)
+    assert_same(scenario, replace(LAW, dt=1.0 / rate), cases(2))
+
+
+@pytest.mark.compiled
+def test_a_flight_that_diverges_is_told_by_its_figures_and_disturbs_no_other():
+    wild = Case(vehicle=replace(VEHICLE, inertia_B=(1e-160, 1e-160, 1e-160)), seed=1, gust_scale=1e200)
+    [before] = fly_many(SHORT, LAW, cases(1))
+    alone, lost, after = fly_many(SHORT, LAW, [*cases(1), wild, *cases(1)])
+    assert alone == after == before
+    assert np.isnan(lost.metrics.rmse_deg)
+    assert np.isnan(lost.metrics.peak_deg)
+    assert not lost.metrics.rho_in_bounds
+
+
+def test_a_law_of_another_rate_and_a_script_of_messages_are_refused():
+    with pytest.raises(ValueError, match="steps every"):
+        fly_many(SHORT, replace(LAW, dt=0.001), cases(1))
+    with pytest.raises(ValueError, match="must be flown with messages"):
+        fly_many(load_scenario("controller-crash"), LAW, cases(1))
+
+
+def test_no_cases_are_no_flights():
+    assert fly_many(SHORT, LAW, []) == []
