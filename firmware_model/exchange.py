@@ -144,6 +144,7 @@ class Exchange:
         elif now_us >= self._invite_at_us:
             self._invite_at_us = now_us + RESEND_US
             self.sample = self._loop.observe()
+            self._sent_us = self.sample.time_us  # the newcomer answers nothing older that is still on its way
             return Due.RESEND
         else:
             return Due.WAIT

@@ -307,7 +307,7 @@ class _Pair:
             return Outcome.AUTOPILOT_LOST
         self.told = json.loads(lines[-1])
         outcome = Outcome.NOT_STARTED if self._given_up else _OUTCOMES[VehicleOutcome(self.told["outcome"])]
-        if outcome is not Outcome.DONE:
+        if outcome is not Outcome.DONE and self._processes["controller"].poll() is not None:
             self.reason = _after(self._last_words("controller"))
         return outcome
 

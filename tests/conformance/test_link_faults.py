@@ -214,6 +214,13 @@ def test_killed_controller_is_replaced_and_the_next_one_asks_for_offboard():
     assert phases(loopback(SCRIPTS["killed for long"])) == [(OFFBOARD, 0.0), (STABILIZED, 1.496), (OFFBOARD, 2.3)]
 
 
+@pytest.mark.parametrize("direction", [UP, DOWN])
+def test_what_was_on_its_way_to_a_killed_controller_is_not_asked_of_the_next_one(direction):
+    delay = Delay(kind="delay", delay_s=0.01, **direction)
+    flown = loopback(replace(GUSTY, duration_s=1.0, event=(KILLED_FOR_A_MOMENT,), link=(delay,)))
+    assert phases(flown) == [(OFFBOARD, 0.0)]
+
+
 def test_controller_that_takes_over_within_the_time_out_begins_afresh():
     killed, hung = (
         loopback(replace(GUSTY, event=(item,)))

@@ -13,7 +13,7 @@ const fzstd = require('fzstd')
 
 function* leaves(value) {
   if (typeof value === 'object') for (const item of Object.values(value)) yield* leaves(item)
-  else yield value
+  else yield Number.isNaN(value) ? 'NaN' : value // which JSON does not know
 }
 
 const handle = await open(file)
