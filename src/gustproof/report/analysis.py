@@ -21,6 +21,7 @@ from gustproof.metrics import Metrics, measure
 from gustproof.numerics.lti import ComplexMatrix
 from gustproof.report.document import Document, figures_table
 from gustproof.report.hover import HoverLoop, hover_loop
+from gustproof.report.limits import Place, place
 from gustproof.report.loop_tables import margins_table, poles_text
 from gustproof.synthesis.derive import margins_document
 
@@ -45,6 +46,8 @@ class Analysis:
     """The linear loop at hover."""
     stability: tuple[Bracket, ...]
     """mu of roll, pitch, yaw, of inertia 20 % and lag 30 % off; none where the law couples axes or has no margins."""
+    place: Place | None
+    """Foretold error beside the least of any linear gyro-only law at its price; `None` where there is no such price."""
     step: Records
     """Flight through a step of moment about each axis, without air or noise."""
     step_moment: tuple[float, float, float]
@@ -78,6 +81,7 @@ class Analysis:
                 "actuator_lag_spread": _SPREADS.actuator_lag,
                 "stable_up_to_times": [1.0 / axis.upper for axis in self.stability],
             },
+            "place": None if self.place is None else asdict(self.place),
             "law_poles_rad_s": _pairs(self.hover.law_poles),
             "loop_poles_rad_s": _pairs(self.hover.loop_poles),
             "flown": asdict(self.whole),
@@ -104,11 +108,14 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
         scenario, gyro=replace(scenario.gyro, noise=False), accelerometer=replace(scenario.accelerometer, noise=False)
     )
     flown = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
+    hover = hover_loop(law, vehicle, scenario)
+    Ms = None if hover.margins is None else max(axis.Ms for axis in hover.margins.input)
     return Analysis(
         law=law,
         scenario=scenario,
-        hover=hover_loop(law, vehicle, scenario),
+        hover=hover,
         stability=_stability(law, vehicle, scenario),
+        place=None if Ms is None else place(law, Ms, vehicle, scenario),
         step=fly_direct(stepped, law, vehicle=vehicle, seed=seed),
         step_moment=step_moment,
         flown=flown,
@@ -167,6 +174,11 @@ def _limits(analysis: Analysis) -> list[str]:
         spreads = f"{100.0 * _SPREADS.inertia:g} % and the lag {100.0 * _SPREADS.actuator_lag:g} %"
         lines.append(
             f"vehicle: the inertia may be off by {room:.2g} times {spreads} before it is unstable (mu, at hover)"
+        )
+    if analysis.place is not None and analysis.place.least_rmse_deg is not None:
+        lines.append(
+            f"possible: {analysis.place.least_rmse_deg:.3g} deg RMSE by a linear gyro-only law of this Ms and slew; "
+            f"{analysis.place.rmse_deg:.3g} deg is foretold of this one, of all flights"
         )
     if analysis.whole.saturated_s:
         lines.append(f"torque limit: reached for {analysis.whole.saturated_s:.3g} s")

@@ -7,10 +7,10 @@ from rich.text import Text
 from gustproof.report.limits import Limits
 
 _NOTE = (
-    "All of them are of all flights: in a few, luck weighs more. A gyro-only attitude walks at random by the gyro's "
-    "noise, whatever the law: only what is above 'any slew' is the law's. The second table is of linear laws, each of "
-    "them had, so it lies above the limit: by 1 % at Ms 1.15, .2 % from 1.36 on. The first is of any law, whatever its "
-    "margins."
+    "All of them are of small angles and of all flights: in a few, luck weighs more. A gyro-only attitude walks at "
+    "random by the gyro's noise, whatever the law: only what is above 'any slew' is the law's. The second table is of "
+    "linear laws, each of them had, so it lies above the limit: by 1 % at Ms 1.15, .2 % from 1.36 on. At any Ms and in "
+    "the first table, no law is better, linear or not."
 )
 
 
@@ -21,14 +21,17 @@ def limits_document(limits: Limits) -> RenderableType:
     known.add_column("any slew", justify="right")
     known.add_row("gyros, the true spectra", f"{limits.gyro_deg:.4f}", f"{limits.gyro_any_slew_deg:.4f}")
     known.add_row("state and air, exactly", f"{limits.clairvoyant_deg:.2g}", f"{limits.clairvoyant_any_slew_deg:.2g}")
-    points = {
-        curve.slew: dict(zip((f"{peak:.2f}" for peak in curve.Ms), curve.rmse_deg, strict=True))
+    traded = Table("slew [N m/s]", title="Least RMSE [deg] of linear gyro-only laws by sensitivity peak Ms")
+    rows = {
+        curve.slew: {
+            **{f"{peak:.2f}": rmse for peak, rmse in zip(curve.Ms, curve.rmse_deg, strict=True)},
+            "any": curve.any_Ms_deg,
+        }
         for curve in limits.curves
     }
-    traded = Table("slew [N m/s]", title="Least RMSE [deg] of linear gyro-only laws by sensitivity peak Ms")
-    peaks = sorted({peak for curve in points.values() for peak in curve})
+    peaks = sorted({peak for row in rows.values() for peak in row})
     for peak in peaks:
         traded.add_column(peak, justify="right")
-    for slew, curve in points.items():
-        traded.add_row(f"{slew:g}", *(f"{curve[peak]:.4f}" if peak in curve else "-" for peak in peaks))
+    for slew, row in rows.items():
+        traded.add_row(f"{slew:g}", *(f"{row[peak]:.4f}" if peak in row else "-" for peak in peaks))
     return Group(known, traded, Text(_NOTE, style="dim"))

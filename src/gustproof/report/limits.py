@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
+from firmware_model.wind import Dryden
 from gustproof.errors import DesignError
 from gustproof.law import Law
 from gustproof.report.margins import HoverMargins
@@ -32,6 +33,8 @@ class Curve:
     """[-] sensitivity peaks, the worst axis."""
     rmse_deg: tuple[float, ...]
     """[deg] least error at each."""
+    any_Ms_deg: float
+    """[deg] least error of any gyro-only law at this slew, whatever its sensitivity."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,19 +104,34 @@ def standing(
         clairvoyant_any_slew_deg=math.degrees(clairvoyant_limit(models, math.inf).rmse),
         curves=tuple(_curve(linear, slew) for slew in SLEWS),
     )
-    places = {name: _place(law, margins[name], linear, vehicle, scenario) for name, law in laws.items()}
+    peaks = {name: None if margin is None else margin.Ms for name, margin in margins.items()}
+    places = {
+        name: None if (Ms := peaks[name]) is None else _place(law, Ms, linear, vehicle, scenario)
+        for name, law in laws.items()
+    }
     return Standing(limits=found, places=places)
 
 
-def _place(
-    law: Law, margins: HoverMargins | None, linear: LinearLaws, vehicle: Vehicle, scenario: Scenario
-) -> Place | None:
-    foretold = foretell(law, vehicle, scenario)
-    if margins is None or foretold is None:
+def place(law: Law, Ms: float, vehicle: Vehicle, scenario: Scenario) -> Place | None:
+    """Return the place of one law of sensitivity peak `Ms` [-] in the scenario's turbulence, if it has any.
+
+    `None` for a law of rates, without turbulence, and where `SLEW` is too little for any law to hold attitude.
+    """
+    if not any(isinstance(item, Dryden) for item in scenario.wind):
         return None
-    least = _least(linear, margins.Ms, foretold.slew)
+    try:
+        return _place(law, Ms, linear_laws(axis_models(vehicle, scenario), around=SLEW), vehicle, scenario)
+    except DesignError:
+        return None
+
+
+def _place(law: Law, Ms: float, linear: LinearLaws, vehicle: Vehicle, scenario: Scenario) -> Place | None:
+    foretold = foretell(law, vehicle, scenario)
+    if foretold is None:
+        return None
+    least = _least(linear, Ms, foretold.slew)
     return Place(
-        Ms=margins.Ms,
+        Ms=Ms,
         slew=foretold.slew,
         rmse_deg=math.degrees(foretold.rmse),
         least_rmse_deg=None if least is None else math.degrees(least.rmse),
@@ -126,6 +144,7 @@ def _curve(linear: LinearLaws, slew: float) -> Curve:
         slew=slew,
         Ms=tuple(point.sensitivity_peak for point in points),
         rmse_deg=tuple(math.degrees(point.rmse) for point in points),
+        any_Ms_deg=math.degrees(gyro_limit(linear.models, slew).rmse),
     )
 
 

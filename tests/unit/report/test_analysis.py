@@ -64,10 +64,20 @@ def test_how_far_the_vehicle_may_be_off_is_told_where_axes_do_not_couple(schedul
     assert any("off by 1.7 times 20 % and the lag 30 %" in line for line in flagship.limits())
 
 
+def test_what_is_possible_at_the_law_s_price_is_told(scheduled):
+    found = scheduled.place
+    assert found.Ms == hover_margins(load_law("hinf-scheduled"), VEHICLE, SHORT).Ms
+    assert found.least_rmse_deg < found.rmse_deg
+    told = f"possible: {found.least_rmse_deg:.3g} deg RMSE by a linear gyro-only law of this Ms and slew"
+    assert any(line.startswith(told) for line in scheduled.limits())
+    assert scheduled.document()["place"]["rmse_deg"] == found.rmse_deg
+
+
 def test_a_law_of_rates_has_no_torque_loop_and_is_flown_all_the_same(tmp_path):
     analysis = analyse(load_law("hinf-rates"), VEHICLE, SHORT)
     assert analysis.hover.margins is None
     assert analysis.document()["margins"] is None
+    assert analysis.place is None
     figures.save_analysis(analysis, tmp_path / "rates.png")
     save(analysis_document(analysis), tmp_path / "rates.txt")
     assert "commands" in (tmp_path / "rates.txt").read_text()

@@ -65,15 +65,15 @@ def test_limits_are_told_by_what_is_known_and_by_the_peak():
         scenario="x", slew=20.0, gyro_deg=0.0711, gyro_any_slew_deg=0.0706, clairvoyant_deg=6e-4,
         clairvoyant_any_slew_deg=5e-5,
         curves=(
-            Curve(slew=10.0, Ms=(1.3601,), rmse_deg=(0.0911,)),
-            Curve(slew=20.0, Ms=(1.1502, 1.3599), rmse_deg=(0.1537, 0.08)),
+            Curve(slew=10.0, Ms=(1.3601,), rmse_deg=(0.0911,), any_Ms_deg=0.0718),
+            Curve(slew=20.0, Ms=(1.1502, 1.3599), rmse_deg=(0.1537, 0.08), any_Ms_deg=0.0711),
         ),
     )  # fmt: skip
     text = written(limits_document(limits))
     assert "gyros, the true spectra │ 0.0711 │ 0.0706" in text
     assert "state and air, exactly │ 0.0006 │ 5e-05" in text
-    assert "│ 10 │ - │ 0.0911 │" in text
-    assert "│ 20 │ 0.1537 │ 0.0800 │" in text
+    assert "│ 10 │ - │ 0.0911 │ 0.0718 │" in text
+    assert "│ 20 │ 0.1537 │ 0.0800 │ 0.0711 │" in text
 
 
 def test_what_rates_cost_is_told():

@@ -1,5 +1,6 @@
 """What is possible and where laws stand: in figures, in a picture, in the report."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -47,7 +48,7 @@ def test_limits_stand_in_order(standing):
     # No law has a sensitivity peak of 0.9: its point is left out.
     assert less.Ms == pytest.approx((1.36, 2.0), rel=1e-3)
     assert np.all(np.array(less.rmse_deg) > np.array(more.rmse_deg))
-    assert min(more.rmse_deg) > found.gyro_deg
+    assert min(more.rmse_deg) > more.any_Ms_deg == found.gyro_deg
 
 
 def test_the_trade_off_figure_has_limits_and_laws_where_they_are(drawn, standing):
@@ -63,3 +64,14 @@ def test_the_trade_off_figure_has_limits_and_laws_where_they_are(drawn, standing
         rings = [line for line in axes.get_lines() if line.get_fillstyle() == "none"]
         assert [line.get_ydata()[0] for line in rings] == [standing.places[n].rmse_deg for n in ("pid-fair", "indi")]
     assert not [text.get_text() for text in figure.legends[0].get_texts() if "hinf-rates" in text.get_text()]
+
+
+def test_without_turbulence_or_torque_there_is_no_place():
+    vehicle, law = load_vehicle("paper"), LAWS["pid-fair"]
+    assert limits.place(law, 1.36, vehicle, load_scenario("calm")) is None
+    assert limits.place(LAWS["hinf-rates"], 1.36, vehicle, load_scenario("paper-turbulence")) is None
+
+
+def test_a_vehicle_that_no_law_holds_at_the_stated_slew_has_no_place():
+    heavy = replace(load_vehicle("paper"), gust_gain=50.0)
+    assert limits.place(LAWS["pid-fair"], 1.36, heavy, load_scenario("paper-turbulence")) is None
