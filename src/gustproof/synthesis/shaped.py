@@ -27,7 +27,7 @@ class Shape(NamedTuple):
     angle_p: float
     """[1/s] rate asked for per attitude error."""
     gain: float
-    """[1/s] angular acceleration per rate error, where the PID ends and the biquad has not begun."""
+    """[1/s] angular acceleration per rate error at high frequency."""
     lead_frequency: float
     """[rad/s] of the PID's two zeros."""
     lead_damping: float
