@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from firmware_model.scenario import load_scenario, shipped_scenarios
 from gustproof.cli.app import app
@@ -89,9 +90,37 @@ def test_the_library_example_runs_as_it_stands(tmp_path: Path) -> None:
     assert (tmp_path / "mine.json").exists()
 
 
-def test_the_scenario_of_the_readme_is_sound(tmp_path: Path) -> None:
+def section(title: str, language: str) -> list[str]:
+    """Return the code of a section of the README, its blocks of one language."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"^```toml\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    (found,) = re.findall(rf"^## {title}\n(.*?)^## ", text, flags=re.MULTILINE | re.DOTALL)
+    return re.findall(rf"^```{language}\n(.*?)^```", found, flags=re.MULTILINE | re.DOTALL)
+
+
+def test_the_scenario_of_the_readme_is_sound(tmp_path: Path) -> None:
+    (example,) = section("A gusty day of your own", "toml")
     (tmp_path / "day.toml").write_text(example)
     day = load_scenario(tmp_path / "day.toml")
     assert (len(day.wind), len(day.event), len(day.link), len(day.require)) == (2, 1, 1, 1)
+
+
+@pytest.mark.compiled
+def test_the_way_from_a_measured_inertia_to_c_runs_as_it_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for file in section("A vehicle of your own", "toml"):
+        name = file.splitlines()[0].removeprefix("# ")
+        (tmp_path / name).write_text(file, encoding="utf-8")
+    (commands,) = section("A vehicle of your own", "console")
+    told = {}
+    for line in commands.splitlines():
+        _, *arguments = words(line.removeprefix("$ "))
+        result = CliRunner().invoke(app, arguments)
+        assert result.exit_code == 0, f"{line}: {result.output}"
+        told[arguments[0]] = result.output
+    assert list(told) == ["design", "analyse", "certify", "fly", "export"]
+    assert max(float(peak) for peak in re.findall(r"Ms ([\d.]+) in", told["analyse"])) < 1.6
+    assert "proven: " in told["certify"]
+    assert "void my_design_step(" in (tmp_path / "my-law.c").read_text()
+    assert len(list((tmp_path / "my-flight").rglob("*.mcap"))) == 1
