@@ -102,7 +102,7 @@ def shaped_axis(shape: Shape, inertia: float, dt: float) -> AxisLaw:
     newest = -(1.0 + 0.5 * dt * shape.angle_p) * rate
     asked = np.outer(np.eye(4)[0], shape.angle_p * reference)
     # what the integral alone gives at the command, in the long run
-    settled = inertia * float((F.C[0] + F.C[2:] @ np.linalg.solve(np.eye(2) - F.A[2:, 2:], F.A[2:, 0])).real)
+    settled = inertia * float(F.C[0] + F.C[2:] @ np.linalg.solve(np.eye(2) - F.A[2:, 2:], F.A[2:, 0]))
     H = np.zeros((6, 1))
     H[2] = dt * shape.lead_frequency / settled
     return AxisLaw(
