@@ -89,14 +89,15 @@ def _judged(campaign: Campaign, law: Law, delta: Array, seeds: Sequence[int]) ->
 
 
 def _flown(campaign: Campaign, law: Law, cases: list[Case]) -> list[Judged | str]:
-    """Return what became of each of `cases`; one that can't be flown costs the others nothing but time."""
+    """Return what became of each of `cases`; one that can't be flown is found by halving."""
     fly = _by_messages if campaign.scenario.scripts_controller else fly_many
     try:
         return list(fly(campaign.scenario, law, cases))
     except (ConfigError, ValueError) as error:
         if len(cases) == 1:
             return [one_line(str(error))]
-        return [judged for case in cases for judged in _flown(campaign, law, [case])]
+        half = len(cases) // 2
+        return _flown(campaign, law, cases[:half]) + _flown(campaign, law, cases[half:])
 
 
 def _by_messages(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[Judged]:

@@ -7,6 +7,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from pathlib import Path
 from typing import Any
 
+from gustproof.batch import LANES
 from gustproof.campaign.flights import Flown, Stretch, fly_stretch, lost, ready
 from gustproof.campaign.plan import Campaign
 from gustproof.campaign.pools import Pool
@@ -15,8 +16,7 @@ from gustproof.errors import FlightError
 
 Task = Callable[[str, Stretch], Flown]
 _TASK_S = 1.0  # of work a task: much beside what sending it costs, little to lose
-_LANES = 32  # runs that are flown at once
-_LONGEST = 100 * _LANES
+_LONGEST = 100 * LANES
 _DEATHS = 2  # of workers that a run flies alone on, after which it is taken to be the cause
 
 
@@ -58,7 +58,8 @@ class _Runner:
         self._campaign, self._store, self._pool, self._task = campaign, store, pool, task
         self._note, self._progress = json.dumps(campaign.note()), progress
         self._fixed = stretch_runs is not None
-        self._size = stretch_runs or (1 if campaign.scenario.scripts_controller else _LANES)
+        self._least = 1 if campaign.scenario.scripts_controller else LANES  # fewer take as long
+        self._size = stretch_runs or self._least
         self._waiting = deque(store.missing())
         self._under_way: dict[Future[Flown], Stretch] = {}
         self._suspects: deque[Stretch] = deque()  # were under way when a worker died
@@ -110,7 +111,7 @@ class _Runner:
         self._keep(stretch, flown.table)
         if not self._fixed:
             size = min(int(stretch.runs * _TASK_S / flown.wall_s), 4 * stretch.runs, _LONGEST)
-            self._size = max(size - size % _LANES if size > _LANES else size, 1)
+            self._size = max(size - size % self._least, self._least)
 
     def _keep(self, stretch: Stretch, table: Any) -> None:
         self._store.add(stretch, table)
