@@ -93,6 +93,11 @@ def requirement_label(requirement: Requirement) -> str:
     return f"{label}{axis}{band} [{unit}]"
 
 
+def requirement_window(requirement: Requirement) -> str:
+    """Return from when to when [s] it must hold."""
+    return f"{requirement.from_s:g} .. {'end' if requirement.to_s is None else f'{requirement.to_s:g}'}"
+
+
 def requirement_limits(requirement: Requirement) -> str:
     """Return between which limits it must lie."""
     told = (("≥", requirement.at_least), ("≤", requirement.at_most))

@@ -18,7 +18,7 @@ from gustproof.report.limit_tables import limits_document
 from gustproof.report.limits import Place, Standing
 from gustproof.report.margins import HoverMargins
 from gustproof.report.open_questions import ERRATA, OpenQuestion, choices
-from gustproof.requirements import RequirementResult, requirement_label, requirement_limits
+from gustproof.requirements import RequirementResult, requirement_label, requirement_limits, requirement_window
 
 Document = RenderableType
 _WIDTH = 118
@@ -83,7 +83,10 @@ def flight_document(
     pace: Mapping[str, Any] | None = None,
 ) -> Document:
     """Return the figures of one flight, what it was required to keep, its deadlines, and where its recording is."""
-    parts: list[RenderableType] = [figures_table(title, {"": metrics} if metrics else {})]
+    # As the title of so narrow a table, a long line would be broken into many.
+    parts: list[RenderableType] = [Text(title, style="bold")]
+    if metrics:
+        parts.append(figures_table("", {"": metrics}))
     if requirements:
         parts.append(requirements_table(requirements))
     if pace:
@@ -100,8 +103,8 @@ def requirements_table(requirements: Iterable[RequirementResult]) -> Table:
         required = result.requirement
         style = "green" if result.held else "red"
         table.add_row(
-            requirement_label(required), f"{required.from_s:g} .. {'end' if required.to_s is None else required.to_s}",
-            requirement_limits(required), *map(_figure, (result.value, result.margin)),
+            requirement_label(required), requirement_window(required), requirement_limits(required),
+            *map(_figure, (result.value, result.margin)),
             Text("held" if result.held else "FAILED", style=style),
         )  # fmt: skip
     return table
@@ -113,7 +116,7 @@ def _figure(value: float) -> str:
 
 def figures_table(title: str, flights: Mapping[str, Metrics]) -> Table:
     """Return the figures of flights side by side, by name; one without a name has no head."""
-    table = Table("", *flights, "", title=title, show_header=any(flights))
+    table = Table("", *flights, "", title=title or None, show_header=any(flights))
     for label, cells, unit in figure_rows(flights):
         table.add_row(label, *cells, unit)
     return table

@@ -9,7 +9,7 @@ from gustproof.report.html_loops import FlownLaw
 from gustproof.report.html_runs import Run
 from gustproof.report.html_table import table
 from gustproof.report.loop_tables import MARGINS, margin_cell, poles_text
-from gustproof.requirements import requirement_label, requirement_limits
+from gustproof.requirements import requirement_label, requirement_limits, requirement_window
 from gustproof.synthesis.derive import margins_document
 
 _AXES = ("roll", "pitch", "yaw")
@@ -40,10 +40,15 @@ def requirements_table(runs: Sequence[Run]) -> str:
     for run in runs:
         for result in run.requirements:
             required = result.requirement
-            window = f"{required.from_s:g} .. {'end' if required.to_s is None else f'{required.to_s:g}'}"
             mark = "good" if result.held else "bad"
             verdict = f'<span class="{mark}">{"held" if result.held else "not held"}, {_told(result.margin)}</span>'
-            texts = (requirement_label(required), window, requirement_limits(required), run.label, _told(result.value))
+            texts = (
+                requirement_label(required),
+                requirement_window(required),
+                requirement_limits(required),
+                run.label,
+                _told(result.value),
+            )
             rows.append([*map(escape, texts), verdict])
     return f"<h3>Requirements</h3>{table(head, rows)}" if rows else ""
 

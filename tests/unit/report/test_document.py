@@ -10,6 +10,7 @@ from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.law import load_law
 from gustproof.metrics import Metrics
+from gustproof.outcome import Outcome
 from gustproof.report.document import background_document, comparison_document, flight_document, paper_document, save
 from gustproof.report.limit_tables import limits_document
 from gustproof.report.limits import Curve, Limits, Place
@@ -97,7 +98,13 @@ def test_the_limits_of_the_results_are_told():
 
 
 def test_a_flight_that_never_began_has_no_figures():
-    assert "nothing was flown" in written(flight_document("x", None, None))
+    assert written(flight_document("x", None, None)) == "x nothing was flown, nothing is recorded"
+
+
+def test_how_a_flight_ended_is_told_in_one_line(tmp_path):
+    message = f"paper, hinf-d1, seed 1: {Outcome.CONTROLLER_LOST.value}"
+    save(flight_document(message, FIGURES, None), tmp_path / "told.txt")
+    assert (tmp_path / "told.txt").read_text().splitlines()[0] == message
 
 
 def test_margins_are_those_of_the_worst_axis_and_only_of_torque_laws():
