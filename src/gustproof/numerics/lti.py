@@ -173,6 +173,11 @@ def sensitivity(L: Lti) -> Lti:
     return lft(P, K)
 
 
+def largest_gain(M: Matrix) -> float:
+    """Return the largest singular value of a matrix, the first of those that `numpy.linalg.norm` takes it from."""
+    return float(np.linalg.svd(M, compute_uv=False)[0])
+
+
 def lft(P: Lti, K: Lti) -> Lti:
     """Return the lower linear fractional transformation `F_l(P, K)`: `K` closes the last inputs and outputs of `P`.
 
@@ -199,9 +204,12 @@ def lft(P: Lti, K: Lti) -> Lti:
         raise ValueError("the loop of P and K is not well posed: I - D_K D22 is singular")
     # u = E_x x + E_k x_k + E_w w, with the feedthrough loop solved once
     E = np.linalg.solve(return_difference, np.hstack([K.D @ C2, K.C, K.D @ D21]))
-    E_x, E_k, E_w = np.split(E, [P.order, P.order + K.order], axis=1)
+    n = P.order
+    E_x, E_k, E_w = E[:, :n], E[:, n : n + K.order], E[:, n + K.order :]
     return Lti(
-        A=np.block([[P.A + B2 @ E_x, B2 @ E_k], [K.B @ (C2 + D22 @ E_x), K.A + K.B @ D22 @ E_k]]),
+        A=np.vstack(
+            [np.hstack([P.A + B2 @ E_x, B2 @ E_k]), np.hstack([K.B @ (C2 + D22 @ E_x), K.A + K.B @ D22 @ E_k])]
+        ),
         B=np.vstack([B1 + B2 @ E_w, K.B @ (D21 + D22 @ E_w)]),
         C=np.hstack([C1 + D12 @ E_x, D12 @ E_k]),
         D=D11 + D12 @ E_w,

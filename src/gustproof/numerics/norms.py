@@ -154,12 +154,10 @@ def _crossings(G: Lti, level: float) -> Matrix:
     S = level**2 * np.eye(G.n_outputs) - G.D @ G.D.T
     A = G.A + G.B @ np.linalg.solve(R, G.D.T @ G.C)
     # B and C enter with the factor `level` shared between them, so that both halves have the same size
-    H = np.block(
-        [
-            [A, level * G.B @ np.linalg.solve(R, G.B.T)],
-            [-level * G.C.T @ np.linalg.solve(S, G.C), -A.T],
-        ]
-    )
+    n = G.order
+    H = np.empty((2 * n, 2 * n))
+    H[:n, :n], H[:n, n:] = A, level * G.B @ np.linalg.solve(R, G.B.T)
+    H[n:, :n], H[n:, n:] = -level * G.C.T @ np.linalg.solve(S, G.C), -A.T
     eigenvalues = scipy.linalg.eigvals(H)
     rounding = 1e-13 * np.max(np.abs(eigenvalues))
     on_axis = np.abs(eigenvalues.real) <= _CANDIDATE * np.abs(eigenvalues) + rounding

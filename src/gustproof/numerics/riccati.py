@@ -3,7 +3,7 @@
 from enum import Enum
 
 import numpy as np
-from scipy.linalg.lapack import dgebal, dgecon, dgees, dgetrf, dgetrs
+from scipy.linalg.lapack import dgebal, dgecon, dgees, dgetrf, dgetrs, dtrsen
 
 from gustproof.errors import DesignError
 from gustproof.numerics.lti import Matrix
@@ -50,23 +50,31 @@ def stabilizing_solution(H: Matrix) -> Matrix:
     ----------
     A. J. Laub, A Schur method for solving algebraic Riccati equations, IEEE TAC 24 (1979), 913-921.
     """
-    if not np.all(np.isfinite(H)):
+    if not np.isfinite(H).all():
         raise DesignError("the Hamiltonian overflows: the plant is too badly scaled to solve")
     n = H.shape[0] // 2
     scale = _symplectic_scale(H)
-    _, stable, real, imaginary, U, _, info = dgees(
-        lambda real, imaginary: real < 0.0, H * np.outer(scale, 1.0 / scale), lwork=128 * n, sort_t=1
-    )
-    largest = np.max(np.hypot(real, imaginary))
-    # info: no convergence, or reordering moved an eigenvalue across the axis (it is on it but for rounding)
-    if info or stable != n or np.min(np.abs(real)) <= _AXIS_TOLERANCE * largest:
+    T, _, real, imaginary, U, _, info = dgees(_any, H * scale[:, None] / scale, lwork=128 * n, overwrite_a=1)
+    if not info:
+        # What dgees does itself if it is told what to sort for, by a call of Python for each eigenvalue.
+        _, U, real, imaginary, _, _, _, info = dtrsen(
+            (real < 0.0).astype(np.int32), T, U, job="N", overwrite_t=1, overwrite_q=1
+        )
+    largest = np.hypot(real, imaginary).max()
+    # info: no convergence, or no reordering; and that may have moved an eigenvalue across the axis by rounding
+    if info or not (real[:n] < 0.0).all() or (real[n:] < 0.0).any() or np.abs(real).min() <= _AXIS_TOLERANCE * largest:
         raise RiccatiError(RiccatiFailure.AXIS)
     U1, U2 = U[:n, :n], U[n:, :n]
     factors, pivots, _ = dgetrf(U1.T)
     if dgecon(factors, np.linalg.norm(U1, np.inf))[0] < _RANK_TOLERANCE:
         raise RiccatiError(RiccatiFailure.COMPLEMENT)
-    X = dgetrs(factors, pivots, U2.T)[0].T * np.outer(scale[:n], scale[:n])
+    X = dgetrs(factors, pivots, U2.T)[0].T * scale[:n, None] * scale[:n]
     return np.asarray(0.5 * (X + X.T), dtype=np.float64)
+
+
+def _any(_real: float, _imaginary: float) -> bool:
+    """Not asked, but LAPACK wants a function."""
+    return True
 
 
 def _symplectic_scale(H: Matrix) -> Matrix:

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from gustproof.errors import DesignError
-from gustproof.numerics.lti import Lti, Matrix
+from gustproof.numerics.lti import Lti, Matrix, largest_gain
 
 _RANK = 1e-10
 """[-] singular values below this fraction of the largest count as zero."""
@@ -95,8 +94,9 @@ def normalize(P: Lti, n_meas: int, n_con: int) -> Normalized:
     Q_w, R_y = _completed(D21.T)
     control_scale: Matrix = np.asarray(np.linalg.inv(R_u), dtype=np.float64)
     measurement_scale: Matrix = np.asarray(np.linalg.inv(R_y.T), dtype=np.float64)
-    rows = scipy.linalg.block_diag(Q_z.T, measurement_scale)
-    columns = scipy.linalg.block_diag(Q_w, control_scale)
+    rows, columns = np.zeros((P.n_outputs, P.n_outputs)), np.zeros((P.n_inputs, P.n_inputs))
+    rows[:p1, :p1], rows[p1:, p1:] = Q_z.T, measurement_scale
+    columns[:m1, :m1], columns[m1:, m1:] = Q_w, control_scale
     D = rows @ P.D @ columns
     D[p1:, m1:] = 0.0
     return Normalized(
@@ -120,7 +120,7 @@ def _require_rank(D: Matrix, failure: str) -> None:
 
 def _require_stabilizable(A: Matrix, B: Matrix, failure: str) -> None:
     """Popov-Belevitch-Hautus test on every eigenvalue that is not stable."""
-    n, scale = A.shape[0], max(np.linalg.norm(A, 2), np.finfo(float).tiny)
+    n, scale = A.shape[0], max(largest_gain(A), np.finfo(float).tiny)
     for pole in np.linalg.eigvals(A):
         if pole.real >= -_AXIS * scale:
             pencil = np.hstack([(A - pole * np.eye(n)) / scale, B / max(np.linalg.norm(B, 2), np.finfo(float).tiny)])
@@ -132,8 +132,8 @@ def _require_no_axis_zero(A: Matrix, B: Matrix, C: Matrix, D: Matrix, path: str)
     """Raise if `[A - jw, B; C, D]` loses column rank: such zeros are unobservable modes of a reduced pair."""
     F = np.linalg.lstsq(D, C, rcond=None)[0]
     A_reduced, C_reduced = A - B @ F, C - D @ F
-    n, scale = A.shape[0], max(np.linalg.norm(A_reduced, 2), np.finfo(float).tiny)
-    size = max(np.linalg.norm(C, 2), np.finfo(float).tiny)
+    n, scale = A.shape[0], max(largest_gain(A_reduced), np.finfo(float).tiny)
+    size = max(largest_gain(C), np.finfo(float).tiny)
     for zero in np.linalg.eigvals(A_reduced):
         if abs(zero.real) <= _AXIS * scale:
             pencil = np.vstack([(A_reduced - zero * np.eye(n)) / scale, C_reduced / size])

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from gustproof.errors import DesignError
-from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied, lft
+from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied, largest_gain, lft
 from gustproof.numerics.norms import Peak, hinf_norm
 from gustproof.numerics.riccati import RiccatiError, stabilizing_solution
 from gustproof.synthesis.conditions import Normalized, normalize
@@ -62,8 +62,8 @@ class _Half(NamedTuple):
     B: Matrix
     R: Matrix
     """(m1 + m2, m1 + m2) D1^T D1."""
-    S: Matrix
-    """(m1 + m2, n) D1^T C1."""
+    SB: Matrix
+    """(m1 + m2, 2n) S = D1^T C1, then B^T."""
     Q: Matrix
     """(n, n) C1^T C1."""
     J: Matrix
@@ -215,9 +215,10 @@ def _halves(problem: Normalized) -> tuple[_Half, _Half]:
 
 
 def _prepared(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int) -> _Half:
-    natural_size = float(np.linalg.norm(C1, 2) ** 2 / np.linalg.norm(A, 2)) if np.any(A) else 1.0
+    natural_size = float(largest_gain(C1) ** 2 / largest_gain(A)) if np.any(A) else 1.0
     J = np.diag((np.arange(D1.shape[1]) < m1).astype(np.float64))
-    return _Half(A=A, B=B, R=D1.T @ D1, S=D1.T @ C1, Q=C1.T @ C1, J=J, natural_size=natural_size)
+    SB = np.hstack([D1.T @ C1, B.T])
+    return _Half(A=A, B=B, R=D1.T @ D1, SB=SB, Q=C1.T @ C1, J=J, natural_size=natural_size)
 
 
 def _solve(halves: tuple[_Half, _Half], gamma: float) -> _Solution:
@@ -237,8 +238,9 @@ def _solve(halves: tuple[_Half, _Half], gamma: float) -> _Solution:
 
 def _half(half: _Half, gamma: float) -> tuple[Matrix, Matrix, bool]:
     """Return a Riccati solution, its gain, and whether it has no negative eigenvalue."""
-    n, (A, B, R, S, Q, J, natural_size) = half.A.shape[0], half
-    RS, RB = np.split(np.linalg.solve(R - gamma**2 * J, np.hstack([S, B.T])), [n], axis=1)
+    n, (A, B, R, SB, Q, J, natural_size) = half.A.shape[0], half
+    solved = np.linalg.solve(R - gamma**2 * J, SB)
+    S, RS, RB = SB[:, :n], solved[:, :n], solved[:, n:]
     H = np.empty((2 * n, 2 * n))
     H[:n, :n] = A - B @ RS
     H[:n, n:] = -B @ RB
