@@ -1,6 +1,7 @@
 """Flights without messages: many at once, one alone, two processes, and the same arithmetic in C."""
 
 import subprocess
+import time
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -76,6 +77,6 @@ def _workers(bench: Bench, script: Scenario, seeds: list[int], rounds: int) -> N
                 future.result()
 
         by(halves)
-        times = in_turns({"one": lambda: by([seeds]), "two": lambda: by(halves)}, rounds)
+        times = in_turns({"one": lambda: by([seeds]), "two": lambda: by(halves)}, rounds, time.perf_counter)
     ratios = [one / two for one, two in zip(times["one"], times["two"], strict=True)]
     bench.ratio("two_workers_vs_one", ratios, ">= 1.8", "on two cores with nothing else to do")

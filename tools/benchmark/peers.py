@@ -17,9 +17,9 @@ _PEERS = {
     "jsbsim": ("jsbsim==1.3.3", 20.0, "1 kHz, turbulence of type 4, without a controller"),
     "mujoco": ("mujoco==4.0.0", 200.0, "1 kHz RK4, rollout on all cores, without turbulence or controller"),
     "rotorpy": ("rotorpy==3.0.0", 1.0, "1 kHz, Dryden gusts, its own controller, one flight"),
-    "crazyflow": ("crazyflow", 1.0, "500 Hz, attitude control, 1,000 flights at once, without turbulence"),
+    "crazyflow": ("crazyflow==0.4.0", 1.0, "500 Hz, attitude control, 1,000 flights at once, without turbulence"),
 }
-_INSTALL_S, _RUN_S = 150.0, 30.0
+_INSTALL_S, _RUN_S = 150.0, 60.0
 
 
 def measure(bench: Bench) -> None:
@@ -61,7 +61,7 @@ def _rate(name: str, wanted: str, seconds: float, *, new: bool) -> float:
             raise FileNotFoundError("no environment")
         _install(folder, python, wanted)
     program = Path(__file__).parent / "peers" / f"with_{name}.py"
-    told = _run([str(python), str(program), str(seconds)], _RUN_S)
+    told = _run([str(python), str(program), str(seconds)], _RUN_S, folder)
     return float(json.loads(told.splitlines()[-1])["rate"])
 
 
@@ -76,8 +76,9 @@ def _install(folder: Path, python: Path, wanted: str) -> None:
     (folder / "installed").touch()
 
 
-def _run(command: list[str], timeout: float) -> str:
-    return subprocess.run(command, check=True, capture_output=True, text=True, timeout=timeout).stdout
+def _run(command: list[str], timeout: float, folder: Path | None = None) -> str:
+    """Return what a command prints; what it leaves behind, logs for one, stays in `folder`."""
+    return subprocess.run(command, check=True, capture_output=True, text=True, timeout=timeout, cwd=folder).stdout
 
 
 def _reason(error: Exception) -> str:
