@@ -24,7 +24,6 @@ MAX_PEERS = 16
 _SLOWEST_US = 2**31 - 1  # MESSAGE_INTERVAL has no more bits
 
 _IMU = wire.MAVLINK_MSG_ID_HIGHRES_IMU
-_CONTROLLER_IMU_US = 4_000
 
 
 class Listener:
@@ -72,7 +71,7 @@ class Listener:
         if controller and lockstep:
             self._defaults_us = {_IMU: self._usual_us[_IMU]}
         else:
-            self._defaults_us = {**self._usual_us, **({_IMU: _CONTROLLER_IMU_US} if controller else {})}
+            self._defaults_us = {**self._usual_us, **({_IMU: self._fastest_us} if controller else {})}
         self._start(dict(self._defaults_us), clock_us)
 
     @property

@@ -28,7 +28,8 @@ class Vehicle:
     def __init__(self, *, lockstep: bool, scenario: str = "calm", duration_s: float = 0.2, **options) -> None:
         self.modes: list[float] = []
         self.rates: list[list[float]] = []
-        script = replace(load_scenario(scenario), duration_s=duration_s)
+        rate_hz = options.pop("rate_hz", 250)
+        script = replace(load_scenario(scenario), duration_s=duration_s, control_rate_hz=rate_hz)
         self.endpoint = VehicleEndpoint(load_vehicle("paper"), script, 1, self.record, lockstep=lockstep, **options)
         self.now_us = 0
         self.heard: dict[int, list] = {}
@@ -367,6 +368,17 @@ def test_set_points_are_echoed(vehicle):
     assert len(echoes) == 10
     assert echoes[0].controls[0] == pytest.approx(0.1, abs=1e-8)  # a float32
     assert not vehicle.take("ATTITUDE_TARGET")
+
+
+@pytest.mark.parametrize("rate_hz", [50, 250, 1000])
+def test_in_real_time_the_controller_is_sent_each_sample_once(rate_hz):
+    vehicle, sample_us = Vehicle(lockstep=False, rate_hz=rate_hz), 1_000_000 // rate_hz
+    vehicle.say(HEARTBEAT)
+    vehicle.wait(12_345)
+    vehicle.take_off()
+    vehicle.wait(10 * sample_us)
+    told = [message.time_usec for message in vehicle.take("HIGHRES_IMU") if message.time_usec]
+    assert told == list(range(sample_us, 11 * sample_us, sample_us))
 
 
 def test_real_time_flight_holds_a_late_set_point(vehicle):
