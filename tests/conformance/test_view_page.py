@@ -24,6 +24,8 @@ from gustproof.view.live import LivePage
 
 LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")
 PATIENCE_S = 200.0  # kernels may have to be compiled first
+DRAGGED = """(() => { const slider = document.getElementById('gust'); for (let value = 0; value <= 60; value++) {
+  slider.value = value / 20; slider.dispatchEvent(new Event('input')); } })()"""
 RESOLUTION = 1e-6  # of the rows; telemetry is float32
 
 
@@ -183,6 +185,8 @@ def test_pause_and_gusts_act_in_mid_flight(browser, tmp_path):
         until(lambda: browser.run("gustproof.rows.wind.length") == -(-stands // 5), "what stands is shown")
         assert text(browser, "pause") == "Go on"
         assert browser.run("Math.max(...gustproof.rows.wind.slice(1).flatMap((row) => row.slice(1)))") == 0.0
+        browser.run(DRAGGED)
+        until(lambda: text(browser, "scale") == "× 3.00", "the last of many wishes holds")
         slide(browser, 0.5)
         until(lambda: text(browser, "scale") == "× 1.50", "the gusts' scale is told back")
         assert records_in(journal) == stands
