@@ -7,6 +7,7 @@ MIL-HDBK-1797, Flying Qualities of Piloted Aircraft, 1997, section 4.9 (low-alti
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -116,6 +117,7 @@ def dryden_spectrum(dryden: Dryden, altitude: float, span: float) -> DrydenSpect
     )  # fmt: skip
 
 
+@lru_cache(maxsize=256)
 def dryden_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[DrydenParams, Array]:
     """Return the exactly discretised filters for the step `dt` [s] and the factor (8, 8) of the stationary covariance.
 
@@ -134,6 +136,7 @@ def dryden_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[Dr
     factor = np.zeros((8, 8))
     factor[0, 0], factor[7, 7] = spectrum.sigma_u, spectrum.sigma_p
     factor[1:4, 1:4], factor[4:7, 4:7] = v.stationary, w.stationary
+    factor.flags.writeable = False
     return DrydenParams._make(numbers), factor
 
 

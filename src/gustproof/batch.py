@@ -145,12 +145,21 @@ def _sum(a: Array, x: Array, b: Array, y: Array, total: Array) -> None:
     """Write the sums of `a x + b y`, in this order."""
     for w in range(LANES):
         total[w] = 0.0
-    for j in range(a.shape[0]):
+    _add(a, x, total)
+    _add(b, y, total)
+
+
+@kernel
+def _add(a: Array, x: Array, total: Array) -> None:
+    """Add `a x`, one product after the other; three at a time, as to load and store the sum takes most of the time."""
+    n = a.shape[0]
+    for j in range(0, n - n % 3, 3):
+        u, v, z = x[j * LANES :], x[(j + 1) * LANES :], x[(j + 2) * LANES :]
+        for w in range(LANES):
+            total[w] = total[w] + a[j] * u[w] + a[j + 1] * v[w] + a[j + 2] * z[w]
+    for j in range(n - n % 3, n):
         for w in range(LANES):
             total[w] += a[j] * x[j * LANES + w]
-    for j in range(b.shape[0]):
-        for w in range(LANES):
-            total[w] += b[j] * y[j * LANES + w]
 
 
 @kernel

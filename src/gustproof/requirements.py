@@ -228,17 +228,16 @@ def _read_axis(metric: int, rule: Array, reading: Array, sample: int, axis: int,
             reading[w] += tallies[torque + w] * tallies[torque + w]
     elif metric == _SATURATED:
         for w in range(width):
-            if abs(tallies[torque + w]) >= limits[axis * width + w] and reading[_LAST * width + w] != sample:
-                reading[w] += 1.0
-                _note(reading, sample, width, w)
+            counts = (abs(tallies[torque + w]) >= limits[axis * width + w]) & (reading[_LAST * width + w] != sample)
+            reading[w] += 1.0 if counts else 0.0
+            _note(reading, counts, sample, width, w)
     elif metric == _SLEW and sample > rule[3]:
         for w in range(width):
             slew = tallies[(_SLEW_L + axis) * width + w]
             reading[w] += slew * slew
     elif metric in (_SETTLING, _RECOVERY):
         for w in range(width):
-            if abs(tallies[angle + w] - reference) > rule[5]:
-                _note(reading, sample, width, w)
+            _note(reading, abs(tallies[angle + w] - reference) > rule[5], sample, width, w)
 
 
 @kernel
@@ -250,10 +249,10 @@ def _read_overshoot(rule: Array, reading: Array, tallies: Array, width: int) -> 
 
 
 @kernel
-def _note(reading: Array, sample: int, width: int, w: int) -> None:
-    if reading[_FIRST * width + w] < 0.0:
-        reading[_FIRST * width + w] = sample
-    reading[_LAST * width + w] = sample
+def _note(reading: Array, counts: bool, sample: int, width: int, w: int) -> None:
+    first, last = reading[_FIRST * width + w], reading[_LAST * width + w]
+    reading[_FIRST * width + w] = sample if counts & (first < 0.0) else first
+    reading[_LAST * width + w] = sample if counts else last
 
 
 @kernel
