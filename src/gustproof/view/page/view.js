@@ -200,8 +200,9 @@ function showNumbers() {
   }
   if (shown.wind_N) {
     const [north, east, down] = shown.wind_N, from = (Math.atan2(-east, -north) * DEGREES + 360) % 360;
-    const level = Math.hypot(north, east);
-    byId("wind").textContent = `wind ${level.toFixed(1)} m/s${level > 0.05 ? ` from ${Math.round(from) % 360}°` : ""}, ${Math.abs(down).toFixed(1)} m/s ${down > 0 ? "down" : "up"}`;
+    const level = Math.hypot(north, east), whence = level < 0.05 ? "" : ` from ${Math.round(from) % 360}°`;
+    const vertical = Math.abs(down) < 0.05 ? "" : `, ${Math.abs(down).toFixed(1)} m/s ${down > 0 ? "down" : "up"}`;
+    byId("wind").textContent = `wind ${level.toFixed(1)} m/s${whence}${vertical}`;
   }
 }
 
