@@ -6,6 +6,7 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
+from firmware_model.lateness import Lateness
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.law import load_law
@@ -99,6 +100,16 @@ def test_the_limits_of_the_results_are_told():
 
 def test_a_flight_that_never_began_has_no_figures():
     assert written(flight_document("x", None, None)) == "x nothing was flown, nothing is recorded"
+
+
+def test_deadlines_of_real_time_are_told():
+    lateness = Lateness()
+    for late_us in (2, 2, 900):
+        lateness.add(late_us)
+    late = {f"late_{name}": value for name, value in lateness.figures().items()}
+    told = written(flight_document("x", None, None, pace={"missed": 3, "held": 5, **late, "fifo": True}))
+    assert "missed 3, set-points held 5" in told
+    assert "2 us in the median, 900 us in 99 %, 900 us at worst" in told
 
 
 def test_how_a_flight_ended_is_told_in_one_line(tmp_path):
