@@ -48,7 +48,7 @@ def sensitivity(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads
     Raises
     ------
     ValueError
-        If the law couples its axes or commands no torque, or a spread is 0.
+        If the law couples its axes, feels specific force or commands no torque, or a spread is 0.
     """
     loop = uncertain(axis_controller(law, axis)) @ sampled_axis(
         vehicle, scenario, axis, inertia=spreads.inertia, actuator_lag=spreads.actuator_lag
@@ -62,13 +62,13 @@ def axis_controller(law: Law, axis: int) -> Lti:
     Raises
     ------
     ValueError
-        If the law couples its axes or commands no torque.
+        If the law couples its axes, feels specific force or commands no torque.
     """
     A, B = law.A + law.G @ np.eye(3, law.order, 3), law.B[:, axis]
     own, others = _reached(A, B), [k for k in range(3) if k != axis]
     across = (law.C[others][:, own], law.D[others, axis], law.C[axis, ~own], law.D[axis, others])
-    if law.output is not Output.TORQUE or any(np.any(part) for part in across):
-        raise ValueError(f"law '{law.name}' couples its axes or commands no torque: it has no loop of one axis")
+    if law.output is not Output.TORQUE or law.feels_force or any(np.any(part) for part in across):
+        raise ValueError(f"law '{law.name}' couples its axes, feels force or commands no torque: no loop of one gyro")
     return Lti(A=A[np.ix_(own, own)], B=B[own], C=law.C[axis, own], D=law.D[axis, axis], dt=law.dt)
 
 
