@@ -91,7 +91,7 @@ def campaign(script) -> Campaign:
 
 @pytest.fixture(scope="module")
 def table(campaign, script) -> Path:
-    """Return the campaign's file, flown here one run at a time."""
+    """Return the campaign's file, flown here one run at a time: from then on all processes find its kernel compiled."""
     path = script.with_name("mc.parquet")
     fly_campaign(campaign, path, Here(), stretch_runs=1)
     return path
@@ -110,7 +110,7 @@ def test_a_campaign_that_was_killed_goes_on_with_two_workers_to_the_same_bytes(c
     assert output.read_bytes() == table.read_bytes()
 
 
-def test_ctrl_c_leaves_the_parts_one_line_and_no_process(script, tmp_path) -> None:
+def test_ctrl_c_leaves_the_parts_one_line_and_no_process(table, script, tmp_path) -> None:
     command = [sys.executable, "-m", "gustproof", "campaign", str(script), "--law", "hinf-d1", "--runs", "1000000"]
     process = subprocess.Popen(
         [*command, "--workers", "1", "-o", "mc.parquet"],
