@@ -26,9 +26,8 @@ def main() -> None:
         if name in (options.parts or _PARTS):
             print(f"tools/bench: {name}", flush=True)
             import_module(name).measure(bench)
-    seconds = time.perf_counter() - begun
-    bench.show(seconds)
-    bench.save(options.output, seconds)
+            bench.save(options.output, time.perf_counter() - begun)
+    bench.show(time.perf_counter() - begun)
     print(f"tools/bench: wrote {options.output}")
 
 
