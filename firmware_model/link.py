@@ -126,7 +126,7 @@ class Reordering(_Fault):
 class Bandwidth(_Fault):
     """One is sent after the other, as fast as the rate allows; of those that must wait, too many are lost.
 
-    A sample is 73 bytes, torques are 43, rates and attitudes 51: at 250 Hz that is 146, 86 and 102 kbit/s.
+    A sample is 73 bytes, torques are 55, rates and attitudes 51: at 250 Hz that is 146, 110 and 102 kbit/s.
     """
 
     kind: Literal["bandwidth"]
