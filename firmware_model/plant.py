@@ -211,7 +211,7 @@ def moved(params: Column, state: Column, free: bool, body: Body, dt: float, reco
         inputs = FreeInputs(_acting(record, get_vector(state, X_DIRECT), torque, thrust), _air(record))
         return free_flight.step(_free_params(params), body, inputs, dt)
     held = _acting(record, get_vector(record, journal.MOMENT), torque, thrust)
-    return rigid_body.step(_load_body_params(params, world.BODY), body, held, dt)
+    return rigid_body.turn(_load_body_params(params, world.BODY), body, held, dt)
 
 
 @kernel

@@ -78,22 +78,20 @@ def body_params(vehicle: Vehicle, *, free: bool) -> BodyParams:
 
 
 @kernel
-def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
-    """Return the time derivative of the state, in a `Body`.
+def turning(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
+    """Return the time derivative of the state, in a `Body`, of a vehicle that is held in translation.
 
-    Euler's equations with principal inertia, quaternion kinematics `q' = q omega / 2`, Newton's law in N.
+    Euler's equations with principal inertia, quaternion kinematics `q' = q omega / 2`.
     The yaw equation has N / I_z, where the paper's (2) prints L / I_z.
     """
-    q_NB = (body.qw, body.qx, body.qy, body.qz)
-    F_N = rotate(q_NB, (inputs.F_x, inputs.F_y, inputs.F_z - body.thrust))
     p, q, r = body.p, body.q, body.r
     return Body(
-        north=params.free * body.v_north,
-        east=params.free * body.v_east,
-        down=params.free * body.v_down,
-        v_north=params.free * params.inverse_mass * F_N[0],
-        v_east=params.free * params.inverse_mass * F_N[1],
-        v_down=params.free * (params.inverse_mass * F_N[2] + GRAVITY),
+        north=0.0,
+        east=0.0,
+        down=0.0,
+        v_north=0.0,
+        v_east=0.0,
+        v_down=0.0,
         qw=-0.5 * (body.qx * p + body.qy * q + body.qz * r),
         qx=0.5 * (body.qw * p + body.qy * r - body.qz * q),
         qy=0.5 * (body.qw * q + body.qz * p - body.qx * r),
@@ -106,6 +104,23 @@ def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
         yaw=params.bandwidth * (inputs.yaw_command - body.yaw),
         thrust=params.bandwidth * (inputs.thrust_command - body.thrust),
     )
+
+
+@kernel
+def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
+    """Return the time derivative of the state, in a `Body`: that of `turning`, and Newton's law in N."""
+    q_NB = (body.qw, body.qx, body.qy, body.qz)
+    F_N = rotate(q_NB, (inputs.F_x, inputs.F_y, inputs.F_z - body.thrust))
+    turn = turning(params, body, inputs)
+    return Body(
+        params.free * body.v_north,
+        params.free * body.v_east,
+        params.free * body.v_down,
+        params.free * params.inverse_mass * F_N[0],
+        params.free * params.inverse_mass * F_N[1],
+        params.free * (params.inverse_mass * F_N[2] + GRAVITY),
+        turn.qw, turn.qx, turn.qy, turn.qz, turn.p, turn.q, turn.r, turn.roll, turn.pitch, turn.yaw, turn.thrust,
+    )  # fmt: skip
 
 
 @kernel
@@ -157,7 +172,8 @@ def runge_kutta(rate: Callable[[Params, Body, Inputs], Body]) -> Callable[[Param
     return step
 
 
-step = runge_kutta(derivative)
+step, turn = runge_kutta(derivative), runge_kutta(turning)
+"""The vehicle as its parameters say, and one that is held: the same to the bit, in less time."""
 
 
 @kernel
