@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 from firmware_model import access, status, udp, undisturbed
 from firmware_model.attended import ATTENDED, attend
 from firmware_model.autopilot import Mode
-from firmware_model.endpoint import Outcome, VehicleEndpoint
+from firmware_model.endpoint import VehicleEndpoint
 from firmware_model.errors import ConfigError, RecordingError
 from firmware_model.files import read_json
 from firmware_model.flight import Flight, Hitch
 from firmware_model.frames import Peer
 from firmware_model.journal import JournalWriter
 from firmware_model.loop import VehicleLoop
+from firmware_model.outcome import Outcome
 from firmware_model.params import Parameters
 from firmware_model.scenario import Scenario, load_scenario, shipped_scenarios
 from firmware_model.signals import Level

@@ -11,7 +11,6 @@ polled. Where the script interferes with the conversation, an `Exchange` leads i
 
 from collections import Counter
 from collections.abc import Callable, Iterable
-from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from firmware_model.flight import Due, Flight, Hitch
 from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer, parse
 from firmware_model.listener import Asker, Listener, Listeners
 from firmware_model.loop import VehicleLoop
+from firmware_model.outcome import Outcome
 from firmware_model.params import GUST_SCALE_NAME, PAUSE_NAME, Parameters
 from firmware_model.scenario import Scenario
 from firmware_model.services import composed
@@ -49,21 +49,6 @@ _AT_A_CHANGE = (
     wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
 )
 _SETPOINTS = (wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET)
-
-
-class Outcome(Enum):
-    """How a flight ended."""
-
-    DONE = "done"
-    """Flown in OFFBOARD from beginning to end."""
-    STREAM_LOST = "stream_lost"
-    """The set-points stopped; the on-board loop flew to the end."""
-    LEFT_OFFBOARD = "left_offboard"
-    """Another mode was asked for; the on-board loop flew until OFFBOARD was asked for again, or to the end."""
-    NO_CONTROLLER = "no_controller"
-    """Nobody began the lockstep flight in time."""
-    INTERRUPTED = "interrupted"
-    """Ctrl-C or a termination signal."""
 
 
 class VehicleEndpoint:

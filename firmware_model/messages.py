@@ -78,8 +78,9 @@ def command_message(command: Command, target_system: int) -> Outgoing:
         payload = _TORQUE.pack(command.time_us, *controls, 0, target_system, AUTOPILOT)
         return Outgoing(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, payload)
     mask, q_NB, omega_B = _target_fields(command)
-    time_ms = command.time_us // 1000
-    payload = _TARGET.pack(time_ms, *q_NB, *omega_B, _thrust_field(command.thrust), target_system, AUTOPILOT, mask)
+    payload = _TARGET.pack(
+        boot_ms(command.time_us), *q_NB, *omega_B, _thrust_field(command.thrust), target_system, AUTOPILOT, mask
+    )
     return Outgoing(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, payload)
 
 
@@ -131,13 +132,18 @@ def is_for(system: int, target_system: int, target_component: int) -> bool:
     return target_system in (0, system) and target_component in (0, AUTOPILOT)
 
 
+def boot_ms(time_us: int) -> int:
+    """Return a time as the field `time_boot_ms` has it, which begins again after 49 days."""
+    return time_us // 1000 & 0xFFFF_FFFF
+
+
 def stamp_difference(command: Command, time_us: int) -> int:
     """Return how much newer the stamp of `command` is than `time_us`, at the resolution that the wire has for it.
 
     The unit is ms for an attitude target and us for torques; 0 means that the command answers that sample.
     """
     if isinstance(command, AttitudeTarget):
-        return command.time_us // 1000 - time_us // 1000
+        return command.time_us // 1000 - boot_ms(time_us)
     return command.time_us - time_us
 
 
@@ -166,7 +172,7 @@ def command_echo(command: Command) -> Message:
         return wire.MAVLink_actuator_control_target_message(command.time_us, 0, controls)
     mask, q_NB, omega_B = _target_fields(command)
     return wire.MAVLink_attitude_target_message(
-        command.time_us // 1000, mask, q_NB, *omega_B, _thrust_field(command.thrust)
+        boot_ms(command.time_us), mask, q_NB, *omega_B, _thrust_field(command.thrust)
     )
 
 

@@ -80,6 +80,6 @@ class Turns:
         if fields is None:
             return None
         stamp_ms, p, q, r, thrust = fields
-        if stamp_ms != time_us // 1000 or not (math.isfinite(p + q + r) and 0.0 <= thrust <= 1.0):
+        if stamp_ms != messages.boot_ms(time_us) or not (math.isfinite(p + q + r) and 0.0 <= thrust <= 1.0):
             return None
         return AttitudeTarget(stamp_ms * 1000, None, (p, q, r), thrust)

@@ -24,12 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
-from firmware_model.endpoint import Outcome as VehicleOutcome
 from firmware_model.endpoint import VehicleEndpoint
 from firmware_model.errors import ConfigError
 from firmware_model.events import ControllerKilled
 from firmware_model.journal import RECORD, read_journal, records_in
 from firmware_model.listener import NEVER_US
+from firmware_model.outcome import Outcome as VehicleOutcome
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.controller.endpoint import ControllerEndpoint

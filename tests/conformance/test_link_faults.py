@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from firmware_model.autopilot import Mode
-from firmware_model.endpoint import Outcome as VehicleOutcome
 from firmware_model.endpoint import VehicleEndpoint
 from firmware_model.events import ControllerHung, ControllerKilled, ModeChange
 from firmware_model.flight import Hitch
 from firmware_model.link import Bandwidth, BurstLoss, Delay, Duplication, Jitter, Loss, Reordering
+from firmware_model.outcome import Outcome as VehicleOutcome
 from firmware_model.params import published_limit
 from firmware_model.scenario import Scenario, load_scenario
 from firmware_model.vehicle import load_vehicle

@@ -9,9 +9,10 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot import FailSafe, Mode
-from firmware_model.endpoint import START_TIMEOUT_US, Outcome, VehicleEndpoint
+from firmware_model.endpoint import START_TIMEOUT_US, VehicleEndpoint
 from firmware_model.flight import RESEND_US, RESENDS, Hitch
 from firmware_model.frames import Dropped, parse
+from firmware_model.outcome import Outcome
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.controller.endpoint import ControllerEndpoint

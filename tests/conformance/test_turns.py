@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model import messages
-from firmware_model.endpoint import Outcome, VehicleEndpoint
+from firmware_model.endpoint import VehicleEndpoint
 from firmware_model.frames import parse
+from firmware_model.outcome import Outcome
 from firmware_model.scenario import load_scenario
 from firmware_model.signals import AttitudeTarget, ImuSample, TorqueCommand
 from firmware_model.turns import Turns

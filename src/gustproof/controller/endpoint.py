@@ -210,7 +210,7 @@ class ControllerEndpoint:
         if controller.torque:
             answer = traffic.make(self._commands, time_us, *command, math.nan)
         else:
-            answer = traffic.make(self._commands, time_us // 1000, *command, controller.hover)
+            answer = traffic.make(self._commands, messages.boot_ms(time_us), *command, controller.hover)
         self._outbox.append((answer, peer))
         return True
 

@@ -115,6 +115,18 @@ def test_every_sample_is_answered_with_its_stamp(autopilot):
     ]
 
 
+@pytest.mark.parametrize("law", ["hinf-d1", "hinf-rates"])
+def test_a_sample_of_any_stamp_is_answered(law):
+    autopilot = Autopilot(law)
+    autopilot.reach(Phase.FLYING)
+    autopilot.hear()
+    late_us = 2**64 - 1
+    autopilot.say(imu(late_us))
+    (answer,) = autopilot.hear()
+    stamp = answer.time_boot_ms if law == "hinf-rates" else answer.time_usec
+    assert stamp == (late_us // 1000 % 2**32 if law == "hinf-rates" else late_us)
+
+
 @pytest.mark.parametrize("phase", [Phase.SEEKING, Phase.READING, Phase.ARMING, Phase.ENTERING])
 def test_it_repeats_a_request_and_then_gives_up_with_a_name(autopilot, phase):
     if phase is not Phase.SEEKING:

@@ -9,11 +9,12 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot import Mode
-from firmware_model.endpoint import Outcome, VehicleEndpoint
+from firmware_model.endpoint import VehicleEndpoint
 from firmware_model.flight import Hitch
 from firmware_model.frames import Dropped, Frame, Outgoing, parse
 from firmware_model.listener import MAX_PEERS
 from firmware_model.messages import CONTROLLER, command_message
+from firmware_model.outcome import Outcome
 from firmware_model.scenario import load_scenario
 from firmware_model.signals import TorqueCommand
 from firmware_model.vehicle import load_vehicle
