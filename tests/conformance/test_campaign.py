@@ -102,7 +102,7 @@ def test_a_campaign_that_was_killed_goes_on_with_two_workers_to_the_same_bytes(c
     note.write_text(json.dumps(campaign.note()), encoding="utf-8")
     killed = subprocess.run([sys.executable, "-c", KILLED, str(note), str(output)], timeout=PATIENCE_S, check=False)
     assert killed.returncode == -signal.SIGKILL
-    assert [part.name for part in tmp_path.glob("*.parts/0*.parquet")] == ["000000000000-5.parquet"]
+    assert len(list(tmp_path.glob("*.parts/0*.parquet"))) == 1
     told: list[tuple[int, int]] = []
     with processes(2) as pool:
         fly_campaign(campaign, output, pool, stretch_runs=3, progress=lambda *numbers: told.append(numbers))

@@ -61,8 +61,9 @@ def fly_and(action: Callable[[], None], tmp_path, scenario=LONG):
 
 @pytest.fixture(autouse=True)
 def _no_process_is_left_behind() -> Iterator[None]:
+    before = set(children())  # what earlier tests keep in this process, a pool's tracker perhaps
     yield
-    assert children() == []
+    assert set(children()) <= before
 
 
 def test_killed_controller_is_named_and_the_fail_safe_flies_to_the_end(tmp_path):
@@ -98,11 +99,11 @@ def test_processes_in_lockstep_share_a_core_that_they_are_allowed(tmp_path):
     cores: list[tuple[int, ...]] = []
 
     def look_and_interrupt() -> None:
-        cores.extend(tuple(process.cpu_affinity()) for process in children())
+        flying = child("firmware_model"), child("gustproof.controller")
+        cores.extend(tuple(process.cpu_affinity()) for process in flying)
         raise KeyboardInterrupt
 
     fly_and(look_and_interrupt, tmp_path)
-    assert len(cores) == 2
     ((core,),) = set(cores)
     assert core in allowed
     assert set(psutil.Process().cpu_affinity()) == allowed
@@ -215,8 +216,13 @@ def test_plain_mavutil_client_sees_arms_and_flies_the_vehicle():
             try:
                 link.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
                 assert link.recv_match(type="COMMAND_ACK", blocking=True, timeout=20).result == 0
-                link.mav.command_long_send(1, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0)
-                assert link.recv_match(type="COMMAND_ACK", blocking=True, timeout=20).result == 0
+                for _ in range(20):  # refused for now while its set-points are held up, on a busy machine
+                    link.mav.command_long_send(1, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0)
+                    result = link.recv_match(type="COMMAND_ACK", blocking=True, timeout=20).result
+                    if result != 1:
+                        break
+                    time.sleep(0.1)
+                assert result == 0
                 seen = link.recv_match(
                     type="HEARTBEAT", condition="HEARTBEAT.base_mode & 128", blocking=True, timeout=20
                 )

@@ -34,7 +34,7 @@ from gustproof.certify.worst_starts import (
 )
 from gustproof.closed_loop import fly_direct
 from gustproof.law import Law
-from gustproof.metrics import attitude
+from gustproof.metrics import attitude, measure
 
 Array = NDArray[np.float64]
 Records = NDArray[np.void]
@@ -170,17 +170,15 @@ class _Search:
     def _result(self, best: _Found, unmoved: list[tuple[Scenario, Vehicle]], steps: Array) -> WorstCase:
         scenario, vehicle = self._scenario(best.point), self._airframe(best.point.x)
         start, start_deg = best.point.start, best.start_deg
-        records = self._fly(scenario, vehicle)
+        peaks_deg = self._peaks_deg(scenario, vehicle)
         for other, body in unmoved:
-            flown = self._fly(other, body)
-            if np.max(_peaks_deg(flown)) > np.max(_peaks_deg(records)):
-                scenario, vehicle, records = other, body, flown
-                start, start_deg = other.description, float(np.max(_peaks_deg(flown)))
-        roll, pitch, yaw = _peaks_deg(records).tolist()
+            others_deg = self._peaks_deg(other, body)
+            if max(others_deg) > max(peaks_deg):
+                scenario, vehicle, peaks_deg = other, body, others_deg
+                start, start_deg = other.description, max(others_deg)
         return WorstCase(
-            scenario=scenario, vehicle=vehicle, seed=self._seed, peak_deg=max(roll, pitch, yaw),
-            peaks_deg=(roll, pitch, yaw), linear_deg=_linear_peak_deg(steps, self._budget),
-            start=start, start_deg=start_deg, flights=self._flown,
+            scenario=scenario, vehicle=vehicle, seed=self._seed, peak_deg=max(peaks_deg), peaks_deg=peaks_deg,
+            linear_deg=_linear_peak_deg(steps, self._budget), start=start, start_deg=start_deg, flights=self._flown,
         )  # fmt: skip
 
     def _fly(self, scenario: Scenario, vehicle: Vehicle) -> Records:
@@ -193,7 +191,11 @@ class _Search:
         vehicle = self._airframe(point.x)
         if 2.0 * max(vehicle.inertia_B) > sum(vehicle.inertia_B):
             return 0.0
-        return float(np.max(_peaks_deg(self._fly(self._scenario(point), vehicle))))
+        return max(self._peaks_deg(self._scenario(point), vehicle))
+
+    def _peaks_deg(self, scenario: Scenario, vehicle: Vehicle) -> Vector:
+        flown = measure(self._fly(scenario, vehicle), vehicle, scenario, realtime_factor=0.0)
+        return flown.peak_roll_deg, flown.peak_pitch_deg, flown.peak_yaw_deg
 
     def _begun(self, point: Point) -> _Found:
         harm = self._harm(point)
@@ -293,8 +295,3 @@ def _linear_peak_deg(steps: Array, budget: Array) -> float:
     """Return the largest Euler angle [deg] that moments in the budget give the linear loop: its impulse's L1 norm."""
     norms = np.abs(np.diff(steps[:, :3], axis=0, prepend=0.0)).sum(axis=0)
     return math.degrees(float(np.max(norms @ budget)))
-
-
-def _peaks_deg(records: Records) -> Array:
-    peaks: Array = np.max(np.abs(np.degrees(attitude(records))), axis=0)
-    return peaks

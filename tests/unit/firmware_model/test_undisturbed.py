@@ -10,6 +10,7 @@ from firmware_model import undisturbed
 
 @pytest.fixture
 def collector():
+    gc.enable()  # a process that flew in a test before may have left it off
     yield
     gc.unfreeze()
     gc.enable()
