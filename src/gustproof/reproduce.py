@@ -23,7 +23,7 @@ from gustproof.outcome import Outcome
 from gustproof.report.claims import PAPER_LAWS, Claim, judge
 from gustproof.report.document import Document, reproduction_document, save
 from gustproof.report.limits import Standing, standing
-from gustproof.report.margins import HoverMargins, hover_margins
+from gustproof.report.margins import SPREADS, HoverMargins, hover_margins, off_nominal
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 
@@ -71,6 +71,8 @@ class Reproduction:
     """Figures by law and scenario, medians over the seeds."""
     margins: Mapping[str, HoverMargins | None]
     """Margins at hover by law."""
+    stable_up_to: Mapping[str, float | None]
+    """[-] times `SPREADS` of inertia and actuator lag, by law: proved at hover, `None` where it can't be judged."""
     standing: Standing
     """What is possible in the turbulence, and where the laws stand."""
     claims: tuple[Claim, ...]
@@ -84,9 +86,11 @@ class Reproduction:
                     **{name: asdict(metrics) for name, metrics in scenarios.items()},
                     "seeds": list(_seeds(law, self.seeds)),
                     "place": None if (place := self.standing.places[law]) is None else asdict(place),
+                    "stable_up_to_times": self.stable_up_to[law],
                 }
                 for law, scenarios in self.medians.items()
             },
+            "spreads": asdict(SPREADS),
             "limits": asdict(self.standing.limits),
             "claims": [
                 {"paper": claim.paper, "ours": claim.ours, "verdict": claim.verdict.value} for claim in self.claims
@@ -117,6 +121,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         law.save(out / "laws" / f"{law.name}.json")
     progress(0.0, "what is possible")
     margins = {name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
+    stable_up_to = {name: _stable_up_to(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
     found = standing(laws, margins, vehicle, scenarios["paper-turbulence"])
     flights = _fly_all(
         [
@@ -135,6 +140,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         seeds=tuple(seeds),
         medians=medians,
         margins=margins,
+        stable_up_to=stable_up_to,
         standing=found,
         claims=judge(
             medians, laws, norm=solved.result.norm, gamma_opt=design_d1.provenance.parameters["gamma_opt"],
@@ -175,6 +181,11 @@ def _fly_all(cases: Sequence[Case], vehicle: Vehicle, out: Path, progress: Progr
             stop.set()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def _stable_up_to(law: Law, vehicle: Vehicle, scenario: Scenario) -> float | None:
+    axes = off_nominal(law, vehicle, scenario)
+    return 1.0 / max(axis.upper for axis in axes) if axes else None
 
 
 def _median(flights: Sequence[RecordedFlight], scenario: str, law: str) -> Metrics:

@@ -59,12 +59,15 @@ def test_everything_is_flown_judged_and_left_in_the_folder(campaign):
     assert summary == json.loads(json.dumps(result.summary()))
     assert set(summary["laws"]) == set(reproduce.LAWS)
     for law, entry in summary["laws"].items():
-        assert set(entry) == {*reproduce.SCENARIOS, "seeds", "place"}
+        assert set(entry) == {*reproduce.SCENARIOS, "seeds", "place", "stable_up_to_times"}
         assert entry["seeds"] == ([1] if law == "hinf-d1-noise" else [1, 2])
         assert all(set(entry[name]) == set(Metrics.__dataclass_fields__) for name in reproduce.SCENARIOS)
     assert all(set(claim) == {"paper", "ours", "verdict"} for claim in summary["claims"])
     assert summary["laws"]["hinf-rates"]["place"] is None
     assert summary["laws"]["flagship"]["place"]["rmse_deg"] > summary["limits"]["gyro_deg"]
+    assert summary["laws"]["hinf-d2"]["stable_up_to_times"] is None
+    assert summary["laws"]["flagship"]["stable_up_to_times"] > 1.6
+    assert summary["spreads"] == {"inertia": 0.2, "actuator_lag": 0.3}
     assert summary["limits"]["curves"][0]["slew"] == 20.0
     assert {path.stem for path in (out / "laws").iterdir()} == set(reproduce.LAWS)
     bags = sorted(path.name for path in (out / "bags").iterdir())
@@ -89,6 +92,7 @@ def test_a_flight_that_breaks_off_ends_the_campaign_and_says_which(tmp_path, mon
     monkeypatch.setattr(flight, "fly", direct(lost="hinf-d2"))
     monkeypatch.setattr(reproduce, "load_scenario", shortened)
     monkeypatch.setattr(reproduce, "standing", lambda *_: None)
+    monkeypatch.setattr(reproduce, "off_nominal", lambda *_: ())
     with pytest.raises(FlightError, match="hinf-d2 ended"):
         reproduce.reproduce(load_vehicle("paper"), (1,), tmp_path, lambda *_: None)
     assert not (tmp_path / "summary.json").exists()

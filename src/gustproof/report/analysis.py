@@ -12,9 +12,7 @@ from rich.text import Text
 from firmware_model.moments import Step
 from firmware_model.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.vehicle import Vehicle
-from gustproof.certify.off_nominal import robust_stability
 from gustproof.certify.sweep import Bracket
-from gustproof.certify.worst_case import Spreads
 from gustproof.closed_loop import fly_direct
 from gustproof.law import Law
 from gustproof.metrics import Metrics, measure
@@ -23,10 +21,10 @@ from gustproof.report.document import Document, figures_table
 from gustproof.report.hover import HoverLoop, hover_loop
 from gustproof.report.limits import Place, place
 from gustproof.report.loop_tables import margins_table, poles_text
+from gustproof.report.margins import SPREADS, off_nominal
 from gustproof.synthesis.derive import margins_document
 
 _AXES = ("roll", "pitch", "yaw")
-_SPREADS = Spreads(inertia=0.2, actuator_lag=0.3)
 """What a vehicle's file may well be off by."""
 _STEP_S = 5.0
 _STEP_SHARE = 0.03  # [-] of the torque limit: small enough for every sound law to stay near level
@@ -77,8 +75,8 @@ class Analysis:
             "scenario": self.scenario.name,
             "margins": None if self.hover.margins is None else margins_document(self.hover.margins),
             "off_nominal": {
-                "inertia_spread": _SPREADS.inertia,
-                "actuator_lag_spread": _SPREADS.actuator_lag,
+                "inertia_spread": SPREADS.inertia,
+                "actuator_lag_spread": SPREADS.actuator_lag,
                 "stable_up_to_times": [1.0 / axis.upper for axis in self.stability],
             },
             "place": None if self.place is None else asdict(self.place),
@@ -114,7 +112,7 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
         law=law,
         scenario=scenario,
         hover=hover,
-        stability=_stability(law, vehicle, scenario),
+        stability=off_nominal(law, vehicle, scenario),
         place=None if Ms is None else place(law, Ms, vehicle, scenario),
         step=fly_direct(stepped, law, vehicle=vehicle, seed=seed),
         step_moment=step_moment,
@@ -171,7 +169,7 @@ def _limits(analysis: Analysis) -> list[str]:
         lines.append(f"delay: {samples:.3g} samples more make {_AXES[least]} unstable")
     if analysis.stability:
         room = 1.0 / max(axis.upper for axis in analysis.stability)
-        spreads = f"{100.0 * _SPREADS.inertia:g} % and the lag {100.0 * _SPREADS.actuator_lag:g} %"
+        spreads = f"{100.0 * SPREADS.inertia:g} % and the lag {100.0 * SPREADS.actuator_lag:g} %"
         lines.append(
             f"vehicle: the inertia may be off by {room:.2g} times {spreads} before it is unstable (mu, at hover)"
         )
@@ -187,13 +185,6 @@ def _limits(analysis: Analysis) -> list[str]:
     else:
         lines.append("gyro bias: a constant one turns the vehicle by bias times time; a gyro can't see attitude")
     return lines
-
-
-def _stability(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[Bracket, ...]:
-    try:
-        return tuple(robust_stability(law, vehicle, scenario, _SPREADS, axis) for axis in range(3))
-    except ValueError:
-        return ()
 
 
 def _peak(analysis: Analysis) -> float:

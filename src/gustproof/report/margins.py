@@ -7,11 +7,17 @@ import numpy as np
 
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
+from gustproof.certify.off_nominal import robust_stability
+from gustproof.certify.sweep import Bracket
+from gustproof.certify.worst_case import Spreads
 from gustproof.law import Law, Output
 from gustproof.model.lpv import linear_plant
 from gustproof.numerics.lti import Lti, delay, hold_discretized, series
 from gustproof.numerics.margins import margins
 from gustproof.synthesis.discretize import loop_law
+
+SPREADS = Spreads(inertia=0.2, actuator_lag=0.3)
+"""How far a vehicle may be off, for which `off_nominal` is stated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +45,17 @@ def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargin
         phase_margin_deg=math.degrees(min(axis.phase_margin for axis in axes)),
         delay_margin=min(axis.delay_margin for axis in axes),
     )
+
+
+def off_nominal(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[Bracket, ...]:
+    """Return mu of roll, pitch and yaw with inertia and actuator lag off by `SPREADS`: stable up to 1 / mu times that.
+
+    Empty for a law that is not three loops of one gyro each.
+    """
+    try:
+        return tuple(robust_stability(law, vehicle, scenario, SPREADS, axis) for axis in range(3))
+    except ValueError:
+        return ()
 
 
 def hover_plant(vehicle: Vehicle, scenario: Scenario, *, levelled: bool = False) -> Lti:
