@@ -16,6 +16,8 @@ from gustproof.outcome import Outcome
 from gustproof.recording.bag import read_bag
 from gustproof.report import limits
 
+pytestmark = pytest.mark.compiled
+
 
 def shortened(name):
     return replace(load_scenario(name), duration_s=1.0)

@@ -66,7 +66,7 @@ def stabilizing_solution(H: Matrix) -> Matrix:
         raise RiccatiError(RiccatiFailure.AXIS)
     U1, U2 = U[:n, :n], U[n:, :n]
     factors, pivots, _ = dgetrf(U1.T)
-    if dgecon(factors, np.linalg.norm(U1, np.inf))[0] < _RANK_TOLERANCE:
+    if dgecon(factors, np.abs(U1).sum(axis=1).max())[0] < _RANK_TOLERANCE:
         raise RiccatiError(RiccatiFailure.COMPLEMENT)
     X = dgetrs(factors, pivots, U2.T)[0].T * scale[:n, None] * scale[:n]
     return np.asarray(0.5 * (X + X.T), dtype=np.float64)
@@ -83,5 +83,5 @@ def _symplectic_scale(H: Matrix) -> Matrix:
     off_diagonal = np.abs(H)
     np.fill_diagonal(off_diagonal, 0.0)
     _, _, _, factors, _ = dgebal(off_diagonal, scale=1)
-    exponent = np.round(0.5 * (np.log2(factors[n:]) - np.log2(factors[:n])))
-    return np.asarray(np.exp2(np.concatenate([exponent, -exponent])), dtype=np.float64)
+    s: Matrix = np.exp2(np.rint(0.5 * np.log2(factors[n:] / factors[:n])))
+    return np.concatenate([s, 1.0 / s])

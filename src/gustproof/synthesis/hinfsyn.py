@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dgesv
 
 from gustproof.errors import DesignError
 from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied, largest_gain, lft
@@ -239,7 +240,9 @@ def _solve(halves: tuple[_Half, _Half], gamma: float) -> _Solution:
 def _half(half: _Half, gamma: float) -> tuple[Matrix, Matrix, bool]:
     """Return a Riccati solution, its gain, and whether it has no negative eigenvalue."""
     n, (A, B, R, SB, Q, J, natural_size) = half.A.shape[0], half
-    solved = np.linalg.solve(R - gamma**2 * J, SB)
+    _, _, solved, singular = dgesv(R - gamma**2 * J, SB)
+    if singular:
+        raise np.linalg.LinAlgError("R - gamma^2 J is singular")
     S, RS, RB = SB[:, :n], solved[:, :n], solved[:, n:]
     H = np.empty((2 * n, 2 * n))
     H[:n, :n] = A - B @ RS
