@@ -3,8 +3,9 @@
 import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_jsonable_python
@@ -72,9 +73,15 @@ def read_json(kind: type[Parsed], name: str) -> Parsed | None:
 def parse(kind: type[Parsed], document: dict[str, Any], source: str) -> Parsed:
     """Return `document` as a checked `kind`; `source` stands in front of each mistake."""
     try:
-        return TypeAdapter(kind).validate_python(document)
+        parsed: Parsed = _adapter(cast(Any, kind)).validate_python(document)
     except ValidationError as error:
         raise ConfigError(f"{source}: {told(kind, error.errors())}") from None
+    return parsed
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
 
 
 def write_toml(value: Any, path: Path) -> None:

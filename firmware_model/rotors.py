@@ -8,13 +8,14 @@ Rotor i at `position_B` gives the thrust T_i within 0..`thrust_max` along -z of 
 is inverted exactly. A rotor that turns counter-clockwise, seen from above, turns the nose to the right: spin 1.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from firmware_model.compiled import kernel
 from firmware_model.signals import Vector
-from firmware_model.vehicle import Vehicle
+from firmware_model.vehicle import Rotors, Vehicle
 
 Four = tuple[float, float, float, float]
 
@@ -50,11 +51,16 @@ class RotorParams(NamedTuple):
 
 def rotor_params(vehicle: Vehicle) -> RotorParams:
     """Return the shares of a vehicle's rotors."""
-    rotors = vehicle.rotors
+    return _rotor_params(vehicle.rotors)
+
+
+@lru_cache(maxsize=64)
+def _rotor_params(rotors: Rotors) -> RotorParams:
     inverse = np.linalg.inv(rotors.wrench)
     share = inverse[:, 3]
     torques = (inverse[:, :3].T / share).ravel()
-    return RotorParams._make([rotors.thrust_max, *share, *(rotors.thrust_max / share), *torques])
+    numbers = np.concatenate([[rotors.thrust_max], share, rotors.thrust_max / share, torques])
+    return RotorParams._make(numbers.tolist())
 
 
 @kernel

@@ -2,6 +2,7 @@
 
 from dataclasses import field
 from enum import Enum
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -117,11 +118,18 @@ class Rotors:
 
     @model_validator(mode="after")
     def _give_each_torque(self) -> Self:
-        if np.linalg.cond(self.wrench) > 1e6:
-            raise ValueError("position_B and spin don't give each torque by itself")
-        if np.min(np.linalg.inv(self.wrench)[:, 3]) <= 0.0:
-            raise ValueError("position_B: the centre of mass is not between the rotors")
+        if mistake := _mistake(self):
+            raise ValueError(mistake)
         return self
+
+
+@lru_cache(maxsize=64)  # whoever makes many vehicles with the same rotors has them judged each time
+def _mistake(rotors: Rotors) -> str:
+    if np.linalg.cond(rotors.wrench) > 1e6:
+        return "position_B and spin don't give each torque by itself"
+    if np.min(np.linalg.inv(rotors.wrench)[:, 3]) <= 0.0:
+        return "position_B: the centre of mass is not between the rotors"
+    return ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)

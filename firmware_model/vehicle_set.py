@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -24,10 +24,26 @@ class VehicleSet:
         """Each spread by the name of its number, in the file's order: `actuator_lag`, `inertia_B.x`, `gyro.snr_db`."""
         return dict(spreads(self.document))
 
-    @property
+    @cached_property
     def nominal(self) -> Vehicle:
         """The vehicle with all numbers nominal."""
-        return self.at({})
+        return parse(Vehicle, nominal(self.document, self._source), self._source)
+
+    @cached_property
+    def _spread(self) -> dict[str, Any]:
+        """What the file says under keys with a spread in them."""
+        keys = {name.partition(".")[0] for name in self.spreads}
+        return {key: item for key, item in self.document.items() if key in keys}
+
+    @cached_property
+    def _certain(self) -> dict[str, Any]:
+        """What is the same in all the vehicles, checked once."""
+        names = [field.name for field in fields(Vehicle) if field.name not in self._spread]
+        return {name: getattr(self.nominal, name) for name in names}
+
+    @property
+    def _source(self) -> str:
+        return f"vehicle '{self.document['name']}'"
 
     def at(self, delta: Mapping[str, float]) -> Vehicle:
         """Return the vehicle at normalised values in [-1, 1] by name; those that are left out are 0, nominal.
@@ -42,7 +58,7 @@ class VehicleSet:
         if unknown := sorted(set(delta) - set(self.spreads)):
             raise ValueError(f"unknown spread '{unknown[0]}', there are {', '.join(self.spreads) or 'none'}")
         values = {name: spread.value(delta.get(name, 0.0)) for name, spread in self.spreads.items()}
-        return parse(Vehicle, at(self.document, values), f"vehicle '{self.document['name']}'")
+        return parse(Vehicle, {**self._certain, **at(self._spread, values)}, self._source)
 
 
 def vehicle_set(document: Mapping[str, Any], source: str) -> VehicleSet:

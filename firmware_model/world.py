@@ -89,10 +89,13 @@ class World:
         self.params[POSITION:ROTORS] = position_params(self.vehicle, gains, self.dt)
 
 
-def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> World:
+def new_world(
+    vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False, beside: World | None = None
+) -> World:
     """Return a vehicle at rest in the scenario's attitude and height, in trimmed hover, in stationary air.
 
-    A `standing` one has its motors off; it stands level on the ground, or is clamped on the test stand.
+    A `standing` one has its motors off; it stands level on the ground, or is clamped on the test stand. It shares waves
+    and replay with the world `beside`, which has the same gusts and moments, if there is one.
 
     Raises
     ------
@@ -112,9 +115,9 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool
     )
     return World(
         params=_params(vehicle, scenario, dryden_params),
-        state=np.concatenate([body, dryden_state, estimate, nothing_held(), [0.0] * 5]),
-        waves=waves(scenario),
-        replay=replayed(scenario),
+        state=np.array([*body, *dryden_state, *estimate, *nothing_held(), *[0.0] * 5]),
+        waves=waves(scenario) if beside is None else beside.waves,
+        replay=replayed(scenario) if beside is None else beside.replay,
         changes=_changes(vehicle, scenario),
         seed=seed,
         vehicle=vehicle,
@@ -124,34 +127,36 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool
 
 
 def _params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams) -> Array:
-    return np.concatenate(
+    return np.array(
         [
-            body_params(vehicle, free=scenario.free),
-            dryden_params,
-            _gyro_params(first_plant(vehicle, scenario), scenario),
-            stabilizer_params(vehicle, vehicle.stabilizer, scenario.dt),
-            position_params(vehicle, vehicle.position, scenario.dt),
-            rotor_params(vehicle),
-            air_params(vehicle),
-            ground_params(vehicle),
-            mean_wind_params(scenario.wind),
-            ActuatorParams(),
-            _accelerometer_params(vehicle, scenario),
-            [
-                scenario.free,
-                scenario.physics_rate_hz // scenario.control_rate_hz,
-                scenario.gust_scale,
-                vehicle.mass * GRAVITY,
-            ],
-        ]
+            *body_params(vehicle, free=scenario.free),
+            *dryden_params,
+            *_gyro_params(first_plant(vehicle, scenario), scenario),
+            *stabilizer_params(vehicle, vehicle.stabilizer, scenario.dt),
+            *position_params(vehicle, vehicle.position, scenario.dt),
+            *rotor_params(vehicle),
+            *air_params(vehicle),
+            *ground_params(vehicle),
+            *mean_wind_params(scenario.wind),
+            *ActuatorParams(),
+            *_accelerometer_params(vehicle, scenario),
+            scenario.free,
+            scenario.physics_rate_hz // scenario.control_rate_hz,
+            scenario.gust_scale,
+            vehicle.mass * GRAVITY,
+        ],
+        dtype=np.float64,
     )
 
 
 def _changes(vehicle: Vehicle, scenario: Scenario) -> Array:
     """Return a row for each constant that an event changes."""
+    turns = list(later_plants(vehicle, scenario))
+    if not turns:
+        return np.empty((0, 3))
     rows: list[tuple[int, int, float]] = []
     before = _changeable(first_plant(vehicle, scenario), scenario)
-    for sample, plant in later_plants(vehicle, scenario):
+    for sample, plant in turns:
         now = _changeable(plant, scenario)
         rows += [(sample, at, value) for at, value in now.items() if value != before[at]]
         before = now

@@ -102,7 +102,7 @@ def test_a_campaign_that_was_killed_goes_on_with_two_workers_to_the_same_bytes(c
     note.write_text(json.dumps(campaign.note()), encoding="utf-8")
     killed = subprocess.run([sys.executable, "-c", KILLED, str(note), str(output)], timeout=PATIENCE_S, check=False)
     assert killed.returncode == -signal.SIGKILL
-    assert len(list(tmp_path.glob("*.parts/0*.parquet"))) == 1
+    assert len(list(tmp_path.glob("*.parts/0*.arrow"))) == 1
     told: list[tuple[int, int]] = []
     with processes(2) as pool:
         fly_campaign(campaign, output, pool, stretch_runs=3, progress=lambda *numbers: told.append(numbers))
@@ -118,7 +118,7 @@ def test_ctrl_c_leaves_the_parts_one_line_and_no_process(table, script, tmp_path
     )  # fmt: skip
     try:
         end = time.monotonic() + PATIENCE_S
-        while not list(tmp_path.glob("*.parts/0*.parquet")):
+        while not list(tmp_path.glob("*.parts/0*.arrow")):
             assert process.poll() is None
             assert time.monotonic() < end
             time.sleep(0.05)

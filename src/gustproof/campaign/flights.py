@@ -6,6 +6,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import fields
 from functools import lru_cache
+from itertools import chain
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.mistakes import one_line
 from firmware_model.requirement import Requirement
 from firmware_model.scenario import Scenario
+from gustproof.batch import LANES
 from gustproof.campaign.draws import Array
 from gustproof.campaign.plan import Campaign, noted, versions
 from gustproof.closed_loop import fly_direct
@@ -26,6 +29,8 @@ from gustproof.sitl import fly_loopback
 
 FIGURES = tuple(field.name for field in fields(Metrics) if field.type is float and field.name != "realtime_factor")
 """Names of the figures of a run that are numbers, units as in `Metrics`."""
+Row = tuple[Any, ...]
+_figures = attrgetter(*FIGURES)
 
 
 class Stretch(NamedTuple):
@@ -57,9 +62,16 @@ def fly_stretch(note: str, stretch: Stretch) -> Flown:
     begin = time.perf_counter()
     campaign = _campaign(note)
     first, count = stretch.first % campaign.cases, stretch.runs
-    delta, seeds = campaign.deltas(first, count), campaign.flight_seeds(first, count)
-    judged = _judged(campaign, campaign.law_of(stretch.first), delta, seeds)
-    return Flown(_table(campaign, stretch, delta, seeds, judged), time.perf_counter() - begin)
+    delta, seeds, law = (
+        campaign.deltas(first, count),
+        campaign.flight_seeds(first, count),
+        campaign.law_of(stretch.first),
+    )
+    rows: list[Row] = []
+    for at in range(0, count, LANES):  # a batch's worlds are gone before the next: nothing piles up to be collected
+        judged = _judged(campaign, law, delta[at : at + LANES], seeds[at : at + LANES])
+        rows += [_row(campaign.scenario, each) for each in judged]
+    return Flown(_table(campaign, stretch, delta, seeds, rows), time.perf_counter() - begin)
 
 
 def ready(note: str) -> int:
@@ -113,7 +125,7 @@ def _by_message(scenario: Scenario, law: Law, case: Case) -> Judged:
 
 def _sound(campaign: Campaign, law: Law, case: Case, judged: Judged | str) -> Judged | str:
     """Return `judged`, or when the flight diverged if it did."""
-    if isinstance(judged, str) or all(math.isfinite(getattr(judged.metrics, name)) for name in FIGURES):
+    if isinstance(judged, str) or all(map(math.isfinite, _figures(judged.metrics))):
         return judged
     if campaign.scenario.scripts_controller:
         return "diverged"
@@ -152,24 +164,26 @@ def schema(campaign: Campaign) -> Any:
 def lost(campaign: Campaign, stretch: Stretch, failure: str) -> Any:
     """Return the rows of runs that left nothing but the reason why."""
     first, runs = stretch.first % campaign.cases, stretch.runs
-    return _table(campaign, stretch, campaign.deltas(first, runs), campaign.flight_seeds(first, runs), [failure] * runs)
+    rows = [_row(campaign.scenario, failure)] * runs
+    return _table(campaign, stretch, campaign.deltas(first, runs), campaign.flight_seeds(first, runs), rows)
 
 
-def _table(
-    campaign: Campaign, stretch: Stretch, delta: Array, seeds: Sequence[int], judged: Sequence[Judged | str]
-) -> Any:
-    sound = [None if isinstance(each, str) else each for each in judged]
+def _row(scenario: Scenario, judged: Judged | str) -> Row:
+    """Return what became of a run, by the columns of `schema` from the figures on."""
+    if isinstance(judged, str):
+        return (*[None] * (len(FIGURES) + 1), *[None, False] * len(scenario.require), False, judged)
+    required = [(None if math.isnan(each.value) else each.value, each.held) for each in judged.requirements]
+    return (
+        *_figures(judged.metrics), judged.metrics.rho_in_bounds,
+        *chain.from_iterable(required), all(held for _, held in required), None,
+    )  # fmt: skip
+
+
+def _table(campaign: Campaign, stretch: Stretch, delta: Array, seeds: Sequence[int], rows: Sequence[Row]) -> Any:
     first = stretch.first % campaign.cases
     arrays: list[Any] = [
         range(stretch.first, stretch.first + stretch.runs), range(first, first + stretch.runs),
-        [campaign.law_of(stretch.first).name] * stretch.runs, seeds, *delta.T,
-        *([each and getattr(each.metrics, name) for each in sound] for name in (*FIGURES, "rho_in_bounds")),
+        [campaign.law_of(stretch.first).name] * stretch.runs, seeds, *delta.T, *zip(*rows, strict=True),
     ]  # fmt: skip
-    for number in range(len(campaign.scenario.require)):
-        results = [None if each is None else each.requirements[number] for each in sound]
-        values = [None if result is None or math.isnan(result.value) else result.value for result in results]
-        arrays += [values, [result is not None and result.held for result in results]]
-    arrays.append([each is not None and all(result.held for result in each.requirements) for each in sound])
-    arrays.append([each if isinstance(each, str) else None for each in judged])
     kinds = schema(campaign)
     return pa.Table.from_arrays([pa.array(a, kind.type) for a, kind in zip(arrays, kinds, strict=True)], schema=kinds)

@@ -8,6 +8,7 @@ import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -184,6 +185,7 @@ def noted(note: Any, source: Path | str) -> Campaign:
         raise ConfigError(f"{source}: does not say what was flown") from None
 
 
+@cache
 def versions() -> dict[str, str]:
     """Return what can change the bits of a campaign."""
     return {

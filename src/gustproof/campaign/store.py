@@ -1,7 +1,7 @@
 """Where a campaign's runs are kept: parts in a folder beside the output while it is flown, one Parquet file at its end.
 
 Nothing half-written is ever read: a part, and the file, come to their names whole. What was flown before Ctrl-C, a kill
-or a power loss is not flown again.
+or a power loss is not flown again. Parts are in Arrow's own format, written in a fifth of the time that Parquet takes.
 """
 
 import json
@@ -25,7 +25,8 @@ ROW_GROUP = 16_384
 """Rows of the file that are written at once: what its memory is bounded by."""
 NOTE = "gustproof"
 """Key of the campaign in the file's metadata, as JSON."""
-_PART = re.compile(r"(\d+)-(\d+)\.parquet")
+_PART = re.compile(r"(\d+)-(\d+)\.arrow")
+_WORDS = ["law", "failure"]  # columns in which few values come often; numbers seldom repeat
 
 
 class Store:
@@ -83,8 +84,13 @@ class Store:
 
     def add(self, stretch: Stretch, table: Any) -> None:
         """Keep the rows of a stretch of runs."""
-        path = self.folder / f"{stretch.first:012d}-{stretch.runs}.parquet"
-        _write_whole(path, lambda file: pq.write_table(table, file))
+        path = self.folder / f"{stretch.first:012d}-{stretch.runs}.arrow"
+
+        def write(file: Any) -> None:
+            with pa.ipc.new_file(file, table.schema) as writer:
+                writer.write_table(table)
+
+        _write_whole(path, write)
         self._parts[stretch.first] = (stretch.runs, path)
 
     def finish(self) -> None:
@@ -97,7 +103,7 @@ class Store:
 
         def write(file: Any) -> None:
             kinds = schema(self._campaign).with_metadata({NOTE: json.dumps(self._campaign.note())})
-            with pq.ParquetWriter(file, kinds, compression="zstd") as writer:
+            with pq.ParquetWriter(file, kinds, compression="zstd", use_dictionary=_WORDS) as writer:
                 for rows in self._row_groups():
                     writer.write_table(rows, row_group_size=ROW_GROUP)
 
@@ -109,7 +115,7 @@ class Store:
         """Yield all rows in stretches of `ROW_GROUP`; the last one may be shorter."""
         waiting: list[Any] = []
         for _, (_, path) in sorted(self._parts.items()):
-            waiting.append(pq.read_table(path, memory_map=False))
+            waiting.append(_read(path))
             while sum(table.num_rows for table in waiting) >= ROW_GROUP:
                 joined = pa.concat_tables(waiting).combine_chunks()
                 yield joined.slice(0, ROW_GROUP).combine_chunks()
@@ -156,9 +162,13 @@ def check_same(theirs: dict[str, Any], ours: dict[str, Any], complaint: str) -> 
         )
 
 
+def _read(path: Path) -> Any:
+    return pa.ipc.open_file(str(path)).read_all()
+
+
 def _rows(path: Path) -> int:
     try:
-        return int(pq.read_metadata(path).num_rows)
+        return int(_read(path).num_rows)
     except (pa.ArrowInvalid, OSError):
         return -1
 

@@ -114,7 +114,7 @@ def test_what_was_flown_before_an_interruption_is_not_flown_again(planned, tmp_p
 
     with pytest.raises(KeyboardInterrupt):
         written(campaign, tmp_path / "mc.parquet", first, stretch_runs=7, progress=interrupt)
-    kept = {run for part in (tmp_path / "mc.parquet.parts").glob("*.parquet") for run in stretch_of(part)}
+    kept = {run for part in (tmp_path / "mc.parquet.parts").glob("*.arrow") for run in stretch_of(part)}
     assert len(kept) >= 30
     told = []
     again = written(campaign, tmp_path / "mc.parquet", second, stretch_runs=9, progress=lambda *n: told.append(n))
@@ -125,7 +125,7 @@ def test_what_was_flown_before_an_interruption_is_not_flown_again(planned, tmp_p
 
 
 def stretch_of(part):
-    first, count = map(int, re.fullmatch(r"(\d+)-(\d+)\.parquet", part.name).groups())
+    first, count = map(int, re.fullmatch(r"(\d+)-(\d+)\.arrow", part.name).groups())
     return range(first, first + count)
 
 
@@ -138,7 +138,7 @@ def interrupted(campaign, path):
 
     with pytest.raises(KeyboardInterrupt):
         written(campaign, path, stretch_runs=7, progress=interrupt)
-    return next(path.with_name(f"{path.name}.parts").glob("0*.parquet"))
+    return next(path.with_name(f"{path.name}.parts").glob("0*.arrow"))
 
 
 def test_a_part_that_is_not_whole_is_flown_again(planned, tmp_path):
