@@ -8,7 +8,7 @@ import pytest
 from firmware_model.plant_events import ActuatorEffect, AttitudeReference, GyroBias, Payload
 from firmware_model.requirement import Metric, Requirement
 from firmware_model.rotations import euler_angles
-from firmware_model.scenario import load_scenario
+from firmware_model.scenario import load_scenario, shipped_scenarios
 from firmware_model.vehicle import load_vehicle
 from firmware_model.wind import GustReplay, GustStep, OneMinusCosine
 from gustproof.batch import LANES
@@ -90,6 +90,12 @@ def test_a_case_scales_the_gusts_and_begins_in_its_attitude():
 @pytest.mark.parametrize("law", shipped_laws())
 def test_flights_side_by_side_are_those_one_by_one_with_every_law(law):
     assert_same(SHORT, load_law(law), cases(3))
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("name", [name for name in shipped_scenarios() if not load_scenario(name).scripts_controller])
+def test_flights_side_by_side_are_those_one_by_one_in_every_scenario_without_messages(name):
+    assert_same(load_scenario(name), LAW, cases(3))
 
 
 @pytest.mark.compiled
