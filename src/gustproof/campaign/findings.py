@@ -167,7 +167,7 @@ def _told(value: Any) -> Any:
 
 
 def findings(path: Path) -> Findings:
-    """Return what came of the campaign in a file; columns are read one at a time.
+    """Return what came of the campaign in a file; columns are read one at a time, one law's dispersions are kept.
 
     Raises
     ------
@@ -175,22 +175,19 @@ def findings(path: Path) -> Findings:
         If it is not a campaign's file.
     """
     campaign, table = read_campaign(path), opened(path)
-    flown = [np.flatnonzero(np.isfinite(row)) for row in read_column(table, FIGURES[0], campaign)]
-    deltas: list[dict[str, Ranked]] = [{} for _ in campaign.laws]
-    for name in campaign.spreads:
-        drawn = read_column(table, delta_column(name), campaign)[0]
-        for number, there in enumerate(flown):
-            deltas[number][name] = ranked(drawn[there])
-    duels: list[Duel] = []
-    by_law: list[dict[str, Figure]] = [{} for _ in campaign.laws]
-    for name in FIGURES:
-        values = read_column(table, name, campaign)
-        for number, there in enumerate(flown):
-            by_law[number][name] = _figure(values[number], there, number * campaign.cases, deltas[number])
-        if name in COMPARED:
-            duels += _duels(name, values, campaign)
-    laws = tuple(_law(table, campaign, number, found) for number, found in enumerate(by_law))
-    return Findings(table=path, campaign=campaign, laws=laws, duels=tuple(duels))
+    laws = tuple(_law(table, campaign, number) for number in range(len(campaign.laws)))
+    compared = [name for name in FIGURES if name in COMPARED]
+    duels = tuple(duel for name in compared for duel in _duels(name, read_column(table, name, campaign), campaign))
+    return Findings(table=path, campaign=campaign, laws=laws, duels=duels)
+
+
+def _figures(table: Any, campaign: Campaign, number: int) -> dict[str, Figure]:
+    flown = np.flatnonzero(np.isfinite(read_column(table, FIGURES[0], campaign)[number]))
+    deltas = {
+        name: ranked(read_column(table, delta_column(name), campaign)[number][flown]) for name in campaign.spreads
+    }
+    first = number * campaign.cases
+    return {name: _figure(read_column(table, name, campaign)[number], flown, first, deltas) for name in FIGURES}
 
 
 def _figure(values: Array, flown: Places, first: int, deltas: dict[str, Ranked]) -> Figure:
@@ -210,11 +207,14 @@ def _figure(values: Array, flown: Places, first: int, deltas: dict[str, Ranked])
 
 def _largest(values: Array, first: int, keys: Array) -> tuple[Worst, ...]:
     """Return the runs from `first` on with the largest keys; NaN is none."""
-    order = np.argsort(np.where(np.isnan(keys), math.inf, -keys), kind="stable")[:_WORST]
+    falling = np.where(np.isnan(keys), math.inf, -keys)
+    last = min(_WORST, len(falling)) - 1
+    among = np.flatnonzero(falling <= np.partition(falling, last)[last])  # all to be sorted takes far longer
+    order = among[np.argsort(falling[among], kind="stable")][:_WORST]
     return tuple(Worst(first + int(i), float(values[i])) for i in order if not math.isnan(keys[i]))
 
 
-def _law(table: Any, campaign: Campaign, number: int, figures: dict[str, Figure]) -> LawFindings:
+def _law(table: Any, campaign: Campaign, number: int) -> LawFindings:
     cases, first = campaign.cases, number * campaign.cases
     passed = []
     for requirement, name in zip(campaign.scenario.require, columns(campaign.scenario.require), strict=True):
@@ -225,7 +225,7 @@ def _law(table: Any, campaign: Campaign, number: int, figures: dict[str, Figure]
     reasons = table.read(columns=["failure"]).column(0).slice(first, cases)
     failed = np.flatnonzero(reasons.is_valid().to_numpy())
     return LawFindings(
-        law=campaign.laws[number].name, figures=figures, passed=tuple(passed),
+        law=campaign.laws[number].name, figures=_figures(table, campaign, number), passed=tuple(passed),
         all_held=share(int(read_column(table, "held", campaign)[number].sum()), cases),
         failures=tuple(Failure(first + int(i), reasons[int(i)].as_py()) for i in failed[:_WORST]), failed=len(failed),
     )  # fmt: skip

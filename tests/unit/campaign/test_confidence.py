@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import rankdata
 
 from gustproof.campaign.confidence import importance, mean, quantile, ranked, share
 
@@ -36,6 +37,14 @@ def test_intervals_of_a_quantile_hold_it_as_often_as_they_say():
     held = sum(found.low <= true <= found.high for found in (quantile(row, 0.9) for row in drawn))
     assert 0.95 - 4.0 * math.sqrt(0.95 * 0.05 / 2000) <= held / 2000  # exact intervals are never too narrow
     assert held < 2000
+
+
+@pytest.mark.parametrize("distinct", [1, 7, 10**9])
+def test_equal_values_share_their_rank_and_stay_in_order(distinct):
+    values = np.random.default_rng(4).integers(0, distinct, 300).astype(float)
+    found = ranked(values)
+    np.testing.assert_array_equal(found.ranks, rankdata(values))
+    np.testing.assert_array_equal(found.order, sorted(range(300), key=values.__getitem__))
 
 
 def test_importance_is_the_share_of_the_variance():

@@ -76,6 +76,14 @@ def test_figures_are_those_of_the_runs_that_left_some(table):
     assert all(worst.run >= CASES for worst in found[1].figures["rmse_deg"].worst)
 
 
+def test_of_runs_that_are_equally_bad_the_first_are_told(table):
+    assert [worst.run for worst in findings(table).laws[1].figures["torque_slew_rms"].worst] == list(
+        range(CASES, CASES + 5)
+    )
+    first = findings(table).laws[0].figures["rmse_deg"].worst
+    assert [worst.value for worst in first] == sorted((worst.value for worst in first), reverse=True)
+
+
 def test_a_run_that_left_nothing_passes_nothing(table):
     law = findings(table).laws[0]
     assert law.failed == 1
