@@ -4,6 +4,7 @@ They take runs as independent. Of a Latin hypercube or of Sobol' points they are
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -118,19 +119,32 @@ def importance(delta: Ranked, values: Array, ranks: Array) -> Importance | None:
     T. L. Kelley, An unbiased correlation ratio measure, PNAS 21, 1935 (what chance adds).
     """
     n = len(values)
-    bins = min(n // _FEWEST_IN_BIN, _MOST_BINS)
-    if bins < 2 or np.ptp(values) == 0.0 or np.ptp(delta.ranks) == 0.0:
+    if n < 2 * _FEWEST_IN_BIN or np.ptp(values) == 0.0 or np.ptp(delta.ranks) == 0.0:
         return None
-    edges = np.linspace(0, n, bins + 1).round().astype(np.intp)
+    bins, edges, noise = _bins(n)
     off = values - np.mean(values)
     sums, sizes = np.add.reduceat(off[delta.order], edges[:-1]), np.diff(edges)
     between = float(np.sum(sums**2 / sizes) / np.sum(off**2))
-    chance = float(betaincinv((bins - 1) / 2.0, (n - bins) / 2.0, LEVEL))
     return Importance(
-        rank_correlation=float(np.corrcoef(delta.ranks, ranks)[0, 1]),
+        rank_correlation=_correlation(delta.ranks, ranks),
         first_order=max(_without_chance(between, n, bins), 0.0),
-        noise=_without_chance(chance, n, bins),
+        noise=noise,
     )
+
+
+@lru_cache(maxsize=16)
+def _bins(n: int) -> tuple[int, NDArray[np.intp], float]:
+    """Return into how many bins `n` runs go, where each begins and the last ends, and `Importance.noise`."""
+    bins = min(n // _FEWEST_IN_BIN, _MOST_BINS)
+    edges = np.linspace(0, n, bins + 1).round().astype(np.intp)
+    chance = float(betaincinv((bins - 1) / 2.0, (n - bins) / 2.0, LEVEL))
+    return bins, edges, _without_chance(chance, n, bins)
+
+
+def _correlation(ranks: Array, others: Array) -> float:
+    middle = (len(ranks) + 1) / 2.0  # the mean of any ranks
+    a, b = ranks - middle, others - middle
+    return float(a @ b / np.sqrt((a @ a) * (b @ b)))
 
 
 def _without_chance(between: float, n: int, bins: int) -> float:

@@ -125,7 +125,7 @@ class Store:
 
     def _check_note(self) -> None:
         path, note = self.folder / "campaign.json", self._campaign.note()
-        text = json.dumps(note, indent=1, sort_keys=True)
+        text = json.dumps(note, sort_keys=True)
         if not path.exists():
             _write_whole(path, lambda file: file.write(text.encode()))
             return

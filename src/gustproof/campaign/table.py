@@ -65,6 +65,6 @@ def opened(path: Path) -> Any:
 
 def read_column(file: Any, name: str, campaign: Campaign) -> Array:
     """Return a column as numbers, (laws, cases), units as its name or `Metrics` says; NaN where a run has none."""
-    column = file.read(columns=[name]).column(0).to_numpy().astype(np.float64)
+    column = file.read(columns=[name], use_threads=False).column(0).to_numpy().astype(np.float64)
     values: Array = column.reshape(len(campaign.laws), campaign.cases)
     return values

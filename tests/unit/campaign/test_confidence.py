@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import rankdata
+from scipy.stats import rankdata, spearmanr
 
 from gustproof.campaign.confidence import importance, mean, quantile, ranked, share
 
@@ -57,6 +57,12 @@ def test_importance_is_the_share_of_the_variance():
     assert found[2].first_order <= 2.0 * found[2].noise < 0.01
     assert found[0].rank_correlation > 0.9
     assert found[1].rank_correlation < -0.2
+
+
+def test_rank_correlation_is_spearman_s_where_values_are_equal_too():
+    a, b = np.random.default_rng(5).integers(0, 9, (2, 500)).astype(float)
+    found = importance(ranked(a), a + b, ranked(a + b).ranks)
+    assert found.rank_correlation == pytest.approx(spearmanr(a, a + b).statistic, rel=1e-12)
 
 
 def test_what_does_not_rise_or_fall_is_still_seen():
