@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.extending import register_jitable
+from numba.core import types
+from numba.extending import intrinsic, overload, register_jitable
 
+_CACHE_LINE = 64  # [B]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -21,6 +23,28 @@ def kernel(function: Function) -> Function:
     """
     inlined = register_jitable(forceinline=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
     return cast(Function, inlined(function))
+
+
+def align_stack() -> None:
+    """Let the stack of the entry point that calls this begin at a cache line; to Python it does nothing.
+
+    LLVM keeps what registers have no room for on the stack, wherever that is: a register of 64 bytes that lies across
+    two lines takes twice the time, and a rigid body's step has a hundred of them.
+    """
+
+
+def _stack_alignment(_: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        attributes = builder.function.attributes
+        attributes.alignstack = _CACHE_LINE
+        attributes.add("nounwind")  # an alignment alone is not written; compiled code never unwinds
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
+_set_stack_alignment = intrinsic(_stack_alignment)
+overload(align_stack, inline="always")(lambda: lambda: _set_stack_alignment())
 
 
 def compiled(function: Function) -> Function:

@@ -21,7 +21,7 @@ from firmware_model.rotors import Four, RotorParams, allocate, rotor_thrusts
 from firmware_model.rows import Column, alone, get, get_vector, loader, put, put_vector, storer
 from firmware_model.sensors import AccelerometerParams, GyroParams, accelerometer, gyro
 from firmware_model.signals import Quaternion, Vector
-from firmware_model.stabilizer import Estimate, StabilizerParams, aligned, set_attitude, strapdown
+from firmware_model.stabilizer import Estimate, StabilizerParams, aligned, heard, set_attitude, strapdown
 from firmware_model.world import (
     ACCELEROMETER_STREAM,
     FREE,
@@ -58,7 +58,7 @@ def observe_kernel(params: Array, state: Array, waves: Array, replay: Array, cha
     time_us = sample * sample_us
     scripted, free = disturbance(waves, replay, sample, time_us * 1e-6), get(one, FREE) != 0.0
     turning, felt = normals(seed, GYRO_STREAM, sample, 0), normals(seed, ACCELEROMETER_STREAM, sample, 0)
-    sense(one, x, free, scripted, turning, felt, time_us, alone(record))
+    sense(one, x, free, True, scripted, turning, felt, time_us, alone(record))
     _write_rotors(one, x, free, alone(record))
 
 
@@ -92,32 +92,38 @@ def change(params: Array, state: Column, changes: Array, sample: int) -> None:
 
 
 @kernel
-def sense(params: Column, state: Column, free: bool, scripted: Disturbance, turning: Four, felt: Four, time_us: int,
-          record: Column) -> None:  # fmt: skip
-    """Write to `record` all that `observe_kernel` does but the rotors; the sensors get standard normal numbers."""
+def sense(params: Column, state: Column, free: bool, whole: bool, scripted: Disturbance, turning: Four, felt: Four,
+          time_us: int, record: Column) -> None:  # fmt: skip
+    """Write to `record` all that `observe_kernel` does but the rotors; the sensors get standard normal numbers.
+
+    What acts on a held vehicle under torques or rates, and what its figures are measured by, needs neither wind nor
+    on-board attitude nor what is only recorded: without the `whole` these are left out.
+    """
     body, time = _load_body(state, X_BODY), time_us * 1e-6
-    put(record, journal.TIME, time_us)
-    direct = _write_air(params, state, scripted, record)
+    direct = _write_air(params, state, whole, scripted, record)
     force, moment, load = _felt(params, body, free, direct, record)
-    put(state, X_LOAD, load)
-    put_vector(state, X_DIRECT, direct)
     rate = gyro(_load_gyro_params(params, world.GYRO), (body.p, body.q, body.r), turning, time)
     put_vector(record, journal.GYRO_B, rate)
     put_vector(
         record, journal.FORCE_B, accelerometer(_load_accelerometer_params(params, world.ACCELEROMETER), force, felt)
     )
     put_vector(record, journal.MOMENT, (moment[0] + direct[0], moment[1] + direct[1], moment[2] + direct[2]))
-    put_vector(record, journal.POSITION, (body.north, body.east, body.down))
-    put_vector(record, journal.VELOCITY, (body.v_north, body.v_east, body.v_down))
     put_vector(record, journal.OMEGA, (body.p, body.q, body.r))
     _put_four(record, journal.Q_NB, _q_NB(body))
-    put_vector(record, journal.TORQUE_B, (body.roll, body.pitch, body.yaw))
-    put(record, journal.THRUST, -body.thrust)
     stabilizer = _load_stabilizer_params(params, world.STABILIZER)
-    estimate = strapdown(stabilizer, _load_estimate(state, X_ESTIMATE), rate)
+    estimate = _load_estimate(state, X_ESTIMATE)
+    estimate = strapdown(stabilizer, estimate, rate) if whole else heard(stabilizer, estimate, rate)
     if free:
         estimate = aligned(stabilizer, estimate, _q_NB(body))
     _store_estimate(state, X_ESTIMATE, estimate)
+    if whole:
+        put(state, X_LOAD, load)
+        put_vector(state, X_DIRECT, direct)
+        put(record, journal.TIME, time_us)
+        put_vector(record, journal.POSITION, (body.north, body.east, body.down))
+        put_vector(record, journal.VELOCITY, (body.v_north, body.v_east, body.v_down))
+        put_vector(record, journal.TORQUE_B, (body.roll, body.pitch, body.yaw))
+        put(record, journal.THRUST, -body.thrust)
 
 
 @kernel
@@ -141,19 +147,19 @@ def _free_params(params: Column) -> FreeParams:
 
 
 @kernel
-def _write_air(params: Column, state: Column, scripted: Disturbance, record: Column) -> Vector:
+def _write_air(params: Column, state: Column, whole: bool, scripted: Disturbance, record: Column) -> Vector:
     """Write gust and wind, and return the direct moment [N*m] B; what is scripted in N is turned into B."""
     body = _load_body(state, X_BODY)
     gust_B, gust_N, moment_B, moment_N = scripted
     to_B = conjugate(_q_NB(body))
     turned, turned_moment = rotate(to_B, gust_N), rotate(to_B, moment_N)
     turbulence, turning = dryden_gust(_load_dryden_params(params, world.DRYDEN), _load_dryden(state, X_DRYDEN))
-    wind = mean_wind(_load_mean_wind_params(params, world.MEAN_WIND), -body.down)
     scale = get(params, GUST_SCALE)
     for i in range(3):
         put(record, journal.GUST + i, scale * (turbulence[i] + gust_B[i] + turned[i]))
         put(record, journal.GUST_OMEGA + i, scale * turning[i])
-        put(record, journal.WIND + i, wind[i])
+    if whole:
+        put_vector(record, journal.WIND, mean_wind(_load_mean_wind_params(params, world.MEAN_WIND), -body.down))
     return moment_B[0] + turned_moment[0], moment_B[1] + turned_moment[1], moment_B[2] + turned_moment[2]
 
 

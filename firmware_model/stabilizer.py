@@ -70,9 +70,14 @@ def strapdown(params: StabilizerParams, x: Estimate, gyro_B: Vector) -> Estimate
     """Return the estimate carried to a new gyro sample: a turn by the mean of the last two samples times `dt`."""
     half = 0.5 * params.dt
     turn = from_rotation_vector((half * (x.p + gyro_B[0]), half * (x.q + gyro_B[1]), half * (x.r + gyro_B[2])))
-    q = normalize(multiply((x.qw, x.qx, x.qy, x.qz), turn))
+    return set_attitude(heard(params, x, gyro_B), normalize(multiply((x.qw, x.qx, x.qy, x.qz), turn)))
+
+
+@kernel
+def heard(params: StabilizerParams, x: Estimate, gyro_B: Vector) -> Estimate:
+    """Return the estimate with the rates of a new gyro sample, and the attitude of the last one."""
     return Estimate(
-        q[0], q[1], q[2], q[3], gyro_B[0], gyro_B[1], gyro_B[2],
+        x.qw, x.qx, x.qy, x.qz, gyro_B[0], gyro_B[1], gyro_B[2],
         x.i_roll, x.i_pitch, x.i_yaw,
         x.f_roll + params.smoothing * (gyro_B[0] - x.f_roll),
         x.f_pitch + params.smoothing * (gyro_B[1] - x.f_pitch),

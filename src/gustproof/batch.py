@@ -8,85 +8,93 @@ import numpy as np
 
 from firmware_model import commands, journal, plant, world
 from firmware_model.commands import SETPOINT, command
-from firmware_model.compiled import compiled, kernel
+from firmware_model.compiled import align_stack, compiled, kernel
 from firmware_model.disturbances import disturbance
-from firmware_model.elementary import normals
+from firmware_model.elementary import BLOCK, inverse_normals, uniforms
 from firmware_model.journal import WIDTH
-from firmware_model.rows import Column
+from firmware_model.rows import Column, aligned
 from firmware_model.sensors import float32
 from firmware_model.world import Array
-from gustproof.law import euler_rates
-from gustproof.metrics import tally_kernel
+from gustproof.law_step import CUT, EXTRA, FOUR, RATES, Sums, euler_rates
+from gustproof.metrics import TALLY, tally_kernel
 from gustproof.requirements import read_kernel
 
 LANES = 32
 """Flights in a batch: four registers of eight numbers, which hide each other's latency."""
-_UNUSED = (0.0, 0.0, 0.0, 0.0)
+_GYRO, _GUST, _ACCELEROMETER, _DRAWN = 0, 4, 12, 16  # rows of random numbers
 
 
 @compiled
 def fly_held(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seeds: Array, sample_us: int,
-             dt: float, A: Array, B: Array, C: Array, D: Array, G: Array, H: Array, limits: Array, reference: Array,
-             scale: Array, kind: float, bound: float, thrust: Array, delay: int, torque_limit: Array, rules: Array,
-             tallies: Array, readings: Array) -> None:  # fmt: skip
+             dt: float, law: Sums, feels: bool, reference: Array, scale: Array, kind: float, bound: float,
+             thrust: Array, delay: int, torque_limit: Array, rules: Array, tallies: Array,
+             readings: Array) -> None:  # fmt: skip
     """Fly a batch on the test stand, see `_fly`."""
-    _fly(False, params, state, waves, replay, changes, seeds, sample_us, dt, A, B, C, D, G, H, limits, reference,
-         scale, kind, bound, thrust, delay, torque_limit, rules, tallies, readings)  # fmt: skip
+    align_stack()
+    _fly(False, params, state, waves, replay, changes, seeds, sample_us, dt, law, feels, reference, scale, kind, bound,
+         thrust, delay, torque_limit, rules, tallies, readings)  # fmt: skip
 
 
 @kernel
 def _fly(free: bool, params: Array, state: Array, waves: Array, replay: Array, changes: Array, seeds: Array,
-         sample_us: int, dt: float, A: Array, B: Array, C: Array, D: Array, G: Array, H: Array, limits: Array,
-         reference: Array, scale: Array, kind: float, bound: float, thrust: Array, delay: int, torque_limit: Array,
-         rules: Array, tallies: Array, readings: Array) -> None:  # fmt: skip
+         sample_us: int, dt: float, law: Sums, feels: bool, reference: Array, scale: Array, kind: float, bound: float,
+         thrust: Array, delay: int, torque_limit: Array, rules: Array, tallies: Array,
+         readings: Array) -> None:  # fmt: skip
     """Fly a batch and judge it: `closed_loop.fly_direct` and what measures its records, of which one is kept a flight.
 
     Arrays of a flight's numbers are flat, rows of `LANES`; waves, replay, law and reference are those of all flights.
+    A law that does not read the accelerometer is not told its noise.
     """
-    n = A.shape[0]
-    x, y, asked, work = np.zeros(n * LANES), np.zeros(9 * LANES), np.zeros(3 * LANES), np.zeros((n + 9) * LANES)
-    record, noise = np.zeros(WIDTH * LANES), np.zeros(8 * LANES)
-    ring, kinds = np.zeros((delay + 1, SETPOINT * LANES)), np.zeros(delay + 1)
+    n = law.ends.size - 3
+    z, work = _rows(n + EXTRA), _rows(n)
+    asked, record = _rows(3), aligned(WIDTH * LANES)
+    drawn = (_DRAWN if feels else _ACCELEROMETER) * LANES
+    u, noise, outer = aligned(drawn), aligned(_DRAWN * LANES), aligned(drawn + BLOCK)
+    places = np.zeros(drawn, dtype=np.int64)
+    ring, kinds = _rows((delay + 1) * SETPOINT).reshape(delay + 1, SETPOINT * LANES), np.zeros(delay + 1)
     ring[:, commands.THRUST * LANES :] = np.nan
+    in_rows, limit_rows = tallies.reshape(TALLY, LANES), torque_limit.reshape(3, LANES)
     degrees, steps = np.degrees(reference), int(params[world.STEPS * LANES])
     for k in range(reference.shape[0]):
-        _observe(free, D.shape[1] > 6, params, state, waves, replay, changes, seeds, k, sample_us, noise, record)
-        _measured(record, reference[k], y)
-        _law(A, B, C, D, G, H, limits, x, y, asked, work)
+        _draw(seeds, k, feels, u)
+        inverse_normals(u, noise, outer, places)
+        _observe(free, params, state, waves, replay, changes, k, sample_us, noise, record)
+        _measured(record, reference[k], z, n)
+        _law(law, z, asked, work)
         _ask(asked, scale, bound, thrust, ring[k % (delay + 1)])
         kinds[k % (delay + 1)] = kind
         acts = (k + 1) % (delay + 1)
         _command(free, params, state, kinds[acts], ring[acts], record)
         for _ in range(steps):
             _move(free, params, state, sample_us * 1e-6 / steps, record)
-        _breathe(params, state, seeds, k, noise)
+        _breathe(params, state, noise)
         for w in range(LANES):
             tally, limit = Column(tallies, LANES, w), Column(torque_limit, LANES, w)
             tally_kernel(tally, k == 0, limit, Column(record, LANES, w), dt)
-        read_kernel(rules, readings, k, degrees[k], tallies, record, torque_limit, LANES)
+        read_kernel(rules, readings, k, degrees[k], in_rows, record, limit_rows)
 
 
 @kernel
-def _observe(free: bool, feels: bool, params: Array, state: Array, waves: Array, replay: Array, changes: Array,
-             seeds: Array, sample: int, sample_us: int, noise: Array, record: Array) -> None:  # fmt: skip
-    """Do what `plant.observe_kernel` does; a law that does not read the accelerometer is not told its noise."""
-    plant.change(params, Column(state, LANES, 0), changes, sample)
-    time_us = sample * sample_us
-    scripted = disturbance(waves, replay, sample, time_us * 1e-6)
-    _draw(seeds, world.GYRO_STREAM, sample, 0, noise, 0)
+def _rows(count: int) -> Array:
+    return aligned(count * LANES).reshape(count, LANES)
+
+
+@kernel
+def _draw(seeds: Array, sample: int, feels: bool, u: Array) -> None:
+    """Draw all uniform numbers of a sample."""
+    _draw_block(seeds, world.GYRO_STREAM, sample, 0, u, _GYRO)
+    _draw_block(seeds, world.GUST_STREAM, sample, 0, u, _GUST)
+    _draw_block(seeds, world.GUST_STREAM, sample, 1, u, _GUST + 4)
     if feels:
-        _draw(seeds, world.ACCELEROMETER_STREAM, sample, 0, noise, 4)
-    for w in range(LANES):
-        p, x, row = Column(params, LANES, w), Column(state, LANES, w), Column(record, LANES, w)
-        plant.sense(p, x, free, scripted, _four(noise, 0, w), _four(noise, 4, w), time_us, row)
+        _draw_block(seeds, world.ACCELEROMETER_STREAM, sample, 0, u, _ACCELEROMETER)
 
 
 @kernel
-def _draw(seeds: Array, stream: int, sample: int, block: int, noise: Array, row: int) -> None:
+def _draw_block(seeds: Array, stream: int, sample: int, block: int, u: Array, row: int) -> None:
     for w in range(LANES):
-        a, b, c, d = normals(seeds[w], stream, sample, block)
+        a, b, c, d = uniforms(seeds[w], stream, sample, block)
         at = row * LANES + w
-        noise[at], noise[at + LANES], noise[at + 2 * LANES], noise[at + 3 * LANES] = a, b, c, d
+        u[at], u[at + LANES], u[at + 2 * LANES], u[at + 3 * LANES] = a, b, c, d
 
 
 @kernel
@@ -96,70 +104,66 @@ def _four(noise: Array, row: int, w: int) -> tuple[float, float, float, float]:
 
 
 @kernel
-def _measured(record: Array, reference: Array, y: Array) -> None:
+def _observe(free: bool, params: Array, state: Array, waves: Array, replay: Array, changes: Array, sample: int,
+             sample_us: int, noise: Array, record: Array) -> None:  # fmt: skip
+    """Do what `plant.observe_kernel` does."""
+    plant.change(params, Column(state, LANES, 0), changes, sample)
+    time_us = sample * sample_us
+    scripted = disturbance(waves, replay, sample, time_us * 1e-6)
+    for w in range(LANES):
+        p, x, row = Column(params, LANES, w), Column(state, LANES, w), Column(record, LANES, w)
+        turning, felt = _four(noise, _GYRO, w), _four(noise, _ACCELEROMETER, w)
+        plant.sense(p, x, free, free, scripted, turning, felt, time_us, row)
+
+
+@kernel
+def _measured(record: Array, reference: Array, z: Array, n: int) -> None:
     """Write what a law reads: rates, reference, specific force."""
     for i in range(3):
         for w in range(LANES):
-            y[i * LANES + w] = record[(journal.GYRO_B + i) * LANES + w]
-            y[(3 + i) * LANES + w] = reference[i]
-            y[(6 + i) * LANES + w] = record[(journal.FORCE_B + i) * LANES + w]
+            z[n + i, w] = record[(journal.GYRO_B + i) * LANES + w]
+            z[n + 3 + i, w] = reference[i]
+            z[n + 6 + i, w] = record[(journal.FORCE_B + i) * LANES + w]
 
 
 @kernel
-def _law(A: Array, B: Array, C: Array, D: Array, G: Array, H: Array, limits: Array, x: Array, y: Array, asked: Array,
-         work: Array) -> None:  # fmt: skip
+def _law(law: Sums, z: Array, asked: Array, work: Array) -> None:
     """Do what `law_kernel` does; each flight's sums in the same order."""
-    n = A.shape[0]
-    scheduled = False
-    for i in range(n):
-        for j in range(3):
-            scheduled = scheduled or G[i, j] != 0.0
-    total, cut, rates = (
-        work[n * LANES : (n + 3) * LANES],
-        work[(n + 3) * LANES : (n + 6) * LANES],
-        work[(n + 6) * LANES :],
-    )
+    n, begin = law.ends.size - 3, 0
     for i in range(3):
-        u = total[i * LANES : (i + 1) * LANES]
-        _sum(C[i], x, D[i], y, u)
+        _sum(law.terms, begin, law.ends[i], z, asked, i)
+        limit = law.limits[i]
         for w in range(LANES):
-            asked[i * LANES + w] = min(max(u[w], -limits[i]), limits[i])
-            cut[i * LANES + w] = asked[i * LANES + w] - u[w]
-    if scheduled:
+            within = min(max(asked[i, w], -limit), limit)
+            z[n + CUT + i, w] = within - asked[i, w]
+            asked[i, w] = within
+        begin = law.ends[i]
+    if law.scheduled:
         for w in range(LANES):
-            E = (x[w], x[LANES + w], x[2 * LANES + w])
-            omega = (x[3 * LANES + w], x[4 * LANES + w], x[5 * LANES + w])
-            rates[w], rates[LANES + w], rates[2 * LANES + w] = euler_rates(E, omega)
+            rates = euler_rates((z[0, w], z[1, w], z[2, w]), (z[3, w], z[4, w], z[5, w]))
+            z[n + RATES, w], z[n + RATES + 1, w], z[n + RATES + 2, w] = rates
     for i in range(n):
-        s, g, h = work[i * LANES : (i + 1) * LANES], G[i], H[i]
-        _sum(A[i], x, B[i], y, s)
+        _sum(law.terms, begin, law.ends[3 + i], z, work, i)
+        begin = law.ends[3 + i]
+    for i in range(n):
         for w in range(LANES):
-            s[w] += g[0] * rates[w] + g[1] * rates[LANES + w] + g[2] * rates[2 * LANES + w]
-            s[w] += h[0] * cut[w] + h[1] * cut[LANES + w] + h[2] * cut[2 * LANES + w]
-    for i in range(n * LANES):
-        x[i] = work[i]
+            z[i, w] = work[i, w]
 
 
 @kernel
-def _sum(a: Array, x: Array, b: Array, y: Array, total: Array) -> None:
-    """Write the sums of `a x + b y`, in this order."""
-    for w in range(LANES):
-        total[w] = 0.0
-    _add(a, x, total)
-    _add(b, y, total)
-
-
-@kernel
-def _add(a: Array, x: Array, total: Array) -> None:
-    """Add `a x`, one product after the other; three at a time, as to load and store the sum takes most of the time."""
-    n = a.shape[0]
-    for j in range(0, n - n % 3, 3):
-        u, v, z = x[j * LANES :], x[(j + 1) * LANES :], x[(j + 2) * LANES :]
-        for w in range(LANES):
-            total[w] = total[w] + a[j] * u[w] + a[j + 1] * v[w] + a[j + 2] * z[w]
-    for j in range(n - n % 3, n):
-        for w in range(LANES):
-            total[w] += a[j] * x[j * LANES + w]
+def _sum(terms: Array, begin: int, end: int, z: Array, totals: Array, row: int) -> None:
+    """Write the sum of some terms; four at a time, as to load and store the sum takes most of the time."""
+    for t in range(begin, end, FOUR):
+        a, b, c, d = terms[t, 1], terms[t + 1, 1], terms[t + 2, 1], terms[t + 3, 1]
+        # Without a sign there is nothing to be counted from the end.
+        i, j = np.uint64(terms[t, 0]), np.uint64(terms[t + 1, 0])
+        k, m = np.uint64(terms[t + 2, 0]), np.uint64(terms[t + 3, 0])
+        if t == begin:
+            for w in range(LANES):
+                totals[row, w] = 0.0 + a * z[i, w] + b * z[j, w] + c * z[k, w] + d * z[m, w]
+        else:
+            for w in range(LANES):
+                totals[row, w] = totals[row, w] + a * z[i, w] + b * z[j, w] + c * z[k, w] + d * z[m, w]
 
 
 @kernel
@@ -167,7 +171,7 @@ def _ask(asked: Array, scale: Array, bound: float, thrust: Array, setpoint: Arra
     for i in range(3):
         for w in range(LANES):
             at = i * LANES + w
-            setpoint[LANES + at] = min(max(float32(asked[at] / scale[at]), -bound), bound)
+            setpoint[LANES + at] = min(max(float32(asked[i, w] / scale[at]), -bound), bound)
     for w in range(LANES):
         setpoint[commands.THRUST * LANES + w] = thrust[w]
 
@@ -200,8 +204,8 @@ def _move(free: bool, params: Array, state: Array, dt: float, record: Array) -> 
 
 
 @kernel
-def _breathe(params: Array, state: Array, seeds: Array, sample: int, noise: Array) -> None:
-    _draw(seeds, world.GUST_STREAM, sample, 0, noise, 0)
-    _draw(seeds, world.GUST_STREAM, sample, 1, noise, 4)
+def _breathe(params: Array, state: Array, noise: Array) -> None:
     for w in range(LANES):
-        plant.breathe(Column(params, LANES, w), Column(state, LANES, w), _four(noise, 0, w), _four(noise, 4, w))
+        plant.breathe(
+            Column(params, LANES, w), Column(state, LANES, w), _four(noise, _GUST, w), _four(noise, _GUST + 4, w)
+        )

@@ -13,7 +13,8 @@ from firmware_model.scenario import Scenario
 from firmware_model.sensors import float32
 from firmware_model.vehicle import Vehicle
 from firmware_model.world import Array, new_world
-from gustproof.law import Law, Output, law_kernel
+from gustproof.law import Law, Output
+from gustproof.law_step import EXTRA, Sums, law_kernel, sums
 
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
 
@@ -42,7 +43,7 @@ def fly_direct(
     scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
     _fly(
         world.params, world.state, world.waves, world.replay, world.changes, world.seed, scenario.sample_us,
-        law.A, law.B, law.C, law.D, law.G, law.H, law.limits, reference, scale,
+        sums(law), reference, scale,
         commands.TORQUE if torque else commands.RATES, 1.0 if torque else np.inf,
         np.nan if torque else published_hover(vehicle), scenario.delay_samples, records,
     )  # fmt: skip
@@ -73,20 +74,20 @@ def references(scenario: Scenario) -> Array:
 
 @compiled
 def _fly(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seed: int, sample_us: int,
-         A: Array, B: Array, C: Array, D: Array, G: Array, H: Array, limits: Array, reference: Array, scale: Array,
+         law: Sums, reference: Array, scale: Array,
          kind: float, bound: float, thrust: float, delay: int, records: Array) -> None:  # fmt: skip
-    n = A.shape[0]
-    x, y, command, work = np.zeros(n), np.zeros(9), np.zeros(3), np.zeros(n + 3)
+    n = law.ends.size - 3
+    z, command, work = np.zeros(n + EXTRA), np.zeros(3), np.zeros(n)
     ring = np.zeros((delay + 1, commands.SETPOINT))
     ring[:, commands.THRUST] = np.nan
     for k in range(records.shape[0]):
         record = records[k]
         observe_kernel(params, state, waves, replay, changes, seed, k, sample_us, record)
         for i in range(3):
-            y[i] = record[1 + i]
-            y[3 + i] = reference[k, i]
-            y[6 + i] = record[4 + i]
-        law_kernel(A, B, C, D, G, H, limits, x, y, command, work)
+            z[n + i] = record[1 + i]
+            z[n + 3 + i] = reference[k, i]
+            z[n + 6 + i] = record[4 + i]
+        law_kernel(law, z, command, work)
         slot = ring[k % (delay + 1)]
         slot[0], slot[commands.THRUST] = kind, thrust
         for i in range(3):

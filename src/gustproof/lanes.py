@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from firmware_model import commands
 from firmware_model.params import published_hover, published_limit
+from firmware_model.rows import aligned
 from firmware_model.scenario import Scenario
 from firmware_model.signals import Vector
 from firmware_model.vehicle import Vehicle
@@ -15,8 +15,9 @@ from firmware_model.world import Array, World, new_world
 from gustproof.batch import LANES, fly_held
 from gustproof.closed_loop import check, fly_direct, references
 from gustproof.law import Law, Output
+from gustproof.law_step import sums
 from gustproof.metrics import TALLY, Metrics, Tally, figures, measure
-from gustproof.requirements import READING, RequirementResult, judge, judged, no_readings, rules
+from gustproof.requirements import RequirementResult, judge, judged, no_readings, rules
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,30 +71,31 @@ def _fly_batch(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[Judg
     worlds = [new_world(case.vehicle, case.of(scenario), case.seed) for case in filled]
     torque = law.output is Output.TORQUE
     limit = _side_by_side([case.vehicle.torque_limit for case in filled])
-    tallies, readings = np.zeros(TALLY * LANES), no_readings(scenario, LANES)
+    tallies, readings = aligned(TALLY * LANES), no_readings(scenario, LANES)
     fly_held(
         _side_by_side([world.params for world in worlds]), _side_by_side([world.state for world in worlds]),
         worlds[0].waves, worlds[0].replay, _changes(worlds), np.array([case.seed for case in filled]),
-        scenario.sample_us, scenario.dt, law.A, law.B, law.C, law.D, law.G, law.H, law.limits, references(scenario),
+        scenario.sample_us, scenario.dt, sums(law), law.feels_force, references(scenario),
         _side_by_side([published_limit(case.vehicle) for case in filled]) if torque else np.ones(3 * LANES),
         commands.TORQUE if torque else commands.RATES, 1.0 if torque else np.inf,
         np.array([np.nan if torque else published_hover(case.vehicle) for case in filled]),
         scenario.delay_samples, limit, rules(scenario), tallies, readings,
     )  # fmt: skip
     columns = tallies.reshape(TALLY, LANES).T.tolist()
-    read = readings.reshape(-1, READING, LANES)
     return [
         Judged(
             metrics=figures(Tally._make(columns[w]), scenario.samples, scenario.dt, 0.0),
-            requirements=judged(scenario, read[:, :, w], scenario.samples),
+            requirements=judged(scenario, readings[:, :, w], scenario.samples),
         )
         for w in range(len(cases))
     ]
 
 
-def _side_by_side(rows: Sequence[ArrayLike]) -> Array:
+def _side_by_side(rows: Sequence[Sequence[float] | Array]) -> Array:
     """Return the numbers of all flights, flat, each flight a column."""
-    return np.ravel(np.column_stack([np.asarray(row, dtype=np.float64) for row in rows]))
+    block = aligned(len(rows) * len(rows[0]))
+    np.stack(rows, axis=1, out=block.reshape(-1, len(rows)))
+    return block
 
 
 def _changes(worlds: Sequence[World]) -> Array:

@@ -1,4 +1,4 @@
-"""The one form that every flying law has, its compiled step, and its file.
+"""The one form that every flying law has, and its file.
 
     u  = C x + D y,      command = sat(u),
     x+ = A x + B y + G f(x) + H (sat(u) - u),
@@ -18,10 +18,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.compiled import compiled, kernel
-from firmware_model.elementary import sin_cos
-from firmware_model.sensors import float32
-from firmware_model.signals import Vector
 from gustproof.arrays import frozen
 from gustproof.errors import LawFileError
 
@@ -182,122 +178,6 @@ def law_from(document: Any, source: str) -> Law:
 def shipped_laws() -> tuple[str, ...]:
     """Return the names of the shipped laws."""
     return tuple(sorted(path.stem for path in LAWS.glob("*.json")))
-
-
-@kernel
-def euler_rates(E: Any, omega: Any) -> tuple[float, float, float]:
-    """Return `T(E) omega` [rad/s], the exact ZYX Euler kinematics; `cos(theta)` is kept above 0.05 in magnitude.
-
-    The floor bounds the law where the kinematics are singular; within |theta| < 87 deg they are exact.
-    """
-    sin_phi, cos_phi = sin_cos(E[0])
-    sin_theta, cos_theta = sin_cos(E[1])
-    if abs(cos_theta) < 0.05:
-        cos_theta = 0.05 if cos_theta >= 0.0 else -0.05
-    psi_dot = (sin_phi * omega[1] + cos_phi * omega[2]) / cos_theta
-    return omega[0] + sin_theta * psi_dot, cos_phi * omega[1] - sin_phi * omega[2], psi_dot
-
-
-@kernel
-def law_kernel(A: Matrix, B: Matrix, C: Matrix, D: Matrix, G: Matrix, H: Matrix, limits: Matrix, x: Matrix,
-               y: Matrix, command: Matrix, work: Matrix) -> None:  # fmt: skip
-    """Write the command for `y` and move `x` to the next sample; `work` is (n + 3,) scratch.
-
-    Of `y`, as much is read as B and D have columns.
-    """
-    n = x.size
-    scheduled = False
-    for i in range(n):
-        for j in range(3):
-            scheduled = scheduled or G[i, j] != 0.0
-    for i in range(3):
-        u = 0.0
-        for j in range(n):
-            u += C[i, j] * x[j]
-        for j in range(D.shape[1]):
-            u += D[i, j] * y[j]
-        command[i] = min(max(u, -limits[i]), limits[i])
-        work[n + i] = command[i] - u
-    rates = (0.0, 0.0, 0.0)
-    if scheduled:
-        rates = euler_rates((x[0], x[1], x[2]), (x[3], x[4], x[5]))
-    for i in range(n):
-        s = 0.0
-        for j in range(n):
-            s += A[i, j] * x[j]
-        for j in range(B.shape[1]):
-            s += B[i, j] * y[j]
-        s += G[i, 0] * rates[0] + G[i, 1] * rates[1] + G[i, 2] * rates[2]
-        s += H[i, 0] * work[n] + H[i, 1] * work[n + 1] + H[i, 2] * work[n + 2]
-        work[i] = s
-    for i in range(n):
-        x[i] = work[i]
-
-
-@compiled
-def _step(A: Matrix, B: Matrix, C: Matrix, D: Matrix, G: Matrix, H: Matrix, limits: Matrix, x: Matrix,
-          y: Matrix, command: Matrix, work: Matrix) -> None:  # fmt: skip
-    law_kernel(A, B, C, D, G, H, limits, x, y, command, work)
-
-
-def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
-    """Return the next state (n,) and the command (3,) [N*m or rad/s] B for `y`, (9,), or (6,) without accelerometer.
-
-    Raises
-    ------
-    ValueError
-        If `y` is neither, or lacks the specific force that the law reads.
-    """
-    if y.shape not in ((law.D.shape[1],), (MEASURED,)):
-        raise ValueError(f"y has shape {y.shape}, must be {(law.D.shape[1],)}")
-    x_next, command = x.copy(), np.empty(3)
-    _step(law.A, law.B, law.C, law.D, law.G, law.H, law.limits, x_next, y, command, np.empty(x.size + 3))
-    return x_next, command
-
-
-class FlyingLaw:
-    """A law in flight, asked to hold level at first, from its stated initial state: all states 0.
-
-    Its steps give the bits of `step`; everything is in two arrays that stay, as Python hands them over fastest.
-    `scale` (3,) [N*m or rad/s] B is what 1.0 on the wire means.
-    """
-
-    def __init__(self, law: Law, scale: Vector) -> None:
-        columns = np.column_stack([law.C, law.D, law.limits, scale, np.zeros((3, 4))])
-        self._gains = np.vstack([np.hstack([law.A, law.B, law.G, law.H]), columns])
-        self._memory = np.zeros(2 * law.order + MEASURED + 6)
-        self._order = law.order
-
-    def restart(self) -> None:
-        """Go back to the initial state; the reference stays."""
-        self._memory[: self._order] = 0.0
-
-    def set_reference(self, euler: Vector) -> None:
-        """Ask for another attitude from the next step on: roll, pitch, yaw [rad]."""
-        self._memory[self._order + 3 : self._order + 6] = euler
-
-    def step(self, gyro_B: Vector, force_B: Vector) -> Vector:
-        """Return the command for rates [rad/s] and specific force [m/s^2] as float32 fractions of `scale`; move on."""
-        fractions: Vector = _fly(self._gains, self._memory, *gyro_B, *force_B)
-        return fractions
-
-
-@compiled
-def _fly(
-    gains: Matrix, memory: Matrix, p: float, q: float, r: float, force_x: float, force_y: float, force_z: float
-) -> Vector:
-    n = gains.shape[0] - 3
-    end = gains.shape[1] - 6  # of the columns of B
-    states, outputs = gains[:n], gains[n:]
-    x, y, command, work = memory[:n], memory[n : n + 9], memory[n + 9 : n + 12], memory[n + 12 :]
-    y[0], y[1], y[2] = p, q, r
-    y[6], y[7], y[8] = force_x, force_y, force_z
-    law_kernel(
-        states[:, :n], states[:, n:end], outputs[:, :n], outputs[:, n:end],
-        states[:, end : end + 3], states[:, end + 3 :], outputs[:, end], x, y, command, work,
-    )  # fmt: skip
-    scale = outputs[:, end + 1]
-    return float32(command[0] / scale[0]), float32(command[1] / scale[1]), float32(command[2] / scale[2])
 
 
 def _law_from(document: Any) -> Law:

@@ -134,11 +134,8 @@ def tallied(x: Tally, first: bool, limit: Vector, q_NB: Quaternion, omega_B: Vec
     psi_turns = 0.0 if first else _without_jump(x.psi_turns, x.psi, psi)
     roll, pitch, yaw = _DEGREES * (phi + phi_turns), _DEGREES * theta, _DEGREES * (psi + psi_turns)
     size = (abs(torque[0]), abs(torque[1]), abs(torque[2]))
-    slew = (
-        0.0 if first else (torque[0] - x.L) / dt,
-        0.0 if first else (torque[1] - x.M) / dt,
-        0.0 if first else (torque[2] - x.N) / dt,
-    )
+    rate = 0.0 if first else 1.0 / dt
+    slew = rate * (torque[0] - x.L), rate * (torque[1] - x.M), rate * (torque[2] - x.N)
     share = _share(phi, theta, omega_B)
     saturated = (size[0] >= limit[0]) | (size[1] >= limit[1]) | (size[2] >= limit[2])
     return Tally(

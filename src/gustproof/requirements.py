@@ -11,7 +11,7 @@ from pydantic_core import to_jsonable_python
 from firmware_model.compiled import compiled, kernel
 from firmware_model.journal import POSITION
 from firmware_model.requirement import AXES, Metric, Requirement
-from firmware_model.rows import Column, alone, get, get_vector, put, put_vector
+from firmware_model.rows import Column, alone, get_vector
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.closed_loop import references
@@ -65,7 +65,7 @@ class RequirementResult:
 
 # A rule says what a requirement measures: metric, first axis and the one after the last, first sample and the one after
 # the last, half the band's width [deg] (NaN without one), reference before the window and at its end [deg].
-_RULE = 8
+_KIND, _AXIS, _AXES_END, _FROM, _UNTIL, _WITHIN, _BEFORE, _AFTER, _RULE = range(9)
 _METRICS = tuple(Metric)
 _PEAK, _RMSE, _SETTLING, _OVERSHOOT, _RECOVERY = (
     _METRICS.index(metric) for metric in (Metric.PEAK, Metric.RMSE, Metric.SETTLING, Metric.OVERSHOOT, Metric.RECOVERY)
@@ -115,7 +115,7 @@ def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[Requi
         scenario.dt,
         readings,
     )
-    return judged(scenario, readings, len(records))
+    return judged(scenario, readings[:, :, 0], len(records))
 
 
 def rules(scenario: Scenario) -> Array:
@@ -124,9 +124,9 @@ def rules(scenario: Scenario) -> Array:
 
 
 def no_readings(scenario: Scenario, width: int) -> Array:
-    """Return readings (n, READING * width), each a column of its flight, before a flight of a scenario begins."""
-    reading = np.array([0.0, -1.0, -1.0, 0.0, 0.0, 0.0])
-    return np.tile(np.repeat(reading, width), (len(scenario.require), 1))
+    """Return readings (n, READING, width), each a column of its flight, before a flight of a scenario begins."""
+    reading = np.array([[0.0], [-1.0], [-1.0], [0.0], [0.0], [0.0]])
+    return np.tile(reading, (len(scenario.require), 1, width))
 
 
 def judged(scenario: Scenario, readings: Array, samples: int) -> tuple[RequirementResult, ...]:
@@ -180,86 +180,104 @@ def _value(scenario: Scenario, requirement: Requirement, reading: list[float], s
 @compiled
 def _read(rows: Array, rules: Array, limit: Array, reference: Array, dt: float, readings: Array) -> None:
     tally = np.zeros(TALLY)
+    tallies, limits = tally.reshape(TALLY, 1), limit.reshape(3, 1)
     for k in range(rows.shape[0]):
         tally_kernel(alone(tally), k == 0, alone(limit), alone(rows[k]), dt)
-        read_kernel(rules, readings, k, reference[k], tally, rows[k], limit, 1)
+        read_kernel(rules, readings, k, reference[k], tallies, rows[k], limits)
 
 
 @kernel
 def read_kernel(rules: Array, readings: Array, sample: int, reference: Array, tallies: Array, records: Array,
-                limits: Array, width: int) -> None:  # fmt: skip
-    """Move all readings of `width` flights on by a sample: the reference (3,) [deg], tallies, records, torque limits.
+                limits: Array) -> None:  # fmt: skip
+    """Move the readings (n, READING, width) of all flights on by a sample.
 
-    What a rule says is the same for all flights: branches stand outside of the loops over them.
+    The reference (3,) [deg] is that of all flights; tallies (TALLY, width), records, flat, and torque limits
+    (3, width) [N*m] are theirs. What a rule says is the same for all: branches stand outside of the loops over them.
     """
     for i in range(rules.shape[0]):
-        rule, reading = rules[i], readings[i]
-        metric = int(rule[0])
-        if not rule[3] <= sample < rule[4]:
+        metric = int(rules[i, _KIND])
+        if not rules[i, _FROM] <= sample < rules[i, _UNTIL]:
             continue
         if metric == _OVERSHOOT:
-            _read_overshoot(rule, reading, tallies, width)
+            _read_overshoot(rules, i, readings, tallies)
         elif metric == _RHO:
-            for w in range(width):
-                reading[w] = largest(reading[w], tallies[_SHARE * width + w])
+            for w in range(tallies.shape[1]):
+                readings[i, 0, w] = largest(readings[i, 0, w], tallies[_SHARE, w])
+        elif metric == _SATURATED:
+            _read_saturated(rules, i, readings, tallies, limits)
         elif metric == _DRIFT:
-            for w in range(width):
-                _read_drift(Column(reading, width, w), Column(records, width, w), sample == rule[3])
+            _read_drift(readings, i, records, sample == rules[i, _FROM])
         else:
-            for axis in range(int(rule[1]), int(rule[2])):
-                _read_axis(metric, rule, reading, sample, axis, reference[axis], tallies, limits, width)
+            for axis in range(int(rules[i, _AXIS]), int(rules[i, _AXES_END])):
+                _read_axis(metric, rules, i, readings, sample, axis, reference[axis], tallies)
 
 
 @kernel
-def _read_axis(metric: int, rule: Array, reading: Array, sample: int, axis: int, reference: float, tallies: Array,
-               limits: Array, width: int) -> None:  # fmt: skip
-    angle, torque = (_ROLL + axis) * width, (_L + axis) * width
+def _read_axis(metric: int, rules: Array, i: int, readings: Array, sample: int, axis: int, reference: float,
+               tallies: Array) -> None:  # fmt: skip
+    angle, torque, slew, width = (
+        np.uint64(_ROLL + axis),
+        np.uint64(_L + axis),
+        np.uint64(_SLEW_L + axis),
+        tallies.shape[1],
+    )
     if metric == _PEAK:
         for w in range(width):
-            reading[w] = largest(reading[w], abs(tallies[angle + w] - reference))
+            readings[i, 0, w] = largest(readings[i, 0, w], abs(tallies[angle, w] - reference))
     elif metric == _RMSE:
         for w in range(width):
-            reading[w] += (tallies[angle + w] - reference) * (tallies[angle + w] - reference)
+            readings[i, 0, w] += (tallies[angle, w] - reference) * (tallies[angle, w] - reference)
     elif metric == _TORQUE_PEAK:
         for w in range(width):
-            reading[w] = largest(reading[w], abs(tallies[torque + w]))
+            readings[i, 0, w] = largest(readings[i, 0, w], abs(tallies[torque, w]))
     elif metric == _TORQUE_RMS:
         for w in range(width):
-            reading[w] += tallies[torque + w] * tallies[torque + w]
-    elif metric == _SATURATED:
+            readings[i, 0, w] += tallies[torque, w] * tallies[torque, w]
+    elif metric == _SLEW and sample > rules[i, _FROM]:
         for w in range(width):
-            counts = (abs(tallies[torque + w]) >= limits[axis * width + w]) & (reading[_LAST * width + w] != sample)
-            reading[w] += 1.0 if counts else 0.0
-            _note(reading, counts, sample, width, w)
-    elif metric == _SLEW and sample > rule[3]:
-        for w in range(width):
-            slew = tallies[(_SLEW_L + axis) * width + w]
-            reading[w] += slew * slew
+            readings[i, 0, w] += tallies[slew, w] * tallies[slew, w]
     elif metric in (_SETTLING, _RECOVERY):
+        within, now = rules[i, _WITHIN], float(sample)
         for w in range(width):
-            _note(reading, abs(tallies[angle + w] - reference) > rule[5], sample, width, w)
+            outside, first = abs(tallies[angle, w] - reference) > within, readings[i, _FIRST, w]
+            readings[i, _FIRST, w] = now if outside & (first < 0.0) else first
+            readings[i, _LAST, w] = now if outside else readings[i, _LAST, w]
 
 
 @kernel
-def _read_overshoot(rule: Array, reading: Array, tallies: Array, width: int) -> None:
-    before, after = rule[6], rule[7]
+def _read_saturated(rules: Array, i: int, readings: Array, tallies: Array, limits: Array) -> None:
+    """Count a sample once, on however many axes the torque is at its limit."""
+    a, c = np.uint64(rules[i, _AXIS]), np.uint64(rules[i, _AXES_END] - 1.0)
+    b = np.uint64(0.5 * (rules[i, _AXIS] + rules[i, _AXES_END] - 1.0))
+    at, bt, ct = np.uint64(_L) + a, np.uint64(_L) + b, np.uint64(_L) + c
+    for w in range(tallies.shape[1]):
+        counts = (
+            (abs(tallies[at, w]) >= limits[a, w])
+            | (abs(tallies[bt, w]) >= limits[b, w])
+            | (abs(tallies[ct, w]) >= limits[c, w])
+        )
+        readings[i, 0, w] += 1.0 if counts else 0.0
+
+
+@kernel
+def _read_overshoot(rules: Array, i: int, readings: Array, tallies: Array) -> None:
+    before, after, angle = rules[i, _BEFORE], rules[i, _AFTER], np.uint64(_ROLL + rules[i, _AXIS])
+    for w in range(tallies.shape[1]):
+        readings[i, 0, w] = largest(readings[i, 0, w], (tallies[angle, w] - after) / (after - before))
+
+
+@kernel
+def _read_drift(readings: Array, i: int, records: Array, begins: bool) -> None:
+    width = readings.shape[2]
     for w in range(width):
-        angle = tallies[(_ROLL + int(rule[1])) * width + w]
-        reading[w] = largest(reading[w], (angle - after) / (after - before))
-
-
-@kernel
-def _note(reading: Array, counts: bool, sample: int, width: int, w: int) -> None:
-    first, last = reading[_FIRST * width + w], reading[_LAST * width + w]
-    reading[_FIRST * width + w] = sample if counts & (first < 0.0) else first
-    reading[_LAST * width + w] = sample if counts else last
-
-
-@kernel
-def _read_drift(reading: Column, record: Column, begins: bool) -> None:
-    place = get_vector(record, POSITION)
-    if begins:
-        put_vector(reading, _BEGAN, place)
-    began = get_vector(reading, _BEGAN)
-    north, east, down = place[0] - began[0], place[1] - began[1], place[2] - began[2]
-    put(reading, 0, largest(get(reading, 0), math.sqrt(north * north + east * east + down * down)))
+        place = get_vector(Column(records, width, w), POSITION)
+        if begins:
+            for axis in range(3):
+                readings[i, _BEGAN + axis, w] = place[axis]
+        north, east, down = (
+            place[0] - readings[i, _BEGAN, w],
+            place[1] - readings[i, _BEGAN + 1, w],
+            place[2] - readings[i, _BEGAN + 2, w],
+        )
+        drift = math.sqrt(north * north + east * east + down * down)
+        readings[i, 0, w] = largest(readings[i, 0, w], drift)

@@ -17,7 +17,8 @@ from firmware_model.scenario import Scenario, load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.closed_loop import fly_direct
 from gustproof.controller.endpoint import ControllerEndpoint
-from gustproof.law import FlyingLaw, load_law
+from gustproof.law import load_law
+from gustproof.law_step import FlyingLaw
 from gustproof.outcome import Outcome, in_words, outcome_of
 from gustproof.sitl import fly, fly_loopback
 

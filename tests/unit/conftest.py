@@ -1,4 +1,11 @@
+import math
+from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gustproof.law import Law, Output, Provenance
 
 UNITS = Path(__file__).parent
 WITHOUT_KERNELS = {
@@ -22,3 +29,26 @@ def pytest_collection_modifyitems(items):
             continue
         if item.path.relative_to(UNITS).parts[0] in WITHOUT_KERNELS:
             item.add_marker("plain")
+
+
+@pytest.fixture
+def make_law() -> Callable[..., Law]:
+    """Return what makes a law of random numbers, of `n` states and six or nine measurements."""
+    return _law
+
+
+def _law(n: int = 7, *, scheduled: bool = True, seed: int = 1, measured: int = 6) -> Law:
+    rng = np.random.default_rng(seed)
+    return Law(
+        name="test",
+        A=0.3 * rng.normal(size=(n, n)) / math.sqrt(n),
+        B=rng.normal(size=(n, measured)),
+        C=rng.normal(size=(3, n)),
+        D=rng.normal(size=(3, measured)),
+        G=0.1 * rng.normal(size=(n, 3)) if scheduled else np.zeros((n, 3)),
+        H=rng.normal(size=(n, 3)),
+        dt=0.004,
+        limits=np.array([0.5, 1.0, 2.0]),
+        output=Output.TORQUE,
+        provenance=Provenance(design="random", vehicle="none", parameters={"gamma": 0.25}),
+    )

@@ -205,8 +205,10 @@ static void law_step(const double *gains, double y[6][W], double u[3][W])
             LANES next[i][w] += A[i * ORDER + j] * law_x[j][w];
         for (int j = 0; j < 6; j++)
             LANES next[i][w] += B[i * 6 + j] * y[j][w];
-        LANES next[i][w] += G[i * 3] * rates[0][w] + G[i * 3 + 1] * rates[1][w] + G[i * 3 + 2] * rates[2][w];
-        LANES next[i][w] += H[i * 3] * cut[0][w] + H[i * 3 + 1] * cut[1][w] + H[i * 3 + 2] * cut[2][w];
+        for (int j = 0; j < 3; j++)
+            LANES next[i][w] += G[i * 3 + j] * rates[j][w];
+        for (int j = 0; j < 3; j++)
+            LANES next[i][w] += H[i * 3 + j] * cut[j][w];
     }
     memcpy(law_x, next, sizeof law_x);
 }

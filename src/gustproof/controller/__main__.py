@@ -13,7 +13,8 @@ from firmware_model.files import read_json
 from firmware_model.scenario import Scenario, load_scenario
 from gustproof.controller import DEFAULT_LAW
 from gustproof.controller.endpoint import ControllerEndpoint, Outcome
-from gustproof.law import FlyingLaw, Law, Output, load_law, shipped_laws
+from gustproof.law import Law, Output, load_law, shipped_laws
+from gustproof.law_step import FlyingLaw
 
 _EXIT = {Outcome.DONE: 0, Outcome.WRONG_RATE: 2, Outcome.INTERRUPTED: 130}
 _BROKEN = 3

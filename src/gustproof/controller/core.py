@@ -5,7 +5,8 @@ from collections.abc import Sequence
 
 from firmware_model.frames import Dropped
 from firmware_model.signals import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
-from gustproof.law import FlyingLaw, Law, Output
+from gustproof.law import Law, Output
+from gustproof.law_step import FlyingLaw
 
 References = Sequence[tuple[int, Vector]]
 

@@ -1,4 +1,4 @@
-"""A law as C code: one file, one function, no library, the bits of `law.step`."""
+"""A law as C code: one file, one function, no library, the bits of `law_step.step`."""
 
 import re
 from pathlib import Path
@@ -18,7 +18,7 @@ _COMMANDS = {Output.TORQUE: "torque [N m]", Output.RATES: "body rates [rad/s]"}
 def c_code(law: Law) -> str:
     """Return the law as C99 source with one function `<name>_step`; its numbers are the law's to the bit.
 
-    Compiled with `-ffp-contract=off` on a machine with IEEE doubles it gives the bits of `law.step`, for attitude
+    Compiled with `-ffp-contract=off` on a machine with IEEE doubles it gives the bits of `law_step.step`, for attitude
     estimates up to 1e5 rad.
     """
     n = law.order

@@ -15,7 +15,8 @@ from gustproof.certify.check import check, seal
 from gustproof.certify.closure import certify_closure
 from gustproof.certify.enclosure import SIGNALS, axis_norms
 from gustproof.closed_loop import fly_direct
-from gustproof.law import Law, load_law, step
+from gustproof.law import Law, load_law
+from gustproof.law_step import step
 from gustproof.metrics import attitude
 
 VEHICLE = load_vehicle("paper")

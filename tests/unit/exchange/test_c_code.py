@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from gustproof.exchange.c_code import c_code, c_name
-from gustproof.law import Law, load_law, shipped_laws, step
+from gustproof.law import Law, load_law, shipped_laws
+from gustproof.law_step import step
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.special
 
-from firmware_model.elementary import arctan2, inverse_normal, log, normals, philox, sin_cos
+from firmware_model.elementary import BLOCK, arctan2, inverse_normal, inverse_normals, log, normals, philox, sin_cos
 
 
 def test_sine_and_cosine_agree_with_the_c_library() -> None:
@@ -42,6 +42,16 @@ def test_inverse_normal_agrees_with_scipy_to_the_far_tail() -> None:
         [np.linspace(0.0005, 0.9995, 1999), np.logspace(-9.9, -3.0, 200), 1.0 - np.logspace(-9.9, -3, 200)]
     )
     np.testing.assert_allclose([inverse_normal(v) for v in u], scipy.special.ndtri(u), rtol=2e-15, atol=1e-16)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.15, 1.0])
+def test_many_quantiles_are_those_one_by_one_wherever_the_numbers_lie(share: float) -> None:
+    rng = np.random.default_rng(1)
+    central, outer = rng.uniform(0.075, 0.925, 100), rng.choice([0.01, 0.99, 1e-9], 100) * rng.uniform(0.1, 1.0, 100)
+    u = np.where(rng.random(100) < share, outer, central)
+    quantiles = np.empty(100)
+    inverse_normals(u, quantiles, np.empty(100 + BLOCK), np.empty(100, dtype=np.int64))
+    assert quantiles.tolist() == [inverse_normal(value) for value in u]
 
 
 @pytest.mark.parametrize(

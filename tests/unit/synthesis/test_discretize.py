@@ -5,7 +5,8 @@ import pytest
 
 from firmware_model.vehicle import load_vehicle
 from gustproof.errors import DesignError
-from gustproof.law import Law, Output, Provenance, step
+from gustproof.law import Law, Output, Provenance
+from gustproof.law_step import step
 from gustproof.model.lpv import linear_plant
 from gustproof.numerics.lti import Lti, hold_discretized
 from gustproof.synthesis import hinfsyn

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from firmware_model.vehicle import load_vehicle
-from gustproof.law import Provenance, step
+from gustproof.law import Provenance
+from gustproof.law_step import step
 from gustproof.synthesis.indi import IndiGains, indi_axis
 from gustproof.synthesis.pid import cascade_law
 

@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from firmware_model.vehicle import load_vehicle
-from gustproof.law import Law, Provenance, step
+from gustproof.law import Law, Provenance
+from gustproof.law_step import step
 from gustproof.synthesis.pid import AxisLaw, Gains, cascade_law, gain_parameters, plain_axis, strapdown_axis
 
 DT = 0.004
