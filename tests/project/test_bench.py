@@ -1,5 +1,6 @@
 """The benchmark works and writes what it says; how fast anything is, no test judges."""
 
+import importlib
 import json
 import shutil
 import subprocess
@@ -49,3 +50,102 @@ def test_flight_written_in_c_by_another_hand_ends_with_our_bits(width, tmp_path,
     assert twins.difference(twin, script, law, vehicle) == 0.0
     weaker = replace(law, C=0.999 * law.C)
     assert twins.difference(twin, script, weaker, vehicle) > 1e-6
+
+
+@pytest.fixture
+def peer(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARK))
+    monkeypatch.setenv("PYTHONPATH", str(BENCHMARK / "peers"))
+    return importlib.import_module("peer")
+
+
+def started(peer, folder, text):
+    program = folder / "program.py"
+    program.write_text(text, encoding="utf-8")
+    return peer.Program([sys.executable, str(program)], folder / "errors.log")
+
+
+# Its clock ticks once a reading: a flight takes a second, and the k-th simulates k of them.
+COUNTS = """
+import itertools, turns
+ticks, flights = itertools.count(), itertools.count(1)
+turns.time.perf_counter = lambda: next(ticks)
+print("a library speaks")
+def fly():
+    print("and once more")
+    k = next(flights)
+    if k > 3:
+        raise RuntimeError("out of fuel")
+    return float(k)
+turns.serve(fly)
+"""
+
+
+def test_peer_flies_when_asked_and_the_flight_that_makes_it_ready_does_not_count(peer, tmp_path):
+    with started(peer, tmp_path, COUNTS) as program:
+        program.ready()
+        assert [program.fly(), program.fly()] == [2.0, 3.0]
+        for _ in range(2):  # and when it is no more
+            with pytest.raises(peer.PeerError, match=r"^RuntimeError: out of fuel$"):
+                program.fly()
+
+
+def test_peer_that_says_nothing_is_not_waited_for(peer, tmp_path):
+    silent = "import time; time.sleep(600)"
+    with started(peer, tmp_path, silent) as program, pytest.raises(peer.PeerError, match=r"^not done in 0.5 s$"):
+        program.ready(0.5)
+
+
+def test_environment_of_the_same_packages_serves_again_and_none_is_made_in_a_hurry(peer, tmp_path, monkeypatch):
+    monkeypatch.setattr(peer.subprocess, "run", lambda *_, **__: pytest.fail("something is installed"))
+    python = tmp_path / "bin" / "python"
+    python.parent.mkdir()
+    python.touch()
+    (tmp_path / "installed").write_text("one==1 two==2", encoding="utf-8")
+    assert peer.environment(tmp_path, ["one==1", "two==2"], new=True) == python
+    with pytest.raises(peer.PeerError, match="--quick makes none"):
+        peer.environment(tmp_path, ["one==1", "two==3"], new=False)
+
+
+def test_packages_that_are_not_to_be_had_leave_one_line_and_no_folder(peer, tmp_path, monkeypatch):
+    def run(command, **_):
+        if "pip" in command:
+            raise subprocess.CalledProcessError(1, command, stderr=b"WARNING: slow\nERROR: none found for one==1\n")
+        (tmp_path / "here").mkdir()
+
+    monkeypatch.setattr(peer.subprocess, "run", run)
+    with pytest.raises(peer.PeerError, match=r"^ERROR: none found for one==1$"):
+        peer.environment(tmp_path / "here", ["one==1"], new=True)
+    assert not (tmp_path / "here").exists()
+
+
+def test_best_peer_is_beside_ours_on_as_many_cores_turn_by_turn(peer):
+    peers, table = importlib.import_module("peers"), importlib.import_module("table")
+    bench = table.Bench(quick=False)
+    rates = {
+        peers.ONE: [100.0, 40.0, 60.0],
+        peers.ALL: [200.0, 90.0, 100.0],
+        "jsbsim": [10.0, 2.0, 2.0],  # 10, 20, 30 times on one core
+        "mujoco, RK4": [4.0, 6.0, 4.0],  # 50, 15, 25 times on all
+        "crazyflow, Euler": [100.0, 90.0, 100.0],
+    }
+    peers.compare(bench, rates)
+    assert bench.ratios == {"lanes_throughput_vs_best_peer": 20.0}
+    told = {row["name"]: row for row in bench.rows}
+    assert told["lanes throughput vs crazyflow, Euler"]["median"] == 1.0
+    assert "jsbsim" in told["lanes_throughput_vs_best_peer"]["note"]
+
+
+def test_peer_that_fails_is_left_out_and_the_others_go_on(peer):
+    peers, table = importlib.import_module("peers"), importlib.import_module("table")
+    bench, order = table.Bench(quick=False), []
+
+    def rate(name):
+        order.append(name)
+        if name == "second" and order.count(name) == 2:
+            raise peer.PeerError("it fell")
+        return float(len(order))
+
+    actions = {name: lambda name=name: rate(name) for name in ("first", "second")}
+    assert peers.alternate(actions, 3, bench) == {"first": [1.0, 3.0, 5.0]}
+    assert bench.left_out == {"second": "it fell"}

@@ -1,8 +1,11 @@
 """Flights without messages: many at once, one alone, two processes, and the same arithmetic in C."""
 
+import os
 import subprocess
 import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -19,7 +22,10 @@ from gustproof.law import Law, load_law
 
 LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")
 """The self-scheduled law of order 9, and the vehicle that it was made for."""
-_LANES = 32
+LANES = 32
+"""Flights at once in a kernel."""
+CORES = len(os.sched_getaffinity(0))
+"""How many cores there are to be used."""
 
 
 def scenario(bench: Bench) -> Scenario:
@@ -31,7 +37,7 @@ def scenario(bench: Bench) -> Scenario:
 def measure(bench: Bench) -> None:
     """Measure lanes, one flight, two workers, and both C programs."""
     script = scenario(bench)
-    flights, rounds = (2, 1) if bench.quick else (4 * _LANES, 5)
+    flights, rounds = (2, 1) if bench.quick else (4 * LANES, 5)
     simulated_s = flights * script.duration_s
     seeds = list(range(1, flights + 1))
     actions = {
@@ -39,7 +45,7 @@ def measure(bench: Bench) -> None:
         "one flight": lambda: fly_direct(script, LAW, vehicle=VEHICLE),
     }
     with TemporaryDirectory() as folder:
-        for name, width in (("C, scalar", 1), (f"C, SIMD, {_LANES} flights at once", _LANES)):
+        for name, width in (("C, scalar", 1), (f"C, SIMD, {LANES} flights at once", LANES)):
             try:
                 twin = Twin(Path(folder), script, LAW, VEHICLE, width)
             except (FileNotFoundError, subprocess.CalledProcessError) as error:
@@ -54,7 +60,7 @@ def measure(bench: Bench) -> None:
         amount = script.duration_s if name == "one flight" else simulated_s
         note = "our bits, without sensors that the law does not use, records and metrics" if name[0] == "C" else ""
         bench.row(name, "simulated s/s", [amount / value for value in seconds], note)
-    lanes, simd = times["many flights at once, judged"], times.get(f"C, SIMD, {_LANES} flights at once")
+    lanes, simd = times["many flights at once, judged"], times.get(f"C, SIMD, {LANES} flights at once")
     if simd:
         ratios = [ours / theirs for ours, theirs in zip(lanes, simd, strict=True)]
         bench.ratio("lanes_time_vs_c_simd", ratios, "<= 1.5")
@@ -66,17 +72,23 @@ def _fly(script: Scenario, law: Law, seeds: list[int]) -> int:
     return len(fly_many(script, law, [Case(vehicle=VEHICLE, seed=seed) for seed in seeds]))
 
 
-def _workers(bench: Bench, script: Scenario, seeds: list[int], rounds: int) -> None:
-    """Measure the same flights by one process and by two, which are there already."""
-    halves = [seeds[::2], seeds[1::2]]
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+@contextmanager
+def fleet(workers: int, script: Scenario) -> Iterator[Callable[[list[list[int]]], None]]:
+    """Yield what flies lists of seeds, each in another process, and waits for all; the first time makes them ready."""
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
 
-        def by(parts: list[list[int]]) -> None:
+        def fly(parts: list[list[int]]) -> None:
             futures: list[Future[int]] = [pool.submit(_fly, script, LAW, part) for part in parts]
             for future in futures:
                 future.result()
 
-        by(halves)
-        times = in_turns({"one": lambda: by([seeds]), "two": lambda: by(halves)}, rounds, time.perf_counter)
+        yield fly
+
+
+def _workers(bench: Bench, script: Scenario, seeds: list[int], rounds: int) -> None:
+    """Measure the same flights by one process and by two."""
+    halves = [seeds[::2], seeds[1::2]]
+    with fleet(2, script) as fly:
+        times = in_turns({"one": lambda: fly([seeds]), "two": lambda: fly(halves)}, rounds, time.perf_counter)
     ratios = [one / two for one, two in zip(times["one"], times["two"], strict=True)]
     bench.ratio("two_workers_vs_one", ratios, ">= 1.8", "on two cores with nothing else to do")

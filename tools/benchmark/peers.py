@@ -1,90 +1,149 @@
 """What other simulators do in the same time, each in an environment of its own under .venv that is made once."""
 
-import json
-import shutil
-import subprocess
 import sys
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 
-from flights import LAW, VEHICLE, scenario
-from table import Bench, in_turns
-
-from gustproof.lanes import Case, fly_many
+from flights import CORES, LANES, fleet, scenario
+from peer import PeerError, Program, environment
+from table import Bench
 
 _ENVIRONMENTS = Path(sys.prefix) / "peers"
-# What is installed, how long it is to fly [s], and what that is.
-_PEERS = {
-    "jsbsim": ("jsbsim==1.3.3", 20.0, "1 kHz, turbulence of type 4, without a controller"),
-    "mujoco": ("mujoco==4.0.0", 200.0, "1 kHz RK4, rollout on all cores, without turbulence or controller"),
-    "rotorpy": ("rotorpy==3.0.0", 1.0, "1 kHz, Dryden gusts, its own controller, one flight"),
-    "crazyflow": ("crazyflow==0.4.0", 1.0, "1 kHz, attitude control, 1,000 at once on all cores, without turbulence"),
-}
-_INSTALL_S, _RUN_S = 150.0, 60.0
+_PROGRAMS = Path(__file__).parent / "peers"
+ONE, ALL = "ours, one core", f"ours, {CORES} cores"
+"""Names of our own figures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Peer:
+    """Another simulator, and how it flies: always 1 kHz, at the best that its own interface offers for that."""
+
+    environment: str
+    """Name of its environment, and of its program."""
+    packages: tuple[str, ...]
+    """What is installed."""
+    flight_s: float
+    """[s] duration of its flights, which makes a turn one of about a second."""
+    what: str
+    """What it flies."""
+    options: tuple[str, ...] = ()
+    """What its program wants to know besides."""
+    all_cores: bool = False
+    """True if it uses every core; it is set beside ours on as many."""
+    lower_order: bool = False
+    """True if its steps are of lower order than ours: sooner done, and not the same work."""
+
+
+_CRAZYFLOW = ("crazyflow==0.4.0", "jax==0.10.1", "jaxlib==0.10.1", "mujoco==4.0.0", "mujoco-mjx==3.17.0")
+_DRONES = "2,000 a core with attitude control, float32, without turbulence and sensors"
+PEERS = {
+    "jsbsim": Peer(
+        environment="jsbsim", packages=("jsbsim==1.3.3",), flight_s=20.0,
+        what="one core; turbulence of type 4, without a controller",
+    ),
+    "mujoco, RK4": Peer(
+        environment="mujoco", packages=("mujoco==4.0.0",), flight_s=20.0, all_cores=True,
+        what=f"{CORES} cores; rollout of rigid bodies, without turbulence, sensors and controller",
+    ),
+    "rotorpy, RK45": Peer(
+        environment="rotorpy", packages=("rotorpy==3.0.0",), flight_s=0.5,
+        what="one core; Dryden gusts, sensors and its own controller; one flight, as its batches want torch",
+    ),
+    "crazyflow, RK4": Peer(
+        environment="crazyflow", packages=_CRAZYFLOW, flight_s=1.5, options=("rk4",), all_cores=True,
+        what=f"{CORES} cores; {_DRONES}",
+    ),
+    "crazyflow, Euler": Peer(
+        environment="crazyflow", packages=_CRAZYFLOW, flight_s=3.0, options=("euler",), all_cores=True,
+        lower_order=True, what=f"{CORES} cores; the same by steps of first order, its default",
+    ),
+}  # fmt: skip
 
 
 def measure(bench: Bench) -> None:
-    """Measure every peer that can be installed, in turns with our flights."""
+    """Measure every peer that can be installed, in turns with our flights on one core and on all."""
     script = scenario(bench)
-    flights, share = (2, 0.1) if bench.quick else (64, 1.0)
-    rates: dict[str, list[float]] = {"ours": []}
+    flights, rounds = (2, 1) if bench.quick else (16 * LANES, 5)
+    parts = [list(range(k * flights + 1, (k + 1) * flights + 1)) for k in range(CORES)]
+    with ExitStack() as stack:
+        programs = _ready(bench, _started(bench, stack))
+        fly = stack.enter_context(fleet(CORES, script))
+        fly(parts)
 
-    def ours() -> None:
-        fly_many(script, LAW, [Case(vehicle=VEHICLE, seed=seed) for seed in range(1, flights + 1)])
+        def rate(of: list[list[int]]) -> float:
+            begun = time.perf_counter()
+            fly(of)
+            return len(of) * flights * script.duration_s / (time.perf_counter() - begun)
 
-    for turn in range(1 if bench.quick else 3):
-        times = in_turns({"ours": ours}, 1)["ours"]
-        rates["ours"].append(flights * script.duration_s / times[0])
-        for name, (wanted, seconds, _) in _PEERS.items():
-            if name in bench.left_out:
-                continue
-            try:
-                rates.setdefault(name, []).append(_rate(name, wanted, share * seconds, new=not (bench.quick or turn)))
-            except (OSError, subprocess.SubprocessError, ValueError) as error:
-                rates.pop(name, None)
-                bench.leave_out(name, _reason(error))
+        ours = {ONE: lambda: rate(parts[:1]), ALL: lambda: rate(parts)}
+        rates = alternate(ours | {name: program.fly for name, program in programs.items()}, rounds, bench)
     for name, values in rates.items():
-        if name != "ours":
-            bench.row(name, "simulated s/s", values, f"{_PEERS[name][0]}: {_PEERS[name][2]}")
-    peers = [values for name, values in rates.items() if name != "ours"]
-    if peers:
-        best = max(peers, key=max)
-        ratios = [mine / theirs for mine, theirs in zip(rates["ours"], best, strict=True)]
-        bench.ratio("lanes_throughput_vs_best_peer", ratios, ">= 15", "ours on one core")
+        note = f"{PEERS[name].packages[0]}: {PEERS[name].what}" if name in PEERS else "turbulence, sensors, law; judged"
+        bench.row(name, "simulated s/s", values, note)
+    compare(bench, rates)
 
 
-def _rate(name: str, wanted: str, seconds: float, *, new: bool) -> float:
-    """Return the simulated seconds per second that a peer says, whose environment is made if it is not there."""
-    folder = _ENVIRONMENTS / name
-    python = folder / "bin" / "python"
-    if not (folder / "installed").exists():
-        if not new:
-            raise FileNotFoundError("no environment")
-        _install(folder, python, wanted)
-    program = Path(__file__).parent / "peers" / f"with_{name}.py"
-    told = _run([str(python), str(program), str(seconds)], _RUN_S, folder)
-    return float(json.loads(told.splitlines()[-1])["rate"])
+def alternate(actions: Mapping[str, Callable[[], float]], rounds: int, bench: Bench) -> dict[str, list[float]]:
+    """Return what each action returns, one of each in every round; a peer that fails is left out."""
+    rates: dict[str, list[float]] = {name: [] for name in actions}
+    for _ in range(rounds):
+        for name in list(rates):
+            try:
+                rates[name].append(actions[name]())
+            except PeerError as error:
+                del rates[name]
+                bench.leave_out(name, str(error))
+    return rates
 
 
-def _install(folder: Path, python: Path, wanted: str) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
-    try:
-        _run([sys.executable, "-m", "venv", str(folder)], _INSTALL_S)
-        _run([str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", wanted], _INSTALL_S)
-    except subprocess.SubprocessError:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
-    (folder / "installed").touch()
+def compare(bench: Bench, rates: Mapping[str, list[float]]) -> None:
+    """Note how many times as fast we are as the best peer, turn by turn, on as many cores as it uses."""
+    leads = {}
+    for name in (name for name in rates if name in PEERS):
+        ours = rates[ALL if PEERS[name].all_cores else ONE]
+        leads[name] = [mine / theirs for mine, theirs in zip(ours, rates[name], strict=True)]
+    for name in [name for name in leads if PEERS[name].lower_order]:
+        note = "on as many cores, but by steps of lower order than ours"
+        bench.row(f"lanes throughput vs {name}", "-", leads.pop(name), note)
+    if leads:
+        best = min(leads, key=lambda name: median(leads[name]))
+        bench.ratio("lanes_throughput_vs_best_peer", leads[best], ">= 15", f"{best}, on as many cores")
 
 
-def _run(command: list[str], timeout: float, folder: Path | None = None) -> str:
-    """Return what a command prints; what it leaves behind, logs for one, stays in `folder`."""
-    return subprocess.run(command, check=True, capture_output=True, text=True, timeout=timeout, cwd=folder).stdout
+def _started(bench: Bench, stack: ExitStack) -> dict[str, Program]:
+    """Return the peers' programs under way, whose environments are made if they are not there."""
+    programs: dict[str, Program] = {}
+    failed: dict[str, PeerError] = {}
+    for name, peer in PEERS.items():
+        folder = _ENVIRONMENTS / peer.environment
+        try:
+            if peer.environment in failed:
+                raise failed[peer.environment]
+            python = environment(folder, peer.packages, new=not bench.quick)
+        except PeerError as error:
+            failed[peer.environment] = error
+            bench.leave_out(name, str(error))
+            continue
+        seconds = peer.flight_s * (0.1 if bench.quick else 1.0)
+        program = str(_PROGRAMS / f"with_{peer.environment}.py")
+        command = [str(python), program, str(seconds), *peer.options]
+        programs[name] = stack.enter_context(Program(command, folder / f"{name}.log"))
+    return programs
 
 
-def _reason(error: Exception) -> str:
-    if isinstance(error, subprocess.TimeoutExpired):
-        return f"not done in {error.timeout:.0f} s: {' '.join(error.cmd[1:4])}"
-    if isinstance(error, subprocess.CalledProcessError):
-        lines = (error.stderr or "").strip().splitlines()
-        return lines[-1] if lines else f"exit status {error.returncode}"
-    return str(error)
+def _ready(bench: Bench, programs: dict[str, Program]) -> dict[str, Program]:
+    """Return those that have flown once."""
+    print("tools/bench: the peers load, and make their machine code", flush=True)
+    ready = {}
+    for name, program in programs.items():
+        try:
+            program.ready()
+        except PeerError as error:
+            bench.leave_out(name, str(error))
+        else:
+            ready[name] = program
+    return ready
