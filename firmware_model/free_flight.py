@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple
 
 from firmware_model.compiled import kernel
-from firmware_model.ground import GroundParams, ground_params, ground_wrench, rests
+from firmware_model.ground import GroundParams, ground_params, ground_wrench, may_touch, rests
 from firmware_model.gusts import gust_moment
 from firmware_model.rigid_body import (
     Body,
@@ -68,6 +68,8 @@ class FreeInputs(NamedTuple):
     """Commands, direct moments, angular gusts, units beside each number; no forces."""
     air: Air
     """Gust and wind, units beside each number."""
+    low: bool
+    """Whether the ground may be near; if not, it is not asked about."""
 
 
 def air_params(vehicle: Vehicle) -> AirParams:
@@ -110,10 +112,11 @@ def acting(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[BodyInpu
     outside = inputs.body
     force, moment = air_wrench(params.air, body, inputs.air)
     L, M, N = moment[0] + outside.L, moment[1] + outside.M, moment[2] + outside.N
-    ground_force, ground_moment, load = ground_wrench(params.ground, body)
-    resting = load > 0.0 and rests(
-        params.ground, body, (force[0], force[1], force[2] - body.thrust), (L + body.roll, M + body.pitch, N + body.yaw)
-    )
+    ground_force, ground_moment, load, resting = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, False
+    if inputs.low:
+        ground_force, ground_moment, load = ground_wrench(params.ground, body)
+        push, twist = (force[0], force[1], force[2] - body.thrust), (L + body.roll, M + body.pitch, N + body.yaw)
+        resting = (load > 0.0) & rests(params.ground, body, push, twist)
     return (
         BodyInputs(
             outside.roll_command, outside.pitch_command, outside.yaw_command,
@@ -138,6 +141,7 @@ _move = runge_kutta(_derivative)
 @kernel
 def step(params: FreeParams, body: Body, inputs: FreeInputs, dt: float) -> Body:
     """Return the state after `dt` [s]: a Runge-Kutta step, or the actuators' alone where the vehicle rests."""
+    inputs = FreeInputs(inputs.body, inputs.air, inputs.low and may_touch(params.ground, body, dt))
     moved = _move(params, body, inputs, dt)
     return still(body, moved) if acting(params, body, inputs)[1] else moved
 
@@ -148,6 +152,7 @@ def felt(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[Vector, Ve
 
     The specific force is acceleration less gravity, what an accelerometer at the centre of mass feels.
     """
+    inputs = FreeInputs(inputs.body, inputs.air, inputs.low and may_touch(params.ground, body, 0.0))
     forces, resting, load = acting(params, body, inputs)
     moment = air_wrench(params.air, body, inputs.air)[1]
     if resting:

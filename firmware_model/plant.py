@@ -12,7 +12,7 @@ from firmware_model.compiled import compiled, kernel
 from firmware_model.disturbances import Disturbance, disturbance
 from firmware_model.elementary import normals
 from firmware_model.free_flight import Air, AirParams, FreeInputs, FreeParams
-from firmware_model.ground import GroundParams
+from firmware_model.ground import GroundParams, may_touch
 from firmware_model.gusts import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
 from firmware_model.mean_wind import MeanWindParams, mean_wind
 from firmware_model.rigid_body import Body, BodyInputs, BodyParams, still
@@ -58,7 +58,7 @@ def observe_kernel(params: Array, state: Array, waves: Array, replay: Array, cha
     time_us = sample * sample_us
     scripted, free = disturbance(waves, replay, sample, time_us * 1e-6), get(one, FREE) != 0.0
     turning, felt = normals(seed, GYRO_STREAM, sample, 0), normals(seed, ACCELEROMETER_STREAM, sample, 0)
-    sense(one, x, free, True, scripted, turning, felt, time_us, alone(record))
+    sense(one, x, free, True, True, scripted, turning, felt, time_us, alone(record))
     _write_rotors(one, x, free, alone(record))
 
 
@@ -73,7 +73,7 @@ def advance_kernel(params: Array, state: Array, seed: int, sample: int, sample_u
     start = _load_body(x, X_BODY)
     body = start
     for _ in range(steps):
-        body = moved(one, x, free, body, dt, row)
+        body = moved(one, x, free, True, body, dt, row)
     if kind == OFF and not free:
         body = still(start, body)
         _store_estimate(x, X_ESTIMATE, set_attitude(_load_estimate(x, X_ESTIMATE), _q_NB(body)))
@@ -92,16 +92,17 @@ def change(params: Array, state: Column, changes: Array, sample: int) -> None:
 
 
 @kernel
-def sense(params: Column, state: Column, free: bool, whole: bool, scripted: Disturbance, turning: Four, felt: Four,
-          time_us: int, record: Column) -> None:  # fmt: skip
+def sense(params: Column, state: Column, free: bool, low: bool, whole: bool, scripted: Disturbance, turning: Four,
+          felt: Four, time_us: int, record: Column) -> None:  # fmt: skip
     """Write to `record` all that `observe_kernel` does but the rotors; the sensors get standard normal numbers.
 
-    What acts on a held vehicle under torques or rates, and what its figures are measured by, needs neither wind nor
-    on-board attitude nor what is only recorded: without the `whole` these are left out.
+    What acts under torques or rates, and what figures are measured by, needs neither on-board attitude nor what is only
+    recorded, and of a held vehicle no wind: without the `whole` these are left out. Of a vehicle that is not `low` the
+    ground is not asked about.
     """
     body, time = _load_body(state, X_BODY), time_us * 1e-6
-    direct = _write_air(params, state, whole, scripted, record)
-    force, moment, load = _felt(params, body, free, direct, record)
+    direct = _write_air(params, state, whole or free, scripted, record)
+    force, moment, load = _felt(params, body, free, low, direct, record)
     rate = gyro(_load_gyro_params(params, world.GYRO), (body.p, body.q, body.r), turning, time)
     put_vector(record, journal.GYRO_B, rate)
     put_vector(
@@ -113,14 +114,15 @@ def sense(params: Column, state: Column, free: bool, whole: bool, scripted: Dist
     stabilizer = _load_stabilizer_params(params, world.STABILIZER)
     estimate = _load_estimate(state, X_ESTIMATE)
     estimate = strapdown(stabilizer, estimate, rate) if whole else heard(stabilizer, estimate, rate)
-    if free:
+    if free and whole:
         estimate = aligned(stabilizer, estimate, _q_NB(body))
     _store_estimate(state, X_ESTIMATE, estimate)
+    if whole or free:
+        put_vector(state, X_DIRECT, direct)
+        put_vector(record, journal.POSITION, (body.north, body.east, body.down))
     if whole:
         put(state, X_LOAD, load)
-        put_vector(state, X_DIRECT, direct)
         put(record, journal.TIME, time_us)
-        put_vector(record, journal.POSITION, (body.north, body.east, body.down))
         put_vector(record, journal.VELOCITY, (body.v_north, body.v_east, body.v_down))
         put_vector(record, journal.TORQUE_B, (body.roll, body.pitch, body.yaw))
         put(record, journal.THRUST, -body.thrust)
@@ -147,7 +149,7 @@ def _free_params(params: Column) -> FreeParams:
 
 
 @kernel
-def _write_air(params: Column, state: Column, whole: bool, scripted: Disturbance, record: Column) -> Vector:
+def _write_air(params: Column, state: Column, windy: bool, scripted: Disturbance, record: Column) -> Vector:
     """Write gust and wind, and return the direct moment [N*m] B; what is scripted in N is turned into B."""
     body = _load_body(state, X_BODY)
     gust_B, gust_N, moment_B, moment_N = scripted
@@ -158,13 +160,15 @@ def _write_air(params: Column, state: Column, whole: bool, scripted: Disturbance
     for i in range(3):
         put(record, journal.GUST + i, scale * (turbulence[i] + gust_B[i] + turned[i]))
         put(record, journal.GUST_OMEGA + i, scale * turning[i])
-    if whole:
+    if windy:
         put_vector(record, journal.WIND, mean_wind(_load_mean_wind_params(params, world.MEAN_WIND), -body.down))
     return moment_B[0] + turned_moment[0], moment_B[1] + turned_moment[1], moment_B[2] + turned_moment[2]
 
 
 @kernel
-def _felt(params: Column, body: Body, free: bool, direct: Vector, record: Column) -> tuple[Vector, Vector, float]:
+def _felt(
+    params: Column, body: Body, free: bool, low: bool, direct: Vector, record: Column
+) -> tuple[Vector, Vector, float]:
     """Return specific force [m/s^2] B, the air's moment [N*m] B, and the load that the ground carries [N]."""
     if not free:
         nothing = BodyInputs(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -176,7 +180,7 @@ def _felt(params: Column, body: Body, free: bool, direct: Vector, record: Column
             0.0,
         )
     return free_flight.felt(
-        _free_params(params), body, FreeInputs(_acting(record, direct, (0.0, 0.0, 0.0), 0.0), _air(record))
+        _free_params(params), body, FreeInputs(_acting(record, direct, (0.0, 0.0, 0.0), 0.0), _air(record), low)
     )
 
 
@@ -209,21 +213,30 @@ def _write_rotors(params: Column, state: Column, free: bool, record: Column) -> 
 
 
 @kernel
-def moved(params: Column, state: Column, free: bool, body: Body, dt: float, record: Column) -> Body:
-    """Return the body after a step of `dt` [s] under what acts and is asked for at the record's sample."""
+def moved(params: Column, state: Column, free: bool, low: bool, body: Body, dt: float, record: Column) -> Body:
+    """Return the body after a step of `dt` [s] under what acts and is asked for at the record's sample.
+
+    Of a vehicle that is not `low` the ground is not asked about.
+    """
     torque = given(_load_actuator_params(params, world.ACTUATORS), get_vector(record, journal.TORQUE_COMMAND))
     thrust = -get(record, journal.THRUST_COMMAND)
     if free:
-        inputs = FreeInputs(_acting(record, get_vector(state, X_DIRECT), torque, thrust), _air(record))
+        inputs = FreeInputs(_acting(record, get_vector(state, X_DIRECT), torque, thrust), _air(record), low)
         return free_flight.step(_free_params(params), body, inputs, dt)
     held = _acting(record, get_vector(record, journal.MOMENT), torque, thrust)
     return rigid_body.turn(_load_body_params(params, world.BODY), body, held, dt)
 
 
 @kernel
-def move(params: Column, state: Column, free: bool, dt: float, record: Column) -> None:
+def move(params: Column, state: Column, free: bool, low: bool, dt: float, record: Column) -> None:
     """Move the body by one step, see `moved`."""
-    _store_body(state, X_BODY, moved(params, state, free, _load_body(state, X_BODY), dt, record))
+    _store_body(state, X_BODY, moved(params, state, free, low, _load_body(state, X_BODY), dt, record))
+
+
+@kernel
+def nears_ground(params: Column, state: Column, dt: float) -> bool:
+    """Whether a vehicle in free flight may touch the ground within a step of `dt` [s]."""
+    return may_touch(_load_ground_params(params, world.GROUND), _load_body(state, X_BODY), dt)
 
 
 @kernel

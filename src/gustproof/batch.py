@@ -9,7 +9,7 @@ import numpy as np
 from firmware_model import commands, journal, plant, world
 from firmware_model.commands import SETPOINT, command
 from firmware_model.compiled import align_stack, compiled, kernel
-from firmware_model.disturbances import disturbance
+from firmware_model.disturbances import Disturbance, disturbance
 from firmware_model.elementary import BLOCK, inverse_normals, uniforms
 from firmware_model.journal import WIDTH
 from firmware_model.rows import Column, aligned
@@ -32,6 +32,17 @@ def fly_held(params: Array, state: Array, waves: Array, replay: Array, changes: 
     """Fly a batch on the test stand, see `_fly`."""
     align_stack()
     _fly(False, params, state, waves, replay, changes, seeds, sample_us, dt, law, feels, reference, scale, kind, bound,
+         thrust, delay, torque_limit, rules, tallies, readings)  # fmt: skip
+
+
+@compiled
+def fly_free(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seeds: Array, sample_us: int,
+             dt: float, law: Sums, feels: bool, reference: Array, scale: Array, kind: float, bound: float,
+             thrust: Array, delay: int, torque_limit: Array, rules: Array, tallies: Array,
+             readings: Array) -> None:  # fmt: skip
+    """Fly a batch in free flight, see `_fly`."""
+    align_stack()
+    _fly(True, params, state, waves, replay, changes, seeds, sample_us, dt, law, feels, reference, scale, kind, bound,
          thrust, delay, torque_limit, rules, tallies, readings)  # fmt: skip
 
 
@@ -110,10 +121,30 @@ def _observe(free: bool, params: Array, state: Array, waves: Array, replay: Arra
     plant.change(params, Column(state, LANES, 0), changes, sample)
     time_us = sample * sample_us
     scripted = disturbance(waves, replay, sample, time_us * 1e-6)
-    for w in range(LANES):
-        p, x, row = Column(params, LANES, w), Column(state, LANES, w), Column(record, LANES, w)
-        turning, felt = _four(noise, _GYRO, w), _four(noise, _ACCELEROMETER, w)
-        plant.sense(p, x, free, free, scripted, turning, felt, time_us, row)
+    if _low(free, params, state, 0.0):
+        for w in range(LANES):
+            _sense(free, True, params, state, scripted, noise, time_us, record, w)
+    else:
+        for w in range(LANES):
+            _sense(free, False, params, state, scripted, noise, time_us, record, w)
+
+
+@kernel
+def _sense(free: bool, low: bool, params: Array, state: Array, scripted: Disturbance, noise: Array, time_us: int,
+           record: Array, w: int) -> None:  # fmt: skip
+    p, x, row = Column(params, LANES, w), Column(state, LANES, w), Column(record, LANES, w)
+    turning, felt = _four(noise, _GYRO, w), _four(noise, _ACCELEROMETER, w)
+    plant.sense(p, x, free, low, False, scripted, turning, felt, time_us, row)
+
+
+@kernel
+def _low(free: bool, params: Array, state: Array, dt: float) -> bool:
+    """Whether one of them may touch the ground within `dt` [s]; if not, nothing is asked about it: most of the time."""
+    low = False
+    if free:
+        for w in range(LANES):
+            low |= plant.nears_ground(Column(params, LANES, w), Column(state, LANES, w), dt)
+    return low
 
 
 @kernel
@@ -199,8 +230,17 @@ def _command_one(free: bool, params: Array, state: Array, kind: float, setpoint:
 
 @kernel
 def _move(free: bool, params: Array, state: Array, dt: float, record: Array) -> None:
-    for w in range(LANES):
-        plant.move(Column(params, LANES, w), Column(state, LANES, w), free, dt, Column(record, LANES, w))
+    if _low(free, params, state, dt):
+        for w in range(LANES):
+            _move_one(free, True, params, state, dt, record, w)
+    else:
+        for w in range(LANES):
+            _move_one(free, False, params, state, dt, record, w)
+
+
+@kernel
+def _move_one(free: bool, low: bool, params: Array, state: Array, dt: float, record: Array, w: int) -> None:
+    plant.move(Column(params, LANES, w), Column(state, LANES, w), free, low, dt, Column(record, LANES, w))
 
 
 @kernel

@@ -12,12 +12,12 @@ from firmware_model.scenario import Scenario
 from firmware_model.signals import Vector
 from firmware_model.vehicle import Vehicle
 from firmware_model.world import Array, World, new_world
-from gustproof.batch import LANES, fly_held
-from gustproof.closed_loop import check, fly_direct, references
+from gustproof.batch import LANES, fly_free, fly_held
+from gustproof.closed_loop import check, references
 from gustproof.law import Law, Output
 from gustproof.law_step import sums
-from gustproof.metrics import TALLY, Metrics, Tally, figures, measure
-from gustproof.requirements import RequirementResult, judge, judged, no_readings, rules
+from gustproof.metrics import TALLY, Metrics, Tally, figures
+from gustproof.requirements import RequirementResult, judged, no_readings, rules
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,8 +59,6 @@ def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[Judged
     ValueError
         As `fly_direct`.
     """
-    if scenario.free:
-        return [_flown(case.of(scenario), law, case) for case in cases]
     check(scenario, law)
     return [flown for i in range(0, len(cases), LANES) for flown in _fly_batch(scenario, law, cases[i : i + LANES])]
 
@@ -72,7 +70,8 @@ def _fly_batch(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[Judg
     torque = law.output is Output.TORQUE
     limit = _side_by_side([case.vehicle.torque_limit for case in filled])
     tallies, readings = aligned(TALLY * LANES), no_readings(scenario, LANES)
-    fly_held(
+    fly = fly_free if scenario.free else fly_held
+    fly(
         _side_by_side([world.params for world in worlds]), _side_by_side([world.state for world in worlds]),
         worlds[0].waves, worlds[0].replay, _changes(worlds), np.array([case.seed for case in filled]),
         scenario.sample_us, scenario.dt, sums(law), law.feels_force, references(scenario),
@@ -106,10 +105,3 @@ def _changes(worlds: Sequence[World]) -> Array:
         for sample, place, value in world.changes.tolist()
     ]
     return np.array(sorted(rows, key=lambda row: row[0])).reshape(-1, 3)
-
-
-def _flown(scenario: Scenario, law: Law, case: Case) -> Judged:
-    records = fly_direct(scenario, law, vehicle=case.vehicle, seed=case.seed)
-    return Judged(
-        metrics=measure(records, case.vehicle, scenario, 0.0), requirements=judge(records, scenario, case.vehicle)
-    )

@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from firmware_model.ground import ground_params, ground_wrench
 from firmware_model.plant_events import ActuatorEffect, AttitudeReference, GyroBias, Payload
 from firmware_model.requirement import Metric, Requirement
+from firmware_model.rigid_body import Body
 from firmware_model.rotations import euler_angles
 from firmware_model.scenario import load_scenario, shipped_scenarios
 from firmware_model.vehicle import load_vehicle
 from firmware_model.wind import GustReplay, GustStep, OneMinusCosine
+from firmware_model.world import X_BODY, new_world
 from gustproof.batch import LANES
 from gustproof.closed_loop import fly_direct
 from gustproof.lanes import Case, fly_many
@@ -61,6 +64,12 @@ def cases(number: int, *, sway: float = 1.0):
     ]  # fmt: skip
 
 
+def touches(case, scenario):
+    """Whether a flight begins on the ground, be it with one foot."""
+    body = Body(*new_world(case.vehicle, scenario, case.seed).state[X_BODY : X_BODY + len(Body._fields)])
+    return bool(ground_wrench(ground_params(case.vehicle), body)[2] > 0.0)
+
+
 def one_by_one(scenario, law, many):
     for case in many:
         flown = case.of(scenario)
@@ -87,9 +96,37 @@ def test_a_case_scales_the_gusts_and_begins_in_its_attitude():
 
 
 @pytest.mark.compiled
+@pytest.mark.parametrize("translation", ["held", "free"])
 @pytest.mark.parametrize("law", shipped_laws())
-def test_flights_side_by_side_are_those_one_by_one_with_every_law(law):
-    assert_same(SHORT, load_law(law), cases(3))
+def test_flights_side_by_side_are_those_one_by_one_with_every_law(law, translation):
+    assert_same(replace(SHORT, translation=translation), load_law(law), cases(3))
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("name", ["payload-drop", "shear"])
+def test_free_flights_of_a_law_of_rates_are_the_same_side_by_side(name):
+    assert_same(load_scenario(name), load_law("hinf-rates"), cases(3))
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("law", ["hinf-scheduled", "hinf-rates"])
+def test_flights_that_touch_the_ground_are_the_same_beside_those_that_do_not(law):
+    scenario = replace(SHORT, translation="free", altitude_m=0.32, duration_s=2.0)
+    many = cases(LANES + 3)
+    touching = [touches(case, case.of(scenario)) for case in many]
+    assert 8 < sum(touching) < LANES - 8
+    assert_same(scenario, load_law(law), many)
+
+
+@pytest.mark.compiled
+def test_flights_that_a_payload_pulls_to_the_ground_are_the_same_side_by_side():
+    law = load_law("hinf-rates")  # with the thrust of the vehicle that was built
+    load = Payload(kind="payload", at_s=0.1, mass_kg=3.0, inertia_kgm2=(0.05, 0.05, 0.05))
+    scenario = replace(SHORT, translation="free", altitude_m=0.6, duration_s=2.0, event=(load,))
+    fallen = fly_direct(scenario, law, vehicle=VEHICLE, seed=1)["position_N"][:, 2]
+    assert fallen[0] == -0.6
+    assert fallen[-1] > -VEHICLE.gear.height
+    assert_same(scenario, law, cases(3))
 
 
 @pytest.mark.compiled

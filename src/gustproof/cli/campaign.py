@@ -105,8 +105,6 @@ def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | No
     if plan.scenario.scripts_controller:
         why = "its script has link, mode or controller events"
         _tell(f"{plan.scenario.name} is flown with messages, which takes longer: {why}", quiet=quiet)
-    elif plan.scenario.free:
-        _tell(f"{plan.scenario.name} is flown one by one, which takes longer: it is free flight", quiet=quiet)
     title = f"{plan.scenario.name}, {', '.join(law.name for law in plan.laws)}"
     try:
         with (

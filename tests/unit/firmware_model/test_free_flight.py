@@ -50,9 +50,9 @@ def torque(*torque_B: float, throttle: float | None = None) -> TorqueCommand:
 def test_without_thrust_it_falls_with_g_and_feels_nothing(vehicle):
     params = free_params(vehicle)
     body = HIGH
-    assert felt(params, body, FreeInputs(NOTHING, STILL))[0] == (0.0, 0.0, 0.0)
+    assert felt(params, body, FreeInputs(NOTHING, STILL, True))[0] == (0.0, 0.0, 0.0)
     for _ in range(100):
-        body = step(params, body, FreeInputs(NOTHING, STILL), 0.001)
+        body = step(params, body, FreeInputs(NOTHING, STILL, True), 0.001)
     # Drag at 1 m/s is 1/2 rho A v^2; over .1 s it takes less than that from the speed.
     lost = 0.5 * AIR_DENSITY * vehicle.drag_area / vehicle.mass * 0.1
     assert GRAVITY * 0.1 - lost < body.v_down < GRAVITY * 0.1
@@ -64,7 +64,7 @@ def test_it_falls_no_faster_than_its_drag_lets_it(vehicle):
     speed = math.sqrt(vehicle.mass * GRAVITY / (0.5 * AIR_DENSITY * vehicle.drag_area))
     body = HIGH._replace(down=-1e6)
     for _ in range(3000):
-        body = step(params, body, FreeInputs(NOTHING, STILL), 0.01)
+        body = step(params, body, FreeInputs(NOTHING, STILL, True), 0.01)
     assert body.v_down == pytest.approx(speed, rel=1e-6)
 
 
