@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,20 +54,31 @@ X_BODY, X_DRYDEN, X_ESTIMATE, X_HOLDING, X_LOAD = starts([Body, DrydenState, Est
 X_DIRECT, X_CHANGE = X_LOAD + 1, X_LOAD + 4
 
 
+class Start(NamedTuple):
+    """What of a world is the vehicle's own; gusts and moments of formulas and tables are of the scenario alone."""
+
+    params: Array
+    """(n,) constants, each NamedTuple in a row with its own units."""
+    state: Array
+    """(n,) body, air and on-board loop, each NamedTuple in a row with its own units."""
+    changes: Array
+    """(n, 3) what events change: sample, place among the constants, value from then on."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class World:
     """Everything that a flight computes with, as arrays that the kernels take."""
 
     params: Array
-    """(n,) constants, each NamedTuple in a row with its own units."""
+    """(n,) constants, see `Start`."""
     state: Array
-    """(n,) body, air and on-board loop, each NamedTuple in a row with its own units; moved on by the kernels."""
+    """(n,) state, see `Start`; moved on by the kernels."""
     waves: Array
     """(n, WAVE) gusts and direct moments of a formula, see `disturbances`; units there."""
     replay: Array
     """(samples or 0, 3 * TARGETS) replayed gusts [m/s] and direct moments [N*m], see `disturbances`."""
     changes: Array
-    """(n, 3) what events change: sample, place among the constants, value from then on."""
+    """(n, 3) what events change, see `Start`."""
     seed: int
     """Seed of all that is random."""
     vehicle: Vehicle
@@ -89,13 +101,32 @@ class World:
         self.params[POSITION:ROTORS] = position_params(self.vehicle, gains, self.dt)
 
 
-def new_world(
-    vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False, beside: World | None = None
-) -> World:
+def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> World:
     """Return a vehicle at rest in the scenario's attitude and height, in trimmed hover, in stationary air.
 
-    A `standing` one has its motors off; it stands level on the ground, or is clamped on the test stand. It shares waves
-    and replay with the world `beside`, which has the same gusts and moments, if there is one.
+    A `standing` one has its motors off; it stands level on the ground, or is clamped on the test stand.
+
+    Raises
+    ------
+    ValueError
+        If the seed is not in [0, 2^32).
+    """
+    params, state, changes = start(vehicle, scenario, seed, standing=standing)
+    return World(
+        params=params,
+        state=state,
+        waves=waves(scenario),
+        replay=replayed(scenario),
+        changes=changes,
+        seed=seed,
+        vehicle=vehicle,
+        gust_scale=scenario.gust_scale,
+        dt=scenario.dt,
+    )
+
+
+def start(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> Start:
+    """Return what `new_world` begins with of the vehicle's own.
 
     Raises
     ------
@@ -113,16 +144,10 @@ def new_world(
     body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, *q_NB, *[0.0] * 7)._replace(
         thrust=0.0 if standing else vehicle.mass * GRAVITY
     )
-    return World(
+    return Start(
         params=_params(vehicle, scenario, dryden_params),
         state=np.array([*body, *dryden_state, *estimate, *nothing_held(), *[0.0] * 5]),
-        waves=waves(scenario) if beside is None else beside.waves,
-        replay=replayed(scenario) if beside is None else beside.replay,
         changes=_changes(vehicle, scenario),
-        seed=seed,
-        vehicle=vehicle,
-        gust_scale=scenario.gust_scale,
-        dt=scenario.dt,
     )
 
 

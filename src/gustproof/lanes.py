@@ -1,21 +1,24 @@
 """Many flights of one scenario: vehicles, seeds, gusts and initial attitudes differ, and each is judged as it flies."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from firmware_model import commands
+from firmware_model.disturbances import replayed, waves
 from firmware_model.params import published_hover, published_limit
 from firmware_model.rows import aligned
 from firmware_model.scenario import Scenario
 from firmware_model.signals import Vector
 from firmware_model.vehicle import Vehicle
-from firmware_model.world import Array, World, new_world
+from firmware_model.world import Array, start
 from gustproof.batch import LANES, fly_free, fly_held
 from gustproof.closed_loop import check, references
 from gustproof.law import Law, Output
-from gustproof.law_step import sums
+from gustproof.law_step import Sums, sums
 from gustproof.metrics import TALLY, Metrics, Tally, figures
 from gustproof.requirements import RequirementResult, judged, no_readings, rules
 
@@ -59,26 +62,55 @@ def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[Judged
     ValueError
         As `fly_direct`.
     """
+    return flier(scenario, law)(cases)
+
+
+def flier(scenario: Scenario, law: Law) -> Callable[[Sequence[Case]], list[Judged]]:
+    """Return what flies any number of cases as `fly_many` does, however often; what they share has been made.
+
+    Raises
+    ------
+    ValueError
+        As `fly_direct`.
+    """
     check(scenario, law)
-    return [flown for i in range(0, len(cases), LANES) for flown in _fly_batch(scenario, law, cases[i : i + LANES])]
+    tables = waves(scenario), replayed(scenario), references(scenario), rules(scenario)
+    return partial(_fly_batches, _Shared(scenario, law, sums(law), *tables))
 
 
-def _fly_batch(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[Judged]:
+class _Shared(NamedTuple):
+    """What all flights of a scenario and a law have in common; units where it is made."""
+
+    scenario: Scenario
+    law: Law
+    sums: Sums
+    waves: Array
+    replay: Array
+    reference: Array
+    rules: Array
+
+
+def _fly_batches(shared: _Shared, cases: Sequence[Case]) -> list[Judged]:
+    return [flown for i in range(0, len(cases), LANES) for flown in _fly_batch(shared, cases[i : i + LANES])]
+
+
+def _fly_batch(shared: _Shared, cases: Sequence[Case]) -> list[Judged]:
     """Fly up to `LANES` cases; empty lanes repeat the last."""
+    scenario, law = shared.scenario, shared.law
     filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
-    worlds = [new_world(case.vehicle, case.of(scenario), case.seed) for case in filled]
+    params, states, changes = zip(*(start(case.vehicle, case.of(scenario), case.seed) for case in filled), strict=True)
     torque = law.output is Output.TORQUE
     limit = _side_by_side([case.vehicle.torque_limit for case in filled])
     tallies, readings = aligned(TALLY * LANES), no_readings(scenario, LANES)
     fly = fly_free if scenario.free else fly_held
     fly(
-        _side_by_side([world.params for world in worlds]), _side_by_side([world.state for world in worlds]),
-        worlds[0].waves, worlds[0].replay, _changes(worlds), np.array([case.seed for case in filled]),
-        scenario.sample_us, scenario.dt, sums(law), law.feels_force, references(scenario),
+        _side_by_side(params), _side_by_side(states), shared.waves, shared.replay, _in_order(changes),
+        np.array([case.seed for case in filled]),
+        scenario.sample_us, scenario.dt, shared.sums, law.feels_force, shared.reference,
         _side_by_side([published_limit(case.vehicle) for case in filled]) if torque else np.ones(3 * LANES),
         commands.TORQUE if torque else commands.RATES, 1.0 if torque else np.inf,
         np.array([np.nan if torque else published_hover(case.vehicle) for case in filled]),
-        scenario.delay_samples, limit, rules(scenario), tallies, readings,
+        scenario.delay_samples, limit, shared.rules, tallies, readings,
     )  # fmt: skip
     columns = tallies.reshape(TALLY, LANES).T.tolist()
     return [
@@ -97,11 +129,11 @@ def _side_by_side(rows: Sequence[Sequence[float] | Array]) -> Array:
     return block
 
 
-def _changes(worlds: Sequence[World]) -> Array:
+def _in_order(changes: Sequence[Array]) -> Array:
     """Return what events change in all flights, in order of time: sample, place among all constants, value."""
     rows = [
         (sample, place * LANES + lane, value)
-        for lane, world in enumerate(worlds)
-        for sample, place, value in world.changes.tolist()
+        for lane, turns in enumerate(changes)
+        for sample, place, value in turns.tolist()
     ]
     return np.array(sorted(rows, key=lambda row: row[0])).reshape(-1, 3)

@@ -3,7 +3,7 @@
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import lru_cache
 from itertools import chain
@@ -21,7 +21,7 @@ from gustproof.batch import LANES
 from gustproof.campaign.draws import Array
 from gustproof.campaign.plan import Campaign, noted, versions
 from gustproof.closed_loop import fly_direct
-from gustproof.lanes import Case, Judged, fly_many
+from gustproof.lanes import Case, Judged, flier
 from gustproof.law import Law
 from gustproof.metrics import Metrics, measure
 from gustproof.requirements import judge
@@ -29,6 +29,7 @@ from gustproof.sitl import fly_loopback
 
 FIGURES = tuple(field.name for field in fields(Metrics) if field.type is float and field.name != "realtime_factor")
 """Names of the figures of a run that are numbers, units as in `Metrics`."""
+Fly = Callable[[Sequence[Case]], list[Judged]]
 Row = tuple[Any, ...]
 _figures = attrgetter(*FIGURES)
 
@@ -62,14 +63,11 @@ def fly_stretch(note: str, stretch: Stretch) -> Flown:
     begin = time.perf_counter()
     campaign = _campaign(note)
     first, count = stretch.first % campaign.cases, stretch.runs
-    delta, seeds, law = (
-        campaign.deltas(first, count),
-        campaign.flight_seeds(first, count),
-        campaign.law_of(stretch.first),
-    )
-    rows: list[Row] = []
+    delta, seeds = campaign.deltas(first, count), campaign.flight_seeds(first, count)
+    law = campaign.law_of(stretch.first)
+    fly, rows = _flier(campaign.scenario, law), []
     for at in range(0, count, LANES):  # a batch's worlds are gone before the next: nothing piles up to be collected
-        judged = _judged(campaign, law, delta[at : at + LANES], seeds[at : at + LANES])
+        judged = _judged(campaign, law, fly, delta[at : at + LANES], seeds[at : at + LANES])
         rows += [_row(campaign.scenario, each) for each in judged]
     return Flown(_table(campaign, stretch, delta, seeds, rows), time.perf_counter() - begin)
 
@@ -87,7 +85,7 @@ def _campaign(note: str) -> Campaign:
     return noted(document, "campaign")
 
 
-def _judged(campaign: Campaign, law: Law, delta: Array, seeds: Sequence[int]) -> list[Judged | str]:
+def _judged(campaign: Campaign, law: Law, fly: Fly, delta: Array, seeds: Sequence[int]) -> list[Judged | str]:
     """Return what became of each flight, or why it was none."""
     cases: list[Case | str] = []
     for row, seed in zip(delta.tolist(), seeds, strict=True):
@@ -96,24 +94,25 @@ def _judged(campaign: Campaign, law: Law, delta: Array, seeds: Sequence[int]) ->
         except ConfigError as error:
             cases.append(one_line(str(error)))
     with np.errstate(all="ignore"):  # a flight that diverges is a result
-        flown = iter(_flown(campaign, law, [case for case in cases if isinstance(case, Case)]))
+        flown = iter(_flown(fly, [case for case in cases if isinstance(case, Case)]))
         return [case if isinstance(case, str) else _sound(campaign, law, case, next(flown)) for case in cases]
 
 
-def _flown(campaign: Campaign, law: Law, cases: list[Case]) -> list[Judged | str]:
+def _flown(fly: Fly, cases: list[Case]) -> list[Judged | str]:
     """Return what became of each of `cases`; one that can't be flown is found by halving."""
-    fly = _by_messages if campaign.scenario.scripts_controller else fly_many
     try:
-        return list(fly(campaign.scenario, law, cases))
+        return list(fly(cases))
     except (ConfigError, ValueError) as error:
         if len(cases) == 1:
             return [one_line(str(error))]
         half = len(cases) // 2
-        return _flown(campaign, law, cases[:half]) + _flown(campaign, law, cases[half:])
+        return _flown(fly, cases[:half]) + _flown(fly, cases[half:])
 
 
-def _by_messages(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[Judged]:
-    return [_by_message(case.of(scenario), law, case) for case in cases]
+def _flier(scenario: Scenario, law: Law) -> Fly:
+    if scenario.scripts_controller:
+        return lambda cases: [_by_message(case.of(scenario), law, case) for case in cases]
+    return flier(scenario, law)
 
 
 def _by_message(scenario: Scenario, law: Law, case: Case) -> Judged:
