@@ -7,7 +7,7 @@ from pathlib import Path
 
 from table import Bench
 
-_PARTS = ("flights", "lockstep", "codec", "solver", "starts", "peers")
+_PARTS = ("flights", "campaigns", "lockstep", "codec", "solver", "starts", "peers")
 """Modules, each with a `measure`."""
 
 

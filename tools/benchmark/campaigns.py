@@ -1,0 +1,53 @@
+"""What a run of a campaign costs besides its flight, and whether that grows with their number."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from flights import LAW
+from table import Bench, in_turns
+
+from firmware_model.scenario import load_scenario
+from firmware_model.vehicle_set import load_vehicle_set
+from gustproof.campaign.findings import findings
+from gustproof.campaign.plan import Campaign, Dispersed, dispersions
+from gustproof.campaign.pools import Pool, processes
+from gustproof.campaign.run import fly_campaign
+
+_FEW, _MANY = 1000, 20_000
+_FLIGHT_S = 0.02  # five samples: next to nothing
+
+
+def measure(bench: Bench) -> None:
+    """Measure campaigns of two sizes, by one worker: draws, worlds, judgement, parts, table, findings; no start-up."""
+    few, many = (8, 16) if bench.quick else (_FEW, _MANY)
+    with TemporaryDirectory() as folder, processes(1) as pool:
+        actions: dict[str, Callable[[], object]] = {
+            f"campaign, {runs} runs": partial(_fly, runs, Path(folder) / f"{runs}.parquet", pool)
+            for runs in (few, many)
+        }
+        times = in_turns(actions, 1 if bench.quick else 3, lambda: _cpu_s(pool))
+    costs = [[seconds / runs for seconds in taken] for runs, taken in zip((few, many), times.values(), strict=True)]
+    for name, cost in zip(times, costs, strict=True):
+        bench.row(f"{name} of five samples", "us a run", [1e6 * value for value in cost], "CPU of both processes")
+    ratios = [much / little for little, much in zip(*costs, strict=True)]
+    bench.ratio("cost_per_run_20000_vs_1000", ratios, "<= 1.1", "of what is not flying")
+
+
+def _fly(runs: int, output: Path, pool: Pool) -> None:
+    vehicles, scenario = load_vehicle_set("paper"), replace(load_scenario("paper-turbulence"), duration_s=_FLIGHT_S)
+    wanted = (Dispersed.VEHICLE, Dispersed.GUST, Dispersed.GYRO)
+    spreads = dispersions(vehicles, scenario, wanted, gust=0.5, attitude_deg=5.0)
+    campaign = Campaign(scenario=scenario, laws=(LAW,), vehicles=vehicles, spreads=spreads, cases=runs)
+    fly_campaign(campaign, output, pool)
+    findings(output)
+    output.unlink()
+
+
+def _cpu_s(pool: Pool) -> float:
+    """Return what this process and the only worker have used [s]."""
+    used: float = pool.submit(time.process_time).result()
+    return used + time.process_time()
