@@ -93,7 +93,8 @@ def hinfsyn(
     """Return the central controller that keeps the H-infinity norm from w to z below a level.
 
     The last `n_meas` outputs of `P` are measured, its last `n_con` inputs are controls. `D11` and `D22` may be
-    anything. Cost some 25 Schur forms of order 2n: milliseconds at n = 9.
+    anything. Where no path of coefficients joins two parts of the plant, none joins them in the controller: exact
+    zeros. Cost some 25 Schur forms of order 2n: milliseconds at n = 9.
 
     Parameters
     ----------
@@ -139,7 +140,7 @@ def _synthesized(plant: Lti, problem: Normalized, gamma: float | None, backoff: 
         raise DesignError(f"no controller at gamma = {level:.6g}: the least level is {gamma_opt:.6g}")
     solution = _solve(halves, level)
     _require_controller(solution, level)
-    K = _central(problem, solution, level)
+    K = _decoupled(_central(problem, solution, level), plant)
     peak = _peak(plant, K, level)
     return HinfResult(
         controller=K,
@@ -285,3 +286,27 @@ def _central(problem: Normalized, solution: _Solution, gamma: float) -> Lti:
     A_hat = A + B @ F - B_hat @ (C2 + F12)
     normalized = Lti(A=A_hat, B=B_hat, C=C_hat, D=D_hat)
     return problem.in_plant_units(normalized)
+
+
+def _decoupled(K: Lti, P: Lti) -> Lti:
+    """Return the central controller without the rounding between what no path of coefficients joins in `P`.
+
+    The stabilising solutions of the parts are one of the whole, and there is no other; the controller does not depend
+    on the bases of the normal form. So that of the whole is those of the parts, and all else is 0.
+    """
+    n, m, p = P.order, P.n_inputs, P.n_outputs
+    joined = np.eye(n + m + p)
+    joined[:n, :n] += P.A != 0.0
+    joined[:n, n : n + m] = P.B != 0.0
+    joined[n + m :, :n] = P.C != 0.0
+    joined[n + m :, n : n + m] = P.D != 0.0
+    joined += joined.T
+    for _ in range(len(joined).bit_length()):  # paths of up to twice as many coefficients each time
+        joined = np.minimum(joined @ joined, 1.0)
+    x, u, y = slice(n), slice(n + m - K.n_outputs, n + m), slice(n + m + p - K.n_inputs, n + m + p)
+    return Lti(
+        A=np.where(joined[x, x], K.A, 0.0),
+        B=np.where(joined[x, y], K.B, 0.0),
+        C=np.where(joined[u, x], K.C, 0.0),
+        D=np.where(joined[u, y], K.D, 0.0),
+    )

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from scipy.sparse.csgraph import connected_components
 
-from gustproof.law import Law, Output, load_law
+from gustproof.law import Law, Output, load_law, shipped_laws
 from gustproof.synthesis.derive import DesignReport, derive
 from gustproof.synthesis.designs import Design, load_design, shipped_designs
 
@@ -27,9 +28,39 @@ def test_the_shipped_law_is_the_one_derived_from_the_design(derived):
     for name in ("A", "B", "C", "D", "G", "H", "limits"):
         ours, theirs = getattr(law, name), getattr(shipped, name)
         assert np.allclose(ours, theirs, rtol=SAME, atol=SAME * max(np.max(np.abs(theirs)), 1e-300)), name
+        assert np.array_equal(ours != 0.0, theirs != 0.0), name
     assert shipped.provenance.parameters == pytest.approx(law.provenance.parameters, rel=1e-6)  # gamma_opt: 1e-7
     assert (shipped.name, shipped.dt, shipped.output) == (law.name, law.dt, law.output)
     assert (shipped.scheduled, shipped.provenance.design) == (law.scheduled, law.provenance.design)
+
+
+@pytest.mark.parametrize("name", shipped_laws())
+def test_no_coefficient_of_a_shipped_law_couples_its_axes(name):
+    law = load_law(name)
+    n, measured = law.order, law.B.shape[1]
+    edges = np.zeros((n + measured + 3,) * 2, dtype=bool)  # among states, measurements and commands
+    x, y, u = slice(n), slice(n, n + measured), slice(n + measured, n + measured + 3)
+    edges[x, x], edges[x, y], edges[u, x], edges[u, y] = law.A, law.B, law.C, law.D
+    edges[x, 3:6] |= law.G != 0.0
+    edges[x, u] |= law.H != 0.0
+    axis = connected_components(edges, directed=False)[1]
+    commands = axis[u].tolist()
+    assert len(set(commands)) == 3
+    assert axis[y][:3].tolist() == commands
+    used = (law.B != 0.0).any(axis=0) | (law.D != 0.0).any(axis=0)
+    # a reference is of its own axis; the specific force along y tells roll, along x pitch
+    for k, own in zip(range(3, measured), (0, 1, 2, 1, 0, 2), strict=False):
+        assert not used[k] or axis[y][k] == commands[own], k
+
+
+@pytest.mark.parametrize(
+    ("name", "states"), [("hinf-scheduled", (3, 3, 3)), ("hinf-d2", (3, 3, 3)), ("aided", (6, 6, 4))]
+)
+def test_a_law_has_no_more_coefficients_than_its_axes_need(name, states):
+    law = load_law(name)
+    assert np.count_nonzero(law.A) == sum(n**2 for n in states)
+    assert np.count_nonzero(law.C) == sum(states)
+    assert np.count_nonzero(law.G) == sum(states) * law.scheduled
 
 
 def test_every_shipped_law_meets_its_level_and_survives_its_sample_time_and_delay(derived):

@@ -93,6 +93,58 @@ def test_python_controls_objects_go_in_and_come_out():
     assert np.array_equal(copied(result.K).A, result.controller.A)
 
 
+def beside_each_other(plants: list[tuple[Lti, int, int]], rng: np.random.Generator) -> tuple[Lti, list[dict]]:
+    """Return one plant of several that share nothing, shuffled, and where each one's states and signals are."""
+    counts = {
+        "x": [P.order for P, _, _ in plants],
+        "w": [P.n_inputs - m2 for P, _, m2 in plants],
+        "u": [m2 for _, _, m2 in plants],
+        "z": [P.n_outputs - p2 for P, p2, _ in plants],
+        "y": [p2 for _, p2, _ in plants],
+    }
+    total = {name: sum(count) for name, count in counts.items()}
+    order = {name: np.split(rng.permutation(total[name]), np.cumsum(count)[:-1]) for name, count in counts.items()}
+    places = [{name: order[name][k] for name in order} for k in range(len(plants))]
+    A, B = np.zeros((total["x"], total["x"])), np.zeros((total["x"], total["w"] + total["u"]))
+    C, D = np.zeros((total["z"] + total["y"], total["x"])), np.zeros((total["z"] + total["y"], B.shape[1]))
+    for (P, _, _), at in zip(plants, places, strict=True):
+        x, inputs = at["x"], np.concatenate([at["w"], total["w"] + at["u"]])
+        outputs = np.concatenate([at["z"], total["z"] + at["y"]])
+        A[np.ix_(x, x)], B[np.ix_(x, inputs)] = P.A, P.B
+        C[np.ix_(outputs, x)], D[np.ix_(outputs, inputs)] = P.C, P.D
+    return Lti(A=A, B=B, C=C, D=D), places
+
+
+@pytest.mark.parametrize("seed", range(0, 30, 3))
+def test_the_controller_of_plants_that_share_nothing_is_their_controllers(seed):
+    plants = [random_plant(seed + k) for k in range(3)]
+    P, places = beside_each_other(plants, np.random.default_rng(seed))
+    whole = hinfsyn(P, sum(p2 for _, p2, _ in plants), sum(m2 for _, _, m2 in plants))
+    parts = [hinfsyn(*plant, gamma=whole.gamma) for plant in plants]
+    assert whole.gamma_opt == pytest.approx(max(part.gamma_opt for part in parts), rel=1e-6)
+    assert whole.norm == pytest.approx(max(part.norm for part in parts), rel=1e-6)
+    omega, between = np.geomspace(0.01, 100.0, 9), {name: getattr(whole.controller, name).copy() for name in "ABCD"}
+    responses = whole.controller.response(omega)
+    for part, at in zip(parts, places, strict=True):
+        alone = part.controller.response(omega)
+        assert np.allclose(responses[:, at["u"][:, None], at["y"]], alone, rtol=1e-6, atol=1e-6 * np.abs(alone).max())
+        for name, rows, columns in (("A", "x", "x"), ("B", "x", "y"), ("C", "u", "x"), ("D", "u", "y")):
+            between[name][np.ix_(at[rows], at[columns])] = 0.0
+    assert not any(matrix.any() for matrix in between.values())
+
+
+def test_what_no_control_reaches_changes_no_controller():
+    P, n_meas, n_con = random_plant(3)
+    lag = (Lti(A=[[-1.0]], B=[[1.0, 0.0]], C=[[0.1]], D=[[0.0, 0.0]]), 0, 0)  # from one w to z; another w does nothing
+    both, (at, alone) = beside_each_other([(P, n_meas, n_con), lag], np.random.default_rng(0))
+    ours, theirs = hinfsyn(both, n_meas, n_con), hinfsyn(P, n_meas, n_con)
+    omega = np.geomspace(0.01, 100.0, 9)
+    part = theirs.controller.response(omega)
+    assert np.allclose(ours.controller.response(omega)[:, at["u"][:, None], at["y"]], part, rtol=1e-6, atol=1e-9)
+    assert not ours.controller.A[np.ix_(at["x"], alone["x"])].any()
+    assert not ours.controller.A[np.ix_(alone["x"], at["x"])].any()
+
+
 def test_a_level_below_the_least_is_refused_with_both_numbers():
     with pytest.raises(DesignError, match=r"gamma = 0\.2: the least level is 0\.21"):
         hinfsyn(design_plant("D1"), 3, 3, gamma=0.2)

@@ -74,7 +74,8 @@ def test_static_output_feedback_of_compleib_is_as_good_as_known(name):
 @pytest.mark.parametrize("name", ["D1", "D2"])
 def test_two_states_an_axis_come_within_two_percent_of_any_controller(name):
     P = design_plant(name)
-    result = hinfstruct(P, 3, 3, structure=decoupled(2, 3, 3), starts=1)
+    # Two starts: one of them may end in a crease at 2 to 7 %, and which does is a matter of rounding.
+    result = hinfstruct(P, 3, 3, structure=decoupled(2, 3, 3), starts=2)
     assert result.order == 6
     assert result.gamma <= 1.02 * result.gamma_opt
     assert hinf_norm(lft(P, result.controller)).gain == pytest.approx(result.gamma, rel=1e-3)
