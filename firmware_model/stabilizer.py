@@ -54,10 +54,10 @@ class StabilizerParams(NamedTuple):
 def stabilizer_params(vehicle: Vehicle, gains: Stabilizer, dt: float) -> StabilizerParams:
     """Return on-board gains for a vehicle and the sample time `dt` [s]."""
     tau = 1.0 / (2.0 * math.pi * gains.derivative_cutoff)
+    I_x, I_y, I_z = vehicle.inertia_B
 
     def torque(gain: Vector) -> Vector:
-        a, b, c = (g * inertia for g, inertia in zip(gain, vehicle.inertia_B, strict=True))
-        return a, b, c
+        return gain[0] * I_x, gain[1] * I_y, gain[2] * I_z
 
     return StabilizerParams(
         gains.angle_p, gains.rate_limit, 1.0 - math.exp(-dt / tau), dt,

@@ -23,7 +23,7 @@ from firmware_model.rotors import RotorParams, rotor_params
 from firmware_model.rows import starts
 from firmware_model.scenario import Scenario
 from firmware_model.sensors import AccelerometerParams, GyroParams
-from firmware_model.signals import Quaternion
+from firmware_model.signals import Quaternion, Vector
 from firmware_model.stabilizer import Estimate, StabilizerParams, stabilizer_params
 from firmware_model.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
 from firmware_model.wind import Dryden
@@ -125,8 +125,13 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool
     )
 
 
-def start(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> Start:
+def start(
+    vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False,
+    gust_scale: float | None = None, attitude_deg: Vector | None = None,
+) -> Start:  # fmt: skip
     """Return what `new_world` begins with of the vehicle's own.
+
+    `gust_scale` and `attitude_deg` stand for the scenario's `gust_scale` and `initial_attitude_deg`.
 
     Raises
     ------
@@ -138,20 +143,21 @@ def start(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = F
     dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
     dryden_params, dryden_state = _air(vehicle, scenario, dryden, seed)
     grounded = standing and scenario.free
-    q_NB = _pose(*(0.0 if grounded else math.radians(angle) for angle in scenario.initial_attitude_deg))
+    phi, theta, psi = scenario.initial_attitude_deg if attitude_deg is None else attitude_deg
+    q_NB = _pose(0.0, 0.0, 0.0) if grounded else _pose(math.radians(phi), math.radians(theta), math.radians(psi))
     estimate = Estimate(*q_NB, *[0.0] * 9)
     height = standing_height(vehicle) if grounded else scenario.altitude_m
-    body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, *q_NB, *[0.0] * 7)._replace(
-        thrust=0.0 if standing else vehicle.mass * GRAVITY
-    )
+    thrust = 0.0 if standing else vehicle.mass * GRAVITY
+    body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, *q_NB, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, thrust)
+    scale = scenario.gust_scale if gust_scale is None else gust_scale
     return Start(
-        params=_params(vehicle, scenario, dryden_params),
+        params=_params(vehicle, scenario, dryden_params, scale),
         state=np.array([*body, *dryden_state, *estimate, *nothing_held(), *[0.0] * 5]),
         changes=_changes(vehicle, scenario),
     )
 
 
-def _params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams) -> Array:
+def _params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams, gust_scale: float) -> Array:
     return np.array(
         [
             *body_params(vehicle, free=scenario.free),
@@ -167,7 +173,7 @@ def _params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams) -
             *_accelerometer_params(vehicle, scenario),
             scenario.free,
             scenario.physics_rate_hz // scenario.control_rate_hz,
-            scenario.gust_scale,
+            gust_scale,
             vehicle.mass * GRAVITY,
         ],
         dtype=np.float64,

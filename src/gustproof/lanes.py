@@ -6,15 +6,16 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from pydantic import SkipValidation
+from pydantic.dataclasses import dataclass as checked_dataclass
 
 from firmware_model import commands
 from firmware_model.disturbances import replayed, waves
 from firmware_model.params import published_hover, published_limit
 from firmware_model.rows import aligned
-from firmware_model.scenario import Scenario
-from firmware_model.signals import Vector
-from firmware_model.vehicle import Vehicle
-from firmware_model.world import Array, start
+from firmware_model.scenario import Angle, Scenario
+from firmware_model.vehicle import NonNegative, Vehicle
+from firmware_model.world import Array, Start, start
 from gustproof.batch import LANES, fly_free, fly_held
 from gustproof.closed_loop import check, references
 from gustproof.law import Law, Output
@@ -23,23 +24,28 @@ from gustproof.metrics import TALLY, Metrics, Tally, figures
 from gustproof.requirements import RequirementResult, judged, no_readings, rules
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@checked_dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
     """What makes a flight of a scenario differ from the others."""
 
-    vehicle: Vehicle
+    vehicle: SkipValidation[Vehicle]
     """Vehicle."""
     seed: int
     """Seed of gusts and noise."""
-    gust_scale: float = 1.0
+    gust_scale: NonNegative = 1.0
     """[-] the scenario's gusts times this."""
-    initial_attitude_deg: Vector | None = None
+    initial_attitude_deg: tuple[Angle, Angle, Angle] | None = None
     """[deg] roll, pitch, yaw in which the flight begins; the scenario's by default."""
 
     def of(self, scenario: Scenario) -> Scenario:
         """Return the scenario that this flight flies."""
         begins = scenario.initial_attitude_deg if self.initial_attitude_deg is None else self.initial_attitude_deg
         return replace(scenario, gust_scale=self.gust_scale * scenario.gust_scale, initial_attitude_deg=begins)
+
+    def start(self, scenario: Scenario) -> Start:
+        """Return what `new_world` begins with in the scenario `of` this flight, which takes long to be made."""
+        scale = self.gust_scale * scenario.gust_scale
+        return start(self.vehicle, scenario, self.seed, gust_scale=scale, attitude_deg=self.initial_attitude_deg)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +104,7 @@ def _fly_batch(shared: _Shared, cases: Sequence[Case]) -> list[Judged]:
     """Fly up to `LANES` cases; empty lanes repeat the last."""
     scenario, law = shared.scenario, shared.law
     filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
-    params, states, changes = zip(*(start(case.vehicle, case.of(scenario), case.seed) for case in filled), strict=True)
+    params, states, changes = zip(*(case.start(scenario) for case in filled), strict=True)
     torque = law.output is Output.TORQUE
     limit = _side_by_side([case.vehicle.torque_limit for case in filled])
     tallies, readings = aligned(TALLY * LANES), no_readings(scenario, LANES)

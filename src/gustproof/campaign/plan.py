@@ -102,17 +102,15 @@ class Campaign:
         Raises
         ------
         ConfigError
-            If there can be no such vehicle.
+            If there can be no such vehicle, or no flight begins so.
         """
         drawn = dict(zip(self.spreads, delta, strict=True))
         attitude = self.scenario.initial_attitude_deg
         roll, pitch, yaw = (self._value(name, drawn, usual) for name, usual in zip(_ATTITUDE, attitude, strict=True))
-        return Case(
-            vehicle=self.vehicles.at({name: value for name, value in drawn.items() if name in self.vehicles.spreads}),
-            seed=seed,
-            gust_scale=self._value(_GUST, drawn, 1.0),
-            initial_attitude_deg=(roll, pitch, yaw),
-        )
+        vehicle = self.vehicles.at({name: value for name, value in drawn.items() if name in self.vehicles.spreads})
+        gust_scale = self._value(_GUST, drawn, 1.0)
+        case = {"vehicle": vehicle, "seed": seed, "gust_scale": gust_scale, "initial_attitude_deg": (roll, pitch, yaw)}
+        return parse(Case, case, "case")
 
     def _value(self, name: str, drawn: Mapping[str, float], usual: float) -> float:
         return self.spreads[name].value(drawn[name]) if name in drawn else usual

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -22,6 +23,14 @@ def test_the_edges_are_what_the_files_and_options_say(planned):
     assert case.vehicle.gyro.snr_db == 38.0
     assert case.gust_scale == 1.5
     assert case.initial_attitude_deg == (2.0, 2.0, 2.0)
+
+
+def test_a_case_that_no_flight_begins_with_is_told_in_a_line(planned):
+    scenario = replace(planned().scenario, initial_attitude_deg=(0.0, 0.0, 179.0))
+    campaign = planned([Dispersed.ATTITUDE], scenario=scenario)
+    assert campaign.flown([0.0, 0.0, 0.4], 7).initial_attitude_deg == (0.0, 0.0, 179.8)
+    with pytest.raises(ConfigError, match=r"^case: initial_attitude_deg\.2: .*less than or equal to 180 \(given 181"):
+        campaign.flown([0.0, 0.0, 1.0], 7)
 
 
 def test_only_what_is_wanted_is_drawn(planned):
