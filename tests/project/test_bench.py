@@ -132,8 +132,11 @@ def test_best_peer_is_beside_ours_on_as_many_cores_turn_by_turn(peer):
     peers.compare(bench, rates)
     assert bench.ratios == {"lanes_throughput_vs_best_peer": 20.0}
     told = {row["name"]: row for row in bench.rows}
-    assert told["lanes throughput vs crazyflow, Euler"]["median"] == 1.0
+    assert told["lanes vs crazyflow, Euler"]["median"] == 1.0
     assert "jsbsim" in told["lanes_throughput_vs_best_peer"]["note"]
+    peers.compare(bench, {name: rates[name] for name in rates if name != "jsbsim"} | {peers.FREE: [20.0, 90.0, 20.0]})
+    assert bench.ratios == {"lanes_throughput_vs_best_peer": 25.0}
+    assert bench.rows[-2]["median"] == 5.0  # in free flight, beside the same peer
 
 
 def test_peer_that_fails_is_left_out_and_the_others_go_on(peer):

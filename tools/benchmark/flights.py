@@ -73,11 +73,11 @@ def _fly(script: Scenario, law: Law, seeds: list[int]) -> int:
 
 
 @contextmanager
-def fleet(workers: int, script: Scenario) -> Iterator[Callable[[list[list[int]]], None]]:
+def fleet(workers: int) -> Iterator[Callable[[Scenario, list[list[int]]], None]]:
     """Yield what flies lists of seeds, each in another process, and waits for all; the first time makes them ready."""
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
 
-        def fly(parts: list[list[int]]) -> None:
+        def fly(script: Scenario, parts: list[list[int]]) -> None:
             futures: list[Future[int]] = [pool.submit(_fly, script, LAW, part) for part in parts]
             for future in futures:
                 future.result()
@@ -88,7 +88,8 @@ def fleet(workers: int, script: Scenario) -> Iterator[Callable[[list[list[int]]]
 def _workers(bench: Bench, script: Scenario, seeds: list[int], rounds: int) -> None:
     """Measure the same flights by one process and by two."""
     halves = [seeds[::2], seeds[1::2]]
-    with fleet(2, script) as fly:
-        times = in_turns({"one": lambda: fly([seeds]), "two": lambda: fly(halves)}, rounds, time.perf_counter)
+    with fleet(2) as fly:
+        actions = {"one": lambda: fly(script, [seeds]), "two": lambda: fly(script, halves)}
+        times = in_turns(actions, rounds, time.perf_counter)
     ratios = [one / two for one, two in zip(times["one"], times["two"], strict=True)]
     bench.ratio("two_workers_vs_one", ratios, ">= 1.8", "on two cores with nothing else to do")
