@@ -31,8 +31,8 @@ def environment(folder: Path, packages: Sequence[str], *, new: bool) -> Path:
     shutil.rmtree(folder, ignore_errors=True)
     try:
         _run([sys.executable, "-m", "venv", str(folder)], INSTALL_S)
-        pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--retries", "2"]
-        _run([*pip, "--no-compile", *packages], INSTALL_S - (time.perf_counter() - begun))
+        pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-compile"]
+        _run([*pip, *packages], INSTALL_S - (time.perf_counter() - begun))
     except PeerError:
         shutil.rmtree(folder, ignore_errors=True)
         raise
