@@ -163,7 +163,8 @@ def check_same(theirs: dict[str, Any], ours: dict[str, Any], complaint: str) -> 
 
 
 def _read(path: Path) -> Any:
-    return pa.ipc.open_file(str(path)).read_all()
+    alone = pa.ipc.IpcReadOptions(use_threads=False)  # to wake others takes longer than to read
+    return pa.ipc.open_file(str(path), options=alone).read_all()
 
 
 def _rows(path: Path) -> int:
