@@ -50,10 +50,12 @@ overload(align_stack, inline="always")(lambda: lambda: _set_stack_alignment())
 def compiled(function: Function) -> Function:
     """Compile an entry point and keep its machine code between processes.
 
+    It makes no array: without those nothing has to count who holds one, which took a third of the time of a step.
+
     numba renews its cache only when the file of the entry point itself changes; the kernels that are inlined into
     it live in other files. So the stamp covers all sources of both packages that kernels can come from.
     """
-    entry = numba.njit(cache=True, error_model="numpy")(function)
+    entry = numba.njit(cache=True, error_model="numpy", _nrt=False)(function)
     if cache := getattr(entry, "_cache", None):
         cache._cache_file._source_stamp = _source_stamp(Path(function.__code__.co_filename).parent)
     return cast(Function, entry)

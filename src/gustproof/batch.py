@@ -4,7 +4,10 @@ The compiler makes SIMD of a loop over a constant number of flights, if nothing 
 arrays are flat. So each stage of a sample is a loop of its own, and what is the same for all flights stands outside.
 """
 
+from typing import Any, NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from firmware_model import commands, journal, plant, world
 from firmware_model.commands import SETPOINT, command
@@ -15,6 +18,7 @@ from firmware_model.journal import WIDTH
 from firmware_model.rows import Column, aligned
 from firmware_model.sensors import float32
 from firmware_model.world import Array
+from gustproof.law import Law
 from gustproof.law_step import CUT, EXTRA, FOUR, RATES, Sums, euler_rates
 from gustproof.metrics import TALLY, tally_kernel
 from gustproof.requirements import read_kernel
@@ -24,84 +28,145 @@ LANES = 32
 _GYRO, _GUST, _ACCELEROMETER, _DRAWN = 0, 4, 12, 16  # rows of random numbers
 
 
-@compiled
-def fly_held(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seeds: Array, sample_us: int,
-             dt: float, law: Sums, feels: bool, reference: Array, scale: Array, kind: float, bound: float,
-             thrust: Array, delay: int, torque_limit: Array, rules: Array, tallies: Array,
-             readings: Array) -> None:  # fmt: skip
-    """Fly a batch on the test stand, see `_fly`."""
-    align_stack()
-    _fly(False, params, state, waves, replay, changes, seeds, sample_us, dt, law, feels, reference, scale, kind, bound,
-         thrust, delay, torque_limit, rules, tallies, readings)  # fmt: skip
+class Shared(NamedTuple):
+    """What is the same for all flights of a scenario and a law."""
+
+    sample_us: int
+    """[us] from sample to sample."""
+    dt: float
+    """[s] the same."""
+    waves: Array
+    """(n, WAVE) see `disturbances`."""
+    replay: Array
+    """(samples or 0, 3 * TARGETS) see `disturbances`."""
+    reference: Array
+    """(samples, 3) [rad] phi, theta, psi that the law is asked to hold."""
+    rules: Array
+    """(n, 8) what is required, see `requirements`."""
+    law: Sums
+    """What the law adds up."""
+    kind: float
+    """Kind of its set-points, see `commands`."""
+    bound: float
+    """[-] largest magnitude of its command on the wire."""
 
 
-@compiled
-def fly_free(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seeds: Array, sample_us: int,
-             dt: float, law: Sums, feels: bool, reference: Array, scale: Array, kind: float, bound: float,
-             thrust: Array, delay: int, torque_limit: Array, rules: Array, tallies: Array,
-             readings: Array) -> None:  # fmt: skip
-    """Fly a batch in free flight, see `_fly`."""
-    align_stack()
-    _fly(True, params, state, waves, replay, changes, seeds, sample_us, dt, law, feels, reference, scale, kind, bound,
-         thrust, delay, torque_limit, rules, tallies, readings)  # fmt: skip
+class Batch(NamedTuple):
+    """What flights have for themselves; a flat array consists of rows of `LANES`."""
+
+    params: Array
+    """Constants, see `world`."""
+    state: Array
+    """State, see `world`."""
+    changes: Array
+    """(n, 3) what events change: sample, place among all constants, value."""
+    seeds: NDArray[np.int64]
+    """(LANES,)"""
+    scale: Array
+    """(3 * LANES,) [N*m or rad/s] B, what 1.0 on the wire means."""
+    thrust: Array
+    """(LANES,) [-] what is asked for beside rates; NaN beside torques."""
+    torque_limit: Array
+    """(3 * LANES,) [N*m] B."""
+    z: Array
+    """(n + EXTRA, LANES) what the law adds up, see `law_step`."""
+    work: Array
+    """(n, LANES) its next states."""
+    asked: Array
+    """(3, LANES) its commands [N*m or rad/s] B."""
+    ring: Array
+    """(delay + 1, SETPOINT * LANES) the last set-points, see `commands`."""
+    kinds: Array
+    """(delay + 1,) and what they are of."""
+    record: Array
+    """Record of the sample, see `journal`."""
+    uniform: Array
+    """(12 or 16 * LANES,) random numbers: gyro, gust, and accelerometer if the law reads it."""
+    noise: Array
+    """(16 * LANES,) the same, standard normal."""
+    outer: Array
+    """Room for `inverse_normals`."""
+    places: NDArray[np.int64]
+    """Room for `inverse_normals`."""
+    tallies: Array
+    """(TALLY, LANES) see `metrics`."""
+    readings: Array
+    """(rules, READING, LANES) see `requirements`."""
 
 
-@kernel
-def _fly(free: bool, params: Array, state: Array, waves: Array, replay: Array, changes: Array, seeds: Array,
-         sample_us: int, dt: float, law: Sums, feels: bool, reference: Array, scale: Array, kind: float, bound: float,
-         thrust: Array, delay: int, torque_limit: Array, rules: Array, tallies: Array,
-         readings: Array) -> None:  # fmt: skip
-    """Fly a batch and judge it: `closed_loop.fly_direct` and what measures its records, of which one is kept a flight.
-
-    Arrays of a flight's numbers are flat, rows of `LANES`; waves, replay, law and reference are those of all flights.
-    A law that does not read the accelerometer is not told its noise.
-    """
-    n = law.ends.size - 3
-    z, work = _rows(n + EXTRA), _rows(n)
-    asked, record = _rows(3), aligned(WIDTH * LANES)
-    drawn = (_DRAWN if feels else _ACCELEROMETER) * LANES
-    u, noise, outer = aligned(drawn), aligned(_DRAWN * LANES), aligned(drawn + BLOCK)
-    places = np.zeros(drawn, dtype=np.int64)
-    ring, kinds = _rows((delay + 1) * SETPOINT).reshape(delay + 1, SETPOINT * LANES), np.zeros(delay + 1)
-    ring[:, commands.THRUST * LANES :] = np.nan
-    in_rows, limit_rows = tallies.reshape(TALLY, LANES), torque_limit.reshape(3, LANES)
-    degrees, steps = np.degrees(reference), int(params[world.STEPS * LANES])
-    for k in range(reference.shape[0]):
-        _draw(seeds, k, feels, u)
-        inverse_normals(u, noise, outer, places)
-        _observe(free, params, state, waves, replay, changes, k, sample_us, noise, record)
-        _measured(record, reference[k], z, n)
-        _law(law, z, asked, work)
-        _ask(asked, scale, bound, thrust, ring[k % (delay + 1)])
-        kinds[k % (delay + 1)] = kind
-        acts = (k + 1) % (delay + 1)
-        _command(free, params, state, kinds[acts], ring[acts], record)
-        for _ in range(steps):
-            _move(free, params, state, sample_us * 1e-6 / steps, record)
-        _breathe(params, state, noise)
-        for w in range(LANES):
-            tally, limit = Column(tallies, LANES, w), Column(torque_limit, LANES, w)
-            tally_kernel(tally, k == 0, limit, Column(record, LANES, w), dt)
-        read_kernel(rules, readings, k, degrees[k], in_rows, record, limit_rows)
-
-
-@kernel
-def _rows(count: int) -> Array:
+def rows(count: int) -> Array:
+    """Return zeros (count, LANES)."""
     return aligned(count * LANES).reshape(count, LANES)
 
 
+def room(law: Law, delay: int) -> dict[str, Any]:
+    """Return the fields of a `Batch` that flights of a law begin with, whose commands act `delay` samples late."""
+    drawn = (_DRAWN if law.feels_force else _ACCELEROMETER) * LANES
+    ring = rows((delay + 1) * SETPOINT).reshape(delay + 1, SETPOINT * LANES)
+    ring[:, commands.THRUST * LANES :] = np.nan
+    return {
+        "z": rows(law.order + EXTRA), "work": rows(law.order), "asked": rows(3), "ring": ring,
+        "kinds": np.zeros(delay + 1), "record": aligned(WIDTH * LANES), "uniform": aligned(drawn),
+        "noise": aligned(_DRAWN * LANES), "outer": aligned(drawn + BLOCK), "places": np.zeros(drawn, dtype=np.int64),
+        "tallies": rows(TALLY),
+    }  # fmt: skip
+
+
+@compiled
+def fly_held(shared: Shared, batch: Batch) -> None:
+    """Fly a batch on the test stand, see `_fly`."""
+    align_stack()
+    _fly(False, shared, batch)
+
+
+@compiled
+def fly_free(shared: Shared, batch: Batch) -> None:
+    """Fly a batch in free flight, see `_fly`."""
+    align_stack()
+    _fly(True, shared, batch)
+
+
 @kernel
-def _draw(seeds: Array, sample: int, feels: bool, u: Array) -> None:
-    """Draw all uniform numbers of a sample."""
+def _fly(free: bool, shared: Shared, batch: Batch) -> None:
+    """Fly a batch and judge it: `closed_loop.fly_direct`, and what measures its records.
+
+    Of these one is kept a flight.
+    """
+    params, state, record, noise, ring = batch.params, batch.state, batch.record, batch.noise, batch.ring
+    tallies, torque_limit = batch.tallies.reshape(TALLY * LANES), batch.torque_limit
+    limits, late = torque_limit.reshape(3, LANES), batch.kinds.size
+    steps, dt = int(params[world.STEPS * LANES]), shared.sample_us * 1e-6
+    for k in range(shared.reference.shape[0]):
+        reference, now, acts = shared.reference[k], k % late, (k + 1) % late
+        _draw(batch.seeds, k, batch.uniform)
+        inverse_normals(batch.uniform, noise, batch.outer, batch.places)
+        _observe(free, shared, batch, k)
+        _measured(record, reference, batch.z, batch.work.shape[0])
+        _law(shared.law, batch.z, batch.asked, batch.work)
+        _ask(batch, shared.bound, ring[now])
+        batch.kinds[now] = shared.kind
+        _command(free, params, state, batch.kinds[acts], ring[acts], record)
+        for _ in range(steps):
+            _move(free, params, state, dt / steps, record)
+        _breathe(params, state, noise)
+        for w in range(LANES):
+            tally, limit = Column(tallies, LANES, w), Column(torque_limit, LANES, w)
+            tally_kernel(tally, k == 0, limit, Column(record, LANES, w), shared.dt)
+        read_kernel(shared.rules, batch.readings, k, reference, batch.tallies, record, limits)
+
+
+@kernel
+def _draw(seeds: NDArray[np.int64], sample: int, u: Array) -> None:
+    """Draw all uniform numbers of a sample, as many as there is room for."""
     _draw_block(seeds, world.GYRO_STREAM, sample, 0, u, _GYRO)
     _draw_block(seeds, world.GUST_STREAM, sample, 0, u, _GUST)
     _draw_block(seeds, world.GUST_STREAM, sample, 1, u, _GUST + 4)
-    if feels:
+    if u.size > _ACCELEROMETER * LANES:
         _draw_block(seeds, world.ACCELEROMETER_STREAM, sample, 0, u, _ACCELEROMETER)
 
 
 @kernel
-def _draw_block(seeds: Array, stream: int, sample: int, block: int, u: Array, row: int) -> None:
+def _draw_block(seeds: NDArray[np.int64], stream: int, sample: int, block: int, u: Array, row: int) -> None:
     for w in range(LANES):
         a, b, c, d = uniforms(seeds[w], stream, sample, block)
         at = row * LANES + w
@@ -115,12 +180,12 @@ def _four(noise: Array, row: int, w: int) -> tuple[float, float, float, float]:
 
 
 @kernel
-def _observe(free: bool, params: Array, state: Array, waves: Array, replay: Array, changes: Array, sample: int,
-             sample_us: int, noise: Array, record: Array) -> None:  # fmt: skip
+def _observe(free: bool, shared: Shared, batch: Batch, sample: int) -> None:
     """Do what `plant.observe_kernel` does."""
-    plant.change(params, Column(state, LANES, 0), changes, sample)
-    time_us = sample * sample_us
-    scripted = disturbance(waves, replay, sample, time_us * 1e-6)
+    params, state, noise, record = batch.params, batch.state, batch.noise, batch.record
+    plant.change(params, Column(state, LANES, 0), batch.changes, sample)
+    time_us = sample * shared.sample_us
+    scripted = disturbance(shared.waves, shared.replay, sample, time_us * 1e-6)
     if _low(free, params, state, 0.0):
         for w in range(LANES):
             _sense(free, True, params, state, scripted, noise, time_us, record, w)
@@ -162,7 +227,7 @@ def _law(law: Sums, z: Array, asked: Array, work: Array) -> None:
     """Do what `law_kernel` does; each flight's sums in the same order."""
     n, begin = law.ends.size - 3, 0
     for i in range(3):
-        _sum(law.terms, begin, law.ends[i], z, asked, i)
+        _sum(law.terms, begin, law.ends[i], z, asked[i])
         limit = law.limits[i]
         for w in range(LANES):
             within = min(max(asked[i, w], -limit), limit)
@@ -174,7 +239,7 @@ def _law(law: Sums, z: Array, asked: Array, work: Array) -> None:
             rates = euler_rates((z[0, w], z[1, w], z[2, w]), (z[3, w], z[4, w], z[5, w]))
             z[n + RATES, w], z[n + RATES + 1, w], z[n + RATES + 2, w] = rates
     for i in range(n):
-        _sum(law.terms, begin, law.ends[3 + i], z, work, i)
+        _sum(law.terms, begin, law.ends[3 + i], z, work[i])
         begin = law.ends[3 + i]
     for i in range(n):
         for w in range(LANES):
@@ -182,29 +247,27 @@ def _law(law: Sums, z: Array, asked: Array, work: Array) -> None:
 
 
 @kernel
-def _sum(terms: Array, begin: int, end: int, z: Array, totals: Array, row: int) -> None:
+def _sum(terms: Array, begin: int, end: int, z: Array, total: Array) -> None:
     """Write the sum of some terms; four at a time, as to load and store the sum takes most of the time."""
     for t in range(begin, end, FOUR):
         a, b, c, d = terms[t, 1], terms[t + 1, 1], terms[t + 2, 1], terms[t + 3, 1]
-        # Without a sign there is nothing to be counted from the end.
-        i, j = np.uint64(terms[t, 0]), np.uint64(terms[t + 1, 0])
-        k, m = np.uint64(terms[t + 2, 0]), np.uint64(terms[t + 3, 0])
+        i, j, k, m = z[int(terms[t, 0])], z[int(terms[t + 1, 0])], z[int(terms[t + 2, 0])], z[int(terms[t + 3, 0])]
         if t == begin:
             for w in range(LANES):
-                totals[row, w] = 0.0 + a * z[i, w] + b * z[j, w] + c * z[k, w] + d * z[m, w]
+                total[w] = 0.0 + a * i[w] + b * j[w] + c * k[w] + d * m[w]
         else:
             for w in range(LANES):
-                totals[row, w] = totals[row, w] + a * z[i, w] + b * z[j, w] + c * z[k, w] + d * z[m, w]
+                total[w] = total[w] + a * i[w] + b * j[w] + c * k[w] + d * m[w]
 
 
 @kernel
-def _ask(asked: Array, scale: Array, bound: float, thrust: Array, setpoint: Array) -> None:
+def _ask(batch: Batch, bound: float, setpoint: Array) -> None:
     for i in range(3):
         for w in range(LANES):
             at = i * LANES + w
-            setpoint[LANES + at] = min(max(float32(asked[i, w] / scale[at]), -bound), bound)
+            setpoint[LANES + at] = min(max(float32(batch.asked[i, w] / batch.scale[at]), -bound), bound)
     for w in range(LANES):
-        setpoint[commands.THRUST * LANES + w] = thrust[w]
+        setpoint[commands.THRUST * LANES + w] = batch.thrust[w]
 
 
 @kernel

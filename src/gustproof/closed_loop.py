@@ -41,11 +41,13 @@ def fly_direct(
     records[:, _MODE] = Mode.OFFBOARD.value
     torque = law.output is Output.TORQUE
     scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
+    ring = np.zeros((scenario.delay_samples + 1, commands.SETPOINT))
+    ring[:, commands.THRUST] = np.nan
     _fly(
         world.params, world.state, world.waves, world.replay, world.changes, world.seed, scenario.sample_us,
-        sums(law), reference, scale,
-        commands.TORQUE if torque else commands.RATES, 1.0 if torque else np.inf,
-        np.nan if torque else published_hover(vehicle), scenario.delay_samples, records,
+        sums(law), reference, scale, commands.TORQUE if torque else commands.RATES, 1.0 if torque else np.inf,
+        np.nan if torque else published_hover(vehicle), np.zeros(law.order + EXTRA), np.zeros(3), np.zeros(law.order),
+        ring, records,
     )  # fmt: skip
     return records.view(RECORD)[:, 0]
 
@@ -74,12 +76,9 @@ def references(scenario: Scenario) -> Array:
 
 @compiled
 def _fly(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seed: int, sample_us: int,
-         law: Sums, reference: Array, scale: Array,
-         kind: float, bound: float, thrust: float, delay: int, records: Array) -> None:  # fmt: skip
-    n = law.ends.size - 3
-    z, command, work = np.zeros(n + EXTRA), np.zeros(3), np.zeros(n)
-    ring = np.zeros((delay + 1, commands.SETPOINT))
-    ring[:, commands.THRUST] = np.nan
+         law: Sums, reference: Array, scale: Array, kind: float, bound: float, thrust: float, z: Array,
+         command: Array, work: Array, ring: Array, records: Array) -> None:  # fmt: skip
+    n, late = work.size, ring.shape[0]
     for k in range(records.shape[0]):
         record = records[k]
         observe_kernel(params, state, waves, replay, changes, seed, k, sample_us, record)
@@ -88,8 +87,8 @@ def _fly(params: Array, state: Array, waves: Array, replay: Array, changes: Arra
             z[n + 3 + i] = reference[k, i]
             z[n + 6 + i] = record[4 + i]
         law_kernel(law, z, command, work)
-        slot = ring[k % (delay + 1)]
+        slot = ring[k % late]
         slot[0], slot[commands.THRUST] = kind, thrust
         for i in range(3):
             slot[1 + i] = min(max(float32(command[i] / scale[i]), -bound), bound)
-        advance_kernel(params, state, seed, k, sample_us, ring[(k + 1) % (delay + 1)], record)
+        advance_kernel(params, state, seed, k, sample_us, ring[(k + 1) % late], record)

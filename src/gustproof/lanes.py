@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from pydantic import SkipValidation
@@ -16,11 +15,11 @@ from firmware_model.rows import aligned
 from firmware_model.scenario import Angle, Scenario
 from firmware_model.vehicle import NonNegative, Vehicle
 from firmware_model.world import Array, Start, start
-from gustproof.batch import LANES, fly_free, fly_held
+from gustproof.batch import LANES, Batch, Shared, fly_free, fly_held, room
 from gustproof.closed_loop import check, references
 from gustproof.law import Law, Output
-from gustproof.law_step import Sums, sums
-from gustproof.metrics import TALLY, Metrics, Tally, figures
+from gustproof.law_step import sums
+from gustproof.metrics import Metrics, Tally, figures
 from gustproof.requirements import RequirementResult, judged, no_readings, rules
 
 
@@ -80,49 +79,40 @@ def flier(scenario: Scenario, law: Law) -> Callable[[Sequence[Case]], list[Judge
         As `fly_direct`.
     """
     check(scenario, law)
-    tables = waves(scenario), replayed(scenario), references(scenario), rules(scenario)
-    return partial(_fly_batches, _Shared(scenario, law, sums(law), *tables))
+    torque = law.output is Output.TORQUE
+    shared = Shared(
+        sample_us=scenario.sample_us, dt=scenario.dt, waves=waves(scenario), replay=replayed(scenario),
+        reference=references(scenario), rules=rules(scenario), law=sums(law),
+        kind=commands.TORQUE if torque else commands.RATES, bound=1.0 if torque else np.inf,
+    )  # fmt: skip
+    return partial(_fly_batches, scenario, law, shared)
 
 
-class _Shared(NamedTuple):
-    """What all flights of a scenario and a law have in common; units where it is made."""
-
-    scenario: Scenario
-    law: Law
-    sums: Sums
-    waves: Array
-    replay: Array
-    reference: Array
-    rules: Array
+def _fly_batches(scenario: Scenario, law: Law, shared: Shared, cases: Sequence[Case]) -> list[Judged]:
+    parts = [cases[i : i + LANES] for i in range(0, len(cases), LANES)]
+    return [flown for part in parts for flown in _fly_batch(scenario, law, shared, part)]
 
 
-def _fly_batches(shared: _Shared, cases: Sequence[Case]) -> list[Judged]:
-    return [flown for i in range(0, len(cases), LANES) for flown in _fly_batch(shared, cases[i : i + LANES])]
-
-
-def _fly_batch(shared: _Shared, cases: Sequence[Case]) -> list[Judged]:
+def _fly_batch(scenario: Scenario, law: Law, shared: Shared, cases: Sequence[Case]) -> list[Judged]:
     """Fly up to `LANES` cases; empty lanes repeat the last."""
-    scenario, law = shared.scenario, shared.law
     filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
     params, states, changes = zip(*(case.start(scenario) for case in filled), strict=True)
-    torque = law.output is Output.TORQUE
-    limit = _side_by_side([case.vehicle.torque_limit for case in filled])
-    tallies, readings = aligned(TALLY * LANES), no_readings(scenario, LANES)
-    fly = fly_free if scenario.free else fly_held
-    fly(
-        _side_by_side(params), _side_by_side(states), shared.waves, shared.replay, _in_order(changes),
-        np.array([case.seed for case in filled]),
-        scenario.sample_us, scenario.dt, shared.sums, law.feels_force, shared.reference,
-        _side_by_side([published_limit(case.vehicle) for case in filled]) if torque else np.ones(3 * LANES),
-        commands.TORQUE if torque else commands.RATES, 1.0 if torque else np.inf,
-        np.array([np.nan if torque else published_hover(case.vehicle) for case in filled]),
-        scenario.delay_samples, limit, shared.rules, tallies, readings,
+    vehicles, torque = [case.vehicle for case in filled], law.output is Output.TORQUE
+    batch = Batch(
+        params=_side_by_side(params), state=_side_by_side(states), changes=_in_order(changes),
+        seeds=np.array([case.seed for case in filled]),
+        scale=_side_by_side([published_limit(each) for each in vehicles]) if torque else np.ones(3 * LANES),
+        thrust=np.array([np.nan if torque else published_hover(each) for each in vehicles]),
+        torque_limit=_side_by_side([each.torque_limit for each in vehicles]),
+        readings=no_readings(scenario, LANES), **room(law, scenario.delay_samples),
     )  # fmt: skip
-    columns = tallies.reshape(TALLY, LANES).T.tolist()
+    fly = fly_free if scenario.free else fly_held
+    fly(shared, batch)
+    columns = batch.tallies.T.tolist()
     return [
         Judged(
             metrics=figures(Tally._make(columns[w]), scenario.samples, scenario.dt, 0.0),
-            requirements=judged(scenario, readings[:, :, w], scenario.samples),
+            requirements=judged(scenario, batch.readings[:, :, w], scenario.samples),
         )
         for w in range(len(cases))
     ]

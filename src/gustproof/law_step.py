@@ -91,8 +91,8 @@ def _sum(terms: Matrix, begin: int, end: int, z: Matrix) -> float:
 
 
 @compiled
-def _step(law: Sums, z: Matrix, command: Matrix) -> None:
-    law_kernel(law, z, command, np.empty(law.ends.size - 3))
+def _step(law: Sums, z: Matrix, command: Matrix, work: Matrix) -> None:
+    law_kernel(law, z, command, work)
 
 
 def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
@@ -107,7 +107,7 @@ def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
         raise ValueError(f"y has shape {y.shape}, must be {(law.D.shape[1],)}")
     z, command = np.zeros(law.order + EXTRA), np.empty(3)
     z[: law.order], z[law.order : law.order + y.size] = x, y
-    _step(sums(law), z, command)
+    _step(sums(law), z, command, np.empty(law.order))
     return z[: law.order], command
 
 

@@ -106,13 +106,14 @@ def requirement_limits(requirement: Requirement) -> str:
 
 def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[RequirementResult, ...]:
     """Return what became of each requirement of `scenario` in a flight, (n,) of `firmware_model.journal.RECORD`."""
-    readings, limit = no_readings(scenario, 1), np.array(vehicle.torque_limit)
+    readings, limit, tally = no_readings(scenario, 1), np.array(vehicle.torque_limit), np.zeros(TALLY)
     _read(
         as_rows(records[: scenario.samples]),
         rules(scenario),
         limit,
-        np.degrees(references(scenario)),
+        references(scenario),
         scenario.dt,
+        tally,
         readings,
     )
     return judged(scenario, readings[:, :, 0], len(records))
@@ -178,8 +179,8 @@ def _value(scenario: Scenario, requirement: Requirement, reading: list[float], s
 
 
 @compiled
-def _read(rows: Array, rules: Array, limit: Array, reference: Array, dt: float, readings: Array) -> None:
-    tally = np.zeros(TALLY)
+def _read(rows: Array, rules: Array, limit: Array, reference: Array, dt: float, tally: Array,
+          readings: Array) -> None:  # fmt: skip
     tallies, limits = tally.reshape(TALLY, 1), limit.reshape(3, 1)
     for k in range(rows.shape[0]):
         tally_kernel(alone(tally), k == 0, alone(limit), alone(rows[k]), dt)
@@ -191,7 +192,7 @@ def read_kernel(rules: Array, readings: Array, sample: int, reference: Array, ta
                 limits: Array) -> None:  # fmt: skip
     """Move the readings (n, READING, width) of all flights on by a sample.
 
-    The reference (3,) [deg] is that of all flights; tallies (TALLY, width), records, flat, and torque limits
+    The reference (3,) [rad] is that of all flights; tallies (TALLY, width), records, flat, and torque limits
     (3, width) [N*m] are theirs. What a rule says is the same for all: branches stand outside of the loops over them.
     """
     for i in range(rules.shape[0]):
@@ -209,7 +210,7 @@ def read_kernel(rules: Array, readings: Array, sample: int, reference: Array, ta
             _read_drift(readings, i, records, sample == rules[i, _FROM])
         else:
             for axis in range(int(rules[i, _AXIS]), int(rules[i, _AXES_END])):
-                _read_axis(metric, rules, i, readings, sample, axis, reference[axis], tallies)
+                _read_axis(metric, rules, i, readings, sample, axis, math.degrees(reference[axis]), tallies)
 
 
 @kernel

@@ -56,10 +56,10 @@ static inline double natural_log(double x)
     return k * 6.93147180369123816490e-01 - ((half - (s * (half + r) + k * 1.90821492927058770002e-10)) - f);
 }
 
-/* Wichura's AS 241, PPND16; one lane takes the branch that it needs, several take both and select. */
-static inline double centre(double q)
+/* Wichura's AS 241, PPND16. */
+static inline double central(double u)
 {
-    double r = 0.180625 - q * q;
+    double q = u - 0.5, r = 0.180625 - q * q;
     return q * (((((((2.5090809287301226727e3 * r + 3.3430575583588128105e4) * r + 6.7265770927008700853e4) * r
         + 4.5921953931549871457e4) * r + 1.3731693765509461125e4) * r + 1.9715909503065514427e3) * r
         + 1.3314166789178437745e2) * r + 3.3871328727963666080e0)
@@ -68,7 +68,7 @@ static inline double centre(double q)
         + 4.2313330701600911252e1) * r + 1.0);
 }
 
-static inline double tail(double u, double q)
+static inline double outer(double u)
 {
     double t = sqrt(-natural_log(u < 1.0 - u ? u : 1.0 - u)) - 1.6;
     double x = (((((((7.74545014278341407640e-4 * t + 2.27238449892691845833e-2) * t + 2.41780725177450611770e-1) * t
@@ -77,30 +77,54 @@ static inline double tail(double u, double q)
         / (((((((1.05075007164441684324e-9 * t + 5.47593808499534494600e-4) * t + 1.51986665636164571966e-2) * t
         + 1.48103976427480074590e-1) * t + 6.89767334985100004550e-1) * t + 1.67638483018380384940e0) * t
         + 2.05319162663775882187e0) * t + 1.0);
-    return q < 0.0 ? -x : x;
+    return u < 0.5 ? -x : x;
 }
 
-static inline double normal(uint32_t word)
+static inline double uniform(uint32_t word)
 {
-    double u = (from_bits((uint64_t)word | 0x4330000000000000u) - 4503599627370496.0 + 0.5) * 0x1p-32, q = u - 0.5;
+    return (from_bits((uint64_t)word | 0x4330000000000000u) - 4503599627370496.0 + 0.5) * 0x1p-32;
+}
+
+static inline int is_outer(double u)
+{
+    return fabs(u - 0.5) > 0.425;
+}
+
+/* Twelve numbers a flight: four for the gyro, eight for the air. */
+static void draw(const uint32_t *seed, uint32_t sample, double u[12][W])
+{
+    static const uint32_t stream[3] = {GYRO_STREAM, GUST_STREAM, GUST_STREAM}, block[3] = {0, 0, 1};
+    for (int i = 0; i < 3; i++)
+        LANES {
+            uint32_t out[4];
+            philox(sample, block[i], seed[w], stream[i], out);
+            for (int j = 0; j < 4; j++)
+                u[4 * i + j][w] = uniform(out[j]);
+        }
+}
+
+/* One number in seven lies outside of the centre; several flights set these side by side. */
+static void normals(const double *u, double *n)
+{
 #if W == 1
-    return fabs(q) <= 0.425 ? centre(q) : tail(u, q);
+    for (int i = 0; i < 12; i++)
+        n[i] = is_outer(u[i]) ? outer(u[i]) : central(u[i]);
 #else
-    double inner = centre(q), outer = tail(u, q);
-    return fabs(q) <= 0.425 ? inner : outer;
-#endif
-}
-
-static void normals(const uint32_t *seed, uint32_t stream, uint32_t sample, uint32_t block, double n[4][W])
-{
-    static uint32_t words[4][W] ALIGNED;
-    LANES {
-        uint32_t out[4];
-        philox(sample, block, seed[w], stream, out);
-        words[0][w] = out[0], words[1][w] = out[1], words[2][w] = out[2], words[3][w] = out[3];
+    static double far[12 * W + W] ALIGNED;
+    static int place[12 * W];
+    int count = 0;
+    for (int i = 0; i < 12 * W; i++)
+        n[i] = central(u[i]);
+    for (int i = 0; i < 12 * W; i++) {
+        far[count] = u[i], place[count] = i;
+        count += is_outer(u[i]);
     }
-    for (int i = 0; i < 4; i++)
-        LANES n[i][w] = normal(words[i][w]);
+    LANES far[count + w] = 0.5;
+    for (int i = 0; i < count; i += W)
+        LANES far[i + w] = outer(far[i + w]);
+    for (int i = 0; i < count; i++)
+        n[place[i]] = far[i];
+#endif
 }
 
 static inline void sin_cos(double x, double *sine, double *cosine)
@@ -171,78 +195,76 @@ static inline double clamped(double x, double limit)
     return low > limit ? limit : low;
 }
 
-static double law_x[ORDER][W] ALIGNED, next[ORDER][W] ALIGNED, cut[3][W] ALIGNED, rates[3][W] ALIGNED;
+/* States, measured and asked for, Euler rates, what was cut off, a zero. */
+enum { RATES = ORDER + 9, CUT = ORDER + 12, NUMBERS = ORDER + 16 };
+static double z[NUMBERS][W] ALIGNED, next[ORDER][W] ALIGNED;
 
-/* The one law form with its exact kinematics; `y` is gyro and reference, `gains` A, B, C, D, G, H, limits in a row. */
-static void law_step(const double *gains, double y[6][W], double u[3][W])
+static inline void sum(const double *terms, int begin, int end, double *total)
 {
-    const double *A = gains, *B = A + ORDER * ORDER, *C = B + ORDER * 6, *D = C + 3 * ORDER, *G = D + 18;
-    const double *H = G + 3 * ORDER, *limits = H + 3 * ORDER;
-    for (int i = 0; i < 3; i++) {
-        double sum[W] ALIGNED;
-        LANES sum[w] = 0.0;
-        for (int j = 0; j < ORDER; j++)
-            LANES sum[w] += C[i * ORDER + j] * law_x[j][w];
-        for (int j = 0; j < 6; j++)
-            LANES sum[w] += D[i * 6 + j] * y[j][w];
-        LANES u[i][w] = clamped(sum[w], limits[i]);
-        LANES cut[i][w] = u[i][w] - sum[w];
+    LANES total[w] = 0.0;
+    for (int t = begin; t < end; t += 4) {
+        const double *term = terms + 2 * t;
+        double *a = z[(int)term[0]], *b = z[(int)term[2]], *c = z[(int)term[4]], *d = z[(int)term[6]];
+        LANES total[w] = total[w] + term[1] * a[w] + term[3] * b[w] + term[5] * c[w] + term[7] * d[w];
+    }
+}
+
+/* The one law form with its exact kinematics, as sums of the terms that are not 0. */
+static void law_step(const int64_t *ends, const double *terms, const double *limits, double u[3][W])
+{
+    int begin = 0;
+    for (int i = 0; i < 3; begin = ends[i++]) {
+        double total[W] ALIGNED;
+        sum(terms, begin, ends[i], total);
+        LANES u[i][w] = clamped(total[w], limits[i]);
+        LANES z[CUT + i][w] = u[i][w] - total[w];
     }
     LANES {
         double sin_phi, cos_phi, sin_theta, cos_theta;
-        sin_cos(law_x[0][w], &sin_phi, &cos_phi);
-        sin_cos(law_x[1][w], &sin_theta, &cos_theta);
+        sin_cos(z[0][w], &sin_phi, &cos_phi);
+        sin_cos(z[1][w], &sin_theta, &cos_theta);
         double floored = cos_theta >= 0.0 ? 0.05 : -0.05;
         cos_theta = fabs(cos_theta) < 0.05 ? floored : cos_theta;
-        double psi_dot = (sin_phi * law_x[4][w] + cos_phi * law_x[5][w]) / cos_theta;
-        rates[0][w] = law_x[3][w] + sin_theta * psi_dot;
-        rates[1][w] = cos_phi * law_x[4][w] - sin_phi * law_x[5][w];
-        rates[2][w] = psi_dot;
+        double psi_dot = (sin_phi * z[4][w] + cos_phi * z[5][w]) / cos_theta;
+        z[RATES][w] = z[3][w] + sin_theta * psi_dot;
+        z[RATES + 1][w] = cos_phi * z[4][w] - sin_phi * z[5][w];
+        z[RATES + 2][w] = psi_dot;
     }
-    for (int i = 0; i < ORDER; i++) {
-        LANES next[i][w] = 0.0;
-        for (int j = 0; j < ORDER; j++)
-            LANES next[i][w] += A[i * ORDER + j] * law_x[j][w];
-        for (int j = 0; j < 6; j++)
-            LANES next[i][w] += B[i * 6 + j] * y[j][w];
-        for (int j = 0; j < 3; j++)
-            LANES next[i][w] += G[i * 3 + j] * rates[j][w];
-        for (int j = 0; j < 3; j++)
-            LANES next[i][w] += H[i * 3 + j] * cut[j][w];
-    }
-    memcpy(law_x, next, sizeof law_x);
+    for (int i = 0; i < ORDER; begin = ends[3 + i++])
+        sum(terms, begin, ends[3 + i], next[i]);
+    memcpy(z, next, sizeof next);
 }
 
 /* Flies W flights: `params` and `state` hold rows of W, `last` (7, W) becomes attitude and rates at the last sample,
  * `torque` (W) the sum of the squares of the torques asked for. */
 void fly(int samples, int substeps, double dt, const double *params, double *state, const uint32_t *seed,
-         const double *gains, const double *scale, const double *limit, double *last, double *torque)
+         const int64_t *ends, const double *terms, const double *limits, const double *limit, double *last,
+         double *torque)
 {
-    static double y[6][W] ALIGNED, u[3][W] ALIGNED, late[3][W] ALIGNED, n[12][W] ALIGNED;
+    static double u[3][W] ALIGNED, late[3][W] ALIGNED, drawn[12][W] ALIGNED, n[12][W] ALIGNED;
     static double gust[6][W] ALIGNED, body[10][W] ALIGNED, air[8][W] ALIGNED;
     memcpy(body, state + (X_BODY + 6) * W, sizeof body);
     memcpy(air, state + X_DRYDEN * W, sizeof air);
-    memset(law_x, 0, sizeof law_x), memset(late, 0, sizeof late), memset(y, 0, sizeof y);
+    memset(z, 0, sizeof z), memset(late, 0, sizeof late);
     LANES torque[w] = 0.0;
 #define P(row) params[(row) * W + w]
 #define DRY(i) P(DRYDEN + (i))
     for (int k = 0; k < samples; k++) {
         if (k == samples - 1)
             memcpy(last, body, 7 * sizeof body[0]);
-        normals(seed, GYRO_STREAM, k, 0, n);
-        normals(seed, GUST_STREAM, k, 0, n + 4);
-        normals(seed, GUST_STREAM, k, 1, n + 8);
+        draw(seed, k, drawn);
+        normals(drawn[0], n[0]);
         for (int i = 0; i < 3; i++)
             LANES {
                 double rate = body[4 + i][w];
                 double noisy = rate + P(GYRO + 2 + i) + (P(GYRO) + P(GYRO + 1) * fabs(rate)) * n[i][w];
-                y[i][w] = (float)clamped(noisy, P(GYRO + 5));
+                z[ORDER + i][w] = (float)clamped(noisy, P(GYRO + 5));
             }
-        law_step(gains, y, u);
+        law_step(ends, terms, limits, u);
         for (int i = 0; i < 3; i++)
             LANES {
                 double asked = late[i][w] * limit[i];
-                late[i][w] = clamped((float)(u[i][w] / scale[i]), 1.0);
+                late[i][w] = clamped((float)(u[i][w] / limit[i]), 1.0);
                 u[i][w] = asked;
                 torque[w] += asked * asked;
             }

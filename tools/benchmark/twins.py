@@ -16,6 +16,7 @@ from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.closed_loop import fly_direct
 from gustproof.law import Law
+from gustproof.law_step import sums
 
 Array = NDArray[np.float64]
 _SUMMATION = 1e-12  # [-] relative, what another order of summation does to a sum of squares
@@ -40,8 +41,7 @@ class Twin:
         options = [*_OPTIONS, *(f"-D{name}={value}" for name, value in defined.items())]
         subprocess.run([compiler, *options, str(_SOURCE), "-o", str(library), "-lm"], check=True, capture_output=True)
         self._fly = ctypes.CDLL(str(library)).fly
-        matrices = (law.A, law.B, law.C, law.D, law.G, law.H, law.limits)
-        self._gains = np.concatenate([np.ravel(matrix) for matrix in matrices])
+        self._sums = sums(law)
         self._limit = np.array(published_limit(vehicle))
 
     def prepared(self, seeds: list[int]) -> Callable[[], tuple[Array, Array]]:
@@ -64,7 +64,8 @@ class Twin:
         drawn, last, torque = np.array(full, dtype=np.uint32), np.empty((7, self.width)), np.empty(self.width)
         scenario = self._scenario
         substeps = scenario.physics_rate_hz // scenario.control_rate_hz
-        arrays = (params, start, drawn, self._gains, self._limit, self._limit, last, torque)
+        law = self._sums
+        arrays = (params, start, drawn, law.ends, law.terms, law.limits, self._limit, last, torque)
         dt = ctypes.c_double(scenario.sample_us * 1e-6 / substeps)
 
         def fly() -> tuple[Array, Array]:

@@ -29,17 +29,21 @@ SPECTRUM = dryden_spectrum(DRYDEN, 10.0, SPAN)
 HANDBOOK = dryden_spectrum(replace(DRYDEN, specification="MIL-HDBK-1797"), 10.0, SPAN)
 
 
-@compiled
 def simulate(params: DrydenParams, state: DrydenState, seed: int, samples: int) -> np.ndarray:
     out = np.empty((samples, 6))
-    for k in range(samples):
+    _simulate(params, state, seed, out)
+    return out
+
+
+@compiled
+def _simulate(params: DrydenParams, state: DrydenState, seed: int, out: np.ndarray) -> None:
+    for k in range(out.shape[0]):
         gust, rates = dryden_gust(params, state)
         for i in range(3):
             out[k, i] = gust[i]
             out[k, 3 + i] = rates[i]
         a, b = normals(seed, 1, k, 0), normals(seed, 1, k, 1)
         state = dryden_step(params, state, (a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]))
-    return out
 
 
 def state_space(params: DrydenParams) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
