@@ -17,6 +17,7 @@ from gustproof.errors import FlightError
 Task = Callable[[str, Stretch], Flown]
 _TASK_S = 1.0  # of work a task: much beside what sending it costs, little to lose
 _LONGEST = 100 * LANES
+_GROWTH = 16  # at most, from a stretch to those after it: a short one tells little of how long runs take
 _DEATHS = 2  # of workers that a run flies alone on, after which it is taken to be the cause
 
 
@@ -110,7 +111,7 @@ class _Runner:
             raise FlightError(f"the cluster is gone; what was flown is in {self._store.folder}") from None
         self._keep(stretch, flown.table)
         if not self._fixed:
-            size = min(int(stretch.runs * _TASK_S / flown.wall_s), 4 * stretch.runs, _LONGEST)
+            size = min(int(stretch.runs * _TASK_S / flown.wall_s), _GROWTH * stretch.runs, _LONGEST)
             self._size = max(size - size % self._least, self._least)
 
     def _keep(self, stretch: Stretch, table: Any) -> None:
