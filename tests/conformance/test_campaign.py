@@ -1,5 +1,6 @@
 """Campaigns on real processes and a real cluster, killed and interrupted: the same bytes whatever happens."""
 
+import gc
 import json
 import os
 import signal
@@ -158,6 +159,12 @@ def test_a_run_that_kills_its_process_is_found_and_the_others_are_flown(campaign
     failures = pq.read_table(tmp_path / "mc.parquet", columns=["run", "failure"]).to_pylist()
     assert [row["run"] for row in failures] == list(range(RUNS))
     assert [row["run"] for row in failures if row["failure"] != "not flown"] == [poison]
+
+
+def test_a_worker_that_has_done_a_task_has_nothing_old_to_be_looked_through_for_garbage() -> None:
+    with processes(1) as pool:
+        pool.submit(os.getpid).result()
+        assert pool.submit(gc.get_freeze_count).result() > 0
 
 
 @pytest.fixture
