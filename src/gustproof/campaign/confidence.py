@@ -51,15 +51,22 @@ def quantile(ordered: Array, p: float) -> Estimate:
     H. A. David, H. N. Nagaraja, Order Statistics, 3rd ed., 2003, section 7.1.
     """
     n = len(ordered)
+    below, above = _ends(n, p)
+    low = float(ordered[below]) if below >= 0 else -math.inf
+    high = float(ordered[above]) if above < n else math.inf
+    return Estimate(float(np.quantile(ordered, p)), low, high)
+
+
+@lru_cache(maxsize=64)
+def _ends(n: int, p: float) -> tuple[int, int]:
+    """Return between which places of n ordered values their `p` quantile is; -1 and n are beyond them."""
     width = _SIGMAS * math.sqrt(n * p * (1.0 - p)) + _SIGMAS
     first, last = max(math.floor(n * p - width), 0), min(math.ceil(n * p + width), n)
     counts = np.arange(first, last + 1)
     chances = bdtr(counts.astype(np.float64), n, p)  # that at most so many are below
     below = counts[chances <= _TAIL]
     above = counts[chances >= 1.0 - _TAIL]
-    low = float(ordered[below[-1]]) if len(below) else -math.inf
-    high = float(ordered[above[0]]) if len(above) and above[0] < n else math.inf
-    return Estimate(float(np.quantile(ordered, p)), low, high)
+    return (int(below[-1]) if len(below) else -1), (int(above[0]) if len(above) else n)
 
 
 def share(passed: int, n: int) -> Estimate:
