@@ -41,7 +41,10 @@ def read_law(name_or_path: str) -> Law:
 
 
 def save_mat(law: Law, path: Path) -> None:
-    """Write a law as a MATLAB file; there `ss(A, B, C, D, dt)` is its linear part, from `y` to command."""
+    """Write a law as a MATLAB file; there `ss(A, B, C, D, dt)` is a linear law, from `y` to command.
+
+    A scheduled law has its kinematics in G: what is linear at level attitude has `A(:, 4:6) + G` in A.
+    """
     scipy.io.savemat(path, {name: getattr(law, name) for name in _TABLES} | _facts(law), appendmat=False)
 
 
