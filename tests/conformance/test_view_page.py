@@ -12,6 +12,7 @@ import psutil
 import pytest
 
 from firmware_model.journal import records_in
+from firmware_model.link import Delay
 from firmware_model.params import PAUSE_NAME
 from firmware_model.requirement import Metric, Requirement
 from firmware_model.rotations import euler_angles
@@ -140,13 +141,25 @@ def assert_attitude_is_the_recordings(browser, flight: Flight) -> None:
     until(lambda: abs(told_angles(browser) - np.degrees(euler_angles(last[np.newaxis])[0])).max() < 0.0051, "angles")
 
 
+def assert_age_is_the_recordings(browser, flight: Flight) -> None:
+    """Each row has the oldest command since the row before; that of the last row is told in words."""
+    age_ms = flight.scenario.sample_us / 1000 * flight.records["command_age"][:, 0]
+    last = range(0, len(age_ms), 5)
+    oldest = [age_ms[max(sample - 4, 0) : sample + 1].max() for sample in last]
+    rows = np.array(browser.run("gustproof.rows.age"), dtype=float)
+    np.testing.assert_allclose(rows[:, 0], flight.scenario.dt * np.array(last), atol=RESOLUTION)
+    np.testing.assert_array_equal(rows[:, 1], oldest)
+    until(lambda: text(browser, "age") == f"{oldest[-1]:g} ms old", "the age is told")
+
+
 def told_angles(browser) -> np.ndarray:
     words = text(browser, "angles").replace("−", "-").replace("°", "").split()
     return np.array([float(word) for word in words[1::2]])
 
 
 def test_lockstep_flight_is_started_paused_and_shown_and_is_the_same_to_the_bit(browser, tmp_path):
-    script = scenario(4.0)
+    late = Delay(kind="delay", direction="to_vehicle", delay_s=0.012, start_s=2.0)
+    script = replace(scenario(4.0), link=(late,))
     with watched(script, tmp_path, real_time=False) as flight:
         browser.open(flight.page.address)
         until(lambda: phase(browser) == "ready", "the page is ready")
@@ -157,7 +170,9 @@ def test_lockstep_flight_is_started_paused_and_shown_and_is_the_same_to_the_bit(
         assert flown.outcome is Outcome.DONE
         assert len(browser.run("gustproof.rows.attitude")) == 200
         assert_attitude_is_the_recordings(browser, flown)
-        for canvas in ("#vehicle", "#horizon", *(f"#charts figure:nth-child({n}) canvas" for n in range(1, 5))):
+        assert_age_is_the_recordings(browser, flown)
+        assert text(browser, "age") == "16 ms old"
+        for canvas in ("#vehicle", "#horizon", *(f"#charts figure:nth-child({n}) canvas" for n in range(1, 6))):
             until(lambda canvas=canvas: drawn(browser, canvas) > 20, f"{canvas} is drawn")
         assert browser.run("[...document.querySelectorAll('#lights li')].map((light) => light.className)") == [
             "held",
@@ -231,6 +246,7 @@ def test_real_time_flight_is_watched_by_telemetry_at_phone_width(browser, tmp_pa
         assert browser.run("gustproof.rows.attitude.length") > 10  # of 150, where this process is kept waiting
         assert browser.run("gustproof.rows.torque.length") > 10
         assert_attitude_is_the_recordings(browser, flown)
+        assert_age_is_the_recordings(browser, flown)
         assert browser.run("document.documentElement.scrollWidth") <= 390
         background = browser.run("getComputedStyle(document.body).backgroundColor")
         assert background == ("rgb(18, 22, 26)" if dark else "rgb(246, 247, 249)")

@@ -4,10 +4,11 @@ from collections.abc import Iterable, Sequence
 from threading import Lock
 from typing import Any
 
-Row = Sequence[float]
+Row = Sequence[float | None]
 """Time [s] of the model, then the numbers of a series at that time."""
-SERIES = ("attitude", "wind", "torque")
-"""attitude: q_NB [-], omega_B [rad/s]; wind: how the air moves [m/s] N, blowing toward; torque: asked for [N*m] B."""
+SERIES = ("attitude", "wind", "torque", "age")
+"""attitude: q_NB [-], omega_B [rad/s]; wind: how the air moves [m/s] N, blowing toward; torque: asked for [N*m] B; age:
+of the command that acts, by its stamp [ms], `None` if none does."""
 _KEPT = 60_000  # rows of a series, 20 minutes at 50 Hz; the oldest half goes when there are more
 
 

@@ -2,7 +2,7 @@
 
     real time   vehicle --telemetry--> Station --> Feed --> page
     lockstep    vehicle --> journal --> tail --> Feed --> page;  Station: mode, link, parameters
-    both        vehicle --> journal --> lights --> Feed --> page
+    both        vehicle --> journal --> lights, age of the command --> Feed --> page
 
 What the page does to the flight are two parameters, set by MAVLink: the gusts' scale and, in lockstep, the pause.
 """
@@ -23,7 +23,7 @@ from firmware_model.params import GUST_SCALE_NAME, PAUSE_NAME, Parameters, publi
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.law import Law
-from gustproof.view.feed import Feed
+from gustproof.view.feed import SERIES, Feed
 from gustproof.view.lights import lights
 from gustproof.view.server import LOOPBACK, PageServer, number, switch
 from gustproof.view.station import STREAM_US, Station
@@ -78,8 +78,8 @@ class LivePage:
             station.wish(name, value)
         self._station = station
         self._run(_serve, station)
-        if not self._real_time:
-            self._run(tail, journal, self._every, self._feed, self._done)
+        names = ("age",) if self._real_time else SERIES  # no message tells the age
+        self._run(tail, journal, self._every, self._scenario.sample_us, self._feed, self._done, names)
         if self._scenario.require:
             self._run(self._judge, journal)
         station.settled.wait(_PATIENCE_S)

@@ -1,5 +1,7 @@
-"""The rows of a journal while it is written: what the page shows of a flight in lockstep, at no cost to the flight."""
+"""The rows of a journal while it is written: what the page shows of it, at no cost to the flight."""
 
+import math
+from collections.abc import Iterable
 from io import BufferedReader
 from pathlib import Path
 from threading import Event
@@ -8,29 +10,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.journal import RECORD
-from gustproof.view.feed import Feed, Row
+from gustproof.view.feed import SERIES, Feed, Row
 
 Array = NDArray[np.float64]
 _LOOK_S = 0.02
 _DIGITS = 6  # decimals: a millionth of the units shown
 
 
-def tail(path: Path, every: int, feed: Feed, done: Event) -> None:
-    """Feed each `every`th record of the journal at `path`, the first among them, until it is `done`."""
+def tail(path: Path, every: int, sample_us: int, feed: Feed, done: Event, names: Iterable[str] = SERIES) -> None:
+    """Feed the series `names` with each `every`th record of the journal at `path`, the first among them, until `done`.
+
+    A record is a sample of `sample_us` [us].
+    """
     while not path.exists():
         if done.wait(_LOOK_S):
             return
     with path.open("rb") as file:
-        records = _Records(file, every)
+        groups = _Groups(file, every)
         ended = False
         while not ended:
             ended = done.wait(_LOOK_S)
-            for name, rows in series(records.take()).items():
-                feed.add(name, rows)
+            rows = series(groups.take(), sample_us)
+            for name in names:
+                feed.add(name, rows[name])
 
 
-def series(records: NDArray[np.void]) -> dict[str, list[Row]]:
-    """Return the rows of each series that journal records (n,) hold."""
+def series(groups: NDArray[np.void], sample_us: int) -> dict[str, list[Row]]:
+    """Return the rows of each series that groups of journal records (n, every) hold: those of the last of each group.
+
+    The age is the largest of the group, so that no single late command is missed.
+    """
+    records = groups[:, -1]
     time_s = records["time_us"][:, np.newaxis] * 1e-6
     q_NB = records["q_NB"]
     air_N = records["wind_N"] + rotated(q_NB, records["gust_B"])
@@ -38,8 +48,11 @@ def series(records: NDArray[np.void]) -> dict[str, list[Row]]:
         "attitude": (time_s, q_NB, records["omega_B"]),
         "wind": (time_s, air_N),
         "torque": (time_s, records["torque_command_B"]),
+        "age": (time_s, groups["command_age"].max(axis=1) * (sample_us / 1000)),
     }
-    return {name: np.round(np.hstack(parts), _DIGITS).tolist() for name, parts in columns.items()}
+    rows = {name: np.round(np.hstack(parts), _DIGITS).tolist() for name, parts in columns.items()}
+    rows["age"] = [[t, None if math.isnan(age_ms) else age_ms] for t, age_ms in rows["age"]]
+    return rows
 
 
 def rotated(q_NB: Array, v_B: Array) -> Array:
@@ -49,26 +62,23 @@ def rotated(q_NB: Array, v_B: Array) -> Array:
     return np.asarray(v_B + w * turned + np.cross(axis, turned))
 
 
-class _Records:
-    """The whole records of a growing journal, each `every`th."""
+class _Groups:
+    """The records of a growing journal in groups: each `every`th, and before it those since the one before."""
 
     def __init__(self, file: BufferedReader, every: int) -> None:
         self._file, self._every = file, every
         self._rest = b""
-        self._headed = False
-        self._skip = 0
+        self._begun = False
 
     def take(self) -> NDArray[np.void]:
-        """Return those that came since the last call."""
+        """Return the groups (n, every) that became whole since the last call."""
         self._rest += self._file.read()
-        if not self._headed:
-            _, newline, rest = self._rest.partition(b"\n")
-            if not newline:
-                return np.empty(0, dtype=RECORD)
-            self._headed, self._rest = True, rest
-        whole = len(self._rest) // RECORD.itemsize * RECORD.itemsize
-        records = np.frombuffer(self._rest[:whole], dtype=RECORD)
+        if not self._begun:
+            first = self._rest.partition(b"\n")[2]
+            if len(first) >= RECORD.itemsize:  # a group of its own
+                self._begun, self._rest = True, first[: RECORD.itemsize] * (self._every - 1) + first
+        size = RECORD.itemsize * self._every
+        whole = len(self._rest) // size * size if self._begun else 0
+        groups = np.frombuffer(self._rest[:whole], dtype=RECORD).reshape(-1, self._every)
         self._rest = self._rest[whole:]
-        taken = records[self._skip :: self._every]
-        self._skip = (self._skip - len(records)) % self._every
-        return taken
+        return groups

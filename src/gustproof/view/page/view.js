@@ -3,7 +3,7 @@ import { camera, colours, drawHorizon, drawVehicle, euler, fresh, readColours } 
 
 const WINDOW_S = 20, DEGREES = 180 / Math.PI;
 const byId = (id) => document.getElementById(id);
-const rows = { attitude: [], wind: [], torque: [], angles: [], rates: [] }; // each row: time [s], then its numbers
+const rows = { attitude: [], wind: [], torque: [], age: [], angles: [], rates: [] }; // each row: time [s], then its numbers
 const facts = {};
 const clock = { t: 0, rate: 0, latest: 0, heard: 0 };
 // What is drawn at this moment, for whoever tests the page.
@@ -15,6 +15,7 @@ const CHARTS = [
   { title: "rates [deg/s]", rows: rows.rates, names: ["p", "q", "r"], least: 2 },
   { title: "torque asked for [N·m]", rows: rows.torque, names: ["roll", "pitch", "yaw"], least: 0.05 },
   { title: "wind at the vehicle, blowing toward [m/s]", rows: rows.wind, names: ["north", "east", "down"], least: 0.5 },
+  { title: "age of the command that acts [ms]", rows: rows.age, names: ["by its stamp"], least: 8, positive: true },
 ].map((chart) => {
   const figure = byId("charts").appendChild(document.createElement("figure"));
   const caption = figure.appendChild(document.createElement("figcaption"));
@@ -26,7 +27,7 @@ const CHARTS = [
     caption.append(" ");
   });
   const canvas = figure.appendChild(document.createElement("canvas"));
-  canvas.className = "strip";
+  canvas.className = chart.positive ? "low strip" : "strip";
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", `${chart.title} over time`);
   return { ...chart, canvas, span: chart.least, stale: true };
@@ -60,7 +61,7 @@ function attitudeAt(t) {
 
 function take(news) {
   shown.news += 1;
-  for (const name of ["attitude", "wind", "torque"]) for (const row of news[name] ?? []) rows[name].push(row);
+  for (const name of ["attitude", "wind", "torque", "age"]) for (const row of news[name] ?? []) rows[name].push(row);
   let last = rows.angles.at(-1);
   for (const [t, w, x, y, z, p, q, r] of news.attitude ?? []) {
     const angles = euler([w, x, y, z]).map((angle) => angle * DEGREES);
@@ -95,9 +96,13 @@ function nice(value) {
   return decade * ([1, 2, 5].find((step) => step * decade >= value * 0.999) ?? 10);
 }
 
-// Draw column k of rows: of each `every` rows the lowest and the highest, so that no peak is lost.
+// Draw column k of rows: of each `every` rows the lowest and the highest, so that no peak is lost; null leaves a gap.
 function trace(g, list, k, first, last, every, x, y) {
-  const point = (row) => g.lineTo(x(row[0]), y(row[k]));
+  let gap = true;
+  const point = (row) => {
+    if (row[k] !== null) g[gap ? "moveTo" : "lineTo"](x(row[0]), y(row[k]));
+    gap = row[k] === null;
+  };
   g.beginPath();
   for (let i = first - (first % every); i < last; i += every) {
     const end = Math.min(i + every, last);
@@ -117,10 +122,12 @@ function drawStrip(chart, from, to) {
   const [g, width, height] = fresh(chart.canvas), list = chart.rows, left = 42, bottom = height - 16;
   const first = Math.max(place(list, from) - 1, 0), last = Math.min(place(list, to) + 1, list.length);
   const every = Math.max(1, Math.ceil((last - first) / ((width - left) / 2)));
+  const columns = chart.names.map((_, i) => i + 1);
   let largest = chart.least;
-  for (let i = first; i < last; i++) for (let k = 1; k < 4; k++) largest = Math.max(largest, Math.abs(list[i][k]));
+  for (let i = first; i < last; i++) for (const k of columns) largest = Math.max(largest, Math.abs(list[i][k]));
   chart.span = largest > chart.span ? largest : Math.max(largest, chart.span * 0.995);
-  const span = 1.08 * chart.span, y = (value) => (bottom / 2) * (1 - value / span), step = nice(span / 2.2);
+  const span = 1.08 * chart.span, low = chart.positive ? 0 : -span;
+  const y = (value) => (bottom * (span - value)) / (span - low), step = nice((span - low) / (chart.positive ? 2.2 : 4.4));
   const x = (t) => left + ((t - from) / (to - from)) * (width - left);
   g.font = "11px system-ui, sans-serif";
   g.textBaseline = "middle";
@@ -129,7 +136,7 @@ function drawStrip(chart, from, to) {
   g.fillStyle = colours.muted;
   g.beginPath();
   g.textAlign = "right";
-  for (let value = -Math.floor(span / step) * step; value <= span; value += step) {
+  for (let value = Math.ceil(low / step) * step; value <= span; value += step) {
     g.moveTo(left, y(value));
     g.lineTo(width, y(value));
     g.fillText(+value.toPrecision(6), left - 5, Math.min(Math.max(y(value), 6), bottom - 5));
@@ -147,7 +154,7 @@ function drawStrip(chart, from, to) {
   g.rect(left, 0, width - left, bottom);
   g.clip();
   g.lineWidth = 1;
-  for (let k = 1; k < 4; k++) {
+  for (const k of columns) {
     g.strokeStyle = colours[`c${k - 1}`];
     trace(g, list, k, first, last, every, x, y);
   }
@@ -197,6 +204,10 @@ function showNumbers() {
     const [phi, theta, psi] = euler(shown.q).map((angle) => signed(angle * DEGREES, 2));
     byId("angles").textContent = `roll ${phi}°  pitch ${theta}°  yaw ${psi}°`;
     byId("clock").textContent = `${clock.t.toFixed(2)} s of ${facts.duration_s} s`;
+  }
+  if (rows.age.length) {
+    const [, age] = rows.age[Math.min(place(rows.age, clock.t), rows.age.length - 1)];
+    byId("age").textContent = age === null ? "none acts" : `${age} ms old`;
   }
   if (shown.wind_N) {
     const [north, east, down] = shown.wind_N, from = (Math.atan2(-east, -north) * DEGREES + 360) % 360;
