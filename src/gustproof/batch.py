@@ -46,7 +46,7 @@ class Shared(NamedTuple):
     law: Sums
     """What the law adds up."""
     kind: float
-    """Kind of its set-points, see `commands`."""
+    """[-] kind of its set-points, see `commands`."""
     bound: float
     """[-] largest magnitude of its command on the wire."""
 
@@ -55,9 +55,9 @@ class Batch(NamedTuple):
     """What flights have for themselves; a flat array consists of rows of `LANES`."""
 
     params: Array
-    """Constants, see `world`."""
+    """(constants * LANES,) see `world`, units there."""
     state: Array
-    """State, see `world`."""
+    """(states * LANES,) see `world`, units there."""
     changes: Array
     """(n, 3) what events change: sample, place among all constants, value."""
     seeds: NDArray[np.int64]
@@ -79,15 +79,15 @@ class Batch(NamedTuple):
     kinds: Array
     """(delay + 1,) and what they are of."""
     record: Array
-    """Record of the sample, see `journal`."""
+    """(WIDTH * LANES,) record of the sample, see `journal`."""
     uniform: Array
     """(12 or 16 * LANES,) random numbers: gyro, gust, and accelerometer if the law reads it."""
     noise: Array
     """(16 * LANES,) the same, standard normal."""
     outer: Array
-    """Room for `inverse_normals`."""
+    """(12 or 16 * LANES + BLOCK,) room for `inverse_normals`."""
     places: NDArray[np.int64]
-    """Room for `inverse_normals`."""
+    """(12 or 16 * LANES,) room for `inverse_normals`."""
     tallies: Array
     """(TALLY, LANES) see `metrics`."""
     readings: Array
@@ -128,10 +128,7 @@ def fly_free(shared: Shared, batch: Batch) -> None:
 
 @kernel
 def _fly(free: bool, shared: Shared, batch: Batch) -> None:
-    """Fly a batch and judge it: `closed_loop.fly_direct`, and what measures its records.
-
-    Of these one is kept a flight.
-    """
+    """Fly a batch and judge it: `closed_loop.fly_direct`, and what measures its records, of which one is kept."""
     params, state, record, noise, ring = batch.params, batch.state, batch.record, batch.noise, batch.ring
     tallies, torque_limit = batch.tallies.reshape(TALLY * LANES), batch.torque_limit
     limits, late = torque_limit.reshape(3, LANES), batch.kinds.size
