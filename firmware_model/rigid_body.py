@@ -124,31 +124,8 @@ def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
 
 
 @kernel
-def _along(body: Body, h: float, rate: Body) -> Body:
-    return Body(
-        body.north + h * rate.north,
-        body.east + h * rate.east,
-        body.down + h * rate.down,
-        body.v_north + h * rate.v_north,
-        body.v_east + h * rate.v_east,
-        body.v_down + h * rate.v_down,
-        body.qw + h * rate.qw,
-        body.qx + h * rate.qx,
-        body.qy + h * rate.qy,
-        body.qz + h * rate.qz,
-        body.p + h * rate.p,
-        body.q + h * rate.q,
-        body.r + h * rate.r,
-        body.roll + h * rate.roll,
-        body.pitch + h * rate.pitch,
-        body.yaw + h * rate.yaw,
-        body.thrust + h * rate.thrust,
-    )
-
-
-@kernel
 def _turned(body: Body, h: float, rate: Body) -> Body:
-    """Return what `_along` does for a body that is held in translation: where it is stays as it is."""
+    """Return the body moved by `h` times a derivative, of one that is held: where it is stays as it is."""
     return Body(
         body.north,
         body.east,
@@ -170,12 +147,28 @@ def _turned(body: Body, h: float, rate: Body) -> Body:
     )
 
 
+@kernel
+def _moved(body: Body, h: float, rate: Body) -> Body:
+    """Return the body moved by `h` times a derivative."""
+    turned = _turned(body, h, rate)
+    return Body(
+        body.north + h * rate.north,
+        body.east + h * rate.east,
+        body.down + h * rate.down,
+        body.v_north + h * rate.v_north,
+        body.v_east + h * rate.v_east,
+        body.v_down + h * rate.v_down,
+        turned.qw, turned.qx, turned.qy, turned.qz, turned.p, turned.q, turned.r,
+        turned.roll, turned.pitch, turned.yaw, turned.thrust,
+    )  # fmt: skip
+
+
 Params = TypeVar("Params")
 Inputs = TypeVar("Inputs")
 
 
 def runge_kutta(
-    rate: Callable[[Params, Body, Inputs], Body], along: Callable[[Body, float, Body], Body] = _along
+    rate: Callable[[Params, Body, Inputs], Body], along: Callable[[Body, float, Body], Body] = _moved
 ) -> Callable[[Params, Body, Inputs, float], Body]:
     """Return the kernel `step(params, body, inputs, dt)` of the classical method for the time derivative `rate`.
 

@@ -5,7 +5,7 @@ import pytest
 from firmware_model.rows import aligned
 
 
-@pytest.mark.parametrize("size", [0, 1, 8, 333])
+@pytest.mark.parametrize("size", [1, 8, 333])
 def test_aligned_zeros_begin_at_a_cache_line(size: int) -> None:
     zeros = aligned(size)
     assert zeros.shape == (size,)
