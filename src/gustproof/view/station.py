@@ -218,7 +218,9 @@ class Station:
 
     def _on_torque(self, message: Message) -> None:
         asked = zip(message.controls, self._torque_limit, strict=False)
-        self._add("torque", message.time_usec, *(control * limit for control, limit in asked))
+        # The stamp is that of the command, which is held where no newer one comes.
+        time_us = max(message.time_usec, self._newest_us.get("attitude", 0))
+        self._add("torque", time_us, *(control * limit for control, limit in asked))
 
     def _add(self, name: str, time_us: int, *numbers: float) -> None:
         if time_us <= self._newest_us.get(name, -1):  # before t = 0 the same sample is told again

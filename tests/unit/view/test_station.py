@@ -83,6 +83,21 @@ def test_rows_are_the_truth_at_their_time(watched):
     assert numbers[:4] == pytest.approx(watched.vehicle.loop.q_NB, abs=1e-4)
 
 
+def test_torque_that_is_held_is_told_as_held(watched):
+    packer = wire.MAVLink(None, 1, 1)
+
+    def tell(time_us: int, stamp_us: int, roll: float) -> None:
+        state = wire.MAVLink_hil_state_quaternion_message(time_us, [1.0, 0.0, 0.0, 0.0], *[0] * 14)
+        torque = wire.MAVLink_actuator_control_target_message(stamp_us, 0, [roll, *[0.0] * 7])
+        watched.station.receive(state.pack(packer) + torque.pack(packer), VEHICLE, watched.now_us)
+
+    tell(20_000, 20_000, 0.25)
+    tell(40_000, 20_000, 0.25)
+    tell(60_000, 60_000, 0.5)
+    rows = watched.reader.news()["torque"]
+    assert [row[:2] for row in rows] == [[0.02, 2.5], [0.04, 2.5], [0.06, 5.0]]
+
+
 def test_mode_and_link_are_told(watched):
     watched.run(2_500_000)
     facts = watched.reader.news()["facts"]
