@@ -155,7 +155,7 @@ def inverse_normal(u: float) -> float:
 
 @kernel
 def inverse_normals(u: Array, quantiles: Array, outer: Array, places: NDArray[np.int64]) -> None:
-    """Write the `inverse_normal` of each number in `u`; `outer` and `places` are scratch, each `BLOCK` longer.
+    """Write the `inverse_normal` of each number in `u`; `places` is scratch of its size, `outer` is `BLOCK` longer.
 
     One number in seven lies outside of the centre. These are set side by side: SIMD that followed both paths for all
     would take twice the time.

@@ -94,21 +94,20 @@ class Batch(NamedTuple):
     """(rules, READING, LANES) see `requirements`."""
 
 
-def rows(count: int) -> Array:
-    """Return zeros (count, LANES)."""
+def _rows(count: int) -> Array:
     return aligned(count * LANES).reshape(count, LANES)
 
 
 def room(law: Law, delay: int) -> dict[str, Any]:
     """Return the fields of a `Batch` that flights of a law begin with, whose commands act `delay` samples late."""
     drawn = (_DRAWN if law.feels_force else _ACCELEROMETER) * LANES
-    ring = rows((delay + 1) * SETPOINT).reshape(delay + 1, SETPOINT * LANES)
+    ring = _rows((delay + 1) * SETPOINT).reshape(delay + 1, SETPOINT * LANES)
     ring[:, commands.THRUST * LANES :] = np.nan
     return {
-        "z": rows(law.order + EXTRA), "work": rows(law.order), "asked": rows(3), "ring": ring,
+        "z": _rows(law.order + EXTRA), "work": _rows(law.order), "asked": _rows(3), "ring": ring,
         "kinds": np.zeros(delay + 1), "record": aligned(WIDTH * LANES), "uniform": aligned(drawn),
         "noise": aligned(_DRAWN * LANES), "outer": aligned(drawn + BLOCK), "places": np.zeros(drawn, dtype=np.int64),
-        "tallies": rows(TALLY),
+        "tallies": _rows(TALLY),
     }  # fmt: skip
 
 

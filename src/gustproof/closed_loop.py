@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from firmware_model import commands
 from firmware_model.autopilot import Mode
 from firmware_model.compiled import compiled
-from firmware_model.journal import RECORD, WIDTH
+from firmware_model.journal import FORCE_B, GYRO_B, RECORD, WIDTH
 from firmware_model.params import published_hover, published_limit
 from firmware_model.plant import advance_kernel, observe_kernel
 from firmware_model.scenario import Scenario
@@ -83,9 +83,9 @@ def _fly(params: Array, state: Array, waves: Array, replay: Array, changes: Arra
         record = records[k]
         observe_kernel(params, state, waves, replay, changes, seed, k, sample_us, record)
         for i in range(3):
-            z[n + i] = record[1 + i]
+            z[n + i] = record[GYRO_B + i]
             z[n + 3 + i] = reference[k, i]
-            z[n + 6 + i] = record[4 + i]
+            z[n + 6 + i] = record[FORCE_B + i]
         law_kernel(law, z, command, work)
         slot = ring[k % late]
         slot[0], slot[commands.THRUST] = kind, thrust

@@ -16,14 +16,13 @@ from twins import Twin, difference
 
 from firmware_model.scenario import Scenario, load_scenario
 from firmware_model.vehicle import load_vehicle
+from gustproof.batch import LANES
 from gustproof.closed_loop import fly_direct
 from gustproof.lanes import Case, fly_many
 from gustproof.law import Law, load_law
 
 LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")
 """The self-scheduled law of order 9, and the vehicle that it was made for."""
-LANES = 32
-"""Flights at once in a kernel."""
 CORES = len(os.sched_getaffinity(0))
 """How many cores there are to be used."""
 

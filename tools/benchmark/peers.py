@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
-from flights import CORES, LANES, fleet, scenario
+from flights import CORES, fleet, scenario
 from peer import PeerError, Program, environment
 from table import Bench
 
 from firmware_model.scenario import Scenario
+from gustproof.batch import LANES
 
 _ENVIRONMENTS = Path(sys.prefix) / "peers"
 _PROGRAMS = Path(__file__).parent / "peers"
