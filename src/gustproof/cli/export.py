@@ -10,7 +10,7 @@ from firmware_model.errors import ConfigError
 
 def export(
     law: Annotated[str, typer.Argument(help="Name of a shipped law, a .json or .mat file, or a folder of tables.")],
-    c: Annotated[Path | None, typer.Option("--c", help="Write C code here: one function, no library.")] = None,
+    c: Annotated[Path | None, typer.Option("--c", help="Write C code here, and its header beside it.")] = None,
     mat: Annotated[Path | None, typer.Option("--mat", help="Write a MATLAB file here.")] = None,
     csv: Annotated[Path | None, typer.Option("--csv", help="Write tables of numbers into this new folder.")] = None,
     as_law: Annotated[Path | None, typer.Option("--law", help="Write a law file (.json) here, to be flown.")] = None,
@@ -21,7 +21,7 @@ def export(
 
     gustproof export mine.mat --law mine.json && gustproof fly paper-turbulence --law mine.json
     """
-    from gustproof.exchange.c_code import c_code
+    from gustproof.exchange.c_code import save_c
     from gustproof.exchange.matrices import read_law, save_csv, save_mat
 
     wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
@@ -30,11 +30,12 @@ def export(
     for path, suffix in wanted.items():
         if path.suffix != suffix:
             raise ConfigError(f"{path}: must end in {suffix}" if suffix else f"{path}: a folder has no suffix")
-    if csv is not None and csv.exists():
-        raise ConfigError(f"{csv}: exists already")
+    for path in (*wanted, *([c.with_suffix(".h")] if c else [])):
+        if path.exists():
+            raise ConfigError(f"{path}: exists already")
     read = read_law(law)
     if c is not None:
-        c.write_text(c_code(read), encoding="utf-8")
+        save_c(read, c)
     if mat is not None:
         save_mat(read, mat)
     if csv is not None:
@@ -42,4 +43,5 @@ def export(
     if as_law is not None:
         read.save(as_law)
     for path in wanted:
-        print(f"law '{read.name}' in {path}")
+        header = f" and {path.with_suffix('.h').name}" if path == c else ""
+        print(f"law '{read.name}' in {path}{header}")

@@ -1,4 +1,4 @@
-"""A law as C code: one file, one function, no library, the bits of `law_step.step`.
+"""A law as C code: a source and its header, no library, the bits of `law_step.step`.
 
 Each sum is written out with those of its terms whose coefficient is not 0, in the order of `law_step`. Constants are
 the shortest decimals that are the law's doubles: a pole or a gain can be read, and compilers round it correctly (C99,
@@ -6,7 +6,7 @@ annex F.5).
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from string import Template
 from textwrap import indent, wrap
@@ -16,34 +16,94 @@ from numpy.typing import NDArray
 
 from gustproof import __version__
 from gustproof.law import Law, Output
+from gustproof.law_step import step
 
-_TEMPLATE = Path(__file__).parent / "law.c.in"
-_KINEMATICS = Path(__file__).parent / "euler_rates.c"
-_FORCE = ",\n * specific force x, y, z [m/s^2], (0, 0, -9.81) at rest"
+_FOLDER = Path(__file__).parent
+_FORCE = ";\n *          specific force x, y, z [m/s^2], (0, 0, -9.81) at rest"
 _COMMANDS = {Output.TORQUE: "torque [N m]", Output.RATES: "body rates [rad/s]"}
 _ESTIMATES = {0: "attitude that the law estimates [rad]", 3: "rates that it estimates [rad/s]", 6: "its other states"}
 """What the states of a scheduled law are, from which one on."""
+_STATES = ("PHI", "THETA", "PSI", "P", "Q", "R")
+"""Names of the first states of a scheduled law."""
+_START = ": level, yaw 0, at rest. To begin in another attitude, write it to the first three afterwards"
+_STEPS = 16
+"""Steps of the self-test at most."""
 _WIDTH = 120
 _TIE = "\u00a0"
 """A space at which no line is broken."""
 
 
-def c_code(law: Law) -> str:
-    """Return the law as C99 source with one function `<name>_step`; its numbers are the law's to the bit.
+def save_c(law: Law, path: Path) -> None:
+    """Write the law as C source, and its header beside it."""
+    header = path.with_suffix(".h")
+    path.write_text(c_code(law, header.name), encoding="utf-8")
+    header.write_text(c_header(law), encoding="utf-8")
 
-    Compiled with `-ffp-contract=off` on a machine with IEEE doubles it gives the bits of `law_step.step`, for attitude
-    estimates up to 1e5 rad.
+
+def c_code(law: Law, header: str = "law.h") -> str:
+    """Return the law as C99 source with `<name>_init` and `<name>_step`; its numbers are the law's to the bit.
+
+    On a machine with IEEE doubles it gives the bits of `law_step.step`, for attitude estimates up to 1e5 rad. With
+    `<name>_SELF_TEST` defined `<name>_self_test` compares them over some steps, the last of them at the limits.
     """
     kind = "Scheduled with the exact kinematics of its own attitude estimate." if law.scheduled else "Linear."
     made = f"{kind} Designed for vehicle '{law.provenance.vehicle}': {law.provenance.design}."
-    return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
-        name=_comment(law.name), prefix=c_name(law.name), version=__version__,
-        summary="\n * ".join(wrap(_comment(made), _WIDTH - 3)),
-        # C has no array of no elements; a static law gets one state that is never touched.
-        rows=max(law.order, 1), measured=law.D.shape[1], body=_body(law), dt=repr(law.dt),
-        command=_COMMANDS[law.output], force=_FORCE if law.feels_force else "",
-        kinematics=_KINEMATICS.read_text(encoding="utf-8") + "\n" if law.scheduled else "",
+    kinematics = (_FOLDER / "euler_rates.c").read_text(encoding="utf-8") + "\n" if law.scheduled else ""
+    return _filled(
+        "law.c.in", law, header=header, summary="\n * ".join(wrap(_comment(made), _WIDTH - 3)), kinematics=kinematics,
+        body=_body(law), **_self_test(law),
     )  # fmt: skip
+
+
+def c_header(law: Law) -> str:
+    """Return the header of `c_code`: prototypes, sizes and sample time, names of states, units and signs."""
+    prefix, states = c_name(law.name), ""
+    if law.scheduled:
+        names = [f"    {prefix}_{name} = {i}," for i, name in enumerate(_STATES)]
+        for i, what in sorted(_ESTIMATES.items(), reverse=True)[1:]:
+            names.insert(i, f"    /* {what} */")
+        states = "\n/* Where the states that have names stand in x. */\nenum {\n" + "\n".join(names)[:-1] + "\n};\n"
+    return _filled(
+        "law.h.in", law, dt=repr(law.dt), command=_COMMANDS[law.output], force=_FORCE if law.feels_force else "",
+        states=states, start=_START if law.scheduled else "",
+    )  # fmt: skip
+
+
+def _filled(template: str, law: Law, **parts: str) -> str:
+    # C has no array of no elements; a static law gets one state that is never touched.
+    return Template((_FOLDER / template).read_text(encoding="utf-8")).substitute(
+        name=_comment(law.name), prefix=c_name(law.name), version=__version__, rows=str(max(law.order, 1)),
+        measured=str(law.D.shape[1]), **parts,
+    )  # fmt: skip
+
+
+def _self_test(law: Law) -> dict[str, str]:
+    """Return inputs that grow from 0 until limits are met, and what follows of them while it is finite."""
+    rng = np.random.default_rng(1)
+    inputs = np.round(np.geomspace(0.01, 100.0, _STEPS)[:, None] * rng.normal(size=(_STEPS, law.D.shape[1])), 3)
+    inputs[0] = 0.0
+    x, last, commands = np.zeros(law.order), np.zeros(max(law.order, 1)), []
+    for y in inputs:
+        with np.errstate(all="ignore"):
+            x, command = step(law, x, y)
+        if not (np.all(np.isfinite(x)) and np.all(np.isfinite(command))):
+            break
+        last[: law.order] = x
+        commands.append(command.tolist())
+    return {
+        "steps": str(len(commands)),
+        "inputs": _rows(map(repr, row) for row in inputs[: len(commands)].tolist()),
+        "commands": _rows(map(float.hex, row) for row in commands),
+        "last": _listed(map(float.hex, last.tolist()), 8),
+    }
+
+
+def _rows(rows: Iterable[Iterable[str]]) -> str:
+    return "\n".join("        {" + ", ".join(row) + "}," for row in rows)
+
+
+def _listed(numbers: Iterable[str], margin: int) -> str:
+    return indent("\n".join(wrap(", ".join(numbers), _WIDTH - margin, break_on_hyphens=False)), margin * " ")
 
 
 def c_name(name: str) -> str:

@@ -21,11 +21,11 @@ static void sin_cos(double x, double *sine, double *cosine)
     double c = 1.0 - 0.5 * z + z * z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03
         + z * (2.48015872894767294178e-05 + z * (-2.75573143513906633035e-07
         + z * (2.08757232129817482790e-09 - z * 1.13596475577881948265e-11)))));
-    double quadrant = n - 4.0 * floor_of(0.25 * n);
-    int odd = quadrant == 1.0 || quadrant == 3.0;
+    int quadrant = (int)(n - 4.0 * floor_of(0.25 * n));
+    int odd = quadrant == 1 || quadrant == 3;
     double a = odd ? c : s, b = odd ? s : c;
-    *sine = quadrant >= 2.0 ? -a : a;
-    *cosine = quadrant == 1.0 || quadrant == 2.0 ? -b : b;
+    *sine = quadrant >= 2 ? -a : a;
+    *cosine = quadrant == 1 || quadrant == 2 ? -b : b;
 }
 
 /* Exact ZYX Euler kinematics at the law's own estimates; |cos(theta)| is kept above 0.05. */

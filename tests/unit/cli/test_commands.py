@@ -222,3 +222,20 @@ def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(t
     assert result.exit_code == 130
     assert result.stderr.strip().endswith(f"all is there for gustproof recover {out}")
     assert [path.name for path in out.iterdir()] == ["calm.journal"]
+
+
+@pytest.mark.parametrize("existing", ["law.c", "law.h", "law.mat", "law.json"])
+def test_export_overwrites_nothing(existing, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / existing).write_text("mine")
+    result = run("export", "pid-default", "--c", "law.c", "--mat", "law.mat", "--law", "law.json")
+    assert result.exit_code == 2
+    assert one_line(result) == f"gustproof: {existing}: exists already"
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(existing, "mine")]
+
+
+def test_export_names_the_header_that_it_writes_beside_the_source(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("export", "pid-default", "--c", "my-law.c").stdout == "law 'pid-default' in my-law.c and my-law.h\n"
+    assert '#include "my-law.h"' in (tmp_path / "my-law.c").read_text()
+    assert "int pid_default_self_test(void);" in (tmp_path / "my-law.h").read_text()

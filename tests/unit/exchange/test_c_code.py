@@ -9,13 +9,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gustproof.exchange.c_code import c_code, c_name
+from gustproof.exchange.c_code import c_code, c_header, c_name, save_c
 from gustproof.law import Law, load_law, shipped_laws
 from gustproof.law_step import step, sums
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC"]
-WARNINGS = ["-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror"]
+WARNINGS = ["-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Wfloat-equal",
+            "-Wmissing-prototypes", "-Wstrict-prototypes", "-Werror"]  # fmt: skip
+CPU = Path("/proc/cpuinfo")
+FUSED = ["-mfma"] if CPU.exists() and " fma " in CPU.read_text() else []
+"""Flag of a processor that multiplies and adds in one."""
+BUILDS = {
+    "gcc": (), "clang": (),
+    "gcc -fsingle-precision-constant": ("-fsingle-precision-constant",),
+    # clang says that it does not have the flag
+    "clang -fsingle-precision-constant": ("-fsingle-precision-constant", "-Wno-ignored-optimization-argument"),
+    "gcc -ffast-math": (*FUSED, "-O3", "-ffast-math", "-fsingle-precision-constant", "-ffp-contract=fast"),
+    "clang -ffp-contract=on": (*FUSED, "-O3", "-ffp-contract=on"),
+}  # fmt: skip
+"""Flags of builds that must give the bits."""
 STEPS = 100_000
 COUPLED = 12
 
@@ -39,11 +52,11 @@ def coupled_law() -> Law:
     return replace(load_law("aided"), name="coupled", limits=np.array([0.05, 0.3, 0.4]), **parts)
 
 
-def compiled(law: Law, tmp_path, *flags: str) -> Path:
+def compiled(law: Law, tmp_path, *flags: str, compiler: str | None = COMPILER) -> Path:
     source, library = tmp_path / "law.c", tmp_path / "law.so"
-    source.write_text(c_code(law))
+    save_c(law, source)
     subprocess.run(
-        [COMPILER, *FLAGS, *WARNINGS, *flags, str(source), "-o", str(library)],
+        [compiler, *FLAGS, *WARNINGS, *flags, str(source), "-o", str(library)],
         check=True,
         capture_output=True,
         text=True,
@@ -122,10 +135,41 @@ def test_a_law_that_reads_nothing_is_c_without_warnings(tmp_path):
     compiled(replace(law, B=np.zeros((9, 6)), D=np.zeros((3, 6))), tmp_path)
 
 
+@pytest.mark.parametrize("build", BUILDS)
+@pytest.mark.parametrize("name", shipped_laws())
+def test_self_test_finds_the_bits_of_every_shipped_law_in_strict_builds(build, name, tmp_path):
+    if (compiler := shutil.which(build.split()[0])) is None:
+        pytest.skip(f"no {build.split()[0]}")
+    law = load_law(name)
+    library = compiled(law, tmp_path, f"-D{c_name(name)}_SELF_TEST", *BUILDS[build], compiler=compiler)
+    assert getattr(CDLL(str(library)), f"{c_name(name)}_self_test")() == 0
+
+
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+@pytest.mark.parametrize("place", [0, -1])
+def test_self_test_finds_a_coefficient_that_is_off(place, tmp_path, monkeypatch):
+    law = load_law("hinf-scheduled")
+    code = c_code(law, "law.h")
+    term = list(re.finditer(r"(\d\S*) \* (?:x|rates)\[\d+\]", code[: code.index("_self_test")]))[place]
+    off = float(term[1]) * (1.0 + 1e-12)
+    monkeypatch.setattr(
+        "gustproof.exchange.c_code.c_code",
+        lambda _law, _header: code[: term.start(1)] + repr(off) + code[term.end(1) :],
+    )
+    library = compiled(law, tmp_path, "-Dhinf_scheduled_SELF_TEST")
+    assert 0 < CDLL(str(library)).hinf_scheduled_self_test() <= 16
+
+
+@pytest.mark.skipif(not (FUSED and shutil.which("clang")), reason="no clang, or nothing to fuse")
+def test_self_test_finds_a_build_that_fuses(tmp_path):
+    library = compiled(load_law("aided"), tmp_path, "-Daided_SELF_TEST", *FUSED, "-ffp-contract=fast", compiler="clang")
+    assert CDLL(str(library)).aided_self_test() > 0
+
+
+@pytest.mark.skipif(shutil.which("clang") is None, reason="no clang")
 def test_c_whose_constants_would_be_floats_is_refused(tmp_path):
     with pytest.raises(subprocess.CalledProcessError) as refused:
-        compiled(load_law("hinf-d1"), tmp_path, "-fsingle-precision-constant")
+        compiled(load_law("hinf-d1"), tmp_path, "-cl-single-precision-constant", compiler="clang")
     assert "constants_are_double" in refused.value.stderr
 
 
@@ -144,6 +188,32 @@ def test_only_what_a_law_computes_is_written(name):
 def test_a_design_can_not_end_or_nest_the_comment_it_stands_in():
     law = load_law("hinf-d1")
     hostile = replace(law, provenance=replace(law.provenance, design="a */ int b; /*/ /*\nc"))
-    header = c_code(hostile).split("#define")[0]
+    header = c_code(hostile).split("#if")[0]
     assert header.count("*/") == 1
     assert header.count("/*") == 1
+    header = c_header(replace(hostile, name="a */ int b; /*/ /*")).split("#ifndef")[0]
+    assert header.count("*/") == 1
+    assert header.count("/*") == 1
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler")
+def test_header_serves_a_program_in_cpp_that_starts_at_an_attitude(tmp_path):
+    law = load_law("aided")
+    library = compiled(law, tmp_path)
+    (tmp_path / "main.cpp").write_text(
+        '#include "law.h"\n#include <cstdio>\n'
+        "int main()\n{\n"
+        "    double x[aided_STATES], y[aided_MEASURED] = {0}, command[3];\n"
+        "    for (double &state : x)\n        state = 1e9;\n"
+        "    aided_init(x);\n"
+        "    x[aided_PSI] = 0.25;\n"
+        "    aided_step(x, y, command);\n"
+        '    std::printf("%a %a %a %a", command[0], command[1], command[2], aided_DT);\n}\n'
+    )
+    program = str(tmp_path / "main")
+    strict = ["-std=c++98", "-Wall", "-Wextra", "-pedantic", "-Werror"]
+    subprocess.run(["g++", "-x", "c++", *strict, "-fsyntax-only", str(tmp_path / "law.h")], check=True)
+    subprocess.run(["g++", *strict[1:], str(tmp_path / "main.cpp"), str(library), "-o", program], check=True)
+    told = subprocess.run([program], capture_output=True, text=True, check=True).stdout.split()
+    _, command = step(law, np.eye(law.order)[2] * 0.25, np.zeros(9))
+    assert [float.fromhex(number) for number in told] == [*command, law.dt]
