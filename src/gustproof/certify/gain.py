@@ -16,7 +16,7 @@ from gustproof.certify.switching import worst_schedule, worst_swing
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lft import Uncertain, closed, connected, star, with_states
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
-from gustproof.numerics.lti import LinearSystem, Matrix, copied
+from gustproof.numerics.lti import LinearSystem, Matrix, copied, copied_continuous
 from gustproof.numerics.rational import exact, multiply, transpose
 
 _MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
@@ -45,7 +45,7 @@ def certify_gain(
     problem
         From `torque_problem`: its block "airframe" gives inertia, leak and damping.
     controller
-        `u = K y`; where `scheduled`, its first six states are the attitude and rates that it estimates.
+        Continuous, `u = K y`; where `scheduled`, its first six states are the attitude and rates that it estimates.
     angle
         [rad] of the envelope, below pi/2.
     rate
@@ -60,7 +60,7 @@ def certify_gain(
     Raises
     ------
     ValueError
-        If the envelope is not sound, or the loop is unstable at hover.
+        If the envelope is not sound, the controller is discrete, or the loop is unstable at hover.
     """
     loop = attitude_loop(problem, controller, Envelope(angle=angle, rate=rate), scheduled=scheduled)
     leak, damping, _ = _airframe(problem)
@@ -154,7 +154,7 @@ def attitude_loop(
     leak, damping, inertia_B = _airframe(problem)
     dynamics = rotation(inertia_B, envelope)
     P = connected(problem, {"airframe": uncertain_airframe(dynamics, leak=leak, rate_damping=damping)})
-    K = copied(controller)
+    K = copied_continuous("the controller", controller)
     if not scheduled:
         return closed(P, K)
     n = K.order

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied
+from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied, copied_continuous
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +58,7 @@ class Interconnection:
     Raises
     ------
     ValueError
-        If a signal is unknown, made twice or never, or a width does not fit.
+        If a signal is unknown, made twice or never, a width does not fit, or a block is discrete.
     """
 
     signals: tuple[Signal, ...]
@@ -89,7 +89,7 @@ class Interconnection:
             if made.count(name) != 1 or known.count(name) != 1:
                 raise ValueError(f"signal '{name}' is made {made.count(name)} times, must be once")
         for block in self.blocks:
-            system = copied(block.system)
+            system = copied_continuous(f"block '{block.name}'", block.system)
             shape, wires = (system.n_outputs, system.n_inputs), (self.width(block.outputs), self.width(block.inputs))
             if shape != wires:
                 raise ValueError(

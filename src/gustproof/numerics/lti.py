@@ -137,6 +137,20 @@ def copied(system: LinearSystem) -> Lti:
     return Lti(A=system.A, B=system.B, C=system.C, D=system.D, dt=0.0 if system.dt is None else float(system.dt))
 
 
+def copied_continuous(name: str, system: LinearSystem) -> Lti:
+    """Return a read-only copy of a continuous `system`.
+
+    Raises
+    ------
+    ValueError
+        If the system is discrete, or its arrays are not sound.
+    """
+    copy = copied(system)
+    if copy.dt:
+        raise ValueError(f"{name} is discrete, dt = {copy.dt} s, must be continuous")
+    return copy
+
+
 def gain(D: ArrayLike, dt: float = 0.0) -> Lti:
     """Return the system without states whose output is `D` times its input."""
     matrix = np.atleast_2d(np.asarray(D, dtype=np.float64))

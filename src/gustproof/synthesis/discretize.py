@@ -5,7 +5,7 @@ import numpy as np
 from firmware_model.vehicle import GRAVITY
 from gustproof.errors import DesignError
 from gustproof.law import MEASURED, Law, Output, Provenance
-from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied
+from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied_continuous
 
 FORCE = GRAVITY * np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])
 """[m/s^2 per rad] what a little roll and pitch change of the specific force at hover."""
@@ -60,8 +60,8 @@ def central_law(
     name
         Name of the law.
     K
-        Central controller of order n, as `hinfsyn` returns it; 3 inputs (gyro) or 6 (gyro, reference), and 2 more if it
-        is told roll and pitch; 3 outputs. Its states begin with Euler angles and body rates.
+        Continuous central controller of order n, as `hinfsyn` returns it; 3 inputs (gyro) or 6 (gyro, reference), and 2
+        more if it is told roll and pitch; 3 outputs. Its states begin with Euler angles and body rates.
     scheduled
         Whether the kinematics of the estimate are exact.
     dt
@@ -72,8 +72,15 @@ def central_law(
         What is commanded.
     provenance
         Where it comes from.
+
+    Raises
+    ------
+    ValueError
+        If `K` is discrete.
+    DesignError
+        If `K` has a pole at 2/dt.
     """
-    K = copied(K)
+    K = copied_continuous("K", K)
     n, measured = K.order, K.n_inputs
     # the attitude rows get an input of their own, whose sampled input matrix is G
     entries = np.hstack([K.B, np.eye(n, 3)])

@@ -38,6 +38,14 @@ def controller(name: str) -> Lti:
     return hinfsyn(design_problem(load_design(name), VEHICLE).plant(), 3, 3, gamma=0.25).controller
 
 
+@pytest.mark.parametrize("scheduled", [False, True])
+def test_certify_gain_refuses_a_discrete_controller(scheduled):
+    K, problem = controller("D2"), design_problem(load_design("D2"), VEHICLE)
+    discrete = Lti(A=K.A, B=K.B, C=K.C, D=K.D, dt=0.004)
+    with pytest.raises(ValueError, match=r"the controller is discrete, dt = 0\.004 s, must be continuous"):
+        certify_gain(problem, discrete, angle=0.1, rate=0.5, scheduled=scheduled)
+
+
 def test_the_gain_of_an_uncertain_lag_is_that_of_its_slowest_member(certificate):
     assert certificate.proven
     assert certificate.residual > 0.0

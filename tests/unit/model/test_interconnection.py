@@ -39,6 +39,12 @@ def test_a_block_may_come_from_python_control():
     assert np.array_equal(dataclasses.replace(LOOP, blocks=(theirs,)).plant().A, G.A)
 
 
+def test_a_discrete_block_is_refused():
+    theirs = dataclasses.replace(LOOP.blocks[0], system=control.ss([[0.5]], [[1.0]], [[1.0]], [[0.5]], 0.004))
+    with pytest.raises(ValueError, match=r"block 'G' is discrete, dt = 0\.004 s, must be continuous"):
+        dataclasses.replace(LOOP, blocks=(theirs,))
+
+
 def test_a_loop_of_blocks_is_closed_feedthrough_and_all():
     closed = Interconnection(
         signals=signals("r", "g", "e", "x"),

@@ -47,6 +47,14 @@ def test_a_pole_that_the_rule_can_not_map_is_refused():
         tustin(Lti(A=[[500.0]], B=[[1.0]], C=[[1.0]], D=[[0.0]]), DT)
 
 
+@pytest.mark.parametrize("dt", [DT, 0.01])
+def test_central_law_refuses_a_discrete_controller(dt):
+    K = central("D1")
+    with pytest.raises(ValueError, match=f"K is discrete, dt = {dt} s, must be continuous"):
+        law_of(Lti(A=K.A, B=K.B, C=K.C, D=K.D, dt=dt).to_control(), scheduled=False)
+    assert law_of(K.to_control(), scheduled=False).order == K.order
+
+
 def test_the_linear_law_is_tustins():
     K = central("D1")
     law, sampled = law_of(K, scheduled=False), tustin(K, DT)
