@@ -12,7 +12,7 @@ from typing import Any
 from firmware_model.vehicle import Vehicle
 from gustproof.certify.certificate import Certificate
 from gustproof.certify.check import CERTAIN, Refusal, closed
-from gustproof.certify.enclosure import SIGNALS, Box, Norms, axis_norms, mapped
+from gustproof.certify.enclosure import LONGEST, SIGNALS, Box, Norms, axis_norms, mapped
 from gustproof.certify.worst_case import worst_case
 from gustproof.law import Law, Output
 
@@ -26,6 +26,8 @@ _RELATIVE = Fraction(1, 1000)
 """[-] how close below the largest part of the moment the search ends."""
 _LEAST = Fraction(1, 1 << 14)
 """[-] a part of the moment below which the search gives up."""
+_RAREST = 1e-100
+"""[-] least probability of noise beyond its bounds that floating point can still work with."""
 _FLIGHTS = 100
 """Flights of the search for the lower bound."""
 
@@ -57,7 +59,7 @@ def certify_closure(
         (3,) [N*m] B, bound of the disturbance moment about each axis, any function of time: it may even swing in step
         with the samples and turn the vehicle between them, where the gyro does not look.
     horizon
-        [s] from rest and level attitude.
+        [s] from rest and level attitude, at most `LONGEST` samples.
     leak
         [1/s] of the Euler kinematics; 0 is the true vehicle.
     noise
@@ -73,11 +75,22 @@ def certify_closure(
         If the law is of another form, or a number is out of range.
     """
     if law.order != 9 or law.output is not Output.TORQUE:
-        raise ValueError(f"law '{law.name}' has {law.order} states, must command torque with three states an axis")
+        raise ValueError(
+            f"law '{law.name}' has {law.order} states and commands {law.output.value}: a closure is proved of "
+            "H-infinity laws that command torque with three states an axis, as hinf-d1, hinf-d2 and hinf-scheduled"
+        )
     if law.feels_force:
         raise ValueError(f"law '{law.name}' feels specific force, must measure rates alone")
-    if not (min(moment) >= 0.0 < max(moment) and horizon >= law.dt and leak >= 0.0 <= noise and 0.0 < risk < 1.0):
-        raise ValueError("moment, horizon and risk must be positive, leak and noise not negative")
+    if not (all(0.0 <= limit < math.inf for limit in moment) and max(moment) > 0.0):
+        raise ValueError(f"moment is {moment}, must be positive")
+    if not _RAREST <= risk < 1.0:
+        raise ValueError(f"risk is {risk}, must be a probability, {_RAREST} or more")
+    if not (0.0 <= leak < math.inf and 0.0 <= noise < math.inf):
+        raise ValueError(f"leak is {leak} and noise {noise}, must not be negative")
+    if not law.dt <= horizon <= LONGEST * law.dt:
+        raise ValueError(
+            f"horizon is {horizon:g} s, must be positive, from {law.dt:g} to {LONGEST * law.dt:g} s: all is simulated"
+        )
     samples = math.ceil(horizon / law.dt)
     count = 3 * (len(SIGNALS) + 3) * (samples + 1)
     evidence: dict[str, Any] = {

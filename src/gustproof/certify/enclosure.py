@@ -31,6 +31,8 @@ and how far its estimates at a sample are from the truth until the next."""
 _E, _OMEGA, _TORQUE, _X0, _X1, _COMMAND, _OFF_E, _OFF_OMEGA = 0, 1, 2, 3, 4, 6, 7, 8
 _LATE_E, _LATE_OMEGA = 9, 10
 """The last two at the end of the sample, in the norms only."""
+LONGEST = 90_000
+"""Most samples that are simulated, in half a minute or so: 6 minutes of flight at 250 Hz."""
 _BITS = 96
 """Binary places of the simulation."""
 _ENTRY = Fraction(1, 1 << 80)
@@ -59,8 +61,16 @@ class Norms:
 
 
 def axis_norms(evidence: dict[str, Any], axis: int) -> Norms:
-    """Return the norms of an axis over the evidence's samples, in some seconds per 15,000 of them."""
+    """Return the norms of an axis over the evidence's samples, in some seconds per 15,000 of them.
+
+    Raises
+    ------
+    ValueError
+        If there are more than `LONGEST`, a sample is too long for the vehicle, or rounding spoils the norms.
+    """
     law, samples, h = evidence["law"], evidence["samples"], Fraction(evidence["law"]["dt"])
+    if samples > LONGEST:
+        raise ValueError(f"{samples} samples are too many, must be at most {LONGEST}")
     own = [axis, axis + 3, axis + 6]
     Phi, start, turned = _loop(evidence, axis)
     zero = Fraction(0)

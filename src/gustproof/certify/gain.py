@@ -60,7 +60,8 @@ def certify_gain(
     Raises
     ------
     ValueError
-        If the envelope is not sound, the controller is discrete, or the loop is unstable at hover.
+        If the envelope is not sound, the design commands rates, has a reference or an accelerometer, the controller is
+        discrete, or the loop is unstable at hover.
     """
     loop = attitude_loop(problem, controller, Envelope(angle=angle, rate=rate), scheduled=scheduled)
     leak, damping, _ = _airframe(problem)
@@ -120,8 +121,11 @@ def certify_lft(
     Raises
     ------
     ValueError
-        If the loop is discrete, unstable at hover, has no block of a name in `speeds` or one that is no real parameter.
+        If the level is not positive, the loop is discrete, unstable at hover, has no block of a name in `speeds` or one
+        that is no real parameter.
     """
+    if level is not None and not 0.0 < level < math.inf:
+        raise ValueError(f"level is {level}, must be positive")
     names = [block.name for block in loop.blocks]
     if unknown := sorted(set(speeds or ()) - set(names)):
         raise ValueError(f"speeds name '{unknown[0]}', there are {', '.join(names)}")
@@ -167,7 +171,9 @@ def _airframe(problem: Interconnection) -> tuple[float, float, list[float]]:
     """Return leak [1/s], damping [1/s] and inertia [kg*m^2] of the diagram's airframe, whose states are (E, omega)."""
     bodies = [copied(block.system) for block in problem.blocks if block.name == "airframe"]
     if not bodies:
-        raise ValueError("the diagram has no block 'airframe'")
+        raise ValueError("the diagram has no block 'airframe': a gain is proved of designs that command torque")
+    if "reference" in problem.y:
+        raise ValueError("a gain is proved of designs that hold level, not of one with a reference, W_r")
     A: Matrix = bodies[0].A
     if not A[0, 0] == A[1, 1] == A[2, 2]:
         raise ValueError("the leak is not the same in all axes: no gain is proved of a design with an accelerometer")

@@ -1,6 +1,7 @@
 """`gustproof certify`: what can be proved of a loop, and whether a proof holds."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -116,10 +117,14 @@ def _design(name: str) -> "Design":
         return load_design(name)
     made_from = {design.law: design for design in map(load_design, shipped_designs())}
     if name not in made_from:
-        raise ConfigError(
-            f"law '{name}' was made from no design, whose weights a gain needs; give one of {', '.join(made_from)}"
-        )
+        allowed = ", ".join(law for law, design in made_from.items() if _has_gain(design))
+        raise ConfigError(f"law '{name}' was made from no design, whose weights a gain needs; give one of {allowed}")
     return made_from[name]
+
+
+def _has_gain(design: "Design") -> bool:
+    """Return whether a gain can be proved of a design: torque from gyros alone, to hold level."""
+    return design.rate_loop_lag is None and design.W_l is None and design.W_r is None
 
 
 def _gain(
@@ -140,7 +145,7 @@ def _gain(
 
     airframe = load_vehicle(vehicle or design.vehicle)
     _, report = derive(design, airframe)
-    if leak is not None and not leak > 0.0:
+    if leak is not None and not 0.0 < leak < math.inf:
         raise ConfigError(
             f"--leak: is {leak}, must be positive: without leak the attitude integrates, no gain is finite"
         )

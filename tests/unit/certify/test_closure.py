@@ -153,6 +153,7 @@ def spoiled(certificate, path, value):
         (("evidence", "box"), [[1.0]] * 3, "does not bound every signal"),
         (("evidence", "law", "limits", 2), 1e-3, "may reach its limit"),
         (("evidence", "law", "dt"), 0.2, "malformed"),
+        (("evidence", "samples"), 10**12, "1000000000000 samples are too many, must be at most 90000"),
         (("evidence", "vehicle", "actuator_lag"), 0.2, "does not close"),
     ],
 )

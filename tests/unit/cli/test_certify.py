@@ -1,13 +1,20 @@
 """`gustproof certify`: what it prints, what it leaves behind, and its exit status."""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from firmware_model.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate
+from gustproof.certify.gain import attitude_loop
 from gustproof.cli.app import app
+from gustproof.model.rotational import Envelope
+from gustproof.numerics.lti import gain
+from gustproof.synthesis.designs import design_problem, load_design, shipped_designs
 
 ENVELOPE = ("--angle-rad", "0.01", "--rate-rad-s", "0.01")
 
@@ -117,7 +124,16 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
         (("hinf-d2", "--closure", "--slow"), "a closure flies the law file as it is"),
         (("hinf-d2", "--closure", *ENVELOPE), "a law with --closure"),
         (("hinf-d2", "--closure", "--moment", "1,2"), "--moment: is '1,2', must be three numbers"),
+        (("D2", *ENVELOPE, "--leak", "inf"), "--leak: is inf, must be positive"),
+        (("D2", *ENVELOPE, "--level", "inf"), "level is inf, must be positive"),
+        (("D2", *ENVELOPE, "--level", "nan"), "level is nan, must be positive"),
+        (("hinf-rates", *ENVELOPE), "design R1: the diagram has no block 'airframe': a gain is proved of designs that"),
+        (("hinf-reference", *ENVELOPE), "design reference: a gain is proved of designs that hold level"),
         (("hinf-d2", "--closure", "--horizon", "-1"), "horizon"),
+        (("hinf-d2", "--closure", "--horizon", "1e9"), "horizon is 1e+09 s, must be positive, from 0.004 to 360 s"),
+        (("hinf-d2", "--closure", "--horizon", "inf"), "horizon is inf s"),
+        (("hinf-d2", "--closure", "--leak", "inf"), "leak is inf"),
+        (("hinf-d2", "--closure", "--noise", "1e-3", "--risk", "1e-320"), "risk is 1e-320, must be a probability"),
         (("pid-fair", "--closure"), "law 'pid-fair' has"),
         (("D2", "--check", "c.json"), "--check needs the certificate's file alone"),
         (("--check", "/nowhere.json"), "/nowhere.json: No such file"),
@@ -132,3 +148,13 @@ def test_bad_input_is_one_clear_line_and_status_2(arguments: tuple[str, ...], wo
     assert result.exit_code == 2
     assert words in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_what_the_hint_names_is_what_a_gain_can_be_proved_of():
+    vehicle, envelope = load_vehicle("paper"), Envelope(angle=0.1, rate=0.5)
+    hint = run("pid-fair", *ENVELOPE).stderr.strip()
+    assert hint.endswith("give one of hinf-d1, hinf-d1-noise, hinf-d2, hinf-scheduled")
+    for design in map(load_design, shipped_designs()):
+        with nullcontext() if f" {design.law}," in f"{hint}," else pytest.raises(ValueError, match="gain is proved"):
+            problem = design_problem(design, vehicle)
+            attitude_loop(problem, gain(np.zeros((problem.n_con, problem.n_meas))), envelope, scheduled=False)
