@@ -80,7 +80,7 @@ class WorstCase:
     seed: int
     """Seed that it was flown with; matters only where the scenario has turbulence."""
     peak_deg: float
-    """[deg] largest magnitude of the Euler angles."""
+    """[deg] largest magnitude of the Euler angles; infinite where they grow beyond what a number holds."""
     peaks_deg: Vector
     """[deg] largest magnitudes of phi, theta, psi."""
     linear_deg: float
@@ -120,7 +120,8 @@ def worst_case(
     Raises
     ------
     ValueError
-        If a budget is not positive, or there are less than 100 flights.
+        If a budget is not positive, there are less than 100 flights, or the law diverges already under a moment held
+        about one axis, or in turbulence.
     """
     if not all(math.isfinite(limit) and limit > 0.0 for limit in budget):
         raise ValueError(f"budget is {budget}, must be positive")
@@ -186,6 +187,23 @@ class _Search:
         self._progress(min(self._flown / self._flights, 1.0))
         return fly_direct(scenario, self._law, vehicle=vehicle, seed=self._seed)
 
+    def _held(self, scenario: Scenario, vehicle: Vehicle) -> Records:
+        """Return a flight from which the search sets out.
+
+        Raises
+        ------
+        ValueError
+            If it diverges.
+        """
+        records = self._fly(scenario, vehicle)
+        if not (np.isfinite(records["q_NB"]).all() and np.isfinite(records["omega_B"]).all()):
+            lag, inertia = vehicle.actuator_lag, ", ".join(f"{value:g}" for value in vehicle.inertia_B)
+            raise ValueError(
+                f"law '{self._law.name}' diverges on vehicle '{vehicle.name}' (inertia {inertia} kg m^2, lag {lag:g} "
+                "s) before any search: it is unstable there, or the moment too large"
+            )
+        return records
+
     def _harm(self, point: Point) -> float:
         """Return the peak [deg] of a point's flight; 0 for what no rigid body is."""
         vehicle = self._airframe(point.x)
@@ -195,7 +213,8 @@ class _Search:
 
     def _peaks_deg(self, scenario: Scenario, vehicle: Vehicle) -> Vector:
         flown = measure(self._fly(scenario, vehicle), vehicle, scenario, realtime_factor=0.0)
-        return flown.peak_roll_deg, flown.peak_pitch_deg, flown.peak_yaw_deg
+        phi, theta, psi = np.nan_to_num((flown.peak_roll_deg, flown.peak_pitch_deg, flown.peak_yaw_deg), nan=math.inf)
+        return float(phi), float(theta), float(psi)
 
     def _begun(self, point: Point) -> _Found:
         harm = self._harm(point)
@@ -254,7 +273,7 @@ class _Search:
             x = np.full(SIZE, 0.5)
             x[AMPLITUDES] = np.eye(3)[axis]
             x[PHASES] = 0.0
-            records = self._fly(self._scenario(Point("step", (0, 0, 0), True, x)), vehicle)
+            records = self._held(self._scenario(Point("step", (0, 0, 0), True, x)), vehicle)
             columns.append(np.hstack([attitude(records), records["omega_B"]]) / self._budget[axis])
         return np.stack(columns, axis=2)
 
@@ -274,7 +293,7 @@ class _Search:
         """Return turbulence whose peak fills the budget on one axis at least."""
         gusty = Dryden(kind="dryden", wind_speed_20ft_mps=15.0, airspeed_mps=15.0)
         scenario = replace(self._calm, description="Dryden turbulence that fills the budget", wind=(gusty,))
-        peaks = np.max(np.abs(self._fly(scenario, self._vehicle)["moment_B"]), axis=0)
+        peaks = np.max(np.abs(self._held(scenario, self._vehicle)["moment_B"]), axis=0)
         fill = 0.999 * float(np.min(self._budget / np.maximum(peaks, 1e-9)))  # below the budget whatever is rounded
         return replace(scenario, wind=(replace(gusty, wind_speed_20ft_mps=15.0 * fill),))
 

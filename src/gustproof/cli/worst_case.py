@@ -1,6 +1,7 @@
 """`gustproof worst-case`: the disturbance that does most harm."""
 
 import json
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -55,12 +56,15 @@ def worst_case(
     if output is not None and not output.parent.is_dir():
         raise ConfigError(f"{output.parent}: no such folder")
     flown, airframe = load_law(law), load_vehicle(vehicle)
-    with progress(f"searching, {flown.name}", quiet=as_json) as shown:
-        found = search(
-            flown, vehicle=airframe, budget=moment, duration_s=horizon, flights=flights, seed=seed,
-            spreads=Spreads(inertia=inertia_spread, actuator_lag=lag_spread),
-            progress=lambda fraction: shown(fraction, f"searching, {flown.name}"),
-        )  # fmt: skip
+    try:
+        with progress(f"searching, {flown.name}", quiet=as_json) as shown:
+            found = search(
+                flown, vehicle=airframe, budget=moment, duration_s=horizon, flights=flights, seed=seed,
+                spreads=Spreads(inertia=inertia_spread, actuator_lag=lag_spread),
+                progress=lambda fraction: shown(fraction, f"searching, {flown.name}"),
+            )  # fmt: skip
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
     files = [] if output is None else [output]
     if output is not None:
         write_toml(found.scenario, output)
@@ -69,12 +73,16 @@ def worst_case(
             write_toml(found.vehicle, files[1])
     if as_json:
         told = {"law": flown.name, "moment_nm": moment, "files": files, **to_jsonable_python(found)}
-        print(json.dumps(to_jsonable_python(told), indent=2))
+        print(json.dumps(to_jsonable_python(told, inf_nan_mode="null"), indent=2))
         return
-    phi, theta, psi = found.peaks_deg
-    print(f"{flown.name}: {found.peak_deg:.2f} deg (phi {phi:.2f}, theta {theta:.2f}, psi {psi:.2f}) in {horizon:g} s")
-    print(f"found in {found.flights} flights, from: {found.start} ({found.start_deg:.2f} deg there)")
-    print(f"the linear loop of this vehicle fears at most {found.linear_deg:.2f} deg from any moment in the budget")
+    if math.isinf(found.peak_deg):
+        print(f"{flown.name}: diverges within {horizon:g} s; found in {found.flights} flights, from: {found.start}")
+    else:
+        phi, theta, psi = found.peaks_deg
+        peaks = f"phi {phi:.2f}, theta {theta:.2f}, psi {psi:.2f}"
+        print(f"{flown.name}: {found.peak_deg:.2f} deg ({peaks}) in {horizon:g} s")
+        print(f"found in {found.flights} flights, from: {found.start} ({found.start_deg:.2f} deg there)")
+        print(f"the linear loop of this vehicle fears at most {found.linear_deg:.2f} deg from any moment in the budget")
     if files:
         other = f" --vehicle {files[1] if files[1:] else vehicle}" if files[1:] or vehicle != "paper" else ""
         print(f"written; fly it: gustproof fly {output} --law {law}{other} --seed {found.seed}")

@@ -1,14 +1,17 @@
 """`gustproof worst-case`: what it prints, what it leaves behind, what it refuses."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.cli.app import app
+from gustproof.law import load_law
 
 SHORT = ("worst-case", "hinf-d1", "--flights", "100", "--horizon", "2")
 
@@ -61,3 +64,26 @@ def test_bad_input_is_one_clear_line_and_status_2(arguments: tuple[str, ...], wo
     assert result.exit_code == 2
     assert words in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.compiled
+def test_a_law_that_diverges_before_any_search_is_one_clear_line_and_status_2(tmp_path: Path):
+    replace(load_law("hinf-d1"), name="unstable", A=2.0 * np.eye(9)).save(tmp_path / "unstable.json")
+    result = run("worst-case", str(tmp_path / "unstable.json"), "--flights", "100", "--horizon", "5")
+    assert result.exit_code == 2
+    assert "law 'unstable' diverges on vehicle 'paper' (inertia 0.25, 0.2, 0.1 kg m^2, lag 0.05 s)" in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.compiled
+def test_a_flight_beyond_all_numbers_is_said_to_diverge_and_left_to_be_flown(tmp_path: Path):
+    huge = ("worst-case", "pid-fair", "--moment", "1e9,1e9,1e9", "--flights", "100", "--horizon", "1")
+    result = run(*huge, "-o", str(tmp_path / "worst.toml"))
+    assert result.exit_code == 0
+    assert result.stdout.startswith("pid-fair: diverges within 1 s; found in ")
+    assert "nan" not in result.stdout
+    assert load_scenario(tmp_path / "worst.toml").moment
+    told = run(*huge, "--json").stdout
+    assert json.loads(told)["peak_deg"] is None
+    assert "NaN" not in told
+    assert "Infinity" not in told
