@@ -1,10 +1,12 @@
 """What a law is worth on a vehicle: margins, poles, responses, and what its error is made of."""
 
+import math
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic_core import to_jsonable_python
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
@@ -40,6 +42,8 @@ class Analysis:
     """What was analysed."""
     scenario: Scenario
     """Air and rates of the flights."""
+    seed: int
+    """Seed of gusts and noise."""
     hover: HoverLoop
     """The linear loop at hover."""
     stability: tuple[Bracket, ...]
@@ -64,8 +68,8 @@ class Analysis:
         return tuple(_limits(self))
 
     def document(self) -> dict[str, Any]:
-        """Return the analysis as JSON has it."""
-        return {
+        """Return the analysis as JSON has it; what is not finite is `None`."""
+        document = {
             "law": self.law.name,
             "order": self.law.order,
             "dt_s": self.law.dt,
@@ -73,6 +77,7 @@ class Analysis:
             "scheduled": self.law.scheduled,
             "design": self.law.provenance.design,
             "scenario": self.scenario.name,
+            "seed": self.seed,
             "margins": None if self.hover.margins is None else margins_document(self.hover.margins),
             "off_nominal": {
                 "inertia_spread": SPREADS.inertia,
@@ -87,6 +92,8 @@ class Analysis:
             "noise_alone": asdict(self.noise_alone),
             "limits": list(self.limits()),
         }
+        finite: dict[str, Any] = to_jsonable_python(document, inf_nan_mode="null")
+        return finite
 
 
 def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) -> Analysis:
@@ -111,6 +118,7 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
     return Analysis(
         law=law,
         scenario=scenario,
+        seed=seed,
         hover=hover,
         stability=off_nominal(law, vehicle, scenario),
         place=None if Ms is None else place(law, Ms, vehicle, scenario),
@@ -149,15 +157,7 @@ def analysis_document(analysis: Analysis) -> Document:
 
 
 def _limits(analysis: Analysis) -> list[str]:
-    whole, gust, noise = (
-        (m.rmse_deg, m.torque_slew_rms) for m in (analysis.whole, analysis.gust_alone, analysis.noise_alone)
-    )
-    shares = sorted((("gusts", gust[0]), ("gyro noise", noise[0])), key=lambda share: -share[1])
-    lines = [
-        f"error: {whole[0]:.3g} deg RMSE; " + ", ".join(f"{name} alone {rmse:.3g} deg" for name, rmse in shares),
-        f"torque slew: {whole[1]:.3g} N m/s, of which gyro noise alone makes {noise[1]:.3g}: "
-        + ("more bandwidth costs slew" if noise[1] > gust[1] else "there is room for more bandwidth"),
-    ]
+    lines = _price(analysis)
     if len(analysis.hover.loop_poles) and np.any(analysis.hover.loop_poles.real >= 0.0):
         lines.insert(0, "the loop is unstable at hover")
     if analysis.hover.margins is not None:
@@ -173,17 +173,34 @@ def _limits(analysis: Analysis) -> list[str]:
         lines.append(
             f"vehicle: the inertia may be off by {room:.2g} times {spreads} before it is unstable (mu, at hover)"
         )
-    if analysis.place is not None and analysis.place.least_rmse_deg is not None:
-        lines.append(
-            f"possible: {analysis.place.least_rmse_deg:.3g} deg RMSE by a linear gyro-only law of this Ms and slew; "
-            f"{analysis.place.rmse_deg:.3g} deg is foretold of this one, of all flights"
-        )
     if analysis.whole.saturated_s:
         lines.append(f"torque limit: reached for {analysis.whole.saturated_s:.3g} s")
     if analysis.law.feels_force:
         lines.append("gyro bias: seen in roll and pitch; in yaw a constant one turns the vehicle by bias times time")
     else:
         lines.append("gyro bias: a constant one turns the vehicle by bias times time; a gyro can't see attitude")
+    return lines
+
+
+def _price(analysis: Analysis) -> list[str]:
+    """Return error and slew by their causes, and what they are on average; of flights that are finite."""
+    flights = (analysis.whole, analysis.gust_alone, analysis.noise_alone)
+    whole, gust, noise = ((flight.rmse_deg, flight.torque_slew_rms) for flight in flights)
+    if not all(map(math.isfinite, (*whole, *gust, *noise))):
+        return ["the flight diverges: it has no figures"]
+    shares = sorted((("gusts", gust[0]), ("gyro noise", noise[0])), key=lambda share: -share[1])
+    causes = ", ".join(f"{name} alone {rmse:.3g} deg" for name, rmse in shares)
+    room = "more bandwidth costs slew" if noise[1] > gust[1] else "there is room for more bandwidth"
+    lines = [
+        f"error: {whole[0]:.3g} deg RMSE in this flight; {causes}",
+        f"torque slew: {whole[1]:.3g} N m/s, of which gyro noise alone makes {noise[1]:.3g}: {room}",
+    ]
+    if analysis.place is not None and analysis.place.least_rmse_deg is not None:
+        lines.append(
+            f"average over many flights: this law {analysis.place.rmse_deg:.3g} deg expected, best linear gyro-only "
+            f"law at the same Ms and slew {analysis.place.least_rmse_deg:.3g} deg (this flight: {whole[0]:.3g}, seed "
+            f"{analysis.seed})"
+        )
     return lines
 
 

@@ -269,4 +269,6 @@ def _robustness(margins: HoverMargins | None) -> tuple[str, str, str]:
 def _number(value: float | bool) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if not math.isfinite(value):
+        return "-"
     return f"{value:.3f}" if abs(value) < 10.0 else f"{value:.1f}"

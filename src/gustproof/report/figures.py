@@ -37,6 +37,10 @@ _SHADES = ("#c9b8e8", "#7b5cc4", "#3d1f8f")  # of limits, darker where more slew
 _INK, _GRID = "#333333", "#dddddd"
 _AXES = ("roll", "pitch", "yaw")
 _AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73")
+_LEAST_GAIN = 1e-4
+"""[-] gain below which nothing is drawn."""
+_ROUNDING = 1e-6
+"""[-] a singular value never above this part of its transfer's largest is 0 but for rounding."""
 
 
 def save_moments(records: Records, path: Path) -> None:
@@ -80,13 +84,15 @@ def save_scheduling(records: Records, law: str, path: Path) -> None:
 
 
 def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: float, title: str, path: Path) -> None:
-    """Draw singular values (n, k) over `frequency` (n,) [rad/s] by name, and the level that bounds them."""
+    """Draw singular values (n, k) over `frequency` (n,) [rad/s] by name, but for those that are 0, and their bound."""
     figure = _figure((7.5, 4.8), title)
     axes = figure.subplots()
     colours = ("#0072b2", "#009e73", "#cc79a7", _SPARE)
     for (name, values), colour in zip(curves.items(), colours, strict=False):
-        lines = axes.loglog(frequency, values, color=colour, linewidth=1.3)
+        real = values[:, np.max(values, axis=0) > _ROUNDING * np.max(values)]
+        lines = axes.loglog(frequency, real, color=colour, linewidth=1.3)
         lines[0].set_label(name)
+    _floor(axes)
     axes.axhline(level, color="#d55e00", linestyle="--", label=f"γ = {level:.4g}")
     _dress(axes, "singular values [-]")
     axes.grid(visible=True, which="minor", color=_GRID, linewidth=0.3)
@@ -143,6 +149,8 @@ def save_analysis(analysis: Analysis, path: Path) -> None:
         gain.axhline(1.0, color=_INK, linestyle="--", linewidth=0.8)
         for (name, values), colour in zip(analysis.hover.sensitivities.items(), _AXIS_COLOURS, strict=False):
             S.loglog(analysis.hover.omega, values, color=colour, linewidth=1.2, label=f"largest of {name}")
+        for axes in (gain, S):
+            _floor(axes)
     else:
         for axes in (gain, phase, S):
             axes.text(0.5, 0.5, "no torque loop: it commands rates", transform=axes.transAxes, ha="center", color=_INK)
@@ -200,6 +208,11 @@ def _bounded(axes: Axes, time: Array, values: Array, label: str, bounds: tuple[f
     axes.set_ylim(min(bounds[0], values.min()) - margin, max(bounds[1], values.max()) + margin)
     axes.set_xlim(0.0, time[-1])
     _dress(axes, label)
+
+
+def _floor(axes: Axes) -> None:
+    """Cut a logarithmic axis below what matters."""
+    axes.set_ylim(bottom=max(axes.get_ylim()[0], _LEAST_GAIN))
 
 
 def _figure(size: tuple[float, float], title: str) -> Figure:

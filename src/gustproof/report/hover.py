@@ -27,7 +27,7 @@ class HoverLoop:
     loop_poles: ComplexMatrix
     """(m,) [rad/s] poles of the loop, `log(z) / dt`; none for a law of rates."""
     omega: Matrix
-    """(k,) [rad/s] frequencies up to half the sample rate."""
+    """(k,) [rad/s] frequencies below half the sample rate, at which a held plant passes nothing and has no phase."""
     loop: ComplexMatrix
     """(k, 3) loop transfer of each axis at the plant's input, negative feedback; none for a law of rates."""
     sensitivities: dict[str, Matrix]
@@ -37,7 +37,7 @@ class HoverLoop:
 def hover_loop(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverLoop:
     """Return the loop of `law`; what a law of rates drives is the autopilot's own loop, which is not shown."""
     controller = loop_law(law)
-    omega = np.geomspace(1e-2, math.pi / law.dt, _POINTS)
+    omega = np.geomspace(1e-2, math.pi / law.dt, _POINTS)[:-1]
     if law.output is not Output.TORQUE:
         return HoverLoop(
             margins=None, law_poles=_continuous(controller), loop_poles=np.empty(0, dtype=np.complex128),

@@ -51,6 +51,17 @@ def test_scheduling_shows_seven_parameters_each_between_its_bounds(drawn, tmp_pa
     assert bounds == sorted([(-1.0, 1.0), (0.0, 1.0)] * 2 + [(-1.5, 1.5)] * 3)
 
 
+def test_singular_values_that_are_rounding_noise_are_not_drawn(drawn, tmp_path):
+    frequency = np.geomspace(1e-3, 1e3, 50)
+    low = 1.0 / (1.0 + frequency)
+    values = {"w to z": np.stack([low, 1e-3 * low, 1e-19 * low], axis=1), "S": np.ones((50, 1))}
+    figures.save_singular_values(frequency, values, 1.0, "x", tmp_path / "x.png")
+    (axes,) = drawn[0].axes
+    assert len(axes.lines) == 2 + 1 + 1  # and the level
+    assert axes.get_ylim()[0] == 1e-4
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["w to z", "S", "γ = 1"]
+
+
 @pytest.mark.parametrize("design", ["D1", "reference", "R1"])
 def test_the_interconnection_names_every_block_and_every_exogenous_signal(design, drawn, tmp_path):
     problem = design_problem(load_design(design), load_vehicle("paper"))
