@@ -37,11 +37,15 @@ def analyse(
     read, script = read_law(law), load_scenario(scenario)
     if read.dt != script.dt:
         raise ConfigError(f"law '{read.name}' steps every {read.dt} s, scenario '{script.name}' every {script.dt} s")
-    analysis = analysed(read, load_vehicle(vehicle), script, seed=seed)
-    if output is not None:
-        from gustproof.report.figures import save_analysis
+    airframe = load_vehicle(vehicle)
+    try:
+        analysis = analysed(read, airframe, script, seed=seed)
+        if output is not None:
+            from gustproof.report.figures import save_analysis
 
-        save_analysis(analysis, output)
+            save_analysis(analysis, output)
+    except (ValueError, OverflowError) as error:  # numbers that no matrix routine and no axis takes
+        raise ConfigError(f"law '{read.name}' can't be analysed on vehicle '{airframe.name}': {error}") from None
     if as_json:
         print(json.dumps(analysis.document(), indent=2))
         return

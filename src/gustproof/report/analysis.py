@@ -157,16 +157,22 @@ def analysis_document(analysis: Analysis) -> Document:
 
 
 def _limits(analysis: Analysis) -> list[str]:
-    lines = _price(analysis)
-    if len(analysis.hover.loop_poles) and np.any(analysis.hover.loop_poles.real >= 0.0):
-        lines.insert(0, "the loop is unstable at hover")
+    flights = (analysis.whole, analysis.gust_alone, analysis.noise_alone)
+    lines = []
+    if unstable := bool(np.any(analysis.hover.loop_poles.real >= 0.0)):
+        lines.append("the loop is unstable at hover")
+    if not all(math.isfinite(flight.rmse_deg) and math.isfinite(flight.torque_slew_rms) for flight in flights):
+        lines.append("the flight diverges: it has no figures")
+    elif not unstable:
+        lines += _price(analysis)
     if analysis.hover.margins is not None:
         loops = analysis.hover.margins.input
         worst = max(range(3), key=lambda axis: loops[axis].Ms)
         least = min(range(3), key=lambda axis: loops[axis].delay_margin)
         samples = loops[least].delay_margin / analysis.law.dt
         lines.append(f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {_peak(analysis):.3g} rad/s")
-        lines.append(f"delay: {samples:.3g} samples more make {_AXES[least]} unstable")
+        if math.isfinite(samples):
+            lines.append(f"delay: {samples:.3g} samples more make {_AXES[least]} unstable")
     if analysis.stability:
         room = 1.0 / max(axis.upper for axis in analysis.stability)
         spreads = f"{100.0 * SPREADS.inertia:g} % and the lag {100.0 * SPREADS.actuator_lag:g} %"
@@ -183,11 +189,10 @@ def _limits(analysis: Analysis) -> list[str]:
 
 
 def _price(analysis: Analysis) -> list[str]:
-    """Return error and slew by their causes, and what they are on average; of flights that are finite."""
-    flights = (analysis.whole, analysis.gust_alone, analysis.noise_alone)
-    whole, gust, noise = ((flight.rmse_deg, flight.torque_slew_rms) for flight in flights)
-    if not all(map(math.isfinite, (*whole, *gust, *noise))):
-        return ["the flight diverges: it has no figures"]
+    """Return error and slew by their causes, and the error on average."""
+    whole, gust, noise = (
+        (m.rmse_deg, m.torque_slew_rms) for m in (analysis.whole, analysis.gust_alone, analysis.noise_alone)
+    )
     shares = sorted((("gusts", gust[0]), ("gyro noise", noise[0])), key=lambda share: -share[1])
     causes = ", ".join(f"{name} alone {rmse:.3g} deg" for name, rmse in shares)
     room = "more bandwidth costs slew" if noise[1] > gust[1] else "there is room for more bandwidth"

@@ -37,8 +37,8 @@ _SHADES = ("#c9b8e8", "#7b5cc4", "#3d1f8f")  # of limits, darker where more slew
 _INK, _GRID = "#333333", "#dddddd"
 _AXES = ("roll", "pitch", "yaw")
 _AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73")
-_LEAST_GAIN = 1e-4
-"""[-] gain below which nothing is drawn."""
+_GAINS = (1e-4, 1e15)
+"""[-] gains between which curves are drawn."""
 _ROUNDING = 1e-6
 """[-] a singular value never above this part of its transfer's largest is 0 but for rounding."""
 
@@ -90,7 +90,7 @@ def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: f
     colours = ("#0072b2", "#009e73", "#cc79a7", _SPARE)
     for (name, values), colour in zip(curves.items(), colours, strict=False):
         real = values[:, np.max(values, axis=0) > _ROUNDING * np.max(values)]
-        lines = axes.loglog(frequency, real, color=colour, linewidth=1.3)
+        lines = axes.loglog(frequency, _drawn(real), color=colour, linewidth=1.3)
         lines[0].set_label(name)
     _floor(axes)
     axes.axhline(level, color="#d55e00", linestyle="--", label=f"γ = {level:.4g}")
@@ -141,14 +141,14 @@ def save_analysis(analysis: Analysis, path: Path) -> None:
     ((gain, S), (phase, step), (torque, air)) = figure.subplots(3, 2)
     if len(analysis.hover.loop):
         for axis, values, colour in zip(_AXES, analysis.hover.loop.T, _AXIS_COLOURS, strict=True):
-            gain.loglog(analysis.hover.omega, np.abs(values), color=colour, linewidth=1.2, label=axis)
+            gain.loglog(analysis.hover.omega, _drawn(np.abs(values)), color=colour, linewidth=1.2, label=axis)
             angles = np.degrees(np.unwrap(np.angle(values)))
             phase.semilogx(
                 analysis.hover.omega, angles - 360.0 * np.ceil(angles[0] / 360.0), color=colour, linewidth=1.2
             )
         gain.axhline(1.0, color=_INK, linestyle="--", linewidth=0.8)
         for (name, values), colour in zip(analysis.hover.sensitivities.items(), _AXIS_COLOURS, strict=False):
-            S.loglog(analysis.hover.omega, values, color=colour, linewidth=1.2, label=f"largest of {name}")
+            S.loglog(analysis.hover.omega, _drawn(values), color=colour, linewidth=1.2, label=f"largest of {name}")
         for axes in (gain, S):
             _floor(axes)
     else:
@@ -210,9 +210,15 @@ def _bounded(axes: Axes, time: Array, values: Array, label: str, bounds: tuple[f
     _dress(axes, label)
 
 
+def _drawn(gains: Array) -> Array:
+    """Return gains that a logarithmic axis can take: 0 and what is too small lie below its end."""
+    least, most = _GAINS
+    return np.clip(gains, 0.1 * least, most)
+
+
 def _floor(axes: Axes) -> None:
     """Cut a logarithmic axis below what matters."""
-    axes.set_ylim(bottom=max(axes.get_ylim()[0], _LEAST_GAIN))
+    axes.set_ylim(bottom=max(axes.get_ylim()[0], _GAINS[0]))
 
 
 def _figure(size: tuple[float, float], title: str) -> Figure:

@@ -129,7 +129,7 @@ def _place(law: Law, Ms: float, linear: LinearLaws, vehicle: Vehicle, scenario: 
     foretold = foretell(law, vehicle, scenario)
     if foretold is None:
         return None
-    least = _least(linear, Ms, foretold.slew)
+    least = _least(linear, Ms, foretold.slew) if foretold.slew else None
     return Place(
         Ms=Ms,
         slew=foretold.slew,

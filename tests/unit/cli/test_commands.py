@@ -6,12 +6,14 @@ import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from gustproof.cli.app import app
 from gustproof.closed_loop import fly_direct
 from gustproof.errors import DesignError, FlightError
+from gustproof.law import load_law
 from gustproof.metrics import Metrics
 from gustproof.outcome import Outcome
 from gustproof.recording.bag import read_bag
@@ -239,3 +241,11 @@ def test_export_names_the_header_that_it_writes_beside_the_source(tmp_path, monk
     assert run("export", "pid-default", "--c", "my-law.c").stdout == "law 'pid-default' in my-law.c and my-law.h\n"
     assert '#include "my-law.h"' in (tmp_path / "my-law.c").read_text()
     assert "int pid_default_self_test(void);" in (tmp_path / "my-law.h").read_text()
+
+
+@pytest.mark.compiled
+def test_analyse_of_numbers_beyond_all_routines_is_one_clear_line(tmp_path):
+    replace(load_law("hinf-d1"), name="huge", C=np.full((3, 9), 1e307)).save(tmp_path / "huge.json")
+    result = run("analyse", str(tmp_path / "huge.json"), "-o", str(tmp_path / "huge.png"))
+    assert result.exit_code == 2
+    assert "law 'huge' can't be analysed on vehicle 'paper'" in one_line(result)

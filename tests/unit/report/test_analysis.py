@@ -91,7 +91,9 @@ def test_a_law_of_rates_has_no_torque_loop_and_is_flown_all_the_same(tmp_path):
 def test_an_unstable_loop_is_said_first():
     law = load_law("hinf-d2")
     backwards = replace(law, C=-law.C, D=-law.D)
-    assert analyse(backwards, VEHICLE, SHORT).limits()[0] == "the loop is unstable at hover"
+    limits = analyse(backwards, VEHICLE, SHORT).limits()
+    assert limits[0] == "the loop is unstable at hover"
+    assert not any("bandwidth" in line for line in limits)
 
 
 def test_analysis_of_a_flight_that_diverges_has_no_nan(tmp_path):
@@ -102,6 +104,14 @@ def test_analysis_of_a_flight_that_diverges_has_no_nan(tmp_path):
     assert document["flown"]["rmse_deg"] is document["noise_alone"]["torque_slew_rms"] is None
     save(analysis_document(analysis), tmp_path / "unstable.txt")
     assert "nan" not in (tmp_path / "unstable.txt").read_text()
+
+
+def test_a_law_that_commands_nothing_is_analysed_without_infinity(tmp_path):
+    law = load_law("hinf-d1")
+    analysis = analyse(replace(law, **{name: np.zeros_like(getattr(law, name)) for name in "ABCD"}), VEHICLE, SHORT)
+    figures.save_analysis(analysis, tmp_path / "nothing.png")
+    assert not any("inf" in line for line in analysis.limits())
+    assert json.loads(json.dumps(analysis.document(), allow_nan=False))["place"]["least_rmse_deg"] is None
 
 
 def test_the_figure_is_cut_below_what_matters_and_before_half_the_sample_rate(scheduled, drawn, tmp_path):
