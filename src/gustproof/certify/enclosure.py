@@ -10,6 +10,7 @@ that bounded the inputs, the flight stays in the box: with every nonlinear term 
 bounds, so nothing was clipped.
 """
 
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -69,8 +70,8 @@ def axis_norms(evidence: dict[str, Any], axis: int) -> Norms:
         If there are more than `LONGEST`, a sample is too long for the vehicle, or rounding spoils the norms.
     """
     law, samples, h = evidence["law"], evidence["samples"], Fraction(evidence["law"]["dt"])
-    if samples > LONGEST:
-        raise ValueError(f"{samples} samples are too many, must be at most {LONGEST}")
+    if not 0 < samples <= LONGEST:
+        raise ValueError(f"samples are {samples}, must be 1 to {LONGEST}")
     own = [axis, axis + 3, axis + 6]
     Phi, start, turned = _loop(evidence, axis)
     zero = Fraction(0)
@@ -259,6 +260,8 @@ def _simulated(
     one = 1 << _BITS
     rows = [[(k, round(value * one)) for k, value in enumerate(row) if value] for row in Phi]
     sums, squares, largest = [], [], 1
+    # what makes the defects of all steps add up to 1/2; beyond it numbers would only grow longer
+    most = math.floor(one * (Fraction(1, 28 * samples) - Fraction(16, one)) / (7 * _ENTRY))
     for column in columns:
         state = [round(value * one) for value in column]
         total, square = [0] * (_LATE_OMEGA + 1), [0] * (_LATE_OMEGA + 1)
@@ -269,13 +272,13 @@ def _simulated(
             total = [a + abs(b) for a, b in zip(total, seen, strict=True)]
             square = [a + ((b * b) >> _BITS) + 1 for a, b in zip(square, seen, strict=True)]
             largest = max(largest, *state, -min(state))
+            if largest > most:
+                raise ValueError("rounding spoils the norms: the loop is unstable or the horizon too long")
             state = after
         sums.append([Fraction(value, one) for value in total])
         squares.append([Fraction(value, one) for value in square])
     defect = 7 * _ENTRY * Fraction(largest, one) + Fraction(16, one)
     reach = max([Fraction(samples), *(value for column in (0, *range(2, 7)) for value in sums[column][:7])])
-    if 14 * samples * defect > Fraction(1, 2):
-        raise ValueError("rounding spoils the norms: the loop is unstable or the horizon too long")
     error = 2 * samples * 14 * defect * reach
     above = [[value + error for value in row] for row in sums]
     return above, [[sqrt_above(value) + error for value in row] for row in squares]

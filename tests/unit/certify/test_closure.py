@@ -153,7 +153,8 @@ def spoiled(certificate, path, value):
         (("evidence", "box"), [[1.0]] * 3, "does not bound every signal"),
         (("evidence", "law", "limits", 2), 1e-3, "may reach its limit"),
         (("evidence", "law", "dt"), 0.2, "malformed"),
-        (("evidence", "samples"), 10**12, "1000000000000 samples are too many, must be at most 90000"),
+        (("evidence", "samples"), 10**12, "samples are 1000000000000, must be 1 to 90000"),
+        (("evidence", "law", "A", 0, 0), 1e200, "the loop is unstable"),
         (("evidence", "vehicle", "actuator_lag"), 0.2, "does not close"),
     ],
 )
@@ -168,6 +169,14 @@ def test_a_law_of_another_form_or_a_senseless_number_is_refused():
         certify_closure(load_law("pid-fair"), VEHICLE, moment=MOMENT, horizon=HORIZON)
     with pytest.raises(ValueError, match="must be positive"):
         certify_closure(load_law("hinf-d2"), VEHICLE, moment=MOMENT, horizon=0.0)
+
+
+@pytest.mark.parametrize("factor", [1.001, 2.0, 1e200])
+def test_an_unstable_law_is_refused_before_its_numbers_grow_long(factor):
+    with pytest.raises(ValueError, match="the loop is unstable"):
+        certify_closure(
+            replace(load_law("hinf-d1"), A=factor * np.eye(9)), VEHICLE, moment=MOMENT, horizon=360.0, flown=False
+        )
 
 
 def test_of_a_moment_too_large_the_largest_part_is_found():
