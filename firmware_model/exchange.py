@@ -169,7 +169,11 @@ class Exchange:
         flight, heard = self._flight, False
         flight.tick(now_us)
         for _, (stamp_us, command) in self._to_vehicle.take_all(self._loop.time_us + self._sample_us):
-            if flight.setpoint is not None and stamp_us < self._heard_us:
+            if flight.lockstep:
+                overtaken = flight.setpoint is not None and stamp_us < self._heard_us
+            else:
+                overtaken = flight.is_overtaken(command)
+            if overtaken:
                 self._to_vehicle.counters[Passage.OVERTAKEN] += 1
                 continue
             self._heard_us, heard = stamp_us, True

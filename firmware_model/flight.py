@@ -91,6 +91,7 @@ class Flight:
         self.counters: Counter[Hitch] = Counter()
         self.lateness = Lateness()
         self.setpoint: Command | None = None
+        self._stamps_us: dict[type[Command], int] = {}
         self.started_us: int | None = None
         self.advanced_us = 0
         self.slipped_us = self.paused_us = 0
@@ -134,8 +135,9 @@ class Flight:
     def offer(self, command: Command) -> Dropped | None:
         """Take a set-point that arrived at the last tick, or say why not.
 
-        In lockstep only the stamp of the current sample is taken; in real time any that is not older than the last,
-        as other controllers stamp with clocks of their own. A stream that has died takes its stamps with it.
+        In lockstep only the stamp of the current sample is taken; in real time any that is not older than the last of
+        its message, as other controllers stamp with clocks of their own. A stream that has died takes its stamps with
+        it.
         """
         if self.lockstep:
             if command.time_us != self._time_us and (difference := stamp_difference(command, self._time_us)):
@@ -143,11 +145,17 @@ class Flight:
                 return Dropped.EARLY if difference > 0 else Dropped.DUPLICATE if previous else Dropped.STALE
             if self.answered and self.running:
                 return Dropped.DUPLICATE
-        elif self.setpoint is not None and command.time_us < self.setpoint.time_us:
+        elif self.is_overtaken(command):
             return Dropped.STALE
-        self.setpoint, self.answered = command, True
-        self.autopilot.hear_setpoint()
+        self.hear(command)
         return None
+
+    def is_overtaken(self, command: Command) -> bool:
+        """Whether a newer set-point of the same message was heard.
+
+        The stamps of two messages can't be compared: MAVSDK's of torques are ms where the wire has us.
+        """
+        return command.time_us < self._stamps_us.get(type(command), 0)
 
     def ready(self) -> bool:
         """Whether the first sample may be flown: at once, or scripted: armed, in OFFBOARD, sample 0 answered."""
@@ -165,7 +173,8 @@ class Flight:
             self.autopilot.hear_setpoint()
         if self.linked:
             # What answered sample 0 so far came past the link.
-            self.setpoint, self.answered, self._untouched = None, self._unasked, True
+            self._forget_setpoint()
+            self.answered, self._untouched = self._unasked, True
 
     def pause(self, now_us: int, *, paused: bool) -> None:
         """Let model time stand still, or go on from where it stands; what is flown is the same to the bit."""
@@ -230,8 +239,9 @@ class Flight:
         self._resend_at_us = now_us + RESEND_US
 
     def hear(self, command: Command) -> None:
-        """Take a set-point that came over a link."""
+        """Take a set-point, whatever its stamp."""
         self.setpoint, self.answered = command, True
+        self._stamps_us[type(command)] = command.time_us
         self.autopilot.hear_setpoint()
 
     @property
@@ -253,6 +263,10 @@ class Flight:
     def moment_us(self, time_us: int) -> int:
         """Return the wall time of a model time, in real time."""
         return self.clock_us(0) - self._time_us + time_us + self.paused_us + self.slipped_us
+
+    def _forget_setpoint(self) -> None:
+        self.setpoint = None
+        self._stamps_us.clear()
 
     def _due_us(self) -> int:
         """Return the wall time [us] at which the current sample is flown in real time: at its end."""
@@ -288,5 +302,6 @@ class Flight:
             self._lose_stream()
 
     def _lose_stream(self) -> None:
-        self.setpoint, self._untouched = None, False
+        self._forget_setpoint()
+        self._untouched = False
         self.autopilot.lose_stream()

@@ -6,7 +6,7 @@ import pytest
 from firmware_model.autopilot import Autopilot, Event, Mode, Settings, Verdict
 from firmware_model.flight import CATCH_UP_US, Due, Flight, Hitch
 from firmware_model.frames import Dropped
-from firmware_model.signals import AttitudeTarget, Level, Off, Setpoint
+from firmware_model.signals import AttitudeTarget, Command, Level, Off, Setpoint, TorqueCommand
 
 SAMPLE_US = 4_000
 SCRIPT = 1_000  # samples
@@ -77,6 +77,12 @@ class Paced:
 
     def offer(self, time_us: int = 0, thrust: float = 0.5) -> Dropped | None:
         command = AttitudeTarget(time_us=time_us, q_NB=(1.0, 0.0, 0.0, 0.0), omega_B=None, thrust=thrust)
+        return self.give(command)
+
+    def offer_torque(self, time_us: int) -> Dropped | None:
+        return self.give(TorqueCommand(time_us=time_us, torque_B=(0.0, 0.0, 0.0), throttle=0.5))
+
+    def give(self, command: Command) -> Dropped | None:
         self.flight.tick(self.now_us)
         return self.flight.offer(command)
 
@@ -158,6 +164,17 @@ def test_older_stamp_is_stale_while_its_stream_lives_and_fresh_when_that_is_dead
     assert paced.offer(time_us=4_000) is Dropped.STALE
     paced.run(600_000)
     assert paced.offer(time_us=0) is None
+
+
+def test_flight_compares_stamps_within_a_message(paced):
+    assert paced.offer(time_us=5_417_184_000) is None  # MAVSDK: ms, as the message has it
+    assert paced.offer_torque(time_us=5_419_788) is None  # ms again, where the message has us
+    assert isinstance(paced.flight.setpoint, TorqueCommand)
+    assert paced.offer_torque(time_us=5_419_787) is Dropped.STALE
+    assert paced.offer(time_us=5_417_183_000) is Dropped.STALE
+    assert paced.offer(time_us=5_420_000_000) is None
+    paced.run(1_100_000)  # a stream that has died takes all its stamps with it
+    assert paced.offer_torque(time_us=1) is paced.offer(time_us=1_000) is None
 
 
 def test_flooding_controller_is_flown_by_its_newest_set_point(paced):
