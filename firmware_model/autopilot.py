@@ -96,6 +96,8 @@ class Verdict(Enum):
     """Arming in LAND or RETURN."""
     TIPPED = "tilted by more than 45 deg: arming refused"
     """Arming a vehicle that lies on its side."""
+    STICKS = "sticks are not flown: mode refused"
+    """A mode that sticks steer, asked for by somebody who moves some."""
     NOT_FLOWN = "this vehicle does not fly that mode"
     """A mode that is not modelled."""
 

@@ -48,6 +48,7 @@ _AT_A_CHANGE = (
     wire.MAVLINK_MSG_ID_CURRENT_MODE,
     wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
 )
+_COMMANDS = (wire.MAVLINK_MSG_ID_COMMAND_LONG, wire.MAVLINK_MSG_ID_COMMAND_INT)
 _SETPOINTS = (wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET)
 
 
@@ -192,7 +193,7 @@ class VehicleEndpoint:
             return  # what nobody has signed is not signed here
         for listener in self._listeners:
             if not (isinstance(source, Asker) and source.listener is listener):
-                self._outbox.append((listener.relay(message), listener.address))
+                self._outbox.append((listener.pack(message, messages.CONTROLLER), listener.address))
 
     @property
     def links(self) -> dict[str, dict[str, Any]]:
@@ -235,11 +236,13 @@ class VehicleEndpoint:
         if handler is None:
             return None if kind == wire.MAVLINK_MSG_ID_HEARTBEAT else Dropped.UNUSED_MESSAGE
         request = frame.message()
-        target = getattr(request, "target_system", 0), getattr(request, "target_component", 0)
-        if not messages.is_for(self.system, *target):
+        system = getattr(request, "target_system", getattr(request, "target", 0))
+        component = getattr(request, "target_component", 0)
+        absent = kind in _COMMANDS and component in messages.ABSENT
+        if not messages.is_for(self.system, system, messages.AUTOPILOT if absent else component):
             return Dropped.OTHER_TARGET
-        handler(request, Asker(listener, self._outbox, self.clock_us))
-        return None
+        speaker = component if absent else messages.AUTOPILOT
+        return handler(request, Asker(listener, self._outbox, self.clock_us, speaker))
 
     def _take_setpoint(self, frame: Frame, listener: Listener) -> Dropped | None:
         rival = self._commander is not None and self._commander is not listener

@@ -49,6 +49,8 @@ class Dropped(Enum):
     """Addressed to another system or component, or sent by another than the one listened to."""
     NOT_FINITE = "not_finite"
     """A number in use is NaN or infinite, or a quaternion has no direction."""
+    REFUSED = "refused"
+    """Asks for what this vehicle has not, and was told so."""
     NO_SETPOINT = "no_setpoint"
     """A set-point without thrust, or with nothing to track."""
     STALE = "stale"

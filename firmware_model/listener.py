@@ -21,6 +21,8 @@ SILENCE_US = 10_000_000
 """[us] wall time after which a silent peer is forgotten."""
 MAX_PEERS = 16
 """Peers served at once; more are refused, so that a flood of addresses can't fill the memory."""
+STICKS_US = 10_000_000
+"""[us] model time for which a peer that moved sticks counts on them."""
 _SLOWEST_US = 2**31 - 1  # MESSAGE_INTERVAL has no more bits
 
 _IMU = wire.MAVLINK_MSG_ID_HIGHRES_IMU
@@ -41,7 +43,8 @@ class Listener:
     ) -> None:
         self.address, self.expected = address, expected
         self.traffic = Traffic(system, AUTOPILOT, signing, address[0])
-        self._relay = Traffic(system, CONTROLLER, signing, address[0])
+        self._others: dict[int, Traffic] = {}
+        self._system, self._signing = system, signing
         self._usual_us, self._fastest_us = intervals_us, fastest_us
         self.begin()
 
@@ -50,14 +53,19 @@ class Listener:
         self.heard_us: int | None = None
         self.next_us = NEVER_US
         self.controller = False
+        self.sticks_until_us = -NEVER_US
         self._defaults_us: dict[int, int] = {}
         self._intervals_us: dict[int, int] = {}
         self._due_us: dict[int, int] = {}
 
-    def relay(self, message: Message) -> bytes:
-        """Return a message of the on-board controller as a datagram to this peer, with sequence numbers of its own."""
+    def pack(self, message: Message | Outgoing, component: int = AUTOPILOT) -> bytes:
+        """Return a message of a component of the vehicle as a datagram to this peer; each has its own numbers."""
+        if component == AUTOPILOT:
+            return self.traffic.pack(message)
+        if component not in self._others:
+            self._others[component] = Traffic(self._system, component, self._signing, self.address[0])
         self.traffic.sent += 1
-        return self._relay.pack(message)
+        return self._others[component].pack(message)
 
     def identify(self, frame: Frame, *, lockstep: bool, clock_us: int) -> None:
         """Start the streams that a peer of this kind gets when it asks for nothing.
@@ -127,10 +135,12 @@ class Asker:
     """What is to be sent."""
     clock_us: int
     """[us] time of the request, on the clock of the streams."""
+    speaker: int
+    """Component that answers."""
 
     def send(self, message: Message | Outgoing) -> None:
         """Send a message to it alone."""
-        self.outbox.append((self.listener.traffic.pack(message), self.listener.address))
+        self.outbox.append((self.listener.pack(message, self.speaker), self.listener.address))
 
     def interval_us(self, message_id: int) -> int | None:
         """Return the time [us] between two messages of a stream to it, `None` if there are none."""
@@ -139,6 +149,15 @@ class Asker:
     def set_interval(self, message_id: int, interval_us: int | None) -> None:
         """Set the time [us] between two messages of a stream to it, 0 for the default, `None` for never."""
         self.listener.set_interval(message_id, interval_us, self.clock_us)
+
+    def hear_sticks(self) -> None:
+        """Note that it moves sticks."""
+        self.listener.sticks_until_us = self.clock_us + STICKS_US
+
+    @property
+    def moves_sticks(self) -> bool:
+        """Whether it moved sticks lately."""
+        return self.clock_us < self.listener.sticks_until_us
 
 
 class Listeners:

@@ -20,6 +20,8 @@ AUTOPILOT = 1
 """Component id of the autopilot."""
 CONTROLLER = 191
 """Component id of an on-board controller (MAV_COMP_ID_ONBOARD_COMPUTER)."""
+ABSENT = {wire.MAV_COMP_ID_GIMBAL: "gimbal", wire.MAV_COMP_ID_WINCH: "winch"}
+"""Components that programs command and this vehicle has not, by id; the autopilot refuses in their name."""
 
 # The layouts of the messages of each sample; fields in wire order, largest first.
 _IMU = wire.MAVLink_highres_imu_message.unpacker

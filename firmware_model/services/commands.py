@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.frames import Message
+from firmware_model.messages import ABSENT
 from firmware_model.services.service import UNSUPPORTED, Answer, Client, Craft, Order, Service
 
 _UNSET = 2**31 - 1
@@ -23,7 +24,10 @@ def service(craft: Craft, commands: Mapping[int, Callable[[Order, Client], Answe
 
     def execute(command: Message, order: Order, client: Client) -> None:
         handler = commands.get(order.command)
-        result, text = handler(order, client) if handler else Answer(UNSUPPORTED)
+        if absent := ABSENT.get(command.target_component):
+            result, text = Answer(UNSUPPORTED, f"this vehicle has no {absent}")
+        else:
+            result, text = handler(order, client) if handler else Answer(UNSUPPORTED)
         client.send(
             wire.MAVLink_command_ack_message(
                 order.command, result, 0, 0, command.get_srcSystem(), command.get_srcComponent()

@@ -3,6 +3,9 @@
 Heights of a take-off count from the sea, as PX4 has it. One that is not above home, as of a client that counts from
 home, is not flown to: the take-off height of the parameters is, and that is said.
 
+No sticks are flown. Who sends some and asks for a height or a place to be held means to steer by them, and is refused.
+STABILIZED is not: a way out of OFFBOARD is open to everybody.
+
 References
 ----------
 MAVLink, commands 17, 20, 21, 22, 176, 185, 192, 400; message 11, which older programs send.
@@ -18,6 +21,7 @@ from firmware_model.services.place import ORIGIN_HEIGHT
 from firmware_model.services.service import DENIED, UNSUPPORTED, Answer, Client, Craft, Order, Service, told
 
 _MODES = {mode.value: mode for mode in Mode}
+_STICK_MODES = (Mode.ALTCTL, Mode.POSCTL)
 _FORCE = 21196  # the number that MAVLink asks for beside an order to disarm in the air
 _NO_ROUTE = "this vehicle flies to no place but home"
 _NOT_ENDED = "a flight that was terminated stays so"
@@ -39,17 +43,22 @@ def service(craft: Craft) -> Service:
             return Answer(DENIED, _NOT_ENDED)
         return told(autopilot.disarm(force=True))
 
-    def set_mode(order: Order, _: Client) -> Answer:
+    def change_mode(mode: Mode | None, client: Client) -> Verdict:
+        if mode is None:
+            return Verdict.NOT_FLOWN
+        return Verdict.STICKS if mode in _STICK_MODES and client.moves_sticks else autopilot.set_mode(mode)
+
+    def set_mode(order: Order, client: Client) -> Answer:
         base, main, sub = order.whole(1), order.whole(2), order.whole(3) or 0
         # Bit 0 of the base mode says that main and sub mode are given (MAVSDK sends 33).
         given = base is not None and base & 1 and main is not None and main > 0
         mode = _MODES.get(main << 16 | sub << 24) if given and main is not None else None
-        return told(autopilot.set_mode(mode) if mode else Verdict.NOT_FLOWN)
+        return told(change_mode(mode, client))
 
-    def set_mode_by_message(message: Message, _: Client) -> None:
+    def set_mode_by_message(message: Message, client: Client) -> None:
         given = message.base_mode & wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         mode = _MODES.get(message.custom_mode) if given else None
-        verdict = autopilot.set_mode(mode) if mode else Verdict.NOT_FLOWN
+        verdict = change_mode(mode, client)
         if verdict is not Verdict.ACCEPTED:  # there is no other answer to this message
             craft.tell(verdict.value, wire.MAV_SEVERITY_WARNING)
 

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol, TypeVar
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot import Autopilot, Verdict
-from firmware_model.frames import Message, Outgoing
+from firmware_model.frames import Dropped, Message, Outgoing
 from firmware_model.loop import VehicleLoop
 from firmware_model.params import Parameters
 from firmware_model.signals import Command
@@ -31,6 +31,13 @@ class Client(Protocol):
 
     def set_interval(self, message_id: int, interval_us: int | None) -> None:
         """Set the time [us] between two messages of a stream to it, 0 for the default, `None` for never."""
+
+    def hear_sticks(self) -> None:
+        """Note that it moves sticks."""
+
+    @property
+    def moves_sticks(self) -> bool:
+        """Whether it moved sticks lately."""
 
 
 class Craft(Protocol):
@@ -134,8 +141,8 @@ class Stream(NamedTuple):
 class Service:
     """One group of microservices."""
 
-    requests: Mapping[int, Callable[[Message, Client], None]] = field(default_factory=dict)
-    """By message id: what to do with a message to the autopilot."""
+    requests: Mapping[int, Callable[[Message, Client], Dropped | None]] = field(default_factory=dict)
+    """By message id: what to do with a message to the autopilot; returns why it had no effect, if that counts."""
     commands: Mapping[int, Callable[[Order, Client], Answer]] = field(default_factory=dict)
     """By MAV_CMD: what to do at a command."""
     streams: Mapping[int, Stream] = field(default_factory=dict)

@@ -16,10 +16,12 @@ from firmware_model.listener import MAX_PEERS
 from firmware_model.messages import CONTROLLER, command_message
 from firmware_model.outcome import Outcome
 from firmware_model.scenario import load_scenario
-from firmware_model.signals import TorqueCommand
+from firmware_model.services import refusals
+from firmware_model.signals import AttitudeTarget, TorqueCommand
 from firmware_model.vehicle import load_vehicle
 
 SAMPLE_US = 4_000
+UNSUPPORTED = wire.MAV_RESULT_UNSUPPORTED
 ARM, MODE = wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_CMD_DO_SET_MODE
 
 
@@ -177,6 +179,36 @@ def test_command_for_another_is_not_executed(vehicle, system, component):
     assert vehicle.ask(ARM, 1.0, system=system, component=component) == []
     assert not vehicle.endpoint.autopilot.armed
     assert vehicle.endpoint.counters[Dropped.OTHER_TARGET] == 1
+
+
+def test_component_that_is_not_there_refuses_commands_in_its_own_name(vehicle):
+    for _ in range(3):
+        assert vehicle.ask(wire.MAV_CMD_DO_WINCH, 1.0, component=wire.MAV_COMP_ID_WINCH) == [UNSUPPORTED]
+        vehicle.wait(100_000)
+    for component, count in ((1, None), (wire.MAV_COMP_ID_WINCH, 3)):
+        numbers = [frame.raw[4] for frame in vehicle.raw[1] if frame.component == component]
+        assert numbers == [index % 256 for index in range(count or len(numbers))]
+    assert vehicle.ask(ARM, 1.0, component=wire.MAV_COMP_ID_GIMBAL) == [UNSUPPORTED]
+    assert not vehicle.endpoint.autopilot.armed
+    assert vehicle.ask(ARM, 1.0, system=9, component=wire.MAV_COMP_ID_GIMBAL) == []
+    vehicle.say(wire.MAVLink_param_request_list_message(1, wire.MAV_COMP_ID_GIMBAL))
+    vehicle.wait()
+    assert not vehicle.take("PARAM_VALUE")
+    assert vehicle.endpoint.counters == {Dropped.OTHER_TARGET: 2}
+
+
+def test_what_is_refused_is_counted_and_told_to_all(vehicle):
+    vehicle.say(HEARTBEAT, port=2)
+    for target in (1, 1, 9):
+        vehicle.say(wire.MAVLink_manual_control_message(target, 0, 0, 500, 0, 0))
+    assert vehicle.ask(MODE, 1.0, 3.0) == [wire.MAV_RESULT_TEMPORARILY_REJECTED]
+    assert vehicle.ask(MODE, 1.0, 3.0, port=2) == [wire.MAV_RESULT_ACCEPTED]  # who sent none
+    assert vehicle.endpoint.counters == {Dropped.REFUSED: 2, Dropped.OTHER_TARGET: 1}
+    for port in (1, 2):
+        texts = [message.text for message in vehicle.take("STATUSTEXT", port)]
+        assert texts == ["sticks are not flown: use OFFBOARD", "sticks are not flown: mode refused"]
+    vehicle.wait(10_000_000)
+    assert vehicle.ask(MODE, 1.0, 3.0) == [wire.MAV_RESULT_ACCEPTED]
 
 
 def test_each_peer_has_sequence_numbers_without_a_gap(vehicle):
@@ -427,6 +459,21 @@ def test_real_time_set_point_older_than_the_last_is_stale(vehicle):
     assert vehicle.endpoint.counters[Dropped.STALE] == 1
 
 
+def test_setpoints_of_two_messages_pass_a_link_each_by_its_own_stamps():
+    vehicle = Vehicle(lockstep=False, scenario="link-delay", duration_s=21.0)
+    vehicle.take_off()
+    level = AttitudeTarget(time_us=5_000_000_000, q_NB=(1.0, 0.0, 0.0, 0.0), omega_B=None, thrust=0.5)
+    vehicle.say(command_message(level, 1))
+    vehicle.wait(SAMPLE_US)
+    vehicle.setpoint(5_000_100)  # MAVSDK's ms, where the message has us
+    vehicle.wait(SAMPLE_US)
+    assert isinstance(vehicle.endpoint.setpoint, TorqueCommand)
+    vehicle.say(command_message(level._replace(time_us=4_999_000_000), 1))
+    vehicle.wait(SAMPLE_US)
+    assert isinstance(vehicle.endpoint.setpoint, TorqueCommand)
+    assert vehicle.endpoint.exchange.figures()["to_vehicle"]["overtaken"] == 1
+
+
 def test_leaving_offboard_is_named(vehicle):
     vehicle.take_off()
     vehicle.wait(SAMPLE_US)
@@ -445,6 +492,19 @@ def test_interrupted_flight_is_named(vehicle):
     vehicle.endpoint.interrupt()
     assert vehicle.endpoint.finished
     assert vehicle.endpoint.outcome is Outcome.INTERRUPTED
+
+
+def test_any_message_that_is_refused_is_survived(vehicle):
+    chance, packer = random.Random(3), wire.MAVLink(None, 1, CONTROLLER)
+    numbers = sorted(refusals.service(vehicle.endpoint).requests)
+    for index in range(2_000):
+        number = chance.choice(numbers)
+        length = wire.mavlink_map[number].unpacker.size
+        body = bytes(chance.choice((0, 1, chance.randrange(256))) for _ in range(length))
+        vehicle.endpoint.receive(Outgoing(number, body).pack(packer), (0, ("client", 1)), index)
+        vehicle.endpoint.poll(index)
+    assert vehicle.endpoint.counters.keys() == {Dropped.REFUSED, Dropped.OTHER_TARGET}
+    assert vehicle.endpoint.counters[Dropped.REFUSED] > 500
 
 
 @pytest.mark.parametrize("lockstep", [False, True])

@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot import Autopilot, Settings
-from firmware_model.frames import parse
+from firmware_model.frames import Dropped, parse
 from firmware_model.loop import VehicleLoop
 from firmware_model.params import Parameters
 from firmware_model.scenario import load_scenario
@@ -26,6 +26,7 @@ class Peer:
     def __init__(self) -> None:
         self.sent: list = []
         self.intervals: dict[int, int | None] = {}
+        self.moves_sticks = False
 
     def send(self, message) -> None:
         self.sent.append(received(message, wire.MAVLink(None, 1, 1)))
@@ -35,6 +36,9 @@ class Peer:
 
     def set_interval(self, message_id: int, interval_us: int | None) -> None:
         self.intervals[message_id] = interval_us
+
+    def hear_sticks(self) -> None:
+        self.moves_sticks = True
 
     def take(self) -> list:
         sent, self.sent = self.sent, []
@@ -80,12 +84,22 @@ def peer() -> Peer:
 
 
 @pytest.fixture
-def ask(peer):
+def heard(peer):
+    """Send a message to a service; returns why it had no effect, if that counts."""
+
+    def heard(service: Service, message) -> Dropped | None:
+        message = received(message)
+        return service.requests[message.get_msgId()](message, peer)
+
+    return heard
+
+
+@pytest.fixture
+def ask(heard, peer):
     """Send a message to a service; returns what the peer is sent."""
 
     def ask(service: Service, message) -> list:
-        heard = received(message)
-        service.requests[heard.get_msgId()](heard, peer)
+        heard(service, message)
         return peer.take()
 
     return ask

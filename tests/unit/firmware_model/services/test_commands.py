@@ -51,6 +51,13 @@ def test_unknown_command_is_unsupported(service, ask):
     assert answer.result == wire.MAV_RESULT_UNSUPPORTED
 
 
+@pytest.mark.parametrize(("component", "name"), [(154, "gimbal"), (169, "winch")])
+def test_command_to_a_component_that_is_not_there_is_unsupported(service, craft, ask, orders, component, name):
+    (answer,) = ask(service, wire.MAVLink_command_long_message(1, component, LAND, 0, *[0.0] * 7))
+    assert answer.result == wire.MAV_RESULT_UNSUPPORTED
+    assert (craft.texts, orders) == ([f"this vehicle has no {name}"], [])
+
+
 def test_refusal_is_told_to_all(craft, ask):
     service = commands.service(craft, {LAND: lambda _order, _client: Answer(NOT_NOW, "not in the rain")})
     (answer,) = ask(service, wire.MAVLink_command_long_message(1, 1, LAND, 0, *[0.0] * 7))

@@ -81,6 +81,17 @@ def test_mode_that_is_not_flown_is_denied_with_a_reason(service, craft, order, n
     assert order(service, MODE, *numbers) == (DENIED, Verdict.NOT_FLOWN.value)
 
 
+def test_piloting_refuses_modes_of_sticks_to_who_moves_some(service, craft, order, ask, peer):
+    peer.moves_sticks = True
+    for main in (2.0, 3.0):
+        assert order(service, MODE, 1.0, main) == (NOT_NOW, Verdict.STICKS.value)
+    ask(service, wire.MAVLink_set_mode_message(1, 1, Mode.POSCTL.value))
+    assert craft.texts == [Verdict.STICKS.value]
+    assert craft.autopilot.mode is Mode.STABILIZED
+    assert order(service, MODE, 1.0, 4.0, 3.0) == (ACCEPTED, "")
+    assert order(service, MODE, 1.0, 7.0) == (ACCEPTED, "")
+
+
 def test_old_set_mode_is_obeyed_and_its_refusal_told(service, craft, ask):
     ask(service, wire.MAVLink_set_mode_message(1, 1, Mode.ALTCTL.value))
     assert craft.autopilot.mode is Mode.ALTCTL
