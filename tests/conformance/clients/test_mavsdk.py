@@ -1,5 +1,7 @@
 """MAVSDK 4 in a program of its own: what its user does with a vehicle, and what he is told."""
 
+import math
+
 import pytest
 
 from firmware_model.params import Parameters
@@ -21,6 +23,9 @@ def test_the_vehicle_is_discovered_healthy_and_armable(vehicle, run_program):
     assert set(facts["health"].values()) == {True}
     assert (facts["fix"], facts["landed"], facts["mode"]) == ("FIX_3D", "ON_GROUND", "STABILIZED")
     assert facts["home"] == pytest.approx([47.397742, 8.545594], abs=1e-6)
+    battery = facts["battery"]
+    assert (battery["voltage_v"], battery["remaining_percent"]) == (0.0, -1.0)  # unknown, and not 65.5 V
+    assert math.isnan(battery["current_battery_a"])
 
 
 def test_all_parameters_are_listed_set_echoed_and_refused_by_name(vehicle, run_program):
@@ -63,6 +68,42 @@ def test_attitudes_and_rates_are_flown_off_board_and_given_back(vehicle, run_pro
     assert facts["rolled_deg"] == pytest.approx(10.0, abs=2.0)
     assert facts["yaw_rate_deg"] == pytest.approx(30.0, abs=3.0)
     assert facts["roll_rate_deg"] == pytest.approx(0.0, abs=3.0)
+
+
+def test_attitude_and_torque_setpoints_take_turns(stand, run_program):
+    with stand("--held") as vehicle:
+        facts = run_program(PROGRAM, "alternate_setpoints", vehicle.off_board, timeout_s=150.0)
+        rejected = vehicle.stop()["links"][f"127.0.0.1:{vehicle.off_board}"]["rejected"]
+    assert [phase["modes"] for phase in facts["phases"]] == [["OFFBOARD"]] * 3
+    assert not any("fail-safe" in text for text in facts["texts"])
+    assert rejected == {}
+    echoed = ["ATTITUDE_TARGET", "ACTUATOR_CONTROL_TARGET", "ATTITUDE_TARGET"]
+    for phase, wanted in zip(facts["phases"], echoed, strict=True):
+        assert list(phase["last"]) == [wanted]
+        assert phase["echoes"][wanted] > 45  # of 90: a busy machine lets model time slip
+    level, turned, quarter = facts["phases"]
+    assert turned["last"]["ACTUATOR_CONTROL_TARGET"]["controls"][:4] == pytest.approx([0.0, 0.0, 0.0005, 0.5])
+    assert turned["yaw_rate"] == pytest.approx(0.45, abs=0.1)  # 0.0005 of 10 N*m for 10 s
+    assert (level["yaw_deg"], quarter["yaw_deg"]) == pytest.approx((0.0, 90.0), abs=1.0)
+
+
+def test_what_is_not_there_is_refused_by_name(vehicle, run_program):
+    facts = run_program(PROGRAM, "ask_for_what_is_not_there", vehicle.off_board)
+    texts = facts["texts"]
+    for kind in ("position", "velocity", "acceleration"):
+        assert facts[kind] == "COMMAND_DENIED"
+        assert f"{kind} set-points refused: send attitude" in texts
+    assert facts["sticks"] == ["COMMAND_DENIED", "COMMAND_DENIED"]
+    assert "sticks are not flown: mode refused" in texts
+    assert (facts["winch"], facts["gimbal"]) == ("UNSUPPORTED", "UNSUPPORTED")
+    assert {"this vehicle has no winch", "this vehicle has no gimbal"} <= set(texts)
+    # Two of the protocols have no refusal that MAVSDK waits for: the text says it.
+    assert facts["custom"] == ["TIMEOUT", "FAILED"]
+    assert "no extended parameters: use PARAM_*" in texts
+    assert (facts["origin"], facts["same origin"]) == ("TIMEOUT", None)
+    assert "the origin is fixed: not set" in texts
+    said = vehicle.stop()
+    assert set(said["links"][f"127.0.0.1:{vehicle.off_board}"]["rejected"]) == {"refused"}
 
 
 def test_it_arms_and_disarms_on_the_ground(vehicle, run_program):

@@ -11,14 +11,29 @@ from statistics import mean, median
 
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk, System
 from mavsdk.asyncio.plugins.action import ActionAsync, ActionError
+from mavsdk.asyncio.plugins.calibration import CalibrationAsync, CalibrationError
 from mavsdk.asyncio.plugins.info import InfoAsync
+from mavsdk.asyncio.plugins.manual_control import ManualControlAsync, ManualControlError
 from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync, MavlinkMessage
-from mavsdk.asyncio.plugins.offboard import Attitude, AttitudeRate, OffboardAsync, OffboardError
+from mavsdk.asyncio.plugins.offboard import (
+    AccelerationNed,
+    ActuatorControl,
+    ActuatorControlGroup,
+    Attitude,
+    AttitudeRate,
+    OffboardAsync,
+    OffboardError,
+    PositionNedYaw,
+    VelocityNedYaw,
+)
 from mavsdk.asyncio.plugins.param import ParamAsync, ParamError
 from mavsdk.asyncio.plugins.telemetry import FlightMode, LandedState, TelemetryAsync
+from mavsdk.asyncio.plugins.winch import WinchAsync, WinchError
 
 HEIGHT_M = 10.0
 LOW_M = 4.0
+PHASE_S = 10.0
+YAW_TORQUE = 0.0005
 
 
 async def until(stream: AsyncGenerator, wanted: Callable[..., bool] = lambda _: True, timeout_s: float = 40.0):
@@ -38,6 +53,11 @@ async def take(stream: AsyncGenerator, count: int, timeout_s: float = 40.0) -> l
     found: list = []
     await until(stream, lambda value: found.append(value) or len(found) == count, timeout_s)
     return found
+
+
+def keep(stream: AsyncGenerator, values: list) -> asyncio.Task:
+    """Append to `values` what a stream brings, until it is cancelled."""
+    return asyncio.create_task(until(stream, values.append, timeout_s=600.0))
 
 
 async def refusal(request, kind: type[Exception]) -> str | None:
@@ -67,7 +87,7 @@ async def discover(system: System) -> dict:
         "fix": (await until(telemetry.subscribe_gps_info())).fix_type.name,
         "landed": (await until(telemetry.subscribe_landed_state())).name,
         "mode": (await until(telemetry.subscribe_flight_mode())).name,
-        "battery": (await until(telemetry.subscribe_battery())).remaining_percent,
+        "battery": vars(await until(telemetry.subscribe_battery())),
     }
 
 
@@ -164,6 +184,79 @@ async def fly_off_board(system: System) -> dict:
     }
 
 
+async def alternate_setpoints(system: System) -> dict:
+    """Fly attitude, actuator control and attitude again on the stand; tell what is echoed and how the vehicle turns."""
+    telemetry, action, offboard = TelemetryAsync(system), ActionAsync(system), OffboardAsync(system)
+    await until(telemetry.subscribe_health(), lambda health: health.is_armable)
+    hover = await ParamAsync(system).get_param_float("MPC_THR_HOVER")
+    await action.arm()
+    level, quarter = (Attitude(0.0, 0.0, yaw_deg, hover) for yaw_deg in (0.0, 90.0))
+    turn = ActuatorControl([ActuatorControlGroup([0.0, 0.0, YAW_TORQUE, hover, 0.0, 0.0, 0.0, 0.0])])
+    await offboard.set_attitude(level)
+    await offboard.start()
+
+    modes, texts, echoes, phases = [], [], {"ATTITUDE_TARGET": [], "ACTUATOR_CONTROL_TARGET": []}, []
+    listening = [
+        keep(telemetry.subscribe_flight_mode(), modes),
+        keep(telemetry.subscribe_status_text(), texts),
+        *(keep(MavlinkDirectAsync(system).subscribe_message(name), heard) for name, heard in echoes.items()),
+    ]
+    for setpoint in (level, turn, quarter):
+        await (offboard.set_actuator_control if setpoint is turn else offboard.set_attitude)(setpoint)
+        await asyncio.sleep(1.0)  # what is told until then may be of the one before
+        for heard in (modes, *echoes.values()):
+            heard.clear()
+        await asyncio.sleep(PHASE_S - 1.0)
+        rates = await until(telemetry.subscribe_attitude_angular_velocity_body())
+        attitude = await until(telemetry.subscribe_attitude_euler())
+        phases.append(
+            {
+                "modes": sorted({mode.name for mode in modes}),
+                "echoes": {name: len(heard) for name, heard in echoes.items()},
+                "last": {name: json.loads(heard[-1].fields_json) for name, heard in echoes.items() if heard},
+                "yaw_rate": rates.yaw_rad_s,
+                "yaw_deg": attitude.yaw_deg,
+            }
+        )
+    for task in listening:
+        task.cancel()
+    return {"phases": phases, "texts": [text.text for text in texts]}
+
+
+async def ask_for_what_is_not_there(system: System) -> dict:
+    """Ask for all that this vehicle has not; note what each call said and the texts that were told meanwhile."""
+    texts: list = []
+    listening = keep(TelemetryAsync(system).subscribe_status_text(), texts)
+    offboard, sticks = OffboardAsync(system), ManualControlAsync(system)
+    parameters, action = ParamAsync(system), ActionAsync(system)
+    await until(TelemetryAsync(system).subscribe_health(), lambda health: health.is_armable)
+    found = {}
+    for name, setpoint in (
+        ("position", offboard.set_position_ned(PositionNedYaw(5.0, 0.0, -5.0, 0.0))),
+        ("velocity", offboard.set_velocity_ned(VelocityNedYaw(1.0, 0.0, 0.0, 0.0))),
+        ("acceleration", offboard.set_acceleration_ned(AccelerationNed(1.0, 0.0, 0.0))),
+    ):
+        await setpoint
+        await asyncio.sleep(0.3)
+        found[name] = await refusal(offboard.start(), OffboardError)
+    await sticks.set_manual_control_input(0.0, 0.0, 0.5, 0.0)
+    found["sticks"] = [
+        await refusal(sticks.start_position_control(), ManualControlError),
+        await refusal(sticks.start_altitude_control(), ManualControlError),
+    ]
+    found["winch"] = await refusal(WinchAsync(system).relax(1), WinchError)
+    found["gimbal"] = await refusal(anext(CalibrationAsync(system).calibrate_gimbal_accelerometer()), CalibrationError)
+    found["custom"] = [
+        await refusal(parameters.get_param_custom("COM_OF_LOSS_T"), ParamError),
+        await refusal(parameters.set_param_custom("COM_OF_LOSS_T", "2.5"), ParamError),
+    ]
+    found["origin"] = await refusal(action.set_gps_global_origin(47.0, 8.0, 500.0), ActionError)
+    found["same origin"] = await refusal(action.set_gps_global_origin(47.397742, 8.545594, 488.0), ActionError)
+    await asyncio.sleep(0.3)
+    listening.cancel()
+    return found | {"texts": [text.text for text in texts]}
+
+
 async def ask_for_offboard(system: System) -> dict:
     """Ask for OFFBOARD without a set-point, past MAVSDK's own check; return the answer and what was said."""
     telemetry = TelemetryAsync(system)
@@ -189,7 +282,16 @@ async def arm_and_disarm(system: System) -> dict:
 
 SESSIONS = {
     session.__name__: session
-    for session in (discover, change_parameters, set_rates, take_off_and_land, fly_off_board, arm_and_disarm)
+    for session in (
+        discover,
+        change_parameters,
+        set_rates,
+        take_off_and_land,
+        fly_off_board,
+        alternate_setpoints,
+        ask_for_what_is_not_there,
+        arm_and_disarm,
+    )
 }
 
 

@@ -33,6 +33,16 @@ def test_there_is_no_fence_and_none_is_breached(craft):
 def test_no_battery_is_made_up(craft):
     message = told(status.service(craft), wire.MAVLINK_MSG_ID_BATTERY_STATUS)
     assert (message.battery_remaining, message.current_battery, set(message.voltages)) == (-1, -1, {65535})
+    message = told(status.service(craft), wire.MAVLINK_MSG_ID_SYS_STATUS)
+    assert (message.battery_remaining, message.current_battery, message.voltage_battery) == (-1, -1, 0)
+    assert not message.onboard_control_sensors_present & wire.MAV_SYS_STATUS_SENSOR_BATTERY
+
+
+def test_estimator_has_a_place_and_says_so(craft):
+    flags = told(status.service(craft), wire.MAVLINK_MSG_ID_EKF_STATUS_REPORT).flags
+    assert flags & wire.EKF_POS_HORIZ_ABS
+    assert flags & wire.EKF_PRED_POS_HORIZ_ABS
+    assert not flags & (wire.EKF_CONST_POS_MODE | wire.EKF_UNINITIALIZED)
 
 
 def test_landed_state_goes_with_the_flight(craft):
