@@ -36,6 +36,7 @@ from firmware_model.vehicle import Vehicle, load_vehicle, shipped_vehicles
 
 # PX4's ports in simulation, so that its clients find us: (ours, theirs) for ground stations and for off-board control.
 _PORTS = ((18570, 14550), (14580, 14540))
+_RANGES = {"instance": (0, 253), "seed": (0, 2**32 - 1)}  # the system id is one more; 255 is that of ground stations
 _EXIT = {Outcome.DONE: 0, Outcome.INTERRUPTED: 130}
 _BROKEN = 3
 
@@ -48,6 +49,9 @@ def main(arguments: Sequence[str] | None = None, *, program: str = "firmware_mod
     options = _parser(program).parse_args(arguments)
     standing = options.scenario is None and not options.lockstep
     try:
+        for name, (least, most) in _RANGES.items():
+            if not least <= (value := getattr(options, name)) <= most:
+                raise ConfigError(f"--{name} is {value}, must be {least} to {most}")
         if not standing and (options.held or options.air):
             raise ConfigError("--held and --air are for a vehicle without --scenario and --lockstep")
         return _fly(options, standing)
@@ -105,7 +109,9 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
             if sys.stderr.isatty():
                 stack.enter_context(status.shown(lambda: endpoint.links))
         else:
-            _say(options, {"listening": listening, **header})
+            script = ", ".join(f"{name} {value}" for name, value in header.items())
+            ears = ", ".join(map(str, listening))
+            _say(options, {"listening": listening, **header}, f"{script}; listening on UDP port {ears}")
         if options.attended:
             attend(endpoint.interrupt)
         fifo = not options.lockstep and undisturbed.go_first()
@@ -114,7 +120,8 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
             udp.converse(served, sockets[0])
         else:
             udp.serve(served, sockets, punctual=not options.lockstep)
-    _say(options, summary(endpoint, None if standing else scenario.samples, fifo=fifo))
+    facts = summary(endpoint, None if standing else scenario.samples, fifo=fifo)
+    _say(options, facts, status.ending(facts))
     return _EXIT.get(endpoint.outcome, _BROKEN) if endpoint.outcome else _BROKEN
 
 
@@ -189,7 +196,12 @@ def _parser(program: str) -> argparse.ArgumentParser:
     add("--vehicle", default="paper", help=f"a .toml file, or one of {', '.join(shipped_vehicles())} [paper]")
     add("--seed", type=int, default=1, help="seed of gusts and noise [1]")
     add("--lockstep", action="store_true", help="fly the script, by default calm, as fast as its samples are answered")
-    add("--instance", type=int, default=0, help="number of this vehicle: added to all ports, system id N + 1 [0]")
+    add(
+        "--instance",
+        type=int,
+        default=0,
+        help="number of this vehicle, 0 to 253: added to all ports, system id N + 1 [0]",
+    )
     add("--bind-port", type=int, help="listen on this port alone, 0 for a free one [18570 and 14580]")
     add(
         "--bind",
@@ -244,9 +256,8 @@ def _no_record(_: NDArray[np.float64]) -> None:
     pass
 
 
-def _say(options: argparse.Namespace, facts: dict[str, Any]) -> None:
-    text = json.dumps(facts) if options.json else "  ".join(f"{name} {value}" for name, value in facts.items())
-    print(text, flush=True)
+def _say(options: argparse.Namespace, facts: dict[str, Any], text: str) -> None:
+    print(json.dumps(facts) if options.json else text, flush=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The status line: what comes and goes on each link, once a second, on the last line of a terminal."""
+"""What a terminal is told: what comes and goes on each link, once a second on its last line, and the end in lines."""
 
 import shutil
 import signal
@@ -13,13 +13,32 @@ PERIOD_S = 1.0
 
 def line(links: Mapping[str, Mapping[str, Any]], width: int) -> str:
     """Return the links' figures in one line of at most `width` characters."""
-    parts = (
-        f"{peer} in {figures['in']} out {figures['out']} lost {figures['lost']} bad {figures['bad']} "
-        f"rejected {sum(figures['rejected'].values())}"
-        for peer, figures in links.items()
-        if figures["in"]
-    )
+    parts = (f"{peer} {_traffic(figures)}" for peer, figures in links.items() if figures["in"])
     return ("  |  ".join(parts) or "nobody is connected")[:width]
+
+
+def ending(facts: Mapping[str, Any]) -> str:
+    """Return the summary of a vehicle's run in lines for people; peers that never spoke are left out."""
+    samples = f"{facts['samples']} samples" if facts["of"] is None else f"{facts['samples']} of {facts['of']} samples"
+    outcome = (facts["outcome"] or "broken off").replace("_", " ")
+    rows = {}
+    if (pace := facts["pace"]) and facts["samples"]:
+        rows["deadlines"] = (
+            f"{pace['missed']} missed; late by {pace['late_p50_us']} us (median), {pace['late_p99_us']} us (99 %), "
+            f"{pace['late_worst_us']} us (worst), {'with' if pace['fifo'] else 'without'} FIFO scheduling"
+        )
+    if facts["slipped_s"]:
+        rows["slipped"] = f"{facts['slipped_s']:.3f} s of wall time"
+    if facts["counters"]:
+        rows["counted"] = _counts(facts["counters"])
+    rows |= {peer: _traffic(figures) for peer, figures in facts["links"].items() if figures["in"]}
+    rows |= {f"link {way}": _counts(figures) or "no faults" for way, figures in facts["link_faults"].items()}
+    return "\n".join(
+        (
+            f"{outcome}: {samples} in {facts['wall_s']:.1f} s, {facts['realtime_factor']:.2f} times real time",
+            *(f"  {name:<18} {text}" for name, text in rows.items()),
+        )
+    )
 
 
 @contextmanager
@@ -41,3 +60,14 @@ def shown(links: Callable[[], Mapping[str, Mapping[str, Any]]]) -> Iterator[None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.stderr.write("\n")
+
+
+def _traffic(figures: Mapping[str, Any]) -> str:
+    return (
+        f"in {figures['in']} out {figures['out']} lost {figures['lost']} bad {figures['bad']} "
+        f"rejected {sum(figures['rejected'].values())}"
+    )
+
+
+def _counts(figures: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in figures.items())

@@ -150,6 +150,9 @@ def test_autopilot_ends_in_order_on_a_signal(number, tmp_path):
         (["--vehicle", "missing.toml"], "missing.toml"),
         (["--journal", "no/such/folder/flight"], "no/such/folder/flight"),
         (["--bind-port", "70000"], "70000"),
+        (["--instance", "300"], "--instance is 300, must be 0 to 253"),
+        (["--instance", "-1"], "--instance is -1, must be 0 to 253"),
+        (["--seed", "-1"], "--seed is -1, must be 0 to 4294967295"),
     ],
 )
 def test_autopilot_tells_bad_input_in_one_line(arguments, words):

@@ -21,6 +21,34 @@ def test_nobody_is_said_too():
     assert status.line({}, 80) == "nobody is connected"
 
 
+FACTS = {
+    "outcome": "interrupted", "samples": 9862, "of": None, "wall_s": 39.448006, "slipped_s": 0.0,
+    "realtime_factor": 1.0, "pace": None, "counters": {}, "links": {}, "link_faults": {},
+}  # fmt: skip
+PACE = {"missed": 1, "held": 0, "late_p50_us": 5, "late_p99_us": 80, "late_worst_us": 4461, "fifo": True}
+
+
+def test_ending_is_one_line_where_nothing_happened():
+    assert status.ending(FACTS) == "interrupted: 9862 samples in 39.4 s, 1.00 times real time"
+
+
+def test_ending_has_a_line_for_each_thing_that_happened():
+    told = {"127.0.0.1:14550": FIGURES, "127.0.0.1:14540": {**FIGURES, "in": 0}}
+    facts = {
+        **FACTS, "outcome": "stream_lost", "of": 10000, "slipped_s": 0.25, "pace": PACE, "links": told,
+        "counters": {"held": 3, "stale": 5}, "link_faults": {"to_controller": {"lost": 2}, "to_vehicle": {}},
+    }  # fmt: skip
+    assert status.ending(facts).splitlines() == [
+        "stream lost: 9862 of 10000 samples in 39.4 s, 1.00 times real time",
+        "  deadlines          1 missed; late by 5 us (median), 80 us (99 %), 4461 us (worst), with FIFO scheduling",
+        "  slipped            0.250 s of wall time",
+        "  counted            held 3, stale 5",
+        "  127.0.0.1:14550    in 3 out 4 lost 1 bad 2 rejected 11",
+        "  link to_controller lost 2",
+        "  link to_vehicle    no faults",
+    ]
+
+
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no interval timer")
 def test_line_is_renewed_until_the_end(monkeypatch, capsys):
     monkeypatch.setattr(status, "PERIOD_S", 0.001)
