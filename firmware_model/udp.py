@@ -20,6 +20,8 @@ _NAPS = 100  # waits; on a busy machine a watch in vain can cost ms, and is to b
 _EMPTYING = 16  # cycles; a look whether more waits costs a call, and in lockstep there never is more
 _AT_ONCE = 256  # datagrams; about what the system keeps for a socket
 _SHARE = 16  # datagrams of one peer among them; the rest is thrown away unread
+_KEPT = 4096  # datagrams; more than fit into `_BUFFER`
+_BUFFER = 1 << 20  # bytes; a second of all streams, as far as the system grants it
 _PATIENCE_US = 5_000  # an answer that takes longer is waited for by the deadline instead
 _SPIN_US = 150  # waking from sleep takes this long at worst on an idle machine; the last stretch is not slept through
 
@@ -78,7 +80,7 @@ def resolve(host: str, port: int) -> tuple[str, int]:
 
 
 def connect(bound: socket.socket, peer: tuple[str, int]) -> None:
-    """Let a socket speak to one peer only, which is faster.
+    """Let a socket speak to one peer only, which is faster, and keep what that peer says while nobody reads.
 
     Raises
     ------
@@ -86,6 +88,7 @@ def connect(bound: socket.socket, peer: tuple[str, int]) -> None:
         If there is no way there.
     """
     try:
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         bound.connect(peer)
     except OSError as error:
         raise ConfigError(f"{peer[0]}: {error.strerror}") from None
@@ -150,11 +153,14 @@ def converse(endpoint: Endpoint, bound: socket.socket) -> None:
 
     The process falls asleep in the call that reads: on a core that both share, who is to answer goes on at once. After
     a wait in vain it sleeps until there is something to do, so deadlines are met to some ms.
+
+    A connected socket has no strangers to guard against: all that its peer said is handed over, in order. What gathered
+    during a wait is handed over at once, before the endpoint is polled.
     """
     bound.setblocking(True)
     bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, _PATIENCE_US))
     peer = _connected(bound)
-    now_us = _now_us()
+    now_us = heard_us = _now_us()
     heard = False
     cycle = 0
     while True:
@@ -174,9 +180,12 @@ def converse(endpoint: Endpoint, bound: socket.socket) -> None:
             except OSError as error:
                 heard = not isinstance(error, BlockingIOError)
             else:
-                endpoint.receive(datagram, (0, source), _now_us())
+                before_us, heard_us = heard_us, _now_us()
+                endpoint.receive(datagram, (0, source), heard_us)
                 cycle += 1
-                if cycle % _EMPTYING == 0:
+                if peer and heard_us - before_us > _EAGER_US:
+                    _empty(endpoint, bound, 0, most=_KEPT, share=_KEPT)
+                elif not peer and cycle % _EMPTYING == 0:
                     _empty(endpoint, bound, 0)
         now_us = _now_us()
 
@@ -190,10 +199,10 @@ def _connected(bound: socket.socket) -> tuple[str, int] | None:
     return host, port
 
 
-def _empty(endpoint: Endpoint, ready: socket.socket, index: int) -> None:
+def _empty(endpoint: Endpoint, ready: socket.socket, index: int, *, most: int = _AT_ONCE, share: int = _SHARE) -> None:
     """Hand over what waits in a socket, of each peer no more than its share."""
     taken: Counter[Peer] = Counter()
-    for _ in range(_AT_ONCE):
+    for _ in range(most):
         try:
             datagram, address = ready.recvfrom(_LARGEST, socket.MSG_DONTWAIT)
         except BlockingIOError:
@@ -202,7 +211,7 @@ def _empty(endpoint: Endpoint, ready: socket.socket, index: int) -> None:
             continue
         peer = index, address
         taken[peer] += 1
-        if taken[peer] <= _SHARE:
+        if taken[peer] <= share:
             endpoint.receive(datagram, peer, _now_us())
         else:
             endpoint.drop(Dropped.TOO_MUCH, peer)

@@ -248,6 +248,50 @@ def test_what_is_due_is_done_between_any_two_datagrams_of_a_flood():
     assert endpoint.polls == len(endpoint.received) + 1
 
 
+class Hung(Echo):
+    """Has finished when a number of datagrams is there, or none comes; notes how many were when it was polled."""
+
+    def __init__(self, port: int, awaited: int) -> None:
+        super().__init__(port)
+        self.outbox = []
+        self.awaited = awaited
+        self.polled: list[int] = []
+
+    @property
+    def finished(self) -> bool:
+        return len(self.received) >= self.awaited or self.polled[-2:] == [len(self.received)] * 2
+
+    def poll(self, now_us):
+        self.polled.append(len(self.received))
+        return super().poll(now_us)
+
+
+def test_connected_socket_hands_over_all_that_gathered_in_order_before_it_polls(monkeypatch):
+    monkeypatch.setattr(udp, "_EAGER_US", -1)  # however soon the process is there
+    said = [bytes([number]) for number in range(250)]
+    with udp.bind(0) as bound, udp.bind(0) as vehicle:
+        udp.connect(bound, vehicle.getsockname())
+        for datagram in said:
+            vehicle.sendto(datagram, bound.getsockname())
+        endpoint = Hung(bound.getsockname()[1], len(said))
+        udp.converse(endpoint, bound)
+    assert [datagram for datagram, _, _ in endpoint.received] == said
+    assert endpoint.polled == [0, len(said)]
+    assert endpoint.dropped == []
+
+
+def test_connected_socket_keeps_a_second_of_a_vehicles_streams():
+    with udp.bind(0) as bound, udp.bind(0) as vehicle:
+        usual = bound.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        udp.connect(bound, vehicle.getsockname())
+        for _ in range(500):
+            vehicle.sendto(bytes(74), bound.getsockname())
+        endpoint = Hung(bound.getsockname()[1], 500)
+        udp.converse(endpoint, bound)
+        assert len(endpoint.received) == 500
+        assert bound.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) > usual
+
+
 @pytest.mark.parametrize(("host", "alone"), [("127.0.0.1", True), ("127.0.7.1", True), ("0.0.0.0", False)])
 def test_loopback_is_this_machine_alone(host, alone):
     assert udp.is_loopback(host) is alone
