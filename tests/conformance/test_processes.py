@@ -179,6 +179,8 @@ def test_port_in_use_is_told_in_one_line():
         (["--law", "nothing"], "no law named 'nothing'"),
         (["--law", "hinf-d1", "--via", "rates"], "commands torque, it can't fly via rates"),
         (["--law", "hinf-d1", "--connect", "here"], "must be HOST:PORT"),
+        (["--connect", "udp://:14540"], "must be HOST:PORT, as 127.0.0.1:14580"),
+        (["--connect", "127.0.0.1:9", "--bind-port", "70000"], "port 70000"),
     ],
 )
 def test_controller_tells_bad_input_in_one_line(arguments, words):

@@ -3,6 +3,7 @@
 import argparse
 import json
 import signal
+import socket
 import sys
 from collections.abc import Sequence
 
@@ -16,8 +17,11 @@ from gustproof.controller.endpoint import ControllerEndpoint, Outcome
 from gustproof.law import Law, Output, load_law, shipped_laws
 from gustproof.law_step import FlyingLaw
 
-_EXIT = {Outcome.DONE: 0, Outcome.WRONG_RATE: 2, Outcome.INTERRUPTED: 130}
+_EXIT = {Outcome.DONE: 0, Outcome.WRONG_RATE: 2, Outcome.NOT_SUPPORTED: 2, Outcome.INTERRUPTED: 130}
 _BROKEN = 3
+# PX4's simulation hears on 14580 + instance. It speaks to 14540 + instance unless another port speaks to it first, and
+# then to that one until it ends.
+_PX4_PORTS, _PX4_OFFSET = range(14580, 14590), -40
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,8 +45,11 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
     references = (read_json(Scenario, name) or load_scenario(name)).references if name else ()
     vehicle = _address(options.connect)
     signing = access.signing(options, vehicle[0], strict=True)
-    with udp.bind(0, access.LOOPBACK if udp.is_loopback(vehicle[0]) else "0.0.0.0") as bound:
-        endpoint = ControllerEndpoint(law, (0, vehicle), signing, references)
+    quiet = options.json or options.attended
+    with _bind(options, vehicle) as bound:
+        tell = _mute if quiet else _tell
+        endpoint = ControllerEndpoint(law, (0, vehicle), signing, references, tell)
+        tell(f"waits for an autopilot at {vehicle[0]}:{vehicle[1]}")
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
         if options.attended:
@@ -55,19 +62,43 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
     if options.json:
         counters = {cause.value: count for cause, count in endpoint.counters.items()}
         told = {"outcome": outcome.value, "message": endpoint.message, "counters": counters}
+        told |= {"late_samples": endpoint.late, "missed_samples": endpoint.missed}
         print(json.dumps({**told, "link": endpoint.traffic.figures()}))
-    elif outcome is Outcome.DONE:
-        print(f"law '{law.name}': flown to the end")
     else:
-        print(f"gustproof controller: {endpoint.message}", file=sys.stderr)
+        samples = f"{endpoint.late} samples late, {endpoint.missed} missed"
+        if outcome is Outcome.DONE:
+            print(f"law '{law.name}': flown to the end, {samples}")
+        else:
+            _tell(f"{endpoint.message}{f'; {samples}' if endpoint.late or endpoint.missed else ''}")
     return _EXIT.get(outcome, _BROKEN)
+
+
+def _tell(text: str) -> None:
+    print(f"gustproof controller: {text}", file=sys.stderr, flush=True)
+
+
+def _mute(_: str) -> None:
+    pass
+
+
+def _bind(options: argparse.Namespace, vehicle: tuple[str, int]) -> socket.socket:
+    """Return the socket to speak from; to PX4, if that is free, the port that it speaks to before it hears of any."""
+    host, port = access.LOOPBACK if udp.is_loopback(vehicle[0]) else "0.0.0.0", vehicle[1]
+    if options.bind_port is not None:
+        return udp.bind(options.bind_port, host)
+    if options.connect != "-" and port in _PX4_PORTS:
+        try:
+            return udp.bind(port + _PX4_OFFSET, host)
+        except ConfigError as error:
+            _tell(f"{error}; a free port is used, which PX4 hears if it has heard no other since its start")
+    return udp.bind(0, host)
 
 
 def _address(text: str) -> tuple[str, int]:
     """Return host and port; `-` reads them from the first line of standard input, when they are known."""
     host, _, port = (sys.stdin.readline().strip() if text == "-" else text).rpartition(":")
-    if not (host and port.isdecimal() and 0 < int(port) < 65536):
-        raise ConfigError(f"--connect is '{text}', must be HOST:PORT")
+    if not (host and not set(host) & set("/:") and port.isdecimal() and 0 < int(port) < 65536):
+        raise ConfigError(f"--connect is '{text}', must be HOST:PORT, as 127.0.0.1:14580")
     return udp.resolve(host, int(port))
 
 
@@ -84,6 +115,11 @@ def _parser() -> argparse.ArgumentParser:
     add("--law", default=DEFAULT_LAW, help=f"a .json file, or one of {names} [%(default)s, for the vehicle 'paper']")
     add("--via", choices=[output.value for output in Output], help="how commands travel [what the law commands]")
     add("--connect", default="127.0.0.1:14580", help="HOST:PORT of the autopilot, - reads it from stdin [%(default)s]")
+    add(
+        "--bind-port",
+        type=int,
+        help="port to speak from, 0 for a free one [14540 + N to 14580 + N, as PX4's simulation has them, else free]",
+    )
     add("--scenario", help="file whose attitude references the law is asked to hold, else level")
     add("--real-time", action="store_true", help="run before usual processes, if the system allows it: not in lockstep")
     access.add_options(parser)

@@ -20,6 +20,9 @@ class Controller:
     command is divided by it and rounded to float32, here as in every other route. `hover` is the published thrust
     that goes with rates; beside torques the vehicle is asked to hold its height.
 
+    `missed` counts the samples that were taken between two that it stepped, and never came: what the vehicle turned in
+    that time stands in no attitude of the law.
+
     `references` are stamps [us], rising, and the attitude to be held from the sample with this stamp on, as roll,
     pitch, yaw [rad]; level before.
     """
@@ -29,7 +32,9 @@ class Controller:
         self._law = FlyingLaw(law, scale)
         self.torque = law.output is Output.TORQUE
         self.answered_us = -1
-        self._fractions: Vector = (0.0, 0.0, 0.0)
+        self.missed = 0
+        self._sample_us = round(law.dt * 1e6)
+        self.fractions: Vector = (0.0, 0.0, 0.0)
         self._references = deque(references)
 
     def answer(self, sample: ImuSample, *, afresh: bool = False) -> Command | Dropped:
@@ -43,15 +48,21 @@ class Controller:
         if time_us > self.answered_us:
             if afresh:
                 self._law.restart()
+                self.answered_us = -1
             self.step(time_us, sample.gyro_B, sample.specific_force_B)
-        if self.torque:
-            return TorqueCommand(time_us=time_us, torque_B=self._fractions, throttle=None)
-        return AttitudeTarget(time_us=time_us, q_NB=None, omega_B=self._fractions, thrust=self.hover)
+        return self.command(time_us, self.fractions)
 
-    def step(self, time_us: int, gyro_B: Vector, force_B: Vector) -> Vector:
-        """Return the law's command for a sample newer than the last one, as fractions of `scale`."""
+    def command(self, time_us: int, fractions: Vector) -> Command:
+        """Return `fractions` of `scale` as the command that answers the sample with this stamp."""
+        if self.torque:
+            return TorqueCommand(time_us=time_us, torque_B=fractions, throttle=None)
+        return AttitudeTarget(time_us=time_us, q_NB=None, omega_B=fractions, thrust=self.hover)
+
+    def step(self, time_us: int, gyro_B: Vector, force_B: Vector) -> None:
+        """Step the law with a sample newer than the last one: `fractions` of `scale` are its command."""
         while self._references and self._references[0][0] <= time_us:
             self._law.set_reference(self._references.popleft()[1])
+        if time_us - self.answered_us != self._sample_us and self.answered_us >= 0:
+            self.missed += max(round((time_us - self.answered_us) / self._sample_us) - 1, 0)
         self.answered_us = time_us
-        self._fractions = self._law.step(gyro_B, force_B)
-        return self._fractions
+        self.fractions = self._law.step(gyro_B, force_B)

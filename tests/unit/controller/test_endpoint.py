@@ -16,6 +16,7 @@ VEHICLE = (0, ("vehicle", 14580))
 OFFBOARD, STABILIZED, HOLD = 6 << 16, 7 << 16, 4 << 16 | 3 << 24
 TAKEOFF, RETURN, LAND = (4 << 16 | sub << 24 for sub in (2, 5, 6))
 ARM, MODE = wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_CMD_DO_SET_MODE
+INTERVAL = wire.MAV_CMD_SET_MESSAGE_INTERVAL
 
 
 class Autopilot:
@@ -35,6 +36,9 @@ class Autopilot:
 
     def names(self) -> list[str]:
         return [message.get_type() for message in self.hear()]
+
+    def parameters_asked_for(self) -> list[str]:
+        return [message.param_id for message in self.hear() if hasattr(message, "param_id")]
 
     def reach(self, phase: Phase) -> None:
         steps = {
@@ -88,7 +92,9 @@ def test_it_takes_the_system_id_of_its_vehicle(autopilot):
 
 def test_it_reads_limits_and_rate_then_arms_then_asks_for_offboard(autopilot):
     autopilot.reach(Phase.READING)
-    wanted = [message.param_id for message in autopilot.hear()]
+    *wanted, rate = autopilot.hear()
+    wanted = [message.param_id for message in wanted]
+    assert (rate.command, rate.param1, rate.param2) == (INTERVAL, wire.MAVLINK_MSG_ID_HIGHRES_IMU, 4000.0)
     assert wanted == ["GP_TRQ_MAX_R", "GP_TRQ_MAX_P", "GP_TRQ_MAX_Y", "MPC_THR_HOVER", "IMU_INTEG_RATE"]
     autopilot.say(*parameters(), imu(0))
     setpoint, arm = autopilot.hear()
@@ -102,7 +108,7 @@ def test_it_reads_limits_and_rate_then_arms_then_asks_for_offboard(autopilot):
 def test_rates_law_needs_no_torque_limits():
     autopilot = Autopilot("hinf-rates")
     autopilot.reach(Phase.READING)
-    assert [message.param_id for message in autopilot.hear()] == ["MPC_THR_HOVER", "IMU_INTEG_RATE"]
+    assert autopilot.parameters_asked_for() == ["MPC_THR_HOVER", "IMU_INTEG_RATE"]
 
 
 def test_every_sample_is_answered_with_its_stamp(autopilot):
@@ -113,6 +119,35 @@ def test_every_sample_is_answered_with_its_stamp(autopilot):
         4000,
         8000,
     ]
+
+
+@pytest.mark.parametrize("law", ["flagship", "hinf-rates"])
+def test_samples_that_waited_are_all_stepped_and_the_newest_are_answered(law):
+    prompt, hung = Autopilot(law), Autopilot(law)
+    stamps = range(4000, 126 * 4000, 4000)
+    for autopilot in (prompt, hung):
+        autopilot.reach(Phase.FLYING)
+        autopilot.hear()
+    answers = []
+    for stamp in stamps:
+        prompt.say(imu(stamp))
+        answers += prompt.hear()
+    hung.say(*map(imu, stamps))
+    assert list(map(str, hung.hear())) == list(map(str, answers[-16:]))
+    assert (hung.endpoint.late, prompt.endpoint.late) == (124, 0)
+    assert hung.endpoint.missed == prompt.endpoint.missed == 0
+
+
+def test_repeated_sample_is_not_late(autopilot):
+    autopilot.reach(Phase.FLYING)
+    autopilot.say(imu(4000), imu(4000))
+    assert autopilot.endpoint.late == 0
+
+
+def test_samples_that_never_came_are_missed(autopilot):
+    autopilot.reach(Phase.FLYING)
+    autopilot.say(imu(4000), imu(16_000), imu(20_001), imu(24_000))
+    assert autopilot.endpoint.missed == 2
 
 
 @pytest.mark.parametrize("law", ["hinf-d1", "hinf-rates"])
@@ -138,7 +173,7 @@ def test_it_repeats_a_request_and_then_gives_up_with_a_name(autopilot, phase):
         polls += 1
     assert polls == RETRIES + 1
     assert autopilot.endpoint.outcome is Outcome.NOT_STARTED
-    assert autopilot.endpoint.message == phase.value
+    assert autopilot.endpoint.message.startswith(phase.value)
 
 
 def test_refused_arming_ends_with_the_autopilots_words(autopilot):
@@ -161,7 +196,123 @@ def test_vehicle_of_another_rate_is_not_flown(autopilot):
     autopilot.reach(Phase.READING)
     autopilot.say(*parameters(rate_hz=400))
     assert autopilot.endpoint.outcome is Outcome.WRONG_RATE
-    assert "400 Hz" in autopilot.endpoint.message
+    assert "400 Hz: set IMU_INTEG_RATE to 250" in autopilot.endpoint.message
+
+
+def give_up(autopilot: Autopilot, interval_us: int = 0) -> str:
+    """Send samples, if an interval is given, until the controller gives up; return its reason."""
+    time_us = 1_000_000
+    while not autopilot.endpoint.finished:
+        autopilot.hear()
+        autopilot.now_us += RETRY_US
+        for _ in range(RETRY_US // interval_us if interval_us else 0):
+            time_us += interval_us
+            autopilot.say(imu(time_us))
+    return autopilot.endpoint.message
+
+
+def test_samples_at_another_rate_than_asked_for_are_not_flown(autopilot):
+    autopilot.reach(Phase.READING)
+    autopilot.say(accepted(INTERVAL), *parameters())
+    assert give_up(autopilot, 20_000).startswith("HIGHRES_IMU arrives at 50 Hz, law 'hinf-d1' needs 250 Hz: ")
+    assert autopilot.endpoint.outcome is Outcome.WRONG_RATE
+
+
+def test_autopilot_that_declines_the_rate_is_named_with_its_answer(autopilot):
+    autopilot.reach(Phase.READING)
+    autopilot.say(accepted(INTERVAL, wire.MAV_RESULT_DENIED), *(imu(20_000 * k) for k in range(1, 12)))
+    assert autopilot.endpoint.outcome is Outcome.WRONG_RATE
+    assert autopilot.endpoint.message.endswith("MAV_CMD_SET_MESSAGE_INTERVAL is answered by MAV_RESULT_DENIED")
+
+
+def test_samples_that_come_at_the_rate_are_flown_whatever_the_autopilot_says(autopilot):
+    autopilot.reach(Phase.READING)
+    autopilot.say(accepted(INTERVAL, wire.MAV_RESULT_UNSUPPORTED), beat(HOLD), *parameters())
+    autopilot.say(*(imu(4000 * k) for k in range(1, 12)))
+    assert autopilot.endpoint.phase is Phase.ENTERING
+
+
+def test_autopilot_that_comes_to_the_rate_is_flown(autopilot):
+    autopilot.reach(Phase.READING)
+    autopilot.say(beat(HOLD), *parameters(), *(imu(20_000 * k) for k in range(1, 12)))
+    assert autopilot.endpoint.phase is Phase.READING
+    assert "SET_ACTUATOR_CONTROL_TARGET" not in autopilot.names()
+    autopilot.say(*(imu(220_000 + 4000 * k) for k in range(1, 8)))
+    assert autopilot.endpoint.phase is Phase.ENTERING
+
+
+def test_rate_is_asked_for_until_it_is_answered(autopilot):
+    autopilot.reach(Phase.READING)
+    autopilot.hear()
+    autopilot.now_us += RETRY_US
+    assert autopilot.names().count("COMMAND_LONG") == 1
+    autopilot.say(accepted(INTERVAL))
+    autopilot.now_us += RETRY_US
+    assert "COMMAND_LONG" not in autopilot.names()
+
+
+def test_vehicle_whose_time_stands_in_mid_flight_is_joined(autopilot):
+    autopilot.reach(Phase.READING)
+    autopilot.say(beat(OFFBOARD), *parameters(), *(imu(8000) for _ in range(3)))
+    assert autopilot.endpoint.phase is Phase.FLYING
+
+
+def test_no_samples_are_told_so(autopilot):
+    autopilot.reach(Phase.READING)
+    autopilot.say(*parameters())
+    assert give_up(autopilot) == "no samples: the autopilot sends no HIGHRES_IMU on this link"
+    assert autopilot.endpoint.outcome is Outcome.NOT_STARTED
+
+
+def test_missing_parameters_are_named():
+    autopilot = Autopilot("hinf-rates")
+    autopilot.reach(Phase.READING)
+    autopilot.say(*list(parameters())[-1:])
+    assert give_up(autopilot, 4000) == "the autopilot does not tell its parameters: MPC_THR_HOVER"
+
+
+def test_autopilot_that_takes_no_torques_is_told_what_it_needs(autopilot):
+    autopilot.reach(Phase.READING)
+    autopilot.say(*list(parameters())[3:])
+    reason = give_up(autopilot, 4000)
+    assert reason.startswith("the autopilot has no GP_TRQ_MAX_R, GP_TRQ_MAX_P, GP_TRQ_MAX_Y")
+    assert reason.endswith("--law hinf-rates --via rates")
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [(wire.MAV_AUTOPILOT_ARDUPILOTMEGA, "ArduPilot is not supported yet"), (wire.MAV_AUTOPILOT_PPZ, "_PPZ is not")],
+)
+def test_autopilot_of_another_kind_is_refused_and_sent_no_set_point(autopilot, kind, words):
+    autopilot.say(wire.MAVLink_heartbeat_message(2, kind, 209, 4, 4, 3), *parameters(), imu(0), imu(4000))
+    assert autopilot.endpoint.outcome is Outcome.NOT_SUPPORTED
+    assert words in autopilot.endpoint.message
+    assert autopilot.names() == ["HEARTBEAT"]
+
+
+def test_standing_by_sends_nothing_to_another_autopilot_than_px4(autopilot):
+    autopilot.say(heartbeat_message(HOLD, False, critical=False, generic=True), *parameters())
+    autopilot.say(*(imu(4000 * k) for k in range(1, 20)))
+    assert autopilot.endpoint.phase is Phase.STANDING_BY
+    assert "SET_ACTUATOR_CONTROL_TARGET" not in autopilot.names()
+    autopilot.say(heartbeat_message(OFFBOARD, True, critical=False, generic=True), imu(80_000))
+    assert "SET_ACTUATOR_CONTROL_TARGET" in autopilot.names()
+
+
+def test_people_are_told_what_the_controller_does():
+    told: list[str] = []
+    autopilot = Autopilot()
+    autopilot.endpoint = ControllerEndpoint(load_law("hinf-d1"), VEHICLE, tell=told.append)
+    autopilot.reach(Phase.FLYING)
+    autopilot.say(beat(HOLD))
+    reads = "GP_TRQ_MAX_R, GP_TRQ_MAX_P, GP_TRQ_MAX_Y, MPC_THR_HOVER, IMU_INTEG_RATE"
+    assert told == [
+        f"found PX4, system 3: reads {reads}, asks for HIGHRES_IMU at 250 Hz",
+        "arms the vehicle",
+        "asks for OFFBOARD",
+        "law 'hinf-d1' flies",
+        "law 'hinf-d1' stands by, and flies when OFFBOARD is set",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -190,7 +341,7 @@ def join(mode: int, *, armed: bool = True) -> Autopilot:
     autopilot.hear()
     autopilot.say(beat(mode, armed=armed))
     autopilot.hear()
-    autopilot.say(*parameters(), imu(12_000))
+    autopilot.say(*parameters(), imu(4000), imu(8000), imu(12_000))
     return autopilot
 
 
