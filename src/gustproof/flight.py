@@ -67,6 +67,15 @@ class RecordedFlight:
         return self.outcome in {Outcome.DONE, *expected}
 
     @property
+    def gaps(self) -> tuple[str, ...]:
+        """What the law can't make up for, a line each; the script's own losses are none of it."""
+        missed = (self.pace or {}).get("missed_samples", 0)
+        if not missed or self.scenario.scripts_controller:
+            return ()
+        off = "what the vehicle turned meanwhile is missing in its attitude"
+        return (f"{missed} samples never came to law '{self.law.name}': {off}",)
+
+    @property
     def requirements(self) -> tuple[RequirementResult, ...]:
         """What became of each requirement of the scenario."""
         return judge(self.records, self.scenario, self.vehicle)
@@ -85,7 +94,7 @@ class RecordedFlight:
             "outcome": self.outcome.name.lower(),
             "message": self.message,
             "bag": None if self.bag is None else str(self.bag),
-            "warnings": list(warnings(self.scenario, self.law)),
+            "warnings": [*warnings(self.scenario, self.law), *self.gaps],
             **({} if self.metrics is None else asdict(self.metrics)),
             "pace": None if self.pace is None else dict(self.pace),
             "requirements": [result.document() for result in self.requirements],
@@ -253,7 +262,8 @@ def _recorded(
         bag = journal.parent / plan.name
         try:
             if not _is_bag_of(bag, records):
-                write_bag(bag, records, {**note, "outcome": outcome.name.lower()})
+                paced = {} if pace is None else {"pace": dict(pace)}
+                write_bag(bag, records, {**note, "outcome": outcome.name.lower(), **paced})
         except OSError as error:
             kept = f"what was flown is in {journal}: make room, then gustproof recover {bag.parent}"
             raise FlightError(f"{bag}: {error.strerror}; {kept}") from None

@@ -78,7 +78,8 @@ class Flight:
     counters: dict[str, int]
     """What went other than planned on the vehicle's side, by cause."""
     pace: dict[str, Any] | None
-    """How well the deadlines were kept: missed ones, set-points held, delays [us]; `None` in lockstep, and unknown."""
+    """How well the deadlines were kept: missed ones, set-points held, delays [us], and the samples that the law stepped
+    late and never got, as far as its controller lived to tell; `None` in lockstep, and unknown."""
     link: dict[str, dict[str, int]]
     """What the faults of the link did, by direction; empty if the script has none."""
     journal: Path
@@ -247,7 +248,7 @@ class _Pair:
 
     def _launch_controller(self, name: str) -> None:
         self._launch(
-            name, "gustproof.controller", "--attended", "--law", str(self._files["law"]), "--connect", "-",
+            name, "gustproof.controller", "--json", "--attended", "--law", str(self._files["law"]), "--connect", "-",
             "--scenario", str(self._files["scenario"]), *self._pace,
         )  # fmt: skip
 
@@ -300,16 +301,26 @@ class _Pair:
         progress(min(records_in(self._journal) / samples, 1.0))
 
     def _outcome(self) -> Outcome:
-        vehicle = self._processes["vehicle"]
-        lines = vehicle.stdout.read().splitlines() if vehicle.stdout else []
-        if not lines:
+        self.told = self._document("vehicle")
+        if not self.told:
             self.reason = _after(self._last_words("vehicle"))
             return Outcome.AUTOPILOT_LOST
-        self.told = json.loads(lines[-1])
         outcome = Outcome.NOT_STARTED if self._given_up else _OUTCOMES[VehicleOutcome(self.told["outcome"])]
-        if outcome is not Outcome.DONE and self._processes["controller"].poll() is not None:
-            self.reason = _after(self._last_words("controller"))
+        alone = self._processes["controller"].poll() is not None
+        reason = self._last_words("controller")
+        if told := self._document("controller"):
+            reason = f"gustproof controller: {told['message']}"
+            if self.told["pace"]:
+                self.told["pace"] |= {name: told[name] for name in ("late_samples", "missed_samples")}
+        if outcome is not Outcome.DONE and alone:
+            self.reason = _after(reason)
         return outcome
+
+    def _document(self, name: str) -> dict[str, Any]:
+        """Return what an ended process told as JSON in the end, nothing if it was killed."""
+        stdout = self._processes[name].stdout
+        lines = stdout.read().splitlines() if stdout else []
+        return json.loads(lines[-1]) if lines else {}
 
     def _last_words(self, name: str) -> str:
         """Return the last line that an ended process left on stderr."""

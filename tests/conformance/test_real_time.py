@@ -11,14 +11,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from pydantic_core import to_jsonable_python
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.__main__ import greeting
 from firmware_model.autopilot import Mode
 from firmware_model.frames import parse
+from firmware_model.journal import read_journal, records_in
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
+from gustproof.closed_loop import fly_direct
+from gustproof.law import load_law
 from gustproof.outcome import Outcome
 from gustproof.sitl import fly
 from gustproof.synthesis.derive import derive
@@ -131,6 +136,36 @@ def test_scripted_flight_in_real_time_is_flown_to_the_end_and_tells_its_delays(t
     assert 0 <= flight.pace["late_p50_us"] <= flight.pace["late_p99_us"] <= flight.pace["late_worst_us"]
     assert (flight.pace["missed"] == 0) is (flight.pace["late_worst_us"] <= scenario.sample_us)
     assert flight.pace["fifo"] in (True, False)
+    assert flight.pace["missed_samples"] == 0
+
+
+def test_law_that_hangs_for_a_moment_steps_all_that_waited_and_keeps_its_attitude(tmp_path):
+    scenario = replace(load_scenario("calm"), duration_s=5.0)
+    script, journal = tmp_path / "calm.json", tmp_path / "calm.journal"
+    script.write_text(json.dumps(to_jsonable_python(scenario)))
+    flown = ("--scenario", str(script))
+    with process("firmware_model", "--bind-port", "0", "--journal", str(journal), *flown) as vehicle:
+        (port,) = json.loads(vehicle.stdout.readline())["listening"]
+        address = f"127.0.0.1:{port}"
+        with process("gustproof.controller", "--law", "pid-fair", "--real-time", "--connect", address, *flown) as law:
+            end = time.monotonic() + PATIENCE_S
+            while records_in(journal) < 250:
+                assert time.monotonic() < end
+                time.sleep(0.01)
+            law.send_signal(signal.SIGSTOP)
+            time.sleep(0.5)
+            law.send_signal(signal.SIGCONT)
+            told = [json.loads(each.communicate(timeout=PATIENCE_S)[0].splitlines()[-1]) for each in (vehicle, law)]
+    assert [each["outcome"] for each in told] == ["done", "done"]
+    assert told[1]["missed_samples"] == 0
+    assert told[1]["late_samples"] > 80
+    assert "too_much" not in told[0]["counters"] | told[1]["counters"]
+    _, records = read_journal(journal)
+    unstopped = fly_direct(scenario, load_law("pid-fair"), vehicle=load_vehicle("paper"))
+    # Small angles: q is 1 and half of roll, pitch, yaw.
+    apart = np.degrees(2.0 * np.abs(records["q_NB"] - unstopped["q_NB"])[:, 1:].max(axis=1))
+    assert apart[-1] < 0.5
+    assert apart.max() < 10.0  # of .5 s with the torque of one moment, whichever it was
 
 
 def test_pilot_flies_a_standing_vehicle_gives_it_to_a_law_takes_it_back_and_lands():

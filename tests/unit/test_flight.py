@@ -16,7 +16,7 @@ from firmware_model.vehicle import load_vehicle
 from gustproof import flight
 from gustproof.closed_loop import fly_direct
 from gustproof.errors import FlightError
-from gustproof.flight import Plan, differs_from_s, noted, recover, warnings
+from gustproof.flight import Plan, RecordedFlight, differs_from_s, noted, recover, warnings
 from gustproof.law import load_law, shipped_laws
 from gustproof.outcome import Outcome
 from gustproof.recording.bag import read_bag, write_bag
@@ -25,6 +25,7 @@ from gustproof.recording.folder import bags_in
 SHORT = replace(load_scenario("paper"), duration_s=2.0)
 PLAN = Plan(SHORT, load_law("hinf-d1"), load_vehicle("iris"), 7, False)
 NAME = "paper-hinf-d1-seed7"
+HOLD = (ModeChange(kind="mode", at_s=1.0, mode="hold"),)
 
 
 @pytest.fixture(scope="module")
@@ -86,8 +87,7 @@ def test_what_a_lost_disk_cache_leaves_is_cut_off_and_leftovers_are_removed(tmp_
 
 
 def test_a_flight_whose_modes_the_script_changed_is_recovered_as_what_it_was(tmp_path, records):
-    hold = ModeChange(kind="mode", at_s=1.0, mode="hold")
-    plan = PLAN._replace(scenario=replace(SHORT, event=(hold,)))
+    plan = PLAN._replace(scenario=replace(SHORT, event=HOLD))
     held = records.copy()
     held["mode"][250:] = Mode.HOLD.value
     write_journal(tmp_path, held, {"note": json.loads(json.dumps(plan.note()))})
@@ -105,6 +105,15 @@ def test_laws_without_a_reference_input_are_warned_of_where_the_script_gives_ref
     (line,) = warnings(steps, load_law("hinf-d1"))
     assert line == "law 'hinf-d1' has no reference input: it ignores the attitudes that 'attitude-steps' asks for"
     assert warnings(SHORT, load_law("hinf-d1")) == ()
+
+
+@pytest.mark.parametrize(("missed", "event", "warned"), [(3, (), True), (0, (), False), (3, HOLD, False)])
+def test_samples_that_never_came_are_warned_of_unless_the_script_is_of_such(records, missed, event, warned):
+    flown = RecordedFlight(
+        scenario=replace(SHORT, event=event), law=PLAN.law, vehicle=PLAN.vehicle, seed=7, outcome=Outcome.DONE,
+        message="", records=records, bag=None, metrics=None, pace={"missed_samples": missed},
+    )  # fmt: skip
+    assert any("3 samples never came to law 'hinf-d1'" in line for line in flown.document()["warnings"]) is warned
 
 
 def test_a_journal_without_one_record_leaves_nothing(tmp_path, records):

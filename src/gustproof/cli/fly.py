@@ -87,6 +87,8 @@ def fly(
     if as_json:
         print(json.dumps(result.document(), indent=2))
     else:
+        for warning in result.gaps:
+            print(f"gustproof: warning: {warning}", file=sys.stderr)
         show(flight_document(result.message, result.metrics, result.bag, result.requirements, result.pace))
     if result.outcome is Outcome.INTERRUPTED:
         raise stop(f"interrupted; what was flown is in {folder}", Status.INTERRUPTED)

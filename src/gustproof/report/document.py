@@ -45,6 +45,7 @@ _PACE = (
     "deadlines missed {missed}, set-points held {held}; samples late by {late_p50_us} us in the median, "
     "{late_p99_us} us in 99 %, {late_worst_us} us at worst"
 )
+_SAMPLES = "{late_samples} samples late at the law, {missed_samples} missed"
 _DUELS = (("flagship", "pid-fair"), ("flagship", "indi"), ("hinf-scheduled", "pid-fair"), ("hinf-d1", "pid-fair"))
 _LIMITATIONS = (
     "A gyro bias b turns every law here by b t (scenario `bias`), but `aided` in yaw alone: only that one measures "
@@ -90,8 +91,15 @@ def flight_document(
     if requirements:
         parts.append(requirements_table(requirements))
     if pace:
-        parts.append(Text(_PACE.format_map(pace)))
+        parts.extend(map(Text, pace_lines(pace)))
     return Group(*parts, Text(f"recorded in {bag}" if bag else "nothing was flown, nothing is recorded"))
+
+
+def pace_lines(pace: Mapping[str, Any]) -> Iterable[str]:
+    """Yield how well a flight in real time kept its deadlines, and what its law got late, if it lived to tell."""
+    yield _PACE.format_map(pace)
+    if "late_samples" in pace:
+        yield _SAMPLES.format_map(pace)
 
 
 def requirements_table(requirements: Iterable[RequirementResult]) -> Table:

@@ -44,6 +44,8 @@ class Run:
     """How the flight ended."""
     versions: Mapping[str, str]
     """Versions of what flew it."""
+    pace: Mapping[str, int] | None
+    """How well the deadlines of real time were kept, as `sitl.Flight` has it."""
     records: Records
     """(n,) the journal's records."""
     metrics: Metrics
@@ -75,7 +77,8 @@ def _run(label: str, bag: Path, about: dict[str, Any], records: Records) -> Run:
         law = {key: value for key, value in about["law"].items() if key != "order"}
         scenario, vehicle = about["scenario"], about["vehicle"]
         seed, outcome, versions = int(about["seed"]), str(about["outcome"]), dict(about["versions"])
-    except (AttributeError, KeyError, TypeError, ValueError):
+        pace = {name: int(value) for name, value in about["pace"].items()} if "pace" in about else None
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise ConfigError(f"{bag}: does not say what was flown") from None
     script, airframe = parse(Scenario, scenario, f"{bag}: scenario"), parse(Vehicle, vehicle, f"{bag}: vehicle")
     return Run(
@@ -87,6 +90,7 @@ def _run(label: str, bag: Path, about: dict[str, Any], records: Records) -> Run:
         seed=seed,
         outcome=outcome,
         versions=versions,
+        pace=pace,
         records=records,
         metrics=measure(records, airframe, script, 0.0),
         requirements=judge(records, script, airframe),

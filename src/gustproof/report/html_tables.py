@@ -13,6 +13,12 @@ from gustproof.requirements import requirement_label, requirement_limits, requir
 from gustproof.synthesis.derive import margins_document
 
 _AXES = ("roll", "pitch", "yaw")
+_PACE = {
+    "missed": "deadlines missed",
+    "held": "set-points held",
+    "late_samples": "samples late at the law",
+    "missed_samples": "samples that the law missed",
+}
 
 
 def flights_table(runs: Sequence[Run]) -> str:
@@ -30,6 +36,10 @@ def flights_table(runs: Sequence[Run]) -> str:
     rows = [[escape(name), *map(escape, cells)] for name, cells in facts.items()]
     for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs)}):
         rows.append([escape(f"{label} [{unit}]" if unit else label), *cells])
+    for name, label in _PACE.items():
+        cells = tuple(str((run.pace or {}).get(name, "")) for run in runs)
+        if any(cells):
+            rows.append([label, *cells])
     return table(head, rows)
 
 

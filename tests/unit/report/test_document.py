@@ -107,9 +107,13 @@ def test_deadlines_of_real_time_are_told():
     for late_us in (2, 2, 900):
         lateness.add(late_us)
     late = {f"late_{name}": value for name, value in lateness.figures().items()}
-    told = written(flight_document("x", None, None, pace={"missed": 3, "held": 5, **late, "fifo": True}))
+    pace = {"missed": 3, "held": 5, **late, "fifo": True}
+    told = written(flight_document("x", None, None, pace=pace))
     assert "missed 3, set-points held 5" in told
     assert "2 us in the median, 900 us in 99 %, 900 us at worst" in told
+    assert "at the law" not in told
+    samples = {"late_samples": 125, "missed_samples": 0}
+    assert "125 samples late at the law, 0 missed" in written(flight_document("x", None, None, pace=pace | samples))
 
 
 def test_how_a_flight_ended_is_told_in_one_line(tmp_path):

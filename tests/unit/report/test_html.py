@@ -70,5 +70,13 @@ def test_what_a_scenario_requires_is_shown_with_its_margin(recorded):
     assert "Requirements" not in report_page(read_runs([recorded("free", require=())]))
 
 
+def test_the_page_says_what_real_time_cost_the_flights_that_were_flown_in_it(runs):
+    paced = replace(runs[0], pace={"missed": 0, "held": 125, "late_samples": 124, "missed_samples": 3})
+    page = report_page([paced, runs[1]])
+    row = r"<th[^>]*>samples late at the law</th><td>124</td><td></td>"
+    assert re.search(row, page)
+    assert "late at the law" not in report_page(runs)
+
+
 def test_the_page_names_the_licence_of_what_it_carries(runs):
     assert "Copyright (c) 2022 Leon Sorokin" in report_page(runs)
