@@ -62,8 +62,8 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
     if options.json:
         counters = {cause.value: count for cause, count in endpoint.counters.items()}
         told = {"outcome": outcome.value, "message": endpoint.message, "counters": counters}
-        told |= {"late_samples": endpoint.late, "missed_samples": endpoint.missed}
-        print(json.dumps({**told, "link": endpoint.traffic.figures()}))
+        counted = {"late_samples": endpoint.late, "missed_samples": endpoint.missed}
+        print(json.dumps({**told, **counted, "link": endpoint.traffic.figures()}))
     else:
         samples = f"{endpoint.late} samples late, {endpoint.missed} missed"
         if outcome is Outcome.DONE:
