@@ -8,10 +8,9 @@ import numpy as np
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.law import Law, Output
+from gustproof.model.hover import hover_plant, loop_law
 from gustproof.numerics.lti import ComplexMatrix, Lti, Matrix, sensitivity, series
 from gustproof.numerics.margins import Margins, margins
-from gustproof.report.margins import hover_plant
-from gustproof.synthesis.discretize import loop_law
 
 _POINTS = 400
 

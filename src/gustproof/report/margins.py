@@ -3,18 +3,14 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.certify.off_nominal import robust_stability
 from gustproof.certify.sweep import Bracket
 from gustproof.certify.worst_case import Spreads
-from gustproof.law import Law, Output
-from gustproof.model.lpv import linear_plant
-from gustproof.numerics.lti import Lti, delay, hold_discretized, series
+from gustproof.law import Law
+from gustproof.model.hover import hover_plant, is_stable_at_hover, loop_law
 from gustproof.numerics.margins import margins
-from gustproof.synthesis.discretize import loop_law
 
 SPREADS = Spreads(inertia=0.2, actuator_lag=0.3)
 """How far a vehicle may be off, for which `off_nominal` is stated."""
@@ -33,11 +29,11 @@ class HoverMargins:
 
 
 def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargins | None:
-    """Return the margins of a torque law at the sample time and delay of `scenario`; `None` for a law of rates.
+    """Return the margins of a torque law at the sample time and delay of `scenario`; `None` for an unstable loop.
 
-    What a law of rates drives is the autopilot's own loop, whose margins are not those of the law.
+    So for a law of rates: what it drives is the autopilot's own loop, whose margins are not those of the law.
     """
-    if law.output is not Output.TORQUE:
+    if not is_stable_at_hover(law, vehicle, scenario):
         return None
     axes = margins(hover_plant(vehicle, scenario, levelled=law.feels_force), loop_law(law)).input
     return HoverMargins(
@@ -56,20 +52,3 @@ def off_nominal(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[Bracket
         return tuple(robust_stability(law, vehicle, scenario, SPREADS, axis) for axis in range(3))
     except ValueError:
         return ()
-
-
-def hover_plant(vehicle: Vehicle, scenario: Scenario, *, levelled: bool = False) -> Lti:
-    """Return torque command (3,) [N*m] to gyro (3,) [rad/s] at hover, sampled and delayed as `scenario` has it.
-
-    A `levelled` one gives roll and pitch (2,) [rad] too, as gravity tells them to an accelerometer on the test stand.
-    The attitude that is not seen is left out: the rest, damping, actuators and commands on their way are the states.
-    """
-    full = linear_plant(vehicle)
-    seen = [0, 1] if levelled else []
-    states, outputs = [*seen, *range(3, full.order)], [3, 4, 5, *seen]
-    system = Lti(A=full.A[np.ix_(states, states)], B=full.B[states, :3], C=full.C[np.ix_(outputs, states)],
-                 D=full.D[outputs, :3])  # fmt: skip
-    plant = hold_discretized(system, scenario.dt)
-    for _ in range(scenario.delay_samples):
-        plant = series(delay(3, scenario.dt), plant)
-    return plant

@@ -11,11 +11,12 @@ import gustproof
 from firmware_model.vehicle import Vehicle, load_vehicle
 from gustproof.errors import DesignError
 from gustproof.law import Law, Output, Provenance
+from gustproof.model.hover import loop_law
 from gustproof.model.interconnection import Interconnection
 from gustproof.numerics.lti import ComplexMatrix, Lti, Matrix, delay, hold_discretized, lft, sensitivity, series
 from gustproof.numerics.margins import Margins, margins
 from gustproof.synthesis.designs import Design, design_problem
-from gustproof.synthesis.discretize import central_law, loop_law
+from gustproof.synthesis.discretize import central_law
 from gustproof.synthesis.hinfsyn import HinfResult, hinfsyn
 from gustproof.synthesis.structured import StructResult
 from gustproof.synthesis.tracking import StepResponse, reference_step

@@ -4,11 +4,9 @@ import numpy as np
 
 from firmware_model.vehicle import GRAVITY
 from gustproof.errors import DesignError
-from gustproof.law import MEASURED, Law, Output, Provenance
+from gustproof.law import Law, Output, Provenance
+from gustproof.model.hover import FORCE
 from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied_continuous
-
-FORCE = GRAVITY * np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])
-"""[m/s^2 per rad] what a little roll and pitch change of the specific force at hover."""
 
 
 def tustin(K: Lti, dt: float) -> Lti:
@@ -110,21 +108,3 @@ def _as_measured(matrix: Matrix) -> Matrix:
     first = np.pad(told[0], ((0, 0), (0, 6 - told[0].shape[1])))
     # as the specific force tells them: roll is -f_y / g, pitch f_x / g
     return np.hstack([first, told[1] @ FORCE.T / GRAVITY**2]) if levelled else first
-
-
-def linear_law(law: Law, inputs: int = 3) -> Lti:
-    """Return the law linearised at level attitude within its limits, from its first `inputs` inputs to the command."""
-    rates = np.eye(3, law.order, 3)
-    return Lti(A=law.A + law.G @ rates, B=law.B[:, :inputs], C=law.C, D=law.D[:, :inputs], dt=law.dt)
-
-
-def loop_law(law: Law) -> Lti:
-    """Return the law linearised at hover within its limits, from what closes its loop to the command.
-
-    That is the gyro (3,), and roll and pitch (2,) [rad] as the specific force tells them, if the law feels that.
-    """
-    if not law.feels_force:
-        return linear_law(law)
-    K = linear_law(law, inputs=MEASURED)
-    B, D = (np.hstack([matrix[:, :3], matrix[:, 6:] @ FORCE]) for matrix in (K.B, K.D))
-    return Lti(A=K.A, B=B, C=K.C, D=D, dt=K.dt)

@@ -10,8 +10,8 @@ import scipy.linalg
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import GRAVITY, Vehicle
 from gustproof.law import Law, Matrix, Output
+from gustproof.model.hover import linear_law
 from gustproof.numerics.lti import Lti, lft
-from gustproof.synthesis.discretize import linear_law
 from gustproof.synthesis.turbulence import AxisModel, axis_flight, axis_models, flown_moments
 
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from firmware_model.vehicle import Vehicle
 from gustproof.law import Law
+from gustproof.model.hover import linear_law
 from gustproof.model.lpv import linear_plant, rate_loop
 from gustproof.numerics.lti import Lti, Matrix, delay, hold_discretized, lft, series
-from gustproof.synthesis.discretize import linear_law
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

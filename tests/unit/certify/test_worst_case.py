@@ -17,10 +17,10 @@ from gustproof.certify.worst_case import PAPER_BUDGET, Spreads, WorstCase, worst
 from gustproof.closed_loop import fly_direct
 from gustproof.law import load_law
 from gustproof.metrics import measure
+from gustproof.model.hover import linear_law
 from gustproof.model.lpv import linear_plant
 from gustproof.numerics.lti import Lti, delay, hold_discretized, lft
 from gustproof.sitl import fly_loopback
-from gustproof.synthesis.discretize import linear_law
 
 pytestmark = pytest.mark.compiled
 VEHICLE = load_vehicle("paper")

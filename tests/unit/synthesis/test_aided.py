@@ -11,10 +11,10 @@ from firmware_model.vehicle import GRAVITY, load_vehicle
 from gustproof.closed_loop import fly_direct
 from gustproof.law import load_law
 from gustproof.metrics import Metrics, measure
+from gustproof.model.hover import FORCE, loop_law
 from gustproof.report.hover import hover_loop
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import design_problem, load_design
-from gustproof.synthesis.discretize import FORCE, loop_law
 
 pytestmark = pytest.mark.compiled
 

@@ -7,11 +7,12 @@ from firmware_model.vehicle import load_vehicle
 from gustproof.errors import DesignError
 from gustproof.law import Law, Output, Provenance
 from gustproof.law_step import step
+from gustproof.model.hover import linear_law
 from gustproof.model.lpv import linear_plant
 from gustproof.numerics.lti import Lti, hold_discretized
 from gustproof.synthesis import hinfsyn
 from gustproof.synthesis.designs import design_problem, load_design
-from gustproof.synthesis.discretize import central_law, linear_law, tustin
+from gustproof.synthesis.discretize import central_law, tustin
 
 DT = 0.004
 ROUNDING = 1e-12

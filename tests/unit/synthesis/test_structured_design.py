@@ -10,9 +10,10 @@ from typer.testing import CliRunner
 from gustproof.cli.app import app
 from gustproof.errors import DesignError
 from gustproof.law import load_law
+from gustproof.model.hover import linear_law
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
-from gustproof.synthesis.discretize import linear_law, tustin
+from gustproof.synthesis.discretize import tustin
 from gustproof.synthesis.structured_design import structured_controller
 
 
