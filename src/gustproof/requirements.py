@@ -42,6 +42,8 @@ class RequirementResult:
     """What had to hold."""
     value: float
     """[unit of the metric] what was flown; NaN if the window was not flown to its end."""
+    judged: bool = True
+    """Whether the window was flown to its end."""
 
     @property
     def margin(self) -> float:
@@ -60,7 +62,7 @@ class RequirementResult:
         """Return the result as JSON has it; what is not a number, or without bound, is null."""
         figures = {"value": self.value, "margin": self.margin}
         told = {name: figure if math.isfinite(figure) else None for name, figure in figures.items()}
-        return {**to_jsonable_python(self.requirement), **told, "held": self.held}
+        return {**to_jsonable_python(self.requirement), **told, "judged": self.judged, "held": self.held}
 
 
 # A rule says what a requirement measures: metric, first axis and the one after the last, first sample and the one after
@@ -133,9 +135,20 @@ def no_readings(scenario: Scenario, width: int) -> Array:
 def judged(scenario: Scenario, readings: Array, samples: int) -> tuple[RequirementResult, ...]:
     """Return what became of each requirement in a flight of so many samples, from its readings (n, READING)."""
     return tuple(
-        RequirementResult(requirement=requirement, value=_value(scenario, requirement, reading, samples))
+        RequirementResult(
+            requirement=requirement,
+            value=_value(scenario, requirement, reading, samples),
+            judged=scenario.window(requirement)[1] <= samples,
+        )
         for requirement, reading in zip(scenario.require, readings.tolist(), strict=True)
     )
+
+
+def verdict(result: RequirementResult) -> tuple[str, str]:
+    """Return what became of a requirement in a word or two, and its colour."""
+    if not result.judged:
+        return "not judged", "yellow"
+    return ("held", "green") if result.held else ("FAILED", "red")
 
 
 def _rule(scenario: Scenario, requirement: Requirement) -> tuple[float, ...]:

@@ -16,7 +16,7 @@ from firmware_model.scenario import Scenario, load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.metrics import measure
 from gustproof.model.lpv import scheduling, share_of_bounds, within_bounds
-from gustproof.requirements import RequirementResult, judge
+from gustproof.requirements import RequirementResult, judge, verdict
 
 VEHICLE = load_vehicle("paper")
 SCENARIO = replace(load_scenario("calm"), duration_s=4.0)
@@ -96,6 +96,16 @@ def test_a_window_that_was_not_flown_to_its_end_holds_nothing():
     assert math.isnan(result.value)
     assert not result.held
     assert not judged(cut_off, metric="peak_deg", to_s=2.0, at_least=0.0).held
+    assert not result.judged
+    assert verdict(result)[0] == "not judged"
+    assert result.document()["judged"] is False
+
+
+def test_verdict_says_failed_of_what_was_flown_alone():
+    records = flight(1000)
+    assert verdict(judged(records, metric="peak_deg", at_most=1.0))[0] == "held"
+    turn(records, 0, np.full(1000, 3.0))
+    assert verdict(judged(records, metric="peak_deg", at_most=1.0))[0] == "FAILED"
 
 
 def excursion(begin: int, end: int):
@@ -146,7 +156,7 @@ def test_a_result_is_json_even_where_it_is_no_number():
     told = judged(excursion(300, 1000), metric="recovery_s", within_deg=1.0, at_most=0.5).document()
     assert told == {
         "metric": "recovery_s", "axis": None, "from_s": 0.0, "to_s": None, "within_deg": 1.0,
-        "at_most": 0.5, "at_least": None, "value": None, "margin": None, "held": False,
+        "at_most": 0.5, "at_least": None, "value": None, "margin": None, "judged": True, "held": False,
     }  # fmt: skip
     assert json.loads(json.dumps(told, allow_nan=False)) == told
 

@@ -18,7 +18,13 @@ from gustproof.report.limit_tables import limits_document
 from gustproof.report.limits import Place, Standing
 from gustproof.report.margins import HoverMargins
 from gustproof.report.open_questions import ERRATA, OpenQuestion, choices
-from gustproof.requirements import RequirementResult, requirement_label, requirement_limits, requirement_window
+from gustproof.requirements import (
+    RequirementResult,
+    requirement_label,
+    requirement_limits,
+    requirement_window,
+    verdict,
+)
 
 Document = RenderableType
 _WIDTH = 118
@@ -82,8 +88,9 @@ def flight_document(
     bag: Path | None,
     requirements: Sequence[RequirementResult] = (),
     pace: Mapping[str, Any] | None = None,
+    warnings: Sequence[str] = (),
 ) -> Document:
-    """Return the figures of one flight, what it was required to keep, its deadlines, and where its recording is."""
+    """Return the figures of one flight, what to know of them, what it had to keep, deadlines, and its recording."""
     # As the title of so narrow a table, a long line would be broken into many.
     parts: list[RenderableType] = [Text(title, style="bold")]
     if metrics:
@@ -92,6 +99,7 @@ def flight_document(
         parts.append(requirements_table(requirements))
     if pace:
         parts.extend(map(Text, pace_lines(pace)))
+    parts += [Text(f"warning: {line}", style="yellow") for line in warnings]
     return Group(*parts, Text(f"recorded in {bag}" if bag else "nothing was flown, nothing is recorded"))
 
 
@@ -109,11 +117,10 @@ def requirements_table(requirements: Iterable[RequirementResult]) -> Table:
         table.add_column(column, justify="right")
     for result in requirements:
         required = result.requirement
-        style = "green" if result.held else "red"
         table.add_row(
             requirement_label(required), requirement_window(required), requirement_limits(required),
             *map(_figure, (result.value, result.margin)),
-            Text("held" if result.held else "FAILED", style=style),
+            Text(*verdict(result)),
         )  # fmt: skip
     return table
 
