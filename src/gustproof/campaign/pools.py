@@ -1,5 +1,6 @@
 """Who flies: processes of this machine, or a dask cluster; both behind `submit`."""
 
+import asyncio
 import gc
 import logging
 import os
@@ -124,11 +125,22 @@ def cluster(address: str) -> Iterator[Pool]:
     for name in ("distributed", "distributed.client"):  # what it complains of is told by this package, in a line
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
+        # Before there is a client: one that did not get through hangs when it is collected.
+        asyncio.run(_knock(scheduler))
         client = Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"--executor: no dask scheduler answers at {scheduler}: {error}") from None
+    except Exception as error:  # whatever the answer of something else leads dask to
+        reason = error if isinstance(error, (OSError, ValueError)) else "what answers is something else"
+        raise ConfigError(f"--executor: no dask scheduler answers at {scheduler}: {reason}") from None
     with client:
         yield _Cluster(client)
+
+
+async def _knock(scheduler: str) -> None:
+    """Shake hands with a dask scheduler, and leave."""
+    from distributed.comm import connect
+
+    connection = await connect(scheduler, timeout=_CONNECT_S)
+    await connection.close()
 
 
 def usable_cores() -> int:
