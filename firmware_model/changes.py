@@ -99,4 +99,5 @@ def _loaded(vehicle: Vehicle, event: Payload) -> Vehicle:
         return replace(vehicle, mass=vehicle.mass + event.mass_kg, inertia_B=(I_x, I_y, I_z))
     except ValidationError as error:
         mistakes = told(Vehicle, error.errors())
-        raise ConfigError(f"event 'payload' at {event.at_s} s: vehicle '{vehicle.name}' can't be: {mistakes}") from None
+        loaded = f"vehicle '{vehicle.name}' of {vehicle.mass:g} kg can't be with {event.mass_kg:+g} kg"
+        raise ConfigError(f"event 'payload' at {event.at_s} s: {loaded}: {mistakes}") from None
