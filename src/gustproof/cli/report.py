@@ -32,6 +32,8 @@ def report(
         raise ConfigError(f"{output}: a report ends in .html")
     if not output.parent.is_dir():
         raise ConfigError(f"{output.parent}: no such folder")
+    if output.exists():
+        raise ConfigError(f"{output}: exists already; nothing is overwritten")
     if any(run.suffix == ".parquet" for run in runs):
         _report_campaign(runs, output)
         return
