@@ -13,21 +13,22 @@ from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
 from firmware_model.appended import still_grows
+from firmware_model.changes import later_plants
 from firmware_model.errors import ConfigError
 from firmware_model.files import parse
 from firmware_model.journal import read_journal
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof import __version__
+from gustproof.controller.core import reference_excess
 from gustproof.errors import FlightError
 from gustproof.law import Law, law_from
 from gustproof.metrics import Metrics, measure, peak_rate
+from gustproof.model.hover import is_stable_at_hover
 from gustproof.outcome import Outcome, in_words, outcome_of
 from gustproof.recording.bag import UNFINISHED, read_bag, write_bag
 from gustproof.requirements import RequirementResult, judge
 from gustproof.sitl import WORKING, fly
-
-_REFERENCE = slice(3, 6)  # columns of what a law is given
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,7 +95,7 @@ class RecordedFlight:
             "outcome": self.outcome.name.lower(),
             "message": self.message,
             "bag": None if self.bag is None else str(self.bag),
-            "warnings": [*warnings(self.scenario, self.law), *self.gaps],
+            "warnings": [*warnings(self.scenario, self.law, self.vehicle), *self.gaps],
             **({} if self.metrics is None else asdict(self.metrics)),
             "pace": None if self.pace is None else dict(self.pace),
             "requirements": [result.document() for result in self.requirements],
@@ -132,12 +133,42 @@ class Plan(NamedTuple):
         }
 
 
-def warnings(scenario: Scenario, law: Law) -> tuple[str, ...]:
-    """Return what a flight will not do though its script asks for it, a line each."""
-    deaf = not (law.B[:, _REFERENCE].any() or law.D[:, _REFERENCE].any())
-    if scenario.references and deaf:
-        return (f"law '{law.name}' has no reference input: it ignores the attitudes that '{scenario.name}' asks for",)
-    return ()
+def objections(scenario: Scenario, law: Law, vehicle: Vehicle) -> tuple[str, ...]:
+    """Return why a flight should not begin, a line each: an unstable loop, and references that the law does not hold.
+
+    The loop is the linear one at hover. For a law of rates it is the autopilot's own, of which nothing is said.
+    """
+    lines = []
+    if law.dt == scenario.dt and is_stable_at_hover(law, vehicle, scenario) is False:
+        lines.append(f"law '{law.name}' is unstable on vehicle '{vehicle.name}', by the linear model at hover")
+    if excess := reference_excess(law, scenario.references):
+        lines.append(excess)
+    return tuple(lines)
+
+
+def check(scenario: Scenario, law: Law, vehicle: Vehicle) -> None:
+    """Refuse a flight that should not begin.
+
+    Raises
+    ------
+    ConfigError
+        If there are `objections`, the first of them; or if an event leaves a vehicle that can't be.
+    """
+    for _ in later_plants(vehicle, scenario):
+        pass
+    for line in objections(scenario, law, vehicle):
+        raise ConfigError(f"{line}; --anyway flies it all the same")
+
+
+def warnings(scenario: Scenario, law: Law, vehicle: Vehicle) -> tuple[str, ...]:
+    """Return what must be known of a flight before its figures are believed, a line each."""
+    lines = list(objections(scenario, law, vehicle))
+    if law.provenance.vehicle not in ("", vehicle.name):
+        lines.append(f"law '{law.name}' was designed for vehicle '{law.provenance.vehicle}', not '{vehicle.name}'")
+    if scenario.references and not law.takes_references:
+        ignored = f"it ignores the attitudes that '{scenario.name}' asks for"
+        lines.append(f"law '{law.name}' has no reference input: {ignored}")
+    return tuple(lines)
 
 
 def noted(note: Any, source: Path) -> Plan:

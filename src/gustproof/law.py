@@ -10,6 +10,7 @@ out of B and D. PID, H-infinity and self-scheduled laws differ in these numbers 
 """
 
 import json
+import math
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -25,6 +26,8 @@ LAWS = Path(__file__).parent / "laws"
 FORMAT = "gustproof-law-1"
 MEASURED = 9
 """Numbers in `y`: gyro, reference, specific force."""
+REFERENCE_LIMIT = "reference_limit_deg"
+"""Parameter of a law's provenance that says which references it holds."""
 _MATRICES = ("A", "B", "C", "D", "G", "H")
 _WITHOUT_FORCE = 6
 
@@ -110,6 +113,16 @@ class Law:
     def feels_force(self) -> bool:
         """Whether the law reads the accelerometer."""
         return bool(self.D.shape[1] == MEASURED)
+
+    @property
+    def takes_references(self) -> bool:
+        """Whether the law reads the attitude that it is asked to hold; one that does not holds level."""
+        return bool(self.B[:, 3:6].any() or self.D[:, 3:6].any())
+
+    @property
+    def reference_limit_deg(self) -> float:
+        """[deg] references this far from level about each axis are held, as simulation shows; infinite if unknown."""
+        return self.provenance.parameters.get(REFERENCE_LIMIT, math.inf)
 
     @property
     def scheduled(self) -> bool:

@@ -8,11 +8,15 @@ from pathlib import Path
 from threading import Event
 from typing import Any, NamedTuple
 
+from rich.console import Group
+from rich.text import Text
+
+from firmware_model.errors import ConfigError
 from firmware_model.scenario import Scenario, load_scenario
 from firmware_model.vehicle import Vehicle
 from firmware_model.wind import Dryden
 from gustproof.errors import FlightError
-from gustproof.flight import RecordedFlight, fly_and_record
+from gustproof.flight import RecordedFlight, fly_and_record, objections, warnings
 from gustproof.law import Law, load_law
 from gustproof.metrics import Metrics, median_metrics
 from gustproof.model.generalized import lft_structure
@@ -78,6 +82,12 @@ class Reproduction:
     claims: tuple[Claim, ...]
     """Verdicts on the paper's claims."""
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What must be known of the laws on this vehicle before their figures are believed, a line each."""
+        scenario = load_scenario("paper")
+        return tuple(line for law in self.laws.values() for line in warnings(scenario, law, self.vehicle))
+
     def summary(self) -> dict[str, Any]:
         """Return what `summary.json` has."""
         return {
@@ -90,6 +100,7 @@ class Reproduction:
                 }
                 for law, scenarios in self.medians.items()
             },
+            "warnings": list(self.warnings),
             "spreads": asdict(SPREADS),
             "limits": asdict(self.standing.limits),
             "claims": [
@@ -99,8 +110,26 @@ class Reproduction:
 
     def document(self) -> Document:
         """Return what a person reads of it."""
-        return reproduction_document(
+        document = reproduction_document(
             self.medians, self.margins, self.standing, self.claims, self.vehicle, load_scenario("paper")
+        )
+        return Group(*(Text(f"warning: {line}") for line in self.warnings), document)
+
+
+def check(vehicle: Vehicle) -> None:
+    """Refuse a vehicle on which one of the laws should not fly; all of them were made for `paper`.
+
+    Raises
+    ------
+    ConfigError
+        If there is such a law; names all of them.
+    """
+    laws = [load_law(name) for name in LAWS]
+    scenarios = [load_scenario(name) for name in SCENARIOS]
+    refused = [law.name for law in laws if any(objections(scenario, law, vehicle) for scenario in scenarios)]
+    if refused:
+        raise ConfigError(
+            f"unstable on vehicle '{vehicle.name}': {', '.join(refused)}; --anyway flies them all the same"
         )
 
 

@@ -249,7 +249,7 @@ class _Pair:
     def _launch_controller(self, name: str) -> None:
         self._launch(
             name, "gustproof.controller", "--json", "--attended", "--law", str(self._files["law"]), "--connect", "-",
-            "--scenario", str(self._files["scenario"]), *self._pace,
+            "--scenario", str(self._files["scenario"]), "--anyway", *self._pace,
         )  # fmt: skip
 
     def _tell_address(self, name: str) -> None:

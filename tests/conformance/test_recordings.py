@@ -37,8 +37,9 @@ def run(tmp_path_factory):
     law = json.loads(Path(sys.modules["gustproof.law"].LAWS / "hinf-scheduled.json").read_text())
     (folder / "mine.json").write_text(json.dumps({**law, "name": "mine"}))
     ended = fly(
-        folder, "short.toml", "--law", "mine.json", "--vehicle", "iris", "--seed", "5", "--out", "run1", "--json"
-    )
+        folder, "short.toml", "--law", "mine.json", "--vehicle", "iris", "--anyway", "--seed", "5", "--out", "run1",
+        "--json",
+    )  # fmt: skip
     assert ended.returncode == 0, ended.stderr
     for file in ("short.toml", "mine.json"):
         (folder / file).unlink()

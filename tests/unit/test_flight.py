@@ -11,17 +11,19 @@ from firmware_model.autopilot import Mode
 from firmware_model.errors import ConfigError
 from firmware_model.events import ModeChange
 from firmware_model.journal import WIDTH, JournalWriter
+from firmware_model.plant_events import AttitudeReference
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof import flight
 from gustproof.closed_loop import fly_direct
 from gustproof.errors import FlightError
-from gustproof.flight import Plan, RecordedFlight, differs_from_s, noted, recover, warnings
+from gustproof.flight import Plan, RecordedFlight, check, differs_from_s, noted, recover, warnings
 from gustproof.law import load_law, shipped_laws
 from gustproof.outcome import Outcome
 from gustproof.recording.bag import read_bag, write_bag
 from gustproof.recording.folder import bags_in
 
+PAPER, IRIS = load_vehicle("paper"), load_vehicle("iris")
 SHORT = replace(load_scenario("paper"), duration_s=2.0)
 PLAN = Plan(SHORT, load_law("hinf-d1"), load_vehicle("iris"), 7, False)
 NAME = "paper-hinf-d1-seed7"
@@ -99,12 +101,59 @@ def test_a_flight_whose_modes_the_script_changed_is_recovered_as_what_it_was(tmp
 
 def test_laws_without_a_reference_input_are_warned_of_where_the_script_gives_references():
     steps = load_scenario("attitude-steps")
-    deaf = {name for name in shipped_laws() if warnings(steps, load_law(name))}
+    deaf = {name for name in shipped_laws() if warnings(steps, load_law(name), PAPER)}
     assert {"hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-scheduled", "hinf-rates"} <= deaf
     assert deaf.isdisjoint({"hinf-reference", "pid-default", "pid-fair"})
-    (line,) = warnings(steps, load_law("hinf-d1"))
+    (line,) = warnings(steps, load_law("hinf-d1"), PAPER)
     assert line == "law 'hinf-d1' has no reference input: it ignores the attitudes that 'attitude-steps' asks for"
-    assert warnings(SHORT, load_law("hinf-d1")) == ()
+    assert warnings(SHORT, load_law("hinf-d1"), PAPER) == ()
+
+
+def stepping(*euler_deg: float):
+    return replace(SHORT, event=(AttitudeReference(kind="attitude", at_s=1.0, euler_deg=euler_deg),))
+
+
+def test_check_takes_every_shipped_law_on_its_own_vehicle():
+    for name in shipped_laws():
+        law = load_law(name)
+        check(SHORT, law, load_vehicle(law.provenance.vehicle))
+        assert warnings(SHORT, law, PAPER) == ()
+
+
+def test_check_refuses_a_law_that_is_unstable_on_the_vehicle():
+    unstable = "law 'pid-fair' is unstable on vehicle 'iris', by the linear model at hover"
+    with pytest.raises(ConfigError, match=f"^{unstable}; --anyway flies it all the same$"):
+        check(SHORT, load_law("pid-fair"), IRIS)
+    other = "law 'pid-fair' was designed for vehicle 'paper', not 'iris'"
+    assert warnings(SHORT, load_law("pid-fair"), IRIS) == (unstable, other)
+
+
+def test_another_vehicles_law_is_named_where_it_is_stable():
+    for name in ("pid-default", "hinf-rates"):
+        check(SHORT, load_law(name), IRIS)
+        assert warnings(SHORT, load_law(name), IRIS) == (f"law '{name}' was designed for vehicle 'paper', not 'iris'",)
+
+
+@pytest.mark.parametrize(
+    ("euler_deg", "advice"),
+    [
+        ((60.0, 30.0, 0.0), "60, 30, 0 deg: --law indi holds that"),
+        ((0.0, 0.0, -16.0), "0, 0, 16 deg: --law indi holds that"),
+        ((70.0, 0.0, 0.0), "70, 0, 0 deg: no shipped law is known to hold that"),
+    ],
+)
+def test_check_refuses_references_that_the_law_does_not_hold(euler_deg, advice):
+    limit = "law 'flagship' holds references within 15 deg of level about each axis, not of up to"
+    with pytest.raises(ConfigError, match=f"^{limit} {advice}; --anyway"):
+        check(stepping(*euler_deg), load_law("flagship"), PAPER)
+    check(stepping(*euler_deg), load_law("pid-fair"), PAPER)
+    check(stepping(15.0, -15.0, 15.0), load_law("flagship"), PAPER)
+
+
+def test_check_names_payload_and_mass_that_do_not_fit():
+    dropping = "event 'payload' at 5.0 s: vehicle 'iris' of 1.5 kg can't be with -3 kg: mass"
+    with pytest.raises(ConfigError, match=f"^{dropping}"):
+        check(load_scenario("payload-drop"), load_law("pid-default"), IRIS)
 
 
 @pytest.mark.parametrize(("missed", "event", "warned"), [(3, (), True), (0, (), False), (3, HOLD, False)])

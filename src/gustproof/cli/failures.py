@@ -11,6 +11,8 @@ from typer.core import TyperGroup
 from firmware_model.errors import ConfigError
 from gustproof.errors import DesignError, FlightError
 
+ANYWAY = "Fly, too, what is refused: a law that is unstable on the vehicle, references that it does not hold."
+"""Help of `--anyway`."""
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # writing raises them, and does not say where
 
 

@@ -5,11 +5,11 @@ import sys
 from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from gustproof.cli.failures import Status, stop
+from gustproof.cli.failures import ANYWAY, Status, stop
 from gustproof.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -36,7 +36,8 @@ def fly(
         bool, typer.Option("--real-time", help="At the pace of the clock, on the usual ports.")
     ] = False,
     repeat: Annotated[
-        Path | None, typer.Option(help="Fly a recorded flight again, from its bag alone, and compare every bit.")
+        Path | None,
+        typer.Option(help="Fly a recorded flight again, from its bag alone; compare every bit if it was in lockstep."),
     ] = None,
     run: Annotated[
         str | None,
@@ -46,6 +47,7 @@ def fly(
         bool, typer.Option("--view", help="Watch on a page in a browser of this machine; the page starts the flight.")
     ] = False,
     tlog: Annotated[bool, typer.Option(help="Leave the MAVLink traffic as .tlog beside the bag.")] = True,
+    anyway: Annotated[bool, typer.Option("--anyway", help=ANYWAY)] = False,
     out: Annotated[
         Path | None, typer.Option(help="New folder for the recording [default: a fresh one in runs/].")
     ] = None,
@@ -67,6 +69,7 @@ def fly(
 
         gustproof fly --run mc.parquet:4711
     """
+    from gustproof.flight import warnings
     from gustproof.outcome import Outcome
     from gustproof.recording.folder import fresh_folder
     from gustproof.report.document import flight_document, show
@@ -75,7 +78,7 @@ def fly(
     if of_table:
         plan = of_table.plan
     else:
-        plan = _recorded_plan(context, repeat) if repeat else _plan(scenario, law, vehicle, seed, real_time)
+        plan = _recorded_plan(context, repeat) if repeat else _plan(scenario, law, vehicle, seed, real_time, anyway)
     folder = fresh_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
@@ -84,18 +87,19 @@ def fly(
             raise
         line = f"interrupted while the bag was written; all is there for gustproof recover {folder}"
         raise stop(line, Status.INTERRUPTED) from None
+    interrupted = result.outcome is Outcome.INTERRUPTED
+    comparison = None if interrupted else _comparison(result, plan, repeat, of_table)
     if as_json:
-        print(json.dumps(result.document(), indent=2))
+        print(json.dumps(result.document() | (comparison.document() if comparison else {}), indent=2))
     else:
-        for warning in result.gaps:
-            print(f"gustproof: warning: {warning}", file=sys.stderr)
-        show(flight_document(result.message, result.metrics, result.bag, result.requirements, result.pace))
-    if result.outcome is Outcome.INTERRUPTED:
+        known = (*warnings(plan.scenario, plan.law, plan.vehicle), *result.gaps)
+        show(flight_document(result.message, result.metrics, result.bag, result.requirements, result.pace, known))
+    if interrupted:
         raise stop(f"interrupted; what was flown is in {folder}", Status.INTERRUPTED)
-    if repeat and not plan.real_time:
-        _compare(result, repeat)
-    if of_table and of_table.row["failure"] is None:
-        _compare_figures(result, of_table)
+    if comparison and comparison.equal is False:
+        raise stop(comparison.line, Status.REQUIREMENT_FAILED)
+    if comparison:
+        print(f"gustproof: {comparison.line}", file=sys.stderr)
     if not result.as_scripted:
         raise stop(f"{result.message}; what was flown is in {folder}", Status.FLIGHT_BROKE_OFF)
     failed = sum(not each.held for each in result.requirements)
@@ -107,7 +111,7 @@ def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> 
     """Fly, shown on standard error and, if `view`, on a page that starts it."""
     from gustproof.flight import fly_and_record, warnings
 
-    for warning in () if quiet else warnings(plan.scenario, plan.law):
+    for warning in () if quiet else warnings(plan.scenario, plan.law, plan.vehicle):
         print(f"gustproof: warning: {warning}", file=sys.stderr)
     title = f"{plan.scenario.name}, {plan.law.name}"
     with ExitStack() as stack:
@@ -128,21 +132,24 @@ def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> 
     return result
 
 
-def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_time: bool) -> "Plan":
+def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_time: bool, anyway: bool) -> "Plan":
     from firmware_model.errors import ConfigError
     from firmware_model.scenario import load_scenario
     from firmware_model.vehicle import load_vehicle
     from gustproof.controller import DEFAULT_LAW
-    from gustproof.flight import Plan
+    from gustproof.flight import Plan, check
     from gustproof.law import load_law
 
     if scenario is None:
         raise ConfigError("give a scenario, or --repeat, or --run")
-    script, flown, airframe = load_scenario(scenario), load_law(law or DEFAULT_LAW), load_vehicle(vehicle)
+    script, airframe = load_scenario(scenario), load_vehicle(vehicle)
+    flown = load_law(DEFAULT_LAW if law is None else law)
     if law is None and flown.provenance.vehicle != airframe.name:
         raise ConfigError(
             f"law '{flown.name}' is for vehicle '{flown.provenance.vehicle}', not '{airframe.name}': give --law"
         )
+    if not anyway:
+        check(script, flown, airframe)
     return Plan(script, flown, airframe, seed, real_time)
 
 
@@ -174,8 +181,32 @@ def _refuse(context: typer.Context, names: Iterable[str], why: str) -> None:
             raise ConfigError(f"{why}; '{name.replace('_', '-')}' can't be given with it")
 
 
-def _compare(result: "RecordedFlight", run: Path) -> None:
-    """Say whether the flight is the recorded one to the bit; end with a status if not."""
+class _Comparison(NamedTuple):
+    """Whether a flight is the one that it repeats, to the bit."""
+
+    equal: bool | None
+    """`None` if that can't be said."""
+    line: str
+    """The same in words."""
+
+    def document(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        return {"equal": self.equal, "comparison": self.line}
+
+
+def _comparison(
+    result: "RecordedFlight", plan: "Plan", repeat: Path | None, of_table: "Run | None"
+) -> _Comparison | None:
+    """Compare a flight with the one that it repeats; `None` if it repeats none."""
+    if of_table:
+        return _compare_figures(result, of_table)
+    if repeat and plan.real_time:
+        return _Comparison(None, f"{repeat} was flown in real time, where no two flights share all bits: not compared")
+    return _compare(result, repeat) if repeat else None
+
+
+def _compare(result: "RecordedFlight", run: Path) -> _Comparison:
+    """Compare every bit of every sample."""
     from gustproof.flight import differs_from_s
     from gustproof.recording.bag import read_bag
 
@@ -183,16 +214,18 @@ def _compare(result: "RecordedFlight", run: Path) -> None:
     begin_s = differs_from_s(result.records, records)
     if begin_s is not None:
         line = f"differs from {run} from {begin_s:.3f} s on, which ended as '{about['outcome']}'"
-        raise stop(f"{line}, flown by {about['versions']}", Status.REQUIREMENT_FAILED)
-    print(f"gustproof: equal to {run} in every bit of its {len(records)} samples", file=sys.stderr)
+        return _Comparison(False, f"{line}, flown by {about['versions']}")
+    return _Comparison(True, f"equal to {run} in every bit of its {len(records)} samples")
 
 
-def _compare_figures(result: "RecordedFlight", run: "Run") -> None:
-    """Say whether the flight left the figures of the campaign's run to the bit; end with a status if not."""
+def _compare_figures(result: "RecordedFlight", run: "Run") -> _Comparison:
+    """Compare every bit of the figures with those of the campaign's run."""
     name = f"run {run.row['run']} of {run.table}"
+    if run.row["failure"] is not None:
+        return _Comparison(None, f"{name} left no figures: not compared")
     if differences := run.differences(result):
-        raise stop(f"differs from {name} in {', '.join(differences)}", Status.REQUIREMENT_FAILED)
-    print(f"gustproof: equal to {name} in every bit of its figures", file=sys.stderr)
+        return _Comparison(False, f"differs from {name} in {', '.join(differences)}")
+    return _Comparison(True, f"equal to {name} in every bit of its figures")
 
 
 def _bag(run: Path) -> Path:

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from gustproof.cli.failures import ANYWAY
 from gustproof.cli.progress import progress
 
 
@@ -13,6 +14,7 @@ def reproduce(
     out: Annotated[Path | None, typer.Option(help="New folder for results [default: a fresh one in runs/].")] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Fly with the seeds 1 to this number; figures are medians.")] = 3,
     vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
+    anyway: Annotated[bool, typer.Option("--anyway", help=ANYWAY)] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print summary.json on stdout, and nothing else.")] = False,
 ) -> None:
     """Fly the paper: all scenarios with all shipped laws, over UDP in lockstep, and judge its claims.
@@ -29,6 +31,8 @@ def reproduce(
     from gustproof.report.document import show
 
     airframe = load_vehicle(vehicle)
+    if not anyway:
+        paper.check(airframe)
     folder = fresh_folder(out, "reproduce")
     with progress("starting", quiet=as_json) as shown:
         result = paper.reproduce(airframe, range(1, seeds + 1), folder, shown)

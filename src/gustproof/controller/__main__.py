@@ -13,6 +13,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.files import read_json
 from firmware_model.scenario import Scenario, load_scenario
 from gustproof.controller import DEFAULT_LAW
+from gustproof.controller.core import reference_excess
 from gustproof.controller.endpoint import ControllerEndpoint, Outcome
 from gustproof.law import Law, Output, load_law, shipped_laws
 from gustproof.law_step import FlyingLaw
@@ -43,6 +44,8 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
     undisturbed.hold_collector(off=True)
     name = options.scenario
     references = (read_json(Scenario, name) or load_scenario(name)).references if name else ()
+    if not options.anyway and (excess := reference_excess(law, references)):
+        raise ConfigError(f"{excess}; --anyway flies it all the same")
     vehicle = _address(options.connect)
     signing = access.signing(options, vehicle[0], strict=True)
     quiet = options.json or options.attended
@@ -121,6 +124,7 @@ def _parser() -> argparse.ArgumentParser:
         help="port to speak from, 0 for a free one [14540 + N to 14580 + N, as PX4's simulation has them, else free]",
     )
     add("--scenario", help="file whose attitude references the law is asked to hold, else level")
+    add("--anyway", action="store_true", help="fly references, too, that the law is known not to hold")
     add("--real-time", action="store_true", help="run before usual processes, if the system allows it: not in lockstep")
     access.add_options(parser)
     add("--attended", action="store_true", help=ATTENDED)

@@ -1,5 +1,6 @@
 """Samples in, commands out: a law that steps once a sample, and answers a repeated sample as it did before."""
 
+import math
 from collections import deque
 from collections.abc import Sequence
 
@@ -9,6 +10,25 @@ from gustproof.law import Law, Output
 from gustproof.law_step import FlyingLaw
 
 References = Sequence[tuple[int, Vector]]
+
+_HOLDS_MORE, _MORE_DEG = "indi", (60.0, 60.0, 180.0)
+"""Shipped law, and the roll, pitch and yaw of the largest step from level that it holds in simulation."""
+
+
+def reference_excess(law: Law, references: References) -> str:
+    """Return in a line which of the references the law does not hold, and who does; empty if it holds all of them.
+
+    A step of the reference that asks for more rate than the actuators can stop again tumbles a law that has no limit
+    on the rate.
+    """
+    largest = tuple(math.degrees(max((abs(euler[axis]) for _, euler in references), default=0.0)) for axis in range(3))
+    if max(largest) <= law.reference_limit_deg:
+        return ""
+    held = all(angle <= most for angle, most in zip(largest, _MORE_DEG, strict=True))
+    advice = f"--law {_HOLDS_MORE} holds that" if held else "no shipped law is known to hold that"
+    asked = ", ".join(f"{angle:.3g}" for angle in largest)
+    limit = f"law '{law.name}' holds references within {law.reference_limit_deg:g} deg of level about each axis"
+    return f"{limit}, not of up to {asked} deg: {advice}"
 
 
 class Controller:

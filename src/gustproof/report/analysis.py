@@ -75,6 +75,8 @@ class Analysis:
             "dt_s": self.law.dt,
             "output": self.law.output.value,
             "scheduled": self.law.scheduled,
+            "takes_references": self.law.takes_references,
+            "reference_limit_deg": limit if math.isfinite(limit := self.law.reference_limit_deg) else None,
             "design": self.law.provenance.design,
             "scenario": self.scenario.name,
             "seed": self.seed,
@@ -179,6 +181,7 @@ def _limits(analysis: Analysis) -> list[str]:
         lines.append(
             f"vehicle: the inertia may be off by {room:.2g} times {spreads} before it is unstable (mu, at hover)"
         )
+    lines.append(f"references: {_references(analysis.law)}")
     if analysis.whole.saturated_s:
         lines.append(f"torque limit: reached for {analysis.whole.saturated_s:.3g} s")
     if analysis.law.feels_force:
@@ -207,6 +210,14 @@ def _price(analysis: Analysis) -> list[str]:
             f"{analysis.seed})"
         )
     return lines
+
+
+def _references(law: Law) -> str:
+    if not law.takes_references:
+        return "none are read, level is held"
+    if math.isinf(law.reference_limit_deg):
+        return "no limit is known"
+    return f"held within {law.reference_limit_deg:g} deg of level about each axis; a larger one may tumble the vehicle"
 
 
 def _peak(analysis: Analysis) -> float:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
+from gustproof.flight import warnings
 from gustproof.report.document import figure_rows
 from gustproof.report.html_loops import FlownLaw
 from gustproof.report.html_runs import Run
@@ -33,6 +34,8 @@ def flights_table(runs: Sequence[Run]) -> str:
         "outcome": [run.outcome for run in runs],
         "flown": [f"{len(run.records) * run.scenario.dt:g} s of {run.scenario.duration_s:g} s" for run in runs],
     }
+    if any(told := ["; ".join(warnings(run.scenario, run.law, run.vehicle)) for run in runs]):
+        facts["warning"] = told
     rows = [[escape(name), *map(escape, cells)] for name, cells in facts.items()]
     for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs)}):
         rows.append([escape(f"{label} [{unit}]" if unit else label), *cells])
@@ -50,8 +53,8 @@ def requirements_table(runs: Sequence[Run]) -> str:
     for run in runs:
         for result in run.requirements:
             required = result.requirement
-            mark = "good" if result.held else "bad"
-            verdict = f'<span class="{mark}">{"held" if result.held else "not held"}, {_told(result.margin)}</span>'
+            mark = "good" if result.held else "bad" if result.judged else "interval"
+            told = f"{'held' if result.held else 'not held'}, {_told(result.margin)}" if result.judged else "not judged"
             texts = (
                 requirement_label(required),
                 requirement_window(required),
@@ -59,7 +62,7 @@ def requirements_table(runs: Sequence[Run]) -> str:
                 run.label,
                 _told(result.value),
             )
-            rows.append([*map(escape, texts), verdict])
+            rows.append([*map(escape, texts), f'<span class="{mark}">{told}</span>'])
     return f"<h3>Requirements</h3>{table(head, rows)}" if rows else ""
 
 

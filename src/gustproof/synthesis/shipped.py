@@ -1,10 +1,11 @@
 """The laws that ship, derived again: `python -m gustproof.synthesis.shipped` writes their files."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
-from gustproof.law import LAWS, Law
+from gustproof.law import LAWS, REFERENCE_LIMIT, Law
 from gustproof.synthesis.autotune import autotuned_pid
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design, shipped_designs
@@ -17,6 +18,18 @@ PAPER_BANDWIDTH = 0.8
 with design D1 on the scenario `paper` it comes near all four numbers of Table III."""
 
 
+FLAGSHIP_REFERENCE_LIMIT_DEG = 15.0
+"""[deg] from level about each axis. In 15 m/s of turbulence the flagship holds any sequence of steps within it on the
+vehicle `paper`, and any single one with inertia 20 % and lag 30 % off; in free flight it tumbles from 25 deg on. To be
+removed when the law form limits rates."""
+
+
+def _flagship() -> Law:
+    law = flagship(load_vehicle("paper"), load_scenario("paper-turbulence"))
+    parameters = law.provenance.parameters | {REFERENCE_LIMIT: FLAGSHIP_REFERENCE_LIMIT_DEG}
+    return replace(law, provenance=replace(law.provenance, parameters=parameters))
+
+
 def _designed(name: str) -> Callable[[], Law]:
     return lambda: derive(load_design(name))[0]
 
@@ -24,7 +37,7 @@ def _designed(name: str) -> Callable[[], Law]:
 DERIVATIONS: dict[str, Callable[[], Law]] = {
     "pid-default": lambda: autotuned_pid(load_vehicle("paper"), bandwidth=PAPER_BANDWIDTH),
     "pid-fair": lambda: fair_pid(load_vehicle("paper"), load_scenario("paper-turbulence")),
-    "flagship": lambda: flagship(load_vehicle("paper"), load_scenario("paper-turbulence")),
+    "flagship": _flagship,
     "indi": lambda: indi(load_vehicle("paper"), load_scenario("paper-turbulence")),
     **{load_design(name).law: _designed(name) for name in shipped_designs()},
 }

@@ -1,6 +1,8 @@
 """The shipped PID laws: derived again they are the same, and they fly as well as is said of them."""
 
+import itertools
 import statistics
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from firmware_model.scenario import load_scenario
 from firmware_model.vehicle import load_vehicle
 from gustproof.closed_loop import fly_direct
 from gustproof.law import Law, load_law, shipped_laws
-from gustproof.metrics import Metrics, measure
+from gustproof.metrics import Metrics, attitude, measure
 from gustproof.synthesis.shipped import DERIVATIONS
 
 pytestmark = pytest.mark.compiled
@@ -80,3 +82,42 @@ def test_the_default_pid_is_slow_and_calm() -> None:
 
 def test_every_shipped_law_is_derived() -> None:
     assert set(DERIVATIONS) == set(shipped_laws())
+
+
+def error_at_the_end(law: str, steps_deg: list[tuple[float, ...]], seed: int) -> float:
+    """Return how far [deg] Euler angles are from the last reference, of steps .4 s apart in turbulence, 4 s later."""
+    scenario = replace(load_scenario("paper-turbulence"), duration_s=0.4 * len(steps_deg) + 4.0)
+    reference = np.zeros((scenario.samples, 3))
+    for number, step in enumerate(steps_deg):
+        reference[100 * number :] = np.radians(step)
+    records = fly_direct(scenario, load_law(law), vehicle=load_vehicle("paper"), seed=seed, reference=reference)
+    off = np.degrees(attitude(records)[-250:] - reference[-1])
+    return float(np.max(np.abs((off + 180.0) % 360.0 - 180.0)))
+
+
+def test_the_flagship_holds_each_sequence_of_steps_within_its_reference_limit() -> None:
+    limit = load_law("flagship").reference_limit_deg
+    corners = list(itertools.product((-limit, limit), repeat=3))
+    for seed in range(1, 9):
+        sequence = [corners[k] for k in np.random.default_rng(seed).integers(8, size=8)]
+        assert error_at_the_end("flagship", sequence, seed) <= 1.0
+
+
+@pytest.mark.parametrize("step", [(60.0, 30.0, 0.0), (45.0, 15.0, 0.0)])
+def test_the_flagship_needs_its_reference_limit_and_indi_does_not(step: tuple[float, ...]) -> None:
+    assert error_at_the_end("flagship", [step], 1) >= 5.0
+    assert error_at_the_end("pid-fair", [step], 1) <= 1.0
+    assert error_at_the_end("indi", [step], 1) <= 1.0
+
+
+@pytest.mark.parametrize("step", [*itertools.product((-60.0, 60.0), (-60.0, 60.0), (-180.0, 0.0, 180.0))])
+def test_indi_holds_the_largest_steps_that_it_is_recommended_for(step: tuple[float, ...]) -> None:
+    assert error_at_the_end("indi", [step], 1) <= 10.0
+
+
+def test_aided_levels_from_any_attitude_and_reads_no_reference() -> None:
+    assert not load_law("aided").takes_references
+    for tilt in (60.0, 120.0, 170.0):
+        scenario = replace(load_scenario("calm"), duration_s=60.0, initial_attitude_deg=(tilt, 0.0, 0.0))
+        records = fly_direct(scenario, load_law("aided"), vehicle=load_vehicle("paper"))
+        assert np.max(np.abs(np.degrees(attitude(records)[-250:, :2]))) <= 5.0
