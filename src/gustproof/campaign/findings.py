@@ -27,6 +27,7 @@ from gustproof.campaign.draws import Array
 from gustproof.campaign.flights import FIGURES, columns, delta_column
 from gustproof.campaign.plan import Campaign
 from gustproof.campaign.table import opened, read_campaign, read_column
+from gustproof.flight import warnings
 
 QUANTILES = {"median": 0.5, "p95": 0.95, "p99": 0.99}
 """Quantiles that are told of each figure, by name."""
@@ -132,6 +133,12 @@ class Findings:
     duels: tuple[Duel, ...]
     """Each pair of laws, in each of `COMPARED`."""
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What must be known of the laws on the nominal vehicle before their figures are believed, a line each."""
+        flown = self.campaign
+        return tuple(line for law in flown.laws for line in warnings(flown.scenario, law, flown.vehicles.nominal))
+
     def document(self) -> dict[str, Any]:
         """Return all of it as JSON has it; what is not finite is null."""
         campaign = self.campaign
@@ -144,6 +151,7 @@ class Findings:
             "seed": campaign.seed,
             "sampling": campaign.sampling.value,
             "spreads": _told(campaign.spreads),
+            "warnings": list(self.warnings),
             "confidence": LEVEL,
             "importance": IMPORTANCE,
             "laws": {found.law: _told(found) for found in self.laws},

@@ -130,6 +130,13 @@ class Campaign:
         }
 
 
+def usual_dispersions(vehicles: VehicleSet) -> list[Dispersed]:
+    """Return what is drawn unless something else is asked for: gusts, and whatever the vehicle file has a spread of."""
+    of_gyro = {name.startswith("gyro.") for name in vehicles.spreads}
+    found = {Dispersed.VEHICLE: False in of_gyro, Dispersed.GUST: True, Dispersed.GYRO: True in of_gyro}
+    return [kind for kind, there in found.items() if there]
+
+
 def dispersions(
     vehicles: VehicleSet, scenario: Scenario, wanted: Sequence[Dispersed], *, gust: float, attitude_deg: float
 ) -> dict[str, Spread]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.failures import Status, stop
+from gustproof.cli.failures import ANYWAY, Status, stop
 from gustproof.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -28,9 +28,12 @@ def campaign(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes that fly [default: one on each core].", show_default=False)
     ] = None,
-    spread: Annotated[str, typer.Option(help="What is drawn anew: of vehicle, gust, gyro, attitude.")] = (
-        "vehicle,gust,gyro"
-    ),
+    spread: Annotated[
+        str | None,
+        typer.Option(
+            help="What is drawn anew: of vehicle, gust, gyro, attitude [default: gust, and what the file has]."
+        ),
+    ] = None,
     sampling: Annotated[str, typer.Option(help="How: uniform, normal, latin or sobol.")] = "uniform",
     gust_spread: Annotated[
         float, typer.Option(min=0.01, max=1.0, help="Gusts are 1 - this to 1 + this times the scenario's.")
@@ -43,6 +46,7 @@ def campaign(
     executor: Annotated[
         str | None, typer.Option(help="Fly on a dask cluster: dask://tcp://HOST:PORT.", show_default=False)
     ] = None,
+    anyway: Annotated[bool, typer.Option("--anyway", help=ANYWAY)] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
 ) -> None:
     """Fly one scenario many times, with what is uncertain drawn anew, and say what came of it and how sure that is.
@@ -58,10 +62,14 @@ def campaign(
         gustproof fly --run mc.parquet:471
     """
     from gustproof.campaign.findings import findings
+    from gustproof.flight import check
     from gustproof.report.campaign import campaign_document
     from gustproof.report.document import show
 
     plan = _plan(scenario, law, vehicle, spread, sampling, gust_spread, attitude_spread, runs, seed)
+    if not anyway:
+        for each in plan.laws:
+            check(plan.scenario, each, plan.vehicles.nominal)
     _fly(plan, output, workers, executor, quiet=as_json)
     found = findings(output)
     if as_json:
@@ -71,17 +79,20 @@ def campaign(
 
 
 def _plan(
-    scenario: str, laws: list[str], vehicle: str, spread: str, sampling: str, gust: float, attitude_deg: float,
+    scenario: str, laws: list[str], vehicle: str, spread: str | None, sampling: str, gust: float, attitude_deg: float,
     runs: int, seed: int,
 ) -> "Campaign":  # fmt: skip
     from firmware_model.scenario import load_scenario
     from firmware_model.vehicle_set import load_vehicle_set
     from gustproof.campaign.draws import Sampling
-    from gustproof.campaign.plan import Campaign, Dispersed, dispersions
+    from gustproof.campaign.plan import Campaign, Dispersed, dispersions, usual_dispersions
     from gustproof.law import load_law
 
     script, vehicles = load_scenario(scenario), load_vehicle_set(vehicle)
-    wanted = [_choice(Dispersed, "--spread", word.strip()) for word in spread.split(",")]
+    if spread is None:
+        wanted = usual_dispersions(vehicles)
+    else:
+        wanted = [_choice(Dispersed, "--spread", word.strip()) for word in spread.split(",")]
     return Campaign(
         scenario=script, laws=tuple(load_law(name) for name in laws), vehicles=vehicles,
         spreads=dispersions(vehicles, script, wanted, gust=gust, attitude_deg=attitude_deg),

@@ -15,6 +15,8 @@ from gustproof.requirements import requirement_label, requirement_limits
 
 SHOWN = ("rmse_deg", "peak_deg", "torque_rms_nm", "torque_slew_rms", "saturated_s")
 """Figures that a terminal has room for; the others stand in the table, in the JSON and on the page."""
+_NAME, _INTERVAL = 16, 18
+"""Columns of a terminal that a law's name and an interval have at least."""
 EXPLAINED = "rmse_deg"
 """Figure whose dispersions are told there."""
 
@@ -26,7 +28,8 @@ def campaign_document(found: Findings) -> Document:
         parts.append(_passed(found))
     if found.campaign.spreads:
         parts.append(_importance(found))
-    lines = [*duel_lines(found), *_failures(found), _last_line(found)]
+    warned = (f"warning: {line}" for line in found.warnings)
+    lines = [*duel_lines(found), *_failures(found), *warned, _last_line(found)]
     return Group(*parts, Text("\n".join(lines)))
 
 
@@ -63,47 +66,71 @@ def duel_lines(found: Findings) -> Iterator[str]:
 
 def _figures(found: Findings) -> Table:
     level = f"{100.0 * LEVEL:g} %"
-    table = Table("law", "", title=headline(found.campaign), caption=f"Behind each figure: where it is, {level} sure.")
-    for column in ("median", "", "95 % below", "", "worst", "run"):
+    table = _table(f"{headline(found.campaign)}", "law, figure", f"Behind each figure: where it is, {level} sure.")
+    for column in ("median", "95 % below"):
+        table.add_column(column, justify="right", overflow="fold", min_width=_INTERVAL)
+    for column in ("worst", "run"):
         table.add_column(column, justify="right", no_wrap=True)
     for law in found.laws:
-        for first, name in enumerate(SHOWN):
+        table.add_row(Text(law.law, style="bold"))
+        for name in SHOWN:
             label, unit = FIGURES[name]
             figure = law.figures[name]
             worst = figure.worst[0] if figure.worst else None
-            quantiles = (*estimate_text(figure.quantiles["median"]), *estimate_text(figure.quantiles["p95"]))
+            quantiles = (estimate_text(figure.quantiles[each]) for each in ("median", "p95"))
             last = ("", "") if worst is None else (number(worst.value), str(worst.run))
-            table.add_row("" if first else law.law, f"{label} [{unit}]", *quantiles, *last)
+            table.add_row(f"{label} [{unit}]", *map(_one_cell, quantiles), *last)
+        table.add_section()
     return table
 
 
 def _passed(found: Findings) -> Table:
-    table = Table("law", "required", title="What had to hold, and in how many runs it did")
-    for column in ("limit", "held", "", "worst", "run"):
-        table.add_column(column, justify="right")
+    table = _table("What had to hold, and in how many runs it did", "law, required", None)
+    table.add_column("limit", justify="right", overflow="fold")
+    table.add_column("held", justify="right", overflow="fold", min_width=_INTERVAL)
+    for column in ("worst", "run"):
+        table.add_column(column, justify="right", no_wrap=True)
     for law in found.laws:
-        for first, each in enumerate(law.passed):
+        table.add_row(Text(law.law, style="bold"))
+        for each in law.passed:
             last = (number(each.worst[0].value), str(each.worst[0].run)) if each.worst else ("", "")
             table.add_row(
-                "" if first else law.law, requirement_label(each.requirement), requirement_limits(each.requirement),
-                *share_text(each.rate), *last,
+                requirement_label(each.requirement), requirement_limits(each.requirement),
+                _one_cell(share_text(each.rate)), *last,
             )  # fmt: skip
-        table.add_row("" if law.passed else law.law, "all of them", "", *share_text(law.all_held), "", "")
+        table.add_row("all of them", "", _one_cell(share_text(law.all_held)))
+        table.add_section()
     return table
 
 
+def _table(title: str, first: str, caption: str | None) -> Table:
+    """Return a table whose first column names laws, and under each what is told of it: 80 columns are enough."""
+    table = Table(title=title, caption=caption)
+    table.add_column(first, overflow="fold", min_width=_NAME)
+    return table
+
+
+def _one_cell(estimate: tuple[str, str]) -> str:
+    """Return a figure and its interval, which is not broken where the line is."""
+    value, interval = estimate
+    return f"{value} {interval.replace(' .. ', '..')}"
+
+
 def _importance(found: Findings) -> Table:
+    caption = (
+        "Share of its variance that each explains by itself (Sobol' index by binning), rank correlation; the rest: "
+        "gusts and noise, drawn anew for each case, and what acts together."
+    )
     label = FIGURES[EXPLAINED][0]
-    table = Table(
-        "drawn", "from .. to", title=f"What {label} depends on",
-        caption="Share of its variance that each explains by itself (Sobol' index by binning), rank correlation;\n"
-        "the rest: gusts and noise, drawn anew for each case, and what acts together.",
-    )  # fmt: skip
+    table = _table(f"What {label} depends on", "law, drawn", caption)
+    table.add_column("from .. to", overflow="fold")
+    table.add_column("explains", justify="right", overflow="fold")
     for law in found.laws:
-        table.add_column(law.law, justify="right")
-    for name, spread in found.campaign.spreads.items():
-        cells = [importance_text(law.figures[EXPLAINED].importance.get(name)) for law in found.laws]
-        table.add_row(name, f"{spread.low:g} .. {spread.high:g}", *cells)
+        table.add_row(Text(law.law, style="bold"))
+        for name, spread in found.campaign.spreads.items():
+            explained = importance_text(law.figures[EXPLAINED].importance.get(name))
+            table.add_row(name, f"{spread.low:g} .. {spread.high:g}", explained)
+        table.add_section()
     return table
 
 

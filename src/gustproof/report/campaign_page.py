@@ -45,7 +45,8 @@ def campaign_page(path: Path) -> str:
     parts = {
         "title": escape(f"{found.campaign.scenario.name}: {', '.join(law.law for law in found.laws)}"),
         "styles": (_ASSETS / "page.css").read_text(encoding="utf-8"),
-        "about": f"<p>{escape(found.campaign.scenario.description)}</p><p>{escape(headline(found.campaign))}</p>",
+        "about": f"<p>{escape(found.campaign.scenario.description)}</p><p>{escape(headline(found.campaign))}</p>"
+        + "".join(f"<p class='bad'>{escape(line)}</p>" for line in found.warnings),
         "figures": _figures(found),
         "requirements": _requirements(found),
         "legend": _legend(found),

@@ -1,14 +1,27 @@
 import json
+import re
+import socket
+import subprocess
+import sys
 from concurrent.futures import Future
 from contextlib import contextmanager
+from html import escape
+from io import StringIO
+from pathlib import Path
+from threading import Thread
 from types import SimpleNamespace
 
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
+from firmware_model.vehicle import VEHICLES
+from gustproof.campaign.findings import findings
 from gustproof.campaign.flights import Flown, lost
 from gustproof.campaign.plan import noted
 from gustproof.cli.app import app
+from gustproof.report.campaign import campaign_document
+from gustproof.report.campaign_page import campaign_page
 
 
 @pytest.fixture
@@ -70,6 +83,70 @@ def test_a_campaign_that_is_flown_is_not_flown_again_and_another_one_not_over_it
     assert other.stderr == (
         "gustproof: mc.parquet: holds another campaign: seed differs; give another -o, or remove it\n"
     )
+
+
+def test_what_is_drawn_by_default_is_gusts_and_what_the_file_has(command, tmp_path):
+    quad = tmp_path / "quad.toml"
+    quad.write_text((VEHICLES / "iris.toml").read_text())
+    text = re.sub(r"\{ nominal = ([^,]+),[^}]*\}", r"\1", quad.read_text())
+    quad.write_text(text.replace("actuator_lag = ", "actuator_lag = { nominal = 0.05, low = 0.04, high = 0.06 } # "))
+    for vehicle, drawn in (("paper", "gyro.snr_db"), (str(quad), "gust_scale")):
+        told = command("-o", f"{Path(vehicle).stem}.parquet", "--vehicle", vehicle, "--json")
+        assert told.exit_code == 0, told.stderr
+        assert drawn in json.loads(told.stdout)["spreads"]
+    assert set(json.loads(told.stdout)["spreads"]) == {"actuator_lag", "gust_scale"}
+    asked = command("-o", "asked.parquet", "--vehicle", str(quad), "--spread", "gyro")
+    assert (asked.exit_code, "no spread to draw 'gyro' from" in asked.stderr) == (2, True)
+
+
+def test_an_unstable_law_is_refused_and_another_vehicles_law_named(command):
+    refused = command("-o", "mc.parquet", "--law", "pid-fair", "--vehicle", "iris")
+    assert refused.exit_code == 2
+    assert refused.stderr.startswith("gustproof: law 'pid-fair' is unstable on vehicle 'iris'")
+    told = command("-o", "mc.parquet", "--law", "pid-fair", "--vehicle", "iris", "--anyway")
+    assert told.exit_code == 0
+    assert "warning: law 'hinf-d1' was designed for vehicle 'paper', not 'iris'" in told.stdout
+    assert "warning: law 'pid-fair' is unstable on vehicle 'iris', by the linear model at hover" in told.stdout
+    again = command("-o", "mc.parquet", "--law", "pid-fair", "--vehicle", "iris", "--anyway", "--json")
+    lines = json.loads(again.stdout)["warnings"]
+    assert len(lines) == 3
+    page = campaign_page(Path("mc.parquet"))
+    assert all(escape(line) in page for line in lines)
+
+
+def test_eighty_columns_are_enough_for_names_and_figures(command):
+    laws = ("hinf-scheduled", "hinf-reference", "hinf-d1-noise")
+    options = [word for law in laws for word in ("--law", law)]
+    assert command("-o", "mc.parquet", *options).exit_code == 0
+    shown = StringIO()
+    Console(file=shown, width=80).print(campaign_document(findings(Path("mc.parquet"))))
+    lines = shown.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80
+    assert "…" not in shown.getvalue()
+    for law in laws:
+        assert sum(f" {law} " in line for line in lines) >= 3  # figures, requirements, what they depend on
+
+
+def test_what_answers_in_the_place_of_a_dask_scheduler_is_told_in_one_line(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        Thread(target=_answer_nonsense, args=(server,), daemon=True).start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        command = ["campaign", "calm", "--law", "pid-fair", "-o", "mc.parquet", "--executor", f"dask://{address}"]
+        done = subprocess.run(
+            [sys.executable, "-m", "gustproof", *command], cwd=tmp_path, capture_output=True, text=True, timeout=60,
+            check=False,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"gustproof: --executor: no dask scheduler answers at {address}: what answers is something else\n"
+    )
+
+
+def _answer_nonsense(server: socket.socket) -> None:
+    connection, _ = server.accept()
+    with connection:
+        connection.sendall(b"HTTP/1.1 400 Bad Request\r\n" * 20)
+        connection.recv(65536)
 
 
 def test_a_dask_cluster_is_named_by_its_scheduler():

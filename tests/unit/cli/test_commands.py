@@ -63,6 +63,10 @@ def test_help_loads_nothing_heavy():
         (("fly", "paper", "--law", "hinf-d1", "--vehicle", "bike"), "no vehicle named 'bike'"),
         (("fly",), "give a scenario, or --repeat, or --run"),
         (("fly", "paper", "--vehicle", "iris"), "'flagship' is for vehicle 'paper', not 'iris': give --law"),
+        (("fly", "paper", "--law", ""), "no law named ''"),
+        (("fly", "paper", "--law", "pid-fair", "--vehicle", "iris"), "'pid-fair' is unstable on vehicle 'iris'"),
+        (("fly", "payload-drop", "--law", "pid-default", "--vehicle", "iris"), "of 1.5 kg can't be with -3 kg"),
+        (("reproduce", "--vehicle", "iris", "--out", "r"), "unstable on vehicle 'iris': pid-fair, indi, flagship"),
         (("fly", "paper", "--law", "/nowhere/law.json"), "/nowhere/law.json: No such file"),
         (("design", "D99"), "no design named 'D99'"),
         (("design", "D1", "--gamma", "0.1"), "gamma"),
@@ -177,6 +181,95 @@ def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outc
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["calm-hinf-d1-seed5"]
     if status:
         assert str(tmp_path / "out") in one_line(result)
+
+
+STEP = 'description = "step"\nduration_s = 1.0\n[[event]]\nkind = "attitude"\nat_s = 0.5\neuler_deg = [60, 30, 0]\n'
+
+
+@pytest.fixture
+def direct(monkeypatch):
+    """Fly without processes."""
+
+    def fly(scenario, law, *, vehicle, seed, out, **_):
+        (out / "journal").touch()
+        records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
+        return SimpleNamespace(
+            records=records, outcome=Outcome.DONE, message="it ended", realtime_factor=9.0, pace=None,
+            journal=out / "journal",
+        )  # fmt: skip
+
+    monkeypatch.setattr("gustproof.flight.fly", fly)
+
+
+def test_a_step_that_the_flagship_does_not_hold_is_refused_wherever_it_is_asked_for(tmp_path):
+    script = tmp_path / "step.toml"
+    script.write_text(STEP)
+    table = str(tmp_path / "mc.parquet")
+    for command in (
+        ("fly", str(script)),
+        ("campaign", str(script), "--law", "pid-fair", "--law", "flagship", "-o", table),
+        ("controller", "--scenario", str(script), "--connect", "127.0.0.1:1"),
+    ):
+        result = run(*command)
+        assert result.exit_code == 2
+        assert "law 'flagship' holds references within 15 deg of level about each axis" in one_line(result)
+        assert "--law indi holds that; --anyway flies it" in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["step.toml"]
+
+
+@pytest.mark.parametrize("scenario", ["calm", "step"])
+def test_anyway_flies_what_is_refused_and_warns_of_it(scenario, tmp_path, direct):
+    (tmp_path / "step.toml").write_text(STEP)
+    refused = {
+        "calm": ("calm", "--law", "pid-fair", "--vehicle", "iris"),
+        "step": (str(tmp_path / "step.toml"), "--law", "flagship"),
+    }[scenario]
+    plain = run("fly", *refused, "--anyway", "--out", str(tmp_path / "plain"))
+    assert plain.exit_code == 0
+    told = json.loads(run("fly", *refused, "--anyway", "--json", "--out", str(tmp_path / "json")).stdout)["warnings"]
+    assert ("unstable" if scenario == "calm" else "holds references") in told[0]
+    assert len(told) == (2 if scenario == "calm" else 1)
+    assert plain.stderr == "".join(f"gustproof: warning: {line}\n" for line in told)
+    assert all(f"warning: {line}" in " ".join(plain.stdout.split()) for line in told)
+
+
+def test_a_repetition_says_whether_it_is_equal(tmp_path, direct):
+    first, second = str(tmp_path / "first"), str(tmp_path / "second")
+    assert run("fly", "calm", "--law", "pid-fair", "--out", first).exit_code == 0
+    again = run("fly", "--repeat", first, "--json", "--out", second)
+    assert again.exit_code == 0
+    assert json.loads(again.stdout)["equal"] is True
+    assert again.stderr == f"gustproof: equal to {first} in every bit of its 15000 samples\n"
+
+
+def test_a_repetition_of_a_flight_that_now_differs_says_so_in_json(tmp_path, direct, monkeypatch):
+    first, second = str(tmp_path / "first"), str(tmp_path / "second")
+    assert run("fly", "calm", "--law", "pid-fair", "--out", first).exit_code == 0
+    monkeypatch.setattr("gustproof.flight.differs_from_s", lambda *_: 0.5)
+    again = run("fly", "--repeat", first, "--json", "--out", second)
+    assert again.exit_code == 1
+    assert json.loads(again.stdout)["equal"] is False
+    assert "differs from" in one_line(again)
+
+
+def test_a_repetition_of_a_real_time_flight_says_that_nothing_is_compared(tmp_path, direct):
+    first, second = str(tmp_path / "first"), str(tmp_path / "second")
+    assert run("fly", "calm", "--law", "pid-fair", "--real-time", "--out", first).exit_code == 0
+    again = run("fly", "--repeat", first, "--json", "--out", second)
+    assert again.exit_code == 0
+    assert json.loads(again.stdout)["equal"] is None
+    assert one_line(again) == (
+        f"gustproof: {first} was flown in real time, where no two flights share all bits: not compared"
+    )
+
+
+def test_a_report_is_not_written_over_another_file(tmp_path, direct):
+    page = tmp_path / "report.html"
+    page.write_text("mine")
+    assert run("fly", "calm", "--law", "pid-fair", "--out", str(tmp_path / "run")).exit_code == 0
+    refused = run("report", str(tmp_path / "run"), "-o", str(page))
+    assert (refused.exit_code, page.read_text()) == (2, "mine")
+    assert one_line(refused) == f"gustproof: {page}: exists already; nothing is overwritten"
 
 
 @pytest.mark.parametrize("law", ["hinf-d1", "pid-fair"])
