@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic_core import to_jsonable_python
 
 from firmware_model import access, status, udp, undisturbed
 from firmware_model.attended import ATTENDED, attend
@@ -79,7 +80,10 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
         host, _ = udp.resolve(options.bind, 0)
         signing = access.signing(options, host)
         sockets = [stack.enter_context(udp.bind(port, host)) for port in ports]
-        journal = _journal(stack, options, header, scenario) if options.journal else None
+        # Who flies is not known here: a recording of the flight lacks the law, unless a note has it.
+        flown = {"scenario": scenario, "vehicle": vehicle, "seed": options.seed, "law": None}
+        note = None if standing else to_jsonable_python({**flown, "real_time": not options.lockstep})
+        journal = _journal(stack, options, {**header, "note": note}, scenario) if options.journal else None
         expected: list[Peer] = []
         if options.bind_port is None:
             expected = [(index, ("127.0.0.1", pair[1] + options.instance)) for index, pair in enumerate(_PORTS)]

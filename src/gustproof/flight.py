@@ -37,8 +37,8 @@ class RecordedFlight:
 
     scenario: Scenario
     """Script that was flown."""
-    law: Law
-    """Law that flew it."""
+    law: Law | None
+    """Law that flew it; `None` if it was a controller of another's."""
     vehicle: Vehicle
     """Vehicle that was flown."""
     seed: int
@@ -68,13 +68,16 @@ class RecordedFlight:
         return self.outcome in {Outcome.DONE, *expected}
 
     @property
-    def gaps(self) -> tuple[str, ...]:
-        """What the law can't make up for, a line each; the script's own losses are none of it."""
-        missed = (self.pace or {}).get("missed_samples", 0)
-        if not missed or self.scenario.scripts_controller:
+    def warnings(self) -> tuple[str, ...]:
+        """What must be known before the figures are believed, a line each."""
+        if self.law is None:
             return ()
+        known = warnings(self.scenario, self.law, self.vehicle)
+        missed = (self.pace or {}).get("missed_samples", 0)
+        if not missed or self.scenario.scripts_controller:  # the script's own losses need no warning
+            return known
         off = "what the vehicle turned meanwhile is missing in its attitude"
-        return (f"{missed} samples never came to law '{self.law.name}': {off}",)
+        return (*known, f"{missed} samples never came to law '{self.law.name}': {off}")
 
     @property
     def requirements(self) -> tuple[RequirementResult, ...]:
@@ -83,19 +86,19 @@ class RecordedFlight:
 
     def named(self, scenario: str, law: str) -> bool:
         """Return whether this is a flight of `scenario` with `law`, whatever the seed."""
-        return (self.scenario.name, self.law.name) == (scenario, law)
+        return (self.scenario.name, _name(self.law)) == (scenario, law)
 
     def document(self) -> dict[str, Any]:
         """Return the flight as JSON has it; the figures stand at the top level under their names."""
         return {
             "scenario": self.scenario.name,
-            "law": self.law.name,
+            "law": None if self.law is None else self.law.name,
             "vehicle": self.vehicle.name,
             "seed": self.seed,
             "outcome": self.outcome.name.lower(),
             "message": self.message,
             "bag": None if self.bag is None else str(self.bag),
-            "warnings": [*warnings(self.scenario, self.law, self.vehicle), *self.gaps],
+            "warnings": list(self.warnings),
             **({} if self.metrics is None else asdict(self.metrics)),
             "pace": None if self.pace is None else dict(self.pace),
             "requirements": [result.document() for result in self.requirements],
@@ -177,20 +180,28 @@ def noted(note: Any, source: Path) -> Plan:
     Raises
     ------
     ConfigError
-        If it carries none.
+        If it carries none, or lacks the law.
     """
+    scenario, law, vehicle, seed, real_time = _noted(note, source)
+    if law is None:
+        raise ConfigError(f"{source}: flown by a controller of its own, whose law is not in it")
+    return Plan(scenario, law, vehicle, seed, real_time)
+
+
+def _noted(note: Any, source: Path) -> tuple[Scenario, Law | None, Vehicle, int, bool]:
+    """Return what was flown, as `Plan` has it; the law is `None` if a controller of its own has flown."""
     try:
         scenario, vehicle = note["scenario"], note["vehicle"]
-        law = {key: value for key, value in note["law"].items() if key != "order"}
+        law = None if note["law"] is None else {key: value for key, value in note["law"].items() if key != "order"}
         seed, real_time = int(note["seed"]), bool(note["real_time"])
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ConfigError(f"{source}: does not say what was flown") from None
-    return Plan(
-        scenario=parse(Scenario, scenario, f"{source}: scenario"),
-        law=law_from(law, f"{source}: law"),
-        vehicle=parse(Vehicle, vehicle, f"{source}: vehicle"),
-        seed=seed,
-        real_time=real_time,
+    return (
+        parse(Scenario, scenario, f"{source}: scenario"),
+        None if law is None else law_from(law, f"{source}: law"),
+        parse(Vehicle, vehicle, f"{source}: vehicle"),
+        seed,
+        real_time,
     )
 
 
@@ -224,7 +235,7 @@ def fly_and_record(
         note=plan.note(), tlog=tlog, watched=watched,
     )  # fmt: skip
     return _recorded(
-        plan, plan.note(), flown.records, flown.journal,
+        scenario, law, vehicle, seed, plan.note(), flown.records, flown.journal,
         outcome=flown.outcome, message=flown.message, realtime_factor=flown.realtime_factor,
         pace=flown.pace,
     )  # fmt: skip
@@ -257,12 +268,12 @@ def recover(folder: Path) -> list[RecordedFlight]:
 def _recover(journal: Path) -> RecordedFlight:
     header, written = read_journal(journal)
     note = header.get("note", {})
-    plan, records = noted(note, journal), _sound(written)
-    outcome = outcome_of(records, plan.scenario)
-    ended = f"{in_words(outcome, plan.scenario, records)}, {len(records)} of {plan.scenario.samples} samples"
+    (scenario, law, vehicle, seed, _), records = _noted(note, journal), _sound(written)
+    outcome = outcome_of(records, scenario)
+    ended = f"{in_words(outcome, scenario, records)}, {len(records)} of {scenario.samples} samples"
     return _recorded(
-        plan, note, records, journal, outcome=outcome, realtime_factor=0.0,
-        message=f"{plan.scenario.name}, {plan.law.name}, seed {plan.seed}: {ended}",
+        scenario, law, vehicle, seed, note, records, journal, outcome=outcome, realtime_factor=0.0,
+        message=f"{scenario.name}, {_name(law)}, seed {seed}: {ended}",
     )  # fmt: skip
 
 
@@ -284,13 +295,14 @@ def _sound(records: NDArray[np.void]) -> NDArray[np.void]:
 
 
 def _recorded(
-    plan: Plan, note: Mapping[str, Any], records: NDArray[np.void], journal: Path, *,
+    scenario: Scenario, law: Law | None, vehicle: Vehicle, seed: int,
+    note: Mapping[str, Any], records: NDArray[np.void], journal: Path, *,
     outcome: Outcome, message: str, realtime_factor: float, pace: Mapping[str, Any] | None = None,
 ) -> RecordedFlight:  # fmt: skip
     """Write the bag of what was flown beside its journal, unless it is there already, and remove the journal."""
     bag = None
     if len(records):
-        bag = journal.parent / plan.name
+        bag = journal.parent / f"{scenario.name}-{_name(law)}-seed{seed}"
         try:
             if not _is_bag_of(bag, records):
                 paced = {} if pace is None else {"pace": dict(pace)}
@@ -301,15 +313,20 @@ def _recorded(
     journal.unlink(missing_ok=True)
     figures = len(records) >= 2
     return RecordedFlight(
-        scenario=plan.scenario, law=plan.law, vehicle=plan.vehicle, seed=plan.seed,
+        scenario=scenario, law=law, vehicle=vehicle, seed=seed,
         outcome=outcome, message=message, records=records, bag=bag,
-        metrics=measure(records, plan.vehicle, plan.scenario, realtime_factor) if figures else None, pace=pace,
+        metrics=measure(records, vehicle, scenario, realtime_factor) if figures else None, pace=pace,
     )  # fmt: skip
 
 
 def _is_bag_of(bag: Path, records: NDArray[np.void]) -> bool:
     """Return whether `bag` is there with these records: its writer was killed before it had removed the journal."""
     return bag.exists() and read_bag(bag)[1].tobytes() == records.tobytes()
+
+
+def _name(law: Law | None) -> str:
+    """Return the name of a law in texts and files."""
+    return "own-controller" if law is None else law.name
 
 
 def _versions() -> dict[str, str]:

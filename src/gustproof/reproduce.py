@@ -227,7 +227,7 @@ def _draw(flights: Sequence[RecordedFlight], seed: int, problem: Interconnection
 
     out.mkdir()
     for scenario, names in (("paper", PAPER_LAWS), ("paper-turbulence", LAWS[1:])):
-        records = {f.law.name: f.records for f in flights if f.scenario.name == scenario and f.seed == seed}
+        records = {name: f.records for f in flights for name in LAWS if f.named(scenario, name) and f.seed == seed}
         shown = {name: records[name] for name in names}
         figures.save_moments(records["hinf-d1"], out / f"{scenario}-moments.png")
         figures.save_euler_angles(shown, scenario, out / f"{scenario}-euler-angles.png")

@@ -152,3 +152,47 @@ def test_mcap_for_python_and_for_node_find_equal_values_in_every_message(run):
     for topic, found in ours.items():
         assert theirs[topic]["times"] == found.times
         assert theirs[topic]["values"] == found.values, topic
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    """The journal of an autopilot in lockstep that a controller of its own has flown, recovered."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "short.toml").write_text(f'{SCRIPT}[[require]]\nmetric = "peak_deg"\nat_most = 1.0\n')
+    words = ["--scenario", "short.toml", "--lockstep", "--bind-port", "0", "--json", "--journal", "flight.journal"]
+    autopilot = [sys.executable, "-m", "gustproof", "autopilot", *words]
+    with subprocess.Popen(autopilot, cwd=folder, stdout=subprocess.PIPE, text=True) as vehicle:
+        port = json.loads(vehicle.stdout.readline())["listening"][0]
+        controller = [sys.executable, "-m", "gustproof", "controller", "--law", "pid-fair"]
+        subprocess.run([*controller, "--connect", f"127.0.0.1:{port}"], check=True, capture_output=True, timeout=60)
+        vehicle.communicate(timeout=60)
+    command = [sys.executable, "-m", "gustproof", "recover", ".", "--json"]
+    told = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True, timeout=60)
+    return folder, json.loads(told.stdout)[0]
+
+
+def test_a_flight_of_an_own_controller_is_recovered_with_its_figures(own):
+    folder, told = own
+    assert (told["scenario"], told["law"], told["outcome"]) == ("short", None, "done")
+    assert 0.0 < told["rmse_deg"] < 1.0
+    assert told["requirements"][0]["held"]
+    about, records = read_bag(folder / told["bag"])
+    assert (about["law"], len(records)) == (None, 500)
+    assert not list(folder.glob("*.journal"))
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (("fly", "--repeat", "."), "flown by a controller of its own, whose law is not in it"),
+        (("report", "."), "flown by a controller of its own; a page needs its law"),
+    ],
+)
+def test_what_needs_the_law_of_an_own_controller_says_so(own, command, words):
+    told = subprocess.run(
+        [sys.executable, "-m", "gustproof", *command], cwd=own[0], capture_output=True, text=True, check=False,
+        timeout=60,
+    )  # fmt: skip
+    assert told.returncode == 2
+    (line,) = told.stderr.strip().splitlines()
+    assert words in line

@@ -92,8 +92,8 @@ def fly(
     if as_json:
         print(json.dumps(result.document() | (comparison.document() if comparison else {}), indent=2))
     else:
-        known = (*warnings(plan.scenario, plan.law, plan.vehicle), *result.gaps)
-        show(flight_document(result.message, result.metrics, result.bag, result.requirements, result.pace, known))
+        document = (result.message, result.metrics, result.bag, result.requirements, result.pace, result.warnings)
+        show(flight_document(*document))
     if interrupted:
         raise stop(f"interrupted; what was flown is in {folder}", Status.INTERRUPTED)
     if comparison and comparison.equal is False:

@@ -73,6 +73,8 @@ def read_runs(paths: Iterable[Path]) -> tuple[Run, ...]:
 def _run(label: str, bag: Path, about: dict[str, Any], records: Records) -> Run:
     if len(records) < 2:
         raise ConfigError(f"{bag}: {len(records)} samples, a report needs at least 2")
+    if about.get("law", ...) is None:
+        raise ConfigError(f"{bag}: flown by a controller of its own; a page needs its law")
     try:
         law = {key: value for key, value in about["law"].items() if key != "order"}
         scenario, vehicle = about["scenario"], about["vehicle"]

@@ -38,6 +38,7 @@ def test_error_of_gusts_and_of_noise_add_up_as_squares(scheduled):
 
 def test_the_loop_s_curves_agree_with_its_margins(scheduled):
     worst = hover_margins(load_law("hinf-scheduled"), VEHICLE, SHORT)
+    assert hover_margins(load_law("hinf-scheduled"), load_vehicle("iris"), SHORT) is None  # unstable there
     assert max(axis.Ms for axis in scheduled.hover.margins.input) == worst.Ms
     S = 1.0 / (1.0 + scheduled.hover.loop)
     # the axes do not couple at hover, so the singular values are the axes' own
@@ -63,6 +64,8 @@ def test_how_far_the_vehicle_may_be_off_is_told_where_axes_do_not_couple(schedul
     assert any("off by 0.82 times 20 % and the lag 30 %" in line for line in scheduled.limits())
     flagship = analyse(load_law("flagship"), VEHICLE, SHORT)
     assert max(axis.upper for axis in flagship.stability) < 0.65
+    assert any("references: held within 15 deg of level" in line for line in flagship.limits())
+    assert any("references: none are read, level is held" in line for line in scheduled.limits())
     assert any("off by 1.7 times 20 % and the lag 30 %" in line for line in flagship.limits())
 
 

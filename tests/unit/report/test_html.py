@@ -3,13 +3,16 @@ import json
 import re
 import zlib
 from dataclasses import replace
+from html import escape
 
 import numpy as np
 import pytest
 
 from firmware_model.requirement import Requirement
+from firmware_model.vehicle import load_vehicle
 from gustproof.report.html import report_page
 from gustproof.report.html_runs import read_runs
+from gustproof.requirements import judge
 
 
 @pytest.fixture
@@ -76,6 +79,19 @@ def test_the_page_says_what_real_time_cost_the_flights_that_were_flown_in_it(run
     row = r"<th[^>]*>samples late at the law</th><td>124</td><td></td>"
     assert re.search(row, page)
     assert "late at the law" not in report_page(runs)
+
+
+def test_what_was_not_flown_to_its_end_is_not_judged(recorded):
+    whole = read_runs([recorded("run", require=(Requirement(metric="peak_deg", at_most=1.0),))])[0]
+    cut = replace(whole, requirements=judge(whole.records[:100], whole.scenario, whole.vehicle))
+    assert '<span class="interval">not judged</span>' in report_page([cut])
+    assert "not held" not in report_page([cut])
+
+
+def test_another_vehicles_law_is_named(runs):
+    assert "was designed for vehicle" not in report_page(runs)
+    page = report_page([replace(runs[0], vehicle=load_vehicle("iris"))])
+    assert escape(f"law '{runs[0].law.name}' was designed for vehicle 'paper', not 'iris'") in page
 
 
 def test_the_page_names_the_licence_of_what_it_carries(runs):
