@@ -80,10 +80,7 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
         host, _ = udp.resolve(options.bind, 0)
         signing = access.signing(options, host)
         sockets = [stack.enter_context(udp.bind(port, host)) for port in ports]
-        # Who flies is not known here: a recording of the flight lacks the law, unless a note has it.
-        flown = {"scenario": scenario, "vehicle": vehicle, "seed": options.seed, "law": None}
-        note = None if standing else to_jsonable_python({**flown, "real_time": not options.lockstep})
-        journal = _journal(stack, options, {**header, "note": note}, scenario) if options.journal else None
+        journal = _journal(stack, options, _heading(options, scenario, vehicle), scenario) if options.journal else None
         expected: list[Peer] = []
         if options.bind_port is None:
             expected = [(index, ("127.0.0.1", pair[1] + options.instance)) for index, pair in enumerate(_PORTS)]
@@ -222,6 +219,15 @@ def _parser(program: str) -> argparse.ArgumentParser:
     add("--params", action="store_true", help="print all parameters with units, ranges and meanings, and end")
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser
+
+
+def _heading(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> dict[str, Any]:
+    """Return what heads a journal: of a scripted flight all but the law, as who flies is not known here."""
+    names = {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
+    if options.scenario is None and not options.lockstep:
+        return names
+    flown = {**names, "scenario": scenario, "vehicle": vehicle, "law": None, "real_time": not options.lockstep}
+    return {**names, "note": to_jsonable_python(flown)}
 
 
 def _journal(
