@@ -69,7 +69,6 @@ def fly(
 
         gustproof fly --run mc.parquet:4711
     """
-    from gustproof.flight import warnings
     from gustproof.outcome import Outcome
     from gustproof.recording.folder import fresh_folder
     from gustproof.report.document import flight_document, show
