@@ -23,11 +23,12 @@ from firmware_model.attended import ATTENDED, attend
 from firmware_model.autopilot import Mode
 from firmware_model.endpoint import VehicleEndpoint
 from firmware_model.errors import ConfigError, RecordingError
-from firmware_model.files import read_json
+from firmware_model.files import parse_json, read_json, read_text
 from firmware_model.flight import Flight, Hitch
 from firmware_model.frames import Peer
 from firmware_model.journal import JournalWriter
 from firmware_model.loop import VehicleLoop
+from firmware_model.mistakes import Parser, printable
 from firmware_model.outcome import Outcome
 from firmware_model.params import Parameters
 from firmware_model.scenario import Scenario, load_scenario, shipped_scenarios
@@ -57,10 +58,10 @@ def main(arguments: Sequence[str] | None = None, *, program: str = "firmware_mod
             raise ConfigError("--held and --air are for a vehicle without --scenario and --lockstep")
         return _fly(options, standing)
     except ConfigError as error:
-        print(f"{program}: {error}", file=sys.stderr)
+        print(f"{program}: {printable(str(error))}", file=sys.stderr)
         return 2
     except RecordingError as error:
-        print(f"{program}: {error}", file=sys.stderr)
+        print(f"{program}: {printable(str(error))}", file=sys.stderr)
         return _BROKEN
 
 
@@ -182,7 +183,7 @@ def _pace(flight: Flight, fifo: bool) -> dict[str, Any]:
 
 
 def _parser(program: str) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog=program,
         description="A simulated multirotor with its autopilot. Speaks MAVLink over UDP on this machine, as PX4's "
         "simulation does, and is not PX4. It stands on the ground in real time until Ctrl-C. With --scenario it is "
@@ -234,7 +235,7 @@ def _journal(
     stack: ExitStack, options: argparse.Namespace, header: dict[str, Any], scenario: Scenario
 ) -> JournalWriter:
     try:
-        note = {"note": json.loads(options.note.read_text(encoding="utf-8"))} if options.note else {}
+        note = {"note": parse_json(read_text(options.note))} if options.note else {}
         writer = JournalWriter(options.journal, {**header, **note}, scenario.control_rate_hz)
     except OSError as error:
         raise ConfigError(f"{error.filename}: {error.strerror}") from None

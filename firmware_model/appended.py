@@ -74,7 +74,7 @@ def locked(path: Path) -> IO[bytes] | None:
 
 def still_grows(path: Path) -> bool:
     """Return whether a process is writing the file at this moment; never where files can't be locked."""
-    if fcntl is None:
+    if fcntl is None or not path.is_file():  # to open a pipe waits for its writer
         return False
     with path.open("rb") as file:
         try:

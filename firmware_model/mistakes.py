@@ -1,9 +1,10 @@
 """What is wrong with a file, in one clear line: each key, what it was given, what is allowed."""
 
+import argparse
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, get_args, get_type_hints
+from typing import Any, NoReturn, get_args, get_type_hints
 
 _MOST = 20  # mistakes that are told one by one
 _LONGEST = 300  # characters of one
@@ -11,10 +12,28 @@ _UNKNOWN = {"unexpected_keyword_argument", "extra_forbidden"}
 _MISSING = {"missing", "missing_argument"}
 
 
+def printable(text: str, keep: str = "") -> str:
+    """Return a text with an escape sequence of Python in the place of what a terminal may obey, unless in `keep`.
+
+    That is control characters, ESC among them, marks that turn the direction of writing, and what is no character.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode() for c in text)
+
+
 def one_line(text: str) -> str:
     """Return a text without control characters, and its end left out if it is long."""
-    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[: _LONGEST + 1])
+    shown = printable(text[: _LONGEST + 1])
     return shown if len(shown) <= _LONGEST else shown[: _LONGEST - 3] + "..."
+
+
+class Parser(argparse.ArgumentParser):
+    """A command line whose mistakes are told in printable characters."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with the mistake and exit status 2."""
+        super().error(printable(message))
 
 
 def told(kind: Any, errors: Sequence[Any]) -> str:
@@ -35,8 +54,15 @@ def _mistake(kind: Any, item: Any) -> str:
     if item["type"] == "union_tag_invalid":
         return f"{key}.kind: must be one of {context['expected_tags']} (given '{one_line(context['tag'])}')"
     said = str(context["error"]) if item["type"] == "value_error" else _said(item["msg"])
+    if item["type"] == "tuple_type" and isinstance(item["input"], dict) and _is_many(kind, key):
+        said = f"there may be many: write [[{key}]]"
     shown = "" if isinstance(item["input"], dict) else f" (given {item['input']!r})"
     return f"{key}: {said}{shown}"
+
+
+def _is_many(kind: Any, key: str) -> bool:
+    """Return whether a key of `kind` holds any number of items."""
+    return is_dataclass(kind) and get_args(get_type_hints(kind).get(key))[-1:] == (Ellipsis,)
 
 
 def _said(message: str) -> str:

@@ -1,14 +1,19 @@
 """Read the CSV files that `replay` tables name."""
 
 import csv
+import io
 import math
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
 from firmware_model.errors import ConfigError
+from firmware_model.files import read_text
 from firmware_model.mistakes import one_line
+from firmware_model.wind import MOST_ROWS
 
+_LONGEST = 1000  # characters of a line
 _FRAMES: dict[tuple[str, ...], Literal["ned", "body"]] = {
     ("wind", "time_s", "north_mps", "east_mps", "down_mps"): "ned",
     ("wind", "time_s", "u_mps", "v_mps", "w_mps"): "body",
@@ -36,33 +41,44 @@ def _tables(document: dict[str, Any], key: str) -> bool:
 
 
 def _filled(tables: list[Any], key: str, path: Path) -> Iterator[Any]:
+    left = MOST_ROWS  # of all the tables together, whatever the number of them
     for i, table in enumerate(tables):
         named = isinstance(table, dict) and table.get("kind") == "replay" and isinstance(table.get("file"), str)
         if not named or "rows" in table:
             yield table
             continue
         file = path.parent / table["file"]
-        frame, rows = _read(file, key, f"{path}: {key}.{i}.file: {one_line(table['file'])}")
+        frame, rows = _read(file, key, f"{path}: {key}.{i}.file: {one_line(table['file'])}", left)
+        left -= len(rows)
         if table.get("frame", frame) != frame:
             given = one_line(repr(table["frame"]))
             raise ConfigError(f"{path}: {key}.{i}.frame: the file has columns in '{frame}' (given {given})")
         yield {**table, "frame": frame, "rows": rows}
 
 
-def _read(file: Path, key: str, source: str) -> tuple[str, list[list[float]]]:
+def _read(file: Path, key: str, source: str, most: int) -> tuple[str, list[list[float]]]:
     try:
-        with file.open(encoding="utf-8", newline="") as lines:
-            table = [line for line in csv.reader(lines) if line]
+        lines = (line for line in csv.reader(_lines(read_text(file))) if line)
+        header = tuple(name.strip() for name in next(lines, ()))
+        frame = _FRAMES.get((key, *header))
+        if frame is None:
+            known = " or ".join(",".join(names[1:]) for names in _FRAMES if names[0] == key)
+            raise ConfigError(f"{source}: the first line must be {known}")
+        rows = [_numbers(line, f"{source}: row {i}") for i, line in enumerate(islice(lines, most + 1), 1)]
     except OSError as error:
         raise ConfigError(f"{source}: {error.strerror}") from None
     except (ValueError, csv.Error) as error:
-        raise ConfigError(f"{source}: not CSV: {error}") from None
-    header = tuple(name.strip() for name in table[0]) if table else ()
-    frame = _FRAMES.get((key, *header))
-    if frame is None:
-        known = " or ".join(",".join(names[1:]) for names in _FRAMES if names[0] == key)
-        raise ConfigError(f"{source}: the first line must be {known}")
-    return frame, [_numbers(line, f"{source}: row {i}") for i, line in enumerate(table[1:], 1)]
+        raise ConfigError(f"{source}: not CSV: {one_line(str(error))}") from None
+    if len(rows) > most:
+        raise ConfigError(f"{source}: a scenario's replay tables have at most {MOST_ROWS:,} rows")
+    return frame, rows
+
+
+def _lines(text: str) -> Iterator[str]:
+    for i, line in enumerate(io.StringIO(text, newline=""), 1):
+        if len(line) > _LONGEST:
+            raise ValueError(f"line {i} has more than {_LONGEST} characters")
+        yield line
 
 
 def _numbers(line: list[str], source: str) -> list[float]:

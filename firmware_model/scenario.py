@@ -4,13 +4,13 @@ import math
 from dataclasses import field
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from firmware_model.events import ControllerHung, ControllerKilled, Event, ModeChange
-from firmware_model.files import read_toml, shipped
+from firmware_model.files import Name, read_toml, shipped
 from firmware_model.link import LinkFault
 from firmware_model.moments import Moment
 from firmware_model.plant_events import ActuatorLag, AttitudeReference, GyroBias, PlantEvent
@@ -21,6 +21,16 @@ from firmware_model.wind import STRICT, Dryden, Shear, Wind
 
 SCENARIOS = Path(__file__).parent / "scenarios"
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
+
+
+def _countable(tables: Any) -> Any:
+    """Refuse more tables than any script needs before each of them is looked at."""
+    if isinstance(tables, list) and len(tables) > 1000:
+        raise ValueError(f"there are {len(tables):,} of them, 1,000 are the most")
+    return tables
+
+
+_MANY = BeforeValidator(_countable)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
@@ -47,8 +57,8 @@ class AccelerometerFault:
 class Scenario:
     """One scripted flight; times are multiples of the sample time."""
 
-    name: str
-    """Short name; the file's by default."""
+    name: Name
+    """Short name, part of the names of files; the file's by default."""
     description: str
     """One line: what it shows."""
     duration_s: Annotated[float, Field(gt=0.0, le=86_400.0)]
@@ -67,19 +77,19 @@ class Scenario:
     """[deg] roll, pitch, yaw in which the flight begins, at rest; a vehicle on the ground stands level."""
     gust_scale: NonNegative = 1.0
     """[-] all gusts times this; the mean wind stays."""
-    wind: tuple[Wind, ...] = ()
+    wind: Annotated[tuple[Wind, ...], _MANY] = ()
     """Wind, added up."""
-    moment: tuple[Moment, ...] = ()
+    moment: Annotated[tuple[Moment, ...], _MANY] = ()
     """Moments that act directly, added up."""
     gyro: GyroFault = field(default_factory=GyroFault)
     """Gyro faults."""
     accelerometer: AccelerometerFault = field(default_factory=AccelerometerFault)
     """Accelerometer faults."""
-    link: tuple[LinkFault, ...] = ()
+    link: Annotated[tuple[LinkFault, ...], _MANY] = ()
     """Faults of the link to the controller, and back."""
-    event: tuple[Event, ...] = ()
+    event: Annotated[tuple[Event, ...], _MANY] = ()
     """What happens at stated times."""
-    require: tuple[Requirement, ...] = ()
+    require: Annotated[tuple[Requirement, ...], _MANY] = ()
     """What must hold."""
 
     @model_validator(mode="after")
@@ -132,6 +142,25 @@ class Scenario:
             if item.metric is Metric.OVERSHOOT and not self._step_of(item):
                 raise ValueError(f"require.{number}: the window has no step of the reference in {item.axis}")
         return self
+
+    @property
+    def unflown(self) -> tuple[str, ...]:
+        """What the script says and no flight of it shows, a line each."""
+        late = f"not before the end, {self.duration_s} s: it is never flown"
+        begins = [
+            *((f"event.{i}: at_s {each.at_s} is", each.at_s) for i, each in enumerate(self.event)),
+            *(
+                (f"{key}.{i}: start_s {each.start_s} is", each.start_s)
+                for key in ("wind", "moment", "link")
+                for i, each in enumerate(getattr(self, key))
+                if hasattr(each, "start_s")
+            ),
+        ]
+        drifts = [i for i, each in enumerate(self.require) if each.metric is Metric.DRIFT and not self.free]
+        return (
+            *(f"{what} {late}" for what, begin_s in begins if self.sample_at(begin_s) >= self.samples),
+            *(f"require.{i}: drift_m of a vehicle that is held is 0: give translation = 'free'" for i in drifts),
+        )
 
     @property
     def scripts_controller(self) -> bool:

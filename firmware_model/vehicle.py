@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from firmware_model.files import read_toml, shipped
+from firmware_model.errors import ConfigError
+from firmware_model.files import Name, read_toml, shipped
 from firmware_model.spreads import nominal
 
 GRAVITY = 9.80665
@@ -178,7 +179,7 @@ class PositionLoop:
 class Vehicle:
     """A multirotor as a rigid body with torque actuators."""
 
-    name: str
+    name: Name
     """Short name; the file's by default."""
     source: str
     """Where the numbers were published."""
@@ -239,7 +240,30 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
     ConfigError
         If there is no such file, or a key or value is not allowed.
     """
-    return read_toml(Vehicle, name_or_path, VEHICLES, lambda document, path: nominal(document, str(path)))
+    vehicle = read_toml(Vehicle, name_or_path, VEHICLES, lambda document, path: nominal(document, str(path)))
+    check_body(vehicle.inertia_B, vehicle.inertia_B, str(name_or_path))
+    return vehicle
+
+
+def check_body(low: Vector, high: Vector, source: str) -> None:
+    """Refuse inertias [kg*m^2] of which one can belong to no rigid body, wherever the others are from `low` to `high`.
+
+    Of a rigid body none is larger than the sum of the other two; it is their sum for a flat plate.
+
+    Raises
+    ------
+    ConfigError
+        If there is one; `source` is named.
+    """
+    for i, axis in enumerate("xyz"):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        apart = max(low[j] - high[k], low[k] - high[j], 0.0)
+        for value in (low[i], high[i]):
+            if not apart * (1.0 - 1e-9) <= value <= (high[j] + high[k]) * (1.0 + 1e-9):
+                raise ConfigError(
+                    f"{source}: inertia_B: no rigid body has {value} about {axis}: each moment of inertia is at most "
+                    "the sum of the other two"
+                )
 
 
 def shipped_vehicles() -> tuple[str, ...]:

@@ -1,15 +1,14 @@
 """All the vehicles that a file allows: each number as it stands there, or anywhere within its spread."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from firmware_model.files import parse
+from firmware_model.files import parse, read_document
 from firmware_model.spreads import Spread, at, nominal, spreads
-from firmware_model.vehicle import VEHICLES, Vehicle, load_vehicle
+from firmware_model.vehicle import VEHICLES, Vehicle, check_body, load_vehicle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,13 +66,16 @@ def vehicle_set(document: Mapping[str, Any], source: str) -> VehicleSet:
     Raises
     ------
     ConfigError
-        If a key or value is not allowed, or an end of a spread is not.
+        If a key or value is not allowed, or an end of a spread is not; or no rigid body has an inertia there.
     """
     parse(Vehicle, nominal(document, source), source)
     vehicles = VehicleSet(document=dict(document))
     for name in vehicles.spreads:
         for end in (-1.0, 1.0):
             vehicles.at({name: end})
+    inertias = [name for name in vehicles.spreads if name.startswith("inertia_B.")]
+    low, high = (vehicles.at(dict.fromkeys(inertias, end)).inertia_B for end in (-1.0, 1.0))
+    check_body(low, high, source)
     return vehicles
 
 
@@ -87,4 +89,4 @@ def load_vehicle_set(name_or_path: str | Path) -> VehicleSet:
     """
     name = load_vehicle(name_or_path).name
     path = Path(name_or_path) if Path(name_or_path).suffix == ".toml" else VEHICLES / f"{name_or_path}.toml"
-    return vehicle_set({"name": name, **tomllib.loads(path.read_text(encoding="utf-8"))}, str(path))
+    return vehicle_set({"name": name, **read_document(path)}, str(path))

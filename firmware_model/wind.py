@@ -8,7 +8,7 @@ along and is trimmed out on the test stand; all else are gusts, which push on th
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, FailFast, Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from firmware_model.vehicle import Finite, NonNegative, Positive, Vector
@@ -18,7 +18,11 @@ KNOT = 0.514444
 """[m/s] 1852 m an hour."""
 Frame = Literal["body", "ned"]
 Rate = Annotated[float, Field(gt=0.0, le=3200.0)]
-Rows = Annotated[tuple[tuple[Finite, Finite, Finite, Finite], ...], Field(min_length=2)]
+MOST_ROWS = 150_000
+"""Rows of a `replay`: ten minutes at 250 Hz."""
+Rows = Annotated[
+    tuple[tuple[Finite, Finite, Finite, Finite], ...], FailFast(), Field(min_length=2, max_length=MOST_ROWS)
+]
 _WORDS = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}  # MIL-F-8785C, figure 9: W20
 
 

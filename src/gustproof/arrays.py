@@ -10,8 +10,11 @@ def frozen(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.fl
     Raises
     ------
     ValueError
-        If it has another shape, or a number that is not finite; it is called `name` there.
+        If it has another shape, text in the place of a number, or a number that is not finite; it is called `name`
+        there.
     """
+    if np.asarray(value).dtype.kind in "US":
+        raise ValueError(f"{name} has text in the place of a number")
     array = np.array(value, dtype=np.float64, order="C")
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape}, must be {shape}")

@@ -261,14 +261,14 @@ def recover(folder: Path) -> list[RecordedFlight]:
         if still_grows(journal):
             raise ConfigError(f"{journal}: the flight is not over")
     for leftover in (*folder.glob(f"{UNFINISHED}*"), *folder.glob(f"{WORKING}*")):
-        shutil.rmtree(leftover)
+        shutil.rmtree(leftover, ignore_errors=True)  # a link to elsewhere stays
     return [_recover(journal) for journal in journals]
 
 
 def _recover(journal: Path) -> RecordedFlight:
-    header, written = read_journal(journal)
+    header, records = read_journal(journal, sound=True)
     note = header.get("note", {})
-    (scenario, law, vehicle, seed, _), records = _noted(note, journal), _sound(written)
+    scenario, law, vehicle, seed, _ = _noted(note, journal)
     outcome = outcome_of(records, scenario)
     ended = f"{in_words(outcome, scenario, records)}, {len(records)} of {scenario.samples} samples"
     return _recorded(
@@ -286,12 +286,6 @@ def differs_from_s(records: NDArray[np.void], others: NDArray[np.void]) -> float
     ours, theirs = (np.frombuffer(each[:n].tobytes(), dtype=np.uint64).reshape(n, -1) for each in (records, others))
     rows = np.flatnonzero(np.any(ours != theirs, axis=1))
     return float(records["time_us"][rows[0]] * 1e-6) if len(rows) else None
-
-
-def _sound(records: NDArray[np.void]) -> NDArray[np.void]:
-    """Return the records up to where time no longer goes on: what a lost disk cache leaves is zeros."""
-    breaks = np.flatnonzero(~(np.diff(records["time_us"]) > 0.0))
-    return records[: int(breaks[0]) + 1] if len(breaks) else records
 
 
 def _recorded(

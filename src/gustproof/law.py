@@ -13,12 +13,15 @@ import json
 import math
 from dataclasses import dataclass, field
 from enum import Enum
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_model.files import checked_name, parse_json, read_text, write_text
+from firmware_model.mistakes import one_line
 from gustproof.arrays import frozen
 from gustproof.errors import LawFileError
 
@@ -56,6 +59,17 @@ class Provenance:
     version: str = ""
     """Version of gustproof that made it."""
 
+    def __post_init__(self) -> None:
+        """Check that texts are texts, and figures numbers."""
+        for key in ("design", "vehicle", "version"):
+            if not isinstance(getattr(self, key), str):
+                raise ValueError(f"provenance.{key}: is {getattr(self, key)!r}, must be a text")
+        if not isinstance(self.parameters, dict):
+            raise ValueError(f"provenance.parameters: is {self.parameters!r}, must be an object")
+        for key, value in self.parameters.items():
+            if isinstance(value, bool) or not isinstance(value, Real):
+                raise ValueError(f"provenance.parameters.{key}: is {value!r}, must be a number")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Law:
@@ -64,11 +78,12 @@ class Law:
     Raises
     ------
     ValueError
-        If a shape does not fit, a number is not finite, or a limit or the sample time is not positive.
+        If the name can be part of no file's, a shape does not fit, a number is not finite, or a limit or the sample
+        time is not positive.
     """
 
     name: str
-    """Short name."""
+    """Short name, part of the names of files."""
     A: Matrix
     """(n, n) state to next state."""
     B: Matrix
@@ -91,7 +106,11 @@ class Law:
     """Where it comes from."""
 
     def __post_init__(self) -> None:
-        """Check shapes and values, and set the arrays read-only."""
+        """Check name, shapes and values, and set the arrays read-only."""
+        try:
+            checked_name(self.name)
+        except ValueError as error:
+            raise ValueError(f"name: {error} (given {self.name!r})") from None
         n = np.asarray(self.A).shape[0] if np.ndim(self.A) == 2 else 0
         m = MEASURED if np.shape(self.D)[1:] == (MEASURED,) else _WITHOUT_FORCE
         shapes = {"A": (n, n), "B": (n, m), "C": (3, n), "D": (3, m), "G": (n, 3), "H": (n, 3), "limits": (3,)}
@@ -148,7 +167,7 @@ class Law:
 
     def save(self, path: str | Path) -> None:
         """Write the law as JSON; every number is kept to the bit."""
-        Path(path).write_text(_layout(self.document()), encoding="utf-8")
+        write_text(Path(path), _layout(self.document()))
 
 
 def load_law(name_or_path: str | Path) -> Law:
@@ -163,14 +182,14 @@ def load_law(name_or_path: str | Path) -> Law:
     if path.suffix != ".json":
         if str(name_or_path) not in shipped_laws():
             known = ", ".join(shipped_laws())
-            raise LawFileError(f"no law named '{name_or_path}': give a .json file or one of {known}")
+            raise LawFileError(f"no law named '{one_line(str(name_or_path))}': give a .json file or one of {known}")
         path = LAWS / f"{name_or_path}.json"
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = parse_json(read_text(path))
     except OSError as error:
         raise LawFileError(f"{path}: {error.strerror}") from None
     except ValueError as error:
-        raise LawFileError(f"{path}: not JSON: {error}") from None
+        raise LawFileError(f"{path}: not JSON: {one_line(str(error))}") from None
     return law_from(document, str(path))
 
 
@@ -185,7 +204,7 @@ def law_from(document: Any, source: str) -> Law:
     try:
         return _law_from(document)
     except (ValueError, TypeError) as error:
-        raise LawFileError(f"{source}: {error}") from None
+        raise LawFileError(f"{source}: {one_line(str(error))}") from None
 
 
 def shipped_laws() -> tuple[str, ...]:
@@ -212,7 +231,7 @@ def _law_from(document: Any) -> Law:
     if isinstance(document["dt"], bool) or not isinstance(document["dt"], int | float):
         raise ValueError(f"dt: is {document['dt']!r}, must be a number")
     return Law(
-        name=str(document["name"]),
+        name=document["name"],
         **{name: document[name] for name in _MATRICES},
         dt=float(document["dt"]),
         limits=document["limits"],

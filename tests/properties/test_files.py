@@ -17,6 +17,7 @@ finite = st.floats(allow_nan=False, allow_infinity=False)
 positive = st.floats(min_value=0.0, exclude_min=True, allow_infinity=False)
 vector = st.tuples(finite, finite, finite)
 text = st.text(st.characters(exclude_categories=["Cs"]))
+name = st.text(st.characters(exclude_categories=["C", "Z"], exclude_characters="/\\$."), min_size=1, max_size=25)
 rate, phase = st.floats(1e-9, 600.0), st.floats(-100.0, 100.0)
 dryden = st.builds(
     Dryden, kind=st.just("dryden"), wind_speed_20ft_mps=positive, airspeed_mps=st.none() | st.floats(1.0, 1e9)
@@ -40,7 +41,7 @@ moment = st.one_of(
 )
 scenario = st.builds(
     Scenario,
-    name=text,
+    name=name,
     description=text,
     duration_s=st.floats(0.004, 100.0),
     altitude_m=st.floats(0.0, 10_000.0, exclude_min=True),

@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 
 from firmware_model.appended import locked
 from firmware_model.errors import ConfigError
+from firmware_model.files import parse_json, read_text
 from gustproof.campaign.flights import Stretch, schema
 from gustproof.campaign.plan import Campaign
 from gustproof.errors import FlightError
@@ -130,8 +131,8 @@ class Store:
             _write_whole(path, lambda file: file.write(text.encode()))
             return
         try:
-            theirs = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError:
+            theirs = parse_json(read_text(path))
+        except (OSError, ValueError):
             theirs = {}
         check_same(theirs, json.loads(text), f"{self.folder}: holds parts of another campaign")
 

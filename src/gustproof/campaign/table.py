@@ -1,6 +1,5 @@
 """A campaign's file, read again: what was flown, and its rows."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +8,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from firmware_model.errors import ConfigError
+from firmware_model.files import TEXT, open_regular, parse_json
 from gustproof.campaign.draws import Array
 from gustproof.campaign.plan import Campaign, noted
 from gustproof.campaign.store import NOTE
+
+_VALUE = 64  # [bytes] that a value takes at most, on average; a number takes 8
 
 
 def read_note(path: Path) -> dict[str, Any]:
@@ -23,12 +25,20 @@ def read_note(path: Path) -> dict[str, Any]:
         If it is not a campaign's file.
     """
     try:
-        metadata = pq.read_schema(path).metadata or {}
-        note: dict[str, Any] = json.loads(metadata[NOTE.encode()])
+        open_regular(path).close()
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file") from None
-    except (KeyError, OSError, ValueError, pa.ArrowException):
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    try:
+        about = pq.read_metadata(path)
+        note: dict[str, Any] = parse_json((about.metadata or {})[NOTE.encode()])
+        groups = [about.row_group(i).total_byte_size for i in range(about.num_row_groups)]
+        rows = note["runs"] * len(note["laws"])
+    except (KeyError, OSError, TypeError, ValueError, pa.ArrowException):
         raise ConfigError(f"{path}: no table of a campaign") from None
+    if about.num_rows != rows or sum(groups) > _VALUE * rows * about.num_columns + TEXT:
+        raise ConfigError(f"{path}: its rows are not those of the campaign that it says it is of")
     return note
 
 

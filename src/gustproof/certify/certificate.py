@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from firmware_model.files import parse_json, read_text, write_text
 from gustproof.certify.check import FORMAT, seal
 
 
@@ -34,7 +35,7 @@ class Certificate:
 
     def save(self, path: str | Path) -> None:
         """Write the certificate as JSON; every number is kept to the bit."""
-        Path(path).write_text(json.dumps(self.document(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        write_text(Path(path), json.dumps(self.document(), indent=1, ensure_ascii=False) + "\n")
 
 
 def load_certificate(path: str | Path) -> Certificate:
@@ -45,7 +46,7 @@ def load_certificate(path: str | Path) -> Certificate:
     ValueError
         If it is not JSON, or a key is missing or unknown.
     """
-    document = json.loads(Path(path).read_text(encoding="utf-8"))
+    document = parse_json(read_text(Path(path)))
     if not isinstance(document, dict) or document.pop("format", None) != FORMAT:
         raise ValueError(f"{path}: format: must be '{FORMAT}'")
     document.pop("seal", None)

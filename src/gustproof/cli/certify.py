@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.failures import Status
+from gustproof.cli.failures import Status, say
 from gustproof.cli.vectors import three_positive
 
 if TYPE_CHECKING:
@@ -181,20 +181,27 @@ def _closure(
 
 
 def _check(path: Path, *, as_json: bool) -> Status:
-    from gustproof.certify.check import check
+    from firmware_model.files import parse_json, read_text
+    from gustproof.certify.check import FORMAT, check
 
-    text = path.read_text(encoding="utf-8", errors="replace")
+    try:
+        text = read_text(path)
+        claimed = parse_json(text)
+    except ValueError as error:
+        raise ConfigError(f"{path}: not JSON: {error}") from None
+    if not isinstance(claimed, dict) or claimed.get("format") != FORMAT:
+        raise ConfigError(f"{path}: not a certificate: its format must be '{FORMAT}'")
     verdict = check(text)
     if as_json:
-        claimed = json.loads(text) if verdict.accepted else {}
-        figures = {key: claimed[key] for key in ("statement", "gain", "lower_bound", "assumes") if key in claimed}
+        keys = ("statement", "gain", "lower_bound", "assumes") if verdict.accepted else ()
+        figures = {key: claimed[key] for key in keys if key in claimed}
         print(json.dumps({"proven": verdict.accepted, "reason": verdict.reason, **figures}, indent=2))
     elif verdict.accepted:
-        claimed = json.loads(text)
-        print(f"proven: {claimed['statement']}\n{verdict.reason}")
+        say(f"proven: {claimed['statement']}")
+        say(verdict.reason)
         _show_assumptions(claimed["assumes"])
     else:
-        print(f"refused: {verdict.reason}")
+        say(f"refused: {verdict.reason}")
     return Status.DONE if verdict.accepted else Status.REQUIREMENT_FAILED
 
 
@@ -218,4 +225,4 @@ def _show(name: str, certificate: "Certificate", output: Path | None, *, as_json
 def _show_assumptions(assumes: dict[str, Any]) -> None:
     print("assumes")
     for key, value in assumes.items():
-        print(f"  {key:20} {'-' if value is None else value}")
+        say(f"  {key:20} {'-' if value is None else value}")

@@ -21,6 +21,7 @@ def export(
 
     gustproof export mine.mat --law mine.json && gustproof fly paper-turbulence --law mine.json
     """
+    from firmware_model.files import naming
     from gustproof.exchange.c_code import save_c
     from gustproof.exchange.matrices import read_law, save_csv, save_mat
 
@@ -37,7 +38,8 @@ def export(
     if c is not None:
         save_c(read, c)
     if mat is not None:
-        save_mat(read, mat)
+        with naming(mat):
+            save_mat(read, mat)
     if csv is not None:
         save_csv(read, csv)
     if as_law is not None:

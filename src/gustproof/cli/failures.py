@@ -5,10 +5,12 @@ import sys
 from enum import IntEnum
 from typing import Any
 
+import click
 import typer
 from typer.core import TyperGroup
 
 from firmware_model.errors import ConfigError
+from firmware_model.mistakes import printable
 from gustproof.errors import DesignError, FlightError
 
 ANYWAY = "Fly, too, what is refused: a law that is unstable on the vehicle, references that it does not hold."
@@ -42,6 +44,8 @@ class OneLineErrors(TyperGroup):
             raise stop(str(error), Status.BAD_INPUT) from None
         except FlightError as error:
             raise stop(str(error), Status.FLIGHT_BROKE_OFF) from None
+        except click.UsageError as error:
+            raise click.UsageError(printable(error.format_message()), error.ctx) from None
         except KeyboardInterrupt:
             raise stop("interrupted", Status.INTERRUPTED) from None
         except OSError as error:
@@ -51,7 +55,12 @@ class OneLineErrors(TyperGroup):
             raise stop(f"{named}{error.strerror}", Status.BAD_INPUT) from None
 
 
+def say(line: str) -> None:
+    """Print a line that holds words of a file, which may come from anywhere."""
+    print(printable(line))
+
+
 def stop(line: str, status: Status) -> typer.Exit:
     """Print one line on stderr and return the exception that ends the command with `status`."""
-    print(f"gustproof: {line}", file=sys.stderr)
+    print(f"gustproof: {printable(line)}", file=sys.stderr)
     return typer.Exit(status.value)

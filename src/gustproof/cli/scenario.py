@@ -41,11 +41,13 @@ def show_text(
 
     gustproof scenario show paper > mine.toml
     """
+    from firmware_model.files import read_text
+    from firmware_model.mistakes import printable
     from firmware_model.scenario import SCENARIOS, load_scenario
 
     load_scenario(name)  # says so if there is none, or if it is not sound
     path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
-    print(path.read_text(encoding="utf-8"), end="")
+    print(printable(read_text(path), keep="\n\r\t"), end="")
 
 
 @scenario.command()
@@ -54,12 +56,17 @@ def check(
 ) -> None:
     """Say whether a scenario is sound; if not, every mistake with its key and what is allowed, and exit status 2.
 
+    What would never be flown is a mistake too: an event after the end, the drift of a vehicle that is held.
+
     gustproof scenario check mine.toml
     """
     from firmware_model.scenario import load_scenario
     from gustproof.report.scenarios import scenario_line
 
-    print(scenario_line(load_scenario(file)))
+    script = load_scenario(file)
+    if script.unflown:
+        raise ConfigError(f"{file}: {'; '.join(script.unflown)}")
+    print(scenario_line(script))
 
 
 @scenario.command()

@@ -11,6 +11,7 @@ from firmware_model import access, udp, undisturbed
 from firmware_model.attended import ATTENDED, attend
 from firmware_model.errors import ConfigError
 from firmware_model.files import read_json
+from firmware_model.mistakes import Parser, printable
 from firmware_model.scenario import Scenario, load_scenario
 from gustproof.controller import DEFAULT_LAW
 from gustproof.controller.core import reference_excess
@@ -34,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise ConfigError(f"law '{law.name}' commands {law.output.value}, it can't fly via {options.via}")
         return _fly(law, options)
     except ConfigError as error:
-        print(f"gustproof controller: {error}", file=sys.stderr)
+        print(f"gustproof controller: {printable(str(error))}", file=sys.stderr)
         return 2
 
 
@@ -77,7 +78,7 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
 
 
 def _tell(text: str) -> None:
-    print(f"gustproof controller: {text}", file=sys.stderr, flush=True)
+    print(f"gustproof controller: {printable(text)}", file=sys.stderr, flush=True)
 
 
 def _mute(_: str) -> None:
@@ -106,7 +107,7 @@ def _address(text: str) -> tuple[str, int]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="gustproof controller",
         description="Fly a law: find the autopilot, read its limits, answer every sample. A vehicle that waits for its "
         "script is armed and flown in OFFBOARD to the end. One that a pilot flies is taken once, if it is in the air; "

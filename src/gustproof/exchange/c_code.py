@@ -14,6 +14,7 @@ from textwrap import indent, wrap
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_model.files import write_text
 from gustproof import __version__
 from gustproof.law import Law, Output
 from gustproof.law_step import step
@@ -36,8 +37,8 @@ _TIE = "\u00a0"
 def save_c(law: Law, path: Path) -> None:
     """Write the law as C source, and its header beside it."""
     header = path.with_suffix(".h")
-    path.write_text(c_code(law, header.name), encoding="utf-8")
-    header.write_text(c_header(law), encoding="utf-8")
+    write_text(path, c_code(law, header.name))
+    write_text(header, c_header(law))
 
 
 def c_code(law: Law, header: str = "law.h") -> str:

@@ -7,6 +7,7 @@ messages, which other readers refuse.
 
 import json
 import tempfile
+from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from firmware_model.errors import ConfigError
+from firmware_model.files import TEXT, parse_json
 from firmware_model.mistakes import one_line
 from gustproof.recording import definitions
 from gustproof.recording.definitions import TYPES, definition
+from gustproof.recording.mcap import messages
 from gustproof.recording.topics import BASE_LINK_FRD, TOPICS, blank, decode, encode, times_us
 
 FLIGHT, MODE = "/flight", "/mode"
@@ -75,25 +78,31 @@ def read_bag(path: Path) -> tuple[dict[str, Any], Records]:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], Records]:
-    payloads: dict[str, list[bytes]] = {}
-    changes: list[tuple[int, float]] = []
-    with Reader(path) as reader:
-        for connection, time_ns, payload in reader.messages():
-            payloads.setdefault(connection.topic, []).append(bytes(payload))
-            if connection.topic == MODE:
-                changes.append((time_ns // 1000, float(TYPES.deserialize_cdr(payload, definitions.MODE).custom_mode)))
-    optional = "/command/rates"
-    if missing := {FLIGHT, MODE, *(topic.name for topic in TOPICS)} - {optional} - set(payloads):
+    known = {FLIGHT, MODE, *(topic.name for topic in TOPICS)}
+    payloads: dict[str, bytearray] = defaultdict(bytearray)
+    changed_us: list[int] = []
+    for file in sorted(path.glob("*.mcap")):
+        for name, time_ns, payload in messages(file):
+            if name in known and not (name == FLIGHT and FLIGHT in payloads):
+                payloads[name] += payload
+            if name == MODE:
+                changed_us.append(time_ns // 1000)
+    if missing := known - {"/command/rates"} - set(payloads):
         raise ConfigError(f"{path}: no topic {min(missing)}: not a bag of a gustproof flight")
-    records = blank(len(payloads[TOPICS[0].name]))
+    if len(payloads[FLIGHT]) > TEXT:
+        raise ConfigError(f"{path}: what {FLIGHT} says is longer than {TEXT:,} bytes")
+    records = blank(len(payloads[TOPICS[0].name]) // TOPICS[0].layout.itemsize)
     for topic in TOPICS:
         if topic.name in payloads:
-            messages = np.frombuffer(b"".join(payloads[topic.name]), dtype=topic.layout)
-            decode(topic, messages, records)
-            records["time_us"] = times_us(messages)
-    for time_us, mode in changes:
-        records["mode"][records["time_us"] >= time_us] = mode
-    flight: dict[str, Any] = json.loads(TYPES.deserialize_cdr(payloads[FLIGHT][0], definitions.FLIGHT).document)
+            told: NDArray[np.void] = np.frombuffer(payloads[topic.name], dtype=topic.layout)
+            decode(topic, told, records)
+            records["time_us"] = times_us(told)
+    modes = np.frombuffer(payloads[MODE], dtype="<u4").reshape(len(changed_us), -1)[:, -1]
+    latest = np.searchsorted(changed_us, records["time_us"], side="right") - 1
+    records["mode"][latest >= 0] = modes[latest[latest >= 0]]
+    flight: dict[str, Any] = parse_json(TYPES.deserialize_cdr(payloads[FLIGHT], definitions.FLIGHT).document)
+    if not isinstance(flight, dict):
+        raise ConfigError(f"{path}: does not say what was flown")
     return flight, records
 
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from firmware_model.errors import ConfigError
+from firmware_model.files import naming
 
 RUNS = Path("runs")
 
@@ -42,11 +43,12 @@ def write_whole(path: Path, text: str) -> None:
     """
     unfinished = path.with_name(f".{path.name}")
     try:
-        unfinished.write_text(text, encoding="utf-8")
-        unfinished.replace(path)
-    except OSError as error:
+        with naming(path):
+            unfinished.write_text(text, encoding="utf-8")
+            unfinished.replace(path)
+    except OSError:
         unfinished.unlink(missing_ok=True)
-        raise OSError(error.errno, error.strerror, str(path)) from None
+        raise
 
 
 def bags_in(run: Path) -> list[Path]:

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch
 
+from firmware_model.files import naming
 from gustproof.model.generalized import LftStructure
 from gustproof.model.interconnection import Interconnection, Signal
 from gustproof.report.layout import HEIGHT, RADIUS, WIDTH, Node, Place, Shape, Wire, laid_out, ports_of
@@ -43,7 +44,13 @@ def save_interconnection(problem: Interconnection, title: str, path: Path) -> No
     axes.set_ylim(lowest - 0.2, top)
     figure.set_size_inches(0.62 * (right - left), 0.62 * (top - lowest) + 0.5)
     figure.suptitle(title, fontsize=12, color=_INK)
-    figure.savefig(path, dpi=150)
+    save_figure(figure, path)
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure as its file's suffix says."""
+    with naming(path):
+        figure.savefig(path, dpi=150)
 
 
 def _graph(problem: Interconnection) -> tuple[list[Node], list[Wire]]:
@@ -160,7 +167,7 @@ def save_lft(structure: LftStructure, title: str, path: Path) -> None:
     axes.set_xlim(-4.6, 4.6)
     axes.set_ylim(-2.7, 3.0)
     figure.suptitle(title, fontsize=12, color=_INK)
-    figure.savefig(path, dpi=150)
+    save_figure(figure, path)
 
 
 def _around(axes: Axes, start: tuple[float, float], end: tuple[float, float], label: str, side: float) -> None:

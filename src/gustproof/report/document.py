@@ -1,15 +1,17 @@
 """Tables and text on the results, as `rich` shows them on a terminal or writes them to a file."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
+from firmware_model.mistakes import printable
 from firmware_model.scenario import Scenario
 from firmware_model.vehicle import Vehicle
 from gustproof.metrics import Metrics
@@ -73,7 +75,18 @@ _WHY = (
 def show(document: Document) -> None:
     """Print on stdout."""
     terminal = Console(**_PLAIN)
-    (terminal if terminal.is_terminal else Console(width=_WIDTH, **_PLAIN)).print(document)
+    (terminal if terminal.is_terminal else Console(width=_WIDTH, **_PLAIN)).print(_Printable(document))
+
+
+class _Printable:
+    """A document without what a terminal may obey: words in it may come from anywhere."""
+
+    def __init__(self, document: Document) -> None:
+        self._document = document
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Segment]:
+        for text, style, control in console.render(self._document, options):
+            yield Segment(printable(text, keep="\n"), style, control)
 
 
 def save(document: Document, path: Path) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gustproof.metrics import Metrics, attitude
 from gustproof.model.lpv import PARAMETERS, scheduling
 from gustproof.report.analysis import Analysis
+from gustproof.report.diagrams import save_figure
 from gustproof.report.limits import Standing
 
 Records = NDArray[np.void]
@@ -80,7 +81,7 @@ def save_scheduling(records: Records, law: str, path: Path) -> None:
     grid[0, 1].legend(lines, [law, "bounds of Table II"], loc="center", frameon=False)
     for axes in grid[3]:
         axes.set_xlabel("time [s]")
-    figure.savefig(path, dpi=150)
+    save_figure(figure, path)
 
 
 def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: float, title: str, path: Path) -> None:
@@ -99,7 +100,7 @@ def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: f
     axes.set_xlabel("frequency [rad/s]")
     axes.set_xlim(frequency[0], frequency[-1])
     axes.legend(frameon=False, fontsize=9)
-    figure.savefig(path, dpi=150)
+    save_figure(figure, path)
 
 
 def save_trade_off(standing: Standing, flown: Mapping[str, Metrics], path: Path) -> None:
@@ -132,7 +133,7 @@ def save_trade_off(standing: Standing, flown: Mapping[str, Metrics], path: Path)
     handles.append(Line2D([], [], color=_INK, marker="o", fillstyle="none", linewidth=0.0))
     labels.append("foretold, of all flights; discs are what flew")
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    figure.savefig(path, dpi=150)
+    save_figure(figure, path)
 
 
 def save_analysis(analysis: Analysis, path: Path) -> None:
@@ -176,7 +177,7 @@ def save_analysis(analysis: Analysis, path: Path) -> None:
     for axes in (gain, S, step):
         if axes.get_legend_handles_labels()[0]:
             axes.legend(frameon=False, fontsize=8)
-    figure.savefig(path, dpi=150)
+    save_figure(figure, path)
 
 
 def _stacked(
@@ -197,7 +198,7 @@ def _stacked(
     if any(flights):
         lines = [Line2D([], [], color=_colour(law), linewidth=2.0) for law in flights]
         figure.legend(lines, list(flights), loc="outside lower center", ncols=6, frameon=False)
-    figure.savefig(path, dpi=150)
+    save_figure(figure, path)
 
 
 def _bounded(axes: Axes, time: Array, values: Array, label: str, bounds: tuple[float, float], law: str) -> None:

@@ -2,12 +2,12 @@
 
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from firmware_model.files import read_toml, shipped
+from firmware_model.files import Name, read_toml, shipped
 from firmware_model.vehicle import NonNegative, Positive, PositiveVector, Vehicle
 from gustproof.model.generalized import Weights, rates_problem, torque_problem
 from gustproof.model.interconnection import Interconnection
@@ -47,7 +47,7 @@ WeightField = Annotated[Weight, BeforeValidator(_from_list)]
 class Design:
     """What a controller is made for: the model, the weights, the level."""
 
-    name: str
+    name: Name
     """Short name; the file's by default."""
     description: str
     """One line for people."""
@@ -82,7 +82,7 @@ class Design:
     """[s] sample time of the law."""
     vehicle: str = "paper"
     """Vehicle to design for: a shipped name or a file."""
-    law: str = field(default="")
+    law: Name | Literal[""] = field(default="")
     """Name of the law; the design's by default."""
 
     @model_validator(mode="after")

@@ -1,10 +1,14 @@
 """Vehicle and scenario files: what is shipped is sound, and a mistake is one clear line."""
 
+import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from firmware_model.errors import ConfigError
+from firmware_model.files import checked_name, parse_json
+from firmware_model.mistakes import printable
 from firmware_model.scenario import load_scenario, shipped_scenarios
 from firmware_model.vehicle import load_vehicle, shipped_vehicles
 
@@ -75,3 +79,70 @@ def test_an_unknown_name_lists_the_known_ones_and_a_missing_file_is_said(tmp_pat
         load_scenario("papers")
     with pytest.raises(ConfigError, match="No such file"):
         load_vehicle(tmp_path / "none.toml")
+
+
+def test_a_name_is_one_part_of_a_path_in_any_script() -> None:
+    for name in ("hinf-d1", "Böe 3.5 m/s".replace("/", " per "), "突风", "v1.2_final (3)", "a" * 100):
+        assert checked_name(name) == name
+    for name in (
+        "",
+        " ",
+        ".",
+        "..",
+        ".a",
+        "a/b",
+        "a\\b",
+        "$x$",
+        "a\n",
+        "\x1b[2J",
+        "\u202e",
+        "\ud800",
+        "a" * 101,
+        "风" * 34,
+        7,
+    ):
+        with pytest.raises(ValueError, match="a name "):
+            checked_name(name)  # type: ignore[arg-type]
+
+
+def test_a_text_loses_what_a_terminal_may_obey_and_nothing_else() -> None:
+    assert printable("a\x1b[2J\nb\x9b\u202e風", keep="\n") == "a\\x1b[2J\nb\\x9b\\u202e風"
+
+
+def test_numbers_of_a_json_text_are_those_of_the_standard_library_to_the_bit() -> None:
+    numbers = np.random.default_rng(1).integers(0, 2**63, 10_000, np.uint64).view(np.float64).tolist()
+    text = f"[-0.0, 5e-324, 2.2250738585072011e-308, 123456789012345678901234.5, {json.dumps(numbers)[1:]}"
+    assert np.array(parse_json(text)).tobytes() == np.array(json.loads(text)).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"\xef\xbb\xbf" + GOOD.encode(), "not TOML: it begins with a byte order mark: save it as UTF-8 without one"),
+        (GOOD.encode() + b"# B\xf6e\n", "not TOML: byte 0xf6 in line 3 is not UTF-8: save it as UTF-8"),
+        (GOOD.encode() + b"[wind]\nkind = 'dryden'\n", "wind: there may be many: write [[wind]]"),
+    ],
+)
+def test_a_file_of_another_editor_is_told_what_to_do(content: bytes, message: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_bytes(content)
+    with pytest.raises(ConfigError) as caught:
+        load_scenario(tmp_path / "mine.toml")
+    assert str(caught.value) == f"{tmp_path / 'mine.toml'}: {message}"
+
+
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_all_that_a_shipped_scenario_says_is_flown(name: str) -> None:
+    assert load_scenario(name).unflown == ()
+
+
+def test_what_is_after_the_end_and_the_drift_of_a_held_vehicle_are_told(tmp_path: Path) -> None:
+    late = "[[event]]\nkind = 'mode'\nmode = 'hold'\nat_s = {0}\n[[moment]]\nkind = 'step'\namplitude_nm = [1, 0, 0]\n"
+    drift = "start_s = {0}\n[[require]]\nmetric = 'drift_m'\nat_most = 1.0\n"
+    (tmp_path / "mine.toml").write_text(GOOD + (late + drift).format("1.0"))
+    assert load_scenario(tmp_path / "mine.toml").unflown == (
+        "event.0: at_s 1.0 is not before the end, 1.0 s: it is never flown",
+        "moment.0: start_s 1.0 is not before the end, 1.0 s: it is never flown",
+        "require.0: drift_m of a vehicle that is held is 0: give translation = 'free'",
+    )
+    (tmp_path / "mine.toml").write_text("translation = 'free'\n" + GOOD + (late + drift).format("0.99"))
+    assert load_scenario(tmp_path / "mine.toml").unflown == ()

@@ -55,6 +55,13 @@ def test_an_unknown_name_is_told_with_those_there_are():
         ("low = 0.035", "least = 0.035", r"mine\.toml: actuator_lag: .*least: unknown key"),
         ("low = 0.16", "low = 'small'", r"mine\.toml: inertia_B\.1: low: "),
         ("low = 0.035", "low = -0.035", r"vehicle 'mine': actuator_lag: .*greater than 0"),
+        (
+            "0.25, low = 0.2, high = 0.3",
+            "0.31, low = 0.2, high = 0.4",
+            r"mine\.toml: inertia_B: no rigid body has 0\.31",
+        ),
+        ("high = 0.3 }", "high = 0.4 }", r"mine\.toml: inertia_B: no rigid body has 0\.4 about x"),
+        ("low = 0.16", "low = 0.01", r"mine\.toml: inertia_B: no rigid body has 0\.01 about y"),
     ],
 )
 def test_a_wrong_spread_is_one_clear_line(tmp_path, old, new, complaint):
