@@ -261,7 +261,7 @@ def check_body(low: Vector, high: Vector, source: str) -> None:
         for value in (low[i], high[i]):
             if not apart * (1.0 - 1e-9) <= value <= (high[j] + high[k]) * (1.0 + 1e-9):
                 raise ConfigError(
-                    f"{source}: inertia_B: no rigid body has {value} about {axis}: each moment of inertia is at most "
+                    f"{source}: inertia_B: no rigid body has {value:g} about {axis}: each moment of inertia is at most "
                     "the sum of the other two"
                 )
 
