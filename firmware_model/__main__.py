@@ -18,23 +18,23 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
-from firmware_model import access, status, udp, undisturbed
-from firmware_model.attended import ATTENDED, attend
-from firmware_model.autopilot import Mode
-from firmware_model.endpoint import VehicleEndpoint
+from firmware_model.autopilot.modes import Mode
+from firmware_model.autopilot.parameters import Parameters
+from firmware_model.config.files import parse_json, read_json, read_text
+from firmware_model.config.scenario import Scenario, load_scenario, shipped_scenarios
+from firmware_model.config.validation import Parser, printable
+from firmware_model.config.vehicle import Vehicle, load_vehicle, shipped_vehicles
 from firmware_model.errors import ConfigError, RecordingError
-from firmware_model.files import parse_json, read_json, read_text
-from firmware_model.flight import Flight, Hitch
-from firmware_model.frames import Peer
-from firmware_model.journal import JournalWriter
-from firmware_model.loop import VehicleLoop
-from firmware_model.mistakes import Parser, printable
-from firmware_model.outcome import Outcome
-from firmware_model.params import Parameters
-from firmware_model.scenario import Scenario, load_scenario, shipped_scenarios
-from firmware_model.signals import Level
-from firmware_model.tlog import Tlog
-from firmware_model.vehicle import Vehicle, load_vehicle, shipped_vehicles
+from firmware_model.mavlink.frames import Peer
+from firmware_model.process import access, realtime, status_line, udp
+from firmware_model.process.exit_on_eof import ATTENDED, attend
+from firmware_model.process.tlog import Tlog
+from firmware_model.recording.journal import JournalWriter
+from firmware_model.session.outcome import Outcome
+from firmware_model.session.pacing import Flight, Hitch
+from firmware_model.session.vehicle_endpoint import VehicleEndpoint
+from firmware_model.sim.vehicle_loop import VehicleLoop
+from firmware_model.types import Level
 
 # PX4's ports in simulation, so that its clients find us: (ours, theirs) for ground stations and for off-board control.
 _PORTS = ((18570, 14550), (14580, 14540))
@@ -102,28 +102,28 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
             signal.signal(number, lambda *_: endpoint.interrupt())
         # The machine code is loaded, or made, before anybody waits for it.
         VehicleLoop(vehicle, scenario, options.seed).advance(Level(), Mode.STABILIZED.value)
-        undisturbed.hold_collector(off=not standing)
+        realtime.hold_collector(off=not standing)
         listening = [bound.getsockname()[1] for bound in sockets]
         if standing and not options.json:
             place = "on the test stand" if options.held else "on the ground"
             stands = f"vehicle '{vehicle.name}' {place} in the air of '{scenario.name}'"
             print(greeting(stands, listening, [peer[1][1] for peer in expected]), flush=True)
             if sys.stderr.isatty():
-                stack.enter_context(status.shown(lambda: endpoint.links))
+                stack.enter_context(status_line.shown(lambda: endpoint.links))
         else:
             script = ", ".join(f"{name} {value}" for name, value in header.items())
             ears = ", ".join(map(str, listening))
             _say(options, {"listening": listening, **header}, f"{script}; listening on UDP port {ears}")
         if options.attended:
             attend(endpoint.interrupt)
-        fifo = not options.lockstep and undisturbed.go_first()
+        fifo = not options.lockstep and realtime.go_first()
         served = _logged(stack, options, endpoint) if options.tlog else endpoint
         if options.lockstep and len(sockets) == 1:
             udp.converse(served, sockets[0])
         else:
             udp.serve(served, sockets, punctual=not options.lockstep)
     facts = summary(endpoint, None if standing else scenario.samples, fifo=fifo)
-    _say(options, facts, status.ending(facts))
+    _say(options, facts, status_line.ending(facts))
     return _EXIT.get(endpoint.outcome, _BROKEN) if endpoint.outcome else _BROKEN
 
 

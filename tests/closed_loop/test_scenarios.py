@@ -6,14 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from firmware_model.autopilot import Mode
-from firmware_model.scenario import SCENARIOS, load_scenario, shipped_scenarios
-from firmware_model.vehicle import GRAVITY, load_vehicle
-from gustproof.closed_loop import fly_direct
-from gustproof.law import load_law
-from gustproof.metrics import attitude
-from gustproof.requirements import judge
-from gustproof.sitl import fly_loopback
+from firmware_model.autopilot.modes import Mode
+from firmware_model.config.scenario import SCENARIOS, load_scenario, shipped_scenarios
+from firmware_model.config.vehicle import GRAVITY, load_vehicle
+from gustproof.law.form import load_law
+from gustproof.scoring.metrics import attitude
+from gustproof.scoring.requirements import judge
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.processes import fly_loopback
 
 pytestmark = pytest.mark.compiled
 

@@ -12,7 +12,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from firmware_model.errors import ConfigError
-from firmware_model.journal import RECORD
+from firmware_model.recording.journal import RECORD
 from gustproof.recording.bag import read_bag, write_bag
 from gustproof.recording.definitions import TYPES
 from gustproof.recording.topics import TOPICS, encode

@@ -18,15 +18,15 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from firmware_model.files import write_toml
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle_set import load_vehicle_set
-from gustproof.campaign.flights import Stretch, lost
+from firmware_model.config.files import write_toml
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.uncertainty import load_vehicle_set
+from gustproof.campaign.executors import cluster, processes
 from gustproof.campaign.plan import Campaign, Dispersed, dispersions
-from gustproof.campaign.pools import cluster, processes
-from gustproof.campaign.run import fly_campaign
+from gustproof.campaign.runner import fly_campaign
+from gustproof.campaign.worker import Stretch, lost
 from gustproof.cli.app import app
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 
 LAWS = ("hinf-d1", "hinf-rates")
 CASES = 12
@@ -37,7 +37,7 @@ import json, os, signal, sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from gustproof.campaign.plan import noted
-from gustproof.campaign.run import fly_campaign
+from gustproof.campaign.runner import fly_campaign
 
 class Pool(ThreadPoolExecutor):
     deaths, width = (), 2

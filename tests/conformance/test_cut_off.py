@@ -12,12 +12,12 @@ from pathlib import Path
 import psutil
 import pytest
 
-from firmware_model.autopilot import Mode
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.closed_loop import fly_direct
-from gustproof.law import load_law
+from firmware_model.autopilot.modes import Mode
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag
+from gustproof.simulate.direct import fly_direct
 
 SCRIPT = 'description = "cut off"\nduration_s = 20.0\n[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 15.4\n'
 NAME = "gusty-hinf-d1-seed3"

@@ -13,9 +13,9 @@ from contextlib import closing, contextmanager, suppress
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.frames import parse
-from firmware_model.messages import imu_message
-from firmware_model.signals import ImuSample
+from firmware_model.mavlink.frames import parse
+from firmware_model.mavlink.messages import imu_message
+from firmware_model.types import ImuSample
 
 PATIENCE_S = 60.0
 HOLD, GUIDED = 4 << 16 | 3 << 24, 4

@@ -22,13 +22,13 @@ import pytest
 import scipy.io
 from typer.testing import CliRunner
 
-from firmware_model.journal import WIDTH, JournalWriter
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import VEHICLES, load_vehicle
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import VEHICLES, load_vehicle
+from firmware_model.recording.journal import WIDTH, JournalWriter
 from gustproof.cli.app import app
-from gustproof.flight import Plan
-from gustproof.law import LAWS, load_law
+from gustproof.law.form import LAWS, load_law
 from gustproof.recording.bag import write_bag
+from gustproof.simulate.flight import Plan
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -273,7 +273,7 @@ def flown(name: str, note: dict[str, Any]) -> None:
 
 
 def _record() -> Any:
-    from firmware_model.journal import RECORD
+    from firmware_model.recording.journal import RECORD
 
     return RECORD
 

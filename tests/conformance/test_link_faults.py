@@ -6,21 +6,21 @@ from itertools import groupby
 import numpy as np
 import pytest
 
-from firmware_model.autopilot import Mode
-from firmware_model.endpoint import VehicleEndpoint
-from firmware_model.events import ControllerHung, ControllerKilled, ModeChange
-from firmware_model.flight import Hitch
-from firmware_model.link import Bandwidth, BurstLoss, Delay, Duplication, Jitter, Loss, Reordering
-from firmware_model.outcome import Outcome as VehicleOutcome
-from firmware_model.params import published_limit
-from firmware_model.scenario import Scenario, load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.closed_loop import fly_direct
+from firmware_model.autopilot.modes import Mode
+from firmware_model.autopilot.parameters import published_limit
+from firmware_model.config.events import ControllerHung, ControllerKilled, ModeChange
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.session.link import Bandwidth, BurstLoss, Delay, Duplication, Jitter, Loss, Reordering
+from firmware_model.session.outcome import Outcome as VehicleOutcome
+from firmware_model.session.pacing import Hitch
+from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from gustproof.controller.endpoint import ControllerEndpoint
-from gustproof.law import load_law
-from gustproof.law_step import FlyingLaw
-from gustproof.outcome import Outcome, in_words, outcome_of
-from gustproof.sitl import fly, fly_loopback
+from gustproof.law.form import load_law
+from gustproof.law.step import FlyingLaw
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.outcome import Outcome, in_words, outcome_of
+from gustproof.simulate.processes import fly, fly_loopback
 
 VEHICLE = load_vehicle("paper")
 GUSTY = replace(load_scenario("paper-turbulence"), duration_s=4.0)

@@ -8,16 +8,16 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot import FailSafe, Mode
-from firmware_model.endpoint import START_TIMEOUT_US, VehicleEndpoint
-from firmware_model.flight import RESEND_US, RESENDS, Hitch
-from firmware_model.frames import Dropped, parse
-from firmware_model.outcome import Outcome
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
+from firmware_model.autopilot.modes import FailSafe, Mode
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink.frames import Dropped, parse
+from firmware_model.session.outcome import Outcome
+from firmware_model.session.pacing import RESEND_US, RESENDS, Hitch
+from firmware_model.session.vehicle_endpoint import START_TIMEOUT_US, VehicleEndpoint
 from gustproof.controller.endpoint import ControllerEndpoint
 from gustproof.controller.endpoint import Outcome as ControllerOutcome
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 
 VEHICLE, CONTROLLER = (0, ("vehicle", 1)), (0, ("controller", 1))
 SETPOINT, IMU = 139, 105

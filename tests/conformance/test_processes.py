@@ -14,15 +14,15 @@ from dataclasses import replace
 import psutil
 import pytest
 
-from firmware_model import udp
-from firmware_model.autopilot import Mode
+from firmware_model.autopilot.modes import Mode
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.journal import read_journal
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.law import load_law
-from gustproof.outcome import Outcome
-from gustproof.sitl import fly
+from firmware_model.process import udp
+from firmware_model.recording.journal import read_journal
+from gustproof.law.form import load_law
+from gustproof.simulate.outcome import Outcome
+from gustproof.simulate.processes import fly
 
 LONG = replace(load_scenario("paper"), duration_s=3600.0)  # nobody waits for its end
 MINUTES = replace(load_scenario("paper"), duration_s=300.0)

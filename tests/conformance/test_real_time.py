@@ -17,15 +17,15 @@ from pydantic_core import to_jsonable_python
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.__main__ import greeting
-from firmware_model.autopilot import Mode
-from firmware_model.frames import parse
-from firmware_model.journal import read_journal, records_in
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.closed_loop import fly_direct
-from gustproof.law import load_law
-from gustproof.outcome import Outcome
-from gustproof.sitl import fly
+from firmware_model.autopilot.modes import Mode
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink.frames import parse
+from firmware_model.recording.journal import read_journal, records_in
+from gustproof.law.form import load_law
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.outcome import Outcome
+from gustproof.simulate.processes import fly
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 

@@ -12,13 +12,13 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.closed_loop import fly_direct
-from gustproof.flight import Plan
-from gustproof.law import load_law
-from gustproof.metrics import attitude
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag, write_bag
+from gustproof.scoring.metrics import attitude
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.flight import Plan
 
 LAWS = ("hinf-d1", "pid-fair")
 DURATION = 12.0

@@ -5,15 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.plant_events import ActuatorEffect, ActuatorLag, AttitudeReference, GyroBias, GyroNoise, Payload
-from firmware_model.rotations import euler_angles
-from firmware_model.scenario import AccelerometerFault, load_scenario
-from firmware_model.vehicle import load_vehicle
-from firmware_model.wind import Constant, GustReplay, GustStep, Shear
-from gustproof.closed_loop import fly_direct
-from gustproof.law import load_law
-from gustproof.outcome import Outcome
-from gustproof.sitl import fly, fly_loopback
+from firmware_model.config.plant_events import (
+    ActuatorEffect,
+    ActuatorLag,
+    AttitudeReference,
+    GyroBias,
+    GyroNoise,
+    Payload,
+)
+from firmware_model.config.scenario import AccelerometerFault, load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.wind import Constant, GustReplay, GustStep, Shear
+from firmware_model.numerics.rotations import euler_angles
+from gustproof.law.form import load_law
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.outcome import Outcome
+from gustproof.simulate.processes import fly, fly_loopback
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 

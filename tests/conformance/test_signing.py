@@ -13,14 +13,14 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model import udp
-from firmware_model.endpoint import VehicleEndpoint
-from firmware_model.frames import Dropped, parse
-from firmware_model.scenario import load_scenario
-from firmware_model.signing import Signing
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink.frames import Dropped, parse
+from firmware_model.mavlink.signing import Signing
+from firmware_model.process import udp
+from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from gustproof.controller.endpoint import ControllerEndpoint, Outcome
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 
 KEY = bytes(range(32))
 UNIX_US = 1_700_000_000_000_000

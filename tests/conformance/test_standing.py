@@ -8,15 +8,15 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot import Landed, Mode
-from firmware_model.endpoint import VehicleEndpoint
-from firmware_model.flight import Hitch
-from firmware_model.frames import Dropped, parse
-from firmware_model.scenario import Scenario, load_scenario
-from firmware_model.vehicle import load_vehicle
-from firmware_model.wind import Constant
+from firmware_model.autopilot.modes import Landed, Mode
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.wind import Constant
+from firmware_model.mavlink.frames import Dropped, parse
+from firmware_model.session.pacing import Hitch
+from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from gustproof.controller.endpoint import ControllerEndpoint, Phase
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 
 VEHICLE, CONTROLLER, PILOT = (1, ("vehicle", 1)), (1, ("controller", 1)), (0, ("pilot", 1))
 ARM, TAKEOFF, LAND = wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_CMD_NAV_TAKEOFF, wire.MAV_CMD_NAV_LAND

@@ -8,16 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model import messages
-from firmware_model.endpoint import VehicleEndpoint
-from firmware_model.frames import parse
-from firmware_model.outcome import Outcome
-from firmware_model.scenario import load_scenario
-from firmware_model.signals import AttitudeTarget, ImuSample, TorqueCommand
-from firmware_model.turns import Turns
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink import messages
+from firmware_model.mavlink.frames import parse
+from firmware_model.session.lockstep import Turns
+from firmware_model.session.outcome import Outcome
+from firmware_model.session.vehicle_endpoint import VehicleEndpoint
+from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
 from gustproof.controller.endpoint import ControllerEndpoint
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 
 VEHICLE, CONTROLLER, STATION = (0, ("vehicle", 1)), (0, ("controller", 1)), (0, ("station", 1))
 float32 = st.floats(-1.0, 1.0, width=32)

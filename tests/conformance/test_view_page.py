@@ -11,17 +11,17 @@ import numpy as np
 import psutil
 import pytest
 
-from firmware_model.journal import records_in
-from firmware_model.link import Delay
-from firmware_model.params import PAUSE_NAME
-from firmware_model.requirement import Metric, Requirement
-from firmware_model.rotations import euler_angles
-from firmware_model.scenario import Scenario, load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.law import load_law
-from gustproof.outcome import Outcome
-from gustproof.sitl import Flight, fly, fly_loopback
-from gustproof.view.live import LivePage
+from firmware_model.autopilot.parameters import PAUSE_NAME
+from firmware_model.config.requirement import Metric, Requirement
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.numerics.rotations import euler_angles
+from firmware_model.recording.journal import records_in
+from firmware_model.session.link import Delay
+from gustproof.law.form import load_law
+from gustproof.live.live import LivePage
+from gustproof.simulate.outcome import Outcome
+from gustproof.simulate.processes import Flight, fly, fly_loopback
 
 LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")
 PATIENCE_S = 200.0  # kernels may have to be compiled first

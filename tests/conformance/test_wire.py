@@ -6,9 +6,9 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.frames import Dropped, Frame, parse
-from firmware_model.messages import command, command_message, imu_message, imu_sample
-from firmware_model.signals import AttitudeTarget, ImuSample, TorqueCommand
+from firmware_model.mavlink.frames import Dropped, Frame, parse
+from firmware_model.mavlink.messages import command, command_message, imu_message, imu_sample
+from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
 
 SAMPLE = ImuSample(time_us=4000, gyro_B=(0.5, -0.25, 2.0), specific_force_B=(0.0, 1.0, -9.75))
 

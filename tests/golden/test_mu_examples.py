@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from gustproof.certify.mu import mu
+from gustproof.lti.norms import hinf_norm
+from gustproof.lti.state_space import Lti, Matrix
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
 from gustproof.model.lft import Uncertain
 from gustproof.model.uncertainty import FullBlock
-from gustproof.numerics.lti import Lti, Matrix
-from gustproof.numerics.norms import hinf_norm
 
 EXAMPLE = json.loads((Path(__file__).parent / "mu.json").read_text(encoding="utf-8"))["distillation"]
 PRINTED = 0.005

@@ -22,10 +22,10 @@ import scipy.sparse
 import slycot
 
 from gustproof.errors import DesignError
-from gustproof.numerics.lti import Lti, copied, lft
-from gustproof.numerics.norms import hinf_norm
-from gustproof.synthesis import hinfsyn
-from gustproof.synthesis.hinfsyn import HinfResult
+from gustproof.lti.norms import hinf_norm
+from gustproof.lti.state_space import Lti, copied, lft
+from gustproof.synthesis.hinf import hinfsyn
+from gustproof.synthesis.hinf.hinfsyn import HinfResult
 
 SAVED = Path(__file__).parent / "random_plants.json"
 GOLDEN = json.loads(SAVED.read_text(encoding="utf-8")) if SAVED.exists() else {"plants": []}

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.law import load_law
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.law.form import load_law
 
 BENCHMARK = Path(__file__).parents[2] / "tools" / "benchmark"
 

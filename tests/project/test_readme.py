@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from firmware_model.scenario import load_scenario, shipped_scenarios
+from firmware_model.config.scenario import load_scenario, shipped_scenarios
 from gustproof.cli.app import app
-from gustproof.law import shipped_laws
+from gustproof.law.form import shipped_laws
 
 ROOT = Path(__file__).parents[2]
 

@@ -17,17 +17,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.endpoint import VehicleEndpoint
-from firmware_model.frames import DAMAGE, Dropped, Frame, Outgoing, parse
-from firmware_model.listener import MAX_PEERS
-from firmware_model.messages import CONTROLLER, heartbeat_message, imu_message
-from firmware_model.scenario import load_scenario
-from firmware_model.signals import ImuSample
-from firmware_model.signing import Signing
-from firmware_model.traffic import Traffic
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink.channel import Traffic
+from firmware_model.mavlink.frames import DAMAGE, Dropped, Frame, Outgoing, parse
+from firmware_model.mavlink.messages import CONTROLLER, heartbeat_message, imu_message
+from firmware_model.mavlink.peers import MAX_PEERS
+from firmware_model.mavlink.signing import Signing
+from firmware_model.session.vehicle_endpoint import VehicleEndpoint
+from firmware_model.types import ImuSample
 from gustproof.controller.endpoint import ControllerEndpoint
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 
 KEY = bytes(range(32))
 NOW = 1_700_000_000_000_000  # [us] Unix time at the start of the virtual clock

@@ -7,11 +7,11 @@ from tempfile import TemporaryDirectory
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_model.files import write_toml
-from firmware_model.moments import Sine, Square, Step
-from firmware_model.scenario import AccelerometerFault, GyroFault, Scenario, load_scenario, shipped_scenarios
-from firmware_model.vehicle import load_vehicle, shipped_vehicles
-from firmware_model.wind import Dryden, GustReplay, OneMinusCosine
+from firmware_model.config.files import write_toml
+from firmware_model.config.moments import Sine, Square, Step
+from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario, load_scenario, shipped_scenarios
+from firmware_model.config.vehicle import load_vehicle, shipped_vehicles
+from firmware_model.config.wind import Dryden, GustReplay, OneMinusCosine
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 positive = st.floats(min_value=0.0, exclude_min=True, allow_infinity=False)

@@ -4,10 +4,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain, appended, closed, star, uncertain
 from gustproof.model.reduction import reduced
 from gustproof.model.uncertainty import FullBlock, RealBlock
-from gustproof.numerics.lti import Lti
 
 ROUNDING = 1e-8
 """Relative to the largest entry; loops are kept well posed, with a condition below some 1e4."""

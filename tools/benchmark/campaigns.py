@@ -10,12 +10,12 @@ from tempfile import TemporaryDirectory
 from flights import LAW
 from table import Bench, in_turns
 
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle_set import load_vehicle_set
-from gustproof.campaign.findings import findings
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.uncertainty import load_vehicle_set
+from gustproof.campaign.executors import Pool, processes
 from gustproof.campaign.plan import Campaign, Dispersed, dispersions
-from gustproof.campaign.pools import Pool, processes
-from gustproof.campaign.run import fly_campaign
+from gustproof.campaign.runner import fly_campaign
+from gustproof.campaign.statistics import findings
 
 _FEW, _MANY = 1000, 20_000
 _TIMES = 5  # a turn, of the small one: alone it is over too soon to be compared

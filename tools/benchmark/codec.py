@@ -5,9 +5,9 @@ import math
 from pymavlink.dialects.v20 import all as wire
 from table import Action, Bench, in_turns
 
-from firmware_model import messages
-from firmware_model.frames import Frame, parse
-from firmware_model.traffic import Traffic
+from firmware_model.mavlink import messages
+from firmware_model.mavlink.channel import Traffic
+from firmware_model.mavlink.frames import Frame, parse
 
 _STAMP, _FORCE, _RATE, _TORQUE = 4000, (0.5, 0.25, -9.75), (0.125, 0.25, 0.5), (0.125, 0.25, 0.5)
 

@@ -14,12 +14,12 @@ from tempfile import TemporaryDirectory
 from table import Bench, in_turns
 from twins import Twin, difference
 
-from firmware_model.scenario import Scenario, load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.batch import LANES
-from gustproof.closed_loop import fly_direct
-from gustproof.lanes import Case, fly_many
-from gustproof.law import Law, load_law
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.law.form import Law, load_law
+from gustproof.simulate.batch import Case, fly_many
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.kernels import LANES
 
 LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")
 """The self-scheduled law of order 9, and the vehicle that it was made for."""

@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 from flights import LAW, VEHICLE, scenario
 from table import Bench
 
-from firmware_model import messages
-from gustproof.sitl import Outcome, fly
+from firmware_model.mavlink import messages
+from gustproof.simulate.processes import Outcome, fly
 
 _SAMPLE = messages.samples(1).make(0, 4000, 0.1, 0.2, -9.8, 0.1, 0.2, 0.3)
 _COMMAND = messages.torques(1).make(0, 4000, 0.1, 0.2, 0.3, float("nan"))

@@ -12,8 +12,8 @@ from flights import CORES, fleet, scenario
 from peer import PeerError, Program, environment
 from table import Bench
 
-from firmware_model.scenario import Scenario
-from gustproof.batch import LANES
+from firmware_model.config.scenario import Scenario
+from gustproof.simulate.kernels import LANES
 
 _ENVIRONMENTS = Path(sys.prefix) / "peers"
 _PROGRAMS = Path(__file__).parent / "peers"

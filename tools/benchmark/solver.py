@@ -5,9 +5,9 @@ import warnings
 import control
 from table import Bench, in_turns
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.synthesis.designs import design_problem, load_design
-from gustproof.synthesis.hinfsyn import hinfsyn
+from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 
 _CALLS = 5  # a turn, of either: one call alone is timed with the caches that the other has left
 

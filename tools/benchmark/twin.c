@@ -1,7 +1,7 @@
 /* The held vehicle in Dryden turbulence under a law of order ORDER, for W flights at once: what the compiled loops of
  * Python are measured against. The arithmetic is theirs, operation by operation, so that the results are equal to the
  * bit; built without contraction of products and sums. W = 1 is a plain scalar program, W = 32 lets the compiler use
- * SIMD. Constants and states are rows of W numbers in the order of firmware_model.world.
+ * SIMD. Constants and states are rows of W numbers in the order of firmware_model.sim.state.
  */
 #include <math.h>
 #include <stdint.h>

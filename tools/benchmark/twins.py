@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model import world
-from firmware_model.free_flight import AirParams
-from firmware_model.params import published_limit
-from firmware_model.scenario import Scenario
-from firmware_model.vehicle import Vehicle
-from gustproof.closed_loop import fly_direct
-from gustproof.law import Law
-from gustproof.law_step import sums
+from firmware_model.autopilot.parameters import published_limit
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.physics.aerodynamics import AirParams
+from firmware_model.sim import layout
+from gustproof.law.form import Law
+from gustproof.law.step import sums
+from gustproof.simulate.direct import fly_direct
 
 Array = NDArray[np.float64]
 _SUMMATION = 1e-12  # [-] relative, what another order of summation does to a sum of squares
@@ -32,10 +32,10 @@ class Twin:
         if compiler is None:
             raise FileNotFoundError("no C compiler")
         self.width, self._scenario, self._law, self._vehicle = width, scenario, law, vehicle
-        gust_gain = world.AIR + AirParams._fields.index("gust_gain")
+        gust_gain = layout.AIR + AirParams._fields.index("gust_gain")
         defined = {
-            "W": width, "ORDER": law.order, "BODY": world.BODY, "DRYDEN": world.DRYDEN, "GYRO": world.GYRO,
-            "GUST_GAIN": gust_gain, "X_BODY": world.X_BODY, "X_DRYDEN": world.X_DRYDEN,
+            "W": width, "ORDER": law.order, "BODY": layout.BODY, "DRYDEN": layout.DRYDEN, "GYRO": layout.GYRO,
+            "GUST_GAIN": gust_gain, "X_BODY": layout.X_BODY, "X_DRYDEN": layout.X_DRYDEN,
         }  # fmt: skip
         library = folder / f"twin{width}.so"
         options = [*_OPTIONS, *(f"-D{name}={value}" for name, value in defined.items())]
@@ -59,7 +59,7 @@ class Twin:
 
     def _batch(self, seeds: list[int]) -> Callable[[], tuple[Array, Array]]:
         full = seeds + seeds[-1:] * (self.width - len(seeds))
-        worlds = [world.new_world(self._vehicle, self._scenario, seed) for seed in full]
+        worlds = [layout.new_world(self._vehicle, self._scenario, seed) for seed in full]
         params, start = (np.array([getattr(one, name) for one in worlds]).T.copy() for name in ("params", "state"))
         drawn, last, torque = np.array(full, dtype=np.uint32), np.empty((7, self.width)), np.empty(self.width)
         scenario = self._scenario

@@ -15,15 +15,15 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
+from firmware_model.config.files import parse
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.spreads import Spread
+from firmware_model.config.uncertainty import VehicleSet, vehicle_set
 from firmware_model.errors import ConfigError
-from firmware_model.files import parse
-from firmware_model.scenario import Scenario
-from firmware_model.spreads import Spread
-from firmware_model.vehicle_set import VehicleSet, vehicle_set
 from gustproof import __version__
-from gustproof.campaign.draws import Array, Sampling, deltas, flight_seeds
-from gustproof.lanes import Case
-from gustproof.law import Law, law_from
+from gustproof.campaign.sampling import Array, Sampling, deltas, flight_seeds
+from gustproof.law.form import Law, law_from
+from gustproof.simulate.batch import Case
 
 FORMAT = "gustproof-campaign-1"
 _GUST = "gust_scale"

@@ -15,11 +15,11 @@ from typing import Any, Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from firmware_model.appended import locked
+from firmware_model.config.files import parse_json, read_text
 from firmware_model.errors import ConfigError
-from firmware_model.files import parse_json, read_text
-from gustproof.campaign.flights import Stretch, schema
+from firmware_model.recording.durable_file import locked
 from gustproof.campaign.plan import Campaign
+from gustproof.campaign.worker import Stretch, schema
 from gustproof.errors import FlightError
 
 ROW_GROUP = 16_384

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from firmware_model.files import parse_json, read_text, write_text
+from firmware_model.config.files import parse_json, read_text, write_text
 from gustproof.certify.check import FORMAT, seal
 
 

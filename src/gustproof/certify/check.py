@@ -20,8 +20,8 @@ from gustproof.certify.dissipation import (
     slow_inequalities,
     vertices,
 )
-from gustproof.certify.enclosure import SIGNALS, Norms, axis_norms, mapped
-from gustproof.numerics.rational import exact, exp_below, is_positive_definite, scale, transpose
+from gustproof.certify.invariant_box import SIGNALS, Norms, axis_norms, mapped
+from gustproof.lti.rational import exact, exp_below, is_positive_definite, scale, transpose
 
 FORMAT = "gustproof-certificate-1"
 CERTAIN = Fraction(999, 1000)
@@ -129,7 +129,7 @@ def _demand_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]]
 
 
 def _closure(level: Fraction, evidence: dict[str, Any]) -> str:
-    """Prove that a flight stays inside a box; see `gustproof.certify.enclosure`."""
+    """Prove that a flight stays inside a box; see `gustproof.certify.invariant_box`."""
     norms = [axis_norms(evidence, axis) for axis in range(3)]
     return closed(level, evidence, norms)
 

@@ -11,7 +11,7 @@ from fractions import Fraction
 from itertools import product
 from typing import Any, NamedTuple
 
-from gustproof.numerics.rational import Rational, add, exact, identity, multiply, scale, transpose, zeros
+from gustproof.lti.rational import Rational, add, exact, identity, multiply, scale, transpose, zeros
 
 
 class Vertex(NamedTuple):

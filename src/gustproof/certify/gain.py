@@ -11,13 +11,13 @@ from gustproof.certify.certificate import Certificate
 from gustproof.certify.check import Refusal, judge
 from gustproof.certify.dissipation import gain_inequality, slow_inequalities
 from gustproof.certify.multipliers import Multipliers, best_multipliers
-from gustproof.certify.slow_multipliers import SlowMultipliers, slow_multipliers
-from gustproof.certify.switching import worst_schedule, worst_swing
+from gustproof.certify.rate_bounded_multipliers import SlowMultipliers, slow_multipliers
+from gustproof.certify.worst_schedule import worst_schedule, worst_swing
+from gustproof.lti.rational import exact, multiply, transpose
+from gustproof.lti.state_space import LinearSystem, Matrix, copied, copied_continuous
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lft import Uncertain, closed, connected, star, with_states
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
-from gustproof.numerics.lti import LinearSystem, Matrix, copied, copied_continuous
-from gustproof.numerics.rational import exact, multiply, transpose
 
 _MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
 """[-] relative margins above the solver's level that are tried in turn: rounding of the multipliers needs some."""

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from gustproof.certify.sweep import Bracket, continuous, sampled, swept, with_performance
 from gustproof.certify.worst_delta import most_unstable, worst_delta
+from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, copied, sensitivity
 from gustproof.model.lft import Uncertain
 from gustproof.model.uncertainty import Block, FullBlock, RealBlock, columns, rows
-from gustproof.numerics.lti import ComplexMatrix, LinearSystem, Lti, copied, sensitivity
 
 
 def mu(system: Uncertain, *, accuracy: float = 0.02) -> Bracket:

@@ -8,9 +8,9 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 
+from gustproof.lti.state_space import Lti, Matrix
 from gustproof.model.lft import Uncertain
 from gustproof.model.uncertainty import RealBlock
-from gustproof.numerics.lti import Lti, Matrix
 
 _STRICT = 1e-7
 """[-] what the solver must leave of each inequality in the balanced loop while it looks for the least level."""

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
+from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix
 from gustproof.model.uncertainty import Block, RealBlock, columns, rows
-from gustproof.numerics.lti import ComplexMatrix, Lti, Matrix
 
 _RAISE = 8.0
 """Factor on the weight of the objective from one centre to the next."""

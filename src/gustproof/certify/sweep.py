@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gustproof.certify.scalings import best_scalings
+from gustproof.lti.norms import bilinear, hinf_norm
+from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain
 from gustproof.model.uncertainty import Block, FullBlock
-from gustproof.numerics.lti import Lti
-from gustproof.numerics.norms import bilinear, hinf_norm
 
 PERFORMANCE = "performance"
 """Name of the full block that closes inputs and outputs of a system."""

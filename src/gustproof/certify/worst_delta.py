@@ -8,8 +8,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
+from gustproof.lti.state_space import ComplexMatrix, Lti
 from gustproof.model.uncertainty import Block, RealBlock, columns, rows
-from gustproof.numerics.lti import ComplexMatrix, Lti
 
 _CORNERS = 64
 """Starts at most: every corner of the real parameters while there are few, else random ones."""

@@ -7,9 +7,9 @@ import numpy as np
 from gustproof.certify.scalings import best_scalings
 from gustproof.certify.sweep import Bracket, continuous, sampled, swept, with_performance
 from gustproof.certify.worst_delta import worst_delta
+from gustproof.lti.norms import hinf_norm
 from gustproof.model.lft import Uncertain, appended, neglected, real, star
 from gustproof.model.uncertainty import RealBlock
-from gustproof.numerics.norms import hinf_norm
 
 Box = Mapping[str, tuple[float, float]]
 """Low and high of the normalised value of each real parameter."""

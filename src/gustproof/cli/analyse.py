@@ -25,12 +25,12 @@ def analyse(
 
     gustproof analyse mine.mat --vehicle iris --json
     """
-    from firmware_model.scenario import load_scenario
-    from firmware_model.vehicle import load_vehicle
-    from gustproof.exchange.matrices import read_law
-    from gustproof.report.analysis import analyse as analysed
-    from gustproof.report.analysis import analysis_document
-    from gustproof.report.document import show
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.analysis.analyse import analyse as analysed
+    from gustproof.analysis.analyse import analysis_document
+    from gustproof.law.io.matrices import read_law
+    from gustproof.report.terminal import show
 
     if output is not None and output.suffix != ".png":
         raise ConfigError(f"{output}: the figure's file must end in .png")

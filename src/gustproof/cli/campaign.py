@@ -61,10 +61,10 @@ def campaign(
 
         gustproof fly --run mc.parquet:471
     """
-    from gustproof.campaign.findings import findings
-    from gustproof.flight import check
+    from gustproof.campaign.statistics import findings
     from gustproof.report.campaign import campaign_document
-    from gustproof.report.document import show
+    from gustproof.report.terminal import show
+    from gustproof.simulate.flight import check
 
     plan = _plan(scenario, law, vehicle, spread, sampling, gust_spread, attitude_spread, runs, seed)
     if not anyway:
@@ -82,11 +82,11 @@ def _plan(
     scenario: str, laws: list[str], vehicle: str, spread: str | None, sampling: str, gust: float, attitude_deg: float,
     runs: int, seed: int,
 ) -> "Campaign":  # fmt: skip
-    from firmware_model.scenario import load_scenario
-    from firmware_model.vehicle_set import load_vehicle_set
-    from gustproof.campaign.draws import Sampling
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.uncertainty import load_vehicle_set
     from gustproof.campaign.plan import Campaign, Dispersed, dispersions, usual_dispersions
-    from gustproof.law import load_law
+    from gustproof.campaign.sampling import Sampling
+    from gustproof.law.form import load_law
 
     script, vehicles = load_scenario(scenario), load_vehicle_set(vehicle)
     if spread is None:
@@ -102,10 +102,10 @@ def _plan(
 
 def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | None, *, quiet: bool) -> None:
     """Fly what is not flown yet, shown on standard error."""
-    from gustproof.campaign.pools import cluster, processes, usable_cores
-    from gustproof.campaign.run import fly_campaign
+    from gustproof.campaign.executors import cluster, processes, usable_cores
+    from gustproof.campaign.reader import read_note
+    from gustproof.campaign.runner import fly_campaign
     from gustproof.campaign.store import check_same
-    from gustproof.campaign.table import read_note
 
     if output.suffix != ".parquet":
         raise ConfigError(f"{output}: a campaign's table ends in .parquet")

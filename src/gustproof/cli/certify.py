@@ -110,7 +110,7 @@ def certify(
 
 def _design(name: str) -> "Design":
     """Return the design that `name` names, or that the shipped law of that name was made from."""
-    from gustproof.law import shipped_laws
+    from gustproof.law.form import shipped_laws
     from gustproof.synthesis.designs import load_design, shipped_designs
 
     if name not in shipped_laws():
@@ -138,7 +138,7 @@ def _gain(
     exact_rho: bool,
     slow: bool,
 ) -> "Certificate":
-    from firmware_model.vehicle import load_vehicle
+    from firmware_model.config.vehicle import load_vehicle
     from gustproof.certify.gain import certify_gain
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import design_problem
@@ -169,9 +169,9 @@ def _closure(
     noise: float,
     risk: float,
 ) -> "Certificate":
-    from firmware_model.vehicle import load_vehicle
-    from gustproof.certify.closure import certify_closure
-    from gustproof.law import load_law
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.certify.boundedness import certify_closure
+    from gustproof.law.form import load_law
 
     flown, airframe = load_law(law), load_vehicle(vehicle)
     try:
@@ -181,7 +181,7 @@ def _closure(
 
 
 def _check(path: Path, *, as_json: bool) -> Status:
-    from firmware_model.files import parse_json, read_text
+    from firmware_model.config.files import parse_json, read_text
     from gustproof.certify.check import FORMAT, check
 
     try:

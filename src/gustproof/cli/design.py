@@ -15,7 +15,7 @@ from gustproof.cli.progress import progress
 if TYPE_CHECKING:
     from gustproof.model.interconnection import Interconnection
     from gustproof.synthesis.designs import Design
-    from gustproof.synthesis.structured import StructResult
+    from gustproof.synthesis.structured.hinfstruct import StructResult
 
 
 class Method(Enum):
@@ -55,9 +55,9 @@ def design(
 
     gustproof design D2 --method hinfstruct --order 6 -o reduced.json
     """
-    from firmware_model.vehicle import load_vehicle
+    from firmware_model.config.vehicle import load_vehicle
     from gustproof.report.design import design_document, save_design_figure
-    from gustproof.report.document import show
+    from gustproof.report.terminal import show
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import load_design
 
@@ -93,7 +93,7 @@ def _structured(
     order: int, starts: int, seed: int, *, quiet: bool
 ) -> "Callable[[Design, Interconnection], StructResult]":
     """Return what solves a design by `hinfstruct`, with its progress shown."""
-    from gustproof.synthesis.structured_design import structured_controller
+    from gustproof.synthesis.structured.fixed_order import structured_controller
 
     def solve(design: "Design", problem: "Interconnection") -> "StructResult":
         with progress(f"searching, {design.name}", quiet=quiet) as shown:

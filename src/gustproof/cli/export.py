@@ -21,9 +21,9 @@ def export(
 
     gustproof export mine.mat --law mine.json && gustproof fly paper-turbulence --law mine.json
     """
-    from firmware_model.files import naming
-    from gustproof.exchange.c_code import save_c
-    from gustproof.exchange.matrices import read_law, save_csv, save_mat
+    from firmware_model.config.files import naming
+    from gustproof.law.io.c import save_c
+    from gustproof.law.io.matrices import read_law, save_csv, save_mat
 
     wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
     if not wanted:

@@ -9,8 +9,8 @@ import click
 import typer
 from typer.core import TyperGroup
 
+from firmware_model.config.validation import printable
 from firmware_model.errors import ConfigError
-from firmware_model.mistakes import printable
 from gustproof.errors import DesignError, FlightError
 
 ANYWAY = "Fly, too, what is refused: a law that is unstable on the vehicle, references that it does not hold."

@@ -13,8 +13,8 @@ from gustproof.cli.failures import ANYWAY, Status, stop
 from gustproof.cli.progress import progress
 
 if TYPE_CHECKING:
-    from gustproof.campaign.again import Run
-    from gustproof.flight import Plan, RecordedFlight
+    from gustproof.campaign.rerun import Run
+    from gustproof.simulate.flight import Plan, RecordedFlight
 
 
 _SAID_BY_THE_BAG = ("scenario", "law", "vehicle", "seed", "real_time", "run")
@@ -69,9 +69,9 @@ def fly(
 
         gustproof fly --run mc.parquet:4711
     """
-    from gustproof.outcome import Outcome
     from gustproof.recording.folder import fresh_folder
-    from gustproof.report.document import flight_document, show
+    from gustproof.report.terminal import flight_document, show
+    from gustproof.simulate.outcome import Outcome
 
     of_table = _run(context, run, scenario, law) if run and not repeat else None
     if of_table:
@@ -108,7 +108,7 @@ def fly(
 
 def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "RecordedFlight":
     """Fly, shown on standard error and, if `view`, on a page that starts it."""
-    from gustproof.flight import fly_and_record, warnings
+    from gustproof.simulate.flight import fly_and_record, warnings
 
     for warning in () if quiet else warnings(plan.scenario, plan.law, plan.vehicle):
         print(f"gustproof: warning: {warning}", file=sys.stderr)
@@ -116,7 +116,7 @@ def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> 
     with ExitStack() as stack:
         page = None
         if view:
-            from gustproof.view.live import LivePage
+            from gustproof.live.live import LivePage
 
             page = stack.enter_context(LivePage(plan.scenario, plan.law, plan.vehicle, real_time=plan.real_time))
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
@@ -132,12 +132,12 @@ def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> 
 
 
 def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_time: bool, anyway: bool) -> "Plan":
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.vehicle import load_vehicle
     from firmware_model.errors import ConfigError
-    from firmware_model.scenario import load_scenario
-    from firmware_model.vehicle import load_vehicle
     from gustproof.controller import DEFAULT_LAW
-    from gustproof.flight import Plan, check
-    from gustproof.law import load_law
+    from gustproof.law.form import load_law
+    from gustproof.simulate.flight import Plan, check
 
     if scenario is None:
         raise ConfigError("give a scenario, or --repeat, or --run")
@@ -153,8 +153,8 @@ def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_t
 
 
 def _recorded_plan(context: typer.Context, run: Path) -> "Plan":
-    from gustproof.flight import noted
     from gustproof.recording.bag import read_bag
+    from gustproof.simulate.flight import noted
 
     _refuse(context, _SAID_BY_THE_BAG, "--repeat flies what the bag says")
     bag = _bag(run)
@@ -162,7 +162,7 @@ def _recorded_plan(context: typer.Context, run: Path) -> "Plan":
 
 
 def _run(context: typer.Context, run: str, scenario: str | None, law: str | None) -> "Run":
-    from gustproof.campaign.again import read
+    from gustproof.campaign.rerun import read
 
     _refuse(context, _SAID_BY_THE_TABLE, "--run flies what the table says")
     found = read(run)
@@ -206,8 +206,8 @@ def _comparison(
 
 def _compare(result: "RecordedFlight", run: Path) -> _Comparison:
     """Compare every bit of every sample."""
-    from gustproof.flight import differs_from_s
     from gustproof.recording.bag import read_bag
+    from gustproof.simulate.flight import differs_from_s
 
     about, records = read_bag(_bag(run))
     begin_s = differs_from_s(result.records, records)

@@ -17,8 +17,8 @@ def recover(
 
         gustproof recover runs/fly-003
     """
-    from gustproof.flight import recover as recovered
-    from gustproof.report.document import flight_document, show
+    from gustproof.report.terminal import flight_document, show
+    from gustproof.simulate.flight import recover as recovered
 
     flights = recovered(run)
     if as_json:

@@ -37,8 +37,8 @@ def report(
     if any(run.suffix == ".parquet" for run in runs):
         _report_campaign(runs, output)
         return
-    from gustproof.report.html import write_report
-    from gustproof.report.html_runs import read_runs
+    from gustproof.report.html.page import write_report
+    from gustproof.report.html.runs import read_runs
 
     flights = read_runs(runs)
     write_report(flights, output)
@@ -46,7 +46,7 @@ def report(
 
 
 def _report_campaign(tables: list[Path], output: Path) -> None:
-    from gustproof.report.campaign_page import write_campaign_report
+    from gustproof.report.html.campaign_page import write_campaign_report
 
     if len(tables) > 1:
         raise ConfigError(f"{', '.join(map(str, tables))}: a page shows one campaign, or flights")

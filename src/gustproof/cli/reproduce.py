@@ -25,10 +25,10 @@ def reproduce(
 
         gustproof reproduce --seeds 1 --out /tmp/paper --json
     """
-    from firmware_model.vehicle import load_vehicle
-    from gustproof import reproduce as paper
+    from firmware_model.config.vehicle import load_vehicle
     from gustproof.recording.folder import fresh_folder
-    from gustproof.report.document import show
+    from gustproof.report.terminal import show
+    from gustproof.reproduce import run as paper
 
     airframe = load_vehicle(vehicle)
     if not anyway:

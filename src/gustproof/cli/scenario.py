@@ -21,14 +21,14 @@ def list_shipped(
 
     gustproof scenario list
     """
-    from firmware_model.scenario import load_scenario, shipped_scenarios
+    from firmware_model.config.scenario import load_scenario, shipped_scenarios
     from gustproof.report.scenarios import scenario_summary, scenarios_table
 
     scenarios = [load_scenario(name) for name in shipped_scenarios()]
     if as_json:
         print(json.dumps([scenario_summary(each) for each in scenarios], indent=2))
         return
-    from gustproof.report.document import show
+    from gustproof.report.terminal import show
 
     show(scenarios_table(scenarios))
 
@@ -41,9 +41,9 @@ def show_text(
 
     gustproof scenario show paper > mine.toml
     """
-    from firmware_model.files import read_text
-    from firmware_model.mistakes import printable
-    from firmware_model.scenario import SCENARIOS, load_scenario
+    from firmware_model.config.files import read_text
+    from firmware_model.config.scenario import SCENARIOS, load_scenario
+    from firmware_model.config.validation import printable
 
     load_scenario(name)  # says so if there is none, or if it is not sound
     path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
@@ -60,7 +60,7 @@ def check(
 
     gustproof scenario check mine.toml
     """
-    from firmware_model.scenario import load_scenario
+    from firmware_model.config.scenario import load_scenario
     from gustproof.report.scenarios import scenario_line
 
     script = load_scenario(file)

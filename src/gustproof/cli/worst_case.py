@@ -44,11 +44,11 @@ def worst_case(
     """
     from pydantic_core import to_jsonable_python
 
-    from firmware_model.files import write_toml
-    from firmware_model.vehicle import load_vehicle
-    from gustproof.certify.worst_case import Spreads
-    from gustproof.certify.worst_case import worst_case as search
-    from gustproof.law import load_law
+    from firmware_model.config.files import write_toml
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.falsify.worst_case import Spreads
+    from gustproof.falsify.worst_case import worst_case as search
+    from gustproof.law.form import load_law
 
     moment = three_positive("--moment", budget)
     if output is not None and output.suffix != ".toml":

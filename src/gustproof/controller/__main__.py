@@ -7,17 +7,17 @@ import socket
 import sys
 from collections.abc import Sequence
 
-from firmware_model import access, udp, undisturbed
-from firmware_model.attended import ATTENDED, attend
+from firmware_model.config.files import read_json
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.validation import Parser, printable
 from firmware_model.errors import ConfigError
-from firmware_model.files import read_json
-from firmware_model.mistakes import Parser, printable
-from firmware_model.scenario import Scenario, load_scenario
+from firmware_model.process import access, realtime, udp
+from firmware_model.process.exit_on_eof import ATTENDED, attend
 from gustproof.controller import DEFAULT_LAW
 from gustproof.controller.core import reference_excess
 from gustproof.controller.endpoint import ControllerEndpoint, Outcome
-from gustproof.law import Law, Output, load_law, shipped_laws
-from gustproof.law_step import FlyingLaw
+from gustproof.law.form import Law, Output, load_law, shipped_laws
+from gustproof.law.step import FlyingLaw
 
 _EXIT = {Outcome.DONE: 0, Outcome.WRONG_RATE: 2, Outcome.NOT_SUPPORTED: 2, Outcome.INTERRUPTED: 130}
 _BROKEN = 3
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _fly(law: Law, options: argparse.Namespace) -> int:
     # The machine code is loaded, or made, before anybody waits for it.
     FlyingLaw(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    undisturbed.hold_collector(off=True)
+    realtime.hold_collector(off=True)
     name = options.scenario
     references = (read_json(Scenario, name) or load_scenario(name)).references if name else ()
     if not options.anyway and (excess := reference_excess(law, references)):
@@ -59,7 +59,7 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
         if options.attended:
             attend(endpoint.interrupt)
         if options.real_time:
-            undisturbed.go_first()
+            realtime.go_first()
         udp.connect(bound, vehicle)
         udp.converse(endpoint, bound)
     outcome = endpoint.outcome or Outcome.INTERRUPTED

@@ -4,10 +4,10 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
-from firmware_model.frames import Dropped
-from firmware_model.signals import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
-from gustproof.law import Law, Output
-from gustproof.law_step import FlyingLaw
+from firmware_model.mavlink.frames import Dropped
+from firmware_model.types import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
+from gustproof.law.form import Law, Output
+from gustproof.law.step import FlyingLaw
 
 References = Sequence[tuple[int, Vector]]
 

@@ -27,16 +27,16 @@ from statistics import median
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model import messages
-from firmware_model.autopilot import Mode
-from firmware_model.frames import Dropped, Frame, Message, Outgoing, Peer, parse
-from firmware_model.messages import AUTOPILOT, CONTROLLER
-from firmware_model.params import HOVER_NAME, RATE_NAME, TORQUE_LIMIT_NAMES
-from firmware_model.signals import Vector
-from firmware_model.signing import Signing
-from firmware_model.traffic import Traffic
+from firmware_model.autopilot.modes import Mode
+from firmware_model.autopilot.parameters import HOVER_NAME, RATE_NAME, TORQUE_LIMIT_NAMES
+from firmware_model.mavlink import messages
+from firmware_model.mavlink.channel import Traffic
+from firmware_model.mavlink.frames import Dropped, Frame, Message, Outgoing, Peer, parse
+from firmware_model.mavlink.messages import AUTOPILOT, CONTROLLER
+from firmware_model.mavlink.signing import Signing
+from firmware_model.types import Vector
 from gustproof.controller.core import Controller, References
-from gustproof.law import Law, Output
+from gustproof.law.form import Law, Output
 
 HEARTBEAT_US = 1_000_000
 """[us] wall time from heartbeat to heartbeat."""

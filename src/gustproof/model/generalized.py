@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_model.vehicle import Vehicle
+from firmware_model.config.vehicle import Vehicle
+from gustproof.lti.state_space import Lti, Matrix, gain
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
 from gustproof.model.lft import Uncertain
 from gustproof.model.lpv import PARAMETERS, actuators, airframe, rate_loop
-from gustproof.numerics.lti import Lti, Matrix, gain
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied, copied_continuous
+from gustproof.lti.state_space import LinearSystem, Lti, Matrix, copied, copied_continuous
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,9 +12,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
+from gustproof.lti.state_space import LinearSystem, Lti, Matrix, copied, gain, lft
 from gustproof.model.interconnection import Interconnection, Signal
 from gustproof.model.uncertainty import Block, Delta, FullBlock, RealBlock, delta_matrix
-from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied, gain, lft
 
 if TYPE_CHECKING:
     import control

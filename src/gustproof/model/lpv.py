@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from firmware_model.vehicle import Vehicle
-from gustproof.numerics.lti import Lti, Matrix
+from firmware_model.config.vehicle import Vehicle
+from gustproof.lti.state_space import Lti, Matrix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from gustproof.lti.state_space import Lti, Matrix
 from gustproof.model.lft import Uncertain
 from gustproof.model.uncertainty import Block, RealBlock, columns, rows
-from gustproof.numerics.lti import Lti, Matrix
 
 
 def reduced(system: Uncertain, *, accuracy: float = 1e-10) -> Uncertain:

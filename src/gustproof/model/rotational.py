@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from firmware_model.vehicle import Vehicle
+from firmware_model.config.vehicle import Vehicle
+from gustproof.lti.state_space import Matrix, gain
 from gustproof.model.lft import Uncertain, appended, real, star, uncertain, with_states
-from gustproof.numerics.lti import Matrix, gain
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

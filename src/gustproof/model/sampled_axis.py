@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from firmware_model.scenario import Scenario
-from firmware_model.vehicle import Vehicle
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from gustproof.lti.state_space import Lti, delay
 from gustproof.model.lft import Uncertain, appended, real
-from gustproof.numerics.lti import Lti, delay
 
 INVERSE_INERTIA, DECAY, CARRIED = "inverse inertia", "decay", "carried"
 

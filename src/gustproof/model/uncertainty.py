@@ -8,8 +8,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from firmware_model.spreads import normalisation
-from gustproof.numerics.lti import Matrix
+from firmware_model.config.spreads import normalisation
+from gustproof.lti.state_space import Matrix
 
 Delta = Mapping[str, ArrayLike]
 """A value for each named block: a number in [-1, 1] for a real parameter, a matrix of norm <= 1 for a full block. Names

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gustproof.numerics.lti import Lti, Matrix
+from gustproof.lti.state_space import Lti, Matrix
 
 
 def constant(values: Sequence[float]) -> Lti:

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+from firmware_model.config.files import TEXT, parse_json
+from firmware_model.config.validation import one_line
 from firmware_model.errors import ConfigError
-from firmware_model.files import TEXT, parse_json
-from firmware_model.mistakes import one_line
 from gustproof.recording import definitions
 from gustproof.recording.definitions import TYPES, definition
 from gustproof.recording.mcap import messages

@@ -5,7 +5,7 @@ A bag carries these texts, so that readers need nothing else to decode the messa
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from firmware_model.autopilot import Mode
+from firmware_model.autopilot.modes import Mode
 
 FLIGHT, MODE, ROTORS, COMMAND_AGE = (
     f"gustproof_msgs/msg/{name}" for name in ("Flight", "Mode", "Rotors", "CommandAge")

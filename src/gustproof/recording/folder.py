@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from firmware_model.config.files import naming
 from firmware_model.errors import ConfigError
-from firmware_model.files import naming
 
 RUNS = Path("runs")
 

@@ -16,7 +16,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, NamedTuple
 
-from firmware_model.files import MIB, TEXT, open_regular
+from firmware_model.config.files import MIB, TEXT, open_regular
 
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # operation, length

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.journal import RECORD
+from firmware_model.recording.journal import RECORD
 from gustproof.recording.definitions import COMMAND_AGE, ROTORS
 
 MAP_NED = "map_ned"

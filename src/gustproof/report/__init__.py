@@ -1,1 +1,1 @@
-"""What a person looks at after flying: figures, tables, verdicts."""
+"""Render results as text, figures and pages."""

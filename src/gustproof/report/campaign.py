@@ -7,11 +7,11 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from gustproof.campaign.confidence import LEVEL, Estimate
-from gustproof.campaign.findings import Findings
+from gustproof.campaign.intervals import LEVEL, Estimate
 from gustproof.campaign.plan import Campaign
-from gustproof.report.document import FIGURES, Document
-from gustproof.requirements import requirement_label, requirement_limits
+from gustproof.campaign.statistics import Findings
+from gustproof.report.terminal import FIGURES, Document
+from gustproof.scoring.requirements import requirement_label, requirement_limits
 
 SHOWN = ("rmse_deg", "peak_deg", "torque_rms_nm", "torque_slew_rms", "saturated_s")
 """Figures that a terminal has room for; the others stand in the table, in the JSON and on the page."""

@@ -7,8 +7,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from gustproof.report.document import Document
 from gustproof.report.loop_tables import margin_cell, margins_table, poles_text
+from gustproof.report.terminal import Document
 from gustproof.synthesis.derive import DesignReport
 
 _FREQUENCIES = np.geomspace(1e-3, 1e3, 600)

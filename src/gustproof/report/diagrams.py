@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch
 
-from firmware_model.files import naming
+from firmware_model.config.files import naming
 from gustproof.model.generalized import LftStructure
 from gustproof.model.interconnection import Interconnection, Signal
 from gustproof.report.layout import HEIGHT, RADIUS, WIDTH, Node, Place, Shape, Wire, laid_out, ports_of

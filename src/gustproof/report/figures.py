@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from gustproof.metrics import Metrics, attitude
+from gustproof.analysis.analyse import Analysis
+from gustproof.analysis.placement import Standing
 from gustproof.model.lpv import PARAMETERS, scheduling
-from gustproof.report.analysis import Analysis
 from gustproof.report.diagrams import save_figure
-from gustproof.report.limits import Standing
+from gustproof.scoring.metrics import Metrics, attitude
 
 Records = NDArray[np.void]
 Array = NDArray[np.float64]

@@ -4,7 +4,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gustproof.report.limits import Limits
+from gustproof.analysis.placement import Limits
 
 _NOTE = (
     "All of them are of small angles and of all flights: in a few, luck weighs more. A gyro-only attitude walks at "

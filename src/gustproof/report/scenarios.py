@@ -7,7 +7,7 @@ from rich.box import SIMPLE
 from rich.table import Table
 from rich.text import Text
 
-from firmware_model.scenario import Scenario
+from firmware_model.config.scenario import Scenario
 
 _PARTS = ("wind", "moment", "link", "event", "require")
 

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 
 import gustproof
-from firmware_model.vehicle import Vehicle, load_vehicle
+from firmware_model.config.vehicle import Vehicle, load_vehicle
 from gustproof.errors import DesignError
-from gustproof.law import Law, Output, Provenance
-from gustproof.model.hover import loop_law
+from gustproof.law.discretize import central_law
+from gustproof.law.form import Law, Output, Provenance
+from gustproof.law.hover import loop_law
+from gustproof.lti.margins import Margins, margins
+from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, delay, hold_discretized, lft, sensitivity, series
 from gustproof.model.interconnection import Interconnection
-from gustproof.numerics.lti import ComplexMatrix, Lti, Matrix, delay, hold_discretized, lft, sensitivity, series
-from gustproof.numerics.margins import Margins, margins
+from gustproof.performance.step_response import StepResponse, reference_step
 from gustproof.synthesis.designs import Design, design_problem
-from gustproof.synthesis.discretize import central_law
-from gustproof.synthesis.hinfsyn import HinfResult, hinfsyn
-from gustproof.synthesis.structured import StructResult
-from gustproof.synthesis.tracking import StepResponse, reference_step
+from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
+from gustproof.synthesis.structured.hinfstruct import StructResult
 
 _AXES = ("roll", "pitch", "yaw")
 

@@ -7,14 +7,14 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from firmware_model.files import Name, read_toml, shipped
-from firmware_model.vehicle import NonNegative, Positive, PositiveVector, Vehicle
+from firmware_model.config.files import Name, read_toml, shipped
+from firmware_model.config.vehicle import NonNegative, Positive, PositiveVector, Vehicle
+from gustproof.lti.state_space import Lti
 from gustproof.model.generalized import Weights, rates_problem, torque_problem
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.weights import constant, first_order
-from gustproof.numerics.lti import Lti
 
-DESIGNS = Path(__file__).parents[1] / "designs"
+DESIGNS = Path(__file__).parent / "data"
 _STRICT = ConfigDict(extra="forbid")
 
 

@@ -3,15 +3,15 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.law import LAWS, REFERENCE_LIMIT, Law
-from gustproof.synthesis.autotune import autotuned_pid
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.law.form import LAWS, REFERENCE_LIMIT, Law
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design, shipped_designs
-from gustproof.synthesis.fair import fair_pid
-from gustproof.synthesis.flagship import flagship
-from gustproof.synthesis.indi import indi
+from gustproof.synthesis.pid.autotune import autotuned_pid
+from gustproof.synthesis.pid.flagship import flagship
+from gustproof.synthesis.pid.indi import indi
+from gustproof.synthesis.pid.pid_baseline import fair_pid
 
 PAPER_BANDWIDTH = 0.8
 """[rad/s] target of the paper's PID, which it does not give. Chosen once: near the autotuner's default of 1 rad/s, and

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import pytest
 
-from firmware_model.frames import Frame, parse
+from firmware_model.mavlink.frames import Frame, parse
 
 pytestmark = pytest.mark.clients
 HOST = "127.0.0.1"

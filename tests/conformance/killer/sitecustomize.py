@@ -10,7 +10,7 @@ import sys
 if "KILL" in os.environ and "firmware_model" in sys.orig_argv:
     import psutil
 
-    from firmware_model.journal import JournalWriter
+    from firmware_model.recording.journal import JournalWriter
 
     *_victims, _moment = os.environ["KILL"].split()
     _append, _flown = JournalWriter.append, 0

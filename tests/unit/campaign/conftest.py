@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle_set import load_vehicle_set
-from gustproof.campaign.draws import Sampling
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.uncertainty import load_vehicle_set
 from gustproof.campaign.plan import Campaign, Dispersed, dispersions
-from gustproof.law import load_law
+from gustproof.campaign.sampling import Sampling
+from gustproof.law.form import load_law
 
 
 @pytest.fixture

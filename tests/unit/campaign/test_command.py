@@ -15,13 +15,13 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from firmware_model.vehicle import VEHICLES
-from gustproof.campaign.findings import findings
-from gustproof.campaign.flights import Flown, lost
+from firmware_model.config.vehicle import VEHICLES
 from gustproof.campaign.plan import noted
+from gustproof.campaign.statistics import findings
+from gustproof.campaign.worker import Flown, lost
 from gustproof.cli.app import app
 from gustproof.report.campaign import campaign_document
-from gustproof.report.campaign_page import campaign_page
+from gustproof.report.html.campaign_page import campaign_page
 
 
 @pytest.fixture
@@ -38,8 +38,8 @@ def command(tmp_path, monkeypatch):
     def pool(_):
         yield SimpleNamespace(deaths=(), width=2, submit=submit)
 
-    monkeypatch.setattr("gustproof.campaign.pools.processes", pool)
-    monkeypatch.setattr("gustproof.campaign.pools.cluster", pool)
+    monkeypatch.setattr("gustproof.campaign.executors.processes", pool)
+    monkeypatch.setattr("gustproof.campaign.executors.cluster", pool)
 
     def run(*options):
         return CliRunner().invoke(app, ["campaign", "paper", "--law", "hinf-d1", "--runs", "5", *options])

@@ -3,9 +3,9 @@ from dataclasses import replace
 
 import pytest
 
+from firmware_model.config.uncertainty import VehicleSet, load_vehicle_set
+from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.vehicle import load_vehicle
-from firmware_model.vehicle_set import VehicleSet, load_vehicle_set
 from gustproof.campaign.plan import Dispersed, dispersions, noted
 
 

@@ -2,10 +2,10 @@
 
 import pytest
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.certify.boundedness import certify_closure
 from gustproof.certify.certificate import Certificate
-from gustproof.certify.closure import certify_closure
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 
 
 @pytest.fixture(scope="session")

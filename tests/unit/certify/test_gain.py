@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate, load_certificate
 from gustproof.certify.check import check, seal
 from gustproof.certify.gain import attitude_loop, certify_gain, certify_lft
-from gustproof.certify.switching import worst_schedule
+from gustproof.certify.worst_schedule import worst_schedule
+from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain, neglected, real, with_states
 from gustproof.model.rotational import Envelope
-from gustproof.numerics.lti import Lti
-from gustproof.synthesis import hinfsyn
 from gustproof.synthesis.designs import design_problem, load_design
+from gustproof.synthesis.hinf import hinfsyn
 
 VEHICLE = load_vehicle("paper")
 

@@ -5,19 +5,19 @@ import math
 import numpy as np
 import pytest
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.mu import disk_margin, mu
 from gustproof.certify.scalings import best_scalings
 from gustproof.certify.sweep import with_performance
 from gustproof.certify.worst_gain import restricted, worst_gain
+from gustproof.lti import margins
+from gustproof.lti.norms import hinf_norm
+from gustproof.lti.state_space import Lti, gain, hold_discretized
 from gustproof.model.lft import Uncertain, closed, connected, real, with_states
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
 from gustproof.model.uncertainty import FullBlock, RealBlock
-from gustproof.numerics import margins
-from gustproof.numerics.lti import Lti, gain, hold_discretized
-from gustproof.numerics.norms import hinf_norm
-from gustproof.synthesis import hinfsyn
 from gustproof.synthesis.designs import design_problem, load_design
+from gustproof.synthesis.hinf import hinfsyn
 
 TIGHT = 1e-3
 """Relative; the accuracy that the scalings are asked for."""

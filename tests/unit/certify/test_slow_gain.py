@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate, load_certificate
 from gustproof.certify.check import check, seal
 from gustproof.certify.gain import attitude_loop, attitude_speeds, certify_lft
-from gustproof.certify.mirrors import mirrors
-from gustproof.certify.switching import worst_schedule, worst_swing
+from gustproof.certify.symmetry import mirrors
+from gustproof.certify.worst_schedule import worst_schedule, worst_swing
 from gustproof.model.lft import Uncertain, appended, real, with_states
 from gustproof.model.rotational import Envelope
-from gustproof.synthesis import hinfsyn
 from gustproof.synthesis.designs import design_problem, load_design
+from gustproof.synthesis.hinf import hinfsyn
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "slow_gain_d2.json"
 

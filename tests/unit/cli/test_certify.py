@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate
 from gustproof.certify.gain import attitude_loop
 from gustproof.cli.app import app
+from gustproof.lti.state_space import gain
 from gustproof.model.rotational import Envelope
-from gustproof.numerics.lti import gain
 from gustproof.synthesis.designs import design_problem, load_design, shipped_designs
 
 ENVELOPE = ("--angle-rad", "0.01", "--rate-rad-s", "0.01")

@@ -11,12 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 from gustproof.cli.app import app
-from gustproof.closed_loop import fly_direct
 from gustproof.errors import DesignError, FlightError
-from gustproof.law import load_law
-from gustproof.metrics import Metrics
-from gustproof.outcome import Outcome
+from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag
+from gustproof.scoring.metrics import Metrics
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.outcome import Outcome
 
 
 def run(*arguments: str):
@@ -150,7 +150,7 @@ def test_the_flagship_flies_unless_another_law_is_asked_for(tmp_path, monkeypatc
     def fly(scenario, law, *, out, **_):
         raise FlightError(f"{law.name} was asked to fly {scenario.name}")
 
-    monkeypatch.setattr("gustproof.flight.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.flight.fly", fly)
     result = run("fly", "calm", "--out", str(tmp_path / "out"))
     assert "flagship was asked to fly calm" in one_line(result)
     assert "[flagship" in run("controller", "--help").stdout
@@ -169,7 +169,7 @@ def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outc
             records=records, outcome=outcome, message="it ended", realtime_factor=9.0, pace=None, journal=journal
         )
 
-    monkeypatch.setattr("gustproof.flight.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.flight.fly", fly)
     result = run("fly", "calm", "--law", "hinf-d1", "--seed", "5", "--json", "--out", str(tmp_path / "out"))
     assert result.exit_code == status
     told = json.loads(result.stdout)
@@ -198,7 +198,7 @@ def direct(monkeypatch):
             journal=out / "journal",
         )  # fmt: skip
 
-    monkeypatch.setattr("gustproof.flight.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.flight.fly", fly)
 
 
 def test_a_step_that_the_flagship_does_not_hold_is_refused_wherever_it_is_asked_for(tmp_path):
@@ -245,7 +245,7 @@ def test_a_repetition_says_whether_it_is_equal(tmp_path, direct):
 def test_a_repetition_of_a_flight_that_now_differs_says_so_in_json(tmp_path, direct, monkeypatch):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
     assert run("fly", "calm", "--law", "pid-fair", "--out", first).exit_code == 0
-    monkeypatch.setattr("gustproof.flight.differs_from_s", lambda *_: 0.5)
+    monkeypatch.setattr("gustproof.simulate.flight.differs_from_s", lambda *_: 0.5)
     again = run("fly", "--repeat", first, "--json", "--out", second)
     assert again.exit_code == 1
     assert json.loads(again.stdout)["equal"] is False
@@ -287,7 +287,7 @@ def test_references_that_a_law_ignores_are_warned_of_once(law, tmp_path, monkeyp
 
     turn = 'kind = "attitude"\nat_s = 0.5\neuler_deg = [5.0, 0.0, 0.0]\n'
     (tmp_path / "turn.toml").write_text(f'description = "turn"\nduration_s = 1.0\n[[event]]\n{turn}')
-    monkeypatch.setattr("gustproof.flight.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.flight.fly", fly)
     plain, json_ = (
         run("fly", str(tmp_path / "turn.toml"), "--law", law, "--out", str(tmp_path / str(i)), *form)
         for i, form in enumerate(((), ("--json",)))
@@ -310,8 +310,8 @@ def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(t
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gustproof.flight.fly", fly)
-    monkeypatch.setattr("gustproof.flight.write_bag", interrupted)
+    monkeypatch.setattr("gustproof.simulate.flight.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.flight.write_bag", interrupted)
     out = tmp_path / "out"
     result = run("fly", "calm", "--law", "hinf-d1", "--out", str(out))
     assert result.exit_code == 130

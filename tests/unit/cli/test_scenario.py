@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import pytest
 from typer.testing import CliRunner
 
-from firmware_model.scenario import SCENARIOS, shipped_scenarios
+from firmware_model.config.scenario import SCENARIOS, shipped_scenarios
 from gustproof.cli.app import app
-from gustproof.closed_loop import fly_direct
-from gustproof.outcome import Outcome
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.outcome import Outcome
 
 HEAD = 'description = "x"\nduration_s = 1.0\n'
 LEVEL = '[[require]]\nmetric = "peak_deg"\nat_most = 5.0\n'
@@ -86,7 +86,7 @@ def flown(tmp_path, monkeypatch):
                 journal=out / "journal",
             )
 
-        monkeypatch.setattr("gustproof.flight.fly", fly)
+        monkeypatch.setattr("gustproof.simulate.flight.fly", fly)
         (tmp_path / "mine.toml").write_text(text)
         return run("fly", str(tmp_path / "mine.toml"), "--law", "hinf-d1", "--out", str(tmp_path / "out"), *options)
 

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.frames import Dropped
-from firmware_model.signals import AttitudeTarget, ImuSample, TorqueCommand
+from firmware_model.mavlink.frames import Dropped
+from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
 from gustproof.controller.core import Controller
-from gustproof.law import Law, Output, Provenance
+from gustproof.law.form import Law, Output, Provenance
 
 
 def integrator(output: Output = Output.TORQUE) -> Law:

@@ -6,11 +6,11 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.frames import Dropped, Outgoing, parse
-from firmware_model.messages import heartbeat_message, imu_message
-from firmware_model.signals import ImuSample
+from firmware_model.mavlink.frames import Dropped, Outgoing, parse
+from firmware_model.mavlink.messages import heartbeat_message, imu_message
+from firmware_model.types import ImuSample
 from gustproof.controller.endpoint import RETRIES, RETRY_US, SILENCE_US, ControllerEndpoint, Outcome, Phase
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 
 VEHICLE = (0, ("vehicle", 14580))
 OFFBOARD, STABILIZED, HOLD = 6 << 16, 7 << 16, 4 << 16 | 3 << 24

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from firmware_model.free_flight import Air, FreeInputs, acting, free_params, step
-from firmware_model.ground import ground_params, ground_wrench, may_touch, rests, standing_height
-from firmware_model.rigid_body import Body, BodyInputs
-from firmware_model.rotations import from_euler, rotate
-from firmware_model.vehicle import GRAVITY, load_vehicle
+from firmware_model.config.vehicle import GRAVITY, load_vehicle
+from firmware_model.numerics.rotations import from_euler, rotate
+from firmware_model.physics.aerodynamics import Air, FreeInputs, acting, free_params, step
+from firmware_model.physics.ground import ground_params, ground_wrench, may_touch, rests, standing_height
+from firmware_model.physics.rigid_body import Body, BodyInputs
 
 VEHICLE = load_vehicle("paper")
 PARAMS = ground_params(VEHICLE)

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from firmware_model.config.files import parse
+from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.errors import ConfigError
-from firmware_model.files import parse
-from firmware_model.scenario import Scenario, load_scenario
 
 Document = dict[str, Any]
 

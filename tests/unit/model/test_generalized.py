@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.model.generalized import Weights, lft_structure, rates_problem, torque_problem
 from gustproof.model.rotational import Envelope, paper_rotation
 from gustproof.model.weights import constant, first_order

@@ -4,10 +4,10 @@ import control
 import numpy as np
 import pytest
 
+from gustproof.lti.state_space import Lti, gain
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
 from gustproof.model.lft import appended, closed, connected, neglected, real, star, uncertain, with_states
 from gustproof.model.reduction import reduced
-from gustproof.numerics.lti import Lti, gain
 
 ROUNDING = 1e-12
 """Relative; a handful of products and one small linear system."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.model.lpv import HOVER, PARAMETERS, linear_plant, lpv_matrix, rate_loop, scheduling, within_bounds
 
 PAPER = load_vehicle("paper")

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.model.lft import connected, real
 from gustproof.model.lpv import actuators, airframe, lpv_matrix, scheduling
 from gustproof.model.reduction import reduced

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.model.sampled_axis import sampled_axis
-from gustproof.synthesis.turbulence import axis_models
+from gustproof.performance.covariance import axis_models
 
 OMEGA = np.geomspace(0.1, 700.0, 20)
 

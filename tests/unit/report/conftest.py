@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from firmware_model.journal import RECORD
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.flight import Plan
-from gustproof.law import load_law
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.recording.journal import RECORD
+from gustproof.law.form import load_law
 from gustproof.recording.bag import write_bag
+from gustproof.simulate.flight import Plan
 
 
 @pytest.fixture

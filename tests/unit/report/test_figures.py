@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from firmware_model.journal import RECORD
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.recording.journal import RECORD
 from gustproof.model.generalized import lft_structure
 from gustproof.model.rotational import Envelope, paper_rotation
 from gustproof.report import diagrams, figures

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.rotations import euler_angles
-from firmware_model.scenario import AccelerometerFault, Scenario, load_scenario
-from firmware_model.vehicle import GRAVITY, load_vehicle
-from gustproof.closed_loop import fly_direct
-from gustproof.law import load_law
-from gustproof.metrics import Metrics, measure
-from gustproof.model.hover import FORCE, loop_law
-from gustproof.report.hover import hover_loop
+from firmware_model.config.scenario import AccelerometerFault, Scenario, load_scenario
+from firmware_model.config.vehicle import GRAVITY, load_vehicle
+from firmware_model.numerics.rotations import euler_angles
+from gustproof.analysis.hover_loop import hover_loop
+from gustproof.law.form import load_law
+from gustproof.law.hover import FORCE, loop_law
+from gustproof.scoring.metrics import Metrics, measure
+from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import design_problem, load_design
 

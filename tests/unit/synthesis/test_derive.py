@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import connected_components
 
-from gustproof.law import Law, Output, load_law, shipped_laws
+from gustproof.law.form import Law, Output, load_law, shipped_laws
 from gustproof.synthesis.derive import DesignReport, derive
 from gustproof.synthesis.designs import Design, load_design, shipped_designs
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from gustproof.numerics.lti import Lti, lft
-from gustproof.numerics.norms import h2_norm, hinf_norm
-from gustproof.synthesis.structured_blocks import full
-from gustproof.synthesis.structured_goals import (
+from gustproof.lti.norms import h2_norm, hinf_norm
+from gustproof.lti.state_space import Lti, lft
+from gustproof.synthesis.structured.blocks import full
+from gustproof.synthesis.structured.goals import (
     DiskMargin,
     Gain,
     Measure,
@@ -15,8 +15,8 @@ from gustproof.synthesis.structured_goals import (
     Sensitivity,
     StableController,
 )
-from gustproof.synthesis.structured_loop import abscissa, abscissa_slopes, augmented, closed, h2, peak, peak_slopes
-from gustproof.synthesis.structured_objective import Problem
+from gustproof.synthesis.structured.loop import abscissa, abscissa_slopes, augmented, closed, h2, peak, peak_slopes
+from gustproof.synthesis.structured.objective import Problem
 
 STEP = 1e-6
 """Relative; central differences are then good to some 1e-9 of the third derivative."""

@@ -5,13 +5,13 @@ from dataclasses import dataclass, field, replace
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot import Autopilot, Settings
-from firmware_model.frames import Dropped, parse
-from firmware_model.loop import VehicleLoop
-from firmware_model.params import Parameters
-from firmware_model.scenario import load_scenario
-from firmware_model.services.service import Order, Service
-from firmware_model.vehicle import load_vehicle
+from firmware_model.autopilot.modes import Autopilot, Settings
+from firmware_model.autopilot.parameters import Parameters
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink.frames import Dropped, parse
+from firmware_model.mavlink.services.service import Order, Service
+from firmware_model.sim.vehicle_loop import VehicleLoop
 
 SENDER = wire.MAVLink(None, 255, 190)
 

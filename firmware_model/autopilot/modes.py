@@ -1,0 +1,352 @@
+"""What the autopilot decides: arming, modes, whether the off-board stream is alive, fail-safe, and what is flown.
+
+No physics and no bytes: requests, the clock and the situation come in; verdicts, events and set-points go out.
+
+    disarmed --arm--> on the ground --TAKEOFF, or thrust in OFFBOARD--> in the air --LAND, RETURN--> disarmed
+
+    any mode --set_mode(OFFBOARD), stream alive--> OFFBOARD --another mode asked--> that mode
+                                                            --stream lost--> the fail-safe's mode
+
+A stream that comes back changes no mode: whoever wants OFFBOARD again asks for it. There are no sticks: MANUAL,
+STABILIZED and ALTCTL are level flight at the height held, and drift with the wind; POSCTL and HOLD stay in place.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from firmware_model.autopilot import guidance
+from firmware_model.autopilot.guidance import Leg, Situation
+from firmware_model.types import Command, Level, Off, Setpoint, TorqueCommand, Vector
+
+ENTRY_GAP_US = 500_000
+"""[us] age that the last set-point may have when OFFBOARD is asked for: the stream is faster than 2 Hz (PX4's rule)."""
+LANDED_US = 1_000_000
+"""[us] time on the ground, or level on the stand, after which a landing is over."""
+_LEVEL = 0.1  # [rad] tilt below which the vehicle on the stand is level
+_TIPPED = math.radians(45.0)  # [rad] tilt above which it lies on its side and is not armed
+_HEIGHTS_M = (1.0, 500.0)  # of a take-off
+
+
+class Mode(Enum):
+    """Flight modes by PX4's custom mode number, `main << 16 | sub << 24`."""
+
+    MANUAL = 1 << 16
+    """Level, height held, as there are no sticks."""
+    ALTCTL = 2 << 16
+    """Level, height held."""
+    POSCTL = 3 << 16
+    """Position held."""
+    TAKEOFF = 4 << 16 | 2 << 24
+    """Climb to the take-off height, then HOLD; begins when armed."""
+    HOLD = 4 << 16 | 3 << 24
+    """Position held."""
+    RETURN = 4 << 16 | 5 << 24
+    """Climb to the return height, fly home, land there, disarm."""
+    LAND = 4 << 16 | 6 << 24
+    """Land here, disarm; on the stand: level, disarm."""
+    ACRO = 5 << 16
+    """Sticks as rates: not flown."""
+    OFFBOARD = 6 << 16
+    """Set-points of an outside controller."""
+    STABILIZED = 7 << 16
+    """Level, height held."""
+
+
+class Landed(Enum):
+    """Where the vehicle is in the course of a flight, by MAV_LANDED_STATE's number."""
+
+    ON_GROUND = 1
+    """Stands; on the stand: clamped."""
+    IN_AIR = 2
+    """Flies; on the stand: free in attitude."""
+    TAKEOFF = 3
+    """On its way to the take-off height."""
+    LANDING = 4
+    """On its way to the ground."""
+
+
+class FailSafe(Enum):
+    """What begins when the stream stops in OFFBOARD, by PX4's number in COM_OBL_RC_ACT."""
+
+    STABILIZED = 2
+    """Level, height held."""
+    LAND = 4
+    """Land, disarm."""
+    HOLD = 5
+    """Stay in place."""
+
+
+class Verdict(Enum):
+    """Answer to a request; the values are texts for people, at most 50 characters as STATUSTEXT has them."""
+
+    ACCEPTED = "accepted"
+    """Done, or so already."""
+    NO_STREAM = "no off-board set-points: OFFBOARD refused"
+    """OFFBOARD without a living stream, or arming in it."""
+    IN_FLIGHT = "in the air: land first, or force it"
+    """Disarming in the air."""
+    AIRBORNE = "in the air: take-off refused"
+    """Take-off when flying."""
+    ON_STAND = "held on the test stand: refused"
+    """A way to fly for a vehicle that can't leave its place."""
+    HEIGHT = "take-off height must be 1 to 500 m"
+    """Take-off to nowhere."""
+    LANDING_MODE = "in a landing mode: arming refused"
+    """Arming in LAND or RETURN."""
+    TIPPED = "tilted by more than 45 deg: arming refused"
+    """Arming a vehicle that lies on its side."""
+    STICKS = "sticks are not flown: mode refused"
+    """A mode that sticks steer, asked for by somebody who moves some."""
+    NOT_FLOWN = "this vehicle does not fly that mode"
+    """A mode that is not modelled."""
+
+
+class Event(Enum):
+    """Something that happened to the flight by itself; the values are texts for people, at most 50 characters."""
+
+    LOST_STABILIZED = "set-points stopped: fail-safe to STABILIZED"
+    """The stream stopped in OFFBOARD; the vehicle flies on level."""
+    LOST_LAND = "set-points stopped: fail-safe to LAND"
+    """The stream stopped in OFFBOARD; the vehicle lands."""
+    LOST_HOLD = "set-points stopped: fail-safe to HOLD"
+    """The stream stopped in OFFBOARD; the vehicle stays in place."""
+    LOST_ON_GROUND = "set-points stopped on the ground: HOLD"
+    """The stream stopped in OFFBOARD before the vehicle flew."""
+    STREAM_BACK = "set-points are back: OFFBOARD may be set again"
+    """The stream lives again, and is not flown."""
+    HEIGHT_REACHED = "take-off height reached: HOLD"
+    """The take-off is over."""
+    LANDED = "landed: disarmed"
+    """The landing is over."""
+    SLIPPED = "machine too slow: model time slips"
+    """Real time: samples were not flown in time, and are not made up for."""
+
+    @property
+    def critical(self) -> bool:
+        """Whether it is a fail-safe."""
+        return self in _LOST.values()
+
+
+_LOST = dict(zip(FailSafe, (Event.LOST_STABILIZED, Event.LOST_LAND, Event.LOST_HOLD), strict=True))
+_LEVEL_MODES = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.STABILIZED})
+_LANDING_MODES = frozenset({Mode.LAND, Mode.RETURN})
+_OFFBOARD = Mode.OFFBOARD  # asked for several times a sample, and to look up a member of an Enum takes .1 us
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """What may be changed in flight."""
+
+    stream_timeout_us: int = 1_000_000
+    """[us] of the autopilot's clock, without set-points until the fail-safe (COM_OF_LOSS_T)."""
+    fail_safe: FailSafe = FailSafe.STABILIZED
+    """What begins then (COM_OBL_RC_ACT)."""
+    takeoff_height: float = 2.5
+    """[m] above home, of a take-off that says no other (MIS_TAKEOFF_ALT)."""
+    return_height: float = 15.0
+    """[m] above home, least height of the way home (RTL_RETURN_ALT)."""
+    land_speed: float = 0.5
+    """[m/s] down, near the ground (MPC_LAND_SPEED)."""
+
+
+class Autopilot:
+    """Arming state, mode and off-board stream of one vehicle, free to fly or on the stand.
+
+    The caller sets `clock_us` before it asks for anything: model time, and wall time while that stands still.
+    """
+
+    def __init__(self, settings: Settings, *, free: bool) -> None:
+        self.settings, self.free = settings, free
+        self.clock_us = 0
+        self.mode = Mode.STABILIZED
+        self.armed = False
+        self.airborne = False
+        self.in_fail_safe = False
+        self.home_N: Vector = (0.0, 0.0, 0.0)
+        self._situation = Situation(self.home_N, 0.0, 0.0, True)
+        self._last_setpoint_us: int | None = None
+        self._settled_us: int | None = None
+        self._takeoff_height = settings.takeoff_height
+        self._legs: tuple[Leg, ...] = ()
+        self._yaw = 0.0
+        self._events: list[Event] = []
+
+    @property
+    def landed(self) -> Landed:
+        """Where the vehicle is in the course of a flight."""
+        if self.armed and self.mode is Mode.TAKEOFF:
+            return Landed.TAKEOFF
+        if not self.airborne:
+            return Landed.ON_GROUND
+        descends = self.mode is Mode.LAND or (self.mode is Mode.RETURN and len(self._legs) == 1)
+        return Landed.LANDING if self.armed and descends else Landed.IN_AIR
+
+    @property
+    def stream_alive(self) -> bool:
+        """Whether the last set-point is younger than the time-out."""
+        return self._younger_than(self.settings.stream_timeout_us)
+
+    def arm(self) -> Verdict:
+        """Arm the vehicle; home is where it stands then."""
+        if self.armed:
+            return Verdict.ACCEPTED
+        if self.mode in _LANDING_MODES:
+            return Verdict.LANDING_MODE
+        if self.mode is _OFFBOARD and not self.stream_alive:
+            return Verdict.NO_STREAM
+        if self._situation.tilt > _TIPPED:
+            return Verdict.TIPPED
+        self.armed = True
+        return Verdict.ACCEPTED
+
+    def disarm(self, force: bool = False) -> Verdict:
+        """Disarm the vehicle; in the air only by force, and then it falls."""
+        if self.armed and self.airborne and not force:
+            return Verdict.IN_FLIGHT
+        self.armed = False
+        return Verdict.ACCEPTED
+
+    def begin(self) -> None:
+        """Note that a scripted flight begins, in the air."""
+        self.airborne = True
+
+    def end(self) -> None:
+        """Note that the script has ended; disarms."""
+        self.airborne = self.armed = False
+
+    def set_mode(self, mode: Mode) -> Verdict:
+        """Change the mode; OFFBOARD needs a living stream."""
+        if mode is Mode.ACRO:
+            return Verdict.NOT_FLOWN
+        if mode is _OFFBOARD and not self._younger_than(min(ENTRY_GAP_US, self.settings.stream_timeout_us)):
+            return Verdict.NO_STREAM
+        if mode is Mode.TAKEOFF:
+            return self.take_off(None)
+        if mode is Mode.RETURN and not self.free:
+            return Verdict.ON_STAND
+        if mode is not self.mode or self.in_fail_safe:
+            self._enter(mode)
+        return Verdict.ACCEPTED
+
+    def take_off(self, height: float | None) -> Verdict:
+        """Climb to `height` [m] above home, `None` for the set one, as soon as the vehicle is armed."""
+        if not self.free:
+            return Verdict.ON_STAND
+        height = self.settings.takeoff_height if height is None else height
+        if self.airborne:
+            repeated = self.mode is Mode.TAKEOFF and height == self._takeoff_height
+            return Verdict.ACCEPTED if repeated else Verdict.AIRBORNE
+        if not _HEIGHTS_M[0] <= height <= _HEIGHTS_M[1]:  # true for NaN too
+            return Verdict.HEIGHT
+        self._takeoff_height = height
+        self._enter(Mode.TAKEOFF)
+        return Verdict.ACCEPTED
+
+    def land(self) -> Verdict:
+        """Land here, then disarm."""
+        return self.set_mode(Mode.LAND)
+
+    def return_home(self) -> Verdict:
+        """Fly home, land there, then disarm."""
+        return self.set_mode(Mode.RETURN)
+
+    def hold(self) -> Verdict:
+        """Stay in place."""
+        return self.set_mode(Mode.HOLD)
+
+    def hear_setpoint(self) -> None:
+        """Note that a set-point arrived."""
+        if self.in_fail_safe and not self.stream_alive:
+            self.note(Event.STREAM_BACK)
+        self._last_setpoint_us = self.clock_us
+
+    def lose_stream(self) -> None:
+        """Forget the stream; in OFFBOARD, enter the fail-safe."""
+        self._last_setpoint_us = None
+        if self.mode is not _OFFBOARD:
+            return
+        if not self.airborne:
+            self._enter(Mode.HOLD)
+            self.note(Event.LOST_ON_GROUND)
+            return
+        fail_safe = self.settings.fail_safe
+        self._enter(Mode[fail_safe.name])
+        self.in_fail_safe = True
+        self.note(_LOST[fail_safe])
+
+    def note(self, event: Event) -> None:
+        """Keep an event until it is taken."""
+        self._events.append(event)
+
+    def take_events(self) -> list[Event]:
+        """Return what has happened since this was last asked."""
+        events, self._events = self._events, []
+        return events
+
+    def setpoint(self, command: Command | None, now: Situation) -> Setpoint:
+        """Return what flies at a sample; `command` is the outside controller's, flown in OFFBOARD."""
+        self._situation = now
+        self._touch(now)
+        if not self.armed:
+            if not self.airborne:
+                self.home_N = now.position_N
+            return Off()
+        if self.mode is _OFFBOARD and command is not None:
+            return command if self.airborne or _lifts(command) else Off()
+        if not (self.airborne or self.mode is Mode.TAKEOFF):
+            return Off()
+        if not self.free or self.mode in _LEVEL_MODES or self.mode is _OFFBOARD:
+            return Level()
+        return self._guide(now)
+
+    def _guide(self, now: Situation) -> Setpoint:
+        if not self._legs:
+            self._legs, self._yaw = self._plan(now), now.yaw
+        if guidance.reached(self._legs[0], now):
+            if self.mode is Mode.TAKEOFF:
+                self.mode = Mode.HOLD
+                self.note(Event.HEIGHT_REACHED)
+            self._legs = self._legs[1:] or self._legs
+        return guidance.target(self._legs[0], now, self.home_N, self._yaw, self.settings.land_speed)
+
+    def _plan(self, now: Situation) -> tuple[Leg, ...]:
+        match self.mode:
+            case Mode.TAKEOFF:
+                return guidance.take_off(now, self.home_N, self._takeoff_height)
+            case Mode.LAND:
+                return guidance.land(now)
+            case Mode.RETURN:
+                return guidance.return_home(now, self.home_N, self.settings.return_height)
+        return guidance.stay(now)
+
+    def _touch(self, now: Situation) -> None:
+        """Find out whether the vehicle flies, and end a landing."""
+        landing = self.mode in _LANDING_MODES
+        if self.free:
+            settled = now.on_ground
+            self.airborne = self.airborne or not settled
+        else:
+            settled = landing and now.tilt < _LEVEL
+            self.airborne = self.armed
+        if not settled:
+            self._settled_us = None
+            return
+        self._settled_us = self.clock_us if self._settled_us is None else self._settled_us
+        if self.clock_us >= self._settled_us + LANDED_US or not self.airborne:
+            self.airborne = False
+            if landing and self.armed:
+                self.armed = False
+                self._enter(Mode.HOLD)
+                self.note(Event.LANDED)
+
+    def _enter(self, mode: Mode) -> None:
+        self.mode, self.in_fail_safe, self._legs, self._settled_us = mode, False, (), None
+
+    def _younger_than(self, age_us: int) -> bool:
+        return self._last_setpoint_us is not None and self.clock_us < self._last_setpoint_us + age_us
+
+
+def _lifts(command: Command) -> bool:
+    """Whether a command brings a thrust of its own: holding the height of the ground is no take-off."""
+    return (command.throttle if isinstance(command, TorqueCommand) else command.thrust) is not None

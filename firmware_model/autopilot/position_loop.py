@@ -1,0 +1,152 @@
+"""The on-board loops of height and position: P to velocity, PI to acceleration, acceleration to attitude and thrust.
+
+Position and velocity are the true ones: navigation is taken as ideal.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_model.config.vehicle import GRAVITY, PositionLoop, Vehicle
+from firmware_model.numerics.compiled import kernel
+from firmware_model.numerics.elementary import arctan2, sin_cos
+from firmware_model.numerics.rotations import from_euler, rotate, to_euler
+from firmware_model.physics.rigid_body import Body
+from firmware_model.types import Quaternion, Vector
+
+_THRUST_MIN, _THRUST_MAX = 0.1, 0.9  # [-] of the weight, of the largest thrust: the rest is left for torques
+_UPRIGHT = 0.5  # [-] cosine of the tilt from which on thrust makes up for it no further
+_TURN = 0.2  # [rad] heading asked for ahead of the present one, at most
+
+
+class Holding(NamedTuple):
+    """State."""
+
+    i_north: float  # [m/s^2] integrated velocity errors
+    i_east: float
+    i_down: float
+    down: float  # [m] N, height that is held where nobody says which; NaN: none
+    yaw: float  # [rad] heading that is held where nobody says which; NaN: none
+
+
+class PositionParams(NamedTuple):
+    """Gains, limits, sample time."""
+
+    xy_p: float  # [1/s]
+    xy_velocity_p: float  # [1/s]
+    xy_velocity_i: float  # [1/s^2]
+    xy_velocity_max: float  # [m/s]
+    z_p: float  # [1/s]
+    z_velocity_p: float  # [1/s]
+    z_velocity_i: float  # [1/s^2]
+    z_velocity_max_up: float  # [m/s]
+    z_velocity_max_down: float  # [m/s]
+    slope_max: float  # [-] tangent of the largest tilt
+    mass: float  # [kg]
+    thrust_min: float  # [N]
+    thrust_max: float  # [N]
+    dt: float  # [s]
+
+
+def position_params(vehicle: Vehicle, gains: PositionLoop, dt: float) -> PositionParams:
+    """Return gains for a vehicle and the sample time `dt` [s]."""
+    return PositionParams(
+        gains.xy_p, gains.xy_velocity_p, gains.xy_velocity_i, gains.xy_velocity_max, gains.z_p, gains.z_velocity_p,
+        gains.z_velocity_i, gains.z_velocity_max_up, gains.z_velocity_max_down, math.tan(gains.tilt_max), vehicle.mass,
+        _THRUST_MIN * vehicle.mass * GRAVITY, _THRUST_MAX * 4.0 * vehicle.rotors.thrust_max, dt,
+    )  # fmt: skip
+
+
+@kernel
+def nothing_held() -> Holding:
+    """Return the state in which no height, heading or place is held."""
+    return Holding(0.0, 0.0, 0.0, math.nan, math.nan)
+
+
+@kernel
+def climb(params: PositionParams, x: Holding, body: Body, v_down: float) -> tuple[Holding, float]:
+    """Return the state moved on and the thrust [N] for a vertical velocity [m/s] down, whatever the tilt."""
+    wanted = min(max(v_down, -params.z_velocity_max_up), params.z_velocity_max_down)
+    error = wanted - body.v_down
+    up = -rotate((body.qw, body.qx, body.qy, body.qz), (0.0, 0.0, -1.0))[2]
+    thrust = params.mass * (GRAVITY - params.z_velocity_p * error - x.i_down) / max(up, _UPRIGHT)
+    within = min(max(thrust, params.thrust_min), params.thrust_max)
+    # Anti-windup: at a limit the integral may only move back.
+    holds = (thrust > within and error < 0.0) or (thrust < within and error > 0.0)
+    i_down = x.i_down if holds else x.i_down + params.dt * params.z_velocity_i * error
+    return Holding(x.i_north, x.i_east, i_down, x.down, x.yaw), within
+
+
+@kernel
+def _approach(params: PositionParams, x: Holding, body: Body, north: float, east: float) -> tuple[Holding, Vector]:
+    """Return the state moved on and the acceleration [m/s^2] N, horizontal, toward a place [m] N."""
+    v_north, v_east = params.xy_p * (north - body.north), params.xy_p * (east - body.east)
+    slow = params.xy_velocity_max / max(math.sqrt(v_north * v_north + v_east * v_east), params.xy_velocity_max)
+    e_north, e_east = slow * v_north - body.v_north, slow * v_east - body.v_east
+    a_north = params.xy_velocity_p * e_north + x.i_north
+    a_east = params.xy_velocity_p * e_east + x.i_east
+    size, most = math.sqrt(a_north * a_north + a_east * a_east), GRAVITY * params.slope_max
+    i_north, i_east = x.i_north, x.i_east
+    if size <= most:
+        i_north += params.dt * params.xy_velocity_i * e_north
+        i_east += params.dt * params.xy_velocity_i * e_east
+    fit = most / max(size, most)
+    return Holding(i_north, i_east, x.i_down, x.down, x.yaw), (fit * a_north, fit * a_east, 0.0)
+
+
+@kernel
+def lean(acceleration_N: Vector, yaw: float) -> Quaternion:
+    """Return the attitude with a heading [rad] in which thrust that carries the weight accelerates horizontally so."""
+    sine, cosine = sin_cos(yaw)
+    ahead = acceleration_N[0] * cosine + acceleration_N[1] * sine
+    right = acceleration_N[1] * cosine - acceleration_N[0] * sine
+    theta = arctan2(-ahead, GRAVITY)
+    phi = arctan2(right, math.sqrt(GRAVITY * GRAVITY + ahead * ahead))
+    return from_euler(phi, theta, yaw)
+
+
+@kernel
+def guide(params: PositionParams, x: Holding, body: Body, place_N: Vector,
+          v_down: float) -> tuple[Holding, Vector, float]:  # fmt: skip
+    """Return the state moved on, the acceleration [m/s^2] N and the thrust [N] that lead to a place [m] N.
+
+    A `v_down` [m/s] other than NaN is the vertical velocity, and the place's height is not used.
+    """
+    x = Holding(x.i_north, x.i_east, x.i_down, math.nan, math.nan)
+    x, acceleration_N = _approach(params, x, body, place_N[0], place_N[1])
+    sink = params.z_p * (place_N[2] - body.down) if math.isnan(v_down) else v_down
+    x, thrust = climb(params, x, body, sink)
+    return x, acceleration_N, thrust
+
+
+@kernel
+def lift(params: PositionParams, x: Holding, body: Body, thrust: float) -> tuple[Holding, float]:
+    """Return the state moved on and the thrust [N]: as asked, or for NaN what holds the height where that began."""
+    if not math.isnan(thrust):
+        return Holding(0.0, 0.0, 0.0, math.nan, x.yaw), thrust
+    fresh = math.isnan(x.down)
+    x = Holding(0.0, 0.0, 0.0 if fresh else x.i_down, body.down if fresh else x.down, x.yaw)
+    return climb(params, x, body, params.z_p * (x.down - body.down))
+
+
+@kernel
+def toward(q_NB: Quaternion, yaw: float) -> float:
+    """Return the heading [rad] to be asked for next on the way from that of `q_NB` to `yaw`, the shorter way.
+
+    It is never far from the present one: a large turn at once would swing the tilt about, too.
+    """
+    present = to_euler(q_NB)[2]
+    sine, cosine = sin_cos(yaw - present)
+    return present + min(max(arctan2(sine, cosine), -_TURN), _TURN)
+
+
+@kernel
+def keep_heading(x: Holding, q_NB: Quaternion) -> Holding:
+    """Return the state with the heading of `q_NB` held, unless one is held already."""
+    yaw = to_euler(q_NB)[2] if math.isnan(x.yaw) else x.yaw
+    return Holding(x.i_north, x.i_east, x.i_down, x.down, yaw)
+
+
+@kernel
+def forget_heading(x: Holding) -> Holding:
+    """Return the state with no heading held."""
+    return Holding(x.i_north, x.i_east, x.i_down, x.down, math.nan)

@@ -1,0 +1,258 @@
+"""Read a TOML file into a checked dataclass, every mistake reported at once in one clear line; write it again.
+
+Files may come from anywhere: only regular files are read, no more of them than is allowed, and no deeper.
+"""
+
+import errno
+import json
+import re
+import stat
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import IO, Annotated, Any, TypeVar, cast
+
+from pydantic import AfterValidator, TypeAdapter, ValidationError
+from pydantic_core import from_json, to_jsonable_python
+
+from firmware_model.config.validation import one_line, told
+from firmware_model.errors import ConfigError
+
+Parsed = TypeVar("Parsed")
+MIB = 1 << 20
+TEXT = 16 * MIB
+"""[bytes] of a JSON or CSV file: what a hostile one of this size unfolds to stays below a gigabyte."""
+_TOML = 2 * MIB  # [bytes] the parser takes seconds for as much
+_LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){32}""")  # the parser's time grows with its square
+_KEYS = 50_000  # of a document: each that is unknown is a mistake, and takes a kilobyte until it is told
+_LONGEST_NAME = 100  # [bytes] two of them, a seed and a suffix are a file's name
+
+
+def checked_name(name: str) -> str:
+    """Return the name of a scenario, law or vehicle if it can be part of a file's name and of a line.
+
+    Raises
+    ------
+    ValueError
+        If it is empty or too long, begins with a dot, or has a slash, backslash, dollar sign (figures take it for the
+        begin of a formula) or character that can't be printed.
+    """
+    if not (isinstance(name, str) and name.isprintable() and name.strip() and len(name.encode()) <= _LONGEST_NAME):
+        raise ValueError(f"a name has 1 to {_LONGEST_NAME} bytes of printable characters")
+    if name.startswith(".") or set("/\\$") & set(name):
+        raise ValueError("a name begins with no dot and has no slash, backslash or dollar sign")
+    return name
+
+
+Name = Annotated[str, AfterValidator(checked_name)]
+
+
+def open_regular(path: Path) -> IO[bytes]:
+    """Return a regular file, opened to read: no folder, and no device or pipe, which may have no end.
+
+    Raises
+    ------
+    OSError
+        If there is none, or it can't be read.
+    """
+    try:
+        mode = path.stat().st_mode
+    except ValueError:  # no path has such characters
+        raise FileNotFoundError(errno.ENOENT, "No such file", str(path)) from None
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, "Is a directory", str(path))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "is a device or a pipe, must be a file", str(path))
+    return path.open("rb")
+
+
+def read_bytes(path: Path, at_most: int) -> bytes:
+    """Return the content of a regular file of no more than `at_most` bytes.
+
+    Raises
+    ------
+    OSError
+        If there is none, it can't be read, or it is larger.
+    """
+    with open_regular(path) as file:
+        content = file.read(at_most + 1)
+    if len(content) > at_most:
+        raise OSError(errno.EFBIG, f"is larger than {at_most / MIB:g} MiB", str(path))
+    return content
+
+
+def read_text(path: Path, at_most: int = TEXT) -> str:
+    """Return the text of a regular file of no more than `at_most` bytes.
+
+    Raises
+    ------
+    OSError
+        If there is none, it can't be read, or it is larger.
+    ValueError
+        If it is not UTF-8, or begins with a byte order mark.
+    """
+    content = read_bytes(path, at_most)
+    if content.startswith(b"\xef\xbb\xbf"):
+        raise ValueError("it begins with a byte order mark: save it as UTF-8 without one")
+    try:
+        return content.decode()
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise ValueError(f"byte 0x{content[error.start]:02x} in line {line} is not UTF-8: save it as UTF-8") from None
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Return the values of a JSON text: numbers to the bit, texts of whole characters, tables at most 200 deep.
+
+    Raises
+    ------
+    ValueError
+        If it is none, has too many keys, or an integer that no float can hold.
+    """
+    return _bounded(from_json(text))
+
+
+def _bounded(value: Any) -> Any:
+    """Return a document, unless it has too many keys or too large an integer."""
+    waiting, keys = [value], 0
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, dict):
+            keys += len(item)
+            waiting.extend(item.values())
+        elif isinstance(item, list):
+            waiting.extend(item)
+        elif isinstance(item, int) and item.bit_length() > 1024:
+            raise ValueError("an integer is beyond 1.8e308")
+        if keys > _KEYS:
+            raise ValueError(f"it has more than {_KEYS:,} keys")
+    return value
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """Return what a TOML file says, unchecked.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, or it is not TOML.
+    """
+    try:
+        text = read_text(path, _TOML)
+        if _LONG_KEY.search(text):
+            raise ValueError("a key has more than 32 parts")
+        said: dict[str, Any] = _bounded(tomllib.loads(text))
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: not TOML: {one_line(str(error))}") from None
+    return said
+
+
+def shipped(folder: Path) -> tuple[str, ...]:
+    """Return the names of the files shipped in `folder`."""
+    return tuple(sorted(path.stem for path in folder.glob("*.toml")))
+
+
+def read_toml(
+    kind: type[Parsed],
+    name_or_path: str | Path,
+    folder: Path,
+    complete: Callable[[dict[str, Any], Path], dict[str, Any]] = lambda said, _: said,
+) -> Parsed:
+    """Read `name_or_path`, a file or the name of one shipped in `folder`, as a `kind`.
+
+    `complete` is given the document and its path, and returns it with what stands in other files.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, it is not TOML, or a key or value is not allowed.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".toml":
+        path = folder / f"{name_or_path}.toml"
+        if str(name_or_path) not in shipped(folder):
+            known = ", ".join(shipped(folder))
+            raise ConfigError(
+                f"no {kind.__name__.lower()} named '{one_line(str(name_or_path))}': give a .toml file or one of {known}"
+            )
+    return parse(kind, {"name": path.stem, **complete(read_document(path), path)}, str(path))
+
+
+def read_json(kind: type[Parsed], name: str) -> Parsed | None:
+    """Return the content of a .json file, as another process of the project writes it; `None` if it is none.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, it is not JSON, or a key or value is not allowed.
+    """
+    path = Path(name)
+    if path.suffix != ".json":
+        return None
+    try:
+        return parse(kind, parse_json(read_text(path)), name)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(f"{path}: not JSON: {one_line(str(error))}") from None
+
+
+def parse(kind: type[Parsed], document: dict[str, Any], source: str) -> Parsed:
+    """Return `document` as a checked `kind`; `source` stands in front of each mistake."""
+    try:
+        parsed: Parsed = _adapter(cast(Any, kind)).validate_python(document)
+    except ValidationError as error:
+        raise ConfigError(f"{source}: {told(kind, error.errors())}") from None
+    return parsed
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Let what fails while `path` is written name it: a full disk does not by itself."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text as UTF-8.
+
+    Raises
+    ------
+    OSError
+        If it can't be written; the error names it.
+    """
+    with naming(path):
+        path.write_text(text, encoding="utf-8")
+
+
+def write_toml(value: Any, path: Path) -> None:
+    """Write a checked dataclass as a TOML file that `read_toml` reads back equal, every number to the bit."""
+    write_text(path, "\n".join(_toml_lines(to_jsonable_python(value), "")) + "\n")
+
+
+def _toml_lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
+    """Yield a table's own keys, then its tables below their headers; what is `None` or empty is left out."""
+    below = {key: value for key, value in table.items() if isinstance(value, dict) or _is_tables(value)}
+    for key, value in table.items():
+        if key not in below and value is not None and value != []:
+            # A JSON number, string or list of numbers is TOML too, but for the one control character JSON allows.
+            yield f"{key} = {json.dumps(value, ensure_ascii=False, allow_nan=False)}".replace("\x7f", "\\u007f")
+    for key, value in below.items():
+        header = f"[[{path}{key}]]" if _is_tables(value) else f"[{path}{key}]"
+        for item in value if _is_tables(value) else [value]:
+            yield from ("", header, *_toml_lines(item, f"{path}{key}."))
+
+
+def _is_tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)

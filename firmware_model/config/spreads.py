@@ -1,0 +1,88 @@
+"""How far a number of a file may be off: `{ nominal = 0.05, low = 0.035, high = 0.065 }` in its place.
+
+A normalised `delta` in [-1, 1] moves it: low at -1, nominal at 0, high at 1. It is the LFT's delta and the campaign's.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Self
+
+from pydantic import ConfigDict, Field, model_validator
+from pydantic.dataclasses import dataclass
+
+from firmware_model.config.files import parse
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=ConfigDict(extra="forbid"))
+class Spread:
+    """A number that is not known exactly."""
+
+    nominal: Number
+    """[as the number] value at delta = 0."""
+    low: Number
+    """[as the number] least value."""
+    high: Number
+    """[as the number] largest value."""
+
+    @model_validator(mode="after")
+    def _is_ordered(self) -> Self:
+        if not self.low < self.nominal < self.high:
+            raise ValueError(f"low {self.low} < nominal {self.nominal} < high {self.high} fails")
+        return self
+
+    def value(self, delta: float) -> float:
+        """Return the number at the normalised `delta`."""
+        b, c = normalisation(self.low, self.nominal, self.high)
+        return self.nominal + b * delta / (1.0 + c * delta)
+
+
+def normalisation(low: float, nominal: float, high: float) -> tuple[float, float]:
+    """Return `b` and `c` of `value = nominal + b delta / (1 + c delta)`, linear where nominal is the middle."""
+    up, down = high - nominal, nominal - low
+    return 2.0 * up * down / (up + down), (down - up) / (up + down)
+
+
+def nominal(document: Mapping[str, Any], source: str) -> dict[str, Any]:
+    """Return what a file says with the nominal number in the place of each spread.
+
+    Raises
+    ------
+    ConfigError
+        If a spread has other keys or values than are allowed; `source` is named.
+    """
+    return {key: _nominal(value, f"{source}: {key}") for key, value in document.items()}
+
+
+def _nominal(value: Any, source: str) -> Any:
+    if isinstance(value, dict):
+        if "nominal" in value:
+            return parse(Spread, value, source).nominal
+        return {key: _nominal(item, f"{source}.{key}") for key, item in value.items()}
+    if isinstance(value, list):
+        return [_nominal(item, f"{source}.{number}") for number, item in enumerate(value)]
+    return value
+
+
+def spreads(document: Any, name: str = "") -> Iterator[tuple[str, Spread]]:
+    """Yield each spread of a checked document by the name of its number: keys joined by dots, components as x, y, z."""
+    if isinstance(document, dict) and "nominal" in document:
+        yield name, Spread(**document)
+    elif isinstance(document, dict | list):
+        for key, item in document.items() if isinstance(document, dict) else _components(document):
+            yield from spreads(item, f"{name}.{key}" if name else str(key))
+
+
+def at(document: Any, values: Mapping[str, float], name: str = "") -> Any:
+    """Return a document with `values` by name in the place of its spreads."""
+    if name in values:
+        return values[name]
+    if isinstance(document, dict):
+        return {key: at(item, values, f"{name}.{key}" if name else str(key)) for key, item in document.items()}
+    if isinstance(document, list):
+        return [at(item, values, f"{name}.{key}") for key, item in _components(document)]
+    return document
+
+
+def _components(items: list[Any]) -> Iterator[tuple[str, Any]]:
+    yield from zip("xyz" if len(items) == 3 else map(str, range(len(items))), items, strict=True)

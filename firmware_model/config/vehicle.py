@@ -1,0 +1,271 @@
+"""The airframe: what is simulated and what a design model is made from. Numbers only, read from a TOML file."""
+
+from dataclasses import field
+from enum import Enum
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, model_validator
+from pydantic.dataclasses import dataclass
+
+from firmware_model.config.files import Name, read_toml, shipped
+from firmware_model.config.spreads import nominal
+from firmware_model.errors import ConfigError
+
+GRAVITY = 9.80665
+"""[m/s^2] standard gravity (3rd CGPM, 1901), down."""
+VEHICLES = Path(__file__).parent / "data" / "vehicles"
+
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+PositiveVector = tuple[Positive, Positive, Positive]
+Spin = Literal[1, -1]
+Vector = tuple[Finite, Finite, Finite]
+_STRICT = ConfigDict(extra="forbid")
+
+
+class NoiseModel(Enum):
+    """How the gyro's signal-to-noise ratio is understood."""
+
+    CONSTANT = "constant"
+    """White noise of one strength: the ratio holds at the reference rate."""
+    STATE_DEPENDENT = "state-dependent"
+    """White noise in proportion to the rate itself, axis by axis (the paper's wording)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Gyro:
+    """Three-axis rate gyro."""
+
+    snr_db: Finite
+    """[dB] ratio of the rms of `reference_rate` to the rms of the noise of one 250 Hz sample."""
+    reference_rate: Positive
+    """[rad/s] rms rate at which `snr_db` is stated."""
+    range: Positive
+    """[rad/s] largest magnitude that is measured; more is clipped."""
+    noise_model: NoiseModel = NoiseModel.CONSTANT
+    """Whether the noise is constant or in proportion to the rate."""
+    bias_B: Vector = (0.0, 0.0, 0.0)
+    """[rad/s] B, constant error."""
+
+    @property
+    def noise_ratio(self) -> float:
+        """[-] rms of the noise divided by the rms of the rate."""
+        return float(10.0 ** (-self.snr_db / 20.0))
+
+    @property
+    def noise_density(self) -> float:
+        """[rad/s/sqrt(Hz)] one-sided: the rms of a 250 Hz sample spread over its 125 Hz of bandwidth."""
+        return float(self.noise_ratio * self.reference_rate / 125.0**0.5)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Accelerometer:
+    """Three-axis accelerometer at the centre of mass; without numbers in the file, a faultless one."""
+
+    noise_density: NonNegative = 0.0
+    """[m/s^2/sqrt(Hz)] one-sided, of white noise."""
+    range: Positive = 16.0 * GRAVITY
+    """[m/s^2] largest magnitude that is measured; more is clipped."""
+    bias_B: Vector = (0.0, 0.0, 0.0)
+    """[m/s^2] B, constant error."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Stabilizer:
+    """Gains of the on-board cascade, as angular acceleration, so that they do not depend on the inertia."""
+
+    angle_p: Positive
+    """[1/s] rate asked for per radian of attitude error."""
+    rate_p: PositiveVector
+    """[1/s] B, angular acceleration per rate error."""
+    rate_i: tuple[NonNegative, NonNegative, NonNegative]
+    """[1/s^2] B, angular acceleration per integrated rate error."""
+    rate_d: tuple[NonNegative, NonNegative, NonNegative]
+    """[-] B, angular acceleration per filtered derivative of the rate."""
+    derivative_cutoff: Positive
+    """[Hz] corner of the first-order filter on the derivative."""
+    rate_limit: Positive
+    """[rad/s] largest rate that the attitude loop asks for, each axis."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Rotors:
+    """Four rotors, in PX4's order for a quadrotor X: front right, rear left, front left, rear right."""
+
+    position_B: tuple[Vector, Vector, Vector, Vector]
+    """[m] B, hubs from the centre of mass."""
+    spin: tuple[Spin, Spin, Spin, Spin]
+    """[-] 1 counter-clockwise seen from above, whose drag turns the nose right; -1 clockwise."""
+    thrust_max: Positive
+    """[N] largest thrust of one rotor; four times that is what 1.0 of a thrust command means."""
+    drag_ratio: Positive
+    """[m] drag torque per thrust."""
+
+    @property
+    def height(self) -> float:
+        """[m] of the rotor plane above the centre of mass."""
+        return -sum(z for _, _, z in self.position_B) / 4.0
+
+    @property
+    def wrench(self) -> NDArray[np.float64]:
+        """(4, 4) roll, pitch, yaw torque [N*m] and thrust [N] per thrust [N] of each rotor."""
+        x, y, _ = np.array(self.position_B).T
+        return np.array([-y, x, self.drag_ratio * np.array(self.spin), np.ones(4)])
+
+    @model_validator(mode="after")
+    def _give_each_torque(self) -> Self:
+        if mistake := _mistake(self):
+            raise ValueError(mistake)
+        return self
+
+
+@lru_cache(maxsize=64)  # whoever makes many vehicles with the same rotors has them judged each time
+def _mistake(rotors: Rotors) -> str:
+    if np.linalg.cond(rotors.wrench) > 1e6:
+        return "position_B and spin don't give each torque by itself"
+    if np.min(np.linalg.inv(rotors.wrench)[:, 3]) <= 0.0:
+        return "position_B: the centre of mass is not between the rotors"
+    return ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Gear:
+    """Four feet at the corners of a rectangle."""
+
+    half_length: Positive
+    """[m] feet ahead of and behind the centre of mass."""
+    half_width: Positive
+    """[m] feet to its right and left."""
+    height: Positive
+    """[m] feet below it, without load."""
+    sag: Positive
+    """[m] yield under the weight."""
+    friction: Positive
+    """[-] force that the ground holds, per load."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class PositionLoop:
+    """Gains and limits of the on-board loops that hold height and position in free flight."""
+
+    xy_p: Positive
+    """[1/s] horizontal velocity asked for per position error."""
+    xy_velocity_p: Positive
+    """[1/s] acceleration per velocity error."""
+    xy_velocity_i: NonNegative
+    """[1/s^2] acceleration per integrated velocity error."""
+    xy_velocity_max: Positive
+    """[m/s] largest horizontal velocity asked for."""
+    z_p: Positive
+    """[1/s] vertical velocity asked for per height error."""
+    z_velocity_p: Positive
+    """[1/s] acceleration per velocity error."""
+    z_velocity_i: NonNegative
+    """[1/s^2] acceleration per integrated velocity error."""
+    z_velocity_max_up: Positive
+    """[m/s] fastest climb."""
+    z_velocity_max_down: Positive
+    """[m/s] fastest descent."""
+    tilt_max: Annotated[float, Field(gt=0.0, lt=1.2)]
+    """[rad] largest tilt asked for."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Vehicle:
+    """A multirotor as a rigid body with torque actuators."""
+
+    name: Name
+    """Short name; the file's by default."""
+    source: str
+    """Where the numbers were published."""
+    mass: Positive
+    """[kg]."""
+    inertia_B: PositiveVector
+    """[kg*m^2] B, principal moments of inertia I_x, I_y, I_z."""
+    rate_damping: NonNegative
+    """[1/s] moment against the rate relative to the air, divided by the inertia."""
+    actuator_lag: Positive
+    """[s] time constant of the torque response."""
+    torque_limit: PositiveVector
+    """[N*m] B, largest torque about each axis; what 1.0 of a normed command means."""
+    span: Positive
+    """[m] rotor tip to rotor tip, the wing span b of the Dryden model's angular gusts."""
+    gust_gain: NonNegative
+    """[N*m/(m/s)] roll moment per lateral gust: rotor drag times height of the rotor plane above the centre of mass."""
+    gust_yaw_ratio: NonNegative
+    """[-] yaw moment per vertical gust, divided by `gust_gain`."""
+    heave_drag: NonNegative
+    """[N/(m/s)] force of all rotors in hover per velocity of the air along their axis."""
+    drag_area: NonNegative
+    """[m^2] drag coefficient times area of the body."""
+    gyro: Gyro
+    """Rate gyro."""
+    stabilizer: Stabilizer
+    """On-board cascade."""
+    rotors: Rotors
+    """Rotors."""
+    gear: Gear
+    """Feet."""
+    position: PositionLoop
+    """On-board loops of height and position."""
+    accelerometer: Accelerometer = field(default_factory=Accelerometer)
+    """Accelerometer."""
+    description: str = field(default="")
+    """One line for people."""
+
+    @property
+    def rotor_drag(self) -> float:
+        """[N/(m/s)] force of all rotors in hover per velocity of the air in their plane: what gives `gust_gain`."""
+        return self.gust_gain / self.rotors.height
+
+    @model_validator(mode="after")
+    def _can_fly(self) -> Self:
+        if self.rotors.height <= 0.0:
+            raise ValueError("rotors.position_B: the rotors must be above the centre of mass, z < 0 on average")
+        if 4.0 * self.rotors.thrust_max <= 1.2 * GRAVITY * self.mass:
+            raise ValueError("rotors.thrust_max: four rotors must lift 1.2 times the weight")
+        return self
+
+
+def load_vehicle(name_or_path: str | Path) -> Vehicle:
+    """Read a vehicle file, or a shipped one by its name; where a number has a spread, it is the nominal one.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, or a key or value is not allowed.
+    """
+    vehicle = read_toml(Vehicle, name_or_path, VEHICLES, lambda document, path: nominal(document, str(path)))
+    check_body(vehicle.inertia_B, vehicle.inertia_B, str(name_or_path))
+    return vehicle
+
+
+def check_body(low: Vector, high: Vector, source: str) -> None:
+    """Refuse inertias [kg*m^2] of which one can belong to no rigid body, wherever the others are from `low` to `high`.
+
+    Of a rigid body none is larger than the sum of the other two; it is their sum for a flat plate.
+
+    Raises
+    ------
+    ConfigError
+        If there is one; `source` is named.
+    """
+    for i, axis in enumerate("xyz"):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        apart = max(low[j] - high[k], low[k] - high[j], 0.0)
+        for value in (low[i], high[i]):
+            if not apart * (1.0 - 1e-9) <= value <= (high[j] + high[k]) * (1.0 + 1e-9):
+                raise ConfigError(
+                    f"{source}: inertia_B: no rigid body has {value:g} about {axis}: each moment of inertia is at most "
+                    "the sum of the other two"
+                )
+
+
+def shipped_vehicles() -> tuple[str, ...]:
+    """Return the names of the shipped vehicles."""
+    return shipped(VEHICLES)

@@ -1,0 +1,86 @@
+"""What goes between here and one peer: sequence numbers, signatures, and figures of what came through."""
+
+from collections import Counter
+from typing import Any
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink.frames import DAMAGE, Dropped, Frame, Message, Outgoing, Series
+from firmware_model.mavlink.signing import Signing
+
+SOURCES = 16
+"""Senders told apart behind one address; the gaps of more are not looked for."""
+_LATE = 128  # a sequence number further ahead than half its range is one from before
+
+
+class Traffic:
+    """One peer's share of a link: packs what it is sent, and counts both directions."""
+
+    def __init__(self, system: int, component: int, signing: Signing | None = None, link: int = 0) -> None:
+        self.sent = self.received = self.lost = 0
+        self.dropped: Counter[Dropped] = Counter()
+        self.packer = wire.MAVLink(None, system, component)
+        self._expected: dict[tuple[int, int], int] = {}
+        self._signing = signing
+        if signing is not None:
+            self.packer.signing.secret_key, self.packer.signing.link_id = signing.key, link
+            self.packer.signing.sign_outgoing = True
+
+    def pack(self, message: Message | Outgoing) -> bytes:
+        """Return the message as a datagram to this peer, with the next of its sequence numbers."""
+        if self._signing is not None:
+            self.packer.signing.timestamp = self._signing.next_stamp()
+        datagram: bytes = message.pack(self.packer)
+        self.packer.seq = (self.packer.seq + 1) & 255
+        self.sent += 1
+        return datagram
+
+    def count(self, frame: Frame) -> None:
+        """Count a frame that arrived, and those before it that did not."""
+        self.received += 1
+        source, sequence = (frame.system, frame.component), frame.sequence
+        expected = self._expected.get(source)
+        if expected != sequence:
+            if expected is None:
+                if len(self._expected) >= SOURCES:
+                    return
+            elif (gap := (sequence - expected) & 255) < _LATE:
+                self.lost += gap
+            else:  # sent twice, or overtaken: what was expected still is
+                return
+        self._expected[source] = (sequence + 1) & 255
+
+    def read(self, series: Series, source: tuple[int, int], datagram: bytes) -> tuple[Any, ...] | None:
+        """Return the fields of the next frame from a source, not counted; `None` if the datagram is anything else."""
+        return series.read(datagram, self._expected.get(source, 0))
+
+    def count_next(self, source: tuple[int, int]) -> None:
+        """Count what was read."""
+        self.received += 1
+        self._expected[source] = (self._expected.get(source, 0) + 1) & 255
+
+    def make(self, series: Series, *fields: float) -> bytes:
+        """Return a message as a datagram to this peer, not signed, with the next of its sequence numbers."""
+        packer = self.packer
+        datagram = series.make(packer.seq, *fields)
+        packer.seq = (packer.seq + 1) & 255
+        self.sent += 1
+        return datagram
+
+    def absorb(self, other: "Traffic") -> None:
+        """Add the figures of a peer that is gone."""
+        self.sent, self.received, self.lost = (
+            self.sent + other.sent, self.received + other.received, self.lost + other.lost
+        )  # fmt: skip
+        self.dropped.update(other.dropped)
+
+    def figures(self) -> dict[str, Any]:
+        """Return the figures: packets in, out, lost on the way here, damaged, and rejected by cause."""
+        rejected = {cause.value: count for cause, count in self.dropped.items() if cause not in DAMAGE}
+        return {
+            "in": self.received,
+            "out": self.sent,
+            "lost": self.lost,
+            "bad": sum(self.dropped[cause] for cause in DAMAGE),
+            "rejected": dict(sorted(rejected.items())),
+        }

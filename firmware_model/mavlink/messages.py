@@ -1,0 +1,195 @@
+"""Signals <-> the flight's messages: the only place that knows their wire fields, units and signs.
+
+Axes and units on the wire are ours: N is north-east-down, B forward-right-down, quaternions are w, x, y, z from B
+to N. What differs: stamps of SET_ATTITUDE_TARGET are whole milliseconds.
+
+References
+----------
+MAVLink, common message set, messages 0, 82, 83, 105, 139, 140.
+"""
+
+import math
+import struct
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink.frames import Dropped, Frame, Message, Outgoing, Series
+from firmware_model.types import AttitudeTarget, Command, ImuSample, Quaternion, TorqueCommand, Vector
+
+AUTOPILOT = 1
+"""Component id of the autopilot."""
+CONTROLLER = 191
+"""Component id of an on-board controller (MAV_COMP_ID_ONBOARD_COMPUTER)."""
+ABSENT = {wire.MAV_COMP_ID_GIMBAL: "gimbal", wire.MAV_COMP_ID_WINCH: "winch"}
+"""Components that programs command and this vehicle has not, by id; the autopilot refuses in their name."""
+
+# The layouts of the messages of each sample; fields in wire order, largest first.
+_IMU = wire.MAVLink_highres_imu_message.unpacker
+_TORQUE = wire.MAVLink_set_actuator_control_target_message.unpacker
+_TARGET = wire.MAVLink_set_attitude_target_message.unpacker
+_NOT_MEASURED = (0.0,) * 7  # magnetic field, pressures, altitude, temperature
+_ACCELERATION_AND_GYRO = 0x7 | 0x38  # HIGHRES_IMU_UPDATED_FLAGS: which fields carry a measurement
+_GYRO = 0x38
+_IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE = 1, 2, 4  # ATTITUDE_TARGET_TYPEMASK
+_THRUST_BODY_SET, _IGNORE_THROTTLE, _IGNORE_ATTITUDE = 32, 64, 128
+_UNIT_TOLERANCE = 1e-3  # [-] how far from 1 a quaternion's length may be: far above float32, far below a mistake
+
+
+def imu_message(sample: ImuSample) -> Outgoing:
+    """Return HIGHRES_IMU; magnetometer and barometer are marked as not measured."""
+    fields = (sample.time_us, *sample.specific_force_B, *sample.gyro_B, *_NOT_MEASURED)
+    return Outgoing(wire.MAVLINK_MSG_ID_HIGHRES_IMU, _IMU.pack(*fields, _ACCELERATION_AND_GYRO, 0))
+
+
+def imu_sample(frame: Frame) -> ImuSample | Dropped:
+    """Return the sample in a HIGHRES_IMU; without a gyro it is no sample."""
+    time_us, x, y, z, p, q, r, _, _, _, _, _, _, _, updated, _ = _IMU.unpack(frame.payload)
+    if updated & _GYRO != _GYRO or not math.isfinite(x + y + z + p + q + r):
+        return Dropped.NOT_FINITE
+    return ImuSample(time_us=time_us, gyro_B=(p, q, r), specific_force_B=(x, y, z))
+
+
+def samples(system: int) -> Series:
+    """Return the samples of the autopilot of `system`: stamp [us], specific force, rates."""
+    rest = struct.pack("<7fB", *_NOT_MEASURED, _ACCELERATION_AND_GYRO)
+    return Series(wire.MAVLINK_MSG_ID_HIGHRES_IMU, system, AUTOPILOT, "<Q6f", rest)
+
+
+def torques(system: int) -> Series:
+    """Return a controller's torque commands to its autopilot: stamp [us], roll, pitch, yaw, throttle or NaN."""
+    rest = struct.pack("<4fBBB", 0.0, 0.0, 0.0, 0.0, 0, system, AUTOPILOT)
+    return Series(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, system, CONTROLLER, "<Q4f", rest)
+
+
+def rates(system: int) -> Series:
+    """Return a controller's rate commands to its autopilot: stamp [ms], roll, pitch, yaw [rad/s], thrust."""
+    rest = struct.pack("<BBB", system, AUTOPILOT, _IGNORE_ATTITUDE)
+    return Series(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, system, CONTROLLER, "<I16x4f", rest)
+
+
+def command_message(command: Command, target_system: int) -> Outgoing:
+    """Return the set-point message of a command.
+
+    Raises
+    ------
+    ValueError
+        If an attitude target has neither attitude nor rates.
+    """
+    if isinstance(command, TorqueCommand):
+        controls = (*command.torque_B, _thrust_field(command.throttle), 0.0, 0.0, 0.0, 0.0)
+        payload = _TORQUE.pack(command.time_us, *controls, 0, target_system, AUTOPILOT)
+        return Outgoing(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, payload)
+    mask, q_NB, omega_B = _target_fields(command)
+    payload = _TARGET.pack(
+        boot_ms(command.time_us), *q_NB, *omega_B, _thrust_field(command.thrust), target_system, AUTOPILOT, mask
+    )
+    return Outgoing(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, payload)
+
+
+def command(frame: Frame, system: int) -> Command | Dropped:
+    """Return the command in a SET_ATTITUDE_TARGET or SET_ACTUATOR_CONTROL_TARGET to the autopilot of `system`.
+
+    An attitude is tracked unless its mask bit is set, with the yaw rate as feed-forward; otherwise rates are, if
+    roll and pitch rates are both given (PX4's rule). Torques outside -1..1, thrust outside 0..1 are clipped; beside
+    torques, a throttle of NaN asks for the on-board altitude hold.
+    """
+    if frame.message_id == wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET:
+        time_us, roll, pitch, yaw, throttle, _, _, _, _, group, target, component = _TORQUE.unpack(frame.payload)
+        if not is_for(system, target, component):
+            return Dropped.OTHER_TARGET
+        if group != 0:
+            return Dropped.NO_SETPOINT
+        if not math.isfinite(roll + pitch + yaw):
+            return Dropped.NOT_FINITE
+        torque_B = (_clipped(roll, -1.0), _clipped(pitch, -1.0), _clipped(yaw, -1.0))
+        return TorqueCommand(
+            time_us=time_us, torque_B=torque_B, throttle=None if math.isnan(throttle) else _clipped(throttle, 0.0)
+        )
+    time_ms, w, x, y, z, p, q, r, thrust, target_system, component, mask = _TARGET.unpack(frame.payload)
+    if not is_for(system, target_system, component):
+        return Dropped.OTHER_TARGET
+    if mask & (_IGNORE_THROTTLE | _THRUST_BODY_SET) or not math.isfinite(thrust):
+        return Dropped.NO_SETPOINT
+    tracked = _tracked(mask, (w, x, y, z), (p, q, 0.0 if mask & _IGNORE_YAW_RATE else r))
+    if isinstance(tracked, Dropped):
+        return tracked
+    q_NB, omega_B = tracked
+    return AttitudeTarget(time_us=time_ms * 1000, q_NB=q_NB, omega_B=omega_B, thrust=_clipped(thrust, 0.0))
+
+
+def _tracked(mask: int, q_NB: Quaternion, omega_B: Vector) -> tuple[Quaternion | None, Vector | None] | Dropped:
+    """Return what a SET_ATTITUDE_TARGET asks to track, attitude and rates."""
+    if mask & _IGNORE_ATTITUDE:
+        if mask & (_IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE):
+            return Dropped.NO_SETPOINT
+        return (None, omega_B) if math.isfinite(sum(omega_B)) else Dropped.NOT_FINITE
+    # NaN fails the comparison too.
+    if not (abs(math.hypot(*q_NB) - 1.0) < _UNIT_TOLERANCE and math.isfinite(omega_B[2])):
+        return Dropped.NOT_FINITE
+    return q_NB, None if mask & _IGNORE_YAW_RATE else (0.0, 0.0, omega_B[2])
+
+
+def is_for(system: int, target_system: int, target_component: int) -> bool:
+    """Whether a message is addressed to the autopilot of `system`; 0 addresses all."""
+    return target_system in (0, system) and target_component in (0, AUTOPILOT)
+
+
+def boot_ms(time_us: int) -> int:
+    """Return a time as the field `time_boot_ms` has it, which begins again after 49 days."""
+    return time_us // 1000 & 0xFFFF_FFFF
+
+
+def stamp_difference(command: Command, time_us: int) -> int:
+    """Return how much newer the stamp of `command` is than `time_us`, at the resolution that the wire has for it.
+
+    The unit is ms for an attitude target and us for torques; 0 means that the command answers that sample.
+    """
+    if isinstance(command, AttitudeTarget):
+        return command.time_us // 1000 - boot_ms(time_us)
+    return command.time_us - time_us
+
+
+def heartbeat_message(custom_mode: int, armed: bool, *, critical: bool, generic: bool = False) -> Message:
+    """Return the vehicle's HEARTBEAT: a quadrotor that speaks as PX4 does, or `generic` as nobody in particular."""
+    base_mode = wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (wire.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
+    flying = wire.MAV_STATE_CRITICAL if critical else wire.MAV_STATE_ACTIVE
+    autopilot = wire.MAV_AUTOPILOT_GENERIC if generic else wire.MAV_AUTOPILOT_PX4
+    return wire.MAVLink_heartbeat_message(
+        wire.MAV_TYPE_QUADROTOR, autopilot, base_mode, custom_mode,
+        flying if armed else wire.MAV_STATE_STANDBY, 3,
+    )  # fmt: skip
+
+
+def parameter(message: Message) -> float:
+    """Return the value in a PARAM_VALUE; integers travel bytewise in the float field."""
+    if message.param_type == wire.MAV_PARAM_TYPE_REAL32:
+        return float(message.param_value)
+    return float(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
+
+
+def command_echo(command: Command) -> Message:
+    """Return ATTITUDE_TARGET or ACTUATOR_CONTROL_TARGET: what the vehicle is tracking."""
+    if isinstance(command, TorqueCommand):
+        controls = (*command.torque_B, _thrust_field(command.throttle), 0.0, 0.0, 0.0, 0.0)
+        return wire.MAVLink_actuator_control_target_message(command.time_us, 0, controls)
+    mask, q_NB, omega_B = _target_fields(command)
+    return wire.MAVLink_attitude_target_message(
+        boot_ms(command.time_us), mask, q_NB, *omega_B, _thrust_field(command.thrust)
+    )
+
+
+def _target_fields(target: AttitudeTarget) -> tuple[int, Quaternion, Vector]:
+    if target.q_NB is not None:
+        mask = _IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE | (_IGNORE_YAW_RATE if target.omega_B is None else 0)
+        return mask, target.q_NB, target.omega_B or (0.0, 0.0, 0.0)
+    if target.omega_B is None:
+        raise ValueError("an attitude target needs q_NB, omega_B, or both; neither is given")
+    return _IGNORE_ATTITUDE, (0.0, 0.0, 0.0, 0.0), target.omega_B
+
+
+def _thrust_field(thrust: float | None) -> float:
+    return math.nan if thrust is None else thrust
+
+
+def _clipped(value: float, low: float) -> float:
+    return low if value < low else 1.0 if value > 1.0 else value

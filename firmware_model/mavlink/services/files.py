@@ -1,0 +1,35 @@
+"""Files on board: there are none; whoever asks for one is told so at once and need not wait for a time-out.
+
+References
+----------
+MAVLink, file transfer protocol, message 110: the payload's header, error codes.
+"""
+
+import struct
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink.frames import Message
+from firmware_model.mavlink.services.service import Client, Craft, Service
+
+_HEADER = struct.Struct("<HBBB")  # sequence, session, operation, bytes of data
+_DATA = 12  # where data begins
+_LENGTH = 251
+_ANSWERS = 128  # operations from here on are answers
+_REFUSED, _UNKNOWN_COMMAND = 129, 7  # NAK and its reason
+
+
+def service(_: Craft) -> Service:
+    """Return the service that refuses every operation on files."""
+
+    def refuse(request: Message, client: Client) -> None:
+        sequence, session, operation, _ = _HEADER.unpack_from(bytes(request.payload))
+        if operation >= _ANSWERS:
+            return
+        answer = bytearray(_LENGTH)
+        _HEADER.pack_into(answer, 0, (sequence + 1) % 2**16, session, _REFUSED, 1)
+        answer[_HEADER.size], answer[_DATA] = operation, _UNKNOWN_COMMAND
+        sender = request.get_srcSystem(), request.get_srcComponent()
+        client.send(wire.MAVLink_file_transfer_protocol_message(0, *sender, answer))
+
+    return Service(requests={wire.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: refuse})

@@ -1,0 +1,20 @@
+"""Logs on board: there are none; what was flown is in the journal.
+
+References
+----------
+MAVLink, messages 117, 118.
+"""
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink.frames import Message
+from firmware_model.mavlink.services.service import Client, Craft, Service
+
+
+def service(_: Craft) -> Service:
+    """Return the service that lists no logs."""
+
+    def list_logs(_: Message, client: Client) -> None:
+        client.send(wire.MAVLink_log_entry_message(0, 0, 0, 0, 0))
+
+    return Service(requests={wire.MAVLINK_MSG_ID_LOG_REQUEST_LIST: list_logs})

@@ -1,0 +1,30 @@
+"""What the vehicle tracks, told back to whoever asked for it and to those who watch.
+
+References
+----------
+MAVLink, messages 83, 140.
+"""
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink import messages
+from firmware_model.mavlink.frames import Message
+from firmware_model.mavlink.services.service import Craft, Service, Stream
+from firmware_model.types import AttitudeTarget, TorqueCommand
+
+
+def service(craft: Craft) -> Service:
+    """Return the service that echoes the set-points."""
+
+    def attitude() -> Message | None:
+        return messages.command_echo(craft.setpoint) if isinstance(craft.setpoint, AttitudeTarget) else None
+
+    def torque() -> Message | None:
+        return messages.command_echo(craft.setpoint) if isinstance(craft.setpoint, TorqueCommand) else None
+
+    return Service(
+        streams={
+            wire.MAVLINK_MSG_ID_ATTITUDE_TARGET: Stream(attitude, 100_000),
+            wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: Stream(torque, 100_000),
+        }
+    )

@@ -1,0 +1,74 @@
+"""Status: what works, whether the vehicle may be armed, and whether it stands or flies.
+
+No battery is modelled, and none is told: its numbers are those that mean unknown. In SYS_STATUS that is no voltage, as
+of a vehicle without a monitor: dronekit takes the number for unknown for 65.5 V.
+
+References
+----------
+MAVLink, messages 1, 147, 193, 245. Of 193 programs for ArduPilot learn whether the vehicle may be armed.
+"""
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink.frames import Message
+from firmware_model.mavlink.services.service import Craft, Service, Stream
+
+_UNKNOWN16, _UNKNOWN, _NO_VOLTAGE = 2**16 - 1, -1, 0
+# Ideal navigation stands for a compass and for GPS.
+_WORKING = (
+    wire.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | wire.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | wire.MAV_SYS_STATUS_SENSOR_3D_MAG
+    | wire.MAV_SYS_STATUS_SENSOR_GPS
+    | wire.MAV_SYS_STATUS_SENSOR_ANGULAR_RATE_CONTROL
+    | wire.MAV_SYS_STATUS_SENSOR_ATTITUDE_STABILIZATION
+    | wire.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+    | wire.MAV_SYS_STATUS_AHRS
+    | wire.MAV_SYS_STATUS_PREARM_CHECK
+)
+# As navigation is ideal, all that an estimator can estimate is good.
+_ESTIMATED = (
+    wire.EKF_ATTITUDE
+    | wire.EKF_VELOCITY_HORIZ
+    | wire.EKF_VELOCITY_VERT
+    | wire.EKF_POS_HORIZ_REL
+    | wire.EKF_POS_HORIZ_ABS
+    | wire.EKF_POS_VERT_ABS
+    | wire.EKF_PRED_POS_HORIZ_REL
+    | wire.EKF_PRED_POS_HORIZ_ABS
+)
+# There is no fence; a client that looks at this bit alone would tell of a breach.
+_HEALTHY = _WORKING | wire.MAV_SYS_STATUS_GEOFENCE
+
+
+def service(craft: Craft) -> Service:
+    """Return the service that tells how the craft is."""
+
+    def extended() -> Message:
+        return wire.MAVLink_extended_sys_state_message(wire.MAV_VTOL_STATE_UNDEFINED, craft.autopilot.landed.value)
+
+    return Service(
+        streams={
+            wire.MAVLINK_MSG_ID_SYS_STATUS: Stream(_system, 1_000_000),
+            wire.MAVLINK_MSG_ID_BATTERY_STATUS: Stream(_battery, 2_000_000),
+            wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Stream(extended, 1_000_000),
+            wire.MAVLINK_MSG_ID_EKF_STATUS_REPORT: Stream(_estimator, 1_000_000),
+        }
+    )
+
+
+def _system() -> Message:
+    return wire.MAVLink_sys_status_message(
+        _WORKING, _WORKING, _HEALTHY, 0, _NO_VOLTAGE, _UNKNOWN, _UNKNOWN, 0, 0, 0, 0, 0, 0
+    )
+
+
+def _estimator() -> Message:
+    return wire.MAVLink_ekf_status_report_message(_ESTIMATED, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def _battery() -> Message:
+    return wire.MAVLink_battery_status_message(
+        0, wire.MAV_BATTERY_FUNCTION_ALL, wire.MAV_BATTERY_TYPE_UNKNOWN, 2**15 - 1, [_UNKNOWN16] * 10,
+        _UNKNOWN, _UNKNOWN, _UNKNOWN, _UNKNOWN,
+    )  # fmt: skip

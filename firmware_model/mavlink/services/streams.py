@@ -1,0 +1,94 @@
+"""Streams: how often a peer is sent what, and any message once.
+
+References
+----------
+MAVLink, commands 510, 511, 512; message 66, which MAVProxy and older programs still send.
+"""
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink.frames import Message, Outgoing
+from firmware_model.mavlink.services.service import (
+    ACCEPTED,
+    DENIED,
+    NOT_NOW,
+    UNSUPPORTED,
+    Answer,
+    Client,
+    Craft,
+    Order,
+    Service,
+)
+
+# What the groups of REQUEST_DATA_STREAM stand for, as far as there is such a thing here.
+_GROUPS = {
+    wire.MAV_DATA_STREAM_RAW_SENSORS: (wire.MAVLINK_MSG_ID_HIGHRES_IMU,),
+    wire.MAV_DATA_STREAM_EXTENDED_STATUS: (wire.MAVLINK_MSG_ID_SYS_STATUS, wire.MAVLINK_MSG_ID_GPS_RAW_INT),
+    wire.MAV_DATA_STREAM_RC_CHANNELS: (wire.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW,),
+    wire.MAV_DATA_STREAM_POSITION: (wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED, wire.MAVLINK_MSG_ID_GLOBAL_POSITION_INT),
+    wire.MAV_DATA_STREAM_EXTRA1: (wire.MAVLINK_MSG_ID_ATTITUDE,),
+    wire.MAV_DATA_STREAM_EXTRA2: (wire.MAVLINK_MSG_ID_VFR_HUD,),
+    wire.MAV_DATA_STREAM_EXTRA3: (wire.MAVLINK_MSG_ID_SYSTEM_TIME, wire.MAVLINK_MSG_ID_BATTERY_STATUS),
+}
+
+
+def service(craft: Craft) -> Service:
+    """Return the service of streams."""
+
+    def known(message_id: int | None) -> Answer:
+        """Accept what is sent here at all; a number that no message can have is a mistake."""
+        if message_id in craft.services.streams:
+            return ACCEPTED
+        return Answer(UNSUPPORTED if message_id is not None and 0 <= message_id < 2**24 else DENIED)
+
+    def set_interval(order: Order, client: Client) -> Answer:
+        message_id, interval_us = order.whole(1), order.whole(2)
+        if message_id is None or interval_us is None or interval_us < -1:
+            return Answer(DENIED)
+        if (answer := known(message_id)) is ACCEPTED:
+            client.set_interval(message_id, None if interval_us < 0 else interval_us)
+        return answer
+
+    def get_interval(order: Order, client: Client) -> Answer:
+        message_id = order.whole(1)
+        if message_id is None or not 0 <= message_id < 2**16:
+            return Answer(DENIED)
+        if (answer := known(message_id)) is ACCEPTED:
+            interval_us = client.interval_us(message_id)
+            client.send(wire.MAVLink_message_interval_message(message_id, -1 if interval_us is None else interval_us))
+        return answer
+
+    def request(order: Order, client: Client) -> Answer:
+        message_id = order.whole(1)
+        if message_id is None:
+            return Answer(DENIED)
+        show = craft.services.shows.get(message_id)
+        if show is None and (answer := known(message_id)) is not ACCEPTED:
+            return answer
+        messages = _told(craft, message_id) if show is None else list(show(order.whole(2) or 0))
+        for message in messages:
+            client.send(message)
+        return ACCEPTED if messages else Answer(NOT_NOW)
+
+    def request_group(message: Message, client: Client) -> None:
+        rate = message.req_message_rate
+        interval_us = 1_000_000 // rate if message.start_stop and rate else None
+        everything = message.req_stream_id == wire.MAV_DATA_STREAM_ALL
+        for group, message_ids in _GROUPS.items():
+            if everything or group == message.req_stream_id:
+                for message_id in craft.services.streams.keys() & message_ids:
+                    client.set_interval(message_id, interval_us)
+
+    return Service(
+        requests={wire.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: request_group},
+        commands={
+            wire.MAV_CMD_SET_MESSAGE_INTERVAL: set_interval,
+            wire.MAV_CMD_GET_MESSAGE_INTERVAL: get_interval,
+            wire.MAV_CMD_REQUEST_MESSAGE: request,
+        },
+    )
+
+
+def _told(craft: Craft, message_id: int) -> list[Message | Outgoing]:
+    message = craft.services.streams[message_id].message()
+    return [] if message is None else [message]

@@ -1,0 +1,33 @@
+"""What is left of a torque that is asked of hurt actuators; sound ones give it all, after their lag."""
+
+import math
+from typing import NamedTuple
+
+from firmware_model.numerics.compiled import kernel
+from firmware_model.types import Vector
+
+
+class ActuatorParams(NamedTuple):
+    """How much of a torque, and how much at most."""
+
+    share_roll: float = 1.0  # [-] of what is asked
+    share_pitch: float = 1.0
+    share_yaw: float = 1.0
+    limit_roll: float = math.inf  # [N*m]
+    limit_pitch: float = math.inf
+    limit_yaw: float = math.inf
+
+
+@kernel
+def _axis(torque: float, share: float, limit: float) -> float:
+    return min(max(share * torque, -limit), limit)
+
+
+@kernel
+def given(params: ActuatorParams, torque: Vector) -> Vector:
+    """Return the torque [N*m] B that is given for what is asked, when the lag has passed."""
+    return (
+        _axis(torque[0], params.share_roll, params.limit_roll),
+        _axis(torque[1], params.share_pitch, params.limit_pitch),
+        _axis(torque[2], params.share_yaw, params.limit_yaw),
+    )

@@ -1,0 +1,140 @@
+"""What the tables of wind and moment come to at a time: one form for all formulas, another for what is replayed.
+
+A wave is a row of `WAVE` numbers: its kind, its target, the vector at its peak (3) [m/s] or [N*m], start and stop [s],
+and two numbers of its kind:
+
+    STEP                1
+    RAMP                min(s / a, 1)                       a [s] rise
+    ONE_MINUS_COSINE    (1 - cos(2 pi s / a)) / 2, s < a    a [s] length
+    SINE                sin(a s + b)                        a [rad/s], b [rad]
+    SQUARE              sign(sin(a s + b))
+    SWEEP               sin((a + b s / 2) s)                a [rad/s], b [rad/s^2]
+
+with s the time since the start. The targets are `TARGETS` columns of three: gust B, gust N, moment B, moment N. A
+replay is a row of these columns for each sample.
+"""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.config.moments import Bump, DirectMoment, Moment, MomentReplay, Ramp, Sine, Square, Step, Sweep
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.wind import Gust, GustRamp, GustReplay, GustSine, GustStep, GustSweep, OneMinusCosine, Wind
+from firmware_model.numerics.compiled import kernel
+from firmware_model.numerics.elementary import sin_cos
+from firmware_model.types import Vector
+
+Array = NDArray[np.float64]
+Disturbance = tuple[Vector, Vector, Vector, Vector]
+STEP, RAMP, ONE_MINUS_COSINE, SINE, SQUARE, SWEEP = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
+"""Kinds of waves."""
+GUST_B, GUST_N, MOMENT_B, MOMENT_N = 0, 1, 2, 3
+"""Targets."""
+WAVE, TARGETS = 9, 4
+_HALF_US = 0.5e-6  # stamps are whole microseconds, roundings are not
+
+
+def waves(scenario: Scenario) -> Array:
+    """Return what formulas give (n, WAVE), in the order of the scenario."""
+    rows = [_wave(item) for item in _items(scenario) if isinstance(item, (Gust, DirectMoment))]
+    return np.array(rows, dtype=np.float64).reshape(-1, WAVE)
+
+
+def replayed(scenario: Scenario) -> Array:
+    """Return what is replayed at each sample (samples, 3 * TARGETS); (0, 3 * TARGETS) if nothing is."""
+    replays = [item for item in _items(scenario) if isinstance(item, (GustReplay, MomentReplay))]
+    table = np.zeros((scenario.samples if replays else 0, 3 * TARGETS))
+    time = np.arange(len(table)) * scenario.sample_us * 1e-6
+    for item in replays:
+        rows = np.array(item.rows)
+        begin, end = item.start_s - _HALF_US, (math.inf if item.stop_s is None else item.stop_s) - _HALF_US
+        acts = (time >= begin) & (time < end)
+        at = 3 * _target(item.frame == "ned", moment=isinstance(item, MomentReplay))
+        for i in range(3):
+            table[acts, at + i] += np.interp(time[acts] - item.start_s, rows[:, 0], rows[:, 1 + i], left=0.0, right=0.0)
+    return table
+
+
+def _items(scenario: Scenario) -> Iterable[Wind | Moment]:
+    return (*scenario.wind, *scenario.moment)
+
+
+def _target(of_earth: bool, *, moment: bool) -> int:
+    return 2 * moment + of_earth
+
+
+def _wave(item: Gust | DirectMoment) -> tuple[float, ...]:
+    kind, a, b = _shape(item)
+    stop = math.inf if item.stop_s is None else item.stop_s
+    target = _target(item.of_earth, moment=isinstance(item, DirectMoment))
+    return (kind, target, *item.vector, item.start_s, stop, a, b)
+
+
+def _shape(item: Gust | DirectMoment) -> tuple[float, float, float]:
+    match item:
+        case GustStep() | Step():
+            return STEP, 0.0, 0.0
+        case GustRamp() | Ramp():
+            return RAMP, item.rise_s, 0.0
+        case OneMinusCosine() | Bump():
+            return ONE_MINUS_COSINE, item.length_s, 0.0
+        case GustSine() | Sine():
+            return SINE, item.rate_rad_s, item.phase_rad
+        case Square():
+            return SQUARE, item.rate_rad_s, item.phase_rad
+        case GustSweep() | Sweep():
+            slope = (item.rate_to_rad_s - item.rate_from_rad_s) / (item.stop_s - item.start_s)
+            return SWEEP, item.rate_from_rad_s, slope
+    raise TypeError(f"{type(item).__name__} is no wave")
+
+
+@kernel
+def shape(kind: float, since: float, a: float, b: float) -> float:
+    """Return a wave [-] at the time `since` [s] its start; `a` and `b` are the numbers of its kind."""
+    if kind == STEP:
+        return 1.0
+    if kind == RAMP:
+        return min(max(since / a, 0.0), 1.0)
+    if kind == ONE_MINUS_COSINE:
+        phase = since / a
+        if not 0.0 < phase < 1.0:
+            return 0.0
+        _, cosine = sin_cos(2.0 * math.pi * phase)
+        return 0.5 * (1.0 - cosine)
+    if kind == SWEEP:
+        sine, _ = sin_cos((a + 0.5 * b * since) * since)
+        return sine
+    sine, _ = sin_cos(a * since + b)
+    if kind == SQUARE:
+        return 1.0 if sine >= 0.0 else -1.0
+    return sine
+
+
+@kernel
+def disturbance(waves: Array, replay: Array, sample: int, time: float) -> Disturbance:
+    """Return gust [m/s] B, gust N, moment [N*m] B, moment N, that tables give at a sample at `time` [s]."""
+    u, v, w = 0.0, 0.0, 0.0
+    north, east, down = 0.0, 0.0, 0.0
+    L, M, N = 0.0, 0.0, 0.0
+    M_north, M_east, M_down = 0.0, 0.0, 0.0
+    if sample < replay.shape[0]:
+        now = replay[sample]
+        u, v, w, north, east, down = now[0], now[1], now[2], now[3], now[4], now[5]
+        L, M, N, M_north, M_east, M_down = now[6], now[7], now[8], now[9], now[10], now[11]
+    for i in range(waves.shape[0]):
+        row = waves[i]
+        if row[5] <= time + _HALF_US < row[6]:
+            size = shape(row[0], time - row[5], row[7], row[8])
+            x, y, z = size * row[2], size * row[3], size * row[4]
+            if row[1] == GUST_B:
+                u, v, w = u + x, v + y, w + z
+            elif row[1] == GUST_N:
+                north, east, down = north + x, east + y, down + z
+            elif row[1] == MOMENT_B:
+                L, M, N = L + x, M + y, N + z
+            else:
+                M_north, M_east, M_down = M_north + x, M_east + y, M_down + z
+    return (u, v, w), (north, east, down), (L, M, N), (M_north, M_east, M_down)

@@ -1,0 +1,1 @@
+"""Own the sockets, the clock and the process: UDP loop, access, real-time hints, logs."""

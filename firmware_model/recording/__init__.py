@@ -1,0 +1,1 @@
+"""Append what a flight records to files that survive a crash."""

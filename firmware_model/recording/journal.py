@@ -1,0 +1,152 @@
+"""The flight's journal: one record of fixed size a sample, appended while flying. Every recording is made from it.
+
+The file starts with one line of JSON (scenario, vehicle and seed by name, and what the flight's starter has noted to
+make a recording of it, or fly it again), then the records follow as little-endian float64. A flight that is cut off
+leaves a journal that is whole up to its last record.
+"""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.config.files import TEXT, open_regular, parse_json
+from firmware_model.errors import ConfigError
+from firmware_model.recording.durable_file import AppendedFile
+
+RECORD = np.dtype(
+    [
+        ("time_us", "<f8"),  # [us] model time of the sample
+        ("gyro_B", "<f8", 3),  # [rad/s] measured rate, a float32
+        ("specific_force_B", "<f8", 3),  # [m/s^2] measured, a float32
+        ("torque_command_B", "<f8", 3),  # [N*m] asked of the actuators from this sample to the next
+        ("omega_command_B", "<f8", 3),  # [rad/s] asked of the on-board rate loop; NaN when it is not asked
+        ("torque_B", "<f8", 3),  # [N*m] what the actuators give
+        ("position_N", "<f8", 3),  # [m] north, east, down
+        ("velocity_N", "<f8", 3),  # [m/s]
+        ("q_NB", "<f8", 4),  # attitude B to N, Hamilton, scalar first
+        ("omega_B", "<f8", 3),  # [rad/s]
+        ("gust_B", "<f8", 3),  # [m/s] gust, blowing toward, from this sample to the next
+        ("gust_omega_B", "<f8", 3),  # [rad/s] angular gust
+        ("moment_B", "<f8", 3),  # [N*m] disturbance moment from this sample to the next; in free flight at it
+        ("thrust_z_command", "<f8", (1,)),  # [N] B, z: minus the collective thrust asked of the actuators
+        (
+            "thrust_z",
+            "<f8",
+            (1,),
+        ),  # [N] B, z: minus what the actuators give; on the test stand it only turns the rotors
+        ("rotors", "<f8", 4),  # [N] thrust of each rotor
+        ("wind_N", "<f8", 3),  # [m/s] mean wind, blowing toward
+        ("command_age", "<f8", (1,)),  # [samples] of the command that acts, by its stamp; NaN if none does
+        ("mode", "<f8"),  # autopilot mode, firmware_model.autopilot.modes.Mode
+    ]
+)
+WIDTH = RECORD.itemsize // 8
+_BLOCK = 1 << 16  # records that are read at once
+
+# Where a field starts, counted in numbers.
+_AT = {name: RECORD.fields[name][1] // 8 for name in RECORD.names or ()}  # type: ignore[index]
+TIME, GYRO_B, FORCE_B = _AT["time_us"], _AT["gyro_B"], _AT["specific_force_B"]
+TORQUE_COMMAND, OMEGA_COMMAND, TORQUE_B = _AT["torque_command_B"], _AT["omega_command_B"], _AT["torque_B"]
+POSITION, VELOCITY, Q_NB, OMEGA = _AT["position_N"], _AT["velocity_N"], _AT["q_NB"], _AT["omega_B"]
+GUST, GUST_OMEGA, MOMENT, WIND = _AT["gust_B"], _AT["gust_omega_B"], _AT["moment_B"], _AT["wind_N"]
+THRUST_COMMAND, THRUST, ROTORS = _AT["thrust_z_command"], _AT["thrust_z"], _AT["rotors"]
+
+
+class JournalWriter:
+    """Append records to a new journal file; a context manager that leaves a whole file behind.
+
+    A crash of the process can lose `at_once` records: as many as a second has.
+
+    Raises
+    ------
+    OSError
+        If the file can't be made.
+    RecordingError
+        If the disk is full; what was written before stays readable.
+    """
+
+    def __init__(self, path: Path, header: Mapping[str, Any], at_once: int = 250) -> None:
+        self._file = AppendedFile(path)
+        self._file.write(json.dumps(header, separators=(",", ":")).encode() + b"\n")
+        self._block = np.empty((at_once, WIDTH))
+        self._used = 0
+
+    def append(self, record: NDArray[np.float64]) -> None:
+        """Append one record (WIDTH,)."""
+        self._block[self._used] = record
+        self._used += 1
+        if self._used == len(self._block):
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand all records so far to the operating system."""
+        used, self._used = self._used, 0  # what a full disk has refused once is not tried again
+        self._file.write(self._block[:used].tobytes())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self.flush()
+        finally:
+            self._file.close()
+
+
+def read_journal(path: Path, *, sound: bool = False) -> tuple[dict[str, Any], NDArray[np.void]]:
+    """Return a journal's header and its whole records, (n,) of `RECORD`; a cut-off last record is left out.
+
+    If `sound`, only those up to where time no longer goes on: what a lost disk cache leaves is zeros.
+
+    Raises
+    ------
+    ConfigError
+        If the file can't be read or is not a journal.
+    """
+    header, blocks = None, list[NDArray[np.void]]()
+    try:
+        with open_regular(path) as file:
+            header = parse_json(file.readline(TEXT))
+            while len(block := _read_block(file)):
+                blocks.append(block)
+                if sound and (cut := _end_of_time(blocks)) is not None:
+                    blocks[-1] = block[:cut]
+                    break
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    except ValueError:
+        header = None
+    if not isinstance(header, dict):
+        raise ConfigError(f"{path}: not a journal")
+    return header, np.concatenate(blocks) if blocks else np.empty(0, dtype=RECORD)
+
+
+def _read_block(file: IO[bytes]) -> NDArray[np.void]:
+    content = file.read(_BLOCK * RECORD.itemsize)
+    return np.frombuffer(content, dtype=RECORD, count=len(content) // RECORD.itemsize)
+
+
+def _end_of_time(blocks: Sequence[NDArray[np.void]]) -> int | None:
+    """Return at which record of the last block time no longer goes on, `None` if it does to its end."""
+    before = blocks[-2]["time_us"][-1:] if len(blocks) > 1 else [-np.inf]
+    breaks = np.flatnonzero(~(np.diff(blocks[-1]["time_us"], prepend=before) > 0.0))
+    return int(breaks[0]) if len(breaks) else None
+
+
+def records_in(path: Path) -> int:
+    """Return how many whole records a journal holds that may still grow, or not be there yet."""
+    try:
+        with path.open("rb") as file:
+            header = file.readline()
+            size = os.fstat(file.fileno()).st_size
+    except FileNotFoundError:
+        return 0
+    return (size - len(header)) // RECORD.itemsize if header.endswith(b"\n") else 0

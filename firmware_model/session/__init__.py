@@ -1,0 +1,1 @@
+"""Conduct a flight as a protocol core: pacing, lockstep, link faults, outcome."""

@@ -1,0 +1,294 @@
+"""Faults of the link between vehicle and controller, in model time: what is late, lost, doubled, out of order.
+
+    bandwidth -> loss, burst_loss -> duplication -> delay, jitter -> reordering
+
+A datagram passes the `[[link]]` tables of its direction in this order, whatever theirs is in the file; a table acts on
+what enters from its `start_s` to its `stop_s`. Tables of one kind add up. Only `reordering` lets one overtake another.
+"""
+
+import heapq
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from enum import Enum
+from typing import Annotated, Generic, Literal, Self, TypeVar
+
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
+from pydantic.dataclasses import dataclass
+
+from firmware_model.config.vehicle import NonNegative, Positive
+from firmware_model.numerics.compiled import compiled
+from firmware_model.numerics.elementary import philox
+
+LINK_STREAM = 3
+"""Stream of random numbers; the sample is the number of the datagram in its direction, the block that of the table."""
+_STRICT = ConfigDict(extra="forbid")
+_FOREVER_US = 1 << 62
+_SCALE = 2.0**-32
+
+Item = TypeVar("Item")
+Probability = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class _Fault:
+    direction: Literal["to_controller", "to_vehicle"]
+    """Samples travel to the controller, set-points to the vehicle."""
+    start_s: NonNegative = 0.0
+    """[s] begin."""
+    stop_s: Positive | None = None
+    """[s] end; to the end of the flight by default."""
+
+    @model_validator(mode="after")
+    def _ends_after_it_begins(self) -> Self:
+        if self.stop_s is not None and self.stop_s <= self.start_s:
+            raise ValueError("stop_s must be later than start_s")
+        return self
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Delay(_Fault):
+    """All arrive later by the same time."""
+
+    kind: Literal["delay"]
+    """Names this fault."""
+    delay_s: Positive
+    """[s] from sending to arrival."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Jitter(_Fault):
+    """Each arrives later by a time of its own, uniform in [0, most]; none overtakes another."""
+
+    kind: Literal["jitter"]
+    """Names this fault."""
+    most_s: Positive
+    """[s] the largest."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Loss(_Fault):
+    """Each is lost with the same probability, whatever became of the others."""
+
+    kind: Literal["loss"]
+    """Names this fault."""
+    probability: Probability
+    """[-] of a loss."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class BurstLoss(_Fault):
+    """Loss in bursts: a chain of two states that may change with each datagram, and begins in the good one.
+
+    The share of the bad state is `to_bad / (to_bad + to_good)`, its mean length `1 / to_good` datagrams.
+
+    References
+    ----------
+    E. N. Gilbert, Capacity of a burst-noise channel, Bell System Technical Journal 39, 1960.
+    E. O. Elliott, Estimates of error rates for codes on burst-noise channels, Bell System Technical Journal 42, 1963.
+    """
+
+    kind: Literal["burst_loss"]
+    """Names this fault."""
+    to_bad: Probability
+    """[-] probability that a good state turns bad, at each datagram."""
+    to_good: Probability
+    """[-] probability that a bad state turns good, at each datagram."""
+    loss_in_bad: Probability = 1.0
+    """[-] probability of a loss in the bad state."""
+    loss_in_good: Probability = 0.0
+    """[-] probability of a loss in the good state."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Duplication(_Fault):
+    """Some arrive twice, each copy with a jitter of its own."""
+
+    kind: Literal["duplication"]
+    """Names this fault."""
+    probability: Probability
+    """[-] of a second copy."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Reordering(_Fault):
+    """Some are held back, so that others overtake them."""
+
+    kind: Literal["reordering"]
+    """Names this fault."""
+    probability: Probability
+    """[-] of being held back."""
+    by_s: Positive
+    """[s] for how long."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+class Bandwidth(_Fault):
+    """One is sent after the other, as fast as the rate allows; of those that must wait, too many are lost.
+
+    A sample is 73 bytes, torques are 55, rates and attitudes 51: at 250 Hz that is 146, 110 and 102 kbit/s.
+    """
+
+    kind: Literal["bandwidth"]
+    """Names this fault."""
+    rate_bit_s: Positive
+    """[bit/s] of MAVLink frames."""
+    queue: Annotated[int, Field(ge=0, le=10_000)] = 10
+    """Datagrams that may wait while one is being sent."""
+
+
+LinkFault = Annotated[
+    Delay | Jitter | Loss | BurstLoss | Duplication | Reordering | Bandwidth, Field(discriminator="kind")
+]
+AnyFault = Delay | Jitter | Loss | BurstLoss | Duplication | Reordering | Bandwidth
+
+
+class Passage(Enum):
+    """What became of a datagram, counted; the values are the names of the counters."""
+
+    SENT = "sent"
+    """Entered this direction."""
+    ARRIVED = "arrived"
+    """Came out at the other end."""
+    LOST = "lost"
+    """Was lost by chance, alone or in a burst."""
+    CROWDED_OUT = "crowded_out"
+    """Found no room in the queue."""
+    DOUBLED = "doubled"
+    """Went on as two."""
+    HELD_BACK = "held_back"
+    """Was held back, for others to overtake it."""
+    UNHEARD = "unheard"
+    """Came to a controller that hangs or is dead."""
+    OVERTAKEN = "overtaken"
+    """Came to the vehicle after the answer to a newer sample, and was not flown."""
+
+
+class Line(Generic[Item]):
+    """One direction of a link: `send` in the order of time, `take` what has arrived."""
+
+    def __init__(self, faults: Sequence[AnyFault], direction: str, seed: int) -> None:
+        self.counters: Counter[Passage] = Counter()
+        self._tables = [
+            _Table(fault, seed, number) for number, fault in enumerate(faults) if fault.direction == direction
+        ]
+        self._travelling: list[tuple[int, int, Item]] = []
+        self._order = 0  # tells apart what arrives at the same time
+        self._last_us = 0
+
+    def send(self, item: Item, size: int, now_us: int) -> None:
+        """Let a datagram of `size` bytes enter."""
+        self.counters[Passage.SENT] += 1
+        number = self.counters[Passage.SENT]
+        tables = [table for table in self._tables if table.start_us <= now_us < table.stop_us]
+        sent_us = now_us
+        for table in tables:
+            if isinstance(table.fault, Bandwidth):
+                free_us = table.transmitted_us(table.fault, size, sent_us)
+                if free_us is None:
+                    self.counters[Passage.CROWDED_OUT] += 1
+                    return
+                sent_us = free_us
+        # All of them are asked: a burst goes on, whatever else loses the datagram.
+        if any([table.loses(number) for table in tables]):
+            self.counters[Passage.LOST] += 1
+            return
+        doubled = any(table.strikes(Duplication, number) for table in tables)
+        self.counters[Passage.DOUBLED] += doubled
+        for copy in range(1 + doubled):
+            late_us = sum(table.lateness_us(number, copy) for table in tables)
+            held_us = sum(table.held_us(number, copy) for table in tables)
+            self.counters[Passage.HELD_BACK] += held_us > 0
+            self._last_us = max(sent_us + late_us, self._last_us)
+            self._order += 1
+            heapq.heappush(self._travelling, (self._last_us + held_us, self._order, item))
+
+    @property
+    def next_us(self) -> int:
+        """[us] when the next one arrives; never, if none is on its way."""
+        return self._travelling[0][0] if self._travelling else _FOREVER_US
+
+    def take(self, before_us: int) -> tuple[int, Item] | None:
+        """Return the next one that arrives before a time, after the time [us] of its arrival; `None` if none does."""
+        if self.next_us >= before_us:
+            return None
+        self.counters[Passage.ARRIVED] += 1
+        arrival_us, _, item = heapq.heappop(self._travelling)
+        return arrival_us, item
+
+    def take_all(self, before_us: int) -> Iterator[tuple[int, Item]]:
+        """Yield all that arrive before a time, in the order of arrival."""
+        while (arrived := self.take(before_us)) is not None:
+            yield arrived
+
+    def figures(self) -> dict[str, int]:
+        """Return the counters by name."""
+        return {passage.value: count for passage in Passage if (count := self.counters[passage])}
+
+
+class _Table:
+    """A `[[link]]` table at work: its random numbers, and what it remembers."""
+
+    def __init__(self, fault: AnyFault, seed: int, number: int) -> None:
+        self.fault = fault
+        self.start_us = _us(fault.start_s)
+        self.stop_us = _FOREVER_US if fault.stop_s is None else _us(fault.stop_s)
+        self._seed, self._block = seed, 2 * number
+        self._bad = False
+        self._sent_at_us: deque[int] = deque()
+
+    def transmitted_us(self, fault: Bandwidth, size: int, now_us: int) -> int | None:
+        """Return when a datagram is sent to its last bit; `None` if it finds no room to wait for that."""
+        waiting = self._sent_at_us
+        while waiting and waiting[0] <= now_us:
+            waiting.popleft()
+        if len(waiting) > fault.queue:
+            return None
+        waiting.append((waiting[-1] if waiting else now_us) + round(8e6 * size / fault.rate_bit_s))
+        return waiting[-1]
+
+    def loses(self, number: int) -> bool:
+        """Whether a datagram is lost here."""
+        fault = self.fault
+        if not isinstance(fault, BurstLoss):
+            return self.strikes(Loss, number)
+        change, loss = self._draw(number)
+        self._bad = change >= fault.to_good if self._bad else change < fault.to_bad
+        return loss < (fault.loss_in_bad if self._bad else fault.loss_in_good)
+
+    def strikes(self, kind: type[Loss | Duplication], number: int) -> bool:
+        """Whether a fault of that kind happens here to a datagram."""
+        fault = self.fault
+        return isinstance(fault, kind) and self._draw(number)[0] < fault.probability
+
+    def lateness_us(self, number: int, copy: int) -> int:
+        """Return by how much a copy of a datagram, 0 or 1, is late because of this table."""
+        fault = self.fault
+        if isinstance(fault, Delay):
+            return _us(fault.delay_s)
+        return round(self._draw(number, copy)[0] * fault.most_s * 1e6) if isinstance(fault, Jitter) else 0
+
+    def held_us(self, number: int, copy: int) -> int:
+        """Return for how long a copy of a datagram is held back here."""
+        fault = self.fault
+        if not isinstance(fault, Reordering) or self._draw(number, copy)[0] >= fault.probability:
+            return 0
+        return _us(fault.by_s)
+
+    def _draw(self, number: int, copy: int = 0) -> tuple[float, float]:
+        """Return two uniform numbers in (0, 1) that no other table, datagram or copy has."""
+        return _uniforms(self._seed, number, self._block + copy)
+
+
+@compiled
+def _uniforms(seed: int, sample: int, block: int) -> tuple[float, float]:
+    """Return two independent uniform numbers in (0, 1): a pure function of its arguments, each below 2^32."""
+    a, b, _, _ = philox(
+        (np.uint64(sample), np.uint64(block), np.uint64(0), np.uint64(0)),
+        (np.uint64(seed), np.uint64(LINK_STREAM)),
+    )
+    return (np.float64(a) + 0.5) * _SCALE, (np.float64(b) + 0.5) * _SCALE
+
+
+def _us(seconds: float) -> int:
+    return round(seconds * 1e6)

@@ -1,0 +1,119 @@
+"""What is asked of the actuators under a set-point: by the loops of attitude, height and place, within the limits."""
+
+import math
+
+from firmware_model.autopilot.attitude_loop import Estimate, StabilizerParams, attitude_rates, rate_torque, rest
+from firmware_model.autopilot.position_loop import (
+    Holding,
+    PositionParams,
+    forget_heading,
+    guide,
+    keep_heading,
+    lean,
+    lift,
+    nothing_held,
+    toward,
+)
+from firmware_model.numerics.compiled import kernel
+from firmware_model.numerics.soa import Column, get, get_vector, loader, put, put_vector, storer
+from firmware_model.physics.rigid_body import Body
+from firmware_model.physics.rotors import RotorParams, allocate
+from firmware_model.recording import journal
+from firmware_model.sim import layout
+from firmware_model.sim.state import WEIGHT, X_BODY, X_ESTIMATE, X_HOLDING, X_LOAD
+from firmware_model.types import Quaternion, Vector
+
+# What a set-point asks for: its first number; the others follow.
+TRIM, TORQUE, RATES, ATTITUDE, LEVEL, GUIDANCE, OFF = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
+SETPOINT = 9
+"""Length of a set-point: kind; then torque fractions (3), or rates (3) [rad/s], or q_NB (4) and rates (3), or position
+(3) [m] N, yaw [rad] and v_down [m/s] or NaN; and at `THRUST`, a fraction of the largest, NaN to hold the height."""
+THRUST = 8
+_TOUCH = 0.1  # [-] of the weight on the ground, from which on a descent has touched it
+_TOUCHING_THRUST = 0.3  # [-] of the weight
+
+_load_position_params, _load_rotor_params = loader(PositionParams), loader(RotorParams)
+_load_stabilizer_params, _load_body = loader(StabilizerParams), loader(Body)
+_load_estimate, _store_estimate = loader(Estimate), storer(Estimate)
+_load_holding, _store_holding = loader(Holding), storer(Holding)
+
+
+@kernel
+def command(params: Column, state: Column, free: bool, kind: float, setpoint: Column, record: Column) -> None:
+    """Write to `record` what is asked of the actuators under a set-point of that kind, and move the loops on."""
+    touches = (
+        kind == GUIDANCE and not math.isnan(get(setpoint, 5)) and get(state, X_LOAD) > _TOUCH * get(params, WEIGHT)
+    )
+    q_NB, thrust = _aim(params, state, free, kind, setpoint, touches)
+    torque = _track(params, state, kind, setpoint, q_NB, touches, record)
+    if free:
+        torque, thrust = allocate(_load_rotor_params(params, layout.ROTORS), torque, thrust)
+    put_vector(record, journal.TORQUE_COMMAND, torque)
+    put(record, journal.THRUST_COMMAND, -thrust)
+
+
+@kernel
+def _aim(params: Column, state: Column, free: bool, kind: float, setpoint: Column,
+         touches: bool) -> tuple[Quaternion, float]:  # fmt: skip
+    """Return the attitude to track, if one is, and the thrust [N] to be asked for; on the stand it is the weight.
+
+    Where a descent touches the ground, that gets the better part of the weight and levels the vehicle: loops that went
+    on holding place and attitude against the ground would wind up and throw it over.
+    """
+    q_NB = (1.0, 0.0, 0.0, 0.0)
+    if kind == ATTITUDE:
+        q_NB = (get(setpoint, 1), get(setpoint, 2), get(setpoint, 3), get(setpoint, 4))
+    if kind == OFF:
+        _store_holding(state, X_HOLDING, nothing_held())
+        return q_NB, 0.0
+    if not free:
+        return q_NB, get(params, WEIGHT)
+    gains, body = _load_position_params(params, layout.POSITION), _load_body(state, X_BODY)
+    holding, estimate = _load_holding(state, X_HOLDING), _load_estimate(state, X_ESTIMATE)
+    present_q_NB = (estimate.qw, estimate.qx, estimate.qy, estimate.qz)
+    if touches:
+        holding, q_NB, thrust = nothing_held(), present_q_NB, _TOUCHING_THRUST * get(params, WEIGHT)
+    elif kind == GUIDANCE:
+        holding, acceleration, thrust = guide(gains, holding, body, get_vector(setpoint, 1), get(setpoint, 5))
+        q_NB = lean(acceleration, toward(present_q_NB, get(setpoint, 4)))
+    else:
+        holding, thrust = lift(gains, holding, body, 4.0 * get(params, layout.ROTORS) * get(setpoint, THRUST))
+        if kind == LEVEL:
+            holding = keep_heading(holding, present_q_NB)
+            q_NB = lean((0.0, 0.0, 0.0), toward(present_q_NB, holding.yaw))
+        else:
+            holding = forget_heading(holding)
+    _store_holding(state, X_HOLDING, holding)
+    return q_NB, thrust
+
+
+@kernel
+def _track(params: Column, state: Column, kind: float, setpoint: Column, target_q_NB: Quaternion, touches: bool,
+           record: Column) -> Vector:  # fmt: skip
+    """Return the torque [N*m] B that is asked for, and write the rates that are."""
+    stabilizer = _load_stabilizer_params(params, layout.STABILIZER)
+    estimate = _load_estimate(state, X_ESTIMATE)
+    rates = (math.nan, math.nan, math.nan)
+    torque = (0.0, 0.0, 0.0)
+    if kind == TORQUE:
+        share = get_vector(setpoint, 1)
+        torque = (
+            share[0] * stabilizer.limit_roll,
+            share[1] * stabilizer.limit_pitch,
+            share[2] * stabilizer.limit_yaw,
+        )
+        estimate = rest(estimate)
+    elif kind == RATES:
+        rates = get_vector(setpoint, 1)
+        estimate, torque = rate_torque(stabilizer, estimate, rates)
+    elif kind == OFF:
+        estimate = rest(estimate)
+    elif kind != TRIM:
+        turn = attitude_rates(stabilizer, estimate, target_q_NB)
+        estimate = rest(estimate) if touches else estimate
+        ahead = get_vector(setpoint, 5) if kind == ATTITUDE else (0.0, 0.0, 0.0)
+        rates = (turn[0] + ahead[0], turn[1] + ahead[1], turn[2] + ahead[2])
+        estimate, torque = rate_torque(stabilizer, estimate, rates)
+    _store_estimate(state, X_ESTIMATE, estimate)
+    put_vector(record, journal.OMEGA_COMMAND, rates)
+    return torque

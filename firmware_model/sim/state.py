@@ -1,0 +1,242 @@
+"""What a flight computes with: the constants and the state of vehicle, air and on-board loops, packed into arrays."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.autopilot.attitude_loop import Estimate, StabilizerParams, stabilizer_params
+from firmware_model.autopilot.position_loop import Holding, PositionParams, nothing_held, position_params
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
+from firmware_model.config.wind import Dryden
+from firmware_model.numerics.compiled import compiled
+from firmware_model.numerics.elementary import normals
+from firmware_model.numerics.rotations import from_euler
+from firmware_model.numerics.soa import starts
+from firmware_model.physics.actuators import ActuatorParams
+from firmware_model.physics.aerodynamics import AirParams, air_params
+from firmware_model.physics.disturbances import replayed, waves
+from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_filters, dryden_spectrum
+from firmware_model.physics.ground import GroundParams, ground_params, standing_height
+from firmware_model.physics.mean_wind import MeanWindParams, mean_wind_params
+from firmware_model.physics.rigid_body import Body, BodyParams, body_params
+from firmware_model.physics.rotors import RotorParams, rotor_params
+from firmware_model.physics.sensors import AccelerometerParams, GyroParams
+from firmware_model.sim.fault_schedule import Plant, first_plant, later_plants
+from firmware_model.types import Quaternion, Vector
+
+Array = NDArray[np.float64]
+
+# One stream of random numbers for each purpose, so that a new sensor leaves every gust as it was; the link has 3.
+GUST_STREAM, GYRO_STREAM, ACCELEROMETER_STREAM = 1, 2, 4
+
+# Where each NamedTuple starts among the constants, then single numbers; and in the state.
+BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUATORS, ACCELEROMETER, _SINGLE = starts(
+    [
+        BodyParams,
+        DrydenParams,
+        GyroParams,
+        StabilizerParams,
+        PositionParams,
+        RotorParams,
+        AirParams,
+        GroundParams,
+        MeanWindParams,
+        ActuatorParams,
+        AccelerometerParams,
+    ]
+)
+FREE, STEPS, GUST_SCALE, WEIGHT = _SINGLE, _SINGLE + 1, _SINGLE + 2, _SINGLE + 3
+X_BODY, X_DRYDEN, X_ESTIMATE, X_HOLDING, X_LOAD = starts([Body, DrydenState, Estimate, Holding])
+X_DIRECT, X_CHANGE = X_LOAD + 1, X_LOAD + 4
+
+
+class Start(NamedTuple):
+    """What of a world is the vehicle's own; gusts and moments of formulas and tables are of the scenario alone."""
+
+    params: Array
+    """(n,) constants, each NamedTuple in a row with its own units."""
+    state: Array
+    """(n,) body, air and on-board loop, each NamedTuple in a row with its own units."""
+    changes: Array
+    """(n, 3) what events change: sample, place among the constants, value from then on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class World:
+    """Everything that a flight computes with, as arrays that the kernels take."""
+
+    params: Array
+    """(n,) constants, see `Start`."""
+    state: Array
+    """(n,) state, see `Start`; moved on by the kernels."""
+    waves: Array
+    """(n, WAVE) gusts and direct moments of a formula, see `disturbances`; units there."""
+    replay: Array
+    """(samples or 0, 3 * TARGETS) replayed gusts [m/s] and direct moments [N*m], see `disturbances`."""
+    changes: Array
+    """(n, 3) what events change, see `Start`."""
+    seed: int
+    """Seed of all that is random."""
+    vehicle: Vehicle
+    """What the constants were made from."""
+    gust_scale: float
+    """[-] the scenario's."""
+    dt: float
+    """[s] from sample to sample."""
+
+    def set_gust_scale(self, scale: float) -> None:
+        """Make all gusts from now on `scale` times what the scenario says; the mean wind stays."""
+        self.params[GUST_SCALE] = self.gust_scale * scale
+
+    def set_stabilizer(self, gains: Stabilizer) -> None:
+        """Change the gains of the attitude and rate loops."""
+        self.params[STABILIZER:POSITION] = stabilizer_params(self.vehicle, gains, self.dt)
+
+    def set_position_loop(self, gains: PositionLoop) -> None:
+        """Change gains and limits of the height and position loops."""
+        self.params[POSITION:ROTORS] = position_params(self.vehicle, gains, self.dt)
+
+
+def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> World:
+    """Return a vehicle at rest in the scenario's attitude and height, in trimmed hover, in stationary air.
+
+    A `standing` one has its motors off; it stands level on the ground, or is clamped on the test stand.
+
+    Raises
+    ------
+    ValueError
+        If the seed is not in [0, 2^32).
+    """
+    params, state, changes = start(vehicle, scenario, seed, standing=standing)
+    return World(
+        params=params,
+        state=state,
+        waves=waves(scenario),
+        replay=replayed(scenario),
+        changes=changes,
+        seed=seed,
+        vehicle=vehicle,
+        gust_scale=scenario.gust_scale,
+        dt=scenario.dt,
+    )
+
+
+def start(
+    vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False,
+    gust_scale: float | None = None, attitude_deg: Vector | None = None,
+) -> Start:  # fmt: skip
+    """Return what `new_world` begins with of the vehicle's own.
+
+    `gust_scale` and `attitude_deg` stand for the scenario's `gust_scale` and `initial_attitude_deg`.
+
+    Raises
+    ------
+    ValueError
+        If the seed is not in [0, 2^32).
+    """
+    if not 0 <= seed < 2**32:
+        raise ValueError(f"seed is {seed}, must be in [0, 2^32)")
+    dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
+    dryden_params, dryden_state = _air(vehicle, scenario, dryden, seed)
+    grounded = standing and scenario.free
+    phi, theta, psi = scenario.initial_attitude_deg if attitude_deg is None else attitude_deg
+    q_NB = _pose(0.0, 0.0, 0.0) if grounded else _pose(math.radians(phi), math.radians(theta), math.radians(psi))
+    estimate = Estimate(*q_NB, *[0.0] * 9)
+    height = standing_height(vehicle) if grounded else scenario.altitude_m
+    thrust = 0.0 if standing else vehicle.mass * GRAVITY
+    body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, *q_NB, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, thrust)
+    scale = scenario.gust_scale if gust_scale is None else gust_scale
+    return Start(
+        params=_params(vehicle, scenario, dryden_params, scale),
+        state=np.array([*body, *dryden_state, *estimate, *nothing_held(), *[0.0] * 5]),
+        changes=_changes(vehicle, scenario),
+    )
+
+
+def _params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams, gust_scale: float) -> Array:
+    return np.array(
+        [
+            *body_params(vehicle, free=scenario.free),
+            *dryden_params,
+            *_gyro_params(first_plant(vehicle, scenario), scenario),
+            *stabilizer_params(vehicle, vehicle.stabilizer, scenario.dt),
+            *position_params(vehicle, vehicle.position, scenario.dt),
+            *rotor_params(vehicle),
+            *air_params(vehicle),
+            *ground_params(vehicle),
+            *mean_wind_params(scenario.wind),
+            *ActuatorParams(),
+            *_accelerometer_params(vehicle, scenario),
+            scenario.free,
+            scenario.physics_rate_hz // scenario.control_rate_hz,
+            gust_scale,
+            vehicle.mass * GRAVITY,
+        ],
+        dtype=np.float64,
+    )
+
+
+def _changes(vehicle: Vehicle, scenario: Scenario) -> Array:
+    """Return a row for each constant that an event changes."""
+    turns = list(later_plants(vehicle, scenario))
+    if not turns:
+        return np.empty((0, 3))
+    rows: list[tuple[int, int, float]] = []
+    before = _changeable(first_plant(vehicle, scenario), scenario)
+    for sample, plant in turns:
+        now = _changeable(plant, scenario)
+        rows += [(sample, at, value) for at, value in now.items() if value != before[at]]
+        before = now
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def _changeable(plant: Plant, scenario: Scenario) -> dict[int, float]:
+    """Return the constants that events may change by their place.
+
+    Springs of the feet, hover thrust and all gains stay: they are of the vehicle that was built.
+    """
+    weight = GROUND + GroundParams._fields.index("weight")
+    body, gyro = body_params(plant.vehicle, free=scenario.free), _gyro_params(plant, scenario)
+    rows = [(BODY, body), (GYRO, gyro), (ACTUATORS, plant.actuators), (weight, (plant.vehicle.mass * GRAVITY,))]
+    return {start + i: value for start, row in rows for i, value in enumerate(row)}
+
+
+def _gyro_params(plant: Plant, scenario: Scenario) -> GyroParams:
+    """Noise is stated for 250 Hz; as a density it grows with the root of the sample rate."""
+    instrument = plant.vehicle.gyro
+    ratio = instrument.noise_ratio * math.sqrt(scenario.control_rate_hz / 250.0) * plant.noise
+    steady = instrument.noise_model is NoiseModel.CONSTANT
+    b_x, b_y, b_z = (b + fault for b, fault in zip(instrument.bias_B, plant.bias, strict=True))
+    sigma = ratio * instrument.reference_rate if steady else 0.0
+    return GyroParams(sigma, 0.0 if steady else ratio, b_x, b_y, b_z, instrument.range, *plant.drift, plant.since_s)
+
+
+def _accelerometer_params(vehicle: Vehicle, scenario: Scenario) -> AccelerometerParams:
+    instrument, fault = vehicle.accelerometer, scenario.accelerometer
+    sigma = instrument.noise_density * math.sqrt(0.5 * scenario.control_rate_hz) if fault.noise else 0.0
+    b_x, b_y, b_z = (b + extra for b, extra in zip(instrument.bias_B, fault.bias_mps2, strict=True))
+    return AccelerometerParams(sigma, b_x, b_y, b_z, instrument.range)
+
+
+def _air(vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int) -> tuple[DrydenParams, DrydenState]:
+    if dryden is None:
+        return DrydenParams(*[0.0] * len(DrydenParams._fields)), DrydenState(*[0.0] * 8)
+    spectrum = dryden_spectrum(dryden, scenario.altitude_m, vehicle.span)
+    params, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
+    # Blocks 0 and 1 of sample 0 drive its step, 2 and 3 are its initial state.
+    draw = np.array([*_normals(seed, GUST_STREAM, 0, 2), *_normals(seed, GUST_STREAM, 0, 3)])
+    return params, DrydenState(*(factor @ draw).tolist())
+
+
+@compiled
+def _pose(phi: float, theta: float, psi: float) -> Quaternion:
+    return from_euler(phi, theta, psi)
+
+
+@compiled
+def _normals(seed: int, stream: int, sample: int, block: int) -> tuple[float, float, float, float]:
+    return normals(seed, stream, sample, block)

@@ -1,0 +1,268 @@
+"""One sample of the world: the air and the sensors at the sample rate, the rigid body at the physics rate.
+
+The gust is sampled with the gyro and held from sample to sample, so that one journal record holds all that acted.
+"""
+
+from typing import Any
+
+from firmware_model.autopilot.attitude_loop import Estimate, StabilizerParams, aligned, heard, set_attitude, strapdown
+from firmware_model.numerics.compiled import compiled, kernel
+from firmware_model.numerics.elementary import normals
+from firmware_model.numerics.rotations import conjugate, rotate
+from firmware_model.numerics.soa import Column, alone, get, get_vector, loader, put, put_vector, storer
+from firmware_model.physics import aerodynamics, rigid_body
+from firmware_model.physics.actuators import ActuatorParams, given
+from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams
+from firmware_model.physics.disturbances import Disturbance, disturbance
+from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
+from firmware_model.physics.ground import GroundParams, may_touch
+from firmware_model.physics.mean_wind import MeanWindParams, mean_wind
+from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, still
+from firmware_model.physics.rotors import Four, RotorParams, allocate, rotor_thrusts
+from firmware_model.physics.sensors import AccelerometerParams, GyroParams, accelerometer, gyro
+from firmware_model.recording import journal
+from firmware_model.sim import layout
+from firmware_model.sim.inner_loop import OFF, command
+from firmware_model.sim.state import (
+    ACCELEROMETER_STREAM,
+    FREE,
+    GUST_SCALE,
+    GUST_STREAM,
+    GYRO_STREAM,
+    STEPS,
+    X_BODY,
+    X_CHANGE,
+    X_DIRECT,
+    X_DRYDEN,
+    X_ESTIMATE,
+    X_LOAD,
+    Array,
+)
+from firmware_model.types import Quaternion, Vector
+
+_load_body_params, _load_dryden_params = loader(BodyParams), loader(DrydenParams)
+_load_gyro_params, _load_stabilizer_params = loader(GyroParams), loader(StabilizerParams)
+_load_rotor_params = loader(RotorParams)
+_load_air_params, _load_ground_params = loader(AirParams), loader(GroundParams)
+_load_mean_wind_params, _load_actuator_params = loader(MeanWindParams), loader(ActuatorParams)
+_load_accelerometer_params = loader(AccelerometerParams)
+_load_body, _load_dryden = loader(Body), loader(DrydenState)
+_load_estimate, _store_estimate = loader(Estimate), storer(Estimate)
+_store_body, _store_dryden = storer(Body), storer(DrydenState)
+
+
+@kernel
+def observe_kernel(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seed: int, sample: int,
+                   sample_us: int, record: Array) -> None:  # fmt: skip
+    """Write to `record` the truth at a sample, what acts from it on, and what the sensors measure."""
+    one, x = alone(params), alone(state)
+    change(params, x, changes, sample)
+    time_us = sample * sample_us
+    scripted, free = disturbance(waves, replay, sample, time_us * 1e-6), get(one, FREE) != 0.0
+    turning, felt = normals(seed, GYRO_STREAM, sample, 0), normals(seed, ACCELEROMETER_STREAM, sample, 0)
+    sense(one, x, free, True, True, scripted, turning, felt, time_us, alone(record))
+    _write_rotors(one, x, free, alone(record))
+
+
+@kernel
+def advance_kernel(params: Array, state: Array, seed: int, sample: int, sample_us: int, setpoint: Array,
+                   record: Array) -> None:  # fmt: skip
+    """Move the world from a sample to the next under `setpoint`, and write to `record` what was commanded."""
+    one, x, row = alone(params), alone(state), alone(record)
+    kind, free, steps = setpoint[0], get(one, FREE) != 0.0, int(get(one, STEPS))
+    dt = sample_us * 1e-6 / steps
+    command(one, x, free, kind, alone(setpoint), row)
+    start = _load_body(x, X_BODY)
+    body = start
+    for _ in range(steps):
+        body = moved(one, x, free, True, body, dt, row)
+    if kind == OFF and not free:
+        body = still(start, body)
+        _store_estimate(x, X_ESTIMATE, set_attitude(_load_estimate(x, X_ESTIMATE), _q_NB(body)))
+    _store_body(x, X_BODY, body)
+    breathe(one, x, normals(seed, GUST_STREAM, sample, 0), normals(seed, GUST_STREAM, sample, 1))
+
+
+@kernel
+def change(params: Array, state: Column, changes: Array, sample: int) -> None:
+    """Change the constants that events change at a sample, or have changed since the last one that was observed."""
+    i = int(get(state, X_CHANGE))
+    while i < changes.shape[0] and changes[i, 0] <= sample:
+        params[int(changes[i, 1])] = changes[i, 2]
+        i += 1
+    put(state, X_CHANGE, i)
+
+
+@kernel
+def sense(params: Column, state: Column, free: bool, low: bool, whole: bool, scripted: Disturbance, turning: Four,
+          felt: Four, time_us: int, record: Column) -> None:  # fmt: skip
+    """Write to `record` all that `observe_kernel` does but the rotors; the sensors get standard normal numbers.
+
+    What acts under torques or rates, and what figures are measured by, needs neither on-board attitude nor what is only
+    recorded, and of a held vehicle no wind: without the `whole` these are left out. Of a vehicle that is not `low` the
+    ground is not asked about.
+    """
+    body, time = _load_body(state, X_BODY), time_us * 1e-6
+    direct = _write_air(params, state, whole or free, scripted, record)
+    force, moment, load = _felt(params, body, free, low, direct, record)
+    rate = gyro(_load_gyro_params(params, layout.GYRO), (body.p, body.q, body.r), turning, time)
+    put_vector(record, journal.GYRO_B, rate)
+    put_vector(
+        record, journal.FORCE_B, accelerometer(_load_accelerometer_params(params, layout.ACCELEROMETER), force, felt)
+    )
+    put_vector(record, journal.MOMENT, (moment[0] + direct[0], moment[1] + direct[1], moment[2] + direct[2]))
+    put_vector(record, journal.OMEGA, (body.p, body.q, body.r))
+    _put_four(record, journal.Q_NB, _q_NB(body))
+    stabilizer = _load_stabilizer_params(params, layout.STABILIZER)
+    estimate = _load_estimate(state, X_ESTIMATE)
+    estimate = strapdown(stabilizer, estimate, rate) if whole else heard(stabilizer, estimate, rate)
+    if free and whole:
+        estimate = aligned(stabilizer, estimate, _q_NB(body))
+    _store_estimate(state, X_ESTIMATE, estimate)
+    if whole or free:
+        put_vector(state, X_DIRECT, direct)
+        put_vector(record, journal.POSITION, (body.north, body.east, body.down))
+    if whole:
+        put(state, X_LOAD, load)
+        put(record, journal.TIME, time_us)
+        put_vector(record, journal.VELOCITY, (body.v_north, body.v_east, body.v_down))
+        put_vector(record, journal.TORQUE_B, (body.roll, body.pitch, body.yaw))
+        put(record, journal.THRUST, -body.thrust)
+
+
+@kernel
+def _q_NB(body: Body) -> Quaternion:
+    return body.qw, body.qx, body.qy, body.qz
+
+
+@kernel
+def _put_four(column: Column, row: int, value: Quaternion) -> None:
+    for i in range(4):
+        put(column, row + i, value[i])
+
+
+@kernel
+def _free_params(params: Column) -> FreeParams:
+    return FreeParams(
+        _load_body_params(params, layout.BODY),
+        _load_air_params(params, layout.AIR),
+        _load_ground_params(params, layout.GROUND),
+    )
+
+
+@kernel
+def _write_air(params: Column, state: Column, windy: bool, scripted: Disturbance, record: Column) -> Vector:
+    """Write gust and wind, and return the direct moment [N*m] B; what is scripted in N is turned into B."""
+    body = _load_body(state, X_BODY)
+    gust_B, gust_N, moment_B, moment_N = scripted
+    to_B = conjugate(_q_NB(body))
+    turned, turned_moment = rotate(to_B, gust_N), rotate(to_B, moment_N)
+    turbulence, turning = dryden_gust(_load_dryden_params(params, layout.DRYDEN), _load_dryden(state, X_DRYDEN))
+    scale = get(params, GUST_SCALE)
+    for i in range(3):
+        put(record, journal.GUST + i, scale * (turbulence[i] + gust_B[i] + turned[i]))
+        put(record, journal.GUST_OMEGA + i, scale * turning[i])
+    if windy:
+        put_vector(record, journal.WIND, mean_wind(_load_mean_wind_params(params, layout.MEAN_WIND), -body.down))
+    return moment_B[0] + turned_moment[0], moment_B[1] + turned_moment[1], moment_B[2] + turned_moment[2]
+
+
+@kernel
+def _felt(
+    params: Column, body: Body, free: bool, low: bool, direct: Vector, record: Column
+) -> tuple[Vector, Vector, float]:
+    """Return specific force [m/s^2] B, the air's moment [N*m] B, and the load that the ground carries [N]."""
+    if not free:
+        nothing = BodyInputs(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        force = rigid_body.specific_force(_load_body_params(params, layout.BODY), body, nothing)
+        air_params = _load_air_params(params, layout.AIR)
+        return (
+            force,
+            gust_moment(air_params.gust_gain, air_params.gust_yaw_ratio, get_vector(record, journal.GUST)),
+            0.0,
+        )
+    return aerodynamics.felt(
+        _free_params(params), body, FreeInputs(_acting(record, direct, (0.0, 0.0, 0.0), 0.0), _air(record), low)
+    )
+
+
+@kernel
+def _acting(record: Column, moment: Vector, torque: Vector, thrust: float) -> BodyInputs:
+    """Return what acts on the body from the record's sample on, under commands [N*m] B and [N]."""
+    p_gust, q_gust, r_gust = get_vector(record, journal.GUST_OMEGA)
+    return BodyInputs(
+        torque[0], torque[1], torque[2], moment[0], moment[1], moment[2], p_gust, q_gust, r_gust, 0.0, 0.0, 0.0, thrust
+    )
+
+
+@kernel
+def _air(record: Column) -> Air:
+    u, v, w = get_vector(record, journal.GUST)
+    north, east, down = get_vector(record, journal.WIND)
+    return Air(u, v, w, north, east, down)
+
+
+@kernel
+def _write_rotors(params: Column, state: Column, free: bool, record: Column) -> None:
+    """Write what the rotors give; on the stand that is what the allocation makes of the torques at that thrust."""
+    body = _load_body(state, X_BODY)
+    torque = (body.roll, body.pitch, body.yaw)
+    rotors = _load_rotor_params(params, layout.ROTORS)
+    thrust = body.thrust
+    if not free:
+        torque, thrust = allocate(rotors, torque, thrust)
+    _put_four(record, journal.ROTORS, rotor_thrusts(rotors, torque, thrust))
+
+
+@kernel
+def moved(params: Column, state: Column, free: bool, low: bool, body: Body, dt: float, record: Column) -> Body:
+    """Return the body after a step of `dt` [s] under what acts and is asked for at the record's sample.
+
+    Of a vehicle that is not `low` the ground is not asked about.
+    """
+    torque = given(_load_actuator_params(params, layout.ACTUATORS), get_vector(record, journal.TORQUE_COMMAND))
+    thrust = -get(record, journal.THRUST_COMMAND)
+    if free:
+        inputs = FreeInputs(_acting(record, get_vector(state, X_DIRECT), torque, thrust), _air(record), low)
+        return aerodynamics.step(_free_params(params), body, inputs, dt)
+    held = _acting(record, get_vector(record, journal.MOMENT), torque, thrust)
+    return rigid_body.turn(_load_body_params(params, layout.BODY), body, held, dt)
+
+
+@kernel
+def move(params: Column, state: Column, free: bool, low: bool, dt: float, record: Column) -> None:
+    """Move the body by one step, see `moved`."""
+    _store_body(state, X_BODY, moved(params, state, free, low, _load_body(state, X_BODY), dt, record))
+
+
+@kernel
+def nears_ground(params: Column, state: Column, dt: float) -> bool:
+    """Whether a vehicle in free flight may touch the ground within a step of `dt` [s]."""
+    return may_touch(_load_ground_params(params, layout.GROUND), _load_body(state, X_BODY), dt)
+
+
+@kernel
+def breathe(params: Column, state: Column, a: Four, b: Four) -> None:
+    """Move the turbulence to the next sample for eight standard normal numbers."""
+    noise = (a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3])
+    air = dryden_step(_load_dryden_params(params, layout.DRYDEN), _load_dryden(state, X_DRYDEN), noise)
+    _store_dryden(state, X_DRYDEN, air)
+
+
+@compiled
+def observe(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seed: int, sample: int,
+            sample_us: int, record: Array) -> None:  # fmt: skip
+    """Write a sample to `record`, see `observe_kernel`; to be called once a sample."""
+    observe_kernel(params, state, waves, replay, changes, seed, sample, sample_us, record)
+
+
+@compiled
+def advance(params: Array, state: Array, seed: int, sample: int, sample_us: int, setpoint: Array,
+            record: Array) -> None:  # fmt: skip
+    """Move the world from a sample to the next, see `advance_kernel`."""
+    advance_kernel(params, state, seed, sample, sample_us, setpoint, record)
+
+
+def estimate_q_NB(state: Array) -> Any:
+    """Return the on-board strapdown attitude (4,) of a world's state."""
+    return state[X_ESTIMATE : X_ESTIMATE + 4]

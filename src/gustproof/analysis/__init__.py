@@ -1,0 +1,1 @@
+"""Judge a law on a vehicle: margins, robustness, limits, responses."""

@@ -1,0 +1,54 @@
+"""Margins that a flying law has at hover: the law as it flies, sampled and late, on the vehicle's linear model."""
+
+import math
+from dataclasses import dataclass
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from gustproof.analysis.robustness import robust_stability
+from gustproof.certify.sweep import Bracket
+from gustproof.falsify.worst_case import Spreads
+from gustproof.law.form import Law
+from gustproof.law.hover import hover_plant, is_stable_at_hover, loop_law
+from gustproof.lti.margins import margins
+
+SPREADS = Spreads(inertia=0.2, actuator_lag=0.3)
+"""How far a vehicle may be off, for which `off_nominal` is stated."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HoverMargins:
+    """The worst of roll, pitch and yaw, with the loop cut at the plant's input and the other axes closed."""
+
+    Ms: float
+    """[-] largest sensitivity."""
+    phase_margin_deg: float
+    """[deg] least change of phase that destabilises."""
+    delay_margin: float
+    """[s] least additional delay that destabilises."""
+
+
+def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargins | None:
+    """Return the margins of a torque law at the sample time and delay of `scenario`; `None` for an unstable loop.
+
+    So for a law of rates: what it drives is the autopilot's own loop, whose margins are not those of the law.
+    """
+    if not is_stable_at_hover(law, vehicle, scenario):
+        return None
+    axes = margins(hover_plant(vehicle, scenario, levelled=law.feels_force), loop_law(law)).input
+    return HoverMargins(
+        Ms=max(axis.Ms for axis in axes),
+        phase_margin_deg=math.degrees(min(axis.phase_margin for axis in axes)),
+        delay_margin=min(axis.delay_margin for axis in axes),
+    )
+
+
+def off_nominal(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[Bracket, ...]:
+    """Return mu of roll, pitch and yaw with inertia and actuator lag off by `SPREADS`: stable up to 1 / mu times that.
+
+    Empty for a law that is not three loops of one gyro each.
+    """
+    try:
+        return tuple(robust_stability(law, vehicle, scenario, SPREADS, axis) for axis in range(3))
+    except ValueError:
+        return ()

@@ -1,0 +1,155 @@
+"""What is possible in turbulence, and how far each law is from it: limits and places, in degrees."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.config.wind import Dryden
+from gustproof.analysis.law_margins import HoverMargins
+from gustproof.errors import DesignError
+from gustproof.law.form import Law
+from gustproof.performance.covariance import axis_models
+from gustproof.performance.limits import clairvoyant_limit, gyro_limit
+from gustproof.performance.predict import foretell
+from gustproof.performance.tradeoff import LinearLaws, TradeOff, linear_laws
+
+SLEW = 20.0
+"""[N*m/s] rms torque slew at which limits are stated: that of the strong baselines."""
+SLEWS = (10.0, SLEW, 40.0)
+"""[N*m/s] slews of the curves."""
+PEAKS = (1.15, 1.18, 1.22, 1.28, 1.36, 1.45, 1.6, 1.8, 2.0)
+"""[-] sensitivity peaks of the points of each curve."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curve:
+    """Least error of linear laws against the sensitivity peak, at one slew."""
+
+    slew: float
+    """[N*m/s] rms torque slew, of all axes."""
+    Ms: tuple[float, ...]
+    """[-] sensitivity peaks, the worst axis."""
+    rmse_deg: tuple[float, ...]
+    """[deg] least error at each."""
+    any_Ms_deg: float
+    """[deg] least error of any gyro-only law at this slew, whatever its sensitivity."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """Least errors in the turbulence of a scenario, of all flights, over the three axes at once."""
+
+    scenario: str
+    """Name of the scenario."""
+    slew: float
+    """[N*m/s] rms torque slew at which they are stated."""
+    gyro_deg: float
+    """[deg] of any law that measures with gyros, at any margins."""
+    gyro_any_slew_deg: float
+    """[deg] the same with slew for free: the integral of the gyro's noise."""
+    clairvoyant_deg: float
+    """[deg] of any law that knows state and air exactly."""
+    clairvoyant_any_slew_deg: float
+    """[deg] the same with slew for free: what delay and actuator lag leave."""
+    curves: tuple[Curve, ...]
+    """Trade-off with the sensitivity peak."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where a law stands: its price, what is foretold of it, and the least error at the same price."""
+
+    Ms: float
+    """[-] largest sensitivity, the worst axis."""
+    slew: float
+    """[N*m/s] rms torque slew, of all axes, foretold."""
+    rmse_deg: float
+    """[deg] error foretold, of all flights."""
+    least_rmse_deg: float | None
+    """[deg] least error of linear gyro-only laws at this slew and peak; `None` where none was found."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing:
+    """The limits, and where laws stand."""
+
+    limits: Limits
+    """What is possible."""
+    places: Mapping[str, Place | None]
+    """Where each law stands, by name; `None` for a law of rates, which has no torque loop of its own."""
+
+
+def standing(
+    laws: Mapping[str, Law], margins: Mapping[str, HoverMargins | None], vehicle: Vehicle, scenario: Scenario
+) -> Standing:
+    """Return the limits of a vehicle in the scenario's turbulence and the place of each law; takes seconds.
+
+    Raises
+    ------
+    ValueError
+        If the scenario has no Dryden turbulence.
+    DesignError
+        If `SLEW` is too little for any law to hold this vehicle's attitude.
+    """
+    models = axis_models(vehicle, scenario)
+    linear = linear_laws(models, around=SLEW)
+    found = Limits(
+        scenario=scenario.name,
+        slew=SLEW,
+        gyro_deg=math.degrees(gyro_limit(models, SLEW).rmse),
+        gyro_any_slew_deg=math.degrees(gyro_limit(models, math.inf).rmse),
+        clairvoyant_deg=math.degrees(clairvoyant_limit(models, SLEW).rmse),
+        clairvoyant_any_slew_deg=math.degrees(clairvoyant_limit(models, math.inf).rmse),
+        curves=tuple(_curve(linear, slew) for slew in SLEWS),
+    )
+    peaks = {name: None if margin is None else margin.Ms for name, margin in margins.items()}
+    places = {
+        name: None if (Ms := peaks[name]) is None else _place(law, Ms, linear, vehicle, scenario)
+        for name, law in laws.items()
+    }
+    return Standing(limits=found, places=places)
+
+
+def place(law: Law, Ms: float, vehicle: Vehicle, scenario: Scenario) -> Place | None:
+    """Return the place of one law of sensitivity peak `Ms` [-] in the scenario's turbulence, if it has any.
+
+    `None` for a law of rates, without turbulence, and where `SLEW` is too little for any law to hold attitude.
+    """
+    if not any(isinstance(item, Dryden) for item in scenario.wind):
+        return None
+    try:
+        return _place(law, Ms, linear_laws(axis_models(vehicle, scenario), around=SLEW), vehicle, scenario)
+    except DesignError:
+        return None
+
+
+def _place(law: Law, Ms: float, linear: LinearLaws, vehicle: Vehicle, scenario: Scenario) -> Place | None:
+    foretold = foretell(law, vehicle, scenario)
+    if foretold is None:
+        return None
+    least = _least(linear, Ms, foretold.slew) if foretold.slew else None
+    return Place(
+        Ms=Ms,
+        slew=foretold.slew,
+        rmse_deg=math.degrees(foretold.rmse),
+        least_rmse_deg=None if least is None else math.degrees(least.rmse),
+    )
+
+
+def _curve(linear: LinearLaws, slew: float) -> Curve:
+    points = [point for point in (_least(linear, peak, slew) for peak in PEAKS) if point is not None]
+    return Curve(
+        slew=slew,
+        Ms=tuple(point.sensitivity_peak for point in points),
+        rmse_deg=tuple(math.degrees(point.rmse) for point in points),
+        any_Ms_deg=math.degrees(gyro_limit(linear.models, slew).rmse),
+    )
+
+
+def _least(linear: LinearLaws, peak: float, slew: float) -> TradeOff | None:
+    try:
+        return linear.least(peak, slew)
+    except DesignError:
+        return None

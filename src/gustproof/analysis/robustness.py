@@ -1,0 +1,80 @@
+"""What a law's loop is worth where inertia and actuator lag are not the file's: mu and the largest sensitivity peak."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from gustproof.certify.mu import mu
+from gustproof.certify.sweep import Bracket
+from gustproof.certify.worst_gain import worst_gain
+from gustproof.falsify.worst_case import Spreads
+from gustproof.law.form import Law, Matrix, Output
+from gustproof.lti.state_space import Lti
+from gustproof.model.lft import Uncertain, uncertain
+from gustproof.model.sampled_axis import sampled_axis
+
+_BOXES = 8
+"""Boxes of the parameters at most, to bring the two bounds on the peak together."""
+
+
+def robust_stability(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Bracket:
+    """Return mu of constant inertia and lag: the axis is stable at hover up to 1 / mu times `spreads`.
+
+    Raises
+    ------
+    ValueError
+        As `sensitivity`, or if the loop is unstable as in the file.
+    """
+    family = sensitivity(law, vehicle, scenario, spreads, axis)
+    known = family.M.part(slice(0, family.n_z), slice(0, family.n_w))
+    return mu(Uncertain(M=known, blocks=family.blocks))
+
+
+def robust_peak(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Bracket:
+    """Return the largest sensitivity peak [-] of the axis at hover with constant inertia and lag within `spreads`.
+
+    Raises
+    ------
+    ValueError
+        See `robust_stability`.
+    """
+    return worst_gain(sensitivity(law, vehicle, scenario, spreads, axis), boxes=_BOXES)
+
+
+def sensitivity(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Uncertain:
+    """Return the sensitivity at the plant's input of one axis, inertia and lag uncertain.
+
+    Raises
+    ------
+    ValueError
+        If the law couples its axes, feels specific force or commands no torque, or a spread is 0.
+    """
+    loop = uncertain(axis_controller(law, axis)) @ sampled_axis(
+        vehicle, scenario, axis, inertia=spreads.inertia, actuator_lag=spreads.actuator_lag
+    )
+    return (np.eye(1) - loop).inverse()
+
+
+def axis_controller(law: Law, axis: int) -> Lti:
+    """Return the law of one axis from gyro [rad/s] to command [N*m], linear at level attitude.
+
+    Raises
+    ------
+    ValueError
+        If the law couples its axes, feels specific force or commands no torque.
+    """
+    A, B = law.A + law.G @ np.eye(3, law.order, 3), law.B[:, axis]
+    own, others = _reached(A, B), [k for k in range(3) if k != axis]
+    across = (law.C[others][:, own], law.D[others, axis], law.C[axis, ~own], law.D[axis, others])
+    if law.output is not Output.TORQUE or law.feels_force or any(np.any(part) for part in across):
+        raise ValueError(f"law '{law.name}' couples its axes, feels force or commands no torque: no loop of one gyro")
+    return Lti(A=A[np.ix_(own, own)], B=B[own], C=law.C[axis, own], D=law.D[axis, axis], dt=law.dt)
+
+
+def _reached(A: Matrix, B: Matrix) -> NDArray[np.bool_]:
+    """Return which states the input matrix (n,) of one input reaches."""
+    reached: NDArray[np.bool_] = B != 0.0
+    for _ in range(len(B)):
+        reached = reached | np.any(A[:, reached] != 0.0, axis=1)
+    return reached

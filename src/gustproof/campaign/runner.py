@@ -1,0 +1,143 @@
+"""Fly a campaign on a pool of workers, whatever happens to them."""
+
+import json
+from collections import Counter, deque
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from pathlib import Path
+from typing import Any
+
+from gustproof.campaign.executors import Pool
+from gustproof.campaign.plan import Campaign
+from gustproof.campaign.store import Store
+from gustproof.campaign.worker import Flown, Stretch, fly_stretch, lost, ready
+from gustproof.errors import FlightError
+from gustproof.simulate.kernels import LANES
+
+Task = Callable[[str, Stretch], Flown]
+_TASK_S = 1.0  # of work a task: much beside what sending it costs, little to lose
+_LONGEST = 100 * LANES
+_GROWTH = 16  # at most, from a stretch to those after it: a short one tells little of how long runs take
+_DEATHS = 2  # of workers that a run flies alone on, after which it is taken to be the cause
+
+
+def fly_campaign(
+    campaign: Campaign,
+    output: Path,
+    pool: Pool,
+    *,
+    stretch_runs: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    task: Task = fly_stretch,
+) -> None:
+    """Fly all runs that are not flown yet, and write them as one Parquet file, a row a run.
+
+    Tasks are stretches of `stretch_runs` runs, by default about a second of work; the file does not depend on it.
+    `progress` is told how many runs have been flown, and how many there were to fly. A worker that dies costs its task
+    a retry; a run that kills those that fly it is found by halving, and recorded with the reason. `task` is what
+    workers do.
+
+    Raises
+    ------
+    ConfigError
+        If the output can't be written, or its parts are of another campaign.
+    FlightError
+        If the disk is full; what was flown stays.
+    """
+    with Store(output, campaign) as store:
+        _Runner(campaign, store, pool, stretch_runs, progress or (lambda *_: None), task).run()
+        store.finish()
+
+
+class _Runner:
+    """Tasks under way, and those still to come: memory is bounded by the number of the former."""
+
+    def __init__(
+        self, campaign: Campaign, store: Store, pool: Pool, stretch_runs: int | None,
+        progress: Callable[[int, int], None], task: Task,
+    ) -> None:  # fmt: skip
+        self._campaign, self._store, self._pool, self._task = campaign, store, pool, task
+        self._note, self._progress = json.dumps(campaign.note()), progress
+        self._fixed = stretch_runs is not None
+        self._least = 1 if campaign.scenario.scripts_controller else LANES  # fewer take as long
+        self._size = stretch_runs or self._least
+        self._waiting = deque(store.missing())
+        self._under_way: dict[Future[Flown], Stretch] = {}
+        self._suspects: deque[Stretch] = deque()  # were under way when a worker died
+        self._on_trial = False  # a suspect flies alone
+        self._deaths: Counter[Stretch] = Counter()
+        self._to_fly, self._flown = campaign.runs - store.flown, 0
+
+    def run(self) -> None:
+        self._progress(0, self._to_fly)
+        while self._waiting or self._suspects or self._under_way:
+            self._keep_busy()
+            done, _ = wait(self._under_way, return_when=FIRST_COMPLETED)
+            for future in done:
+                self._take(self._under_way.pop(future), future)
+
+    def _keep_busy(self) -> None:
+        """Submit what may fly now: suspects one at a time, each alone, so that it is clear who kills."""
+        if not self._under_way:
+            self._on_trial = bool(self._suspects)
+        if self._on_trial:
+            if not self._under_way:
+                self._start(self._suspects.popleft())
+        elif not self._suspects:
+            room = self._pool.width - len(self._under_way)
+            for _ in range(room):
+                if self._waiting and not self._suspects:
+                    self._start(self._next())
+
+    def _start(self, stretch: Stretch) -> None:
+        try:
+            self._under_way[self._pool.submit(self._task, self._note, stretch)] = stretch
+        except self._pool.deaths:
+            self._mourn(stretch)
+
+    def _next(self) -> Stretch:
+        first, count = self._waiting.popleft()
+        if count > self._size:
+            self._waiting.appendleft(Stretch(first + self._size, count - self._size))
+        return Stretch(first, min(count, self._size))
+
+    def _take(self, stretch: Stretch, future: Future[Flown]) -> None:
+        try:
+            flown = future.result()
+        except self._pool.deaths:
+            self._mourn(stretch)
+            return
+        except CancelledError:
+            raise FlightError(f"the cluster is gone; what was flown is in {self._store.folder}") from None
+        self._keep(stretch, flown.table)
+        if not self._fixed:
+            size = min(int(stretch.runs * _TASK_S / flown.wall_s), _GROWTH * stretch.runs, _LONGEST)
+            self._size = max(size - size % self._least, self._least)
+
+    def _keep(self, stretch: Stretch, table: Any) -> None:
+        self._store.add(stretch, table)
+        self._flown += stretch.runs
+        self._progress(self._flown, self._to_fly)
+
+    def _mourn(self, stretch: Stretch) -> None:
+        """See to what was under way when a worker died: fly it again, alone; then in halves, down to the one run."""
+        first, count = stretch
+        if not self._on_trial:
+            self._suspects.append(stretch)
+        elif count > 1:
+            half = count // 2
+            self._suspects.extendleft([Stretch(first + half, count - half), Stretch(first, half)])
+        else:
+            self._deaths[stretch] += 1
+            if self._deaths[stretch] < _DEATHS:
+                self._suspects.appendleft(stretch)
+            else:
+                self._check_pool()
+                self._keep(stretch, lost(self._campaign, stretch, "the worker that flew it died, each time"))
+
+    def _check_pool(self) -> None:
+        """Refuse to blame runs for workers that die whatever they do."""
+        try:
+            self._pool.submit(ready, self._note).result()
+        except self._pool.deaths:
+            raise FlightError("workers die before they fly: out of memory, or not installed alike") from None

@@ -1,0 +1,225 @@
+"""Certified flight of the law that flies: sampled, one sample late, nonlinear, under any moment within a bound.
+
+What limits the part of the moment is the horizon. Without a leak nothing takes an attitude error back, and the bound of
+`(T(E) - T(x0)) x1`, rate times attitude error, is added up without its sign: over a minute the box closes only while
+`horizon * rate` is below about 1/2. In flight that product turns back with the rate, and the error stays far inside.
+"""
+
+import math
+from fractions import Fraction
+from typing import Any
+
+from firmware_model.config.vehicle import Vehicle
+from gustproof.certify.certificate import Certificate
+from gustproof.certify.check import CERTAIN, Refusal, closed
+from gustproof.certify.invariant_box import LONGEST, SIGNALS, Box, Norms, axis_norms, mapped
+from gustproof.falsify.worst_case import worst_case
+from gustproof.law.form import Law, Output
+
+_ROUNDS = 400
+"""Rounds in which a box grows; one that has not settled by then counts as open."""
+_EARLY = 12
+"""Rounds by which the steps of a box that settles have become shorter: what begins at one signal has been all round."""
+_GROWTH = Fraction(1, 10**6)
+"""[-] relative widening of a box in each round, so that it closes with slack."""
+_RELATIVE = Fraction(1, 1000)
+"""[-] how close below the largest part of the moment the search ends."""
+_LEAST = Fraction(1, 1 << 14)
+"""[-] a part of the moment below which the search gives up."""
+_RAREST = 1e-100
+"""[-] least probability of noise beyond its bounds that floating point can still work with."""
+_FLIGHTS = 100
+"""Flights of the search for the lower bound."""
+
+
+def certify_closure(
+    law: Law,
+    vehicle: Vehicle,
+    *,
+    moment: tuple[float, float, float],
+    horizon: float,
+    leak: float = 0.0,
+    noise: float = 0.0,
+    risk: float = 1e-3,
+    flown: bool = True,
+) -> Certificate:
+    """Return a certificate of the largest part of `moment` under which the flight provably stays in a box.
+
+    Nothing is assumed of rho: attitude, rates and estimates are bounded from the moment. The certificate's `gain` is
+    the part, at most 1; its evidence holds the box. Its `lower_bound` is the part of the box's angles that the worst
+    flight reaches which a search under that moment finds: how tight the box is.
+
+    Parameters
+    ----------
+    law
+        Torque law with three states an axis, roll, pitch, yaw in turn (a central controller), scheduled or not.
+    vehicle
+        Airframe; its gyro's noise is not taken, see `noise`.
+    moment
+        (3,) [N*m] B, bound of the disturbance moment about each axis, any function of time: it may even swing in step
+        with the samples and turn the vehicle between them, where the gyro does not look.
+    horizon
+        [s] from rest and level attitude, at most `LONGEST` samples.
+    leak
+        [1/s] of the Euler kinematics; 0 is the true vehicle.
+    noise
+        [rad/s] rms of the white Gaussian noise of a gyro sample.
+    risk
+        [-] probability that the noise leaves its bounds; not used without noise.
+    flown
+        Whether the lower bound is searched, by 100 flights without noise; a vehicle with a leak is none to fly.
+
+    Raises
+    ------
+    ValueError
+        If the law is of another form, or a number is out of range.
+    """
+    if law.order != 9 or law.output is not Output.TORQUE:
+        raise ValueError(
+            f"law '{law.name}' has {law.order} states and commands {law.output.value}: a closure is proved of "
+            "H-infinity laws that command torque with three states an axis, as hinf-d1, hinf-d2 and hinf-scheduled"
+        )
+    if law.feels_force:
+        raise ValueError(f"law '{law.name}' feels specific force, must measure rates alone")
+    if not (all(0.0 <= limit < math.inf for limit in moment) and max(moment) > 0.0):
+        raise ValueError(f"moment is {moment}, must be positive")
+    if not _RAREST <= risk < 1.0:
+        raise ValueError(f"risk is {risk}, must be a probability, {_RAREST} or more")
+    if not (0.0 <= leak < math.inf and 0.0 <= noise < math.inf):
+        raise ValueError(f"leak is {leak} and noise {noise}, must not be negative")
+    if not law.dt <= horizon <= LONGEST * law.dt:
+        raise ValueError(
+            f"horizon is {horizon:g} s, must be positive, from {law.dt:g} to {LONGEST * law.dt:g} s: all is simulated"
+        )
+    samples = math.ceil(horizon / law.dt)
+    count = 3 * (len(SIGNALS) + 3) * (samples + 1)
+    evidence: dict[str, Any] = {
+        "kind": "closure",
+        "vehicle": {
+            "inertia_B": list(vehicle.inertia_B),
+            "rate_damping": vehicle.rate_damping,
+            "actuator_lag": vehicle.actuator_lag,
+        },
+        "leak": leak,
+        "law": {
+            **{name: getattr(law, name).tolist() for name in "ACG"},
+            **{name: getattr(law, name)[:, :3].tolist() for name in "BD"},
+            "dt": law.dt,
+            "limits": law.limits.tolist(),
+        },
+        "samples": samples,
+        "moment": list(moment),
+        "noise": noise,
+        "risk": risk,
+        "deviations": math.sqrt(2.0 * math.log(count / risk)) + 1e-6,
+        "box": [],
+    }
+    norms = [axis_norms(evidence, axis) for axis in range(3)]
+    level, box = _largest(evidence, norms)
+    evidence["box"] = [[float(value) for value in row] for row in box]
+    proven = bool(box) and _closes(level, evidence, norms)
+    searched = proven and flown and leak == 0.0 and min(moment) > 0.0
+    return Certificate(
+        statement=_statement(law, level, moment, horizon, box) if proven else "no part of the moment is covered",
+        gain=float(level) if proven else None,
+        lower_bound=_reached(law, vehicle, [float(level) * limit for limit in moment], horizon, box)
+        if searched
+        else 0.0,
+        proven=proven,
+        assumes=_assumptions(law, moment, horizon, leak, noise, risk),
+        evidence=evidence,
+        residual=_slack(evidence, norms, level, box) if proven else None,
+    )
+
+
+def _reached(law: Law, vehicle: Vehicle, budget: list[float], horizon: float, box: Box) -> float:
+    """Return the largest part of the box's angles that a search of the worst flight reaches."""
+    L, M, N = budget
+    worst = worst_case(law, vehicle=vehicle, budget=(L, M, N), duration_s=horizon, flights=_FLIGHTS)
+    return max(math.radians(peak) / float(row[0]) for peak, row in zip(worst.peaks_deg, box, strict=True))
+
+
+def _assumptions(
+    law: Law, moment: tuple[float, float, float], horizon: float, leak: float, noise: float, risk: float
+) -> dict[str, Any]:
+    return {
+        "plant": "nonlinear rigid body, first-order actuators; the law in exact arithmetic, float32 on the wire",
+        "law": law.name,
+        "leak_per_s": leak,
+        "sample_time_s": law.dt,
+        "delay_samples": 1,
+        "moment_N_m": list(moment),
+        "rho": "nothing",
+        "horizon_s": horizon,
+        "start": "at rest, level, estimates 0",
+        "noise_rad_s": noise,
+        "noise_probability": risk if noise else 0.0,
+    }
+
+
+def _statement(law: Law, level: Fraction, moment: tuple[float, float, float], horizon: float, box: Box) -> str:
+    angles = ", ".join(f"{math.degrees(row[0]):.3g}" for row in box)
+    torques = ", ".join(f"{float(row[SIGNALS.index('command')]):.3g}" for row in box)
+    return (
+        f"for {horizon:g} s law '{law.name}' keeps |phi|, |theta|, |psi| below {angles} deg and its commands below "
+        f"{torques} N*m under any moment within {float(level):.4g} of {moment} N*m"
+    )
+
+
+def _largest(evidence: dict[str, Any], norms: list[Norms]) -> tuple[Fraction, Box]:
+    """Return the largest part of the moment, at most 1, whose box closes, and the box; an empty one if none does."""
+    nothing = [[Fraction(0)] * len(SIGNALS) for _ in range(3)]
+    whole = _settled(evidence, norms, Fraction(1), nothing)
+    if whole:
+        return Fraction(1), whole
+    low, high = Fraction(0), Fraction(1)
+    best: Box = []
+    while high - low > max(_RELATIVE * high, _LEAST):
+        middle = (low + high) / 2
+        box = _settled(evidence, norms, middle, best or nothing)
+        if box:
+            low, best = middle, box
+        else:
+            high = middle
+    return low, best
+
+
+def _settled(evidence: dict[str, Any], norms: list[Norms], level: Fraction, box: Box) -> Box:
+    """Return a box that closes, grown from one that is too small; an empty one if it does not settle within the limits.
+
+    The map is convex and grows with the box: where the rounds' steps have begun to lengthen they do so for good.
+    """
+    limits = [Fraction(limit) * CERTAIN for limit in evidence["law"]["limits"]]
+    sizes = [sum(map(sum, box))]
+    for _ in range(_ROUNDS):
+        try:
+            follows = mapped(evidence, norms, level, box)
+        except ValueError:  # an angle is above 1 rad: it will not come back
+            return []
+        if any(row[SIGNALS.index("command")] > limit for row, limit in zip(box, limits, strict=True)):
+            return []
+        if all(
+            value <= bound
+            for row, inside in zip(follows, box, strict=True)
+            for value, bound in zip(row, inside, strict=True)
+        ):
+            return box
+        box = [[Fraction(float(value * (1 + _GROWTH))) for value in row] for row in follows]
+        sizes.append(sum(map(sum, box)))
+        if len(sizes) > _EARLY and sizes[-1] - sizes[-2] > sizes[-2] - sizes[-3]:
+            return []
+    return []
+
+
+def _closes(level: Fraction, evidence: dict[str, Any], norms: list[Norms]) -> bool:
+    try:
+        return bool(closed(level, evidence, norms))
+    except Refusal:
+        return False
+
+
+def _slack(evidence: dict[str, Any], norms: list[Norms], level: Fraction, box: Box) -> float:
+    """Return the least relative distance of a bound that follows from the box."""
+    follows = mapped(evidence, norms, level, box)
+    pairs = [pair for rows in zip(follows, box, strict=True) for pair in zip(*rows, strict=True)]
+    return min(float(1 - value / bound) for value, bound in pairs if bound)

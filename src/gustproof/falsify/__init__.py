@@ -1,0 +1,1 @@
+"""Search for the disturbance that does most harm to a law."""

@@ -1,0 +1,316 @@
+"""The disturbance inside a budget that does most harm to a law, found by flying it and written as a scenario.
+
+What is flown is the nonlinear truth on the direct route, so whatever is found flies over UDP to the same bits. The
+search is a lower bound on the harm: it shows what a law suffers, never what it can't. (MATLAB's `wcgain` looks for the
+worst parameters of a linear model; this looks for the worst disturbance of the nonlinear one.)
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.config.moments import Moment, Sine, Square, Step
+from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.config.wind import Dryden
+from firmware_model.types import Vector
+from gustproof.falsify.starts import (
+    AMPLITUDES,
+    FASTEST,
+    INERTIA,
+    LAG,
+    PHASES,
+    RATE,
+    SIZE,
+    Point,
+    drawn,
+    on_another_vehicle,
+    starts,
+)
+from gustproof.law.form import Law
+from gustproof.scoring.metrics import attitude, measure
+from gustproof.simulate.direct import fly_direct
+
+Array = NDArray[np.float64]
+Records = NDArray[np.void]
+Progress = Callable[[float], None]
+
+PAPER_BUDGET: Vector = (0.65, 0.65, 0.3)
+"""[N*m] B, the paper's W_d: what it says of disturbance moments."""
+_RANDOM_SHARE = 0.35  # of all flights
+_TURNS = 30  # a loop that rings on for longer is found out by square waves
+_LOCAL_SHARE = 0.5  # of the flights left after the starts; the rest goes to the best two
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spreads:
+    """How far the vehicle may be from its file; 0 leaves it as it is.
+
+    Raises
+    ------
+    ValueError
+        If a spread is not in [0, 1).
+    """
+
+    inertia: float = 0.0
+    """[-] each moment of inertia is within 1 - spread and 1 + spread of the file's."""
+    actuator_lag: float = 0.0
+    """[-] the same for the actuator lag."""
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        for name, value in (("inertia", self.inertia), ("actuator_lag", self.actuator_lag)):
+            if not 0.0 <= value < 1.0:
+                raise ValueError(f"{name} spread is {value!r}, must be in [0, 1)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorstCase:
+    """The worst flight that was found."""
+
+    scenario: Scenario
+    """Its script."""
+    vehicle: Vehicle
+    """Vehicle that it was flown with, as disturbed within the spreads."""
+    seed: int
+    """Seed that it was flown with; matters only where the scenario has turbulence."""
+    peak_deg: float
+    """[deg] largest magnitude of the Euler angles; infinite where they grow beyond what a number holds."""
+    peaks_deg: Vector
+    """[deg] largest magnitudes of phi, theta, psi."""
+    linear_deg: float
+    """[deg] the most that any disturbance in the budget does to the linear loop of the vehicle as in its file."""
+    start: str
+    """Where the search that found it started."""
+    start_deg: float
+    """[deg] the figure there."""
+    flights: int
+    """Flights that were flown."""
+
+
+class _Found(NamedTuple):
+    peak_deg: float
+    point: Point
+    start_deg: float
+
+
+def worst_case(
+    law: Law,
+    *,
+    vehicle: Vehicle,
+    budget: Vector = PAPER_BUDGET,
+    spreads: Spreads | None = None,
+    duration_s: float = 60.0,
+    delay_samples: int = 1,
+    flights: int = 500,
+    seed: int = 1,
+    progress: Progress | None = None,
+) -> WorstCase:
+    """Return the worst flight of `law` that a search of some `flights` finds.
+
+    Disturbances are direct moments with |moment| <= `budget` [N*m] B about each axis at all times: sines and square
+    waves at multiples of a common rate, held moments, turbulence. Gyro noise is off: the harm is the moment's alone.
+    The same arguments give the same result to the bit; `progress` is told the fraction of the search, 0..1.
+
+    Raises
+    ------
+    ValueError
+        If a budget is not positive, there are less than 100 flights, or the law diverges already under a moment held
+        about one axis, or in turbulence.
+    """
+    if not all(math.isfinite(limit) and limit > 0.0 for limit in budget):
+        raise ValueError(f"budget is {budget}, must be positive")
+    if flights < 100:
+        raise ValueError(f"flights are {flights}, must be at least 100")
+    shown: Progress = progress or (lambda _: None)
+    return _Search(law, vehicle, budget, spreads or Spreads(), duration_s, delay_samples, flights, seed, shown).run()
+
+
+class _Search:
+    """One search: all that stays the same in it, and the count of its flights."""
+
+    def __init__(
+        self, law: Law, vehicle: Vehicle, budget: Vector, spreads: Spreads, duration_s: float, delay_samples: int,
+        flights: int, seed: int, progress: Progress,
+    ) -> None:  # fmt: skip
+        rate = round(1.0 / law.dt)
+        self._calm = Scenario(
+            name=f"worst-{law.name}", description="still air", duration_s=duration_s, control_rate_hz=rate,
+            physics_rate_hz=rate * math.ceil(1000 / rate), delay_samples=delay_samples, gyro=GyroFault(noise=False),
+            accelerometer=AccelerometerFault(noise=False),
+        )  # fmt: skip
+        self._law, self._vehicle, self._budget, self._spreads = law, vehicle, np.array(budget), spreads
+        self._slowest = math.pi / duration_s  # one turn of sign in a flight
+        self._flights, self._flown, self._seed, self._progress = flights, 0, seed, progress
+
+    def run(self) -> WorstCase:
+        rng = np.random.default_rng(self._seed)
+        bodies = self._bodies()
+        responses = [self._step_responses(body) for body in bodies]
+        unmoved = [(self._bang_bang(steps), body) for steps, body in zip(responses, bodies, strict=True)]
+        unmoved.append((self._turbulent(), self._vehicle))
+        steps = responses[0]
+        points = [*starts(steps, self._budget, self._calm.dt, self._slowest)]
+        if self._spreads != Spreads():
+            points += [on_another_vehicle(point, rng) for point in points]
+        points += [drawn(f"random {k}", rng) for k in range(round(_RANDOM_SHARE * self._flights))]
+        found = [self._begun(point) for point in points]
+        for share, kept in ((_LOCAL_SHARE, 8), (1.0, 2)):
+            best: dict[tuple[int, int, int], _Found] = {}  # one for each pattern, so that not all climb one hill
+            for one in sorted(found, key=lambda one: -one.peak_deg):
+                best.setdefault(one.point.multiples, one)
+            flights_each = int(share * (self._flights - self._flown) / kept)
+            found = [self._climbed(one, flights_each, rng) for one in list(best.values())[:kept]]
+        return self._result(max(found, key=lambda one: one.peak_deg), unmoved, steps)
+
+    def _result(self, best: _Found, unmoved: list[tuple[Scenario, Vehicle]], steps: Array) -> WorstCase:
+        scenario, vehicle = self._scenario(best.point), self._airframe(best.point.x)
+        start, start_deg = best.point.start, best.start_deg
+        peaks_deg = self._peaks_deg(scenario, vehicle)
+        for other, body in unmoved:
+            others_deg = self._peaks_deg(other, body)
+            if max(others_deg) > max(peaks_deg):
+                scenario, vehicle, peaks_deg = other, body, others_deg
+                start, start_deg = other.description, max(others_deg)
+        return WorstCase(
+            scenario=scenario, vehicle=vehicle, seed=self._seed, peak_deg=max(peaks_deg), peaks_deg=peaks_deg,
+            linear_deg=_linear_peak_deg(steps, self._budget), start=start, start_deg=start_deg, flights=self._flown,
+        )  # fmt: skip
+
+    def _fly(self, scenario: Scenario, vehicle: Vehicle) -> Records:
+        self._flown += 1
+        self._progress(min(self._flown / self._flights, 1.0))
+        return fly_direct(scenario, self._law, vehicle=vehicle, seed=self._seed)
+
+    def _held(self, scenario: Scenario, vehicle: Vehicle) -> Records:
+        """Return a flight from which the search sets out.
+
+        Raises
+        ------
+        ValueError
+            If it diverges.
+        """
+        records = self._fly(scenario, vehicle)
+        if not (np.isfinite(records["q_NB"]).all() and np.isfinite(records["omega_B"]).all()):
+            lag, inertia = vehicle.actuator_lag, ", ".join(f"{value:g}" for value in vehicle.inertia_B)
+            raise ValueError(
+                f"law '{self._law.name}' diverges on vehicle '{vehicle.name}' (inertia {inertia} kg m^2, lag {lag:g} "
+                "s) before any search: it is unstable there, or the moment too large"
+            )
+        return records
+
+    def _harm(self, point: Point) -> float:
+        """Return the peak [deg] of a point's flight; 0 for what no rigid body is."""
+        vehicle = self._airframe(point.x)
+        if 2.0 * max(vehicle.inertia_B) > sum(vehicle.inertia_B):
+            return 0.0
+        return max(self._peaks_deg(self._scenario(point), vehicle))
+
+    def _peaks_deg(self, scenario: Scenario, vehicle: Vehicle) -> Vector:
+        flown = measure(self._fly(scenario, vehicle), vehicle, scenario, realtime_factor=0.0)
+        phi, theta, psi = np.nan_to_num((flown.peak_roll_deg, flown.peak_pitch_deg, flown.peak_yaw_deg), nan=math.inf)
+        return float(phi), float(theta), float(psi)
+
+    def _begun(self, point: Point) -> _Found:
+        harm = self._harm(point)
+        return _Found(harm, point, harm)
+
+    def _climbed(self, found: _Found, flights: int, rng: np.random.Generator) -> _Found:
+        """Return the best of a random walk uphill: (1+1) evolution, steps longer after success, shorter after failure.
+
+        References
+        ----------
+        I. Rechenberg, Evolutionsstrategie, 1973: the rule of one success in five.
+        """
+        size = 0.1
+        for _ in range(flights):
+            moved = found.point.x + size * rng.standard_normal(SIZE)
+            moved[PHASES] %= 1.0
+            point = found.point._replace(x=np.clip(moved, 0.0, 1.0))
+            harm = self._harm(point)
+            better = harm > found.peak_deg
+            size *= 1.5 if better else 1.5**-0.25
+            if better:
+                found = found._replace(peak_deg=harm, point=point)
+        return found
+
+    def _scenario(self, point: Point) -> Scenario:
+        rate = self._slowest * (FASTEST / self._slowest) ** float(point.x[RATE])
+        moments = []
+        for axis, multiple in enumerate(point.multiples):
+            amplitude = [0.0, 0.0, 0.0]
+            amplitude[axis] = float(self._budget[axis] * point.x[AMPLITUDES][axis])
+            phase = 2.0 * math.pi * float(point.x[PHASES][axis])
+            if multiple:
+                moments.append(_wave(point.square, amplitude, multiple * rate, phase))
+            else:
+                moments.append(_step(np.array(amplitude) * math.copysign(1.0, math.pi - phase)))
+        return replace(self._calm, description=f"found by search from: {point.start}", moment=tuple(moments))
+
+    def _airframe(self, x: Array) -> Vehicle:
+        factors = 1.0 + self._spreads.inertia * (2.0 * x[INERTIA] - 1.0)
+        I_x, I_y, I_z = (factors * self._vehicle.inertia_B).tolist()
+        lag = self._vehicle.actuator_lag * (1.0 + self._spreads.actuator_lag * (2.0 * float(x[LAG]) - 1.0))
+        return replace(self._vehicle, inertia_B=(I_x, I_y, I_z), actuator_lag=lag)
+
+    def _bodies(self) -> list[Vehicle]:
+        """Return the vehicle of the file and, with spreads, light and heavy ones with small and large lag."""
+        corners = [] if self._spreads == Spreads() else product((0.0, 1.0), repeat=2)
+        return [self._vehicle, *(self._airframe(np.array([0.0] * 7 + [i, i, i, lag])) for i, lag in corners)]
+
+    def _step_responses(self, vehicle: Vehicle) -> Array:
+        """Return angles [rad] and rates [rad/s], (samples, 6, 3), per held moment of 1 N*m about each axis.
+
+        One axis alone is a plane rotation, so that the response is that of the linear loop.
+        """
+        columns = []
+        for axis in range(3):
+            x = np.full(SIZE, 0.5)
+            x[AMPLITUDES] = np.eye(3)[axis]
+            x[PHASES] = 0.0
+            records = self._held(self._scenario(Point("step", (0, 0, 0), True, x)), vehicle)
+            columns.append(np.hstack([attitude(records), records["omega_B"]]) / self._budget[axis])
+        return np.stack(columns, axis=2)
+
+    def _bang_bang(self, steps: Array) -> Scenario:
+        """Return the moments that move each angle of the linear loop most at the end; of their turns the last ones."""
+        pulses = np.diff(steps[:, [0, 1, 2], [0, 1, 2]], axis=0, prepend=0.0)
+        moments = []
+        for axis in range(3):
+            signs = np.where(pulses[::-1, axis] >= 0.0, 1.0, -1.0)
+            turns = np.flatnonzero(np.diff(signs))[-_TURNS:] + 1
+            full = self._budget * np.eye(3)[axis]
+            moments.append(_step(full * (signs[turns[0] - 1] if turns.size else signs[0])))
+            moments += [_step(2.0 * full * signs[k], int(k) * self._calm.sample_us * 1e-6) for k in turns]
+        return replace(self._calm, description="bang-bang moments of the linear loop", moment=tuple(moments))
+
+    def _turbulent(self) -> Scenario:
+        """Return turbulence whose peak fills the budget on one axis at least."""
+        gusty = Dryden(kind="dryden", wind_speed_20ft_mps=15.0, airspeed_mps=15.0)
+        scenario = replace(self._calm, description="Dryden turbulence that fills the budget", wind=(gusty,))
+        peaks = np.max(np.abs(self._held(scenario, self._vehicle)["moment_B"]), axis=0)
+        fill = 0.999 * float(np.min(self._budget / np.maximum(peaks, 1e-9)))  # below the budget whatever is rounded
+        return replace(scenario, wind=(replace(gusty, wind_speed_20ft_mps=15.0 * fill),))
+
+
+def _step(amplitude: Array, start: float = 0.0) -> Step:
+    L, M, N = (amplitude + 0.0).tolist()  # 0.0, not -0.0
+    return Step(kind="step", amplitude_nm=(L, M, N), start_s=start)
+
+
+def _wave(square: bool, amplitude: list[float], rate: float, phase: float) -> Moment:
+    L, M, N = amplitude
+    if square:
+        return Square(kind="square", amplitude_nm=(L, M, N), rate_rad_s=rate, phase_rad=phase)
+    return Sine(kind="sine", amplitude_nm=(L, M, N), rate_rad_s=rate, phase_rad=phase)
+
+
+def _linear_peak_deg(steps: Array, budget: Array) -> float:
+    """Return the largest Euler angle [deg] that moments in the budget give the linear loop: its impulse's L1 norm."""
+    norms = np.abs(np.diff(steps[:, :3], axis=0, prepend=0.0)).sum(axis=0)
+    return math.degrees(float(np.max(norms @ budget)))

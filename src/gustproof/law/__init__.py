@@ -1,0 +1,1 @@
+"""Define the one law form: its file, its step, discretisation, cascades, other formats."""

@@ -1,0 +1,54 @@
+"""The loop of a law at hover: the law as it flies, sampled and late, on the vehicle's linear model."""
+
+import numpy as np
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import GRAVITY, Vehicle
+from gustproof.law.form import MEASURED, Law, Output
+from gustproof.lti.state_space import Lti, delay, hold_discretized, lft, series
+from gustproof.model.lpv import linear_plant
+
+FORCE = GRAVITY * np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])
+"""[m/s^2 per rad] what a little roll and pitch change of the specific force at hover."""
+
+
+def hover_plant(vehicle: Vehicle, scenario: Scenario, *, levelled: bool = False) -> Lti:
+    """Return torque command (3,) [N*m] to gyro (3,) [rad/s] at hover, sampled and delayed as `scenario` has it.
+
+    A `levelled` one gives roll and pitch (2,) [rad] too, as gravity tells them to an accelerometer on the test stand.
+    The attitude that is not seen is left out: the rest, damping, actuators and commands on their way are the states.
+    """
+    full = linear_plant(vehicle)
+    seen = [0, 1] if levelled else []
+    states, outputs = [*seen, *range(3, full.order)], [3, 4, 5, *seen]
+    system = Lti(A=full.A[np.ix_(states, states)], B=full.B[states, :3], C=full.C[np.ix_(outputs, states)],
+                 D=full.D[outputs, :3])  # fmt: skip
+    plant = hold_discretized(system, scenario.dt)
+    for _ in range(scenario.delay_samples):
+        plant = series(delay(3, scenario.dt), plant)
+    return plant
+
+
+def linear_law(law: Law, inputs: int = 3) -> Lti:
+    """Return the law linearised at level attitude within its limits, from its first `inputs` inputs to the command."""
+    rates = np.eye(3, law.order, 3)
+    return Lti(A=law.A + law.G @ rates, B=law.B[:, :inputs], C=law.C, D=law.D[:, :inputs], dt=law.dt)
+
+
+def loop_law(law: Law) -> Lti:
+    """Return the law linearised at hover within its limits, from what closes its loop to the command.
+
+    That is the gyro (3,), and roll and pitch (2,) [rad] as the specific force tells them, if the law feels that.
+    """
+    if not law.feels_force:
+        return linear_law(law)
+    K = linear_law(law, inputs=MEASURED)
+    B, D = (np.hstack([matrix[:, :3], matrix[:, 6:] @ FORCE]) for matrix in (K.B, K.D))
+    return Lti(A=K.A, B=B, C=K.C, D=D, dt=K.dt)
+
+
+def is_stable_at_hover(law: Law, vehicle: Vehicle, scenario: Scenario) -> bool | None:
+    """Return whether the linear loop is stable; `None` for a law of rates, whose loop is the autopilot's own."""
+    if law.output is not Output.TORQUE:
+        return None
+    return lft(hover_plant(vehicle, scenario, levelled=law.feels_force), loop_law(law)).is_stable()

@@ -1,0 +1,151 @@
+"""The compiled step of a law: sums of a few terms each, as most coefficients of most laws are 0.
+
+All numbers that a step adds up are one vector: the law's states, what is measured and asked for, the Euler rates of
+its own estimates, and what the limits cut off. Its sums are the three commands and the next states; each takes its
+terms in the order of that vector, on every route, and leaves out those whose coefficient is 0.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.numerics.compiled import compiled, kernel
+from firmware_model.numerics.elementary import sin_cos
+from firmware_model.physics.sensors import float32
+from firmware_model.types import Vector
+from gustproof.law.form import MEASURED, Law, Matrix
+
+RATES, CUT, ZERO, EXTRA = MEASURED, MEASURED + 3, MEASURED + 6, MEASURED + 7
+"""Where after the states Euler rates, what was cut off and a 0 stand in the vector; how many numbers follow states."""
+FOUR = 4
+"""Of so many terms, times a whole number, consists each sum, so that four can be added at once."""
+
+
+class Sums(NamedTuple):
+    """What a law adds up."""
+
+    ends: NDArray[np.int64]
+    """(3 + n,) one after the last term of each command and each next state."""
+    terms: Matrix
+    """(m, 2) place in the vector, coefficient; 0 times the vector's 0 where a sum has no terms left."""
+    scheduled: bool
+    """Whether there are Euler rates among the terms."""
+    limits: Matrix
+    """(3,) [N*m or rad/s] B."""
+
+
+def sums(law: Law) -> Sums:
+    """Return the terms of a law whose coefficient is not 0, filled up to fours."""
+    n, measured = law.order, law.D.shape[1]
+    whole = np.zeros((3 + n, n + EXTRA))
+    whole[:3, :n], whole[3:, :n] = law.C, law.A
+    whole[:3, n : n + measured], whole[3:, n : n + measured] = law.D, law.B
+    whole[3:, n + RATES : n + CUT], whole[3:, n + CUT : n + ZERO] = law.G, law.H
+    filled = []
+    for row in whole:
+        terms = [(float(place), row[place]) for place in np.flatnonzero(row)]
+        filled.append(terms + [(float(n + ZERO), 0.0)] * (-len(terms) % FOUR if terms else FOUR))
+    ends = np.cumsum([len(terms) for terms in filled])
+    return Sums(ends, np.array([term for terms in filled for term in terms]), law.scheduled, law.limits)
+
+
+@kernel
+def euler_rates(E: Any, omega: Any) -> tuple[float, float, float]:
+    """Return `T(E) omega` [rad/s], the exact ZYX Euler kinematics; `cos(theta)` is kept above 0.05 in magnitude.
+
+    The floor bounds the law where the kinematics are singular; within |theta| < 87 deg they are exact.
+    """
+    sin_phi, cos_phi = sin_cos(E[0])
+    sin_theta, cos_theta = sin_cos(E[1])
+    if abs(cos_theta) < 0.05:
+        cos_theta = 0.05 if cos_theta >= 0.0 else -0.05
+    psi_dot = (sin_phi * omega[1] + cos_phi * omega[2]) / cos_theta
+    return omega[0] + sin_theta * psi_dot, cos_phi * omega[1] - sin_phi * omega[2], psi_dot
+
+
+@kernel
+def law_kernel(law: Sums, z: Matrix, command: Matrix, work: Matrix) -> None:
+    """Write the command for the vector `z` (n + EXTRA,) and move its states on by a sample; `work` is (n,)."""
+    n, begin = work.size, 0
+    for i in range(3):
+        u = _sum(law.terms, begin, law.ends[i], z)
+        command[i] = min(max(u, -law.limits[i]), law.limits[i])
+        z[n + CUT + i] = command[i] - u
+        begin = law.ends[i]
+    if law.scheduled:
+        z[n + RATES], z[n + RATES + 1], z[n + RATES + 2] = euler_rates((z[0], z[1], z[2]), (z[3], z[4], z[5]))
+    for i in range(n):
+        work[i] = _sum(law.terms, begin, law.ends[3 + i], z)
+        begin = law.ends[3 + i]
+    for i in range(n):
+        z[i] = work[i]
+
+
+@kernel
+def _sum(terms: Matrix, begin: int, end: int, z: Matrix) -> float:
+    total = 0.0
+    for t in range(begin, end):
+        total += terms[t, 1] * z[int(terms[t, 0])]
+    return total
+
+
+@compiled
+def _step(law: Sums, z: Matrix, command: Matrix, work: Matrix) -> None:
+    law_kernel(law, z, command, work)
+
+
+def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
+    """Return the next state (n,) and the command (3,) [N*m or rad/s] B for `y`, (9,), or (6,) without accelerometer.
+
+    Raises
+    ------
+    ValueError
+        If `y` is neither, or lacks the specific force that the law reads.
+    """
+    if y.shape not in ((law.D.shape[1],), (MEASURED,)):
+        raise ValueError(f"y has shape {y.shape}, must be {(law.D.shape[1],)}")
+    z, command = np.zeros(law.order + EXTRA), np.empty(3)
+    z[: law.order], z[law.order : law.order + y.size] = x, y
+    _step(sums(law), z, command, np.empty(law.order))
+    return z[: law.order], command
+
+
+class FlyingLaw:
+    """A law in flight, asked to hold level at first, from its stated initial state: all states 0.
+
+    Its steps give the bits of `step`; everything is in three arrays that stay, as Python hands them over fastest.
+    `scale` (3,) [N*m or rad/s] B is what 1.0 on the wire means.
+    """
+
+    def __init__(self, law: Law, scale: Vector) -> None:
+        n, summed = law.order, sums(law)
+        self._ends, self._terms, self._scheduled = summed.ends, summed.terms, summed.scheduled
+        self._memory = np.concatenate([np.zeros(2 * n + EXTRA + 3), law.limits, scale])
+        self._order = n
+
+    def restart(self) -> None:
+        """Go back to the initial state; the reference stays."""
+        self._memory[: self._order] = 0.0
+
+    def set_reference(self, euler: Vector) -> None:
+        """Ask for another attitude from the next step on: roll, pitch, yaw [rad]."""
+        self._memory[self._order + 3 : self._order + 6] = euler
+
+    def step(self, gyro_B: Vector, force_B: Vector) -> Vector:
+        """Return the command for rates [rad/s] and specific force [m/s^2] as float32 fractions of `scale`; move on."""
+        fractions: Vector = _fly(self._ends, self._terms, self._scheduled, self._memory, *gyro_B, *force_B)
+        return fractions
+
+
+@compiled
+def _fly(ends: NDArray[np.int64], terms: Matrix, scheduled: bool, memory: Matrix, p: float, q: float, r: float,
+         force_x: float, force_y: float, force_z: float) -> Vector:  # fmt: skip
+    n = ends.size - 3
+    end = n + EXTRA
+    z, work, command = memory[:end], memory[end : end + n], memory[end + n : end + n + 3]
+    limits, scale = memory[end + n + 3 : end + n + 6], memory[end + n + 6 :]
+    z[n], z[n + 1], z[n + 2] = p, q, r
+    z[n + 6], z[n + 7], z[n + 8] = force_x, force_y, force_z
+    law_kernel(Sums(ends, terms, scheduled, limits), z, command, work)
+    return float32(command[0] / scale[0]), float32(command[1] / scale[1]), float32(command[2] / scale[2])

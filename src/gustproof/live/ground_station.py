@@ -1,0 +1,257 @@
+"""A ground station without a window: listens to the vehicle as any client does, and sets two of its parameters.
+
+A sans-I/O peer like the vehicle itself, so that `firmware_model.process.udp.serve` carries its datagrams. It asks for the
+streams that it shows; what else it is sent it asks not to be. In lockstep it shows no stream at all: each message
+would cost the flight time, and the journal has it all.
+
+References
+----------
+MAVLink, messages 0, 20, 22, 23, 111, 115, 140, 231, 253, 345; command 511.
+"""
+
+import struct
+from collections.abc import Callable, Iterable, Mapping
+from queue import Empty, SimpleQueue
+from threading import Event
+from typing import Any
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.autopilot.modes import Mode
+from firmware_model.autopilot.parameters import GUST_SCALE_NAME, PAUSE_NAME
+from firmware_model.mavlink import messages
+from firmware_model.mavlink.channel import Traffic
+from firmware_model.mavlink.frames import Dropped, Frame, Message, Peer, parse
+from firmware_model.mavlink.messages import AUTOPILOT
+from firmware_model.types import Vector
+from gustproof.live.telemetry_buffer import Feed
+
+BEAT_US = 1_000_000
+"""[us] wall time from heartbeat to heartbeat."""
+RETRY_US = 200_000
+"""[us] wall time after which a parameter is set again that has not been told back."""
+STREAM_US = 20_000
+"""[us] time between two messages of a stream that is shown."""
+_POLL_US = 20_000  # a person's wish waits no longer
+_SYSTEM, _COMPONENT = 255, wire.MAV_COMP_ID_MISSIONPLANNER  # MAVLink's usual numbers of a ground station
+_TEXTS = 6
+_DIGITS = 6
+_MODES = {mode.value: mode.name for mode in Mode}
+_SHOWN = (
+    wire.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
+    wire.MAVLINK_MSG_ID_WIND_COV,
+    wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET,
+)
+_FACTS = {GUST_SCALE_NAME: "gust_scale", PAUSE_NAME: "paused"}
+_WHOLE = (PAUSE_NAME,)
+
+
+class Station:
+    """One watcher of one vehicle; give it datagrams and the time, send what it returns."""
+
+    def __init__(self, vehicle: Peer, feed: Feed, torque_limit: Vector, *, streams: bool) -> None:
+        self.finished = False
+        self.settled = Event()
+        self._ending = Event()
+        self._heard = self._last_call = False
+        self.traffic = Traffic(_SYSTEM, _COMPONENT)
+        self._vehicle, self._feed, self._torque_limit = vehicle, feed, torque_limit
+        self._wishes: SimpleQueue[tuple[str, float]] = SimpleQueue()
+        self._open: dict[str, float] = {}
+        self._shown = _SHOWN if streams else ()
+        self._silent: set[int] = set()
+        self._refused: dict[int, int] = {}
+        self._outbox: list[tuple[bytes, Peer]] = []
+        self._system: int | None = None
+        self._beat_at_us = self._retry_at_us = self._now_us = 0
+        self._newest_us: dict[str, int] = {}
+        self._received = 0
+        self._asked_ns = -1
+        self._round_trip_ms: float | None = None
+        self._handlers: Mapping[int, Callable[[Message], None]] = {
+            wire.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
+            wire.MAVLINK_MSG_ID_PARAM_VALUE: self._on_parameter,
+            wire.MAVLINK_MSG_ID_PARAM_ERROR: self._on_error,
+            wire.MAVLINK_MSG_ID_STATUSTEXT: self._on_text,
+            wire.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
+            wire.MAVLINK_MSG_ID_COMMAND_ACK: lambda _: None,
+            **(
+                {
+                    wire.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: self._on_state,
+                    wire.MAVLINK_MSG_ID_WIND_COV: self._on_wind,
+                    wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: self._on_torque,
+                }
+                if streams
+                else {}
+            ),
+        }
+
+    def wish(self, name: str, value: float) -> None:
+        """Set a parameter, from whatever thread."""
+        self.settled.clear()
+        self._wishes.put((name, value))
+
+    def end(self) -> None:
+        """Finish when all that was sent until now has been heard; from whatever thread."""
+        self._ending.set()
+
+    def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
+        """Take a datagram; never raises, what can't be used is counted by its cause."""
+        self._now_us, self._heard = now_us, True
+        for item in parse(datagram):
+            if peer != self._vehicle:
+                self.drop(Dropped.OTHER_TARGET, peer)
+            elif isinstance(item, Dropped):
+                self.drop(item, peer)
+            else:
+                self._take(item)
+
+    def drop(self, cause: Dropped, peer: Peer) -> None:
+        """Count something that has no effect."""
+        self.traffic.dropped[cause] += 1
+
+    def poll(self, now_us: int) -> list[tuple[bytes, Peer]]:
+        """Do what is due and return the datagrams to send."""
+        self._now_us = now_us
+        if self._ending.is_set():
+            self.finished, self._last_call = self._last_call and not self._heard, True
+            self._heard = False
+        self._take_wishes()
+        if now_us >= self._beat_at_us:
+            self._beat_at_us = now_us + BEAT_US
+            self._beat()
+        if self._open and now_us >= self._retry_at_us and self._system is not None:
+            self._retry_at_us = now_us + RETRY_US
+            for name, value in self._open.items():
+                self._set(name, value)
+        outbox, self._outbox = self._outbox, []
+        return outbox
+
+    def deadline_us(self) -> int:
+        """Return the wall time at which `poll` is to be called at the latest."""
+        return self._now_us + _POLL_US
+
+    def _take_wishes(self) -> None:
+        while True:
+            try:
+                name, value = self._wishes.get_nowait()
+            except Empty:
+                return
+            self._open[name] = value
+            self._retry_at_us = self._now_us
+
+    def _beat(self) -> None:
+        """Send a heartbeat and ask how long the way is; ask for streams that have not come since the last one."""
+        self._send(
+            wire.MAVLink_heartbeat_message(
+                wire.MAV_TYPE_GCS, wire.MAV_AUTOPILOT_INVALID, 0, 0, wire.MAV_STATE_ACTIVE, 3
+            )
+        )
+        self._tell_link()
+        if self._system is None:
+            return
+        self._asked_ns = 1000 * self._now_us
+        self._send(wire.MAVLink_timesync_message(0, self._asked_ns))
+        self._ask(self._silent)
+        self._silent = set(self._shown)
+
+    def _take(self, frame: Frame) -> None:
+        self.traffic.count(frame)
+        number = frame.message_id
+        if frame.component != AUTOPILOT and number != wire.MAVLINK_MSG_ID_STATUSTEXT:
+            return
+        self._silent.discard(number)
+        handler = self._handlers.get(number)
+        if handler is not None:
+            handler(frame.message())
+        elif self._now_us >= self._refused.get(number, 0):
+            self._refused[number] = self._now_us + BEAT_US
+            self._order_interval(number, -1)
+
+    def _on_heartbeat(self, message: Message) -> None:
+        first = self._system is None
+        self._system = message.get_srcSystem()
+        self._feed.tell(
+            mode=_MODES.get(message.custom_mode, str(message.custom_mode)),
+            armed=bool(message.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED),
+        )
+        if first:
+            self._beat_at_us = self._now_us
+            for name in _FACTS:
+                self._send(wire.MAVLink_param_request_read_message(self._system, AUTOPILOT, name.encode(), -1))
+            self._ask(self._shown)
+            self._settle()
+
+    def _on_parameter(self, message: Message) -> None:
+        name = message.param_id
+        if name not in _FACTS:
+            return
+        value = messages.parameter(message)
+        self._feed.tell(**{_FACTS[name]: bool(value) if name in _WHOLE else round(value, _DIGITS)})
+        if name in self._open and abs(value - self._open[name]) < 1e-6:
+            del self._open[name]
+        self._settle()
+
+    def _on_error(self, message: Message) -> None:
+        self._open.pop(message.param_id, None)
+        self._settle()
+
+    def _settle(self) -> None:
+        if not self._open and self._wishes.empty():
+            self.settled.set()
+
+    def _on_text(self, message: Message) -> None:
+        self._feed.tell(texts=[*self._feed["texts"], message.text][-_TEXTS:])
+
+    def _on_timesync(self, message: Message) -> None:
+        if message.ts1 == self._asked_ns:
+            self._round_trip_ms = (self._now_us - self._asked_ns // 1000) / 1000
+        else:  # a question of the vehicle's
+            self._order_interval(wire.MAVLINK_MSG_ID_TIMESYNC, -1)
+
+    def _on_state(self, message: Message) -> None:
+        rates = message.rollspeed, message.pitchspeed, message.yawspeed
+        self._add("attitude", message.time_usec, *message.attitude_quaternion, *rates)
+
+    def _on_wind(self, message: Message) -> None:
+        self._add("wind", message.time_usec, message.wind_x, message.wind_y, message.wind_z)
+
+    def _on_torque(self, message: Message) -> None:
+        asked = zip(message.controls, self._torque_limit, strict=False)
+        # The stamp is that of the command, which is held where no newer one comes.
+        time_us = max(message.time_usec, self._newest_us.get("attitude", 0))
+        self._add("torque", time_us, *(control * limit for control, limit in asked))
+
+    def _add(self, name: str, time_us: int, *numbers: float) -> None:
+        if time_us <= self._newest_us.get(name, -1):  # before t = 0 the same sample is told again
+            return
+        self._newest_us[name] = time_us
+        self._feed.add(name, [[time_us * 1e-6, *(round(number, _DIGITS) for number in numbers)]])
+
+    def _tell_link(self) -> None:
+        figures: dict[str, Any] = self.traffic.figures()
+        rate, self._received = figures["in"] - self._received, figures["in"]
+        self._feed.tell(
+            link={"rate": rate, "lost": figures["lost"], "bad": figures["bad"], "round_trip_ms": self._round_trip_ms}
+        )
+
+    def _set(self, name: str, value: float) -> None:
+        kind = wire.MAV_PARAM_TYPE_REAL32
+        if name in _WHOLE:  # an integer travels bytewise, as PX4 has it
+            value, kind = struct.unpack("<f", struct.pack("<i", int(value)))[0], wire.MAV_PARAM_TYPE_INT32
+        self._send(wire.MAVLink_param_set_message(self._system, AUTOPILOT, name.encode(), value, kind))
+
+    def _ask(self, numbers: Iterable[int]) -> None:
+        for number in numbers:
+            self._order_interval(number, STREAM_US)
+
+    def _order_interval(self, number: int, interval_us: int) -> None:
+        self._send(
+            wire.MAVLink_command_long_message(
+                self._system or 0, AUTOPILOT, wire.MAV_CMD_SET_MESSAGE_INTERVAL, 0,
+                float(number), float(interval_us), 0.0, 0.0, 0.0, 0.0, 0.0,
+            )
+        )  # fmt: skip
+
+    def _send(self, message: Message) -> None:
+        self._outbox.append((self.traffic.pack(message), self._vehicle))

@@ -1,0 +1,142 @@
+"""The live page of one flight: it starts when the page says so, and is watched to its end.
+
+    real time   vehicle --telemetry--> Station --> Feed --> page
+    lockstep    vehicle --> journal --> tail --> Feed --> page;  Station: mode, link, parameters
+    both        vehicle --> journal --> lights, age of the command --> Feed --> page
+
+What the page does to the flight are two parameters, set by MAVLink: the gusts' scale and, in lockstep, the pause.
+"""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from threading import Event, Thread
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.autopilot.parameters import GUST_SCALE_NAME, PAUSE_NAME, Parameters, published_limit
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.process import udp
+from firmware_model.recording.journal import RECORD, read_journal
+from gustproof.law.form import Law
+from gustproof.live.ground_station import STREAM_US, Station
+from gustproof.live.journal_follower import tail
+from gustproof.live.requirement_status import lights
+from gustproof.live.server import LOOPBACK, PageServer, number, switch
+from gustproof.live.telemetry_buffer import SERIES, Feed
+
+_PATIENCE_S = 30.0  # with threads that have next to nothing left to do, on a machine that may be busy
+_JUDGE_S = 0.5
+_JUDGED_SHARE = 0.05  # of a core: a long flight takes long to judge
+_NOTHING = np.empty(0, dtype=RECORD)
+
+
+class LivePage:
+    """The page and who gathers what it shows; a context manager that leaves no thread and no socket behind."""
+
+    def __init__(self, scenario: Scenario, law: Law, vehicle: Vehicle, *, real_time: bool) -> None:
+        self._scenario, self._vehicle, self._real_time = scenario, vehicle, real_time
+        self._every = max(round(STREAM_US / scenario.sample_us), 1)
+        parameters = Parameters(vehicle, scenario)
+        self._gust = parameters.table[parameters.index(GUST_SCALE_NAME) or 0]
+        self._feed = Feed(
+            scenario=scenario.name, law=law.name, vehicle=vehicle.name, duration_s=scenario.duration_s,
+            real_time=real_time, phase="ready", message="", mode="", armed=False, paused=False, texts=[], link=None,
+            gust_scale=self._gust.default, gust_scale_limits=[self._gust.minimum, self._gust.maximum],
+            lights=lights(_NOTHING, scenario, vehicle, over=False),
+        )  # fmt: skip
+        self._started, self._done = Event(), Event()
+        self._wishes: dict[str, float] = {}
+        self._station: Station | None = None
+        self._threads: list[Thread] = []
+        wishes: dict[str, Callable[[Any], None]] = {"start": self._start, "gust": self._set_gust}
+        if not real_time:
+            wishes["pause"] = self._pause
+        self._server = PageServer(self._feed, wishes)
+
+    @property
+    def address(self) -> str:
+        """Address of the page."""
+        return self._server.address
+
+    def wait(self) -> None:
+        """Return when the page has said start; Ctrl-C ends this."""
+        while not self._started.wait(0.2):
+            pass
+
+    def watch(self, port: int, journal: Path) -> None:
+        """Watch the flight of the vehicle that listens on `port` and writes `journal`; for `sitl.fly`.
+
+        What the page has wished before is told to the vehicle before the flight begins.
+        """
+        station = Station((0, (LOOPBACK, port)), self._feed, published_limit(self._vehicle), streams=self._real_time)
+        for name, value in self._wishes.items():
+            station.wish(name, value)
+        self._station = station
+        self._run(_serve, station)
+        names = ("age",) if self._real_time else SERIES  # no message tells the age
+        self._run(tail, journal, self._every, self._scenario.sample_us, self._feed, self._done, names)
+        if self._scenario.require:
+            self._run(self._judge, journal)
+        station.settled.wait(_PATIENCE_S)
+        self._feed.tell(phase="flying")
+
+    def end(self, message: str, records: NDArray[np.void] = _NOTHING) -> None:
+        """Show how the flight ended, and what its journal records (n,) held."""
+        self._done.set()
+        if self._station is not None:
+            self._station.end()
+        for thread in self._threads:
+            thread.join(_PATIENCE_S)
+        self._feed.tell(phase="over", message=message, lights=lights(records, self._scenario, self._vehicle, over=True))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._feed["phase"] != "over":
+            self.end("the flight broke off")
+        self._server.server_close()
+
+    def _run(self, function: Callable[..., None], *arguments: Any) -> None:
+        thread = Thread(target=function, args=arguments, daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def _judge(self, journal: Path) -> None:
+        spent_s = 0.0
+        while not self._done.wait(max(_JUDGE_S, spent_s / _JUDGED_SHARE)):
+            begun_s = time.thread_time()
+            _, records = read_journal(journal)
+            self._feed.tell(lights=lights(records, self._scenario, self._vehicle, over=False))
+            spent_s = time.thread_time() - begun_s
+
+    def _start(self, value: Any) -> None:
+        if switch(value) and not self._started.is_set():
+            self._feed.tell(phase="starting")
+            self._started.set()
+
+    def _pause(self, value: Any) -> None:
+        self._wish(PAUSE_NAME, float(switch(value)))
+
+    def _set_gust(self, value: Any) -> None:
+        scale = number(value, self._gust.minimum, self._gust.maximum)
+        if not self._started.is_set():
+            self._feed.tell(gust_scale=scale)
+        self._wish(GUST_SCALE_NAME, scale)
+
+    def _wish(self, name: str, value: float) -> None:
+        self._wishes[name] = value
+        if self._station is not None:
+            self._station.wish(name, value)
+
+
+def _serve(station: Station) -> None:
+    with udp.bind(0, LOOPBACK) as bound:
+        udp.serve(station, [bound])

@@ -1,0 +1,164 @@
+"""H-infinity and H2 norms of linear systems, continuous and discrete."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from gustproof.errors import DesignError
+from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, copied
+
+_CANDIDATE = 1e-6
+"""Eigenvalues with a real part below this fraction of their magnitude, or of rounding, are tried as crossings."""
+
+_ABOVE_INFINITY = (1e-4, 1e-6, 1e-8)
+"""[-] relative excess of levels tried first where no gain above the one at infinity is known: closer to it the
+Hamiltonian matrix grows without bound, and its rounding hides crossings."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Peak:
+    """The largest gain of a system over all frequencies, and where it is."""
+
+    gain: float
+    """[-] largest singular value; infinite for an unstable system."""
+    omega: float
+    """[rad/s] frequency of the peak; infinite if it is approached at infinity only."""
+
+
+def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
+    """Return the H-infinity norm and its frequency.
+
+    A lower bound is raised to the gain at the middle of the frequency bands where a Hamiltonian matrix says that the
+    gain exceeds it, until no band is left; convergence is quadratic. A discrete system is mapped by the bilinear
+    transformation, which keeps the norm. An unstable system has an infinite norm. Each round costs an eigenvalue
+    problem of order 2n.
+
+    Parameters
+    ----------
+    system
+        Continuous or discrete system.
+    accuracy
+        [-] relative: the norm lies between the answer and (1 + 2 `accuracy`) times it, up to rounding.
+
+    Raises
+    ------
+    DesignError
+        If 60 rounds did not suffice (rounding dominates: the system is badly scaled).
+
+    References
+    ----------
+    N. A. Bruinsma, M. Steinbuch, A fast algorithm to compute the H-infinity-norm of a transfer function matrix,
+    Systems & Control Letters 14 (1990), 287-293.
+    """
+    G = copied(system)
+    poles = G.poles()
+    beyond = np.abs(poles) - 1.0 if G.dt else poles.real
+    if np.max(beyond, initial=-1.0) >= 0.0:
+        worst = poles[np.argmax(beyond)]
+        return Peak(gain=np.inf, omega=float(abs(np.angle(worst)) / G.dt if G.dt else abs(worst.imag)))
+    if not G.dt:
+        return _continuous_peak(G, poles, accuracy)
+    peak = _continuous_peak(bilinear(G), 2.0 / G.dt * (poles - 1.0) / (poles + 1.0), accuracy)
+    return Peak(gain=peak.gain, omega=2.0 / G.dt * float(np.arctan(peak.omega * G.dt / 2.0)))
+
+
+def h2_norm(system: LinearSystem) -> float:
+    """Return the H2 norm: rms output for white noise of unit density (continuous) or unit variance a sample (discrete).
+
+    Infinite for an unstable system, and for a continuous one with feedthrough.
+
+    References
+    ----------
+    K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control, Prentice Hall 1996, Lemma 4.6.
+    """
+    G = copied(system)
+    if not G.is_stable() or (not G.dt and np.any(G.D)):
+        return float("inf")
+    if not G.order:
+        return float(np.linalg.norm(G.D))
+    if G.dt:
+        gramian = scipy.linalg.solve_discrete_lyapunov(G.A, G.B @ G.B.T)
+    else:
+        gramian = scipy.linalg.solve_continuous_lyapunov(G.A, -G.B @ G.B.T)
+    return float(np.sqrt(max(np.trace(G.C @ gramian @ G.C.T) + np.sum(G.D**2), 0.0)))
+
+
+def bilinear(G: Lti) -> Lti:
+    """Return the continuous system with `G(z)` at `z = (1 + s dt/2) / (1 - s dt/2)`; norms of gains are kept.
+
+    `G` must have no pole at z = -1.
+    """
+    n = G.order
+    M = np.linalg.inv(G.A + np.eye(n))
+    return Lti(
+        A=2.0 / G.dt * M @ (G.A - np.eye(n)),
+        B=2.0 / G.dt**0.5 * M @ G.B,
+        C=2.0 / G.dt**0.5 * G.C @ M,
+        D=G.D - G.C @ M @ G.B,
+    )
+
+
+def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:
+    at_infinity = float(np.linalg.norm(G.D, 2)) if G.D.size else 0.0
+    best = Peak(gain=at_infinity, omega=np.inf)
+    if not G.order or not G.D.size:
+        return best
+    best = _better(G, best, _first_guesses(poles))
+    if best.gain <= 0.0:
+        return best
+    for excess in _ABOVE_INFINITY:
+        if math.isinf(best.omega):
+            best = _better(G, best, _candidates(_crossings(G, (1.0 + excess) * best.gain)))
+    for _ in range(60):
+        candidates = _candidates(_crossings(G, (1.0 + 2.0 * accuracy) * best.gain))
+        if candidates.size == 0:
+            return best
+        higher = _better(G, best, candidates)
+        if higher.gain <= (1.0 + accuracy) * best.gain:
+            return higher
+        best = higher
+    raise DesignError("the H-infinity norm did not settle in 60 rounds; the system is badly scaled")
+
+
+def _candidates(crossings: Matrix) -> Matrix:
+    """Return the crossings and the middles of the bands between them; nothing for none.
+
+    Where the gain is flat, rounding hides crossings and bands look half open: so 0 and beyond count as ends too, and a
+    band is tried at its arithmetic and its geometric middle.
+    """
+    if crossings.size == 0:
+        return crossings
+    ends = np.concatenate([[0.0], crossings, [2.0 * crossings[-1]]])
+    return np.concatenate([crossings, 0.5 * (ends[:-1] + ends[1:]), np.sqrt(ends[:-1] * ends[1:])])
+
+
+def _first_guesses(poles: ComplexMatrix) -> Matrix:
+    resonance = np.abs(poles) * np.sqrt(np.maximum(1.0 - 2.0 * (poles.real / np.abs(poles)) ** 2, 0.0))
+    return np.unique(np.concatenate([[0.0], np.abs(poles), resonance]))
+
+
+def _better(G: Lti, best: Peak, omega: NDArray[np.float64]) -> Peak:
+    if omega.size == 0:
+        return best
+    gains = np.linalg.norm(G.response(omega), 2, axis=(1, 2))
+    k = int(np.argmax(gains))
+    return Peak(gain=float(gains[k]), omega=float(omega[k])) if gains[k] > best.gain else best
+
+
+def _crossings(G: Lti, level: float) -> Matrix:
+    """Return the frequencies >= 0, ascending, where a singular value may equal `level` (> sigma_max(D))."""
+    R = level**2 * np.eye(G.n_inputs) - G.D.T @ G.D
+    S = level**2 * np.eye(G.n_outputs) - G.D @ G.D.T
+    A = G.A + G.B @ np.linalg.solve(R, G.D.T @ G.C)
+    # B and C enter with the factor `level` shared between them, so that both halves have the same size
+    n = G.order
+    H = np.empty((2 * n, 2 * n))
+    H[:n, :n], H[:n, n:] = A, level * G.B @ np.linalg.solve(R, G.B.T)
+    H[n:, :n], H[n:, n:] = -level * G.C.T @ np.linalg.solve(S, G.C), -A.T
+    eigenvalues = scipy.linalg.eigvals(H)
+    rounding = 1e-13 * np.max(np.abs(eigenvalues))
+    on_axis = np.abs(eigenvalues.real) <= _CANDIDATE * np.abs(eigenvalues) + rounding
+    return np.unique(np.abs(eigenvalues[on_axis].imag))

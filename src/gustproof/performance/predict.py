@@ -1,0 +1,75 @@
+"""What a whole law will do in turbulence, without a flight, on the model of `gustproof.performance.covariance`."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import GRAVITY, Vehicle
+from gustproof.law.form import Law, Matrix, Output
+from gustproof.law.hover import linear_law
+from gustproof.lti.state_space import Lti, lft
+from gustproof.performance.covariance import AxisModel, axis_flight, axis_models, flown_moments
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Foretold:
+    """What the model foretells for three axes at once."""
+
+    rmse: float
+    """[rad] root mean square of the Euler angles over the scenario, of all flights."""
+    slew: float
+    """[N*m/s] root mean square of the commands' change from sample to sample over the sample time."""
+
+
+def foretell(law: Law, vehicle: Vehicle, scenario: Scenario) -> Foretold | None:
+    """Return error and slew of a torque law in the scenario's turbulence, vehicle held; `None` for a law of rates.
+
+    Exact for small angles and a law within its limits, linear at level attitude; the loop must be stable but for the
+    attitude itself.
+
+    Raises
+    ------
+    ValueError
+        If the scenario has no Dryden turbulence.
+    """
+    if law.output is not Output.TORQUE:
+        return None
+    models = axis_models(vehicle, scenario)
+    moments = flown_moments(models, lft(_flight(models, vehicle, scenario), _controller(law)))
+    pooled = np.sqrt(np.mean(np.diag(moments).reshape(2, 3), axis=1))
+    return Foretold(rmse=float(pooled[0]), slew=float(pooled[1]) / scenario.dt)
+
+
+def _flight(models: Sequence[AxisModel], vehicle: Vehicle, scenario: Scenario) -> Lti:
+    """Return three axes as one: noises and commands in; attitudes, changes of command, gyro and specific force out."""
+    axes = [axis_flight(model) for model in models]
+    A, B, C, D = (scipy.linalg.block_diag(*(getattr(axis, name) for axis in axes)) for name in "ABCD")
+    last = np.cumsum([axis.n_inputs for axis in axes]) - 1
+    noises = [i for i in range(B.shape[1]) if i not in last]
+    attitudes, changes, gyros = ([3 * axis + output for axis in range(3)] for output in range(3))
+    # Level, held: nose up pushes forward, -f_z being gravity; roll to the right pulls left.
+    felt = GRAVITY * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) @ C[attitudes]
+    density = vehicle.accelerometer.noise_density if scenario.accelerometer.noise else 0.0
+    noise = density * math.sqrt(0.5 * scenario.control_rate_hz) * np.eye(3)
+    outputs, order = [*attitudes, *changes, *gyros], [*noises, *last]
+    B, D = B[:, order], D[np.ix_(outputs, order)]
+    return Lti(
+        A=A, B=np.hstack([np.zeros((A.shape[0], 3)), B]), C=np.vstack([C[outputs], felt]),
+        D=np.block([[np.zeros((9, 3)), D], [noise, np.zeros((3, B.shape[1]))]]), dt=scenario.dt,
+    )  # fmt: skip
+
+
+def _controller(law: Law) -> Lti:
+    """Return the linear law from gyro and specific force (6,) to the command (3,)."""
+    whole = linear_law(law, 9)
+    return Lti(A=whole.A, B=_measured(whole.B), C=whole.C, D=_measured(whole.D), dt=law.dt)
+
+
+def _measured(columns: Matrix) -> Matrix:
+    """Return the columns of gyro and specific force; a law that has no use for the latter leaves them out."""
+    rows, width = columns.shape
+    return np.hstack([columns[:, :3], columns[:, 6:], np.zeros((rows, 9 - width))])

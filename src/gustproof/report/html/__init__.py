@@ -1,0 +1,1 @@
+"""Render flights and campaigns as one offline HTML page."""

@@ -1,0 +1,137 @@
+"""One HTML file on some flights: it asks nobody for anything, and opens without a network.
+
+Tables are HTML as they stand. Curves are float32, packed into one block that the page's script unpacks and draws:
+their bytes stand in four planes, equal ones beside each other, which compresses best.
+"""
+
+import base64
+import json
+import re
+import zlib
+from collections.abc import Iterable, Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gustproof import __version__
+from gustproof.recording.folder import write_whole
+from gustproof.report.html.charts import SAMPLES, Curve, Group, spectra, time_histories
+from gustproof.report.html.loops import flown_laws, frequency_charts, pole_charts
+from gustproof.report.html.runs import Run
+from gustproof.report.html.tables import flights_table, margins_table, requirements_table
+
+_ASSETS = files("gustproof.report") / "assets"
+_SCRIPTS = ("uPlot.min.js", "numbers.js", "charts.js", "attitude.js", "replay.js", "page.js")
+_STYLES = ("uPlot.min.css", "page.css")
+
+Array = NDArray[np.float64]
+
+
+def write_report(runs: Sequence[Run], path: Path) -> None:
+    """Write the page on `runs`; the same flights give the same bytes."""
+    write_whole(path, report_page(runs))
+
+
+def report_page(runs: Sequence[Run]) -> str:
+    """Return the page as HTML."""
+    laws, numbers = flown_laws(runs), _Numbers()
+    scenarios = ", ".join(dict.fromkeys(run.scenario.name for run in runs))
+    sections = {
+        "time": numbers.groups(time_histories(runs)),
+        "frequency": numbers.groups(frequency_charts(laws)),
+        "poles": numbers.groups(pole_charts(laws)),
+        "spectra": numbers.groups(spectra(runs)),
+    }
+    page = {
+        "runs": [{"label": run.label, **numbers.replay(run)} for run in runs],
+        "sections": sections,
+        "name": re.sub(r"[^\w.-]+", "-", scenarios),
+    }
+    parts = {
+        "title": escape(f"{scenarios}: {', '.join(run.label for run in runs)}"),
+        "scenarios": "".join(f"<p>{escape(text)}</p>" for text in _scenarios(runs)),
+        "flights": flights_table(runs) + requirements_table(runs),
+        "margins": margins_table(laws),
+        "footer": escape(_footer(runs)),
+        "licence": escape(_asset("uPlot.LICENSE")),
+        "styles": "\n".join(_asset(name) for name in _STYLES),
+        # a text in JSON must not end the script
+        "page": json.dumps(page, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
+        "numbers": numbers.packed(),
+        "scripts": "\n".join(f"<script>\n{_asset(name)}\n</script>" for name in _SCRIPTS),
+    }
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset("page.html"))
+
+
+def _asset(name: str) -> str:
+    return (_ASSETS / name).read_text(encoding="utf-8")
+
+
+def _scenarios(runs: Iterable[Run]) -> list[str]:
+    return list(dict.fromkeys(f"{run.scenario.name}: {run.scenario.description}" for run in runs))
+
+
+def _footer(runs: Sequence[Run]) -> str:
+    flown = ", ".join(dict.fromkeys(run.versions["gustproof"] for run in runs))
+    thinned = max(len(run.records) for run in runs) > SAMPLES
+    shown = f" Of long flights the curves show the extremes of {SAMPLES // 2} stretches." if thinned else ""
+    return f"Flown by gustproof {flown}, drawn by gustproof {__version__}.{shown}"
+
+
+class _Numbers:
+    """All numbers of the page, each array once, referred to by place and length."""
+
+    def __init__(self) -> None:
+        self._arrays: list[bytes] = []
+        self._places: dict[bytes, tuple[int, int]] = {}
+        self._used = 0
+
+    def place(self, values: Array) -> tuple[int, int]:
+        """Return where `values` (n,) start, and how many they are."""
+        content = np.ascontiguousarray(values, dtype="<f4").tobytes()
+        if content not in self._places:
+            self._places[content] = (self._used, len(values))
+            self._arrays.append(content)
+            self._used += len(values)
+        return self._places[content]
+
+    def packed(self) -> str:
+        """Return the numbers as base64 of zlib of the four planes of their bytes."""
+        words = np.frombuffer(b"".join(self._arrays), dtype=np.uint8).reshape(-1, 4)
+        return base64.b64encode(zlib.compress(words.T.tobytes(), 9)).decode()
+
+    def groups(self, groups: Iterable[Group]) -> list[dict[str, Any]]:
+        """Return groups of charts as the page's script wants them."""
+        return [
+            {
+                "title": group.title,
+                "note": group.note,
+                "charts": [
+                    {
+                        "title": chart.title,
+                        "x": chart.x_label,
+                        "kind": chart.kind.value,
+                        "curves": [self._curve(curve) for curve in chart.curves],
+                    }
+                    for chart in group.charts
+                ],
+            }
+            for group in groups
+        ]
+
+    def replay(self, run: Run) -> dict[str, Any]:
+        """Return what moves the vehicle of a run: time [s], q_NB and gust_B [m/s], by component."""
+        records = run.records[:: -(-len(run.records) // SAMPLES)]
+        return {
+            "time": self.place(records["time_us"] * 1e-6),
+            "q_NB": [self.place(column) for column in records["q_NB"].T],
+            "gust_B": [self.place(column) for column in records["gust_B"].T],
+        }
+
+    def _curve(self, curve: Curve) -> dict[str, Any]:
+        places = {"x": self.place(curve.x), "y": self.place(curve.y)}
+        return {"label": curve.label, "colour": curve.colour, "style": curve.style.value, **places}

@@ -1,0 +1,118 @@
+"""The flights of a report, read back from their bags."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.config.files import parse
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.errors import ConfigError
+from gustproof.law.form import Law, law_from
+from gustproof.recording.bag import read_bag
+from gustproof.recording.folder import bags_in
+from gustproof.scoring.metrics import Metrics, measure
+from gustproof.scoring.requirements import RequirementResult, judge
+
+MOST = 12
+"""Flights that a page shows at most: more curves can't be told apart."""
+
+Records = NDArray[np.void]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Run:
+    """One recorded flight."""
+
+    label: str
+    """What it is called beside the other runs."""
+    bag: Path
+    """Folder of the bag."""
+    scenario: Scenario
+    """Script that was flown."""
+    vehicle: Vehicle
+    """Vehicle that was flown."""
+    law: Law
+    """Law that flew it."""
+    seed: int
+    """Seed of gusts and noise."""
+    outcome: str
+    """How the flight ended."""
+    versions: Mapping[str, str]
+    """Versions of what flew it."""
+    pace: Mapping[str, int] | None
+    """How well the deadlines of real time were kept, as `sitl.Flight` has it."""
+    records: Records
+    """(n,) the journal's records."""
+    metrics: Metrics
+    """Figures of the flight."""
+    requirements: tuple[RequirementResult, ...]
+    """What became of each requirement of the scenario."""
+
+
+def read_runs(paths: Iterable[Path]) -> tuple[Run, ...]:
+    """Return the flights in `paths`: folders of `gustproof fly`, or bags.
+
+    Raises
+    ------
+    ConfigError
+        If a folder holds no bag, a bag can't be read or holds less than two samples, or there are more than `MOST`.
+    """
+    bags = [bag for path in paths for bag in bags_in(path)]
+    if len(bags) > MOST:
+        raise ConfigError(f"{len(bags)} flights, a report shows at most {MOST}")
+    read = [(bag, *read_bag(bag)) for bag in bags]
+    labels = _labels([about for _, about, _ in read])
+    return tuple(_run(label, *flight) for label, flight in zip(labels, read, strict=True))
+
+
+def _run(label: str, bag: Path, about: dict[str, Any], records: Records) -> Run:
+    if len(records) < 2:
+        raise ConfigError(f"{bag}: {len(records)} samples, a report needs at least 2")
+    if about.get("law", ...) is None:
+        raise ConfigError(f"{bag}: flown by a controller of its own; a page needs its law")
+    try:
+        law = {key: value for key, value in about["law"].items() if key != "order"}
+        scenario, vehicle = about["scenario"], about["vehicle"]
+        seed, outcome, versions = int(about["seed"]), str(about["outcome"]), dict(about["versions"])
+        pace = {name: int(value) for name, value in about["pace"].items()} if "pace" in about else None
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
+        raise ConfigError(f"{bag}: does not say what was flown") from None
+    script, airframe = parse(Scenario, scenario, f"{bag}: scenario"), parse(Vehicle, vehicle, f"{bag}: vehicle")
+    return Run(
+        label=label,
+        bag=bag,
+        scenario=script,
+        vehicle=airframe,
+        law=law_from(law, f"{bag}: law"),
+        seed=seed,
+        outcome=outcome,
+        versions=versions,
+        pace=pace,
+        records=records,
+        metrics=measure(records, airframe, script, 0.0),
+        requirements=judge(records, script, airframe),
+    )
+
+
+def _labels(flights: list[dict[str, Any]]) -> list[str]:
+    """Return the law of each flight, and what else tells the flights apart."""
+    parts = [[_named(about, "law")] for about in flights]
+    for key in ("scenario", "vehicle", "seed"):
+        values = [_named(about, key) for about in flights]
+        if len(set(values)) > 1:
+            for part, value in zip(parts, values, strict=True):
+                part.append(value)
+    labels = [", ".join(part) for part in parts]
+    repeats = [labels[: i + 1].count(label) for i, label in enumerate(labels)]
+    return [f"{label} ({n})" if n > 1 else label for label, n in zip(labels, repeats, strict=True)]
+
+
+def _named(about: dict[str, Any], key: str) -> str:
+    """Return the name of a flight's law, scenario or vehicle, or its seed, as far as the bag has it."""
+    value = about.get(key)
+    return str(value.get("name")) if isinstance(value, dict) else f"{key} {value}"

@@ -1,0 +1,90 @@
+"""Tables of the page: what flew, what came of it, what the loops are worth."""
+
+import math
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from gustproof.report.html.loops import FlownLaw
+from gustproof.report.html.markup import table
+from gustproof.report.html.runs import Run
+from gustproof.report.loop_tables import MARGINS, margin_cell, poles_text
+from gustproof.report.terminal import figure_rows
+from gustproof.scoring.requirements import requirement_label, requirement_limits, requirement_window
+from gustproof.simulate.flight import warnings
+from gustproof.synthesis.derive import margins_document
+
+_AXES = ("roll", "pitch", "yaw")
+_PACE = {
+    "missed": "deadlines missed",
+    "held": "set-points held",
+    "late_samples": "samples late at the law",
+    "missed_samples": "samples that the law missed",
+}
+
+
+def flights_table(runs: Sequence[Run]) -> str:
+    """Return laws, flights and figures, a column a flight."""
+    head = ["", *(f'<i class="chip" style="--chip: var(--c{i % 7})"></i>{escape(r.label)}' for i, r in enumerate(runs))]
+    facts: dict[str, list[str]] = {
+        "law": [f"{run.law.name}, {run.law.order} states" for run in runs],
+        "made by": [run.law.provenance.design for run in runs],
+        "scenario": [run.scenario.name for run in runs],
+        "vehicle": [run.vehicle.name for run in runs],
+        "seed": [str(run.seed) for run in runs],
+        "outcome": [run.outcome for run in runs],
+        "flown": [f"{len(run.records) * run.scenario.dt:g} s of {run.scenario.duration_s:g} s" for run in runs],
+    }
+    if any(told := ["; ".join(warnings(run.scenario, run.law, run.vehicle)) for run in runs]):
+        facts["warning"] = told
+    rows = [[escape(name), *map(escape, cells)] for name, cells in facts.items()]
+    for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs)}):
+        rows.append([escape(f"{label} [{unit}]" if unit else label), *cells])
+    for name, label in _PACE.items():
+        cells = tuple(str((run.pace or {}).get(name, "")) for run in runs)
+        if any(cells):
+            rows.append([label, *cells])
+    return table(head, rows)
+
+
+def requirements_table(runs: Sequence[Run]) -> str:
+    """Return what each flight had to keep, a row a requirement, with its value and margin; empty if nothing."""
+    head = ["requirement", "from .. to [s]", "limit", "flight", "flown", "margin"]
+    rows = []
+    for run in runs:
+        for result in run.requirements:
+            required = result.requirement
+            mark = "good" if result.held else "bad" if result.judged else "interval"
+            told = f"{'held' if result.held else 'not held'}, {_told(result.margin)}" if result.judged else "not judged"
+            texts = (
+                requirement_label(required),
+                requirement_window(required),
+                requirement_limits(required),
+                run.label,
+                _told(result.value),
+            )
+            rows.append([*map(escape, texts), f'<span class="{mark}">{told}</span>'])
+    return f"<h3>Requirements</h3>{table(head, rows)}" if rows else ""
+
+
+def _told(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "not flown" if math.isnan(value) else "∞"
+
+
+def margins_table(laws: Iterable[FlownLaw]) -> str:
+    """Return the margins at the plant's input, a row an axis, and the poles of each law."""
+    heads = ["law", "axis", *(name.replace("\n", " ") for name in MARGINS.values()), "disk [-]"]
+    rows, poles = [], []
+    for law in laws:
+        pairs = [(float(pole.real), float(pole.imag)) for pole in sorted(law.hover.law_poles, key=abs)]
+        poles.append(f"<p>Poles of {escape(law.label)} [rad/s]: {escape(poles_text(pairs))}</p>")
+        if law.hover.margins is None:
+            reason = "no torque loop or an unstable one: no margins"
+            rows.append([escape(law.label), reason, *[""] * (len(heads) - 2)])
+            continue
+        figures = margins_document(law.hover.margins)["input"]
+        for axis in _AXES:
+            cells = [margin_cell(figures[axis][name]) for name in MARGINS]
+            first = axis == "roll"
+            disk = margin_cell(figures["disk_margin"]) if first else ""
+            rows.append([escape(law.label) if first else "", axis, *cells, disk])
+    return table([escape(head) for head in heads], rows) + "".join(poles)

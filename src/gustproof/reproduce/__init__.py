@@ -1,0 +1,1 @@
+"""Reproduce the paper: flights, verdicts on its claims, its errata."""

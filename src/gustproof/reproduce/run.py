@@ -1,0 +1,259 @@
+"""Fly the paper: every scenario with every law and seed, over UDP; figures, verdicts and pictures of all of it."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from threading import Event
+from typing import Any, NamedTuple
+
+from rich.console import Group
+from rich.text import Text
+
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.config.wind import Dryden
+from firmware_model.errors import ConfigError
+from gustproof.analysis.law_margins import SPREADS, HoverMargins, hover_margins, off_nominal
+from gustproof.analysis.placement import Standing, standing
+from gustproof.errors import FlightError
+from gustproof.law.form import Law, load_law
+from gustproof.model.generalized import lft_structure
+from gustproof.model.interconnection import Interconnection
+from gustproof.model.lpv import RATE_BOUND
+from gustproof.model.rotational import Envelope, paper_rotation
+from gustproof.report.terminal import Document, reproduction_document, save
+from gustproof.reproduce.claims import PAPER_LAWS, Claim, judge
+from gustproof.scoring.metrics import Metrics, median_metrics
+from gustproof.simulate.flight import RecordedFlight, fly_and_record, objections, warnings
+from gustproof.simulate.outcome import Outcome
+from gustproof.synthesis.derive import derive
+from gustproof.synthesis.designs import load_design
+
+SCENARIOS = ("paper", "paper-turbulence", "coning", "bias")
+LAWS = (
+    "pid-default",
+    "pid-fair",
+    "indi",
+    "flagship",
+    "aided",
+    "hinf-d1",
+    "hinf-d1-noise",
+    "hinf-d2",
+    "hinf-scheduled",
+    "hinf-rates",
+)
+_AT_ONCE = 2
+"""Flights side by side: a lockstep flight keeps one core busy, whichever of its processes has the turn."""
+
+Progress = Callable[[float, str], None]
+
+
+class Case(NamedTuple):
+    """One flight to be flown."""
+
+    scenario: Scenario
+    """Script."""
+    law: Law
+    """Law."""
+    seed: int
+    """Seed of gusts and noise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reproduction:
+    """What came out."""
+
+    vehicle: Vehicle
+    """Vehicle that was flown."""
+    laws: Mapping[str, Law]
+    """Laws by name."""
+    seeds: tuple[int, ...]
+    """Seeds of gusts and noise."""
+    medians: Mapping[str, Mapping[str, Metrics]]
+    """Figures by law and scenario, medians over the seeds."""
+    margins: Mapping[str, HoverMargins | None]
+    """Margins at hover by law."""
+    stable_up_to: Mapping[str, float | None]
+    """[-] times `SPREADS` of inertia and actuator lag, by law: proved at hover, `None` where it can't be judged."""
+    standing: Standing
+    """What is possible in the turbulence, and where the laws stand."""
+    claims: tuple[Claim, ...]
+    """Verdicts on the paper's claims."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What must be known of the laws on this vehicle before their figures are believed, a line each."""
+        scenario = load_scenario("paper")
+        return tuple(line for law in self.laws.values() for line in warnings(scenario, law, self.vehicle))
+
+    def summary(self) -> dict[str, Any]:
+        """Return what `summary.json` has."""
+        return {
+            "laws": {
+                law: {
+                    **{name: asdict(metrics) for name, metrics in scenarios.items()},
+                    "seeds": list(_seeds(law, self.seeds)),
+                    "place": None if (place := self.standing.places[law]) is None else asdict(place),
+                    "stable_up_to_times": self.stable_up_to[law],
+                }
+                for law, scenarios in self.medians.items()
+            },
+            "warnings": list(self.warnings),
+            "spreads": asdict(SPREADS),
+            "limits": asdict(self.standing.limits),
+            "claims": [
+                {"paper": claim.paper, "ours": claim.ours, "verdict": claim.verdict.value} for claim in self.claims
+            ],
+        }
+
+    def document(self) -> Document:
+        """Return what a person reads of it."""
+        document = reproduction_document(
+            self.medians, self.margins, self.standing, self.claims, self.vehicle, load_scenario("paper")
+        )
+        return Group(*(Text(f"warning: {line}") for line in self.warnings), document)
+
+
+def check(vehicle: Vehicle) -> None:
+    """Refuse a vehicle on which one of the laws should not fly; all of them were made for `paper`.
+
+    Raises
+    ------
+    ConfigError
+        If there is such a law; names all of them.
+    """
+    laws = [load_law(name) for name in LAWS]
+    scenarios = [load_scenario(name) for name in SCENARIOS]
+    refused = [law.name for law in laws if any(objections(scenario, law, vehicle) for scenario in scenarios)]
+    if refused:
+        raise ConfigError(
+            f"unstable on vehicle '{vehicle.name}': {', '.join(refused)}; --anyway flies them all the same"
+        )
+
+
+def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progress) -> Reproduction:
+    """Fly everything, leave bags, laws, figures and `summary.json` in the empty folder `out`, and judge the claims.
+
+    Raises
+    ------
+    ConfigError
+        If a law or scenario can't be read.
+    FlightError
+        If a flight did not reach its end.
+    """
+    laws = {name: load_law(name) for name in LAWS}
+    scenarios = {name: load_scenario(name) for name in SCENARIOS}
+    (out / "laws").mkdir()
+    for law in laws.values():
+        law.save(out / "laws" / f"{law.name}.json")
+    progress(0.0, "what is possible")
+    margins = {name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
+    stable_up_to = {name: _stable_up_to(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
+    found = standing(laws, margins, vehicle, scenarios["paper-turbulence"])
+    flights = _fly_all(
+        [
+            Case(scenario, law, seed)
+            for scenario in scenarios.values()
+            for law in laws.values()
+            for seed in (_seeds(law.name, seeds) if _is_random(scenario) else seeds[:1])
+        ],
+        vehicle, out / "bags", progress,
+    )  # fmt: skip
+    medians = {law: {scenario: _median(flights, scenario, law) for scenario in scenarios} for law in laws}
+    design_d1, solved = derive(load_design("D1"), vehicle)
+    reproduction = Reproduction(
+        vehicle=vehicle,
+        laws=laws,
+        seeds=tuple(seeds),
+        medians=medians,
+        margins=margins,
+        stable_up_to=stable_up_to,
+        standing=found,
+        claims=judge(
+            medians, laws, norm=solved.result.norm, gamma_opt=design_d1.provenance.parameters["gamma_opt"],
+            peak_rate=max(flight.peak_rate for flight in flights if flight.named("paper", "hinf-d1")),
+        ),
+    )  # fmt: skip
+    (out / "summary.json").write_text(json.dumps(reproduction.summary(), indent=2) + "\n", encoding="utf-8")
+    _draw(flights, seeds[0], solved.problem, vehicle, out / "figures")
+    _draw_trade_off(reproduction, out / "figures")
+    save(reproduction.document(), out / "report.txt")
+    return reproduction
+
+
+def _fly_all(cases: Sequence[Case], vehicle: Vehicle, out: Path, progress: Progress) -> list[RecordedFlight]:
+    """Return the flights of `cases`, flown side by side; the first that breaks off ends the others."""
+    out.mkdir()
+    shares, stop = [0.0] * len(cases), Event()
+
+    def fly(index: int, case: Case) -> RecordedFlight:
+        name = f"{case.scenario.name}, {case.law.name}, seed {case.seed}"
+
+        def shown(share: float) -> None:
+            if stop.is_set():
+                raise KeyboardInterrupt  # where this is heard, the flight's processes are ended in order
+            shares[index] = share
+            progress(sum(shares) / len(shares), name)
+
+        flight = fly_and_record(case.scenario, case.law, vehicle=vehicle, seed=case.seed, out=out, progress=shown)
+        if flight.outcome is not Outcome.DONE:
+            raise FlightError(flight.message)
+        return flight
+
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        futures = [pool.submit(fly, index, case) for index, case in enumerate(cases)]
+        try:
+            return [future.result() for future in futures]
+        except BaseException:
+            stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _stable_up_to(law: Law, vehicle: Vehicle, scenario: Scenario) -> float | None:
+    axes = off_nominal(law, vehicle, scenario)
+    return 1.0 / max(axis.upper for axis in axes) if axes else None
+
+
+def _median(flights: Sequence[RecordedFlight], scenario: str, law: str) -> Metrics:
+    return median_metrics([f.metrics for f in flights if f.named(scenario, law) and f.metrics is not None])
+
+
+def _draw(flights: Sequence[RecordedFlight], seed: int, problem: Interconnection, vehicle: Vehicle, out: Path) -> None:
+    """Draw the paper's figures of the flights with `seed`: its two laws on its flight, all but one in turbulence."""
+    from gustproof.report import diagrams, figures
+
+    out.mkdir()
+    for scenario, names in (("paper", PAPER_LAWS), ("paper-turbulence", LAWS[1:])):
+        records = {name: f.records for f in flights for name in LAWS if f.named(scenario, name) and f.seed == seed}
+        shown = {name: records[name] for name in names}
+        figures.save_moments(records["hinf-d1"], out / f"{scenario}-moments.png")
+        figures.save_euler_angles(shown, scenario, out / f"{scenario}-euler-angles.png")
+        figures.save_body_rates(shown, scenario, out / f"{scenario}-body-rates.png")
+        figures.save_torques(shown, scenario, out / f"{scenario}-torques.png")
+        figures.save_scheduling(records["hinf-d1"], "hinf-d1", out / f"{scenario}-scheduling.png")
+    diagrams.save_interconnection(problem, "Interconnection of design D1", out / "interconnection.png")
+    # Delta has the same blocks in every envelope.
+    dynamics = paper_rotation(vehicle.inertia_B, Envelope(angle=0.5, rate=RATE_BOUND))
+    title = f"LFT of the closed loop, Delta of order {dynamics.n_z}"
+    diagrams.save_lft(lft_structure(problem, dynamics), title, out / "lft.png")
+
+
+def _draw_trade_off(reproduction: Reproduction, out: Path) -> None:
+    from gustproof.report import figures
+
+    flown = {law: scenarios["paper-turbulence"] for law, scenarios in reproduction.medians.items()}
+    figures.save_trade_off(reproduction.standing, flown, out / "trade-off.png")
+
+
+def _seeds(law: str, seeds: Sequence[int]) -> Sequence[int]:
+    """Return the seeds that a law is flown with: the one with a frequency weight is shown once, not compared."""
+    return seeds[:1] if law == "hinf-d1-noise" else seeds
+
+
+def _is_random(scenario: Scenario) -> bool:
+    """Return whether the seed changes anything."""
+    noisy = scenario.gyro.noise or scenario.accelerometer.noise
+    return noisy or any(isinstance(item, Dryden) for item in scenario.wind)

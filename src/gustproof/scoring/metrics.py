@@ -1,0 +1,221 @@
+"""The one record of figures that every flight is judged by, and how it is measured."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from statistics import median
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.numerics.compiled import compiled, kernel
+from firmware_model.numerics.elementary import sin_cos
+from firmware_model.numerics.rotations import euler_angles, to_euler
+from firmware_model.numerics.soa import Column, alone, get, get_vector, loader, storer
+from firmware_model.recording.journal import OMEGA, Q_NB, TORQUE_COMMAND, WIDTH
+from firmware_model.types import Quaternion, Vector
+from gustproof.model.lpv import RATE_BOUND
+
+Records = NDArray[np.void]
+Array = NDArray[np.float64]
+_TURN, _DEGREES = 2.0 * math.pi, 180.0 / math.pi
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Metrics:
+    """Figures of one flight, or their medians over seeds; over the three axes at once unless one is named."""
+
+    peak_deg: float
+    """[deg] largest magnitude of the Euler angles."""
+    rmse_deg: float
+    """[deg] root mean square of the Euler angles; the reference is 0."""
+    peak_roll_deg: float
+    """[deg] largest magnitude of phi."""
+    peak_pitch_deg: float
+    """[deg] largest magnitude of theta."""
+    peak_yaw_deg: float
+    """[deg] largest magnitude of psi."""
+    rmse_roll_deg: float
+    """[deg] root mean square of phi."""
+    rmse_pitch_deg: float
+    """[deg] root mean square of theta."""
+    rmse_yaw_deg: float
+    """[deg] root mean square of psi."""
+    torque_rms_nm: float
+    """[N*m] root mean square of the commanded torque."""
+    torque_peak_nm: float
+    """[N*m] largest magnitude of the commanded torque."""
+    torque_slew_rms: float
+    """[N*m/s] rms of the commanded torque's difference from sample to sample over the sample time."""
+    saturated_s: float
+    """[s] time with a commanded torque at the vehicle's limit, on any axis."""
+    rho_in_bounds: bool
+    """Whether rho stayed inside Table II: rates within 1.5 rad/s, roll and pitch within 90 deg."""
+    realtime_factor: float
+    """[-] simulated time over wall time; the only figure that does not repeat."""
+
+
+class Tally(NamedTuple):
+    """What is known of a flight at a sample: what it is doing, then sums and extremes so far."""
+
+    phi: float  # [rad] as `to_euler` has it
+    theta: float
+    psi: float
+    phi_turns: float  # [rad] of full turns before
+    psi_turns: float
+    roll: float  # [deg] with all turns
+    pitch: float
+    yaw: float
+    L: float  # [N*m] B, commanded
+    M: float
+    N: float
+    slew_L: float  # [N*m/s] B, since the sample before
+    slew_M: float
+    slew_N: float
+    share: float  # [-] of the way from hover to the bounds of Table II, see `share_of_bounds`
+    peak_roll: float  # [deg]
+    peak_pitch: float
+    peak_yaw: float
+    square_roll: float  # [deg^2] sum
+    square_pitch: float
+    square_yaw: float
+    peak_torque: float  # [N*m]
+    square_torque: float  # [N^2*m^2] sum
+    square_slew: float  # [N^2*m^2/s^2] sum
+    saturated: float  # [samples]
+    most_share: float  # [-]
+
+
+TALLY = len(Tally._fields)
+"""Numbers in a tally."""
+load_tally, store_tally = loader(Tally), storer(Tally)
+
+
+@kernel
+def largest(a: float, b: float) -> float:
+    """Return the larger number; NaN if one is."""
+    return a if a > b or a != a else b
+
+
+@kernel
+def _without_jump(turns: float, before: float, now: float) -> float:
+    step = now - before
+    return turns - _TURN if step > 0.5 * _TURN else (turns + _TURN if step < -0.5 * _TURN else turns)
+
+
+@kernel
+def _share(phi: float, theta: float, omega_B: Vector) -> float:
+    """Return how much of the way from hover to a bound of Table II is used: inside up to 1."""
+    sin_phi, cos_phi = sin_cos(phi)
+    sin_theta, cos_theta = sin_cos(theta)
+    angles = largest(largest(abs(sin_phi), 1.0 - cos_phi), largest(abs(sin_theta), 1.0 - cos_theta))
+    return largest(angles, _largest_of((abs(omega_B[0]), abs(omega_B[1]), abs(omega_B[2]))) / RATE_BOUND)
+
+
+@kernel
+def _largest_of(v: Vector) -> float:
+    return largest(largest(v[0], v[1]), v[2])
+
+
+@kernel
+def _square(v: Vector) -> float:
+    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+
+
+@kernel
+def tallied(x: Tally, first: bool, limit: Vector, q_NB: Quaternion, omega_B: Vector, torque: Vector,
+            dt: float) -> Tally:  # fmt: skip
+    """Return the tally after a sample: attitude, rates [rad/s], commanded torque [N*m] and its limit, sample time."""
+    phi, theta, psi = to_euler(q_NB)
+    phi_turns = 0.0 if first else _without_jump(x.phi_turns, x.phi, phi)
+    psi_turns = 0.0 if first else _without_jump(x.psi_turns, x.psi, psi)
+    roll, pitch, yaw = _DEGREES * (phi + phi_turns), _DEGREES * theta, _DEGREES * (psi + psi_turns)
+    size = (abs(torque[0]), abs(torque[1]), abs(torque[2]))
+    rate = 0.0 if first else 1.0 / dt
+    slew = rate * (torque[0] - x.L), rate * (torque[1] - x.M), rate * (torque[2] - x.N)
+    share = _share(phi, theta, omega_B)
+    saturated = (size[0] >= limit[0]) | (size[1] >= limit[1]) | (size[2] >= limit[2])
+    return Tally(
+        phi, theta, psi, phi_turns, psi_turns, roll, pitch, yaw, torque[0], torque[1], torque[2],
+        slew[0], slew[1], slew[2], share,
+        largest(x.peak_roll, abs(roll)), largest(x.peak_pitch, abs(pitch)), largest(x.peak_yaw, abs(yaw)),
+        x.square_roll + roll * roll, x.square_pitch + pitch * pitch, x.square_yaw + yaw * yaw,
+        largest(x.peak_torque, _largest_of(size)), x.square_torque + _square(size), x.square_slew + _square(slew),
+        x.saturated + (1.0 if saturated else 0.0), largest(x.most_share, share),
+    )  # fmt: skip
+
+
+@kernel
+def tally_kernel(tally: Column, first: bool, limit: Column, record: Column, dt: float) -> None:
+    """Move a tally on by a journal's record."""
+    q_NB = (get(record, Q_NB), get(record, Q_NB + 1), get(record, Q_NB + 2), get(record, Q_NB + 3))
+    omega_B, torque = get_vector(record, OMEGA), get_vector(record, TORQUE_COMMAND)
+    store_tally(tally, 0, tallied(load_tally(tally, 0), first, get_vector(limit, 0), q_NB, omega_B, torque, dt))
+
+
+@compiled
+def _tally(rows: Array, limit: Array, dt: float, tally: Array) -> None:
+    for k in range(rows.shape[0]):
+        tally_kernel(alone(tally), k == 0, alone(limit), alone(rows[k]), dt)
+
+
+def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_factor: float) -> Metrics:
+    """Return the figures of one flight from its journal `records`, (n,) of `firmware_model.recording.journal.RECORD`.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two records: a change from sample to sample needs both.
+    """
+    if len(records) < 2:
+        raise ValueError(f"{len(records)} records, at least 2 are needed")
+    tally = np.zeros(TALLY)
+    _tally(as_rows(records), np.array(vehicle.torque_limit), scenario.dt, tally)
+    return figures(Tally._make(tally.tolist()), len(records), scenario.dt, realtime_factor)
+
+
+def as_rows(records: Records) -> Array:
+    """Return a copy (n, WIDTH) of journal records as plain numbers, in the order of `firmware_model.recording.journal.RECORD`."""
+    return np.array(records).view(np.float64).reshape(len(records), WIDTH)
+
+
+def figures(tally: Tally, samples: int, dt: float, realtime_factor: float) -> Metrics:
+    """Return the figures of a flight of two or more samples, `dt` [s] apart, from its tally."""
+    squares = tally.square_roll + tally.square_pitch + tally.square_yaw
+    return Metrics(
+        peak_deg=_largest_of((tally.peak_roll, tally.peak_pitch, tally.peak_yaw)),
+        rmse_deg=math.sqrt(squares / (3 * samples)),
+        peak_roll_deg=tally.peak_roll,
+        peak_pitch_deg=tally.peak_pitch,
+        peak_yaw_deg=tally.peak_yaw,
+        rmse_roll_deg=math.sqrt(tally.square_roll / samples),
+        rmse_pitch_deg=math.sqrt(tally.square_pitch / samples),
+        rmse_yaw_deg=math.sqrt(tally.square_yaw / samples),
+        torque_rms_nm=math.sqrt(tally.square_torque / (3 * samples)),
+        torque_peak_nm=tally.peak_torque,
+        torque_slew_rms=math.sqrt(tally.square_slew / (3 * (samples - 1))),
+        saturated_s=tally.saturated * dt,
+        rho_in_bounds=tally.most_share <= 1.0,
+        realtime_factor=realtime_factor,
+    )
+
+
+def median_metrics(flights: Sequence[Metrics]) -> Metrics:
+    """Return each figure's median over `flights`; rho is in bounds if it was in every one of them."""
+    medians: dict[str, Any] = {
+        field.name: median(getattr(flight, field.name) for flight in flights) for field in fields(Metrics)
+    }
+    return Metrics(**{**medians, "rho_in_bounds": all(flight.rho_in_bounds for flight in flights)})
+
+
+def attitude(records: Records) -> Array:
+    """Return phi, theta, psi (n, 3) [rad]; roll and yaw go on beyond pi, so that a turn counts as a turn."""
+    return np.unwrap(euler_angles(records["q_NB"]), axis=0)
+
+
+def peak_rate(records: Records) -> float:
+    """Return the largest magnitude [rad/s] of p, q, r: what bounds on rho_5, rho_6, rho_7 limit."""
+    return float(np.max(np.abs(records["omega_B"])))

@@ -1,0 +1,311 @@
+"""The direct route for `LANES` flights at once: the kernels of `closed_loop`, each in a loop over flights side by side.
+
+The compiler makes SIMD of a loop over a constant number of flights, if nothing inside it loops or branches and all
+arrays are flat. So each stage of a sample is a loop of its own, and what is the same for all flights stands outside.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.numerics.compiled import align_stack, compiled, kernel
+from firmware_model.numerics.elementary import BLOCK, inverse_normals, uniforms
+from firmware_model.numerics.soa import Column, aligned
+from firmware_model.physics.disturbances import Disturbance, disturbance
+from firmware_model.physics.sensors import float32
+from firmware_model.recording import journal
+from firmware_model.recording.journal import WIDTH
+from firmware_model.sim import inner_loop, layout, step
+from firmware_model.sim.inner_loop import SETPOINT, command
+from firmware_model.sim.state import Array
+from gustproof.law.form import Law
+from gustproof.law.step import CUT, EXTRA, FOUR, RATES, Sums, euler_rates
+from gustproof.scoring.metrics import TALLY, tally_kernel
+from gustproof.scoring.requirements import read_kernel
+
+LANES = 32
+"""Flights in a batch: four registers of eight numbers, which hide each other's latency."""
+_GYRO, _GUST, _ACCELEROMETER, _DRAWN = 0, 4, 12, 16  # rows of random numbers
+
+
+class Shared(NamedTuple):
+    """What is the same for all flights of a scenario and a law."""
+
+    sample_us: int
+    """[us] from sample to sample."""
+    dt: float
+    """[s] the same."""
+    waves: Array
+    """(n, WAVE) see `disturbances`."""
+    replay: Array
+    """(samples or 0, 3 * TARGETS) see `disturbances`."""
+    reference: Array
+    """(samples, 3) [rad] phi, theta, psi that the law is asked to hold."""
+    rules: Array
+    """(n, 8) what is required, see `requirements`."""
+    law: Sums
+    """What the law adds up."""
+    kind: float
+    """[-] kind of its set-points, see `commands`."""
+    bound: float
+    """[-] largest magnitude of its command on the wire."""
+
+
+class Batch(NamedTuple):
+    """What flights have for themselves; a flat array consists of rows of `LANES`."""
+
+    params: Array
+    """(constants * LANES,) see `world`, units there."""
+    state: Array
+    """(states * LANES,) see `world`, units there."""
+    changes: Array
+    """(n, 3) what events change: sample, place among all constants, value."""
+    seeds: NDArray[np.int64]
+    """(LANES,)"""
+    scale: Array
+    """(3 * LANES,) [N*m or rad/s] B, what 1.0 on the wire means."""
+    thrust: Array
+    """(LANES,) [-] what is asked for beside rates; NaN beside torques."""
+    torque_limit: Array
+    """(3 * LANES,) [N*m] B."""
+    z: Array
+    """(n + EXTRA, LANES) what the law adds up, see `law_step`."""
+    work: Array
+    """(n, LANES) its next states."""
+    asked: Array
+    """(3, LANES) its commands [N*m or rad/s] B."""
+    ring: Array
+    """(delay + 1, SETPOINT * LANES) the last set-points, see `commands`."""
+    kinds: Array
+    """(delay + 1,) and what they are of."""
+    record: Array
+    """(WIDTH * LANES,) record of the sample, see `journal`."""
+    uniform: Array
+    """(12 or 16 * LANES,) random numbers: gyro, gust, and accelerometer if the law reads it."""
+    noise: Array
+    """(16 * LANES,) the same, standard normal."""
+    outer: Array
+    """(12 or 16 * LANES + BLOCK,) room for `inverse_normals`."""
+    places: NDArray[np.int64]
+    """(12 or 16 * LANES,) room for `inverse_normals`."""
+    tallies: Array
+    """(TALLY, LANES) see `metrics`."""
+    readings: Array
+    """(rules, READING, LANES) see `requirements`."""
+
+
+def _rows(count: int) -> Array:
+    return aligned(count * LANES).reshape(count, LANES)
+
+
+def room(law: Law, delay: int) -> dict[str, Any]:
+    """Return the fields of a `Batch` that flights of a law begin with, whose commands act `delay` samples late."""
+    drawn = (_DRAWN if law.feels_force else _ACCELEROMETER) * LANES
+    ring = _rows((delay + 1) * SETPOINT).reshape(delay + 1, SETPOINT * LANES)
+    ring[:, inner_loop.THRUST * LANES :] = np.nan
+    return {
+        "z": _rows(law.order + EXTRA), "work": _rows(law.order), "asked": _rows(3), "ring": ring,
+        "kinds": np.zeros(delay + 1), "record": aligned(WIDTH * LANES), "uniform": aligned(drawn),
+        "noise": aligned(_DRAWN * LANES), "outer": aligned(drawn + BLOCK), "places": np.zeros(drawn, dtype=np.int64),
+        "tallies": _rows(TALLY),
+    }  # fmt: skip
+
+
+@compiled
+def fly_held(shared: Shared, batch: Batch) -> None:
+    """Fly a batch on the test stand, see `_fly`."""
+    align_stack()
+    _fly(False, shared, batch)
+
+
+@compiled
+def fly_free(shared: Shared, batch: Batch) -> None:
+    """Fly a batch in free flight, see `_fly`."""
+    align_stack()
+    _fly(True, shared, batch)
+
+
+@kernel
+def _fly(free: bool, shared: Shared, batch: Batch) -> None:
+    """Fly a batch and judge it: `closed_loop.fly_direct`, and what measures its records, of which one is kept."""
+    params, state, record, noise, ring = batch.params, batch.state, batch.record, batch.noise, batch.ring
+    tallies, torque_limit = batch.tallies.reshape(TALLY * LANES), batch.torque_limit
+    limits, late = torque_limit.reshape(3, LANES), batch.kinds.size
+    steps, dt = int(params[layout.STEPS * LANES]), shared.sample_us * 1e-6
+    for k in range(shared.reference.shape[0]):
+        reference, now, acts = shared.reference[k], k % late, (k + 1) % late
+        _draw(batch.seeds, k, batch.uniform)
+        inverse_normals(batch.uniform, noise, batch.outer, batch.places)
+        _observe(free, shared, batch, k)
+        _measured(record, reference, batch.z, batch.work.shape[0])
+        _law(shared.law, batch.z, batch.asked, batch.work)
+        _ask(batch, shared.bound, ring[now])
+        batch.kinds[now] = shared.kind
+        _command(free, params, state, batch.kinds[acts], ring[acts], record)
+        for _ in range(steps):
+            _move(free, params, state, dt / steps, record)
+        _breathe(params, state, noise)
+        for w in range(LANES):
+            tally, limit = Column(tallies, LANES, w), Column(torque_limit, LANES, w)
+            tally_kernel(tally, k == 0, limit, Column(record, LANES, w), shared.dt)
+        read_kernel(shared.rules, batch.readings, k, reference, batch.tallies, record, limits)
+
+
+@kernel
+def _draw(seeds: NDArray[np.int64], sample: int, u: Array) -> None:
+    """Draw all uniform numbers of a sample, as many as there is room for."""
+    _draw_block(seeds, layout.GYRO_STREAM, sample, 0, u, _GYRO)
+    _draw_block(seeds, layout.GUST_STREAM, sample, 0, u, _GUST)
+    _draw_block(seeds, layout.GUST_STREAM, sample, 1, u, _GUST + 4)
+    if u.size > _ACCELEROMETER * LANES:
+        _draw_block(seeds, layout.ACCELEROMETER_STREAM, sample, 0, u, _ACCELEROMETER)
+
+
+@kernel
+def _draw_block(seeds: NDArray[np.int64], stream: int, sample: int, block: int, u: Array, row: int) -> None:
+    for w in range(LANES):
+        a, b, c, d = uniforms(seeds[w], stream, sample, block)
+        at = row * LANES + w
+        u[at], u[at + LANES], u[at + 2 * LANES], u[at + 3 * LANES] = a, b, c, d
+
+
+@kernel
+def _four(noise: Array, row: int, w: int) -> tuple[float, float, float, float]:
+    at = row * LANES + w
+    return noise[at], noise[at + LANES], noise[at + 2 * LANES], noise[at + 3 * LANES]
+
+
+@kernel
+def _observe(free: bool, shared: Shared, batch: Batch, sample: int) -> None:
+    """Do what `plant.observe_kernel` does."""
+    params, state, noise, record = batch.params, batch.state, batch.noise, batch.record
+    step.change(params, Column(state, LANES, 0), batch.changes, sample)
+    time_us = sample * shared.sample_us
+    scripted = disturbance(shared.waves, shared.replay, sample, time_us * 1e-6)
+    if _low(free, params, state, 0.0):
+        for w in range(LANES):
+            _sense(free, True, params, state, scripted, noise, time_us, record, w)
+    else:
+        for w in range(LANES):
+            _sense(free, False, params, state, scripted, noise, time_us, record, w)
+
+
+@kernel
+def _sense(free: bool, low: bool, params: Array, state: Array, scripted: Disturbance, noise: Array, time_us: int,
+           record: Array, w: int) -> None:  # fmt: skip
+    p, x, row = Column(params, LANES, w), Column(state, LANES, w), Column(record, LANES, w)
+    turning, felt = _four(noise, _GYRO, w), _four(noise, _ACCELEROMETER, w)
+    step.sense(p, x, free, low, False, scripted, turning, felt, time_us, row)
+
+
+@kernel
+def _low(free: bool, params: Array, state: Array, dt: float) -> bool:
+    """Whether one of them may touch the ground within `dt` [s]; if not, nothing is asked about it: most of the time."""
+    low = False
+    if free:
+        for w in range(LANES):
+            low |= step.nears_ground(Column(params, LANES, w), Column(state, LANES, w), dt)
+    return low
+
+
+@kernel
+def _measured(record: Array, reference: Array, z: Array, n: int) -> None:
+    """Write what a law reads: rates, reference, specific force."""
+    for i in range(3):
+        for w in range(LANES):
+            z[n + i, w] = record[(journal.GYRO_B + i) * LANES + w]
+            z[n + 3 + i, w] = reference[i]
+            z[n + 6 + i, w] = record[(journal.FORCE_B + i) * LANES + w]
+
+
+@kernel
+def _law(law: Sums, z: Array, asked: Array, work: Array) -> None:
+    """Do what `law_kernel` does; each flight's sums in the same order."""
+    n, begin = law.ends.size - 3, 0
+    for i in range(3):
+        _sum(law.terms, begin, law.ends[i], z, asked[i])
+        limit = law.limits[i]
+        for w in range(LANES):
+            within = min(max(asked[i, w], -limit), limit)
+            z[n + CUT + i, w] = within - asked[i, w]
+            asked[i, w] = within
+        begin = law.ends[i]
+    if law.scheduled:
+        for w in range(LANES):
+            rates = euler_rates((z[0, w], z[1, w], z[2, w]), (z[3, w], z[4, w], z[5, w]))
+            z[n + RATES, w], z[n + RATES + 1, w], z[n + RATES + 2, w] = rates
+    for i in range(n):
+        _sum(law.terms, begin, law.ends[3 + i], z, work[i])
+        begin = law.ends[3 + i]
+    for i in range(n):
+        for w in range(LANES):
+            z[i, w] = work[i, w]
+
+
+@kernel
+def _sum(terms: Array, begin: int, end: int, z: Array, total: Array) -> None:
+    """Write the sum of some terms; four at a time, as to load and store the sum takes most of the time."""
+    for t in range(begin, end, FOUR):
+        a, b, c, d = terms[t, 1], terms[t + 1, 1], terms[t + 2, 1], terms[t + 3, 1]
+        i, j, k, m = z[int(terms[t, 0])], z[int(terms[t + 1, 0])], z[int(terms[t + 2, 0])], z[int(terms[t + 3, 0])]
+        if t == begin:
+            for w in range(LANES):
+                total[w] = 0.0 + a * i[w] + b * j[w] + c * k[w] + d * m[w]
+        else:
+            for w in range(LANES):
+                total[w] = total[w] + a * i[w] + b * j[w] + c * k[w] + d * m[w]
+
+
+@kernel
+def _ask(batch: Batch, bound: float, setpoint: Array) -> None:
+    for i in range(3):
+        for w in range(LANES):
+            at = i * LANES + w
+            setpoint[LANES + at] = min(max(float32(batch.asked[i, w] / batch.scale[at]), -bound), bound)
+    for w in range(LANES):
+        setpoint[inner_loop.THRUST * LANES + w] = batch.thrust[w]
+
+
+@kernel
+def _command(free: bool, params: Array, state: Array, kind: float, setpoint: Array, record: Array) -> None:
+    """Write what is asked of the actuators; a loop for each kind of set-point, as kinds branch."""
+    if kind == inner_loop.TORQUE:
+        for w in range(LANES):
+            _command_one(free, params, state, inner_loop.TORQUE, setpoint, record, w)
+    elif kind == inner_loop.RATES:
+        for w in range(LANES):
+            _command_one(free, params, state, inner_loop.RATES, setpoint, record, w)
+    else:
+        for w in range(LANES):
+            _command_one(free, params, state, inner_loop.TRIM, setpoint, record, w)
+
+
+@kernel
+def _command_one(free: bool, params: Array, state: Array, kind: float, setpoint: Array, record: Array,
+                 w: int) -> None:  # fmt: skip
+    p, x = Column(params, LANES, w), Column(state, LANES, w)
+    command(p, x, free, kind, Column(setpoint, LANES, w), Column(record, LANES, w))
+
+
+@kernel
+def _move(free: bool, params: Array, state: Array, dt: float, record: Array) -> None:
+    if _low(free, params, state, dt):
+        for w in range(LANES):
+            _move_one(free, True, params, state, dt, record, w)
+    else:
+        for w in range(LANES):
+            _move_one(free, False, params, state, dt, record, w)
+
+
+@kernel
+def _move_one(free: bool, low: bool, params: Array, state: Array, dt: float, record: Array, w: int) -> None:
+    step.move(Column(params, LANES, w), Column(state, LANES, w), free, low, dt, Column(record, LANES, w))
+
+
+@kernel
+def _breathe(params: Array, state: Array, noise: Array) -> None:
+    for w in range(LANES):
+        step.breathe(
+            Column(params, LANES, w), Column(state, LANES, w), _four(noise, _GUST, w), _four(noise, _GUST + 4, w)
+        )

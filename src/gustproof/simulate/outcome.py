@@ -1,0 +1,79 @@
+"""How a flight ended."""
+
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.autopilot.modes import Mode, Settings
+from firmware_model.config.events import ModeChange
+from firmware_model.config.scenario import Scenario
+
+_OFFBOARD, _FAIL_SAFE = Mode.OFFBOARD.value, Mode[Settings().fail_safe.name].value
+
+Records = NDArray[np.void]
+_Change = tuple[int, int]  # sample, and the mode from there on
+
+
+class Outcome(Enum):
+    """How a flight ended."""
+
+    DONE = "flown to the end"
+    """The law flew the whole scenario."""
+    CONTROLLER_LOST = "the set-points stopped, at the controller or on the link; the fail-safe took the vehicle"
+    """Set-points stopped in mid-flight; the on-board loop flew, until OFFBOARD was set again or to the end."""
+    LEFT_OFFBOARD = "the vehicle was taken out of OFFBOARD; its on-board loop flew until it was given back"
+    """Another client or the script asked for another mode; given back or not, the law has not flown it all."""
+    AUTOPILOT_LOST = "the autopilot's process ended in mid-flight"
+    """The vehicle's process died."""
+    NOT_STARTED = "the flight did not begin"
+    """The controller never came to fly."""
+    INTERRUPTED = "interrupted"
+    """Ctrl-C."""
+    CUT_OFF = "cut off; what its journal held has been recovered"
+    """All of its processes were killed, or the machine was."""
+
+
+def in_words(outcome: Outcome, scenario: Scenario, records: Records) -> str:
+    """Return an outcome in words; where the script alone took the vehicle out of OFFBOARD, what it asked for."""
+    changes, scripted = _changes(records), _scripted(scenario)
+    left = _left(changes)
+    if outcome is not Outcome.LEFT_OFFBOARD or not left or left - scripted:
+        return outcome.value
+    asked = (
+        f"{Mode(mode).name} from {sample * scenario.dt:g} s" for sample, mode in changes if (sample, mode) in scripted
+    )
+    return f"flown as the script asked: {', '.join(asked)}"
+
+
+def outcome_of(records: Records, scenario: Scenario) -> Outcome:
+    """Return how a flight ended of which nothing but its records (n,) is left.
+
+    It was flown to its end if no sample is missing, or if a landing ended it: then its motors are off. A change from
+    OFFBOARD to the mode of the fail-safe that the script does not ask for is taken for one.
+    """
+    landed = len(records) and records["mode"][-1] != _OFFBOARD and not records["thrust_z_command"][-1].any()
+    if len(records) < scenario.samples and not landed:
+        return Outcome.CUT_OFF
+    left = _left(_changes(records))
+    if not left:
+        return Outcome.DONE
+    lost = any(mode == _FAIL_SAFE for _, mode in left - _scripted(scenario))
+    return Outcome.CONTROLLER_LOST if lost else Outcome.LEFT_OFFBOARD
+
+
+def _changes(records: Records) -> list[_Change]:
+    """Return each mode that was flown after OFFBOARD, in which a flight begins, and the sample from which it was."""
+    modes = np.concatenate(([_OFFBOARD], records["mode"])).astype(np.int64)
+    return [(sample, int(modes[sample + 1])) for sample in np.flatnonzero(np.diff(modes)).tolist()]
+
+
+def _left(changes: list[_Change]) -> set[_Change]:
+    """Return the changes that took the vehicle out of OFFBOARD."""
+    before = [_OFFBOARD, *(mode for _, mode in changes)]
+    return {change for was, change in zip(before, changes, strict=False) if was == _OFFBOARD}
+
+
+def _scripted(scenario: Scenario) -> set[_Change]:
+    changes = (item for item in scenario.event if isinstance(item, ModeChange))
+    return {(round(item.at_s * scenario.control_rate_hz), Mode[item.mode.upper()].value) for item in changes}

@@ -1,0 +1,1 @@
+"""Tune cascades: autotuned PID, fair PID, flagship, INDI."""

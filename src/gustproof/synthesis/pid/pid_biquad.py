@@ -1,0 +1,149 @@
+"""The shaped cascade of one axis: angle P outside, a filtered PID and a biquad inside, on strapdown attitude.
+
+The command is `u = J F (angle_p (reference - attitude) - rate)` with the axis's inertia J and
+
+    F(s) = gain q(s; lead) / (s (s + cutoff)) q(s; zero) / q(s; pole),    q(s; w, zeta) = s^2 + 2 zeta w s + w^2,
+
+sampled by the trapezoidal rule. Without the biquad it is the PID with a filtered derivative; the biquad lets the loop
+gain fall where delay and lag leave no phase, and no earlier.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gustproof.law.cascade import AxisLaw
+from gustproof.law.form import Matrix
+from gustproof.lti.state_space import ComplexMatrix
+
+Values = NDArray[Any]
+"""Real, or complex for a derivative by complex steps."""
+
+
+class Shape(NamedTuple):
+    """Gains and corners of one axis; all positive."""
+
+    angle_p: float
+    """[1/s] rate asked for per attitude error."""
+    gain: float
+    """[1/s] angular acceleration per rate error at high frequency."""
+    lead_frequency: float
+    """[rad/s] of the PID's two zeros."""
+    lead_damping: float
+    """[-] of the PID's two zeros."""
+    cutoff: float
+    """[rad/s] corner of the filter on the derivative."""
+    zero_frequency: float
+    """[rad/s] of the biquad's zeros."""
+    zero_damping: float
+    """[-] of the biquad's zeros."""
+    pole_frequency: float
+    """[rad/s] of the biquad's poles."""
+    pole_damping: float
+    """[-] of the biquad's poles."""
+
+    def ordered(self) -> "Shape":
+        """Return the same shape with the slower pair of zeros as the PID's: which is whose does not change `F`."""
+        if self.lead_frequency <= self.zero_frequency:
+            return self
+        return self._replace(
+            lead_frequency=self.zero_frequency, lead_damping=self.zero_damping,
+            zero_frequency=self.lead_frequency, zero_damping=self.lead_damping,
+        )  # fmt: skip
+
+
+class Filter(NamedTuple):
+    """`F` in state space; each field has the leading axes of the values that it was made of."""
+
+    A: Values
+    """(..., 4, 4) states are the integral, the derivative's filter, and the biquad's two."""
+    B: Values
+    """(..., 4)."""
+    C: Values
+    """(..., 4)."""
+    D: Values
+    """(...)."""
+
+
+def shaped_filter(values: Values, dt: float) -> Filter:
+    """Return `F` for the values (..., 9) of `Shape`, at the sample time `dt` [s]."""
+    _, gain, lead, lead_damping, cutoff, zero, zero_damping, pole, pole_damping = np.moveaxis(values, -1, 0)
+    rate = 2.0 / dt
+    n0, n1, n2 = _sampled(lead, lead_damping, rate)
+    decay, scale = (rate - cutoff) / (rate + cutoff), gain / (rate * (rate + cutoff))
+    # partial fractions: the integral is a state of its own, so that it alone is told the reference and the limit
+    integral = scale * (n0 + n1 + n2) / (1.0 - decay)
+    smooth = scale * ((n0 * decay + n1) * decay + n2) / (decay - 1.0)
+    b0, b1, b2 = _sampled(zero, zero_damping, rate)
+    a0, a1, a2 = _sampled(pole, pole_damping, rate)
+    through = b0 / a0
+    A = np.zeros((*values.shape[:-1], 4, 4), values.dtype)
+    A[..., 0, 0], A[..., 1, 1] = 1.0, decay
+    A[..., 2, 0], A[..., 2, 1] = integral, smooth
+    A[..., 2, 2], A[..., 2, 3], A[..., 3, 2] = -a1 / a0, -a2 / a0, 1.0
+    B = np.stack([np.ones_like(gain), np.ones_like(gain), scale * n0, np.zeros_like(gain)], axis=-1)
+    tail = [(b1 - through * a1) / a0, (b2 - through * a2) / a0]
+    return Filter(A, B, np.stack([through * integral, through * smooth, *tail], axis=-1), through * scale * n0)
+
+
+def shaped_axis(shape: Shape, inertia: float, dt: float) -> AxisLaw:
+    """Return the law of one axis.
+
+    States: Euler angle `E` at the sample before [rad], rate of the sample before [rad/s], and the four of `F`; attitude
+    is that of `strapdown_axis`. The reference enters the integral alone: it is approached without a kick. What the
+    limit cuts off empties the integral with the time constant 1 / `lead_frequency`.
+    """
+    F = shaped_filter(np.array(shape), dt)
+    E, omega = np.eye(2, 6)
+    rate, reference = np.eye(2)
+    rows = np.eye(6)[2:]
+    felt = -shape.angle_p * (E + 0.5 * dt * omega)
+    newest = -(1.0 + 0.5 * dt * shape.angle_p) * rate
+    asked = np.outer(np.eye(4)[0], shape.angle_p * reference)
+    # what the integral alone gives at the command, in the long run
+    settled = inertia * float(F.C[0] + F.C[2:] @ np.linalg.solve(np.eye(2) - F.A[2:, 2:], F.A[2:, 0]))
+    H = np.zeros((6, 1))
+    H[2] = dt * shape.lead_frequency / settled
+    return AxisLaw(
+        A=np.vstack([E - 0.5 * dt * omega, 0.0 * omega, F.A @ rows + np.outer(F.B, felt)]),
+        B=np.vstack([0.5 * dt * rate, rate, np.outer(F.B, newest) + asked]),
+        C=inertia * (F.C @ rows + F.D * felt)[None],
+        D=inertia * (F.D * newest)[None],
+        G=np.eye(6, 1) * dt,
+        H=H,
+    )
+
+
+def shaped_response(values: Matrix, s: ComplexMatrix) -> tuple[ComplexMatrix, ComplexMatrix]:
+    """Return the response (k,) from rate error to acceleration, attitude's share included, and its slopes.
+
+    `s` (k,) are the points `2/dt (z - 1) / (z + 1)` that the trapezoidal rule makes of frequencies; the slopes (9, k)
+    are of the response's logarithm, to the logarithms of the values.
+    """
+    angle_p, gain, lead, lead_damping, cutoff, zero, zero_damping, pole, pole_damping = values
+    leads, zeros, poles = (
+        _quadratic(lead, lead_damping, s),
+        _quadratic(zero, zero_damping, s),
+        _quadratic(pole, pole_damping, s),
+    )
+    response = gain * leads[0] / (s * (s + cutoff)) * zeros[0] / poles[0] * (1.0 + angle_p / s)
+    slopes = [
+        angle_p / (s + angle_p), np.ones_like(s), *leads[1:], -cutoff / (s + cutoff), *zeros[1:], -poles[1], -poles[2],
+    ]  # fmt: skip
+    return response, np.array(slopes)
+
+
+def _sampled(frequency: Values, damping: Values, rate: float) -> tuple[Values, Values, Values]:
+    """Return the coefficients of z^2, z and 1 of `q` times (z + 1)^2."""
+    middle, side = rate * rate + frequency * frequency, 2.0 * damping * frequency * rate
+    return middle + side, 2.0 * (frequency * frequency - rate * rate), middle - side
+
+
+def _quadratic(
+    frequency: float, damping: float, s: ComplexMatrix
+) -> tuple[ComplexMatrix, ComplexMatrix, ComplexMatrix]:
+    """Return `q`, and the slopes of its logarithm to those of frequency and damping."""
+    first, constant = 2.0 * damping * frequency * s, frequency * frequency
+    q = s * s + first + constant
+    return q, (first + 2.0 * constant) / q, first / q

@@ -1,0 +1,308 @@
+"""The structure of a controller: named tunable blocks, each between some measurements and some controls.
+
+A controller of order n is one matrix `M = [A, B; C, D]`, from (states, measurements) to (state derivatives, controls).
+Every block here is affine in its parameters, so what it may be is an offset and one matrix for each parameter.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from gustproof.lti.state_space import Lti, Matrix
+
+Draw = Callable[[np.random.Generator], Matrix]
+"""Random parameters to start from, `(size,)`."""
+Fit = Callable[[Lti], Matrix | None]
+"""Parameters, `(size,)`, that come near a system; `None` where the block has no way to say."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tunable:
+    """A block of a controller that is affine in its parameters; `state_space`, `pid` and others make it."""
+
+    name: str
+    """Unique in the structure."""
+    inputs: tuple[int, ...]
+    """Measurements that it reads, counted from 0."""
+    outputs: tuple[int, ...]
+    """Controls that it adds to, counted from 0."""
+    order: int
+    """Number of states."""
+    offset: Matrix
+    """(order + outputs, order + inputs) [A, B; C, D] with all parameters 0."""
+    basis: Matrix
+    """(size, order + outputs, order + inputs) what a unit of each parameter adds."""
+    draw: Draw
+    """Random parameters to start from."""
+    fit: Fit
+    """Parameters that come near a given system."""
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return int(self.basis.shape[0])
+
+    def matrix(self, theta: Matrix) -> Matrix:
+        """Return [A, B; C, D] at the parameters `theta`, (size,)."""
+        return np.asarray(self.offset + np.tensordot(theta, self.basis, axes=1))
+
+    def system(self, theta: Matrix) -> Lti:
+        """Return the block as a system at the parameters `theta`, (size,)."""
+        return _system(self.matrix(theta), self.order)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Structure:
+    """A controller as the sum of its blocks; its states are theirs, in the order of `blocks`.
+
+    Raises
+    ------
+    ValueError
+        If a name is given twice, or a block reads a measurement or drives a control that is not there.
+    """
+
+    blocks: tuple[Tunable, ...]
+    """The tunable blocks."""
+    n_meas: int
+    """Number of measurements."""
+    n_con: int
+    """Number of controls."""
+
+    def __post_init__(self) -> None:
+        """Check names and ports."""
+        names = [block.name for block in self.blocks]
+        if len(set(names)) != len(names) or not names:
+            raise ValueError(f"blocks are named {', '.join(names) or '(none)'}: each needs a name of its own")
+        for block in self.blocks:
+            for ports, count, kind in (
+                (block.inputs, self.n_meas, "measurement"),
+                (block.outputs, self.n_con, "control"),
+            ):
+                if wrong := [port for port in ports if not 0 <= port < count]:
+                    raise ValueError(f"block '{block.name}' has {kind} {wrong[0]}, there are {count}, counted from 0")
+
+    @property
+    def order(self) -> int:
+        """Number of states."""
+        return sum(block.order for block in self.blocks)
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return sum(block.size for block in self.blocks)
+
+    def basis(self) -> tuple[Matrix, Matrix]:
+        """Return offset, (r, c), and basis, (size, r, c), of the whole controller's [A, B; C, D]."""
+        shape = (self.order + self.n_con, self.order + self.n_meas)
+        offset, basis = np.zeros(shape), np.zeros((self.size, *shape))
+        state = parameter = 0
+        for block in self.blocks:
+            states = range(state, state + block.order)
+            rows = [*states, *(self.order + k for k in block.outputs)]
+            columns = [*states, *(self.order + k for k in block.inputs)]
+            offset[np.ix_(rows, columns)] += block.offset
+            basis[np.ix_(range(parameter, parameter + block.size), rows, columns)] = block.basis
+            state, parameter = state + block.order, parameter + block.size
+        return offset, basis
+
+    def controller(self, theta: Matrix) -> Lti:
+        """Return the controller at the parameters `theta`, (size,)."""
+        offset, basis = self.basis()
+        return _system(offset + np.tensordot(theta, basis, axes=1), self.order)
+
+    def systems(self, theta: Matrix) -> dict[str, Lti]:
+        """Return each block as a system, by its name."""
+        ends = np.cumsum([block.size for block in self.blocks])[:-1]
+        parts = np.split(theta, ends)
+        return {block.name: block.system(part) for block, part in zip(self.blocks, parts, strict=True)}
+
+    def draw(self, rng: np.random.Generator) -> Matrix:
+        """Return random parameters, (size,)."""
+        return np.concatenate([block.draw(rng) for block in self.blocks])
+
+    def fit(self, K: Lti) -> Matrix | None:
+        """Return the parameters at which each block comes near its part of `K`; `None` if one can't say."""
+        parts = []
+        for block in self.blocks:
+            rows, columns = list(block.outputs), list(block.inputs)
+            part = block.fit(Lti(A=K.A, B=K.B[:, columns], C=K.C[rows], D=K.D[np.ix_(rows, columns)]))
+            if part is None:
+                return None
+            parts.append(part)
+        return np.concatenate(parts)
+
+
+def full(order: int, n_meas: int, n_con: int) -> Structure:
+    """Return the structure without structure: any controller of the given order; 0 is static."""
+    block = state_space("K", order, inputs=tuple(range(n_meas)), outputs=tuple(range(n_con)))
+    return Structure(blocks=(block,), n_meas=n_meas, n_con=n_con)
+
+
+def decoupled(order: int, n_meas: int, n_con: int) -> Structure:
+    """Return one block of the given order for each control, which reads measurements k, k + n_con, ...
+
+    Raises
+    ------
+    ValueError
+        If measurements do not come in whole groups of one for each control.
+    """
+    if n_meas % n_con:
+        raise ValueError(f"{n_meas} measurements can't be shared out among {n_con} controls")
+    if order >= 2 and n_meas == n_con:  # with few parameters a search goes further than with every entry free
+        return self_scheduled(order, n_con, leak=0.0)
+    blocks = tuple(
+        state_space(f"K{k + 1}", order, inputs=tuple(range(k, n_meas, n_con)), outputs=(k,)) for k in range(n_con)
+    )
+    return Structure(blocks=blocks, n_meas=n_meas, n_con=n_con)
+
+
+def gain(name: str, *, inputs: tuple[int, ...], outputs: tuple[int, ...]) -> Tunable:
+    """Return a static gain matrix with every entry free."""
+    return state_space(name, 0, inputs=inputs, outputs=outputs)
+
+
+def state_space(
+    name: str, order: int, *, inputs: tuple[int, ...], outputs: tuple[int, ...], strictly_proper: bool = False
+) -> Tunable:
+    """Return a system with every entry of A, B, C and D free; D = 0 if `strictly_proper`."""
+    if order < 0:
+        raise ValueError(f"order is {order}, must be 0 or more")
+    p, m = len(outputs), len(inputs)
+    free = np.ones((order + p, order + m), dtype=bool)
+    if strictly_proper:
+        free[order:, order:] = False
+
+    def draw(rng: np.random.Generator) -> Matrix:
+        M = rng.normal(size=free.shape)
+        M[:order, :order] -= (1.0 + np.max(np.linalg.eigvals(M[:order, :order]).real, initial=0.0)) * np.eye(order)
+        return M[free]
+
+    return Tunable(
+        name=name, inputs=inputs, outputs=outputs, order=order, offset=np.zeros(free.shape),
+        basis=_unit_matrices(free), draw=draw, fit=lambda K: _matrix(truncated(K, order))[free],
+    )  # fmt: skip
+
+
+def pid(name: str, *, input: int, output: int, cutoff: float) -> Tunable:
+    """Return `k_p + k_i / s + k_d s / (s / cutoff + 1)`, parameters `(k_p, k_i, k_d)`; `cutoff` [rad/s] is given."""
+    if not (np.isfinite(cutoff) and cutoff > 0.0):
+        raise ValueError(f"cutoff is {cutoff!r}, must be positive")
+    offset, basis = np.zeros((3, 3)), np.zeros((3, 3, 3))
+    # states: integral of the error, and the low-passed error e_f; the derivative is cutoff (e - e_f)
+    offset[0, 2], offset[1, 1], offset[1, 2] = 1.0, -cutoff, cutoff
+    basis[0, 2, 2] = basis[1, 2, 0] = 1.0
+    basis[2, 2, 1], basis[2, 2, 2] = -cutoff, cutoff
+    return Tunable(
+        name=name, inputs=(input,), outputs=(output,), order=2, offset=offset, basis=basis,
+        draw=lambda rng: rng.normal(size=3) * [1.0, 1.0, 1.0 / cutoff], fit=lambda _: None,
+    )  # fmt: skip
+
+
+def observer(name: str, order: int, *, input: int, output: int, leak: float) -> Tunable:
+    """Return a system whose first two states are estimates of an attitude and of the rate that it reads.
+
+    `E' = -leak E + omega`, `omega' = -b (omega - y) + a_1 E + a_2 x`, the rest free. Every system of this order is
+    one of these in other coordinates, unless a degree of freedom is degenerate; so nothing is lost, and a law can carry
+    the exact kinematics `T(E) omega` of its own estimate in place of the first row: it is self-scheduled.
+
+    Raises
+    ------
+    ValueError
+        If `order` is below 2: there is no attitude and no rate.
+    """
+    if order < 2:
+        raise ValueError(f"order is {order}, must be 2 or more: the states are attitude, rate and others")
+    offset = np.zeros((order + 1, order + 1))
+    offset[0, :2] = -leak, 1.0
+    free = np.ones(offset.shape, dtype=bool)
+    free[0] = free[1, order] = False
+    basis = _unit_matrices(free)
+    basis[:, 1, order] = -basis[:, 1, 1]  # the rate estimate goes to the rate that is read
+
+    def draw(rng: np.random.Generator) -> Matrix:
+        M = rng.normal(size=offset.shape)
+        M[1, 1] = -rng.lognormal(mean=2.0)
+        M[2:order, 2:order] -= (1.0 + np.linalg.norm(M[2:order, 2:order])) * np.eye(order - 2)
+        return np.asarray(M[free])
+
+    def fit(K: Lti) -> Matrix | None:
+        M = _observer_coordinates(truncated(K, order), leak)
+        return None if M is None else M[free]
+
+    return Tunable(
+        name=name, inputs=(input,), outputs=(output,), order=order, offset=offset, basis=basis, draw=draw, fit=fit
+    )
+
+
+def self_scheduled(order: int, n_con: int, *, leak: float) -> Structure:
+    """Return one `observer` of the given order for each control, which reads the rate of its own axis."""
+    blocks = tuple(observer(f"K{k + 1}", order, input=k, output=k, leak=leak) for k in range(n_con))
+    return Structure(blocks=blocks, n_meas=n_con, n_con=n_con)
+
+
+def truncated(K: Lti, order: int) -> Lti:
+    """Return a system of exactly the given order near `K`: balanced truncation of its stable part, padded if short.
+
+    References
+    ----------
+    K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control, Prentice Hall 1996, section 7.1.
+    """
+    shift = max(0.0, 1e-3 + float(np.max(K.poles().real, initial=-1.0)))
+    A = K.A - shift * np.eye(K.order)  # an unstable controller is reduced as its stable neighbour
+    left = _factor(scipy.linalg.solve_continuous_lyapunov(A, -K.B @ K.B.T))
+    right = _factor(scipy.linalg.solve_continuous_lyapunov(A.T, -K.C.T @ K.C))
+    U, sizes, Vt = np.linalg.svd(right.T @ left)
+    kept = int(np.sum(sizes[:order] > 1e-10 * np.max(sizes, initial=1e-300)))
+    scale = np.sqrt(sizes[:kept])
+    W, T = (right @ U[:, :kept] / scale).T, left @ Vt[:kept].T / scale
+    spare = order - kept
+    pad = -np.eye(spare) * (1.0 + np.linalg.norm(K.A) if K.order else 1.0)
+    return Lti(
+        A=scipy.linalg.block_diag(W @ A @ T, pad) if spare else W @ A @ T,
+        B=np.vstack([W @ K.B, np.zeros((spare, K.n_inputs))]),
+        C=np.hstack([K.C @ T, np.zeros((K.n_outputs, spare))]),
+        D=K.D,
+    )
+
+
+def _observer_coordinates(K: Lti, leak: float) -> Matrix | None:
+    """Return [A, B; C, D] of the single-input `K` with states (E, E' + leak E, rest); `None` if degenerate."""
+    n = K.order
+    orthogonal = np.linalg.svd(K.B.T)[2][1:]
+    if orthogonal.shape[0] != n - 1:
+        return None
+    rest = orthogonal[1:]
+    E = orthogonal[0]
+    omega = E @ K.A + leak * E
+    T = np.vstack([E, omega, rest])
+    if np.linalg.cond(T) > 1e8:
+        return None
+    M = _matrix(Lti(A=T @ K.A @ np.linalg.inv(T), B=T @ K.B, C=K.C @ np.linalg.inv(T), D=K.D))
+    if min(abs(M[1, 1]), abs(M[1, n])) < 1e-8 * np.linalg.norm(M):
+        return None
+    scale = np.ones(n + 1)
+    scale[:2] = -M[1, 1] / M[1, n]
+    return np.asarray(scale[:, None] * M / scale)
+
+
+def _unit_matrices(free: np.ndarray[tuple[int, int], np.dtype[np.bool_]]) -> Matrix:
+    basis = np.zeros((int(free.sum()), *free.shape))
+    basis[np.arange(basis.shape[0]), *np.nonzero(free)] = 1.0
+    return basis
+
+
+def _factor(gramian: NDArray[Any]) -> Matrix:
+    values, vectors = np.linalg.eigh(gramian)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _matrix(K: Lti) -> Matrix:
+    return np.block([[K.A, K.B], [K.C, K.D]])
+
+
+def _system(M: Matrix, n: int) -> Lti:
+    return Lti(A=M[:n, :n], B=M[:n, n:], C=M[n:, :n], D=M[n:, n:])

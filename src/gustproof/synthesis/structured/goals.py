@@ -1,0 +1,216 @@
+"""What is asked of a structured controller: one thing to minimise, and limits to keep.
+
+A goal is a value of the closed loop over its limit; at most 1 keeps it. Norms are of a part of P's own channels (w, z),
+or of transfers that every loop has: sensitivity at the plant's input or output, and from noise on y to u.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from gustproof.lti.state_space import Lti, series
+
+Indices = tuple[int, ...] | None
+"""Which channels, counted from 0; `None` for all."""
+
+
+class Place(Enum):
+    """Where a loop is broken."""
+
+    INPUT = "plant input"
+    """At the controls u."""
+    OUTPUT = "plant output"
+    """At the measurements y."""
+
+
+class Measure(Enum):
+    """How large a transfer is."""
+
+    PEAK = "H-infinity norm"
+    """Largest gain over all frequencies."""
+    RMS = "H2 norm"
+    """Rms of the outputs for white noise of unit density at the inputs."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Gain:
+    """A norm of a part of (w, z); the torque slew is this with `Measure.RMS` of a z that P has for it."""
+
+    name: str = "gain"
+    """Unique among the goals."""
+    limit: float = 1.0
+    """[-] largest value; what is minimised is divided by it too."""
+    measure: Measure = Measure.PEAK
+    """Which norm."""
+    inputs: Indices = None
+    """Which of w."""
+    outputs: Indices = None
+    """Which of z."""
+    weight: Lti | None = None
+    """Filter on the outputs together, such as a differentiator with a lag."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sensitivity:
+    """The H-infinity norm of the sensitivity: Ms of one channel, or of several at once."""
+
+    name: str = "Ms"
+    """Unique among the goals."""
+    limit: float = 2.0
+    """[-] largest value of Ms."""
+    place: Place = Place.INPUT
+    """Where the loop is broken."""
+    channels: Indices = None
+    """Which channels are broken; the others stay closed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DiskMargin:
+    """The disk margin of several channels at once, from `|| S - I/2 ||`; for one channel exact."""
+
+    name: str = "disk margin"
+    """Unique among the goals."""
+    least: float = 0.5
+    """[-] least disk margin alpha."""
+    place: Place = Place.INPUT
+    """Where the loop is broken."""
+    channels: Indices = None
+    """Which channels vary; the others stay as they are."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RollOff:
+    """The controller's gain from noise on y to u in the closed loop, under a line that falls with frequency."""
+
+    name: str = "roll-off"
+    """Unique among the goals."""
+    corner: float
+    """[rad/s] frequency at which the line through `limit` is."""
+    limit: float = 1.0
+    """[unit of u / unit of y] gain at the corner; beyond it, less by the slope."""
+    slope: int = 1
+    """Order of the fall, 1 or 2; the weight levels off at 1000 times the corner."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StableController:
+    """All poles of the controller left of `-margin`."""
+
+    name: str = "controller stability"
+    """Unique among the goals."""
+    margin: float = 0.0
+    """[1/s] least distance of the controller's poles from the imaginary axis."""
+
+
+Goal = Gain | Sensitivity | DiskMargin | RollOff | StableController
+"""Anything that can be asked."""
+
+
+def channel(goal: Gain | Sensitivity | DiskMargin | RollOff, P: Lti, n_meas: int, n_con: int) -> tuple[Lti, float]:
+    """Return the generalised plant whose closed-loop norm is the goal's, and the largest value of that norm.
+
+    Raises
+    ------
+    ValueError
+        If a channel is not there or a limit is not positive.
+    """
+    m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
+    w, z, u, y = range(m1), range(p1), range(m1, P.n_inputs), range(p1, P.n_outputs)
+    if isinstance(goal, Gain):
+        inputs, outputs = _chosen(goal.name, goal.inputs, w), _chosen(goal.name, goal.outputs, z)
+        part = _picked(P, [*outputs, *y], [*inputs, *u])
+        return (part if goal.weight is None else _weighted(part, goal.weight, n_meas)), _positive(goal.name, goal.limit)
+    if isinstance(goal, RollOff):
+        disturbed = _noise_to_control(P, n_meas, n_con)
+        return _weighted(disturbed, _rising(goal, n_con), n_meas), _positive(goal.name, goal.limit)
+    limit = goal.limit if isinstance(goal, Sensitivity) else 1.0 / _positive(goal.name, goal.least)
+    taken = 0.0 if isinstance(goal, Sensitivity) else 0.5
+    count = n_con if goal.place is Place.INPUT else n_meas
+    chosen = _chosen(goal.name, goal.channels, range(count))
+    broken = _at_input(P, n_meas, n_con, chosen) if goal.place is Place.INPUT else _at_output(P, n_meas, n_con, chosen)
+    D = broken.D.copy()
+    D[: len(chosen), : len(chosen)] -= taken * np.eye(len(chosen))
+    return Lti(A=broken.A, B=broken.B, C=broken.C, D=D), _positive(goal.name, limit)
+
+
+def _at_input(P: Lti, n_meas: int, n_con: int, chosen: list[int]) -> Lti:
+    """Return the plant from (d, u) to (u + d, y) with d added to the chosen controls: the closed loop is S."""
+    m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
+    B2, C2, D22 = P.B[:, m1:], P.C[p1:], P.D[p1:, m1:]
+    pick = np.eye(n_con)[:, chosen]
+    return Lti(
+        A=P.A,
+        B=np.hstack([B2 @ pick, B2]),
+        C=np.vstack([np.zeros((len(chosen), P.order)), C2]),
+        D=np.block([[np.eye(len(chosen)), pick.T], [D22 @ pick, D22]]),
+    )
+
+
+def _at_output(P: Lti, n_meas: int, n_con: int, chosen: list[int]) -> Lti:
+    """Return the plant from (d, u) to (y + d, y + d) with d added to the chosen measurements."""
+    m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
+    B2, C2, D22 = P.B[:, m1:], P.C[p1:], P.D[p1:, m1:]
+    pick = np.eye(n_meas)[:, chosen]
+    return Lti(
+        A=P.A,
+        B=np.hstack([np.zeros((P.order, len(chosen))), B2]),
+        C=np.vstack([pick.T @ C2, C2]),
+        D=np.block([[np.eye(len(chosen)), pick.T @ D22], [pick, D22]]),
+    )
+
+
+def _noise_to_control(P: Lti, n_meas: int, n_con: int) -> Lti:
+    """Return the plant from (noise on y, u) to (u, y)."""
+    m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
+    return Lti(
+        A=P.A,
+        B=np.hstack([np.zeros((P.order, n_meas)), P.B[:, m1:]]),
+        C=np.vstack([np.zeros((n_con, P.order)), P.C[p1:]]),
+        D=np.block([[np.zeros((n_con, n_meas)), np.eye(n_con)], [np.eye(n_meas), P.D[p1:, m1:]]]),
+    )
+
+
+def _rising(goal: RollOff, width: int) -> Lti:
+    """Return `(s / corner)^slope` on each channel, with lags at 1000 times the corner."""
+    if goal.slope not in (1, 2) or not goal.corner > 0.0:
+        raise ValueError(f"goal '{goal.name}' has slope {goal.slope} and corner {goal.corner}: 1 or 2, and positive")
+    fast, identity = 1e3 * goal.corner, np.eye(width)
+    lead = Lti(A=-fast * identity, B=fast * identity, C=-1e3 * identity, D=1e3 * identity)
+    return lead if goal.slope == 1 else series(lead, lead)
+
+
+def _weighted(P: Lti, weight: Lti, n_meas: int) -> Lti:
+    """Return `P` with the filter `weight` on all outputs but the last `n_meas`."""
+    p1 = P.n_outputs - n_meas
+    measured = Lti(A=np.zeros((0, 0)), B=np.zeros((0, n_meas)), C=np.zeros((n_meas, 0)), D=np.eye(n_meas))
+    if weight.n_inputs != p1:
+        raise ValueError(f"a weight of {weight.n_inputs} inputs stands on {p1} outputs")
+    beside = Lti(
+        A=weight.A,
+        B=np.hstack([weight.B, np.zeros((weight.order, n_meas))]),
+        C=np.vstack([weight.C, np.zeros((n_meas, weight.order))]),
+        D=np.block([
+            [weight.D, np.zeros((weight.n_outputs, n_meas))],
+            [np.zeros((n_meas, p1)), measured.D],
+        ]),
+    )  # fmt: skip
+    return series(P, beside)
+
+
+def _picked(P: Lti, outputs: list[int], inputs: list[int]) -> Lti:
+    return Lti(A=P.A, B=P.B[:, inputs], C=P.C[outputs], D=P.D[np.ix_(outputs, inputs)])
+
+
+def _chosen(name: str, indices: Indices, known: range) -> list[int]:
+    if indices is None:
+        return list(known)
+    if not indices or [k for k in indices if k not in known]:
+        raise ValueError(f"goal '{name}' names channels {indices}, there are {len(known)}, counted from 0")
+    return list(indices)
+
+
+def _positive(name: str, limit: float) -> float:
+    if not (np.isfinite(limit) and limit > 0.0):
+        raise ValueError(f"goal '{name}' has the limit {limit!r}, must be positive")
+    return limit
