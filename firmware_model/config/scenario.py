@@ -11,13 +11,13 @@ from pydantic.dataclasses import dataclass
 
 from firmware_model.config.events import ControllerHung, ControllerKilled, Event, ModeChange
 from firmware_model.config.files import Name, read_toml, shipped
+from firmware_model.config.link_faults import LinkFault
 from firmware_model.config.moments import Moment
 from firmware_model.config.plant_events import ActuatorLag, AttitudeReference, GyroBias, PlantEvent
 from firmware_model.config.requirement import AXES, Metric, Requirement
 from firmware_model.config.vehicle import NonNegative, Vector
 from firmware_model.config.wind import STRICT, Dryden, Shear, Wind
 from firmware_model.config.wind_table import with_rows
-from firmware_model.session.link import LinkFault
 
 SCENARIOS = Path(__file__).parent / "data" / "scenarios"
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]

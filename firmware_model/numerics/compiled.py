@@ -4,7 +4,9 @@ A `kernel` is physics on scalars; it is inlined wherever it is used, and to Pyth
 function is an entry point that Python calls; its machine code is kept on disk.
 """
 
+import re
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -52,16 +54,40 @@ def compiled(function: Function) -> Function:
 
     It makes no array: without those nothing has to count who holds one, which took a third of the time of a step.
 
-    numba renews its cache only when the file of the entry point itself changes; the kernels that are inlined into
-    it live in other files. So the stamp covers all sources of both packages that kernels can come from.
+    numba renews its cache only when the file of the entry point itself changes. The kernels that are inlined into it
+    live in other files, so the stamp covers every source that a kernel can come from.
     """
     entry = numba.njit(cache=True, error_model="numpy", _nrt=False)(function)
     if cache := getattr(entry, "_cache", None):
-        cache._cache_file._source_stamp = _source_stamp(Path(function.__code__.co_filename).parent)
+        cache._cache_file._source_stamp = _source_stamp(_package(Path(function.__code__.co_filename)))
     return cast(Function, entry)
 
 
-def _source_stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
-    """Return name, change time [ns] and size of each source that an entry point in `folder` may inline."""
-    sources = sorted({*Path(__file__).parent.glob("*.py"), *folder.glob("*.py")})
-    return tuple((source.name, source.stat().st_mtime_ns, source.stat().st_size) for source in sources)
+def _package(source: Path) -> Path:
+    """Return the folder of the top-level package that a source belongs to."""
+    return max(
+        (parent for parent in source.parents if (parent / "__init__.py").exists()),
+        key=lambda p: -len(p.parts),
+        default=source.parent,
+    )
+
+
+@cache
+def _source_stamp(package: Path) -> tuple[tuple[str, int, int], ...]:
+    """Return path, change time [ns] and size of each source that an entry point of `package` may inline."""
+    rooms = {room for top in {_package(Path(__file__)), package} for room in _rooms_with_kernels(top)}
+    sources = sorted(source for room in rooms for source in room.glob("*.py"))
+    return tuple((str(source), source.stat().st_mtime_ns, source.stat().st_size) for source in sources)
+
+
+def _rooms_with_kernels(package: Path) -> set[Path]:
+    """Return the folders of `package` that hold kernels, or values that those import and so are compiled in."""
+    rooms = set()
+    for source in package.rglob("*.py"):
+        text = source.read_text(encoding="utf-8")
+        if "numerics.compiled import" in text:
+            rooms.add(source.parent)
+            for module in re.findall(rf"^from {package.name}((?:\.\w+)*)", text, re.MULTILINE):
+                path = package.joinpath(*module.split(".")[1:])
+                rooms.add(path if path.is_dir() else path.parent)
+    return rooms

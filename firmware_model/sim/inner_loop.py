@@ -20,7 +20,7 @@ from firmware_model.physics.rigid_body import Body
 from firmware_model.physics.rotors import RotorParams, allocate
 from firmware_model.recording import journal
 from firmware_model.sim import layout
-from firmware_model.sim.state import WEIGHT, X_BODY, X_ESTIMATE, X_HOLDING, X_LOAD
+from firmware_model.sim.layout import WEIGHT, X_BODY, X_ESTIMATE, X_HOLDING, X_LOAD
 from firmware_model.types import Quaternion, Vector
 
 # What a set-point asks for: its first number; the others follow.

@@ -7,51 +7,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.autopilot.attitude_loop import Estimate, StabilizerParams, stabilizer_params
-from firmware_model.autopilot.position_loop import Holding, PositionParams, nothing_held, position_params
+from firmware_model.autopilot.attitude_loop import Estimate, stabilizer_params
+from firmware_model.autopilot.position_loop import nothing_held, position_params
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
 from firmware_model.config.wind import Dryden
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.elementary import normals
+from firmware_model.numerics.random import GUST_STREAM
 from firmware_model.numerics.rotations import from_euler
-from firmware_model.numerics.soa import starts
 from firmware_model.physics.actuators import ActuatorParams
-from firmware_model.physics.aerodynamics import AirParams, air_params
+from firmware_model.physics.aerodynamics import air_params
 from firmware_model.physics.disturbances import replayed, waves
 from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_filters, dryden_spectrum
 from firmware_model.physics.ground import GroundParams, ground_params, standing_height
-from firmware_model.physics.mean_wind import MeanWindParams, mean_wind_params
-from firmware_model.physics.rigid_body import Body, BodyParams, body_params
-from firmware_model.physics.rotors import RotorParams, rotor_params
+from firmware_model.physics.mean_wind import mean_wind_params
+from firmware_model.physics.rigid_body import Body, body_params
+from firmware_model.physics.rotors import rotor_params
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams
 from firmware_model.sim.fault_schedule import Plant, first_plant, later_plants
+from firmware_model.sim.layout import ACTUATORS, BODY, GROUND, GUST_SCALE, GYRO, POSITION, ROTORS, STABILIZER
 from firmware_model.types import Quaternion, Vector
 
 Array = NDArray[np.float64]
-
-# One stream of random numbers for each purpose, so that a new sensor leaves every gust as it was; the link has 3.
-GUST_STREAM, GYRO_STREAM, ACCELEROMETER_STREAM = 1, 2, 4
-
-# Where each NamedTuple starts among the constants, then single numbers; and in the state.
-BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUATORS, ACCELEROMETER, _SINGLE = starts(
-    [
-        BodyParams,
-        DrydenParams,
-        GyroParams,
-        StabilizerParams,
-        PositionParams,
-        RotorParams,
-        AirParams,
-        GroundParams,
-        MeanWindParams,
-        ActuatorParams,
-        AccelerometerParams,
-    ]
-)
-FREE, STEPS, GUST_SCALE, WEIGHT = _SINGLE, _SINGLE + 1, _SINGLE + 2, _SINGLE + 3
-X_BODY, X_DRYDEN, X_ESTIMATE, X_HOLDING, X_LOAD = starts([Body, DrydenState, Estimate, Holding])
-X_DIRECT, X_CHANGE = X_LOAD + 1, X_LOAD + 4
 
 
 class Start(NamedTuple):

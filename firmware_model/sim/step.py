@@ -8,6 +8,7 @@ from typing import Any
 from firmware_model.autopilot.attitude_loop import Estimate, StabilizerParams, aligned, heard, set_attitude, strapdown
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import normals
+from firmware_model.numerics.random import ACCELEROMETER_STREAM, GUST_STREAM, GYRO_STREAM
 from firmware_model.numerics.rotations import conjugate, rotate
 from firmware_model.numerics.soa import Column, alone, get, get_vector, loader, put, put_vector, storer
 from firmware_model.physics import aerodynamics, rigid_body
@@ -23,21 +24,8 @@ from firmware_model.physics.sensors import AccelerometerParams, GyroParams, acce
 from firmware_model.recording import journal
 from firmware_model.sim import layout
 from firmware_model.sim.inner_loop import OFF, command
-from firmware_model.sim.state import (
-    ACCELEROMETER_STREAM,
-    FREE,
-    GUST_SCALE,
-    GUST_STREAM,
-    GYRO_STREAM,
-    STEPS,
-    X_BODY,
-    X_CHANGE,
-    X_DIRECT,
-    X_DRYDEN,
-    X_ESTIMATE,
-    X_LOAD,
-    Array,
-)
+from firmware_model.sim.layout import FREE, GUST_SCALE, STEPS, X_BODY, X_CHANGE, X_DIRECT, X_DRYDEN, X_ESTIMATE, X_LOAD
+from firmware_model.sim.state import Array
 from firmware_model.types import Quaternion, Vector
 
 _load_body_params, _load_dryden_params = loader(BodyParams), loader(DrydenParams)

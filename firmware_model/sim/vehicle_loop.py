@@ -10,7 +10,8 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
 from firmware_model.recording.journal import RECORD, WIDTH
 from firmware_model.sim import inner_loop, step
-from firmware_model.sim.state import X_LOAD, new_world
+from firmware_model.sim.layout import X_LOAD
+from firmware_model.sim.state import new_world
 from firmware_model.types import (
     AttitudeTarget,
     Guidance,

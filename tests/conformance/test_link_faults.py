@@ -9,9 +9,9 @@ import pytest
 from firmware_model.autopilot.modes import Mode
 from firmware_model.autopilot.parameters import published_limit
 from firmware_model.config.events import ControllerHung, ControllerKilled, ModeChange
+from firmware_model.config.link_faults import Bandwidth, BurstLoss, Delay, Duplication, Jitter, Loss, Reordering
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.session.link import Bandwidth, BurstLoss, Delay, Duplication, Jitter, Loss, Reordering
 from firmware_model.session.outcome import Outcome as VehicleOutcome
 from firmware_model.session.pacing import Hitch
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint

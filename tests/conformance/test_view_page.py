@@ -12,12 +12,12 @@ import psutil
 import pytest
 
 from firmware_model.autopilot.parameters import PAUSE_NAME
+from firmware_model.config.link_faults import Delay
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.numerics.rotations import euler_angles
 from firmware_model.recording.journal import records_in
-from firmware_model.session.link import Delay
 from gustproof.law.form import load_law
 from gustproof.live.live import LivePage
 from gustproof.simulate.outcome import Outcome

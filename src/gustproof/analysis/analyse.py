@@ -7,9 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
-from rich.console import Group
-from rich.table import Table
-from rich.text import Text
 
 from firmware_model.config.moments import Step
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
@@ -20,8 +17,6 @@ from gustproof.analysis.placement import Place, place
 from gustproof.certify.sweep import Bracket
 from gustproof.law.form import Law
 from gustproof.lti.state_space import ComplexMatrix
-from gustproof.report.loop_tables import margins_table, poles_text
-from gustproof.report.terminal import Document, figures_table
 from gustproof.scoring.metrics import Metrics, measure
 from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.derive import margins_document
@@ -87,8 +82,8 @@ class Analysis:
                 "stable_up_to_times": [1.0 / axis.upper for axis in self.stability],
             },
             "place": None if self.place is None else asdict(self.place),
-            "law_poles_rad_s": _pairs(self.hover.law_poles),
-            "loop_poles_rad_s": _pairs(self.hover.loop_poles),
+            "law_poles_rad_s": pole_pairs(self.hover.law_poles),
+            "loop_poles_rad_s": pole_pairs(self.hover.loop_poles),
             "flown": asdict(self.whole),
             "gust_alone": asdict(self.gust_alone),
             "noise_alone": asdict(self.noise_alone),
@@ -131,31 +126,6 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
         gust_alone=_flown(quiet, law, vehicle, seed),
         noise_alone=_flown(replace(scenario, wind=(), moment=()), law, vehicle, seed),
     )
-
-
-def analysis_document(analysis: Analysis) -> Document:
-    """Return the analysis as tables and text."""
-    law = analysis.law
-    facts = Table("", "", title=f"Law '{law.name}': {law.provenance.design}", show_header=False)
-    facts.add_row("states", str(law.order))
-    facts.add_row("sample time", f"{law.dt:g} s")
-    facts.add_row("commands", law.output.value)
-    facts.add_row("exact kinematics of its own estimate", "yes" if law.scheduled else "no")
-    parts: list[Document] = [facts]
-    if analysis.hover.margins is not None:
-        parts.append(margins_table("at hover, sampled and late", margins_document(analysis.hover.margins)))
-    parts.append(Text(f"poles of the law [rad/s]: {poles_text(_pairs(analysis.hover.law_poles))}"))
-    if len(analysis.hover.loop_poles):
-        parts.append(Text(f"poles of the loop [rad/s]: {poles_text(_pairs(analysis.hover.loop_poles))}"))
-    columns = {
-        analysis.scenario.name: analysis.whole,
-        "gust alone": analysis.gust_alone,
-        "gyro noise alone": analysis.noise_alone,
-    }
-    parts.append(figures_table("Flown on the direct route, the figures of UDP", columns))
-    parts.append(Text("What limits it:"))
-    parts += [Text(f"- {line}") for line in analysis.limits()]
-    return Group(*parts)
 
 
 def _limits(analysis: Analysis) -> list[str]:
@@ -228,5 +198,6 @@ def _flown(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int) -> Metrics
     return measure(fly_direct(scenario, law, vehicle=vehicle, seed=seed), vehicle, scenario, 0.0)
 
 
-def _pairs(poles: ComplexMatrix) -> list[tuple[float, float]]:
+def pole_pairs(poles: ComplexMatrix) -> list[tuple[float, float]]:
+    """Return poles as pairs of real and imaginary part [rad/s], smallest modulus first."""
     return [(float(pole.real), float(pole.imag)) for pole in sorted(poles, key=abs)]

@@ -7,10 +7,10 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.analysis.robustness import robust_stability
 from gustproof.certify.sweep import Bracket
-from gustproof.falsify.worst_case import Spreads
 from gustproof.law.form import Law
 from gustproof.law.hover import hover_plant, is_stable_at_hover, loop_law
 from gustproof.lti.margins import margins
+from gustproof.model.uncertainty import Spreads
 
 SPREADS = Spreads(inertia=0.2, actuator_lag=0.3)
 """How far a vehicle may be off, for which `off_nominal` is stated."""

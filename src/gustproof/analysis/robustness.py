@@ -8,11 +8,11 @@ from firmware_model.config.vehicle import Vehicle
 from gustproof.certify.mu import mu
 from gustproof.certify.sweep import Bracket
 from gustproof.certify.worst_gain import worst_gain
-from gustproof.falsify.worst_case import Spreads
 from gustproof.law.form import Law, Matrix, Output
 from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain, uncertain
 from gustproof.model.sampled_axis import sampled_axis
+from gustproof.model.uncertainty import Spreads
 
 _BOXES = 8
 """Boxes of the parameters at most, to bring the two bounds on the peak together."""

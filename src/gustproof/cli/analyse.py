@@ -28,8 +28,8 @@ def analyse(
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.analysis.analyse import analyse as analysed
-    from gustproof.analysis.analyse import analysis_document
     from gustproof.law.io.matrices import read_law
+    from gustproof.report.analysis import analysis_document
     from gustproof.report.terminal import show
 
     if output is not None and output.suffix != ".png":

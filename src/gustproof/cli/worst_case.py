@@ -46,9 +46,9 @@ def worst_case(
 
     from firmware_model.config.files import write_toml
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.falsify.worst_case import Spreads
     from gustproof.falsify.worst_case import worst_case as search
     from gustproof.law.form import load_law
+    from gustproof.model.uncertainty import Spreads
 
     moment = three_positive("--moment", budget)
     if output is not None and output.suffix != ".toml":

@@ -33,6 +33,7 @@ from gustproof.falsify.starts import (
     starts,
 )
 from gustproof.law.form import Law
+from gustproof.model.uncertainty import Spreads
 from gustproof.scoring.metrics import attitude, measure
 from gustproof.simulate.direct import fly_direct
 
@@ -45,28 +46,6 @@ PAPER_BUDGET: Vector = (0.65, 0.65, 0.3)
 _RANDOM_SHARE = 0.35  # of all flights
 _TURNS = 30  # a loop that rings on for longer is found out by square waves
 _LOCAL_SHARE = 0.5  # of the flights left after the starts; the rest goes to the best two
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Spreads:
-    """How far the vehicle may be from its file; 0 leaves it as it is.
-
-    Raises
-    ------
-    ValueError
-        If a spread is not in [0, 1).
-    """
-
-    inertia: float = 0.0
-    """[-] each moment of inertia is within 1 - spread and 1 + spread of the file's."""
-    actuator_lag: float = 0.0
-    """[-] the same for the actuator lag."""
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        for name, value in (("inertia", self.inertia), ("actuator_lag", self.actuator_lag)):
-            if not 0.0 <= value < 1.0:
-                raise ValueError(f"{name} spread is {value!r}, must be in [0, 1)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -142,3 +142,25 @@ def delta_matrix(blocks: tuple[Block, ...], delta: Delta) -> Matrix:
 def _slices(sizes: list[int]) -> tuple[slice, ...]:
     ends = np.cumsum([0, *sizes]).tolist()
     return tuple(slice(start, end) for start, end in pairwise(ends))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spreads:
+    """How far the vehicle may be from its file; 0 leaves it as it is.
+
+    Raises
+    ------
+    ValueError
+        If a spread is not in [0, 1).
+    """
+
+    inertia: float = 0.0
+    """[-] each moment of inertia is within 1 - spread and 1 + spread of the file's."""
+    actuator_lag: float = 0.0
+    """[-] the same for the actuator lag."""
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        for name, value in (("inertia", self.inertia), ("actuator_lag", self.actuator_lag)):
+            if not 0.0 <= value < 1.0:
+                raise ValueError(f"{name} spread is {value!r}, must be in [0, 1)")

@@ -5,20 +5,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.box import SIMPLE
 from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from firmware_model.config.scenario import Scenario
 from firmware_model.config.validation import printable
-from firmware_model.config.vehicle import Vehicle
-from gustproof.analysis.law_margins import HoverMargins
-from gustproof.analysis.placement import Place, Standing
-from gustproof.report.limit_tables import limits_document
-from gustproof.reproduce.claims import PAPER_LAWS, Claim, Medians, Verdict
-from gustproof.reproduce.errata import ERRATA, OpenQuestion, choices
 from gustproof.scoring.metrics import Metrics
 from gustproof.scoring.requirements import (
     RequirementResult,
@@ -31,7 +23,6 @@ from gustproof.scoring.requirements import (
 Document = RenderableType
 _WIDTH = 118
 _PLAIN: dict[str, Any] = {"highlight": False, "markup": False}  # a unit in brackets is no markup
-_VERDICT_STYLES = {Verdict.HOLDS: "green", Verdict.IN_PART: "yellow", Verdict.FAILS: "red"}
 FIGURES = {
     "peak_deg": ("peak", "deg"),
     "rmse_deg": ("RMSE", "deg"),
@@ -54,22 +45,6 @@ _PACE = (
     "{late_p99_us} us in 99 %, {late_worst_us} us at worst"
 )
 _SAMPLES = "{late_samples} samples late at the law, {missed_samples} missed"
-_DUELS = (("flagship", "pid-fair"), ("flagship", "indi"), ("hinf-scheduled", "pid-fair"), ("hinf-d1", "pid-fair"))
-_LIMITATIONS = (
-    "A gyro bias b turns every law here by b t (scenario `bias`), but `aided` in yaw alone: only that one measures "
-    "attitude with anything else. On the stand its accelerometer feels gravity; in free flight it feels the gusts too.",
-    "Translation is held: a real vehicle that tilts drifts away, and drifting changes the air it meets.",
-    "Margins are those of the linear model at hover; a verdict on flights is one on these seeds, not a proof.",
-)
-_WHY = (
-    "The paper names no gains, weights, gust shape or aggregation: its Table III can be met but not checked. What is "
-    "met here follows from three choices within its words: a PID tuned to 0.8 rad/s, near an autotuner's "
-    "default, a discrete gust with the turbulence ('wind gust and turbulence'), and design D1 at γ = .25.",
-    "The gap between its two columns is that slow PID. A PID with the same measurement, tuned for these gusts, stands "
-    "in the fair comparison; nothing is called better than PID here unless it beats that one.",
-    "Its linear law integrates gyro rates axis by axis. Coning (pitch and yaw in quadrature) is rectified into a roll "
-    "drift that such a law can't see; a strapdown attitude, as in every autopilot, sees it.",
-)
 
 
 def show(document: Document) -> None:
@@ -139,7 +114,7 @@ def requirements_table(requirements: Iterable[RequirementResult]) -> Table:
 
 
 def _figure(value: float) -> str:
-    return "not flown" if math.isnan(value) else _number(value)
+    return "not flown" if math.isnan(value) else format_number(value)
 
 
 def figures_table(title: str, flights: Mapping[str, Metrics]) -> Table:
@@ -156,145 +131,12 @@ def figure_rows(flights: Mapping[str, Metrics]) -> list[tuple[str, tuple[str, ..
     for key, (label, unit) in FIGURES.items():
         values = [getattr(metrics, key) for metrics in flights.values()]
         if values and not (key == "realtime_factor" and not any(values)):
-            rows.append((label, tuple(map(_number, values)), unit))
+            rows.append((label, tuple(map(format_number, values)), unit))
     return rows
 
 
-def reproduction_document(
-    medians: Medians,
-    margins: Mapping[str, HoverMargins | None],
-    standing: Standing,
-    claims: Iterable[Claim],
-    vehicle: Vehicle,
-    scenario: Scenario,
-) -> Document:
-    """Return the whole report: Table III, the fair comparison, the limits, the verdicts, what stands behind them."""
-    parts = (
-        paper_document(medians),
-        comparison_document(medians, margins, standing.places),
-        limits_document(standing.limits),
-        claims_document(claims),
-        background_document(vehicle, scenario),
-    )
-    return Group(*(Group(part, Text()) for part in parts))
-
-
-def paper_document(medians: Medians) -> Document:
-    """Return the paper's Table III beside ours."""
-    table = Table("", title="Table III: errors in attitude, the paper's flight")
-    for name in PAPER_LAWS:
-        table.add_column(f"paper: {'PID' if 'pid' in name else 'H∞'}", justify="right")
-        table.add_column(f"ours: {name}", justify="right", style="bold")
-    for key, label in (("peak_deg", "peak magnitude [deg]"), ("rmse_deg", "RMSE [deg]")):
-        cells = [(getattr(theirs, key), getattr(medians[law]["paper"], key)) for law, theirs in PAPER_LAWS.items()]
-        table.add_row(label, *(f"{value:.2f}" for pair in cells for value in pair))
-    return table
-
-
-def claims_document(claims: Iterable[Claim]) -> Document:
-    """Return the verdicts on the paper's claims."""
-    verdicts = Table("the paper claims", "found here", "verdict", title="The paper's claims", show_lines=True)
-    for claim in claims:
-        verdict = Text(claim.verdict.value, style=_VERDICT_STYLES[claim.verdict])
-        verdicts.add_row(claim.paper, claim.ours, verdict)
-    return verdicts
-
-
-def comparison_document(
-    medians: Medians, margins: Mapping[str, HoverMargins | None], places: Mapping[str, Place | None]
-) -> Document:
-    """Return all laws in the same turbulence, who is better in what at which margins, and what rates cost."""
-    columns = (
-        "law", "peak\n\n[deg]", "RMSE\n\n[deg]", "fore-\ntold\n[deg]", "least\nthere\n[deg]", "torque\nrms\n[N m]",
-        "slew\nrms\n[N m/s]", "coning\nroll\n[deg]", "bias\nroll\n[deg]", "Ms\n\n[-]", "phase\nmargin\n[deg]",
-        "delay\nmargin\n[ms]",
-    )  # fmt: skip
-    table = Table(
-        title="Fair comparison: turbulence alone, all laws on the same route", box=SIMPLE, padding=0, pad_edge=False
-    )
-    for column in columns:
-        table.add_column(column, justify="left" if column == "law" else "right", no_wrap=True)
-    for law, scenarios in medians.items():
-        flown, robust = scenarios["paper-turbulence"], margins.get(law)
-        table.add_row(
-            law, _number(flown.peak_deg), _number(flown.rmse_deg), *_room(places.get(law)),
-            _number(flown.torque_rms_nm), _number(flown.torque_slew_rms), _number(scenarios["coning"].peak_roll_deg),
-            _number(scenarios["bias"].peak_roll_deg), *_robustness(robust),
-        )  # fmt: skip
-    lines = [_duel(one, other, medians, margins) for one, other in _DUELS]
-    lines.append(_cost_of_rates(medians))
-    notes = (
-        "Foretold: RMSE by the linear model, of all flights; least there: of linear gyro-only laws at the law's own Ms "
-        "and slew. Margins: the worst axis, at the plant's input, sampled and late as flown; a law of rates has no "
-        "torque loop."
-    )
-    return Group(table, Text(notes, style="dim"), *(Text(f"\n{line}") for line in lines))
-
-
-def background_document(vehicle: Vehicle, scenario: Scenario) -> Document:
-    """Return what differs from the paper and why, what it leaves open, and what is not shown here."""
-    differences = Text("What differs from the paper, and why", style="bold")
-    errata = _questions("Errors of the paper, and what stands here instead", "the paper", ERRATA)
-    gaps = _questions("What the paper leaves open, and what was chosen", "open", choices(vehicle, scenario))
-    limits = Text("Limits of what is shown", style="bold")
-    return Group(
-        differences, *(Text(f"{paragraph}\n") for paragraph in _WHY), errata, Text(), gaps, Text(),
-        limits, *(Text(f"- {line}") for line in _LIMITATIONS),
-    )  # fmt: skip
-
-
-def _questions(title: str, first: str, questions: Iterable[OpenQuestion]) -> Table:
-    table = Table(first, "here", title=title, show_lines=True)
-    for question in questions:
-        table.add_row(Text(question.paper), Text(question.choice))
-    return table
-
-
-def _duel(one: str, other: str, medians: Medians, margins: Mapping[str, HoverMargins | None]) -> str:
-    """Return who of two laws is better in what, by how much, at which margins."""
-    a, b = medians[one]["paper-turbulence"], medians[other]["paper-turbulence"]
-    quantities = (
-        ("RMSE", a.rmse_deg, b.rmse_deg),
-        ("peak", a.peak_deg, b.peak_deg),
-        ("torque slew", a.torque_slew_rms, b.torque_slew_rms),
-        ("coning roll", medians[one]["coning"].peak_roll_deg, medians[other]["coning"].peak_roll_deg),
-    )
-    better: dict[str, list[str]] = {one: [], other: []}
-    for label, x, y in quantities:
-        winner, ratio = (one, y / x) if x < y else (other, x / y)
-        better[winner].append(f"{label} ({ratio:.{2 if ratio < 10.0 else 0}f} times less)")
-    shown = "; ".join(f"{name} is better in {', '.join(what) or 'nothing'}" for name, what in better.items())
-    at = "; ".join(f"{name} Ms {', phase '.join(_robustness(margins[name])[:2])} deg" for name in (one, other))
-    return f"{one} against {other}: {shown}. Margins: {at}."
-
-
-def _cost_of_rates(medians: Medians) -> str:
-    rates, torque = (medians[law]["paper-turbulence"] for law in ("hinf-rates", "hinf-scheduled"))
-    return (
-        f"Commanding rates (SET_ATTITUDE_TARGET, all that PX4 and ArduPilot take) instead of torque: RMSE "
-        f"{rates.rmse_deg:.3f} deg for hinf-rates against {torque.rmse_deg:.3f} deg for hinf-scheduled, "
-        f"{rates.rmse_deg / torque.rmse_deg:.2f} times; slew {rates.torque_slew_rms:.1f} against "
-        f"{torque.torque_slew_rms:.1f} N m/s."
-    )
-
-
-def _room(place: Place | None) -> tuple[str, str]:
-    if place is None:
-        return "-", "-"
-    return _number(place.rmse_deg), "-" if place.least_rmse_deg is None else _number(place.least_rmse_deg)
-
-
-def _robustness(margins: HoverMargins | None) -> tuple[str, str, str]:
-    if margins is None:
-        return "-", "-", "-"
-    return (
-        f"{margins.Ms:.2f}",
-        f"{margins.phase_margin_deg:.1f}",
-        f"{1000.0 * margins.delay_margin:.0f}",
-    )
-
-
-def _number(value: float | bool) -> str:
+def format_number(value: float | bool) -> str:
+    """Return a figure with three digits after the point, or one from 10 on; a truth value as yes or no."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if not math.isfinite(value):

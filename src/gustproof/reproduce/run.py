@@ -23,8 +23,9 @@ from gustproof.model.generalized import lft_structure
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lpv import RATE_BOUND
 from gustproof.model.rotational import Envelope, paper_rotation
-from gustproof.report.terminal import Document, reproduction_document, save
+from gustproof.report.terminal import Document, save
 from gustproof.reproduce.claims import PAPER_LAWS, Claim, judge
+from gustproof.reproduce.paper_tables import reproduction_document
 from gustproof.scoring.metrics import Metrics, median_metrics
 from gustproof.simulate.flight import RecordedFlight, fly_and_record, objections, warnings
 from gustproof.simulate.outcome import Outcome

@@ -14,8 +14,8 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.soa import Column, alone, get_vector
 from firmware_model.recording.journal import POSITION
+from gustproof.law.references import references
 from gustproof.scoring.metrics import TALLY, Records, Tally, as_rows, largest, tally_kernel
-from gustproof.simulate.direct import references
 
 Array = NDArray[np.float64]
 _LABELS = {

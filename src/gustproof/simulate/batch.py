@@ -16,10 +16,11 @@ from firmware_model.physics.disturbances import replayed, waves
 from firmware_model.sim import inner_loop
 from firmware_model.sim.state import Array, Start, start
 from gustproof.law.form import Law, Output
+from gustproof.law.references import references
 from gustproof.law.step import sums
 from gustproof.scoring.metrics import Metrics, Tally, figures
 from gustproof.scoring.requirements import RequirementResult, judged, no_readings, rules
-from gustproof.simulate.direct import check, references
+from gustproof.simulate.direct import check
 from gustproof.simulate.kernels import LANES, Batch, Shared, fly_free, fly_held, room
 
 

@@ -14,6 +14,7 @@ from firmware_model.sim import inner_loop
 from firmware_model.sim.state import Array, new_world
 from firmware_model.sim.step import advance_kernel, observe_kernel
 from gustproof.law.form import Law, Output
+from gustproof.law.references import references
 from gustproof.law.step import EXTRA, Sums, law_kernel, sums
 
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
@@ -64,14 +65,6 @@ def check(scenario: Scenario, law: Law) -> None:
         raise ValueError(f"scenario '{scenario.name}' scripts link, controller or modes, must be flown with messages")
     if law.dt != scenario.dt:
         raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
-
-
-def references(scenario: Scenario) -> Array:
-    """Return what a scenario asks the law to hold at each sample, (samples, 3) [rad] phi, theta, psi."""
-    reference = np.zeros((scenario.samples, 3))
-    for time_us, euler in scenario.references:
-        reference[time_us // scenario.sample_us :] = euler
-    return reference
 
 
 @compiled

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_model.numerics import random
 from firmware_model.numerics.compiled import align_stack, compiled, kernel
 from firmware_model.numerics.elementary import BLOCK, inverse_normals, uniforms
 from firmware_model.numerics.soa import Column, aligned
@@ -155,11 +156,11 @@ def _fly(free: bool, shared: Shared, batch: Batch) -> None:
 @kernel
 def _draw(seeds: NDArray[np.int64], sample: int, u: Array) -> None:
     """Draw all uniform numbers of a sample, as many as there is room for."""
-    _draw_block(seeds, layout.GYRO_STREAM, sample, 0, u, _GYRO)
-    _draw_block(seeds, layout.GUST_STREAM, sample, 0, u, _GUST)
-    _draw_block(seeds, layout.GUST_STREAM, sample, 1, u, _GUST + 4)
+    _draw_block(seeds, random.GYRO_STREAM, sample, 0, u, _GYRO)
+    _draw_block(seeds, random.GUST_STREAM, sample, 0, u, _GUST)
+    _draw_block(seeds, random.GUST_STREAM, sample, 1, u, _GUST + 4)
     if u.size > _ACCELEROMETER * LANES:
-        _draw_block(seeds, layout.ACCELEROMETER_STREAM, sample, 0, u, _ACCELEROMETER)
+        _draw_block(seeds, random.ACCELEROMETER_STREAM, sample, 0, u, _ACCELEROMETER)
 
 
 @kernel

@@ -6,10 +6,11 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.analysis.analyse import analyse, analysis_document
+from gustproof.analysis.analyse import analyse
 from gustproof.analysis.law_margins import hover_margins, off_nominal
 from gustproof.law.form import load_law
 from gustproof.report import figures
+from gustproof.report.analysis import analysis_document
 from gustproof.report.terminal import save
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct

@@ -8,9 +8,9 @@ import pytest
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.analysis.robustness import axis_controller, robust_peak, robust_stability, sensitivity
-from gustproof.falsify.worst_case import Spreads
 from gustproof.law.form import load_law
 from gustproof.lti.norms import hinf_norm
+from gustproof.model.uncertainty import Spreads
 
 SPREADS = Spreads(inertia=0.2, actuator_lag=0.3)
 

@@ -3,10 +3,10 @@ from dataclasses import replace
 
 import pytest
 
+from firmware_model.config.link_faults import Delay
 from firmware_model.config.plant_events import Payload
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.errors import ConfigError
-from firmware_model.session.link import Delay
 from gustproof.campaign.plan import Dispersed
 from gustproof.campaign.worker import FIGURES, Stretch, fly_stretch
 from gustproof.scoring.metrics import measure

@@ -13,11 +13,12 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate
 from gustproof.falsify import worst_case as module
-from gustproof.falsify.worst_case import PAPER_BUDGET, Spreads, WorstCase, worst_case
+from gustproof.falsify.worst_case import PAPER_BUDGET, WorstCase, worst_case
 from gustproof.law.form import load_law
 from gustproof.law.hover import linear_law
 from gustproof.lti.state_space import Lti, delay, hold_discretized, lft
 from gustproof.model.lpv import linear_plant
+from gustproof.model.uncertainty import Spreads
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.processes import fly_loopback

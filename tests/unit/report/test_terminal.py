@@ -13,8 +13,9 @@ from gustproof.analysis.law_margins import HoverMargins, hover_margins
 from gustproof.analysis.placement import Curve, Limits, Place
 from gustproof.law.form import load_law
 from gustproof.report.limit_tables import limits_document
-from gustproof.report.terminal import background_document, comparison_document, flight_document, paper_document, save
+from gustproof.report.terminal import flight_document, save
 from gustproof.reproduce.errata import choices
+from gustproof.reproduce.paper_tables import background_document, comparison_document, paper_document
 from gustproof.scoring.metrics import Metrics
 from gustproof.simulate.outcome import Outcome
 

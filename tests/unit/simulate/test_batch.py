@@ -13,7 +13,8 @@ from firmware_model.config.wind import GustReplay, GustStep, OneMinusCosine
 from firmware_model.numerics.rotations import euler_angles
 from firmware_model.physics.ground import ground_params, ground_wrench
 from firmware_model.physics.rigid_body import Body
-from firmware_model.sim.state import X_BODY, new_world
+from firmware_model.sim.layout import X_BODY
+from firmware_model.sim.state import new_world
 from gustproof.law.form import load_law, shipped_laws
 from gustproof.scoring.metrics import measure
 from gustproof.scoring.requirements import judge

@@ -15,9 +15,9 @@ import gustproof
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.errors import DesignError
-from gustproof.falsify.worst_case import Spreads
 from gustproof.law.cascade import cascade_law
 from gustproof.law.form import Law, Provenance
+from gustproof.model.uncertainty import Spreads
 from gustproof.performance.covariance import AxisFigures, AxisModel, axis_figures, axis_models
 from gustproof.synthesis.pid.biquad_search import AxisSearch
 from gustproof.synthesis.pid.pid_biquad import Shape, shaped_axis

@@ -10,7 +10,7 @@ from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.config.wind import Constant, Dryden
 from firmware_model.numerics.rotations import from_euler, rotate
 from firmware_model.recording.journal import RECORD
-from firmware_model.sim.state import X_BODY
+from firmware_model.sim.layout import X_BODY
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import Guidance, Off, Setpoint, TorqueCommand
 

@@ -8,19 +8,10 @@ import pytest
 
 from firmware_model.config.events import ModeChange
 from firmware_model.config.files import parse
+from firmware_model.config.link_faults import Bandwidth, BurstLoss, Delay, Duplication, Jitter, Loss, Reordering
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.errors import ConfigError
-from firmware_model.session.link import (
-    Bandwidth,
-    BurstLoss,
-    Delay,
-    Duplication,
-    Jitter,
-    Line,
-    Loss,
-    Passage,
-    Reordering,
-)
+from firmware_model.session.link import Line, Passage
 
 EVERY_US = 4_000
 MANY = 20_000

@@ -1,0 +1,35 @@
+"""Render the analysis of a law as tables and text."""
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from gustproof.analysis.analyse import Analysis, pole_pairs
+from gustproof.report.loop_tables import margins_table, poles_text
+from gustproof.report.terminal import Document, figures_table
+from gustproof.synthesis.derive import margins_document
+
+
+def analysis_document(analysis: Analysis) -> Document:
+    """Return the analysis as tables and text."""
+    law = analysis.law
+    facts = Table("", "", title=f"Law '{law.name}': {law.provenance.design}", show_header=False)
+    facts.add_row("states", str(law.order))
+    facts.add_row("sample time", f"{law.dt:g} s")
+    facts.add_row("commands", law.output.value)
+    facts.add_row("exact kinematics of its own estimate", "yes" if law.scheduled else "no")
+    parts: list[Document] = [facts]
+    if analysis.hover.margins is not None:
+        parts.append(margins_table("at hover, sampled and late", margins_document(analysis.hover.margins)))
+    parts.append(Text(f"poles of the law [rad/s]: {poles_text(pole_pairs(analysis.hover.law_poles))}"))
+    if len(analysis.hover.loop_poles):
+        parts.append(Text(f"poles of the loop [rad/s]: {poles_text(pole_pairs(analysis.hover.loop_poles))}"))
+    columns = {
+        analysis.scenario.name: analysis.whole,
+        "gust alone": analysis.gust_alone,
+        "gyro noise alone": analysis.noise_alone,
+    }
+    parts.append(figures_table("Flown on the direct route, the figures of UDP", columns))
+    parts.append(Text("What limits it:"))
+    parts += [Text(f"- {line}") for line in analysis.limits()]
+    return Group(*parts)
