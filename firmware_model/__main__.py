@@ -25,13 +25,13 @@ from firmware_model.config.scenario import Scenario, load_scenario, shipped_scen
 from firmware_model.config.validation import Parser, printable
 from firmware_model.config.vehicle import Vehicle, load_vehicle, shipped_vehicles
 from firmware_model.errors import ConfigError, RecordingError
-from firmware_model.mavlink.frames import Peer
+from firmware_model.mavlink.frames import Address
 from firmware_model.process import access, realtime, status_line, udp
-from firmware_model.process.exit_on_eof import ATTENDED, attend
+from firmware_model.process.exit_on_eof import EXIT_ON_STDIN_EOF, exit_on_stdin_eof
 from firmware_model.process.tlog import Tlog
 from firmware_model.recording.journal import JournalWriter
 from firmware_model.session.outcome import Outcome
-from firmware_model.session.pacing import Flight, Hitch
+from firmware_model.session.pacing import FlightClock, TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import Level
@@ -82,7 +82,7 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
         signing = access.signing(options, host)
         sockets = [stack.enter_context(udp.bind(port, host)) for port in ports]
         journal = _journal(stack, options, _heading(options, scenario, vehicle), scenario) if options.journal else None
-        expected: list[Peer] = []
+        expected: list[Address] = []
         if options.bind_port is None:
             expected = [(index, ("127.0.0.1", pair[1] + options.instance)) for index, pair in enumerate(_PORTS)]
         endpoint = VehicleEndpoint(
@@ -102,7 +102,7 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
             signal.signal(number, lambda *_: endpoint.interrupt())
         # The machine code is loaded, or made, before anybody waits for it.
         VehicleLoop(vehicle, scenario, options.seed).advance(Level(), Mode.STABILIZED.value)
-        realtime.hold_collector(off=not standing)
+        realtime.freeze_gc(off=not standing)
         listening = [bound.getsockname()[1] for bound in sockets]
         if standing and not options.json:
             place = "on the test stand" if options.held else "on the ground"
@@ -115,8 +115,8 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
             ears = ", ".join(map(str, listening))
             _say(options, {"listening": listening, **header}, f"{script}; listening on UDP port {ears}")
         if options.attended:
-            attend(endpoint.interrupt)
-        fifo = not options.lockstep and realtime.go_first()
+            exit_on_stdin_eof(endpoint.interrupt)
+        fifo = not options.lockstep and realtime.request_fifo_scheduling()
         served = _logged(stack, options, endpoint) if options.tlog else endpoint
         if options.lockstep and len(sockets) == 1:
             udp.converse(served, sockets[0])
@@ -176,10 +176,15 @@ def summary(endpoint: VehicleEndpoint, samples: int | None, *, fifo: bool = Fals
     }
 
 
-def _pace(flight: Flight, fifo: bool) -> dict[str, Any]:
+def _pace(flight: FlightClock, fifo: bool) -> dict[str, Any]:
     """Return how well the samples were flown on time: what a missed deadline is, `Hitch.OVERRUN` says."""
     late = {f"late_{name}": value for name, value in flight.lateness.figures().items()}
-    return {"missed": flight.counters[Hitch.OVERRUN], "held": flight.counters[Hitch.HELD], **late, "fifo": fifo}
+    return {
+        "missed": flight.counters[TimingFault.OVERRUN],
+        "held": flight.counters[TimingFault.HELD],
+        **late,
+        "fifo": fifo,
+    }
 
 
 def _parser(program: str) -> argparse.ArgumentParser:
@@ -215,7 +220,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     add("--journal", type=Path, help="new file for the flight's records")
     add("--note", type=Path, help="JSON file whose content heads the journal: all that a recording of the flight says")
     add("--tlog", type=Path, help="new file for the MAVLink traffic, which ground stations open")
-    add("--attended", action="store_true", help=ATTENDED)
+    add("--exit-on-stdin-eof", action="store_true", help=EXIT_ON_STDIN_EOF)
     add("--autopilot", choices=("px4", "generic"), default="px4", help="whose MAVLink it speaks [%(default)s]")
     add("--params", action="store_true", help="print all parameters with units, ranges and meanings, and end")
     add("--json", action="store_true", help="print JSON, one object a line")

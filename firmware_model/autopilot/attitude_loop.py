@@ -70,11 +70,11 @@ def strapdown(params: StabilizerParams, x: Estimate, gyro_B: Vector) -> Estimate
     """Return the estimate carried to a new gyro sample: a turn by the mean of the last two samples times `dt`."""
     half = 0.5 * params.dt
     turn = from_rotation_vector((half * (x.p + gyro_B[0]), half * (x.q + gyro_B[1]), half * (x.r + gyro_B[2])))
-    return set_attitude(heard(params, x, gyro_B), normalize(multiply((x.qw, x.qx, x.qy, x.qz), turn)))
+    return set_attitude(update_rates(params, x, gyro_B), normalize(multiply((x.qw, x.qx, x.qy, x.qz), turn)))
 
 
 @kernel
-def heard(params: StabilizerParams, x: Estimate, gyro_B: Vector) -> Estimate:
+def update_rates(params: StabilizerParams, x: Estimate, gyro_B: Vector) -> Estimate:
     """Return the estimate with the rates of a new gyro sample, and the attitude of the last one."""
     return Estimate(
         x.qw, x.qx, x.qy, x.qz, gyro_B[0], gyro_B[1], gyro_B[2],
@@ -147,6 +147,6 @@ def rate_torque(params: StabilizerParams, x: Estimate, omega_target_B: Vector) -
 
 
 @kernel
-def rest(x: Estimate) -> Estimate:
+def reset_integrators(x: Estimate) -> Estimate:
     """Return the estimate with empty integrals: the on-board rate loop is not asked and must start fresh."""
     return Estimate(x.qw, x.qx, x.qy, x.qz, x.p, x.q, x.r, 0.0, 0.0, 0.0, x.f_roll, x.f_pitch, x.f_yaw)

@@ -94,7 +94,7 @@ def _approach(params: PositionParams, x: Holding, body: Body, north: float, east
 
 
 @kernel
-def lean(acceleration_N: Vector, yaw: float) -> Quaternion:
+def attitude_for_acceleration(acceleration_N: Vector, yaw: float) -> Quaternion:
     """Return the attitude with a heading [rad] in which thrust that carries the weight accelerates horizontally so."""
     sine, cosine = sin_cos(yaw)
     ahead = acceleration_N[0] * cosine + acceleration_N[1] * sine
@@ -105,7 +105,7 @@ def lean(acceleration_N: Vector, yaw: float) -> Quaternion:
 
 
 @kernel
-def guide(params: PositionParams, x: Holding, body: Body, place_N: Vector,
+def position_hold(params: PositionParams, x: Holding, body: Body, place_N: Vector,
           v_down: float) -> tuple[Holding, Vector, float]:  # fmt: skip
     """Return the state moved on, the acceleration [m/s^2] N and the thrust [N] that lead to a place [m] N.
 
@@ -119,7 +119,7 @@ def guide(params: PositionParams, x: Holding, body: Body, place_N: Vector,
 
 
 @kernel
-def lift(params: PositionParams, x: Holding, body: Body, thrust: float) -> tuple[Holding, float]:
+def altitude_hold(params: PositionParams, x: Holding, body: Body, thrust: float) -> tuple[Holding, float]:
     """Return the state moved on and the thrust [N]: as asked, or for NaN what holds the height where that began."""
     if not math.isnan(thrust):
         return Holding(0.0, 0.0, 0.0, math.nan, x.yaw), thrust
@@ -129,7 +129,7 @@ def lift(params: PositionParams, x: Holding, body: Body, thrust: float) -> tuple
 
 
 @kernel
-def toward(q_NB: Quaternion, yaw: float) -> float:
+def slew_heading(q_NB: Quaternion, yaw: float) -> float:
     """Return the heading [rad] to be asked for next on the way from that of `q_NB` to `yaw`, the shorter way.
 
     It is never far from the present one: a large turn at once would swing the tilt about, too.

@@ -17,7 +17,7 @@ from typing import IO, Annotated, Any, TypeVar, cast
 from pydantic import AfterValidator, TypeAdapter, ValidationError
 from pydantic_core import from_json, to_jsonable_python
 
-from firmware_model.config.validation import one_line, told
+from firmware_model.config.validation import format_errors, one_line
 from firmware_model.errors import ConfigError
 
 Parsed = TypeVar("Parsed")
@@ -206,7 +206,7 @@ def parse(kind: type[Parsed], document: dict[str, Any], source: str) -> Parsed:
     try:
         parsed: Parsed = _adapter(cast(Any, kind)).validate_python(document)
     except ValidationError as error:
-        raise ConfigError(f"{source}: {told(kind, error.errors())}") from None
+        raise ConfigError(f"{source}: {format_errors(kind, error.errors())}") from None
     return parsed
 
 

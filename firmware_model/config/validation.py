@@ -36,7 +36,7 @@ class Parser(argparse.ArgumentParser):
         super().error(printable(message))
 
 
-def told(kind: Any, errors: Sequence[Any]) -> str:
+def format_errors(kind: Any, errors: Sequence[Any]) -> str:
     """Return all mistakes that pydantic has found in a document of `kind`."""
     more = [f"and {len(errors) - _MOST} more"] if len(errors) > _MOST else []
     return "; ".join([*(one_line(_mistake(kind, item)) for item in errors[:_MOST]), *more])

@@ -5,7 +5,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.frames import DAMAGE, Dropped, Frame, Message, Outgoing, Series
+from firmware_model.mavlink.frames import DAMAGE, EncodedMessage, Frame, FrameTemplate, Message, RejectReason
 from firmware_model.mavlink.signing import Signing
 
 SOURCES = 16
@@ -13,12 +13,12 @@ SOURCES = 16
 _LATE = 128  # a sequence number further ahead than half its range is one from before
 
 
-class Traffic:
+class Channel:
     """One peer's share of a link: packs what it is sent, and counts both directions."""
 
     def __init__(self, system: int, component: int, signing: Signing | None = None, link: int = 0) -> None:
         self.sent = self.received = self.lost = 0
-        self.dropped: Counter[Dropped] = Counter()
+        self.dropped: Counter[RejectReason] = Counter()
         self.packer = wire.MAVLink(None, system, component)
         self._expected: dict[tuple[int, int], int] = {}
         self._signing = signing
@@ -26,7 +26,7 @@ class Traffic:
             self.packer.signing.secret_key, self.packer.signing.link_id = signing.key, link
             self.packer.signing.sign_outgoing = True
 
-    def pack(self, message: Message | Outgoing) -> bytes:
+    def pack(self, message: Message | EncodedMessage) -> bytes:
         """Return the message as a datagram to this peer, with the next of its sequence numbers."""
         if self._signing is not None:
             self.packer.signing.timestamp = self._signing.next_stamp()
@@ -50,7 +50,7 @@ class Traffic:
                 return
         self._expected[source] = (sequence + 1) & 255
 
-    def read(self, series: Series, source: tuple[int, int], datagram: bytes) -> tuple[Any, ...] | None:
+    def read(self, series: FrameTemplate, source: tuple[int, int], datagram: bytes) -> tuple[Any, ...] | None:
         """Return the fields of the next frame from a source, not counted; `None` if the datagram is anything else."""
         return series.read(datagram, self._expected.get(source, 0))
 
@@ -59,7 +59,7 @@ class Traffic:
         self.received += 1
         self._expected[source] = (self._expected.get(source, 0) + 1) & 255
 
-    def make(self, series: Series, *fields: float) -> bytes:
+    def make(self, series: FrameTemplate, *fields: float) -> bytes:
         """Return a message as a datagram to this peer, not signed, with the next of its sequence numbers."""
         packer = self.packer
         datagram = series.make(packer.seq, *fields)
@@ -67,7 +67,7 @@ class Traffic:
         self.sent += 1
         return datagram
 
-    def absorb(self, other: "Traffic") -> None:
+    def absorb(self, other: "Channel") -> None:
         """Add the figures of a peer that is gone."""
         self.sent, self.received, self.lost = (
             self.sent + other.sent, self.received + other.received, self.lost + other.lost

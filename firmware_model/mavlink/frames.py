@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import all as wire
 Message = Any
 """A message of pymavlink's dialect module, which has no type stubs."""
 
-Peer = tuple[int, tuple[str, int]]
+Address = tuple[int, tuple[str, int]]
 """Where a datagram comes from or goes to: number of our socket, host and port of the other side."""
 
 _V2, _V1 = wire.PROTOCOL_MARKER_V2, wire.PROTOCOL_MARKER_V1
@@ -30,7 +30,7 @@ _KINDS = {message_id: (bytes([kind.crc_extra]), kind.unpacker.size) for message_
 _decoder = wire.MAVLink(None)
 
 
-class Dropped(Enum):
+class RejectReason(Enum):
     """Why a datagram, or a message in it, had no effect; the values are the names of the counters."""
 
     NOT_MAVLINK = "not_mavlink"
@@ -63,7 +63,7 @@ class Dropped(Enum):
     """A set-point from one peer while another one's stream is alive."""
     TOO_MANY_PEERS = "too_many_peers"
     """No room for one more peer."""
-    TOO_MUCH = "too_much"
+    RATE_LIMITED = "rate_limited"
     """Its sender has sent more than is read in one go, while others wait."""
     NOT_SIGNED = "not_signed"
     """Not signed, where a key is asked for."""
@@ -76,11 +76,11 @@ class Dropped(Enum):
 
 
 DAMAGE = (
-    Dropped.NOT_MAVLINK,
-    Dropped.TRUNCATED,
-    Dropped.INCOMPATIBLE,
-    Dropped.BAD_CHECKSUM,
-    Dropped.UNKNOWN_MESSAGE,
+    RejectReason.NOT_MAVLINK,
+    RejectReason.TRUNCATED,
+    RejectReason.INCOMPATIBLE,
+    RejectReason.BAD_CHECKSUM,
+    RejectReason.UNKNOWN_MESSAGE,
 )
 """Why a datagram holds no frame that can be read."""
 
@@ -114,7 +114,7 @@ class Frame(NamedTuple):
         return _decoder.decode(bytearray(self.raw))
 
 
-class Outgoing(NamedTuple):
+class EncodedMessage(NamedTuple):
     """A message whose payload is packed already; used like a pymavlink message, and faster."""
 
     message_id: int
@@ -145,10 +145,10 @@ class Outgoing(NamedTuple):
         return frame
 
 
-class Series:
+class FrameTemplate:
     """Frames of one message from one sender with few fields that change, at its beginning: made and read at once.
 
-    They are of version 2, not signed, and byte for byte what `Outgoing` makes.
+    They are of version 2, not signed, and byte for byte what `EncodedMessage` makes.
 
     `layout` says what the changing fields are, `rest` is the payload after them, without trailing zeros.
     """
@@ -182,7 +182,7 @@ def signature(key: bytes, frame: bytes) -> bytes:
     return sha256(key + frame).digest()[: _SIGNATURE - _SIGNATURE_HEAD]
 
 
-def parse(datagram: bytes) -> list[Frame | Dropped]:
+def parse(datagram: bytes) -> list[Frame | RejectReason]:
     """Return the frames in a datagram, and the cause for each that is none; never raises.
 
     After a frame without an end the rest of the datagram is given up.
@@ -191,10 +191,10 @@ def parse(datagram: bytes) -> list[Frame | Dropped]:
     # Nearly always the datagram is one frame, of version 2 and not signed.
     if end > 11 and datagram[0] == _V2 and datagram[1] + 12 == end and not datagram[2]:
         return [_checked(datagram)]
-    found: list[Frame | Dropped] = []
+    found: list[Frame | RejectReason] = []
     while start < end:
         length = _frame_length(datagram, start, end - start)
-        if isinstance(length, Dropped):
+        if isinstance(length, RejectReason):
             found.append(length)
             break
         found.append(_checked(datagram if length == end else datagram[start : start + length]))
@@ -202,34 +202,34 @@ def parse(datagram: bytes) -> list[Frame | Dropped]:
     return found
 
 
-def _frame_length(datagram: bytes, start: int, left: int) -> int | Dropped:
+def _frame_length(datagram: bytes, start: int, left: int) -> int | RejectReason:
     marker = datagram[start]
     if marker != _V2 and marker != _V1:
-        return Dropped.NOT_MAVLINK
+        return RejectReason.NOT_MAVLINK
     if left < 3:
-        return Dropped.TRUNCATED
+        return RejectReason.TRUNCATED
     length = datagram[start + 1] + 8
     if marker == _V2:
         length += 4 + _SIGNATURE if datagram[start + 2] & _SIGNED else 4
-    return length if length <= left else Dropped.TRUNCATED
+    return length if length <= left else RejectReason.TRUNCATED
 
 
-def _checked(frame: bytes) -> Frame | Dropped:
+def _checked(frame: bytes) -> Frame | RejectReason:
     if frame[0] == _V2:
         _, length, flags, _, _, system, component, low, high = _V2_HEADER.unpack_from(frame)
         number, header = low | high << 16, 10
         if flags & ~_SIGNED:
-            return Dropped.INCOMPATIBLE
+            return RejectReason.INCOMPATIBLE
     else:
         _, length, _, system, component, number = frame[:6]
         header = 6
     kind = _KINDS.get(number)
     if kind is None:
-        return Dropped.UNKNOWN_MESSAGE
+        return RejectReason.UNKNOWN_MESSAGE
     seed, full = kind
     end = header + length
     if mcrf4xx(frame[1:end] + seed) != frame[end] | frame[end + 1] << 8:
-        return Dropped.BAD_CHECKSUM
+        return RejectReason.BAD_CHECKSUM
     payload = frame[header:end]
     if length != full:
         # Trailing zeros are not sent; what a newer sender has added is not read.

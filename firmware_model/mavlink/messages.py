@@ -13,7 +13,7 @@ import struct
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.frames import Dropped, Frame, Message, Outgoing, Series
+from firmware_model.mavlink.frames import EncodedMessage, Frame, FrameTemplate, Message, RejectReason
 from firmware_model.types import AttitudeTarget, Command, ImuSample, Quaternion, TorqueCommand, Vector
 
 AUTOPILOT = 1
@@ -35,39 +35,39 @@ _THRUST_BODY_SET, _IGNORE_THROTTLE, _IGNORE_ATTITUDE = 32, 64, 128
 _UNIT_TOLERANCE = 1e-3  # [-] how far from 1 a quaternion's length may be: far above float32, far below a mistake
 
 
-def imu_message(sample: ImuSample) -> Outgoing:
+def imu_message(sample: ImuSample) -> EncodedMessage:
     """Return HIGHRES_IMU; magnetometer and barometer are marked as not measured."""
     fields = (sample.time_us, *sample.specific_force_B, *sample.gyro_B, *_NOT_MEASURED)
-    return Outgoing(wire.MAVLINK_MSG_ID_HIGHRES_IMU, _IMU.pack(*fields, _ACCELERATION_AND_GYRO, 0))
+    return EncodedMessage(wire.MAVLINK_MSG_ID_HIGHRES_IMU, _IMU.pack(*fields, _ACCELERATION_AND_GYRO, 0))
 
 
-def imu_sample(frame: Frame) -> ImuSample | Dropped:
+def imu_sample(frame: Frame) -> ImuSample | RejectReason:
     """Return the sample in a HIGHRES_IMU; without a gyro it is no sample."""
     time_us, x, y, z, p, q, r, _, _, _, _, _, _, _, updated, _ = _IMU.unpack(frame.payload)
     if updated & _GYRO != _GYRO or not math.isfinite(x + y + z + p + q + r):
-        return Dropped.NOT_FINITE
+        return RejectReason.NOT_FINITE
     return ImuSample(time_us=time_us, gyro_B=(p, q, r), specific_force_B=(x, y, z))
 
 
-def samples(system: int) -> Series:
+def samples(system: int) -> FrameTemplate:
     """Return the samples of the autopilot of `system`: stamp [us], specific force, rates."""
     rest = struct.pack("<7fB", *_NOT_MEASURED, _ACCELERATION_AND_GYRO)
-    return Series(wire.MAVLINK_MSG_ID_HIGHRES_IMU, system, AUTOPILOT, "<Q6f", rest)
+    return FrameTemplate(wire.MAVLINK_MSG_ID_HIGHRES_IMU, system, AUTOPILOT, "<Q6f", rest)
 
 
-def torques(system: int) -> Series:
+def torques(system: int) -> FrameTemplate:
     """Return a controller's torque commands to its autopilot: stamp [us], roll, pitch, yaw, throttle or NaN."""
     rest = struct.pack("<4fBBB", 0.0, 0.0, 0.0, 0.0, 0, system, AUTOPILOT)
-    return Series(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, system, CONTROLLER, "<Q4f", rest)
+    return FrameTemplate(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, system, CONTROLLER, "<Q4f", rest)
 
 
-def rates(system: int) -> Series:
+def rates(system: int) -> FrameTemplate:
     """Return a controller's rate commands to its autopilot: stamp [ms], roll, pitch, yaw [rad/s], thrust."""
     rest = struct.pack("<BBB", system, AUTOPILOT, _IGNORE_ATTITUDE)
-    return Series(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, system, CONTROLLER, "<I16x4f", rest)
+    return FrameTemplate(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, system, CONTROLLER, "<I16x4f", rest)
 
 
-def command_message(command: Command, target_system: int) -> Outgoing:
+def command_message(command: Command, target_system: int) -> EncodedMessage:
     """Return the set-point message of a command.
 
     Raises
@@ -78,15 +78,15 @@ def command_message(command: Command, target_system: int) -> Outgoing:
     if isinstance(command, TorqueCommand):
         controls = (*command.torque_B, _thrust_field(command.throttle), 0.0, 0.0, 0.0, 0.0)
         payload = _TORQUE.pack(command.time_us, *controls, 0, target_system, AUTOPILOT)
-        return Outgoing(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, payload)
+        return EncodedMessage(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, payload)
     mask, q_NB, omega_B = _target_fields(command)
     payload = _TARGET.pack(
         boot_ms(command.time_us), *q_NB, *omega_B, _thrust_field(command.thrust), target_system, AUTOPILOT, mask
     )
-    return Outgoing(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, payload)
+    return EncodedMessage(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, payload)
 
 
-def command(frame: Frame, system: int) -> Command | Dropped:
+def command(frame: Frame, system: int) -> Command | RejectReason:
     """Return the command in a SET_ATTITUDE_TARGET or SET_ACTUATOR_CONTROL_TARGET to the autopilot of `system`.
 
     An attitude is tracked unless its mask bit is set, with the yaw rate as feed-forward; otherwise rates are, if
@@ -96,36 +96,36 @@ def command(frame: Frame, system: int) -> Command | Dropped:
     if frame.message_id == wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET:
         time_us, roll, pitch, yaw, throttle, _, _, _, _, group, target, component = _TORQUE.unpack(frame.payload)
         if not is_for(system, target, component):
-            return Dropped.OTHER_TARGET
+            return RejectReason.OTHER_TARGET
         if group != 0:
-            return Dropped.NO_SETPOINT
+            return RejectReason.NO_SETPOINT
         if not math.isfinite(roll + pitch + yaw):
-            return Dropped.NOT_FINITE
+            return RejectReason.NOT_FINITE
         torque_B = (_clipped(roll, -1.0), _clipped(pitch, -1.0), _clipped(yaw, -1.0))
         return TorqueCommand(
             time_us=time_us, torque_B=torque_B, throttle=None if math.isnan(throttle) else _clipped(throttle, 0.0)
         )
     time_ms, w, x, y, z, p, q, r, thrust, target_system, component, mask = _TARGET.unpack(frame.payload)
     if not is_for(system, target_system, component):
-        return Dropped.OTHER_TARGET
+        return RejectReason.OTHER_TARGET
     if mask & (_IGNORE_THROTTLE | _THRUST_BODY_SET) or not math.isfinite(thrust):
-        return Dropped.NO_SETPOINT
+        return RejectReason.NO_SETPOINT
     tracked = _tracked(mask, (w, x, y, z), (p, q, 0.0 if mask & _IGNORE_YAW_RATE else r))
-    if isinstance(tracked, Dropped):
+    if isinstance(tracked, RejectReason):
         return tracked
     q_NB, omega_B = tracked
     return AttitudeTarget(time_us=time_ms * 1000, q_NB=q_NB, omega_B=omega_B, thrust=_clipped(thrust, 0.0))
 
 
-def _tracked(mask: int, q_NB: Quaternion, omega_B: Vector) -> tuple[Quaternion | None, Vector | None] | Dropped:
+def _tracked(mask: int, q_NB: Quaternion, omega_B: Vector) -> tuple[Quaternion | None, Vector | None] | RejectReason:
     """Return what a SET_ATTITUDE_TARGET asks to track, attitude and rates."""
     if mask & _IGNORE_ATTITUDE:
         if mask & (_IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE):
-            return Dropped.NO_SETPOINT
-        return (None, omega_B) if math.isfinite(sum(omega_B)) else Dropped.NOT_FINITE
+            return RejectReason.NO_SETPOINT
+        return (None, omega_B) if math.isfinite(sum(omega_B)) else RejectReason.NOT_FINITE
     # NaN fails the comparison too.
     if not (abs(math.hypot(*q_NB) - 1.0) < _UNIT_TOLERANCE and math.isfinite(omega_B[2])):
-        return Dropped.NOT_FINITE
+        return RejectReason.NOT_FINITE
     return q_NB, None if mask & _IGNORE_YAW_RATE else (0.0, 0.0, omega_B[2])
 
 

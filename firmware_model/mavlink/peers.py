@@ -10,8 +10,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.channel import Traffic
-from firmware_model.mavlink.frames import Dropped, Frame, Message, Outgoing, Peer
+from firmware_model.mavlink.channel import Channel
+from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason
 from firmware_model.mavlink.messages import AUTOPILOT, CONTROLLER
 from firmware_model.mavlink.signing import Signing
 
@@ -28,12 +28,12 @@ _SLOWEST_US = 2**31 - 1  # MESSAGE_INTERVAL has no more bits
 _IMU = wire.MAVLINK_MSG_ID_HIGHRES_IMU
 
 
-class Listener:
+class Peer:
     """A peer and its streams; `expected` ones are told of the vehicle unasked, and never forgotten."""
 
     def __init__(
         self,
-        address: Peer,
+        address: Address,
         system: int,
         signing: Signing | None,
         intervals_us: Mapping[int, int],
@@ -42,8 +42,8 @@ class Listener:
         expected: bool,
     ) -> None:
         self.address, self.expected = address, expected
-        self.traffic = Traffic(system, AUTOPILOT, signing, address[0])
-        self._others: dict[int, Traffic] = {}
+        self.traffic = Channel(system, AUTOPILOT, signing, address[0])
+        self._others: dict[int, Channel] = {}
         self._system, self._signing = system, signing
         self._usual_us, self._fastest_us = intervals_us, fastest_us
         self.begin()
@@ -58,12 +58,12 @@ class Listener:
         self._intervals_us: dict[int, int] = {}
         self._due_us: dict[int, int] = {}
 
-    def pack(self, message: Message | Outgoing, component: int = AUTOPILOT) -> bytes:
+    def pack(self, message: Message | EncodedMessage, component: int = AUTOPILOT) -> bytes:
         """Return a message of a component of the vehicle as a datagram to this peer; each has its own numbers."""
         if component == AUTOPILOT:
             return self.traffic.pack(message)
         if component not in self._others:
-            self._others[component] = Traffic(self._system, component, self._signing, self.address[0])
+            self._others[component] = Channel(self._system, component, self._signing, self.address[0])
         self.traffic.sent += 1
         return self._others[component].pack(message)
 
@@ -126,19 +126,19 @@ class Listener:
 
 
 @dataclass(frozen=True, slots=True)
-class Asker:
+class RequestContext:
     """The peer that a request came from, as services see it."""
 
-    listener: Listener
+    listener: Peer
     """The peer."""
-    outbox: list[tuple[bytes, Peer]]
+    outbox: list[tuple[bytes, Address]]
     """What is to be sent."""
     clock_us: int
     """[us] time of the request, on the clock of the streams."""
     speaker: int
     """Component that answers."""
 
-    def send(self, message: Message | Outgoing) -> None:
+    def send(self, message: Message | EncodedMessage) -> None:
         """Send a message to it alone."""
         self.outbox.append((self.listener.pack(message, self.speaker), self.listener.address))
 
@@ -160,7 +160,7 @@ class Asker:
         return self.clock_us < self.listener.sticks_until_us
 
 
-class Listeners:
+class PeerTable:
     """All peers of a vehicle by their addresses, a bounded number."""
 
     def __init__(
@@ -168,16 +168,16 @@ class Listeners:
         system: int,
         signing: Signing | None,
         intervals_us: Mapping[int, int],
-        expected: Iterable[Peer],
+        expected: Iterable[Address],
         *,
         fastest_us: int,
     ) -> None:
         self._system, self._signing = system, signing
         self._intervals_us, self._fastest_us = intervals_us, fastest_us
-        self._gone = Traffic(system, AUTOPILOT)
+        self._gone = Channel(system, AUTOPILOT)
         self._at = {address: self._new(address, expected=True) for address in expected}
 
-    def __iter__(self) -> Iterator[Listener]:
+    def __iter__(self) -> Iterator[Peer]:
         return iter(self._at.values())
 
     @property
@@ -185,14 +185,14 @@ class Listeners:
         """[us] when a stream is due, on the clock of the streams."""
         return min((listener.next_us for listener in self), default=NEVER_US)
 
-    def at(self, address: Peer) -> Listener | None:
+    def at(self, address: Address) -> Peer | None:
         """Return the peer at an address, a new one if there is room, `None` if there is not."""
         listener = self._at.get(address)
         if listener is None and len(self._at) < MAX_PEERS:
             listener = self._at[address] = self._new(address, expected=False)
         return listener
 
-    def forget_silent(self, now_us: int) -> list[Listener]:
+    def forget_silent(self, now_us: int) -> list[Peer]:
         """Forget who has been silent for too long and return them; an expected one begins anew."""
         silent = [
             listener for listener in self if listener.heard_us is not None and now_us > listener.heard_us + SILENCE_US
@@ -204,7 +204,7 @@ class Listeners:
                 self._gone.absorb(self._at.pop(listener.address).traffic)
         return silent
 
-    def drop(self, address: Peer, cause: Dropped) -> None:
+    def drop(self, address: Address, cause: RejectReason) -> None:
         """Count what a known peer sent in vain."""
         if listener := self._at.get(address):
             listener.traffic.dropped[cause] += 1
@@ -214,7 +214,7 @@ class Listeners:
         figures = {f"{host}:{port}": listener.traffic.figures() for (_, (host, port)), listener in self._at.items()}
         return {**figures, "gone": self._gone.figures()} if self._gone.received else figures
 
-    def _new(self, address: Peer, *, expected: bool) -> Listener:
-        return Listener(
+    def _new(self, address: Address, *, expected: bool) -> Peer:
+        return Peer(
             address, self._system, self._signing, self._intervals_us, fastest_us=self._fastest_us, expected=expected
         )

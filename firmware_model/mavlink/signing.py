@@ -18,7 +18,7 @@ from pathlib import Path
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.errors import ConfigError
-from firmware_model.mavlink.frames import Dropped, Frame, signature
+from firmware_model.mavlink.frames import Frame, RejectReason, signature
 
 KEY_BYTES = 32
 """Length of a key."""
@@ -57,22 +57,22 @@ class Signing:
         self._stamp = min(self._stamp + 1, _LAST)
         return self._stamp
 
-    def refusal(self, frame: Frame) -> Dropped | None:
+    def refusal(self, frame: Frame) -> RejectReason | None:
         """Return why a frame is not to be obeyed, `None` if it is; notes the stamp of one that is genuine."""
         if not frame.signed:
-            return None if frame.message_id in self._unsigned else Dropped.NOT_SIGNED
+            return None if frame.message_id in self._unsigned else RejectReason.NOT_SIGNED
         raw = frame.raw
         stream = raw[_LINK], frame.system, frame.component
         stamp, last = int.from_bytes(raw[_STAMP], "little"), self._streams.get(stream)
         if last is None and stamp + _MINUTE < self._stamp:
-            return Dropped.OUT_OF_DATE
+            return RejectReason.OUT_OF_DATE
         if last is not None and stamp <= last:
-            return Dropped.REPLAYED
+            return RejectReason.REPLAYED
         if not compare_digest(signature(self.key, raw[: _SIGNATURE.start]), raw[_SIGNATURE]):
-            return Dropped.WRONG_SIGNATURE
+            return RejectReason.WRONG_SIGNATURE
         # Only now, or a forged stamp from the future would shut the true sender out.
         if last is None and len(self._streams) >= LINKS:
-            return Dropped.TOO_MANY_PEERS
+            return RejectReason.TOO_MANY_PEERS
         self._streams[stream] = stamp
         self._stamp = max(self._stamp, stamp)
         return None

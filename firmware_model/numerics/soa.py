@@ -18,7 +18,7 @@ Row = TypeVar("Row", bound=tuple[float, ...])
 _PLACE = "    array, width, at = column.array, column.width, row * column.width + column.lane\n"
 
 
-class Column(NamedTuple):
+class Lane(NamedTuple):
     """The numbers of one flight, in an array that flights share."""
 
     array: NDArray[np.float64]
@@ -38,60 +38,60 @@ def aligned(size: int) -> NDArray[np.float64]:
 
 
 @kernel
-def alone(array: NDArray[np.float64]) -> Column:
+def single(array: NDArray[np.float64]) -> Lane:
     """Return the column of a flight that has an array for itself."""
-    return Column(array, 1, 0)
+    return Lane(array, 1, 0)
 
 
 @kernel
-def get(column: Column, row: int) -> float:
+def get(column: Lane, row: int) -> float:
     """Return the number in a row."""
     value: float = column.array[row * column.width + column.lane]
     return value
 
 
 @kernel
-def put(column: Column, row: int, value: float) -> None:
+def put(column: Lane, row: int, value: float) -> None:
     """Set the number in a row."""
     column.array[row * column.width + column.lane] = value
 
 
 @kernel
-def get_vector(column: Column, row: int) -> Vector:
+def get_vector(column: Lane, row: int) -> Vector:
     """Return the numbers in three rows."""
     array, width, at = column.array, column.width, row * column.width + column.lane
     return array[at], array[at + width], array[at + 2 * width]
 
 
 @kernel
-def put_vector(column: Column, row: int, value: Vector) -> None:
+def put_vector(column: Lane, row: int, value: Vector) -> None:
     """Set the numbers in three rows."""
     array, width, at = column.array, column.width, row * column.width + column.lane
     array[at], array[at + width], array[at + 2 * width] = value[0], value[1], value[2]
 
 
-def loader(kind: type[Row]) -> Callable[[Column, int], Row]:
+def loader(kind: type[Row]) -> Callable[[Lane, int], Row]:
     """Return the kernel `load(column, row) -> kind` that reads the fields of `kind` from a row on.
 
     The kernel is written out field by field, because a compiled function can't loop over the fields of a tuple.
     """
     fields = ", ".join(f"array[at + {i} * width]" for i in range(_width(kind)))
-    kernel_: Callable[[Column, int], Row] = _define(
+    kernel_: Callable[[Lane, int], Row] = _define(
         f"def load(column, row):\n{_PLACE}    return kind({fields})", "load", kind
     )
     return kernel_
 
 
-def storer(kind: type[Row]) -> Callable[[Column, int, Row], None]:
+def storer(kind: type[Row]) -> Callable[[Lane, int, Row], None]:
     """Return the kernel `store(column, row, value)` that writes the fields of `value` from a row on."""
     lines = "\n".join(f"    array[at + {i} * width] = value[{i}]" for i in range(_width(kind)))
-    kernel_: Callable[[Column, int, Row], None] = _define(
+    kernel_: Callable[[Lane, int, Row], None] = _define(
         f"def store(column, row, value):\n{_PLACE}{lines}", "store", kind
     )
     return kernel_
 
 
-def starts(kinds: Iterable[type[tuple[float, ...]]]) -> list[int]:
+def offsets(kinds: Iterable[type[tuple[float, ...]]]) -> list[int]:
     """Return the row at which each of `kinds` starts when they are packed in order, and the end."""
     return [0, *np.cumsum([_width(kind) for kind in kinds]).tolist()]
 

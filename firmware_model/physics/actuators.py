@@ -24,7 +24,7 @@ def _axis(torque: float, share: float, limit: float) -> float:
 
 
 @kernel
-def given(params: ActuatorParams, torque: Vector) -> Vector:
+def apply_actuator_faults(params: ActuatorParams, torque: Vector) -> Vector:
     """Return the torque [N*m] B that is given for what is asked, when the lag has passed."""
     return (
         _axis(torque[0], params.share_roll, params.limit_roll),

@@ -16,11 +16,11 @@ from firmware_model.physics.rigid_body import (
     Body,
     BodyInputs,
     BodyParams,
+    at_rest,
     body_params,
     derivative,
     runge_kutta,
     specific_force,
-    still,
 )
 from firmware_model.types import Vector
 
@@ -143,11 +143,11 @@ def step(params: FreeParams, body: Body, inputs: FreeInputs, dt: float) -> Body:
     """Return the state after `dt` [s]: a Runge-Kutta step, or the actuators' alone where the vehicle rests."""
     inputs = FreeInputs(inputs.body, inputs.air, inputs.low and may_touch(params.ground, body, dt))
     moved = _move(params, body, inputs, dt)
-    return still(body, moved) if acting(params, body, inputs)[1] else moved
+    return at_rest(body, moved) if acting(params, body, inputs)[1] else moved
 
 
 @kernel
-def felt(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[Vector, Vector, float]:
+def felt_wrench(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[Vector, Vector, float]:
     """Return specific force [m/s^2] B, the moment of the air [N*m] B, and the load that the ground carries [N].
 
     The specific force is acceleration less gravity, what an accelerometer at the centre of mass feels.

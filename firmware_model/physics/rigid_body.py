@@ -194,12 +194,12 @@ def runge_kutta(
     return step
 
 
-step, turn = runge_kutta(derivative), runge_kutta(turning, _turned)
+step, step_attitude = runge_kutta(derivative), runge_kutta(turning, _turned)
 """The vehicle as its parameters say, and one that is held: the same to the bit, in less time."""
 
 
 @kernel
-def still(pose: Body, actuators: Body) -> Body:
+def at_rest(pose: Body, actuators: Body) -> Body:
     """Return the body at rest in a pose, with the actuators of another state."""
     return Body(
         pose.north, pose.east, pose.down, 0.0, 0.0, 0.0, pose.qw, pose.qx, pose.qy, pose.qz, 0.0, 0.0, 0.0,

@@ -5,11 +5,11 @@ import sys
 from collections.abc import Callable
 from threading import Thread
 
-ATTENDED = "end in order when standard input does: whoever started this is gone"
+EXIT_ON_STDIN_EOF = "end in order when standard input does: whoever started this is gone"
 """What the option says that asks for it."""
 
 
-def attend(interrupt: Callable[[], None]) -> None:
+def exit_on_stdin_eof(interrupt: Callable[[], None]) -> None:
     """Call `interrupt` when standard input ends: its other end is held by the starter, and not even a kill keeps it."""
 
     def wait() -> None:

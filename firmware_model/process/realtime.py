@@ -6,7 +6,7 @@ import os
 _PRIORITY = 10  # of 1..99; what the system's own threads need is at 50 and above
 
 
-def hold_collector(*, off: bool) -> None:
+def freeze_gc(*, off: bool) -> None:
     """Keep the garbage collector from what is there already; `off`: from all that comes, too.
 
     A flight leaves no cycles, and the collector's visits cost a sixth of it.
@@ -17,7 +17,7 @@ def hold_collector(*, off: bool) -> None:
         gc.disable()
 
 
-def go_first() -> bool:
+def request_fifo_scheduling() -> bool:
     """Have the system run this thread before all usual ones (SCHED_FIFO), if it may; return whether it does.
 
     Threads and processes that it starts from here on are usual ones again.

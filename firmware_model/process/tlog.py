@@ -11,9 +11,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from firmware_model.mavlink.frames import Dropped, Frame, Peer, parse
+from firmware_model.mavlink.frames import Address, Frame, RejectReason, parse
 from firmware_model.process.udp import Endpoint
-from firmware_model.recording.durable_file import AppendedFile
+from firmware_model.recording.durable_file import AppendOnlyFile
 
 _STAMP = struct.Struct(">Q")
 _PEERS = 3  # that have a number of their own; all others share the fourth, the last that two bits hold
@@ -31,9 +31,9 @@ class Tlog:
 
     def __init__(self, path: Path, endpoint: Endpoint, stamp_us: Callable[[int], int]) -> None:
         self._endpoint, self._stamp_us = endpoint, stamp_us
-        self._file = AppendedFile(path)
+        self._file = AppendOnlyFile(path)
         self._buffer = bytearray()
-        self._numbers: dict[Peer, int] = {}
+        self._numbers: dict[Address, int] = {}
         self._flush_at_us = 0
 
     @property
@@ -41,7 +41,7 @@ class Tlog:
         """Whether there is nothing more to do."""
         return self._endpoint.finished
 
-    def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
+    def receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
         """Take a datagram."""
         # Nearly always it is one frame, of version 2 and not signed.
         if datagram[:1] == _V2 and len(datagram) > 2 and len(datagram) == datagram[1] + _V2_FRAME:
@@ -52,11 +52,11 @@ class Tlog:
                     self._log(frame.raw, peer, self._stamp_us(now_us))
         self._endpoint.receive(datagram, peer, now_us)
 
-    def drop(self, cause: Dropped, peer: Peer) -> None:
+    def drop(self, cause: RejectReason, peer: Address) -> None:
         """Count a datagram that was not handed over."""
         self._endpoint.drop(cause, peer)
 
-    def poll(self, now_us: int) -> list[tuple[bytes, Peer]]:
+    def poll(self, now_us: int) -> list[tuple[bytes, Address]]:
         """Do what is due and return the datagrams to send."""
         sent = self._endpoint.poll(now_us)
         if sent:
@@ -83,7 +83,7 @@ class Tlog:
         finally:
             self._file.close()
 
-    def _log(self, frame: bytes, peer: Peer, stamp_us: int) -> None:
+    def _log(self, frame: bytes, peer: Address, stamp_us: int) -> None:
         number = self._numbers.get(peer, _PEERS)
         if number == _PEERS and len(self._numbers) < _PEERS:
             number = self._numbers[peer] = len(self._numbers)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from firmware_model.errors import ConfigError
-from firmware_model.mavlink.frames import Dropped, Peer
+from firmware_model.mavlink.frames import Address, RejectReason
 
 _yield_core = getattr(os, "sched_yield", None) or (lambda: time.sleep(0.0))  # not every system has it
 _LARGEST = 65_535  # bytes, the largest UDP datagram
@@ -33,13 +33,13 @@ class Endpoint(Protocol):
     def finished(self) -> bool:
         """Whether there is nothing more to do."""
 
-    def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
+    def receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
         """Take a datagram."""
 
-    def drop(self, cause: Dropped, peer: Peer) -> None:
+    def drop(self, cause: RejectReason, peer: Address) -> None:
         """Count a datagram that was not handed over."""
 
-    def poll(self, now_us: int) -> list[tuple[bytes, Peer]]:
+    def poll(self, now_us: int) -> list[tuple[bytes, Address]]:
         """Do what is due and return the datagrams to send."""
 
     def deadline_us(self) -> int:
@@ -201,7 +201,7 @@ def _connected(bound: socket.socket) -> tuple[str, int] | None:
 
 def _empty(endpoint: Endpoint, ready: socket.socket, index: int, *, most: int = _AT_ONCE, share: int = _SHARE) -> None:
     """Hand over what waits in a socket, of each peer no more than its share."""
-    taken: Counter[Peer] = Counter()
+    taken: Counter[Address] = Counter()
     for _ in range(most):
         try:
             datagram, address = ready.recvfrom(_LARGEST, socket.MSG_DONTWAIT)
@@ -214,7 +214,7 @@ def _empty(endpoint: Endpoint, ready: socket.socket, index: int, *, most: int = 
         if taken[peer] <= share:
             endpoint.receive(datagram, peer, _now_us())
         else:
-            endpoint.drop(Dropped.TOO_MUCH, peer)
+            endpoint.drop(RejectReason.RATE_LIMITED, peer)
 
 
 def _sleep(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:

@@ -16,7 +16,7 @@ except ImportError:  # not every system has it
 _SYNC_S = 1.0  # wall time: what a power loss can take, besides what was being written
 
 
-class AppendedFile:
+class AppendOnlyFile:
     """A new file, locked while it grows; a thread of its own has the disk keep it, as that can take long.
 
     Raises
@@ -72,7 +72,7 @@ def locked(path: Path) -> IO[bytes] | None:
     return file
 
 
-def still_grows(path: Path) -> bool:
+def is_growing(path: Path) -> bool:
     """Return whether a process is writing the file at this moment; never where files can't be locked."""
     if fcntl is None or not path.is_file():  # to open a pipe waits for its writer
         return False

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from firmware_model.config.files import TEXT, open_regular, parse_json
 from firmware_model.errors import ConfigError
-from firmware_model.recording.durable_file import AppendedFile
+from firmware_model.recording.durable_file import AppendOnlyFile
 
 RECORD = np.dtype(
     [
@@ -72,7 +72,7 @@ class JournalWriter:
     """
 
     def __init__(self, path: Path, header: Mapping[str, Any], at_once: int = 250) -> None:
-        self._file = AppendedFile(path)
+        self._file = AppendOnlyFile(path)
         self._file.write(json.dumps(header, separators=(",", ":")).encode() + b"\n")
         self._block = np.empty((at_once, WIDTH))
         self._used = 0

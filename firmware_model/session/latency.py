@@ -5,7 +5,7 @@ from collections import Counter
 _COARSE_US = 20_000  # what is later is counted as one, so that a vehicle that stands for a month fills no memory
 
 
-class Lateness:
+class Latency:
     """The distribution of delays after a deadline, to a microsecond up to 20 ms."""
 
     def __init__(self) -> None:

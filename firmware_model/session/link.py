@@ -34,7 +34,7 @@ _SCALE = 2.0**-32
 Item = TypeVar("Item")
 
 
-class Passage(Enum):
+class LinkCounter(Enum):
     """What became of a datagram, counted; the values are the names of the counters."""
 
     SENT = "sent"
@@ -55,11 +55,11 @@ class Passage(Enum):
     """Came to the vehicle after the answer to a newer sample, and was not flown."""
 
 
-class Line(Generic[Item]):
+class LinkDirection(Generic[Item]):
     """One direction of a link: `send` in the order of time, `take` what has arrived."""
 
     def __init__(self, faults: Sequence[AnyFault], direction: str, seed: int) -> None:
-        self.counters: Counter[Passage] = Counter()
+        self.counters: Counter[LinkCounter] = Counter()
         self._tables = [
             _Table(fault, seed, number) for number, fault in enumerate(faults) if fault.direction == direction
         ]
@@ -69,27 +69,27 @@ class Line(Generic[Item]):
 
     def send(self, item: Item, size: int, now_us: int) -> None:
         """Let a datagram of `size` bytes enter."""
-        self.counters[Passage.SENT] += 1
-        number = self.counters[Passage.SENT]
+        self.counters[LinkCounter.SENT] += 1
+        number = self.counters[LinkCounter.SENT]
         tables = [table for table in self._tables if table.start_us <= now_us < table.stop_us]
         sent_us = now_us
         for table in tables:
             if isinstance(table.fault, Bandwidth):
                 free_us = table.transmitted_us(table.fault, size, sent_us)
                 if free_us is None:
-                    self.counters[Passage.CROWDED_OUT] += 1
+                    self.counters[LinkCounter.CROWDED_OUT] += 1
                     return
                 sent_us = free_us
         # All of them are asked: a burst goes on, whatever else loses the datagram.
         if any([table.loses(number) for table in tables]):
-            self.counters[Passage.LOST] += 1
+            self.counters[LinkCounter.LOST] += 1
             return
         doubled = any(table.strikes(Duplication, number) for table in tables)
-        self.counters[Passage.DOUBLED] += doubled
+        self.counters[LinkCounter.DOUBLED] += doubled
         for copy in range(1 + doubled):
             late_us = sum(table.lateness_us(number, copy) for table in tables)
             held_us = sum(table.held_us(number, copy) for table in tables)
-            self.counters[Passage.HELD_BACK] += held_us > 0
+            self.counters[LinkCounter.HELD_BACK] += held_us > 0
             self._last_us = max(sent_us + late_us, self._last_us)
             self._order += 1
             heapq.heappush(self._travelling, (self._last_us + held_us, self._order, item))
@@ -103,7 +103,7 @@ class Line(Generic[Item]):
         """Return the next one that arrives before a time, after the time [us] of its arrival; `None` if none does."""
         if self.next_us >= before_us:
             return None
-        self.counters[Passage.ARRIVED] += 1
+        self.counters[LinkCounter.ARRIVED] += 1
         arrival_us, _, item = heapq.heappop(self._travelling)
         return arrival_us, item
 
@@ -114,7 +114,7 @@ class Line(Generic[Item]):
 
     def figures(self) -> dict[str, int]:
         """Return the counters by name."""
-        return {passage.value: count for passage in Passage if (count := self.counters[passage])}
+        return {passage.value: count for passage in LinkCounter if (count := self.counters[passage])}
 
 
 class _Table:

@@ -1,6 +1,6 @@
 """Lockstep as it nearly always goes on: the set-point that answers a sample comes in, and the next sample goes out.
 
-`Turns` does at once what the endpoint does step by step, with the same result. Whatever is anything else it refuses
+`FastPath` does at once what the endpoint does step by step, with the same result. Whatever is anything else it refuses
 before it has changed anything: what happens then, and what a turn is to do, the endpoint's own way says.
 """
 
@@ -9,27 +9,27 @@ from collections.abc import Iterable
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.mavlink import messages
-from firmware_model.mavlink.channel import Traffic
-from firmware_model.mavlink.frames import Peer
+from firmware_model.mavlink.channel import Channel
+from firmware_model.mavlink.frames import Address
 from firmware_model.mavlink.messages import CONTROLLER
-from firmware_model.mavlink.peers import NEVER_US, Listener
-from firmware_model.session.pacing import Flight
+from firmware_model.mavlink.peers import NEVER_US, Peer
+from firmware_model.session.pacing import FlightClock
 from firmware_model.types import AttitudeTarget, Command, TorqueCommand
 
 
-class Turns:
+class FastPath:
     """The turns that a vehicle in lockstep takes with the listener in command."""
 
-    def __init__(self, flight: Flight, scenario: Scenario, system: int, *, possible: bool) -> None:
+    def __init__(self, flight: FlightClock, scenario: Scenario, system: int, *, possible: bool) -> None:
         self._flight, self._possible, self._source = flight, possible, (system, CONTROLLER)
         self._samples = messages.samples(system)
         self._torques, self._rates = messages.torques(system), messages.rates(system)
         self._last_us, self._sample_us = (scenario.samples - 1) * scenario.sample_us, scenario.sample_us
-        self._commander: Listener | None = None
+        self._commander: Peer | None = None
         self._end_us = 0
         self._taken = False
 
-    def foresee(self, commander: Listener | None, listeners: Iterable[Listener]) -> None:
+    def foresee(self, commander: Peer | None, listeners: Iterable[Peer]) -> None:
         """Find out whether nothing is to be done but to take turns, and up to when."""
         flight, self._commander = self._flight, None
         if commander is None or not self._possible or not commander.undemanding:
@@ -40,7 +40,7 @@ class Turns:
         ahead_us = streams_us - flight.clock_us(0) - self._sample_us
         self._commander, self._end_us = commander, min(flight.time_us + ahead_us, self._last_us)
 
-    def take(self, datagram: bytes, peer: Peer, now_us: int) -> bytes | None:
+    def take(self, datagram: bytes, peer: Address, now_us: int) -> bytes | None:
         """Fly the current sample as it is answered, and return the next one; `None`, and nothing done, if it is not."""
         flight, commander = self._flight, self._commander
         self._taken = False
@@ -66,7 +66,7 @@ class Turns:
         taken, self._taken = self._taken, False
         return taken
 
-    def _command(self, datagram: bytes, traffic: Traffic) -> Command | None:
+    def _command(self, datagram: bytes, traffic: Channel) -> Command | None:
         """Return the set-point that answers the current sample, as `messages.command` does where nothing is clipped."""
         time_us = self._flight.time_us
         if isinstance(self._flight.setpoint, TorqueCommand):

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from firmware_model.autopilot.guidance import Situation
 from firmware_model.autopilot.modes import Autopilot, Event, Mode
-from firmware_model.mavlink.frames import Dropped
+from firmware_model.mavlink.frames import RejectReason
 from firmware_model.mavlink.messages import stamp_difference
-from firmware_model.session.latency import Lateness
+from firmware_model.session.latency import Latency
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import Command, Setpoint, Trim
 
@@ -57,7 +57,7 @@ class Due(Enum):
 _WAIT, _ADVANCE = Due.WAIT, Due.ADVANCE
 
 
-class Hitch(Enum):
+class TimingFault(Enum):
     """What went other than planned, counted; the values are the names of the counters."""
 
     RESENT = "resent"
@@ -72,7 +72,7 @@ class Hitch(Enum):
     """A mode that the script asks for was refused."""
 
 
-class Flight:
+class FlightClock:
     """One vehicle from its first sample to its last; the caller owns clock and wire."""
 
     def __init__(
@@ -88,8 +88,8 @@ class Flight:
     ) -> None:
         self.loop, self.autopilot, self.lockstep, self.standing = loop, autopilot, lockstep, standing
         self.linked = linked
-        self.counters: Counter[Hitch] = Counter()
-        self.lateness = Lateness()
+        self.counters: Counter[TimingFault] = Counter()
+        self.lateness = Latency()
         self.setpoint: Command | None = None
         self._stamps_us: dict[type[Command], int] = {}
         self.started_us: int | None = None
@@ -132,7 +132,7 @@ class Flight:
         """Tell the autopilot the time, before anything is asked of it."""
         self.autopilot.clock_us = self.clock_us(now_us)
 
-    def offer(self, command: Command) -> Dropped | None:
+    def offer(self, command: Command) -> RejectReason | None:
         """Take a set-point that arrived at the last tick, or say why not.
 
         In lockstep only the stamp of the current sample is taken; in real time any that is not older than the last of
@@ -142,11 +142,13 @@ class Flight:
         if self.lockstep:
             if command.time_us != self._time_us and (difference := stamp_difference(command, self._time_us)):
                 previous = stamp_difference(command, self._time_us - self._sample_us) == 0
-                return Dropped.EARLY if difference > 0 else Dropped.DUPLICATE if previous else Dropped.STALE
+                return (
+                    RejectReason.EARLY if difference > 0 else RejectReason.DUPLICATE if previous else RejectReason.STALE
+                )
             if self.answered and self.running:
-                return Dropped.DUPLICATE
+                return RejectReason.DUPLICATE
         elif self.is_overtaken(command):
-            return Dropped.STALE
+            return RejectReason.STALE
         self.hear(command)
         return None
 
@@ -199,7 +201,7 @@ class Flight:
         if self._attempts < RESENDS:
             self._attempts += 1
             self._resend_at_us = now_us + RESEND_US
-            self.counters[Hitch.RESENT] += 1
+            self.counters[TimingFault.RESENT] += 1
             return Due.RESEND
         return _ADVANCE
 
@@ -287,14 +289,14 @@ class Flight:
 
     def _check_real_time(self, now_us: int) -> None:
         if not self.answered and self.autopilot.mode is _OFFBOARD:
-            self.counters[Hitch.HELD] += 1
+            self.counters[TimingFault.HELD] += 1
         late_us = now_us - self._due_us()
         self.lateness.add(late_us)
         if late_us > self._sample_us:
-            self.counters[Hitch.OVERRUN] += 1
+            self.counters[TimingFault.OVERRUN] += 1
         if late_us > CATCH_UP_US:
             self.slipped_us += late_us
-            self.counters[Hitch.SLIPPED] += 1
+            self.counters[TimingFault.SLIPPED] += 1
             if now_us >= self._say_slip_at_us:
                 self._say_slip_at_us = now_us + _SAY_SLIP_US
                 self.autopilot.note(Event.SLIPPED)

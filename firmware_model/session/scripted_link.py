@@ -19,9 +19,9 @@ from firmware_model.autopilot.modes import Mode
 from firmware_model.config.events import ControllerHung, ControllerKilled, ModeChange
 from firmware_model.config.scenario import Scenario
 from firmware_model.mavlink import messages
-from firmware_model.mavlink.frames import Dropped
-from firmware_model.session.link import Line, Passage
-from firmware_model.session.pacing import RESEND_US, Due, Flight, Hitch
+from firmware_model.mavlink.frames import RejectReason
+from firmware_model.session.link import LinkCounter, LinkDirection
+from firmware_model.session.pacing import RESEND_US, Due, FlightClock, TimingFault
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import Command, ImuSample
 
@@ -29,30 +29,30 @@ JOIN_TIMEOUT_US = 60_000_000
 """[us] wall time that a lockstep flight waits for the controller that takes the place of another."""
 _FOREVER_US = 1 << 62
 
-Incident = ModeChange | ControllerHung | ControllerKilled
+ControllerEvent = ModeChange | ControllerHung | ControllerKilled
 
 
-class Exchange:
+class ScriptedLink:
     """The conversation of one scripted flight with its controller; the endpoint asks it `due` in the flight's place."""
 
-    def __init__(self, scenario: Scenario, seed: int, flight: Flight, loop: VehicleLoop) -> None:
+    def __init__(self, scenario: Scenario, seed: int, flight: FlightClock, loop: VehicleLoop) -> None:
         self.joining = False
         self.sample: ImuSample | None = None
         self._flight, self._loop, self._sample_us = flight, loop, scenario.sample_us
-        self._to_controller: Line[ImuSample] = Line(scenario.link, "to_controller", seed)
-        self._to_vehicle: Line[tuple[int, Command]] = Line(scenario.link, "to_vehicle", seed)
-        self._incidents: dict[int, list[Incident]] = {}
+        self._to_controller: LinkDirection[ImuSample] = LinkDirection(scenario.link, "to_controller", seed)
+        self._to_vehicle: LinkDirection[tuple[int, Command]] = LinkDirection(scenario.link, "to_vehicle", seed)
+        self._incidents: dict[int, list[ControllerEvent]] = {}
         self._absences: list[tuple[int, int]] = []
         self._joins_at: int | None = None
         for item in scenario.event:
-            if isinstance(item, Incident):
+            if isinstance(item, ControllerEvent):
                 self._note(item, scenario.control_rate_hz)
         self._at_us = 0  # model time at which the controller has the sample that was sent last
         self._sent_us = self._heard_us = -1  # stamps: newest sample sent, newest one whose answer has arrived
         self._joined = self._gone = False
         self._join_by_us = self._invite_at_us = 0
 
-    def begin_sample(self, now_us: int) -> list[Incident] | None:
+    def begin_sample(self, now_us: int) -> list[ControllerEvent] | None:
         """Let the current sample enter the link, and return what happens before it is flown, if anything does."""
         loop = self._loop
         self._flight.tick(now_us)
@@ -86,22 +86,22 @@ class Exchange:
             if self._reaches(arrival_us):
                 yield sample
 
-    def answer(self, command: Command, size: int, time_us: int) -> Dropped | None:
+    def answer(self, command: Command, size: int, time_us: int) -> RejectReason | None:
         """Take a set-point of `size` bytes that was really received at a model time, or say why not."""
         flight = self._flight
         if not flight.lockstep:
             self._to_vehicle.send((command.time_us, command), size, time_us)
             return None
         if self.sample is None or (difference := messages.stamp_difference(command, self.sample.time_us)) > 0:
-            return Dropped.EARLY
+            return RejectReason.EARLY
         if difference < 0:
-            return Dropped.STALE
+            return RejectReason.STALE
         if self.joining:
             self._joined = True
             flight.autopilot.hear_setpoint()
             return None
         if flight.answered:
-            return Dropped.DUPLICATE
+            return RejectReason.DUPLICATE
         flight.answered = True
         self._to_vehicle.send((self.sample.time_us, command), size, self._at_us)
         return None
@@ -120,7 +120,7 @@ class Exchange:
         """Return what the link did, by direction."""
         return {"to_controller": self._to_controller.figures(), "to_vehicle": self._to_vehicle.figures()}
 
-    def _note(self, item: Incident, rate_hz: int) -> None:
+    def _note(self, item: ControllerEvent, rate_hz: int) -> None:
         self._incidents.setdefault(round(item.at_s * rate_hz), []).append(item)
         if isinstance(item, ModeChange):
             return
@@ -174,15 +174,15 @@ class Exchange:
             else:
                 overtaken = flight.is_overtaken(command)
             if overtaken:
-                self._to_vehicle.counters[Passage.OVERTAKEN] += 1
+                self._to_vehicle.counters[LinkCounter.OVERTAKEN] += 1
                 continue
             self._heard_us, heard = stamp_us, True
             flight.hear(command)
         if flight.lockstep and not heard and flight.autopilot.mode is Mode.OFFBOARD:
-            flight.counters[Hitch.HELD] += 1
+            flight.counters[TimingFault.HELD] += 1
 
     def _reaches(self, time_us: int) -> bool:
         """Whether somebody hears what comes to the controller at a model time."""
         heard = not self._gone and not any(start_us <= time_us < stop_us for start_us, stop_us in self._absences)
-        self._to_controller.counters[Passage.UNHEARD] += not heard
+        self._to_controller.counters[LinkCounter.UNHEARD] += not heard
         return heard

@@ -6,7 +6,7 @@
 Before t = 0 of a scripted flight the airframe is clamped and sample 0 is repeated on wall time. The flight begins when
 the vehicle is armed in OFFBOARD. In lockstep sample k is sent to the commanding peer and waited for; in real time
 samples are due on absolute deadlines and a late command holds the last one. A standing vehicle begins when it is first
-polled. Where the script interferes with the conversation, an `Exchange` leads it.
+polled. Where the script interferes with the conversation, an `ScriptedLink` leads it.
 """
 
 from collections import Counter
@@ -23,15 +23,15 @@ from firmware_model.config.events import ControllerKilled, ModeChange
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.mavlink import messages
-from firmware_model.mavlink.frames import Dropped, Frame, Message, Outgoing, Peer, parse
-from firmware_model.mavlink.peers import Asker, Listener, Listeners
+from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
+from firmware_model.mavlink.peers import Peer, PeerTable, RequestContext
 from firmware_model.mavlink.services import composed
 from firmware_model.mavlink.services.service import Client
 from firmware_model.mavlink.signing import Signing
-from firmware_model.session.lockstep import Turns
+from firmware_model.session.lockstep import FastPath
 from firmware_model.session.outcome import Outcome
-from firmware_model.session.pacing import Due, Flight, Hitch
-from firmware_model.session.scripted_link import Exchange
+from firmware_model.session.pacing import Due, FlightClock, TimingFault
+from firmware_model.session.scripted_link import ScriptedLink
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import Command, ImuSample
 
@@ -68,7 +68,7 @@ class VehicleEndpoint:
         lockstep: bool,
         standing: bool = False,
         system: int = 1,
-        expected: Iterable[Peer] = (),
+        expected: Iterable[Address] = (),
         signing: Signing | None = None,
         generic: bool = False,
         flush: Callable[[], None] = lambda: None,
@@ -78,28 +78,28 @@ class VehicleEndpoint:
         self.autopilot = Autopilot(self.parameters.settings(), free=scenario.free)
         self.loop = VehicleLoop(vehicle, scenario, seed, standing=standing)
         linked = scenario.scripts_controller and not standing
-        self.flight = Flight(
+        self.flight = FlightClock(
             self.loop, self.autopilot, record,
             sample_us=scenario.sample_us, lockstep=lockstep, standing=standing, linked=linked,
         )  # fmt: skip
-        self.exchange = Exchange(scenario, seed, self.flight, self.loop) if linked else None
+        self.exchange = ScriptedLink(scenario, seed, self.flight, self.loop) if linked else None
         self._pace = self.exchange or self.flight
         self._flush = flush
         self.outcome: Outcome | None = None
         self.finished = False
-        self.counters: Counter[Dropped] = Counter()
+        self.counters: Counter[RejectReason] = Counter()
         self._signing = signing
         self.system = system
         self.services = composed(self)
         self._streams, self._requests = self.services.streams, self.services.requests
         intervals_us = {number: stream.interval_us for number, stream in self._streams.items() if stream.interval_us}
-        self._listeners = Listeners(system, signing, intervals_us, expected, fastest_us=scenario.sample_us)
-        self._outbox: list[tuple[bytes, Peer]] = []
-        self._commander: Listener | None = None
-        self._killed: Listener | None = None
+        self._listeners = PeerTable(system, signing, intervals_us, expected, fastest_us=scenario.sample_us)
+        self._outbox: list[tuple[bytes, Address]] = []
+        self._commander: Peer | None = None
+        self._killed: Peer | None = None
         self._stream_lost = False
         self._now_us = self._heartbeat_at_us = 0
-        self._turns = Turns(self.flight, scenario, system, possible=lockstep and not linked and signing is None)
+        self._turns = FastPath(self.flight, scenario, system, possible=lockstep and not linked and signing is None)
         self._created_us: int | None = None
         self._announced: tuple[Mode, bool, bool] | None = None
 
@@ -108,7 +108,7 @@ class VehicleEndpoint:
         self.outcome = self.outcome or Outcome.INTERRUPTED
         self.finished = True
 
-    def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
+    def receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
         self._now_us = now_us
         sample = self._turns.take(datagram, peer, now_us)
@@ -119,16 +119,16 @@ class VehicleEndpoint:
         if self._signing is not None:
             self._signing.tick(now_us)
         for item in parse(datagram):
-            cause = item if isinstance(item, Dropped) else self._take(item, peer, now_us)
+            cause = item if isinstance(item, RejectReason) else self._take(item, peer, now_us)
             if cause is not None:
                 self.drop(cause, peer)
 
-    def drop(self, cause: Dropped, peer: Peer) -> None:
+    def drop(self, cause: RejectReason, peer: Address) -> None:
         """Count something of a peer's that has no effect."""
         self.counters[cause] += 1
         self._listeners.drop(peer, cause)
 
-    def poll(self, now_us: int) -> list[tuple[bytes, Peer]]:
+    def poll(self, now_us: int) -> list[tuple[bytes, Address]]:
         """Do what is due and return the datagrams to send."""
         self._now_us = now_us
         if self._turns.taken() and now_us < self._heartbeat_at_us:
@@ -192,7 +192,7 @@ class VehicleEndpoint:
         if self._signing is not None and not message.get_header().incompat_flags & wire.MAVLINK_IFLAG_SIGNED:
             return  # what nobody has signed is not signed here
         for listener in self._listeners:
-            if not (isinstance(source, Asker) and source.listener is listener):
+            if not (isinstance(source, RequestContext) and source.listener is listener):
                 self._outbox.append((listener.pack(message, messages.CONTROLLER), listener.address))
 
     @property
@@ -200,7 +200,7 @@ class VehicleEndpoint:
         """What came and went between here and each peer."""
         return self._listeners.figures()
 
-    def broadcast(self, message: Message | Outgoing) -> None:
+    def broadcast(self, message: Message | EncodedMessage) -> None:
         """Send a message to all peers."""
         for listener in self._listeners:
             self._send(message, listener)
@@ -217,39 +217,39 @@ class VehicleEndpoint:
         self.loop.set_position_loop(self.parameters.position_loop())
         self.flight.pause(self._now_us, paused=bool(self.parameters[PAUSE_NAME]))
 
-    def _sent(self) -> list[tuple[bytes, Peer]]:
+    def _sent(self) -> list[tuple[bytes, Address]]:
         outbox, self._outbox = self._outbox, []
         return outbox
 
-    def _take(self, frame: Frame, peer: Peer, now_us: int) -> Dropped | None:
+    def _take(self, frame: Frame, peer: Address, now_us: int) -> RejectReason | None:
         # Before anything else: who does not prove himself takes no place among the peers.
         if self._signing is not None and (cause := self._signing.refusal(frame)):
             return cause
         listener = self._heard(peer, frame, now_us)
-        return Dropped.TOO_MANY_PEERS if listener is None else self._dispatch(frame, listener)
+        return RejectReason.TOO_MANY_PEERS if listener is None else self._dispatch(frame, listener)
 
-    def _dispatch(self, frame: Frame, listener: Listener) -> Dropped | None:
+    def _dispatch(self, frame: Frame, listener: Peer) -> RejectReason | None:
         kind = frame.message_id
         if kind in _SETPOINTS:
             return self._take_setpoint(frame, listener)
         handler = self._requests.get(kind)
         if handler is None:
-            return None if kind == wire.MAVLINK_MSG_ID_HEARTBEAT else Dropped.UNUSED_MESSAGE
+            return None if kind == wire.MAVLINK_MSG_ID_HEARTBEAT else RejectReason.UNUSED_MESSAGE
         request = frame.message()
         system = getattr(request, "target_system", getattr(request, "target", 0))
         component = getattr(request, "target_component", 0)
         absent = kind in _COMMANDS and component in messages.ABSENT
         if not messages.is_for(self.system, system, messages.AUTOPILOT if absent else component):
-            return Dropped.OTHER_TARGET
+            return RejectReason.OTHER_TARGET
         speaker = component if absent else messages.AUTOPILOT
-        return handler(request, Asker(listener, self._outbox, self.clock_us, speaker))
+        return handler(request, RequestContext(listener, self._outbox, self.clock_us, speaker))
 
-    def _take_setpoint(self, frame: Frame, listener: Listener) -> Dropped | None:
+    def _take_setpoint(self, frame: Frame, listener: Peer) -> RejectReason | None:
         rival = self._commander is not None and self._commander is not listener
         if (rival and self.autopilot.stream_alive) or listener is self._killed:
-            return Dropped.NOT_IN_COMMAND
+            return RejectReason.NOT_IN_COMMAND
         command = messages.command(frame, self.system)
-        if isinstance(command, Dropped):
+        if isinstance(command, RejectReason):
             return command
         if self.exchange is not None and self.flight.running:
             cause = self.exchange.answer(command, len(frame.raw), self.stamp_us)
@@ -269,7 +269,7 @@ class VehicleEndpoint:
             self.outcome = Outcome.STREAM_LOST if self._stream_lost else flown
             self.finished = True
 
-    def _converse(self, exchange: Exchange, due: Due, now_us: int) -> None:
+    def _converse(self, exchange: ScriptedLink, due: Due, now_us: int) -> None:
         """Go on with a conversation that the script interferes with, after what was due."""
         if due is not _ADVANCE:
             # The controller knows the mode with each sample, however long the script let it be silent.
@@ -284,7 +284,7 @@ class VehicleEndpoint:
         if not self.flight.lockstep:
             self._stream(self.flight.clock_us(now_us))
 
-    def _begin_sample(self, exchange: Exchange, now_us: int) -> None:
+    def _begin_sample(self, exchange: ScriptedLink, now_us: int) -> None:
         """Begin a sample of the conversation, and let happen what the script says."""
         incidents = exchange.begin_sample(now_us)
         if incidents is not None:
@@ -295,7 +295,7 @@ class VehicleEndpoint:
             elif isinstance(incident, ModeChange):
                 verdict = self.autopilot.set_mode(Mode[incident.mode.upper()])
                 if verdict is not Verdict.ACCEPTED:
-                    self.flight.counters[Hitch.REFUSED] += 1
+                    self.flight.counters[TimingFault.REFUSED] += 1
                     self.tell(verdict.value, wire.MAV_SEVERITY_WARNING)
 
     def _deliver(self, sample: ImuSample) -> None:
@@ -306,7 +306,7 @@ class VehicleEndpoint:
             if invited or listener is self._commander:
                 self._send(messages.imu_message(sample), listener)
 
-    def _is_sent_each(self, listener: Listener) -> bool:
+    def _is_sent_each(self, listener: Peer) -> bool:
         """Whether a peer gets every sample of the flight as it is taken, or as it comes through the link."""
         if listener is self._commander:
             return self.flight.lockstep or self.exchange is not None
@@ -336,7 +336,7 @@ class VehicleEndpoint:
             self.outcome = Outcome.NO_CONTROLLER
             self.finished = True
 
-    def _heard(self, address: Peer, frame: Frame, now_us: int) -> Listener | None:
+    def _heard(self, address: Address, frame: Frame, now_us: int) -> Peer | None:
         listener = self._listeners.at(address)
         if listener is not None:
             if not listener.controller:
@@ -345,5 +345,5 @@ class VehicleEndpoint:
             listener.traffic.count(frame)
         return listener
 
-    def _send(self, message: Message | Outgoing, listener: Listener) -> None:
+    def _send(self, message: Message | EncodedMessage, listener: Peer) -> None:
         self._outbox.append((listener.traffic.pack(message), listener.address))

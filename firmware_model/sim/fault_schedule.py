@@ -17,7 +17,7 @@ from firmware_model.config.plant_events import (
     PlantEvent,
 )
 from firmware_model.config.scenario import Scenario
-from firmware_model.config.validation import told
+from firmware_model.config.validation import format_errors
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.physics.actuators import ActuatorParams
@@ -48,7 +48,7 @@ def first_plant(vehicle: Vehicle, scenario: Scenario) -> Plant:
     return Plant(vehicle, scenario.gyro.bias_rad_s, _STEADY, 0.0, float(scenario.gyro.noise), ActuatorParams())
 
 
-def later_plants(vehicle: Vehicle, scenario: Scenario) -> Iterator[tuple[int, Plant]]:
+def fault_schedule(vehicle: Vehicle, scenario: Scenario) -> Iterator[tuple[int, Plant]]:
     """Yield in order each plant that the events leave, with the sample from which on it is so.
 
     Raises
@@ -98,6 +98,6 @@ def _loaded(vehicle: Vehicle, event: Payload) -> Vehicle:
     try:
         return replace(vehicle, mass=vehicle.mass + event.mass_kg, inertia_B=(I_x, I_y, I_z))
     except ValidationError as error:
-        mistakes = told(Vehicle, error.errors())
+        mistakes = format_errors(Vehicle, error.errors())
         loaded = f"vehicle '{vehicle.name}' of {vehicle.mass:g} kg can't be with {event.mass_kg:+g} kg"
         raise ConfigError(f"event 'payload' at {event.at_s} s: {loaded}: {mistakes}") from None

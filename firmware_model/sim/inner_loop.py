@@ -2,20 +2,26 @@
 
 import math
 
-from firmware_model.autopilot.attitude_loop import Estimate, StabilizerParams, attitude_rates, rate_torque, rest
+from firmware_model.autopilot.attitude_loop import (
+    Estimate,
+    StabilizerParams,
+    attitude_rates,
+    rate_torque,
+    reset_integrators,
+)
 from firmware_model.autopilot.position_loop import (
     Holding,
     PositionParams,
+    altitude_hold,
+    attitude_for_acceleration,
     forget_heading,
-    guide,
     keep_heading,
-    lean,
-    lift,
     nothing_held,
-    toward,
+    position_hold,
+    slew_heading,
 )
 from firmware_model.numerics.compiled import kernel
-from firmware_model.numerics.soa import Column, get, get_vector, loader, put, put_vector, storer
+from firmware_model.numerics.soa import Lane, get, get_vector, loader, put, put_vector, storer
 from firmware_model.physics.rigid_body import Body
 from firmware_model.physics.rotors import RotorParams, allocate
 from firmware_model.recording import journal
@@ -39,7 +45,7 @@ _load_holding, _store_holding = loader(Holding), storer(Holding)
 
 
 @kernel
-def command(params: Column, state: Column, free: bool, kind: float, setpoint: Column, record: Column) -> None:
+def command(params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane, record: Lane) -> None:
     """Write to `record` what is asked of the actuators under a set-point of that kind, and move the loops on."""
     touches = (
         kind == GUIDANCE and not math.isnan(get(setpoint, 5)) and get(state, X_LOAD) > _TOUCH * get(params, WEIGHT)
@@ -53,7 +59,7 @@ def command(params: Column, state: Column, free: bool, kind: float, setpoint: Co
 
 
 @kernel
-def _aim(params: Column, state: Column, free: bool, kind: float, setpoint: Column,
+def _aim(params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane,
          touches: bool) -> tuple[Quaternion, float]:  # fmt: skip
     """Return the attitude to track, if one is, and the thrust [N] to be asked for; on the stand it is the weight.
 
@@ -74,13 +80,13 @@ def _aim(params: Column, state: Column, free: bool, kind: float, setpoint: Colum
     if touches:
         holding, q_NB, thrust = nothing_held(), present_q_NB, _TOUCHING_THRUST * get(params, WEIGHT)
     elif kind == GUIDANCE:
-        holding, acceleration, thrust = guide(gains, holding, body, get_vector(setpoint, 1), get(setpoint, 5))
-        q_NB = lean(acceleration, toward(present_q_NB, get(setpoint, 4)))
+        holding, acceleration, thrust = position_hold(gains, holding, body, get_vector(setpoint, 1), get(setpoint, 5))
+        q_NB = attitude_for_acceleration(acceleration, slew_heading(present_q_NB, get(setpoint, 4)))
     else:
-        holding, thrust = lift(gains, holding, body, 4.0 * get(params, layout.ROTORS) * get(setpoint, THRUST))
+        holding, thrust = altitude_hold(gains, holding, body, 4.0 * get(params, layout.ROTORS) * get(setpoint, THRUST))
         if kind == LEVEL:
             holding = keep_heading(holding, present_q_NB)
-            q_NB = lean((0.0, 0.0, 0.0), toward(present_q_NB, holding.yaw))
+            q_NB = attitude_for_acceleration((0.0, 0.0, 0.0), slew_heading(present_q_NB, holding.yaw))
         else:
             holding = forget_heading(holding)
     _store_holding(state, X_HOLDING, holding)
@@ -88,8 +94,8 @@ def _aim(params: Column, state: Column, free: bool, kind: float, setpoint: Colum
 
 
 @kernel
-def _track(params: Column, state: Column, kind: float, setpoint: Column, target_q_NB: Quaternion, touches: bool,
-           record: Column) -> Vector:  # fmt: skip
+def _track(params: Lane, state: Lane, kind: float, setpoint: Lane, target_q_NB: Quaternion, touches: bool,
+           record: Lane) -> Vector:  # fmt: skip
     """Return the torque [N*m] B that is asked for, and write the rates that are."""
     stabilizer = _load_stabilizer_params(params, layout.STABILIZER)
     estimate = _load_estimate(state, X_ESTIMATE)
@@ -102,15 +108,15 @@ def _track(params: Column, state: Column, kind: float, setpoint: Column, target_
             share[1] * stabilizer.limit_pitch,
             share[2] * stabilizer.limit_yaw,
         )
-        estimate = rest(estimate)
+        estimate = reset_integrators(estimate)
     elif kind == RATES:
         rates = get_vector(setpoint, 1)
         estimate, torque = rate_torque(stabilizer, estimate, rates)
     elif kind == OFF:
-        estimate = rest(estimate)
+        estimate = reset_integrators(estimate)
     elif kind != TRIM:
         turn = attitude_rates(stabilizer, estimate, target_q_NB)
-        estimate = rest(estimate) if touches else estimate
+        estimate = reset_integrators(estimate) if touches else estimate
         ahead = get_vector(setpoint, 5) if kind == ATTITUDE else (0.0, 0.0, 0.0)
         rates = (turn[0] + ahead[0], turn[1] + ahead[1], turn[2] + ahead[2])
         estimate, torque = rate_torque(stabilizer, estimate, rates)

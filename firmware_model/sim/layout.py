@@ -2,7 +2,7 @@
 
 from firmware_model.autopilot.attitude_loop import Estimate, StabilizerParams
 from firmware_model.autopilot.position_loop import Holding, PositionParams
-from firmware_model.numerics.soa import starts
+from firmware_model.numerics.soa import offsets
 from firmware_model.physics.actuators import ActuatorParams
 from firmware_model.physics.aerodynamics import AirParams
 from firmware_model.physics.dryden import DrydenParams, DrydenState
@@ -13,7 +13,7 @@ from firmware_model.physics.rotors import RotorParams
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams
 
 # Constants: where each NamedTuple starts, then single numbers.
-BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUATORS, ACCELEROMETER, _SINGLE = starts(
+BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUATORS, ACCELEROMETER, _SINGLE = offsets(
     [
         BodyParams,
         DrydenParams,
@@ -31,5 +31,5 @@ BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUAT
 FREE, STEPS, GUST_SCALE, WEIGHT = _SINGLE, _SINGLE + 1, _SINGLE + 2, _SINGLE + 3
 
 # State.
-X_BODY, X_DRYDEN, X_ESTIMATE, X_HOLDING, X_LOAD = starts([Body, DrydenState, Estimate, Holding])
+X_BODY, X_DRYDEN, X_ESTIMATE, X_HOLDING, X_LOAD = offsets([Body, DrydenState, Estimate, Holding])
 X_DIRECT, X_CHANGE = X_LOAD + 1, X_LOAD + 4

@@ -25,14 +25,14 @@ from firmware_model.physics.mean_wind import mean_wind_params
 from firmware_model.physics.rigid_body import Body, body_params
 from firmware_model.physics.rotors import rotor_params
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams
-from firmware_model.sim.fault_schedule import Plant, first_plant, later_plants
+from firmware_model.sim.fault_schedule import Plant, fault_schedule, first_plant
 from firmware_model.sim.layout import ACTUATORS, BODY, GROUND, GUST_SCALE, GYRO, POSITION, ROTORS, STABILIZER
 from firmware_model.types import Quaternion, Vector
 
 Array = NDArray[np.float64]
 
 
-class Start(NamedTuple):
+class VehicleInitial(NamedTuple):
     """What of a world is the vehicle's own; gusts and moments of formulas and tables are of the scenario alone."""
 
     params: Array
@@ -44,19 +44,19 @@ class Start(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class World:
+class SimState:
     """Everything that a flight computes with, as arrays that the kernels take."""
 
     params: Array
-    """(n,) constants, see `Start`."""
+    """(n,) constants, see `VehicleInitial`."""
     state: Array
-    """(n,) state, see `Start`; moved on by the kernels."""
+    """(n,) state, see `VehicleInitial`; moved on by the kernels."""
     waves: Array
     """(n, WAVE) gusts and direct moments of a formula, see `disturbances`; units there."""
     replay: Array
     """(samples or 0, 3 * TARGETS) replayed gusts [m/s] and direct moments [N*m], see `disturbances`."""
     changes: Array
-    """(n, 3) what events change, see `Start`."""
+    """(n, 3) what events change, see `VehicleInitial`."""
     seed: int
     """Seed of all that is random."""
     vehicle: Vehicle
@@ -79,7 +79,7 @@ class World:
         self.params[POSITION:ROTORS] = position_params(self.vehicle, gains, self.dt)
 
 
-def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> World:
+def initial_state(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> SimState:
     """Return a vehicle at rest in the scenario's attitude and height, in trimmed hover, in stationary air.
 
     A `standing` one has its motors off; it stands level on the ground, or is clamped on the test stand.
@@ -89,8 +89,8 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool
     ValueError
         If the seed is not in [0, 2^32).
     """
-    params, state, changes = start(vehicle, scenario, seed, standing=standing)
-    return World(
+    params, state, changes = vehicle_initial(vehicle, scenario, seed, standing=standing)
+    return SimState(
         params=params,
         state=state,
         waves=waves(scenario),
@@ -103,11 +103,11 @@ def new_world(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool
     )
 
 
-def start(
+def vehicle_initial(
     vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False,
     gust_scale: float | None = None, attitude_deg: Vector | None = None,
-) -> Start:  # fmt: skip
-    """Return what `new_world` begins with of the vehicle's own.
+) -> VehicleInitial:  # fmt: skip
+    """Return what `initial_state` begins with of the vehicle's own.
 
     `gust_scale` and `attitude_deg` stand for the scenario's `gust_scale` and `initial_attitude_deg`.
 
@@ -128,7 +128,7 @@ def start(
     thrust = 0.0 if standing else vehicle.mass * GRAVITY
     body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, *q_NB, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, thrust)
     scale = scenario.gust_scale if gust_scale is None else gust_scale
-    return Start(
+    return VehicleInitial(
         params=_params(vehicle, scenario, dryden_params, scale),
         state=np.array([*body, *dryden_state, *estimate, *nothing_held(), *[0.0] * 5]),
         changes=_changes(vehicle, scenario),
@@ -160,7 +160,7 @@ def _params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams, g
 
 def _changes(vehicle: Vehicle, scenario: Scenario) -> Array:
     """Return a row for each constant that an event changes."""
-    turns = list(later_plants(vehicle, scenario))
+    turns = list(fault_schedule(vehicle, scenario))
     if not turns:
         return np.empty((0, 3))
     rows: list[tuple[int, int, float]] = []

@@ -5,20 +5,27 @@ The gust is sampled with the gyro and held from sample to sample, so that one jo
 
 from typing import Any
 
-from firmware_model.autopilot.attitude_loop import Estimate, StabilizerParams, aligned, heard, set_attitude, strapdown
+from firmware_model.autopilot.attitude_loop import (
+    Estimate,
+    StabilizerParams,
+    aligned,
+    set_attitude,
+    strapdown,
+    update_rates,
+)
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import normals
 from firmware_model.numerics.random import ACCELEROMETER_STREAM, GUST_STREAM, GYRO_STREAM
 from firmware_model.numerics.rotations import conjugate, rotate
-from firmware_model.numerics.soa import Column, alone, get, get_vector, loader, put, put_vector, storer
+from firmware_model.numerics.soa import Lane, get, get_vector, loader, put, put_vector, single, storer
 from firmware_model.physics import aerodynamics, rigid_body
-from firmware_model.physics.actuators import ActuatorParams, given
+from firmware_model.physics.actuators import ActuatorParams, apply_actuator_faults
 from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
 from firmware_model.physics.ground import GroundParams, may_touch
 from firmware_model.physics.mean_wind import MeanWindParams, mean_wind
-from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, still
+from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, at_rest
 from firmware_model.physics.rotors import Four, RotorParams, allocate, rotor_thrusts
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams, accelerometer, gyro
 from firmware_model.recording import journal
@@ -43,36 +50,36 @@ _store_body, _store_dryden = storer(Body), storer(DrydenState)
 def observe_kernel(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seed: int, sample: int,
                    sample_us: int, record: Array) -> None:  # fmt: skip
     """Write to `record` the truth at a sample, what acts from it on, and what the sensors measure."""
-    one, x = alone(params), alone(state)
+    one, x = single(params), single(state)
     change(params, x, changes, sample)
     time_us = sample * sample_us
     scripted, free = disturbance(waves, replay, sample, time_us * 1e-6), get(one, FREE) != 0.0
     turning, felt = normals(seed, GYRO_STREAM, sample, 0), normals(seed, ACCELEROMETER_STREAM, sample, 0)
-    sense(one, x, free, True, True, scripted, turning, felt, time_us, alone(record))
-    _write_rotors(one, x, free, alone(record))
+    sense(one, x, free, True, True, scripted, turning, felt, time_us, single(record))
+    _write_rotors(one, x, free, single(record))
 
 
 @kernel
 def advance_kernel(params: Array, state: Array, seed: int, sample: int, sample_us: int, setpoint: Array,
                    record: Array) -> None:  # fmt: skip
     """Move the world from a sample to the next under `setpoint`, and write to `record` what was commanded."""
-    one, x, row = alone(params), alone(state), alone(record)
+    one, x, row = single(params), single(state), single(record)
     kind, free, steps = setpoint[0], get(one, FREE) != 0.0, int(get(one, STEPS))
     dt = sample_us * 1e-6 / steps
-    command(one, x, free, kind, alone(setpoint), row)
+    command(one, x, free, kind, single(setpoint), row)
     start = _load_body(x, X_BODY)
     body = start
     for _ in range(steps):
         body = moved(one, x, free, True, body, dt, row)
     if kind == OFF and not free:
-        body = still(start, body)
+        body = at_rest(start, body)
         _store_estimate(x, X_ESTIMATE, set_attitude(_load_estimate(x, X_ESTIMATE), _q_NB(body)))
     _store_body(x, X_BODY, body)
-    breathe(one, x, normals(seed, GUST_STREAM, sample, 0), normals(seed, GUST_STREAM, sample, 1))
+    step_turbulence(one, x, normals(seed, GUST_STREAM, sample, 0), normals(seed, GUST_STREAM, sample, 1))
 
 
 @kernel
-def change(params: Array, state: Column, changes: Array, sample: int) -> None:
+def change(params: Array, state: Lane, changes: Array, sample: int) -> None:
     """Change the constants that events change at a sample, or have changed since the last one that was observed."""
     i = int(get(state, X_CHANGE))
     while i < changes.shape[0] and changes[i, 0] <= sample:
@@ -82,8 +89,8 @@ def change(params: Array, state: Column, changes: Array, sample: int) -> None:
 
 
 @kernel
-def sense(params: Column, state: Column, free: bool, low: bool, whole: bool, scripted: Disturbance, turning: Four,
-          felt: Four, time_us: int, record: Column) -> None:  # fmt: skip
+def sense(params: Lane, state: Lane, free: bool, low: bool, whole: bool, scripted: Disturbance, turning: Four,
+          felt: Four, time_us: int, record: Lane) -> None:  # fmt: skip
     """Write to `record` all that `observe_kernel` does but the rotors; the sensors get standard normal numbers.
 
     What acts under torques or rates, and what figures are measured by, needs neither on-board attitude nor what is only
@@ -103,7 +110,7 @@ def sense(params: Column, state: Column, free: bool, low: bool, whole: bool, scr
     _put_four(record, journal.Q_NB, _q_NB(body))
     stabilizer = _load_stabilizer_params(params, layout.STABILIZER)
     estimate = _load_estimate(state, X_ESTIMATE)
-    estimate = strapdown(stabilizer, estimate, rate) if whole else heard(stabilizer, estimate, rate)
+    estimate = strapdown(stabilizer, estimate, rate) if whole else update_rates(stabilizer, estimate, rate)
     if free and whole:
         estimate = aligned(stabilizer, estimate, _q_NB(body))
     _store_estimate(state, X_ESTIMATE, estimate)
@@ -124,13 +131,13 @@ def _q_NB(body: Body) -> Quaternion:
 
 
 @kernel
-def _put_four(column: Column, row: int, value: Quaternion) -> None:
+def _put_four(column: Lane, row: int, value: Quaternion) -> None:
     for i in range(4):
         put(column, row + i, value[i])
 
 
 @kernel
-def _free_params(params: Column) -> FreeParams:
+def _free_params(params: Lane) -> FreeParams:
     return FreeParams(
         _load_body_params(params, layout.BODY),
         _load_air_params(params, layout.AIR),
@@ -139,7 +146,7 @@ def _free_params(params: Column) -> FreeParams:
 
 
 @kernel
-def _write_air(params: Column, state: Column, windy: bool, scripted: Disturbance, record: Column) -> Vector:
+def _write_air(params: Lane, state: Lane, windy: bool, scripted: Disturbance, record: Lane) -> Vector:
     """Write gust and wind, and return the direct moment [N*m] B; what is scripted in N is turned into B."""
     body = _load_body(state, X_BODY)
     gust_B, gust_N, moment_B, moment_N = scripted
@@ -157,7 +164,7 @@ def _write_air(params: Column, state: Column, windy: bool, scripted: Disturbance
 
 @kernel
 def _felt(
-    params: Column, body: Body, free: bool, low: bool, direct: Vector, record: Column
+    params: Lane, body: Body, free: bool, low: bool, direct: Vector, record: Lane
 ) -> tuple[Vector, Vector, float]:
     """Return specific force [m/s^2] B, the air's moment [N*m] B, and the load that the ground carries [N]."""
     if not free:
@@ -169,13 +176,13 @@ def _felt(
             gust_moment(air_params.gust_gain, air_params.gust_yaw_ratio, get_vector(record, journal.GUST)),
             0.0,
         )
-    return aerodynamics.felt(
+    return aerodynamics.felt_wrench(
         _free_params(params), body, FreeInputs(_acting(record, direct, (0.0, 0.0, 0.0), 0.0), _air(record), low)
     )
 
 
 @kernel
-def _acting(record: Column, moment: Vector, torque: Vector, thrust: float) -> BodyInputs:
+def _acting(record: Lane, moment: Vector, torque: Vector, thrust: float) -> BodyInputs:
     """Return what acts on the body from the record's sample on, under commands [N*m] B and [N]."""
     p_gust, q_gust, r_gust = get_vector(record, journal.GUST_OMEGA)
     return BodyInputs(
@@ -184,14 +191,14 @@ def _acting(record: Column, moment: Vector, torque: Vector, thrust: float) -> Bo
 
 
 @kernel
-def _air(record: Column) -> Air:
+def _air(record: Lane) -> Air:
     u, v, w = get_vector(record, journal.GUST)
     north, east, down = get_vector(record, journal.WIND)
     return Air(u, v, w, north, east, down)
 
 
 @kernel
-def _write_rotors(params: Column, state: Column, free: bool, record: Column) -> None:
+def _write_rotors(params: Lane, state: Lane, free: bool, record: Lane) -> None:
     """Write what the rotors give; on the stand that is what the allocation makes of the torques at that thrust."""
     body = _load_body(state, X_BODY)
     torque = (body.roll, body.pitch, body.yaw)
@@ -203,34 +210,36 @@ def _write_rotors(params: Column, state: Column, free: bool, record: Column) -> 
 
 
 @kernel
-def moved(params: Column, state: Column, free: bool, low: bool, body: Body, dt: float, record: Column) -> Body:
+def moved(params: Lane, state: Lane, free: bool, low: bool, body: Body, dt: float, record: Lane) -> Body:
     """Return the body after a step of `dt` [s] under what acts and is asked for at the record's sample.
 
     Of a vehicle that is not `low` the ground is not asked about.
     """
-    torque = given(_load_actuator_params(params, layout.ACTUATORS), get_vector(record, journal.TORQUE_COMMAND))
+    torque = apply_actuator_faults(
+        _load_actuator_params(params, layout.ACTUATORS), get_vector(record, journal.TORQUE_COMMAND)
+    )
     thrust = -get(record, journal.THRUST_COMMAND)
     if free:
         inputs = FreeInputs(_acting(record, get_vector(state, X_DIRECT), torque, thrust), _air(record), low)
         return aerodynamics.step(_free_params(params), body, inputs, dt)
     held = _acting(record, get_vector(record, journal.MOMENT), torque, thrust)
-    return rigid_body.turn(_load_body_params(params, layout.BODY), body, held, dt)
+    return rigid_body.step_attitude(_load_body_params(params, layout.BODY), body, held, dt)
 
 
 @kernel
-def move(params: Column, state: Column, free: bool, low: bool, dt: float, record: Column) -> None:
+def move(params: Lane, state: Lane, free: bool, low: bool, dt: float, record: Lane) -> None:
     """Move the body by one step, see `moved`."""
     _store_body(state, X_BODY, moved(params, state, free, low, _load_body(state, X_BODY), dt, record))
 
 
 @kernel
-def nears_ground(params: Column, state: Column, dt: float) -> bool:
+def nears_ground(params: Lane, state: Lane, dt: float) -> bool:
     """Whether a vehicle in free flight may touch the ground within a step of `dt` [s]."""
     return may_touch(_load_ground_params(params, layout.GROUND), _load_body(state, X_BODY), dt)
 
 
 @kernel
-def breathe(params: Column, state: Column, a: Four, b: Four) -> None:
+def step_turbulence(params: Lane, state: Lane, a: Four, b: Four) -> None:
     """Move the turbulence to the next sample for eight standard normal numbers."""
     noise = (a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3])
     air = dryden_step(_load_dryden_params(params, layout.DRYDEN), _load_dryden(state, X_DRYDEN), noise)

@@ -11,7 +11,7 @@ from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Veh
 from firmware_model.recording.journal import RECORD, WIDTH
 from firmware_model.sim import inner_loop, step
 from firmware_model.sim.layout import X_LOAD
-from firmware_model.sim.state import new_world
+from firmware_model.sim.state import initial_state
 from firmware_model.types import (
     AttitudeTarget,
     Guidance,
@@ -41,7 +41,7 @@ class VehicleLoop:
     """
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> None:
-        self._world = new_world(vehicle, scenario, seed, standing=standing)
+        self._world = initial_state(vehicle, scenario, seed, standing=standing)
         self._free, self._standing, self._clamped = scenario.free, standing, standing
         self._thrust_max = 4.0 * vehicle.rotors.thrust_max
         self._on_ground_load = _ON_GROUND * vehicle.mass * GRAVITY

@@ -24,7 +24,7 @@ from firmware_model.config.uncertainty import load_vehicle_set
 from gustproof.campaign.executors import cluster, processes
 from gustproof.campaign.plan import Campaign, Dispersed, dispersions
 from gustproof.campaign.runner import fly_campaign
-from gustproof.campaign.worker import Stretch, lost
+from gustproof.campaign.worker import Chunk, lost
 from gustproof.cli.app import app
 from gustproof.law.form import load_law
 
@@ -138,7 +138,7 @@ def test_ctrl_c_leaves_the_parts_one_line_and_no_process(table, script, tmp_path
 
 def test_a_run_that_kills_its_process_is_found_and_the_others_are_flown(campaign, tmp_path) -> None:
     poison = 7
-    stretches = [Stretch(first, runs) for first in range(RUNS) for runs in (1, 2) if first + runs <= RUNS]
+    stretches = [Chunk(first, runs) for first in range(RUNS) for runs in (1, 2) if first + runs <= RUNS]
     rows = {tuple(each): lost(campaign, each, "not flown") for each in stretches}
 
     def fly(first: int, runs: int) -> SimpleNamespace:

@@ -13,13 +13,13 @@ from firmware_model.config.link_faults import Bandwidth, BurstLoss, Delay, Dupli
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.session.outcome import Outcome as VehicleOutcome
-from firmware_model.session.pacing import Hitch
+from firmware_model.session.pacing import TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from gustproof.controller.endpoint import ControllerEndpoint
 from gustproof.law.form import load_law
 from gustproof.law.step import FlyingLaw
 from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.outcome import Outcome, in_words, outcome_of
+from gustproof.simulate.outcome import Outcome, describe, outcome_of
 from gustproof.simulate.processes import fly, fly_loopback
 
 VEHICLE = load_vehicle("paper")
@@ -191,7 +191,7 @@ def test_lost_link_is_a_lost_stream_after_its_time_out(direction):
     assert phases(looped) == [(OFFBOARD, 0.0), (STABILIZED, 1.996)]
     assert b"".join(flight.rows) == looped.tobytes()
     assert flight.vehicle.outcome is VehicleOutcome.STREAM_LOST
-    assert flight.vehicle.flight.counters[Hitch.HELD] == 250
+    assert flight.vehicle.flight.counters[TimingFault.HELD] == 250
 
 
 def test_outage_shorter_than_the_time_out_is_flown_through_with_the_last_command():
@@ -253,7 +253,7 @@ def test_modes_are_set_as_a_ground_station_would():
 def test_mode_that_the_vehicle_refuses_is_counted():
     event = (ModeChange(kind="mode", at_s=1.0, mode="return"),)  # held on the stand
     flight = RealTime(replace(GUSTY, event=event))
-    assert flight.vehicle.flight.counters[Hitch.REFUSED] == 1
+    assert flight.vehicle.flight.counters[TimingFault.REFUSED] == 1
     assert flight.vehicle.outcome is VehicleOutcome.DONE
 
 
@@ -265,7 +265,7 @@ def test_free_vehicle_lands_by_script_and_ends_before_it():
     assert len(flown) < scenario.samples
     # A journal shows it too: this was its end.
     assert outcome_of(flown, scenario) is Outcome.LEFT_OFFBOARD
-    assert in_words(Outcome.LEFT_OFFBOARD, scenario, flown) == "flown as the script asked: LAND from 0.5 s"
+    assert describe(Outcome.LEFT_OFFBOARD, scenario, flown) == "flown as the script asked: LAND from 0.5 s"
     assert outcome_of(flown[:-1], scenario) is Outcome.CUT_OFF
 
 

@@ -11,9 +11,9 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.autopilot.modes import FailSafe, Mode
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.mavlink.frames import Dropped, parse
+from firmware_model.mavlink.frames import RejectReason, parse
 from firmware_model.session.outcome import Outcome
-from firmware_model.session.pacing import RESEND_US, RESENDS, Hitch
+from firmware_model.session.pacing import RESEND_US, RESENDS, TimingFault
 from firmware_model.session.vehicle_endpoint import START_TIMEOUT_US, VehicleEndpoint
 from gustproof.controller.endpoint import ControllerEndpoint
 from gustproof.controller.endpoint import Outcome as ControllerOutcome
@@ -105,7 +105,7 @@ def test_lost_samples_are_sent_again_and_change_no_bit(clean):
     flight.run(down=lose_every_third_sample)
     assert flight.vehicle.outcome is Outcome.DONE
     assert flight.rows == clean.rows
-    assert flight.counters[Hitch.RESENT] > 30
+    assert flight.counters[TimingFault.RESENT] > 30
 
 
 def test_lost_answers_are_repeated_by_the_law_without_a_step(clean):
@@ -126,7 +126,7 @@ def test_doubled_answers_are_counted_and_change_no_bit(clean):
     flight = Flight()
     flight.run(up=lambda datagram, _: [datagram, datagram] if kind(datagram) == SETPOINT else [datagram])
     assert flight.rows == clean.rows
-    assert flight.counters[Dropped.DUPLICATE] >= 124
+    assert flight.counters[RejectReason.DUPLICATE] >= 124
 
 
 def test_late_answers_are_stale_and_change_no_bit(clean):
@@ -140,7 +140,7 @@ def test_late_answers_are_stale_and_change_no_bit(clean):
 
     flight.run(up=and_the_one_of_two_before)
     assert flight.rows == clean.rows
-    assert flight.counters[Dropped.STALE] > 100
+    assert flight.counters[RejectReason.STALE] > 100
 
 
 def test_answer_to_a_sample_that_was_not_sent_is_early(clean):
@@ -149,14 +149,14 @@ def test_answer_to_a_sample_that_was_not_sent_is_early(clean):
     future = [datagram for datagram in answers if kind(datagram) == SETPOINT][-1]
     flight.run(up=lambda datagram, _: [future, datagram] if kind(datagram) == SETPOINT else [datagram])
     assert flight.rows == clean.rows
-    assert flight.counters[Dropped.EARLY] > 100
+    assert flight.counters[RejectReason.EARLY] > 100
 
 
 def test_dead_controller_ends_in_the_fail_safe_after_the_stated_resends(clean):
     flight = Flight()
     flight.run(up=lambda datagram, flown: [datagram] if flown < 50 else [])
     assert flight.vehicle.outcome is Outcome.STREAM_LOST
-    assert flight.counters[Hitch.RESENT] == RESENDS
+    assert flight.counters[TimingFault.RESENT] == RESENDS
     assert len(flight.rows) == 125
     assert flight.rows[:50] == clean.rows[:50]
     assert flight.modes == [Mode.OFFBOARD.value] * 50 + [Mode.STABILIZED.value] * 75
@@ -181,7 +181,7 @@ def test_damaged_answers_are_counted_and_asked_for_again(clean):
     flight.run(up=damage_every_fourth)
     assert flight.vehicle.outcome is Outcome.DONE
     assert flight.rows == clean.rows
-    assert flight.counters[Dropped.BAD_CHECKSUM] > 30
+    assert flight.counters[RejectReason.BAD_CHECKSUM] > 30
 
 
 def test_flight_that_nobody_begins_ends_with_a_name():
@@ -230,7 +230,7 @@ def test_flood_of_answers_changes_no_bit(clean, lockstep):
     flight = Flight(lockstep=lockstep)
     flight.run(up=lambda datagram, _: [datagram] * 40 if kind(datagram) == SETPOINT else [datagram])
     assert flight.rows == clean.rows
-    assert flight.counters.get(Dropped.DUPLICATE, 0) >= (39 * 124 if lockstep else 0)
+    assert flight.counters.get(RejectReason.DUPLICATE, 0) >= (39 * 124 if lockstep else 0)
 
 
 def test_hung_controller_is_waited_for_in_lockstep(clean):
@@ -245,7 +245,7 @@ def test_hung_controller_is_waited_for_in_lockstep(clean):
     flight.run(up=hang_for_two_seconds)
     assert flight.vehicle.outcome is Outcome.DONE
     assert flight.rows == clean.rows
-    assert flight.counters[Hitch.RESENT] == 2_000_000 // RESEND_US
+    assert flight.counters[TimingFault.RESENT] == 2_000_000 // RESEND_US
 
 
 def test_free_flight_whose_law_dies_lands_if_so_set_and_ends_before_its_script():

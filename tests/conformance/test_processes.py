@@ -193,7 +193,16 @@ def test_controller_tells_bad_input_in_one_line(arguments, words):
 
 @pytest.mark.parametrize("address", ["", "127.0.0.1:9\n"])
 def test_attended_controller_ends_when_who_started_it_has(address):
-    command = [sys.executable, "-m", "gustproof.controller", "--law", "hinf-d1", "--connect", "-", "--attended"]
+    command = [
+        sys.executable,
+        "-m",
+        "gustproof.controller",
+        "--law",
+        "hinf-d1",
+        "--connect",
+        "-",
+        "--exit-on-stdin-eof",
+    ]
     ended = subprocess.run(command, input=address, capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == (130 if address else 2)
     assert len(ended.stderr.splitlines()) == 1

@@ -159,7 +159,7 @@ def test_law_that_hangs_for_a_moment_steps_all_that_waited_and_keeps_its_attitud
     assert [each["outcome"] for each in told] == ["done", "done"]
     assert told[1]["missed_samples"] == 0
     assert told[1]["late_samples"] > 80
-    assert "too_much" not in told[0]["counters"] | told[1]["counters"]
+    assert "rate_limited" not in told[0]["counters"] | told[1]["counters"]
     _, records = read_journal(journal)
     unstopped = fly_direct(scenario, load_law("pid-fair"), vehicle=load_vehicle("paper"))
     # Small angles: q is 1 and half of roll, pitch, yaw.

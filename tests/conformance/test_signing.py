@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.mavlink.frames import Dropped, parse
+from firmware_model.mavlink.frames import RejectReason, parse
 from firmware_model.mavlink.signing import Signing
 from firmware_model.process import udp
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
@@ -145,5 +145,5 @@ def test_controller_flies_with_the_key_of_its_vehicle_alone(key):
             controller.receive(datagram, vehicle_at, now_us)
         now_us += 1_000
     assert controller.outcome is (Outcome.DONE if key == KEY else Outcome.NOT_STARTED)
-    refusals = {Dropped.NOT_SIGNED: key is None, Dropped.WRONG_SIGNATURE: key == bytes(32)}
+    refusals = {RejectReason.NOT_SIGNED: key is None, RejectReason.WRONG_SIGNATURE: key == bytes(32)}
     assert {cause: cause in vehicle.counters for cause in refusals} == refusals

@@ -12,8 +12,8 @@ from firmware_model.autopilot.modes import Landed, Mode
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.config.wind import Constant
-from firmware_model.mavlink.frames import Dropped, parse
-from firmware_model.session.pacing import Hitch
+from firmware_model.mavlink.frames import RejectReason, parse
+from firmware_model.session.pacing import TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from gustproof.controller.endpoint import ControllerEndpoint, Phase
 from gustproof.law.form import load_law
@@ -272,13 +272,13 @@ def kind(datagram: bytes) -> int:
 
 
 def test_law_that_hangs_for_less_than_the_time_out_is_held_and_flies_on(flown):
-    held = flown.vehicle.flight.counters[Hitch.HELD]
+    held = flown.vehicle.flight.counters[TimingFault.HELD]
     flown.up = lambda _: []
     flown.run(0.8)
     flown.up = untouched
     flown.run(1.0)
     assert flown.autopilot.mode is Mode.OFFBOARD
-    assert 195 <= flown.vehicle.flight.counters[Hitch.HELD] - held <= 205
+    assert 195 <= flown.vehicle.flight.counters[TimingFault.HELD] - held <= 205
 
 
 def test_law_that_floods_flies_and_no_sample_is_late(flown):
@@ -286,7 +286,7 @@ def test_law_that_floods_flies_and_no_sample_is_late(flown):
     flown.run(1.0)
     assert flown.autopilot.mode is Mode.OFFBOARD
     assert flown.height == pytest.approx(10.0, abs=0.5)
-    assert not flown.vehicle.flight.counters[Hitch.OVERRUN]
+    assert not flown.vehicle.flight.counters[TimingFault.OVERRUN]
 
 
 def test_late_answers_fly_as_they_come(flown):
@@ -316,7 +316,7 @@ def test_stale_stamps_are_counted_and_not_flown(flown):
     flown.up = old_one_after_each
     flown.run(1.0)
     assert flown.autopilot.mode is Mode.OFFBOARD
-    assert 245 <= flown.vehicle.counters[Dropped.STALE] <= 255
+    assert 245 <= flown.vehicle.counters[RejectReason.STALE] <= 255
 
 
 def test_stamps_that_stay_behind_are_a_dead_stream(flown):
@@ -333,7 +333,7 @@ def test_stamps_that_stay_behind_are_a_dead_stream(flown):
     assert flown.autopilot.mode is Mode.OFFBOARD
     flown.run(0.2)
     assert flown.autopilot.mode is Mode.STABILIZED
-    assert flown.vehicle.counters[Dropped.STALE] > 240
+    assert flown.vehicle.counters[RejectReason.STALE] > 240
 
 
 def test_stand_is_clamped_until_armed_and_lands_by_levelling():
@@ -391,9 +391,9 @@ def test_second_stream_is_refused_while_the_first_is_alive_and_flies_after_it(fl
             flown.run(0.05)
 
     stream()
-    assert flown.vehicle.counters[Dropped.NOT_IN_COMMAND] == 10
+    assert flown.vehicle.counters[RejectReason.NOT_IN_COMMAND] == 10
     flown.up = lambda _: []
     flown.run(1.2)
     stream()
     assert flown.order(SET_MODE, 1.0, OFFBOARD) == wire.MAV_RESULT_ACCEPTED
-    assert flown.vehicle.counters[Dropped.NOT_IN_COMMAND] == 10
+    assert flown.vehicle.counters[RejectReason.NOT_IN_COMMAND] == 10

@@ -12,7 +12,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import parse
-from firmware_model.session.lockstep import Turns
+from firmware_model.session.lockstep import FastPath
 from firmware_model.session.outcome import Outcome
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
@@ -145,10 +145,10 @@ class Pair:
 @pytest.mark.parametrize("law", ["hinf-scheduled", "hinf-rates"])
 def test_turns_leave_every_datagram_record_and_figure_as_they_are_step_by_step(law, watched, monkeypatch):
     taken = []
-    take = Turns.take
-    monkeypatch.setattr(Turns, "take", lambda *arguments: taken.append(take(*arguments)) or taken[-1])
+    take = FastPath.take
+    monkeypatch.setattr(FastPath, "take", lambda *arguments: taken.append(take(*arguments)) or taken[-1])
     at_once = Pair(law, watched=watched)
-    monkeypatch.setattr(Turns, "take", lambda *_: None)
+    monkeypatch.setattr(FastPath, "take", lambda *_: None)
     monkeypatch.setattr(ControllerEndpoint, "_turn", lambda *_: False)
     step_by_step = Pair(law, watched=watched)
     assert at_once.vehicle.outcome is step_by_step.vehicle.outcome is Outcome.DONE

@@ -6,7 +6,7 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.frames import Dropped, Frame, parse
+from firmware_model.mavlink.frames import Frame, RejectReason, parse
 from firmware_model.mavlink.messages import command, command_message, imu_message, imu_sample
 from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
 
@@ -66,13 +66,13 @@ def test_level_rest_reads_minus_g_on_the_z_axis_in_pymavlink():
 def test_imu_that_is_not_finite_is_dropped(field):
     (message,) = sender().parse_buffer(imu_message(SAMPLE).pack(sender()))
     setattr(message, field, math.nan)
-    assert imu_sample(only(message.pack(sender()))) is Dropped.NOT_FINITE
+    assert imu_sample(only(message.pack(sender()))) is RejectReason.NOT_FINITE
 
 
 def test_imu_without_gyro_bits_is_no_sample():
     (message,) = sender().parse_buffer(imu_message(SAMPLE).pack(sender()))
     message.fields_updated = 0x7
-    assert imu_sample(only(message.pack(sender()))) is Dropped.NOT_FINITE
+    assert imu_sample(only(message.pack(sender()))) is RejectReason.NOT_FINITE
 
 
 def test_torque_command_has_the_bytes_of_group_0():
@@ -135,16 +135,16 @@ def test_type_mask_says_what_is_tracked(mask, q_NB, omega_B):
 @pytest.mark.parametrize(
     ("fields", "cause"),
     [
-        ({"mask": 64}, Dropped.NO_SETPOINT),  # no thrust is no set-point
-        ({"mask": 32}, Dropped.NO_SETPOINT),
-        ({"mask": 128 | 1}, Dropped.NO_SETPOINT),
-        ({"mask": 128 | 2}, Dropped.NO_SETPOINT),
-        ({"mask": 7, "thrust": math.nan}, Dropped.NO_SETPOINT),
-        ({"mask": 7, "q": (0.0, 0.0, 0.0, 0.0)}, Dropped.NOT_FINITE),
-        ({"mask": 7, "q": (math.nan, 0.0, 0.0, 0.0)}, Dropped.NOT_FINITE),
-        ({"mask": 128, "rates": (math.inf, 0.0, 0.0)}, Dropped.NOT_FINITE),
-        ({"mask": 7, "system": 9}, Dropped.OTHER_TARGET),
-        ({"mask": 7, "component": 2}, Dropped.OTHER_TARGET),
+        ({"mask": 64}, RejectReason.NO_SETPOINT),  # no thrust is no set-point
+        ({"mask": 32}, RejectReason.NO_SETPOINT),
+        ({"mask": 128 | 1}, RejectReason.NO_SETPOINT),
+        ({"mask": 128 | 2}, RejectReason.NO_SETPOINT),
+        ({"mask": 7, "thrust": math.nan}, RejectReason.NO_SETPOINT),
+        ({"mask": 7, "q": (0.0, 0.0, 0.0, 0.0)}, RejectReason.NOT_FINITE),
+        ({"mask": 7, "q": (math.nan, 0.0, 0.0, 0.0)}, RejectReason.NOT_FINITE),
+        ({"mask": 128, "rates": (math.inf, 0.0, 0.0)}, RejectReason.NOT_FINITE),
+        ({"mask": 7, "system": 9}, RejectReason.OTHER_TARGET),
+        ({"mask": 7, "component": 2}, RejectReason.OTHER_TARGET),
     ],
 )
 def test_attitude_target_that_cannot_be_flown_is_dropped_with_its_cause(fields, cause):
@@ -160,8 +160,8 @@ def test_masked_numbers_may_be_nan():
     ("controls", "group", "expected"),
     [
         ((3.0, -3.0, 0.5, 2.0), 0, TorqueCommand(time_us=4, torque_B=(1.0, -1.0, 0.5), throttle=1.0)),
-        ((0.0, 0.0, math.nan, 0.5), 0, Dropped.NOT_FINITE),
-        ((0.0, 0.0, 0.0, 0.5), 1, Dropped.NO_SETPOINT),
+        ((0.0, 0.0, math.nan, 0.5), 0, RejectReason.NOT_FINITE),
+        ((0.0, 0.0, 0.0, 0.5), 1, RejectReason.NO_SETPOINT),
     ],
 )
 def test_torques_are_clipped_and_only_group_0_is_flown(controls, group, expected):

@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import all as wire
 from table import Action, Bench, in_turns
 
 from firmware_model.mavlink import messages
-from firmware_model.mavlink.channel import Traffic
+from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import Frame, parse
 
 _STAMP, _FORCE, _RATE, _TORQUE = 4000, (0.5, 0.25, -9.75), (0.125, 0.25, 0.5), (0.125, 0.25, 0.5)
@@ -18,7 +18,7 @@ def measure(bench: Bench) -> None:
     samples, torques = messages.samples(1), messages.torques(1)
     sample, command = samples.make(0, _STAMP, *_FORCE, *_RATE), torques.make(0, _STAMP, *_TORQUE, math.nan)
     theirs = wire.MAVLink(None, 1, 1)
-    traffic = Traffic(1, 1)
+    traffic = Channel(1, 1)
 
     def pymavlink_packs() -> None:
         for _ in range(times):

@@ -15,7 +15,7 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.physics.aerodynamics import AirParams
 from firmware_model.sim import layout
 from gustproof.law.form import Law
-from gustproof.law.step import sums
+from gustproof.law.step import sparse_law
 from gustproof.simulate.direct import fly_direct
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Twin:
         options = [*_OPTIONS, *(f"-D{name}={value}" for name, value in defined.items())]
         subprocess.run([compiler, *options, str(_SOURCE), "-o", str(library), "-lm"], check=True, capture_output=True)
         self._fly = ctypes.CDLL(str(library)).fly
-        self._sums = sums(law)
+        self._sums = sparse_law(law)
         self._limit = np.array(published_limit(vehicle))
 
     def prepared(self, seeds: list[int]) -> Callable[[], tuple[Array, Array]]:

@@ -19,7 +19,7 @@ from firmware_model.mavlink.services import (
     status,
     streams,
 )
-from firmware_model.mavlink.services.service import Craft, Service, combined
+from firmware_model.mavlink.services.service import Service, VehicleContext, combined
 
 _GROUPS = (
     actuators,
@@ -41,7 +41,7 @@ _GROUPS = (
 )
 
 
-def composed(craft: Craft) -> Service:
+def composed(craft: VehicleContext) -> Service:
     """Return all services of a craft as one."""
     parts = combined(group.service(craft) for group in _GROUPS)
     return combined([parts, commands.service(craft, parts.commands)])

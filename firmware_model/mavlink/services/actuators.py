@@ -8,14 +8,14 @@ MAVLink, messages 36, 375.
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.service import Craft, Service, Stream
+from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
 
 _ROTORS = 4
 _OUTPUTS, _SERVOS = 32, 16  # that the messages have room for
 _PULSE_US = (1000, 1000)  # [us] at no thrust, and how much longer at the largest
 
 
-def service(craft: Craft) -> Service:
+def service(craft: VehicleContext) -> Service:
     """Return the service that tells the rotors' outputs."""
     loop = craft.loop
 

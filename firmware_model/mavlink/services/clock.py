@@ -8,12 +8,12 @@ MAVLink, time synchronization protocol and ping protocol; messages 2, 4, 111.
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.service import Client, Craft, Service, Stream
+from firmware_model.mavlink.services.service import Client, Service, Stream, VehicleContext
 
 _NO_DATE = 0
 
 
-def service(craft: Craft) -> Service:
+def service(craft: VehicleContext) -> Service:
     """Return the service that tells the craft's time."""
 
     def nanoseconds() -> int:

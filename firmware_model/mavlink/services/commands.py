@@ -12,14 +12,14 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.messages import ABSENT
-from firmware_model.mavlink.services.service import UNSUPPORTED, Answer, Client, Craft, Order, Service
+from firmware_model.mavlink.services.service import UNSUPPORTED, Answer, Client, Order, Service, VehicleContext
 
 _UNSET = 2**31 - 1
 _RELATIVE = (wire.MAV_FRAME_GLOBAL_RELATIVE_ALT, wire.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
 _DEGREES = 1e-7  # one unit of a position in COMMAND_INT
 
 
-def service(craft: Craft, commands: Mapping[int, Callable[[Order, Client], Answer]]) -> Service:
+def service(craft: VehicleContext, commands: Mapping[int, Callable[[Order, Client], Answer]]) -> Service:
     """Return the service that carries out `commands` and acknowledges each to its sender, with a text at a refusal."""
 
     def execute(command: Message, order: Order, client: Client) -> None:

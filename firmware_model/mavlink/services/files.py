@@ -10,7 +10,7 @@ import struct
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.service import Client, Craft, Service
+from firmware_model.mavlink.services.service import Client, Service, VehicleContext
 
 _HEADER = struct.Struct("<HBBB")  # sequence, session, operation, bytes of data
 _DATA = 12  # where data begins
@@ -19,7 +19,7 @@ _ANSWERS = 128  # operations from here on are answers
 _REFUSED, _UNKNOWN_COMMAND = 129, 7  # NAK and its reason
 
 
-def service(_: Craft) -> Service:
+def service(_: VehicleContext) -> Service:
     """Return the service that refuses every operation on files."""
 
     def refuse(request: Message, client: Client) -> None:

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.service import ACCEPTED, Answer, Client, Craft, Order, Service, Stream
+from firmware_model.mavlink.services.service import ACCEPTED, Answer, Client, Order, Service, Stream, VehicleContext
 
 _FIRMWARE_VERSION = 1 << 24 | 15 << 16  # 1.15.0, type byte 0: development; clients ask PX4 for at least 1.4.1
 _CAPABILITIES = (
@@ -22,7 +22,7 @@ _CAPABILITIES = (
 _NO_VERSION = [0] * 8
 
 
-def service(craft: Craft) -> Service:
+def service(craft: VehicleContext) -> Service:
     """Return the service that tells what the craft is."""
 
     def heartbeat() -> Message:

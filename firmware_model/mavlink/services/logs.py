@@ -8,10 +8,10 @@ MAVLink, messages 117, 118.
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.service import Client, Craft, Service
+from firmware_model.mavlink.services.service import Client, Service, VehicleContext
 
 
-def service(_: Craft) -> Service:
+def service(_: VehicleContext) -> Service:
     """Return the service that lists no logs."""
 
     def list_logs(_: Message, client: Client) -> None:

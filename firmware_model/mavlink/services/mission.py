@@ -8,12 +8,12 @@ MAVLink, mission protocol, messages 39 to 47, 51, 73.
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.service import Client, Craft, Service
+from firmware_model.mavlink.services.service import Client, Service, VehicleContext
 
 _KINDS = (wire.MAV_MISSION_TYPE_MISSION, wire.MAV_MISSION_TYPE_FENCE, wire.MAV_MISSION_TYPE_RALLY)
 
 
-def service(_: Craft) -> Service:
+def service(_: VehicleContext) -> Service:
     """Return the service that holds no items."""
     return Service(
         requests={

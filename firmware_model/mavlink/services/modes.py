@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.modes import Mode
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.service import Craft, Service, Stream
+from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
 
 _NAMES = {Mode.ALTCTL: "Altitude", Mode.POSCTL: "Position"}
 _STANDARD = {
@@ -23,7 +23,7 @@ _STANDARD = {
 }
 
 
-def service(craft: Craft) -> Service:
+def service(craft: VehicleContext) -> Service:
     """Return the service that names the modes."""
     refused = {Mode.ACRO} if craft.autopilot.free else {Mode.ACRO, Mode.TAKEOFF, Mode.RETURN}
     flown = [mode for mode in Mode if mode not in refused]

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.place import ORIGIN_HEIGHT, centi, globe, int16
-from firmware_model.mavlink.services.service import Craft, Service, Stream
+from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.rotations import euler_angles, rotate
 from firmware_model.sim.vehicle_loop import VehicleLoop
@@ -23,7 +23,7 @@ _MILLI_G = 1000.0 / 9.80665
 _UNKNOWN = math.nan
 
 
-def service(craft: Craft) -> Service:
+def service(craft: VehicleContext) -> Service:
     """Return the service that tells how the craft moves."""
     loop = craft.loop
 

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.parameters import Parameters, Refusal
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.service import Client, Craft, Service
+from firmware_model.mavlink.services.service import Client, Service, VehicleContext
 
 _ERRORS = {
     Refusal.READ_ONLY: wire.MAV_PARAM_ERROR_READ_ONLY,
@@ -19,7 +19,7 @@ _ERRORS = {
 _NO_INDEX = -1
 
 
-def service(craft: Craft) -> Service:
+def service(craft: VehicleContext) -> Service:
     """Return the service of the craft's parameters."""
     parameters = craft.parameters
 

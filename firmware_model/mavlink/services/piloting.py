@@ -18,7 +18,16 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.autopilot.modes import Mode, Verdict
 from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.place import ORIGIN_HEIGHT
-from firmware_model.mavlink.services.service import DENIED, UNSUPPORTED, Answer, Client, Craft, Order, Service, told
+from firmware_model.mavlink.services.service import (
+    DENIED,
+    UNSUPPORTED,
+    Answer,
+    Client,
+    Order,
+    Service,
+    VehicleContext,
+    told,
+)
 
 _MODES = {mode.value: mode for mode in Mode}
 _STICK_MODES = (Mode.ALTCTL, Mode.POSCTL)
@@ -28,7 +37,7 @@ _NOT_ENDED = "a flight that was terminated stays so"
 _TOO_LOW = "take-off height is below home: MIS_TAKEOFF_ALT"
 
 
-def service(craft: Craft) -> Service:
+def service(craft: VehicleContext) -> Service:
     """Return the service that pilots the craft."""
     autopilot = craft.autopilot
 

@@ -12,14 +12,14 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.motion import air_N
 from firmware_model.mavlink.services.place import ORIGIN_HEIGHT, centi, globe
-from firmware_model.mavlink.services.service import ACCEPTED, Answer, Client, Craft, Order, Service, Stream
+from firmware_model.mavlink.services.service import ACCEPTED, Answer, Client, Order, Service, Stream, VehicleContext
 from firmware_model.types import Quaternion, Vector
 
 _UNKNOWN, _UNKNOWN16, _UNKNOWN8 = math.nan, 2**16 - 1, 2**8 - 1
 _LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 
-def service(craft: Craft) -> Service:
+def service(craft: VehicleContext) -> Service:
     """Return the service that tells where the craft and its home are."""
 
     def home() -> Message:
@@ -54,12 +54,12 @@ def heading(q_NB: Quaternion) -> float:
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)) % (2.0 * math.pi)
 
 
-def _local(craft: Craft) -> Message:
+def _local(craft: VehicleContext) -> Message:
     time_us, position, velocity = _navigation(craft)
     return wire.MAVLink_local_position_ned_message(time_us // 1000, *position, *velocity)
 
 
-def _global(craft: Craft) -> Message:
+def _global(craft: VehicleContext) -> Message:
     time_us, position, velocity = _navigation(craft)
     course = round(100.0 * math.degrees(heading(craft.loop.q_NB))) % 36_000
     above_home = craft.autopilot.home_N[2] - position[2]
@@ -68,7 +68,7 @@ def _global(craft: Craft) -> Message:
     )
 
 
-def _hud(craft: Craft) -> Message:
+def _hud(craft: VehicleContext) -> Message:
     _, position, velocity = _navigation(craft)
     speed = math.hypot(velocity[0], velocity[1])
     course = round(math.degrees(heading(craft.loop.q_NB))) % 360
@@ -77,7 +77,7 @@ def _hud(craft: Craft) -> Message:
     return wire.MAVLink_vfr_hud_message(airspeed, speed, course, throttle, ORIGIN_HEIGHT - position[2], -velocity[2])
 
 
-def _gps(craft: Craft) -> Message:
+def _gps(craft: VehicleContext) -> Message:
     time_us, position, velocity = _navigation(craft)
     speed = math.hypot(velocity[0], velocity[1])
     course = round(100.0 * math.degrees(math.atan2(velocity[1], velocity[0]))) % 36_000
@@ -87,7 +87,7 @@ def _gps(craft: Craft) -> Message:
     )  # fmt: skip
 
 
-def _navigation(craft: Craft) -> tuple[int, Vector, Vector]:
+def _navigation(craft: VehicleContext) -> tuple[int, Vector, Vector]:
     """Return the time [us] of the sample, position [m] and velocity [m/s] N at it."""
     loop = craft.loop
     return loop.observe().time_us, loop.truth("position_N"), loop.truth("velocity_N")

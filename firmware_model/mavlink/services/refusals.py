@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.frames import Dropped, Message
-from firmware_model.mavlink.services.service import Client, Craft, Service
+from firmware_model.mavlink.frames import Message, RejectReason
+from firmware_model.mavlink.services.service import Client, Service, VehicleContext
 
 _AGAIN_US = 5_000_000  # from a text to the same one
 _NEVER_US = -(1 << 62)
@@ -32,34 +32,34 @@ _GIMBAL = (
 _READS = (wire.MAVLINK_MSG_ID_PARAM_EXT_REQUEST_READ, wire.MAVLINK_MSG_ID_PARAM_EXT_REQUEST_LIST)
 
 
-def service(craft: Craft) -> Service:
+def service(craft: VehicleContext) -> Service:
     """Return the service that refuses."""
     told_us: dict[str, int] = {}
 
-    def refuse(text: str) -> Dropped:
+    def refuse(text: str) -> RejectReason:
         if craft.clock_us >= told_us.get(text, _NEVER_US) + _AGAIN_US:
             told_us[text] = craft.clock_us
             craft.tell(text, wire.MAV_SEVERITY_WARNING)
-        return Dropped.REFUSED
+        return RejectReason.REFUSED
 
-    def simply(text: str) -> Callable[[Message, Client], Dropped]:
+    def simply(text: str) -> Callable[[Message, Client], RejectReason]:
         return lambda _message, _client: refuse(text)
 
-    def refuse_position(message: Message, _: Client) -> Dropped:
+    def refuse_position(message: Message, _: Client) -> RejectReason:
         asked = (name for name, bits in _IGNORED.items() if message.type_mask & bits != bits)
         return refuse(f"{next(asked, 'yaw')} set-points refused: send attitude")
 
-    def refuse_sticks(_: Message, client: Client) -> Dropped:
+    def refuse_sticks(_: Message, client: Client) -> RejectReason:
         client.hear_sticks()
         return refuse("sticks are not flown: use OFFBOARD")
 
-    def refuse_origin(_: Message, client: Client) -> Dropped:
+    def refuse_origin(_: Message, client: Client) -> RejectReason:
         origin = craft.services.streams[wire.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN].message()
         if origin is not None:
             client.send(origin)
         return refuse("the origin is fixed: not set")
 
-    def refuse_value(message: Message, client: Client) -> Dropped:
+    def refuse_value(message: Message, client: Client) -> RejectReason:
         name = message.param_id.encode("ascii", "replace")[:16]
         client.send(wire.MAVLink_param_ext_ack_message(name, b"", message.param_type, wire.PARAM_ACK_FAILED))
         return refuse(_NO_EXTENDED)

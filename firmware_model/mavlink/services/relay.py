@@ -12,10 +12,10 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.messages import CONTROLLER
-from firmware_model.mavlink.services.service import Client, Craft, Service
+from firmware_model.mavlink.services.service import Client, Service, VehicleContext
 
 
-def service(craft: Craft) -> Service:
+def service(craft: VehicleContext) -> Service:
     """Return the service that passes on what the controller says to people."""
 
     def relay(message: Message, client: Client) -> None:

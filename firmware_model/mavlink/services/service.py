@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.modes import Autopilot, Verdict
 from firmware_model.autopilot.parameters import Parameters
-from firmware_model.mavlink.frames import Dropped, Message, Outgoing
+from firmware_model.mavlink.frames import EncodedMessage, Message, RejectReason
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import Command
 
@@ -23,7 +23,7 @@ _Value = TypeVar("_Value")
 class Client(Protocol):
     """The peer that a request came from."""
 
-    def send(self, message: Message | Outgoing) -> None:
+    def send(self, message: Message | EncodedMessage) -> None:
         """Send a message to it alone."""
 
     def interval_us(self, message_id: int) -> int | None:
@@ -40,7 +40,7 @@ class Client(Protocol):
         """Whether it moved sticks lately."""
 
 
-class Craft(Protocol):
+class VehicleContext(Protocol):
     """The vehicle and its other listeners."""
 
     @property
@@ -86,7 +86,7 @@ class Craft(Protocol):
     def relay(self, message: Message, source: Client) -> None:
         """Pass a message of the on-board controller on to all peers but the one that it came from."""
 
-    def broadcast(self, message: Message | Outgoing) -> None:
+    def broadcast(self, message: Message | EncodedMessage) -> None:
         """Send a message to all peers."""
 
     def tell(self, text: str, severity: int) -> None:
@@ -131,7 +131,7 @@ _NEVER = (Verdict.NOT_FLOWN, Verdict.ON_STAND, Verdict.HEIGHT)  # the same reque
 class Stream(NamedTuple):
     """A message that tells how things stand; sent on request and at intervals."""
 
-    message: Callable[[], Message | Outgoing | None]
+    message: Callable[[], Message | EncodedMessage | None]
     """Makes it; `None` while there is nothing to tell."""
     interval_us: int | None = None
     """[us] between two for a peer that has asked for nothing; `None` for never."""
@@ -141,7 +141,7 @@ class Stream(NamedTuple):
 class Service:
     """One group of microservices."""
 
-    requests: Mapping[int, Callable[[Message, Client], Dropped | None]] = field(default_factory=dict)
+    requests: Mapping[int, Callable[[Message, Client], RejectReason | None]] = field(default_factory=dict)
     """By message id: what to do with a message to the autopilot; returns why it had no effect, if that counts."""
     commands: Mapping[int, Callable[[Order, Client], Answer]] = field(default_factory=dict)
     """By MAV_CMD: what to do at a command."""

@@ -9,11 +9,11 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.service import Craft, Service, Stream
+from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
 from firmware_model.types import AttitudeTarget, TorqueCommand
 
 
-def service(craft: Craft) -> Service:
+def service(craft: VehicleContext) -> Service:
     """Return the service that echoes the set-points."""
 
     def attitude() -> Message | None:

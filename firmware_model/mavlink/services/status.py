@@ -11,7 +11,7 @@ MAVLink, messages 1, 147, 193, 245. Of 193 programs for ArduPilot learn whether 
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.service import Craft, Service, Stream
+from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
 
 _UNKNOWN16, _UNKNOWN, _NO_VOLTAGE = 2**16 - 1, -1, 0
 # Ideal navigation stands for a compass and for GPS.
@@ -41,7 +41,7 @@ _ESTIMATED = (
 _HEALTHY = _WORKING | wire.MAV_SYS_STATUS_GEOFENCE
 
 
-def service(craft: Craft) -> Service:
+def service(craft: VehicleContext) -> Service:
     """Return the service that tells how the craft is."""
 
     def extended() -> Message:

@@ -7,7 +7,7 @@ MAVLink, commands 510, 511, 512; message 66, which MAVProxy and older programs s
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.frames import Message, Outgoing
+from firmware_model.mavlink.frames import EncodedMessage, Message
 from firmware_model.mavlink.services.service import (
     ACCEPTED,
     DENIED,
@@ -15,9 +15,9 @@ from firmware_model.mavlink.services.service import (
     UNSUPPORTED,
     Answer,
     Client,
-    Craft,
     Order,
     Service,
+    VehicleContext,
 )
 
 # What the groups of REQUEST_DATA_STREAM stand for, as far as there is such a thing here.
@@ -32,7 +32,7 @@ _GROUPS = {
 }
 
 
-def service(craft: Craft) -> Service:
+def service(craft: VehicleContext) -> Service:
     """Return the service of streams."""
 
     def known(message_id: int | None) -> Answer:
@@ -89,6 +89,6 @@ def service(craft: Craft) -> Service:
     )
 
 
-def _told(craft: Craft, message_id: int) -> list[Message | Outgoing]:
+def _told(craft: VehicleContext, message_id: int) -> list[Message | EncodedMessage]:
     message = craft.services.streams[message_id].message()
     return [] if message is None else [message]

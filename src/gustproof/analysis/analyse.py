@@ -13,7 +13,7 @@ from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenar
 from firmware_model.config.vehicle import Vehicle
 from gustproof.analysis.hover_loop import HoverLoop, hover_loop
 from gustproof.analysis.law_margins import SPREADS, off_nominal
-from gustproof.analysis.placement import Place, place
+from gustproof.analysis.placement import Placement, locate
 from gustproof.certify.sweep import Bracket
 from gustproof.law.form import Law
 from gustproof.lti.state_space import ComplexMatrix
@@ -43,7 +43,7 @@ class Analysis:
     """The linear loop at hover."""
     stability: tuple[Bracket, ...]
     """mu of roll, pitch, yaw, of inertia 20 % and lag 30 % off; none where the law couples axes or has no margins."""
-    place: Place | None
+    place: Placement | None
     """Foretold error beside the least of any linear gyro-only law at its price; `None` where there is no such price."""
     step: Records
     """Flight through a step of moment about each axis, without air or noise."""
@@ -118,7 +118,7 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
         seed=seed,
         hover=hover,
         stability=off_nominal(law, vehicle, scenario),
-        place=None if Ms is None else place(law, Ms, vehicle, scenario),
+        place=None if Ms is None else locate(law, Ms, vehicle, scenario),
         step=fly_direct(stepped, law, vehicle=vehicle, seed=seed),
         step_moment=step_moment,
         flown=flown,
@@ -154,7 +154,7 @@ def _limits(analysis: Analysis) -> list[str]:
     lines.append(f"references: {_references(analysis.law)}")
     if analysis.whole.saturated_s:
         lines.append(f"torque limit: reached for {analysis.whole.saturated_s:.3g} s")
-    if analysis.law.feels_force:
+    if analysis.law.uses_accelerometer:
         lines.append("gyro bias: seen in roll and pitch; in yaw a constant one turns the vehicle by bias times time")
     else:
         lines.append("gyro bias: a constant one turns the vehicle by bias times time; a gyro can't see attitude")

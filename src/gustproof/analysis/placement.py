@@ -11,8 +11,8 @@ from gustproof.analysis.law_margins import HoverMargins
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.performance.covariance import axis_models
-from gustproof.performance.limits import clairvoyant_limit, gyro_limit
-from gustproof.performance.predict import foretell
+from gustproof.performance.limits import full_information_limit, output_feedback_limit
+from gustproof.performance.predict import predict
 from gustproof.performance.tradeoff import LinearLaws, TradeOff, linear_laws
 
 SLEW = 20.0
@@ -58,7 +58,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class Placement:
     """Where a law stands: its price, what is foretold of it, and the least error at the same price."""
 
     Ms: float
@@ -72,18 +72,18 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Standing:
+class PerformanceLimits:
     """The limits, and where laws stand."""
 
     limits: Limits
     """What is possible."""
-    places: Mapping[str, Place | None]
+    places: Mapping[str, Placement | None]
     """Where each law stands, by name; `None` for a law of rates, which has no torque loop of its own."""
 
 
-def standing(
+def performance_limits(
     laws: Mapping[str, Law], margins: Mapping[str, HoverMargins | None], vehicle: Vehicle, scenario: Scenario
-) -> Standing:
+) -> PerformanceLimits:
     """Return the limits of a vehicle in the scenario's turbulence and the place of each law; takes seconds.
 
     Raises
@@ -98,10 +98,10 @@ def standing(
     found = Limits(
         scenario=scenario.name,
         slew=SLEW,
-        gyro_deg=math.degrees(gyro_limit(models, SLEW).rmse),
-        gyro_any_slew_deg=math.degrees(gyro_limit(models, math.inf).rmse),
-        clairvoyant_deg=math.degrees(clairvoyant_limit(models, SLEW).rmse),
-        clairvoyant_any_slew_deg=math.degrees(clairvoyant_limit(models, math.inf).rmse),
+        gyro_deg=math.degrees(output_feedback_limit(models, SLEW).rmse),
+        gyro_any_slew_deg=math.degrees(output_feedback_limit(models, math.inf).rmse),
+        clairvoyant_deg=math.degrees(full_information_limit(models, SLEW).rmse),
+        clairvoyant_any_slew_deg=math.degrees(full_information_limit(models, math.inf).rmse),
         curves=tuple(_curve(linear, slew) for slew in SLEWS),
     )
     peaks = {name: None if margin is None else margin.Ms for name, margin in margins.items()}
@@ -109,10 +109,10 @@ def standing(
         name: None if (Ms := peaks[name]) is None else _place(law, Ms, linear, vehicle, scenario)
         for name, law in laws.items()
     }
-    return Standing(limits=found, places=places)
+    return PerformanceLimits(limits=found, places=places)
 
 
-def place(law: Law, Ms: float, vehicle: Vehicle, scenario: Scenario) -> Place | None:
+def locate(law: Law, Ms: float, vehicle: Vehicle, scenario: Scenario) -> Placement | None:
     """Return the place of one law of sensitivity peak `Ms` [-] in the scenario's turbulence, if it has any.
 
     `None` for a law of rates, without turbulence, and where `SLEW` is too little for any law to hold attitude.
@@ -125,12 +125,12 @@ def place(law: Law, Ms: float, vehicle: Vehicle, scenario: Scenario) -> Place | 
         return None
 
 
-def _place(law: Law, Ms: float, linear: LinearLaws, vehicle: Vehicle, scenario: Scenario) -> Place | None:
-    foretold = foretell(law, vehicle, scenario)
+def _place(law: Law, Ms: float, linear: LinearLaws, vehicle: Vehicle, scenario: Scenario) -> Placement | None:
+    foretold = predict(law, vehicle, scenario)
     if foretold is None:
         return None
     least = _least(linear, Ms, foretold.slew) if foretold.slew else None
-    return Place(
+    return Placement(
         Ms=Ms,
         slew=foretold.slew,
         rmse_deg=math.degrees(foretold.rmse),
@@ -144,7 +144,7 @@ def _curve(linear: LinearLaws, slew: float) -> Curve:
         slew=slew,
         Ms=tuple(point.sensitivity_peak for point in points),
         rmse_deg=tuple(math.degrees(point.rmse) for point in points),
-        any_Ms_deg=math.degrees(gyro_limit(linear.models, slew).rmse),
+        any_Ms_deg=math.degrees(output_feedback_limit(linear.models, slew).rmse),
     )
 
 

@@ -67,7 +67,7 @@ def axis_controller(law: Law, axis: int) -> Lti:
     A, B = law.A + law.G @ np.eye(3, law.order, 3), law.B[:, axis]
     own, others = _reached(A, B), [k for k in range(3) if k != axis]
     across = (law.C[others][:, own], law.D[others, axis], law.C[axis, ~own], law.D[axis, others])
-    if law.output is not Output.TORQUE or law.feels_force or any(np.any(part) for part in across):
+    if law.output is not Output.TORQUE or law.uses_accelerometer or any(np.any(part) for part in across):
         raise ValueError(f"law '{law.name}' couples its axes, feels force or commands no torque: no loop of one gyro")
     return Lti(A=A[np.ix_(own, own)], B=B[own], C=law.C[axis, own], D=law.D[axis, axis], dt=law.dt)
 

@@ -10,11 +10,11 @@ from typing import Any
 from gustproof.campaign.executors import Pool
 from gustproof.campaign.plan import Campaign
 from gustproof.campaign.store import Store
-from gustproof.campaign.worker import Flown, Stretch, fly_stretch, lost, ready
+from gustproof.campaign.worker import Chunk, Flown, fly_chunk, lost, ready
 from gustproof.errors import FlightError
 from gustproof.simulate.kernels import LANES
 
-Task = Callable[[str, Stretch], Flown]
+Task = Callable[[str, Chunk], Flown]
 _TASK_S = 1.0  # of work a task: much beside what sending it costs, little to lose
 _LONGEST = 100 * LANES
 _GROWTH = 16  # at most, from a stretch to those after it: a short one tells little of how long runs take
@@ -28,7 +28,7 @@ def fly_campaign(
     *,
     stretch_runs: int | None = None,
     progress: Callable[[int, int], None] | None = None,
-    task: Task = fly_stretch,
+    task: Task = fly_chunk,
 ) -> None:
     """Fly all runs that are not flown yet, and write them as one Parquet file, a row a run.
 
@@ -62,10 +62,10 @@ class _Runner:
         self._least = 1 if campaign.scenario.scripts_controller else LANES  # fewer take as long
         self._size = stretch_runs or self._least
         self._waiting = deque(store.missing())
-        self._under_way: dict[Future[Flown], Stretch] = {}
-        self._suspects: deque[Stretch] = deque()  # were under way when a worker died
-        self._on_trial = False  # a suspect flies alone
-        self._deaths: Counter[Stretch] = Counter()
+        self._under_way: dict[Future[Flown], Chunk] = {}
+        self._suspects: deque[Chunk] = deque()  # were under way when a worker died
+        self._isolating = False  # a suspect flies alone
+        self._deaths: Counter[Chunk] = Counter()
         self._to_fly, self._flown = campaign.runs - store.flown, 0
 
     def run(self) -> None:
@@ -79,8 +79,8 @@ class _Runner:
     def _keep_busy(self) -> None:
         """Submit what may fly now: suspects one at a time, each alone, so that it is clear who kills."""
         if not self._under_way:
-            self._on_trial = bool(self._suspects)
-        if self._on_trial:
+            self._isolating = bool(self._suspects)
+        if self._isolating:
             if not self._under_way:
                 self._start(self._suspects.popleft())
         elif not self._suspects:
@@ -89,23 +89,23 @@ class _Runner:
                 if self._waiting and not self._suspects:
                     self._start(self._next())
 
-    def _start(self, stretch: Stretch) -> None:
+    def _start(self, stretch: Chunk) -> None:
         try:
             self._under_way[self._pool.submit(self._task, self._note, stretch)] = stretch
         except self._pool.deaths:
-            self._mourn(stretch)
+            self._on_worker_death(stretch)
 
-    def _next(self) -> Stretch:
+    def _next(self) -> Chunk:
         first, count = self._waiting.popleft()
         if count > self._size:
-            self._waiting.appendleft(Stretch(first + self._size, count - self._size))
-        return Stretch(first, min(count, self._size))
+            self._waiting.appendleft(Chunk(first + self._size, count - self._size))
+        return Chunk(first, min(count, self._size))
 
-    def _take(self, stretch: Stretch, future: Future[Flown]) -> None:
+    def _take(self, stretch: Chunk, future: Future[Flown]) -> None:
         try:
             flown = future.result()
         except self._pool.deaths:
-            self._mourn(stretch)
+            self._on_worker_death(stretch)
             return
         except CancelledError:
             raise FlightError(f"the cluster is gone; what was flown is in {self._store.folder}") from None
@@ -114,19 +114,19 @@ class _Runner:
             size = min(int(stretch.runs * _TASK_S / flown.wall_s), _GROWTH * stretch.runs, _LONGEST)
             self._size = max(size - size % self._least, self._least)
 
-    def _keep(self, stretch: Stretch, table: Any) -> None:
+    def _keep(self, stretch: Chunk, table: Any) -> None:
         self._store.add(stretch, table)
         self._flown += stretch.runs
         self._progress(self._flown, self._to_fly)
 
-    def _mourn(self, stretch: Stretch) -> None:
+    def _on_worker_death(self, stretch: Chunk) -> None:
         """See to what was under way when a worker died: fly it again, alone; then in halves, down to the one run."""
         first, count = stretch
-        if not self._on_trial:
+        if not self._isolating:
             self._suspects.append(stretch)
         elif count > 1:
             half = count // 2
-            self._suspects.extendleft([Stretch(first + half, count - half), Stretch(first, half)])
+            self._suspects.extendleft([Chunk(first + half, count - half), Chunk(first, half)])
         else:
             self._deaths[stretch] += 1
             if self._deaths[stretch] < _DEATHS:

@@ -19,7 +19,7 @@ from firmware_model.config.files import parse_json, read_text
 from firmware_model.errors import ConfigError
 from firmware_model.recording.durable_file import locked
 from gustproof.campaign.plan import Campaign
-from gustproof.campaign.worker import Stretch, schema
+from gustproof.campaign.worker import Chunk, schema
 from gustproof.errors import FlightError
 
 ROW_GROUP = 16_384
@@ -72,18 +72,18 @@ class Store:
         """Number of runs in the parts."""
         return sum(count for count, _ in self._parts.values())
 
-    def missing(self) -> list[Stretch]:
+    def missing(self) -> list[Chunk]:
         """Return the runs that are in no part, in stretches of one law each."""
         gaps, at = [], 0
         for first, (count, _) in [*sorted(self._parts.items()), (self._campaign.runs, (0, Path()))]:
             while at < first:
                 end = min(first, (at // self._campaign.cases + 1) * self._campaign.cases)
-                gaps.append(Stretch(at, end - at))
+                gaps.append(Chunk(at, end - at))
                 at = end
             at = first + count
         return gaps
 
-    def add(self, stretch: Stretch, table: Any) -> None:
+    def add(self, stretch: Chunk, table: Any) -> None:
         """Keep the rows of a stretch of runs."""
         path = self.folder / f"{stretch.first:012d}-{stretch.runs}.arrow"
 

@@ -22,7 +22,7 @@ from gustproof.campaign.sampling import Array
 from gustproof.law.form import Law
 from gustproof.scoring.metrics import Metrics, measure
 from gustproof.scoring.requirements import judge
-from gustproof.simulate.batch import Case, Judged, flier
+from gustproof.simulate.batch import Case, Judged, make_batch_simulator
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.kernels import LANES
 from gustproof.simulate.processes import fly_loopback
@@ -34,7 +34,7 @@ Row = tuple[Any, ...]
 _figures = attrgetter(*FIGURES)
 
 
-class Stretch(NamedTuple):
+class Chunk(NamedTuple):
     """Runs of one law, one after another."""
 
     first: int
@@ -52,7 +52,7 @@ class Flown(NamedTuple):
     """[s] wall time that they took."""
 
 
-def fly_stretch(note: str, stretch: Stretch) -> Flown:
+def fly_chunk(note: str, stretch: Chunk) -> Flown:
     """Fly runs of the campaign that `note` says, and return their rows; the same on every machine of one kind.
 
     Raises
@@ -112,7 +112,7 @@ def _flown(fly: Fly, cases: list[Case]) -> list[Judged | str]:
 def _flier(scenario: Scenario, law: Law) -> Fly:
     if scenario.scripts_controller:
         return lambda cases: [_by_message(case.of(scenario), law, case) for case in cases]
-    return flier(scenario, law)
+    return make_batch_simulator(scenario, law)
 
 
 def _by_message(scenario: Scenario, law: Law, case: Case) -> Judged:
@@ -160,7 +160,7 @@ def schema(campaign: Campaign) -> Any:
     return pa.schema(fields)
 
 
-def lost(campaign: Campaign, stretch: Stretch, failure: str) -> Any:
+def lost(campaign: Campaign, stretch: Chunk, failure: str) -> Any:
     """Return the rows of runs that left nothing but the reason why."""
     first, runs = stretch.first % campaign.cases, stretch.runs
     rows = [_row(campaign.scenario, failure)] * runs
@@ -178,7 +178,7 @@ def _row(scenario: Scenario, judged: Judged | str) -> Row:
     )  # fmt: skip
 
 
-def _table(campaign: Campaign, stretch: Stretch, delta: Array, seeds: Sequence[int], rows: Sequence[Row]) -> Any:
+def _table(campaign: Campaign, stretch: Chunk, delta: Array, seeds: Sequence[int], rows: Sequence[Row]) -> Any:
     first = stretch.first % campaign.cases
     arrays: list[Any] = [
         range(stretch.first, stretch.first + stretch.runs), range(first, first + stretch.runs),

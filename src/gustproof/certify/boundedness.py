@@ -79,7 +79,7 @@ def certify_closure(
             f"law '{law.name}' has {law.order} states and commands {law.output.value}: a closure is proved of "
             "H-infinity laws that command torque with three states an axis, as hinf-d1, hinf-d2 and hinf-scheduled"
         )
-    if law.feels_force:
+    if law.uses_accelerometer:
         raise ValueError(f"law '{law.name}' feels specific force, must measure rates alone")
     if not (all(0.0 <= limit < math.inf for limit in moment) and max(moment) > 0.0):
         raise ValueError(f"moment is {moment}, must be positive")

@@ -12,7 +12,7 @@ from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.validation import Parser, printable
 from firmware_model.errors import ConfigError
 from firmware_model.process import access, realtime, udp
-from firmware_model.process.exit_on_eof import ATTENDED, attend
+from firmware_model.process.exit_on_eof import EXIT_ON_STDIN_EOF, exit_on_stdin_eof
 from gustproof.controller import DEFAULT_LAW
 from gustproof.controller.core import reference_excess
 from gustproof.controller.endpoint import ControllerEndpoint, Outcome
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _fly(law: Law, options: argparse.Namespace) -> int:
     # The machine code is loaded, or made, before anybody waits for it.
     FlyingLaw(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    realtime.hold_collector(off=True)
+    realtime.freeze_gc(off=True)
     name = options.scenario
     references = (read_json(Scenario, name) or load_scenario(name)).references if name else ()
     if not options.anyway and (excess := reference_excess(law, references)):
@@ -57,9 +57,9 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
         if options.attended:
-            attend(endpoint.interrupt)
+            exit_on_stdin_eof(endpoint.interrupt)
         if options.real_time:
-            realtime.go_first()
+            realtime.request_fifo_scheduling()
         udp.connect(bound, vehicle)
         udp.converse(endpoint, bound)
     outcome = endpoint.outcome or Outcome.INTERRUPTED
@@ -128,7 +128,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--anyway", action="store_true", help="fly references, too, that the law is known not to hold")
     add("--real-time", action="store_true", help="run before usual processes, if the system allows it: not in lockstep")
     access.add_options(parser)
-    add("--attended", action="store_true", help=ATTENDED)
+    add("--exit-on-stdin-eof", action="store_true", help=EXIT_ON_STDIN_EOF)
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser
 

@@ -4,7 +4,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
-from firmware_model.mavlink.frames import Dropped
+from firmware_model.mavlink.frames import RejectReason
 from firmware_model.types import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
 from gustproof.law.form import Law, Output
 from gustproof.law.step import FlyingLaw
@@ -57,14 +57,14 @@ class Controller:
         self.fractions: Vector = (0.0, 0.0, 0.0)
         self._references = deque(references)
 
-    def answer(self, sample: ImuSample, *, afresh: bool = False) -> Command | Dropped:
+    def answer(self, sample: ImuSample, *, afresh: bool = False) -> Command | RejectReason:
         """Return the command for a sample; the law steps if it is newer than the last one.
 
         It does so `afresh` from its initial state, if the vehicle was flown by another until now.
         """
         time_us = sample.time_us
         if time_us < self.answered_us:
-            return Dropped.STALE
+            return RejectReason.STALE
         if time_us > self.answered_us:
             if afresh:
                 self._law.restart()

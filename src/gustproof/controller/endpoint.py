@@ -30,8 +30,8 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.autopilot.modes import Mode
 from firmware_model.autopilot.parameters import HOVER_NAME, RATE_NAME, TORQUE_LIMIT_NAMES
 from firmware_model.mavlink import messages
-from firmware_model.mavlink.channel import Traffic
-from firmware_model.mavlink.frames import Dropped, Frame, Message, Outgoing, Peer, parse
+from firmware_model.mavlink.channel import Channel
+from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
 from firmware_model.mavlink.messages import AUTOPILOT, CONTROLLER
 from firmware_model.mavlink.signing import Signing
 from firmware_model.types import Vector
@@ -112,7 +112,7 @@ class ControllerEndpoint:
     def __init__(
         self,
         law: Law,
-        vehicle: Peer,
+        vehicle: Address,
         signing: Signing | None = None,
         references: References = (),
         tell: Callable[[str], None] = lambda _: None,
@@ -122,11 +122,11 @@ class ControllerEndpoint:
         self.message = ""
         self.late = 0
         self._tell = tell
-        self.traffic = Traffic(1, CONTROLLER, signing)
+        self.traffic = Channel(1, CONTROLLER, signing)
         self._signing = signing
         self._law, self._vehicle, self._references = law, vehicle, references
         self._packer = self.traffic.packer
-        self._outbox: list[tuple[bytes, Peer]] = []
+        self._outbox: list[tuple[bytes, Address]] = []
         self._answers: deque[tuple[int, Vector]] = deque(maxlen=_ANSWERED)
         self._controller: Controller | None = None
         self._turning = False
@@ -161,7 +161,7 @@ class ControllerEndpoint:
         return self._controller.missed if self._controller else 0
 
     @property
-    def counters(self) -> Counter[Dropped]:
+    def counters(self) -> Counter[RejectReason]:
         """What had no effect, by cause."""
         return self.traffic.dropped
 
@@ -169,7 +169,7 @@ class ControllerEndpoint:
         """End here: Ctrl-C or a termination signal."""
         self._end(Outcome.INTERRUPTED, "interrupted")
 
-    def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
+    def receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
         if self._turning and self._turn(datagram, peer, now_us):
             return
@@ -177,15 +177,15 @@ class ControllerEndpoint:
         if self._signing is not None:
             self._signing.tick(now_us)
         for item in parse(datagram):
-            cause = item if isinstance(item, Dropped) else self._dispatch(item, peer, now_us)
+            cause = item if isinstance(item, RejectReason) else self._dispatch(item, peer, now_us)
             if cause is not None:
                 self.drop(cause, peer)
 
-    def drop(self, cause: Dropped, peer: Peer) -> None:
+    def drop(self, cause: RejectReason, peer: Address) -> None:
         """Count something that has no effect, whoever sent it."""
         self.traffic.dropped[cause] += 1
 
-    def poll(self, now_us: int) -> list[tuple[bytes, Peer]]:
+    def poll(self, now_us: int) -> list[tuple[bytes, Address]]:
         """Do what is due and return the datagrams to send."""
         if self._signing is not None:
             self._signing.tick(now_us)
@@ -213,9 +213,9 @@ class ControllerEndpoint:
         other_us = self._heard_us + SILENCE_US + 1 if self.phase in _JOINED else self._retry_at_us
         return min(self._heartbeat_at_us, other_us)
 
-    def _dispatch(self, frame: Frame, peer: Peer, now_us: int) -> Dropped | None:
+    def _dispatch(self, frame: Frame, peer: Address, now_us: int) -> RejectReason | None:
         if peer != self._vehicle or frame.component != AUTOPILOT:
-            return Dropped.OTHER_TARGET
+            return RejectReason.OTHER_TARGET
         if self._signing is not None and (cause := self._signing.refusal(frame)):
             return cause
         self.traffic.count(frame)
@@ -224,13 +224,13 @@ class ControllerEndpoint:
             return self._on_sample(frame)
         handler = self._handlers.get(frame.message_id)
         if handler is None:
-            return Dropped.UNUSED_MESSAGE
+            return RejectReason.UNUSED_MESSAGE
         handler(frame.message())
         return None
 
-    def _on_sample(self, frame: Frame) -> Dropped | None:
+    def _on_sample(self, frame: Frame) -> RejectReason | None:
         sample = messages.imu_sample(frame)
-        if isinstance(sample, Dropped):
+        if isinstance(sample, RejectReason):
             return sample
         if self.phase is _READING:
             self._read_on(sample.time_us)
@@ -239,7 +239,7 @@ class ControllerEndpoint:
             return None
         newer = sample.time_us > controller.answered_us
         answer = controller.answer(sample, afresh=self._resting)
-        if isinstance(answer, Dropped):
+        if isinstance(answer, RejectReason):
             return answer
         if not self._silent:
             self.late += newer and bool(self._answers)
@@ -260,7 +260,7 @@ class ControllerEndpoint:
         elif self._declined and len(self._intervals_us) == _INTERVALS:
             self._end(Outcome.WRONG_RATE, self._wrong_rate(self._declined))
 
-    def _turn(self, datagram: bytes, peer: Peer, now_us: int) -> bool:
+    def _turn(self, datagram: bytes, peer: Address, now_us: int) -> bool:
         """Answer the sample that nearly always comes next, as `_on_sample` does; or refuse it, and nothing is done."""
         controller, traffic, system = self._controller, self.traffic, self._packer.srcSystem
         if peer != self._vehicle or controller is None:
@@ -456,7 +456,7 @@ class ControllerEndpoint:
             )
         )
 
-    def _send(self, message: Message | Outgoing) -> None:
+    def _send(self, message: Message | EncodedMessage) -> None:
         self._outbox.append((self.traffic.pack(message), self._vehicle))
 
     def _end(self, outcome: Outcome, message: str) -> None:

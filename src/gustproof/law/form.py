@@ -129,7 +129,7 @@ class Law:
         return int(self.A.shape[0])
 
     @property
-    def feels_force(self) -> bool:
+    def uses_accelerometer(self) -> bool:
         """Whether the law reads the accelerometer."""
         return bool(self.D.shape[1] == MEASURED)
 

@@ -40,7 +40,7 @@ def loop_law(law: Law) -> Lti:
 
     That is the gyro (3,), and roll and pitch (2,) [rad] as the specific force tells them, if the law feels that.
     """
-    if not law.feels_force:
+    if not law.uses_accelerometer:
         return linear_law(law)
     K = linear_law(law, inputs=MEASURED)
     B, D = (np.hstack([matrix[:, :3], matrix[:, 6:] @ FORCE]) for matrix in (K.B, K.D))
@@ -51,4 +51,4 @@ def is_stable_at_hover(law: Law, vehicle: Vehicle, scenario: Scenario) -> bool |
     """Return whether the linear loop is stable; `None` for a law of rates, whose loop is the autopilot's own."""
     if law.output is not Output.TORQUE:
         return None
-    return lft(hover_plant(vehicle, scenario, levelled=law.feels_force), loop_law(law)).is_stable()
+    return lft(hover_plant(vehicle, scenario, levelled=law.uses_accelerometer), loop_law(law)).is_stable()

@@ -18,11 +18,11 @@ from gustproof.law.form import MEASURED, Law, Matrix
 
 RATES, CUT, ZERO, EXTRA = MEASURED, MEASURED + 3, MEASURED + 6, MEASURED + 7
 """Where after the states Euler rates, what was cut off and a 0 stand in the vector; how many numbers follow states."""
-FOUR = 4
+TERM_BLOCK = 4
 """Of so many terms, times a whole number, consists each sum, so that four can be added at once."""
 
 
-class Sums(NamedTuple):
+class SparseLaw(NamedTuple):
     """What a law adds up."""
 
     ends: NDArray[np.int64]
@@ -35,7 +35,7 @@ class Sums(NamedTuple):
     """(3,) [N*m or rad/s] B."""
 
 
-def sums(law: Law) -> Sums:
+def sparse_law(law: Law) -> SparseLaw:
     """Return the terms of a law whose coefficient is not 0, filled up to fours."""
     n, measured = law.order, law.D.shape[1]
     whole = np.zeros((3 + n, n + EXTRA))
@@ -45,9 +45,9 @@ def sums(law: Law) -> Sums:
     filled = []
     for row in whole:
         terms = [(float(place), row[place]) for place in np.flatnonzero(row)]
-        filled.append(terms + [(float(n + ZERO), 0.0)] * (-len(terms) % FOUR if terms else FOUR))
+        filled.append(terms + [(float(n + ZERO), 0.0)] * (-len(terms) % TERM_BLOCK if terms else TERM_BLOCK))
     ends = np.cumsum([len(terms) for terms in filled])
-    return Sums(ends, np.array([term for terms in filled for term in terms]), law.scheduled, law.limits)
+    return SparseLaw(ends, np.array([term for terms in filled for term in terms]), law.scheduled, law.limits)
 
 
 @kernel
@@ -65,7 +65,7 @@ def euler_rates(E: Any, omega: Any) -> tuple[float, float, float]:
 
 
 @kernel
-def law_kernel(law: Sums, z: Matrix, command: Matrix, work: Matrix) -> None:
+def law_kernel(law: SparseLaw, z: Matrix, command: Matrix, work: Matrix) -> None:
     """Write the command for the vector `z` (n + EXTRA,) and move its states on by a sample; `work` is (n,)."""
     n, begin = work.size, 0
     for i in range(3):
@@ -91,7 +91,7 @@ def _sum(terms: Matrix, begin: int, end: int, z: Matrix) -> float:
 
 
 @compiled
-def _step(law: Sums, z: Matrix, command: Matrix, work: Matrix) -> None:
+def _step(law: SparseLaw, z: Matrix, command: Matrix, work: Matrix) -> None:
     law_kernel(law, z, command, work)
 
 
@@ -107,7 +107,7 @@ def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
         raise ValueError(f"y has shape {y.shape}, must be {(law.D.shape[1],)}")
     z, command = np.zeros(law.order + EXTRA), np.empty(3)
     z[: law.order], z[law.order : law.order + y.size] = x, y
-    _step(sums(law), z, command, np.empty(law.order))
+    _step(sparse_law(law), z, command, np.empty(law.order))
     return z[: law.order], command
 
 
@@ -119,7 +119,7 @@ class FlyingLaw:
     """
 
     def __init__(self, law: Law, scale: Vector) -> None:
-        n, summed = law.order, sums(law)
+        n, summed = law.order, sparse_law(law)
         self._ends, self._terms, self._scheduled = summed.ends, summed.terms, summed.scheduled
         self._memory = np.concatenate([np.zeros(2 * n + EXTRA + 3), law.limits, scale])
         self._order = n
@@ -147,5 +147,5 @@ def _fly(ends: NDArray[np.int64], terms: Matrix, scheduled: bool, memory: Matrix
     limits, scale = memory[end + n + 3 : end + n + 6], memory[end + n + 6 :]
     z[n], z[n + 1], z[n + 2] = p, q, r
     z[n + 6], z[n + 7], z[n + 8] = force_x, force_y, force_z
-    law_kernel(Sums(ends, terms, scheduled, limits), z, command, work)
+    law_kernel(SparseLaw(ends, terms, scheduled, limits), z, command, work)
     return float32(command[0] / scale[0]), float32(command[1] / scale[1]), float32(command[2] / scale[2])

@@ -20,11 +20,11 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.autopilot.modes import Mode
 from firmware_model.autopilot.parameters import GUST_SCALE_NAME, PAUSE_NAME
 from firmware_model.mavlink import messages
-from firmware_model.mavlink.channel import Traffic
-from firmware_model.mavlink.frames import Dropped, Frame, Message, Peer, parse
+from firmware_model.mavlink.channel import Channel
+from firmware_model.mavlink.frames import Address, Frame, Message, RejectReason, parse
 from firmware_model.mavlink.messages import AUTOPILOT
 from firmware_model.types import Vector
-from gustproof.live.telemetry_buffer import Feed
+from gustproof.live.telemetry_buffer import TelemetryBuffer
 
 BEAT_US = 1_000_000
 """[us] wall time from heartbeat to heartbeat."""
@@ -46,22 +46,22 @@ _FACTS = {GUST_SCALE_NAME: "gust_scale", PAUSE_NAME: "paused"}
 _WHOLE = (PAUSE_NAME,)
 
 
-class Station:
+class GroundStation:
     """One watcher of one vehicle; give it datagrams and the time, send what it returns."""
 
-    def __init__(self, vehicle: Peer, feed: Feed, torque_limit: Vector, *, streams: bool) -> None:
+    def __init__(self, vehicle: Address, feed: TelemetryBuffer, torque_limit: Vector, *, streams: bool) -> None:
         self.finished = False
         self.settled = Event()
         self._ending = Event()
         self._heard = self._last_call = False
-        self.traffic = Traffic(_SYSTEM, _COMPONENT)
+        self.traffic = Channel(_SYSTEM, _COMPONENT)
         self._vehicle, self._feed, self._torque_limit = vehicle, feed, torque_limit
         self._wishes: SimpleQueue[tuple[str, float]] = SimpleQueue()
         self._open: dict[str, float] = {}
         self._shown = _SHOWN if streams else ()
         self._silent: set[int] = set()
         self._refused: dict[int, int] = {}
-        self._outbox: list[tuple[bytes, Peer]] = []
+        self._outbox: list[tuple[bytes, Address]] = []
         self._system: int | None = None
         self._beat_at_us = self._retry_at_us = self._now_us = 0
         self._newest_us: dict[str, int] = {}
@@ -95,22 +95,22 @@ class Station:
         """Finish when all that was sent until now has been heard; from whatever thread."""
         self._ending.set()
 
-    def receive(self, datagram: bytes, peer: Peer, now_us: int) -> None:
+    def receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
         self._now_us, self._heard = now_us, True
         for item in parse(datagram):
             if peer != self._vehicle:
-                self.drop(Dropped.OTHER_TARGET, peer)
-            elif isinstance(item, Dropped):
+                self.drop(RejectReason.OTHER_TARGET, peer)
+            elif isinstance(item, RejectReason):
                 self.drop(item, peer)
             else:
                 self._take(item)
 
-    def drop(self, cause: Dropped, peer: Peer) -> None:
+    def drop(self, cause: RejectReason, peer: Address) -> None:
         """Count something that has no effect."""
         self.traffic.dropped[cause] += 1
 
-    def poll(self, now_us: int) -> list[tuple[bytes, Peer]]:
+    def poll(self, now_us: int) -> list[tuple[bytes, Address]]:
         """Do what is due and return the datagrams to send."""
         self._now_us = now_us
         if self._ending.is_set():

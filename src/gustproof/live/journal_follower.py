@@ -10,14 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.recording.journal import RECORD
-from gustproof.live.telemetry_buffer import SERIES, Feed, Row
+from gustproof.live.telemetry_buffer import SERIES, Row, TelemetryBuffer
 
 Array = NDArray[np.float64]
 _LOOK_S = 0.02
 _DIGITS = 6  # decimals: a millionth of the units shown
 
 
-def tail(path: Path, every: int, sample_us: int, feed: Feed, done: Event, names: Iterable[str] = SERIES) -> None:
+def follow_journal(
+    path: Path, every: int, sample_us: int, feed: TelemetryBuffer, done: Event, names: Iterable[str] = SERIES
+) -> None:
     """Feed the series `names` with each `every`th record of the journal at `path`, the first among them, until `done`.
 
     A record is a sample of `sample_us` [us].

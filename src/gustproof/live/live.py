@@ -23,11 +23,11 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.process import udp
 from firmware_model.recording.journal import RECORD, read_journal
 from gustproof.law.form import Law
-from gustproof.live.ground_station import STREAM_US, Station
-from gustproof.live.journal_follower import tail
-from gustproof.live.requirement_status import lights
+from gustproof.live.ground_station import STREAM_US, GroundStation
+from gustproof.live.journal_follower import follow_journal
+from gustproof.live.requirement_status import requirement_status
 from gustproof.live.server import LOOPBACK, PageServer, number, switch
-from gustproof.live.telemetry_buffer import SERIES, Feed
+from gustproof.live.telemetry_buffer import SERIES, TelemetryBuffer
 
 _PATIENCE_S = 30.0  # with threads that have next to nothing left to do, on a machine that may be busy
 _JUDGE_S = 0.5
@@ -43,15 +43,15 @@ class LivePage:
         self._every = max(round(STREAM_US / scenario.sample_us), 1)
         parameters = Parameters(vehicle, scenario)
         self._gust = parameters.table[parameters.index(GUST_SCALE_NAME) or 0]
-        self._feed = Feed(
+        self._feed = TelemetryBuffer(
             scenario=scenario.name, law=law.name, vehicle=vehicle.name, duration_s=scenario.duration_s,
             real_time=real_time, phase="ready", message="", mode="", armed=False, paused=False, texts=[], link=None,
             gust_scale=self._gust.default, gust_scale_limits=[self._gust.minimum, self._gust.maximum],
-            lights=lights(_NOTHING, scenario, vehicle, over=False),
+            lights=requirement_status(_NOTHING, scenario, vehicle, over=False),
         )  # fmt: skip
         self._started, self._done = Event(), Event()
         self._wishes: dict[str, float] = {}
-        self._station: Station | None = None
+        self._station: GroundStation | None = None
         self._threads: list[Thread] = []
         wishes: dict[str, Callable[[Any], None]] = {"start": self._start, "gust": self._set_gust}
         if not real_time:
@@ -73,13 +73,15 @@ class LivePage:
 
         What the page has wished before is told to the vehicle before the flight begins.
         """
-        station = Station((0, (LOOPBACK, port)), self._feed, published_limit(self._vehicle), streams=self._real_time)
+        station = GroundStation(
+            (0, (LOOPBACK, port)), self._feed, published_limit(self._vehicle), streams=self._real_time
+        )
         for name, value in self._wishes.items():
             station.wish(name, value)
         self._station = station
         self._run(_serve, station)
         names = ("age",) if self._real_time else SERIES  # no message tells the age
-        self._run(tail, journal, self._every, self._scenario.sample_us, self._feed, self._done, names)
+        self._run(follow_journal, journal, self._every, self._scenario.sample_us, self._feed, self._done, names)
         if self._scenario.require:
             self._run(self._judge, journal)
         station.settled.wait(_PATIENCE_S)
@@ -92,7 +94,9 @@ class LivePage:
             self._station.end()
         for thread in self._threads:
             thread.join(_PATIENCE_S)
-        self._feed.tell(phase="over", message=message, lights=lights(records, self._scenario, self._vehicle, over=True))
+        self._feed.tell(
+            phase="over", message=message, lights=requirement_status(records, self._scenario, self._vehicle, over=True)
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -114,7 +118,7 @@ class LivePage:
         while not self._done.wait(max(_JUDGE_S, spent_s / _JUDGED_SHARE)):
             begun_s = time.thread_time()
             _, records = read_journal(journal)
-            self._feed.tell(lights=lights(records, self._scenario, self._vehicle, over=False))
+            self._feed.tell(lights=requirement_status(records, self._scenario, self._vehicle, over=False))
             spent_s = time.thread_time() - begun_s
 
     def _start(self, value: Any) -> None:
@@ -137,6 +141,6 @@ class LivePage:
             self._station.wish(name, value)
 
 
-def _serve(station: Station) -> None:
+def _serve(station: GroundStation) -> None:
     with udp.bind(0, LOOPBACK) as bound:
         udp.serve(station, [bound])

@@ -12,7 +12,9 @@ from firmware_model.config.vehicle import Vehicle
 from gustproof.scoring.requirements import judge, requirement_label, requirement_limits
 
 
-def lights(records: NDArray[np.void], scenario: Scenario, vehicle: Vehicle, *, over: bool) -> list[dict[str, Any]]:
+def requirement_status(
+    records: NDArray[np.void], scenario: Scenario, vehicle: Vehicle, *, over: bool
+) -> list[dict[str, Any]]:
     """Return what the page shows of each requirement after the journal records (n,); none is dark when all is `over`.
 
     `held` is null for a dark one; `value` [unit of the metric] is null if it is not finite.

@@ -20,7 +20,7 @@ from importlib import resources
 from threading import Event, Thread
 from typing import Any
 
-from gustproof.live.telemetry_buffer import Feed
+from gustproof.live.telemetry_buffer import TelemetryBuffer
 
 LOOPBACK = "127.0.0.1"
 _FILES = {
@@ -51,7 +51,7 @@ class PageServer(ThreadingHTTPServer):
     daemon_threads = True
     allow_reuse_address = False
 
-    def __init__(self, feed: Feed, wishes: Mapping[str, Callable[[Any], None]]) -> None:
+    def __init__(self, feed: TelemetryBuffer, wishes: Mapping[str, Callable[[Any], None]]) -> None:
         super().__init__((LOOPBACK, 0), _Handler)
         self.feed, self.wishes = feed, wishes
         self.token = secrets.token_urlsafe(24)

@@ -12,7 +12,7 @@ of the command that acts, by its stamp [ms], `None` if none does."""
 _KEPT = 60_000  # rows of a series, 20 minutes at 50 Hz; the oldest half goes when there are more
 
 
-class Feed:
+class TelemetryBuffer:
     """Rows in the order of their time, and facts that have one value at a time."""
 
     def __init__(self, **facts: Any) -> None:
@@ -49,7 +49,7 @@ class Feed:
 class Reader:
     """One reader's place in a feed."""
 
-    def __init__(self, feed: Feed) -> None:
+    def __init__(self, feed: TelemetryBuffer) -> None:
         self._feed = feed
         self._read = dict.fromkeys(SERIES, 0)
         self._changes = 0

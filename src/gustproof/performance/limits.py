@@ -3,9 +3,9 @@
 Two bounds, on the model of `gustproof.performance.covariance` and on the figure that is flown: the mean over the flight,
 from rest, during which the attitude of every gyro-only law walks at random by the gyro's noise.
 
-- `gyro_limit`: the law knows the gyro's samples and the true spectra. Linear-quadratic-Gaussian control: plant and
+- `output_feedback_limit`: the law knows the gyro's samples and the true spectra. Linear-quadratic-Gaussian control: plant and
   spectra are linear and Gaussian, so no law is better, linear or not, whatever its margins.
-- `clairvoyant_limit`: the law knows attitude, rate, torque and the state of the air exactly, but not the white noise
+- `full_information_limit`: the law knows attitude, rate, torque and the state of the air exactly, but not the white noise
   that drives the air from now on. No sensor tells more; what is left is what delay, lag and slew cost.
 
 Both are of stationary gains; those that vary with time since rest would have less error by some .05 % in 60 s.
@@ -50,7 +50,7 @@ class Estimator:
     """(n, 1) newest gyro sample's surprise [rad/s] to estimate."""
 
 
-def gyro_limit(models: Sequence[AxisModel], slew: float) -> Limit:
+def output_feedback_limit(models: Sequence[AxisModel], slew: float) -> Limit:
     """Return the least error that any law has that measures with gyros alone, at most at rms torque `slew` [N*m/s].
 
     Raises
@@ -66,7 +66,7 @@ def gyro_limit(models: Sequence[AxisModel], slew: float) -> Limit:
     return _at_slew(models, slew, flown)
 
 
-def clairvoyant_limit(models: Sequence[AxisModel], slew: float) -> Limit:
+def full_information_limit(models: Sequence[AxisModel], slew: float) -> Limit:
     """Return the least error that any law has that knows state and air exactly, at most at rms torque `slew` [N*m/s].
 
     With `slew` infinite, nothing but the delay and the actuator's lag stands between the law and the moment.
@@ -74,7 +74,7 @@ def clairvoyant_limit(models: Sequence[AxisModel], slew: float) -> Limit:
     Raises
     ------
     DesignError
-        See `gyro_limit`.
+        See `output_feedback_limit`.
     """
 
     def flown(model: AxisModel, weight: float) -> Matrix:

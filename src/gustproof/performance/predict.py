@@ -16,7 +16,7 @@ from gustproof.performance.covariance import AxisModel, axis_flight, axis_models
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Foretold:
+class Prediction:
     """What the model foretells for three axes at once."""
 
     rmse: float
@@ -25,7 +25,7 @@ class Foretold:
     """[N*m/s] root mean square of the commands' change from sample to sample over the sample time."""
 
 
-def foretell(law: Law, vehicle: Vehicle, scenario: Scenario) -> Foretold | None:
+def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None:
     """Return error and slew of a torque law in the scenario's turbulence, vehicle held; `None` for a law of rates.
 
     Exact for small angles and a law within its limits, linear at level attitude; the loop must be stable but for the
@@ -41,7 +41,7 @@ def foretell(law: Law, vehicle: Vehicle, scenario: Scenario) -> Foretold | None:
     models = axis_models(vehicle, scenario)
     moments = flown_moments(models, lft(_flight(models, vehicle, scenario), _controller(law)))
     pooled = np.sqrt(np.mean(np.diag(moments).reshape(2, 3), axis=1))
-    return Foretold(rmse=float(pooled[0]), slew=float(pooled[1]) / scenario.dt)
+    return Prediction(rmse=float(pooled[0]), slew=float(pooled[1]) / scenario.dt)
 
 
 def _flight(models: Sequence[AxisModel], vehicle: Vehicle, scenario: Scenario) -> Lti:

@@ -25,7 +25,7 @@ from gustproof.errors import DesignError
 from gustproof.law.form import Matrix
 from gustproof.lti.state_space import ComplexMatrix, Lti, lft, series
 from gustproof.performance.covariance import AxisModel, axis_flight, controller_figures, flown_moments
-from gustproof.performance.limits import central_controller, feedback, gyro_limit
+from gustproof.performance.limits import central_controller, feedback, output_feedback_limit
 
 _POLES = np.geomspace(1.0, 300.0, 12)
 """[rad/s] poles of the functions, taken in turn: from the gusts to beyond the fastest loop that the delay allows."""
@@ -129,7 +129,7 @@ def linear_laws(models: Sequence[AxisModel], *, functions: int = 36, around: flo
     DesignError
         If no law holds attitude at slew `around`.
     """
-    weight, dt = gyro_limit(models, around).weight, models[0].plant.dt
+    weight, dt = output_feedback_limit(models, around).weight, models[0].plant.dt
     bank = orthonormal(np.exp(-np.resize(_POLES, functions) * dt), dt)
     axes = tuple(_axis(model, weight, bank) for model in models)
     return LinearLaws(models=tuple(models), weight=weight, bank=bank, axes=axes)

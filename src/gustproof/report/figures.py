@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from gustproof.analysis.analyse import Analysis
-from gustproof.analysis.placement import Standing
+from gustproof.analysis.placement import PerformanceLimits
 from gustproof.model.lpv import PARAMETERS, scheduling
 from gustproof.report.diagrams import save_figure
 from gustproof.scoring.metrics import Metrics, attitude
@@ -103,7 +103,7 @@ def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: f
     save_figure(figure, path)
 
 
-def save_trade_off(standing: Standing, flown: Mapping[str, Metrics], path: Path) -> None:
+def save_trade_off(standing: PerformanceLimits, flown: Mapping[str, Metrics], path: Path) -> None:
     """Draw error against sensitivity peak: the limits, and each law as foretold (ring) and as `flown` (disc).
 
     All laws on the left; on the right, closer, what is near the limit.

@@ -10,7 +10,7 @@ from rich.text import Text
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.analysis.law_margins import HoverMargins
-from gustproof.analysis.placement import Place, Standing
+from gustproof.analysis.placement import PerformanceLimits, Placement
 from gustproof.report.limit_tables import limits_document
 from gustproof.report.terminal import Document, format_number
 from gustproof.reproduce.claims import PAPER_LAWS, Claim, Medians, Verdict
@@ -44,7 +44,7 @@ _WHY = (
 def reproduction_document(
     medians: Medians,
     margins: Mapping[str, HoverMargins | None],
-    standing: Standing,
+    standing: PerformanceLimits,
     claims: Iterable[Claim],
     vehicle: Vehicle,
     scenario: Scenario,
@@ -82,7 +82,7 @@ def claims_document(claims: Iterable[Claim]) -> Document:
 
 
 def comparison_document(
-    medians: Medians, margins: Mapping[str, HoverMargins | None], places: Mapping[str, Place | None]
+    medians: Medians, margins: Mapping[str, HoverMargins | None], places: Mapping[str, Placement | None]
 ) -> Document:
     """Return all laws in the same turbulence, who is better in what at which margins, and what rates cost."""
     columns = (
@@ -159,7 +159,7 @@ def _cost_of_rates(medians: Medians) -> str:
     )
 
 
-def _room(place: Place | None) -> tuple[str, str]:
+def _room(place: Placement | None) -> tuple[str, str]:
     if place is None:
         return "-", "-"
     return format_number(place.rmse_deg), "-" if place.least_rmse_deg is None else format_number(place.least_rmse_deg)

@@ -16,7 +16,7 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.wind import Dryden
 from firmware_model.errors import ConfigError
 from gustproof.analysis.law_margins import SPREADS, HoverMargins, hover_margins, off_nominal
-from gustproof.analysis.placement import Standing, standing
+from gustproof.analysis.placement import PerformanceLimits, performance_limits
 from gustproof.errors import FlightError
 from gustproof.law.form import Law, load_law
 from gustproof.model.generalized import lft_structure
@@ -78,7 +78,7 @@ class Reproduction:
     """Margins at hover by law."""
     stable_up_to: Mapping[str, float | None]
     """[-] times `SPREADS` of inertia and actuator lag, by law: proved at hover, `None` where it can't be judged."""
-    standing: Standing
+    standing: PerformanceLimits
     """What is possible in the turbulence, and where the laws stand."""
     claims: tuple[Claim, ...]
     """Verdicts on the paper's claims."""
@@ -152,7 +152,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     progress(0.0, "what is possible")
     margins = {name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
     stable_up_to = {name: _stable_up_to(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
-    found = standing(laws, margins, vehicle, scenarios["paper-turbulence"])
+    found = performance_limits(laws, margins, vehicle, scenarios["paper-turbulence"])
     flights = _fly_all(
         [
             Case(scenario, law, seed)

@@ -14,7 +14,7 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import sin_cos
 from firmware_model.numerics.rotations import euler_angles, to_euler
-from firmware_model.numerics.soa import Column, alone, get, get_vector, loader, storer
+from firmware_model.numerics.soa import Lane, get, get_vector, loader, single, storer
 from firmware_model.recording.journal import OMEGA, Q_NB, TORQUE_COMMAND, WIDTH
 from firmware_model.types import Quaternion, Vector
 from gustproof.model.lpv import RATE_BOUND
@@ -149,7 +149,7 @@ def tallied(x: Tally, first: bool, limit: Vector, q_NB: Quaternion, omega_B: Vec
 
 
 @kernel
-def tally_kernel(tally: Column, first: bool, limit: Column, record: Column, dt: float) -> None:
+def tally_kernel(tally: Lane, first: bool, limit: Lane, record: Lane, dt: float) -> None:
     """Move a tally on by a journal's record."""
     q_NB = (get(record, Q_NB), get(record, Q_NB + 1), get(record, Q_NB + 2), get(record, Q_NB + 3))
     omega_B, torque = get_vector(record, OMEGA), get_vector(record, TORQUE_COMMAND)
@@ -159,7 +159,7 @@ def tally_kernel(tally: Column, first: bool, limit: Column, record: Column, dt: 
 @compiled
 def _tally(rows: Array, limit: Array, dt: float, tally: Array) -> None:
     for k in range(rows.shape[0]):
-        tally_kernel(alone(tally), k == 0, alone(limit), alone(rows[k]), dt)
+        tally_kernel(single(tally), k == 0, single(limit), single(rows[k]), dt)
 
 
 def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_factor: float) -> Metrics:

@@ -12,7 +12,7 @@ from firmware_model.config.requirement import AXES, Metric, Requirement
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.numerics.compiled import compiled, kernel
-from firmware_model.numerics.soa import Column, alone, get_vector
+from firmware_model.numerics.soa import Lane, get_vector, single
 from firmware_model.recording.journal import POSITION
 from gustproof.law.references import references
 from gustproof.scoring.metrics import TALLY, Records, Tally, as_rows, largest, tally_kernel
@@ -196,7 +196,7 @@ def _read(rows: Array, rules: Array, limit: Array, reference: Array, dt: float, 
           readings: Array) -> None:  # fmt: skip
     tallies, limits = tally.reshape(TALLY, 1), limit.reshape(3, 1)
     for k in range(rows.shape[0]):
-        tally_kernel(alone(tally), k == 0, alone(limit), alone(rows[k]), dt)
+        tally_kernel(single(tally), k == 0, single(limit), single(rows[k]), dt)
         read_kernel(rules, readings, k, reference[k], tallies, rows[k], limits)
 
 
@@ -284,7 +284,7 @@ def _read_overshoot(rules: Array, i: int, readings: Array, tallies: Array) -> No
 def _read_drift(readings: Array, i: int, records: Array, begins: bool) -> None:
     width = readings.shape[2]
     for w in range(width):
-        place = get_vector(Column(records, width, w), POSITION)
+        place = get_vector(Lane(records, width, w), POSITION)
         if begins:
             for axis in range(3):
                 readings[i, _BEGAN + axis, w] = place[axis]

@@ -14,10 +14,10 @@ from firmware_model.config.vehicle import NonNegative, Vehicle
 from firmware_model.numerics.soa import aligned
 from firmware_model.physics.disturbances import replayed, waves
 from firmware_model.sim import inner_loop
-from firmware_model.sim.state import Array, Start, start
+from firmware_model.sim.state import Array, VehicleInitial, vehicle_initial
 from gustproof.law.form import Law, Output
 from gustproof.law.references import references
-from gustproof.law.step import sums
+from gustproof.law.step import sparse_law
 from gustproof.scoring.metrics import Metrics, Tally, figures
 from gustproof.scoring.requirements import RequirementResult, judged, no_readings, rules
 from gustproof.simulate.direct import check
@@ -42,10 +42,12 @@ class Case:
         begins = scenario.initial_attitude_deg if self.initial_attitude_deg is None else self.initial_attitude_deg
         return replace(scenario, gust_scale=self.gust_scale * scenario.gust_scale, initial_attitude_deg=begins)
 
-    def start(self, scenario: Scenario) -> Start:
+    def start(self, scenario: Scenario) -> VehicleInitial:
         """Return what `new_world` begins with in the scenario `of` this flight, which takes long to be made."""
         scale = self.gust_scale * scenario.gust_scale
-        return start(self.vehicle, scenario, self.seed, gust_scale=scale, attitude_deg=self.initial_attitude_deg)
+        return vehicle_initial(
+            self.vehicle, scenario, self.seed, gust_scale=scale, attitude_deg=self.initial_attitude_deg
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,10 +70,10 @@ def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[Judged
     ValueError
         As `fly_direct`.
     """
-    return flier(scenario, law)(cases)
+    return make_batch_simulator(scenario, law)(cases)
 
 
-def flier(scenario: Scenario, law: Law) -> Callable[[Sequence[Case]], list[Judged]]:
+def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Case]], list[Judged]]:
     """Return what flies any number of cases as `fly_many` does, however often; what they share has been made.
 
     Raises
@@ -83,7 +85,7 @@ def flier(scenario: Scenario, law: Law) -> Callable[[Sequence[Case]], list[Judge
     torque = law.output is Output.TORQUE
     shared = Shared(
         sample_us=scenario.sample_us, dt=scenario.dt, waves=waves(scenario), replay=replayed(scenario),
-        reference=references(scenario), rules=rules(scenario), law=sums(law),
+        reference=references(scenario), rules=rules(scenario), law=sparse_law(law),
         kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
     )  # fmt: skip
     return partial(_fly_batches, scenario, law, shared)

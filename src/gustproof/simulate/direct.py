@@ -11,11 +11,11 @@ from firmware_model.numerics.compiled import compiled
 from firmware_model.physics.sensors import float32
 from firmware_model.recording.journal import FORCE_B, GYRO_B, RECORD, WIDTH
 from firmware_model.sim import inner_loop
-from firmware_model.sim.state import Array, new_world
+from firmware_model.sim.state import Array, initial_state
 from firmware_model.sim.step import advance_kernel, observe_kernel
 from gustproof.law.form import Law, Output
 from gustproof.law.references import references
-from gustproof.law.step import EXTRA, Sums, law_kernel, sums
+from gustproof.law.step import EXTRA, SparseLaw, law_kernel, sparse_law
 
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
 
@@ -36,7 +36,7 @@ def fly_direct(
     reference = references(scenario) if reference is None else np.ascontiguousarray(reference)
     if reference.shape != (scenario.samples, 3):
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
-    world = new_world(vehicle, scenario, seed)
+    world = initial_state(vehicle, scenario, seed)
     records = np.empty((scenario.samples, WIDTH))
     records[: scenario.delay_samples, _AGE], records[scenario.delay_samples :, _AGE] = np.nan, scenario.delay_samples
     records[:, _MODE] = Mode.OFFBOARD.value
@@ -46,7 +46,7 @@ def fly_direct(
     ring[:, inner_loop.THRUST] = np.nan
     _fly(
         world.params, world.state, world.waves, world.replay, world.changes, world.seed, scenario.sample_us,
-        sums(law), reference, scale, inner_loop.TORQUE if torque else inner_loop.RATES, 1.0 if torque else np.inf,
+        sparse_law(law), reference, scale, inner_loop.TORQUE if torque else inner_loop.RATES, 1.0 if torque else np.inf,
         np.nan if torque else published_hover(vehicle), np.zeros(law.order + EXTRA), np.zeros(3), np.zeros(law.order),
         ring, records,
     )  # fmt: skip
@@ -69,7 +69,7 @@ def check(scenario: Scenario, law: Law) -> None:
 
 @compiled
 def _fly(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seed: int, sample_us: int,
-         law: Sums, reference: Array, scale: Array, kind: float, bound: float, thrust: float, z: Array,
+         law: SparseLaw, reference: Array, scale: Array, kind: float, bound: float, thrust: float, z: Array,
          command: Array, work: Array, ring: Array, records: Array) -> None:  # fmt: skip
     n, late = work.size, ring.shape[0]
     for k in range(records.shape[0]):

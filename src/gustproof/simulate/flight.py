@@ -16,9 +16,9 @@ from firmware_model.config.files import parse
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.recording.durable_file import still_grows
+from firmware_model.recording.durable_file import is_growing
 from firmware_model.recording.journal import read_journal
-from firmware_model.sim.fault_schedule import later_plants
+from firmware_model.sim.fault_schedule import fault_schedule
 from gustproof import __version__
 from gustproof.controller.core import reference_excess
 from gustproof.errors import FlightError
@@ -27,7 +27,7 @@ from gustproof.law.hover import is_stable_at_hover
 from gustproof.recording.bag import UNFINISHED, read_bag, write_bag
 from gustproof.scoring.metrics import Metrics, measure, peak_rate
 from gustproof.scoring.requirements import RequirementResult, judge
-from gustproof.simulate.outcome import Outcome, in_words, outcome_of
+from gustproof.simulate.outcome import Outcome, describe, outcome_of
 from gustproof.simulate.processes import WORKING, fly
 
 
@@ -157,7 +157,7 @@ def check(scenario: Scenario, law: Law, vehicle: Vehicle) -> None:
     ConfigError
         If there are `objections`, the first of them; or if an event leaves a vehicle that can't be.
     """
-    for _ in later_plants(vehicle, scenario):
+    for _ in fault_schedule(vehicle, scenario):
         pass
     for line in objections(scenario, law, vehicle):
         raise ConfigError(f"{line}; --anyway flies it all the same")
@@ -258,7 +258,7 @@ def recover(folder: Path) -> list[RecordedFlight]:
     if not journals:
         raise ConfigError(f"{folder}: no journal here: nothing to recover")
     for journal in journals:
-        if still_grows(journal):
+        if is_growing(journal):
             raise ConfigError(f"{journal}: the flight is not over")
     for leftover in (*folder.glob(f"{UNFINISHED}*"), *folder.glob(f"{WORKING}*")):
         shutil.rmtree(leftover, ignore_errors=True)  # a link to elsewhere stays
@@ -270,7 +270,7 @@ def _recover(journal: Path) -> RecordedFlight:
     note = header.get("note", {})
     scenario, law, vehicle, seed, _ = _noted(note, journal)
     outcome = outcome_of(records, scenario)
-    ended = f"{in_words(outcome, scenario, records)}, {len(records)} of {scenario.samples} samples"
+    ended = f"{describe(outcome, scenario, records)}, {len(records)} of {scenario.samples} samples"
     return _recorded(
         scenario, law, vehicle, seed, note, records, journal, outcome=outcome, realtime_factor=0.0,
         message=f"{scenario.name}, {_name(law)}, seed {seed}: {ended}",

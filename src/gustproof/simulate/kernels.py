@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firmware_model.numerics import random
 from firmware_model.numerics.compiled import align_stack, compiled, kernel
 from firmware_model.numerics.elementary import BLOCK, inverse_normals, uniforms
-from firmware_model.numerics.soa import Column, aligned
+from firmware_model.numerics.soa import Lane, aligned
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.sensors import float32
 from firmware_model.recording import journal
@@ -21,7 +21,7 @@ from firmware_model.sim import inner_loop, layout, step
 from firmware_model.sim.inner_loop import SETPOINT, command
 from firmware_model.sim.state import Array
 from gustproof.law.form import Law
-from gustproof.law.step import CUT, EXTRA, FOUR, RATES, Sums, euler_rates
+from gustproof.law.step import CUT, EXTRA, RATES, TERM_BLOCK, SparseLaw, euler_rates
 from gustproof.scoring.metrics import TALLY, tally_kernel
 from gustproof.scoring.requirements import read_kernel
 
@@ -45,7 +45,7 @@ class Shared(NamedTuple):
     """(samples, 3) [rad] phi, theta, psi that the law is asked to hold."""
     rules: Array
     """(n, 8) what is required, see `requirements`."""
-    law: Sums
+    law: SparseLaw
     """What the law adds up."""
     kind: float
     """[-] kind of its set-points, see `commands`."""
@@ -102,7 +102,7 @@ def _rows(count: int) -> Array:
 
 def room(law: Law, delay: int) -> dict[str, Any]:
     """Return the fields of a `Batch` that flights of a law begin with, whose commands act `delay` samples late."""
-    drawn = (_DRAWN if law.feels_force else _ACCELEROMETER) * LANES
+    drawn = (_DRAWN if law.uses_accelerometer else _ACCELEROMETER) * LANES
     ring = _rows((delay + 1) * SETPOINT).reshape(delay + 1, SETPOINT * LANES)
     ring[:, inner_loop.THRUST * LANES :] = np.nan
     return {
@@ -148,8 +148,8 @@ def _fly(free: bool, shared: Shared, batch: Batch) -> None:
             _move(free, params, state, dt / steps, record)
         _breathe(params, state, noise)
         for w in range(LANES):
-            tally, limit = Column(tallies, LANES, w), Column(torque_limit, LANES, w)
-            tally_kernel(tally, k == 0, limit, Column(record, LANES, w), shared.dt)
+            tally, limit = Lane(tallies, LANES, w), Lane(torque_limit, LANES, w)
+            tally_kernel(tally, k == 0, limit, Lane(record, LANES, w), shared.dt)
         read_kernel(shared.rules, batch.readings, k, reference, batch.tallies, record, limits)
 
 
@@ -181,7 +181,7 @@ def _four(noise: Array, row: int, w: int) -> tuple[float, float, float, float]:
 def _observe(free: bool, shared: Shared, batch: Batch, sample: int) -> None:
     """Do what `plant.observe_kernel` does."""
     params, state, noise, record = batch.params, batch.state, batch.noise, batch.record
-    step.change(params, Column(state, LANES, 0), batch.changes, sample)
+    step.change(params, Lane(state, LANES, 0), batch.changes, sample)
     time_us = sample * shared.sample_us
     scripted = disturbance(shared.waves, shared.replay, sample, time_us * 1e-6)
     if _low(free, params, state, 0.0):
@@ -195,7 +195,7 @@ def _observe(free: bool, shared: Shared, batch: Batch, sample: int) -> None:
 @kernel
 def _sense(free: bool, low: bool, params: Array, state: Array, scripted: Disturbance, noise: Array, time_us: int,
            record: Array, w: int) -> None:  # fmt: skip
-    p, x, row = Column(params, LANES, w), Column(state, LANES, w), Column(record, LANES, w)
+    p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
     turning, felt = _four(noise, _GYRO, w), _four(noise, _ACCELEROMETER, w)
     step.sense(p, x, free, low, False, scripted, turning, felt, time_us, row)
 
@@ -206,7 +206,7 @@ def _low(free: bool, params: Array, state: Array, dt: float) -> bool:
     low = False
     if free:
         for w in range(LANES):
-            low |= step.nears_ground(Column(params, LANES, w), Column(state, LANES, w), dt)
+            low |= step.nears_ground(Lane(params, LANES, w), Lane(state, LANES, w), dt)
     return low
 
 
@@ -221,7 +221,7 @@ def _measured(record: Array, reference: Array, z: Array, n: int) -> None:
 
 
 @kernel
-def _law(law: Sums, z: Array, asked: Array, work: Array) -> None:
+def _law(law: SparseLaw, z: Array, asked: Array, work: Array) -> None:
     """Do what `law_kernel` does; each flight's sums in the same order."""
     n, begin = law.ends.size - 3, 0
     for i in range(3):
@@ -247,7 +247,7 @@ def _law(law: Sums, z: Array, asked: Array, work: Array) -> None:
 @kernel
 def _sum(terms: Array, begin: int, end: int, z: Array, total: Array) -> None:
     """Write the sum of some terms; four at a time, as to load and store the sum takes most of the time."""
-    for t in range(begin, end, FOUR):
+    for t in range(begin, end, TERM_BLOCK):
         a, b, c, d = terms[t, 1], terms[t + 1, 1], terms[t + 2, 1], terms[t + 3, 1]
         i, j, k, m = z[int(terms[t, 0])], z[int(terms[t + 1, 0])], z[int(terms[t + 2, 0])], z[int(terms[t + 3, 0])]
         if t == begin:
@@ -285,8 +285,8 @@ def _command(free: bool, params: Array, state: Array, kind: float, setpoint: Arr
 @kernel
 def _command_one(free: bool, params: Array, state: Array, kind: float, setpoint: Array, record: Array,
                  w: int) -> None:  # fmt: skip
-    p, x = Column(params, LANES, w), Column(state, LANES, w)
-    command(p, x, free, kind, Column(setpoint, LANES, w), Column(record, LANES, w))
+    p, x = Lane(params, LANES, w), Lane(state, LANES, w)
+    command(p, x, free, kind, Lane(setpoint, LANES, w), Lane(record, LANES, w))
 
 
 @kernel
@@ -301,12 +301,12 @@ def _move(free: bool, params: Array, state: Array, dt: float, record: Array) -> 
 
 @kernel
 def _move_one(free: bool, low: bool, params: Array, state: Array, dt: float, record: Array, w: int) -> None:
-    step.move(Column(params, LANES, w), Column(state, LANES, w), free, low, dt, Column(record, LANES, w))
+    step.move(Lane(params, LANES, w), Lane(state, LANES, w), free, low, dt, Lane(record, LANES, w))
 
 
 @kernel
 def _breathe(params: Array, state: Array, noise: Array) -> None:
     for w in range(LANES):
-        step.breathe(
-            Column(params, LANES, w), Column(state, LANES, w), _four(noise, _GUST, w), _four(noise, _GUST + 4, w)
+        step.step_turbulence(
+            Lane(params, LANES, w), Lane(state, LANES, w), _four(noise, _GUST, w), _four(noise, _GUST + 4, w)
         )

@@ -34,7 +34,7 @@ class Outcome(Enum):
     """All of its processes were killed, or the machine was."""
 
 
-def in_words(outcome: Outcome, scenario: Scenario, records: Records) -> str:
+def describe(outcome: Outcome, scenario: Scenario, records: Records) -> str:
     """Return an outcome in words; where the script alone took the vehicle out of OFFBOARD, what it asked for."""
     changes, scripted = _changes(records), _scripted(scenario)
     left = _left(changes)

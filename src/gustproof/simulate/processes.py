@@ -34,7 +34,7 @@ from firmware_model.session.outcome import Outcome as VehicleOutcome
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from gustproof.controller.endpoint import ControllerEndpoint
 from gustproof.law.form import Law
-from gustproof.simulate.outcome import Outcome, in_words
+from gustproof.simulate.outcome import Outcome, describe
 
 WORKING = ".flight-"
 """How the folder of what the processes read begins, in the flight's own; a starter that was killed leaves it behind."""
@@ -134,7 +134,7 @@ def fly(
             outcome = pair.fly(scenario.samples, progress or (lambda _: None), watched or (lambda *_: None))
     told = pair.told
     records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
-    words = in_words(outcome, scenario, records)
+    words = describe(outcome, scenario, records)
     reason = pair.reason if words == outcome.value else ""
     return Flight(
         scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
@@ -228,7 +228,7 @@ class _Pair:
 
     def _start(self, watched: Callable[[int, Path], None]) -> None:
         vehicle = self._launch(
-            "vehicle", "firmware_model", "--json", "--attended", *self._options, "--seed", str(self._seed),
+            "vehicle", "firmware_model", "--json", "--exit-on-stdin-eof", *self._options, "--seed", str(self._seed),
             "--journal", str(self._journal), "--note", str(self._files["note"]),
             "--scenario", str(self._files["scenario"]), "--vehicle", str(self._files["vehicle"]),
         )  # fmt: skip
@@ -248,7 +248,7 @@ class _Pair:
 
     def _launch_controller(self, name: str) -> None:
         self._launch(
-            name, "gustproof.controller", "--json", "--attended", "--law", str(self._files["law"]), "--connect", "-",
+            name, "gustproof.controller", "--json", "--exit-on-stdin-eof", "--law", str(self._files["law"]), "--connect", "-",
             "--scenario", str(self._files["scenario"]), "--anyway", *self._pace,
         )  # fmt: skip
 

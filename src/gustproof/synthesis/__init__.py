@@ -2,8 +2,8 @@
 
 from gustproof.law.discretize import central_law
 from gustproof.performance.covariance import axis_models
-from gustproof.performance.limits import clairvoyant_limit, gyro_limit
-from gustproof.performance.predict import foretell
+from gustproof.performance.limits import full_information_limit, output_feedback_limit
+from gustproof.performance.predict import predict
 from gustproof.performance.tradeoff import linear_laws
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
@@ -20,15 +20,15 @@ __all__ = [
     "autotuned_pid",
     "axis_models",
     "central_law",
-    "clairvoyant_limit",
     "derive",
     "fair_pid",
     "flagship",
-    "foretell",
-    "gyro_limit",
+    "full_information_limit",
     "hinfstruct",
     "hinfsyn",
     "indi",
     "linear_laws",
     "load_design",
+    "output_feedback_limit",
+    "predict",
 ]

@@ -24,7 +24,7 @@ def standing():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(placement, "SLEWS", (10.0, 20.0))
         patch.setattr(placement, "PEAKS", (0.9, 1.36, 2.0))
-        return placement.standing(LAWS, margins, vehicle, scenario)
+        return placement.performance_limits(LAWS, margins, vehicle, scenario)
 
 
 def test_laws_stand_above_the_least_at_their_price_and_that_above_the_limit(standing):
@@ -68,10 +68,10 @@ def test_the_trade_off_figure_has_limits_and_laws_where_they_are(drawn, standing
 
 def test_without_turbulence_or_torque_there_is_no_place():
     vehicle, law = load_vehicle("paper"), LAWS["pid-fair"]
-    assert placement.place(law, 1.36, vehicle, load_scenario("calm")) is None
-    assert placement.place(LAWS["hinf-rates"], 1.36, vehicle, load_scenario("paper-turbulence")) is None
+    assert placement.locate(law, 1.36, vehicle, load_scenario("calm")) is None
+    assert placement.locate(LAWS["hinf-rates"], 1.36, vehicle, load_scenario("paper-turbulence")) is None
 
 
 def test_a_vehicle_that_no_law_holds_at_the_stated_slew_has_no_place():
     heavy = replace(load_vehicle("paper"), gust_gain=50.0)
-    assert placement.place(LAWS["pid-fair"], 1.36, heavy, load_scenario("paper-turbulence")) is None
+    assert placement.locate(LAWS["pid-fair"], 1.36, heavy, load_scenario("paper-turbulence")) is None

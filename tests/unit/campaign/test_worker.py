@@ -8,7 +8,7 @@ from firmware_model.config.plant_events import Payload
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.errors import ConfigError
 from gustproof.campaign.plan import Dispersed
-from gustproof.campaign.worker import FIGURES, Stretch, fly_stretch
+from gustproof.campaign.worker import FIGURES, Chunk, fly_chunk
 from gustproof.scoring.metrics import measure
 from gustproof.scoring.requirements import judge
 from gustproof.simulate.direct import fly_direct
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.compiled
 
 
 def flown(campaign, first=0, runs=12):
-    return fly_stretch(json.dumps(campaign.note()), Stretch(first, runs)).table.to_pylist()
+    return fly_chunk(json.dumps(campaign.note()), Chunk(first, runs)).table.to_pylist()
 
 
 def test_a_row_is_what_the_flight_alone_leaves(planned):
@@ -72,4 +72,4 @@ def test_a_worker_of_another_version_refuses(planned):
     note = planned().note()
     note["versions"] = {**note["versions"], "numpy": "1.0"}
     with pytest.raises(ConfigError, match=r"a worker has other versions than the campaign: .*'numpy': '1\.0'"):
-        fly_stretch(json.dumps(note), Stretch(0, 1))
+        fly_chunk(json.dumps(note), Chunk(0, 1))

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.mavlink.frames import Dropped
+from firmware_model.mavlink.frames import RejectReason
 from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
 from gustproof.controller.core import Controller
 from gustproof.law.form import Law, Output, Provenance
@@ -62,7 +62,7 @@ def test_law_steps_once_a_stamp_and_repeats_its_answer():
 def test_sample_from_the_past_is_stale():
     controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
     controller.answer(sample(4000))
-    assert controller.answer(sample(0)) is Dropped.STALE
+    assert controller.answer(sample(0)) is RejectReason.STALE
 
 
 @pytest.mark.parametrize("limit", [0.35, 1.5, 10.0])

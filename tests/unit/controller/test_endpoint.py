@@ -6,7 +6,7 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.frames import Dropped, Outgoing, parse
+from firmware_model.mavlink.frames import EncodedMessage, RejectReason, parse
 from firmware_model.mavlink.messages import heartbeat_message, imu_message
 from firmware_model.types import ImuSample
 from gustproof.controller.endpoint import RETRIES, RETRY_US, SILENCE_US, ControllerEndpoint, Outcome, Phase
@@ -448,7 +448,7 @@ def test_silent_autopilot_is_lost(autopilot):
 def test_strangers_are_not_listened_to(autopilot):
     autopilot.say(heartbeat_message(OFFBOARD, True, critical=False), peer=(0, ("stranger", 1)))
     assert autopilot.endpoint.phase is Phase.SEEKING
-    assert autopilot.endpoint.counters[Dropped.OTHER_TARGET] == 1
+    assert autopilot.endpoint.counters[RejectReason.OTHER_TARGET] == 1
 
 
 def test_any_datagram_is_survived(autopilot):
@@ -458,8 +458,8 @@ def test_any_datagram_is_survived(autopilot):
     kinds = [getattr(wire, f"MAVLink_{name}_message") for name in names]
     for _ in range(5_000):
         kind = chance.choice(kinds)
-        datagram = Outgoing(kind.id, chance.randbytes(kind.unpacker.size)).pack(autopilot.packer)
+        datagram = EncodedMessage(kind.id, chance.randbytes(kind.unpacker.size)).pack(autopilot.packer)
         cut = chance.randrange(len(datagram)) if chance.random() < 0.3 else len(datagram)
         autopilot.endpoint.receive(datagram[:cut], VEHICLE, 0)
         autopilot.endpoint.poll(0)
-    assert autopilot.endpoint.counters[Dropped.TRUNCATED] > 100
+    assert autopilot.endpoint.counters[RejectReason.TRUNCATED] > 100

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gustproof.law.form import Law, load_law
-from gustproof.law.step import EXTRA, FOUR, FlyingLaw, euler_rates, step, sums
+from gustproof.law.step import EXTRA, TERM_BLOCK, FlyingLaw, euler_rates, sparse_law, step
 
 Maker = Callable[..., Law]
 
@@ -76,9 +76,9 @@ def test_the_kinematics_stay_bounded_where_they_are_singular(theta: float) -> No
 @pytest.mark.parametrize("name", ["hinf-scheduled", "flagship", "aided", "pid-default"])
 def test_the_sums_hold_every_coefficient_that_is_not_zero_in_whole_fours(name: str) -> None:
     law = load_law(name)
-    n, summed = law.order, sums(law)
-    assert (np.diff(summed.ends, prepend=0) >= FOUR).all()
-    assert (np.diff(summed.ends, prepend=0) % FOUR == 0).all()
+    n, summed = law.order, sparse_law(law)
+    assert (np.diff(summed.ends, prepend=0) >= TERM_BLOCK).all()
+    assert (np.diff(summed.ends, prepend=0) % TERM_BLOCK == 0).all()
     dense, rows = np.zeros((3 + n, n + EXTRA)), np.searchsorted(summed.ends, np.arange(len(summed.terms)), side="right")
     np.add.at(dense, (rows, summed.terms[:, 0].astype(int)), summed.terms[:, 1])
     m = law.D.shape[1]

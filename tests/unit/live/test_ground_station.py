@@ -8,10 +8,10 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.autopilot.parameters import GUST_SCALE_NAME, PAUSE_NAME
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.mavlink.frames import Dropped, parse
+from firmware_model.mavlink.frames import RejectReason, parse
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
-from gustproof.live.ground_station import Station
-from gustproof.live.telemetry_buffer import Feed
+from gustproof.live.ground_station import GroundStation
+from gustproof.live.telemetry_buffer import TelemetryBuffer
 
 VEHICLE, STATION = (0, ("vehicle", 1)), (0, ("station", 2))
 
@@ -24,9 +24,9 @@ class Watched:
         self.vehicle = VehicleEndpoint(
             load_vehicle("paper"), scenario, 1, lambda _: None, lockstep=False, standing=True
         )
-        self.feed = Feed(texts=[])
+        self.feed = TelemetryBuffer(texts=[])
         self.reader = self.feed.reader()
-        self.station = Station(VEHICLE, self.feed, (10.0, 10.0, 10.0), streams=streams)
+        self.station = GroundStation(VEHICLE, self.feed, (10.0, 10.0, 10.0), streams=streams)
         self.now_us = 5_000_000
         self.heard: list[int] = []
         self.deaf = False
@@ -38,7 +38,7 @@ class Watched:
                 if not self.deaf:
                     self.vehicle.receive(datagram, STATION, self.now_us)
             for datagram, _ in self.vehicle.poll(self.now_us):
-                self.heard += [frame.message_id for frame in parse(datagram) if not isinstance(frame, Dropped)]
+                self.heard += [frame.message_id for frame in parse(datagram) if not isinstance(frame, RejectReason)]
                 self.station.receive(datagram, VEHICLE, self.now_us)
             self.now_us += 4_000
 

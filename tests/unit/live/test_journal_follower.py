@@ -5,8 +5,8 @@ import pytest
 
 from firmware_model.numerics.rotations import rotate
 from firmware_model.recording.journal import RECORD, JournalWriter
-from gustproof.live.journal_follower import rotated, series, tail
-from gustproof.live.telemetry_buffer import Feed
+from gustproof.live.journal_follower import follow_journal, rotated, series
+from gustproof.live.telemetry_buffer import TelemetryBuffer
 
 
 @pytest.fixture
@@ -50,9 +50,9 @@ def test_age_is_the_oldest_of_its_group_and_none_where_no_command_acts():
 
 def test_each_fifth_record_is_fed_however_the_journal_grows(records, tmp_path, monkeypatch):
     monkeypatch.setattr("gustproof.live.journal_follower._LOOK_S", 0.001)
-    path, feed, done = tmp_path / "journal", Feed(), Event()
+    path, feed, done = tmp_path / "journal", TelemetryBuffer(), Event()
     reader = feed.reader()
-    thread = Thread(target=tail, args=(path, 5, 4000, feed, done))
+    thread = Thread(target=follow_journal, args=(path, 5, 4000, feed, done))
     thread.start()
     with JournalWriter(path, {"scenario": "any"}) as journal:
         for record in records:
@@ -75,4 +75,4 @@ def test_each_fifth_record_is_fed_however_the_journal_grows(records, tmp_path, m
 def test_tail_ends_when_no_journal_ever_comes(tmp_path):
     done = Event()
     done.set()
-    tail(tmp_path / "none", 5, 4000, Feed(), done)
+    follow_journal(tmp_path / "none", 5, 4000, TelemetryBuffer(), done)

@@ -7,7 +7,7 @@ from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.journal import RECORD
-from gustproof.live.requirement_status import lights
+from gustproof.live.requirement_status import requirement_status
 
 VEHICLE = load_vehicle("paper")
 
@@ -41,12 +41,12 @@ def flown(samples: int) -> np.ndarray:
     ],
 )
 def test_light_is_dark_until_its_window_is_flown(scenario, samples, over, held):
-    shown = lights(flown(samples), scenario, VEHICLE, over=over)
+    shown = requirement_status(flown(samples), scenario, VEHICLE, over=over)
     assert [light["held"] for light in shown] == held
 
 
 def test_light_says_what_is_required(scenario):
-    shown = lights(flown(250), scenario, VEHICLE, over=False)
+    shown = requirement_status(flown(250), scenario, VEHICLE, over=False)
     assert [light["text"] for light in shown] == [
         "torque peak [N m] ≤ 1, 0 s to 0.4 s",
         "torque peak, roll [N m] ≤ 0.1, 0 s to 0.4 s",

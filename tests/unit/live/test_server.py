@@ -7,7 +7,7 @@ from http.client import HTTPConnection, HTTPResponse
 import pytest
 
 from gustproof.live.server import PageServer, number, switch
-from gustproof.live.telemetry_buffer import Feed
+from gustproof.live.telemetry_buffer import TelemetryBuffer
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def server(wished) -> Iterator[PageServer]:
     def gust(value):
         wished.append(number(value, 0.0, 3.0))
 
-    with PageServer(Feed(phase="ready"), {"gust": gust}) as server:
+    with PageServer(TelemetryBuffer(phase="ready"), {"gust": gust}) as server:
         yield server
 
 
@@ -92,7 +92,7 @@ def test_what_cannot_be_wished_is_not_found(server):
 
 
 def test_news_come_as_events_and_the_last_before_the_server_closes():
-    feed = Feed(phase="ready")
+    feed = TelemetryBuffer(phase="ready")
     with PageServer(feed, {}) as server:
         answer = ask(server, f"/{server.token}/events")
         assert answer.headers["Content-Type"] == "text/event-stream"
@@ -107,7 +107,7 @@ def test_news_come_as_events_and_the_last_before_the_server_closes():
 
 
 def test_page_that_goes_away_leaves_nothing_behind():
-    feed = Feed(phase="ready")
+    feed = TelemetryBuffer(phase="ready")
     with PageServer(feed, {}) as server:
         answer = ask(server, f"/{server.token}/events")
         answer.readline()

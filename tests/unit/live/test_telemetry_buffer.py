@@ -1,9 +1,9 @@
 from gustproof.live import telemetry_buffer
-from gustproof.live.telemetry_buffer import Feed
+from gustproof.live.telemetry_buffer import TelemetryBuffer
 
 
 def test_each_reader_is_told_everything_once():
-    told = Feed(phase="ready")
+    told = TelemetryBuffer(phase="ready")
     first = told.reader()
     assert first.news() == {"facts": {"phase": "ready"}}
     told.add("wind", [[0.0, 1.0, 2.0, 3.0]])
@@ -13,7 +13,7 @@ def test_each_reader_is_told_everything_once():
 
 
 def test_facts_are_told_again_only_when_one_has_changed():
-    told = Feed(phase="ready", paused=False)
+    told = TelemetryBuffer(phase="ready", paused=False)
     reader = told.reader()
     reader.news()
     told.tell(paused=False)
@@ -24,7 +24,7 @@ def test_facts_are_told_again_only_when_one_has_changed():
 
 def test_of_a_long_flight_the_oldest_rows_go_and_no_new_one_is_missed(monkeypatch):
     monkeypatch.setattr(telemetry_buffer, "_KEPT", 10)
-    told = Feed()
+    told = TelemetryBuffer()
     quick, slow = told.reader(), told.reader()
     quick.news()
     seen = []

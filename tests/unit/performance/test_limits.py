@@ -11,8 +11,8 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.errors import DesignError
 from gustproof.law.form import load_law
 from gustproof.performance.covariance import AxisModel, axis_flight, axis_models
-from gustproof.performance.limits import central_controller, clairvoyant_limit, gyro_limit
-from gustproof.performance.predict import foretell
+from gustproof.performance.limits import central_controller, full_information_limit, output_feedback_limit
+from gustproof.performance.predict import predict
 
 
 def models(**changes: int) -> tuple[AxisModel, AxisModel, AxisModel]:
@@ -45,7 +45,7 @@ def least_cost(model: AxisModel, weight: float, *, noisy: bool) -> float:
     return float((cost + np.sum(S * start)) / model.samples)
 
 
-@pytest.mark.parametrize(("limit", "noisy"), [(gyro_limit, True), (clairvoyant_limit, False)])
+@pytest.mark.parametrize(("limit", "noisy"), [(output_feedback_limit, True), (full_information_limit, False)])
 def test_gains_that_vary_with_time_are_hardly_better(limit, noisy) -> None:
     axis = models()[:1]
     found = limit(axis, 20.0)
@@ -58,28 +58,28 @@ def test_gains_that_vary_with_time_are_hardly_better(limit, noisy) -> None:
 @pytest.mark.parametrize("slew", [10.0, 20.0, 40.0])
 def test_the_limits_stand_in_order_at_the_slew_asked_for(slew: float) -> None:
     axes = models()
-    gyro, clairvoyant = gyro_limit(axes, slew), clairvoyant_limit(axes, slew)
+    gyro, clairvoyant = output_feedback_limit(axes, slew), full_information_limit(axes, slew)
     assert gyro.slew == pytest.approx(slew, rel=1e-4)
     assert clairvoyant.slew == pytest.approx(slew, rel=1e-4)
-    assert 0.0 < clairvoyant.rmse < gyro.rmse < gyro_limit(axes, 0.9 * slew).rmse
+    assert 0.0 < clairvoyant.rmse < gyro.rmse < output_feedback_limit(axes, 0.9 * slew).rmse
 
 
 @pytest.mark.parametrize("name", ["pid-default", "pid-fair", "indi", "hinf-d2", "hinf-scheduled"])
 def test_no_gyro_only_law_is_below_the_limit_at_its_slew(name: str) -> None:
-    foretold = foretell(load_law(name), load_vehicle("paper"), load_scenario("paper-turbulence"))
+    foretold = predict(load_law(name), load_vehicle("paper"), load_scenario("paper-turbulence"))
     assert foretold is not None
-    assert foretold.rmse > gyro_limit(models(), foretold.slew).rmse
+    assert foretold.rmse > output_feedback_limit(models(), foretold.slew).rmse
 
 
 def test_with_slew_for_free_a_gyro_leaves_the_integral_of_its_noise() -> None:
     axes = models()
     walk = axes[0].noise * axes[0].plant.dt * math.sqrt(axes[0].samples / 2.0)
     # The gusts are strong against the noise: to filter it at the frequencies of the walk would let them through.
-    assert gyro_limit(axes, math.inf).rmse == pytest.approx(walk, rel=1e-3)
+    assert output_feedback_limit(axes, math.inf).rmse == pytest.approx(walk, rel=1e-3)
 
 
 def test_what_a_clairvoyant_leaves_is_the_delay() -> None:
-    at_once, late, later = (clairvoyant_limit(models(delay_samples=n), math.inf).rmse for n in (0, 1, 3))
+    at_once, late, later = (full_information_limit(models(delay_samples=n), math.inf).rmse for n in (0, 1, 3))
     assert 0.0 < at_once < late < later
 
 
@@ -95,4 +95,4 @@ def test_a_further_command_does_not_surprise_the_estimator(delay: int) -> None:
 
 def test_too_little_slew_to_hold_attitude_is_refused() -> None:
     with pytest.raises(DesignError, match=r"no law holds attitude in this turbulence at slew 0\.001"):
-        gyro_limit(models(), 0.001)
+        output_feedback_limit(models(), 0.001)

@@ -11,7 +11,7 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.law.cascade import cascade_law
 from gustproof.law.form import Law, load_law
 from gustproof.performance.covariance import axis_figures, axis_models
-from gustproof.performance.predict import foretell
+from gustproof.performance.predict import predict
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.pid.indi import IndiGains, indi_axis
@@ -24,7 +24,7 @@ def test_three_axes_at_once_are_three_axes() -> None:
     axes = [indi_axis(gains, inertia, VEHICLE.actuator_lag, 1, SCENARIO.dt) for inertia in VEHICLE.inertia_B]
     law = cascade_law("test", axes, VEHICLE, SCENARIO.dt, load_law("indi").provenance)
     each = [axis_figures(m, axis) for m, axis in zip(axis_models(VEHICLE, SCENARIO), axes, strict=True)]
-    whole = foretell(law, VEHICLE, SCENARIO)
+    whole = predict(law, VEHICLE, SCENARIO)
     assert whole is not None
     assert whole.rmse == pytest.approx(math.sqrt(np.mean([axis.rmse**2 for axis in each])), rel=1e-9)
     assert whole.slew == pytest.approx(math.sqrt(np.mean([axis.slew**2 for axis in each])), rel=1e-9)
@@ -43,7 +43,7 @@ def levelled(law: Law) -> Law:
 @pytest.mark.parametrize("law", [load_law("hinf-scheduled"), load_law("indi"), levelled(load_law("pid-fair"))])
 def test_what_is_foretold_flies(law: Law) -> None:
     vehicle = replace(VEHICLE, accelerometer=replace(VEHICLE.accelerometer, noise_density=0.005))
-    foretold = foretell(law, vehicle, SCENARIO)
+    foretold = predict(law, vehicle, SCENARIO)
     assert foretold is not None
     flights = [
         measure(fly_direct(SCENARIO, law, vehicle=vehicle, seed=seed), vehicle, SCENARIO, 1.0) for seed in range(20)
@@ -56,11 +56,11 @@ def test_what_is_foretold_flies(law: Law) -> None:
 
 def test_the_accelerometer_bounds_the_attitude_that_gyros_let_walk() -> None:
     long = replace(SCENARIO, duration_s=600.0)
-    gyros, level = (foretell(law, VEHICLE, long) for law in (load_law("pid-fair"), levelled(load_law("pid-fair"))))
+    gyros, level = (predict(law, VEHICLE, long) for law in (load_law("pid-fair"), levelled(load_law("pid-fair"))))
     assert gyros is not None
     assert level is not None
     assert level.rmse < gyros.rmse
 
 
 def test_a_law_of_rates_has_no_torque_to_foretell() -> None:
-    assert foretell(load_law("hinf-rates"), VEHICLE, SCENARIO) is None
+    assert predict(load_law("hinf-rates"), VEHICLE, SCENARIO) is None

@@ -13,8 +13,8 @@ from gustproof.errors import DesignError
 from gustproof.law.cascade import AxisLaw, cascade_law
 from gustproof.law.form import Provenance, load_law
 from gustproof.performance.covariance import axis_models
-from gustproof.performance.limits import gyro_limit
-from gustproof.performance.predict import foretell
+from gustproof.performance.limits import output_feedback_limit
+from gustproof.performance.predict import predict
 from gustproof.performance.tradeoff import linear_laws, orthonormal
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
@@ -32,7 +32,7 @@ def test_the_functions_are_orthonormal() -> None:
 
 def test_more_functions_lower_the_curve_until_it_settles() -> None:
     few, more, many = (linear_laws(MODELS, functions=n).least(1.36, 20.0).rmse for n in (12, 24, 36))
-    assert few > more > many > gyro_limit(MODELS, 20.0).rmse
+    assert few > more > many > output_feedback_limit(MODELS, 20.0).rmse
     assert more < 1.01 * many
 
 
@@ -43,7 +43,7 @@ def test_it_hardly_matters_which_law_is_at_the_centre() -> None:
 
 def test_a_bound_that_does_not_bind_leaves_the_limit() -> None:
     point = linear_laws(MODELS, functions=4).least(10.0, 20.0)
-    limit = gyro_limit(MODELS, 20.0)
+    limit = output_feedback_limit(MODELS, 20.0)
     assert point.rmse == pytest.approx(limit.rmse, rel=1e-4)
     assert point.sensitivity_peak > 3.0
 
@@ -60,7 +60,7 @@ def test_each_point_keeps_its_bounds_and_uses_them() -> None:
 
 @pytest.mark.parametrize(("name", "room"), [("pid-fair", 0.25), ("indi", 0.15)])
 def test_the_baselines_are_above_the_curve_at_their_price(name: str, room: float) -> None:
-    foretold = foretell(load_law(name), VEHICLE, SCENARIO)
+    foretold = predict(load_law(name), VEHICLE, SCENARIO)
     assert foretold is not None
     # Their sensitivity peak is 1.36 on each axis.
     assert linear_laws(MODELS, functions=24).least(1.36, foretold.slew).rmse < (1.0 - room) * foretold.rmse

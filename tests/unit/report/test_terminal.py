@@ -8,9 +8,9 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.session.latency import Lateness
+from firmware_model.session.latency import Latency
 from gustproof.analysis.law_margins import HoverMargins, hover_margins
-from gustproof.analysis.placement import Curve, Limits, Place
+from gustproof.analysis.placement import Curve, Limits, Placement
 from gustproof.law.form import load_law
 from gustproof.report.limit_tables import limits_document
 from gustproof.report.terminal import flight_document, save
@@ -26,7 +26,7 @@ FIGURES = Metrics(
 )  # fmt: skip
 LAWS = ("pid-default", "pid-fair", "indi", "flagship", "hinf-d1", "hinf-scheduled", "hinf-rates")
 
-PLACES = {"flagship": Place(Ms=1.36, slew=19.9, rmse_deg=0.0819, least_rmse_deg=0.0801), "hinf-rates": None}
+PLACES = {"flagship": Placement(Ms=1.36, slew=19.9, rmse_deg=0.0819, least_rmse_deg=0.0801), "hinf-rates": None}
 
 
 def written(document) -> str:
@@ -104,7 +104,7 @@ def test_a_flight_that_never_began_has_no_figures():
 
 
 def test_deadlines_of_real_time_are_told():
-    lateness = Lateness()
+    lateness = Latency()
     for late_us in (2, 2, 900):
         lateness.add(late_us)
     late = {f"late_{name}": value for name, value in lateness.figures().items()}

@@ -14,7 +14,7 @@ from firmware_model.numerics.rotations import euler_angles
 from firmware_model.physics.ground import ground_params, ground_wrench
 from firmware_model.physics.rigid_body import Body
 from firmware_model.sim.layout import X_BODY
-from firmware_model.sim.state import new_world
+from firmware_model.sim.state import initial_state
 from gustproof.law.form import load_law, shipped_laws
 from gustproof.scoring.metrics import measure
 from gustproof.scoring.requirements import judge
@@ -67,7 +67,7 @@ def cases(number: int, *, sway: float = 1.0):
 
 def touches(case, scenario):
     """Whether a flight begins on the ground, be it with one foot."""
-    body = Body(*new_world(case.vehicle, scenario, case.seed).state[X_BODY : X_BODY + len(Body._fields)])
+    body = Body(*initial_state(case.vehicle, scenario, case.seed).state[X_BODY : X_BODY + len(Body._fields)])
     return bool(ground_wrench(ground_params(case.vehicle), body)[2] > 0.0)
 
 

@@ -9,7 +9,7 @@ from firmware_model.autopilot.modes import Mode
 from firmware_model.config.events import ModeChange
 from firmware_model.config.scenario import load_scenario
 from firmware_model.recording.journal import RECORD
-from gustproof.simulate.outcome import Outcome, in_words, outcome_of
+from gustproof.simulate.outcome import Outcome, describe, outcome_of
 
 OFFBOARD, HOLD, STABILIZED = Mode.OFFBOARD, Mode.HOLD, Mode.STABILIZED
 PLAIN = replace(load_scenario("paper"), duration_s=4.0)
@@ -61,14 +61,14 @@ def test_motors_off_are_the_end_of_a_flight_that_landed():
 
 
 def test_modes_that_the_script_asked_for_are_named():
-    told = in_words(Outcome.LEFT_OFFBOARD, SCRIPTED, AS_ASKED)
+    told = describe(Outcome.LEFT_OFFBOARD, SCRIPTED, AS_ASKED)
     assert told == "flown as the script asked: HOLD from 1 s, OFFBOARD from 1.5 s, HOLD from 2 s"
 
 
 @pytest.mark.parametrize("records", [TAKEN_LATER, LOST, WHOLE])
 def test_who_else_took_the_vehicle_is_not_the_script(records):
-    assert in_words(Outcome.LEFT_OFFBOARD, SCRIPTED, records) == Outcome.LEFT_OFFBOARD.value
+    assert describe(Outcome.LEFT_OFFBOARD, SCRIPTED, records) == Outcome.LEFT_OFFBOARD.value
 
 
 def test_other_ends_are_told_as_they_are():
-    assert in_words(Outcome.CONTROLLER_LOST, SCRIPTED, AS_ASKED) == Outcome.CONTROLLER_LOST.value
+    assert describe(Outcome.CONTROLLER_LOST, SCRIPTED, AS_ASKED) == Outcome.CONTROLLER_LOST.value

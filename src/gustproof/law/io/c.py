@@ -65,7 +65,7 @@ def c_header(law: Law) -> str:
             names.insert(i, f"    /* {what} */")
         states = "\n/* Where the states that have names stand in x. */\nenum {\n" + "\n".join(names)[:-1] + "\n};\n"
     return _filled(
-        "law.h.in", law, dt=repr(law.dt), command=_COMMANDS[law.output], force=_FORCE if law.feels_force else "",
+        "law.h.in", law, dt=repr(law.dt), command=_COMMANDS[law.output], force=_FORCE if law.uses_accelerometer else "",
         states=states, start=_START if law.scheduled else "",
     )  # fmt: skip
 

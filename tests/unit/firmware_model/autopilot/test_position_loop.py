@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.autopilot.position_loop import lean
+from firmware_model.autopilot.position_loop import attitude_for_acceleration
 from firmware_model.config.scenario import GyroFault, Scenario
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.config.wind import Constant, Dryden
@@ -111,7 +111,7 @@ def test_level_keeps_the_heading_that_it_began_with(vehicle):
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5])
 @pytest.mark.parametrize("acceleration", [(0.0, 0.0), (3.0, 0.0), (0.0, -4.0), (-2.0, 5.0)])
 def test_it_leans_so_that_the_thrust_points_where_it_is_to_accelerate(yaw, acceleration):
-    q_NB = lean((*acceleration, 0.0), yaw)
+    q_NB = attitude_for_acceleration((*acceleration, 0.0), yaw)
     north, east, down = rotate(q_NB, (0.0, 0.0, -1.0))
     assert (north / -down, east / -down) == pytest.approx(tuple(a / GRAVITY for a in acceleration), abs=1e-9)
     assert euler_angles(np.array([q_NB]))[0, 2] == pytest.approx(yaw, abs=1e-9)

@@ -1,7 +1,7 @@
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.channel import SOURCES, Traffic
-from firmware_model.mavlink.frames import Dropped, Frame, parse
+from firmware_model.mavlink.channel import SOURCES, Channel
+from firmware_model.mavlink.frames import Frame, RejectReason, parse
 
 HEARTBEAT = wire.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
 
@@ -14,7 +14,7 @@ def frame(sequence: int, component: int = 1, *, old: bool = False) -> Frame:
 
 
 def lost(*sequences: int) -> int:
-    traffic = Traffic(1, 1)
+    traffic = Channel(1, 1)
     for sequence in sequences:
         traffic.count(frame(sequence))
     assert traffic.received == len(sequences)
@@ -34,7 +34,7 @@ def test_repeated_and_overtaken_packets_are_not_lost():
 
 
 def test_each_sender_behind_an_address_counts_by_itself():
-    traffic = Traffic(1, 1)
+    traffic = Channel(1, 1)
     for sequence in range(5):
         traffic.count(frame(sequence, 1))
         traffic.count(frame(100 + sequence, 2, old=True))
@@ -42,7 +42,7 @@ def test_each_sender_behind_an_address_counts_by_itself():
 
 
 def test_senders_behind_one_address_are_bounded():
-    traffic = Traffic(1, 1)
+    traffic = Channel(1, 1)
     for component in range(2 * SOURCES):
         for sequence in (0, 2):
             traffic.count(frame(sequence, component))
@@ -50,16 +50,16 @@ def test_senders_behind_one_address_are_bounded():
 
 
 def test_each_packet_out_has_the_next_number():
-    traffic = Traffic(3, 4)
+    traffic = Channel(3, 4)
     sent = [parse(traffic.pack(HEARTBEAT))[0] for _ in range(300)]
     assert [item.sequence for item in sent] == [number % 256 for number in range(300)]
     assert {(item.system, item.component) for item in sent} == {(3, 4)}
 
 
 def test_figures_tell_damage_from_refusal():
-    traffic = Traffic(1, 1)
+    traffic = Channel(1, 1)
     traffic.count(frame(1))
     traffic.count(frame(3))
     traffic.pack(HEARTBEAT)
-    traffic.dropped.update([Dropped.BAD_CHECKSUM, Dropped.TRUNCATED, Dropped.STALE, Dropped.STALE])
+    traffic.dropped.update([RejectReason.BAD_CHECKSUM, RejectReason.TRUNCATED, RejectReason.STALE, RejectReason.STALE])
     assert traffic.figures() == {"in": 2, "out": 1, "lost": 1, "bad": 2, "rejected": {"stale": 2}}

@@ -3,7 +3,7 @@ import random
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.frames import Dropped, Frame, Outgoing, parse
+from firmware_model.mavlink.frames import EncodedMessage, Frame, RejectReason, parse
 
 HEARTBEAT = wire.MAVLink_heartbeat_message(2, 12, 1, 0, 3, 3)
 
@@ -29,7 +29,7 @@ def test_outgoing_payload_makes_the_frame_that_pymavlink_makes():
     payload = wire.MAVLink_attitude_message.unpacker.pack(4, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0)
     packer = wire.MAVLink(None, 3, 4)
     packer.seq = 77
-    assert Outgoing(30, payload).pack(packer) == message.pack(packer)
+    assert EncodedMessage(30, payload).pack(packer) == message.pack(packer)
 
 
 def test_trailing_zeros_that_were_not_sent_are_filled_in():
@@ -51,12 +51,12 @@ def damaged(datagram: bytes, at: int, value: int) -> bytes:
 @pytest.mark.parametrize(
     ("datagram", "cause"),
     [
-        (b"hello", Dropped.NOT_MAVLINK),
-        (b"\xfd", Dropped.TRUNCATED),
-        (packed()[:-1], Dropped.TRUNCATED),
-        (damaged(packed(), 12, 99), Dropped.BAD_CHECKSUM),
-        (damaged(packed(), 2, 4), Dropped.INCOMPATIBLE),
-        (damaged(packed(), 8, 0xFF), Dropped.UNKNOWN_MESSAGE),
+        (b"hello", RejectReason.NOT_MAVLINK),
+        (b"\xfd", RejectReason.TRUNCATED),
+        (packed()[:-1], RejectReason.TRUNCATED),
+        (damaged(packed(), 12, 99), RejectReason.BAD_CHECKSUM),
+        (damaged(packed(), 2, 4), RejectReason.INCOMPATIBLE),
+        (damaged(packed(), 8, 0xFF), RejectReason.UNKNOWN_MESSAGE),
     ],
 )
 def test_what_is_no_frame_is_told_by_its_cause(datagram, cause):
@@ -64,7 +64,7 @@ def test_what_is_no_frame_is_told_by_its_cause(datagram, cause):
 
 
 def test_half_a_datagram_does_not_spoil_the_next():
-    assert parse(packed()[:9]) == [Dropped.TRUNCATED]
+    assert parse(packed()[:9]) == [RejectReason.TRUNCATED]
     assert isinstance(parse(packed())[0], Frame)
 
 
@@ -84,7 +84,7 @@ def test_frame_alone_is_read_as_it_is_among_others():
 def test_frames_before_a_damaged_one_are_kept():
     first, second = parse(packed() + damaged(packed(), 12, 99))
     assert isinstance(first, Frame)
-    assert second is Dropped.BAD_CHECKSUM
+    assert second is RejectReason.BAD_CHECKSUM
 
 
 def test_any_bytes_are_parsed_without_an_exception():

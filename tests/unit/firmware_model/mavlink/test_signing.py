@@ -7,8 +7,8 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.errors import ConfigError
-from firmware_model.mavlink.channel import Traffic
-from firmware_model.mavlink.frames import Dropped, Frame, Outgoing, parse
+from firmware_model.mavlink.channel import Channel
+from firmware_model.mavlink.frames import EncodedMessage, Frame, RejectReason, parse
 from firmware_model.mavlink.signing import LINKS, Signing, read_key
 
 KEY = bytes(range(32))
@@ -52,14 +52,14 @@ def test_right_key_is_obeyed_as_long_as_its_stamps_grow(signing):
 
 
 def test_wrong_key_is_refused(signing):
-    assert signing.refusal(frame(key=bytes(32))) is Dropped.WRONG_SIGNATURE
+    assert signing.refusal(frame(key=bytes(32))) is RejectReason.WRONG_SIGNATURE
 
 
 def test_altered_frame_is_refused(signing):
     raw = bytearray(frame().raw)
     raw[-13] ^= 1  # the link id is under the signature, and not under the checksum
     (altered,) = parse(bytes(raw))
-    assert signing.refusal(altered) is Dropped.WRONG_SIGNATURE
+    assert signing.refusal(altered) is RejectReason.WRONG_SIGNATURE
 
 
 def test_unsigned_frame_is_refused_but_heartbeat_and_radio_status(signing):
@@ -68,24 +68,24 @@ def test_unsigned_frame_is_refused_but_heartbeat_and_radio_status(signing):
     for message in (PING, HEARTBEAT, wire.MAVLink_radio_status_message(0, 0, 0, 0, 0, 0, 0)):
         (parsed,) = parse(message.pack(plain))
         causes.append(signing.refusal(parsed))
-    assert causes == [Dropped.NOT_SIGNED, None, None]
+    assert causes == [RejectReason.NOT_SIGNED, None, None]
 
 
 def test_version_1_frame_is_not_signed(signing):
     (parsed,) = parse(PING.pack(wire.MAVLink(None, 1, 1), force_mavlink1=True))
     assert not parsed.signed
-    assert signing.refusal(parsed) is Dropped.NOT_SIGNED
+    assert signing.refusal(parsed) is RejectReason.NOT_SIGNED
 
 
 def test_heartbeat_with_a_wrong_signature_is_refused(signing):
-    assert signing.refusal(frame(HEARTBEAT, key=bytes(32))) is Dropped.WRONG_SIGNATURE
+    assert signing.refusal(frame(HEARTBEAT, key=bytes(32))) is RejectReason.WRONG_SIGNATURE
 
 
 def test_replayed_frame_is_refused(signing):
     first = frame()
     assert signing.refusal(first) is None
-    assert signing.refusal(first) is Dropped.REPLAYED
-    assert signing.refusal(frame(stamp=STAMP - 1)) is Dropped.REPLAYED
+    assert signing.refusal(first) is RejectReason.REPLAYED
+    assert signing.refusal(frame(stamp=STAMP - 1)) is RejectReason.REPLAYED
 
 
 def test_each_stream_has_stamps_of_its_own(signing):
@@ -94,25 +94,25 @@ def test_each_stream_has_stamps_of_its_own(signing):
         assert signing.refusal(frame(stamp=STAMP, **other)) is None
 
 
-@pytest.mark.parametrize(("age", "cause"), [(MINUTE, None), (MINUTE + 1, Dropped.OUT_OF_DATE)])
+@pytest.mark.parametrize(("age", "cause"), [(MINUTE, None), (MINUTE + 1, RejectReason.OUT_OF_DATE)])
 def test_first_stamp_of_a_stream_is_at_most_a_minute_old(signing, age, cause):
     assert signing.refusal(frame(stamp=STAMP - age)) is cause
 
 
 def test_minute_is_measured_on_the_callers_clock(signing):
     signing.tick(1_000_000)
-    assert signing.refusal(frame(stamp=STAMP - MINUTE)) is Dropped.OUT_OF_DATE
+    assert signing.refusal(frame(stamp=STAMP - MINUTE)) is RejectReason.OUT_OF_DATE
 
 
 def test_forged_stamp_does_not_shut_the_true_sender_out(signing):
-    assert signing.refusal(frame(key=bytes(32), stamp=STAMP + 1_000_000)) is Dropped.WRONG_SIGNATURE
+    assert signing.refusal(frame(key=bytes(32), stamp=STAMP + 1_000_000)) is RejectReason.WRONG_SIGNATURE
     assert signing.refusal(frame()) is None
 
 
 def test_streams_are_bounded(signing):
     for link in range(LINKS):
         assert signing.refusal(frame(link=link)) is None
-    assert signing.refusal(frame(component=1)) is Dropped.TOO_MANY_PEERS
+    assert signing.refusal(frame(component=1)) is RejectReason.TOO_MANY_PEERS
     assert signing.refusal(frame(stamp=STAMP + 1)) is None
 
 
@@ -126,14 +126,14 @@ def test_own_stamps_grow_and_keep_up_with_clock_and_peers(signing):
 
 def test_last_stamp_of_all_is_no_error(signing):
     assert signing.refusal(frame(stamp=2**48 - 1)) is None
-    assert parse(Traffic(1, 1, signing).pack(PING))[0].signed
+    assert parse(Channel(1, 1, signing).pack(PING))[0].signed
 
 
 def test_pymavlink_obeys_what_we_sign(signing):
-    traffic = Traffic(1, 1, signing, 1)
+    traffic = Channel(1, 1, signing, 1)
     attitude = wire.MAVLink_attitude_message.unpacker.pack(4, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0)
     receiver = sender()
-    for outgoing in (PING, Outgoing(30, attitude), HEARTBEAT, Outgoing(30, attitude)):
+    for outgoing in (PING, EncodedMessage(30, attitude), HEARTBEAT, EncodedMessage(30, attitude)):
         message = receiver.decode(bytearray(traffic.pack(outgoing)))
         assert message.get_signed()
     assert (receiver.signing.goodsig_count, receiver.signing.badsig_count) == (4, 0)
@@ -145,7 +145,7 @@ def test_any_damage_to_a_signed_frame_is_refused(signing):
         damaged = bytearray(raw)
         damaged[bit // 8] ^= 1 << bit % 8
         for item in parse(bytes(damaged)):
-            assert isinstance(item, Dropped) or signing.refusal(item) is not None
+            assert isinstance(item, RejectReason) or signing.refusal(item) is not None
     assert signing.refusal(frame()) is None
 
 

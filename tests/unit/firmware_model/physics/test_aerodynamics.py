@@ -10,7 +10,7 @@ from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenar
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.config.wind import Constant, Dryden, OneMinusCosine
 from firmware_model.numerics.rotations import euler_angles, from_euler
-from firmware_model.physics.aerodynamics import AIR_DENSITY, Air, FreeInputs, felt, free_params, step
+from firmware_model.physics.aerodynamics import AIR_DENSITY, Air, FreeInputs, felt_wrench, free_params, step
 from firmware_model.physics.rigid_body import Body, BodyInputs
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop
@@ -50,7 +50,7 @@ def torque(*torque_B: float, throttle: float | None = None) -> TorqueCommand:
 def test_without_thrust_it_falls_with_g_and_feels_nothing(vehicle):
     params = free_params(vehicle)
     body = HIGH
-    assert felt(params, body, FreeInputs(NOTHING, STILL, True))[0] == (0.0, 0.0, 0.0)
+    assert felt_wrench(params, body, FreeInputs(NOTHING, STILL, True))[0] == (0.0, 0.0, 0.0)
     for _ in range(100):
         body = step(params, body, FreeInputs(NOTHING, STILL, True), 0.001)
     # Drag at 1 m/s is 1/2 rho A v^2; over .1 s it takes less than that from the speed.

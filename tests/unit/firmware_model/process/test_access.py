@@ -4,8 +4,8 @@ import pytest
 
 from firmware_model.__main__ import main
 from firmware_model.errors import ConfigError
-from firmware_model.mavlink.channel import Traffic
-from firmware_model.mavlink.frames import Dropped, parse
+from firmware_model.mavlink.channel import Channel
+from firmware_model.mavlink.frames import RejectReason, parse
 from firmware_model.process import access
 from gustproof.controller.__main__ import main as controller
 
@@ -39,9 +39,9 @@ def test_beyond_loopback_needs_a_key_or_a_word(host, key):
 def test_strict_one_obeys_no_unsigned_heartbeat(key):
     from pymavlink.dialects.v20 import all as wire
 
-    (beat,) = parse(Traffic(1, 1).pack(wire.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
+    (beat,) = parse(Channel(1, 1).pack(wire.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
     signings = [access.signing(options("--signing-key", key), "127.0.0.1", strict=strict) for strict in (False, True)]
-    assert [signing.refusal(beat) for signing in signings if signing] == [None, Dropped.NOT_SIGNED]
+    assert [signing.refusal(beat) for signing in signings if signing] == [None, RejectReason.NOT_SIGNED]
 
 
 @pytest.mark.parametrize(

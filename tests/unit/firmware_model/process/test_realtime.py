@@ -19,7 +19,7 @@ def collector():
 @pytest.mark.parametrize("off", [False, True])
 def test_what_is_there_is_kept_from_the_collector_and_if_asked_for_all_that_comes(collector, off):
     gc.unfreeze()
-    realtime.hold_collector(off=off)
+    realtime.freeze_gc(off=off)
     assert gc.get_freeze_count() > 10_000
     assert gc.isenabled() is not off
 
@@ -29,12 +29,12 @@ def test_where_the_system_refuses_nothing_is_said(monkeypatch):
         raise PermissionError
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    assert not realtime.go_first()
+    assert not realtime.request_fifo_scheduling()
 
 
 def test_system_without_such_a_thing_goes_on(monkeypatch):
     monkeypatch.delattr(os, "SCHED_FIFO")
-    assert not realtime.go_first()
+    assert not realtime.request_fifo_scheduling()
 
 
 def test_process_goes_first_and_what_it_starts_does_not():

@@ -6,9 +6,9 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.errors import RecordingError
-from firmware_model.mavlink.frames import Dropped
+from firmware_model.mavlink.frames import RejectReason
 from firmware_model.process.tlog import Tlog
-from firmware_model.recording.durable_file import AppendedFile, still_grows
+from firmware_model.recording.durable_file import AppendOnlyFile, is_growing
 
 PEERS = [(0, ("127.0.0.1", port)) for port in (14550, 14540, 40000, 40001, 40002)]
 
@@ -29,7 +29,7 @@ class Echo:
     def __init__(self) -> None:
         self.heard: list[bytes] = []
         self.outbox: list[tuple[bytes, tuple]] = []
-        self.dropped: list[Dropped] = []
+        self.dropped: list[RejectReason] = []
         self.finished = False
 
     def receive(self, datagram, peer, now_us):
@@ -66,9 +66,9 @@ def test_both_directions_are_logged_in_order_and_passed_on(tmp_path):
         echo.outbox = [(frame(2), PEERS[0]), (frame(3), PEERS[1])]
         assert log.poll(200) == [(frame(2), PEERS[0]), (frame(3), PEERS[1])]
         assert log.deadline_us() == 77
-        log.drop(Dropped.TOO_MUCH, PEERS[0])
+        log.drop(RejectReason.RATE_LIMITED, PEERS[0])
     assert echo.heard == [frame(1)]
-    assert echo.dropped == [Dropped.TOO_MUCH]
+    assert echo.dropped == [RejectReason.RATE_LIMITED]
     assert not log.finished
     assert entries(tmp_path / "t") == [(1_000_100, frame(1)), (1_000_200, frame(2)), (1_000_200 + 1, frame(3))]
 
@@ -100,16 +100,16 @@ def test_a_crash_loses_a_second_of_traffic_at_most(tmp_path):
 
 
 def test_a_file_is_known_to_grow_until_it_is_closed(tmp_path):
-    file = AppendedFile(tmp_path / "f")
+    file = AppendOnlyFile(tmp_path / "f")
     file.write(b"begun")
-    assert still_grows(tmp_path / "f")
+    assert is_growing(tmp_path / "f")
     file.close()
-    assert not still_grows(tmp_path / "f")
+    assert not is_growing(tmp_path / "f")
     assert (tmp_path / "f").read_bytes() == b"begun"
 
 
 def test_a_full_disk_is_one_line_with_the_file_s_name(tmp_path):
-    file = AppendedFile(tmp_path / "f")
+    file = AppendOnlyFile(tmp_path / "f")
     try:
         file._file.close()
         file._file = open("/dev/full", "wb", buffering=0)  # noqa: PTH123, SIM115

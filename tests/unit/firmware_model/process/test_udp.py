@@ -3,7 +3,7 @@ import socket
 import pytest
 
 from firmware_model.errors import ConfigError
-from firmware_model.mavlink.frames import Dropped
+from firmware_model.mavlink.frames import RejectReason
 from firmware_model.process import udp
 
 
@@ -215,7 +215,7 @@ def test_peer_that_floods_keeps_nobody_else_out():
     heard = [address for _, (_, address), _ in endpoint.received]
     # One in each cycle until the socket is emptied, and then its share.
     assert heard.count(flood) == udp._EMPTYING - 1 + udp._SHARE
-    assert endpoint.dropped == [(Dropped.TOO_MUCH, (0, flood))] * (150 - heard.count(flood))
+    assert endpoint.dropped == [(RejectReason.RATE_LIMITED, (0, flood))] * (150 - heard.count(flood))
 
 
 def test_peer_that_floods_keeps_nobody_else_out_of_a_conversation():
@@ -228,7 +228,7 @@ def test_peer_that_floods_keeps_nobody_else_out_of_a_conversation():
         udp.converse(endpoint, bound)
     heard = [address for _, (_, address), _ in endpoint.received]
     assert heard.count(flood) == udp._EMPTYING + udp._SHARE
-    assert endpoint.dropped == [(Dropped.TOO_MUCH, (0, flood))] * (150 - heard.count(flood))
+    assert endpoint.dropped == [(RejectReason.RATE_LIMITED, (0, flood))] * (150 - heard.count(flood))
 
 
 def test_what_is_due_is_done_between_any_two_datagrams_of_a_flood():

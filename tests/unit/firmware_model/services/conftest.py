@@ -9,7 +9,7 @@ from firmware_model.autopilot.modes import Autopilot, Settings
 from firmware_model.autopilot.parameters import Parameters
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.mavlink.frames import Dropped, parse
+from firmware_model.mavlink.frames import RejectReason, parse
 from firmware_model.mavlink.services.service import Order, Service
 from firmware_model.sim.vehicle_loop import VehicleLoop
 
@@ -87,7 +87,7 @@ def peer() -> Peer:
 def heard(peer):
     """Send a message to a service; returns why it had no effect, if that counts."""
 
-    def heard(service: Service, message) -> Dropped | None:
+    def heard(service: Service, message) -> RejectReason | None:
         message = received(message)
         return service.requests[message.get_msgId()](message, peer)
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from firmware_model.session.latency import Lateness
+from firmware_model.session.latency import Latency
 
 
-def told(delays) -> Lateness:
-    lateness = Lateness()
+def told(delays) -> Latency:
+    lateness = Latency()
     for late_us in delays:
         lateness.add(int(late_us))
     return lateness
@@ -23,7 +23,7 @@ def test_figures_are_median_99_percent_and_worst():
 
 
 def test_nothing_flown_is_late_by_nothing():
-    assert Lateness().figures() == {"p50_us": 0, "p99_us": 0, "worst_us": 0}
+    assert Latency().figures() == {"p50_us": 0, "p99_us": 0, "worst_us": 0}
 
 
 def test_what_is_very_late_is_told_as_the_worst_and_fills_no_memory():

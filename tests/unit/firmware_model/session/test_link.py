@@ -11,7 +11,7 @@ from firmware_model.config.files import parse
 from firmware_model.config.link_faults import Bandwidth, BurstLoss, Delay, Duplication, Jitter, Loss, Reordering
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.errors import ConfigError
-from firmware_model.session.link import Line, Passage
+from firmware_model.session.link import LinkCounter, LinkDirection
 
 EVERY_US = 4_000
 MANY = 20_000
@@ -25,9 +25,11 @@ HOLDING = Reordering(kind="reordering", probability=0.1, by_s=0.010, **DIRECTION
 SLOW = Bandwidth(kind="bandwidth", rate_bit_s=100_000.0, queue=5, **DIRECTION)
 
 
-def passed(*faults, count: int = MANY, seed: int = 1, size: int = 43) -> tuple[list[tuple[int, int]], Line[int]]:
+def passed(
+    *faults, count: int = MANY, seed: int = 1, size: int = 43
+) -> tuple[list[tuple[int, int]], LinkDirection[int]]:
     """Return arrival time [us] and number of what arrives, and the line that it passed."""
-    line: Line[int] = Line(faults, "to_vehicle", seed)
+    line: LinkDirection[int] = LinkDirection(faults, "to_vehicle", seed)
     for number in range(count):
         line.send(number, size, number * EVERY_US)
     return list(line.take_all(1 << 60)), line
@@ -98,7 +100,7 @@ def test_jitter_longer_than_a_sample_lets_none_overtake():
 def test_loss_has_its_probability_and_no_memory():
     arrivals, line = passed(LOSS)
     gone = lost(arrivals)
-    assert len(gone) == line.counters[Passage.LOST]
+    assert len(gone) == line.counters[LinkCounter.LOST]
     assert abs(len(gone) / MANY - 0.1) < 4.0 * sigma(0.1)
     assert abs(np.sum(np.diff(gone) == 1) / MANY - 0.01) < 4.0 * sigma(0.01)
 
@@ -130,7 +132,7 @@ def test_doubled_ones_arrive_twice_each_with_its_own_jitter():
     numbers = [number for _, number in arrivals]
     doubled = len(numbers) - len(set(numbers))
     assert len(set(numbers)) == MANY
-    assert doubled == line.counters[Passage.DOUBLED]
+    assert doubled == line.counters[LinkCounter.DOUBLED]
     assert abs(doubled / MANY - 0.1) < 4.0 * sigma(0.1)
     apart = [second[0] - first[0] for first, second in pairwise(arrivals) if first[1] == second[1]]
     assert len(set(apart)) > 100
@@ -141,7 +143,7 @@ def test_held_back_ones_are_overtaken():
     late_us = lateness(arrivals)
     assert set(late_us) == {0, 10_000}
     held = int(np.sum(late_us == 10_000))
-    assert held == line.counters[Passage.HELD_BACK]
+    assert held == line.counters[LinkCounter.HELD_BACK]
     assert abs(held / MANY - 0.1) < 4.0 * sigma(0.1)
     order = [number for _, number in arrivals]
     assert order != sorted(order)
@@ -160,7 +162,7 @@ def test_too_narrow_a_link_fills_its_queue_then_crowds_out():
     assert set(np.diff(times_us)) == {8_000}
     # One on its way and five that wait for it and each other: what is left of the first, and six whole ones.
     assert 5 * 8_000 <= lateness(arrivals).max() <= 6 * 8_000
-    assert line.counters[Passage.CROWDED_OUT] == 2_000 - len(arrivals)
+    assert line.counters[LinkCounter.CROWDED_OUT] == 2_000 - len(arrivals)
     assert len(arrivals) == pytest.approx(1_000, abs=7)
 
 

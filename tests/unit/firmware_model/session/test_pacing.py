@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from firmware_model.autopilot.modes import Autopilot, Event, Mode, Settings, Verdict
-from firmware_model.mavlink.frames import Dropped
-from firmware_model.session.pacing import CATCH_UP_US, Due, Flight, Hitch
+from firmware_model.mavlink.frames import RejectReason
+from firmware_model.session.pacing import CATCH_UP_US, Due, FlightClock, TimingFault
 from firmware_model.types import AttitudeTarget, Command, Level, Off, Setpoint, TorqueCommand
 
 SAMPLE_US = 4_000
@@ -46,7 +46,7 @@ class Paced:
     def __init__(self, *, standing: bool = True, free: bool = True) -> None:
         self.loop = Counting()
         self.autopilot = Autopilot(Settings(), free=free)
-        self.flight = Flight(
+        self.flight = FlightClock(
             self.loop, self.autopilot, lambda _: None, sample_us=SAMPLE_US, lockstep=False, standing=standing
         )
         self.now_us = 7_000_000
@@ -75,14 +75,14 @@ class Paced:
         self.now_us = end_us
         return flown
 
-    def offer(self, time_us: int = 0, thrust: float = 0.5) -> Dropped | None:
+    def offer(self, time_us: int = 0, thrust: float = 0.5) -> RejectReason | None:
         command = AttitudeTarget(time_us=time_us, q_NB=(1.0, 0.0, 0.0, 0.0), omega_B=None, thrust=thrust)
         return self.give(command)
 
-    def offer_torque(self, time_us: int) -> Dropped | None:
+    def offer_torque(self, time_us: int) -> RejectReason | None:
         return self.give(TorqueCommand(time_us=time_us, torque_B=(0.0, 0.0, 0.0), throttle=0.5))
 
-    def give(self, command: Command) -> Dropped | None:
+    def give(self, command: Command) -> RejectReason | None:
         self.flight.tick(self.now_us)
         return self.flight.offer(command)
 
@@ -110,7 +110,7 @@ def test_late_samples_are_made_up_for_within_the_bound(paced, late_us):
     paced.run(1_000_000)
     assert paced.wait(SAMPLE_US + late_us) == 1 + late_us // SAMPLE_US
     assert paced.flight.slipped_us == 0
-    assert paced.flight.counters[Hitch.OVERRUN] == (late_us - 1) // SAMPLE_US  # one sample time late is in time
+    assert paced.flight.counters[TimingFault.OVERRUN] == (late_us - 1) // SAMPLE_US  # one sample time late is in time
     assert paced.run(1_000_000) in (250, 251)
 
 
@@ -118,14 +118,14 @@ def test_each_sample_is_counted_by_its_own_delay(paced):
     paced.run(1_000_000)
     paced.wait(3 * SAMPLE_US + 5)  # three samples, two of them kept waiting
     assert paced.flight.lateness.figures() == {"p50_us": 0, "p99_us": 5, "worst_us": 2 * SAMPLE_US + 5}
-    assert paced.flight.counters[Hitch.OVERRUN] == 2
+    assert paced.flight.counters[TimingFault.OVERRUN] == 2
 
 
 def test_beyond_the_bound_model_time_slips_and_that_is_said(paced):
     paced.run(1_000_000)
     assert paced.wait(SAMPLE_US + CATCH_UP_US + 1) == 1
     assert paced.flight.slipped_us == CATCH_UP_US + 1
-    assert paced.flight.counters == {Hitch.OVERRUN: 1, Hitch.SLIPPED: 1}
+    assert paced.flight.counters == {TimingFault.OVERRUN: 1, TimingFault.SLIPPED: 1}
     assert paced.autopilot.take_events() == [Event.SLIPPED]
     assert paced.run(1_000_000) == 250
     assert paced.wait(3_600_000_000) == 1
@@ -136,7 +136,7 @@ def test_a_machine_that_is_too_slow_all_the_time_says_so_every_ten_seconds(paced
     for _ in range(100):
         paced.wait(CATCH_UP_US + 2 * SAMPLE_US)
         said += len(paced.autopilot.take_events())
-    assert paced.flight.counters[Hitch.SLIPPED] == 100
+    assert paced.flight.counters[TimingFault.SLIPPED] == 100
     assert said == 3  # 25.8 s
 
 
@@ -161,7 +161,7 @@ def test_stream_that_stops_is_flown_for_the_time_out_and_then_not(paced):
 def test_older_stamp_is_stale_while_its_stream_lives_and_fresh_when_that_is_dead(paced):
     assert paced.offer(time_us=8_000) is None
     paced.run(500_000)
-    assert paced.offer(time_us=4_000) is Dropped.STALE
+    assert paced.offer(time_us=4_000) is RejectReason.STALE
     paced.run(600_000)
     assert paced.offer(time_us=0) is None
 
@@ -170,8 +170,8 @@ def test_flight_compares_stamps_within_a_message(paced):
     assert paced.offer(time_us=5_417_184_000) is None  # MAVSDK: ms, as the message has it
     assert paced.offer_torque(time_us=5_419_788) is None  # ms again, where the message has us
     assert isinstance(paced.flight.setpoint, TorqueCommand)
-    assert paced.offer_torque(time_us=5_419_787) is Dropped.STALE
-    assert paced.offer(time_us=5_417_183_000) is Dropped.STALE
+    assert paced.offer_torque(time_us=5_419_787) is RejectReason.STALE
+    assert paced.offer(time_us=5_417_183_000) is RejectReason.STALE
     assert paced.offer(time_us=5_420_000_000) is None
     paced.run(1_100_000)  # a stream that has died takes all its stamps with it
     assert paced.offer_torque(time_us=1) is paced.offer(time_us=1_000) is None
@@ -225,7 +225,7 @@ def test_pause_stops_model_time_and_nothing_is_made_up_for(paced):
     assert paced.autopilot.mode is Mode.OFFBOARD
     assert (paced.flight.paused_us, paced.flight.slipped_us) == (60_000_000, 0)
     assert paced.flight.wall_us == 980_000
-    assert Hitch.OVERRUN not in paced.flight.counters
+    assert TimingFault.OVERRUN not in paced.flight.counters
 
 
 def test_pause_before_the_first_sample_holds_it_back():

@@ -11,12 +11,12 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.mavlink.frames import Dropped, Frame, Outgoing, parse
+from firmware_model.mavlink.frames import EncodedMessage, Frame, RejectReason, parse
 from firmware_model.mavlink.messages import CONTROLLER, command_message
 from firmware_model.mavlink.peers import MAX_PEERS
 from firmware_model.mavlink.services import refusals
 from firmware_model.session.outcome import Outcome
-from firmware_model.session.pacing import Hitch
+from firmware_model.session.pacing import TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.types import AttitudeTarget, TorqueCommand
 
@@ -178,7 +178,7 @@ def test_refusal_is_explained(vehicle):
 def test_command_for_another_is_not_executed(vehicle, system, component):
     assert vehicle.ask(ARM, 1.0, system=system, component=component) == []
     assert not vehicle.endpoint.autopilot.armed
-    assert vehicle.endpoint.counters[Dropped.OTHER_TARGET] == 1
+    assert vehicle.endpoint.counters[RejectReason.OTHER_TARGET] == 1
 
 
 def test_component_that_is_not_there_refuses_commands_in_its_own_name(vehicle):
@@ -194,7 +194,7 @@ def test_component_that_is_not_there_refuses_commands_in_its_own_name(vehicle):
     vehicle.say(wire.MAVLink_param_request_list_message(1, wire.MAV_COMP_ID_GIMBAL))
     vehicle.wait()
     assert not vehicle.take("PARAM_VALUE")
-    assert vehicle.endpoint.counters == {Dropped.OTHER_TARGET: 2}
+    assert vehicle.endpoint.counters == {RejectReason.OTHER_TARGET: 2}
 
 
 def test_what_is_refused_is_counted_and_told_to_all(vehicle):
@@ -203,7 +203,7 @@ def test_what_is_refused_is_counted_and_told_to_all(vehicle):
         vehicle.say(wire.MAVLink_manual_control_message(target, 0, 0, 500, 0, 0))
     assert vehicle.ask(MODE, 1.0, 3.0) == [wire.MAV_RESULT_TEMPORARILY_REJECTED]
     assert vehicle.ask(MODE, 1.0, 3.0, port=2) == [wire.MAV_RESULT_ACCEPTED]  # who sent none
-    assert vehicle.endpoint.counters == {Dropped.REFUSED: 2, Dropped.OTHER_TARGET: 1}
+    assert vehicle.endpoint.counters == {RejectReason.REFUSED: 2, RejectReason.OTHER_TARGET: 1}
     for port in (1, 2):
         texts = [message.text for message in vehicle.take("STATUSTEXT", port)]
         assert texts == ["sticks are not flown: use OFFBOARD", "sticks are not flown: mode refused"]
@@ -319,7 +319,7 @@ def test_number_of_peers_is_bounded(vehicle):
         vehicle.say(HEARTBEAT, port=port)
     vehicle.wait()
     assert len(vehicle.heard) == MAX_PEERS
-    assert vehicle.endpoint.counters[Dropped.TOO_MANY_PEERS] == 100 - MAX_PEERS
+    assert vehicle.endpoint.counters[RejectReason.TOO_MANY_PEERS] == 100 - MAX_PEERS
 
 
 def test_parameters_are_listed_and_read_by_name_and_index(vehicle):
@@ -418,7 +418,7 @@ def test_real_time_flight_holds_a_late_set_point(vehicle):
     vehicle.take_off()
     vehicle.wait(SAMPLE_US * 3)
     assert len(vehicle.modes) == 3
-    assert vehicle.endpoint.flight.counters[Hitch.HELD] == 2  # sample 0 was answered before t = 0
+    assert vehicle.endpoint.flight.counters[TimingFault.HELD] == 2  # sample 0 was answered before t = 0
     assert set(vehicle.modes) == {Mode.OFFBOARD.value}
 
 
@@ -428,7 +428,7 @@ def test_real_time_flight_keeps_absolute_deadlines_through_a_stall(vehicle):
     vehicle.setpoint()
     vehicle.wait()
     assert len(vehicle.modes) == 10
-    assert vehicle.endpoint.flight.counters[Hitch.OVERRUN] == 9
+    assert vehicle.endpoint.flight.counters[TimingFault.OVERRUN] == 9
 
 
 def test_real_time_stream_that_stops_ends_in_the_fail_safe():
@@ -446,7 +446,7 @@ def test_another_controller_takes_over_only_when_the_stream_is_dead():
     vehicle = Vehicle(lockstep=False, duration_s=3.0)
     vehicle.take_off()
     vehicle.setpoint(port=2)
-    assert vehicle.endpoint.counters[Dropped.NOT_IN_COMMAND] == 1
+    assert vehicle.endpoint.counters[RejectReason.NOT_IN_COMMAND] == 1
     vehicle.wait(1_100_000)
     vehicle.setpoint(port=2)
     assert vehicle.ask(MODE, 1.0, 6.0, port=2) == [wire.MAV_RESULT_ACCEPTED]
@@ -456,7 +456,7 @@ def test_real_time_set_point_older_than_the_last_is_stale(vehicle):
     vehicle.take_off()
     vehicle.setpoint(8_000)
     vehicle.setpoint(4_000)
-    assert vehicle.endpoint.counters[Dropped.STALE] == 1
+    assert vehicle.endpoint.counters[RejectReason.STALE] == 1
 
 
 def test_setpoints_of_two_messages_pass_a_link_each_by_its_own_stamps():
@@ -501,10 +501,10 @@ def test_any_message_that_is_refused_is_survived(vehicle):
         number = chance.choice(numbers)
         length = wire.mavlink_map[number].unpacker.size
         body = bytes(chance.choice((0, 1, chance.randrange(256))) for _ in range(length))
-        vehicle.endpoint.receive(Outgoing(number, body).pack(packer), (0, ("client", 1)), index)
+        vehicle.endpoint.receive(EncodedMessage(number, body).pack(packer), (0, ("client", 1)), index)
         vehicle.endpoint.poll(index)
-    assert vehicle.endpoint.counters.keys() == {Dropped.REFUSED, Dropped.OTHER_TARGET}
-    assert vehicle.endpoint.counters[Dropped.REFUSED] > 500
+    assert vehicle.endpoint.counters.keys() == {RejectReason.REFUSED, RejectReason.OTHER_TARGET}
+    assert vehicle.endpoint.counters[RejectReason.REFUSED] > 500
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
@@ -517,11 +517,11 @@ def test_any_datagram_is_survived_and_counted(lockstep):
     for index in range(20_000):
         kind = chance.choice(kinds)
         body = bytes(chance.choice((0, 1, chance.randrange(256))) for _ in range(kind.unpacker.size))
-        datagram = bytearray(Outgoing(kind.id, body).pack(packer))
+        datagram = bytearray(EncodedMessage(kind.id, body).pack(packer))
         if chance.random() < 0.3:
             datagram = datagram[: chance.randrange(len(datagram))] + chance.randbytes(chance.randrange(9))
         vehicle.endpoint.receive(bytes(datagram), (0, ("client", chance.randrange(40))), index)
         if index % 100 == 0:
             vehicle.endpoint.poll(index)
-    assert vehicle.endpoint.counters[Dropped.OTHER_TARGET] > 1000
-    assert vehicle.endpoint.counters[Dropped.TOO_MANY_PEERS] > 1000
+    assert vehicle.endpoint.counters[RejectReason.OTHER_TARGET] > 1000
+    assert vehicle.endpoint.counters[RejectReason.TOO_MANY_PEERS] > 1000

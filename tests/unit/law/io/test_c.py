@@ -11,7 +11,7 @@ import pytest
 
 from gustproof.law.form import Law, load_law, shipped_laws
 from gustproof.law.io.c import c_code, c_header, c_name, save_c
-from gustproof.law.step import step, sums
+from gustproof.law.step import sparse_law, step
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC"]
@@ -36,7 +36,7 @@ COUPLED = 12
 @pytest.fixture(autouse=True)
 def _sums_once_a_law(monkeypatch):
     """Let `step` find a law's terms once, not at each of a hundred thousand steps."""
-    monkeypatch.setattr("gustproof.law.step.sums", cache(sums))
+    monkeypatch.setattr("gustproof.law.step.sums", cache(sparse_law))
 
 
 def coupled_law() -> Law:

@@ -3,7 +3,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.frames import Dropped
+from firmware_model.mavlink.frames import RejectReason
 from firmware_model.mavlink.services import position, refusals
 
 ALL = 0o7777
@@ -47,7 +47,7 @@ CHANNELS = wire.MAVLink_rc_channels_override_message(1, 1, *[1500] * 8)
     ],
 )
 def test_refusals_name_what_was_asked_for(service, craft, message, text, heard):
-    assert heard(service, message) is Dropped.REFUSED
+    assert heard(service, message) is RejectReason.REFUSED
     assert craft.texts == [text]
 
 
