@@ -21,26 +21,26 @@ from pydantic_core import to_jsonable_python
 from firmware_model.autopilot.modes import Mode
 from firmware_model.autopilot.parameters import Parameters
 from firmware_model.config.files import parse_json, read_json, read_text
-from firmware_model.config.scenario import Scenario, load_scenario, shipped_scenarios
+from firmware_model.config.scenario import Scenario, list_scenarios, load_scenario
 from firmware_model.config.validation import Parser, printable
-from firmware_model.config.vehicle import Vehicle, load_vehicle, shipped_vehicles
+from firmware_model.config.vehicle import Vehicle, list_vehicles, load_vehicle
 from firmware_model.errors import ConfigError, RecordingError
 from firmware_model.mavlink.frames import Address
 from firmware_model.process import access, realtime, status_line, udp
 from firmware_model.process.exit_on_eof import EXIT_ON_STDIN_EOF, exit_on_stdin_eof
 from firmware_model.process.tlog import Tlog
 from firmware_model.recording.journal import JournalWriter
-from firmware_model.session.outcome import Outcome
+from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.pacing import FlightClock, TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.sim.vehicle_loop import VehicleLoop
-from firmware_model.types import Level
+from firmware_model.types import LevelFlight
 
 # PX4's ports in simulation, so that its clients find us: (ours, theirs) for ground stations and for off-board control.
 _PORTS = ((18570, 14550), (14580, 14540))
 _RANGES = {"instance": (0, 253), "seed": (0, 2**32 - 1)}  # the system id is one more; 255 is that of ground stations
-_EXIT = {Outcome.DONE: 0, Outcome.INTERRUPTED: 130}
-_BROKEN = 3
+_EXIT_STATUS = {VehicleOutcome.DONE: 0, VehicleOutcome.INTERRUPTED: 130}
+_EXIT_FAILED = 3
 
 
 def main(arguments: Sequence[str] | None = None, *, program: str = "firmware_model") -> int:
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None, *, program: str = "firmware_mod
 
     `program` is the name that help and errors begin with.
     """
-    options = _parser(program).parse_args(arguments)
+    options = _make_parser(program).parse_args(arguments)
     standing = options.scenario is None and not options.lockstep
     try:
         for name, (least, most) in _RANGES.items():
@@ -56,16 +56,16 @@ def main(arguments: Sequence[str] | None = None, *, program: str = "firmware_mod
                 raise ConfigError(f"--{name} is {value}, must be {least} to {most}")
         if not standing and (options.held or options.air):
             raise ConfigError("--held and --air are for a vehicle without --scenario and --lockstep")
-        return _fly(options, standing)
+        return _run(options, standing)
     except ConfigError as error:
         print(f"{program}: {printable(str(error))}", file=sys.stderr)
         return 2
     except RecordingError as error:
         print(f"{program}: {printable(str(error))}", file=sys.stderr)
-        return _BROKEN
+        return _EXIT_FAILED
 
 
-def _fly(options: argparse.Namespace, standing: bool) -> int:
+def _run(options: argparse.Namespace, standing: bool) -> int:
     name = options.scenario or options.air or "calm"
     scenario = read_json(Scenario, name) or load_scenario(name)
     if standing:
@@ -73,15 +73,17 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
     vehicle = read_json(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
     generic = options.autopilot == "generic"
     if options.params:
-        _say_parameters(options, Parameters(vehicle, scenario, bytewise=not generic))
+        _print_parameters(options, Parameters(vehicle, scenario, bytewise=not generic))
         return 0
     header = {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
     with ExitStack() as stack:
         ports = [pair[0] + options.instance for pair in _PORTS] if options.bind_port is None else [options.bind_port]
         host, _ = udp.resolve(options.bind, 0)
-        signing = access.signing(options, host)
+        signing = access.make_signing(options, host)
         sockets = [stack.enter_context(udp.bind(port, host)) for port in ports]
-        journal = _journal(stack, options, _heading(options, scenario, vehicle), scenario) if options.journal else None
+        journal = (
+            _open_journal(stack, options, _heading(options, scenario, vehicle), scenario) if options.journal else None
+        )
         expected: list[Address] = []
         if options.bind_port is None:
             expected = [(index, ("127.0.0.1", pair[1] + options.instance)) for index, pair in enumerate(_PORTS)]
@@ -89,7 +91,7 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
             vehicle,
             scenario,
             options.seed,
-            journal.append if journal else _no_record,
+            journal.append if journal else _discard_record,
             lockstep=options.lockstep,
             standing=standing,
             system=options.instance + 1,
@@ -101,33 +103,33 @@ def _fly(options: argparse.Namespace, standing: bool) -> int:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
         # The machine code is loaded, or made, before anybody waits for it.
-        VehicleLoop(vehicle, scenario, options.seed).advance(Level(), Mode.STABILIZED.value)
+        VehicleLoop(vehicle, scenario, options.seed).advance(LevelFlight(), Mode.STABILIZED.value)
         realtime.freeze_gc(off=not standing)
         listening = [bound.getsockname()[1] for bound in sockets]
         if standing and not options.json:
             place = "on the test stand" if options.held else "on the ground"
             stands = f"vehicle '{vehicle.name}' {place} in the air of '{scenario.name}'"
-            print(greeting(stands, listening, [peer[1][1] for peer in expected]), flush=True)
+            print(format_greeting(stands, listening, [peer[1][1] for peer in expected]), flush=True)
             if sys.stderr.isatty():
-                stack.enter_context(status_line.shown(lambda: endpoint.links))
+                stack.enter_context(status_line.show_status_line(lambda: endpoint.links))
         else:
             script = ", ".join(f"{name} {value}" for name, value in header.items())
             ears = ", ".join(map(str, listening))
-            _say(options, {"listening": listening, **header}, f"{script}; listening on UDP port {ears}")
-        if options.attended:
+            _print_facts(options, {"listening": listening, **header}, f"{script}; listening on UDP port {ears}")
+        if options.exit_on_stdin_eof:
             exit_on_stdin_eof(endpoint.interrupt)
         fifo = not options.lockstep and realtime.request_fifo_scheduling()
-        served = _logged(stack, options, endpoint) if options.tlog else endpoint
+        served = _open_tlog(stack, options, endpoint) if options.tlog else endpoint
         if options.lockstep and len(sockets) == 1:
-            udp.converse(served, sockets[0])
+            udp.serve_lockstep(served, sockets[0])
         else:
-            udp.serve(served, sockets, punctual=not options.lockstep)
-    facts = summary(endpoint, None if standing else scenario.samples, fifo=fifo)
-    _say(options, facts, status_line.ending(facts))
-    return _EXIT.get(endpoint.outcome, _BROKEN) if endpoint.outcome else _BROKEN
+            udp.serve(served, sockets, real_time=not options.lockstep)
+    facts = summarize(endpoint, None if standing else scenario.samples, fifo=fifo)
+    _print_facts(options, facts, status_line.ending(facts))
+    return _EXIT_STATUS.get(endpoint.outcome, _EXIT_FAILED) if endpoint.outcome else _EXIT_FAILED
 
 
-def greeting(stands: str, listening: Sequence[int], told: Sequence[int]) -> str:
+def format_greeting(stands: str, listening: Sequence[int], told: Sequence[int]) -> str:
     """Return what stands there and how to connect to it; `told` are the ports that it speaks to unasked, if any."""
     if told:
         ground, offboard = told
@@ -154,7 +156,7 @@ def greeting(stands: str, listening: Sequence[int], told: Sequence[int]) -> str:
     )
 
 
-def summary(endpoint: VehicleEndpoint, samples: int | None, *, fifo: bool = False) -> dict[str, Any]:
+def summarize(endpoint: VehicleEndpoint, samples: int | None, *, fifo: bool = False) -> dict[str, Any]:
     """Return what is to be said in the end: outcome, samples flown, wall time from t = 0, pace, counters, links.
 
     `fifo` says whether the system ran the process before usual ones.
@@ -169,14 +171,14 @@ def summary(endpoint: VehicleEndpoint, samples: int | None, *, fifo: bool = Fals
         "wall_s": flown_s,
         "slipped_s": flight.slipped_us * 1e-6,
         "realtime_factor": flight.loop.time_us * 1e-6 / flown_s if flown_s else 0.0,
-        "pace": None if flight.lockstep else _pace(flight, fifo),
+        "pace": None if flight.lockstep else _summarize_timing(flight, fifo),
         "counters": counters,
         "links": endpoint.links,
         "link_faults": endpoint.exchange.figures() if endpoint.exchange else {},
     }
 
 
-def _pace(flight: FlightClock, fifo: bool) -> dict[str, Any]:
+def _summarize_timing(flight: FlightClock, fifo: bool) -> dict[str, Any]:
     """Return how well the samples were flown on time: what a missed deadline is, `Hitch.OVERRUN` says."""
     late = {f"late_{name}": value for name, value in flight.lateness.figures().items()}
     return {
@@ -187,7 +189,7 @@ def _pace(flight: FlightClock, fifo: bool) -> dict[str, Any]:
     }
 
 
-def _parser(program: str) -> argparse.ArgumentParser:
+def _make_parser(program: str) -> argparse.ArgumentParser:
     parser = Parser(
         prog=program,
         description="A simulated multirotor with its autopilot. Speaks MAVLink over UDP on this machine, as PX4's "
@@ -196,11 +198,11 @@ def _parser(program: str) -> argparse.ArgumentParser:
         epilog="Exit status: 0 flown in OFFBOARD to the end, 2 bad input, 3 the flight broke off, 130 interrupted.",
     )
     add = parser.add_argument
-    shipped = f"a .toml file, or one of {', '.join(shipped_scenarios())}"
+    shipped = f"a .toml file, or one of {', '.join(list_scenarios())}"
     add("--scenario", help=f"fly this script and end: {shipped}")
     add("--air", help=f"scenario in whose air the vehicle stands, from the start on: {shipped} [calm]")
     add("--held", action="store_true", help="hold the vehicle in its place, free in attitude while armed: a test stand")
-    add("--vehicle", default="paper", help=f"a .toml file, or one of {', '.join(shipped_vehicles())} [paper]")
+    add("--vehicle", default="paper", help=f"a .toml file, or one of {', '.join(list_vehicles())} [paper]")
     add("--seed", type=int, default=1, help="seed of gusts and noise [1]")
     add("--lockstep", action="store_true", help="fly the script, by default calm, as fast as its samples are answered")
     add(
@@ -236,7 +238,7 @@ def _heading(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) 
     return {**names, "note": to_jsonable_python(flown)}
 
 
-def _journal(
+def _open_journal(
     stack: ExitStack, options: argparse.Namespace, header: dict[str, Any], scenario: Scenario
 ) -> JournalWriter:
     try:
@@ -247,7 +249,7 @@ def _journal(
     return stack.enter_context(writer)
 
 
-def _logged(stack: ExitStack, options: argparse.Namespace, endpoint: VehicleEndpoint) -> udp.Endpoint:
+def _open_tlog(stack: ExitStack, options: argparse.Namespace, endpoint: VehicleEndpoint) -> udp.Endpoint:
     unix_us = udp.unix_us()
     flight = endpoint.flight
     try:
@@ -259,7 +261,7 @@ def _logged(stack: ExitStack, options: argparse.Namespace, endpoint: VehicleEndp
     return stack.enter_context(log)
 
 
-def _say_parameters(options: argparse.Namespace, parameters: Parameters) -> None:
+def _print_parameters(options: argparse.Namespace, parameters: Parameters) -> None:
     for row in parameters.reference():
         if options.json:
             print(json.dumps(row))
@@ -268,11 +270,11 @@ def _say_parameters(options: argparse.Namespace, parameters: Parameters) -> None
             print(f"{row['name']:<17} {row['type']:<7} {value:<16} {row['allowed']:<16} {row['meaning']}")
 
 
-def _no_record(_: NDArray[np.float64]) -> None:
+def _discard_record(_: NDArray[np.float64]) -> None:
     pass
 
 
-def _say(options: argparse.Namespace, facts: dict[str, Any], text: str) -> None:
+def _print_facts(options: argparse.Namespace, facts: dict[str, Any], text: str) -> None:
     print(json.dumps(facts) if options.json else text, flush=True)
 
 

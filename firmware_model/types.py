@@ -44,7 +44,7 @@ class AttitudeTarget(NamedTuple):
     """[0..1] collective thrust as a fraction of the largest; `None`: the height is held on board, where that began."""
 
 
-class Guidance(NamedTuple):
+class PositionTarget(NamedTuple):
     """A place and a heading for the on-board position loop; on the test stand it only levels."""
 
     position_N: Vector
@@ -55,7 +55,7 @@ class Guidance(NamedTuple):
     """[m/s] steady descent, as for landing; `None`: go to the height of `position_N`."""
 
 
-class Level(NamedTuple):
+class LevelFlight(NamedTuple):
     """Level attitude at the present heading, height held: a free vehicle drifts with the wind."""
 
 
@@ -63,11 +63,11 @@ class Trim(NamedTuple):
     """No torque, height held, as in the trimmed hover that a flight begins in: what flies before the first command."""
 
 
-class Off(NamedTuple):
+class MotorsOff(NamedTuple):
     """Motors off; on the test stand the vehicle is clamped."""
 
 
 Command = TorqueCommand | AttitudeTarget
 """What a controller sends."""
-Setpoint = Command | Guidance | Level | Trim | Off
+Setpoint = Command | PositionTarget | LevelFlight | Trim | MotorsOff
 """What the vehicle flies."""

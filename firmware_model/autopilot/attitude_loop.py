@@ -8,11 +8,11 @@ from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.rotations import conjugate, from_rotation_vector, multiply, normalize
 from firmware_model.types import Quaternion, Vector
 
-ALIGNMENT = 3.0
+ALIGNMENT_TIME = 3.0
 """[s] time constant of the attitude's alignment in free flight: slow beside the loops, fast beside a gyro's drift."""
 
 
-class Estimate(NamedTuple):
+class StabilizerState(NamedTuple):
     """State of the on-board loop."""
 
     qw: float  # strapdown q_NB at the sample
@@ -66,7 +66,7 @@ def stabilizer_params(vehicle: Vehicle, gains: Stabilizer, dt: float) -> Stabili
 
 
 @kernel
-def strapdown(params: StabilizerParams, x: Estimate, gyro_B: Vector) -> Estimate:
+def update_attitude(params: StabilizerParams, x: StabilizerState, gyro_B: Vector) -> StabilizerState:
     """Return the estimate carried to a new gyro sample: a turn by the mean of the last two samples times `dt`."""
     half = 0.5 * params.dt
     turn = from_rotation_vector((half * (x.p + gyro_B[0]), half * (x.q + gyro_B[1]), half * (x.r + gyro_B[2])))
@@ -74,9 +74,9 @@ def strapdown(params: StabilizerParams, x: Estimate, gyro_B: Vector) -> Estimate
 
 
 @kernel
-def update_rates(params: StabilizerParams, x: Estimate, gyro_B: Vector) -> Estimate:
+def update_rates(params: StabilizerParams, x: StabilizerState, gyro_B: Vector) -> StabilizerState:
     """Return the estimate with the rates of a new gyro sample, and the attitude of the last one."""
-    return Estimate(
+    return StabilizerState(
         x.qw, x.qx, x.qy, x.qz, gyro_B[0], gyro_B[1], gyro_B[2],
         x.i_roll, x.i_pitch, x.i_yaw,
         x.f_roll + params.smoothing * (gyro_B[0] - x.f_roll),
@@ -86,27 +86,27 @@ def update_rates(params: StabilizerParams, x: Estimate, gyro_B: Vector) -> Estim
 
 
 @kernel
-def aligned(params: StabilizerParams, x: Estimate, q_NB: Quaternion) -> Estimate:
-    """Return the estimate pulled to the true attitude with the time constant `ALIGNMENT`.
+def align_attitude(params: StabilizerParams, x: StabilizerState, q_NB: Quaternion) -> StabilizerState:
+    """Return the estimate pulled to the true attitude with the time constant `ALIGNMENT_TIME`.
 
     This stands for what accelerometer, compass and GPS tell a real autopilot about its attitude.
     """
     error = multiply(conjugate((x.qw, x.qx, x.qy, x.qz)), q_NB)
-    gain = 2.0 * params.dt / ALIGNMENT if error[0] >= 0.0 else -2.0 * params.dt / ALIGNMENT
+    gain = 2.0 * params.dt / ALIGNMENT_TIME if error[0] >= 0.0 else -2.0 * params.dt / ALIGNMENT_TIME
     turn = from_rotation_vector((gain * error[1], gain * error[2], gain * error[3]))
     return set_attitude(x, normalize(multiply((x.qw, x.qx, x.qy, x.qz), turn)))
 
 
 @kernel
-def set_attitude(x: Estimate, q_NB: Quaternion) -> Estimate:
+def set_attitude(x: StabilizerState, q_NB: Quaternion) -> StabilizerState:
     """Return the estimate with its attitude set to `q_NB`."""
-    return Estimate(
+    return StabilizerState(
         q_NB[0], q_NB[1], q_NB[2], q_NB[3], x.p, x.q, x.r, x.i_roll, x.i_pitch, x.i_yaw, x.f_roll, x.f_pitch, x.f_yaw
     )
 
 
 @kernel
-def attitude_rates(params: StabilizerParams, x: Estimate, target_q_NB: Quaternion) -> Vector:
+def attitude_rates(params: StabilizerParams, x: StabilizerState, target_q_NB: Quaternion) -> Vector:
     """Return the body rates [rad/s] that turn the estimate to the target by the shorter way, within the rate limit."""
     error = multiply(conjugate((x.qw, x.qx, x.qy, x.qz)), target_q_NB)
     gain = 2.0 * params.angle_p if error[0] >= 0.0 else -2.0 * params.angle_p
@@ -119,7 +119,7 @@ def attitude_rates(params: StabilizerParams, x: Estimate, target_q_NB: Quaternio
 
 
 @kernel
-def _axis(p: float, i: float, d: float, limit: float, dt: float, error: float, slope: float,
+def _step_pid(p: float, i: float, d: float, limit: float, dt: float, error: float, slope: float,
           integral: float) -> tuple[float, float]:  # fmt: skip
     torque = p * error + i * integral - d * slope
     within = min(max(torque, -limit), limit)
@@ -129,24 +129,24 @@ def _axis(p: float, i: float, d: float, limit: float, dt: float, error: float, s
 
 
 @kernel
-def rate_torque(params: StabilizerParams, x: Estimate, omega_target_B: Vector) -> tuple[Estimate, Vector]:
+def rate_torque(params: StabilizerParams, x: StabilizerState, omega_target_B: Vector) -> tuple[StabilizerState, Vector]:
     """Return the estimate with its integrals moved on and the torque [N*m] B that tracks the body rates."""
     dt = params.dt
     # Of f' = (rate - f) / tau the sampled form is f+ - f = smoothing (rate - f), hence the slope.
     scale = params.smoothing / (dt * (1.0 - params.smoothing))
-    roll, i_roll = _axis(params.p_roll, params.i_roll, params.d_roll, params.limit_roll, dt,
+    roll, i_roll = _step_pid(params.p_roll, params.i_roll, params.d_roll, params.limit_roll, dt,
                          omega_target_B[0] - x.p, scale * (x.p - x.f_roll), x.i_roll)  # fmt: skip
-    pitch, i_pitch = _axis(params.p_pitch, params.i_pitch, params.d_pitch, params.limit_pitch, dt,
+    pitch, i_pitch = _step_pid(params.p_pitch, params.i_pitch, params.d_pitch, params.limit_pitch, dt,
                            omega_target_B[1] - x.q, scale * (x.q - x.f_pitch), x.i_pitch)  # fmt: skip
-    yaw, i_yaw = _axis(params.p_yaw, params.i_yaw, params.d_yaw, params.limit_yaw, dt,
+    yaw, i_yaw = _step_pid(params.p_yaw, params.i_yaw, params.d_yaw, params.limit_yaw, dt,
                        omega_target_B[2] - x.r, scale * (x.r - x.f_yaw), x.i_yaw)  # fmt: skip
-    moved = Estimate(
+    moved = StabilizerState(
         x.qw, x.qx, x.qy, x.qz, x.p, x.q, x.r, i_roll, i_pitch, i_yaw, x.f_roll, x.f_pitch, x.f_yaw
     )  # fmt: skip
     return moved, (roll, pitch, yaw)
 
 
 @kernel
-def reset_integrators(x: Estimate) -> Estimate:
+def reset_integrators(x: StabilizerState) -> StabilizerState:
     """Return the estimate with empty integrals: the on-board rate loop is not asked and must start fresh."""
-    return Estimate(x.qw, x.qx, x.qy, x.qz, x.p, x.q, x.r, 0.0, 0.0, 0.0, x.f_roll, x.f_pitch, x.f_yaw)
+    return StabilizerState(x.qw, x.qx, x.qy, x.qz, x.p, x.q, x.r, 0.0, 0.0, 0.0, x.f_roll, x.f_pitch, x.f_yaw)

@@ -15,7 +15,7 @@ _AXES = ("ROLL", "PITCH", "YAW")
 _DEGREES = math.degrees(1.0)
 
 
-class Gain(NamedTuple):
+class TunableGain(NamedTuple):
     """One number of the on-board loops."""
 
     field: str
@@ -39,48 +39,54 @@ class Gain(NamedTuple):
         return float(self.scale * (value if self.axis is None else value[self.axis]))
 
 
-def stabilizer_gains(vehicle: Vehicle) -> dict[str, Gain]:
+def stabilizer_gains(vehicle: Vehicle) -> dict[str, TunableGain]:
     """Return the gains of the attitude and rate loops by their names."""
     gains = {
-        "GP_ATT_P": Gain("angle_p", None, 1.0, "1/s", 0.1, 20.0, "Rate asked for per attitude error, all axes"),
-        "GP_RATE_MAX": Gain("rate_limit", None, _DEGREES, "deg/s", 10.0, 1800.0,
+        "GP_ATT_P": TunableGain("angle_p", None, 1.0, "1/s", 0.1, 20.0, "Rate asked for per attitude error, all axes"),
+        "GP_RATE_MAX": TunableGain("rate_limit", None, _DEGREES, "deg/s", 10.0, 1800.0,
                             "Largest rate that the attitude loop asks for, all axes"),
-        "IMU_DGYRO_CUTOFF": Gain("derivative_cutoff", None, 1.0, "Hz", 1.0, 100.0, "Low pass of the rate's derivative"),
+        "IMU_DGYRO_CUTOFF": TunableGain("derivative_cutoff", None, 1.0, "Hz", 1.0, 100.0, "Low pass of the rate's derivative"),
     }  # fmt: skip
     ratios = (inertia / limit for inertia, limit in zip(vehicle.inertia_B, vehicle.torque_limit, strict=True))
     for axis, (word, ratio) in enumerate(zip(_AXES, ratios, strict=True)):
         what = f"Part of the largest {word.lower()} torque"
         gains |= {
-            f"MC_{word}RATE_P": Gain("rate_p", axis, ratio, "s/rad", 0.001, 10.0, f"{what} per rate error"),
-            f"MC_{word}RATE_I": Gain("rate_i", axis, ratio, "1/rad", 0.0, 10.0, f"{what} per integral of that"),
-            f"MC_{word}RATE_D": Gain("rate_d", axis, ratio, "s^2/rad", 0.0, 1.0, f"{what} against the acceleration"),
+            f"MC_{word}RATE_P": TunableGain("rate_p", axis, ratio, "s/rad", 0.001, 10.0, f"{what} per rate error"),
+            f"MC_{word}RATE_I": TunableGain("rate_i", axis, ratio, "1/rad", 0.0, 10.0, f"{what} per integral of that"),
+            f"MC_{word}RATE_D": TunableGain(
+                "rate_d", axis, ratio, "s^2/rad", 0.0, 1.0, f"{what} against the acceleration"
+            ),
         }
     return gains
 
 
 POSITION_GAINS = {
-    "MPC_XY_P": Gain("xy_p", None, 1.0, "1/s", 0.05, 5.0, "Velocity asked for per position error"),
-    "MPC_XY_VEL_P_ACC": Gain("xy_velocity_p", None, 1.0, "1/s", 0.1, 20.0, "Acceleration per velocity error"),
-    "MPC_XY_VEL_I_ACC": Gain("xy_velocity_i", None, 1.0, "1/s^2", 0.0, 20.0, "Acceleration per integral of that"),
-    "MPC_XY_VEL_MAX": Gain("xy_velocity_max", None, 1.0, "m/s", 0.5, 20.0, "Largest horizontal velocity asked for"),
-    "MPC_Z_P": Gain("z_p", None, 1.0, "1/s", 0.05, 5.0, "Climb asked for per height error"),
-    "MPC_Z_VEL_P_ACC": Gain("z_velocity_p", None, 1.0, "1/s", 0.1, 20.0, "Acceleration per climb error"),
-    "MPC_Z_VEL_I_ACC": Gain("z_velocity_i", None, 1.0, "1/s^2", 0.0, 20.0, "Acceleration per integral of that"),
-    "MPC_Z_VEL_MAX_UP": Gain("z_velocity_max_up", None, 1.0, "m/s", 0.2, 10.0, "Fastest climb"),
-    "MPC_Z_VEL_MAX_DN": Gain("z_velocity_max_down", None, 1.0, "m/s", 0.2, 4.0, "Fastest descent"),
-    "MPC_TILTMAX_AIR": Gain("tilt_max", None, _DEGREES, "deg", 5.0, 60.0, "Largest tilt asked for"),
+    "MPC_XY_P": TunableGain("xy_p", None, 1.0, "1/s", 0.05, 5.0, "Velocity asked for per position error"),
+    "MPC_XY_VEL_P_ACC": TunableGain("xy_velocity_p", None, 1.0, "1/s", 0.1, 20.0, "Acceleration per velocity error"),
+    "MPC_XY_VEL_I_ACC": TunableGain(
+        "xy_velocity_i", None, 1.0, "1/s^2", 0.0, 20.0, "Acceleration per integral of that"
+    ),
+    "MPC_XY_VEL_MAX": TunableGain(
+        "xy_velocity_max", None, 1.0, "m/s", 0.5, 20.0, "Largest horizontal velocity asked for"
+    ),
+    "MPC_Z_P": TunableGain("z_p", None, 1.0, "1/s", 0.05, 5.0, "Climb asked for per height error"),
+    "MPC_Z_VEL_P_ACC": TunableGain("z_velocity_p", None, 1.0, "1/s", 0.1, 20.0, "Acceleration per climb error"),
+    "MPC_Z_VEL_I_ACC": TunableGain("z_velocity_i", None, 1.0, "1/s^2", 0.0, 20.0, "Acceleration per integral of that"),
+    "MPC_Z_VEL_MAX_UP": TunableGain("z_velocity_max_up", None, 1.0, "m/s", 0.2, 10.0, "Fastest climb"),
+    "MPC_Z_VEL_MAX_DN": TunableGain("z_velocity_max_down", None, 1.0, "m/s", 0.2, 4.0, "Fastest descent"),
+    "MPC_TILTMAX_AIR": TunableGain("tilt_max", None, _DEGREES, "deg", 5.0, 60.0, "Largest tilt asked for"),
 }
 """Gains and limits of the height and position loops by their names."""
 
 
-def changed(loop: _Loop, gains: Mapping[str, Gain], told: Mapping[str, float]) -> _Loop:
+def replace_gains(loop: _Loop, gains: Mapping[str, TunableGain], told: Mapping[str, float]) -> _Loop:
     """Return a loop with the numbers of `told` in their places, by name and in people's units."""
     for name, value in told.items():
-        loop = replace(loop, **{gains[name].field: _field(loop, gains[name], value)})
+        loop = replace(loop, **{gains[name].field: _field_value(loop, gains[name], value)})
     return loop
 
 
-def _field(loop: Stabilizer | PositionLoop, gain: Gain, value: float) -> Any:
+def _field_value(loop: Stabilizer | PositionLoop, gain: TunableGain, value: float) -> Any:
     new = value / gain.scale
     if gain.axis is None:
         return new

@@ -16,16 +16,16 @@ from dataclasses import dataclass
 from enum import Enum
 
 from firmware_model.autopilot import guidance
-from firmware_model.autopilot.guidance import Leg, Situation
-from firmware_model.types import Command, Level, Off, Setpoint, TorqueCommand, Vector
+from firmware_model.autopilot.guidance import Leg, NavigationState
+from firmware_model.types import Command, LevelFlight, MotorsOff, Setpoint, TorqueCommand, Vector
 
 ENTRY_GAP_US = 500_000
 """[us] age that the last set-point may have when OFFBOARD is asked for: the stream is faster than 2 Hz (PX4's rule)."""
-LANDED_US = 1_000_000
+LAND_DETECTION_US = 1_000_000
 """[us] time on the ground, or level on the stand, after which a landing is over."""
-_LEVEL = 0.1  # [rad] tilt below which the vehicle on the stand is level
-_TIPPED = math.radians(45.0)  # [rad] tilt above which it lies on its side and is not armed
-_HEIGHTS_M = (1.0, 500.0)  # of a take-off
+_LEVEL_TILT = 0.1  # [rad] tilt below which the vehicle on the stand is level
+_MAX_ARMING_TILT = math.radians(45.0)  # [rad] tilt above which it lies on its side and is not armed
+_TAKEOFF_RANGE_M = (1.0, 500.0)  # of a take-off
 
 
 class Mode(Enum):
@@ -53,7 +53,7 @@ class Mode(Enum):
     """Level, height held."""
 
 
-class Landed(Enum):
+class LandedState(Enum):
     """Where the vehicle is in the course of a flight, by MAV_LANDED_STATE's number."""
 
     ON_GROUND = 1
@@ -77,7 +77,7 @@ class FailSafe(Enum):
     """Stay in place."""
 
 
-class Verdict(Enum):
+class TransitionResult(Enum):
     """Answer to a request; the values are texts for people, at most 50 characters as STATUSTEXT has them."""
 
     ACCEPTED = "accepted"
@@ -102,7 +102,7 @@ class Verdict(Enum):
     """A mode that is not modelled."""
 
 
-class Event(Enum):
+class AutopilotEvent(Enum):
     """Something that happened to the flight by itself; the values are texts for people, at most 50 characters."""
 
     LOST_STABILIZED = "set-points stopped: fail-safe to STABILIZED"
@@ -125,10 +125,12 @@ class Event(Enum):
     @property
     def critical(self) -> bool:
         """Whether it is a fail-safe."""
-        return self in _LOST.values()
+        return self in _FAIL_SAFE_EVENTS.values()
 
 
-_LOST = dict(zip(FailSafe, (Event.LOST_STABILIZED, Event.LOST_LAND, Event.LOST_HOLD), strict=True))
+_FAIL_SAFE_EVENTS = dict(
+    zip(FailSafe, (AutopilotEvent.LOST_STABILIZED, AutopilotEvent.LOST_LAND, AutopilotEvent.LOST_HOLD), strict=True)
+)
 _LEVEL_MODES = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.STABILIZED})
 _LANDING_MODES = frozenset({Mode.LAND, Mode.RETURN})
 _OFFBOARD = Mode.OFFBOARD  # asked for several times a sample, and to look up a member of an Enum takes .1 us
@@ -164,48 +166,48 @@ class Autopilot:
         self.airborne = False
         self.in_fail_safe = False
         self.home_N: Vector = (0.0, 0.0, 0.0)
-        self._situation = Situation(self.home_N, 0.0, 0.0, True)
+        self._situation = NavigationState(self.home_N, 0.0, 0.0, True)
         self._last_setpoint_us: int | None = None
-        self._settled_us: int | None = None
+        self._landed_since_us: int | None = None
         self._takeoff_height = settings.takeoff_height
         self._legs: tuple[Leg, ...] = ()
         self._yaw = 0.0
-        self._events: list[Event] = []
+        self._events: list[AutopilotEvent] = []
 
     @property
-    def landed(self) -> Landed:
+    def landed(self) -> LandedState:
         """Where the vehicle is in the course of a flight."""
         if self.armed and self.mode is Mode.TAKEOFF:
-            return Landed.TAKEOFF
+            return LandedState.TAKEOFF
         if not self.airborne:
-            return Landed.ON_GROUND
+            return LandedState.ON_GROUND
         descends = self.mode is Mode.LAND or (self.mode is Mode.RETURN and len(self._legs) == 1)
-        return Landed.LANDING if self.armed and descends else Landed.IN_AIR
+        return LandedState.LANDING if self.armed and descends else LandedState.IN_AIR
 
     @property
     def stream_alive(self) -> bool:
         """Whether the last set-point is younger than the time-out."""
-        return self._younger_than(self.settings.stream_timeout_us)
+        return self._is_stream_younger(self.settings.stream_timeout_us)
 
-    def arm(self) -> Verdict:
+    def arm(self) -> TransitionResult:
         """Arm the vehicle; home is where it stands then."""
         if self.armed:
-            return Verdict.ACCEPTED
+            return TransitionResult.ACCEPTED
         if self.mode in _LANDING_MODES:
-            return Verdict.LANDING_MODE
+            return TransitionResult.LANDING_MODE
         if self.mode is _OFFBOARD and not self.stream_alive:
-            return Verdict.NO_STREAM
-        if self._situation.tilt > _TIPPED:
-            return Verdict.TIPPED
+            return TransitionResult.NO_STREAM
+        if self._situation.tilt > _MAX_ARMING_TILT:
+            return TransitionResult.TIPPED
         self.armed = True
-        return Verdict.ACCEPTED
+        return TransitionResult.ACCEPTED
 
-    def disarm(self, force: bool = False) -> Verdict:
+    def disarm(self, force: bool = False) -> TransitionResult:
         """Disarm the vehicle; in the air only by force, and then it falls."""
         if self.armed and self.airborne and not force:
-            return Verdict.IN_FLIGHT
+            return TransitionResult.IN_FLIGHT
         self.armed = False
-        return Verdict.ACCEPTED
+        return TransitionResult.ACCEPTED
 
     def begin(self) -> None:
         """Note that a scripted flight begins, in the air."""
@@ -215,138 +217,138 @@ class Autopilot:
         """Note that the script has ended; disarms."""
         self.airborne = self.armed = False
 
-    def set_mode(self, mode: Mode) -> Verdict:
+    def set_mode(self, mode: Mode) -> TransitionResult:
         """Change the mode; OFFBOARD needs a living stream."""
         if mode is Mode.ACRO:
-            return Verdict.NOT_FLOWN
-        if mode is _OFFBOARD and not self._younger_than(min(ENTRY_GAP_US, self.settings.stream_timeout_us)):
-            return Verdict.NO_STREAM
+            return TransitionResult.NOT_FLOWN
+        if mode is _OFFBOARD and not self._is_stream_younger(min(ENTRY_GAP_US, self.settings.stream_timeout_us)):
+            return TransitionResult.NO_STREAM
         if mode is Mode.TAKEOFF:
             return self.take_off(None)
         if mode is Mode.RETURN and not self.free:
-            return Verdict.ON_STAND
+            return TransitionResult.ON_STAND
         if mode is not self.mode or self.in_fail_safe:
             self._enter(mode)
-        return Verdict.ACCEPTED
+        return TransitionResult.ACCEPTED
 
-    def take_off(self, height: float | None) -> Verdict:
+    def take_off(self, height: float | None) -> TransitionResult:
         """Climb to `height` [m] above home, `None` for the set one, as soon as the vehicle is armed."""
         if not self.free:
-            return Verdict.ON_STAND
+            return TransitionResult.ON_STAND
         height = self.settings.takeoff_height if height is None else height
         if self.airborne:
             repeated = self.mode is Mode.TAKEOFF and height == self._takeoff_height
-            return Verdict.ACCEPTED if repeated else Verdict.AIRBORNE
-        if not _HEIGHTS_M[0] <= height <= _HEIGHTS_M[1]:  # true for NaN too
-            return Verdict.HEIGHT
+            return TransitionResult.ACCEPTED if repeated else TransitionResult.AIRBORNE
+        if not _TAKEOFF_RANGE_M[0] <= height <= _TAKEOFF_RANGE_M[1]:  # true for NaN too
+            return TransitionResult.HEIGHT
         self._takeoff_height = height
         self._enter(Mode.TAKEOFF)
-        return Verdict.ACCEPTED
+        return TransitionResult.ACCEPTED
 
-    def land(self) -> Verdict:
+    def land(self) -> TransitionResult:
         """Land here, then disarm."""
         return self.set_mode(Mode.LAND)
 
-    def return_home(self) -> Verdict:
+    def return_home(self) -> TransitionResult:
         """Fly home, land there, then disarm."""
         return self.set_mode(Mode.RETURN)
 
-    def hold(self) -> Verdict:
+    def hold(self) -> TransitionResult:
         """Stay in place."""
         return self.set_mode(Mode.HOLD)
 
-    def hear_setpoint(self) -> None:
+    def on_setpoint(self) -> None:
         """Note that a set-point arrived."""
         if self.in_fail_safe and not self.stream_alive:
-            self.note(Event.STREAM_BACK)
+            self.note(AutopilotEvent.STREAM_BACK)
         self._last_setpoint_us = self.clock_us
 
-    def lose_stream(self) -> None:
+    def on_stream_lost(self) -> None:
         """Forget the stream; in OFFBOARD, enter the fail-safe."""
         self._last_setpoint_us = None
         if self.mode is not _OFFBOARD:
             return
         if not self.airborne:
             self._enter(Mode.HOLD)
-            self.note(Event.LOST_ON_GROUND)
+            self.note(AutopilotEvent.LOST_ON_GROUND)
             return
         fail_safe = self.settings.fail_safe
         self._enter(Mode[fail_safe.name])
         self.in_fail_safe = True
-        self.note(_LOST[fail_safe])
+        self.note(_FAIL_SAFE_EVENTS[fail_safe])
 
-    def note(self, event: Event) -> None:
+    def note(self, event: AutopilotEvent) -> None:
         """Keep an event until it is taken."""
         self._events.append(event)
 
-    def take_events(self) -> list[Event]:
+    def take_events(self) -> list[AutopilotEvent]:
         """Return what has happened since this was last asked."""
         events, self._events = self._events, []
         return events
 
-    def setpoint(self, command: Command | None, now: Situation) -> Setpoint:
+    def setpoint(self, command: Command | None, now: NavigationState) -> Setpoint:
         """Return what flies at a sample; `command` is the outside controller's, flown in OFFBOARD."""
         self._situation = now
         self._touch(now)
         if not self.armed:
             if not self.airborne:
                 self.home_N = now.position_N
-            return Off()
+            return MotorsOff()
         if self.mode is _OFFBOARD and command is not None:
-            return command if self.airborne or _lifts(command) else Off()
+            return command if self.airborne or _has_thrust(command) else MotorsOff()
         if not (self.airborne or self.mode is Mode.TAKEOFF):
-            return Off()
+            return MotorsOff()
         if not self.free or self.mode in _LEVEL_MODES or self.mode is _OFFBOARD:
-            return Level()
-        return self._guide(now)
+            return LevelFlight()
+        return self._follow_legs(now)
 
-    def _guide(self, now: Situation) -> Setpoint:
+    def _follow_legs(self, now: NavigationState) -> Setpoint:
         if not self._legs:
             self._legs, self._yaw = self._plan(now), now.yaw
-        if guidance.reached(self._legs[0], now):
+        if guidance.is_reached(self._legs[0], now):
             if self.mode is Mode.TAKEOFF:
                 self.mode = Mode.HOLD
-                self.note(Event.HEIGHT_REACHED)
+                self.note(AutopilotEvent.HEIGHT_REACHED)
             self._legs = self._legs[1:] or self._legs
-        return guidance.target(self._legs[0], now, self.home_N, self._yaw, self.settings.land_speed)
+        return guidance.leg_target(self._legs[0], now, self.home_N, self._yaw, self.settings.land_speed)
 
-    def _plan(self, now: Situation) -> tuple[Leg, ...]:
+    def _plan(self, now: NavigationState) -> tuple[Leg, ...]:
         match self.mode:
             case Mode.TAKEOFF:
-                return guidance.take_off(now, self.home_N, self._takeoff_height)
+                return guidance.plan_takeoff(now, self.home_N, self._takeoff_height)
             case Mode.LAND:
-                return guidance.land(now)
+                return guidance.plan_landing(now)
             case Mode.RETURN:
-                return guidance.return_home(now, self.home_N, self.settings.return_height)
-        return guidance.stay(now)
+                return guidance.plan_return(now, self.home_N, self.settings.return_height)
+        return guidance.plan_hold(now)
 
-    def _touch(self, now: Situation) -> None:
+    def _touch(self, now: NavigationState) -> None:
         """Find out whether the vehicle flies, and end a landing."""
         landing = self.mode in _LANDING_MODES
         if self.free:
             settled = now.on_ground
             self.airborne = self.airborne or not settled
         else:
-            settled = landing and now.tilt < _LEVEL
+            settled = landing and now.tilt < _LEVEL_TILT
             self.airborne = self.armed
         if not settled:
-            self._settled_us = None
+            self._landed_since_us = None
             return
-        self._settled_us = self.clock_us if self._settled_us is None else self._settled_us
-        if self.clock_us >= self._settled_us + LANDED_US or not self.airborne:
+        self._landed_since_us = self.clock_us if self._landed_since_us is None else self._landed_since_us
+        if self.clock_us >= self._landed_since_us + LAND_DETECTION_US or not self.airborne:
             self.airborne = False
             if landing and self.armed:
                 self.armed = False
                 self._enter(Mode.HOLD)
-                self.note(Event.LANDED)
+                self.note(AutopilotEvent.LANDED)
 
     def _enter(self, mode: Mode) -> None:
-        self.mode, self.in_fail_safe, self._legs, self._settled_us = mode, False, (), None
+        self.mode, self.in_fail_safe, self._legs, self._landed_since_us = mode, False, (), None
 
-    def _younger_than(self, age_us: int) -> bool:
+    def _is_stream_younger(self, age_us: int) -> bool:
         return self._last_setpoint_us is not None and self.clock_us < self._last_setpoint_us + age_us
 
 
-def _lifts(command: Command) -> bool:
+def _has_thrust(command: Command) -> bool:
     """Whether a command brings a thrust of its own: holding the height of the ground is no take-off."""
     return (command.throttle if isinstance(command, TorqueCommand) else command.thrust) is not None

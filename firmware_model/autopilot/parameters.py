@@ -13,7 +13,7 @@ from enum import Enum
 
 import numpy as np
 
-from firmware_model.autopilot.gains import POSITION_GAINS, Gain, changed, stabilizer_gains
+from firmware_model.autopilot.gains import POSITION_GAINS, TunableGain, replace_gains, stabilizer_gains
 from firmware_model.autopilot.modes import FailSafe, Settings
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
@@ -79,7 +79,7 @@ class Parameter:
         return f"{self.minimum:g} to {self.maximum:g}"
 
 
-class Refusal(Enum):
+class ParameterRejectReason(Enum):
     """Why a parameter keeps its value; the values are texts for people."""
 
     READ_ONLY = "read-only"
@@ -90,11 +90,11 @@ class Refusal(Enum):
     """The value came as another type than the parameter's."""
 
 
-def _rounded(value: float | int) -> float | int:
+def _round_float32(value: float | int) -> float | int:
     return value if isinstance(value, int) else float(f"{value:.7g}")  # what a float32 tells
 
 
-def _table(vehicle: Vehicle, scenario: Scenario) -> tuple[Parameter, ...]:
+def _make_table(vehicle: Vehicle, scenario: Scenario) -> tuple[Parameter, ...]:
     limits = zip(TORQUE_LIMIT_NAMES, published_limit(vehicle), ("roll", "pitch", "yaw"), strict=True)
     usual = Settings()
     return (
@@ -144,7 +144,7 @@ class Parameters:
     """Values by name, in a fixed order; `bytewise` says how integers travel."""
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario, *, bytewise: bool = True) -> None:
-        self.table = _table(vehicle, scenario)
+        self.table = _make_table(vehicle, scenario)
         self._vehicle, self._bytewise = vehicle, bytewise
         self._values = {parameter.name: parameter.default for parameter in self.table}
         self._index = {parameter.name: index for index, parameter in enumerate(self.table)}
@@ -163,18 +163,18 @@ class Parameters:
             return struct.unpack("<f", struct.pack("<i", value))[0], True
         return float(value), False
 
-    def set_wire_value(self, name: str, value: float, *, integer: bool) -> Refusal | None:
+    def set_wire_value(self, name: str, value: float, *, integer: bool) -> ParameterRejectReason | None:
         """Set a parameter from a float field told as an integer or not; the old value stays if that is refused."""
         parameter = self.table[self._index[name]]
         whole = isinstance(parameter.default, int)
         if parameter.read_only:
-            return Refusal.READ_ONLY
+            return ParameterRejectReason.READ_ONLY
         if integer is not (whole and self._bytewise):
-            return Refusal.WRONG_TYPE
+            return ParameterRejectReason.WRONG_TYPE
         if integer:
             value = struct.unpack("<i", struct.pack("<f", value))[0]
         if not parameter.allows(value):
-            return Refusal.OUT_OF_RANGE
+            return ParameterRejectReason.OUT_OF_RANGE
         # What is set to the start value as it was told is that value again, with the bits that a float32 has not.
         start = value == float(np.float32(parameter.default))
         self._values[name] = parameter.default if start else int(value) if whole else value
@@ -193,11 +193,11 @@ class Parameters:
     def stabilizer(self) -> Stabilizer:
         """Return the gains of the attitude and rate loops as they are set."""
         gains = stabilizer_gains(self._vehicle)
-        return changed(self._vehicle.stabilizer, gains, self._set(gains))
+        return replace_gains(self._vehicle.stabilizer, gains, self._set(gains))
 
     def position_loop(self) -> PositionLoop:
         """Return gains and limits of the height and position loops as they are set."""
-        return changed(self._vehicle.position, POSITION_GAINS, self._set(POSITION_GAINS))
+        return replace_gains(self._vehicle.position, POSITION_GAINS, self._set(POSITION_GAINS))
 
     def reference(self) -> list[dict[str, str | float]]:
         """Return what is to be known about each parameter."""
@@ -205,7 +205,7 @@ class Parameters:
             {
                 "name": parameter.name,
                 "type": "INT32" if isinstance(parameter.default, int) else "REAL32",
-                "default": _rounded(parameter.default),
+                "default": _round_float32(parameter.default),
                 "unit": parameter.unit,
                 "allowed": parameter.allowed,
                 "meaning": parameter.meaning,
@@ -213,6 +213,6 @@ class Parameters:
             for parameter in self.table
         ]
 
-    def _set(self, gains: Mapping[str, Gain]) -> dict[str, float]:
+    def _set(self, gains: Mapping[str, TunableGain]) -> dict[str, float]:
         """Return those of the gains that are not as they were at start."""
         return {name: self[name] for name in gains if self[name] != self.table[self._index[name]].default}

@@ -14,11 +14,11 @@ from firmware_model.physics.rigid_body import Body
 from firmware_model.types import Quaternion, Vector
 
 _THRUST_MIN, _THRUST_MAX = 0.1, 0.9  # [-] of the weight, of the largest thrust: the rest is left for torques
-_UPRIGHT = 0.5  # [-] cosine of the tilt from which on thrust makes up for it no further
-_TURN = 0.2  # [rad] heading asked for ahead of the present one, at most
+_MIN_TILT_COSINE = 0.5  # [-] cosine of the tilt from which on thrust makes up for it no further
+_MAX_HEADING_STEP = 0.2  # [rad] heading asked for ahead of the present one, at most
 
 
-class Holding(NamedTuple):
+class PositionState(NamedTuple):
     """State."""
 
     i_north: float  # [m/s^2] integrated velocity errors
@@ -57,27 +57,29 @@ def position_params(vehicle: Vehicle, gains: PositionLoop, dt: float) -> Positio
 
 
 @kernel
-def nothing_held() -> Holding:
+def initial_position_state() -> PositionState:
     """Return the state in which no height, heading or place is held."""
-    return Holding(0.0, 0.0, 0.0, math.nan, math.nan)
+    return PositionState(0.0, 0.0, 0.0, math.nan, math.nan)
 
 
 @kernel
-def climb(params: PositionParams, x: Holding, body: Body, v_down: float) -> tuple[Holding, float]:
+def climb_thrust(params: PositionParams, x: PositionState, body: Body, v_down: float) -> tuple[PositionState, float]:
     """Return the state moved on and the thrust [N] for a vertical velocity [m/s] down, whatever the tilt."""
     wanted = min(max(v_down, -params.z_velocity_max_up), params.z_velocity_max_down)
     error = wanted - body.v_down
     up = -rotate((body.qw, body.qx, body.qy, body.qz), (0.0, 0.0, -1.0))[2]
-    thrust = params.mass * (GRAVITY - params.z_velocity_p * error - x.i_down) / max(up, _UPRIGHT)
+    thrust = params.mass * (GRAVITY - params.z_velocity_p * error - x.i_down) / max(up, _MIN_TILT_COSINE)
     within = min(max(thrust, params.thrust_min), params.thrust_max)
     # Anti-windup: at a limit the integral may only move back.
     holds = (thrust > within and error < 0.0) or (thrust < within and error > 0.0)
     i_down = x.i_down if holds else x.i_down + params.dt * params.z_velocity_i * error
-    return Holding(x.i_north, x.i_east, i_down, x.down, x.yaw), within
+    return PositionState(x.i_north, x.i_east, i_down, x.down, x.yaw), within
 
 
 @kernel
-def _approach(params: PositionParams, x: Holding, body: Body, north: float, east: float) -> tuple[Holding, Vector]:
+def _horizontal_acceleration(
+    params: PositionParams, x: PositionState, body: Body, north: float, east: float
+) -> tuple[PositionState, Vector]:
     """Return the state moved on and the acceleration [m/s^2] N, horizontal, toward a place [m] N."""
     v_north, v_east = params.xy_p * (north - body.north), params.xy_p * (east - body.east)
     slow = params.xy_velocity_max / max(math.sqrt(v_north * v_north + v_east * v_east), params.xy_velocity_max)
@@ -90,7 +92,7 @@ def _approach(params: PositionParams, x: Holding, body: Body, north: float, east
         i_north += params.dt * params.xy_velocity_i * e_north
         i_east += params.dt * params.xy_velocity_i * e_east
     fit = most / max(size, most)
-    return Holding(i_north, i_east, x.i_down, x.down, x.yaw), (fit * a_north, fit * a_east, 0.0)
+    return PositionState(i_north, i_east, x.i_down, x.down, x.yaw), (fit * a_north, fit * a_east, 0.0)
 
 
 @kernel
@@ -105,27 +107,27 @@ def attitude_for_acceleration(acceleration_N: Vector, yaw: float) -> Quaternion:
 
 
 @kernel
-def position_hold(params: PositionParams, x: Holding, body: Body, place_N: Vector,
-          v_down: float) -> tuple[Holding, Vector, float]:  # fmt: skip
+def position_hold(params: PositionParams, x: PositionState, body: Body, place_N: Vector,
+          v_down: float) -> tuple[PositionState, Vector, float]:  # fmt: skip
     """Return the state moved on, the acceleration [m/s^2] N and the thrust [N] that lead to a place [m] N.
 
     A `v_down` [m/s] other than NaN is the vertical velocity, and the place's height is not used.
     """
-    x = Holding(x.i_north, x.i_east, x.i_down, math.nan, math.nan)
-    x, acceleration_N = _approach(params, x, body, place_N[0], place_N[1])
+    x = PositionState(x.i_north, x.i_east, x.i_down, math.nan, math.nan)
+    x, acceleration_N = _horizontal_acceleration(params, x, body, place_N[0], place_N[1])
     sink = params.z_p * (place_N[2] - body.down) if math.isnan(v_down) else v_down
-    x, thrust = climb(params, x, body, sink)
+    x, thrust = climb_thrust(params, x, body, sink)
     return x, acceleration_N, thrust
 
 
 @kernel
-def altitude_hold(params: PositionParams, x: Holding, body: Body, thrust: float) -> tuple[Holding, float]:
+def altitude_hold(params: PositionParams, x: PositionState, body: Body, thrust: float) -> tuple[PositionState, float]:
     """Return the state moved on and the thrust [N]: as asked, or for NaN what holds the height where that began."""
     if not math.isnan(thrust):
-        return Holding(0.0, 0.0, 0.0, math.nan, x.yaw), thrust
+        return PositionState(0.0, 0.0, 0.0, math.nan, x.yaw), thrust
     fresh = math.isnan(x.down)
-    x = Holding(0.0, 0.0, 0.0 if fresh else x.i_down, body.down if fresh else x.down, x.yaw)
-    return climb(params, x, body, params.z_p * (x.down - body.down))
+    x = PositionState(0.0, 0.0, 0.0 if fresh else x.i_down, body.down if fresh else x.down, x.yaw)
+    return climb_thrust(params, x, body, params.z_p * (x.down - body.down))
 
 
 @kernel
@@ -136,17 +138,17 @@ def slew_heading(q_NB: Quaternion, yaw: float) -> float:
     """
     present = to_euler(q_NB)[2]
     sine, cosine = sin_cos(yaw - present)
-    return present + min(max(arctan2(sine, cosine), -_TURN), _TURN)
+    return present + min(max(arctan2(sine, cosine), -_MAX_HEADING_STEP), _MAX_HEADING_STEP)
 
 
 @kernel
-def keep_heading(x: Holding, q_NB: Quaternion) -> Holding:
+def latch_heading(x: PositionState, q_NB: Quaternion) -> PositionState:
     """Return the state with the heading of `q_NB` held, unless one is held already."""
     yaw = to_euler(q_NB)[2] if math.isnan(x.yaw) else x.yaw
-    return Holding(x.i_north, x.i_east, x.i_down, x.down, yaw)
+    return PositionState(x.i_north, x.i_east, x.i_down, x.down, yaw)
 
 
 @kernel
-def forget_heading(x: Holding) -> Holding:
+def clear_heading(x: PositionState) -> PositionState:
     """Return the state with no heading held."""
-    return Holding(x.i_north, x.i_east, x.i_down, x.down, math.nan)
+    return PositionState(x.i_north, x.i_east, x.i_down, x.down, math.nan)

@@ -24,7 +24,7 @@ class ModeChange:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class ControllerHung:
+class ControllerHang:
     """The controller hears nothing and says nothing for a while, then goes on from the state that it has."""
 
     kind: Literal["controller_hung"]
@@ -36,7 +36,7 @@ class ControllerHung:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class ControllerKilled:
+class ControllerKill:
     """The controller's process ends; another one, which knows nothing of the first, may take its place."""
 
     kind: Literal["controller_killed"]
@@ -47,4 +47,4 @@ class ControllerKilled:
     """[s] from then on, until the next one joins; never by default."""
 
 
-Event = Annotated[ModeChange | ControllerHung | ControllerKilled | PlantEvent, Field(discriminator="kind")]
+Event = Annotated[ModeChange | ControllerHang | ControllerKill | PlantEvent, Field(discriminator="kind")]

@@ -17,7 +17,7 @@ from typing import IO, Annotated, Any, TypeVar, cast
 from pydantic import AfterValidator, TypeAdapter, ValidationError
 from pydantic_core import from_json, to_jsonable_python
 
-from firmware_model.config.validation import format_errors, one_line
+from firmware_model.config.validation import format_errors, sanitize_line
 from firmware_model.errors import ConfigError
 
 Parsed = TypeVar("Parsed")
@@ -147,11 +147,11 @@ def read_document(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: not TOML: {one_line(str(error))}") from None
+        raise ConfigError(f"{path}: not TOML: {sanitize_line(str(error))}") from None
     return said
 
 
-def shipped(folder: Path) -> tuple[str, ...]:
+def list_shipped(folder: Path) -> tuple[str, ...]:
     """Return the names of the files shipped in `folder`."""
     return tuple(sorted(path.stem for path in folder.glob("*.toml")))
 
@@ -174,12 +174,12 @@ def read_toml(
     path = Path(name_or_path)
     if path.suffix != ".toml":
         path = folder / f"{name_or_path}.toml"
-        if str(name_or_path) not in shipped(folder):
-            known = ", ".join(shipped(folder))
+        if str(name_or_path) not in list_shipped(folder):
+            known = ", ".join(list_shipped(folder))
             raise ConfigError(
-                f"no {kind.__name__.lower()} named '{one_line(str(name_or_path))}': give a .toml file or one of {known}"
+                f"no {kind.__name__.lower()} named '{sanitize_line(str(name_or_path))}': give a .toml file or one of {known}"
             )
-    return parse(kind, {"name": path.stem, **complete(read_document(path), path)}, str(path))
+    return validate(kind, {"name": path.stem, **complete(read_document(path), path)}, str(path))
 
 
 def read_json(kind: type[Parsed], name: str) -> Parsed | None:
@@ -194,24 +194,24 @@ def read_json(kind: type[Parsed], name: str) -> Parsed | None:
     if path.suffix != ".json":
         return None
     try:
-        return parse(kind, parse_json(read_text(path)), name)
+        return validate(kind, parse_json(read_text(path)), name)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
     except ValueError as error:
-        raise ConfigError(f"{path}: not JSON: {one_line(str(error))}") from None
+        raise ConfigError(f"{path}: not JSON: {sanitize_line(str(error))}") from None
 
 
-def parse(kind: type[Parsed], document: dict[str, Any], source: str) -> Parsed:
+def validate(kind: type[Parsed], document: dict[str, Any], source: str) -> Parsed:
     """Return `document` as a checked `kind`; `source` stands in front of each mistake."""
     try:
-        parsed: Parsed = _adapter(cast(Any, kind)).validate_python(document)
+        parsed: Parsed = _type_adapter(cast(Any, kind)).validate_python(document)
     except ValidationError as error:
         raise ConfigError(f"{source}: {format_errors(kind, error.errors())}") from None
     return parsed
 
 
 @cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
+def _type_adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 

@@ -13,7 +13,7 @@ Probability = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class _Fault:
+class _LinkFault:
     direction: Literal["to_controller", "to_vehicle"]
     """Samples travel to the controller, set-points to the vehicle."""
     start_s: NonNegative = 0.0
@@ -22,14 +22,14 @@ class _Fault:
     """[s] end; to the end of the flight by default."""
 
     @model_validator(mode="after")
-    def _ends_after_it_begins(self) -> Self:
+    def _check_interval(self) -> Self:
         if self.stop_s is not None and self.stop_s <= self.start_s:
             raise ValueError("stop_s must be later than start_s")
         return self
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class Delay(_Fault):
+class Delay(_LinkFault):
     """All arrive later by the same time."""
 
     kind: Literal["delay"]
@@ -39,7 +39,7 @@ class Delay(_Fault):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class Jitter(_Fault):
+class Jitter(_LinkFault):
     """Each arrives later by a time of its own, uniform in [0, most]; none overtakes another."""
 
     kind: Literal["jitter"]
@@ -49,7 +49,7 @@ class Jitter(_Fault):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class Loss(_Fault):
+class Loss(_LinkFault):
     """Each is lost with the same probability, whatever became of the others."""
 
     kind: Literal["loss"]
@@ -59,7 +59,7 @@ class Loss(_Fault):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class BurstLoss(_Fault):
+class BurstLoss(_LinkFault):
     """Loss in bursts: a chain of two states that may change with each datagram, and begins in the good one.
 
     The share of the bad state is `to_bad / (to_bad + to_good)`, its mean length `1 / to_good` datagrams.
@@ -83,7 +83,7 @@ class BurstLoss(_Fault):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class Duplication(_Fault):
+class Duplication(_LinkFault):
     """Some arrive twice, each copy with a jitter of its own."""
 
     kind: Literal["duplication"]
@@ -93,7 +93,7 @@ class Duplication(_Fault):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class Reordering(_Fault):
+class Reordering(_LinkFault):
     """Some are held back, so that others overtake them."""
 
     kind: Literal["reordering"]
@@ -105,7 +105,7 @@ class Reordering(_Fault):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
-class Bandwidth(_Fault):
+class Bandwidth(_LinkFault):
     """One is sent after the other, as fast as the rate allows; of those that must wait, too many are lost.
 
     A sample is 73 bytes, torques are 55, rates and attitudes 51: at 250 Hz that is 146, 110 and 102 kbit/s.

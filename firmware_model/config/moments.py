@@ -6,11 +6,11 @@ from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from firmware_model.config.vehicle import Finite, Positive, Vector
-from firmware_model.config.wind import STRICT, Frame, Rate, Rows, Timed, check_rising
+from firmware_model.config.wind import STRICT, Frame, Rate, Rows, TimeWindow, check_rising
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
-class DirectMoment(Timed):
+class DirectMoment(TimeWindow):
     """A moment's axis and strength, and when it acts."""
 
     amplitude_nm: Vector
@@ -24,13 +24,13 @@ class DirectMoment(Timed):
         return self.amplitude_nm
 
     @property
-    def of_earth(self) -> bool:
+    def is_earth_frame(self) -> bool:
         """Whether the vector is in N, and not in B."""
         return self.frame == "ned"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
-class Step(DirectMoment):
+class MomentStep(DirectMoment):
     """Moment that is there at once."""
 
     kind: Literal["step"]
@@ -38,7 +38,7 @@ class Step(DirectMoment):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
-class Ramp(DirectMoment):
+class MomentRamp(DirectMoment):
     """Moment that grows linearly and then stays."""
 
     kind: Literal["ramp"]
@@ -48,7 +48,7 @@ class Ramp(DirectMoment):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
-class Bump(DirectMoment):
+class MomentCosine(DirectMoment):
     """Moment `amplitude / 2 * (1 - cos(2 pi (t - start) / length))`, zero outside its length."""
 
     kind: Literal["one_minus_cosine"]
@@ -58,7 +58,7 @@ class Bump(DirectMoment):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
-class Sine(DirectMoment):
+class MomentSine(DirectMoment):
     """Moment `amplitude * sin(rate * (t - start) + phase)`."""
 
     kind: Literal["sine"]
@@ -70,7 +70,7 @@ class Sine(DirectMoment):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
-class Square(DirectMoment):
+class MomentSquare(DirectMoment):
     """Moment of full amplitude all the time, `amplitude * sign(sin(rate * (t - start) + phase))`: bang-bang."""
 
     kind: Literal["square"]
@@ -82,7 +82,7 @@ class Square(DirectMoment):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
-class Sweep(DirectMoment):
+class MomentSweep(DirectMoment):
     """A sine, sin(0) at the start, whose angular frequency moves linearly from one to another until `stop_s`."""
 
     kind: Literal["sine_sweep"]
@@ -96,7 +96,7 @@ class Sweep(DirectMoment):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
-class MomentReplay(Timed):
+class MomentReplay(TimeWindow):
     """A measured moment, linear between its rows, nothing before the first and after the last.
 
     `file` is a CSV file, taken from the scenario's folder. Its first line names the columns, and with them the frame:
@@ -113,9 +113,12 @@ class MomentReplay(Timed):
     """(n, 4) time [s] from `start_s` on, rising, and moment [N*m] in `frame`."""
 
     @model_validator(mode="after")
-    def _times_rise(self) -> Self:
+    def _check_times(self) -> Self:
         check_rising(self.rows)
         return self
 
 
-Moment = Annotated[Step | Ramp | Bump | Sine | Square | Sweep | MomentReplay, Field(discriminator="kind")]
+Moment = Annotated[
+    MomentStep | MomentRamp | MomentCosine | MomentSine | MomentSquare | MomentSweep | MomentReplay,
+    Field(discriminator="kind"),
+]

@@ -43,9 +43,9 @@ class Metric(Enum):
     """[m] largest distance from where the vehicle was at the window's begin."""
 
 
-BANDED = frozenset({Metric.SETTLING, Metric.RECOVERY})
+BAND_METRICS = frozenset({Metric.SETTLING, Metric.RECOVERY})
 """Metrics about a band."""
-WHOLE = frozenset({Metric.RHO, Metric.DRIFT})
+AXISLESS_METRICS = frozenset({Metric.RHO, Metric.DRIFT})
 """Metrics that are not of an axis."""
 
 
@@ -69,7 +69,7 @@ class Requirement:
     """[unit of the metric] limit from below."""
 
     @model_validator(mode="after")
-    def _can_be_judged(self) -> Self:
+    def _check_limits(self) -> Self:
         if self.at_most is None and self.at_least is None:
             raise ValueError("give at_most, at_least or both")
         if self.at_most is not None and self.at_least is not None and self.at_least > self.at_most:
@@ -79,10 +79,10 @@ class Requirement:
         return self
 
     @model_validator(mode="after")
-    def _fits_its_metric(self) -> Self:
-        if (self.within_deg is None) == (self.metric in BANDED):
+    def _check_metric_keys(self) -> Self:
+        if (self.within_deg is None) == (self.metric in BAND_METRICS):
             raise ValueError("within_deg: settling_s and recovery_s need it, the others have no use for it")
-        if self.axis is not None and self.metric in WHOLE:
+        if self.axis is not None and self.metric in AXISLESS_METRICS:
             raise ValueError(f"axis: {self.metric.value} is not of an axis")
         if self.axis is None and self.metric is Metric.OVERSHOOT:
             raise ValueError("axis: overshoot_percent is of one axis: roll, pitch or yaw")

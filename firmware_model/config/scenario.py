@@ -9,15 +9,15 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from firmware_model.config.events import ControllerHung, ControllerKilled, Event, ModeChange
-from firmware_model.config.files import Name, read_toml, shipped
+from firmware_model.config.events import ControllerHang, ControllerKill, Event, ModeChange
+from firmware_model.config.files import Name, list_shipped, read_toml
 from firmware_model.config.link_faults import LinkFault
 from firmware_model.config.moments import Moment
 from firmware_model.config.plant_events import ActuatorLag, AttitudeReference, GyroBias, PlantEvent
 from firmware_model.config.requirement import AXES, Metric, Requirement
 from firmware_model.config.vehicle import NonNegative, Vector
 from firmware_model.config.wind import STRICT, Dryden, Shear, Wind
-from firmware_model.config.wind_table import with_rows
+from firmware_model.config.wind_table import fill_replay_rows
 
 SCENARIOS = Path(__file__).parent / "data" / "scenarios"
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
@@ -93,7 +93,7 @@ class Scenario:
     """What must hold."""
 
     @model_validator(mode="after")
-    def _rates_fit(self) -> Self:
+    def _check_rates(self) -> Self:
         if self.physics_rate_hz % self.control_rate_hz:
             raise ValueError("physics_rate_hz must be a multiple of control_rate_hz")
         if 1_000_000 % self.control_rate_hz:
@@ -103,7 +103,7 @@ class Scenario:
         return self
 
     @model_validator(mode="after")
-    def _angles_are_exact(self) -> Self:
+    def _check_phase_range(self) -> Self:
         for key, item in [*(("wind", item) for item in self.wind), *(("moment", item) for item in self.moment)]:
             rates = [getattr(item, name, 0.0) for name in ("rate_rad_s", "rate_from_rad_s", "rate_to_rad_s")]
             if max(rates) * self.duration_s + abs(getattr(item, "phase_rad", 0.0)) > 1e5:
@@ -111,7 +111,7 @@ class Scenario:
         return self
 
     @model_validator(mode="after")
-    def _one_air(self) -> Self:
+    def _check_single_field(self) -> Self:
         if sum(isinstance(item, Dryden) for item in self.wind) > 1:
             raise ValueError("wind: at most one 'dryden', its components are not independent of a second one's")
         if sum(isinstance(item, Shear) for item in self.wind) > 1:
@@ -119,27 +119,27 @@ class Scenario:
         return self
 
     @model_validator(mode="after")
-    def _ground_is_stiff(self) -> Self:
+    def _check_ground_rate(self) -> Self:
         if self.translation == "free" and self.physics_rate_hz < 500:
             raise ValueError("physics_rate_hz must be at least 500 in free flight, for the feet on the ground")
         return self
 
     @model_validator(mode="after")
-    def _one_controller_at_a_time(self) -> Self:
-        killed = [item for item in self.event if isinstance(item, ControllerKilled)]
+    def _check_single_kill(self) -> Self:
+        killed = [item for item in self.event if isinstance(item, ControllerKill)]
         if len(killed) > 1:
             raise ValueError("event: at most one 'controller_killed', one spare controller stands ready")
         return self
 
     @model_validator(mode="after")
-    def _windows_are_flown(self) -> Self:
+    def _check_windows(self) -> Self:
         for number, item in enumerate(self.require):
             begin, end = self.window(item)
             if end > self.samples:
                 raise ValueError(f"require.{number}: to_s must not be later than the end, {self.duration_s} s")
             if end - begin < 2:
                 raise ValueError(f"require.{number}: a window has at least two samples of {self.dt} s")
-            if item.metric is Metric.OVERSHOOT and not self._step_of(item):
+            if item.metric is Metric.OVERSHOOT and not self._reference_step(item):
                 raise ValueError(f"require.{number}: the window has no step of the reference in {item.axis}")
         return self
 
@@ -163,10 +163,10 @@ class Scenario:
         )
 
     @property
-    def scripts_controller(self) -> bool:
+    def has_link_script(self) -> bool:
         """Whether modes, the controller or the link to it are part of the script: then messages must be flown."""
         return bool(self.link) or any(
-            isinstance(item, (ModeChange, ControllerHung, ControllerKilled)) for item in self.event
+            isinstance(item, (ModeChange, ControllerHang, ControllerKill)) for item in self.event
         )
 
     @property
@@ -175,7 +175,7 @@ class Scenario:
         return self.translation == "free"
 
     @model_validator(mode="after")
-    def _events_follow(self) -> Self:
+    def _check_events(self) -> Self:
         drifts = sorted((item for item in self.event if isinstance(item, GyroBias)), key=lambda item: item.at_s)
         for earlier, later in pairwise(drifts):
             if later.at_s < earlier.at_s + earlier.over_s:
@@ -210,7 +210,7 @@ class Scenario:
         end = self.samples if requirement.to_s is None else self.sample_at(requirement.to_s)
         return self.sample_at(requirement.from_s), end
 
-    def _step_of(self, requirement: Requirement) -> float:
+    def _reference_step(self, requirement: Requirement) -> float:
         """Return by how much [rad] the reference of a requirement's axis changes from before its window to its end."""
         begin, end = self.window(requirement)
         axis = AXES.index(requirement.axis or "roll")
@@ -243,9 +243,9 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     ConfigError
         If there is no such file, or a key or value is not allowed.
     """
-    return read_toml(Scenario, name_or_path, SCENARIOS, with_rows)
+    return read_toml(Scenario, name_or_path, SCENARIOS, fill_replay_rows)
 
 
-def shipped_scenarios() -> tuple[str, ...]:
+def list_scenarios() -> tuple[str, ...]:
     """Return the names of the shipped scenarios."""
-    return shipped(SCENARIOS)
+    return list_shipped(SCENARIOS)

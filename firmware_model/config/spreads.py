@@ -9,7 +9,7 @@ from typing import Annotated, Any, Self
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from firmware_model.config.files import parse
+from firmware_model.config.files import validate
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -26,7 +26,7 @@ class Spread:
     """[as the number] largest value."""
 
     @model_validator(mode="after")
-    def _is_ordered(self) -> Self:
+    def _check_order(self) -> Self:
         if not self.low < self.nominal < self.high:
             raise ValueError(f"low {self.low} < nominal {self.nominal} < high {self.high} fails")
         return self
@@ -43,7 +43,7 @@ def normalisation(low: float, nominal: float, high: float) -> tuple[float, float
     return 2.0 * up * down / (up + down), (down - up) / (up + down)
 
 
-def nominal(document: Mapping[str, Any], source: str) -> dict[str, Any]:
+def take_nominal(document: Mapping[str, Any], source: str) -> dict[str, Any]:
     """Return what a file says with the nominal number in the place of each spread.
 
     Raises
@@ -51,36 +51,39 @@ def nominal(document: Mapping[str, Any], source: str) -> dict[str, Any]:
     ConfigError
         If a spread has other keys or values than are allowed; `source` is named.
     """
-    return {key: _nominal(value, f"{source}: {key}") for key, value in document.items()}
+    return {key: _take_nominal(value, f"{source}: {key}") for key, value in document.items()}
 
 
-def _nominal(value: Any, source: str) -> Any:
+def _take_nominal(value: Any, source: str) -> Any:
     if isinstance(value, dict):
         if "nominal" in value:
-            return parse(Spread, value, source).nominal
-        return {key: _nominal(item, f"{source}.{key}") for key, item in value.items()}
+            return validate(Spread, value, source).nominal
+        return {key: _take_nominal(item, f"{source}.{key}") for key, item in value.items()}
     if isinstance(value, list):
-        return [_nominal(item, f"{source}.{number}") for number, item in enumerate(value)]
+        return [_take_nominal(item, f"{source}.{number}") for number, item in enumerate(value)]
     return value
 
 
-def spreads(document: Any, name: str = "") -> Iterator[tuple[str, Spread]]:
+def iter_spreads(document: Any, name: str = "") -> Iterator[tuple[str, Spread]]:
     """Yield each spread of a checked document by the name of its number: keys joined by dots, components as x, y, z."""
     if isinstance(document, dict) and "nominal" in document:
         yield name, Spread(**document)
     elif isinstance(document, dict | list):
         for key, item in document.items() if isinstance(document, dict) else _components(document):
-            yield from spreads(item, f"{name}.{key}" if name else str(key))
+            yield from iter_spreads(item, f"{name}.{key}" if name else str(key))
 
 
-def at(document: Any, values: Mapping[str, float], name: str = "") -> Any:
+def substitute_spreads(document: Any, values: Mapping[str, float], name: str = "") -> Any:
     """Return a document with `values` by name in the place of its spreads."""
     if name in values:
         return values[name]
     if isinstance(document, dict):
-        return {key: at(item, values, f"{name}.{key}" if name else str(key)) for key, item in document.items()}
+        return {
+            key: substitute_spreads(item, values, f"{name}.{key}" if name else str(key))
+            for key, item in document.items()
+        }
     if isinstance(document, list):
-        return [at(item, values, f"{name}.{key}") for key, item in _components(document)]
+        return [substitute_spreads(item, values, f"{name}.{key}") for key, item in _components(document)]
     return document
 
 

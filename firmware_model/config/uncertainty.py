@@ -6,8 +6,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from firmware_model.config.files import parse, read_document
-from firmware_model.config.spreads import Spread, at, nominal, spreads
+from firmware_model.config.files import read_document, validate
+from firmware_model.config.spreads import Spread, iter_spreads, substitute_spreads, take_nominal
 from firmware_model.config.vehicle import VEHICLES, Vehicle, check_body, load_vehicle
 
 
@@ -21,12 +21,12 @@ class VehicleSet:
     @cached_property
     def spreads(self) -> dict[str, Spread]:
         """Each spread by the name of its number, in the file's order: `actuator_lag`, `inertia_B.x`, `gyro.snr_db`."""
-        return dict(spreads(self.document))
+        return dict(iter_spreads(self.document))
 
     @cached_property
     def nominal(self) -> Vehicle:
         """The vehicle with all numbers nominal."""
-        return parse(Vehicle, nominal(self.document, self._source), self._source)
+        return validate(Vehicle, take_nominal(self.document, self._source), self._source)
 
     @cached_property
     def _spread(self) -> dict[str, Any]:
@@ -57,10 +57,10 @@ class VehicleSet:
         if unknown := sorted(set(delta) - set(self.spreads)):
             raise ValueError(f"unknown spread '{unknown[0]}', there are {', '.join(self.spreads) or 'none'}")
         values = {name: spread.value(delta.get(name, 0.0)) for name, spread in self.spreads.items()}
-        return parse(Vehicle, {**self._certain, **at(self._spread, values)}, self._source)
+        return validate(Vehicle, {**self._certain, **substitute_spreads(self._spread, values)}, self._source)
 
 
-def vehicle_set(document: Mapping[str, Any], source: str) -> VehicleSet:
+def make_vehicle_set(document: Mapping[str, Any], source: str) -> VehicleSet:
     """Return the set that a document says, each mistake told with its `source`.
 
     Raises
@@ -68,7 +68,7 @@ def vehicle_set(document: Mapping[str, Any], source: str) -> VehicleSet:
     ConfigError
         If a key or value is not allowed, or an end of a spread is not; or no rigid body has an inertia there.
     """
-    parse(Vehicle, nominal(document, source), source)
+    validate(Vehicle, take_nominal(document, source), source)
     vehicles = VehicleSet(document=dict(document))
     for name in vehicles.spreads:
         for end in (-1.0, 1.0):
@@ -89,4 +89,4 @@ def load_vehicle_set(name_or_path: str | Path) -> VehicleSet:
     """
     name = load_vehicle(name_or_path).name
     path = Path(name_or_path) if Path(name_or_path).suffix == ".toml" else VEHICLES / f"{name_or_path}.toml"
-    return vehicle_set({"name": name, **read_document(path)}, str(path))
+    return make_vehicle_set({"name": name, **read_document(path)}, str(path))

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any, NoReturn, get_args, get_type_hints
 
-_MOST = 20  # mistakes that are told one by one
-_LONGEST = 300  # characters of one
+_MAX_ERRORS = 20  # mistakes that are told one by one
+_MAX_LENGTH = 300  # characters of one
 _UNKNOWN = {"unexpected_keyword_argument", "extra_forbidden"}
 _MISSING = {"missing", "missing_argument"}
 
@@ -22,10 +22,10 @@ def printable(text: str, keep: str = "") -> str:
     return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode() for c in text)
 
 
-def one_line(text: str) -> str:
+def sanitize_line(text: str) -> str:
     """Return a text without control characters, and its end left out if it is long."""
-    shown = printable(text[: _LONGEST + 1])
-    return shown if len(shown) <= _LONGEST else shown[: _LONGEST - 3] + "..."
+    shown = printable(text[: _MAX_LENGTH + 1])
+    return shown if len(shown) <= _MAX_LENGTH else shown[: _MAX_LENGTH - 3] + "..."
 
 
 class Parser(argparse.ArgumentParser):
@@ -38,22 +38,22 @@ class Parser(argparse.ArgumentParser):
 
 def format_errors(kind: Any, errors: Sequence[Any]) -> str:
     """Return all mistakes that pydantic has found in a document of `kind`."""
-    more = [f"and {len(errors) - _MOST} more"] if len(errors) > _MOST else []
-    return "; ".join([*(one_line(_mistake(kind, item)) for item in errors[:_MOST]), *more])
+    more = [f"and {len(errors) - _MAX_ERRORS} more"] if len(errors) > _MAX_ERRORS else []
+    return "; ".join([*(sanitize_line(_format_error(kind, item)) for item in errors[:_MAX_ERRORS]), *more])
 
 
-def _mistake(kind: Any, item: Any) -> str:
+def _format_error(kind: Any, item: Any) -> str:
     key, context = ".".join(str(part) for part in item["loc"]) or "file", item.get("ctx", {})
     if item["type"] in _UNKNOWN:
-        known = ", ".join(_known(kind, item["loc"][:-1]))
-        return f"{one_line(key)}: unknown key{known and f', known are {known}'}"
+        known = ", ".join(_known_keys(kind, item["loc"][:-1]))
+        return f"{sanitize_line(key)}: unknown key{known and f', known are {known}'}"
     if item["type"] in _MISSING:
         return f"{key}: missing"
     if item["type"] == "union_tag_not_found":
         return f"{key}.kind: missing"
     if item["type"] == "union_tag_invalid":
-        return f"{key}.kind: must be one of {context['expected_tags']} (given '{one_line(context['tag'])}')"
-    said = str(context["error"]) if item["type"] == "value_error" else _said(item["msg"])
+        return f"{key}.kind: must be one of {context['expected_tags']} (given '{sanitize_line(context['tag'])}')"
+    said = str(context["error"]) if item["type"] == "value_error" else _toml_wording(item["msg"])
     if item["type"] == "tuple_type" and isinstance(item["input"], dict) and _is_many(kind, key):
         said = f"there may be many: write [[{key}]]"
     shown = "" if isinstance(item["input"], dict) else f" (given {item['input']!r})"
@@ -65,13 +65,13 @@ def _is_many(kind: Any, key: str) -> bool:
     return is_dataclass(kind) and get_args(get_type_hints(kind).get(key))[-1:] == (Ellipsis,)
 
 
-def _said(message: str) -> str:
+def _toml_wording(message: str) -> str:
     """Return what pydantic says of Python's types in the words of TOML."""
     message = re.sub(r"(valid )?dictionary or (an instance of \w+|object to extract fields from)", "table", message)
     return (message[:1].lower() + message[1:]).replace("tuple", "list")
 
 
-def _known(kind: Any, location: Iterable[int | str]) -> tuple[str, ...]:
+def _known_keys(kind: Any, location: Iterable[int | str]) -> tuple[str, ...]:
     """Return the keys of the table at a location in a document of `kind`, as far as it can be followed."""
     for part in location:
         if isinstance(part, int):

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from firmware_model.config.files import Name, read_toml, shipped
-from firmware_model.config.spreads import nominal
+from firmware_model.config.files import Name, list_shipped, read_toml
+from firmware_model.config.spreads import take_nominal
 from firmware_model.errors import ConfigError
 
 GRAVITY = 9.80665
@@ -118,14 +118,14 @@ class Rotors:
         return np.array([-y, x, self.drag_ratio * np.array(self.spin), np.ones(4)])
 
     @model_validator(mode="after")
-    def _give_each_torque(self) -> Self:
-        if mistake := _mistake(self):
+    def _check_authority(self) -> Self:
+        if mistake := _find_rotor_error(self):
             raise ValueError(mistake)
         return self
 
 
 @lru_cache(maxsize=64)  # whoever makes many vehicles with the same rotors has them judged each time
-def _mistake(rotors: Rotors) -> str:
+def _find_rotor_error(rotors: Rotors) -> str:
     if np.linalg.cond(rotors.wrench) > 1e6:
         return "position_B and spin don't give each torque by itself"
     if np.min(np.linalg.inv(rotors.wrench)[:, 3]) <= 0.0:
@@ -224,7 +224,7 @@ class Vehicle:
         return self.gust_gain / self.rotors.height
 
     @model_validator(mode="after")
-    def _can_fly(self) -> Self:
+    def _check_thrust(self) -> Self:
         if self.rotors.height <= 0.0:
             raise ValueError("rotors.position_B: the rotors must be above the centre of mass, z < 0 on average")
         if 4.0 * self.rotors.thrust_max <= 1.2 * GRAVITY * self.mass:
@@ -240,7 +240,7 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
     ConfigError
         If there is no such file, or a key or value is not allowed.
     """
-    vehicle = read_toml(Vehicle, name_or_path, VEHICLES, lambda document, path: nominal(document, str(path)))
+    vehicle = read_toml(Vehicle, name_or_path, VEHICLES, lambda document, path: take_nominal(document, str(path)))
     check_body(vehicle.inertia_B, vehicle.inertia_B, str(name_or_path))
     return vehicle
 
@@ -266,6 +266,6 @@ def check_body(low: Vector, high: Vector, source: str) -> None:
                 )
 
 
-def shipped_vehicles() -> tuple[str, ...]:
+def list_vehicles() -> tuple[str, ...]:
     """Return the names of the shipped vehicles."""
-    return shipped(VEHICLES)
+    return list_shipped(VEHICLES)

@@ -23,11 +23,11 @@ MOST_ROWS = 150_000
 Rows = Annotated[
     tuple[tuple[Finite, Finite, Finite, Finite], ...], FailFast(), Field(min_length=2, max_length=MOST_ROWS)
 ]
-_WORDS = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}  # MIL-F-8785C, figure 9: W20
+_INTENSITIES = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}  # MIL-F-8785C, figure 9: W20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
-class Timed:
+class TimeWindow:
     """What acts from a time to another."""
 
     start_s: NonNegative = 0.0
@@ -36,14 +36,14 @@ class Timed:
     """[s] end; to the end of the flight by default."""
 
     @model_validator(mode="after")
-    def _ends_after_it_begins(self) -> Self:
+    def _check_interval(self) -> Self:
         if self.stop_s is not None and self.stop_s <= self.start_s:
             raise ValueError("stop_s must be later than start_s")
         return self
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
-class Gust(Timed):
+class Gust(TimeWindow):
     """A gust's direction and strength, and when it acts."""
 
     amplitude_mps: Vector | None = None
@@ -56,7 +56,7 @@ class Gust(Timed):
     """[deg] bearing that it comes from: 0 from the north, 90 from the east."""
 
     @model_validator(mode="after")
-    def _has_one_direction(self) -> Self:
+    def _check_one_direction(self) -> Self:
         _check_direction("amplitude_mps", self.amplitude_mps, self.speed_mps, self.from_deg)
         if self.from_deg is not None and self.frame == "body":
             raise ValueError("from_deg is a bearing: frame must be 'ned' or left out")
@@ -65,10 +65,10 @@ class Gust(Timed):
     @property
     def vector(self) -> Vector:
         """[m/s] at its peak, blowing toward, B or N."""
-        return _toward(self.amplitude_mps, self.speed_mps, self.from_deg)
+        return _wind_vector(self.amplitude_mps, self.speed_mps, self.from_deg)
 
     @property
-    def of_earth(self) -> bool:
+    def is_earth_frame(self) -> bool:
         """Whether the vector is in N, and not in B."""
         return self.frame == "ned" or self.from_deg is not None
 
@@ -92,7 +92,7 @@ class GustRamp(Gust):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
-class OneMinusCosine(Gust):
+class GustCosine(Gust):
     """Discrete gust `amplitude / 2 * (1 - cos(2 pi (t - start) / length))`, zero outside its length."""
 
     kind: Literal["one_minus_cosine"]
@@ -128,7 +128,7 @@ class GustSweep(Gust):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
-class GustReplay(Timed):
+class GustReplay(TimeWindow):
     """A measured gust, linear between its rows, calm before the first and after the last.
 
     `file` is a CSV file, taken from the scenario's folder. Its first line names the columns, and with them the frame:
@@ -145,7 +145,7 @@ class GustReplay(Timed):
     """(n, 4) time [s] from `start_s` on, rising, and gust [m/s], blowing toward, in `frame`."""
 
     @model_validator(mode="after")
-    def _times_rise(self) -> Self:
+    def _check_times(self) -> Self:
         check_rising(self.rows)
         return self
 
@@ -164,14 +164,14 @@ class Constant:
     """[deg] bearing that it comes from: 0 from the north, 90 from the east."""
 
     @model_validator(mode="after")
-    def _has_one_direction(self) -> Self:
+    def _check_one_direction(self) -> Self:
         _check_direction("velocity_mps", self.velocity_mps, self.speed_mps, self.from_deg)
         return self
 
     @property
     def velocity_N(self) -> Vector:
         """[m/s] N, blowing toward."""
-        return _toward(self.velocity_mps, self.speed_mps, self.from_deg)
+        return _wind_vector(self.velocity_mps, self.speed_mps, self.from_deg)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
@@ -193,7 +193,7 @@ class Shear:
     """[m] height at which the profile is calm: 2.0 ft, or .15 ft (0.0457 m) in the approach, the specification says."""
 
     @model_validator(mode="after")
-    def _has_one_direction(self) -> Self:
+    def _check_one_direction(self) -> Self:
         _check_direction(
             "velocity_20ft_mps", self.velocity_20ft_mps, self.wind_speed_20ft_mps, self.from_deg, "wind_speed_20ft_mps"
         )
@@ -202,7 +202,7 @@ class Shear:
     @property
     def velocity_N(self) -> Vector:
         """[m/s] N at a height of 20 ft, blowing toward."""
-        return _toward(self.velocity_20ft_mps, self.wind_speed_20ft_mps, self.from_deg)
+        return _wind_vector(self.velocity_20ft_mps, self.wind_speed_20ft_mps, self.from_deg)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
@@ -225,7 +225,7 @@ class Dryden:
     """Whose lengths and spectra; at low altitude they describe the same gusts in different numbers."""
 
     @model_validator(mode="after")
-    def _has_one_strength(self) -> Self:
+    def _check_one_strength(self) -> Self:
         if (self.wind_speed_20ft_mps is None) == (self.intensity is None):
             raise ValueError("give either wind_speed_20ft_mps or intensity")
         return self
@@ -233,7 +233,7 @@ class Dryden:
     @property
     def wind_speed_20ft(self) -> float:
         """[m/s] mean wind speed at 20 ft."""
-        return self.wind_speed_20ft_mps or _WORDS[self.intensity or "light"]
+        return self.wind_speed_20ft_mps or _INTENSITIES[self.intensity or "light"]
 
     @property
     def airspeed(self) -> float:
@@ -242,7 +242,7 @@ class Dryden:
 
 
 Wind = Annotated[
-    Constant | GustStep | GustRamp | OneMinusCosine | GustSine | GustSweep | Shear | Dryden | GustReplay,
+    Constant | GustStep | GustRamp | GustCosine | GustSine | GustSweep | Shear | Dryden | GustReplay,
     Field(discriminator="kind"),
 ]
 
@@ -267,7 +267,7 @@ def _check_direction(
         raise ValueError(f"give either {name}, or {speed_name} and from_deg")
 
 
-def _toward(vector: Vector | None, speed: float | None, from_deg: float | None) -> Vector:
+def _wind_vector(vector: Vector | None, speed: float | None, from_deg: float | None) -> Vector:
     if vector is not None:
         return vector
     bearing = math.radians(from_deg or 0.0)

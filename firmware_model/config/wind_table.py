@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from firmware_model.config.files import read_text
-from firmware_model.config.validation import one_line
+from firmware_model.config.validation import sanitize_line
 from firmware_model.config.wind import MOST_ROWS
 from firmware_model.errors import ConfigError
 
@@ -22,7 +22,7 @@ _FRAMES: dict[tuple[str, ...], Literal["ned", "body"]] = {
 }
 
 
-def with_rows(document: dict[str, Any], path: Path) -> dict[str, Any]:
+def fill_replay_rows(document: dict[str, Any], path: Path) -> dict[str, Any]:
     """Return a scenario's document in which each replay that names a file has the file's rows and frame.
 
     Raises
@@ -32,15 +32,19 @@ def with_rows(document: dict[str, Any], path: Path) -> dict[str, Any]:
     """
     return {
         **document,
-        **{key: list(_filled(document[key], key, path)) for key in ("wind", "moment") if _tables(document, key)},
+        **{
+            key: list(_fill_tables(document[key], key, path))
+            for key in ("wind", "moment")
+            if _has_tables(document, key)
+        },
     }
 
 
-def _tables(document: dict[str, Any], key: str) -> bool:
+def _has_tables(document: dict[str, Any], key: str) -> bool:
     return isinstance(document.get(key), list)
 
 
-def _filled(tables: list[Any], key: str, path: Path) -> Iterator[Any]:
+def _fill_tables(tables: list[Any], key: str, path: Path) -> Iterator[Any]:
     left = MOST_ROWS  # of all the tables together, whatever the number of them
     for i, table in enumerate(tables):
         named = isinstance(table, dict) and table.get("kind") == "replay" and isinstance(table.get("file"), str)
@@ -48,15 +52,15 @@ def _filled(tables: list[Any], key: str, path: Path) -> Iterator[Any]:
             yield table
             continue
         file = path.parent / table["file"]
-        frame, rows = _read(file, key, f"{path}: {key}.{i}.file: {one_line(table['file'])}", left)
+        frame, rows = _read_csv(file, key, f"{path}: {key}.{i}.file: {sanitize_line(table['file'])}", left)
         left -= len(rows)
         if table.get("frame", frame) != frame:
-            given = one_line(repr(table["frame"]))
+            given = sanitize_line(repr(table["frame"]))
             raise ConfigError(f"{path}: {key}.{i}.frame: the file has columns in '{frame}' (given {given})")
         yield {**table, "frame": frame, "rows": rows}
 
 
-def _read(file: Path, key: str, source: str, most: int) -> tuple[str, list[list[float]]]:
+def _read_csv(file: Path, key: str, source: str, most: int) -> tuple[str, list[list[float]]]:
     try:
         lines = (line for line in csv.reader(_lines(read_text(file))) if line)
         header = tuple(name.strip() for name in next(lines, ()))
@@ -64,11 +68,11 @@ def _read(file: Path, key: str, source: str, most: int) -> tuple[str, list[list[
         if frame is None:
             known = " or ".join(",".join(names[1:]) for names in _FRAMES if names[0] == key)
             raise ConfigError(f"{source}: the first line must be {known}")
-        rows = [_numbers(line, f"{source}: row {i}") for i, line in enumerate(islice(lines, most + 1), 1)]
+        rows = [_parse_row(line, f"{source}: row {i}") for i, line in enumerate(islice(lines, most + 1), 1)]
     except OSError as error:
         raise ConfigError(f"{source}: {error.strerror}") from None
     except (ValueError, csv.Error) as error:
-        raise ConfigError(f"{source}: not CSV: {one_line(str(error))}") from None
+        raise ConfigError(f"{source}: not CSV: {sanitize_line(str(error))}") from None
     if len(rows) > most:
         raise ConfigError(f"{source}: a scenario's replay tables have at most {MOST_ROWS:,} rows")
     return frame, rows
@@ -81,7 +85,7 @@ def _lines(text: str) -> Iterator[str]:
         yield line
 
 
-def _numbers(line: list[str], source: str) -> list[float]:
+def _parse_row(line: list[str], source: str) -> list[float]:
     try:
         numbers = [float(text) for text in line]
     except ValueError:

@@ -5,12 +5,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.frames import DAMAGE, EncodedMessage, Frame, FrameTemplate, Message, RejectReason
+from firmware_model.mavlink.frames import DAMAGE_REASONS, EncodedMessage, Frame, FrameTemplate, Message, RejectReason
 from firmware_model.mavlink.signing import Signing
 
-SOURCES = 16
+MAX_SOURCES = 16
 """Senders told apart behind one address; the gaps of more are not looked for."""
-_LATE = 128  # a sequence number further ahead than half its range is one from before
+_LATE_GAP = 128  # a sequence number further ahead than half its range is one from before
 
 
 class Channel:
@@ -42,9 +42,9 @@ class Channel:
         expected = self._expected.get(source)
         if expected != sequence:
             if expected is None:
-                if len(self._expected) >= SOURCES:
+                if len(self._expected) >= MAX_SOURCES:
                     return
-            elif (gap := (sequence - expected) & 255) < _LATE:
+            elif (gap := (sequence - expected) & 255) < _LATE_GAP:
                 self.lost += gap
             else:  # sent twice, or overtaken: what was expected still is
                 return
@@ -54,7 +54,7 @@ class Channel:
         """Return the fields of the next frame from a source, not counted; `None` if the datagram is anything else."""
         return series.read(datagram, self._expected.get(source, 0))
 
-    def count_next(self, source: tuple[int, int]) -> None:
+    def count_read(self, source: tuple[int, int]) -> None:
         """Count what was read."""
         self.received += 1
         self._expected[source] = (self._expected.get(source, 0) + 1) & 255
@@ -76,11 +76,11 @@ class Channel:
 
     def figures(self) -> dict[str, Any]:
         """Return the figures: packets in, out, lost on the way here, damaged, and rejected by cause."""
-        rejected = {cause.value: count for cause, count in self.dropped.items() if cause not in DAMAGE}
+        rejected = {cause.value: count for cause, count in self.dropped.items() if cause not in DAMAGE_REASONS}
         return {
             "in": self.received,
             "out": self.sent,
             "lost": self.lost,
-            "bad": sum(self.dropped[cause] for cause in DAMAGE),
+            "bad": sum(self.dropped[cause] for cause in DAMAGE_REASONS),
             "rejected": dict(sorted(rejected.items())),
         }

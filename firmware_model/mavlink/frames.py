@@ -26,7 +26,9 @@ _V2, _V1 = wire.PROTOCOL_MARKER_V2, wire.PROTOCOL_MARKER_V1
 _SIGNED, _SIGNATURE = wire.MAVLINK_IFLAG_SIGNED, wire.MAVLINK_SIGNATURE_BLOCK_LEN
 _SIGNATURE_HEAD = 7  # bytes of the signature block before the signature itself: link id, time stamp
 _V2_HEADER = struct.Struct("<BBBBBBBHB")  # marker, length, two flag bytes, sequence, system, component, id in 3 bytes
-_KINDS = {message_id: (bytes([kind.crc_extra]), kind.unpacker.size) for message_id, kind in wire.mavlink_map.items()}
+_MESSAGE_FORMATS = {
+    message_id: (bytes([kind.crc_extra]), kind.unpacker.size) for message_id, kind in wire.mavlink_map.items()
+}
 _decoder = wire.MAVLink(None)
 
 
@@ -75,7 +77,7 @@ class RejectReason(Enum):
     """The first signature of a sender, and from longer ago than clocks differ."""
 
 
-DAMAGE = (
+DAMAGE_REASONS = (
     RejectReason.NOT_MAVLINK,
     RejectReason.TRUNCATED,
     RejectReason.INCOMPATIBLE,
@@ -138,7 +140,7 @@ class EncodedMessage(NamedTuple):
             number & 0xFFFF, number >> 16,
         )  # fmt: skip
         frame = header + payload
-        frame += mcrf4xx(frame[1:] + _KINDS[number][0]).to_bytes(2, "little")
+        frame += mcrf4xx(frame[1:] + _MESSAGE_FORMATS[number][0]).to_bytes(2, "little")
         if flags:
             frame += struct.pack("<BQ", signing.link_id, signing.timestamp)[:_SIGNATURE_HEAD]
             frame += signature(signing.secret_key, frame)
@@ -155,7 +157,7 @@ class FrameTemplate:
 
     def __init__(self, message_id: int, system: int, component: int, layout: str, rest: bytes) -> None:
         self._fields = struct.Struct(layout)
-        self._seed = _KINDS[message_id][0]
+        self._seed = _MESSAGE_FORMATS[message_id][0]
         self._rest, self._rest_at = rest, 10 + self._fields.size
         length = self._fields.size + len(rest)
         self._heads = tuple(
@@ -190,14 +192,14 @@ def parse(datagram: bytes) -> list[Frame | RejectReason]:
     start, end = 0, len(datagram)
     # Nearly always the datagram is one frame, of version 2 and not signed.
     if end > 11 and datagram[0] == _V2 and datagram[1] + 12 == end and not datagram[2]:
-        return [_checked(datagram)]
+        return [_check_frame(datagram)]
     found: list[Frame | RejectReason] = []
     while start < end:
         length = _frame_length(datagram, start, end - start)
         if isinstance(length, RejectReason):
             found.append(length)
             break
-        found.append(_checked(datagram if length == end else datagram[start : start + length]))
+        found.append(_check_frame(datagram if length == end else datagram[start : start + length]))
         start += length
     return found
 
@@ -214,7 +216,7 @@ def _frame_length(datagram: bytes, start: int, left: int) -> int | RejectReason:
     return length if length <= left else RejectReason.TRUNCATED
 
 
-def _checked(frame: bytes) -> Frame | RejectReason:
+def _check_frame(frame: bytes) -> Frame | RejectReason:
     if frame[0] == _V2:
         _, length, flags, _, _, system, component, low, high = _V2_HEADER.unpack_from(frame)
         number, header = low | high << 16, 10
@@ -223,7 +225,7 @@ def _checked(frame: bytes) -> Frame | RejectReason:
     else:
         _, length, _, system, component, number = frame[:6]
         header = 6
-    kind = _KINDS.get(number)
+    kind = _MESSAGE_FORMATS.get(number)
     if kind is None:
         return RejectReason.UNKNOWN_MESSAGE
     seed, full = kind

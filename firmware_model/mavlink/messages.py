@@ -41,7 +41,7 @@ def imu_message(sample: ImuSample) -> EncodedMessage:
     return EncodedMessage(wire.MAVLINK_MSG_ID_HIGHRES_IMU, _IMU.pack(*fields, _ACCELERATION_AND_GYRO, 0))
 
 
-def imu_sample(frame: Frame) -> ImuSample | RejectReason:
+def parse_imu(frame: Frame) -> ImuSample | RejectReason:
     """Return the sample in a HIGHRES_IMU; without a gyro it is no sample."""
     time_us, x, y, z, p, q, r, _, _, _, _, _, _, _, updated, _ = _IMU.unpack(frame.payload)
     if updated & _GYRO != _GYRO or not math.isfinite(x + y + z + p + q + r):
@@ -49,19 +49,19 @@ def imu_sample(frame: Frame) -> ImuSample | RejectReason:
     return ImuSample(time_us=time_us, gyro_B=(p, q, r), specific_force_B=(x, y, z))
 
 
-def samples(system: int) -> FrameTemplate:
+def imu_template(system: int) -> FrameTemplate:
     """Return the samples of the autopilot of `system`: stamp [us], specific force, rates."""
     rest = struct.pack("<7fB", *_NOT_MEASURED, _ACCELERATION_AND_GYRO)
     return FrameTemplate(wire.MAVLINK_MSG_ID_HIGHRES_IMU, system, AUTOPILOT, "<Q6f", rest)
 
 
-def torques(system: int) -> FrameTemplate:
+def torque_template(system: int) -> FrameTemplate:
     """Return a controller's torque commands to its autopilot: stamp [us], roll, pitch, yaw, throttle or NaN."""
     rest = struct.pack("<4fBBB", 0.0, 0.0, 0.0, 0.0, 0, system, AUTOPILOT)
     return FrameTemplate(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, system, CONTROLLER, "<Q4f", rest)
 
 
-def rates(system: int) -> FrameTemplate:
+def rate_template(system: int) -> FrameTemplate:
     """Return a controller's rate commands to its autopilot: stamp [ms], roll, pitch, yaw [rad/s], thrust."""
     rest = struct.pack("<BBB", system, AUTOPILOT, _IGNORE_ATTITUDE)
     return FrameTemplate(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, system, CONTROLLER, "<I16x4f", rest)
@@ -86,7 +86,7 @@ def command_message(command: Command, target_system: int) -> EncodedMessage:
     return EncodedMessage(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, payload)
 
 
-def command(frame: Frame, system: int) -> Command | RejectReason:
+def parse_command(frame: Frame, system: int) -> Command | RejectReason:
     """Return the command in a SET_ATTITUDE_TARGET or SET_ACTUATOR_CONTROL_TARGET to the autopilot of `system`.
 
     An attitude is tracked unless its mask bit is set, with the yaw rate as feed-forward; otherwise rates are, if
@@ -95,29 +95,31 @@ def command(frame: Frame, system: int) -> Command | RejectReason:
     """
     if frame.message_id == wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET:
         time_us, roll, pitch, yaw, throttle, _, _, _, _, group, target, component = _TORQUE.unpack(frame.payload)
-        if not is_for(system, target, component):
+        if not is_addressed_to(system, target, component):
             return RejectReason.OTHER_TARGET
         if group != 0:
             return RejectReason.NO_SETPOINT
         if not math.isfinite(roll + pitch + yaw):
             return RejectReason.NOT_FINITE
-        torque_B = (_clipped(roll, -1.0), _clipped(pitch, -1.0), _clipped(yaw, -1.0))
+        torque_B = (_clip(roll, -1.0), _clip(pitch, -1.0), _clip(yaw, -1.0))
         return TorqueCommand(
-            time_us=time_us, torque_B=torque_B, throttle=None if math.isnan(throttle) else _clipped(throttle, 0.0)
+            time_us=time_us, torque_B=torque_B, throttle=None if math.isnan(throttle) else _clip(throttle, 0.0)
         )
     time_ms, w, x, y, z, p, q, r, thrust, target_system, component, mask = _TARGET.unpack(frame.payload)
-    if not is_for(system, target_system, component):
+    if not is_addressed_to(system, target_system, component):
         return RejectReason.OTHER_TARGET
     if mask & (_IGNORE_THROTTLE | _THRUST_BODY_SET) or not math.isfinite(thrust):
         return RejectReason.NO_SETPOINT
-    tracked = _tracked(mask, (w, x, y, z), (p, q, 0.0 if mask & _IGNORE_YAW_RATE else r))
+    tracked = _parse_target(mask, (w, x, y, z), (p, q, 0.0 if mask & _IGNORE_YAW_RATE else r))
     if isinstance(tracked, RejectReason):
         return tracked
     q_NB, omega_B = tracked
-    return AttitudeTarget(time_us=time_ms * 1000, q_NB=q_NB, omega_B=omega_B, thrust=_clipped(thrust, 0.0))
+    return AttitudeTarget(time_us=time_ms * 1000, q_NB=q_NB, omega_B=omega_B, thrust=_clip(thrust, 0.0))
 
 
-def _tracked(mask: int, q_NB: Quaternion, omega_B: Vector) -> tuple[Quaternion | None, Vector | None] | RejectReason:
+def _parse_target(
+    mask: int, q_NB: Quaternion, omega_B: Vector
+) -> tuple[Quaternion | None, Vector | None] | RejectReason:
     """Return what a SET_ATTITUDE_TARGET asks to track, attitude and rates."""
     if mask & _IGNORE_ATTITUDE:
         if mask & (_IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE):
@@ -129,7 +131,7 @@ def _tracked(mask: int, q_NB: Quaternion, omega_B: Vector) -> tuple[Quaternion |
     return q_NB, None if mask & _IGNORE_YAW_RATE else (0.0, 0.0, omega_B[2])
 
 
-def is_for(system: int, target_system: int, target_component: int) -> bool:
+def is_addressed_to(system: int, target_system: int, target_component: int) -> bool:
     """Whether a message is addressed to the autopilot of `system`; 0 addresses all."""
     return target_system in (0, system) and target_component in (0, AUTOPILOT)
 
@@ -140,7 +142,7 @@ def boot_ms(time_us: int) -> int:
 
 
 def stamp_difference(command: Command, time_us: int) -> int:
-    """Return how much newer the stamp of `command` is than `time_us`, at the resolution that the wire has for it.
+    """Return how much newer the stamp of `parse_command` is than `time_us`, at the resolution that the wire has for it.
 
     The unit is ms for an attitude target and us for torques; 0 means that the command answers that sample.
     """
@@ -160,14 +162,14 @@ def heartbeat_message(custom_mode: int, armed: bool, *, critical: bool, generic:
     )  # fmt: skip
 
 
-def parameter(message: Message) -> float:
+def parse_parameter(message: Message) -> float:
     """Return the value in a PARAM_VALUE; integers travel bytewise in the float field."""
     if message.param_type == wire.MAV_PARAM_TYPE_REAL32:
         return float(message.param_value)
     return float(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
 
 
-def command_echo(command: Command) -> Message:
+def echo_message(command: Command) -> Message:
     """Return ATTITUDE_TARGET or ACTUATOR_CONTROL_TARGET: what the vehicle is tracking."""
     if isinstance(command, TorqueCommand):
         controls = (*command.torque_B, _thrust_field(command.throttle), 0.0, 0.0, 0.0, 0.0)
@@ -191,5 +193,5 @@ def _thrust_field(thrust: float | None) -> float:
     return math.nan if thrust is None else thrust
 
 
-def _clipped(value: float, low: float) -> float:
+def _clip(value: float, low: float) -> float:
     return low if value < low else 1.0 if value > 1.0 else value

@@ -17,13 +17,13 @@ from firmware_model.mavlink.signing import Signing
 
 NEVER_US = 1 << 62
 """[us] a time that does not come."""
-SILENCE_US = 10_000_000
+PEER_TIMEOUT_US = 10_000_000
 """[us] wall time after which a silent peer is forgotten."""
 MAX_PEERS = 16
 """Peers served at once; more are refused, so that a flood of addresses can't fill the memory."""
 STICKS_US = 10_000_000
 """[us] model time for which a peer that moved sticks counts on them."""
-_SLOWEST_US = 2**31 - 1  # MESSAGE_INTERVAL has no more bits
+_MAX_INTERVAL_US = 2**31 - 1  # MESSAGE_INTERVAL has no more bits
 
 _IMU = wire.MAVLINK_MSG_ID_HIGHRES_IMU
 
@@ -38,19 +38,19 @@ class Peer:
         signing: Signing | None,
         intervals_us: Mapping[int, int],
         *,
-        fastest_us: int,
+        min_interval_us: int,
         expected: bool,
     ) -> None:
         self.address, self.expected = address, expected
         self.traffic = Channel(system, AUTOPILOT, signing, address[0])
         self._others: dict[int, Channel] = {}
         self._system, self._signing = system, signing
-        self._usual_us, self._fastest_us = intervals_us, fastest_us
+        self._vehicle_intervals_us, self._fastest_us = intervals_us, min_interval_us
         self.begin()
 
     def begin(self) -> None:
         """Begin as if nothing had been heard of this peer; its packets are numbered and counted on."""
-        self.heard_us: int | None = None
+        self.last_seen_us: int | None = None
         self.next_us = NEVER_US
         self.controller = False
         self.sticks_until_us = -NEVER_US
@@ -73,17 +73,17 @@ class Peer:
         A lockstep controller is sent each sample when it is due and nothing more, as every message costs it time.
         """
         controller = frame.component == CONTROLLER
-        if self.heard_us is not None and (self.controller or not controller):
+        if self.last_seen_us is not None and (self.controller or not controller):
             return
         self.controller = controller
         if controller and lockstep:
-            self._defaults_us = {_IMU: self._usual_us[_IMU]}
+            self._defaults_us = {_IMU: self._vehicle_intervals_us[_IMU]}
         else:
-            self._defaults_us = {**self._usual_us, **({_IMU: self._fastest_us} if controller else {})}
+            self._defaults_us = {**self._vehicle_intervals_us, **({_IMU: self._fastest_us} if controller else {})}
         self._start(dict(self._defaults_us), clock_us)
 
     @property
-    def undemanding(self) -> bool:
+    def is_samples_only(self) -> bool:
         """Whether it is sent samples and nothing else regularly."""
         return self._intervals_us.keys() <= {_IMU}
 
@@ -97,12 +97,12 @@ class Peer:
         A sample is not told twice: no stream is faster than the samples.
         """
         if interval_us == 0:
-            interval_us = self._defaults_us.get(message_id, self._usual_us.get(message_id))
+            interval_us = self._defaults_us.get(message_id, self._vehicle_intervals_us.get(message_id))
         if interval_us is None:
             self._intervals_us.pop(message_id, None)
             self._due_us.pop(message_id, None)
         else:
-            self._intervals_us[message_id] = min(max(interval_us, self._fastest_us), _SLOWEST_US)
+            self._intervals_us[message_id] = min(max(interval_us, self._fastest_us), _MAX_INTERVAL_US)
             self._due_us[message_id] = clock_us
         self.next_us = min(self._due_us.values(), default=NEVER_US)
 
@@ -170,10 +170,10 @@ class PeerTable:
         intervals_us: Mapping[int, int],
         expected: Iterable[Address],
         *,
-        fastest_us: int,
+        min_interval_us: int,
     ) -> None:
         self._system, self._signing = system, signing
-        self._intervals_us, self._fastest_us = intervals_us, fastest_us
+        self._intervals_us, self._fastest_us = intervals_us, min_interval_us
         self._gone = Channel(system, AUTOPILOT)
         self._at = {address: self._new(address, expected=True) for address in expected}
 
@@ -192,10 +192,12 @@ class PeerTable:
             listener = self._at[address] = self._new(address, expected=False)
         return listener
 
-    def forget_silent(self, now_us: int) -> list[Peer]:
+    def remove_silent(self, now_us: int) -> list[Peer]:
         """Forget who has been silent for too long and return them; an expected one begins anew."""
         silent = [
-            listener for listener in self if listener.heard_us is not None and now_us > listener.heard_us + SILENCE_US
+            listener
+            for listener in self
+            if listener.last_seen_us is not None and now_us > listener.last_seen_us + PEER_TIMEOUT_US
         ]
         for listener in silent:
             if listener.expected:
@@ -216,5 +218,10 @@ class PeerTable:
 
     def _new(self, address: Address, *, expected: bool) -> Peer:
         return Peer(
-            address, self._system, self._signing, self._intervals_us, fastest_us=self._fastest_us, expected=expected
+            address,
+            self._system,
+            self._signing,
+            self._intervals_us,
+            min_interval_us=self._fastest_us,
+            expected=expected,
         )

@@ -22,15 +22,15 @@ from firmware_model.mavlink.frames import Frame, RejectReason, signature
 
 KEY_BYTES = 32
 """Length of a key."""
-LINKS = 256
+MAX_STREAMS = 256
 """Streams known at once; only who holds the key can open one."""
 _EPOCH_US = 1_420_070_400_000_000  # 2015-01-01 in Unix time: time stamps count from there
 _UNIT_US = 10
 _MINUTE = 60_000_000 // _UNIT_US  # how far behind the first stamp of a stream may be
-_LAST = 2**48 - 1
+_MAX_STAMP = 2**48 - 1
 _SIGNATURE, _STAMP = slice(-6, None), slice(-12, -6)
 _LINK = -13
-_OPEN = frozenset({wire.MAVLINK_MSG_ID_HEARTBEAT, wire.MAVLINK_MSG_ID_RADIO_STATUS})
+_UNSIGNED_MESSAGES = frozenset({wire.MAVLINK_MSG_ID_HEARTBEAT, wire.MAVLINK_MSG_ID_RADIO_STATUS})
 
 
 class Signing:
@@ -40,7 +40,7 @@ class Signing:
     a telemetry radio has no key, and who is there may be told to all.
     """
 
-    def __init__(self, key: bytes, unix_us: int, unsigned: frozenset[int] = _OPEN) -> None:
+    def __init__(self, key: bytes, unix_us: int, unsigned: frozenset[int] = _UNSIGNED_MESSAGES) -> None:
         if len(key) != KEY_BYTES:
             raise ValueError(f"a signing key has {KEY_BYTES} bytes, not {len(key)}")
         self.key = key
@@ -54,7 +54,7 @@ class Signing:
 
     def next_stamp(self) -> int:
         """Return a new time stamp [10 us since 2015] for a frame of ours, each larger than the last."""
-        self._stamp = min(self._stamp + 1, _LAST)
+        self._stamp = min(self._stamp + 1, _MAX_STAMP)
         return self._stamp
 
     def refusal(self, frame: Frame) -> RejectReason | None:
@@ -71,7 +71,7 @@ class Signing:
         if not compare_digest(signature(self.key, raw[: _SIGNATURE.start]), raw[_SIGNATURE]):
             return RejectReason.WRONG_SIGNATURE
         # Only now, or a forged stamp from the future would shut the true sender out.
-        if last is None and len(self._streams) >= LINKS:
+        if last is None and len(self._streams) >= MAX_STREAMS:
             return RejectReason.TOO_MANY_PEERS
         self._streams[stream] = stamp
         self._stamp = max(self._stamp, stamp)

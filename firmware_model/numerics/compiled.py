@@ -59,11 +59,11 @@ def compiled(function: Function) -> Function:
     """
     entry = numba.njit(cache=True, error_model="numpy", _nrt=False)(function)
     if cache := getattr(entry, "_cache", None):
-        cache._cache_file._source_stamp = _source_stamp(_package(Path(function.__code__.co_filename)))
+        cache._cache_file._source_stamp = _source_stamp(_find_package(Path(function.__code__.co_filename)))
     return cast(Function, entry)
 
 
-def _package(source: Path) -> Path:
+def _find_package(source: Path) -> Path:
     """Return the folder of the top-level package that a source belongs to."""
     return max(
         (parent for parent in source.parents if (parent / "__init__.py").exists()),
@@ -75,12 +75,12 @@ def _package(source: Path) -> Path:
 @cache
 def _source_stamp(package: Path) -> tuple[tuple[str, int, int], ...]:
     """Return path, change time [ns] and size of each source that an entry point of `package` may inline."""
-    rooms = {room for top in {_package(Path(__file__)), package} for room in _rooms_with_kernels(top)}
+    rooms = {room for top in {_find_package(Path(__file__)), package} for room in _find_kernel_folders(top)}
     sources = sorted(source for room in rooms for source in room.glob("*.py"))
     return tuple((str(source), source.stat().st_mtime_ns, source.stat().st_size) for source in sources)
 
 
-def _rooms_with_kernels(package: Path) -> set[Path]:
+def _find_kernel_folders(package: Path) -> set[Path]:
     """Return the folders of `package` that hold kernels, or values that those import and so are compiled in."""
     rooms = set()
     for source in package.rglob("*.py"):

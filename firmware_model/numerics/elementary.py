@@ -150,7 +150,7 @@ def inverse_normal(u: float) -> float:
     M. J. Wichura, Algorithm AS 241: The percentage points of the normal distribution, Applied Statistics 37, 1988,
     PPND16 (its far tail is never reached by 32-bit uniforms).
     """
-    return _outer(u) if _is_outer(u) else _central(u)
+    return _tail_quantile(u) if _is_tail(u) else _central_quantile(u)
 
 
 @kernel
@@ -162,26 +162,26 @@ def inverse_normals(u: Array, quantiles: Array, outer: Array, places: NDArray[np
     """
     count = 0
     for i in range(u.size):
-        quantiles[i] = _central(u[i])
+        quantiles[i] = _central_quantile(u[i])
     for i in range(u.size):
         outer[count], places[count] = u[i], i
-        count += _is_outer(u[i])
+        count += _is_tail(u[i])
     for i in range(BLOCK):
         outer[count + i] = 0.5
     for start in range(0, count, BLOCK):
         for i in range(start, start + BLOCK):
-            outer[i] = _outer(outer[i])
+            outer[i] = _tail_quantile(outer[i])
     for i in range(count):
         quantiles[places[i]] = outer[i]
 
 
 @kernel
-def _is_outer(u: float) -> bool:
+def _is_tail(u: float) -> bool:
     return abs(u - 0.5) > 0.425
 
 
 @kernel
-def _central(u: float) -> float:
+def _central_quantile(u: float) -> float:
     q = u - 0.5
     r = 0.180625 - q * q
     return (
@@ -230,7 +230,7 @@ def _central(u: float) -> float:
 
 
 @kernel
-def _outer(u: float) -> float:
+def _tail_quantile(u: float) -> float:
     t = math.sqrt(-log(min(u, 1.0 - u))) - 1.6
     tail = (
         (

@@ -15,7 +15,7 @@ from firmware_model.numerics.compiled import kernel
 from firmware_model.types import Vector
 
 Row = TypeVar("Row", bound=tuple[float, ...])
-_PLACE = "    array, width, at = column.array, column.width, row * column.width + column.lane\n"
+_INDEX_SOURCE = "    array, width, at = column.array, column.width, row * column.width + column.lane\n"
 
 
 class Lane(NamedTuple):
@@ -30,7 +30,7 @@ class Lane(NamedTuple):
 
 
 @kernel
-def aligned(size: int) -> NDArray[np.float64]:
+def aligned_zeros(size: int) -> NDArray[np.float64]:
     """Return zeros (size,) that begin at a cache line, as do rows of eight: registers of eight numbers fit in it."""
     room = np.zeros(size + 7)
     start = (-room.ctypes.data // 8) % 8
@@ -75,28 +75,28 @@ def loader(kind: type[Row]) -> Callable[[Lane, int], Row]:
 
     The kernel is written out field by field, because a compiled function can't loop over the fields of a tuple.
     """
-    fields = ", ".join(f"array[at + {i} * width]" for i in range(_width(kind)))
+    fields = ", ".join(f"array[at + {i} * width]" for i in range(_field_count(kind)))
     kernel_: Callable[[Lane, int], Row] = _define(
-        f"def load(column, row):\n{_PLACE}    return kind({fields})", "load", kind
+        f"def load(column, row):\n{_INDEX_SOURCE}    return kind({fields})", "load", kind
     )
     return kernel_
 
 
 def storer(kind: type[Row]) -> Callable[[Lane, int, Row], None]:
     """Return the kernel `store(column, row, value)` that writes the fields of `value` from a row on."""
-    lines = "\n".join(f"    array[at + {i} * width] = value[{i}]" for i in range(_width(kind)))
+    lines = "\n".join(f"    array[at + {i} * width] = value[{i}]" for i in range(_field_count(kind)))
     kernel_: Callable[[Lane, int, Row], None] = _define(
-        f"def store(column, row, value):\n{_PLACE}{lines}", "store", kind
+        f"def store(column, row, value):\n{_INDEX_SOURCE}{lines}", "store", kind
     )
     return kernel_
 
 
 def offsets(kinds: Iterable[type[tuple[float, ...]]]) -> list[int]:
     """Return the row at which each of `kinds` starts when they are packed in order, and the end."""
-    return [0, *np.cumsum([_width(kind) for kind in kinds]).tolist()]
+    return [0, *np.cumsum([_field_count(kind) for kind in kinds]).tolist()]
 
 
-def _width(kind: Any) -> int:
+def _field_count(kind: Any) -> int:
     return len(kind._fields)
 
 

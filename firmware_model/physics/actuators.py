@@ -19,7 +19,7 @@ class ActuatorParams(NamedTuple):
 
 
 @kernel
-def _axis(torque: float, share: float, limit: float) -> float:
+def _limit_axis(torque: float, share: float, limit: float) -> float:
     return min(max(share * torque, -limit), limit)
 
 
@@ -27,7 +27,7 @@ def _axis(torque: float, share: float, limit: float) -> float:
 def apply_actuator_faults(params: ActuatorParams, torque: Vector) -> Vector:
     """Return the torque [N*m] B that is given for what is asked, when the lag has passed."""
     return (
-        _axis(torque[0], params.share_roll, params.limit_roll),
-        _axis(torque[1], params.share_pitch, params.limit_pitch),
-        _axis(torque[2], params.share_yaw, params.limit_yaw),
+        _limit_axis(torque[0], params.share_roll, params.limit_roll),
+        _limit_axis(torque[1], params.share_pitch, params.limit_pitch),
+        _limit_axis(torque[2], params.share_yaw, params.limit_yaw),
     )

@@ -11,7 +11,7 @@ from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.rotations import conjugate, rotate
 from firmware_model.physics.dryden import gust_moment
-from firmware_model.physics.ground import GroundParams, ground_params, ground_wrench, may_touch, rests
+from firmware_model.physics.ground import GroundParams, can_touch_ground, ground_params, ground_wrench, is_at_rest
 from firmware_model.physics.rigid_body import (
     Body,
     BodyInputs,
@@ -104,7 +104,7 @@ def air_wrench(params: AirParams, body: Body, air: Air) -> tuple[Vector, Vector]
 
 
 @kernel
-def acting(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[BodyInputs, bool, float]:
+def sum_inputs(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[BodyInputs, bool, float]:
     """Return the inputs with all forces and moments but gravity, whether the vehicle rests, and the ground's load [N].
 
     At rest the ground's force is not of the springs but what it must be; it is then not among the forces.
@@ -116,7 +116,7 @@ def acting(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[BodyInpu
     if inputs.low:
         ground_force, ground_moment, load = ground_wrench(params.ground, body)
         push, twist = (force[0], force[1], force[2] - body.thrust), (L + body.roll, M + body.pitch, N + body.yaw)
-        resting = (load > 0.0) & rests(params.ground, body, push, twist)
+        resting = (load > 0.0) & is_at_rest(params.ground, body, push, twist)
     return (
         BodyInputs(
             outside.roll_command, outside.pitch_command, outside.yaw_command,
@@ -132,28 +132,28 @@ def acting(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[BodyInpu
 
 @kernel
 def _derivative(params: FreeParams, body: Body, inputs: FreeInputs) -> Body:
-    return derivative(params.body, body, acting(params, body, inputs)[0])
+    return derivative(params.body, body, sum_inputs(params, body, inputs)[0])
 
 
-_move = runge_kutta(_derivative)
+_integrate = runge_kutta(_derivative)
 
 
 @kernel
 def step(params: FreeParams, body: Body, inputs: FreeInputs, dt: float) -> Body:
     """Return the state after `dt` [s]: a Runge-Kutta step, or the actuators' alone where the vehicle rests."""
-    inputs = FreeInputs(inputs.body, inputs.air, inputs.low and may_touch(params.ground, body, dt))
-    moved = _move(params, body, inputs, dt)
-    return at_rest(body, moved) if acting(params, body, inputs)[1] else moved
+    inputs = FreeInputs(inputs.body, inputs.air, inputs.low and can_touch_ground(params.ground, body, dt))
+    moved = _integrate(params, body, inputs, dt)
+    return at_rest(body, moved) if sum_inputs(params, body, inputs)[1] else moved
 
 
 @kernel
-def felt_wrench(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[Vector, Vector, float]:
+def sensor_wrench(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[Vector, Vector, float]:
     """Return specific force [m/s^2] B, the moment of the air [N*m] B, and the load that the ground carries [N].
 
     The specific force is acceleration less gravity, what an accelerometer at the centre of mass feels.
     """
-    inputs = FreeInputs(inputs.body, inputs.air, inputs.low and may_touch(params.ground, body, 0.0))
-    forces, resting, load = acting(params, body, inputs)
+    inputs = FreeInputs(inputs.body, inputs.air, inputs.low and can_touch_ground(params.ground, body, 0.0))
+    forces, resting, load = sum_inputs(params, body, inputs)
     moment = air_wrench(params.air, body, inputs.air)[1]
     if resting:
         up = rotate(conjugate((body.qw, body.qx, body.qy, body.qz)), (0.0, 0.0, -GRAVITY))

@@ -20,9 +20,19 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.config.moments import Bump, DirectMoment, Moment, MomentReplay, Ramp, Sine, Square, Step, Sweep
+from firmware_model.config.moments import (
+    DirectMoment,
+    Moment,
+    MomentCosine,
+    MomentRamp,
+    MomentReplay,
+    MomentSine,
+    MomentSquare,
+    MomentStep,
+    MomentSweep,
+)
 from firmware_model.config.scenario import Scenario
-from firmware_model.config.wind import Gust, GustRamp, GustReplay, GustSine, GustStep, GustSweep, OneMinusCosine, Wind
+from firmware_model.config.wind import Gust, GustCosine, GustRamp, GustReplay, GustSine, GustStep, GustSweep, Wind
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.elementary import sin_cos
 from firmware_model.types import Vector
@@ -37,62 +47,62 @@ WAVE, TARGETS = 9, 4
 _HALF_US = 0.5e-6  # stamps are whole microseconds, roundings are not
 
 
-def waves(scenario: Scenario) -> Array:
+def make_waves(scenario: Scenario) -> Array:
     """Return what formulas give (n, WAVE), in the order of the scenario."""
-    rows = [_wave(item) for item in _items(scenario) if isinstance(item, (Gust, DirectMoment))]
+    rows = [_make_wave(item) for item in _list_tables(scenario) if isinstance(item, (Gust, DirectMoment))]
     return np.array(rows, dtype=np.float64).reshape(-1, WAVE)
 
 
-def replayed(scenario: Scenario) -> Array:
+def make_replay(scenario: Scenario) -> Array:
     """Return what is replayed at each sample (samples, 3 * TARGETS); (0, 3 * TARGETS) if nothing is."""
-    replays = [item for item in _items(scenario) if isinstance(item, (GustReplay, MomentReplay))]
+    replays = [item for item in _list_tables(scenario) if isinstance(item, (GustReplay, MomentReplay))]
     table = np.zeros((scenario.samples if replays else 0, 3 * TARGETS))
     time = np.arange(len(table)) * scenario.sample_us * 1e-6
     for item in replays:
         rows = np.array(item.rows)
         begin, end = item.start_s - _HALF_US, (math.inf if item.stop_s is None else item.stop_s) - _HALF_US
         acts = (time >= begin) & (time < end)
-        at = 3 * _target(item.frame == "ned", moment=isinstance(item, MomentReplay))
+        at = 3 * _target_index(item.frame == "ned", moment=isinstance(item, MomentReplay))
         for i in range(3):
             table[acts, at + i] += np.interp(time[acts] - item.start_s, rows[:, 0], rows[:, 1 + i], left=0.0, right=0.0)
     return table
 
 
-def _items(scenario: Scenario) -> Iterable[Wind | Moment]:
+def _list_tables(scenario: Scenario) -> Iterable[Wind | Moment]:
     return (*scenario.wind, *scenario.moment)
 
 
-def _target(of_earth: bool, *, moment: bool) -> int:
-    return 2 * moment + of_earth
+def _target_index(is_earth_frame: bool, *, moment: bool) -> int:
+    return 2 * moment + is_earth_frame
 
 
-def _wave(item: Gust | DirectMoment) -> tuple[float, ...]:
-    kind, a, b = _shape(item)
+def _make_wave(item: Gust | DirectMoment) -> tuple[float, ...]:
+    kind, a, b = _shape_params(item)
     stop = math.inf if item.stop_s is None else item.stop_s
-    target = _target(item.of_earth, moment=isinstance(item, DirectMoment))
+    target = _target_index(item.is_earth_frame, moment=isinstance(item, DirectMoment))
     return (kind, target, *item.vector, item.start_s, stop, a, b)
 
 
-def _shape(item: Gust | DirectMoment) -> tuple[float, float, float]:
+def _shape_params(item: Gust | DirectMoment) -> tuple[float, float, float]:
     match item:
-        case GustStep() | Step():
+        case GustStep() | MomentStep():
             return STEP, 0.0, 0.0
-        case GustRamp() | Ramp():
+        case GustRamp() | MomentRamp():
             return RAMP, item.rise_s, 0.0
-        case OneMinusCosine() | Bump():
+        case GustCosine() | MomentCosine():
             return ONE_MINUS_COSINE, item.length_s, 0.0
-        case GustSine() | Sine():
+        case GustSine() | MomentSine():
             return SINE, item.rate_rad_s, item.phase_rad
-        case Square():
+        case MomentSquare():
             return SQUARE, item.rate_rad_s, item.phase_rad
-        case GustSweep() | Sweep():
+        case GustSweep() | MomentSweep():
             slope = (item.rate_to_rad_s - item.rate_from_rad_s) / (item.stop_s - item.start_s)
             return SWEEP, item.rate_from_rad_s, slope
     raise TypeError(f"{type(item).__name__} is no wave")
 
 
 @kernel
-def shape(kind: float, since: float, a: float, b: float) -> float:
+def wave_value(kind: float, since: float, a: float, b: float) -> float:
     """Return a wave [-] at the time `since` [s] its start; `a` and `b` are the numbers of its kind."""
     if kind == STEP:
         return 1.0
@@ -127,7 +137,7 @@ def disturbance(waves: Array, replay: Array, sample: int, time: float) -> Distur
     for i in range(waves.shape[0]):
         row = waves[i]
         if row[5] <= time + _HALF_US < row[6]:
-            size = shape(row[0], time - row[5], row[7], row[8])
+            size = wave_value(row[0], time - row[5], row[7], row[8])
             x, y, z = size * row[2], size * row[3], size * row[4]
             if row[1] == GUST_B:
                 u, v, w = u + x, v + y, w + z

@@ -160,22 +160,22 @@ def _transverse(sigma: float, tau: float, lag: float, dt: float) -> _Transverse:
     P = scipy.linalg.solve_continuous_lyapunov(F, -b @ b.T)
     Q = P - A @ P @ A.T
     lower = np.tril_indices(3)
-    numbers = (*A[lower].tolist(), *_factor(Q)[lower].tolist(), *c.tolist())
-    return _Transverse(numbers, _factor(P))
+    numbers = (*A[lower].tolist(), *_factorize(Q)[lower].tolist(), *c.tolist())
+    return _Transverse(numbers, _factorize(P))
 
 
-def _factor(Q: Array) -> Array:
+def _factorize(Q: Array) -> Array:
     """Return lower-triangular B with `B B^T = Q`; Q may be singular to rounding, where Cholesky would stop."""
     values, vectors = np.linalg.eigh(0.5 * (Q + Q.T))
     B = np.asarray(np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T, mode="r")).T
     return B * np.where(np.diag(B) < 0.0, -1.0, 1.0)
 
 
-Eight = tuple[float, float, float, float, float, float, float, float]
+Float8 = tuple[float, float, float, float, float, float, float, float]
 
 
 @kernel
-def dryden_step(params: DrydenParams, x: DrydenState, n: Eight) -> DrydenState:
+def dryden_step(params: DrydenParams, x: DrydenState, n: Float8) -> DrydenState:
     """Return the next filter state for eight standard normal numbers."""
     return DrydenState(
         u=params.u_a * x.u + params.u_b * n[0],

@@ -1,7 +1,7 @@
 """Flat, level ground at the height of home: feet and rotors touch it, friction holds, and a vehicle at rest is at rest.
 
 Moving, each point that touches is a spring and damper at the critical damping of the whole vehicle, with Coulomb
-friction that a speed below `_CREEP` makes proportional. At rest friction is a condition, not a law of motion: while
+friction that a speed below `_FRICTION_SPEED` makes proportional. At rest friction is a condition, not a law of motion: while
 the feet can carry what acts, nothing moves at all, so that there is neither jitter nor drift.
 """
 
@@ -14,9 +14,9 @@ from firmware_model.numerics.rotations import conjugate, rotate
 from firmware_model.physics.rigid_body import Body
 from firmware_model.types import Vector
 
-_CREEP = 0.05  # [m/s] sliding speed from which on friction has its full value
-_SLOW = 0.02  # [m/s] and [rad/s]: below, a vehicle whose feet hold it is at rest
-_CARRIED = 0.5  # [-] of the weight on the feet, at least, at rest: less, and the springs lift it off gently
+_FRICTION_SPEED = 0.05  # [m/s] sliding speed from which on friction has its full value
+_REST_SPEED = 0.02  # [m/s] and [rad/s]: below, a vehicle whose feet hold it is at rest
+_REST_LOAD_SHARE = 0.5  # [-] of the weight on the feet, at least, at rest: less, and the springs lift it off gently
 _MARGIN = 0.01  # [m] that an acceleration of 5 km/s^2 moves it within the longest step, 2 ms
 
 
@@ -36,7 +36,7 @@ class GroundParams(NamedTuple):
     friction: float  # [-]
 
 
-class _Sum(NamedTuple):
+class _ContactSum(NamedTuple):
     """What the points that touch add up to."""
 
     F_north: float  # [N] N
@@ -66,13 +66,13 @@ def standing_height(vehicle: Vehicle) -> float:
 
 
 @kernel
-def may_touch(params: GroundParams, body: Body, dt: float) -> bool:
+def can_touch_ground(params: GroundParams, body: Body, dt: float) -> bool:
     """Whether any point may touch the ground within a step of `dt` [s]: if not, nothing needs to be asked about it."""
     return body.down + params.reach + dt * abs(body.v_down) > -_MARGIN
 
 
 @kernel
-def _with_point(params: GroundParams, body: Body, omega_N: Vector, arm_N: Vector, total: _Sum) -> _Sum:
+def _add_point(params: GroundParams, body: Body, omega_N: Vector, arm_N: Vector, total: _ContactSum) -> _ContactSum:
     """Return the sum with what acts at the end of an arm [m] N of a vehicle that turns [rad/s] N."""
     x, y, z = arm_N
     v_north = body.v_north + omega_N[1] * z - omega_N[2] * y
@@ -80,9 +80,9 @@ def _with_point(params: GroundParams, body: Body, omega_N: Vector, arm_N: Vector
     v_down = body.v_down + omega_N[0] * y - omega_N[1] * x
     depth = body.down + z
     push = max(params.stiffness * depth + params.damping * v_down, 0.0) if depth > 0.0 else 0.0
-    rub = -params.friction * push / max(math.sqrt(v_north * v_north + v_east * v_east), _CREEP)
+    rub = -params.friction * push / max(math.sqrt(v_north * v_north + v_east * v_east), _FRICTION_SPEED)
     north, east, down = rub * v_north, rub * v_east, -push
-    return _Sum(
+    return _ContactSum(
         total.F_north + north, total.F_east + east, total.F_down + down,
         total.M_north + y * down - z * east, total.M_east + z * north - x * down, total.M_down + x * east - y * north,
         total.load + push,
@@ -90,16 +90,16 @@ def _with_point(params: GroundParams, body: Body, omega_N: Vector, arm_N: Vector
 
 
 @kernel
-def _with_corners(params: GroundParams, body: Body, corner_B: Vector, total: _Sum) -> _Sum:
+def _add_corners(params: GroundParams, body: Body, corner_B: Vector, total: _ContactSum) -> _ContactSum:
     """Return the sum with what acts at the corners of a rectangle across the z axis, of which one is given [m] B."""
     q_NB = (body.qw, body.qx, body.qy, body.qz)
     omega_N = rotate(q_NB, (body.p, body.q, body.r))
     a, b = rotate(q_NB, (corner_B[0], 0.0, corner_B[2])), rotate(q_NB, (-corner_B[0], 0.0, corner_B[2]))
     c = rotate(q_NB, (0.0, corner_B[1], 0.0))
-    total = _with_point(params, body, omega_N, (a[0] + c[0], a[1] + c[1], a[2] + c[2]), total)
-    total = _with_point(params, body, omega_N, (a[0] - c[0], a[1] - c[1], a[2] - c[2]), total)
-    total = _with_point(params, body, omega_N, (b[0] + c[0], b[1] + c[1], b[2] + c[2]), total)
-    return _with_point(params, body, omega_N, (b[0] - c[0], b[1] - c[1], b[2] - c[2]), total)
+    total = _add_point(params, body, omega_N, (a[0] + c[0], a[1] + c[1], a[2] + c[2]), total)
+    total = _add_point(params, body, omega_N, (a[0] - c[0], a[1] - c[1], a[2] - c[2]), total)
+    total = _add_point(params, body, omega_N, (b[0] + c[0], b[1] + c[1], b[2] + c[2]), total)
+    return _add_point(params, body, omega_N, (b[0] - c[0], b[1] - c[1], b[2] - c[2]), total)
 
 
 @kernel
@@ -108,16 +108,16 @@ def ground_wrench(params: GroundParams, body: Body) -> tuple[Vector, Vector, flo
 
     It does not loop over points: a loop inside that over flights would keep the compiler from SIMD.
     """
-    total = _Sum(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    total = _with_corners(params, body, (params.foot_x, params.foot_y, params.foot_z), total)
-    total = _with_corners(params, body, (params.rotor_x, params.rotor_y, params.rotor_z), total)
+    total = _ContactSum(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    total = _add_corners(params, body, (params.foot_x, params.foot_y, params.foot_z), total)
+    total = _add_corners(params, body, (params.rotor_x, params.rotor_y, params.rotor_z), total)
     to_B = conjugate((body.qw, body.qx, body.qy, body.qz))
     force_B = rotate(to_B, (total.F_north, total.F_east, total.F_down))
     return force_B, rotate(to_B, (total.M_north, total.M_east, total.M_down)), total.load
 
 
 @kernel
-def rests(params: GroundParams, body: Body, force_B: Vector, moment_B: Vector) -> bool:
+def is_at_rest(params: GroundParams, body: Body, force_B: Vector, moment_B: Vector) -> bool:
     """Whether a vehicle stands still and stays so, on all four feet, under thrust, air and torques.
 
     The feet must carry enough of the weight, friction must hold force and yaw together, and the vehicle must not tip.
@@ -132,10 +132,10 @@ def rests(params: GroundParams, body: Body, force_B: Vector, moment_B: Vector) -
     pull = math.sqrt(F_N[0] * F_N[0] + F_N[1] * F_N[1])
     arm = math.sqrt(params.foot_x * params.foot_x + params.foot_y * params.foot_y)
     return (
-        (speed <= _SLOW * _SLOW)
-        & (rate <= _SLOW * _SLOW)
+        (speed <= _REST_SPEED * _REST_SPEED)
+        & (rate <= _REST_SPEED * _REST_SPEED)
         & (highest > 0.0)
-        & (load >= _CARRIED * params.weight)
+        & (load >= _REST_LOAD_SHARE * params.weight)
         & (pull + abs(moment_B[2]) / arm <= params.friction * load)
         & (abs(moment_B[0]) + params.foot_z * abs(force_B[1]) <= params.foot_y * load)
         & (abs(moment_B[1]) + params.foot_z * abs(force_B[0]) <= params.foot_x * load)

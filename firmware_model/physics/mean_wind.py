@@ -9,7 +9,7 @@ from firmware_model.numerics.elementary import log
 from firmware_model.types import Vector
 
 _FOOT = 0.3048  # [m]
-_LOWEST = 3.0 * _FOOT  # MIL-F-8785C 3.7.3.2: the profile begins at 3 ft
+_MIN_HEIGHT = 3.0 * _FOOT  # MIL-F-8785C 3.7.3.2: the profile begins at 3 ft
 
 
 class MeanWindParams(NamedTuple):
@@ -39,7 +39,7 @@ def mean_wind_params(winds: Sequence[Wind]) -> MeanWindParams:
 @kernel
 def mean_wind(params: MeanWindParams, height: float) -> Vector:
     """Return the mean wind [m/s] N, blowing toward, at a height [m] above ground."""
-    profile = log(max(height, _LOWEST) * params.inverse_roughness)
+    profile = log(max(height, _MIN_HEIGHT) * params.inverse_roughness)
     return (
         params.north + profile * params.shear_north,
         params.east + profile * params.shear_east,

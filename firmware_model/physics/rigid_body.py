@@ -78,7 +78,7 @@ def body_params(vehicle: Vehicle, *, free: bool) -> BodyParams:
 
 
 @kernel
-def turning(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
+def attitude_derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
     """Return the time derivative of the state, in a `Body`, of a vehicle that is held in translation.
 
     Euler's equations with principal inertia, quaternion kinematics `q' = q omega / 2`.
@@ -108,10 +108,10 @@ def turning(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
 
 @kernel
 def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
-    """Return the time derivative of the state, in a `Body`: that of `turning`, and Newton's law in N."""
+    """Return the time derivative of the state, in a `Body`: that of `attitude_derivative`, and Newton's law in N."""
     q_NB = (body.qw, body.qx, body.qy, body.qz)
     F_N = rotate(q_NB, (inputs.F_x, inputs.F_y, inputs.F_z - body.thrust))
-    turn = turning(params, body, inputs)
+    turn = attitude_derivative(params, body, inputs)
     return Body(
         params.free * body.v_north,
         params.free * body.v_east,
@@ -124,7 +124,7 @@ def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
 
 
 @kernel
-def _turned(body: Body, h: float, rate: Body) -> Body:
+def _integrate_attitude(body: Body, h: float, rate: Body) -> Body:
     """Return the body moved by `h` times a derivative, of one that is held: where it is stays as it is."""
     return Body(
         body.north,
@@ -148,9 +148,9 @@ def _turned(body: Body, h: float, rate: Body) -> Body:
 
 
 @kernel
-def _moved(body: Body, h: float, rate: Body) -> Body:
+def _integrate(body: Body, h: float, rate: Body) -> Body:
     """Return the body moved by `h` times a derivative."""
-    turned = _turned(body, h, rate)
+    turned = _integrate_attitude(body, h, rate)
     return Body(
         body.north + h * rate.north,
         body.east + h * rate.east,
@@ -168,7 +168,7 @@ Inputs = TypeVar("Inputs")
 
 
 def runge_kutta(
-    rate: Callable[[Params, Body, Inputs], Body], along: Callable[[Body, float, Body], Body] = _moved
+    rate: Callable[[Params, Body, Inputs], Body], along: Callable[[Body, float, Body], Body] = _integrate
 ) -> Callable[[Params, Body, Inputs, float], Body]:
     """Return the kernel `step(params, body, inputs, dt)` of the classical method for the time derivative `rate`.
 
@@ -194,7 +194,7 @@ def runge_kutta(
     return step
 
 
-step, step_attitude = runge_kutta(derivative), runge_kutta(turning, _turned)
+step, step_attitude = runge_kutta(derivative), runge_kutta(attitude_derivative, _integrate_attitude)
 """The vehicle as its parameters say, and one that is held: the same to the bit, in less time."""
 
 

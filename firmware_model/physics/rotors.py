@@ -17,7 +17,7 @@ from firmware_model.config.vehicle import Rotors, Vehicle
 from firmware_model.numerics.compiled import kernel
 from firmware_model.types import Vector
 
-Four = tuple[float, float, float, float]
+Float4 = tuple[float, float, float, float]
 
 
 class RotorParams(NamedTuple):
@@ -100,7 +100,7 @@ def allocate(params: RotorParams, torque_B: Vector, thrust: float) -> tuple[Vect
 
 
 @kernel
-def rotor_thrusts(params: RotorParams, torque_B: Vector, thrust: float) -> Four:
+def rotor_thrusts(params: RotorParams, torque_B: Vector, thrust: float) -> Float4:
     """Return the thrust [N] of each rotor that makes up torques [N*m] B and a thrust [N]."""
     L, M, N = torque_B
     return (

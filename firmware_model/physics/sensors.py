@@ -40,33 +40,33 @@ def float32(value: float) -> float:
 
 
 @kernel
-def _measured(value: float, limit: float) -> float:
+def _clip_float32(value: float, limit: float) -> float:
     return float32(min(max(value, -limit), limit))
 
 
 @kernel
-def _axis(params: GyroParams, rate: float, bias: float, noise: float) -> float:
-    return _measured(rate + bias + (params.sigma + params.ratio * abs(rate)) * noise, params.range)
+def _measure_rate(params: GyroParams, rate: float, bias: float, noise: float) -> float:
+    return _clip_float32(rate + bias + (params.sigma + params.ratio * abs(rate)) * noise, params.range)
 
 
 @kernel
-def gyro(params: GyroParams, omega_B: Vector, noise: tuple[float, float, float, float], time: float) -> Vector:
+def measure_gyro(params: GyroParams, omega_B: Vector, noise: tuple[float, float, float, float], time: float) -> Vector:
     """Return the rate [rad/s] B measured at `time` [s] for three standard normal numbers (a fourth is not used)."""
     age = time - params.since
     return (
-        _axis(params, omega_B[0], params.b_x + params.drift_x * age, noise[0]),
-        _axis(params, omega_B[1], params.b_y + params.drift_y * age, noise[1]),
-        _axis(params, omega_B[2], params.b_z + params.drift_z * age, noise[2]),
+        _measure_rate(params, omega_B[0], params.b_x + params.drift_x * age, noise[0]),
+        _measure_rate(params, omega_B[1], params.b_y + params.drift_y * age, noise[1]),
+        _measure_rate(params, omega_B[2], params.b_z + params.drift_z * age, noise[2]),
     )
 
 
 @kernel
-def accelerometer(
+def measure_accelerometer(
     params: AccelerometerParams, specific_force_B: Vector, noise: tuple[float, float, float, float]
 ) -> Vector:
     """Return the measured specific force [m/s^2] B for three standard normal numbers (a fourth is not used)."""
     return (
-        _measured(specific_force_B[0] + params.b_x + params.sigma * noise[0], params.range),
-        _measured(specific_force_B[1] + params.b_y + params.sigma * noise[1], params.range),
-        _measured(specific_force_B[2] + params.b_z + params.sigma * noise[2], params.range),
+        _clip_float32(specific_force_B[0] + params.b_x + params.sigma * noise[0], params.range),
+        _clip_float32(specific_force_B[1] + params.b_y + params.sigma * noise[1], params.range),
+        _clip_float32(specific_force_B[2] + params.b_z + params.sigma * noise[2], params.range),
     )

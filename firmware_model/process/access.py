@@ -27,7 +27,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     either.add_argument("--unsigned", action="store_true", help="obey anybody on the network, without a key")
 
 
-def signing(options: argparse.Namespace, host: str, *, strict: bool = False) -> Signing | None:
+def make_signing(options: argparse.Namespace, host: str, *, strict: bool = False) -> Signing | None:
     """Return what signs and checks messages, `None` for nothing; `strict` accepts not even a HEARTBEAT without a key.
 
     Raises

@@ -11,7 +11,7 @@ PERIOD_S = 1.0
 """[s] from line to line."""
 
 
-def line(links: Mapping[str, Mapping[str, Any]], width: int) -> str:
+def format_line(links: Mapping[str, Mapping[str, Any]], width: int) -> str:
     """Return the links' figures in one line of at most `width` characters."""
     parts = (f"{peer} {_traffic(figures)}" for peer, figures in links.items() if figures["in"])
     return ("  |  ".join(parts) or "nobody is connected")[:width]
@@ -42,7 +42,7 @@ def ending(facts: Mapping[str, Any]) -> str:
 
 
 @contextmanager
-def shown(links: Callable[[], Mapping[str, Mapping[str, Any]]]) -> Iterator[None]:
+def show_status_line(links: Callable[[], Mapping[str, Mapping[str, Any]]]) -> Iterator[None]:
     """Show the line on standard error from a timer's signal, which costs the loop that flies nothing."""
     if not hasattr(signal, "setitimer"):  # not every system has it
         yield
@@ -50,7 +50,7 @@ def shown(links: Callable[[], Mapping[str, Mapping[str, Any]]]) -> Iterator[None
 
     def show(*_: object) -> None:
         width = shutil.get_terminal_size().columns - 1
-        sys.stderr.write(f"\r{line(links(), width):<{width}}")
+        sys.stderr.write(f"\r{format_line(links(), width):<{width}}")
         sys.stderr.flush()
 
     signal.signal(signal.SIGALRM, show)

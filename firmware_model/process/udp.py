@@ -14,15 +14,15 @@ from firmware_model.errors import ConfigError
 from firmware_model.mavlink.frames import Address, RejectReason
 
 _yield_core = getattr(os, "sched_yield", None) or (lambda: time.sleep(0.0))  # not every system has it
-_LARGEST = 65_535  # bytes, the largest UDP datagram
-_EAGER_US = 200  # lockstep answers in less; to fall asleep and to wake takes as long as the answer itself
-_NAPS = 100  # waits; on a busy machine a watch in vain can cost ms, and is to be rare
-_EMPTYING = 16  # cycles; a look whether more waits costs a call, and in lockstep there never is more
-_AT_ONCE = 256  # datagrams; about what the system keeps for a socket
-_SHARE = 16  # datagrams of one peer among them; the rest is thrown away unread
+_MAX_DATAGRAM = 65_535  # bytes, the largest UDP datagram
+_SPIN_WAIT_US = 200  # lockstep answers in less; to fall asleep and to wake takes as long as the answer itself
+_SLEEP_CYCLES = 100  # waits; on a busy machine a watch in vain can cost ms, and is to be rare
+_DRAIN_CYCLES = 16  # cycles; a look whether more waits costs a call, and in lockstep there never is more
+_DRAIN_LIMIT = 256  # datagrams; about what the system keeps for a socket
+_PEER_LIMIT = 16  # datagrams of one peer among them; the rest is thrown away unread
 _KEPT = 4096  # datagrams; more than fit into `_BUFFER`
 _BUFFER = 1 << 20  # bytes; a second of all streams, as far as the system grants it
-_PATIENCE_US = 5_000  # an answer that takes longer is waited for by the deadline instead
+_RECEIVE_TIMEOUT_US = 5_000  # an answer that takes longer is waited for by the deadline instead
 _SPIN_US = 150  # waking from sleep takes this long at worst on an idle machine; the last stretch is not slept through
 
 
@@ -104,13 +104,13 @@ def unix_us() -> int:
     return time.time_ns() // 1000 - _now_us()
 
 
-def serve(endpoint: Endpoint, sockets: Sequence[socket.socket], *, punctual: bool = False) -> None:
+def serve(endpoint: Endpoint, sockets: Sequence[socket.socket], *, real_time: bool = False) -> None:
     """Carry datagrams and time to the endpoint, and its datagrams to the wire, until it has finished.
 
     The next datagram is awaited without falling asleep, as in lockstep it comes at once. Where that was in vain, as in
     real time or on a machine with other work to do, the process sleeps through the next waits before it tries again.
 
-    A `punctual` endpoint has deadlines that are absolute, the samples of a flight in real time: it sleeps until shortly
+    A `real_time` endpoint has deadlines that are absolute, the samples of a flight in real time: it sleeps until shortly
     before the next one, and is awake when it comes.
 
     A cycle hands over one datagram a socket, so that nobody who floods keeps the endpoint from what is due. Every few
@@ -126,29 +126,29 @@ def serve(endpoint: Endpoint, sockets: Sequence[socket.socket], *, punctual: boo
         if endpoint.finished:
             return
         readable: list[socket.socket] = []
-        if punctual:
-            readable = _until(sockets, endpoint.deadline_us())
+        if real_time:
+            readable = _wait_punctually(sockets, endpoint.deadline_us())
         elif naps:
             naps -= 1
         else:
-            end_us = _now_us() + _EAGER_US
-            readable = _watch(sockets, end_us)
-            naps = _NAPS if _now_us() >= end_us else 0
-        if not (readable or punctual):
-            readable = _sleep(sockets, endpoint.deadline_us())
+            end_us = _now_us() + _SPIN_WAIT_US
+            readable = _spin_readable(sockets, end_us)
+            naps = _SLEEP_CYCLES if _now_us() >= end_us else 0
+        if not (readable or real_time):
+            readable = _wait_readable(sockets, endpoint.deadline_us())
         cycle += 1
         for ready in readable:
-            if cycle % _EMPTYING == 0:
-                _empty(endpoint, ready, sockets.index(ready))
+            if cycle % _DRAIN_CYCLES == 0:
+                _drain(endpoint, ready, sockets.index(ready))
                 continue
             try:
-                datagram, address = ready.recvfrom(_LARGEST)
+                datagram, address = ready.recvfrom(_MAX_DATAGRAM)
             except OSError:  # a damaged datagram, or the refusal of one that was sent before, is not an arrival
                 continue
             endpoint.receive(datagram, (sockets.index(ready), address), _now_us())
 
 
-def converse(endpoint: Endpoint, bound: socket.socket) -> None:
+def serve_lockstep(endpoint: Endpoint, bound: socket.socket) -> None:
     """Serve an endpoint that speaks in turns with its peer, as in lockstep, by one socket, connected or not.
 
     The process falls asleep in the call that reads: on a core that both share, who is to answer goes on at once. After
@@ -158,9 +158,9 @@ def converse(endpoint: Endpoint, bound: socket.socket) -> None:
     during a wait is handed over at once, before the endpoint is polled.
     """
     bound.setblocking(True)
-    bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, _PATIENCE_US))
-    peer = _connected(bound)
-    now_us = heard_us = _now_us()
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, _RECEIVE_TIMEOUT_US))
+    peer = _peer_address(bound)
+    now_us = last_seen_us = _now_us()
     heard = False
     cycle = 0
     while True:
@@ -176,21 +176,21 @@ def converse(endpoint: Endpoint, bound: socket.socket) -> None:
             heard = bool(select.select((bound,), (), (), max(wait_us, 0) * 1e-6)[0])
         if heard:
             try:
-                datagram, source = (bound.recv(_LARGEST), peer) if peer else bound.recvfrom(_LARGEST)
+                datagram, source = (bound.recv(_MAX_DATAGRAM), peer) if peer else bound.recvfrom(_MAX_DATAGRAM)
             except OSError as error:
                 heard = not isinstance(error, BlockingIOError)
             else:
-                before_us, heard_us = heard_us, _now_us()
-                endpoint.receive(datagram, (0, source), heard_us)
+                before_us, last_seen_us = last_seen_us, _now_us()
+                endpoint.receive(datagram, (0, source), last_seen_us)
                 cycle += 1
-                if peer and heard_us - before_us > _EAGER_US:
-                    _empty(endpoint, bound, 0, most=_KEPT, share=_KEPT)
-                elif not peer and cycle % _EMPTYING == 0:
-                    _empty(endpoint, bound, 0)
+                if peer and last_seen_us - before_us > _SPIN_WAIT_US:
+                    _drain(endpoint, bound, 0, most=_KEPT, share=_KEPT)
+                elif not peer and cycle % _DRAIN_CYCLES == 0:
+                    _drain(endpoint, bound, 0)
         now_us = _now_us()
 
 
-def _connected(bound: socket.socket) -> tuple[str, int] | None:
+def _peer_address(bound: socket.socket) -> tuple[str, int] | None:
     """Return the one address that a socket speaks to, `None` if it speaks to any."""
     try:
         host, port = bound.getpeername()
@@ -199,12 +199,14 @@ def _connected(bound: socket.socket) -> tuple[str, int] | None:
     return host, port
 
 
-def _empty(endpoint: Endpoint, ready: socket.socket, index: int, *, most: int = _AT_ONCE, share: int = _SHARE) -> None:
+def _drain(
+    endpoint: Endpoint, ready: socket.socket, index: int, *, most: int = _DRAIN_LIMIT, share: int = _PEER_LIMIT
+) -> None:
     """Hand over what waits in a socket, of each peer no more than its share."""
     taken: Counter[Address] = Counter()
     for _ in range(most):
         try:
-            datagram, address = ready.recvfrom(_LARGEST, socket.MSG_DONTWAIT)
+            datagram, address = ready.recvfrom(_MAX_DATAGRAM, socket.MSG_DONTWAIT)
         except BlockingIOError:
             return
         except OSError:
@@ -217,21 +219,21 @@ def _empty(endpoint: Endpoint, ready: socket.socket, index: int, *, most: int = 
             endpoint.drop(RejectReason.RATE_LIMITED, peer)
 
 
-def _sleep(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:
+def _wait_readable(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:
     """Return the sockets that can be read, as soon as there is one, or none when it is time."""
     readable, _, _ = select.select(sockets, (), (), max(end_us - _now_us(), 0) * 1e-6)
     return readable
 
 
-def _until(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:
-    """Return what `_sleep` does, but be awake when it is time, which needs the core to itself for the last stretch."""
-    readable = _sleep(sockets, end_us - _SPIN_US)
+def _wait_punctually(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:
+    """Return what `_wait_readable` does, but be awake when it is time, which needs the core to itself for the last stretch."""
+    readable = _wait_readable(sockets, end_us - _SPIN_US)
     while not readable and _now_us() < end_us:
         readable, _, _ = select.select(sockets, (), (), 0.0)
     return readable
 
 
-def _watch(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:
+def _spin_readable(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:
     """Return the sockets that can be read, as soon as there is one; whoever else wants this core gets it in between."""
     readable: list[socket.socket] = []
     while not readable and _now_us() < end_us:

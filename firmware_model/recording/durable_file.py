@@ -31,8 +31,8 @@ class AppendOnlyFile:
         if fcntl is not None:
             fcntl.flock(self._file, fcntl.LOCK_EX)
         self._closing = Event()
-        self._keeper = Thread(target=self._keep, daemon=True)
-        self._keeper.start()
+        self._sync_thread = Thread(target=self._keep, daemon=True)
+        self._sync_thread.start()
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """Hand all of `data` to the operating system.
@@ -52,7 +52,7 @@ class AppendOnlyFile:
     def close(self) -> None:
         """Close the file; it may be read by whoever waits for that."""
         self._closing.set()
-        self._keeper.join()
+        self._sync_thread.join()
         self._file.close()
 
     def _keep(self) -> None:
@@ -60,7 +60,7 @@ class AppendOnlyFile:
             os.fsync(self._file.fileno())
 
 
-def locked(path: Path) -> IO[bytes] | None:
+def open_locked(path: Path) -> IO[bytes] | None:
     """Return a file that is locked until it is closed or its process ends; `None` if another process has it."""
     file = path.open("ab")
     if fcntl is not None:

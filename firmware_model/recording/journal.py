@@ -50,12 +50,16 @@ WIDTH = RECORD.itemsize // 8
 _BLOCK = 1 << 16  # records that are read at once
 
 # Where a field starts, counted in numbers.
-_AT = {name: RECORD.fields[name][1] // 8 for name in RECORD.names or ()}  # type: ignore[index]
-TIME, GYRO_B, FORCE_B = _AT["time_us"], _AT["gyro_B"], _AT["specific_force_B"]
-TORQUE_COMMAND, OMEGA_COMMAND, TORQUE_B = _AT["torque_command_B"], _AT["omega_command_B"], _AT["torque_B"]
-POSITION, VELOCITY, Q_NB, OMEGA = _AT["position_N"], _AT["velocity_N"], _AT["q_NB"], _AT["omega_B"]
-GUST, GUST_OMEGA, MOMENT, WIND = _AT["gust_B"], _AT["gust_omega_B"], _AT["moment_B"], _AT["wind_N"]
-THRUST_COMMAND, THRUST, ROTORS = _AT["thrust_z_command"], _AT["thrust_z"], _AT["rotors"]
+_OFFSETS = {name: RECORD.fields[name][1] // 8 for name in RECORD.names or ()}  # type: ignore[index]
+TIME, GYRO_B, FORCE_B = _OFFSETS["time_us"], _OFFSETS["gyro_B"], _OFFSETS["specific_force_B"]
+TORQUE_COMMAND, OMEGA_COMMAND, TORQUE_B = (
+    _OFFSETS["torque_command_B"],
+    _OFFSETS["omega_command_B"],
+    _OFFSETS["torque_B"],
+)
+POSITION, VELOCITY, Q_NB, OMEGA = _OFFSETS["position_N"], _OFFSETS["velocity_N"], _OFFSETS["q_NB"], _OFFSETS["omega_B"]
+GUST, GUST_OMEGA, MOMENT, WIND = _OFFSETS["gust_B"], _OFFSETS["gust_omega_B"], _OFFSETS["moment_B"], _OFFSETS["wind_N"]
+THRUST_COMMAND, THRUST, ROTORS = _OFFSETS["thrust_z_command"], _OFFSETS["thrust_z"], _OFFSETS["rotors"]
 
 
 class JournalWriter:
@@ -141,7 +145,7 @@ def _end_of_time(blocks: Sequence[NDArray[np.void]]) -> int | None:
     return int(breaks[0]) if len(breaks) else None
 
 
-def records_in(path: Path) -> int:
+def count_records(path: Path) -> int:
     """Return how many whole records a journal holds that may still grow, or not be there yet."""
     try:
         with path.open("rb") as file:

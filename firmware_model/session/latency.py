@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-_COARSE_US = 20_000  # what is later is counted as one, so that a vehicle that stands for a month fills no memory
+_MAX_EXACT_US = 20_000  # what is later is counted as one, so that a vehicle that stands for a month fills no memory
 
 
 class Latency:
@@ -14,7 +14,7 @@ class Latency:
 
     def add(self, late_us: int) -> None:
         """Count one."""
-        self._counts[min(late_us, _COARSE_US)] += 1
+        self._counts[min(late_us, _MAX_EXACT_US)] += 1
         self.worst_us = max(self.worst_us, late_us)
 
     def percentile_us(self, percent: float) -> int:
@@ -23,7 +23,7 @@ class Latency:
         for late_us, count in sorted(self._counts.items()):
             rank -= count
             if rank <= 0.0:
-                return late_us if late_us < _COARSE_US else self.worst_us
+                return late_us if late_us < _MAX_EXACT_US else self.worst_us
         return 0
 
     def figures(self) -> dict[str, int]:

@@ -28,7 +28,7 @@ from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.elementary import philox
 from firmware_model.numerics.random import LINK_STREAM
 
-_FOREVER_US = 1 << 62
+_NEVER_US = 1 << 62
 _SCALE = 2.0**-32
 
 Item = TypeVar("Item")
@@ -61,9 +61,9 @@ class LinkDirection(Generic[Item]):
     def __init__(self, faults: Sequence[AnyFault], direction: str, seed: int) -> None:
         self.counters: Counter[LinkCounter] = Counter()
         self._tables = [
-            _Table(fault, seed, number) for number, fault in enumerate(faults) if fault.direction == direction
+            _FaultTable(fault, seed, number) for number, fault in enumerate(faults) if fault.direction == direction
         ]
-        self._travelling: list[tuple[int, int, Item]] = []
+        self._in_flight: list[tuple[int, int, Item]] = []
         self._order = 0  # tells apart what arrives at the same time
         self._last_us = 0
 
@@ -75,7 +75,7 @@ class LinkDirection(Generic[Item]):
         sent_us = now_us
         for table in tables:
             if isinstance(table.fault, Bandwidth):
-                free_us = table.transmitted_us(table.fault, size, sent_us)
+                free_us = table.transmission_end_us(table.fault, size, sent_us)
                 if free_us is None:
                     self.counters[LinkCounter.CROWDED_OUT] += 1
                     return
@@ -84,27 +84,27 @@ class LinkDirection(Generic[Item]):
         if any([table.loses(number) for table in tables]):
             self.counters[LinkCounter.LOST] += 1
             return
-        doubled = any(table.strikes(Duplication, number) for table in tables)
+        doubled = any(table.occurs(Duplication, number) for table in tables)
         self.counters[LinkCounter.DOUBLED] += doubled
         for copy in range(1 + doubled):
-            late_us = sum(table.lateness_us(number, copy) for table in tables)
-            held_us = sum(table.held_us(number, copy) for table in tables)
-            self.counters[LinkCounter.HELD_BACK] += held_us > 0
+            late_us = sum(table.delay_us(number, copy) for table in tables)
+            hold_back_us = sum(table.hold_back_us(number, copy) for table in tables)
+            self.counters[LinkCounter.HELD_BACK] += hold_back_us > 0
             self._last_us = max(sent_us + late_us, self._last_us)
             self._order += 1
-            heapq.heappush(self._travelling, (self._last_us + held_us, self._order, item))
+            heapq.heappush(self._in_flight, (self._last_us + hold_back_us, self._order, item))
 
     @property
     def next_us(self) -> int:
         """[us] when the next one arrives; never, if none is on its way."""
-        return self._travelling[0][0] if self._travelling else _FOREVER_US
+        return self._in_flight[0][0] if self._in_flight else _NEVER_US
 
     def take(self, before_us: int) -> tuple[int, Item] | None:
         """Return the next one that arrives before a time, after the time [us] of its arrival; `None` if none does."""
         if self.next_us >= before_us:
             return None
         self.counters[LinkCounter.ARRIVED] += 1
-        arrival_us, _, item = heapq.heappop(self._travelling)
+        arrival_us, _, item = heapq.heappop(self._in_flight)
         return arrival_us, item
 
     def take_all(self, before_us: int) -> Iterator[tuple[int, Item]]:
@@ -114,21 +114,21 @@ class LinkDirection(Generic[Item]):
 
     def figures(self) -> dict[str, int]:
         """Return the counters by name."""
-        return {passage.value: count for passage in LinkCounter if (count := self.counters[passage])}
+        return {counter.value: count for counter in LinkCounter if (count := self.counters[counter])}
 
 
-class _Table:
+class _FaultTable:
     """A `[[link]]` table at work: its random numbers, and what it remembers."""
 
     def __init__(self, fault: AnyFault, seed: int, number: int) -> None:
         self.fault = fault
-        self.start_us = _us(fault.start_s)
-        self.stop_us = _FOREVER_US if fault.stop_s is None else _us(fault.stop_s)
+        self.start_us = _to_us(fault.start_s)
+        self.stop_us = _NEVER_US if fault.stop_s is None else _to_us(fault.stop_s)
         self._seed, self._block = seed, 2 * number
         self._bad = False
         self._sent_at_us: deque[int] = deque()
 
-    def transmitted_us(self, fault: Bandwidth, size: int, now_us: int) -> int | None:
+    def transmission_end_us(self, fault: Bandwidth, size: int, now_us: int) -> int | None:
         """Return when a datagram is sent to its last bit; `None` if it finds no room to wait for that."""
         waiting = self._sent_at_us
         while waiting and waiting[0] <= now_us:
@@ -142,29 +142,29 @@ class _Table:
         """Whether a datagram is lost here."""
         fault = self.fault
         if not isinstance(fault, BurstLoss):
-            return self.strikes(Loss, number)
+            return self.occurs(Loss, number)
         change, loss = self._draw(number)
         self._bad = change >= fault.to_good if self._bad else change < fault.to_bad
         return loss < (fault.loss_in_bad if self._bad else fault.loss_in_good)
 
-    def strikes(self, kind: type[Loss | Duplication], number: int) -> bool:
+    def occurs(self, kind: type[Loss | Duplication], number: int) -> bool:
         """Whether a fault of that kind happens here to a datagram."""
         fault = self.fault
         return isinstance(fault, kind) and self._draw(number)[0] < fault.probability
 
-    def lateness_us(self, number: int, copy: int) -> int:
+    def delay_us(self, number: int, copy: int) -> int:
         """Return by how much a copy of a datagram, 0 or 1, is late because of this table."""
         fault = self.fault
         if isinstance(fault, Delay):
-            return _us(fault.delay_s)
+            return _to_us(fault.delay_s)
         return round(self._draw(number, copy)[0] * fault.most_s * 1e6) if isinstance(fault, Jitter) else 0
 
-    def held_us(self, number: int, copy: int) -> int:
+    def hold_back_us(self, number: int, copy: int) -> int:
         """Return for how long a copy of a datagram is held back here."""
         fault = self.fault
         if not isinstance(fault, Reordering) or self._draw(number, copy)[0] >= fault.probability:
             return 0
-        return _us(fault.by_s)
+        return _to_us(fault.by_s)
 
     def _draw(self, number: int, copy: int = 0) -> tuple[float, float]:
         """Return two uniform numbers in (0, 1) that no other table, datagram or copy has."""
@@ -181,5 +181,5 @@ def _uniforms(seed: int, sample: int, block: int) -> tuple[float, float]:
     return (np.float64(a) + 0.5) * _SCALE, (np.float64(b) + 0.5) * _SCALE
 
 
-def _us(seconds: float) -> int:
+def _to_us(seconds: float) -> int:
     return round(seconds * 1e6)

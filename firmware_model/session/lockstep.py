@@ -22,17 +22,17 @@ class FastPath:
 
     def __init__(self, flight: FlightClock, scenario: Scenario, system: int, *, possible: bool) -> None:
         self._flight, self._possible, self._source = flight, possible, (system, CONTROLLER)
-        self._samples = messages.samples(system)
-        self._torques, self._rates = messages.torques(system), messages.rates(system)
+        self._samples = messages.imu_template(system)
+        self._torques, self._rates = messages.torque_template(system), messages.rate_template(system)
         self._last_us, self._sample_us = (scenario.samples - 1) * scenario.sample_us, scenario.sample_us
         self._commander: Peer | None = None
         self._end_us = 0
         self._taken = False
 
-    def foresee(self, commander: Peer | None, listeners: Iterable[Peer]) -> None:
+    def prepare(self, commander: Peer | None, listeners: Iterable[Peer]) -> None:
         """Find out whether nothing is to be done but to take turns, and up to when."""
         flight, self._commander = self._flight, None
-        if commander is None or not self._possible or not commander.undemanding:
+        if commander is None or not self._possible or not commander.is_samples_only:
             return
         if not flight.asks() or flight.answered or flight.paused:
             return
@@ -52,8 +52,8 @@ class FastPath:
         command = self._command(datagram, commander.traffic)
         if command is None:
             return None
-        commander.traffic.count_next(self._source)
-        commander.heard_us = now_us
+        commander.traffic.count_read(self._source)
+        commander.last_seen_us = now_us
         flight.tick(now_us)
         flight.offer(command)
         flight.advance(now_us)

@@ -3,7 +3,7 @@
 from enum import Enum
 
 
-class Outcome(Enum):
+class VehicleOutcome(Enum):
     """How a flight ended."""
 
     DONE = "done"

@@ -5,7 +5,7 @@
 
 In lockstep a sample is due when the set-point with its stamp is there; after a wall time-out it is sent again, and
 after a stated number of times the fail-safe begins. In real time samples are due on absolute deadlines, and a late
-set-point means that the last one is held. A sample that is late itself is made up for, up to `CATCH_UP_US`; beyond
+set-point means that the last one is held. A sample that is late itself is made up for, up to `MAX_CATCH_UP_US`; beyond
 that model time slips against wall time. Without OFFBOARD nobody is waited for.
 
 Over a link with faults an `Exchange` says what is waited for in lockstep, in every mode, and which set-points come
@@ -23,8 +23,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.autopilot.guidance import Situation
-from firmware_model.autopilot.modes import Autopilot, Event, Mode
+from firmware_model.autopilot.guidance import NavigationState
+from firmware_model.autopilot.modes import Autopilot, AutopilotEvent, Mode
 from firmware_model.mavlink.frames import RejectReason
 from firmware_model.mavlink.messages import stamp_difference
 from firmware_model.session.latency import Latency
@@ -33,17 +33,17 @@ from firmware_model.types import Command, Setpoint, Trim
 
 RESEND_US = 100_000
 """[us] wall time after which a lockstep sample is sent again."""
-RESENDS = 30
+MAX_RESENDS = 30
 """Times that a lockstep sample is sent again before the fail-safe."""
-CATCH_UP_US = 250_000
+MAX_CATCH_UP_US = 250_000
 """[us] lateness that is made up for in real time; a process that was away for longer lets model time slip."""
-_SAY_SLIP_US = 10_000_000  # wall time from one word on it to the next
+_SLIP_REPORT_US = 10_000_000  # wall time from one word on it to the next
 _NEVER_US = 1 << 62
 
 _OFFBOARD = Mode.OFFBOARD  # asked for several times a sample, and to look up a member of an Enum takes .1 us
 
 
-class Due(Enum):
+class NextAction(Enum):
     """What is to be done now."""
 
     WAIT = "wait"
@@ -54,7 +54,7 @@ class Due(Enum):
     """Fly this sample."""
 
 
-_WAIT, _ADVANCE = Due.WAIT, Due.ADVANCE
+_WAIT, _ADVANCE = NextAction.WAIT, NextAction.ADVANCE
 
 
 class TimingFault(Enum):
@@ -102,10 +102,10 @@ class FlightClock:
         self._time_us = 0
         self.answered = False
         self._unasked = lockstep and linked
-        self._untouched = False
+        self._in_trim = False
         self._attempts = 0
         self._resend_at_us = 0
-        self._say_slip_at_us = 0
+        self._slip_report_at_us = 0
         self._paused_at_us: int | None = None
 
     @property
@@ -122,7 +122,7 @@ class FlightClock:
         """Return the autopilot's clock: wall time while clamped, then model time from there on."""
         return now_us if self.started_us is None else self.started_us + self._time_us
 
-    def since_sample_us(self, now_us: int) -> int:
+    def sample_age_us(self, now_us: int) -> int:
         """Return the time that has passed since the current sample; none in lockstep, where time waits."""
         if self.lockstep or not self.running:
             return 0
@@ -172,11 +172,11 @@ class FlightClock:
         self.tick(now_us)
         if not self.standing:
             self.autopilot.begin()
-            self.autopilot.hear_setpoint()
+            self.autopilot.on_setpoint()
         if self.linked:
             # What answered sample 0 so far came past the link.
             self._forget_setpoint()
-            self.answered, self._untouched = self._unasked, True
+            self.answered, self._in_trim = self._unasked, True
 
     def pause(self, now_us: int, *, paused: bool) -> None:
         """Let model time stand still, or go on from where it stands; what is flown is the same to the bit."""
@@ -188,7 +188,7 @@ class FlightClock:
             self._paused_at_us = None
             self._resend_at_us = now_us + RESEND_US
 
-    def due(self, now_us: int) -> Due:
+    def due(self, now_us: int) -> NextAction:
         """Return what is to be done; a resend counts as done."""
         if not self.running or self._paused_at_us is not None:
             return _WAIT
@@ -198,11 +198,11 @@ class FlightClock:
             return _ADVANCE
         if now_us < self._resend_at_us:
             return _WAIT
-        if self._attempts < RESENDS:
+        if self._attempts < MAX_RESENDS:
             self._attempts += 1
             self._resend_at_us = now_us + RESEND_US
             self.counters[TimingFault.RESENT] += 1
-            return Due.RESEND
+            return NextAction.RESEND
         return _ADVANCE
 
     def advance(self, now_us: int) -> None:
@@ -216,7 +216,7 @@ class FlightClock:
         setpoint: Setpoint
         if autopilot.mode is _OFFBOARD and not self.standing and command is not None:
             setpoint = command  # nothing else can come of it, and a lockstep flight has no time for the question
-        elif self._untouched and autopilot.mode is _OFFBOARD:
+        elif self._in_trim and autopilot.mode is _OFFBOARD:
             setpoint = Trim()
         else:
             setpoint = autopilot.setpoint(self.setpoint, self._situation())
@@ -244,7 +244,7 @@ class FlightClock:
         """Take a set-point, whatever its stamp."""
         self.setpoint, self.answered = command, True
         self._stamps_us[type(command)] = command.time_us
-        self.autopilot.hear_setpoint()
+        self.autopilot.on_setpoint()
 
     @property
     def paused(self) -> bool:
@@ -262,7 +262,7 @@ class FlightClock:
         waits = not self.answered and (self.linked or self.autopilot.mode is _OFFBOARD)
         return self._resend_at_us if waits else self.advanced_us
 
-    def moment_us(self, time_us: int) -> int:
+    def wall_time_us(self, time_us: int) -> int:
         """Return the wall time of a model time, in real time."""
         return self.clock_us(0) - self._time_us + time_us + self.paused_us + self.slipped_us
 
@@ -272,16 +272,16 @@ class FlightClock:
 
     def _due_us(self) -> int:
         """Return the wall time [us] at which the current sample is flown in real time: at its end."""
-        return self.moment_us(self._time_us + self._sample_us)
+        return self.wall_time_us(self._time_us + self._sample_us)
 
-    def _situation(self) -> Situation:
+    def _situation(self) -> NavigationState:
         """Return what navigation says: ideal in position, the on-board estimate in attitude."""
         loop = self.loop
         loop.observe()
         w, x, y, z = loop.estimate_q_NB
         yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         tilt = math.acos(min(max(1.0 - 2.0 * (x * x + y * y), -1.0), 1.0))
-        return Situation(loop.truth("position_N"), yaw, tilt, loop.on_ground)
+        return NavigationState(loop.truth("position_N"), yaw, tilt, loop.on_ground)
 
     def _check_lockstep(self) -> None:
         if not self.answered or (self.linked and not self.autopilot.stream_alive):
@@ -294,16 +294,16 @@ class FlightClock:
         self.lateness.add(late_us)
         if late_us > self._sample_us:
             self.counters[TimingFault.OVERRUN] += 1
-        if late_us > CATCH_UP_US:
+        if late_us > MAX_CATCH_UP_US:
             self.slipped_us += late_us
             self.counters[TimingFault.SLIPPED] += 1
-            if now_us >= self._say_slip_at_us:
-                self._say_slip_at_us = now_us + _SAY_SLIP_US
-                self.autopilot.note(Event.SLIPPED)
+            if now_us >= self._slip_report_at_us:
+                self._slip_report_at_us = now_us + _SLIP_REPORT_US
+                self.autopilot.note(AutopilotEvent.SLIPPED)
         if not self.autopilot.stream_alive:
             self._lose_stream()
 
     def _lose_stream(self) -> None:
         self._forget_setpoint()
-        self._untouched = False
-        self.autopilot.lose_stream()
+        self._in_trim = False
+        self.autopilot.on_stream_lost()

@@ -16,20 +16,20 @@ from collections.abc import Iterator
 from typing import Any
 
 from firmware_model.autopilot.modes import Mode
-from firmware_model.config.events import ControllerHung, ControllerKilled, ModeChange
+from firmware_model.config.events import ControllerHang, ControllerKill, ModeChange
 from firmware_model.config.scenario import Scenario
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import RejectReason
 from firmware_model.session.link import LinkCounter, LinkDirection
-from firmware_model.session.pacing import RESEND_US, Due, FlightClock, TimingFault
+from firmware_model.session.pacing import RESEND_US, FlightClock, NextAction, TimingFault
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import Command, ImuSample
 
 JOIN_TIMEOUT_US = 60_000_000
 """[us] wall time that a lockstep flight waits for the controller that takes the place of another."""
-_FOREVER_US = 1 << 62
+_NEVER_US = 1 << 62
 
-ControllerEvent = ModeChange | ControllerHung | ControllerKilled
+ControllerEvent = ModeChange | ControllerHang | ControllerKill
 
 
 class ScriptedLink:
@@ -41,16 +41,16 @@ class ScriptedLink:
         self._flight, self._loop, self._sample_us = flight, loop, scenario.sample_us
         self._to_controller: LinkDirection[ImuSample] = LinkDirection(scenario.link, "to_controller", seed)
         self._to_vehicle: LinkDirection[tuple[int, Command]] = LinkDirection(scenario.link, "to_vehicle", seed)
-        self._incidents: dict[int, list[ControllerEvent]] = {}
-        self._absences: list[tuple[int, int]] = []
-        self._joins_at: int | None = None
+        self._events_at: dict[int, list[ControllerEvent]] = {}
+        self._outages: list[tuple[int, int]] = []
+        self._join_sample: int | None = None
         for item in scenario.event:
             if isinstance(item, ControllerEvent):
                 self._note(item, scenario.control_rate_hz)
         self._at_us = 0  # model time at which the controller has the sample that was sent last
         self._sent_us = self._heard_us = -1  # stamps: newest sample sent, newest one whose answer has arrived
         self._joined = self._gone = False
-        self._join_by_us = self._invite_at_us = 0
+        self._join_by_us = self._resend_at_us = 0
 
     def begin_sample(self, now_us: int) -> list[ControllerEvent] | None:
         """Let the current sample enter the link, and return what happens before it is flown, if anything does."""
@@ -58,32 +58,32 @@ class ScriptedLink:
         self._flight.tick(now_us)
         sample = loop.observe()
         self._to_controller.send(sample, messages.imu_message(sample).size, loop.time_us)
-        if loop.sample == self._joins_at and self._flight.lockstep:
+        if loop.sample == self._join_sample and self._flight.lockstep:
             self.joining, self._joined = True, False
-            self._invite_at_us, self._join_by_us = now_us, now_us + JOIN_TIMEOUT_US
-        return self._incidents.get(loop.sample)
+            self._resend_at_us, self._join_by_us = now_us, now_us + JOIN_TIMEOUT_US
+        return self._events_at.get(loop.sample)
 
-    def due(self, now_us: int) -> Due:
+    def due(self, now_us: int) -> NextAction:
         """Return what is to be done; RESEND: send `sample`, for the first time too."""
         flight = self._flight
         due = flight.due(now_us)
-        if due is not Due.ADVANCE:
+        if due is not NextAction.ADVANCE:
             return due
         if flight.lockstep:
             if self.joining:
-                return self._invite(now_us)
+                return self._wait_for_join(now_us)
             if not flight.answered:
                 self._gone = True
                 return due
             if self._deliver(now_us):
-                return Due.RESEND
-        self._hear(now_us)
+                return NextAction.RESEND
+        self._accept_arrivals(now_us)
         return due
 
     def deliveries(self, time_us: int) -> Iterator[ImuSample]:
         """Yield the samples that have come to the controller by a model time, in real time."""
         for arrival_us, sample in self._to_controller.take_all(time_us + 1):
-            if self._reaches(arrival_us):
+            if self._is_received(arrival_us):
                 yield sample
 
     def answer(self, command: Command, size: int, time_us: int) -> RejectReason | None:
@@ -98,7 +98,7 @@ class ScriptedLink:
             return RejectReason.STALE
         if self.joining:
             self._joined = True
-            flight.autopilot.hear_setpoint()
+            flight.autopilot.on_setpoint()
             return None
         if flight.answered:
             return RejectReason.DUPLICATE
@@ -113,41 +113,41 @@ class ScriptedLink:
         if deadline_us is None or flight.paused:
             return deadline_us
         if self.joining:
-            return self._invite_at_us
-        return deadline_us if flight.lockstep else min(deadline_us, flight.moment_us(self._to_controller.next_us))
+            return self._resend_at_us
+        return deadline_us if flight.lockstep else min(deadline_us, flight.wall_time_us(self._to_controller.next_us))
 
     def figures(self) -> dict[str, Any]:
         """Return what the link did, by direction."""
         return {"to_controller": self._to_controller.figures(), "to_vehicle": self._to_vehicle.figures()}
 
     def _note(self, item: ControllerEvent, rate_hz: int) -> None:
-        self._incidents.setdefault(round(item.at_s * rate_hz), []).append(item)
+        self._events_at.setdefault(round(item.at_s * rate_hz), []).append(item)
         if isinstance(item, ModeChange):
             return
-        away_s = item.for_s if isinstance(item, ControllerHung) else item.recovers_after_s
+        away_s = item.for_s if isinstance(item, ControllerHang) else item.recovers_after_s
         start_us = round(item.at_s * rate_hz) * self._sample_us
         if away_s is None:
-            self._absences.append((start_us, _FOREVER_US))
+            self._outages.append((start_us, _NEVER_US))
             return
         back = round((item.at_s + away_s) * rate_hz)
-        self._absences.append((start_us, back * self._sample_us))
-        if isinstance(item, ControllerKilled):
-            self._joins_at = back
-            self._incidents.setdefault(back, [])
+        self._outages.append((start_us, back * self._sample_us))
+        if isinstance(item, ControllerKill):
+            self._join_sample = back
+            self._events_at.setdefault(back, [])
 
-    def _invite(self, now_us: int) -> Due:
+    def _wait_for_join(self, now_us: int) -> NextAction:
         """Let time wait for a new controller; it is sent the current sample until it flies."""
         if self._joined and self._flight.autopilot.mode is Mode.OFFBOARD:
             self.joining = self._gone = False
         elif now_us >= self._join_by_us:
             self.joining, self._gone = False, True
-        elif now_us >= self._invite_at_us:
-            self._invite_at_us = now_us + RESEND_US
+        elif now_us >= self._resend_at_us:
+            self._resend_at_us = now_us + RESEND_US
             self.sample = self._loop.observe()
             self._sent_us = self.sample.time_us  # the newcomer answers nothing older that is still on its way
-            return Due.RESEND
+            return NextAction.RESEND
         else:
-            return Due.WAIT
+            return NextAction.WAIT
         return self.due(now_us)
 
     def _deliver(self, now_us: int) -> bool:
@@ -156,7 +156,7 @@ class ScriptedLink:
         It is waited for, unless a newer one overtook it: no law answers that. A repeated one is answered again.
         """
         for arrival_us, sample in self._to_controller.take_all(self._loop.time_us + self._sample_us):
-            if self._reaches(arrival_us):
+            if self._is_received(arrival_us):
                 self.sample, self._at_us = sample, arrival_us
                 if sample.time_us >= self._sent_us:
                     self._sent_us = sample.time_us
@@ -164,7 +164,7 @@ class ScriptedLink:
                 return True
         return False
 
-    def _hear(self, now_us: int) -> None:
+    def _accept_arrivals(self, now_us: int) -> None:
         """Let the set-points that arrive before this sample is over be heard."""
         flight, heard = self._flight, False
         flight.tick(now_us)
@@ -181,8 +181,8 @@ class ScriptedLink:
         if flight.lockstep and not heard and flight.autopilot.mode is Mode.OFFBOARD:
             flight.counters[TimingFault.HELD] += 1
 
-    def _reaches(self, time_us: int) -> bool:
+    def _is_received(self, time_us: int) -> bool:
         """Whether somebody hears what comes to the controller at a model time."""
-        heard = not self._gone and not any(start_us <= time_us < stop_us for start_us, stop_us in self._absences)
+        heard = not self._gone and not any(start_us <= time_us < stop_us for start_us, stop_us in self._outages)
         self._to_controller.counters[LinkCounter.UNHEARD] += not heard
         return heard

@@ -17,20 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot.modes import Autopilot, Mode, Verdict
+from firmware_model.autopilot.modes import Autopilot, Mode, TransitionResult
 from firmware_model.autopilot.parameters import GUST_SCALE_NAME, PAUSE_NAME, Parameters
-from firmware_model.config.events import ControllerKilled, ModeChange
+from firmware_model.config.events import ControllerKill, ModeChange
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
 from firmware_model.mavlink.peers import Peer, PeerTable, RequestContext
-from firmware_model.mavlink.services import composed
+from firmware_model.mavlink.services import make_services
 from firmware_model.mavlink.services.service import Client
 from firmware_model.mavlink.signing import Signing
 from firmware_model.session.lockstep import FastPath
-from firmware_model.session.outcome import Outcome
-from firmware_model.session.pacing import Due, FlightClock, TimingFault
+from firmware_model.session.outcome import VehicleOutcome
+from firmware_model.session.pacing import FlightClock, NextAction, TimingFault
 from firmware_model.session.scripted_link import ScriptedLink
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import Command, ImuSample
@@ -39,11 +39,11 @@ HEARTBEAT_US = 1_000_000
 """[us] wall time from heartbeat to heartbeat."""
 START_TIMEOUT_US = 60_000_000
 """[us] wall time that a lockstep flight waits for its first command."""
-_BATCH = 250  # samples flown in one poll at most, so that heartbeats and Ctrl-C are not kept waiting
+_MAX_BATCH = 250  # samples flown in one poll at most, so that heartbeats and Ctrl-C are not kept waiting
 
-_WAIT, _ADVANCE = Due.WAIT, Due.ADVANCE  # to look up a member of an Enum takes .1 us
+_WAIT, _ADVANCE = NextAction.WAIT, NextAction.ADVANCE  # to look up a member of an Enum takes .1 us
 _IMU = wire.MAVLINK_MSG_ID_HIGHRES_IMU
-_AT_A_CHANGE = (
+_STATE_MESSAGES = (
     wire.MAVLINK_MSG_ID_HEARTBEAT,
     wire.MAVLINK_MSG_ID_CURRENT_MODE,
     wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
@@ -77,7 +77,7 @@ class VehicleEndpoint:
         self.parameters = Parameters(vehicle, scenario, bytewise=not generic)
         self.autopilot = Autopilot(self.parameters.settings(), free=scenario.free)
         self.loop = VehicleLoop(vehicle, scenario, seed, standing=standing)
-        linked = scenario.scripts_controller and not standing
+        linked = scenario.has_link_script and not standing
         self.flight = FlightClock(
             self.loop, self.autopilot, record,
             sample_us=scenario.sample_us, lockstep=lockstep, standing=standing, linked=linked,
@@ -85,33 +85,33 @@ class VehicleEndpoint:
         self.exchange = ScriptedLink(scenario, seed, self.flight, self.loop) if linked else None
         self._pace = self.exchange or self.flight
         self._flush = flush
-        self.outcome: Outcome | None = None
+        self.outcome: VehicleOutcome | None = None
         self.finished = False
         self.counters: Counter[RejectReason] = Counter()
         self._signing = signing
         self.system = system
-        self.services = composed(self)
+        self.services = make_services(self)
         self._streams, self._requests = self.services.streams, self.services.requests
         intervals_us = {number: stream.interval_us for number, stream in self._streams.items() if stream.interval_us}
-        self._listeners = PeerTable(system, signing, intervals_us, expected, fastest_us=scenario.sample_us)
+        self._peers = PeerTable(system, signing, intervals_us, expected, min_interval_us=scenario.sample_us)
         self._outbox: list[tuple[bytes, Address]] = []
         self._commander: Peer | None = None
-        self._killed: Peer | None = None
+        self._killed_peer: Peer | None = None
         self._stream_lost = False
         self._now_us = self._heartbeat_at_us = 0
-        self._turns = FastPath(self.flight, scenario, system, possible=lockstep and not linked and signing is None)
+        self._fast_path = FastPath(self.flight, scenario, system, possible=lockstep and not linked and signing is None)
         self._created_us: int | None = None
-        self._announced: tuple[Mode, bool, bool] | None = None
+        self._announced_state: tuple[Mode, bool, bool] | None = None
 
     def interrupt(self) -> None:
         """End the flight here: Ctrl-C or a termination signal."""
-        self.outcome = self.outcome or Outcome.INTERRUPTED
+        self.outcome = self.outcome or VehicleOutcome.INTERRUPTED
         self.finished = True
 
     def receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
         self._now_us = now_us
-        sample = self._turns.take(datagram, peer, now_us)
+        sample = self._fast_path.take(datagram, peer, now_us)
         if sample is not None:
             self._outbox.append((sample, peer))
             return
@@ -126,12 +126,12 @@ class VehicleEndpoint:
     def drop(self, cause: RejectReason, peer: Address) -> None:
         """Count something of a peer's that has no effect."""
         self.counters[cause] += 1
-        self._listeners.drop(peer, cause)
+        self._peers.drop(peer, cause)
 
     def poll(self, now_us: int) -> list[tuple[bytes, Address]]:
         """Do what is due and return the datagrams to send."""
         self._now_us = now_us
-        if self._turns.taken() and now_us < self._heartbeat_at_us:
+        if self._fast_path.taken() and now_us < self._heartbeat_at_us:
             return self._sent()
         if self._signing is not None:
             self._signing.tick(now_us)
@@ -139,14 +139,14 @@ class VehicleEndpoint:
             self.flight.begin(now_us)
             if self.exchange is not None:
                 self._begin_sample(self.exchange, now_us)
-        for _ in range(_BATCH):
+        for _ in range(_MAX_BATCH):
             due = self._pace.due(now_us)
             if due is _WAIT:
                 break
             if due is _ADVANCE:
                 self._advance(now_us)
             if self.exchange is not None:
-                self._converse(self.exchange, due, now_us)
+                self._step_script(self.exchange, due, now_us)
             elif not self.flight.lockstep:
                 self._stream(self.flight.clock_us(now_us))  # each sample of those that are made up for
             elif self._commander is not None and self.flight.asks():
@@ -157,15 +157,15 @@ class VehicleEndpoint:
         self._stream(self.flight.clock_us(now_us))
         autopilot = self.autopilot
         state = autopilot.mode, autopilot.armed, autopilot.airborne
-        if now_us >= self._heartbeat_at_us or state != self._announced:
+        if now_us >= self._heartbeat_at_us or state != self._announced_state:
             self._beat(now_us, state)
-        self._turns.foresee(self._commander, self._listeners)
+        self._fast_path.prepare(self._commander, self._peers)
         return self._sent()
 
     def deadline_us(self) -> int:
         """Return the wall time at which `poll` has something to do, at the latest."""
         flight_us = self._pace.deadline_us()
-        return min(self._heartbeat_at_us, self._listeners.next_us if flight_us is None else flight_us)
+        return min(self._heartbeat_at_us, self._peers.next_us if flight_us is None else flight_us)
 
     @property
     def setpoint(self) -> Command | None:
@@ -185,24 +185,24 @@ class VehicleEndpoint:
     @property
     def stamp_us(self) -> int:
         """[us] model time now, between two samples too: the clock of the messages' stamps."""
-        return self.loop.time_us + self.flight.since_sample_us(self._now_us)
+        return self.loop.time_us + self.flight.sample_age_us(self._now_us)
 
     def relay(self, message: Message, source: Client) -> None:
         """Pass a message of the on-board controller on to all peers but the one that it came from."""
         if self._signing is not None and not message.get_header().incompat_flags & wire.MAVLINK_IFLAG_SIGNED:
             return  # what nobody has signed is not signed here
-        for listener in self._listeners:
+        for listener in self._peers:
             if not (isinstance(source, RequestContext) and source.listener is listener):
                 self._outbox.append((listener.pack(message, messages.CONTROLLER), listener.address))
 
     @property
     def links(self) -> dict[str, dict[str, Any]]:
         """What came and went between here and each peer."""
-        return self._listeners.figures()
+        return self._peers.figures()
 
     def broadcast(self, message: Message | EncodedMessage) -> None:
         """Send a message to all peers."""
-        for listener in self._listeners:
+        for listener in self._peers:
             self._send(message, listener)
 
     def tell(self, text: str, severity: int) -> None:
@@ -239,16 +239,16 @@ class VehicleEndpoint:
         system = getattr(request, "target_system", getattr(request, "target", 0))
         component = getattr(request, "target_component", 0)
         absent = kind in _COMMANDS and component in messages.ABSENT
-        if not messages.is_for(self.system, system, messages.AUTOPILOT if absent else component):
+        if not messages.is_addressed_to(self.system, system, messages.AUTOPILOT if absent else component):
             return RejectReason.OTHER_TARGET
         speaker = component if absent else messages.AUTOPILOT
         return handler(request, RequestContext(listener, self._outbox, self.clock_us, speaker))
 
     def _take_setpoint(self, frame: Frame, listener: Peer) -> RejectReason | None:
         rival = self._commander is not None and self._commander is not listener
-        if (rival and self.autopilot.stream_alive) or listener is self._killed:
+        if (rival and self.autopilot.stream_alive) or listener is self._killed_peer:
             return RejectReason.NOT_IN_COMMAND
-        command = messages.command(frame, self.system)
+        command = messages.parse_command(frame, self.system)
         if isinstance(command, RejectReason):
             return command
         if self.exchange is not None and self.flight.running:
@@ -265,16 +265,16 @@ class VehicleEndpoint:
             self._stream_lost = self._stream_lost or event.critical
             self.tell(event.value, wire.MAV_SEVERITY_CRITICAL if event.critical else wire.MAV_SEVERITY_INFO)
         if self.flight.ended_us is not None:
-            flown = Outcome.LEFT_OFFBOARD if self.flight.left_offboard else Outcome.DONE
-            self.outcome = Outcome.STREAM_LOST if self._stream_lost else flown
+            flown = VehicleOutcome.LEFT_OFFBOARD if self.flight.left_offboard else VehicleOutcome.DONE
+            self.outcome = VehicleOutcome.STREAM_LOST if self._stream_lost else flown
             self.finished = True
 
-    def _converse(self, exchange: ScriptedLink, due: Due, now_us: int) -> None:
+    def _step_script(self, exchange: ScriptedLink, due: NextAction, now_us: int) -> None:
         """Go on with a conversation that the script interferes with, after what was due."""
         if due is not _ADVANCE:
             # The controller knows the mode with each sample, however long the script let it be silent.
             state = self.autopilot.mode, self.autopilot.armed, self.autopilot.airborne
-            if state != self._announced:
+            if state != self._announced_state:
                 self._beat(now_us, state)
             if exchange.sample is not None:
                 self._deliver(exchange.sample)
@@ -290,32 +290,32 @@ class VehicleEndpoint:
         if incidents is not None:
             self._flush()  # whoever reads the journal is to know that it is time
         for incident in incidents or ():
-            if isinstance(incident, ControllerKilled):
-                self._killed, self._commander = self._commander, None
+            if isinstance(incident, ControllerKill):
+                self._killed_peer, self._commander = self._commander, None
             elif isinstance(incident, ModeChange):
                 verdict = self.autopilot.set_mode(Mode[incident.mode.upper()])
-                if verdict is not Verdict.ACCEPTED:
+                if verdict is not TransitionResult.ACCEPTED:
                     self.flight.counters[TimingFault.REFUSED] += 1
                     self.tell(verdict.value, wire.MAV_SEVERITY_WARNING)
 
     def _deliver(self, sample: ImuSample) -> None:
         """Send a sample to who is in command, or to whoever may take the place of one that was killed."""
         joining = self.exchange is not None and self.exchange.joining
-        for listener in self._listeners:
-            invited = joining and listener.controller and listener is not self._killed
+        for listener in self._peers:
+            invited = joining and listener.controller and listener is not self._killed_peer
             if invited or listener is self._commander:
                 self._send(messages.imu_message(sample), listener)
 
-    def _is_sent_each(self, listener: Peer) -> bool:
+    def _has_sample_stream(self, listener: Peer) -> bool:
         """Whether a peer gets every sample of the flight as it is taken, or as it comes through the link."""
         if listener is self._commander:
             return self.flight.lockstep or self.exchange is not None
         return self.exchange is not None and self.flight.lockstep and listener.controller
 
     def _stream(self, clock_us: int) -> None:
-        for listener in self._listeners:
+        for listener in self._peers:
             for message_id in listener.take_due(clock_us):
-                if message_id == _IMU and self.flight.running and self._is_sent_each(listener):
+                if message_id == _IMU and self.flight.running and self._has_sample_stream(listener):
                     continue
                 message = self._streams[message_id].message()
                 if message is not None:
@@ -324,24 +324,24 @@ class VehicleEndpoint:
     def _beat(self, now_us: int, state: tuple[Mode, bool, bool]) -> None:
         """Send HEARTBEAT to all, with more if `state` is new, and forget who has been silent for too long."""
         self._heartbeat_at_us = now_us + HEARTBEAT_US
-        if self._commander in self._listeners.forget_silent(now_us):
+        if self._commander in self._peers.remove_silent(now_us):
             self._commander = None
-        changed = self._announced not in (None, state)
-        self._announced = state
-        for message_id in _AT_A_CHANGE if changed else _AT_A_CHANGE[:1]:
+        changed = self._announced_state not in (None, state)
+        self._announced_state = state
+        for message_id in _STATE_MESSAGES if changed else _STATE_MESSAGES[:1]:
             self.broadcast(self._streams[message_id].message())
         self._created_us = now_us if self._created_us is None else self._created_us
         waiting = self.flight.lockstep and self.flight.started_us is None
         if waiting and now_us > self._created_us + START_TIMEOUT_US:
-            self.outcome = Outcome.NO_CONTROLLER
+            self.outcome = VehicleOutcome.NO_CONTROLLER
             self.finished = True
 
     def _heard(self, address: Address, frame: Frame, now_us: int) -> Peer | None:
-        listener = self._listeners.at(address)
+        listener = self._peers.at(address)
         if listener is not None:
             if not listener.controller:
                 listener.identify(frame, lockstep=self.flight.lockstep, clock_us=self.flight.clock_us(now_us))
-            listener.heard_us = now_us
+            listener.last_seen_us = now_us
             listener.traffic.count(frame)
         return listener
 

@@ -23,7 +23,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.physics.actuators import ActuatorParams
 from firmware_model.types import Vector
 
-_STEADY = (0.0, 0.0, 0.0)
+_NO_DRIFT = (0.0, 0.0, 0.0)
 
 
 class Plant(NamedTuple):
@@ -43,9 +43,9 @@ class Plant(NamedTuple):
     """What they give of what is asked, units beside each number."""
 
 
-def first_plant(vehicle: Vehicle, scenario: Scenario) -> Plant:
+def initial_plant(vehicle: Vehicle, scenario: Scenario) -> Plant:
     """Return the plant before any event."""
-    return Plant(vehicle, scenario.gyro.bias_rad_s, _STEADY, 0.0, float(scenario.gyro.noise), ActuatorParams())
+    return Plant(vehicle, scenario.gyro.bias_rad_s, _NO_DRIFT, 0.0, float(scenario.gyro.noise), ActuatorParams())
 
 
 def fault_schedule(vehicle: Vehicle, scenario: Scenario) -> Iterator[tuple[int, Plant]]:
@@ -56,24 +56,24 @@ def fault_schedule(vehicle: Vehicle, scenario: Scenario) -> Iterator[tuple[int, 
     ConfigError
         If a payload leaves a vehicle that can't be.
     """
-    plant = first_plant(vehicle, scenario)
+    plant = initial_plant(vehicle, scenario)
     turns: list[tuple[float, PlantEvent, bool]] = [(event.at_s, event, False) for event in scenario.plant_events]
     turns += [(e.at_s + e.over_s, e, True) for e in scenario.plant_events if isinstance(e, GyroBias) and e.over_s]
     for at_s, event, is_end in sorted(turns, key=lambda turn: turn[0]):
-        plant = _settled(plant, event) if is_end else _after(plant, event)
+        plant = _end_drift(plant, event) if is_end else _apply_event(plant, event)
         yield scenario.sample_at(at_s), plant
 
 
-def _settled(plant: Plant, event: PlantEvent) -> Plant:
-    return plant._replace(bias=event.bias_rad_s, drift=_STEADY, since_s=0.0) if isinstance(event, GyroBias) else plant
+def _end_drift(plant: Plant, event: PlantEvent) -> Plant:
+    return plant._replace(bias=event.bias_rad_s, drift=_NO_DRIFT, since_s=0.0) if isinstance(event, GyroBias) else plant
 
 
-def _after(plant: Plant, event: PlantEvent) -> Plant:
+def _apply_event(plant: Plant, event: PlantEvent) -> Plant:
     vehicle = plant.vehicle
     match event:
         case GyroBias():
             if not event.over_s:
-                return _settled(plant, event)
+                return _end_drift(plant, event)
             p, q, r = ((b - a) / event.over_s for a, b in zip(plant.bias, event.bias_rad_s, strict=True))
             return plant._replace(drift=(p, q, r), since_s=event.at_s)
         case GyroNoise():
@@ -89,11 +89,11 @@ def _after(plant: Plant, event: PlantEvent) -> Plant:
             roll, pitch, yaw = event.torque_limit_nm
             return plant._replace(actuators=plant.actuators._replace(limit_roll=roll, limit_pitch=pitch, limit_yaw=yaw))
         case Payload():
-            return plant._replace(vehicle=_loaded(vehicle, event))
+            return plant._replace(vehicle=_add_payload(vehicle, event))
     return plant
 
 
-def _loaded(vehicle: Vehicle, event: Payload) -> Vehicle:
+def _add_payload(vehicle: Vehicle, event: Payload) -> Vehicle:
     I_x, I_y, I_z = (a + b for a, b in zip(vehicle.inertia_B, event.inertia_kgm2, strict=True))
     try:
         return replace(vehicle, mass=vehicle.mass + event.mass_kg, inertia_B=(I_x, I_y, I_z))

@@ -3,20 +3,20 @@
 import math
 
 from firmware_model.autopilot.attitude_loop import (
-    Estimate,
     StabilizerParams,
+    StabilizerState,
     attitude_rates,
     rate_torque,
     reset_integrators,
 )
 from firmware_model.autopilot.position_loop import (
-    Holding,
     PositionParams,
+    PositionState,
     altitude_hold,
     attitude_for_acceleration,
-    forget_heading,
-    keep_heading,
-    nothing_held,
+    clear_heading,
+    initial_position_state,
+    latch_heading,
     position_hold,
     slew_heading,
 )
@@ -26,32 +26,34 @@ from firmware_model.physics.rigid_body import Body
 from firmware_model.physics.rotors import RotorParams, allocate
 from firmware_model.recording import journal
 from firmware_model.sim import layout
-from firmware_model.sim.layout import WEIGHT, X_BODY, X_ESTIMATE, X_HOLDING, X_LOAD
+from firmware_model.sim.layout import WEIGHT, X_BODY, X_LOAD, X_POSITION, X_STABILIZER
 from firmware_model.types import Quaternion, Vector
 
 # What a set-point asks for: its first number; the others follow.
-TRIM, TORQUE, RATES, ATTITUDE, LEVEL, GUIDANCE, OFF = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
-SETPOINT = 9
+TRIM, TORQUE, RATES, ATTITUDE, LEVEL, POSITION_TARGET, OFF = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
+SETPOINT_WIDTH = 9
 """Length of a set-point: kind; then torque fractions (3), or rates (3) [rad/s], or q_NB (4) and rates (3), or position
 (3) [m] N, yaw [rad] and v_down [m/s] or NaN; and at `THRUST`, a fraction of the largest, NaN to hold the height."""
 THRUST = 8
-_TOUCH = 0.1  # [-] of the weight on the ground, from which on a descent has touched it
-_TOUCHING_THRUST = 0.3  # [-] of the weight
+_TOUCHDOWN_LOAD = 0.1  # [-] of the weight on the ground, from which on a descent has touched it
+_TOUCHDOWN_THRUST = 0.3  # [-] of the weight
 
 _load_position_params, _load_rotor_params = loader(PositionParams), loader(RotorParams)
 _load_stabilizer_params, _load_body = loader(StabilizerParams), loader(Body)
-_load_estimate, _store_estimate = loader(Estimate), storer(Estimate)
-_load_holding, _store_holding = loader(Holding), storer(Holding)
+_load_stabilizer_state, _store_stabilizer_state = loader(StabilizerState), storer(StabilizerState)
+_load_position_state, _store_position_state = loader(PositionState), storer(PositionState)
 
 
 @kernel
-def command(params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane, record: Lane) -> None:
+def track_setpoint(params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane, record: Lane) -> None:
     """Write to `record` what is asked of the actuators under a set-point of that kind, and move the loops on."""
     touches = (
-        kind == GUIDANCE and not math.isnan(get(setpoint, 5)) and get(state, X_LOAD) > _TOUCH * get(params, WEIGHT)
+        kind == POSITION_TARGET
+        and not math.isnan(get(setpoint, 5))
+        and get(state, X_LOAD) > _TOUCHDOWN_LOAD * get(params, WEIGHT)
     )
-    q_NB, thrust = _aim(params, state, free, kind, setpoint, touches)
-    torque = _track(params, state, kind, setpoint, q_NB, touches, record)
+    q_NB, thrust = _track_position(params, state, free, kind, setpoint, touches)
+    torque = _track_attitude(params, state, kind, setpoint, q_NB, touches, record)
     if free:
         torque, thrust = allocate(_load_rotor_params(params, layout.ROTORS), torque, thrust)
     put_vector(record, journal.TORQUE_COMMAND, torque)
@@ -59,7 +61,7 @@ def command(params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane, 
 
 
 @kernel
-def _aim(params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane,
+def _track_position(params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane,
          touches: bool) -> tuple[Quaternion, float]:  # fmt: skip
     """Return the attitude to track, if one is, and the thrust [N] to be asked for; on the stand it is the weight.
 
@@ -70,35 +72,35 @@ def _aim(params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane,
     if kind == ATTITUDE:
         q_NB = (get(setpoint, 1), get(setpoint, 2), get(setpoint, 3), get(setpoint, 4))
     if kind == OFF:
-        _store_holding(state, X_HOLDING, nothing_held())
+        _store_position_state(state, X_POSITION, initial_position_state())
         return q_NB, 0.0
     if not free:
         return q_NB, get(params, WEIGHT)
     gains, body = _load_position_params(params, layout.POSITION), _load_body(state, X_BODY)
-    holding, estimate = _load_holding(state, X_HOLDING), _load_estimate(state, X_ESTIMATE)
+    holding, estimate = _load_position_state(state, X_POSITION), _load_stabilizer_state(state, X_STABILIZER)
     present_q_NB = (estimate.qw, estimate.qx, estimate.qy, estimate.qz)
     if touches:
-        holding, q_NB, thrust = nothing_held(), present_q_NB, _TOUCHING_THRUST * get(params, WEIGHT)
-    elif kind == GUIDANCE:
+        holding, q_NB, thrust = initial_position_state(), present_q_NB, _TOUCHDOWN_THRUST * get(params, WEIGHT)
+    elif kind == POSITION_TARGET:
         holding, acceleration, thrust = position_hold(gains, holding, body, get_vector(setpoint, 1), get(setpoint, 5))
         q_NB = attitude_for_acceleration(acceleration, slew_heading(present_q_NB, get(setpoint, 4)))
     else:
         holding, thrust = altitude_hold(gains, holding, body, 4.0 * get(params, layout.ROTORS) * get(setpoint, THRUST))
         if kind == LEVEL:
-            holding = keep_heading(holding, present_q_NB)
+            holding = latch_heading(holding, present_q_NB)
             q_NB = attitude_for_acceleration((0.0, 0.0, 0.0), slew_heading(present_q_NB, holding.yaw))
         else:
-            holding = forget_heading(holding)
-    _store_holding(state, X_HOLDING, holding)
+            holding = clear_heading(holding)
+    _store_position_state(state, X_POSITION, holding)
     return q_NB, thrust
 
 
 @kernel
-def _track(params: Lane, state: Lane, kind: float, setpoint: Lane, target_q_NB: Quaternion, touches: bool,
+def _track_attitude(params: Lane, state: Lane, kind: float, setpoint: Lane, target_q_NB: Quaternion, touches: bool,
            record: Lane) -> Vector:  # fmt: skip
     """Return the torque [N*m] B that is asked for, and write the rates that are."""
     stabilizer = _load_stabilizer_params(params, layout.STABILIZER)
-    estimate = _load_estimate(state, X_ESTIMATE)
+    estimate = _load_stabilizer_state(state, X_STABILIZER)
     rates = (math.nan, math.nan, math.nan)
     torque = (0.0, 0.0, 0.0)
     if kind == TORQUE:
@@ -120,6 +122,6 @@ def _track(params: Lane, state: Lane, kind: float, setpoint: Lane, target_q_NB: 
         ahead = get_vector(setpoint, 5) if kind == ATTITUDE else (0.0, 0.0, 0.0)
         rates = (turn[0] + ahead[0], turn[1] + ahead[1], turn[2] + ahead[2])
         estimate, torque = rate_torque(stabilizer, estimate, rates)
-    _store_estimate(state, X_ESTIMATE, estimate)
+    _store_stabilizer_state(state, X_STABILIZER, estimate)
     put_vector(record, journal.OMEGA_COMMAND, rates)
     return torque

@@ -1,7 +1,7 @@
 """Offsets of each NamedTuple in the packed arrays of constants and state, by name."""
 
-from firmware_model.autopilot.attitude_loop import Estimate, StabilizerParams
-from firmware_model.autopilot.position_loop import Holding, PositionParams
+from firmware_model.autopilot.attitude_loop import StabilizerParams, StabilizerState
+from firmware_model.autopilot.position_loop import PositionParams, PositionState
 from firmware_model.numerics.soa import offsets
 from firmware_model.physics.actuators import ActuatorParams
 from firmware_model.physics.aerodynamics import AirParams
@@ -31,5 +31,5 @@ BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUAT
 FREE, STEPS, GUST_SCALE, WEIGHT = _SINGLE, _SINGLE + 1, _SINGLE + 2, _SINGLE + 3
 
 # State.
-X_BODY, X_DRYDEN, X_ESTIMATE, X_HOLDING, X_LOAD = offsets([Body, DrydenState, Estimate, Holding])
-X_DIRECT, X_CHANGE = X_LOAD + 1, X_LOAD + 4
+X_BODY, X_DRYDEN, X_STABILIZER, X_POSITION, X_LOAD = offsets([Body, DrydenState, StabilizerState, PositionState])
+X_DIRECT, X_NEXT_CHANGE = X_LOAD + 1, X_LOAD + 4

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.autopilot.attitude_loop import Estimate, stabilizer_params
-from firmware_model.autopilot.position_loop import nothing_held, position_params
+from firmware_model.autopilot.attitude_loop import StabilizerState, stabilizer_params
+from firmware_model.autopilot.position_loop import initial_position_state, position_params
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
 from firmware_model.config.wind import Dryden
@@ -18,14 +18,14 @@ from firmware_model.numerics.random import GUST_STREAM
 from firmware_model.numerics.rotations import from_euler
 from firmware_model.physics.actuators import ActuatorParams
 from firmware_model.physics.aerodynamics import air_params
-from firmware_model.physics.disturbances import replayed, waves
+from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_filters, dryden_spectrum
 from firmware_model.physics.ground import GroundParams, ground_params, standing_height
 from firmware_model.physics.mean_wind import mean_wind_params
 from firmware_model.physics.rigid_body import Body, body_params
 from firmware_model.physics.rotors import rotor_params
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams
-from firmware_model.sim.fault_schedule import Plant, fault_schedule, first_plant
+from firmware_model.sim.fault_schedule import Plant, fault_schedule, initial_plant
 from firmware_model.sim.layout import ACTUATORS, BODY, GROUND, GUST_SCALE, GYRO, POSITION, ROTORS, STABILIZER
 from firmware_model.types import Quaternion, Vector
 
@@ -89,12 +89,12 @@ def initial_state(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: 
     ValueError
         If the seed is not in [0, 2^32).
     """
-    params, state, changes = vehicle_initial(vehicle, scenario, seed, standing=standing)
+    params, state, changes = initial_vehicle_state(vehicle, scenario, seed, standing=standing)
     return SimState(
         params=params,
         state=state,
-        waves=waves(scenario),
-        replay=replayed(scenario),
+        waves=make_waves(scenario),
+        replay=make_replay(scenario),
         changes=changes,
         seed=seed,
         vehicle=vehicle,
@@ -103,7 +103,7 @@ def initial_state(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: 
     )
 
 
-def vehicle_initial(
+def initial_vehicle_state(
     vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False,
     gust_scale: float | None = None, attitude_deg: Vector | None = None,
 ) -> VehicleInitial:  # fmt: skip
@@ -119,28 +119,32 @@ def vehicle_initial(
     if not 0 <= seed < 2**32:
         raise ValueError(f"seed is {seed}, must be in [0, 2^32)")
     dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
-    dryden_params, dryden_state = _air(vehicle, scenario, dryden, seed)
+    dryden_params, dryden_state = _initial_turbulence(vehicle, scenario, dryden, seed)
     grounded = standing and scenario.free
     phi, theta, psi = scenario.initial_attitude_deg if attitude_deg is None else attitude_deg
-    q_NB = _pose(0.0, 0.0, 0.0) if grounded else _pose(math.radians(phi), math.radians(theta), math.radians(psi))
-    estimate = Estimate(*q_NB, *[0.0] * 9)
+    q_NB = (
+        _from_euler(0.0, 0.0, 0.0)
+        if grounded
+        else _from_euler(math.radians(phi), math.radians(theta), math.radians(psi))
+    )
+    estimate = StabilizerState(*q_NB, *[0.0] * 9)
     height = standing_height(vehicle) if grounded else scenario.altitude_m
     thrust = 0.0 if standing else vehicle.mass * GRAVITY
     body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, *q_NB, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, thrust)
     scale = scenario.gust_scale if gust_scale is None else gust_scale
     return VehicleInitial(
-        params=_params(vehicle, scenario, dryden_params, scale),
-        state=np.array([*body, *dryden_state, *estimate, *nothing_held(), *[0.0] * 5]),
-        changes=_changes(vehicle, scenario),
+        params=_pack_params(vehicle, scenario, dryden_params, scale),
+        state=np.array([*body, *dryden_state, *estimate, *initial_position_state(), *[0.0] * 5]),
+        changes=_list_changes(vehicle, scenario),
     )
 
 
-def _params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams, gust_scale: float) -> Array:
+def _pack_params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams, gust_scale: float) -> Array:
     return np.array(
         [
             *body_params(vehicle, free=scenario.free),
             *dryden_params,
-            *_gyro_params(first_plant(vehicle, scenario), scenario),
+            *_gyro_params(initial_plant(vehicle, scenario), scenario),
             *stabilizer_params(vehicle, vehicle.stabilizer, scenario.dt),
             *position_params(vehicle, vehicle.position, scenario.dt),
             *rotor_params(vehicle),
@@ -158,21 +162,21 @@ def _params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams, g
     )
 
 
-def _changes(vehicle: Vehicle, scenario: Scenario) -> Array:
+def _list_changes(vehicle: Vehicle, scenario: Scenario) -> Array:
     """Return a row for each constant that an event changes."""
     turns = list(fault_schedule(vehicle, scenario))
     if not turns:
         return np.empty((0, 3))
     rows: list[tuple[int, int, float]] = []
-    before = _changeable(first_plant(vehicle, scenario), scenario)
+    before = _changeable_params(initial_plant(vehicle, scenario), scenario)
     for sample, plant in turns:
-        now = _changeable(plant, scenario)
+        now = _changeable_params(plant, scenario)
         rows += [(sample, at, value) for at, value in now.items() if value != before[at]]
         before = now
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
-def _changeable(plant: Plant, scenario: Scenario) -> dict[int, float]:
+def _changeable_params(plant: Plant, scenario: Scenario) -> dict[int, float]:
     """Return the constants that events may change by their place.
 
     Springs of the feet, hover thrust and all gains stay: they are of the vehicle that was built.
@@ -200,7 +204,9 @@ def _accelerometer_params(vehicle: Vehicle, scenario: Scenario) -> Accelerometer
     return AccelerometerParams(sigma, b_x, b_y, b_z, instrument.range)
 
 
-def _air(vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int) -> tuple[DrydenParams, DrydenState]:
+def _initial_turbulence(
+    vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int
+) -> tuple[DrydenParams, DrydenState]:
     if dryden is None:
         return DrydenParams(*[0.0] * len(DrydenParams._fields)), DrydenState(*[0.0] * 8)
     spectrum = dryden_spectrum(dryden, scenario.altitude_m, vehicle.span)
@@ -211,7 +217,7 @@ def _air(vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int)
 
 
 @compiled
-def _pose(phi: float, theta: float, psi: float) -> Quaternion:
+def _from_euler(phi: float, theta: float, psi: float) -> Quaternion:
     return from_euler(phi, theta, psi)
 
 

@@ -6,11 +6,11 @@ The gust is sampled with the gyro and held from sample to sample, so that one jo
 from typing import Any
 
 from firmware_model.autopilot.attitude_loop import (
-    Estimate,
     StabilizerParams,
-    aligned,
+    StabilizerState,
+    align_attitude,
     set_attitude,
-    strapdown,
+    update_attitude,
     update_rates,
 )
 from firmware_model.numerics.compiled import compiled, kernel
@@ -23,15 +23,25 @@ from firmware_model.physics.actuators import ActuatorParams, apply_actuator_faul
 from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
-from firmware_model.physics.ground import GroundParams, may_touch
+from firmware_model.physics.ground import GroundParams, can_touch_ground
 from firmware_model.physics.mean_wind import MeanWindParams, mean_wind
 from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, at_rest
-from firmware_model.physics.rotors import Four, RotorParams, allocate, rotor_thrusts
-from firmware_model.physics.sensors import AccelerometerParams, GyroParams, accelerometer, gyro
+from firmware_model.physics.rotors import Float4, RotorParams, allocate, rotor_thrusts
+from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
 from firmware_model.recording import journal
 from firmware_model.sim import layout
-from firmware_model.sim.inner_loop import OFF, command
-from firmware_model.sim.layout import FREE, GUST_SCALE, STEPS, X_BODY, X_CHANGE, X_DIRECT, X_DRYDEN, X_ESTIMATE, X_LOAD
+from firmware_model.sim.inner_loop import OFF, track_setpoint
+from firmware_model.sim.layout import (
+    FREE,
+    GUST_SCALE,
+    STEPS,
+    X_BODY,
+    X_DIRECT,
+    X_DRYDEN,
+    X_LOAD,
+    X_NEXT_CHANGE,
+    X_STABILIZER,
+)
 from firmware_model.sim.state import Array
 from firmware_model.types import Quaternion, Vector
 
@@ -42,7 +52,7 @@ _load_air_params, _load_ground_params = loader(AirParams), loader(GroundParams)
 _load_mean_wind_params, _load_actuator_params = loader(MeanWindParams), loader(ActuatorParams)
 _load_accelerometer_params = loader(AccelerometerParams)
 _load_body, _load_dryden = loader(Body), loader(DrydenState)
-_load_estimate, _store_estimate = loader(Estimate), storer(Estimate)
+_load_stabilizer_state, _store_stabilizer_state = loader(StabilizerState), storer(StabilizerState)
 _store_body, _store_dryden = storer(Body), storer(DrydenState)
 
 
@@ -51,11 +61,11 @@ def observe_kernel(params: Array, state: Array, waves: Array, replay: Array, cha
                    sample_us: int, record: Array) -> None:  # fmt: skip
     """Write to `record` the truth at a sample, what acts from it on, and what the sensors measure."""
     one, x = single(params), single(state)
-    change(params, x, changes, sample)
+    apply_changes(params, x, changes, sample)
     time_us = sample * sample_us
     scripted, free = disturbance(waves, replay, sample, time_us * 1e-6), get(one, FREE) != 0.0
     turning, felt = normals(seed, GYRO_STREAM, sample, 0), normals(seed, ACCELEROMETER_STREAM, sample, 0)
-    sense(one, x, free, True, True, scripted, turning, felt, time_us, single(record))
+    measure(one, x, free, True, True, scripted, turning, felt, time_us, single(record))
     _write_rotors(one, x, free, single(record))
 
 
@@ -66,31 +76,31 @@ def advance_kernel(params: Array, state: Array, seed: int, sample: int, sample_u
     one, x, row = single(params), single(state), single(record)
     kind, free, steps = setpoint[0], get(one, FREE) != 0.0, int(get(one, STEPS))
     dt = sample_us * 1e-6 / steps
-    command(one, x, free, kind, single(setpoint), row)
+    track_setpoint(one, x, free, kind, single(setpoint), row)
     start = _load_body(x, X_BODY)
     body = start
     for _ in range(steps):
-        body = moved(one, x, free, True, body, dt, row)
+        body = integrate_body(one, x, free, True, body, dt, row)
     if kind == OFF and not free:
         body = at_rest(start, body)
-        _store_estimate(x, X_ESTIMATE, set_attitude(_load_estimate(x, X_ESTIMATE), _q_NB(body)))
+        _store_stabilizer_state(x, X_STABILIZER, set_attitude(_load_stabilizer_state(x, X_STABILIZER), _q_NB(body)))
     _store_body(x, X_BODY, body)
     step_turbulence(one, x, normals(seed, GUST_STREAM, sample, 0), normals(seed, GUST_STREAM, sample, 1))
 
 
 @kernel
-def change(params: Array, state: Lane, changes: Array, sample: int) -> None:
+def apply_changes(params: Array, state: Lane, changes: Array, sample: int) -> None:
     """Change the constants that events change at a sample, or have changed since the last one that was observed."""
-    i = int(get(state, X_CHANGE))
+    i = int(get(state, X_NEXT_CHANGE))
     while i < changes.shape[0] and changes[i, 0] <= sample:
         params[int(changes[i, 1])] = changes[i, 2]
         i += 1
-    put(state, X_CHANGE, i)
+    put(state, X_NEXT_CHANGE, i)
 
 
 @kernel
-def sense(params: Lane, state: Lane, free: bool, low: bool, whole: bool, scripted: Disturbance, turning: Four,
-          felt: Four, time_us: int, record: Lane) -> None:  # fmt: skip
+def measure(params: Lane, state: Lane, free: bool, low: bool, whole: bool, scripted: Disturbance, turning: Float4,
+          felt: Float4, time_us: int, record: Lane) -> None:  # fmt: skip
     """Write to `record` all that `observe_kernel` does but the rotors; the sensors get standard normal numbers.
 
     What acts under torques or rates, and what figures are measured by, needs neither on-board attitude nor what is only
@@ -99,21 +109,23 @@ def sense(params: Lane, state: Lane, free: bool, low: bool, whole: bool, scripte
     """
     body, time = _load_body(state, X_BODY), time_us * 1e-6
     direct = _write_air(params, state, whole or free, scripted, record)
-    force, moment, load = _felt(params, body, free, low, direct, record)
-    rate = gyro(_load_gyro_params(params, layout.GYRO), (body.p, body.q, body.r), turning, time)
+    force, moment, load = _sensor_wrench(params, body, free, low, direct, record)
+    rate = measure_gyro(_load_gyro_params(params, layout.GYRO), (body.p, body.q, body.r), turning, time)
     put_vector(record, journal.GYRO_B, rate)
     put_vector(
-        record, journal.FORCE_B, accelerometer(_load_accelerometer_params(params, layout.ACCELEROMETER), force, felt)
+        record,
+        journal.FORCE_B,
+        measure_accelerometer(_load_accelerometer_params(params, layout.ACCELEROMETER), force, felt),
     )
     put_vector(record, journal.MOMENT, (moment[0] + direct[0], moment[1] + direct[1], moment[2] + direct[2]))
     put_vector(record, journal.OMEGA, (body.p, body.q, body.r))
-    _put_four(record, journal.Q_NB, _q_NB(body))
+    _put_float4(record, journal.Q_NB, _q_NB(body))
     stabilizer = _load_stabilizer_params(params, layout.STABILIZER)
-    estimate = _load_estimate(state, X_ESTIMATE)
-    estimate = strapdown(stabilizer, estimate, rate) if whole else update_rates(stabilizer, estimate, rate)
+    estimate = _load_stabilizer_state(state, X_STABILIZER)
+    estimate = update_attitude(stabilizer, estimate, rate) if whole else update_rates(stabilizer, estimate, rate)
     if free and whole:
-        estimate = aligned(stabilizer, estimate, _q_NB(body))
-    _store_estimate(state, X_ESTIMATE, estimate)
+        estimate = align_attitude(stabilizer, estimate, _q_NB(body))
+    _store_stabilizer_state(state, X_STABILIZER, estimate)
     if whole or free:
         put_vector(state, X_DIRECT, direct)
         put_vector(record, journal.POSITION, (body.north, body.east, body.down))
@@ -131,7 +143,7 @@ def _q_NB(body: Body) -> Quaternion:
 
 
 @kernel
-def _put_four(column: Lane, row: int, value: Quaternion) -> None:
+def _put_float4(column: Lane, row: int, value: Quaternion) -> None:
     for i in range(4):
         put(column, row + i, value[i])
 
@@ -163,7 +175,7 @@ def _write_air(params: Lane, state: Lane, windy: bool, scripted: Disturbance, re
 
 
 @kernel
-def _felt(
+def _sensor_wrench(
     params: Lane, body: Body, free: bool, low: bool, direct: Vector, record: Lane
 ) -> tuple[Vector, Vector, float]:
     """Return specific force [m/s^2] B, the air's moment [N*m] B, and the load that the ground carries [N]."""
@@ -176,13 +188,15 @@ def _felt(
             gust_moment(air_params.gust_gain, air_params.gust_yaw_ratio, get_vector(record, journal.GUST)),
             0.0,
         )
-    return aerodynamics.felt_wrench(
-        _free_params(params), body, FreeInputs(_acting(record, direct, (0.0, 0.0, 0.0), 0.0), _air(record), low)
+    return aerodynamics.sensor_wrench(
+        _free_params(params),
+        body,
+        FreeInputs(_body_inputs(record, direct, (0.0, 0.0, 0.0), 0.0), _read_air(record), low),
     )
 
 
 @kernel
-def _acting(record: Lane, moment: Vector, torque: Vector, thrust: float) -> BodyInputs:
+def _body_inputs(record: Lane, moment: Vector, torque: Vector, thrust: float) -> BodyInputs:
     """Return what acts on the body from the record's sample on, under commands [N*m] B and [N]."""
     p_gust, q_gust, r_gust = get_vector(record, journal.GUST_OMEGA)
     return BodyInputs(
@@ -191,7 +205,7 @@ def _acting(record: Lane, moment: Vector, torque: Vector, thrust: float) -> Body
 
 
 @kernel
-def _air(record: Lane) -> Air:
+def _read_air(record: Lane) -> Air:
     u, v, w = get_vector(record, journal.GUST)
     north, east, down = get_vector(record, journal.WIND)
     return Air(u, v, w, north, east, down)
@@ -206,11 +220,11 @@ def _write_rotors(params: Lane, state: Lane, free: bool, record: Lane) -> None:
     thrust = body.thrust
     if not free:
         torque, thrust = allocate(rotors, torque, thrust)
-    _put_four(record, journal.ROTORS, rotor_thrusts(rotors, torque, thrust))
+    _put_float4(record, journal.ROTORS, rotor_thrusts(rotors, torque, thrust))
 
 
 @kernel
-def moved(params: Lane, state: Lane, free: bool, low: bool, body: Body, dt: float, record: Lane) -> Body:
+def integrate_body(params: Lane, state: Lane, free: bool, low: bool, body: Body, dt: float, record: Lane) -> Body:
     """Return the body after a step of `dt` [s] under what acts and is asked for at the record's sample.
 
     Of a vehicle that is not `low` the ground is not asked about.
@@ -220,26 +234,26 @@ def moved(params: Lane, state: Lane, free: bool, low: bool, body: Body, dt: floa
     )
     thrust = -get(record, journal.THRUST_COMMAND)
     if free:
-        inputs = FreeInputs(_acting(record, get_vector(state, X_DIRECT), torque, thrust), _air(record), low)
+        inputs = FreeInputs(_body_inputs(record, get_vector(state, X_DIRECT), torque, thrust), _read_air(record), low)
         return aerodynamics.step(_free_params(params), body, inputs, dt)
-    held = _acting(record, get_vector(record, journal.MOMENT), torque, thrust)
+    held = _body_inputs(record, get_vector(record, journal.MOMENT), torque, thrust)
     return rigid_body.step_attitude(_load_body_params(params, layout.BODY), body, held, dt)
 
 
 @kernel
-def move(params: Lane, state: Lane, free: bool, low: bool, dt: float, record: Lane) -> None:
-    """Move the body by one step, see `moved`."""
-    _store_body(state, X_BODY, moved(params, state, free, low, _load_body(state, X_BODY), dt, record))
+def step_body(params: Lane, state: Lane, free: bool, low: bool, dt: float, record: Lane) -> None:
+    """Move the body by one step, see `integrate_body`."""
+    _store_body(state, X_BODY, integrate_body(params, state, free, low, _load_body(state, X_BODY), dt, record))
 
 
 @kernel
-def nears_ground(params: Lane, state: Lane, dt: float) -> bool:
+def is_near_ground(params: Lane, state: Lane, dt: float) -> bool:
     """Whether a vehicle in free flight may touch the ground within a step of `dt` [s]."""
-    return may_touch(_load_ground_params(params, layout.GROUND), _load_body(state, X_BODY), dt)
+    return can_touch_ground(_load_ground_params(params, layout.GROUND), _load_body(state, X_BODY), dt)
 
 
 @kernel
-def step_turbulence(params: Lane, state: Lane, a: Four, b: Four) -> None:
+def step_turbulence(params: Lane, state: Lane, a: Float4, b: Float4) -> None:
     """Move the turbulence to the next sample for eight standard normal numbers."""
     noise = (a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3])
     air = dryden_step(_load_dryden_params(params, layout.DRYDEN), _load_dryden(state, X_DRYDEN), noise)
@@ -262,4 +276,4 @@ def advance(params: Array, state: Array, seed: int, sample: int, sample_us: int,
 
 def estimate_q_NB(state: Array) -> Any:
     """Return the on-board strapdown attitude (4,) of a world's state."""
-    return state[X_ESTIMATE : X_ESTIMATE + 4]
+    return state[X_STABILIZER : X_STABILIZER + 4]

@@ -14,9 +14,9 @@ from firmware_model.sim.layout import X_LOAD
 from firmware_model.sim.state import initial_state
 from firmware_model.types import (
     AttitudeTarget,
-    Guidance,
     ImuSample,
-    Level,
+    LevelFlight,
+    PositionTarget,
     Quaternion,
     Setpoint,
     TorqueCommand,
@@ -26,11 +26,11 @@ from firmware_model.types import (
 
 Array = NDArray[np.float64]
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
-_NOTHING = (math.nan,) * (inner_loop.SETPOINT - 1)
-_TRIM = np.array((inner_loop.TRIM, *_NOTHING))
-_LEVEL = np.array((inner_loop.LEVEL, *_NOTHING))
-_OFF = np.array((inner_loop.OFF, *_NOTHING))
-_ON_GROUND = 0.1  # [-] of the weight, carried by the ground
+_UNUSED_FIELDS = (math.nan,) * (inner_loop.SETPOINT_WIDTH - 1)
+_TRIM = np.array((inner_loop.TRIM, *_UNUSED_FIELDS))
+_LEVEL = np.array((inner_loop.LEVEL, *_UNUSED_FIELDS))
+_OFF = np.array((inner_loop.OFF, *_UNUSED_FIELDS))
+_GROUND_LOAD_SHARE = 0.1  # [-] of the weight, carried by the ground
 
 
 class VehicleLoop:
@@ -41,10 +41,10 @@ class VehicleLoop:
     """
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> None:
-        self._world = initial_state(vehicle, scenario, seed, standing=standing)
+        self._state = initial_state(vehicle, scenario, seed, standing=standing)
         self._free, self._standing, self._clamped = scenario.free, standing, standing
         self._thrust_max = 4.0 * vehicle.rotors.thrust_max
-        self._on_ground_load = _ON_GROUND * vehicle.mass * GRAVITY
+        self._on_ground_load = _GROUND_LOAD_SHARE * vehicle.mass * GRAVITY
         self._sample_us, self._samples = scenario.sample_us, scenario.samples
         self._record = np.empty(WIDTH)
         self._fields = self._record.view(RECORD)[0]
@@ -61,7 +61,7 @@ class VehicleLoop:
     def observe(self) -> ImuSample:
         """Return what the sensors measure at this sample; the same object until `advance`."""
         if self._imu is None:
-            world = self._world
+            world = self._state
             step.observe(
                 world.params, world.state, world.waves, world.replay, world.changes, world.seed, self.sample,
                 self._sample_us, self._record,
@@ -80,7 +80,7 @@ class VehicleLoop:
         samples, so the whole milliseconds of an attitude target's stamp do not show.
         """
         self.observe()
-        row = setpoint_of(setpoint)
+        row = pack_setpoint(setpoint)
         stamp_us = setpoint.time_us if isinstance(setpoint, (TorqueCommand, AttitudeTarget)) else None
         if isinstance(setpoint, (TorqueCommand, AttitudeTarget, Trim)):
             self._pending.append((row, stamp_us))
@@ -89,7 +89,7 @@ class VehicleLoop:
         else:
             self._pending = deque([(row, None)] * len(self._pending))
             self._clamped = row is _OFF
-        world = self._world
+        world = self._state
         step.advance(
             world.params, world.state, world.seed, self.sample, self._sample_us, row, self._record
         )  # fmt: skip
@@ -109,14 +109,14 @@ class VehicleLoop:
     @property
     def estimate_q_NB(self) -> Quaternion:
         """On-board strapdown attitude at the sample."""
-        w, x, y, z = step.estimate_q_NB(self._world.state).tolist()
+        w, x, y, z = step.estimate_q_NB(self._state.state).tolist()
         return w, x, y, z
 
     @property
     def on_ground(self) -> bool:
         """Whether the ground carries a tenth of the weight at the sample, or the vehicle is clamped on the stand."""
         self.observe()
-        return bool(self._world.state[X_LOAD] >= self._on_ground_load) if self._free else self._clamped
+        return bool(self._state.state[X_LOAD] >= self._on_ground_load) if self._free else self._clamped
 
     @property
     def thrust(self) -> float:
@@ -131,15 +131,15 @@ class VehicleLoop:
 
     def set_gust_scale(self, scale: float) -> None:
         """Make all gusts from the next sample on `scale` [-] times what the scenario says; the mean wind stays."""
-        self._world.set_gust_scale(scale)
+        self._state.set_gust_scale(scale)
 
     def set_stabilizer(self, gains: Stabilizer) -> None:
         """Change the gains of the on-board attitude and rate loops."""
-        self._world.set_stabilizer(gains)
+        self._state.set_stabilizer(gains)
 
     def set_position_loop(self, gains: PositionLoop) -> None:
         """Change gains and limits of the on-board height and position loops."""
-        self._world.set_position_loop(gains)
+        self._state.set_position_loop(gains)
 
     def truth(self, name: str) -> Vector:
         """Return a vector of the journal's record at the sample by its name, as `omega_B` or `gust_B`."""
@@ -147,20 +147,20 @@ class VehicleLoop:
         return a, b, c
 
 
-def setpoint_of(setpoint: Setpoint) -> Array:
+def pack_setpoint(setpoint: Setpoint) -> Array:
     """Return a set-point as the row (SETPOINT,) that the kernels take."""
     if isinstance(setpoint, TorqueCommand):
         throttle = math.nan if setpoint.throttle is None else setpoint.throttle
         return np.array((inner_loop.TORQUE, *setpoint.torque_B, 0.0, 0.0, 0.0, 0.0, throttle))
     if isinstance(setpoint, AttitudeTarget):
-        return _target(setpoint)
-    if isinstance(setpoint, Guidance):
+        return _pack_attitude_target(setpoint)
+    if isinstance(setpoint, PositionTarget):
         v_down = math.nan if setpoint.v_down is None else setpoint.v_down
-        return np.array((inner_loop.GUIDANCE, *setpoint.position_N, setpoint.yaw, v_down, 0.0, 0.0, math.nan))
-    return _LEVEL if isinstance(setpoint, Level) else _TRIM if isinstance(setpoint, Trim) else _OFF
+        return np.array((inner_loop.POSITION_TARGET, *setpoint.position_N, setpoint.yaw, v_down, 0.0, 0.0, math.nan))
+    return _LEVEL if isinstance(setpoint, LevelFlight) else _TRIM if isinstance(setpoint, Trim) else _OFF
 
 
-def _target(target: AttitudeTarget) -> Array:
+def _pack_attitude_target(target: AttitudeTarget) -> Array:
     rates = target.omega_B or (0.0, 0.0, 0.0)
     thrust = math.nan if target.thrust is None else target.thrust
     if target.q_NB is None:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
-def frozen(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def readonly_copy(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return a read-only copy of `value`, in C order.
 
     Raises

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from firmware_model.autopilot.modes import Mode
-from firmware_model.config.scenario import SCENARIOS, load_scenario, shipped_scenarios
+from firmware_model.config.scenario import SCENARIOS, list_scenarios, load_scenario
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from gustproof.law.form import load_law
 from gustproof.scoring.metrics import attitude
@@ -26,7 +26,7 @@ LAWS = {"attitude-steps": "pid-fair"}
 def flown(name: str, law: str | None = None, seed: int = 1):
     """Fly a scenario: without messages, unless its script is about them."""
     scenario, law = load_scenario(name), law or LAWS.get(name, "hinf-scheduled")
-    fly = fly_loopback if scenario.scripts_controller else fly_direct
+    fly = fly_loopback if scenario.has_link_script else fly_direct
     return fly(scenario, load_law(law), vehicle=VEHICLE, seed=seed)
 
 
@@ -41,7 +41,7 @@ def peak_deg(name: str, begin_s: float, end_s: float, law: str | None = None) ->
     return float(np.max(np.abs(np.degrees(attitude(records)[(at >= begin_s) & (at < end_s)]))))
 
 
-@pytest.mark.parametrize("name", shipped_scenarios())
+@pytest.mark.parametrize("name", list_scenarios())
 def test_it_is_flown_to_its_end_and_keeps_what_it_requires(name):
     records = flown(name)
     assert len(records) == load_scenario(name).samples
@@ -49,7 +49,7 @@ def test_it_is_flown_to_its_end_and_keeps_what_it_requires(name):
     assert failures(name) == []
 
 
-@pytest.mark.parametrize("name", shipped_scenarios())
+@pytest.mark.parametrize("name", list_scenarios())
 def test_its_first_line_says_what_it_shows_and_something_is_required(name):
     first, *_ = (SCENARIOS / f"{name}.toml").read_text(encoding="utf-8").splitlines()
     assert first == f'description = "{load_scenario(name).description}"'
@@ -160,4 +160,4 @@ def test_the_gust_front_is_held_against_and_would_blow_the_vehicle_away_otherwis
 
 
 def test_there_are_as_many_as_promised():
-    assert len(shipped_scenarios()) >= 16
+    assert len(list_scenarios()) >= 16

@@ -21,10 +21,10 @@ from typer.testing import CliRunner
 from firmware_model.config.files import write_toml
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
-from gustproof.campaign.executors import cluster, processes
-from gustproof.campaign.plan import Campaign, Dispersed, dispersions
+from gustproof.campaign.executors import dask_pool, process_pool
+from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads
 from gustproof.campaign.runner import fly_campaign
-from gustproof.campaign.worker import Chunk, lost
+from gustproof.campaign.worker import Chunk, failed_rows
 from gustproof.cli.app import app
 from gustproof.law.form import load_law
 
@@ -47,7 +47,7 @@ def kill(flown, of):
         os.kill(os.getpid(), signal.SIGKILL)
 
 campaign = noted(json.loads(Path(sys.argv[1]).read_text()), "note")
-fly_campaign(campaign, Path(sys.argv[2]), Pool(1), stretch_runs=5, progress=kill)
+fly_campaign(campaign, Path(sys.argv[2]), Pool(1), chunk_runs=5, progress=kill)
 """
 
 CLUSTER = """
@@ -85,7 +85,7 @@ def script(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def campaign(script) -> Campaign:
     scenario, vehicles = load_scenario(script), load_vehicle_set("paper")
-    spreads = dispersions(vehicles, scenario, list(Dispersed), gust=0.5, attitude_deg=5.0)
+    spreads = select_spreads(vehicles, scenario, list(DispersionKind), gust=0.5, attitude_deg=5.0)
     laws = tuple(map(load_law, LAWS))
     return Campaign(scenario=scenario, laws=laws, vehicles=vehicles, spreads=spreads, cases=CASES)
 
@@ -94,7 +94,7 @@ def campaign(script) -> Campaign:
 def table(campaign, script) -> Path:
     """Return the campaign's file, flown here one run at a time: from then on all processes find its kernel compiled."""
     path = script.with_name("mc.parquet")
-    fly_campaign(campaign, path, Here(), stretch_runs=1)
+    fly_campaign(campaign, path, Here(), chunk_runs=1)
     return path
 
 
@@ -105,8 +105,8 @@ def test_a_campaign_that_was_killed_goes_on_with_two_workers_to_the_same_bytes(c
     assert killed.returncode == -signal.SIGKILL
     assert len(list(tmp_path.glob("*.parts/0*.arrow"))) == 1
     told: list[tuple[int, int]] = []
-    with processes(2) as pool:
-        fly_campaign(campaign, output, pool, stretch_runs=3, progress=lambda *numbers: told.append(numbers))
+    with process_pool(2) as pool:
+        fly_campaign(campaign, output, pool, chunk_runs=3, progress=lambda *numbers: told.append(numbers))
     assert told[0] == (0, RUNS - 5)
     assert output.read_bytes() == table.read_bytes()
 
@@ -139,7 +139,7 @@ def test_ctrl_c_leaves_the_parts_one_line_and_no_process(table, script, tmp_path
 def test_a_run_that_kills_its_process_is_found_and_the_others_are_flown(campaign, tmp_path) -> None:
     poison = 7
     stretches = [Chunk(first, runs) for first in range(RUNS) for runs in (1, 2) if first + runs <= RUNS]
-    rows = {tuple(each): lost(campaign, each, "not flown") for each in stretches}
+    rows = {tuple(each): failed_rows(campaign, each, "not flown") for each in stretches}
 
     def fly(first: int, runs: int) -> SimpleNamespace:
         if first <= poison < first + runs:
@@ -154,15 +154,15 @@ def test_a_run_that_kills_its_process_is_found_and_the_others_are_flown(campaign
         def submit(self, function, note, *stretch):
             return pool.submit(fly, *stretch[0]) if stretch else pool.submit(os.getpid)
 
-    with processes(1) as pool:
-        fly_campaign(campaign, tmp_path / "mc.parquet", Light(), stretch_runs=2)
+    with process_pool(1) as pool:
+        fly_campaign(campaign, tmp_path / "mc.parquet", Light(), chunk_runs=2)
     failures = pq.read_table(tmp_path / "mc.parquet", columns=["run", "failure"]).to_pylist()
     assert [row["run"] for row in failures] == list(range(RUNS))
     assert [row["run"] for row in failures if row["failure"] != "not flown"] == [poison]
 
 
 def test_a_worker_that_has_done_a_task_has_nothing_old_to_be_looked_through_for_garbage() -> None:
-    with processes(1) as pool:
+    with process_pool(1) as pool:
         pool.submit(os.getpid).result()
         assert pool.submit(gc.get_freeze_count).result() > 0
 
@@ -190,8 +190,8 @@ def test_a_dask_cluster_that_loses_a_worker_leaves_the_same_bytes(dask, campaign
         if flown and len(workers) == 2:
             os.kill(workers.pop(), signal.SIGKILL)
 
-    with cluster(f"dask://{address}") as pool:
-        fly_campaign(campaign, tmp_path / "mc.parquet", pool, stretch_runs=2, progress=kill)
+    with dask_pool(f"dask://{address}") as pool:
+        fly_campaign(campaign, tmp_path / "mc.parquet", pool, chunk_runs=2, progress=kill)
     assert len(workers) == 1
     assert (tmp_path / "mc.parquet").read_bytes() == table.read_bytes()
 

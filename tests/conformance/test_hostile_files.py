@@ -28,7 +28,7 @@ from firmware_model.recording.journal import WIDTH, JournalWriter
 from gustproof.cli.app import app
 from gustproof.law.form import LAWS, load_law
 from gustproof.recording.bag import write_bag
-from gustproof.simulate.flight import Plan
+from gustproof.simulate.flight import FlightPlan
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -43,7 +43,7 @@ Files = Callable[[Path], tuple[str, ...]]
 CASES: dict[str, Files] = {}
 LAW = json.loads((LAWS / "hinf-d1.json").read_text())
 HEAD = 'description = "x"\nduration_s = 1.0\n'
-TURBULENT = Plan(load_scenario("calm"), load_law("hinf-d1"), load_vehicle("paper"), 1, False)
+TURBULENT = FlightPlan(load_scenario("calm"), load_law("hinf-d1"), load_vehicle("paper"), 1, False)
 
 
 def case(name: str) -> Callable[[Files], Files]:

@@ -21,7 +21,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.process import udp
 from firmware_model.recording.journal import read_journal
 from gustproof.law.form import load_law
-from gustproof.simulate.outcome import Outcome
+from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.processes import fly
 
 LONG = replace(load_scenario("paper"), duration_s=3600.0)  # nobody waits for its end
@@ -68,7 +68,7 @@ def _no_process_is_left_behind() -> Iterator[None]:
 
 def test_killed_controller_is_named_and_the_fail_safe_flies_to_the_end(tmp_path):
     flight = fly_and(lambda: child("gustproof.controller").kill(), tmp_path, MINUTES)
-    assert flight.outcome is Outcome.CONTROLLER_LOST
+    assert flight.outcome is FlightOutcome.CONTROLLER_LOST
     assert "fail-safe" in flight.message
     assert len(flight.records) == MINUTES.samples
     modes = flight.records["mode"]
@@ -78,7 +78,7 @@ def test_killed_controller_is_named_and_the_fail_safe_flies_to_the_end(tmp_path)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_killed_autopilot_is_named_and_its_journal_is_readable(tmp_path, number):
     flight = fly_and(lambda: child("firmware_model").send_signal(number), tmp_path)
-    assert flight.outcome is Outcome.AUTOPILOT_LOST
+    assert flight.outcome is FlightOutcome.AUTOPILOT_LOST
     assert 0 < len(flight.records) < LONG.samples
     header, records = read_journal(flight.journal)
     assert header["scenario"] == LONG.name
@@ -90,7 +90,7 @@ def test_ctrl_c_ends_both_processes_and_keeps_what_was_flown(tmp_path):
         raise KeyboardInterrupt
 
     flight = fly_and(interrupt, tmp_path)
-    assert flight.outcome is Outcome.INTERRUPTED
+    assert flight.outcome is FlightOutcome.INTERRUPTED
     assert len(flight.records) > 0
 
 

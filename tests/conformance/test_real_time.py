@@ -16,15 +16,15 @@ import pytest
 from pydantic_core import to_jsonable_python
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.__main__ import greeting
+from firmware_model.__main__ import format_greeting
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.mavlink.frames import parse
-from firmware_model.recording.journal import read_journal, records_in
+from firmware_model.recording.journal import count_records, read_journal
 from gustproof.law.form import load_law
 from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.outcome import Outcome
+from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.processes import fly
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
@@ -116,7 +116,7 @@ class Pilot:
     ],
 )
 def test_standing_vehicle_says_how_each_client_connects(told, ways):
-    lines = greeting("vehicle", [18573, 14583], told).splitlines()
+    lines = format_greeting("vehicle", [18573, 14583], told).splitlines()
     clients = dict(zip(("QGroundControl", "MAVProxy", "MAVSDK", "pymavlink"), ways, strict=True))
     for client, way in clients.items():
         (line,) = [line for line in lines if line.startswith(f"  {client}")]
@@ -128,8 +128,8 @@ def test_standing_vehicle_says_how_each_client_connects(told, ways):
 def test_scripted_flight_in_real_time_is_flown_to_the_end_and_tells_its_delays(tmp_path, rate_hz):
     scenario = replace(load_scenario("paper-turbulence"), duration_s=2.0, control_rate_hz=rate_hz)
     law, _ = derive(replace(load_design("D1"), dt=scenario.dt))
-    flight = fly(scenario, law, vehicle=load_vehicle("paper"), out=tmp_path, real_time=True, usual_ports=False)
-    assert flight.outcome is Outcome.DONE
+    flight = fly(scenario, law, vehicle=load_vehicle("paper"), out=tmp_path, real_time=True, default_ports=False)
+    assert flight.outcome is FlightOutcome.DONE
     assert len(flight.records) == scenario.samples
     assert set(flight.records["mode"]) == {Mode.OFFBOARD.value}
     assert flight.pace is not None
@@ -149,7 +149,7 @@ def test_law_that_hangs_for_a_moment_steps_all_that_waited_and_keeps_its_attitud
         address = f"127.0.0.1:{port}"
         with process("gustproof.controller", "--law", "pid-fair", "--real-time", "--connect", address, *flown) as law:
             end = time.monotonic() + PATIENCE_S
-            while records_in(journal) < 250:
+            while count_records(journal) < 250:
                 assert time.monotonic() < end
                 time.sleep(0.01)
             law.send_signal(signal.SIGSTOP)

@@ -18,7 +18,7 @@ from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag, write_bag
 from gustproof.scoring.metrics import attitude
 from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.flight import Plan
+from gustproof.simulate.flight import FlightPlan
 
 LAWS = ("hinf-d1", "pid-fair")
 DURATION = 12.0
@@ -31,7 +31,7 @@ def runs(tmp_path_factory):
     folder, vehicle = tmp_path_factory.mktemp("flights"), load_vehicle("paper")
     scenario = replace(load_scenario("paper-turbulence"), duration_s=DURATION)
     for name in LAWS:
-        plan = Plan(scenario, load_law(name), vehicle, 1, False)
+        plan = FlightPlan(scenario, load_law(name), vehicle, 1, False)
         records = fly_direct(scenario, plan.law, vehicle=vehicle, seed=1)
         write_bag(folder / name / plan.name, records, {**plan.note(), "outcome": "done"})
     return [folder / name for name in LAWS]

@@ -19,7 +19,7 @@ from firmware_model.config.wind import Constant, GustReplay, GustStep, Shear
 from firmware_model.numerics.rotations import euler_angles
 from gustproof.law.form import load_law
 from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.outcome import Outcome
+from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.processes import fly, fly_loopback
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
@@ -109,7 +109,7 @@ def test_two_processes_equal_direct_to_the_bit(law, scenario, tmp_path):
     flown, airframe = load_law(law), load_vehicle("paper")
     told: list[float] = []
     flight = fly(scenario, flown, vehicle=airframe, seed=7, out=tmp_path, progress=told.append)
-    assert (flight.outcome, flight.counters) == (Outcome.DONE, {})
+    assert (flight.outcome, flight.counters) == (FlightOutcome.DONE, {})
     assert flight.records.tobytes() == fly_direct(scenario, flown, vehicle=airframe, seed=7).tobytes()
     assert flight.realtime_factor > 0.0
     assert told == sorted(told)
@@ -120,7 +120,7 @@ def test_at_1_khz_two_processes_equal_direct_to_the_bit(tmp_path):
     scenario, airframe = replace(TWO_SECONDS, control_rate_hz=1000), load_vehicle("paper")
     law, _ = derive(replace(load_design("D1"), dt=scenario.dt))
     flight = fly(scenario, law, vehicle=airframe, seed=7, out=tmp_path)
-    assert (flight.outcome, flight.counters, flight.pace) == (Outcome.DONE, {}, None)
+    assert (flight.outcome, flight.counters, flight.pace) == (FlightOutcome.DONE, {}, None)
     assert flight.records.tobytes() == fly_direct(scenario, law, vehicle=airframe, seed=7).tobytes()
 
 

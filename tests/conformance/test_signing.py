@@ -19,7 +19,7 @@ from firmware_model.mavlink.frames import RejectReason, parse
 from firmware_model.mavlink.signing import Signing
 from firmware_model.process import udp
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
-from gustproof.controller.endpoint import ControllerEndpoint, Outcome
+from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
 from gustproof.law.form import load_law
 
 KEY = bytes(range(32))
@@ -144,6 +144,6 @@ def test_controller_flies_with_the_key_of_its_vehicle_alone(key):
         for datagram, _ in vehicle.poll(now_us):
             controller.receive(datagram, vehicle_at, now_us)
         now_us += 1_000
-    assert controller.outcome is (Outcome.DONE if key == KEY else Outcome.NOT_STARTED)
+    assert controller.outcome is (ControllerOutcome.DONE if key == KEY else ControllerOutcome.NOT_STARTED)
     refusals = {RejectReason.NOT_SIGNED: key is None, RejectReason.WRONG_SIGNATURE: key == bytes(32)}
     assert {cause: cause in vehicle.counters for cause in refusals} == refusals

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot.modes import Landed, Mode
+from firmware_model.autopilot.modes import LandedState, Mode
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.config.wind import Constant
@@ -142,16 +142,16 @@ def flown(field) -> Airfield:
 
 def test_vehicle_takes_off_to_10_m_holds_lands_and_disarms(field):
     field.run(2.0)
-    assert (field.autopilot.landed, field.height) == (Landed.ON_GROUND, pytest.approx(0.0, abs=1e-6))
+    assert (field.autopilot.landed, field.height) == (LandedState.ON_GROUND, pytest.approx(0.0, abs=1e-6))
     field.take_off()
     assert field.height == pytest.approx(10.0, abs=0.3)
-    assert field.autopilot.landed is Landed.IN_AIR
+    assert field.autopilot.landed is LandedState.IN_AIR
     field.run(5.0)
     assert math.dist(field.loop.truth("position_N"), (0.0, 0.0, field.autopilot.home_N[2] - 10.0)) < 0.3
     assert field.order(LAND) == wire.MAV_RESULT_ACCEPTED
-    assert field.autopilot.landed is Landed.LANDING
+    assert field.autopilot.landed is LandedState.LANDING
     field.until(lambda: not field.autopilot.armed, 40.0)
-    assert field.autopilot.landed is Landed.ON_GROUND
+    assert field.autopilot.landed is LandedState.ON_GROUND
     assert field.height == pytest.approx(0.0, abs=0.05)
     assert field.texts[-2:] == ["take-off height reached: HOLD", "landed: disarmed"]
 
@@ -340,20 +340,20 @@ def test_stand_is_clamped_until_armed_and_lands_by_levelling():
     stand = Airfield(air=load_scenario("paper"), free=False)
     stand.run(2.0)
     assert stand.loop.q_NB == (1.0, 0.0, 0.0, 0.0)
-    assert stand.autopilot.landed is Landed.ON_GROUND
+    assert stand.autopilot.landed is LandedState.ON_GROUND
     stand.join()
     stand.run(2.0)
     assert stand.order(ARM, 1.0) == wire.MAV_RESULT_ACCEPTED
     assert stand.order(SET_MODE, 1.0, OFFBOARD) == wire.MAV_RESULT_ACCEPTED
     stand.run(2.0)
-    assert stand.autopilot.landed is Landed.IN_AIR
+    assert stand.autopilot.landed is LandedState.IN_AIR
     assert stand.loop.q_NB != (1.0, 0.0, 0.0, 0.0)
     assert stand.loop.truth("position_N") == (0.0, 0.0, -10.0)
     assert stand.order(SET_MODE, 1.0, AUTO, RETURN) == wire.MAV_RESULT_DENIED
     assert stand.texts[-1] == "held on the test stand: refused"
     stand.order(LAND)
     stand.until(lambda: not stand.autopilot.armed, 20.0)
-    assert stand.autopilot.landed is Landed.ON_GROUND
+    assert stand.autopilot.landed is LandedState.ON_GROUND
 
 
 @pytest.mark.parametrize(

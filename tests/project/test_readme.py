@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from firmware_model.config.scenario import load_scenario, shipped_scenarios
+from firmware_model.config.scenario import list_scenarios, load_scenario
 from gustproof.cli.app import app
 from gustproof.law.form import shipped_laws
 
@@ -66,7 +66,7 @@ def test_a_command_of_the_readme_has_these_options_and_names(line: str) -> None:
         law = arguments[arguments.index("--law") + 1]
         assert law.endswith(".json") or law in shipped_laws()
     if command == "fly" and "--repeat" not in arguments:
-        assert arguments[0].endswith(".toml") or arguments[0] in shipped_scenarios()
+        assert arguments[0].endswith(".toml") or arguments[0] in list_scenarios()
 
 
 def test_the_readme_shows_every_command() -> None:

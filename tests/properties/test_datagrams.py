@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.mavlink.channel import Channel
-from firmware_model.mavlink.frames import DAMAGE, EncodedMessage, Frame, RejectReason, parse
+from firmware_model.mavlink.frames import DAMAGE_REASONS, EncodedMessage, Frame, RejectReason, parse
 from firmware_model.mavlink.messages import CONTROLLER, heartbeat_message, imu_message
 from firmware_model.mavlink.peers import MAX_PEERS
 from firmware_model.mavlink.signing import Signing
@@ -194,7 +194,7 @@ def test_a_quarter_of_a_million_datagrams_leave_the_vehicle_as_good_as_before(ki
             endpoint.poll(now_us)
 
     assert feed(take, iter(generator), 250_000) < _GROWTH
-    causes = {*DAMAGE, RejectReason.OTHER_TARGET, RejectReason.UNUSED_MESSAGE, RejectReason.TOO_MANY_PEERS}
+    causes = {*DAMAGE_REASONS, RejectReason.OTHER_TARGET, RejectReason.UNUSED_MESSAGE, RejectReason.TOO_MANY_PEERS}
     causes |= (
         {RejectReason.NOT_SIGNED, RejectReason.WRONG_SIGNATURE, RejectReason.REPLAYED}
         if signed

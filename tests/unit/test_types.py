@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from gustproof.types import frozen
+from gustproof.types import readonly_copy
 
 
 def test_a_frozen_array_is_a_copy_that_nobody_changes():
     given = np.eye(2)
-    kept = frozen("A", given, (2, 2))
+    kept = readonly_copy("A", given, (2, 2))
     given[0, 0] = 7.0
     assert kept.tolist() == [[1.0, 0.0], [0.0, 1.0]]
     with pytest.raises(ValueError, match="read-only"):
@@ -21,4 +21,4 @@ def test_a_frozen_array_is_a_copy_that_nobody_changes():
 )
 def test_what_does_not_fit_is_refused_by_its_name(value, message):
     with pytest.raises(ValueError, match=message):
-        frozen("A", value, (2, 2))
+        readonly_copy("A", value, (2, 2))

@@ -12,10 +12,10 @@ from table import Bench, in_turns
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
-from gustproof.campaign.executors import Pool, processes
-from gustproof.campaign.plan import Campaign, Dispersed, dispersions
+from gustproof.campaign.executors import Pool, process_pool
+from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads
 from gustproof.campaign.runner import fly_campaign
-from gustproof.campaign.statistics import findings
+from gustproof.campaign.statistics import compute_statistics
 
 _FEW, _MANY = 1000, 20_000
 _TIMES = 5  # a turn, of the small one: alone it is over too soon to be compared
@@ -25,7 +25,7 @@ _FLIGHT_S = 0.02  # five samples: next to nothing
 def measure(bench: Bench) -> None:
     """Measure campaigns of two sizes, by one worker: draws, worlds, judgement, parts, table, findings; no start-up."""
     few, many = (8, 16) if bench.quick else (_FEW, _MANY)
-    with TemporaryDirectory() as folder, processes(1) as pool:
+    with TemporaryDirectory() as folder, process_pool(1) as pool:
         actions: dict[str, Callable[[], object]] = {
             f"campaign, {runs} runs": partial(_fly, runs, times, Path(folder) / f"{runs}.parquet", pool)
             for runs, times in ((few, _TIMES), (many, 1))
@@ -41,12 +41,12 @@ def measure(bench: Bench) -> None:
 
 def _fly(runs: int, times: int, output: Path, pool: Pool) -> None:
     vehicles, scenario = load_vehicle_set("paper"), replace(load_scenario("paper-turbulence"), duration_s=_FLIGHT_S)
-    wanted = (Dispersed.VEHICLE, Dispersed.GUST, Dispersed.GYRO)
-    spreads = dispersions(vehicles, scenario, wanted, gust=0.5, attitude_deg=5.0)
+    wanted = (DispersionKind.VEHICLE, DispersionKind.GUST, DispersionKind.GYRO)
+    spreads = select_spreads(vehicles, scenario, wanted, gust=0.5, attitude_deg=5.0)
     campaign = Campaign(scenario=scenario, laws=(LAW,), vehicles=vehicles, spreads=spreads, cases=runs)
     for _ in range(times):
         fly_campaign(campaign, output, pool)
-        findings(output)
+        compute_statistics(output)
         output.unlink()
 
 

@@ -15,7 +15,7 @@ _STAMP, _FORCE, _RATE, _TORQUE = 4000, (0.5, 0.25, -9.75), (0.125, 0.25, 0.5), (
 def measure(bench: Bench) -> None:
     """Measure both directions of a turn, once as a sender and once as a reader."""
     times = 200 if bench.quick else 5_000
-    samples, torques = messages.samples(1), messages.torques(1)
+    samples, torques = messages.imu_template(1), messages.torque_template(1)
     sample, command = samples.make(0, _STAMP, *_FORCE, *_RATE), torques.make(0, _STAMP, *_TORQUE, math.nan)
     theirs = wire.MAVLink(None, 1, 1)
     traffic = Channel(1, 1)
@@ -46,7 +46,7 @@ def measure(bench: Bench) -> None:
             for datagram in (sample, command):
                 (frame,) = parse(datagram)
                 if isinstance(frame, Frame):
-                    _ = messages.imu_sample(frame) if datagram is sample else messages.command(frame, 1)
+                    _ = messages.parse_imu(frame) if datagram is sample else messages.parse_command(frame, 1)
 
     actions: dict[str, Action] = {
         "pymavlink packs": pymavlink_packs,

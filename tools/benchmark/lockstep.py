@@ -12,8 +12,8 @@ from table import Bench
 from firmware_model.mavlink import messages
 from gustproof.simulate.processes import Outcome, fly
 
-_SAMPLE = messages.samples(1).make(0, 4000, 0.1, 0.2, -9.8, 0.1, 0.2, 0.3)
-_COMMAND = messages.torques(1).make(0, 4000, 0.1, 0.2, 0.3, float("nan"))
+_SAMPLE = messages.imu_template(1).make(0, 4000, 0.1, 0.2, -9.8, 0.1, 0.2, 0.3)
+_COMMAND = messages.torque_template(1).make(0, 4000, 0.1, 0.2, 0.3, float("nan"))
 
 
 def measure(bench: Bench) -> None:

@@ -19,7 +19,7 @@ from firmware_model.mavlink.services import (
     status,
     streams,
 )
-from firmware_model.mavlink.services.service import Service, VehicleContext, combined
+from firmware_model.mavlink.services.service import Service, VehicleContext, merge_services
 
 _GROUPS = (
     actuators,
@@ -41,7 +41,7 @@ _GROUPS = (
 )
 
 
-def composed(craft: VehicleContext) -> Service:
+def make_services(craft: VehicleContext) -> Service:
     """Return all services of a craft as one."""
-    parts = combined(group.service(craft) for group in _GROUPS)
-    return combined([parts, commands.service(craft, parts.commands)])
+    parts = merge_services(group.service(craft) for group in _GROUPS)
+    return merge_services([parts, commands.make_service(craft, parts.commands)])

@@ -15,7 +15,7 @@ _OUTPUTS, _SERVOS = 32, 16  # that the messages have room for
 _PULSE_US = (1000, 1000)  # [us] at no thrust, and how much longer at the largest
 
 
-def service(craft: VehicleContext) -> Service:
+def make_service(craft: VehicleContext) -> Service:
     """Return the service that tells the rotors' outputs."""
     loop = craft.loop
 

@@ -13,7 +13,7 @@ from firmware_model.mavlink.services.service import Client, Service, Stream, Veh
 _NO_DATE = 0
 
 
-def service(craft: VehicleContext) -> Service:
+def make_service(craft: VehicleContext) -> Service:
     """Return the service that tells the craft's time."""
 
     def nanoseconds() -> int:

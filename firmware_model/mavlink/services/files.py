@@ -15,19 +15,19 @@ from firmware_model.mavlink.services.service import Client, Service, VehicleCont
 _HEADER = struct.Struct("<HBBB")  # sequence, session, operation, bytes of data
 _DATA = 12  # where data begins
 _LENGTH = 251
-_ANSWERS = 128  # operations from here on are answers
-_REFUSED, _UNKNOWN_COMMAND = 129, 7  # NAK and its reason
+_FIRST_REPLY = 128  # operations from here on are answers
+_NAK, _UNKNOWN_COMMAND = 129, 7  # NAK and its reason
 
 
-def service(_: VehicleContext) -> Service:
+def make_service(_: VehicleContext) -> Service:
     """Return the service that refuses every operation on files."""
 
     def refuse(request: Message, client: Client) -> None:
         sequence, session, operation, _ = _HEADER.unpack_from(bytes(request.payload))
-        if operation >= _ANSWERS:
+        if operation >= _FIRST_REPLY:
             return
         answer = bytearray(_LENGTH)
-        _HEADER.pack_into(answer, 0, (sequence + 1) % 2**16, session, _REFUSED, 1)
+        _HEADER.pack_into(answer, 0, (sequence + 1) % 2**16, session, _NAK, 1)
         answer[_HEADER.size], answer[_DATA] = operation, _UNKNOWN_COMMAND
         sender = request.get_srcSystem(), request.get_srcComponent()
         client.send(wire.MAVLink_file_transfer_protocol_message(0, *sender, answer))

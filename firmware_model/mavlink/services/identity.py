@@ -9,7 +9,15 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.service import ACCEPTED, Answer, Client, Order, Service, Stream, VehicleContext
+from firmware_model.mavlink.services.service import (
+    ACCEPTED,
+    Client,
+    CommandAck,
+    Service,
+    Stream,
+    VehicleCommand,
+    VehicleContext,
+)
 
 _FIRMWARE_VERSION = 1 << 24 | 15 << 16  # 1.15.0, type byte 0: development; clients ask PX4 for at least 1.4.1
 _CAPABILITIES = (
@@ -22,7 +30,7 @@ _CAPABILITIES = (
 _NO_VERSION = [0] * 8
 
 
-def service(craft: VehicleContext) -> Service:
+def make_service(craft: VehicleContext) -> Service:
     """Return the service that tells what the craft is."""
 
     def heartbeat() -> Message:
@@ -34,7 +42,7 @@ def service(craft: VehicleContext) -> Service:
     def version() -> Message:
         return version_message(generic=craft.generic)
 
-    def send_version(_: Order, client: Client) -> Answer:
+    def send_version(_: VehicleCommand, client: Client) -> CommandAck:
         client.send(version())
         return ACCEPTED
 

@@ -11,7 +11,7 @@ from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.service import Client, Service, VehicleContext
 
 
-def service(_: VehicleContext) -> Service:
+def make_service(_: VehicleContext) -> Service:
     """Return the service that lists no logs."""
 
     def list_logs(_: Message, client: Client) -> None:

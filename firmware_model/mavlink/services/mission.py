@@ -13,25 +13,25 @@ from firmware_model.mavlink.services.service import Client, Service, VehicleCont
 _KINDS = (wire.MAV_MISSION_TYPE_MISSION, wire.MAV_MISSION_TYPE_FENCE, wire.MAV_MISSION_TYPE_RALLY)
 
 
-def service(_: VehicleContext) -> Service:
+def make_service(_: VehicleContext) -> Service:
     """Return the service that holds no items."""
     return Service(
         requests={
-            wire.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: _count,
-            wire.MAVLINK_MSG_ID_MISSION_REQUEST: _no_such_item,
-            wire.MAVLINK_MSG_ID_MISSION_REQUEST_INT: _no_such_item,
-            wire.MAVLINK_MSG_ID_MISSION_COUNT: _take_none,
-            wire.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: _refuse,
-            wire.MAVLINK_MSG_ID_MISSION_ITEM: _refuse,
-            wire.MAVLINK_MSG_ID_MISSION_ITEM_INT: _refuse,
-            wire.MAVLINK_MSG_ID_MISSION_CLEAR_ALL: _clear,
+            wire.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: _send_count,
+            wire.MAVLINK_MSG_ID_MISSION_REQUEST: _reject_request,
+            wire.MAVLINK_MSG_ID_MISSION_REQUEST_INT: _reject_request,
+            wire.MAVLINK_MSG_ID_MISSION_COUNT: _reject_upload,
+            wire.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: _reject,
+            wire.MAVLINK_MSG_ID_MISSION_ITEM: _reject,
+            wire.MAVLINK_MSG_ID_MISSION_ITEM_INT: _reject,
+            wire.MAVLINK_MSG_ID_MISSION_CLEAR_ALL: _acknowledge_clear,
         }
     )
 
 
-def _count(request: Message, client: Client) -> None:
+def _send_count(request: Message, client: Client) -> None:
     if request.mission_type not in _KINDS:
-        _refuse(request, client)
+        _reject(request, client)
         return
     client.send(
         wire.MAVLink_mission_count_message(
@@ -40,20 +40,20 @@ def _count(request: Message, client: Client) -> None:
     )
 
 
-def _take_none(request: Message, client: Client) -> None:
+def _reject_upload(request: Message, client: Client) -> None:
     # A list of no items is stored as soon as it is announced.
     _acknowledge(request, client, wire.MAV_MISSION_UNSUPPORTED if request.count else wire.MAV_MISSION_ACCEPTED)
 
 
-def _no_such_item(request: Message, client: Client) -> None:
+def _reject_request(request: Message, client: Client) -> None:
     _acknowledge(request, client, wire.MAV_MISSION_INVALID_SEQUENCE)
 
 
-def _refuse(request: Message, client: Client) -> None:
+def _reject(request: Message, client: Client) -> None:
     _acknowledge(request, client, wire.MAV_MISSION_UNSUPPORTED)
 
 
-def _clear(request: Message, client: Client) -> None:
+def _acknowledge_clear(request: Message, client: Client) -> None:
     _acknowledge(request, client, wire.MAV_MISSION_ACCEPTED)
 
 

@@ -23,31 +23,31 @@ _STANDARD = {
 }
 
 
-def service(craft: VehicleContext) -> Service:
+def make_service(craft: VehicleContext) -> Service:
     """Return the service that names the modes."""
     refused = {Mode.ACRO} if craft.autopilot.free else {Mode.ACRO, Mode.TAKEOFF, Mode.RETURN}
     flown = [mode for mode in Mode if mode not in refused]
 
     def current() -> Message:
         mode = craft.autopilot.mode
-        return wire.MAVLink_current_mode_message(_standard(mode), mode.value, mode.value)
+        return wire.MAVLink_current_mode_message(_standard_mode(mode), mode.value, mode.value)
 
     return Service(
         streams={wire.MAVLINK_MSG_ID_CURRENT_MODE: Stream(current, 2_000_000)},
-        shows={wire.MAVLINK_MSG_ID_AVAILABLE_MODES: lambda index: _available(flown, index)},
+        shows={wire.MAVLINK_MSG_ID_AVAILABLE_MODES: lambda index: _list_modes(flown, index)},
     )
 
 
-def _available(flown: list[Mode], index: int) -> list[Message]:
+def _list_modes(flown: list[Mode], index: int) -> list[Message]:
     """Return the mode of that number, counted from 1; all of them for 0, none if there is no such."""
     return [
         wire.MAVLink_available_modes_message(
-            len(flown), number, _standard(mode), mode.value, 0, _NAMES.get(mode, mode.name.capitalize()).encode()
+            len(flown), number, _standard_mode(mode), mode.value, 0, _NAMES.get(mode, mode.name.capitalize()).encode()
         )
         for number, mode in enumerate(flown, 1)
         if index in (0, number)
     ]
 
 
-def _standard(mode: Mode) -> int:
+def _standard_mode(mode: Mode) -> int:
     return int(_STANDARD.get(mode, wire.MAV_STANDARD_MODE_NON_STANDARD))

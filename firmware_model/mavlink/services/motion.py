@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.place import ORIGIN_HEIGHT, centi, globe, int16
+from firmware_model.mavlink.services.place import ORIGIN_HEIGHT, clip_int16, to_centi, to_geodetic
 from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.rotations import euler_angles, rotate
@@ -23,7 +23,7 @@ _MILLI_G = 1000.0 / 9.80665
 _UNKNOWN = math.nan
 
 
-def service(craft: VehicleContext) -> Service:
+def make_service(craft: VehicleContext) -> Service:
     """Return the service that tells how the craft moves."""
     loop = craft.loop
 
@@ -36,11 +36,13 @@ def service(craft: VehicleContext) -> Service:
     def truth() -> Message:
         sample = loop.observe()
         omega_B, position_N, velocity_N = (loop.truth(name) for name in ("omega_B", "position_N", "velocity_N"))
-        return truth_message(sample, loop.q_NB, omega_B, position_N, velocity_N, math.dist(velocity_N, air_N(loop)))
+        return truth_message(
+            sample, loop.q_NB, omega_B, position_N, velocity_N, math.dist(velocity_N, air_velocity_N(loop))
+        )
 
     def wind() -> Message:
         time_us = loop.observe().time_us
-        return wind_message(time_us, air_N(loop), loop.truth("position_N"))
+        return wind_message(time_us, air_velocity_N(loop), loop.truth("position_N"))
 
     return Service(
         streams={
@@ -53,14 +55,14 @@ def service(craft: VehicleContext) -> Service:
     )
 
 
-def air_N(loop: VehicleLoop) -> Vector:
+def air_velocity_N(loop: VehicleLoop) -> Vector:
     """Return how the air moves at the vehicle, mean wind and gust, [m/s] N, blowing toward."""
     loop.observe()
-    return _air_N(loop.q_NB, loop.truth("gust_B"), loop.truth("wind_N"))
+    return _air_velocity_N(loop.q_NB, loop.truth("gust_B"), loop.truth("wind_N"))
 
 
 @compiled  # a kernel called by itself would be made anew in each process, which holds up its first second
-def _air_N(q_NB: Quaternion, gust_B: Vector, wind_N: Vector) -> Vector:
+def _air_velocity_N(q_NB: Quaternion, gust_B: Vector, wind_N: Vector) -> Vector:
     gust = rotate(q_NB, gust_B)
     return wind_N[0] + gust[0], wind_N[1] + gust[1], wind_N[2] + gust[2]
 
@@ -82,8 +84,8 @@ def truth_message(
     """Return HIL_STATE_QUATERNION: the true state, in degrees, mm, cm/s and mG."""
     air_cm = min(round(100.0 * airspeed), 65535)
     return wire.MAVLink_hil_state_quaternion_message(
-        sample.time_us, q_NB, *omega_B, *globe(position_N), *(centi(v) for v in velocity_N), air_cm, air_cm,
-        *(int16(_MILLI_G * f) for f in sample.specific_force_B),
+        sample.time_us, q_NB, *omega_B, *to_geodetic(position_N), *(to_centi(v) for v in velocity_N), air_cm, air_cm,
+        *(clip_int16(_MILLI_G * f) for f in sample.specific_force_B),
     )  # fmt: skip
 
 

@@ -7,50 +7,50 @@ MAVLink, parameter protocol, messages 20 to 23 and 345.
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot.parameters import Parameters, Refusal
+from firmware_model.autopilot.parameters import ParameterRejectReason, Parameters
 from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.service import Client, Service, VehicleContext
 
 _ERRORS = {
-    Refusal.READ_ONLY: wire.MAV_PARAM_ERROR_READ_ONLY,
-    Refusal.OUT_OF_RANGE: wire.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE,
-    Refusal.WRONG_TYPE: 7,  # MAV_PARAM_ERROR_TYPE_MISMATCH, younger than pymavlink's dialect
+    ParameterRejectReason.READ_ONLY: wire.MAV_PARAM_ERROR_READ_ONLY,
+    ParameterRejectReason.OUT_OF_RANGE: wire.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE,
+    ParameterRejectReason.WRONG_TYPE: 7,  # MAV_PARAM_ERROR_TYPE_MISMATCH, younger than pymavlink's dialect
 }
 _NO_INDEX = -1
 
 
-def service(craft: VehicleContext) -> Service:
+def make_service(craft: VehicleContext) -> Service:
     """Return the service of the craft's parameters."""
     parameters = craft.parameters
 
     def list_all(_: Message, client: Client) -> None:
         for parameter in parameters.table:
-            client.send(_value(parameters, parameter.name))
+            client.send(_value_message(parameters, parameter.name))
 
     def read(request: Message, client: Client) -> None:
         index = request.param_index if request.param_index != _NO_INDEX else parameters.index(request.param_id)
         if index is None or not 0 <= index < len(parameters.table):
-            client.send(_error(request, request.param_index, wire.MAV_PARAM_ERROR_DOES_NOT_EXIST))
+            client.send(_error_message(request, request.param_index, wire.MAV_PARAM_ERROR_DOES_NOT_EXIST))
         else:
-            client.send(_value(parameters, parameters.table[index].name))
+            client.send(_value_message(parameters, parameters.table[index].name))
 
     def write(request: Message, client: Client) -> None:
         name = request.param_id
         if parameters.index(name) is None:
-            client.send(_error(request, _NO_INDEX, wire.MAV_PARAM_ERROR_DOES_NOT_EXIST))
+            client.send(_error_message(request, _NO_INDEX, wire.MAV_PARAM_ERROR_DOES_NOT_EXIST))
             return
         integer = request.param_type != wire.MAV_PARAM_TYPE_REAL32
         refusal = parameters.set_wire_value(name, request.param_value, integer=integer)
         if refusal is None:
             craft.apply_parameters()
             # Whoever shows parameters must hear of a change that another one made.
-            craft.broadcast(_value(parameters, name))
+            craft.broadcast(_value_message(parameters, name))
             return
         # The error first: a client that sees the old value before it asks again. The value is for those without errors.
-        client.send(_error(request, _NO_INDEX, _ERRORS[refusal]))
-        client.send(_value(parameters, name))
+        client.send(_error_message(request, _NO_INDEX, _ERRORS[refusal]))
+        client.send(_value_message(parameters, name))
         allowed = parameters.table[parameters.index(name) or 0].allowed
-        text = f": {allowed}" if refusal is Refusal.OUT_OF_RANGE else ""
+        text = f": {allowed}" if refusal is ParameterRejectReason.OUT_OF_RANGE else ""
         craft.tell(f"{name} {refusal.value}{text}", wire.MAV_SEVERITY_WARNING)
 
     return Service(
@@ -62,12 +62,12 @@ def service(craft: VehicleContext) -> Service:
     )
 
 
-def _value(parameters: Parameters, name: str) -> Message:
+def _value_message(parameters: Parameters, name: str) -> Message:
     value, integer = parameters.wire_value(name)
     kind = wire.MAV_PARAM_TYPE_INT32 if integer else wire.MAV_PARAM_TYPE_REAL32
     return wire.MAVLink_param_value_message(name.encode(), value, kind, len(parameters.table), parameters.index(name))
 
 
-def _error(request: Message, index: int, error: int) -> Message:
+def _error_message(request: Message, index: int, error: int) -> Message:
     name = request.param_id.encode("ascii", "replace")[:16]
     return wire.MAVLink_param_error_message(request.get_srcSystem(), request.get_srcComponent(), name, index, error)

@@ -15,77 +15,77 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot.modes import Mode, Verdict
+from firmware_model.autopilot.modes import Mode, TransitionResult
 from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.place import ORIGIN_HEIGHT
 from firmware_model.mavlink.services.service import (
     DENIED,
     UNSUPPORTED,
-    Answer,
     Client,
-    Order,
+    CommandAck,
     Service,
+    VehicleCommand,
     VehicleContext,
-    told,
+    make_ack,
 )
 
 _MODES = {mode.value: mode for mode in Mode}
 _STICK_MODES = (Mode.ALTCTL, Mode.POSCTL)
-_FORCE = 21196  # the number that MAVLink asks for beside an order to disarm in the air
+_FORCE_DISARM = 21196  # the number that MAVLink asks for beside an order to disarm in the air
 _NO_ROUTE = "this vehicle flies to no place but home"
 _NOT_ENDED = "a flight that was terminated stays so"
 _TOO_LOW = "take-off height is below home: MIS_TAKEOFF_ALT"
 
 
-def service(craft: VehicleContext) -> Service:
+def make_service(craft: VehicleContext) -> Service:
     """Return the service that pilots the craft."""
     autopilot = craft.autopilot
 
-    def arm(order: Order, _: Client) -> Answer:
+    def arm(order: VehicleCommand, _: Client) -> CommandAck:
         wanted = order.whole(1)
         if wanted not in (0, 1):
-            return Answer(DENIED)
-        return told(autopilot.arm() if wanted else autopilot.disarm(force=order.whole(2) == _FORCE))
+            return CommandAck(DENIED)
+        return make_ack(autopilot.arm() if wanted else autopilot.disarm(force=order.whole(2) == _FORCE_DISARM))
 
-    def terminate(order: Order, _: Client) -> Answer:
+    def terminate(order: VehicleCommand, _: Client) -> CommandAck:
         if order.whole(1) != 1:
-            return Answer(DENIED, _NOT_ENDED)
-        return told(autopilot.disarm(force=True))
+            return CommandAck(DENIED, _NOT_ENDED)
+        return make_ack(autopilot.disarm(force=True))
 
-    def change_mode(mode: Mode | None, client: Client) -> Verdict:
+    def change_mode(mode: Mode | None, client: Client) -> TransitionResult:
         if mode is None:
-            return Verdict.NOT_FLOWN
-        return Verdict.STICKS if mode in _STICK_MODES and client.moves_sticks else autopilot.set_mode(mode)
+            return TransitionResult.NOT_FLOWN
+        return TransitionResult.STICKS if mode in _STICK_MODES and client.moves_sticks else autopilot.set_mode(mode)
 
-    def set_mode(order: Order, client: Client) -> Answer:
+    def set_mode(order: VehicleCommand, client: Client) -> CommandAck:
         base, main, sub = order.whole(1), order.whole(2), order.whole(3) or 0
         # Bit 0 of the base mode says that main and sub mode are given (MAVSDK sends 33).
         given = base is not None and base & 1 and main is not None and main > 0
         mode = _MODES.get(main << 16 | sub << 24) if given and main is not None else None
-        return told(change_mode(mode, client))
+        return make_ack(change_mode(mode, client))
 
     def set_mode_by_message(message: Message, client: Client) -> None:
         given = message.base_mode & wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         mode = _MODES.get(message.custom_mode) if given else None
         verdict = change_mode(mode, client)
-        if verdict is not Verdict.ACCEPTED:  # there is no other answer to this message
+        if verdict is not TransitionResult.ACCEPTED:  # there is no other answer to this message
             craft.tell(verdict.value, wire.MAV_SEVERITY_WARNING)
 
-    def take_off(order: Order, _: Client) -> Answer:
+    def take_off(order: VehicleCommand, _: Client) -> CommandAck:
         height = order.numbers[6]
         if height is not None and not order.relative:
             height -= ORIGIN_HEIGHT - autopilot.home_N[2]
             if height <= 0.0:
                 craft.tell(_TOO_LOW, wire.MAV_SEVERITY_WARNING)
                 height = None
-        return told(autopilot.take_off(height))
+        return make_ack(autopilot.take_off(height))
 
-    def reposition(order: Order, _: Client) -> Answer:
+    def reposition(order: VehicleCommand, _: Client) -> CommandAck:
         # Without a place this is what ground stations send for a pause.
-        return told(autopilot.hold()) if order.numbers[4:6] == (None, None) else Answer(UNSUPPORTED, _NO_ROUTE)
+        return make_ack(autopilot.hold()) if order.numbers[4:6] == (None, None) else CommandAck(UNSUPPORTED, _NO_ROUTE)
 
-    def simply(act: Callable[[], Verdict]) -> Callable[[Order, Client], Answer]:
-        return lambda _order, _client: told(act())
+    def simply(act: Callable[[], TransitionResult]) -> Callable[[VehicleCommand, Client], CommandAck]:
+        return lambda _order, _client: make_ack(act())
 
     return Service(
         requests={wire.MAVLINK_MSG_ID_SET_MODE: set_mode_by_message},

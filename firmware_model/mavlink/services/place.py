@@ -15,18 +15,18 @@ _METRES_PER_DEGREE = math.radians(1.0) * 6_371_000.0
 _PARALLEL = math.cos(math.radians(ORIGIN_DEG[0]))
 
 
-def globe(position_N: Vector) -> tuple[int, int, int]:
+def to_geodetic(position_N: Vector) -> tuple[int, int, int]:
     """Return latitude and longitude [1e-7 deg] and height above the sea [mm] of a position [m] N."""
     latitude = ORIGIN_DEG[0] + position_N[0] / _METRES_PER_DEGREE
     longitude = ORIGIN_DEG[1] + position_N[1] / (_METRES_PER_DEGREE * _PARALLEL)
     return round(1e7 * latitude), round(1e7 * longitude), round(1000.0 * (ORIGIN_HEIGHT - position_N[2]))
 
 
-def centi(value: float) -> int:
+def to_centi(value: float) -> int:
     """Return a speed [m/s] in cm/s, within the 16 bits that messages have for it."""
-    return int16(100.0 * value)
+    return clip_int16(100.0 * value)
 
 
-def int16(value: float) -> int:
+def clip_int16(value: float) -> int:
     """Return the nearest whole number within 16 bits."""
     return min(max(round(value), -32768), 32767)

@@ -10,38 +10,46 @@ import math
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.motion import air_N
-from firmware_model.mavlink.services.place import ORIGIN_HEIGHT, centi, globe
-from firmware_model.mavlink.services.service import ACCEPTED, Answer, Client, Order, Service, Stream, VehicleContext
+from firmware_model.mavlink.services.motion import air_velocity_N
+from firmware_model.mavlink.services.place import ORIGIN_HEIGHT, to_centi, to_geodetic
+from firmware_model.mavlink.services.service import (
+    ACCEPTED,
+    Client,
+    CommandAck,
+    Service,
+    Stream,
+    VehicleCommand,
+    VehicleContext,
+)
 from firmware_model.types import Quaternion, Vector
 
 _UNKNOWN, _UNKNOWN16, _UNKNOWN8 = math.nan, 2**16 - 1, 2**8 - 1
 _LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 
-def service(craft: VehicleContext) -> Service:
+def make_service(craft: VehicleContext) -> Service:
     """Return the service that tells where the craft and its home are."""
 
     def home() -> Message:
         place = craft.autopilot.home_N
         return wire.MAVLink_home_position_message(
-            *globe(place), *place, _LEVEL, _UNKNOWN, _UNKNOWN, _UNKNOWN, craft.stamp_us
+            *to_geodetic(place), *place, _LEVEL, _UNKNOWN, _UNKNOWN, _UNKNOWN, craft.stamp_us
         )
 
     def origin() -> Message:
-        return wire.MAVLink_gps_global_origin_message(*globe((0.0, 0.0, 0.0)), craft.stamp_us)
+        return wire.MAVLink_gps_global_origin_message(*to_geodetic((0.0, 0.0, 0.0)), craft.stamp_us)
 
-    def send_home(_: Order, client: Client) -> Answer:
+    def send_home(_: VehicleCommand, client: Client) -> CommandAck:
         client.send(home())
         return ACCEPTED
 
     return Service(
         commands={wire.MAV_CMD_GET_HOME_POSITION: send_home},
         streams={
-            wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED: Stream(lambda: _local(craft), 33_000),
-            wire.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Stream(lambda: _global(craft), 100_000),
-            wire.MAVLINK_MSG_ID_VFR_HUD: Stream(lambda: _hud(craft), 100_000),
-            wire.MAVLINK_MSG_ID_GPS_RAW_INT: Stream(lambda: _gps(craft), 200_000),
+            wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED: Stream(lambda: _local_message(craft), 33_000),
+            wire.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Stream(lambda: _global_message(craft), 100_000),
+            wire.MAVLINK_MSG_ID_VFR_HUD: Stream(lambda: _hud_message(craft), 100_000),
+            wire.MAVLINK_MSG_ID_GPS_RAW_INT: Stream(lambda: _gps_message(craft), 200_000),
             wire.MAVLINK_MSG_ID_HOME_POSITION: Stream(home, 2_000_000),
             wire.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: Stream(origin),
         },
@@ -54,40 +62,40 @@ def heading(q_NB: Quaternion) -> float:
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)) % (2.0 * math.pi)
 
 
-def _local(craft: VehicleContext) -> Message:
-    time_us, position, velocity = _navigation(craft)
+def _local_message(craft: VehicleContext) -> Message:
+    time_us, position, velocity = _read_navigation(craft)
     return wire.MAVLink_local_position_ned_message(time_us // 1000, *position, *velocity)
 
 
-def _global(craft: VehicleContext) -> Message:
-    time_us, position, velocity = _navigation(craft)
+def _global_message(craft: VehicleContext) -> Message:
+    time_us, position, velocity = _read_navigation(craft)
     course = round(100.0 * math.degrees(heading(craft.loop.q_NB))) % 36_000
     above_home = craft.autopilot.home_N[2] - position[2]
     return wire.MAVLink_global_position_int_message(
-        time_us // 1000, *globe(position), round(1000.0 * above_home), *(centi(v) for v in velocity), course
+        time_us // 1000, *to_geodetic(position), round(1000.0 * above_home), *(to_centi(v) for v in velocity), course
     )
 
 
-def _hud(craft: VehicleContext) -> Message:
-    _, position, velocity = _navigation(craft)
+def _hud_message(craft: VehicleContext) -> Message:
+    _, position, velocity = _read_navigation(craft)
     speed = math.hypot(velocity[0], velocity[1])
     course = round(math.degrees(heading(craft.loop.q_NB))) % 360
-    airspeed = math.dist(velocity, air_N(craft.loop))
+    airspeed = math.dist(velocity, air_velocity_N(craft.loop))
     throttle = round(100.0 * min(max(craft.loop.thrust, 0.0), 1.0))
     return wire.MAVLink_vfr_hud_message(airspeed, speed, course, throttle, ORIGIN_HEIGHT - position[2], -velocity[2])
 
 
-def _gps(craft: VehicleContext) -> Message:
-    time_us, position, velocity = _navigation(craft)
+def _gps_message(craft: VehicleContext) -> Message:
+    time_us, position, velocity = _read_navigation(craft)
     speed = math.hypot(velocity[0], velocity[1])
     course = round(100.0 * math.degrees(math.atan2(velocity[1], velocity[0]))) % 36_000
     return wire.MAVLink_gps_raw_int_message(
-        time_us, wire.GPS_FIX_TYPE_3D_FIX, *globe(position), _UNKNOWN16, _UNKNOWN16, min(round(100.0 * speed), 65534),
+        time_us, wire.GPS_FIX_TYPE_3D_FIX, *to_geodetic(position), _UNKNOWN16, _UNKNOWN16, min(round(100.0 * speed), 65534),
         course, _UNKNOWN8,
     )  # fmt: skip
 
 
-def _navigation(craft: VehicleContext) -> tuple[int, Vector, Vector]:
+def _read_navigation(craft: VehicleContext) -> tuple[int, Vector, Vector]:
     """Return the time [us] of the sample, position [m] and velocity [m/s] N at it."""
     loop = craft.loop
     return loop.observe().time_us, loop.truth("position_N"), loop.truth("velocity_N")

@@ -15,7 +15,7 @@ from firmware_model.mavlink.messages import CONTROLLER
 from firmware_model.mavlink.services.service import Client, Service, VehicleContext
 
 
-def service(craft: VehicleContext) -> Service:
+def make_service(craft: VehicleContext) -> Service:
     """Return the service that passes on what the controller says to people."""
 
     def relay(message: Message, client: Client) -> None:

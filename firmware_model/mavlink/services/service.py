@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol, TypeVar
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot.modes import Autopilot, Verdict
+from firmware_model.autopilot.modes import Autopilot, TransitionResult
 from firmware_model.autopilot.parameters import Parameters
 from firmware_model.mavlink.frames import EncodedMessage, Message, RejectReason
 from firmware_model.sim.vehicle_loop import VehicleLoop
@@ -96,7 +96,7 @@ class VehicleContext(Protocol):
         """Let changed parameters act."""
 
 
-class Order(NamedTuple):
+class VehicleCommand(NamedTuple):
     """A command, whichever of the two messages brought it."""
 
     command: int
@@ -112,7 +112,7 @@ class Order(NamedTuple):
         return None if number is None else int(number)
 
 
-class Answer(NamedTuple):
+class CommandAck(NamedTuple):
     """What became of a command."""
 
     result: int
@@ -121,11 +121,15 @@ class Answer(NamedTuple):
     """Why it was refused, for people; at most 50 characters."""
 
 
-ACCEPTED = Answer(wire.MAV_RESULT_ACCEPTED)
+ACCEPTED = CommandAck(wire.MAV_RESULT_ACCEPTED)
 DENIED = wire.MAV_RESULT_DENIED
-NOT_NOW = wire.MAV_RESULT_TEMPORARILY_REJECTED
+TEMPORARILY_REJECTED = wire.MAV_RESULT_TEMPORARILY_REJECTED
 UNSUPPORTED = wire.MAV_RESULT_UNSUPPORTED
-_NEVER = (Verdict.NOT_FLOWN, Verdict.ON_STAND, Verdict.HEIGHT)  # the same request will fail again
+_PERMANENT = (
+    TransitionResult.NOT_FLOWN,
+    TransitionResult.ON_STAND,
+    TransitionResult.HEIGHT,
+)  # the same request will fail again
 
 
 class Stream(NamedTuple):
@@ -143,7 +147,7 @@ class Service:
 
     requests: Mapping[int, Callable[[Message, Client], RejectReason | None]] = field(default_factory=dict)
     """By message id: what to do with a message to the autopilot; returns why it had no effect, if that counts."""
-    commands: Mapping[int, Callable[[Order, Client], Answer]] = field(default_factory=dict)
+    commands: Mapping[int, Callable[[VehicleCommand, Client], CommandAck]] = field(default_factory=dict)
     """By MAV_CMD: what to do at a command."""
     streams: Mapping[int, Stream] = field(default_factory=dict)
     """By message id: what can be told at any time."""
@@ -151,7 +155,7 @@ class Service:
     """By message id: what is shown on request only; takes the command's second parameter."""
 
 
-def combined(services: Iterable[Service]) -> Service:
+def merge_services(services: Iterable[Service]) -> Service:
     """Return all services as one.
 
     Raises
@@ -161,21 +165,21 @@ def combined(services: Iterable[Service]) -> Service:
     """
     parts = list(services)
     return Service(
-        requests=_merged(part.requests for part in parts),
-        commands=_merged(part.commands for part in parts),
-        streams=_merged(part.streams for part in parts),
-        shows=_merged(part.shows for part in parts),
+        requests=_merge_tables(part.requests for part in parts),
+        commands=_merge_tables(part.commands for part in parts),
+        streams=_merge_tables(part.streams for part in parts),
+        shows=_merge_tables(part.shows for part in parts),
     )
 
 
-def told(verdict: Verdict) -> Answer:
+def make_ack(verdict: TransitionResult) -> CommandAck:
     """Return the autopilot's verdict as the answer to a command."""
-    if verdict is Verdict.ACCEPTED:
+    if verdict is TransitionResult.ACCEPTED:
         return ACCEPTED
-    return Answer(DENIED if verdict in _NEVER else NOT_NOW, verdict.value)
+    return CommandAck(DENIED if verdict in _PERMANENT else TEMPORARILY_REJECTED, verdict.value)
 
 
-def _merged(tables: Iterable[Mapping[int, _Value]]) -> dict[int, _Value]:
+def _merge_tables(tables: Iterable[Mapping[int, _Value]]) -> dict[int, _Value]:
     merged: dict[int, _Value] = {}
     for table in tables:
         if twice := merged.keys() & table.keys():

@@ -13,14 +13,14 @@ from firmware_model.mavlink.services.service import Service, Stream, VehicleCont
 from firmware_model.types import AttitudeTarget, TorqueCommand
 
 
-def service(craft: VehicleContext) -> Service:
+def make_service(craft: VehicleContext) -> Service:
     """Return the service that echoes the set-points."""
 
     def attitude() -> Message | None:
-        return messages.command_echo(craft.setpoint) if isinstance(craft.setpoint, AttitudeTarget) else None
+        return messages.echo_message(craft.setpoint) if isinstance(craft.setpoint, AttitudeTarget) else None
 
     def torque() -> Message | None:
-        return messages.command_echo(craft.setpoint) if isinstance(craft.setpoint, TorqueCommand) else None
+        return messages.echo_message(craft.setpoint) if isinstance(craft.setpoint, TorqueCommand) else None
 
     return Service(
         streams={

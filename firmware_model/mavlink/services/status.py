@@ -15,7 +15,7 @@ from firmware_model.mavlink.services.service import Service, Stream, VehicleCont
 
 _UNKNOWN16, _UNKNOWN, _NO_VOLTAGE = 2**16 - 1, -1, 0
 # Ideal navigation stands for a compass and for GPS.
-_WORKING = (
+_SENSORS = (
     wire.MAV_SYS_STATUS_SENSOR_3D_GYRO
     | wire.MAV_SYS_STATUS_SENSOR_3D_ACCEL
     | wire.MAV_SYS_STATUS_SENSOR_3D_MAG
@@ -38,10 +38,10 @@ _ESTIMATED = (
     | wire.EKF_PRED_POS_HORIZ_ABS
 )
 # There is no fence; a client that looks at this bit alone would tell of a breach.
-_HEALTHY = _WORKING | wire.MAV_SYS_STATUS_GEOFENCE
+_HEALTHY_SENSORS = _SENSORS | wire.MAV_SYS_STATUS_GEOFENCE
 
 
-def service(craft: VehicleContext) -> Service:
+def make_service(craft: VehicleContext) -> Service:
     """Return the service that tells how the craft is."""
 
     def extended() -> Message:
@@ -49,17 +49,17 @@ def service(craft: VehicleContext) -> Service:
 
     return Service(
         streams={
-            wire.MAVLINK_MSG_ID_SYS_STATUS: Stream(_system, 1_000_000),
-            wire.MAVLINK_MSG_ID_BATTERY_STATUS: Stream(_battery, 2_000_000),
+            wire.MAVLINK_MSG_ID_SYS_STATUS: Stream(_system_message, 1_000_000),
+            wire.MAVLINK_MSG_ID_BATTERY_STATUS: Stream(_battery_message, 2_000_000),
             wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Stream(extended, 1_000_000),
             wire.MAVLINK_MSG_ID_EKF_STATUS_REPORT: Stream(_estimator, 1_000_000),
         }
     )
 
 
-def _system() -> Message:
+def _system_message() -> Message:
     return wire.MAVLink_sys_status_message(
-        _WORKING, _WORKING, _HEALTHY, 0, _NO_VOLTAGE, _UNKNOWN, _UNKNOWN, 0, 0, 0, 0, 0, 0
+        _SENSORS, _SENSORS, _HEALTHY_SENSORS, 0, _NO_VOLTAGE, _UNKNOWN, _UNKNOWN, 0, 0, 0, 0, 0, 0
     )
 
 
@@ -67,7 +67,7 @@ def _estimator() -> Message:
     return wire.MAVLink_ekf_status_report_message(_ESTIMATED, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def _battery() -> Message:
+def _battery_message() -> Message:
     return wire.MAVLink_battery_status_message(
         0, wire.MAV_BATTERY_FUNCTION_ALL, wire.MAV_BATTERY_TYPE_UNKNOWN, 2**15 - 1, [_UNKNOWN16] * 10,
         _UNKNOWN, _UNKNOWN, _UNKNOWN, _UNKNOWN,

@@ -11,12 +11,12 @@ from firmware_model.mavlink.frames import EncodedMessage, Message
 from firmware_model.mavlink.services.service import (
     ACCEPTED,
     DENIED,
-    NOT_NOW,
+    TEMPORARILY_REJECTED,
     UNSUPPORTED,
-    Answer,
     Client,
-    Order,
+    CommandAck,
     Service,
+    VehicleCommand,
     VehicleContext,
 )
 
@@ -32,43 +32,43 @@ _GROUPS = {
 }
 
 
-def service(craft: VehicleContext) -> Service:
+def make_service(craft: VehicleContext) -> Service:
     """Return the service of streams."""
 
-    def known(message_id: int | None) -> Answer:
+    def known(message_id: int | None) -> CommandAck:
         """Accept what is sent here at all; a number that no message can have is a mistake."""
         if message_id in craft.services.streams:
             return ACCEPTED
-        return Answer(UNSUPPORTED if message_id is not None and 0 <= message_id < 2**24 else DENIED)
+        return CommandAck(UNSUPPORTED if message_id is not None and 0 <= message_id < 2**24 else DENIED)
 
-    def set_interval(order: Order, client: Client) -> Answer:
+    def set_interval(order: VehicleCommand, client: Client) -> CommandAck:
         message_id, interval_us = order.whole(1), order.whole(2)
         if message_id is None or interval_us is None or interval_us < -1:
-            return Answer(DENIED)
+            return CommandAck(DENIED)
         if (answer := known(message_id)) is ACCEPTED:
             client.set_interval(message_id, None if interval_us < 0 else interval_us)
         return answer
 
-    def get_interval(order: Order, client: Client) -> Answer:
+    def get_interval(order: VehicleCommand, client: Client) -> CommandAck:
         message_id = order.whole(1)
         if message_id is None or not 0 <= message_id < 2**16:
-            return Answer(DENIED)
+            return CommandAck(DENIED)
         if (answer := known(message_id)) is ACCEPTED:
             interval_us = client.interval_us(message_id)
             client.send(wire.MAVLink_message_interval_message(message_id, -1 if interval_us is None else interval_us))
         return answer
 
-    def request(order: Order, client: Client) -> Answer:
+    def request(order: VehicleCommand, client: Client) -> CommandAck:
         message_id = order.whole(1)
         if message_id is None:
-            return Answer(DENIED)
+            return CommandAck(DENIED)
         show = craft.services.shows.get(message_id)
         if show is None and (answer := known(message_id)) is not ACCEPTED:
             return answer
-        messages = _told(craft, message_id) if show is None else list(show(order.whole(2) or 0))
+        messages = _make_messages(craft, message_id) if show is None else list(show(order.whole(2) or 0))
         for message in messages:
             client.send(message)
-        return ACCEPTED if messages else Answer(NOT_NOW)
+        return ACCEPTED if messages else CommandAck(TEMPORARILY_REJECTED)
 
     def request_group(message: Message, client: Client) -> None:
         rate = message.req_message_rate
@@ -89,6 +89,6 @@ def service(craft: VehicleContext) -> Service:
     )
 
 
-def _told(craft: VehicleContext, message_id: int) -> list[Message | EncodedMessage]:
+def _make_messages(craft: VehicleContext, message_id: int) -> list[Message | EncodedMessage]:
     message = craft.services.streams[message_id].message()
     return [] if message is None else [message]

@@ -8,18 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
-from firmware_model.config.moments import Step
+from firmware_model.config.moments import MomentStep
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.analysis.hover_loop import HoverLoop, hover_loop
-from gustproof.analysis.law_margins import SPREADS, off_nominal
+from gustproof.analysis.law_margins import SPREADS, axis_robustness
 from gustproof.analysis.placement import Placement, locate
 from gustproof.certify.sweep import Bracket
 from gustproof.law.form import Law
 from gustproof.lti.state_space import ComplexMatrix
 from gustproof.scoring.metrics import Metrics, measure
 from gustproof.simulate.direct import fly_direct
-from gustproof.synthesis.derive import margins_document
+from gustproof.synthesis.derive import margins_to_dict
 
 _AXES = ("roll", "pitch", "yaw")
 """What a vehicle's file may well be off by."""
@@ -60,7 +60,7 @@ class Analysis:
 
     def limits(self) -> tuple[str, ...]:
         """Return what limits the law, in words, the largest share of the error first."""
-        return tuple(_limits(self))
+        return tuple(_describe_limits(self))
 
     def document(self) -> dict[str, Any]:
         """Return the analysis as JSON has it; what is not finite is `None`."""
@@ -75,7 +75,7 @@ class Analysis:
             "design": self.law.provenance.design,
             "scenario": self.scenario.name,
             "seed": self.seed,
-            "margins": None if self.hover.margins is None else margins_document(self.hover.margins),
+            "margins": None if self.hover.margins is None else margins_to_dict(self.hover.margins),
             "off_nominal": {
                 "inertia_spread": SPREADS.inertia,
                 "actuator_lag_spread": SPREADS.actuator_lag,
@@ -105,7 +105,7 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
     step_moment = (_STEP_SHARE * roll, _STEP_SHARE * pitch, _STEP_SHARE * yaw)
     gyro, accelerometer = GyroFault(noise=False), AccelerometerFault(noise=False)
     still = replace(scenario, wind=(), moment=(), duration_s=_STEP_S, gyro=gyro, accelerometer=accelerometer)
-    stepped = replace(still, moment=(Step(kind="step", amplitude_nm=step_moment, start_s=0.5),))
+    stepped = replace(still, moment=(MomentStep(kind="step", amplitude_nm=step_moment, start_s=0.5),))
     quiet = replace(
         scenario, gyro=replace(scenario.gyro, noise=False), accelerometer=replace(scenario.accelerometer, noise=False)
     )
@@ -117,18 +117,18 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
         scenario=scenario,
         seed=seed,
         hover=hover,
-        stability=off_nominal(law, vehicle, scenario),
+        stability=axis_robustness(law, vehicle, scenario),
         place=None if Ms is None else locate(law, Ms, vehicle, scenario),
         step=fly_direct(stepped, law, vehicle=vehicle, seed=seed),
         step_moment=step_moment,
         flown=flown,
         whole=measure(flown, vehicle, scenario, 0.0),
-        gust_alone=_flown(quiet, law, vehicle, seed),
-        noise_alone=_flown(replace(scenario, wind=(), moment=()), law, vehicle, seed),
+        gust_alone=_measure_flight(quiet, law, vehicle, seed),
+        noise_alone=_measure_flight(replace(scenario, wind=(), moment=()), law, vehicle, seed),
     )
 
 
-def _limits(analysis: Analysis) -> list[str]:
+def _describe_limits(analysis: Analysis) -> list[str]:
     flights = (analysis.whole, analysis.gust_alone, analysis.noise_alone)
     lines = []
     if unstable := bool(np.any(analysis.hover.loop_poles.real >= 0.0)):
@@ -142,7 +142,9 @@ def _limits(analysis: Analysis) -> list[str]:
         worst = max(range(3), key=lambda axis: loops[axis].Ms)
         least = min(range(3), key=lambda axis: loops[axis].delay_margin)
         samples = loops[least].delay_margin / analysis.law.dt
-        lines.append(f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {_peak(analysis):.3g} rad/s")
+        lines.append(
+            f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {_peak_frequency(analysis):.3g} rad/s"
+        )
         if math.isfinite(samples):
             lines.append(f"delay: {samples:.3g} samples more make {_AXES[least]} unstable")
     if analysis.stability:
@@ -190,11 +192,11 @@ def _references(law: Law) -> str:
     return f"held within {law.reference_limit_deg:g} deg of level about each axis; a larger one may tumble the vehicle"
 
 
-def _peak(analysis: Analysis) -> float:
+def _peak_frequency(analysis: Analysis) -> float:
     return float(analysis.hover.omega[int(np.argmax(analysis.hover.sensitivities["S"]))])
 
 
-def _flown(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int) -> Metrics:
+def _measure_flight(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int) -> Metrics:
     return measure(fly_direct(scenario, law, vehicle=vehicle, seed=seed), vehicle, scenario, 0.0)
 
 

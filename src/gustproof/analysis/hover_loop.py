@@ -39,34 +39,34 @@ def hover_loop(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverLoop:
     omega = np.geomspace(1e-2, math.pi / law.dt, _POINTS)[:-1]
     if law.output is not Output.TORQUE:
         return HoverLoop(
-            margins=None, law_poles=_continuous(controller), loop_poles=np.empty(0, dtype=np.complex128),
+            margins=None, law_poles=_continuous_poles(controller), loop_poles=np.empty(0, dtype=np.complex128),
             omega=omega, loop=np.empty((0, 3), dtype=np.complex128), sensitivities={},
         )  # fmt: skip
     plant = hover_plant(vehicle, scenario, levelled=law.uses_accelerometer)
-    loop = _at_input(plant, controller)
+    loop = _input_loop(plant, controller)
     S = sensitivity(loop)
     return HoverLoop(
         margins=margins(plant, controller) if S.is_stable() else None,
-        law_poles=_continuous(controller),
-        loop_poles=_continuous(S),
+        law_poles=_continuous_poles(controller),
+        loop_poles=_continuous_poles(S),
         omega=omega,
         loop=np.diagonal(loop.response(omega), 0, 1, 2),
-        sensitivities=_largest(S.response(omega)),
+        sensitivities=_largest_gains(S.response(omega)),
     )
 
 
-def _at_input(plant: Lti, controller: Lti) -> Lti:
+def _input_loop(plant: Lti, controller: Lti) -> Lti:
     """Return the loop transfer at the plant's input, for negative feedback."""
     loop = series(plant, controller)
     return Lti(A=loop.A, B=loop.B, C=-loop.C, D=-loop.D, dt=loop.dt)
 
 
-def _largest(S: ComplexMatrix) -> dict[str, Matrix]:
+def _largest_gains(S: ComplexMatrix) -> dict[str, Matrix]:
     both = {"S": S, "T": np.eye(3) - S}
     return {name: np.linalg.norm(values, ord=2, axis=(1, 2)).astype(np.float64) for name, values in both.items()}
 
 
-def _continuous(system: Lti) -> ComplexMatrix:
+def _continuous_poles(system: Lti) -> ComplexMatrix:
     """Return the poles as those of the continuous system that they sample; poles at 0, pure delays, are left out."""
     poles = system.poles()
     return np.asarray(np.log(poles[np.abs(poles) > 1e-9]) / system.dt, dtype=np.complex128)

@@ -13,7 +13,7 @@ from gustproof.lti.margins import margins
 from gustproof.model.uncertainty import Spreads
 
 SPREADS = Spreads(inertia=0.2, actuator_lag=0.3)
-"""How far a vehicle may be off, for which `off_nominal` is stated."""
+"""How far a vehicle may be off, for which `axis_robustness` is stated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +43,7 @@ def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargin
     )
 
 
-def off_nominal(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[Bracket, ...]:
+def axis_robustness(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[Bracket, ...]:
     """Return mu of roll, pitch and yaw with inertia and actuator lag off by `SPREADS`: stable up to 1 / mu times that.
 
     Empty for a law that is not three loops of one gyro each.

@@ -24,7 +24,7 @@ PEAKS = (1.15, 1.18, 1.22, 1.28, 1.36, 1.45, 1.6, 1.8, 2.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Curve:
+class TradeOffCurve:
     """Least error of linear laws against the sensitivity peak, at one slew."""
 
     slew: float
@@ -38,7 +38,7 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class ErrorLimits:
     """Least errors in the turbulence of a scenario, of all flights, over the three axes at once."""
 
     scenario: str
@@ -53,7 +53,7 @@ class Limits:
     """[deg] of any law that knows state and air exactly."""
     clairvoyant_any_slew_deg: float
     """[deg] the same with slew for free: what delay and actuator lag leave."""
-    curves: tuple[Curve, ...]
+    curves: tuple[TradeOffCurve, ...]
     """Trade-off with the sensitivity peak."""
 
 
@@ -75,7 +75,7 @@ class Placement:
 class PerformanceLimits:
     """The limits, and where laws stand."""
 
-    limits: Limits
+    limits: ErrorLimits
     """What is possible."""
     places: Mapping[str, Placement | None]
     """Where each law stands, by name; `None` for a law of rates, which has no torque loop of its own."""
@@ -95,18 +95,18 @@ def performance_limits(
     """
     models = axis_models(vehicle, scenario)
     linear = linear_laws(models, around=SLEW)
-    found = Limits(
+    found = ErrorLimits(
         scenario=scenario.name,
         slew=SLEW,
         gyro_deg=math.degrees(output_feedback_limit(models, SLEW).rmse),
         gyro_any_slew_deg=math.degrees(output_feedback_limit(models, math.inf).rmse),
         clairvoyant_deg=math.degrees(full_information_limit(models, SLEW).rmse),
         clairvoyant_any_slew_deg=math.degrees(full_information_limit(models, math.inf).rmse),
-        curves=tuple(_curve(linear, slew) for slew in SLEWS),
+        curves=tuple(_trade_off_curve(linear, slew) for slew in SLEWS),
     )
     peaks = {name: None if margin is None else margin.Ms for name, margin in margins.items()}
     places = {
-        name: None if (Ms := peaks[name]) is None else _place(law, Ms, linear, vehicle, scenario)
+        name: None if (Ms := peaks[name]) is None else _locate(law, Ms, linear, vehicle, scenario)
         for name, law in laws.items()
     }
     return PerformanceLimits(limits=found, places=places)
@@ -120,16 +120,16 @@ def locate(law: Law, Ms: float, vehicle: Vehicle, scenario: Scenario) -> Placeme
     if not any(isinstance(item, Dryden) for item in scenario.wind):
         return None
     try:
-        return _place(law, Ms, linear_laws(axis_models(vehicle, scenario), around=SLEW), vehicle, scenario)
+        return _locate(law, Ms, linear_laws(axis_models(vehicle, scenario), around=SLEW), vehicle, scenario)
     except DesignError:
         return None
 
 
-def _place(law: Law, Ms: float, linear: LinearLaws, vehicle: Vehicle, scenario: Scenario) -> Placement | None:
+def _locate(law: Law, Ms: float, linear: LinearLaws, vehicle: Vehicle, scenario: Scenario) -> Placement | None:
     foretold = predict(law, vehicle, scenario)
     if foretold is None:
         return None
-    least = _least(linear, Ms, foretold.slew) if foretold.slew else None
+    least = _least_error(linear, Ms, foretold.slew) if foretold.slew else None
     return Placement(
         Ms=Ms,
         slew=foretold.slew,
@@ -138,9 +138,9 @@ def _place(law: Law, Ms: float, linear: LinearLaws, vehicle: Vehicle, scenario: 
     )
 
 
-def _curve(linear: LinearLaws, slew: float) -> Curve:
-    points = [point for point in (_least(linear, peak, slew) for peak in PEAKS) if point is not None]
-    return Curve(
+def _trade_off_curve(linear: LinearLaws, slew: float) -> TradeOffCurve:
+    points = [point for point in (_least_error(linear, peak, slew) for peak in PEAKS) if point is not None]
+    return TradeOffCurve(
         slew=slew,
         Ms=tuple(point.sensitivity_peak for point in points),
         rmse_deg=tuple(math.degrees(point.rmse) for point in points),
@@ -148,7 +148,7 @@ def _curve(linear: LinearLaws, slew: float) -> Curve:
     )
 
 
-def _least(linear: LinearLaws, peak: float, slew: float) -> TradeOff | None:
+def _least_error(linear: LinearLaws, peak: float, slew: float) -> TradeOff | None:
     try:
         return linear.least(peak, slew)
     except DesignError:

@@ -10,7 +10,7 @@ from gustproof.certify.sweep import Bracket
 from gustproof.certify.worst_gain import worst_gain
 from gustproof.law.form import Law, Matrix, Output
 from gustproof.lti.state_space import Lti
-from gustproof.model.lft import Uncertain, uncertain
+from gustproof.model.lft import Uncertain, as_uncertain
 from gustproof.model.sampled_axis import sampled_axis
 from gustproof.model.uncertainty import Spreads
 
@@ -24,9 +24,9 @@ def robust_stability(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Sp
     Raises
     ------
     ValueError
-        As `sensitivity`, or if the loop is unstable as in the file.
+        As `uncertain_sensitivity`, or if the loop is unstable as in the file.
     """
-    family = sensitivity(law, vehicle, scenario, spreads, axis)
+    family = uncertain_sensitivity(law, vehicle, scenario, spreads, axis)
     known = family.M.part(slice(0, family.n_z), slice(0, family.n_w))
     return mu(Uncertain(M=known, blocks=family.blocks))
 
@@ -39,10 +39,10 @@ def robust_peak(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads
     ValueError
         See `robust_stability`.
     """
-    return worst_gain(sensitivity(law, vehicle, scenario, spreads, axis), boxes=_BOXES)
+    return worst_gain(uncertain_sensitivity(law, vehicle, scenario, spreads, axis), boxes=_BOXES)
 
 
-def sensitivity(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Uncertain:
+def uncertain_sensitivity(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Uncertain:
     """Return the sensitivity at the plant's input of one axis, inertia and lag uncertain.
 
     Raises
@@ -50,7 +50,7 @@ def sensitivity(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads
     ValueError
         If the law couples its axes, feels specific force or commands no torque, or a spread is 0.
     """
-    loop = uncertain(axis_controller(law, axis)) @ sampled_axis(
+    loop = as_uncertain(axis_controller(law, axis)) @ sampled_axis(
         vehicle, scenario, axis, inertia=spreads.inertia, actuator_lag=spreads.actuator_lag
     )
     return (np.eye(1) - loop).inverse()
@@ -65,14 +65,14 @@ def axis_controller(law: Law, axis: int) -> Lti:
         If the law couples its axes, feels specific force or commands no torque.
     """
     A, B = law.A + law.G @ np.eye(3, law.order, 3), law.B[:, axis]
-    own, others = _reached(A, B), [k for k in range(3) if k != axis]
+    own, others = _reachable_states(A, B), [k for k in range(3) if k != axis]
     across = (law.C[others][:, own], law.D[others, axis], law.C[axis, ~own], law.D[axis, others])
     if law.output is not Output.TORQUE or law.uses_accelerometer or any(np.any(part) for part in across):
         raise ValueError(f"law '{law.name}' couples its axes, feels force or commands no torque: no loop of one gyro")
     return Lti(A=A[np.ix_(own, own)], B=B[own], C=law.C[axis, own], D=law.D[axis, axis], dt=law.dt)
 
 
-def _reached(A: Matrix, B: Matrix) -> NDArray[np.bool_]:
+def _reachable_states(A: Matrix, B: Matrix) -> NDArray[np.bool_]:
     """Return which states the input matrix (n,) of one input reaches."""
     reached: NDArray[np.bool_] = B != 0.0
     for _ in range(len(B)):

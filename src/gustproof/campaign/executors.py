@@ -32,7 +32,7 @@ class Pool(Protocol):
         ...
 
 
-class _Processes:
+class _ProcessPool:
     """Processes of this machine; those that die are replaced."""
 
     deaths: tuple[type[BaseException], ...] = (BrokenExecutor,)
@@ -49,8 +49,8 @@ class _Processes:
         from loky import get_reusable_executor
 
         # The one that there is, or a new one if its workers have died.
-        self._executor = get_reusable_executor(self._workers, initializer=_ignore_ctrl_c, env=_ONE_THREAD)
-        future: Future[Any] = self._executor.submit(_tidied, function, *arguments)
+        self._executor = get_reusable_executor(self._workers, initializer=_ignore_sigint, env=_ONE_THREAD)
+        future: Future[Any] = self._executor.submit(_call_and_freeze, function, *arguments)
         return future
 
     def end(self, *, now: bool) -> None:
@@ -59,9 +59,9 @@ class _Processes:
 
 
 @contextmanager
-def processes(workers: int) -> Iterator[Pool]:
+def process_pool(workers: int) -> Iterator[Pool]:
     """Give processes of this machine; they end with the block, at once if it is left by an error or Ctrl-C."""
-    pool = _Processes(workers)
+    pool = _ProcessPool(workers)
     try:
         yield pool
     except BaseException:
@@ -70,12 +70,12 @@ def processes(workers: int) -> Iterator[Pool]:
     pool.end(now=False)
 
 
-def _ignore_ctrl_c() -> None:
+def _ignore_sigint() -> None:
     """Leave Ctrl-C, which reaches all processes of a terminal, to the one that waits for the others."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _tidied(function: Callable[..., Any], *arguments: Any) -> Any:
+def _call_and_freeze(function: Callable[..., Any], *arguments: Any) -> Any:
     """Return what `function` returns, and take what stays loaded out of the collector's sight.
 
     loky has a worker collect after each task, a second from the time before; to go through all that numba and scipy
@@ -87,7 +87,7 @@ def _tidied(function: Callable[..., Any], *arguments: Any) -> Any:
     return done
 
 
-class _Cluster:
+class _DaskPool:
     """Workers of a dask cluster."""
 
     def __init__(self, client: Any) -> None:
@@ -107,7 +107,7 @@ class _Cluster:
 
 
 @contextmanager
-def cluster(address: str) -> Iterator[Pool]:
+def dask_pool(address: str) -> Iterator[Pool]:
     """Give the workers of the dask cluster whose scheduler is at `address`, as dask://tcp://127.0.0.1:8786.
 
     Raises
@@ -132,7 +132,7 @@ def cluster(address: str) -> Iterator[Pool]:
         reason = error if isinstance(error, (OSError, ValueError)) else "what answers is something else"
         raise ConfigError(f"--executor: no dask scheduler answers at {scheduler}: {reason}") from None
     with client:
-        yield _Cluster(client)
+        yield _DaskPool(client)
 
 
 async def _knock(scheduler: str) -> None:
@@ -143,6 +143,6 @@ async def _knock(scheduler: str) -> None:
     await connection.close()
 
 
-def usable_cores() -> int:
+def count_cores() -> int:
     """Return how many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr, betaincinv, stdtrit
 
-LEVEL = 0.95
+CONFIDENCE = 0.95
 """[-] how often an interval holds the true value."""
 
 Array = NDArray[np.float64]
-_TAIL = (1.0 - LEVEL) / 2.0
+_TAIL = (1.0 - CONFIDENCE) / 2.0
 _SIGMAS = 12.0  # of a binomial count, beyond which its probability is less than any tail asked for
-_FEWEST_IN_BIN = 25
-_MOST_BINS = 32
+_MIN_PER_BIN = 25
+_MAX_BINS = 32
 
 
-class Estimate(NamedTuple):
+class IntervalEstimate(NamedTuple):
     """A figure and where the true one is."""
 
     value: float
@@ -32,16 +32,16 @@ class Estimate(NamedTuple):
     """[unit of the figure] largest that it may be; inf if the runs do not say."""
 
 
-def mean(values: Array) -> Estimate:
+def mean(values: Array) -> IntervalEstimate:
     """Return the mean of `values` (n,), by Student's t: exact for normal values, and for any if n is large."""
     value, n = float(np.mean(values)), len(values)
     if n < 2:
-        return Estimate(value, -math.inf, math.inf)
+        return IntervalEstimate(value, -math.inf, math.inf)
     half = float(stdtrit(n - 1, 1.0 - _TAIL) * np.std(values, ddof=1) / math.sqrt(n))
-    return Estimate(value, value - half, value + half)
+    return IntervalEstimate(value, value - half, value + half)
 
 
-def quantile(ordered: Array, p: float) -> Estimate:
+def quantile(ordered: Array, p: float) -> IntervalEstimate:
     """Return the `p` quantile of ascending values (n,); the interval is exact whatever their distribution.
 
     Its ends are two of the values: how many of n are below the quantile is binomial.
@@ -51,14 +51,14 @@ def quantile(ordered: Array, p: float) -> Estimate:
     H. A. David, H. N. Nagaraja, Order Statistics, 3rd ed., 2003, section 7.1.
     """
     n = len(ordered)
-    below, above = _ends(n, p)
+    below, above = _order_bounds(n, p)
     low = float(ordered[below]) if below >= 0 else -math.inf
     high = float(ordered[above]) if above < n else math.inf
-    return Estimate(float(np.quantile(ordered, p)), low, high)
+    return IntervalEstimate(float(np.quantile(ordered, p)), low, high)
 
 
 @lru_cache(maxsize=64)
-def _ends(n: int, p: float) -> tuple[int, int]:
+def _order_bounds(n: int, p: float) -> tuple[int, int]:
     """Return between which places of n ordered values their `p` quantile is; -1 and n are beyond them."""
     width = _SIGMAS * math.sqrt(n * p * (1.0 - p)) + _SIGMAS
     first, last = max(math.floor(n * p - width), 0), min(math.ceil(n * p + width), n)
@@ -69,7 +69,7 @@ def _ends(n: int, p: float) -> tuple[int, int]:
     return (int(below[-1]) if len(below) else -1), (int(above[0]) if len(above) else n)
 
 
-def share(passed: int, n: int) -> Estimate:
+def proportion(passed: int, n: int) -> IntervalEstimate:
     """Return the rate of `passed` in `n`, with Clopper and Pearson's exact interval.
 
     References
@@ -78,7 +78,7 @@ def share(passed: int, n: int) -> Estimate:
     """
     low = float(betaincinv(passed, n - passed + 1, _TAIL)) if passed else 0.0
     high = float(betaincinv(passed + 1, n - passed, 1.0 - _TAIL)) if passed < n else 1.0
-    return Estimate(passed / n, low, high)
+    return IntervalEstimate(passed / n, low, high)
 
 
 class Importance(NamedTuple):
@@ -92,7 +92,7 @@ class Importance(NamedTuple):
     """[-] a first-order index up to here is seen in 1 of 20 figures that do not depend on it at all."""
 
 
-class Ranked(NamedTuple):
+class Ranking(NamedTuple):
     """Values in order."""
 
     order: NDArray[np.uint32]
@@ -101,7 +101,7 @@ class Ranked(NamedTuple):
     """(n,) rank of each; equal ones share theirs."""
 
 
-def ranked(values: Array) -> Ranked:
+def rank_values(values: Array) -> Ranking:
     """Return the order and the ranks of `values` (n,)."""
     order = np.argsort(values)
     ordered = values[order]
@@ -111,10 +111,10 @@ def ranked(values: Array) -> Ranked:
     counts = np.diff(first, append=len(values))
     ranks = np.empty(len(values))
     ranks[order] = np.repeat(first + (counts + 1) / 2.0, counts)
-    return Ranked(order.astype(np.uint32), ranks)
+    return Ranking(order.astype(np.uint32), ranks)
 
 
-def importance(delta: Ranked, values: Array, ranks: Array) -> Importance | None:
+def importance(delta: Ranking, values: Array, ranks: Array) -> Importance | None:
     """Return what a dispersion does to `values` (n,) of `ranks`; `None` of too few runs to say.
 
     The variance of the means of bins with as many runs each, over the variance of all; what chance adds to it is taken
@@ -126,7 +126,7 @@ def importance(delta: Ranked, values: Array, ranks: Array) -> Importance | None:
     T. L. Kelley, An unbiased correlation ratio measure, PNAS 21, 1935 (what chance adds).
     """
     n = len(values)
-    if n < 2 * _FEWEST_IN_BIN or np.ptp(values) == 0.0 or np.ptp(delta.ranks) == 0.0:
+    if n < 2 * _MIN_PER_BIN or np.ptp(values) == 0.0 or np.ptp(delta.ranks) == 0.0:
         return None
     bins, edges, noise = _bins(n)
     off = values - np.mean(values)
@@ -134,7 +134,7 @@ def importance(delta: Ranked, values: Array, ranks: Array) -> Importance | None:
     between = float(np.sum(sums**2 / sizes) / np.sum(off**2))
     return Importance(
         rank_correlation=_correlation(delta.ranks, ranks),
-        first_order=max(_without_chance(between, n, bins), 0.0),
+        first_order=max(_remove_chance(between, n, bins), 0.0),
         noise=noise,
     )
 
@@ -142,10 +142,10 @@ def importance(delta: Ranked, values: Array, ranks: Array) -> Importance | None:
 @lru_cache(maxsize=16)
 def _bins(n: int) -> tuple[int, NDArray[np.intp], float]:
     """Return into how many bins `n` runs go, where each begins and the last ends, and `Importance.noise`."""
-    bins = min(n // _FEWEST_IN_BIN, _MOST_BINS)
+    bins = min(n // _MIN_PER_BIN, _MAX_BINS)
     edges = np.linspace(0, n, bins + 1).round().astype(np.intp)
-    chance = float(betaincinv((bins - 1) / 2.0, (n - bins) / 2.0, LEVEL))
-    return bins, edges, _without_chance(chance, n, bins)
+    chance = float(betaincinv((bins - 1) / 2.0, (n - bins) / 2.0, CONFIDENCE))
+    return bins, edges, _remove_chance(chance, n, bins)
 
 
 def _correlation(ranks: Array, others: Array) -> float:
@@ -154,5 +154,5 @@ def _correlation(ranks: Array, others: Array) -> float:
     return float(a @ b / np.sqrt((a @ a) * (b @ b)))
 
 
-def _without_chance(between: float, n: int, bins: int) -> float:
+def _remove_chance(between: float, n: int, bins: int) -> float:
     return 1.0 - (1.0 - between) * (n - 1) / (n - bins)

@@ -15,14 +15,14 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
-from firmware_model.config.files import parse
+from firmware_model.config.files import validate
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.spreads import Spread
-from firmware_model.config.uncertainty import VehicleSet, vehicle_set
+from firmware_model.config.uncertainty import VehicleSet, make_vehicle_set
 from firmware_model.errors import ConfigError
 from gustproof import __version__
-from gustproof.campaign.sampling import Array, Sampling, deltas, flight_seeds
-from gustproof.law.form import Law, law_from
+from gustproof.campaign.sampling import Array, Sampling, draw_deltas, flight_seeds
+from gustproof.law.form import Law, parse_law
 from gustproof.simulate.batch import Case
 
 FORMAT = "gustproof-campaign-1"
@@ -30,7 +30,7 @@ _GUST = "gust_scale"
 _ATTITUDE = ("initial_roll_deg", "initial_pitch_deg", "initial_yaw_deg")
 
 
-class Dispersed(Enum):
+class DispersionKind(Enum):
     """What may be drawn anew."""
 
     VEHICLE = "vehicle"
@@ -90,7 +90,7 @@ class Campaign:
 
     def deltas(self, first: int, count: int) -> Array:
         """Return what is drawn for the cases from `first` on, (count, spreads), normalised."""
-        return deltas(self.sampling, self.seed, self.cases, len(self.spreads), first, count)
+        return draw_deltas(self.sampling, self.seed, self.cases, len(self.spreads), first, count)
 
     def flight_seeds(self, first: int, count: int) -> list[int]:
         """Return the seeds of gusts and noise of the cases from `first` on."""
@@ -110,13 +110,13 @@ class Campaign:
         vehicle = self.vehicles.at({name: value for name, value in drawn.items() if name in self.vehicles.spreads})
         gust_scale = self._value(_GUST, drawn, 1.0)
         case = {"vehicle": vehicle, "seed": seed, "gust_scale": gust_scale, "initial_attitude_deg": (roll, pitch, yaw)}
-        return parse(Case, case, "case")
+        return validate(Case, case, "case")
 
     def _value(self, name: str, drawn: Mapping[str, float], usual: float) -> float:
         return self.spreads[name].value(drawn[name]) if name in drawn else usual
 
     def note(self) -> dict[str, Any]:
-        """Return the campaign as JSON has it, from which `noted` makes it again, and the versions that fly it."""
+        """Return the campaign as JSON has it, from which `parse_campaign` makes it again, and the versions that fly it."""
         return {
             "format": FORMAT,
             "scenario": to_jsonable_python(self.scenario),
@@ -126,19 +126,19 @@ class Campaign:
             "runs": self.cases,
             "sampling": self.sampling.value,
             "seed": self.seed,
-            "versions": versions(),
+            "versions": software_versions(),
         }
 
 
-def usual_dispersions(vehicles: VehicleSet) -> list[Dispersed]:
+def usual_dispersions(vehicles: VehicleSet) -> list[DispersionKind]:
     """Return what is drawn unless something else is asked for: gusts, and whatever the vehicle file has a spread of."""
     of_gyro = {name.startswith("gyro.") for name in vehicles.spreads}
-    found = {Dispersed.VEHICLE: False in of_gyro, Dispersed.GUST: True, Dispersed.GYRO: True in of_gyro}
+    found = {DispersionKind.VEHICLE: False in of_gyro, DispersionKind.GUST: True, DispersionKind.GYRO: True in of_gyro}
     return [kind for kind, there in found.items() if there]
 
 
-def dispersions(
-    vehicles: VehicleSet, scenario: Scenario, wanted: Sequence[Dispersed], *, gust: float, attitude_deg: float
+def select_spreads(
+    vehicles: VehicleSet, scenario: Scenario, wanted: Sequence[DispersionKind], *, gust: float, attitude_deg: float
 ) -> dict[str, Spread]:
     """Return what is drawn: gusts 1 - `gust` to 1 + `gust` times as strong, angles within `attitude_deg` of the script.
 
@@ -149,13 +149,13 @@ def dispersions(
     """
     found: dict[str, Spread] = {}
     for kind in dict.fromkeys(wanted):
-        if kind is Dispersed.GUST:
+        if kind is DispersionKind.GUST:
             found[_GUST] = Spread(nominal=1.0, low=1.0 - gust, high=1.0 + gust)
-        elif kind is Dispersed.ATTITUDE:
+        elif kind is DispersionKind.ATTITUDE:
             for name, angle in zip(_ATTITUDE, scenario.initial_attitude_deg, strict=True):
                 found[name] = Spread(nominal=angle, low=angle - attitude_deg, high=angle + attitude_deg)
         else:
-            of_gyro = kind is Dispersed.GYRO
+            of_gyro = kind is DispersionKind.GYRO
             theirs = {n: each for n, each in vehicles.spreads.items() if n.startswith("gyro.") is of_gyro}
             if not theirs:
                 name = vehicles.document["name"]
@@ -168,7 +168,7 @@ def dispersions(
     return found
 
 
-def noted(note: Any, source: Path | str) -> Campaign:
+def parse_campaign(note: Any, source: Path | str) -> Campaign:
     """Return the campaign that a note says.
 
     Raises
@@ -180,9 +180,9 @@ def noted(note: Any, source: Path | str) -> Campaign:
         if note["format"] != FORMAT:
             raise ConfigError(f"{source}: its format is {note['format']!r}, not {FORMAT!r}")
         return Campaign(
-            scenario=parse(Scenario, note["scenario"], f"{source}: scenario"),
-            laws=tuple(law_from(law, f"{source}: law") for law in note["laws"]),
-            vehicles=vehicle_set(note["vehicle"], f"{source}: vehicle"),
+            scenario=validate(Scenario, note["scenario"], f"{source}: scenario"),
+            laws=tuple(parse_law(law, f"{source}: law") for law in note["laws"]),
+            vehicles=make_vehicle_set(note["vehicle"], f"{source}: vehicle"),
             spreads={name: Spread(**spread) for name, spread in note["spreads"].items()},
             cases=int(note["runs"]), sampling=Sampling(note["sampling"]), seed=int(note["seed"]),
         )  # fmt: skip
@@ -191,7 +191,7 @@ def noted(note: Any, source: Path | str) -> Campaign:
 
 
 @cache
-def versions() -> dict[str, str]:
+def software_versions() -> dict[str, str]:
     """Return what can change the bits of a campaign."""
     return {
         "gustproof": __version__,

@@ -9,14 +9,14 @@ import pyarrow.parquet as pq
 
 from firmware_model.config.files import TEXT, open_regular, parse_json
 from firmware_model.errors import ConfigError
-from gustproof.campaign.plan import Campaign, noted
+from gustproof.campaign.plan import Campaign, parse_campaign
 from gustproof.campaign.sampling import Array
-from gustproof.campaign.store import NOTE
+from gustproof.campaign.store import METADATA_KEY
 
 _VALUE = 64  # [bytes] that a value takes at most, on average; a number takes 8
 
 
-def read_note(path: Path) -> dict[str, Any]:
+def read_campaign_metadata(path: Path) -> dict[str, Any]:
     """Return what a campaign's file says of itself.
 
     Raises
@@ -32,7 +32,7 @@ def read_note(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: {error.strerror}") from None
     try:
         about = pq.read_metadata(path)
-        note: dict[str, Any] = parse_json((about.metadata or {})[NOTE.encode()])
+        note: dict[str, Any] = parse_json((about.metadata or {})[METADATA_KEY.encode()])
         groups = [about.row_group(i).total_byte_size for i in range(about.num_row_groups)]
         rows = note["runs"] * len(note["laws"])
     except (KeyError, OSError, TypeError, ValueError, pa.ArrowException):
@@ -50,7 +50,7 @@ def read_campaign(path: Path) -> Campaign:
     ConfigError
         If it is not a campaign's file.
     """
-    return noted(read_note(path), path)
+    return parse_campaign(read_campaign_metadata(path), path)
 
 
 def read_run(path: Path, run: int) -> dict[str, Any]:
@@ -68,7 +68,7 @@ def read_run(path: Path, run: int) -> dict[str, Any]:
     return row
 
 
-def opened(path: Path) -> Any:
+def open_table(path: Path) -> Any:
     """Return the file to read columns from, a `pyarrow.parquet.ParquetFile`."""
     return pq.ParquetFile(path, memory_map=True)
 

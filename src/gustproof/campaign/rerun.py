@@ -10,12 +10,12 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.errors import ConfigError
 from gustproof.campaign.plan import Campaign
 from gustproof.campaign.reader import read_campaign, read_run
-from gustproof.campaign.worker import FIGURES, columns, delta_column
+from gustproof.campaign.worker import FIGURES, delta_column, requirement_columns
 from gustproof.law.form import load_law
-from gustproof.simulate.flight import Plan, RecordedFlight
+from gustproof.simulate.flight import FlightPlan, RecordedFlight
 
 
-class Run(NamedTuple):
+class CampaignRun(NamedTuple):
     """A run of a campaign."""
 
     table: Path
@@ -26,12 +26,12 @@ class Run(NamedTuple):
     """What came of it, by column."""
 
     @property
-    def plan(self) -> Plan:
+    def plan(self) -> FlightPlan:
         """What is to be flown to fly it again."""
         delta = [self.row[delta_column(name)] for name in self.campaign.spreads]
         case = self.campaign.flown(delta, self.row["seed"])
         law = self.campaign.law_of(self.row["run"])
-        return Plan(case.of(self.campaign.scenario), law, case.vehicle, case.seed, real_time=False)
+        return FlightPlan(case.of(self.campaign.scenario), law, case.vehicle, case.seed, real_time=False)
 
     def check(self, scenario: str | None, law: str | None) -> None:
         """Refuse another scenario or law than those of the run, `None` is any.
@@ -64,13 +64,13 @@ class Run(NamedTuple):
     def differences(self, flight: RecordedFlight) -> list[str]:
         """Return the names of the figures in which a flight is not the run to the bit."""
         figures = {name: getattr(flight.metrics, name, None) for name in (*FIGURES, "rho_in_bounds")}
-        names = columns(self.campaign.scenario.require)
+        names = requirement_columns(self.campaign.scenario.require)
         figures |= {name: result.value for name, result in zip(names, flight.requirements, strict=True)}
         missing = {name: None if value is None or math.isnan(value) else value for name, value in figures.items()}
         return [name for name, value in missing.items() if self.row[name] != value]
 
 
-def read(run: str) -> Run:
+def find_run(run: str) -> CampaignRun:
     """Return a run by the name of its table and its number, as `mc.parquet:4711`.
 
     Raises
@@ -83,4 +83,4 @@ def read(run: str) -> Run:
         raise ConfigError(f"--run '{run}': give a table and a run's number, as mc.parquet:4711")
     table = Path(name)
     campaign = read_campaign(table)
-    return Run(table, campaign, read_run(table, int(number)))
+    return CampaignRun(table, campaign, read_run(table, int(number)))

@@ -10,15 +10,15 @@ from typing import Any
 from gustproof.campaign.executors import Pool
 from gustproof.campaign.plan import Campaign
 from gustproof.campaign.store import Store
-from gustproof.campaign.worker import Chunk, Flown, fly_chunk, lost, ready
+from gustproof.campaign.worker import Chunk, ChunkResult, check_worker, failed_rows, fly_chunk
 from gustproof.errors import FlightError
 from gustproof.simulate.kernels import LANES
 
-Task = Callable[[str, Chunk], Flown]
+Task = Callable[[str, Chunk], ChunkResult]
 _TASK_S = 1.0  # of work a task: much beside what sending it costs, little to lose
-_LONGEST = 100 * LANES
+_MAX_CHUNK = 100 * LANES
 _GROWTH = 16  # at most, from a stretch to those after it: a short one tells little of how long runs take
-_DEATHS = 2  # of workers that a run flies alone on, after which it is taken to be the cause
+_MAX_DEATHS = 2  # of workers that a run flies alone on, after which it is taken to be the cause
 
 
 def fly_campaign(
@@ -26,13 +26,13 @@ def fly_campaign(
     output: Path,
     pool: Pool,
     *,
-    stretch_runs: int | None = None,
+    chunk_runs: int | None = None,
     progress: Callable[[int, int], None] | None = None,
     task: Task = fly_chunk,
 ) -> None:
     """Fly all runs that are not flown yet, and write them as one Parquet file, a row a run.
 
-    Tasks are stretches of `stretch_runs` runs, by default about a second of work; the file does not depend on it.
+    Tasks are stretches of `chunk_runs` runs, by default about a second of work; the file does not depend on it.
     `progress` is told how many runs have been flown, and how many there were to fly. A worker that dies costs its task
     a retry; a run that kills those that fly it is found by halving, and recorded with the reason. `task` is what
     workers do.
@@ -45,7 +45,7 @@ def fly_campaign(
         If the disk is full; what was flown stays.
     """
     with Store(output, campaign) as store:
-        _Runner(campaign, store, pool, stretch_runs, progress or (lambda *_: None), task).run()
+        _Runner(campaign, store, pool, chunk_runs, progress or (lambda *_: None), task).run()
         store.finish()
 
 
@@ -53,45 +53,45 @@ class _Runner:
     """Tasks under way, and those still to come: memory is bounded by the number of the former."""
 
     def __init__(
-        self, campaign: Campaign, store: Store, pool: Pool, stretch_runs: int | None,
+        self, campaign: Campaign, store: Store, pool: Pool, chunk_runs: int | None,
         progress: Callable[[int, int], None], task: Task,
     ) -> None:  # fmt: skip
         self._campaign, self._store, self._pool, self._task = campaign, store, pool, task
         self._note, self._progress = json.dumps(campaign.note()), progress
-        self._fixed = stretch_runs is not None
-        self._least = 1 if campaign.scenario.scripts_controller else LANES  # fewer take as long
-        self._size = stretch_runs or self._least
+        self._fixed = chunk_runs is not None
+        self._least = 1 if campaign.scenario.has_link_script else LANES  # fewer take as long
+        self._size = chunk_runs or self._least
         self._waiting = deque(store.missing())
-        self._under_way: dict[Future[Flown], Chunk] = {}
+        self._running: dict[Future[ChunkResult], Chunk] = {}
         self._suspects: deque[Chunk] = deque()  # were under way when a worker died
         self._isolating = False  # a suspect flies alone
         self._deaths: Counter[Chunk] = Counter()
-        self._to_fly, self._flown = campaign.runs - store.flown, 0
+        self._pending_runs, self._flown = campaign.runs - store.flown, 0
 
     def run(self) -> None:
-        self._progress(0, self._to_fly)
-        while self._waiting or self._suspects or self._under_way:
-            self._keep_busy()
-            done, _ = wait(self._under_way, return_when=FIRST_COMPLETED)
+        self._progress(0, self._pending_runs)
+        while self._waiting or self._suspects or self._running:
+            self._submit_pending()
+            done, _ = wait(self._running, return_when=FIRST_COMPLETED)
             for future in done:
-                self._take(self._under_way.pop(future), future)
+                self._take(self._running.pop(future), future)
 
-    def _keep_busy(self) -> None:
+    def _submit_pending(self) -> None:
         """Submit what may fly now: suspects one at a time, each alone, so that it is clear who kills."""
-        if not self._under_way:
+        if not self._running:
             self._isolating = bool(self._suspects)
         if self._isolating:
-            if not self._under_way:
+            if not self._running:
                 self._start(self._suspects.popleft())
         elif not self._suspects:
-            room = self._pool.width - len(self._under_way)
+            room = self._pool.width - len(self._running)
             for _ in range(room):
                 if self._waiting and not self._suspects:
                     self._start(self._next())
 
     def _start(self, stretch: Chunk) -> None:
         try:
-            self._under_way[self._pool.submit(self._task, self._note, stretch)] = stretch
+            self._running[self._pool.submit(self._task, self._note, stretch)] = stretch
         except self._pool.deaths:
             self._on_worker_death(stretch)
 
@@ -101,7 +101,7 @@ class _Runner:
             self._waiting.appendleft(Chunk(first + self._size, count - self._size))
         return Chunk(first, min(count, self._size))
 
-    def _take(self, stretch: Chunk, future: Future[Flown]) -> None:
+    def _take(self, stretch: Chunk, future: Future[ChunkResult]) -> None:
         try:
             flown = future.result()
         except self._pool.deaths:
@@ -111,13 +111,13 @@ class _Runner:
             raise FlightError(f"the cluster is gone; what was flown is in {self._store.folder}") from None
         self._keep(stretch, flown.table)
         if not self._fixed:
-            size = min(int(stretch.runs * _TASK_S / flown.wall_s), _GROWTH * stretch.runs, _LONGEST)
+            size = min(int(stretch.runs * _TASK_S / flown.wall_s), _GROWTH * stretch.runs, _MAX_CHUNK)
             self._size = max(size - size % self._least, self._least)
 
     def _keep(self, stretch: Chunk, table: Any) -> None:
         self._store.add(stretch, table)
         self._flown += stretch.runs
-        self._progress(self._flown, self._to_fly)
+        self._progress(self._flown, self._pending_runs)
 
     def _on_worker_death(self, stretch: Chunk) -> None:
         """See to what was under way when a worker died: fly it again, alone; then in halves, down to the one run."""
@@ -129,15 +129,15 @@ class _Runner:
             self._suspects.extendleft([Chunk(first + half, count - half), Chunk(first, half)])
         else:
             self._deaths[stretch] += 1
-            if self._deaths[stretch] < _DEATHS:
+            if self._deaths[stretch] < _MAX_DEATHS:
                 self._suspects.appendleft(stretch)
             else:
                 self._check_pool()
-                self._keep(stretch, lost(self._campaign, stretch, "the worker that flew it died, each time"))
+                self._keep(stretch, failed_rows(self._campaign, stretch, "the worker that flew it died, each time"))
 
     def _check_pool(self) -> None:
         """Refuse to blame runs for workers that die whatever they do."""
         try:
-            self._pool.submit(ready, self._note).result()
+            self._pool.submit(check_worker, self._note).result()
         except self._pool.deaths:
             raise FlightError("workers die before they fly: out of memory, or not installed alike") from None

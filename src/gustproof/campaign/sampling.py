@@ -30,19 +30,19 @@ class Sampling(Enum):
     """Scrambled Sobol' points: even in all dispersions at once, best with 2^k cases."""
 
 
-def deltas(sampling: Sampling, seed: int, cases: int, width: int, first: int, count: int) -> Array:
+def draw_deltas(sampling: Sampling, seed: int, cases: int, width: int, first: int, count: int) -> Array:
     """Return the deltas (count, width) of the cases from `first` on, of `cases` in all."""
     match sampling:
         case Sampling.SOBOL:
-            fractions = _sobol(seed, width, first, count)
+            fractions = _draw_sobol(seed, width, first, count)
         case Sampling.LATIN:
-            inside = _uniforms(seed, _CASES, width, first, count)
+            inside = _draw_uniform(seed, _CASES, width, first, count)
             strata = np.arange(first, first + count, dtype=np.uint64)
-            columns = [permuted(strata, cases, _key(seed, _STRATA, column)) for column in range(width)]
+            columns = [permute(strata, cases, _key(seed, _STRATA, column)) for column in range(width)]
             fractions = (np.array(columns, dtype=np.float64).reshape(width, count).T + inside) / cases
         case _:
-            fractions = _uniforms(seed, _CASES, width, first, count)
-    return _normal(fractions) if sampling is Sampling.NORMAL else 2.0 * fractions - 1.0
+            fractions = _draw_uniform(seed, _CASES, width, first, count)
+    return _to_normal(fractions) if sampling is Sampling.NORMAL else 2.0 * fractions - 1.0
 
 
 def flight_seeds(seed: int, first: int, count: int) -> list[int]:
@@ -51,7 +51,7 @@ def flight_seeds(seed: int, first: int, count: int) -> list[int]:
     return [(begin + case) % 2**32 for case in range(first, first + count)]
 
 
-def permuted(numbers: Words, n: int, key: Words) -> Words:
+def permute(numbers: Words, n: int, key: Words) -> Words:
     """Return where a pseudo-random permutation of 0 .. n-1 puts `numbers`.
 
     A Feistel network on as many bits as n - 1 has, or one more; what comes out too large goes in again.
@@ -61,13 +61,13 @@ def permuted(numbers: Words, n: int, key: Words) -> Words:
     J. Black, P. Rogaway, Ciphers with Arbitrary Finite Domains, CT-RSA 2002: cycle-walking, and the network.
     """
     half = np.uint64(max((n - 1).bit_length() + 1, 2) // 2)
-    placed = _shuffled(numbers, half, key)
+    placed = _feistel(numbers, half, key)
     while (outside := placed >= n).any():
-        placed[outside] = _shuffled(placed[outside], half, key)
+        placed[outside] = _feistel(placed[outside], half, key)
     return placed
 
 
-def _shuffled(numbers: Words, half: np.uint64, key: Words) -> Words:
+def _feistel(numbers: Words, half: np.uint64, key: Words) -> Words:
     mask = (np.uint64(1) << half) - np.uint64(1)
     left, right = numbers >> half, numbers & mask
     for k in range(_ROUNDS):
@@ -79,7 +79,7 @@ def _shuffled(numbers: Words, half: np.uint64, key: Words) -> Words:
     return shuffled
 
 
-def _uniforms(seed: int, stream: int, width: int, first: int, count: int) -> Array:
+def _draw_uniform(seed: int, stream: int, width: int, first: int, count: int) -> Array:
     """Return numbers in [0, 1), (count, width); those of a case stand at a fixed place of one counter-based stream."""
     blocks = -(-width // 4)  # a count of the generator gives four numbers
     generator = np.random.Philox(key=_key(seed, stream, width)[:2])
@@ -87,7 +87,7 @@ def _uniforms(seed: int, stream: int, width: int, first: int, count: int) -> Arr
     return np.random.Generator(generator).random((count, 4 * blocks))[:, :width]
 
 
-def _sobol(seed: int, width: int, first: int, count: int) -> Array:
+def _draw_sobol(seed: int, width: int, first: int, count: int) -> Array:
     from scipy.stats.qmc import Sobol
 
     points = Sobol(width, scramble=True, rng=np.random.default_rng(np.random.SeedSequence([seed, _SOBOL_SEED])))
@@ -99,7 +99,7 @@ def _sobol(seed: int, width: int, first: int, count: int) -> Array:
     return drawn
 
 
-def _normal(fractions: Array) -> Array:
+def _to_normal(fractions: Array) -> Array:
     from scipy.special import ndtr, ndtri
 
     tail = ndtr(-_EDGE_SIGMAS)

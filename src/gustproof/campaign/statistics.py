@@ -13,36 +13,36 @@ from numpy.typing import NDArray
 
 from firmware_model.config.requirement import Requirement
 from gustproof.campaign.intervals import (
-    LEVEL,
-    Estimate,
+    CONFIDENCE,
     Importance,
-    Ranked,
+    IntervalEstimate,
+    Ranking,
     importance,
     mean,
+    proportion,
     quantile,
-    ranked,
-    share,
+    rank_values,
 )
 from gustproof.campaign.plan import Campaign
-from gustproof.campaign.reader import opened, read_campaign, read_column
+from gustproof.campaign.reader import open_table, read_campaign, read_column
 from gustproof.campaign.sampling import Array
-from gustproof.campaign.worker import FIGURES, columns, delta_column
+from gustproof.campaign.worker import FIGURES, delta_column, requirement_columns
 from gustproof.simulate.flight import warnings
 
 QUANTILES = {"median": 0.5, "p95": 0.95, "p99": 0.99}
 """Quantiles that are told of each figure, by name."""
-COMPARED = ("rmse_deg", "peak_deg", "torque_rms_nm", "torque_slew_rms")
+COMPARED_FIGURES = ("rmse_deg", "peak_deg", "torque_rms_nm", "torque_slew_rms")
 """Figures in which laws are compared case by case."""
-IMPORTANCE = (
+IMPORTANCE_NOTE = (
     "rank_correlation: Spearman's; first_order: Sobol' index by binning, up to 'noise' not told from no effect at all"
 )
 """How importance is measured."""
-_WORST = 5
+_WORST_COUNT = 5
 
-Places = NDArray[np.intp]
+Indices = NDArray[np.intp]
 
 
-class Worst(NamedTuple):
+class WorstRun(NamedTuple):
     """A run that stands out."""
 
     run: int
@@ -51,7 +51,7 @@ class Worst(NamedTuple):
     """[unit of the figure] what it left."""
 
 
-class Failure(NamedTuple):
+class FailedRun(NamedTuple):
     """A run that left no figures."""
 
     run: int
@@ -61,53 +61,53 @@ class Failure(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Figure:
+class FigureStatistics:
     """One figure over the runs of a law, unit as in `Metrics`."""
 
     flown: int
     """Runs that have it."""
-    mean: Estimate
+    mean: IntervalEstimate
     """Its mean."""
-    quantiles: dict[str, Estimate]
+    quantiles: dict[str, IntervalEstimate]
     """Its quantiles by the names of `QUANTILES`."""
-    worst: tuple[Worst, ...]
+    worst: tuple[WorstRun, ...]
     """Runs with its largest values, the worst first."""
     importance: dict[str, Importance | None]
     """What each dispersion does to it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Passed:
+class PassRate:
     """What became of one requirement over the runs of a law."""
 
     requirement: Requirement
     """What had to hold."""
-    rate: Estimate
+    rate: IntervalEstimate
     """[-] share of the runs that kept it."""
-    worst: tuple[Worst, ...]
+    worst: tuple[WorstRun, ...]
     """Runs that kept it least, the worst first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LawFindings:
+class LawStatistics:
     """What came of the runs of one law."""
 
     law: str
     """Name of the law."""
-    figures: dict[str, Figure]
+    figures: dict[str, FigureStatistics]
     """Figures by name."""
-    passed: tuple[Passed, ...]
+    passed: tuple[PassRate, ...]
     """Requirements of the scenario."""
-    all_held: Estimate
+    all_held: IntervalEstimate
     """[-] share of the runs that kept all requirements, and left figures."""
-    failures: tuple[Failure, ...]
+    failures: tuple[FailedRun, ...]
     """Runs that left no figures; the first of them."""
     failed: int
     """How many they are."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Duel:
+class LawComparison:
     """Two laws in the same cases."""
 
     figure: str
@@ -116,22 +116,22 @@ class Duel:
     """One law."""
     other: str
     """The other."""
-    lower: Estimate
+    lower: IntervalEstimate
     """[-] share of the cases in which the figure of `law` is below that of `other`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Findings:
+class CampaignStatistics:
     """What came of a campaign."""
 
     table: Path
     """Its file."""
     campaign: Campaign
     """What was flown."""
-    laws: tuple[LawFindings, ...]
+    laws: tuple[LawStatistics, ...]
     """What came of each law."""
-    duels: tuple[Duel, ...]
-    """Each pair of laws, in each of `COMPARED`."""
+    duels: tuple[LawComparison, ...]
+    """Each pair of laws, in each of `COMPARED_FIGURES`."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -150,31 +150,31 @@ class Findings:
             "cases": campaign.cases,
             "seed": campaign.seed,
             "sampling": campaign.sampling.value,
-            "spreads": _told(campaign.spreads),
+            "spreads": _to_json(campaign.spreads),
             "warnings": list(self.warnings),
-            "confidence": LEVEL,
-            "importance": IMPORTANCE,
-            "laws": {found.law: _told(found) for found in self.laws},
-            "duels": _told(self.duels),
+            "confidence": CONFIDENCE,
+            "importance": IMPORTANCE_NOTE,
+            "laws": {found.law: _to_json(found) for found in self.laws},
+            "duels": _to_json(self.duels),
         }
 
 
-def _told(value: Any) -> Any:
+def _to_json(value: Any) -> Any:
     """Return a finding as JSON has it."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Enum):
         return value.value
     if is_dataclass(value):
-        return {field.name: _told(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: _to_json(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return _told(value._asdict())
+        return _to_json(value._asdict())
     if isinstance(value, Mapping):
-        return {key: _told(item) for key, item in value.items()}
-    return [_told(item) for item in value] if isinstance(value, tuple) else value
+        return {key: _to_json(item) for key, item in value.items()}
+    return [_to_json(item) for item in value] if isinstance(value, tuple) else value
 
 
-def findings(path: Path) -> Findings:
+def compute_statistics(path: Path) -> CampaignStatistics:
     """Return what came of the campaign in a file; columns are read one at a time, one law's dispersions are kept.
 
     Raises
@@ -182,60 +182,68 @@ def findings(path: Path) -> Findings:
     ConfigError
         If it is not a campaign's file.
     """
-    campaign, table = read_campaign(path), opened(path)
-    laws = tuple(_law(table, campaign, number) for number in range(len(campaign.laws)))
-    compared = [name for name in FIGURES if name in COMPARED]
-    duels = tuple(duel for name in compared for duel in _duels(name, read_column(table, name, campaign), campaign))
-    return Findings(table=path, campaign=campaign, laws=laws, duels=duels)
+    campaign, table = read_campaign(path), open_table(path)
+    laws = tuple(_summarize_law(table, campaign, number) for number in range(len(campaign.laws)))
+    compared = [name for name in FIGURES if name in COMPARED_FIGURES]
+    duels = tuple(
+        duel for name in compared for duel in _compare_laws(name, read_column(table, name, campaign), campaign)
+    )
+    return CampaignStatistics(table=path, campaign=campaign, laws=laws, duels=duels)
 
 
-def _figures(table: Any, campaign: Campaign, number: int) -> dict[str, Figure]:
+def _summarize_figures(table: Any, campaign: Campaign, number: int) -> dict[str, FigureStatistics]:
     flown = np.flatnonzero(np.isfinite(read_column(table, FIGURES[0], campaign)[number]))
     deltas = {
-        name: ranked(read_column(table, delta_column(name), campaign)[number][flown]) for name in campaign.spreads
+        name: rank_values(read_column(table, delta_column(name), campaign)[number][flown]) for name in campaign.spreads
     }
     first = number * campaign.cases
-    return {name: _figure(read_column(table, name, campaign)[number], flown, first, deltas) for name in FIGURES}
+    return {
+        name: _summarize_figure(read_column(table, name, campaign)[number], flown, first, deltas) for name in FIGURES
+    }
 
 
-def _figure(values: Array, flown: Places, first: int, deltas: dict[str, Ranked]) -> Figure:
+def _summarize_figure(values: Array, flown: Indices, first: int, deltas: dict[str, Ranking]) -> FigureStatistics:
     found = values[flown]
     if not len(found):
-        nothing = Estimate(math.nan, -math.inf, math.inf)
-        return Figure(flown=0, mean=nothing, quantiles=dict.fromkeys(QUANTILES, nothing), worst=(), importance={})
-    order, ranks = ranked(found)
-    return Figure(
+        nothing = IntervalEstimate(math.nan, -math.inf, math.inf)
+        return FigureStatistics(
+            flown=0, mean=nothing, quantiles=dict.fromkeys(QUANTILES, nothing), worst=(), importance={}
+        )
+    order, ranks = rank_values(found)
+    return FigureStatistics(
         flown=len(found),
         mean=mean(found),
         quantiles={name: quantile(found[order], p) for name, p in QUANTILES.items()},
-        worst=_largest(values, first, values),
+        worst=_worst_runs(values, first, values),
         importance={name: importance(delta, found, ranks) for name, delta in deltas.items()},
     )
 
 
-def _largest(values: Array, first: int, keys: Array) -> tuple[Worst, ...]:
+def _worst_runs(values: Array, first: int, keys: Array) -> tuple[WorstRun, ...]:
     """Return the runs from `first` on with the largest keys; NaN is none."""
     falling = np.where(np.isnan(keys), math.inf, -keys)
-    last = min(_WORST, len(falling)) - 1
+    last = min(_WORST_COUNT, len(falling)) - 1
     among = np.flatnonzero(falling <= np.partition(falling, last)[last])  # all to be sorted takes far longer
-    order = among[np.argsort(falling[among], kind="stable")][:_WORST]
-    return tuple(Worst(first + int(i), float(values[i])) for i in order if not math.isnan(keys[i]))
+    order = among[np.argsort(falling[among], kind="stable")][:_WORST_COUNT]
+    return tuple(WorstRun(first + int(i), float(values[i])) for i in order if not math.isnan(keys[i]))
 
 
-def _law(table: Any, campaign: Campaign, number: int) -> LawFindings:
+def _summarize_law(table: Any, campaign: Campaign, number: int) -> LawStatistics:
     cases, first = campaign.cases, number * campaign.cases
     passed = []
-    for requirement, name in zip(campaign.scenario.require, columns(campaign.scenario.require), strict=True):
+    for requirement, name in zip(
+        campaign.scenario.require, requirement_columns(campaign.scenario.require), strict=True
+    ):
         held = int(read_column(table, f"{name}_held", campaign)[number].sum())
         values = read_column(table, name, campaign)[number]
-        worst = _largest(values, first, _excess(requirement, values))
-        passed.append(Passed(requirement=requirement, rate=share(held, cases), worst=worst))
+        worst = _worst_runs(values, first, _excess(requirement, values))
+        passed.append(PassRate(requirement=requirement, rate=proportion(held, cases), worst=worst))
     reasons = table.read(columns=["failure"]).column(0).slice(first, cases)
     failed = np.flatnonzero(reasons.is_valid().to_numpy())
-    return LawFindings(
-        law=campaign.laws[number].name, figures=_figures(table, campaign, number), passed=tuple(passed),
-        all_held=share(int(read_column(table, "held", campaign)[number].sum()), cases),
-        failures=tuple(Failure(first + int(i), reasons[int(i)].as_py()) for i in failed[:_WORST]), failed=len(failed),
+    return LawStatistics(
+        law=campaign.laws[number].name, figures=_summarize_figures(table, campaign, number), passed=tuple(passed),
+        all_held=proportion(int(read_column(table, "held", campaign)[number].sum()), cases),
+        failures=tuple(FailedRun(first + int(i), reasons[int(i)].as_py()) for i in failed[:_WORST_COUNT]), failed=len(failed),
     )  # fmt: skip
 
 
@@ -246,10 +254,10 @@ def _excess(requirement: Requirement, values: Array) -> Array:
     return np.maximum(above, below)
 
 
-def _duels(figure: str, values: Array, campaign: Campaign) -> Iterator[Duel]:
+def _compare_laws(figure: str, values: Array, campaign: Campaign) -> Iterator[LawComparison]:
     for one, other in combinations(range(len(campaign.laws)), 2):
         both = np.isfinite(values[one]) & np.isfinite(values[other])
         if both.any():
             lower = int(np.count_nonzero(values[one][both] < values[other][both]))
             names = (campaign.laws[one].name, campaign.laws[other].name)
-            yield Duel(figure=figure, law=names[0], other=names[1], lower=share(lower, int(both.sum())))
+            yield LawComparison(figure=figure, law=names[0], other=names[1], lower=proportion(lower, int(both.sum())))

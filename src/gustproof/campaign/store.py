@@ -17,17 +17,17 @@ import pyarrow.parquet as pq
 
 from firmware_model.config.files import parse_json, read_text
 from firmware_model.errors import ConfigError
-from firmware_model.recording.durable_file import locked
+from firmware_model.recording.durable_file import open_locked
 from gustproof.campaign.plan import Campaign
 from gustproof.campaign.worker import Chunk, schema
 from gustproof.errors import FlightError
 
 ROW_GROUP = 16_384
 """Rows of the file that are written at once: what its memory is bounded by."""
-NOTE = "gustproof"
+METADATA_KEY = "gustproof"
 """Key of the campaign in the file's metadata, as JSON."""
 _PART = re.compile(r"(\d+)-(\d+)\.arrow")
-_WORDS = ["law", "failure"]  # columns in which few values come often; numbers seldom repeat
+_DICTIONARY_COLUMNS = ["law", "failure"]  # columns in which few values come often; numbers seldom repeat
 
 
 class Store:
@@ -46,14 +46,14 @@ class Store:
         if not output.parent.is_dir():
             raise ConfigError(f"{output.parent}: no such folder")
         self.folder.mkdir(exist_ok=True)
-        self._lock = locked(self.folder / "lock")
+        self._lock = open_locked(self.folder / "lock")
         if self._lock is None:
             raise ConfigError(f"{output}: another process is flying this campaign")
         self._parts: dict[int, tuple[int, Path]] = {}
 
     def __enter__(self) -> Self:
         try:
-            self._check_note()
+            self._check_metadata()
             self._find_parts()
         except BaseException:
             self._close()
@@ -91,7 +91,7 @@ class Store:
             with pa.ipc.new_file(file, table.schema) as writer:
                 writer.write_table(table)
 
-        _write_whole(path, write)
+        _write_atomic(path, write)
         self._parts[stretch.first] = (stretch.runs, path)
 
     def finish(self) -> None:
@@ -103,12 +103,12 @@ class Store:
             raise FlightError(f"{self._output}: not all runs are there")
 
         def write(file: Any) -> None:
-            kinds = schema(self._campaign).with_metadata({NOTE: json.dumps(self._campaign.note())})
-            with pq.ParquetWriter(file, kinds, compression="zstd", use_dictionary=_WORDS) as writer:
+            kinds = schema(self._campaign).with_metadata({METADATA_KEY: json.dumps(self._campaign.note())})
+            with pq.ParquetWriter(file, kinds, compression="zstd", use_dictionary=_DICTIONARY_COLUMNS) as writer:
                 for rows in self._row_groups():
                     writer.write_table(rows, row_group_size=ROW_GROUP)
 
-        _write_whole(self._output, write)
+        _write_atomic(self._output, write)
         self._close()
         shutil.rmtree(self.folder)
 
@@ -124,17 +124,17 @@ class Store:
         if waiting and (rest := pa.concat_tables(waiting)).num_rows:
             yield rest.combine_chunks()
 
-    def _check_note(self) -> None:
+    def _check_metadata(self) -> None:
         path, note = self.folder / "campaign.json", self._campaign.note()
         text = json.dumps(note, sort_keys=True)
         if not path.exists():
-            _write_whole(path, lambda file: file.write(text.encode()))
+            _write_atomic(path, lambda file: file.write(text.encode()))
             return
         try:
             theirs = parse_json(read_text(path))
         except (OSError, ValueError):
             theirs = {}
-        check_same(theirs, json.loads(text), f"{self.folder}: holds parts of another campaign")
+        check_same_campaign(theirs, json.loads(text), f"{self.folder}: holds parts of another campaign")
 
     def _find_parts(self) -> None:
         for path in sorted(self.folder.iterdir()):
@@ -142,13 +142,13 @@ class Store:
                 path.unlink()
             elif named := _PART.fullmatch(path.name):
                 first, count = map(int, named.groups())
-                if _rows(path) == count:
+                if _count_rows(path) == count:
                     self._parts[first] = (count, path)
                 else:  # what a lost disk cache leaves
                     path.unlink()
 
 
-def check_same(theirs: dict[str, Any], ours: dict[str, Any], complaint: str) -> None:
+def check_same_campaign(theirs: dict[str, Any], ours: dict[str, Any], complaint: str) -> None:
     """Refuse a campaign that is not the one asked for.
 
     Raises
@@ -168,14 +168,14 @@ def _read(path: Path) -> Any:
     return pa.ipc.open_file(str(path), options=alone).read_all()
 
 
-def _rows(path: Path) -> int:
+def _count_rows(path: Path) -> int:
     try:
         return int(_read(path).num_rows)
     except (pa.ArrowInvalid, OSError):
         return -1
 
 
-def _write_whole(path: Path, write: Any) -> None:
+def _write_atomic(path: Path, write: Any) -> None:
     """Let `write` fill a file that comes to its name when it is on the disk."""
     unfinished = path.with_name(f"{path.name}.tmp")
     try:

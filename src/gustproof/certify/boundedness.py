@@ -11,20 +11,20 @@ from typing import Any
 
 from firmware_model.config.vehicle import Vehicle
 from gustproof.certify.certificate import Certificate
-from gustproof.certify.check import CERTAIN, Refusal, closed
-from gustproof.certify.invariant_box import LONGEST, SIGNALS, Box, Norms, axis_norms, mapped
+from gustproof.certify.check import COMMAND_SHARE, Refusal, check_box
+from gustproof.certify.invariant_box import LONGEST, SIGNALS, AxisNorms, Box, axis_norms, map_box
 from gustproof.falsify.worst_case import worst_case
 from gustproof.law.form import Law, Output
 
 _ROUNDS = 400
 """Rounds in which a box grows; one that has not settled by then counts as open."""
-_EARLY = 12
+_MIN_ROUNDS = 12
 """Rounds by which the steps of a box that settles have become shorter: what begins at one signal has been all round."""
 _GROWTH = Fraction(1, 10**6)
 """[-] relative widening of a box in each round, so that it closes with slack."""
-_RELATIVE = Fraction(1, 1000)
+_TOLERANCE = Fraction(1, 1000)
 """[-] how close below the largest part of the moment the search ends."""
-_LEAST = Fraction(1, 1 << 14)
+_MIN_LEVEL = Fraction(1, 1 << 14)
 """[-] a part of the moment below which the search gives up."""
 _RAREST = 1e-100
 """[-] least probability of noise beyond its bounds that floating point can still work with."""
@@ -32,7 +32,7 @@ _FLIGHTS = 100
 """Flights of the search for the lower bound."""
 
 
-def certify_closure(
+def certify_boundedness(
     law: Law,
     vehicle: Vehicle,
     *,
@@ -115,14 +115,14 @@ def certify_closure(
         "box": [],
     }
     norms = [axis_norms(evidence, axis) for axis in range(3)]
-    level, box = _largest(evidence, norms)
+    level, box = _largest_level(evidence, norms)
     evidence["box"] = [[float(value) for value in row] for row in box]
-    proven = bool(box) and _closes(level, evidence, norms)
+    proven = bool(box) and _is_invariant(level, evidence, norms)
     searched = proven and flown and leak == 0.0 and min(moment) > 0.0
     return Certificate(
         statement=_statement(law, level, moment, horizon, box) if proven else "no part of the moment is covered",
         gain=float(level) if proven else None,
-        lower_bound=_reached(law, vehicle, [float(level) * limit for limit in moment], horizon, box)
+        lower_bound=_lower_bound(law, vehicle, [float(level) * limit for limit in moment], horizon, box)
         if searched
         else 0.0,
         proven=proven,
@@ -132,7 +132,7 @@ def certify_closure(
     )
 
 
-def _reached(law: Law, vehicle: Vehicle, budget: list[float], horizon: float, box: Box) -> float:
+def _lower_bound(law: Law, vehicle: Vehicle, budget: list[float], horizon: float, box: Box) -> float:
     """Return the largest part of the box's angles that a search of the worst flight reaches."""
     L, M, N = budget
     worst = worst_case(law, vehicle=vehicle, budget=(L, M, N), duration_s=horizon, flights=_FLIGHTS)
@@ -166,17 +166,17 @@ def _statement(law: Law, level: Fraction, moment: tuple[float, float, float], ho
     )
 
 
-def _largest(evidence: dict[str, Any], norms: list[Norms]) -> tuple[Fraction, Box]:
+def _largest_level(evidence: dict[str, Any], norms: list[AxisNorms]) -> tuple[Fraction, Box]:
     """Return the largest part of the moment, at most 1, whose box closes, and the box; an empty one if none does."""
     nothing = [[Fraction(0)] * len(SIGNALS) for _ in range(3)]
-    whole = _settled(evidence, norms, Fraction(1), nothing)
+    whole = _grow_box(evidence, norms, Fraction(1), nothing)
     if whole:
         return Fraction(1), whole
     low, high = Fraction(0), Fraction(1)
     best: Box = []
-    while high - low > max(_RELATIVE * high, _LEAST):
+    while high - low > max(_TOLERANCE * high, _MIN_LEVEL):
         middle = (low + high) / 2
-        box = _settled(evidence, norms, middle, best or nothing)
+        box = _grow_box(evidence, norms, middle, best or nothing)
         if box:
             low, best = middle, box
         else:
@@ -184,16 +184,16 @@ def _largest(evidence: dict[str, Any], norms: list[Norms]) -> tuple[Fraction, Bo
     return low, best
 
 
-def _settled(evidence: dict[str, Any], norms: list[Norms], level: Fraction, box: Box) -> Box:
+def _grow_box(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction, box: Box) -> Box:
     """Return a box that closes, grown from one that is too small; an empty one if it does not settle within the limits.
 
     The map is convex and grows with the box: where the rounds' steps have begun to lengthen they do so for good.
     """
-    limits = [Fraction(limit) * CERTAIN for limit in evidence["law"]["limits"]]
+    limits = [Fraction(limit) * COMMAND_SHARE for limit in evidence["law"]["limits"]]
     sizes = [sum(map(sum, box))]
     for _ in range(_ROUNDS):
         try:
-            follows = mapped(evidence, norms, level, box)
+            follows = map_box(evidence, norms, level, box)
         except ValueError:  # an angle is above 1 rad: it will not come back
             return []
         if any(row[SIGNALS.index("command")] > limit for row, limit in zip(box, limits, strict=True)):
@@ -206,20 +206,20 @@ def _settled(evidence: dict[str, Any], norms: list[Norms], level: Fraction, box:
             return box
         box = [[Fraction(float(value * (1 + _GROWTH))) for value in row] for row in follows]
         sizes.append(sum(map(sum, box)))
-        if len(sizes) > _EARLY and sizes[-1] - sizes[-2] > sizes[-2] - sizes[-3]:
+        if len(sizes) > _MIN_ROUNDS and sizes[-1] - sizes[-2] > sizes[-2] - sizes[-3]:
             return []
     return []
 
 
-def _closes(level: Fraction, evidence: dict[str, Any], norms: list[Norms]) -> bool:
+def _is_invariant(level: Fraction, evidence: dict[str, Any], norms: list[AxisNorms]) -> bool:
     try:
-        return bool(closed(level, evidence, norms))
+        return bool(check_box(level, evidence, norms))
     except Refusal:
         return False
 
 
-def _slack(evidence: dict[str, Any], norms: list[Norms], level: Fraction, box: Box) -> float:
+def _slack(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction, box: Box) -> float:
     """Return the least relative distance of a bound that follows from the box."""
-    follows = mapped(evidence, norms, level, box)
+    follows = map_box(evidence, norms, level, box)
     pairs = [pair for rows in zip(follows, box, strict=True) for pair in zip(*rows, strict=True)]
     return min(float(1 - value / bound) for value, bound in pairs if bound)

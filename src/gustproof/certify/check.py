@@ -15,16 +15,16 @@ from typing import Any
 from gustproof.certify.dissipation import (
     corner,
     gain_inequality,
-    lyapunov,
-    slow_blocks,
-    slow_inequalities,
+    lyapunov_matrix,
+    rate_bounded_blocks,
+    rate_bounded_inequalities,
     vertices,
 )
-from gustproof.certify.invariant_box import SIGNALS, Norms, axis_norms, mapped
-from gustproof.lti.rational import exact, exp_below, is_positive_definite, scale, transpose
+from gustproof.certify.invariant_box import SIGNALS, AxisNorms, axis_norms, map_box
+from gustproof.lti.rational import exp_lower_bound, is_positive_definite, scale, to_rational, transpose
 
 FORMAT = "gustproof-certificate-1"
-CERTAIN = Fraction(999, 1000)
+COMMAND_SHARE = Fraction(999, 1000)
 """[-] part of its limit that a command may reach: what is inside it is so whatever floating point rounds."""
 
 
@@ -33,7 +33,7 @@ class Refusal(Exception):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class CheckResult:
     """What the check found."""
 
     accepted: bool
@@ -42,7 +42,7 @@ class Verdict:
     """What was proved, or the condition that failed."""
 
 
-def check(certificate_json: str) -> Verdict:
+def check(certificate_json: str) -> CheckResult:
     """Return whether the evidence of a certificate, given as the text of its file, proves its claim.
 
     The seal must fit, so that one changed digit anywhere is refused, even one that would leave the proof standing.
@@ -57,16 +57,16 @@ def check(certificate_json: str) -> Verdict:
             raise Refusal("the seal does not fit: something was changed after the certificate was made")
         if document["proven"] is not True:
             raise Refusal("the certificate does not claim to be proven")
-        return judge(document["gain"], document["evidence"])
+        return check_evidence(document["gain"], document["evidence"])
     except Refusal as refusal:
-        return Verdict(accepted=False, reason=str(refusal))
+        return CheckResult(accepted=False, reason=str(refusal))
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, ZeroDivisionError, OverflowError) as error:
-        return Verdict(accepted=False, reason=f"the evidence is malformed: {type(error).__name__}: {error}")
+        return CheckResult(accepted=False, reason=f"the evidence is malformed: {type(error).__name__}: {error}")
     except RecursionError:
-        return Verdict(accepted=False, reason="the evidence is malformed: nested too deeply")
+        return CheckResult(accepted=False, reason="the evidence is malformed: nested too deeply")
 
 
-def judge(level: float, evidence: dict[str, Any]) -> Verdict:
+def check_evidence(level: float, evidence: dict[str, Any]) -> CheckResult:
     """Return whether `evidence` proves `level`, before it is sealed in a certificate.
 
     Raises
@@ -76,7 +76,7 @@ def judge(level: float, evidence: dict[str, Any]) -> Verdict:
     """
     if evidence["kind"] not in _PROOFS:
         raise Refusal(f"unknown kind of evidence '{evidence['kind']}'")
-    return Verdict(accepted=True, reason=_PROOFS[evidence["kind"]](Fraction(level), evidence))
+    return CheckResult(accepted=True, reason=_PROOFS[evidence["kind"]](Fraction(level), evidence))
 
 
 def seal(document: dict[str, Any]) -> str:
@@ -85,41 +85,41 @@ def seal(document: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _gain(level: Fraction, evidence: dict[str, Any]) -> str:
+def _prove_gain(level: Fraction, evidence: dict[str, Any]) -> str:
     """Prove an L2 gain; see `gain_inequality`."""
     if level <= 0:
         raise Refusal("the level is not positive")
-    if not is_positive_definite(lyapunov(evidence, evidence["P"])):
+    if not is_positive_definite(lyapunov_matrix(evidence, evidence["P"])):
         raise Refusal("P is not positive definite")
-    _demand_multipliers(evidence, evidence["blocks"])
+    _check_multipliers(evidence, evidence["blocks"])
     if not is_positive_definite(gain_inequality(level, evidence)):
         raise Refusal("the matrix inequality does not hold")
     return f"the L2 gain is below {float(level):.6g}: the matrix inequality holds exactly"
 
 
-def _slow_gain(level: Fraction, evidence: dict[str, Any]) -> str:
-    """Prove an L2 gain where some parameters are slow; see `slow_inequalities`."""
+def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any]) -> str:
+    """Prove an L2 gain where some parameters are slow; see `rate_bounded_inequalities`."""
     if level <= 0:
         raise Refusal("the level is not positive")
-    slow = slow_blocks(evidence)
+    slow = rate_bounded_blocks(evidence)
     if any(Fraction(evidence["blocks"][i]["speed"]) < 0 for i in slow):
         raise Refusal("a bound on a speed is negative")
     for signs in product((-1, 1), repeat=len(slow)):
-        P = corner([exact(term) for term in evidence["P"]], signs)
-        if not is_positive_definite(lyapunov(evidence, P)):
+        P = corner([to_rational(term) for term in evidence["P"]], signs)
+        if not is_positive_definite(lyapunov_matrix(evidence, P)):
             raise Refusal(f"P is not positive definite at the corner {signs}")
     for scalings in evidence["vertices"]:
-        _demand_multipliers(evidence, scalings)
-    for vertex, matrix in zip(vertices(len(slow)), slow_inequalities(level, evidence), strict=True):
+        _check_multipliers(evidence, scalings)
+    for vertex, matrix in zip(vertices(len(slow)), rate_bounded_inequalities(level, evidence), strict=True):
         if not is_positive_definite(matrix):
             raise Refusal(f"the matrix inequality does not hold at the corner {vertex.signs}, speeds {vertex.speeds}")
     return f"the L2 gain is below {float(level):.6g}: the matrix inequality holds exactly at every corner"
 
 
-def _demand_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]]) -> None:
+def _check_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]]) -> None:
     """Refuse scalings that are no multipliers of the evidence's blocks."""
     for block, item in zip(evidence["blocks"], scalings, strict=True):
-        D_i, G_i = exact(item["D"]), exact(item["G"])
+        D_i, G_i = to_rational(item["D"]), to_rational(item["G"])
         if not len(D_i) == len(G_i) == block["size"]:
             raise Refusal(f"the scalings of block {block['name']} do not have its size")
         if not is_positive_definite(D_i):
@@ -128,13 +128,13 @@ def _demand_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]]
             raise Refusal(f"G of block {block['name']} is not skew")
 
 
-def _closure(level: Fraction, evidence: dict[str, Any]) -> str:
+def _prove_boundedness(level: Fraction, evidence: dict[str, Any]) -> str:
     """Prove that a flight stays inside a box; see `gustproof.certify.invariant_box`."""
     norms = [axis_norms(evidence, axis) for axis in range(3)]
-    return closed(level, evidence, norms)
+    return check_box(level, evidence, norms)
 
 
-def closed(level: Fraction, evidence: dict[str, Any], norms: list[Norms]) -> str:
+def check_box(level: Fraction, evidence: dict[str, Any], norms: list[AxisNorms]) -> str:
     """Return what is proved if the evidence's box closes over `level` times its moment with these norms.
 
     Raises
@@ -144,26 +144,26 @@ def closed(level: Fraction, evidence: dict[str, Any], norms: list[Norms]) -> str
     """
     if level <= 0:
         raise Refusal("the part of the moment is not positive")
-    box, law = exact(evidence["box"]), evidence["law"]
+    box, law = to_rational(evidence["box"]), evidence["law"]
     if [len(row) for row in box] != [len(SIGNALS)] * 3 or min(map(min, box)) < 0:
         raise Refusal("the box does not bound every signal of every axis")
     deviations = Fraction(evidence["deviations"])
     # 2 Q(z) <= exp(-z^2 / 2) for each signal, late signal and measurement of each sample
     count = 3 * (len(SIGNALS) + 3) * (evidence["samples"] + 1)
-    if evidence["noise"] != 0 and exp_below(deviations**2 / 2) * Fraction(evidence["risk"]) < count:
+    if evidence["noise"] != 0 and exp_lower_bound(deviations**2 / 2) * Fraction(evidence["risk"]) < count:
         raise Refusal("the noise exceeds so many deviations with a larger probability")
-    for axis, (inside, follows) in enumerate(zip(box, mapped(evidence, norms, level, box), strict=True)):
+    for axis, (inside, follows) in enumerate(zip(box, map_box(evidence, norms, level, box), strict=True)):
         for name, bound, value in zip(SIGNALS, inside, follows, strict=True):
             if not value <= bound:
                 raise Refusal(f"axis {axis}: the bound of {name} does not close: {float(value)} above {float(bound)}")
         limit = Fraction(law["limits"][axis])
-        if not inside[SIGNALS.index("command")] <= limit * CERTAIN:
+        if not inside[SIGNALS.index("command")] <= limit * COMMAND_SHARE:
             raise Refusal(f"axis {axis}: the command may reach its limit")
     return f"{float(level):.6g} of the moment keeps every signal in the box, every command inside its limit"
 
 
 _PROOFS: dict[str, Callable[[Fraction, dict[str, Any]], str]] = {
-    "gain": _gain,
-    "slow gain": _slow_gain,
-    "closure": _closure,
+    "gain": _prove_gain,
+    "slow gain": _prove_rate_bounded,
+    "closure": _prove_boundedness,
 }

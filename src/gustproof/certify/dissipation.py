@@ -11,7 +11,7 @@ from fractions import Fraction
 from itertools import product
 from typing import Any, NamedTuple
 
-from gustproof.lti.rational import Rational, add, exact, identity, multiply, scale, transpose, zeros
+from gustproof.lti.rational import RationalMatrix, add, identity, multiply, scale, to_rational, transpose, zeros
 
 
 class Vertex(NamedTuple):
@@ -29,13 +29,13 @@ def vertices(count: int) -> Iterator[Vertex]:
     yield from (Vertex(signs, speeds) for signs in corners for speeds in corners)
 
 
-def lyapunov(evidence: dict[str, Any], P: Sequence[Sequence[float | Fraction]]) -> Rational:
+def lyapunov_matrix(evidence: dict[str, Any], P: Sequence[Sequence[float | Fraction]]) -> RationalMatrix:
     """Return a Lyapunov matrix in the coordinates of the system, from those in which it was found."""
-    coordinates = exact(evidence["coordinates"])
-    return multiply(transpose(coordinates), multiply(exact(P), coordinates))
+    coordinates = to_rational(evidence["coordinates"])
+    return multiply(transpose(coordinates), multiply(to_rational(P), coordinates))
 
 
-def gain_inequality(level: Fraction, evidence: dict[str, Any]) -> Rational:
+def gain_inequality(level: Fraction, evidence: dict[str, Any]) -> RationalMatrix:
     """Return the matrix that is positive definite only if the L2 gain from w to z is below `level`, however fast Delta.
 
     With P and each `D_i` positive definite and each `G_i` skew, along every trajectory
@@ -51,11 +51,11 @@ def gain_inequality(level: Fraction, evidence: dict[str, Any]) -> Rational:
     of repeated real parameters).
     """
     system = _System(evidence)
-    stored = system.stored(lyapunov(evidence, evidence["P"]))
+    stored = system.stored(lyapunov_matrix(evidence, evidence["P"]))
     return scale(-1, add(stored, system.supply(level), *system.scaled(evidence["blocks"])))
 
 
-def slow_inequalities(level: Fraction, evidence: dict[str, Any]) -> Iterator[Rational]:
+def rate_bounded_inequalities(level: Fraction, evidence: dict[str, Any]) -> Iterator[RationalMatrix]:
     """Yield a matrix for each of `vertices`; all positive definite prove the gain where some parameters are slow.
 
     The slow parameters keep `|delta_i'| <= speed_i`, and V = x' P(delta) x with P linear in each of them apart:
@@ -67,11 +67,11 @@ def slow_inequalities(level: Fraction, evidence: dict[str, Any]) -> Iterator[Rat
     speed apart, so that inside the box it is a weighted mean of the forms at the vertices, D and G the same mean of
     theirs: there is no grid to look between. P(delta) is positive definite for the same reason.
     """
-    system, slow = _System(evidence), slow_blocks(evidence)
-    P = [lyapunov(evidence, term) for term in evidence["P"]]
+    system, slow = _System(evidence), rate_bounded_blocks(evidence)
+    P = [lyapunov_matrix(evidence, term) for term in evidence["P"]]
     supply, to_x = system.supply(level), transpose(system.x)
-    coordinates = multiply(exact(evidence["coordinates"]), system.x)
-    free = multiply(exact(evidence["Y"]), coordinates + system.p + system.w)
+    coordinates = multiply(to_rational(evidence["coordinates"]), system.x)
+    free = multiply(to_rational(evidence["Y"]), coordinates + system.p + system.w)
     for vertex, scalings in zip(vertices(len(slow)), evidence["vertices"], strict=True):
         signs = vertex.signs
         turning = zeros(len(P[0]), len(P[0]))
@@ -79,7 +79,7 @@ def slow_inequalities(level: Fraction, evidence: dict[str, Any]) -> Iterator[Rat
             factor = speed * signs[i] * Fraction(evidence["blocks"][slow[i]]["speed"])
             terms = (scale(sign_product(S, signs) * factor, term) for S, term in enumerate(P) if S >> i & 1)
             turning = add(turning, *terms)
-        errors: Rational = []
+        errors: RationalMatrix = []
         for block, sign in zip(slow, signs, strict=True):
             rows = system.rows[block]
             errors += add(system.p[rows], scale(-sign, system.q[rows]))
@@ -88,12 +88,12 @@ def slow_inequalities(level: Fraction, evidence: dict[str, Any]) -> Iterator[Rat
         yield scale(-1, add(stored, cross, transpose(cross), supply, *system.scaled(scalings)))
 
 
-def slow_blocks(evidence: dict[str, Any]) -> list[int]:
+def rate_bounded_blocks(evidence: dict[str, Any]) -> list[int]:
     """Return which blocks have a bound on their speed."""
     return [i for i, block in enumerate(evidence["blocks"]) if block["speed"] is not None]
 
 
-def corner(P: Sequence[Rational], signs: tuple[int, ...]) -> Rational:
+def corner(P: Sequence[RationalMatrix], signs: tuple[int, ...]) -> RationalMatrix:
     """Return P(delta) at a corner of the slow parameters, from its term for each set of them, a bit each."""
     if len(P) != 1 << len(signs):
         raise ValueError("P does not have a term for each set of slow parameters")
@@ -109,7 +109,7 @@ class _System:
     """The evidence's system: each signal as rows that act on (x, p, w)."""
 
     def __init__(self, evidence: dict[str, Any]) -> None:
-        A, B, C, D = (exact(evidence["system"][name]) for name in "ABCD")
+        A, B, C, D = (to_rational(evidence["system"][name]) for name in "ABCD")
         sizes = [block["size"] for block in evidence["blocks"]]
         n, m, k = len(A), len(D[0]), sum(sizes)
         unit = identity(n + m)
@@ -120,20 +120,20 @@ class _System:
         starts = [sum(sizes[:i]) for i in range(len(sizes))]
         self.rows = [slice(start, start + size) for start, size in zip(starts, sizes, strict=True)]
 
-    def stored(self, P: Rational) -> Rational:
+    def stored(self, P: RationalMatrix) -> RationalMatrix:
         """Return the form of 2 x' P x'."""
         half = multiply(transpose(self.x), multiply(P, self.derivative))
         return add(half, transpose(half))
 
-    def supply(self, level: Fraction) -> Rational:
+    def supply(self, level: Fraction) -> RationalMatrix:
         """Return the form of |z|^2 - level^2 |w|^2."""
         z, w = multiply(transpose(self.z), self.z), multiply(transpose(self.w), self.w)
         return add(z, scale(-level * level, w))
 
-    def scaled(self, scalings: list[dict[str, Any]]) -> Iterator[Rational]:
+    def scaled(self, scalings: list[dict[str, Any]]) -> Iterator[RationalMatrix]:
         """Yield the forms of the D-G scalings of the blocks."""
         for rows, item in zip(self.rows, scalings, strict=True):
-            q, p, D, G = self.q[rows], self.p[rows], exact(item["D"]), exact(item["G"])
+            q, p, D, G = self.q[rows], self.p[rows], to_rational(item["D"]), to_rational(item["G"])
             cross = multiply(transpose(q), multiply(G, p))
             yield add(
                 multiply(transpose(q), multiply(D, q)),

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from gustproof.certify.certificate import Certificate
-from gustproof.certify.check import Refusal, judge
-from gustproof.certify.dissipation import gain_inequality, slow_inequalities
+from gustproof.certify.check import Refusal, check_evidence
+from gustproof.certify.dissipation import gain_inequality, rate_bounded_inequalities
 from gustproof.certify.multipliers import Multipliers, best_multipliers
-from gustproof.certify.rate_bounded_multipliers import SlowMultipliers, slow_multipliers
-from gustproof.certify.worst_schedule import worst_schedule, worst_swing
-from gustproof.lti.rational import exact, multiply, transpose
-from gustproof.lti.state_space import LinearSystem, Matrix, copied, copied_continuous
+from gustproof.certify.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
+from gustproof.certify.worst_schedule import worst_schedule, worst_triangle_schedule
+from gustproof.lti.rational import multiply, to_rational, transpose
+from gustproof.lti.state_space import LinearSystem, Matrix, as_lti, copied_continuous
 from gustproof.model.interconnection import Interconnection
-from gustproof.model.lft import Uncertain, closed, connected, star, with_states
+from gustproof.model.lft import Uncertain, close_loop, connect, star, system_from_matrix
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
 
 _MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
@@ -130,20 +130,20 @@ def certify_lft(
     if unknown := sorted(set(speeds or ()) - set(names)):
         raise ValueError(f"speeds name '{unknown[0]}', there are {', '.join(names)}")
     bounds = [None if speeds is None else speeds.get(name) for name in names]
-    multipliers = best_multipliers(loop) if speeds is None else slow_multipliers(loop, bounds)
+    multipliers = best_multipliers(loop) if speeds is None else rate_bounded_multipliers(loop, bounds)
     wanted, proven = level, False
     evidence: dict[str, Any] = {}
     if multipliers is not None:
         evidence = _evidence(loop, multipliers, bounds)
         candidates = [multipliers.level * (1.0 + margin) for margin in _MARGINS] if level is None else [level]
-        wanted = next((candidate for candidate in candidates if _holds(candidate, evidence)), None)
+        wanted = next((candidate for candidate in candidates if _is_proven(candidate, evidence)), None)
         proven = wanted is not None
         wanted = candidates[-1] if wanted is None else wanted
     claim = "is not bounded by these multipliers" if wanted is None else f"is below {wanted:.6g}"
     return Certificate(
         statement=f"the L2 gain from w to z {claim} for every Delta(t) of the envelope",
         gain=wanted,
-        lower_bound=(worst_schedule(loop) if speeds is None else worst_swing(loop, bounds)).gain,
+        lower_bound=(worst_schedule(loop) if speeds is None else worst_triangle_schedule(loop, bounds)).gain,
         proven=proven,
         assumes=assumes,
         evidence=evidence,
@@ -157,19 +157,19 @@ def attitude_loop(
     """Return the loop of a design problem and a controller, (w) to (z), with exact rotation over the envelope."""
     leak, damping, inertia_B = _airframe(problem)
     dynamics = rotation(inertia_B, envelope)
-    P = connected(problem, {"airframe": uncertain_airframe(dynamics, leak=leak, rate_damping=damping)})
+    P = connect(problem, {"airframe": uncertain_airframe(dynamics, leak=leak, rate_damping=damping)})
     K = copied_continuous("the controller", controller)
     if not scheduled:
-        return closed(P, K)
+        return close_loop(P, K)
     n = K.order
     excess = (dynamics + -dynamics.nominal().D) @ np.eye(9, 6)  # what A(rho) adds to hover's
     system = np.block([[K.A, K.B], [K.C, K.D]]) + np.eye(n + K.n_outputs, 6) @ excess @ np.eye(6, n + K.n_inputs)
-    return star(P, with_states(system, n), K.n_inputs, K.n_outputs)
+    return star(P, system_from_matrix(system, n), K.n_inputs, K.n_outputs)
 
 
 def _airframe(problem: Interconnection) -> tuple[float, float, list[float]]:
     """Return leak [1/s], damping [1/s] and inertia [kg*m^2] of the diagram's airframe, whose states are (E, omega)."""
-    bodies = [copied(block.system) for block in problem.blocks if block.name == "airframe"]
+    bodies = [as_lti(block.system) for block in problem.blocks if block.name == "airframe"]
     if not bodies:
         raise ValueError("the diagram has no block 'airframe': a gain is proved of designs that command torque")
     if "reference" in problem.y:
@@ -181,7 +181,7 @@ def _airframe(problem: Interconnection) -> tuple[float, float, list[float]]:
 
 
 def _evidence(
-    loop: Uncertain, multipliers: Multipliers | SlowMultipliers, speeds: Sequence[float | None]
+    loop: Uncertain, multipliers: Multipliers | RateBoundedMultipliers, speeds: Sequence[float | None]
 ) -> dict[str, Any]:
     system = {name: getattr(loop.M, name).tolist() for name in "ABCD"}
     common = {"system": system, "coordinates": multipliers.coordinates.tolist()}
@@ -204,9 +204,9 @@ def _scalings(pairs: Iterable[tuple[Matrix, Matrix]]) -> list[dict[str, Any]]:
     return [{"D": D.tolist(), "G": G.tolist()} for D, G in pairs]
 
 
-def _holds(level: float, evidence: dict[str, Any]) -> bool:
+def _is_proven(level: float, evidence: dict[str, Any]) -> bool:
     try:
-        return judge(level, evidence).accepted
+        return check_evidence(level, evidence).accepted
     except Refusal:
         return False
 
@@ -217,14 +217,14 @@ def _residual(level: float, evidence: dict[str, Any]) -> float:
     forms = (
         [gain_inequality(exact_level, evidence)]
         if evidence["kind"] == "gain"
-        else slow_inequalities(exact_level, evidence)
+        else rate_bounded_inequalities(exact_level, evidence)
     )
     inverse = np.linalg.inv(evidence["coordinates"])
     least = []
     for form in forms:
         change = np.eye(len(form))
         change[: len(inverse), : len(inverse)] = inverse
-        moved = exact(change.tolist())
+        moved = to_rational(change.tolist())
         matrix = np.array(multiply(transpose(moved), multiply(form, moved)), dtype=np.float64)
         least.append(float(np.linalg.eigvalsh(matrix)[0]))
     return min(least)

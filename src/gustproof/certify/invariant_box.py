@@ -16,13 +16,13 @@ from fractions import Fraction
 from typing import Any
 
 from gustproof.lti.rational import (
-    Rational,
-    cos_below,
+    RationalMatrix,
+    cos_lower_bound,
     identity,
     multiply,
-    rounded_up,
-    sin_above,
-    sqrt_above,
+    round_up,
+    sin_upper_bound,
+    sqrt_upper_bound,
     zeros,
 )
 
@@ -36,7 +36,7 @@ LONGEST = 90_000
 """Most samples that are simulated, in half a minute or so: 6 minutes of flight at 250 Hz."""
 _BITS = 96
 """Binary places of the simulation."""
-_ENTRY = Fraction(1, 1 << 80)
+_ENTRY_ERROR = Fraction(1, 1 << 80)
 """Bound on the error of an entry of Phi: end of the exponential series, and rounding."""
 _FLOAT32, _TINY = Fraction(1, 1 << 23), Fraction(1, 1 << 140)
 """Relative and absolute error of a number rounded on the wire, with a factor of two to spare."""
@@ -46,7 +46,7 @@ Box = list[list[Fraction]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Norms:
+class AxisNorms:
     """Upper bounds of the L1 norms of one axis from each input to `SIGNALS` and the two late ones, at the samples."""
 
     acceleration: list[Fraction]
@@ -61,7 +61,7 @@ class Norms:
     """[the signal's unit] rms per rms of the gyro's noise."""
 
 
-def axis_norms(evidence: dict[str, Any], axis: int) -> Norms:
+def axis_norms(evidence: dict[str, Any], axis: int) -> AxisNorms:
     """Return the norms of an axis over the evidence's samples, in some seconds per 15,000 of them.
 
     Raises
@@ -81,10 +81,10 @@ def axis_norms(evidence: dict[str, Any], axis: int) -> Norms:
         [turned, zero, zero, *(Fraction(law["G"][i][axis]) for i in own), zero],
         [zero, zero, zero, *(Fraction(law["B"][i][axis]) for i in own), Fraction(law["D"][axis][axis])],
     ]  # fmt: skip
-    sums, squares = _simulated(Phi, columns, samples)
+    sums, squares = _simulate(Phi, columns, samples)
     decay = Phi[0][0]
-    slower = decay + _ENTRY  # a leak of 0 leaves 1
-    passed = Fraction(samples) if evidence["leak"] == 0 else (1 - _power_below(slower, samples)) / (1 - slower)
+    slower = decay + _ENTRY_ERROR  # a leak of 0 leaves 1
+    passed = Fraction(samples) if evidence["leak"] == 0 else (1 - _power_lower_bound(slower, samples)) / (1 - slower)
     attitude = [h * passed if k in (_E, _OFF_E, _LATE_E) else zero for k in range(_LATE_OMEGA + 1)]
     leak, damping = Fraction(evidence["leak"]), Fraction(evidence["vehicle"]["rate_damping"])
     # a modulus of something smooth: its chord from end to end, and h^3 / 12 times the second derivative
@@ -93,13 +93,13 @@ def axis_norms(evidence: dict[str, Any], axis: int) -> Norms:
         h / 2 * (sums[0][k] + sums[1][k]) + bend * (damping**2 * sums[0][k] + (leak + damping) * attitude[k] / h)
         for k in range(_LATE_OMEGA + 1)
     ]
-    return Norms(
-        acceleration=_short(acceleration), attitude=_short(attitude), both=_short(sums[7]),
-        entries=[_short(row) for row in sums[3:7]], noise=_short(squares[8]),
+    return AxisNorms(
+        acceleration=_round_bounds(acceleration), attitude=_round_bounds(attitude), both=_round_bounds(sums[7]),
+        entries=[_round_bounds(row) for row in sums[3:7]], noise=_round_bounds(squares[8]),
     )  # fmt: skip
 
 
-def mapped(evidence: dict[str, Any], norms: list[Norms], level: Fraction, box: Box) -> Box:
+def map_box(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction, box: Box) -> Box:
     """Return the bounds of all signals that follow when the nonlinear terms are bounded by `box`."""
     vehicle, h, leak = evidence["vehicle"], Fraction(evidence["law"]["dt"]), Fraction(evidence["leak"])
     damping, lag = Fraction(vehicle["rate_damping"]), Fraction(vehicle["actuator_lag"])
@@ -139,7 +139,7 @@ def mapped(evidence: dict[str, Any], norms: list[Norms], level: Fraction, box: B
         at[_E] += bend + h**2 * (a / 2 + leak * (e[i] + own[i]))
         at[_OFF_E] = max(at[_OFF_E], at[_LATE_E]) + bend + h * (e[i] + own[i]) + h**2 / 2 * a
         at[_OFF_OMEGA] = max(at[_OFF_OMEGA], at[_LATE_OMEGA]) + h**2 * jerk / 8 + h * a
-        bounds.append(_short(at[: len(SIGNALS)]))
+        bounds.append(_round_bounds(at[: len(SIGNALS)]))
     return bounds
 
 
@@ -172,12 +172,12 @@ def _excess_difference(
 
 def _trigonometry(E: list[Fraction]) -> list[Fraction]:
     """Return bounds of sin(phi), tan(theta) and 1 / cos(theta)."""
-    cos_theta = cos_below(E[1])
-    return _short([sin_above(E[0]), sin_above(E[1]) / cos_theta, 1 / cos_theta])
+    cos_theta = cos_lower_bound(E[1])
+    return _round_bounds([sin_upper_bound(E[0]), sin_upper_bound(E[1]) / cos_theta, 1 / cos_theta])
 
 
-def _short(bounds: list[Fraction]) -> list[Fraction]:
-    return [rounded_up(value) for value in bounds]
+def _round_bounds(bounds: list[Fraction]) -> list[Fraction]:
+    return [round_up(value) for value in bounds]
 
 
 def _additions(evidence: dict[str, Any], box: Box, own: list[Fraction]) -> list[list[Fraction]]:
@@ -200,11 +200,11 @@ def _additions(evidence: dict[str, Any], box: Box, own: list[Fraction]) -> list[
                 total += abs(Fraction(rates[j])) * (box[j][_X1] + own[j])
             values.append(total)
         values[3] += _FLOAT32 * box[i][_COMMAND] + _TINY
-        additions.append(_short(values))
+        additions.append(_round_bounds(values))
     return additions
 
 
-def _loop(evidence: dict[str, Any], axis: int) -> tuple[Rational, list[Fraction], Fraction]:
+def _loop(evidence: dict[str, Any], axis: int) -> tuple[RationalMatrix, list[Fraction], Fraction]:
     """Return Phi (7, 7), what a unit of omega at the start of a sample is at its end, and a held Euler rate's angle."""
     vehicle, law, h = evidence["vehicle"], evidence["law"], Fraction(evidence["law"]["dt"])
     inertia, lag = Fraction(vehicle["inertia_B"][axis]), Fraction(vehicle["actuator_lag"])
@@ -226,8 +226,8 @@ def _loop(evidence: dict[str, Any], axis: int) -> tuple[Rational, list[Fraction]
     return Phi, [plant[0][1], plant[1][1], *[Fraction(0)] * 5], plant[0][4]
 
 
-def _exponential(A: Rational) -> Rational:
-    """Return the exponential of `A` to within `_ENTRY`, half of it the series, half its rounding."""
+def _exponential(A: RationalMatrix) -> RationalMatrix:
+    """Return the exponential of `A` to within `_ENTRY_ERROR`, half of it the series, half its rounding."""
     if max(sum(abs(value) for value in row) for row in A) > Fraction(1, 2):
         raise ValueError("a sample is too long for the vehicle's time constants")
     total = term = identity(len(A))
@@ -237,7 +237,7 @@ def _exponential(A: Rational) -> Rational:
     return [[Fraction(round(value * (1 << _BITS)), 1 << _BITS) for value in row] for row in total]
 
 
-def _power_below(x: Fraction, n: int) -> Fraction:
+def _power_lower_bound(x: Fraction, n: int) -> Fraction:
     """Return a number not above `x`^n for 0 <= x <= 1, n > 0, by squaring and rounding down."""
     one = 1 << _BITS
     base, power = x.numerator * one // x.denominator, one
@@ -249,8 +249,8 @@ def _power_below(x: Fraction, n: int) -> Fraction:
     return Fraction(power, one)
 
 
-def _simulated(
-    Phi: Rational, columns: list[list[Fraction]], samples: int
+def _simulate(
+    Phi: RationalMatrix, columns: list[list[Fraction]], samples: int
 ) -> tuple[list[list[Fraction]], list[list[Fraction]]]:
     """Return upper bounds of the sums of moduli, and of the roots of the sums of squares, of `SIGNALS` from `columns`.
 
@@ -261,7 +261,7 @@ def _simulated(
     rows = [[(k, round(value * one)) for k, value in enumerate(row) if value] for row in Phi]
     sums, squares, largest = [], [], 1
     # what makes the defects of all steps add up to 1/2; beyond it numbers would only grow longer
-    most = math.floor(one * (Fraction(1, 28 * samples) - Fraction(16, one)) / (7 * _ENTRY))
+    most = math.floor(one * (Fraction(1, 28 * samples) - Fraction(16, one)) / (7 * _ENTRY_ERROR))
     for column in columns:
         state = [round(value * one) for value in column]
         total, square = [0] * (_LATE_OMEGA + 1), [0] * (_LATE_OMEGA + 1)
@@ -277,8 +277,8 @@ def _simulated(
             state = after
         sums.append([Fraction(value, one) for value in total])
         squares.append([Fraction(value, one) for value in square])
-    defect = 7 * _ENTRY * Fraction(largest, one) + Fraction(16, one)
+    defect = 7 * _ENTRY_ERROR * Fraction(largest, one) + Fraction(16, one)
     reach = max([Fraction(samples), *(value for column in (0, *range(2, 7)) for value in sums[column][:7])])
     error = 2 * samples * 14 * defect * reach
     above = [[value + error for value in row] for row in sums]
-    return above, [[sqrt_above(value) + error for value in row] for row in squares]
+    return above, [[sqrt_upper_bound(value) + error for value in row] for row in squares]

@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gustproof.certify.sweep import Bracket, continuous, sampled, swept, with_performance
-from gustproof.certify.worst_delta import most_unstable, worst_delta
-from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, copied, sensitivity
+from gustproof.certify.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
+from gustproof.certify.worst_delta import most_unstable_delta, worst_delta
+from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, as_lti, sensitivity
 from gustproof.model.lft import Uncertain
-from gustproof.model.uncertainty import Block, FullBlock, RealBlock, columns, rows
+from gustproof.model.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
 
 
 def mu(system: Uncertain, *, accuracy: float = 0.02) -> Bracket:
@@ -40,21 +40,21 @@ def mu(system: Uncertain, *, accuracy: float = 0.02) -> Bracket:
     ----------
     A. Packard, J. C. Doyle, The complex structured singular value, Automatica 29 (1993), 71-109.
     """
-    blocks = with_performance(system) if system.n_inputs else system.blocks
-    M = continuous(system)
-    upper, grid = swept(M, blocks, gain=False, accuracy=accuracy)
+    blocks = add_performance_block(system) if system.n_inputs else system.blocks
+    M = to_continuous(system)
+    upper, grid = sweep(M, blocks, gain=False, accuracy=accuracy)
     if all(isinstance(block, RealBlock) for block in blocks):
-        found = _least_unstable(M, blocks, upper)
-        return replace(found, omega=sampled(found.omega, system))
+        found = _real_mu_lower_bound(M, blocks, upper)
+        return replace(found, omega=unwarp_frequency(found.omega, system))
     best = Bracket(lower=0.0, upper=upper, omega=0.0, delta={})
     for omega in grid:
-        lower, delta = _least_singular(M.response(omega)[0], blocks, upper)
+        lower, delta = _mu_lower_bound(M.response(omega)[0], blocks, upper)
         if lower > best.lower:
-            best = Bracket(lower=lower, upper=upper, omega=sampled(omega, system), delta=delta)
+            best = Bracket(lower=lower, upper=upper, omega=unwarp_frequency(omega, system), delta=delta)
     return best
 
 
-def disk_margin(L: LinearSystem, *, accuracy: float = 1e-3) -> tuple[float, float]:
+def disk_margin_bounds(L: LinearSystem, *, accuracy: float = 1e-3) -> tuple[float, float]:
     """Return bounds, from below and above, on the multi-loop disk margin of the negative-feedback loop `L`.
 
     One over mu of `S - I/2` with one complex block a channel (MATLAB: `diskmargin`). Scalings are free at each
@@ -64,14 +64,16 @@ def disk_margin(L: LinearSystem, *, accuracy: float = 1e-3) -> tuple[float, floa
     ----------
     P. Seiler, A. Packard, P. Gahinet, An introduction to disk margins, IEEE Control Systems Magazine 40 (2020), 78-95.
     """
-    S = sensitivity(copied(L))
+    S = sensitivity(as_lti(L))
     M = Lti(A=S.A, B=S.B, C=S.C, D=S.D - 0.5 * np.eye(S.n_outputs), dt=S.dt)
     channels = tuple(FullBlock(name=f"channel {k}") for k in range(S.n_outputs))
     found = mu(Uncertain(M=M, blocks=channels), accuracy=accuracy)
     return 1.0 / found.upper, 1.0 / found.lower
 
 
-def _least_singular(M: ComplexMatrix, blocks: tuple[Block, ...], upper: float) -> tuple[float, dict[str, ArrayLike]]:
+def _mu_lower_bound(
+    M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], upper: float
+) -> tuple[float, dict[str, ArrayLike]]:
     """Return a lower bound on mu of a matrix with a full block, and a Delta of norm 1 / bound that makes it singular.
 
     The gain that the last full block sees falls as the ball of the others shrinks; where it is one over the radius,
@@ -88,14 +90,14 @@ def _least_singular(M: ComplexMatrix, blocks: tuple[Block, ...], upper: float) -
         found = worst_delta(swapped, others, radius=1.0 / beta)
         if min(beta, found.gain) > best:
             best = min(beta, found.gain)
-            delta = {**found.parts(others), blocks[last].name: _closing(swapped, found.Delta)}
+            delta = {**found.parts(others), blocks[last].name: _closing_matrix(swapped, found.Delta)}
         if found.gain <= 0.0 or abs(found.gain - beta) <= 1e-3 * beta:
             break
         beta = math.sqrt(beta * min(found.gain, 100.0 * beta))
     return best, delta
 
 
-def _closing(M: ComplexMatrix, Delta: ComplexMatrix) -> ComplexMatrix:
+def _closing_matrix(M: ComplexMatrix, Delta: ComplexMatrix) -> ComplexMatrix:
     """Return the smallest matrix that makes the loop singular when it closes what `F_u(M, Delta)` leaves open."""
     n_w, n_z = Delta.shape
     loop = np.eye(n_z) - M[:n_z, :n_w] @ Delta
@@ -104,13 +106,13 @@ def _closing(M: ComplexMatrix, Delta: ComplexMatrix) -> ComplexMatrix:
     return np.asarray(np.outer(Vh[0].conj(), U[:, 0].conj()) / s[0])
 
 
-def _least_unstable(M: Lti, blocks: tuple[Block, ...], upper: float) -> Bracket:
+def _real_mu_lower_bound(M: Lti, blocks: tuple[DeltaBlock, ...], upper: float) -> Bracket:
     """Return a lower bound on mu of real parameters: the smallest ball found in which a pole crosses the axis."""
     inside, outside = 0.0, math.inf
     best = Bracket(lower=0.0, upper=upper, omega=0.0, delta={})
     radius = 1.0 / upper if 0.0 < upper < math.inf else 1.0
     while outside > 1.001 * inside and radius < 1e3:
-        found, pole = most_unstable(M, blocks, radius=radius)
+        found, pole = most_unstable_delta(M, blocks, radius=radius)
         if found.gain >= 0.0:
             outside = radius
             best = Bracket(lower=1.0 / radius, upper=upper, omega=abs(pole.imag), delta=found.parts(blocks))

@@ -12,11 +12,11 @@ from gustproof.lti.state_space import Lti, Matrix
 from gustproof.model.lft import Uncertain
 from gustproof.model.uncertainty import RealBlock
 
-_STRICT = 1e-7
+_STRICTNESS = 1e-7
 """[-] what the solver must leave of each inequality in the balanced loop while it looks for the least level."""
 _BACKOFF = 1.001
 """[-] multiple of the least level at which the multipliers are then put as far inside the inequalities as they can."""
-_LEAST_MODE = 1e-2
+_MIN_HANKEL_RATIO = 1e-2
 """[-] Hankel singular values count as at least this part of the largest, so that balancing itself stays well posed."""
 
 
@@ -54,12 +54,12 @@ def best_multipliers(loop: Uncertain) -> Multipliers | None:
         raise ValueError("the loop must be continuous and stable at Delta = 0")
     if full := [block.name for block in loop.blocks if not isinstance(block, RealBlock)]:
         raise ValueError(f"block '{full[0]}' is no real parameter")
-    T = balancing(loop.M)
+    T = balancing_transform(loop.M)
     inverse: Matrix = np.asarray(np.linalg.inv(T), dtype=np.float64)
     M = Lti(A=inverse @ loop.M.A @ T, B=inverse @ loop.M.B, C=loop.M.C @ T, D=loop.M.D)
     inequality = _Inequality(Uncertain(M=M, blocks=loop.blocks))
-    at_least = _optimal(inequality, None)
-    inside = _optimal(inequality, _BACKOFF**2 * abs(float(at_least[-1])))
+    at_least = _solve_sdp(inequality, None)
+    inside = _solve_sdp(inequality, _BACKOFF**2 * abs(float(at_least[-1])))
     for unknowns in (inside, at_least):
         level = _level(inequality, unknowns)
         if level is not None:
@@ -68,7 +68,7 @@ def best_multipliers(loop: Uncertain) -> Multipliers | None:
     return None
 
 
-def balancing(M: Lti, classes: Sequence[Hashable] | None = None) -> Matrix:
+def balancing_transform(M: Lti, classes: Sequence[Hashable] | None = None) -> Matrix:
     """Return the state transformation that makes both Gramians equal, but for modes that are hardly there.
 
     States of different `classes`, one for each state, are not mixed.
@@ -83,7 +83,7 @@ def balancing(M: Lti, classes: Sequence[Hashable] | None = None) -> Matrix:
         # some modes cannot be reached but for rounding: the Gramian is made definite by a multiple of rounding
         L = np.linalg.cholesky(W + 1e-13 * np.trace(W) * np.eye(W.shape[0]))
         U, squares, _ = np.linalg.svd(L.T @ Wo[own] @ L)
-        hankel = np.maximum(np.sqrt(squares), _LEAST_MODE * np.sqrt(squares[0]))
+        hankel = np.maximum(np.sqrt(squares), _MIN_HANKEL_RATIO * np.sqrt(squares[0]))
         T[own] = L @ U / np.sqrt(hankel)
     return T
 
@@ -99,25 +99,25 @@ class _Inequality:
         x, p, w = inputs[: self.n], inputs[self.n : self.n + k], inputs[self.n + k :]
         self.constant = np.asarray(z.T @ z, dtype=np.float64)
         self.repeats = [block.shape[0] for block in loop.blocks]
-        self.terms = [symmetric(x.T @ S @ derivative) for S in basis(self.n, skew=False)]
+        self.terms = [add_transpose(x.T @ S @ derivative) for S in basis(self.n, skew=False)]
         start = 0
         for repeats in self.repeats:
             q_i, p_i = q[start : start + repeats], p[start : start + repeats]
             self.terms += [q_i.T @ S @ q_i - p_i.T @ S @ p_i for S in basis(repeats, skew=False)]
-            self.terms += [symmetric(q_i.T @ S @ p_i) for S in basis(repeats, skew=True)]
+            self.terms += [add_transpose(q_i.T @ S @ p_i) for S in basis(repeats, skew=True)]
             start += repeats
         self.terms.append(-w.T @ w)
 
     def split(self, unknowns: Matrix) -> tuple[Matrix, tuple[Matrix, ...], tuple[Matrix, ...]]:
         """Return P, the D and the G of a vector of unknowns."""
         values = iter(unknowns.tolist())
-        matrices = [combined(values, self.n, skew=False)]
+        matrices = [combine_basis(values, self.n, skew=False)]
         for repeats in self.repeats:
-            matrices += [combined(values, repeats, skew=skew) for skew in (False, True)]
+            matrices += [combine_basis(values, repeats, skew=skew) for skew in (False, True)]
         return matrices[0], tuple(matrices[1::2]), tuple(matrices[2::2])
 
 
-def _optimal(inequality: _Inequality, square: float | None) -> Matrix:
+def _solve_sdp(inequality: _Inequality, square: float | None) -> Matrix:
     """Return the unknowns that make the level least or, its square given, the margin of every inequality largest.
 
     The last unknown is the level's square or the margin.
@@ -127,28 +127,28 @@ def _optimal(inequality: _Inequality, square: float | None) -> Matrix:
         terms, constant = terms[:-1], constant + square * terms[-1]
     columns = len(inequality.terms)
     whole = np.zeros((inequality.size * (inequality.size + 1) // 2, columns))
-    whole[:, : len(terms)] = np.column_stack([packed(term) for term in terms])
+    whole[:, : len(terms)] = np.column_stack([svec(term) for term in terms])
     parts, bounds = [whole], [-constant]
     column = inequality.n * (inequality.n + 1) // 2
     for repeats in inequality.repeats:  # each D is positive definite
         part = np.zeros((repeats * (repeats + 1) // 2, columns))
-        part[:, column : column + part.shape[0]] = -np.column_stack([packed(S) for S in basis(repeats, skew=False)])
+        part[:, column : column + part.shape[0]] = -np.column_stack([svec(S) for S in basis(repeats, skew=False)])
         parts.append(part)
         bounds.append(np.zeros((repeats, repeats)))
         column += repeats**2  # symmetric and skew together
     for k, bound in enumerate(bounds):
         margin = np.eye(bound.shape[0])
         if square is None:
-            bounds[k] = bound - _STRICT * margin
+            bounds[k] = bound - _STRICTNESS * margin
         else:
-            parts[k][:, -1] = packed(margin)
+            parts[k][:, -1] = svec(margin)
     cost = np.zeros(columns)
     cost[-1] = 1.0 if square is None else -1.0
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     solver = clarabel.DefaultSolver(
         scipy.sparse.csc_matrix((columns, columns)), cost, scipy.sparse.csc_matrix(np.vstack(parts)),
-        np.concatenate([packed(bound) for bound in bounds]),
+        np.concatenate([svec(bound) for bound in bounds]),
         [clarabel.PSDTriangleConeT(bound.shape[0]) for bound in bounds], settings,
     )  # fmt: skip
     return np.array(solver.solve().x, dtype=np.float64)
@@ -181,7 +181,7 @@ def basis(n: int, *, skew: bool) -> list[Matrix]:
     return found
 
 
-def combined(values: Iterator[float], n: int, *, skew: bool) -> Matrix:
+def combine_basis(values: Iterator[float], n: int, *, skew: bool) -> Matrix:
     """Return the matrix that the next unknowns are the coordinates of."""
     matrix = np.zeros((n, n))
     for S in basis(n, skew=skew):
@@ -189,12 +189,12 @@ def combined(values: Iterator[float], n: int, *, skew: bool) -> Matrix:
     return matrix
 
 
-def symmetric(X: Matrix) -> Matrix:
+def add_transpose(X: Matrix) -> Matrix:
     """Return X + X'."""
     return np.asarray(X + X.T, dtype=np.float64)
 
 
-def packed(S: Matrix) -> Matrix:
+def svec(S: Matrix) -> Matrix:
     """Return the upper triangle by columns, off the diagonal times sqrt(2): the solver's form of a symmetric matrix."""
     rows, columns = np.tril_indices(S.shape[0])
     return np.asarray(S[columns, rows] * np.where(rows == columns, 1.0, np.sqrt(2.0)), dtype=np.float64)

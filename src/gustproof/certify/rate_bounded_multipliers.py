@@ -10,20 +10,20 @@ import scipy.linalg
 import scipy.sparse
 
 from gustproof.certify.dissipation import Vertex, sign_product, vertices
-from gustproof.certify.multipliers import balancing, basis, least_level, packed, symmetric
-from gustproof.certify.symmetry import Mirror, mirrors
+from gustproof.certify.multipliers import add_transpose, balancing_transform, basis, least_level, svec
+from gustproof.certify.symmetry import Mirror, mirror_group
 from gustproof.lti.state_space import Lti, Matrix
 from gustproof.model.lft import Uncertain
 
-_STRICT = 1e-6
+_STRICTNESS = 1e-6
 """[-] what the solver must leave of each inequality in the balanced loop."""
 
-Scalings = tuple[tuple[Matrix, Matrix], ...]
+BlockScalings = tuple[tuple[Matrix, Matrix], ...]
 """D and G of each block."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SlowMultipliers:
+class RateBoundedMultipliers:
     """A Lyapunov matrix that is linear in each slow parameter apart, and the multipliers at each corner."""
 
     coordinates: Matrix
@@ -32,13 +32,13 @@ class SlowMultipliers:
     """(n, n) for each set of slow parameters, a bit each: what the product of the set multiplies."""
     Y: Matrix
     """(r, n + k + m) factor of `p - Delta q` of the slow blocks, on (x, p, w)."""
-    scalings: tuple[Scalings, ...]
+    scalings: tuple[BlockScalings, ...]
     """For each of `dissipation.vertices`."""
     level: float
     """[-] gain for which the inequalities hold with them, in floating point."""
 
 
-def slow_multipliers(loop: Uncertain, speeds: Sequence[float | None]) -> SlowMultipliers | None:
+def rate_bounded_multipliers(loop: Uncertain, speeds: Sequence[float | None]) -> RateBoundedMultipliers | None:
     """Return the multipliers of about the least provable gain of a continuous loop, or `None` if there are none.
 
     `speeds` [1/s] bound the normalised parameter of each block, `None` where it is as fast as it likes. Corners that
@@ -53,8 +53,8 @@ def slow_multipliers(loop: Uncertain, speeds: Sequence[float | None]) -> SlowMul
         raise ValueError("the loop must be continuous and stable at Delta = 0")
     if len(speeds) != len(loop.blocks) or all(speed is None for speed in speeds):
         raise ValueError(f"speeds are {list(speeds)}, must be one a block, not all None")
-    group = mirrors(loop)
-    T = balancing(loop.M, [tuple(mirror.x[i] for mirror in group) for i in range(loop.M.order)])
+    group = mirror_group(loop)
+    T = balancing_transform(loop.M, [tuple(mirror.x[i] for mirror in group) for i in range(loop.M.order)])
     inverse: Matrix = np.asarray(np.linalg.inv(T), dtype=np.float64)
     M = Lti(A=inverse @ loop.M.A @ T, B=inverse @ loop.M.B, C=loop.M.C @ T, D=loop.M.D)
     program = _Program(Uncertain(M=M, blocks=loop.blocks), speeds, group)
@@ -63,9 +63,9 @@ def slow_multipliers(loop: Uncertain, speeds: Sequence[float | None]) -> SlowMul
     known = [level for level in levels if level is not None]
     if len(known) < len(levels):
         return None
-    P, Y = program.shared_of(unknowns)
+    P, Y = program.unpack_shared(unknowns)
     scalings = tuple(program.scalings_at(unknowns, vertex) for vertex in vertices(program.count))
-    return SlowMultipliers(coordinates=inverse, P=P, Y=Y, scalings=scalings, level=max(known))
+    return RateBoundedMultipliers(coordinates=inverse, P=P, Y=Y, scalings=scalings, level=max(known))
 
 
 class _Program:
@@ -91,7 +91,7 @@ class _Program:
             for S in range(1 << self.count)
             for j in range(self.n)
             for i in range(j + 1)
-            if self._even(S, i, j)
+            if self._is_symmetric(S, i, j)
         ]
         channels = [row for block in self.slow for row in range(starts[block], starts[block + 1])]
         signs = [(np.concatenate([mirror.x, mirror.p, mirror.w]), mirror.p) for mirror in group]
@@ -102,19 +102,19 @@ class _Program:
         for vertex in vertices(self.count):
             if vertex not in self.image:
                 for mirror in group:
-                    self.image.setdefault(self._mirrored(vertex, mirror), (len(self.leaders), mirror))
+                    self.image.setdefault(self._mirror_vertex(vertex, mirror), (len(self.leaders), mirror))
                 self.leaders.append(vertex)
         self.shared = len(self.P) + len(self.Y)
         self.own = sum(size**2 for size in self.repeats)  # symmetric and skew together
 
-    def _even(self, S: int, i: int, j: int) -> bool:
+    def _is_symmetric(self, S: int, i: int, j: int) -> bool:
         """Return whether every mirror leaves the entry (i, j) of the term of set `S` as it is."""
         return all(
             mirror.x[i] * mirror.x[j] == sign_product(S, tuple(mirror.delta[b] for b in self.slow))
             for mirror in self.group
         )
 
-    def _mirrored(self, vertex: Vertex, mirror: Mirror) -> Vertex:
+    def _mirror_vertex(self, vertex: Vertex, mirror: Mirror) -> Vertex:
         turned = [mirror.delta[block] for block in self.slow]
         signs, speeds = (tuple(a * b for a, b in zip(part, turned, strict=True)) for part in vertex)
         return Vertex(signs, speeds)
@@ -130,18 +130,18 @@ class _Program:
                 for b, (a, s, v) in enumerate(zip(signs, vertex.speeds, self.speeds, strict=True))
                 if S >> b & 1
             )
-            yield value * (symmetric(self.x.T @ E @ self.derivative) + slope * self.x.T @ E @ self.x)
+            yield value * (add_transpose(self.x.T @ E @ self.derivative) + slope * self.x.T @ E @ self.x)
         owner = np.repeat(signs, [self.repeats[block] for block in self.slow])
         error = {j: self.p[j] - sign * self.q[j] for j, sign in zip(self.channels, owner, strict=True)}
         for a, j in self.Y:
-            yield symmetric(np.outer(self.unit[a], error[j]))
+            yield add_transpose(np.outer(self.unit[a], error[j]))
 
     def _own_terms(self) -> Iterator[Matrix]:
         """Yield what each unknown of a corner's D and G multiplies."""
         for rows, repeats in zip(self.rows, self.repeats, strict=True):
             q, p = self.q[rows], self.p[rows]
             yield from (q.T @ S @ q - p.T @ S @ p for S in basis(repeats, skew=False))
-            yield from (symmetric(q.T @ S @ p) for S in basis(repeats, skew=True))
+            yield from (add_transpose(q.T @ S @ p) for S in basis(repeats, skew=True))
 
     def form(self, unknowns: Matrix, vertex: Vertex) -> Matrix:
         """Return the form at a leading corner, without the level."""
@@ -155,27 +155,29 @@ class _Program:
         count, size = len(self.leaders), len(self.unit)
         shared = np.vstack([_columns(self._shared_terms(vertex)) for vertex in self.leaders])
         own = scipy.linalg.block_diag(*[_columns(self._own_terms())] * count)
-        last = np.concatenate([packed(-self.w.T @ self.w)] * count)
-        definite_P, definite_D = self._definite()
+        last = np.concatenate([svec(-self.w.T @ self.w)] * count)
+        definite_P, definite_D = self._definiteness_rows()
         top, middle = shared.shape[0], shared.shape[0] + definite_P.shape[0]
         bottom = scipy.linalg.block_diag(*[definite_D] * count)
         rows = np.zeros((middle + bottom.shape[0], self.shared + own.shape[1] + 1))
         rows[:top, : self.shared], rows[:top, self.shared : -1], rows[:top, -1] = shared, own, last
         rows[top:middle, : self.shared], rows[middle:, self.shared : -1] = definite_P, bottom
         sides = [self.n] * (definite_P.shape[0] * 2 // (self.n * (self.n + 1))) + self.repeats * count
-        bounds = [-self.z.T @ self.z - _STRICT * np.eye(size)] * count + [-_STRICT * np.eye(side) for side in sides]
+        bounds = [-self.z.T @ self.z - _STRICTNESS * np.eye(size)] * count + [
+            -_STRICTNESS * np.eye(side) for side in sides
+        ]
         cost = np.zeros(rows.shape[1])
         cost[-1] = 1.0
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         solver = clarabel.DefaultSolver(
             scipy.sparse.csc_matrix((cost.size, cost.size)), cost, scipy.sparse.csc_matrix(rows),
-            np.concatenate([packed(bound) for bound in bounds]),
+            np.concatenate([svec(bound) for bound in bounds]),
             [clarabel.PSDTriangleConeT(bound.shape[0]) for bound in bounds], settings,
         )  # fmt: skip
         return np.array(solver.solve().x, dtype=np.float64)
 
-    def _definite(self) -> tuple[Matrix, Matrix]:
+    def _definiteness_rows(self) -> tuple[Matrix, Matrix]:
         """Return what the shared unknowns give -P at its corners, and what a corner's own give its -D, packed."""
         parts = []
         for signs in dict.fromkeys(vertex.signs for vertex in self.leaders):
@@ -187,7 +189,7 @@ class _Program:
             scalings.append(np.hstack([D, np.zeros((D.shape[0], size * (size - 1) // 2))]))
         return np.vstack(parts), np.asarray(scipy.linalg.block_diag(*scalings), dtype=np.float64)
 
-    def shared_of(self, unknowns: Matrix) -> tuple[tuple[Matrix, ...], Matrix]:
+    def unpack_shared(self, unknowns: Matrix) -> tuple[tuple[Matrix, ...], Matrix]:
         """Return P, a term for each set, and Y."""
         P = np.zeros((1 << self.count, self.n, self.n))
         for (S, i, j), value in zip(self.P, unknowns, strict=False):
@@ -197,7 +199,7 @@ class _Program:
             Y[self.channels.index(j), a] = value
         return tuple(P), Y
 
-    def scalings_at(self, unknowns: Matrix, vertex: Vertex) -> Scalings:
+    def scalings_at(self, unknowns: Matrix, vertex: Vertex) -> BlockScalings:
         """Return D and G of each block at any corner, mirrored from those of its leader."""
         leader, mirror = self.image[vertex]
         start = self.shared + leader * self.own
@@ -219,4 +221,4 @@ def _unit(n: int, i: int, j: int) -> Matrix:
 
 
 def _columns(terms: Iterator[Matrix]) -> Matrix:
-    return np.column_stack([packed(term) for term in terms])
+    return np.column_stack([svec(term) for term in terms])

@@ -12,13 +12,13 @@ import numpy as np
 import scipy.linalg
 
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix
-from gustproof.model.uncertainty import Block, RealBlock, columns, rows
+from gustproof.model.uncertainty import DeltaBlock, RealBlock, columns, rows
 
-_RAISE = 8.0
+_WEIGHT_FACTOR = 8.0
 """Factor on the weight of the objective from one centre to the next."""
-_NEWTON = 12
+_NEWTON_STEPS = 12
 """Newton steps for a centre; where scalings may grow without end there is none, and the search goes on."""
-_EDGE = 1e-6
+_BAND_OVERLAP = 1e-6
 """[-] relative: bands end this much early, so that neighbours overlap and nothing hides in rounding between them."""
 
 
@@ -59,7 +59,7 @@ class Scalings:
             if np.linalg.eigvalsh(rest)[0] <= 0.0:
                 return np.inf
             inner = inner + form[np.ix_(on, off)] @ np.linalg.solve(rest, form[np.ix_(off, on)])
-        largest = scipy.linalg.eigvalsh(_hermitian(inner), self.gain[np.ix_(on, on)])[-1]
+        largest = scipy.linalg.eigvalsh(_hermitian_part(inner), self.gain[np.ix_(on, on)])[-1]
         return float(np.sqrt(max(largest, 0.0)))
 
     def band(self, M: Lti, level: float, omega: float) -> tuple[float, float]:
@@ -96,7 +96,7 @@ class Scalings:
         denied = [float(point) for point in inside if low < point < high and not self._holds(M, 1.001 * level, point)]
         low = max([low, *(point for point in denied if point < omega)])
         high = min([high, *(point for point in denied if point > omega)])
-        return (min((1.0 + _EDGE) * low, omega), max((1.0 - _EDGE) * high, omega))
+        return (min((1.0 + _BAND_OVERLAP) * low, omega), max((1.0 - _BAND_OVERLAP) * high, omega))
 
     def _holds(self, M: Lti, level: float, omega: float) -> bool:
         return self.level(M.response(omega)[0]) <= level
@@ -116,7 +116,7 @@ class _Basis(NamedTuple):
 
 def best_scalings(
     M: ComplexMatrix,
-    blocks: tuple[Block, ...],
+    blocks: tuple[DeltaBlock, ...],
     *,
     gain: bool,
     accuracy: float = 1e-3,
@@ -151,11 +151,11 @@ def best_scalings(
     (1967), 492-498.
     """
     basis = _basis(blocks, gain, real)
-    best = _first(M, blocks, gain, real)
+    best = _initial_scalings(M, blocks, gain, real)
     level = best.level(M)
     floor = max(accuracy * float(np.linalg.norm(M, 2)), enough)
     while floor < level < np.inf:
-        found = _improved(basis, best, M, level, accuracy, enough)
+        found = _improve(basis, best, M, level, accuracy, enough)
         reached = found.level(M)
         if not reached < level:
             break
@@ -170,7 +170,7 @@ def best_scalings(
     return best
 
 
-def _basis(blocks: tuple[Block, ...], gain: bool, real: bool) -> _Basis:
+def _basis(blocks: tuple[DeltaBlock, ...], gain: bool, real: bool) -> _Basis:
     z_parts, w_parts = columns(blocks), rows(blocks)
     n_z, n_w = z_parts[-1].stop, w_parts[-1].stop
     D_z, D_w, G, level = [], [], [], []
@@ -180,14 +180,14 @@ def _basis(blocks: tuple[Block, ...], gain: bool, real: bool) -> _Basis:
         shapes = _hermitian_basis(block.shape[0]) if is_real else []
         whole = [(np.eye(block.shape[1]), np.eye(block.shape[0]))]
         for read, drive in [(shape, shape) for shape in shapes] or whole:
-            D_z.append(_placed(read, z, z, n_z, n_z))
-            D_w.append(_placed(drive, w, w, n_w, n_w))
+            D_z.append(_embed(read, z, z, n_z, n_z))
+            D_w.append(_embed(drive, w, w, n_w, n_w))
             G.append(np.zeros((n_w, n_z), dtype=np.complex128))
             level.append(D_w[-1] * counts)
         for shape in shapes if real else []:
             D_z.append(np.zeros((n_z, n_z), dtype=np.complex128))
             D_w.append(np.zeros((n_w, n_w), dtype=np.complex128))
-            G.append(_placed(shape, w, z, n_w, n_z))
+            G.append(_embed(shape, w, z, n_w, n_z))
             level.append(D_w[-1])
     return _Basis(D_z=np.array(D_z), D_w=np.array(D_w), G=np.array(G), gain=np.array(level))
 
@@ -202,19 +202,19 @@ def _hermitian_basis(r: int) -> list[ComplexMatrix]:
     return found
 
 
-def _placed(part: ComplexMatrix | Matrix, i: slice, j: slice, n: int, m: int) -> ComplexMatrix:
+def _embed(part: ComplexMatrix | Matrix, i: slice, j: slice, n: int, m: int) -> ComplexMatrix:
     whole = np.zeros((n, m), dtype=np.complex128)
     whole[i, j] = part
     return whole
 
 
-def _first(M: ComplexMatrix, blocks: tuple[Block, ...], gain: bool, real: bool) -> Scalings:
+def _initial_scalings(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], gain: bool, real: bool) -> Scalings:
     """Return scalings to start from: balanced; for the gain, such as prove the other blocks stable, if any do."""
     if not gain or len(blocks) == 1:
-        return _diagonal(blocks, _balance(M, blocks), gain)
+        return _diagonal_scalings(blocks, _balance(M, blocks), gain)
     z, w = columns(blocks)[-1].start, rows(blocks)[-1].start
     inner = best_scalings(M[:z, :w], blocks[:-1], gain=False, accuracy=0.02, enough=0.9, real=real)
-    start = _diagonal(blocks, np.ones(len(blocks)), gain)
+    start = _diagonal_scalings(blocks, np.ones(len(blocks)), gain)
     slack = inner.gain - inner.form(M[:z, :w])
     if np.linalg.eigvalsh(slack)[0] <= 0.0:
         return start
@@ -224,12 +224,12 @@ def _first(M: ComplexMatrix, blocks: tuple[Block, ...], gain: bool, real: bool) 
     return Scalings(
         D_z=scipy.linalg.block_diag(inner.D_z, weight * start.D_z[z:, z:]),
         D_w=scipy.linalg.block_diag(inner.D_w, weight * start.D_w[w:, w:]),
-        G=_placed(inner.G, slice(0, w), slice(0, z), *start.G.shape),
+        G=_embed(inner.G, slice(0, w), slice(0, z), *start.G.shape),
         gain=weight * start.gain,
     )
 
 
-def _diagonal(blocks: tuple[Block, ...], weights: Matrix, gain: bool) -> Scalings:
+def _diagonal_scalings(blocks: tuple[DeltaBlock, ...], weights: Matrix, gain: bool) -> Scalings:
     sizes_w, sizes_z = [block.shape[0] for block in blocks], [block.shape[1] for block in blocks]
     D_z, D_w = np.diag(np.repeat(weights, sizes_z)), np.diag(np.repeat(weights, sizes_w))
     counted = D_w.copy()
@@ -239,7 +239,7 @@ def _diagonal(blocks: tuple[Block, ...], weights: Matrix, gain: bool) -> Scaling
     return Scalings(D_z=D_z.astype(complex), D_w=D_w.astype(complex), G=zero, gain=counted.astype(complex))
 
 
-def _balance(M: ComplexMatrix, blocks: tuple[Block, ...]) -> Matrix:
+def _balance(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...]) -> Matrix:
     """Return one weight a block that makes what it reads as large as what it drives (Osborne)."""
     size = np.array([[np.linalg.norm(M[z, w]) ** 2 for w in rows(blocks)] for z in columns(blocks)])
     np.fill_diagonal(size, 0.0)
@@ -252,7 +252,7 @@ def _balance(M: ComplexMatrix, blocks: tuple[Block, ...]) -> Matrix:
     return np.asarray(np.clip(weights / weights[-1], 1e-10, 1e10))
 
 
-def _improved(
+def _improve(
     basis: _Basis, start: Scalings, M: ComplexMatrix, level: float, accuracy: float, enough: float
 ) -> Scalings:
     """Return scalings with the least s that keep `form <= level^2 gain + s R`, R the gain part of `start`.
@@ -276,7 +276,7 @@ def _improved(
     weight = len(start.D_w) / level**2
     while weight < 4.0 * len(start.D_w) / (accuracy * level**2):
         y = _centre(y, weight, offsets, barriers)
-        weight *= _RAISE
+        weight *= _WEIGHT_FACTOR
         found = basis.at(origin + free @ y[:-1])
         if found.level(M) <= enough:
             break
@@ -285,11 +285,11 @@ def _improved(
 
 def _centre(y: Matrix, weight: float, offsets: list[ComplexMatrix], barriers: list[ComplexMatrix]) -> Matrix:
     """Return the minimiser of `weight y[-1] - sum log det (offset + y . barrier)`, by damped Newton steps."""
-    for _ in range(_NEWTON):
+    for _ in range(_NEWTON_STEPS):
         gradient, hessian = np.zeros(y.size), np.zeros((y.size, y.size))
         gradient[-1] = weight
         for offset, barrier in zip(offsets, barriers, strict=True):
-            root = np.linalg.inv(np.linalg.cholesky(_hermitian(offset + np.tensordot(y, barrier, 1))))
+            root = np.linalg.inv(np.linalg.cholesky(_hermitian_part(offset + np.tensordot(y, barrier, 1))))
             scaled = np.asarray(root @ barrier @ root.conj().T).reshape(y.size, -1)
             gradient -= scaled[:, :: root.shape[0] + 1].real.sum(axis=1)
             hessian += scaled.real @ scaled.real.T + scaled.imag @ scaled.imag.T
@@ -324,13 +324,13 @@ def _coordinates(basis: _Basis, scalings: Scalings) -> Matrix:
 
 def _is_positive(matrix: ComplexMatrix) -> bool:
     try:
-        np.linalg.cholesky(_hermitian(matrix))
+        np.linalg.cholesky(_hermitian_part(matrix))
     except np.linalg.LinAlgError:
         return False
     return True
 
 
-def _hermitian(matrix: ComplexMatrix) -> ComplexMatrix:
+def _hermitian_part(matrix: ComplexMatrix) -> ComplexMatrix:
     return np.asarray(0.5 * (matrix + matrix.conj().T))
 
 

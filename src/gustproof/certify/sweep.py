@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gustproof.certify.scalings import best_scalings
-from gustproof.lti.norms import bilinear, hinf_norm
+from gustproof.lti.norms import bilinear_transform, hinf_norm
 from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain
-from gustproof.model.uncertainty import Block, FullBlock
+from gustproof.model.uncertainty import DeltaBlock, FullBlock
 
 PERFORMANCE = "performance"
 """Name of the full block that closes inputs and outputs of a system."""
 _BANDS = 400
 """Bands at most; where they do not suffice nothing is proved and the upper bound is infinite."""
-_NARROW = 1e-4
+_MIN_GAP = 1e-4
 """[-] relative width of a gap below which mu is taken to jump inside."""
 _ROUNDING = 1e-6
 """[-] relative: bands are computed for a level this much below the one that is told."""
@@ -42,7 +42,7 @@ class Bracket:
         return self.upper / self.lower - 1.0 if self.lower > 0.0 else math.inf
 
 
-def swept(M: Lti, blocks: tuple[Block, ...], *, gain: bool, accuracy: float) -> tuple[float, list[float]]:
+def sweep(M: Lti, blocks: tuple[DeltaBlock, ...], *, gain: bool, accuracy: float) -> tuple[float, list[float]]:
     """Return a level that holds at every frequency, and the frequencies of the largest levels met, largest first.
 
     Parameters
@@ -71,39 +71,39 @@ def swept(M: Lti, blocks: tuple[Block, ...], *, gain: bool, accuracy: float) -> 
     pending = [0.0, min(peak.omega, 1e3 * fast), 1e3 * fast, *np.geomspace(slow, fast, 5).tolist()]
     gaps, level, met = [(0.0, math.inf)], 1e-3 * accuracy * peak.gain, list[tuple[float, float]]()
     for _ in range(_BANDS):
-        omega = pending.pop(0) if pending else _inside(gaps[0], slow, fast)
+        omega = pending.pop(0) if pending else _pick_frequency(gaps[0], slow, fast)
         response = M.response(omega)[0]
         # the best scalings, though the level asks for less: scalings that only just reach it hold on a narrow band
-        jumps = gaps[0][1] < (1.0 + _NARROW) * gaps[0][0]
+        jumps = gaps[0][1] < (1.0 + _MIN_GAP) * gaps[0][0]
         scalings = best_scalings(response, blocks, gain=gain, accuracy=0.5 * accuracy, real=not jumps)
         reached = scalings.level(response)
         met.append((reached, omega))
         if not math.isfinite(reached):
-            return math.inf, _largest(met)
+            return math.inf, _largest_frequencies(met)
         level = max(level, (1.0 + 0.5 * accuracy) * reached)
-        gaps = _without(gaps, scalings.band(M, level / (1.0 + _ROUNDING), omega))
+        gaps = _subtract_band(gaps, scalings.band(M, level / (1.0 + _ROUNDING), omega))
         if not gaps:
-            return level, _largest(met)
-    return math.inf, _largest(met)
+            return level, _largest_frequencies(met)
+    return math.inf, _largest_frequencies(met)
 
 
-def with_performance(system: Uncertain) -> tuple[Block, ...]:
+def add_performance_block(system: Uncertain) -> tuple[DeltaBlock, ...]:
     """Return the blocks of a system and, last, the full block that closes its inputs and outputs."""
     return (*system.blocks, FullBlock(name=PERFORMANCE, n_outputs=system.n_inputs, n_inputs=system.n_outputs))
 
 
-def continuous(system: Uncertain) -> Lti:
+def to_continuous(system: Uncertain) -> Lti:
     """Return `M` in continuous time, by the bilinear image, which keeps every bound, if it is discrete."""
-    return bilinear(system.M) if system.M.dt else system.M
+    return bilinear_transform(system.M) if system.M.dt else system.M
 
 
-def sampled(omega: float, system: Uncertain) -> float:
+def unwarp_frequency(omega: float, system: Uncertain) -> float:
     """Return the frequency [rad/s] of the system whose continuous image is at `omega`."""
     dt = system.M.dt
     return 2.0 / dt * math.atan(0.5 * omega * dt) if dt else omega
 
 
-def _inside(gap: tuple[float, float], slow: float, fast: float) -> float:
+def _pick_frequency(gap: tuple[float, float], slow: float, fast: float) -> float:
     """Return a frequency to look at inside a gap."""
     low, high = gap
     if math.isinf(high):
@@ -111,7 +111,7 @@ def _inside(gap: tuple[float, float], slow: float, fast: float) -> float:
     return math.sqrt(low * high) if low > 0.0 else min(0.1 * high, slow)
 
 
-def _without(gaps: list[tuple[float, float]], band: tuple[float, float]) -> list[tuple[float, float]]:
+def _subtract_band(gaps: list[tuple[float, float]], band: tuple[float, float]) -> list[tuple[float, float]]:
     """Return the gaps less the band."""
     if band[0] >= band[1]:
         return gaps
@@ -119,5 +119,5 @@ def _without(gaps: list[tuple[float, float]], band: tuple[float, float]) -> list
     return [(low, high) for low, high in pieces if low < high]
 
 
-def _largest(met: list[tuple[float, float]]) -> list[float]:
+def _largest_frequencies(met: list[tuple[float, float]]) -> list[float]:
     return [omega for _, omega in sorted(met, reverse=True)[:4]]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gustproof.lti.state_space import Matrix
 from gustproof.model.lft import Uncertain
 
-_NOTHING = 1e-9
+_ZERO_TOLERANCE = 1e-9
 """[-] an entry of the loop's matrices below it counts as 0: what is left of a coupling that rounding made. Symmetry
 spares a solver work only; no proof rests on it."""
 
@@ -29,7 +29,7 @@ class Mirror(NamedTuple):
     """Of each block's parameter."""
 
 
-def mirrors(loop: Uncertain) -> list[Mirror]:
+def mirror_group(loop: Uncertain) -> list[Mirror]:
     """Return the group of the mirror symmetries of `loop`, its identity too.
 
     Each entry of M that is not 0 demands that its input's sign is its output's: linear equations of bits, solved by
@@ -41,7 +41,7 @@ def mirrors(loop: Uncertain) -> list[Mirror]:
     unit = np.eye(n + k + m + z + len(loop.blocks), dtype=np.int64)
     x, q, w, out, delta = np.split(unit, np.cumsum([n, k, m, z]))
     inputs, outputs = np.vstack([x, q + delta[owner], w]), np.vstack([x, q, out])
-    rows, columns = np.nonzero(np.abs(np.block([[M.A, M.B], [M.C, M.D]])) > _NOTHING)
+    rows, columns = np.nonzero(np.abs(np.block([[M.A, M.B], [M.C, M.D]])) > _ZERO_TOLERANCE)
     basis = _null_space((outputs[rows] + inputs[columns]) % 2)
     found = []
     for chosen in product((0, 1), repeat=len(basis)):

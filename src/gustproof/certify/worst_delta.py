@@ -9,7 +9,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from gustproof.lti.state_space import ComplexMatrix, Lti
-from gustproof.model.uncertainty import Block, RealBlock, columns, rows
+from gustproof.model.uncertainty import DeltaBlock, RealBlock, columns, rows
 
 _CORNERS = 64
 """Starts at most: every corner of the real parameters while there are few, else random ones."""
@@ -29,7 +29,7 @@ class WorstDelta:
     Delta: ComplexMatrix
     """(n_w, n_z) block-diagonal, each block of norm at most the radius; real parameters are real."""
 
-    def parts(self, blocks: tuple[Block, ...]) -> dict[str, ArrayLike]:
+    def parts(self, blocks: tuple[DeltaBlock, ...]) -> dict[str, ArrayLike]:
         """Return the value of each block by its name: a number for a parameter, a complex matrix for a full block."""
         cut = {
             block.name: (block, self.Delta[w, z])
@@ -41,7 +41,7 @@ class WorstDelta:
         }
 
 
-def worst_delta(M: ComplexMatrix, blocks: tuple[Block, ...], *, radius: float = 1.0, seed: int = 0) -> WorstDelta:
+def worst_delta(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], *, radius: float = 1.0, seed: int = 0) -> WorstDelta:
     """Return a Delta within `radius` that makes the gain of `F_u(M, Delta)` large: a local maximum, often the largest.
 
     Conditional gradients from many starts: the gain is linearised in Delta, the best vertex of the ball taken (a corner
@@ -52,11 +52,11 @@ def worst_delta(M: ComplexMatrix, blocks: tuple[Block, ...], *, radius: float = 
     ----------
     P. M. Young, J. C. Doyle, Computation of mu with real and complex uncertainties, CDC 1990, 1230-1235.
     """
-    return _best(lambda Delta: _gain(M, blocks, Delta), blocks, radius, seed)
+    return _search(lambda Delta: _gain(M, blocks, Delta), blocks, radius, seed)
 
 
-def most_unstable(
-    M: Lti, blocks: tuple[Block, ...], *, radius: float = 1.0, seed: int = 0
+def most_unstable_delta(
+    M: Lti, blocks: tuple[DeltaBlock, ...], *, radius: float = 1.0, seed: int = 0
 ) -> tuple[WorstDelta, complex]:
     """Return a Delta within `radius` that moves the poles of the continuous `F_u(M, Delta)` far to the right.
 
@@ -64,16 +64,16 @@ def most_unstable(
     """
     w, z = _shape(blocks)
     opened = M.part(slice(0, z), slice(0, w))
-    found = _best(lambda Delta: _abscissa(opened, Delta)[1:], blocks, radius, seed)
+    found = _search(lambda Delta: _abscissa(opened, Delta)[1:], blocks, radius, seed)
     return found, _abscissa(opened, found.Delta)[0]
 
 
-def _best(objective: _Objective, blocks: tuple[Block, ...], radius: float, seed: int) -> WorstDelta:
-    found = [_ascended(objective, blocks, radius, radius * start) for start in _starts(blocks, seed)]
+def _search(objective: _Objective, blocks: tuple[DeltaBlock, ...], radius: float, seed: int) -> WorstDelta:
+    found = [_ascend(objective, blocks, radius, radius * start) for start in _starts(blocks, seed)]
     return max(found, key=lambda result: result.gain)
 
 
-def _ascended(objective: _Objective, blocks: tuple[Block, ...], radius: float, Delta: ComplexMatrix) -> WorstDelta:
+def _ascend(objective: _Objective, blocks: tuple[DeltaBlock, ...], radius: float, Delta: ComplexMatrix) -> WorstDelta:
     value, slope = objective(Delta)
     for _ in range(_STEPS):
         vertex = radius * _vertex(slope, blocks)
@@ -97,7 +97,7 @@ def _abscissa(M: Lti, Delta: ComplexMatrix) -> tuple[complex, float, ComplexMatr
     return complex(poles[k]), float(poles[k].real), np.outer(reads @ x, drives) / (y @ x)
 
 
-def _gain(M: ComplexMatrix, blocks: tuple[Block, ...], Delta: ComplexMatrix) -> tuple[float, ComplexMatrix]:
+def _gain(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], Delta: ComplexMatrix) -> tuple[float, ComplexMatrix]:
     """Return the gain and its gradient: the gain changes by `Re tr(slope dDelta)`. Infinite at a singular loop."""
     w, z = _shape(blocks)
     loop = np.eye(z) - M[:z, :w] @ Delta
@@ -111,7 +111,7 @@ def _gain(M: ComplexMatrix, blocks: tuple[Block, ...], Delta: ComplexMatrix) -> 
     return float(s[0]), slope
 
 
-def _vertex(slope: ComplexMatrix, blocks: tuple[Block, ...]) -> ComplexMatrix:
+def _vertex(slope: ComplexMatrix, blocks: tuple[DeltaBlock, ...]) -> ComplexMatrix:
     """Return the Delta of norm 1 with the largest `Re tr(slope Delta)`."""
     vertex = np.zeros(_shape(blocks), dtype=np.complex128)
     for block, w, z in zip(blocks, rows(blocks), columns(blocks), strict=True):
@@ -124,7 +124,7 @@ def _vertex(slope: ComplexMatrix, blocks: tuple[Block, ...]) -> ComplexMatrix:
     return vertex
 
 
-def _starts(blocks: tuple[Block, ...], seed: int) -> list[ComplexMatrix]:
+def _starts(blocks: tuple[DeltaBlock, ...], seed: int) -> list[ComplexMatrix]:
     """Return deltas of norm 1: corners of the real parameters, random directions of the full blocks."""
     rng = np.random.default_rng(seed)
     n_real = sum(isinstance(block, RealBlock) for block in blocks)
@@ -148,5 +148,5 @@ def _starts(blocks: tuple[Block, ...], seed: int) -> list[ComplexMatrix]:
     return starts
 
 
-def _shape(blocks: tuple[Block, ...]) -> tuple[int, int]:
+def _shape(blocks: tuple[DeltaBlock, ...]) -> tuple[int, int]:
     return sum(block.shape[0] for block in blocks), sum(block.shape[1] for block in blocks)

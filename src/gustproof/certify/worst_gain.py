@@ -5,13 +5,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from gustproof.certify.scalings import best_scalings
-from gustproof.certify.sweep import Bracket, continuous, sampled, swept, with_performance
+from gustproof.certify.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
 from gustproof.certify.worst_delta import worst_delta
 from gustproof.lti.norms import hinf_norm
-from gustproof.model.lft import Uncertain, appended, neglected, real, star
+from gustproof.model.lft import Uncertain, append, star, ultidyn, ureal
 from gustproof.model.uncertainty import RealBlock
 
-Box = Mapping[str, tuple[float, float]]
+ParameterBox = Mapping[str, tuple[float, float]]
 """Low and high of the normalised value of each real parameter."""
 
 
@@ -42,7 +42,7 @@ def worst_gain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> 
     """
     if not (system.blocks and system.n_inputs and system.n_outputs):
         raise ValueError("the system has no worst gain: no blocks, no inputs or no outputs")
-    whole: Box = {block.name: (-1.0, 1.0) for block in system.blocks if isinstance(block, RealBlock)}
+    whole: ParameterBox = {block.name: (-1.0, 1.0) for block in system.blocks if isinstance(block, RealBlock)}
     leaves = [(whole, _box_gain(system, whole, accuracy))]
     while True:
         best = max((bracket for _, bracket in leaves), key=lambda bracket: bracket.lower)
@@ -54,49 +54,49 @@ def worst_gain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> 
         leaves[worst : worst + 1] = [(half, _box_gain(system, half, accuracy)) for half in halves]
 
 
-def restricted(system: Uncertain, box: Box) -> Uncertain:
+def restrict(system: Uncertain, box: ParameterBox) -> Uncertain:
     """Return the family with its real parameters held to a box, and normalised anew."""
     delta = []
     for block in system.blocks:
         if isinstance(block, RealBlock):
             low, high = box[block.name]
-            delta += [real(block.name, low=low, high=high)] * block.repeats
+            delta += [ureal(block.name, low=low, high=high)] * block.repeats
         else:
-            delta.append(neglected(block.name, *block.shape))
-    return star(appended(*delta), system.M, system.n_w, system.n_z)
+            delta.append(ultidyn(block.name, *block.shape))
+    return star(append(*delta), system.M, system.n_w, system.n_z)
 
 
-def _box_gain(system: Uncertain, box: Box, accuracy: float) -> Bracket:
+def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float) -> Bracket:
     """Return the bracket of the gain in a box, its delta in the coordinates of the whole family."""
-    family = restricted(system, box)
-    M = continuous(family)
+    family = restrict(system, box)
+    M = to_continuous(family)
     if not M.is_stable():
         centre = {name: 0.5 * (low + high) for name, (low, high) in box.items()}
         peak = hinf_norm(system.at(centre))
         return Bracket(lower=peak.gain, upper=np.inf, omega=peak.omega, delta=centre)
-    upper, grid = swept(M, with_performance(family), gain=True, accuracy=accuracy)
+    upper, grid = sweep(M, add_performance_block(family), gain=True, accuracy=accuracy)
     found = [(worst_delta(M.response(omega)[0], family.blocks), omega) for omega in grid]
     worst, omega = max(found, key=lambda pair: pair[0].gain)
     delta = worst.parts(family.blocks)
     for name, (low, high) in box.items():
         delta[name] = 0.5 * (low + high) + 0.5 * (high - low) * float(np.asarray(delta[name]))
     if len(box) < len(system.blocks):
-        return Bracket(lower=worst.gain, upper=upper, omega=sampled(omega, system), delta=delta)
+        return Bracket(lower=worst.gain, upper=upper, omega=unwarp_frequency(omega, system), delta=delta)
     # a member is a system: its own norm is the honest figure, and may be larger than at the frequencies looked at
     peak = hinf_norm(system.at(delta))
     return Bracket(lower=peak.gain, upper=upper, omega=peak.omega, delta=delta)
 
 
-def _best_halves(system: Uncertain, box: Box, omega: float, accuracy: float) -> list[Box]:
+def _best_halves(system: Uncertain, box: ParameterBox, omega: float, accuracy: float) -> list[ParameterBox]:
     """Return the halves of a box, cut where the larger of their two bounds at `omega` is least."""
     cuts = []
     for name, (low, high) in box.items():
         middle = 0.5 * (low + high)
-        halves: list[Box] = [{**box, name: (low, middle)}, {**box, name: (middle, high)}]
+        halves: list[ParameterBox] = [{**box, name: (low, middle)}, {**box, name: (middle, high)}]
         levels = []
         for half in halves:
-            family = restricted(system, half)
+            family = restrict(system, half)
             M = family.M.response(min(omega, 1e9))[0]
-            levels.append(best_scalings(M, with_performance(family), gain=True, accuracy=accuracy).level(M))
+            levels.append(best_scalings(M, add_performance_block(family), gain=True, accuracy=accuracy).level(M))
         cuts.append((max(levels), halves))
     return min(cuts, key=lambda cut: cut[0])[1]

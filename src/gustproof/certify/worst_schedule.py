@@ -19,7 +19,7 @@ _STEP = 0.02
 """[s] time that a vertex of Delta is held at least; input constant in it."""
 _SWEEPS = 3
 """[-] power iterations for the input between two improvements of the schedule."""
-_SETTLED = 1e-4
+_CONVERGENCE = 1e-4
 """[-] relative growth of the gain below which the search ends."""
 
 
@@ -61,11 +61,11 @@ def worst_schedule(loop: Uncertain, *, duration: float = 60.0, rounds: int = 24,
     best, best_order = 0.0, order
     for _ in range(rounds):
         for _ in range(_SWEEPS):
-            x, z = _forward(A, B, C, D, order, w)
+            x, z = _simulate_forward(A, B, C, D, order, w)
             gain = float(np.linalg.norm(z) / np.linalg.norm(w))
-            adjoint, w_next = _backward(A, B, C, D, order, z)
+            adjoint, w_next = _simulate_adjoint(A, B, C, D, order, z)
             played, w = w, w_next / np.linalg.norm(w_next)
-        if gain < (1.0 + _SETTLED) * best:
+        if gain < (1.0 + _CONVERGENCE) * best:
             break
         best, best_order = gain, order
         ahead = np.einsum("vij,kj->kvi", A, x[:-1]) + np.einsum("vij,kj->kvi", B, played)
@@ -73,7 +73,9 @@ def worst_schedule(loop: Uncertain, *, duration: float = 60.0, rounds: int = 24,
     return Schedule(gain=best, delta=corners[best_order], dt=_STEP)
 
 
-def worst_swing(loop: Uncertain, speeds: Sequence[float | None], *, duration: float = 60.0, seed: int = 0) -> Schedule:
+def worst_triangle_schedule(
+    loop: Uncertain, speeds: Sequence[float | None], *, duration: float = 60.0, seed: int = 0
+) -> Schedule:
     """Return the worst of some histories of Delta that keep `speeds`, and by it a lower bound of the gain.
 
     Each parameter with a bound in `speeds` [1/s] rests at a corner, or swings in triangles from -1 to 1 at the least of
@@ -93,20 +95,22 @@ def worst_swing(loop: Uncertain, speeds: Sequence[float | None], *, duration: fl
     for history in histories:
         delta = np.zeros((len(history), len(loop.blocks)))
         delta[:, slow] = history
-        found.append((*_powered(_systems(loop, delta), np.arange(steps) % len(delta), start, rounds=_SWEEPS), delta))
+        found.append(
+            (*_power_iterate(_systems(loop, delta), np.arange(steps) % len(delta), start, rounds=_SWEEPS), delta)
+        )
     _, w, delta = max(found, key=lambda one: one[0])
     order = np.arange(steps) % len(delta)
-    gain, _ = _powered(_systems(loop, delta), order, w, rounds=4 * _SWEEPS)
+    gain, _ = _power_iterate(_systems(loop, delta), order, w, rounds=4 * _SWEEPS)
     return Schedule(gain=gain, delta=delta[order], dt=_STEP)
 
 
-def _powered(systems: Systems, order: Order, w: Matrix, *, rounds: int) -> tuple[float, Matrix]:
+def _power_iterate(systems: Systems, order: Order, w: Matrix, *, rounds: int) -> tuple[float, Matrix]:
     """Return the gain that power iteration of the loop and its adjoint reaches from the input `w`, and its input."""
     gain = 0.0
     for _ in range(rounds):
-        _, z = _forward(*systems, order, w)
+        _, z = _simulate_forward(*systems, order, w)
         gain = float(np.linalg.norm(z) / np.linalg.norm(w))
-        _, played = _backward(*systems, order, z)
+        _, played = _simulate_adjoint(*systems, order, z)
         w = played / np.linalg.norm(played)
     return gain, w
 
@@ -114,7 +118,7 @@ def _powered(systems: Systems, order: Order, w: Matrix, *, rounds: int) -> tuple
 def _systems(loop: Uncertain, deltas: Matrix) -> Systems:
     """Return the loop at each of `deltas`, (k, blocks), over a step: A, B, C and D, each k of them."""
     names = [block.name for block in loop.blocks]
-    held = [_held(loop, dict(zip(names, delta, strict=True))) for delta in deltas]
+    held = [_discretize(loop, dict(zip(names, delta, strict=True))) for delta in deltas]
     A, B, C, D = (np.array(matrices) for matrices in zip(*held, strict=True))
     return A, B, C, D
 
@@ -123,7 +127,7 @@ def _signs(blocks: int) -> "itertools.product[tuple[float, ...]]":
     return itertools.product((-1.0, 1.0), repeat=blocks)
 
 
-def _held(loop: Uncertain, vertex: dict[str, float]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+def _discretize(loop: Uncertain, vertex: dict[str, float]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     """Return the loop at a vertex over a step with its input held."""
     system = loop.at(vertex)
     n, m = system.order, system.n_inputs
@@ -131,7 +135,7 @@ def _held(loop: Uncertain, vertex: dict[str, float]) -> tuple[Matrix, Matrix, Ma
     return exponential[:n, :n], exponential[:n, n:], system.C, system.D
 
 
-def _forward(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, w: Matrix) -> tuple[Matrix, Matrix]:
+def _simulate_forward(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, w: Matrix) -> tuple[Matrix, Matrix]:
     """Return the states (k + 1, n) and outputs (k, p) of the schedule `order` (k,) from rest."""
     x = np.zeros((len(order) + 1, A.shape[1]))
     driven = np.einsum("kij,kj->ki", B[order], w)
@@ -140,7 +144,7 @@ def _forward(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, w: Matrix
     return x, np.einsum("kij,kj->ki", C[order], x[:-1]) + np.einsum("kij,kj->ki", D[order], w)
 
 
-def _backward(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, z: Matrix) -> tuple[Matrix, Matrix]:
+def _simulate_adjoint(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, z: Matrix) -> tuple[Matrix, Matrix]:
     """Return the adjoint (k, n) of each step's next state, and the adjoint's output (k, m)."""
     adjoint = np.zeros((len(order) + 1, A.shape[1]))
     read = np.einsum("kij,ki->kj", C[order], z)

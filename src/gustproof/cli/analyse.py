@@ -29,7 +29,7 @@ def analyse(
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.analysis.analyse import analyse as analysed
     from gustproof.law.io.matrices import read_law
-    from gustproof.report.analysis import analysis_document
+    from gustproof.report.analysis import render_analysis
     from gustproof.report.terminal import show
 
     if output is not None and output.suffix != ".png":
@@ -49,6 +49,6 @@ def analyse(
     if as_json:
         print(json.dumps(analysis.document(), indent=2))
         return
-    show(analysis_document(analysis))
+    show(render_analysis(analysis))
     if output is not None:
         print(f"drawn in {output}")

@@ -2,7 +2,7 @@
 
 import typer
 
-from gustproof.cli.failures import Status
+from gustproof.cli.failures import ExitStatus
 
 
 def autopilot(ctx: typer.Context) -> None:
@@ -19,4 +19,4 @@ def autopilot(ctx: typer.Context) -> None:
     """
     from firmware_model.__main__ import main
 
-    raise typer.Exit(main(ctx.args, program="gustproof autopilot") or Status.DONE.value)
+    raise typer.Exit(main(ctx.args, program="gustproof autopilot") or ExitStatus.DONE.value)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.failures import ANYWAY, Status, stop
+from gustproof.cli.failures import ANYWAY, ExitStatus, exit_with
 from gustproof.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -61,30 +61,30 @@ def campaign(
 
         gustproof fly --run mc.parquet:471
     """
-    from gustproof.campaign.statistics import findings
-    from gustproof.report.campaign import campaign_document
+    from gustproof.campaign.statistics import compute_statistics
+    from gustproof.report.campaign import render_campaign
     from gustproof.report.terminal import show
     from gustproof.simulate.flight import check
 
-    plan = _plan(scenario, law, vehicle, spread, sampling, gust_spread, attitude_spread, runs, seed)
+    plan = _make_plan(scenario, law, vehicle, spread, sampling, gust_spread, attitude_spread, runs, seed)
     if not anyway:
         for each in plan.laws:
             check(plan.scenario, each, plan.vehicles.nominal)
     _fly(plan, output, workers, executor, quiet=as_json)
-    found = findings(output)
+    found = compute_statistics(output)
     if as_json:
         print(json.dumps(found.document(), indent=2))
     else:
-        show(campaign_document(found))
+        show(render_campaign(found))
 
 
-def _plan(
+def _make_plan(
     scenario: str, laws: list[str], vehicle: str, spread: str | None, sampling: str, gust: float, attitude_deg: float,
     runs: int, seed: int,
 ) -> "Campaign":  # fmt: skip
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
-    from gustproof.campaign.plan import Campaign, Dispersed, dispersions, usual_dispersions
+    from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads, usual_dispersions
     from gustproof.campaign.sampling import Sampling
     from gustproof.law.form import load_law
 
@@ -92,34 +92,34 @@ def _plan(
     if spread is None:
         wanted = usual_dispersions(vehicles)
     else:
-        wanted = [_choice(Dispersed, "--spread", word.strip()) for word in spread.split(",")]
+        wanted = [_parse_choice(DispersionKind, "--spread", word.strip()) for word in spread.split(",")]
     return Campaign(
         scenario=script, laws=tuple(load_law(name) for name in laws), vehicles=vehicles,
-        spreads=dispersions(vehicles, script, wanted, gust=gust, attitude_deg=attitude_deg),
-        cases=runs, sampling=_choice(Sampling, "--sampling", sampling), seed=seed,
+        spreads=select_spreads(vehicles, script, wanted, gust=gust, attitude_deg=attitude_deg),
+        cases=runs, sampling=_parse_choice(Sampling, "--sampling", sampling), seed=seed,
     )  # fmt: skip
 
 
 def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | None, *, quiet: bool) -> None:
     """Fly what is not flown yet, shown on standard error."""
-    from gustproof.campaign.executors import cluster, processes, usable_cores
-    from gustproof.campaign.reader import read_note
+    from gustproof.campaign.executors import count_cores, dask_pool, process_pool
+    from gustproof.campaign.reader import read_campaign_metadata
     from gustproof.campaign.runner import fly_campaign
-    from gustproof.campaign.store import check_same
+    from gustproof.campaign.store import check_same_campaign
 
     if output.suffix != ".parquet":
         raise ConfigError(f"{output}: a campaign's table ends in .parquet")
     if output.exists():
-        check_same(read_note(output), plan.note(), f"{output}: holds another campaign")
-        _tell(f"{output}: all {plan.runs:,} runs are there", quiet=quiet)
+        check_same_campaign(read_campaign_metadata(output), plan.note(), f"{output}: holds another campaign")
+        _print_status(f"{output}: all {plan.runs:,} runs are there", quiet=quiet)
         return
-    if plan.scenario.scripts_controller:
+    if plan.scenario.has_link_script:
         why = "its script has link, mode or controller events"
-        _tell(f"{plan.scenario.name} is flown with messages, which takes longer: {why}", quiet=quiet)
+        _print_status(f"{plan.scenario.name} is flown with messages, which takes longer: {why}", quiet=quiet)
     title = f"{plan.scenario.name}, {', '.join(law.name for law in plan.laws)}"
     try:
         with (
-            cluster(executor) if executor else processes(workers or usable_cores()) as pool,
+            dask_pool(executor) if executor else process_pool(workers or count_cores()) as pool,
             progress(title, quiet=quiet) as shown,
         ):
             fly_campaign(
@@ -128,15 +128,15 @@ def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | No
             )  # fmt: skip
     except KeyboardInterrupt:
         line = f"interrupted; what was flown is in {output}.parts, and the same command goes on from there"
-        raise stop(line, Status.INTERRUPTED) from None
+        raise exit_with(line, ExitStatus.INTERRUPTED) from None
 
 
-def _tell(line: str, *, quiet: bool) -> None:
+def _print_status(line: str, *, quiet: bool) -> None:
     if not quiet:
         print(f"gustproof: {line}", file=sys.stderr)
 
 
-def _choice(kind: type[Choice], option: str, word: str) -> Choice:
+def _parse_choice(kind: type[Choice], option: str, word: str) -> Choice:
     try:
         return kind(word)
     except ValueError:

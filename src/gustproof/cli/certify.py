@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.failures import Status, say
-from gustproof.cli.vectors import three_positive
+from gustproof.cli.failures import ExitStatus, say
+from gustproof.cli.vectors import parse_positive_vector
 
 if TYPE_CHECKING:
     from gustproof.certify.certificate import Certificate
@@ -98,17 +98,21 @@ def certify(
     if output is not None and output.suffix != ".json":
         raise ConfigError(f"{output}: a certificate ends in .json")
     if angle is not None and rate is not None:
-        certificate = _gain(_design(name), vehicle, angle, rate, level=level, leak=leak, exact_rho=exact_rho, slow=slow)
+        certificate = _certify_gain(
+            _find_design(name), vehicle, angle, rate, level=level, leak=leak, exact_rho=exact_rho, slow=slow
+        )
     else:
-        bound = three_positive("--moment", moment)
-        certificate = _closure(name, vehicle or "paper", bound, horizon, leak=leak or 0.0, noise=noise, risk=risk)
+        bound = parse_positive_vector("--moment", moment)
+        certificate = _certify_boundedness(
+            name, vehicle or "paper", bound, horizon, leak=leak or 0.0, noise=noise, risk=risk
+        )
     if output is not None and certificate.proven:
         certificate.save(output)
     _show(name, certificate, output, as_json=as_json)
-    raise typer.Exit((Status.DONE if certificate.proven else Status.REQUIREMENT_FAILED).value)
+    raise typer.Exit((ExitStatus.DONE if certificate.proven else ExitStatus.REQUIREMENT_FAILED).value)
 
 
-def _design(name: str) -> "Design":
+def _find_design(name: str) -> "Design":
     """Return the design that `name` names, or that the shipped law of that name was made from."""
     from gustproof.law.form import shipped_laws
     from gustproof.synthesis.designs import load_design, shipped_designs
@@ -127,7 +131,7 @@ def _has_gain(design: "Design") -> bool:
     return design.rate_loop_lag is None and design.W_l is None and design.W_r is None
 
 
-def _gain(
+def _certify_gain(
     design: "Design",
     vehicle: str | None,
     angle: float,
@@ -159,7 +163,7 @@ def _gain(
         raise ConfigError(f"design {design.name}: {error}") from None
 
 
-def _closure(
+def _certify_boundedness(
     law: str,
     vehicle: str,
     moment: tuple[float, float, float],
@@ -170,17 +174,17 @@ def _closure(
     risk: float,
 ) -> "Certificate":
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.certify.boundedness import certify_closure
+    from gustproof.certify.boundedness import certify_boundedness
     from gustproof.law.form import load_law
 
     flown, airframe = load_law(law), load_vehicle(vehicle)
     try:
-        return certify_closure(flown, airframe, moment=moment, horizon=horizon, leak=leak, noise=noise, risk=risk)
+        return certify_boundedness(flown, airframe, moment=moment, horizon=horizon, leak=leak, noise=noise, risk=risk)
     except ValueError as error:
         raise ConfigError(str(error)) from None
 
 
-def _check(path: Path, *, as_json: bool) -> Status:
+def _check(path: Path, *, as_json: bool) -> ExitStatus:
     from firmware_model.config.files import parse_json, read_text
     from gustproof.certify.check import FORMAT, check
 
@@ -202,7 +206,7 @@ def _check(path: Path, *, as_json: bool) -> Status:
         _show_assumptions(claimed["assumes"])
     else:
         say(f"refused: {verdict.reason}")
-    return Status.DONE if verdict.accepted else Status.REQUIREMENT_FAILED
+    return ExitStatus.DONE if verdict.accepted else ExitStatus.REQUIREMENT_FAILED
 
 
 def _show(name: str, certificate: "Certificate", output: Path | None, *, as_json: bool) -> None:

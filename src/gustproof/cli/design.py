@@ -56,7 +56,7 @@ def design(
     gustproof design D2 --method hinfstruct --order 6 -o reduced.json
     """
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.report.design import design_document, save_design_figure
+    from gustproof.report.design import render_design, save_design_figure
     from gustproof.report.terminal import show
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import load_design
@@ -76,7 +76,7 @@ def design(
         asked = replace(asked, gamma=gamma)
     elif backoff is not None:
         asked = replace(asked, gamma=None, backoff=backoff)
-    solve = None if order is None else _structured(order, starts, seed, quiet=as_json)
+    solve = None if order is None else _make_solver(order, starts, seed, quiet=as_json)
     law, report = derive(asked, None if vehicle is None else load_vehicle(vehicle), solve=solve)
     if output is not None:
         law.save(output)
@@ -84,19 +84,19 @@ def design(
     if as_json:
         print(json.dumps(report.document(), indent=2))
     else:
-        show(design_document(report))
+        show(render_design(report))
         if output is not None:
             print(f"law in {output}, singular values in {output.with_suffix('.png')}")
 
 
-def _structured(
+def _make_solver(
     order: int, starts: int, seed: int, *, quiet: bool
 ) -> "Callable[[Design, Interconnection], StructResult]":
     """Return what solves a design by `hinfstruct`, with its progress shown."""
-    from gustproof.synthesis.structured.fixed_order import structured_controller
+    from gustproof.synthesis.structured.fixed_order import solve_structured
 
     def solve(design: "Design", problem: "Interconnection") -> "StructResult":
         with progress(f"searching, {design.name}", quiet=quiet) as shown:
-            return structured_controller(design, problem, order=order, starts=starts, seed=seed, progress=shown)
+            return solve_structured(design, problem, order=order, starts=starts, seed=seed, progress=shown)
 
     return solve

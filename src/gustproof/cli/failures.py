@@ -15,10 +15,10 @@ from gustproof.errors import DesignError, FlightError
 
 ANYWAY = "Fly, too, what is refused: a law that is unstable on the vehicle, references that it does not hold."
 """Help of `--anyway`."""
-_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # writing raises them, and does not say where
+_DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # writing raises them, and does not say where
 
 
-class Status(IntEnum):
+class ExitStatus(IntEnum):
     """Exit statuses."""
 
     DONE = 0
@@ -41,18 +41,18 @@ class OneLineErrors(TyperGroup):
         try:
             return super().invoke(ctx)
         except (ConfigError, DesignError) as error:
-            raise stop(str(error), Status.BAD_INPUT) from None
+            raise exit_with(str(error), ExitStatus.BAD_INPUT) from None
         except FlightError as error:
-            raise stop(str(error), Status.FLIGHT_BROKE_OFF) from None
+            raise exit_with(str(error), ExitStatus.FLIGHT_BROKE_OFF) from None
         except click.UsageError as error:
             raise click.UsageError(printable(error.format_message()), error.ctx) from None
         except KeyboardInterrupt:
-            raise stop("interrupted", Status.INTERRUPTED) from None
+            raise exit_with("interrupted", ExitStatus.INTERRUPTED) from None
         except OSError as error:
-            if error.filename is None and error.errno not in _FULL:  # not about a file that someone named
+            if error.filename is None and error.errno not in _DISK_FULL:  # not about a file that someone named
                 raise
             named = "" if error.filename is None else f"{error.filename}: "
-            raise stop(f"{named}{error.strerror}", Status.BAD_INPUT) from None
+            raise exit_with(f"{named}{error.strerror}", ExitStatus.BAD_INPUT) from None
 
 
 def say(line: str) -> None:
@@ -60,7 +60,7 @@ def say(line: str) -> None:
     print(printable(line))
 
 
-def stop(line: str, status: Status) -> typer.Exit:
+def exit_with(line: str, status: ExitStatus) -> typer.Exit:
     """Print one line on stderr and return the exception that ends the command with `status`."""
     print(f"gustproof: {printable(line)}", file=sys.stderr)
     return typer.Exit(status.value)

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from gustproof.cli.failures import ANYWAY, Status, stop
+from gustproof.cli.failures import ANYWAY, ExitStatus, exit_with
 from gustproof.cli.progress import progress
 
 if TYPE_CHECKING:
-    from gustproof.campaign.rerun import Run
-    from gustproof.simulate.flight import Plan, RecordedFlight
+    from gustproof.campaign.rerun import CampaignRun
+    from gustproof.simulate.flight import FlightPlan, RecordedFlight
 
 
-_SAID_BY_THE_BAG = ("scenario", "law", "vehicle", "seed", "real_time", "run")
-_SAID_BY_THE_TABLE = ("vehicle", "seed", "real_time")
+_BAG_OPTIONS = ("scenario", "law", "vehicle", "seed", "real_time", "run")
+_TABLE_OPTIONS = ("vehicle", "seed", "real_time")
 
 
 def fly(
@@ -69,44 +69,44 @@ def fly(
 
         gustproof fly --run mc.parquet:4711
     """
-    from gustproof.recording.folder import fresh_folder
-    from gustproof.report.terminal import flight_document, show
-    from gustproof.simulate.outcome import Outcome
+    from gustproof.recording.folder import make_run_folder
+    from gustproof.report.terminal import render_flight, show
+    from gustproof.simulate.outcome import FlightOutcome
 
-    of_table = _run(context, run, scenario, law) if run and not repeat else None
+    of_table = _find_run(context, run, scenario, law) if run and not repeat else None
     if of_table:
         plan = of_table.plan
     else:
-        plan = _recorded_plan(context, repeat) if repeat else _plan(scenario, law, vehicle, seed, real_time, anyway)
-    folder = fresh_folder(out, "fly")
+        plan = _load_plan(context, repeat) if repeat else _make_plan(scenario, law, vehicle, seed, real_time, anyway)
+    folder = make_run_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
     except KeyboardInterrupt:
         if not any(folder.glob("*.journal")):
             raise
         line = f"interrupted while the bag was written; all is there for gustproof recover {folder}"
-        raise stop(line, Status.INTERRUPTED) from None
-    interrupted = result.outcome is Outcome.INTERRUPTED
+        raise exit_with(line, ExitStatus.INTERRUPTED) from None
+    interrupted = result.outcome is FlightOutcome.INTERRUPTED
     comparison = None if interrupted else _comparison(result, plan, repeat, of_table)
     if as_json:
         print(json.dumps(result.document() | (comparison.document() if comparison else {}), indent=2))
     else:
         document = (result.message, result.metrics, result.bag, result.requirements, result.pace, result.warnings)
-        show(flight_document(*document))
+        show(render_flight(*document))
     if interrupted:
-        raise stop(f"interrupted; what was flown is in {folder}", Status.INTERRUPTED)
+        raise exit_with(f"interrupted; what was flown is in {folder}", ExitStatus.INTERRUPTED)
     if comparison and comparison.equal is False:
-        raise stop(comparison.line, Status.REQUIREMENT_FAILED)
+        raise exit_with(comparison.line, ExitStatus.REQUIREMENT_FAILED)
     if comparison:
         print(f"gustproof: {comparison.line}", file=sys.stderr)
-    if not result.as_scripted:
-        raise stop(f"{result.message}; what was flown is in {folder}", Status.FLIGHT_BROKE_OFF)
+    if not result.has_expected_outcome:
+        raise exit_with(f"{result.message}; what was flown is in {folder}", ExitStatus.FLIGHT_BROKE_OFF)
     failed = sum(not each.held for each in result.requirements)
     if failed:
-        raise stop(f"{failed} of {len(result.requirements)} requirements failed", Status.REQUIREMENT_FAILED)
+        raise exit_with(f"{failed} of {len(result.requirements)} requirements failed", ExitStatus.REQUIREMENT_FAILED)
 
 
-def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "RecordedFlight":
+def _fly(plan: "FlightPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "RecordedFlight":
     """Fly, shown on standard error and, if `view`, on a page that starts it."""
     from gustproof.simulate.flight import fly_and_record, warnings
 
@@ -131,13 +131,15 @@ def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> 
     return result
 
 
-def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_time: bool, anyway: bool) -> "Plan":
+def _make_plan(
+    scenario: str | None, law: str | None, vehicle: str, seed: int, real_time: bool, anyway: bool
+) -> "FlightPlan":
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.vehicle import load_vehicle
     from firmware_model.errors import ConfigError
     from gustproof.controller import DEFAULT_LAW
     from gustproof.law.form import load_law
-    from gustproof.simulate.flight import Plan, check
+    from gustproof.simulate.flight import FlightPlan, check
 
     if scenario is None:
         raise ConfigError("give a scenario, or --repeat, or --run")
@@ -149,23 +151,23 @@ def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_t
         )
     if not anyway:
         check(script, flown, airframe)
-    return Plan(script, flown, airframe, seed, real_time)
+    return FlightPlan(script, flown, airframe, seed, real_time)
 
 
-def _recorded_plan(context: typer.Context, run: Path) -> "Plan":
+def _load_plan(context: typer.Context, run: Path) -> "FlightPlan":
     from gustproof.recording.bag import read_bag
-    from gustproof.simulate.flight import noted
+    from gustproof.simulate.flight import parse_plan
 
-    _refuse(context, _SAID_BY_THE_BAG, "--repeat flies what the bag says")
-    bag = _bag(run)
-    return noted(read_bag(bag)[0], bag)
+    _refuse(context, _BAG_OPTIONS, "--repeat flies what the bag says")
+    bag = _find_bag(run)
+    return parse_plan(read_bag(bag)[0], bag)
 
 
-def _run(context: typer.Context, run: str, scenario: str | None, law: str | None) -> "Run":
-    from gustproof.campaign.rerun import read
+def _find_run(context: typer.Context, run: str, scenario: str | None, law: str | None) -> "CampaignRun":
+    from gustproof.campaign.rerun import find_run
 
-    _refuse(context, _SAID_BY_THE_TABLE, "--run flies what the table says")
-    found = read(run)
+    _refuse(context, _TABLE_OPTIONS, "--run flies what the table says")
+    found = find_run(run)
     found.check(scenario, law)
     return found
 
@@ -194,7 +196,7 @@ class _Comparison(NamedTuple):
 
 
 def _comparison(
-    result: "RecordedFlight", plan: "Plan", repeat: Path | None, of_table: "Run | None"
+    result: "RecordedFlight", plan: "FlightPlan", repeat: Path | None, of_table: "CampaignRun | None"
 ) -> _Comparison | None:
     """Compare a flight with the one that it repeats; `None` if it repeats none."""
     if of_table:
@@ -207,17 +209,17 @@ def _comparison(
 def _compare(result: "RecordedFlight", run: Path) -> _Comparison:
     """Compare every bit of every sample."""
     from gustproof.recording.bag import read_bag
-    from gustproof.simulate.flight import differs_from_s
+    from gustproof.simulate.flight import first_difference_s
 
-    about, records = read_bag(_bag(run))
-    begin_s = differs_from_s(result.records, records)
+    about, records = read_bag(_find_bag(run))
+    begin_s = first_difference_s(result.records, records)
     if begin_s is not None:
         line = f"differs from {run} from {begin_s:.3f} s on, which ended as '{about['outcome']}'"
         return _Comparison(False, f"{line}, flown by {about['versions']}")
     return _Comparison(True, f"equal to {run} in every bit of its {len(records)} samples")
 
 
-def _compare_figures(result: "RecordedFlight", run: "Run") -> _Comparison:
+def _compare_figures(result: "RecordedFlight", run: "CampaignRun") -> _Comparison:
     """Compare every bit of the figures with those of the campaign's run."""
     name = f"run {run.row['run']} of {run.table}"
     if run.row["failure"] is not None:
@@ -227,11 +229,11 @@ def _compare_figures(result: "RecordedFlight", run: "Run") -> _Comparison:
     return _Comparison(True, f"equal to {name} in every bit of its figures")
 
 
-def _bag(run: Path) -> Path:
+def _find_bag(run: Path) -> Path:
     from firmware_model.errors import ConfigError
-    from gustproof.recording.folder import bags_in
+    from gustproof.recording.folder import find_bags
 
-    bags = bags_in(run)
+    bags = find_bags(run)
     if len(bags) > 1:
         raise ConfigError(f"{run}: {len(bags)} bags in it; name one, as {bags[0]}")
     return bags[0]

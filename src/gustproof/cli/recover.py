@@ -17,7 +17,7 @@ def recover(
 
         gustproof recover runs/fly-003
     """
-    from gustproof.report.terminal import flight_document, show
+    from gustproof.report.terminal import render_flight, show
     from gustproof.simulate.flight import recover as recovered
 
     flights = recovered(run)
@@ -25,4 +25,4 @@ def recover(
         print(json.dumps([flight.document() for flight in flights], indent=2))
         return
     for flight in flights:
-        show(flight_document(flight.message, flight.metrics, flight.bag, flight.requirements))
+        show(render_flight(flight.message, flight.metrics, flight.bag, flight.requirements))

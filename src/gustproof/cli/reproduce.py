@@ -26,14 +26,14 @@ def reproduce(
         gustproof reproduce --seeds 1 --out /tmp/paper --json
     """
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.recording.folder import fresh_folder
+    from gustproof.recording.folder import make_run_folder
     from gustproof.report.terminal import show
     from gustproof.reproduce import run as paper
 
     airframe = load_vehicle(vehicle)
     if not anyway:
         paper.check(airframe)
-    folder = fresh_folder(out, "reproduce")
+    folder = make_run_folder(out, "reproduce")
     with progress("starting", quiet=as_json) as shown:
         result = paper.reproduce(airframe, range(1, seeds + 1), folder, shown)
     if as_json:

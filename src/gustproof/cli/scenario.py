@@ -21,12 +21,12 @@ def list_shipped(
 
     gustproof scenario list
     """
-    from firmware_model.config.scenario import load_scenario, shipped_scenarios
-    from gustproof.report.scenarios import scenario_summary, scenarios_table
+    from firmware_model.config.scenario import list_scenarios, load_scenario
+    from gustproof.report.scenarios import scenarios_table, summarize_scenario
 
-    scenarios = [load_scenario(name) for name in shipped_scenarios()]
+    scenarios = [load_scenario(name) for name in list_scenarios()]
     if as_json:
-        print(json.dumps([scenario_summary(each) for each in scenarios], indent=2))
+        print(json.dumps([summarize_scenario(each) for each in scenarios], indent=2))
         return
     from gustproof.report.terminal import show
 
@@ -61,12 +61,12 @@ def check(
     gustproof scenario check mine.toml
     """
     from firmware_model.config.scenario import load_scenario
-    from gustproof.report.scenarios import scenario_line
+    from gustproof.report.scenarios import describe_scenario
 
     script = load_scenario(file)
     if script.unflown:
         raise ConfigError(f"{file}: {'; '.join(script.unflown)}")
-    print(scenario_line(script))
+    print(describe_scenario(script))
 
 
 @scenario.command()
@@ -84,10 +84,10 @@ def extract(
     In the scenario: [[wind]] with kind = "replay" and file = "wind.csv".
     """
     from gustproof.recording.bag import read_bag
-    from gustproof.recording.folder import bags_in
+    from gustproof.recording.folder import find_bags
     from gustproof.recording.replay import save_replay
 
-    bag, *others = bags_in(run)
+    bag, *others = find_bags(run)
     if others:
         raise ConfigError(f"{run}: holds {1 + len(others)} bags; name one of them")
     if output.suffix != ".csv":

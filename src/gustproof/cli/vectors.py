@@ -5,7 +5,7 @@ import math
 from firmware_model.errors import ConfigError
 
 
-def three_positive(option: str, text: str) -> tuple[float, float, float]:
+def parse_positive_vector(option: str, text: str) -> tuple[float, float, float]:
     """Return the numbers of `text`, "x,y,z".
 
     Raises

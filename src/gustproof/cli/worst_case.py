@@ -9,7 +9,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.progress import progress
-from gustproof.cli.vectors import three_positive
+from gustproof.cli.vectors import parse_positive_vector
 
 
 def worst_case(
@@ -50,7 +50,7 @@ def worst_case(
     from gustproof.law.form import load_law
     from gustproof.model.uncertainty import Spreads
 
-    moment = three_positive("--moment", budget)
+    moment = parse_positive_vector("--moment", budget)
     if output is not None and output.suffix != ".toml":
         raise ConfigError(f"{output}: a scenario file ends in .toml")
     if output is not None and not output.parent.is_dir():

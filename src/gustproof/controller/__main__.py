@@ -15,12 +15,17 @@ from firmware_model.process import access, realtime, udp
 from firmware_model.process.exit_on_eof import EXIT_ON_STDIN_EOF, exit_on_stdin_eof
 from gustproof.controller import DEFAULT_LAW
 from gustproof.controller.core import reference_excess
-from gustproof.controller.endpoint import ControllerEndpoint, Outcome
+from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
 from gustproof.law.form import Law, Output, load_law, shipped_laws
-from gustproof.law.step import FlyingLaw
+from gustproof.law.step import LawStepper
 
-_EXIT = {Outcome.DONE: 0, Outcome.WRONG_RATE: 2, Outcome.NOT_SUPPORTED: 2, Outcome.INTERRUPTED: 130}
-_BROKEN = 3
+_EXIT = {
+    ControllerOutcome.DONE: 0,
+    ControllerOutcome.WRONG_RATE: 2,
+    ControllerOutcome.NOT_SUPPORTED: 2,
+    ControllerOutcome.INTERRUPTED: 130,
+}
+_EXIT_BROKEN_OFF = 3
 # PX4's simulation hears on 14580 + instance. It speaks to 14540 + instance unless another port speaks to it first, and
 # then to that one until it ends.
 _PX4_PORTS, _PX4_OFFSET = range(14580, 14590), -40
@@ -41,28 +46,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _fly(law: Law, options: argparse.Namespace) -> int:
     # The machine code is loaded, or made, before anybody waits for it.
-    FlyingLaw(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    LawStepper(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     realtime.freeze_gc(off=True)
     name = options.scenario
     references = (read_json(Scenario, name) or load_scenario(name)).references if name else ()
     if not options.anyway and (excess := reference_excess(law, references)):
         raise ConfigError(f"{excess}; --anyway flies it all the same")
     vehicle = _address(options.connect)
-    signing = access.signing(options, vehicle[0], strict=True)
-    quiet = options.json or options.attended
+    signing = access.make_signing(options, vehicle[0], strict=True)
+    quiet = options.json or options.exit_on_stdin_eof
     with _bind(options, vehicle) as bound:
         tell = _mute if quiet else _tell
         endpoint = ControllerEndpoint(law, (0, vehicle), signing, references, tell)
         tell(f"waits for an autopilot at {vehicle[0]}:{vehicle[1]}")
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
-        if options.attended:
+        if options.exit_on_stdin_eof:
             exit_on_stdin_eof(endpoint.interrupt)
         if options.real_time:
             realtime.request_fifo_scheduling()
         udp.connect(bound, vehicle)
-        udp.converse(endpoint, bound)
-    outcome = endpoint.outcome or Outcome.INTERRUPTED
+        udp.serve_lockstep(endpoint, bound)
+    outcome = endpoint.outcome or ControllerOutcome.INTERRUPTED
     if options.json:
         counters = {cause.value: count for cause, count in endpoint.counters.items()}
         told = {"outcome": outcome.value, "message": endpoint.message, "counters": counters}
@@ -70,11 +75,11 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
         print(json.dumps({**told, **counted, "link": endpoint.traffic.figures()}))
     else:
         samples = f"{endpoint.late} samples late, {endpoint.missed} missed"
-        if outcome is Outcome.DONE:
+        if outcome is ControllerOutcome.DONE:
             print(f"law '{law.name}': flown to the end, {samples}")
         else:
             _tell(f"{endpoint.message}{f'; {samples}' if endpoint.late or endpoint.missed else ''}")
-    return _EXIT.get(outcome, _BROKEN)
+    return _EXIT.get(outcome, _EXIT_BROKEN_OFF)
 
 
 def _tell(text: str) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from firmware_model.mavlink.frames import RejectReason
 from firmware_model.types import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
 from gustproof.law.form import Law, Output
-from gustproof.law.step import FlyingLaw
+from gustproof.law.step import LawStepper
 
 References = Sequence[tuple[int, Vector]]
 
@@ -49,9 +49,9 @@ class Controller:
 
     def __init__(self, law: Law, scale: Vector, hover: float, references: References = ()) -> None:
         self.hover = hover
-        self._law = FlyingLaw(law, scale)
+        self._law = LawStepper(law, scale)
         self.torque = law.output is Output.TORQUE
-        self.answered_us = -1
+        self.last_sample_us = -1
         self.missed = 0
         self._sample_us = round(law.dt * 1e6)
         self.fractions: Vector = (0.0, 0.0, 0.0)
@@ -63,12 +63,12 @@ class Controller:
         It does so `afresh` from its initial state, if the vehicle was flown by another until now.
         """
         time_us = sample.time_us
-        if time_us < self.answered_us:
+        if time_us < self.last_sample_us:
             return RejectReason.STALE
-        if time_us > self.answered_us:
+        if time_us > self.last_sample_us:
             if afresh:
                 self._law.restart()
-                self.answered_us = -1
+                self.last_sample_us = -1
             self.step(time_us, sample.gyro_B, sample.specific_force_B)
         return self.command(time_us, self.fractions)
 
@@ -82,7 +82,7 @@ class Controller:
         """Step the law with a sample newer than the last one: `fractions` of `scale` are its command."""
         while self._references and self._references[0][0] <= time_us:
             self._law.set_reference(self._references.popleft()[1])
-        if time_us - self.answered_us != self._sample_us and self.answered_us >= 0:
-            self.missed += max(round((time_us - self.answered_us) / self._sample_us) - 1, 0)
-        self.answered_us = time_us
+        if time_us - self.last_sample_us != self._sample_us and self.last_sample_us >= 0:
+            self.missed += max(round((time_us - self.last_sample_us) / self._sample_us) - 1, 0)
+        self.last_sample_us = time_us
         self.fractions = self._law.step(gyro_B, force_B)

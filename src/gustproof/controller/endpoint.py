@@ -44,7 +44,7 @@ RETRY_US = 200_000
 """[us] wall time after which a request is repeated."""
 RETRIES = 50
 """Times that a request is repeated before the controller gives up."""
-SILENCE_US = 5_000_000
+VEHICLE_TIMEOUT_US = 5_000_000
 """[us] wall time without a word after which the vehicle is taken for lost."""
 
 
@@ -67,9 +67,11 @@ class Phase(Enum):
 
 # Looked up once, as a look-up of a member takes .1 us and some are asked for each sample.
 _FLYING, _READING, _STANDING_BY = Phase.FLYING, Phase.READING, Phase.STANDING_BY
-_JOINED = (_FLYING, _STANDING_BY)
-_TAKEN = frozenset(  # what a pilot flies without an end in view; a take-off, a landing or a way home is not broken off
-    mode.value for mode in (Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.HOLD, Mode.STABILIZED)
+_STREAMING = (_FLYING, _STANDING_BY)
+_TAKEOVER_MODES = (
+    frozenset(  # what a pilot flies without an end in view; a take-off, a landing or a way home is not broken off
+        mode.value for mode in (Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.HOLD, Mode.STABILIZED)
+    )
 )
 _ANSWERED = 16  # samples that waited together; what jitter brings is answered in full
 _INTERVALS = 10  # between samples; their median says at what rate these come
@@ -84,7 +86,7 @@ _TELLING = {
 }
 
 
-class Outcome(Enum):
+class ControllerOutcome(Enum):
     """How the controller's part ended."""
 
     DONE = "done"
@@ -118,7 +120,7 @@ class ControllerEndpoint:
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.phase = Phase.SEEKING
-        self.outcome: Outcome | None = None
+        self.outcome: ControllerOutcome | None = None
         self.message = ""
         self.late = 0
         self._tell = tell
@@ -129,8 +131,8 @@ class ControllerEndpoint:
         self._outbox: list[tuple[bytes, Address]] = []
         self._answers: deque[tuple[int, Vector]] = deque(maxlen=_ANSWERED)
         self._controller: Controller | None = None
-        self._turning = False
-        self._piloted = self._resting = self._silent = False
+        self._fast_path_ready = False
+        self._piloted = self._law_reset = self._missing_streams = False
         self._armed, self._mode = False, 0
         self._px4 = False
         self._rate_hz = 1.0 / law.dt
@@ -167,13 +169,13 @@ class ControllerEndpoint:
 
     def interrupt(self) -> None:
         """End here: Ctrl-C or a termination signal."""
-        self._end(Outcome.INTERRUPTED, "interrupted")
+        self._end(ControllerOutcome.INTERRUPTED, "interrupted")
 
     def receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
-        if self._turning and self._turn(datagram, peer, now_us):
+        if self._fast_path_ready and self._turn(datagram, peer, now_us):
             return
-        self._turning = False
+        self._fast_path_ready = False
         if self._signing is not None:
             self._signing.tick(now_us)
         for item in parse(datagram):
@@ -200,9 +202,9 @@ class ControllerEndpoint:
                     wire.MAV_TYPE_ONBOARD_CONTROLLER, wire.MAV_AUTOPILOT_INVALID, 0, 0, wire.MAV_STATE_ACTIVE, 3
                 )
             )
-        if self.phase in _JOINED:
-            if now_us > self._heard_us + SILENCE_US:
-                self._end(Outcome.AUTOPILOT_LOST, "the autopilot has fallen silent")
+        if self.phase in _STREAMING:
+            if now_us > self._heard_us + VEHICLE_TIMEOUT_US:
+                self._end(ControllerOutcome.AUTOPILOT_LOST, "the autopilot has fallen silent")
         elif now_us >= self._retry_at_us:
             self._retry(now_us)
         outbox, self._outbox = self._outbox, []
@@ -210,7 +212,7 @@ class ControllerEndpoint:
 
     def deadline_us(self) -> int:
         """Return the wall time at which `poll` has something to do, at the latest."""
-        other_us = self._heard_us + SILENCE_US + 1 if self.phase in _JOINED else self._retry_at_us
+        other_us = self._heard_us + VEHICLE_TIMEOUT_US + 1 if self.phase in _STREAMING else self._retry_at_us
         return min(self._heartbeat_at_us, other_us)
 
     def _dispatch(self, frame: Frame, peer: Address, now_us: int) -> RejectReason | None:
@@ -229,7 +231,7 @@ class ControllerEndpoint:
         return None
 
     def _on_sample(self, frame: Frame) -> RejectReason | None:
-        sample = messages.imu_sample(frame)
+        sample = messages.parse_imu(frame)
         if isinstance(sample, RejectReason):
             return sample
         if self.phase is _READING:
@@ -237,14 +239,14 @@ class ControllerEndpoint:
         controller = self._controller
         if controller is None or self.phase is _READING:
             return None
-        newer = sample.time_us > controller.answered_us
-        answer = controller.answer(sample, afresh=self._resting)
+        newer = sample.time_us > controller.last_sample_us
+        answer = controller.answer(sample, afresh=self._law_reset)
         if isinstance(answer, RejectReason):
             return answer
-        if not self._silent:
+        if not self._missing_streams:
             self.late += newer and bool(self._answers)
             self._answers.append((sample.time_us, controller.fractions))
-        self._turning = self.phase is _FLYING and self._signing is None
+        self._fast_path_ready = self.phase is _FLYING and self._signing is None
         return None
 
     def _read_on(self, time_us: int) -> None:
@@ -256,9 +258,9 @@ class ControllerEndpoint:
         stands = time_us == 0 or interval_us == 0
         if stands or abs(interval_us * 1e-6 * self._rate_hz - 1.0) < _RATE_TOLERANCE:
             if self._controller is not None:
-                self._join(time_us)
+                self._take_over(time_us)
         elif self._declined and len(self._intervals_us) == _INTERVALS:
-            self._end(Outcome.WRONG_RATE, self._wrong_rate(self._declined))
+            self._end(ControllerOutcome.WRONG_RATE, self._wrong_rate(self._declined))
 
     def _turn(self, datagram: bytes, peer: Address, now_us: int) -> bool:
         """Answer the sample that nearly always comes next, as `_on_sample` does; or refuse it, and nothing is done."""
@@ -269,9 +271,9 @@ class ControllerEndpoint:
         if fields is None:
             return False
         time_us, f_x, f_y, f_z, p, q, r = fields
-        if time_us <= controller.answered_us or not math.isfinite(f_x + f_y + f_z + p + q + r):
+        if time_us <= controller.last_sample_us or not math.isfinite(f_x + f_y + f_z + p + q + r):
             return False
-        traffic.count_next((system, AUTOPILOT))
+        traffic.count_read((system, AUTOPILOT))
         self._heard_us = now_us
         controller.step(time_us, (p, q, r), (f_x, f_y, f_z))
         if self._answers:
@@ -293,23 +295,26 @@ class ControllerEndpoint:
         """[us] from sample to sample, by their stamps; NaN before it is known."""
         return median(self._intervals_us) if len(self._intervals_us) > 1 else math.nan
 
-    def _lacking(self) -> tuple[Outcome, str]:
+    def _lacking(self) -> tuple[ControllerOutcome, str]:
         """Return as what it ends if the vehicle does not say all that is to be known, and what is missing."""
         absent = [name for name, value in self._parameters.items() if value is None]
         if absent == list(TORQUE_LIMIT_NAMES):
             text = f"the autopilot has no {', '.join(absent)}: law '{self._law.name}' commands torques, which PX4 does "
-            return Outcome.NOT_STARTED, text + "not take; it needs a law of rates: --law hinf-rates --via rates"
+            return (
+                ControllerOutcome.NOT_STARTED,
+                text + "not take; it needs a law of rates: --law hinf-rates --via rates",
+            )
         if absent:
-            return Outcome.NOT_STARTED, f"{self.phase.value}: {', '.join(absent)}"
+            return ControllerOutcome.NOT_STARTED, f"{self.phase.value}: {', '.join(absent)}"
         if math.isnan(self._interval_us):
-            return Outcome.NOT_STARTED, "no samples: the autopilot sends no HIGHRES_IMU on this link"
-        return Outcome.WRONG_RATE, self._wrong_rate("it is asked for that, and stays there")
+            return ControllerOutcome.NOT_STARTED, "no samples: the autopilot sends no HIGHRES_IMU on this link"
+        return ControllerOutcome.WRONG_RATE, self._wrong_rate("it is asked for that, and stays there")
 
     def _wrong_rate(self, why: str) -> str:
         arrives, needs = f"HIGHRES_IMU arrives at {1e6 / self._interval_us:.3g} Hz", f"needs {self._rate_hz:g} Hz"
         return f"{arrives}, law '{self._law.name}' {needs}: {why}"
 
-    def _join(self, time_us: int) -> None:
+    def _take_over(self, time_us: int) -> None:
         """Arm a vehicle that waits, take one that flies; stand by one on the ground, on its way up or down.
 
         One that is in OFFBOARD has lost its controller a moment ago: nothing is to be asked for.
@@ -319,7 +324,7 @@ class ControllerEndpoint:
             self._enter(Phase.ARMING)
         elif self._armed and self._mode == Mode.OFFBOARD.value:
             self._enter(_FLYING)
-        elif self._armed and self._mode in _TAKEN:
+        elif self._armed and self._mode in _TAKEOVER_MODES:
             self._enter(Phase.ENTERING)
         else:
             self._enter(_STANDING_BY)
@@ -336,14 +341,16 @@ class ControllerEndpoint:
             self._find(message.autopilot, message.get_srcSystem())
         elif overruled:
             self._enter(_STANDING_BY)
-        elif self.phase in _JOINED:
-            self._follow()
+        elif self.phase in _STREAMING:
+            self._update_phase()
 
     def _find(self, autopilot: int, system: int) -> None:
         """Begin to read from an autopilot that is understood; end at another."""
         if autopilot not in _FAMILIES:
             other = f"{_name('MAV_AUTOPILOT', autopilot)} is not supported"
-            self._end(Outcome.NOT_SUPPORTED, _ARDUPILOT if autopilot == wire.MAV_AUTOPILOT_ARDUPILOTMEGA else other)
+            self._end(
+                ControllerOutcome.NOT_SUPPORTED, _ARDUPILOT if autopilot == wire.MAV_AUTOPILOT_ARDUPILOTMEGA else other
+            )
             return
         self._px4 = autopilot == wire.MAV_AUTOPILOT_PX4
         self._packer.srcSystem = system  # an on-board controller shares the vehicle's system id
@@ -351,17 +358,17 @@ class ControllerEndpoint:
         self._tell(f"found {_FAMILIES[autopilot]}, system {system}: {reads}")
         self._enter(_READING)
 
-    def _follow(self) -> None:
+    def _update_phase(self) -> None:
         """Fly while the vehicle is armed in OFFBOARD; a flight that waited for this controller ends with disarming."""
         if self._armed and self._mode == Mode.OFFBOARD.value:
             wanted = _FLYING
         elif self._armed or self._piloted:
             wanted = _STANDING_BY
         elif self.phase is _FLYING:
-            self._end(Outcome.DONE, "")
+            self._end(ControllerOutcome.DONE, "")
             return
         else:
-            self._end(Outcome.MODE_LOST, self.message or self.phase.value)
+            self._end(ControllerOutcome.MODE_LOST, self.message or self.phase.value)
             return
         if wanted is not self.phase:
             self._enter(wanted)
@@ -370,21 +377,21 @@ class ControllerEndpoint:
         name = message.param_id
         if self.phase is not _READING or self._controller is not None or name not in self._parameters:
             return
-        self._parameters[name] = messages.parameter(message)
+        self._parameters[name] = messages.parse_parameter(message)
         known = [value for value in self._parameters.values() if value is not None]
         if len(known) < len(self._parameters):
             return
         rate = known.pop()
         if rate * self._law.dt != 1.0:
             text = f"law '{self._law.name}' steps every {self._law.dt} s, the vehicle samples at {rate:g} Hz"
-            self._end(Outcome.WRONG_RATE, f"{text}: set {RATE_NAME} to {self._rate_hz:g}")
+            self._end(ControllerOutcome.WRONG_RATE, f"{text}: set {RATE_NAME} to {self._rate_hz:g}")
             return
         hover = known.pop()
         roll, pitch, yaw = known or (1.0, 1.0, 1.0)
         self._controller = Controller(self._law, (roll, pitch, yaw), hover, self._references)
         system = self._packer.srcSystem
-        self._samples = messages.samples(system)
-        self._commands = messages.torques(system) if self._controller.torque else messages.rates(system)
+        self._samples = messages.imu_template(system)
+        self._commands = messages.torque_template(system) if self._controller.torque else messages.rate_template(system)
 
     def _on_acknowledgement(self, message: Message) -> None:
         accepted = message.result == wire.MAV_RESULT_ACCEPTED
@@ -407,16 +414,16 @@ class ControllerEndpoint:
         elif self._piloted:
             self._enter(_STANDING_BY)
         else:
-            self._end(Outcome.NOT_STARTED, f"{self.phase.value}: {self.message or answer}")
+            self._end(ControllerOutcome.NOT_STARTED, f"{self.phase.value}: {self.message or answer}")
 
     def _enter(self, phase: Phase) -> None:
         self.phase = phase
         self._retries = self._retry_at_us = 0
-        self._resting = phase is _STANDING_BY or (self._piloted and phase is Phase.ENTERING)
-        self._silent = phase is _STANDING_BY and not self._px4
+        self._law_reset = phase is _STANDING_BY or (self._piloted and phase is Phase.ENTERING)
+        self._missing_streams = phase is _STANDING_BY and not self._px4
         if phase in _TELLING:
             self._tell(_TELLING[phase].format(law=self._law.name))
-        if phase in _JOINED:
+        if phase in _STREAMING:
             doing = "flies" if phase is _FLYING else "stands by"
             text = f"law '{self._law.name}' {doing}".encode("ascii", "replace")
             self._send(wire.MAVLink_statustext_message(wire.MAV_SEVERITY_INFO, text[:50]))
@@ -430,7 +437,7 @@ class ControllerEndpoint:
             elif self.phase is _READING:
                 self._end(*self._lacking())
             else:
-                self._end(Outcome.NOT_STARTED, self.phase.value)
+                self._end(ControllerOutcome.NOT_STARTED, self.phase.value)
             return
         system = self._packer.srcSystem
         match self.phase:
@@ -459,7 +466,7 @@ class ControllerEndpoint:
     def _send(self, message: Message | EncodedMessage) -> None:
         self._outbox.append((self.traffic.pack(message), self._vehicle))
 
-    def _end(self, outcome: Outcome, message: str) -> None:
+    def _end(self, outcome: ControllerOutcome, message: str) -> None:
         if self.outcome is None:
             self.outcome, self.message = outcome, message
 

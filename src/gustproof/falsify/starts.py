@@ -18,11 +18,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-FASTEST = 30.0
+MAX_OMEGA = 30.0
 """[rad/s] fastest moment; beyond it the angle that a moment gives falls with the square of the frequency."""
 RATE, PHASES, AMPLITUDES, INERTIA, LAG, SIZE = 0, slice(1, 4), slice(4, 7), slice(7, 10), 10, 11
 """Where a point's coordinates stand, and their number."""
-_RECTIFIED = ((1, 2, 0, "theta and r into phi"), (0, 2, 1, "phi and r into theta"), (0, 1, 2, "phi and q into psi"))
+_RECTIFICATIONS = (
+    (1, 2, 0, "theta and r into phi"),
+    (0, 2, 1, "phi and r into theta"),
+    (0, 1, 2, "phi and q into psi"),
+)
 
 
 class Point(NamedTuple):
@@ -40,7 +44,7 @@ class Point(NamedTuple):
 
 def starts(steps: Array, budget: Array, dt: float, slowest: float) -> Iterator[Point]:
     """Yield what the linear loop fears most, and what its second-order terms rectify."""
-    omegas = np.geomspace(slowest, FASTEST, 80)
+    omegas = np.geomspace(slowest, MAX_OMEGA, 80)
     pulses = np.diff(steps, axis=0, prepend=0.0).reshape(len(steps), -1)
     G = (np.exp(-1j * np.outer(omegas, dt * np.arange(len(steps)))) @ pulses).reshape(-1, 6, 3) * budget
     rates = np.linspace(0.0, 1.0, omegas.size)
@@ -51,7 +55,7 @@ def starts(steps: Array, budget: Array, dt: float, slowest: float) -> Iterator[P
     phases = np.angle(v) / (2.0 * math.pi)
     for square in (False, True):
         yield _point("largest singular value", (1, 1, 1), square, rates[peak], phases, np.abs(v) / np.max(np.abs(v)))
-    for i, j, k, name in _RECTIFIED:
+    for i, j, k, name in _RECTIFICATIONS:
         angle, rate = G[:, i, i], G[:, 3 + j, j]
         peak = int(np.argmax(np.abs(angle) * np.abs(rate)))
         phases = np.zeros(3)
@@ -70,7 +74,7 @@ def _point(start: str, multiples: tuple[int, int, int], square: bool, rate: floa
     return Point(start, multiples, square, x)
 
 
-def drawn(start: str, rng: np.random.Generator) -> Point:
+def random_point(start: str, rng: np.random.Generator) -> Point:
     """Return a random point; amplitudes are the budget's, the search may lessen them."""
     L, M, N = rng.integers(0, 3, size=3).tolist()
     x = rng.random(SIZE)
@@ -78,7 +82,7 @@ def drawn(start: str, rng: np.random.Generator) -> Point:
     return Point(start, (L, M, N), bool(rng.integers(2)), x)
 
 
-def on_another_vehicle(point: Point, rng: np.random.Generator) -> Point:
+def randomize_vehicle(point: Point, rng: np.random.Generator) -> Point:
     """Return the point with a random vehicle."""
     x = point.x.copy()
     x[INERTIA], x[LAG] = rng.random(3), rng.random()

@@ -14,22 +14,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.config.moments import Moment, Sine, Square, Step
+from firmware_model.config.moments import Moment, MomentSine, MomentSquare, MomentStep
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.wind import Dryden
 from firmware_model.types import Vector
 from gustproof.falsify.starts import (
     AMPLITUDES,
-    FASTEST,
     INERTIA,
     LAG,
+    MAX_OMEGA,
     PHASES,
     RATE,
     SIZE,
     Point,
-    drawn,
-    on_another_vehicle,
+    random_point,
+    randomize_vehicle,
     starts,
 )
 from gustproof.law.form import Law
@@ -44,7 +44,7 @@ Progress = Callable[[float], None]
 PAPER_BUDGET: Vector = (0.65, 0.65, 0.3)
 """[N*m] B, the paper's W_d: what it says of disturbance moments."""
 _RANDOM_SHARE = 0.35  # of all flights
-_TURNS = 30  # a loop that rings on for longer is found out by square waves
+_MAX_SWITCHES = 30  # a loop that rings on for longer is found out by square waves
 _LOCAL_SHARE = 0.5  # of the flights left after the starts; the rest goes to the best two
 
 
@@ -72,7 +72,7 @@ class WorstCase:
     """Flights that were flown."""
 
 
-class _Found(NamedTuple):
+class _Candidate(NamedTuple):
     peak_deg: float
     point: Point
     start_deg: float
@@ -118,7 +118,7 @@ class _Search:
         flights: int, seed: int, progress: Progress,
     ) -> None:  # fmt: skip
         rate = round(1.0 / law.dt)
-        self._calm = Scenario(
+        self._base_scenario = Scenario(
             name=f"worst-{law.name}", description="still air", duration_s=duration_s, control_rate_hz=rate,
             physics_rate_hz=rate * math.ceil(1000 / rate), delay_samples=delay_samples, gyro=GyroFault(noise=False),
             accelerometer=AccelerometerFault(noise=False),
@@ -129,25 +129,25 @@ class _Search:
 
     def run(self) -> WorstCase:
         rng = np.random.default_rng(self._seed)
-        bodies = self._bodies()
+        bodies = self._corner_vehicles()
         responses = [self._step_responses(body) for body in bodies]
         unmoved = [(self._bang_bang(steps), body) for steps, body in zip(responses, bodies, strict=True)]
-        unmoved.append((self._turbulent(), self._vehicle))
+        unmoved.append((self._turbulence_scenario(), self._vehicle))
         steps = responses[0]
-        points = [*starts(steps, self._budget, self._calm.dt, self._slowest)]
+        points = [*starts(steps, self._budget, self._base_scenario.dt, self._slowest)]
         if self._spreads != Spreads():
-            points += [on_another_vehicle(point, rng) for point in points]
-        points += [drawn(f"random {k}", rng) for k in range(round(_RANDOM_SHARE * self._flights))]
+            points += [randomize_vehicle(point, rng) for point in points]
+        points += [random_point(f"random {k}", rng) for k in range(round(_RANDOM_SHARE * self._flights))]
         found = [self._begun(point) for point in points]
         for share, kept in ((_LOCAL_SHARE, 8), (1.0, 2)):
-            best: dict[tuple[int, int, int], _Found] = {}  # one for each pattern, so that not all climb one hill
+            best: dict[tuple[int, int, int], _Candidate] = {}  # one for each pattern, so that not all climb one hill
             for one in sorted(found, key=lambda one: -one.peak_deg):
                 best.setdefault(one.point.multiples, one)
             flights_each = int(share * (self._flights - self._flown) / kept)
-            found = [self._climbed(one, flights_each, rng) for one in list(best.values())[:kept]]
+            found = [self._climb(one, flights_each, rng) for one in list(best.values())[:kept]]
         return self._result(max(found, key=lambda one: one.peak_deg), unmoved, steps)
 
-    def _result(self, best: _Found, unmoved: list[tuple[Scenario, Vehicle]], steps: Array) -> WorstCase:
+    def _result(self, best: _Candidate, unmoved: list[tuple[Scenario, Vehicle]], steps: Array) -> WorstCase:
         scenario, vehicle = self._scenario(best.point), self._airframe(best.point.x)
         start, start_deg = best.point.start, best.start_deg
         peaks_deg = self._peaks_deg(scenario, vehicle)
@@ -183,7 +183,7 @@ class _Search:
             )
         return records
 
-    def _harm(self, point: Point) -> float:
+    def _objective(self, point: Point) -> float:
         """Return the peak [deg] of a point's flight; 0 for what no rigid body is."""
         vehicle = self._airframe(point.x)
         if 2.0 * max(vehicle.inertia_B) > sum(vehicle.inertia_B):
@@ -195,11 +195,11 @@ class _Search:
         phi, theta, psi = np.nan_to_num((flown.peak_roll_deg, flown.peak_pitch_deg, flown.peak_yaw_deg), nan=math.inf)
         return float(phi), float(theta), float(psi)
 
-    def _begun(self, point: Point) -> _Found:
-        harm = self._harm(point)
-        return _Found(harm, point, harm)
+    def _begun(self, point: Point) -> _Candidate:
+        harm = self._objective(point)
+        return _Candidate(harm, point, harm)
 
-    def _climbed(self, found: _Found, flights: int, rng: np.random.Generator) -> _Found:
+    def _climb(self, found: _Candidate, flights: int, rng: np.random.Generator) -> _Candidate:
         """Return the best of a random walk uphill: (1+1) evolution, steps longer after success, shorter after failure.
 
         References
@@ -211,7 +211,7 @@ class _Search:
             moved = found.point.x + size * rng.standard_normal(SIZE)
             moved[PHASES] %= 1.0
             point = found.point._replace(x=np.clip(moved, 0.0, 1.0))
-            harm = self._harm(point)
+            harm = self._objective(point)
             better = harm > found.peak_deg
             size *= 1.5 if better else 1.5**-0.25
             if better:
@@ -219,7 +219,7 @@ class _Search:
         return found
 
     def _scenario(self, point: Point) -> Scenario:
-        rate = self._slowest * (FASTEST / self._slowest) ** float(point.x[RATE])
+        rate = self._slowest * (MAX_OMEGA / self._slowest) ** float(point.x[RATE])
         moments = []
         for axis, multiple in enumerate(point.multiples):
             amplitude = [0.0, 0.0, 0.0]
@@ -229,7 +229,7 @@ class _Search:
                 moments.append(_wave(point.square, amplitude, multiple * rate, phase))
             else:
                 moments.append(_step(np.array(amplitude) * math.copysign(1.0, math.pi - phase)))
-        return replace(self._calm, description=f"found by search from: {point.start}", moment=tuple(moments))
+        return replace(self._base_scenario, description=f"found by search from: {point.start}", moment=tuple(moments))
 
     def _airframe(self, x: Array) -> Vehicle:
         factors = 1.0 + self._spreads.inertia * (2.0 * x[INERTIA] - 1.0)
@@ -237,7 +237,7 @@ class _Search:
         lag = self._vehicle.actuator_lag * (1.0 + self._spreads.actuator_lag * (2.0 * float(x[LAG]) - 1.0))
         return replace(self._vehicle, inertia_B=(I_x, I_y, I_z), actuator_lag=lag)
 
-    def _bodies(self) -> list[Vehicle]:
+    def _corner_vehicles(self) -> list[Vehicle]:
         """Return the vehicle of the file and, with spreads, light and heavy ones with small and large lag."""
         corners = [] if self._spreads == Spreads() else product((0.0, 1.0), repeat=2)
         return [self._vehicle, *(self._airframe(np.array([0.0] * 7 + [i, i, i, lag])) for i, lag in corners)]
@@ -262,31 +262,31 @@ class _Search:
         moments = []
         for axis in range(3):
             signs = np.where(pulses[::-1, axis] >= 0.0, 1.0, -1.0)
-            turns = np.flatnonzero(np.diff(signs))[-_TURNS:] + 1
+            turns = np.flatnonzero(np.diff(signs))[-_MAX_SWITCHES:] + 1
             full = self._budget * np.eye(3)[axis]
             moments.append(_step(full * (signs[turns[0] - 1] if turns.size else signs[0])))
-            moments += [_step(2.0 * full * signs[k], int(k) * self._calm.sample_us * 1e-6) for k in turns]
-        return replace(self._calm, description="bang-bang moments of the linear loop", moment=tuple(moments))
+            moments += [_step(2.0 * full * signs[k], int(k) * self._base_scenario.sample_us * 1e-6) for k in turns]
+        return replace(self._base_scenario, description="bang-bang moments of the linear loop", moment=tuple(moments))
 
-    def _turbulent(self) -> Scenario:
+    def _turbulence_scenario(self) -> Scenario:
         """Return turbulence whose peak fills the budget on one axis at least."""
         gusty = Dryden(kind="dryden", wind_speed_20ft_mps=15.0, airspeed_mps=15.0)
-        scenario = replace(self._calm, description="Dryden turbulence that fills the budget", wind=(gusty,))
+        scenario = replace(self._base_scenario, description="Dryden turbulence that fills the budget", wind=(gusty,))
         peaks = np.max(np.abs(self._held(scenario, self._vehicle)["moment_B"]), axis=0)
         fill = 0.999 * float(np.min(self._budget / np.maximum(peaks, 1e-9)))  # below the budget whatever is rounded
         return replace(scenario, wind=(replace(gusty, wind_speed_20ft_mps=15.0 * fill),))
 
 
-def _step(amplitude: Array, start: float = 0.0) -> Step:
+def _step(amplitude: Array, start: float = 0.0) -> MomentStep:
     L, M, N = (amplitude + 0.0).tolist()  # 0.0, not -0.0
-    return Step(kind="step", amplitude_nm=(L, M, N), start_s=start)
+    return MomentStep(kind="step", amplitude_nm=(L, M, N), start_s=start)
 
 
 def _wave(square: bool, amplitude: list[float], rate: float, phase: float) -> Moment:
     L, M, N = amplitude
     if square:
-        return Square(kind="square", amplitude_nm=(L, M, N), rate_rad_s=rate, phase_rad=phase)
-    return Sine(kind="sine", amplitude_nm=(L, M, N), rate_rad_s=rate, phase_rad=phase)
+        return MomentSquare(kind="square", amplitude_nm=(L, M, N), rate_rad_s=rate, phase_rad=phase)
+    return MomentSine(kind="sine", amplitude_nm=(L, M, N), rate_rad_s=rate, phase_rad=phase)
 
 
 def _linear_peak_deg(steps: Array, budget: Array) -> float:

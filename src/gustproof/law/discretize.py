@@ -5,7 +5,7 @@ import numpy as np
 from firmware_model.config.vehicle import GRAVITY
 from gustproof.errors import DesignError
 from gustproof.law.form import Law, Output, Provenance
-from gustproof.law.hover import FORCE
+from gustproof.law.hover import FORCE_PER_TILT
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, copied_continuous
 
 
@@ -89,9 +89,9 @@ def central_law(
     return Law(
         name=name,
         A=sampled.A - G @ rates,
-        B=_as_measured(B),
+        B=_measurement_columns(B),
         C=sampled.C,
-        D=_as_measured(sampled.D[:, :measured]),
+        D=_measurement_columns(sampled.D[:, :measured]),
         G=G,
         H=np.zeros((n, 3)),
         dt=dt,
@@ -101,10 +101,10 @@ def central_law(
     )
 
 
-def _as_measured(matrix: Matrix) -> Matrix:
+def _measurement_columns(matrix: Matrix) -> Matrix:
     """Return the columns for `y` of a controller's for (gyro, reference if it has one, roll and pitch if told)."""
     levelled = matrix.shape[1] % 3 == 2
     told = np.split(matrix, [matrix.shape[1] - 2 * levelled], axis=1)
     first = np.pad(told[0], ((0, 0), (0, 6 - told[0].shape[1])))
     # as the specific force tells them: roll is -f_y / g, pitch f_x / g
-    return np.hstack([first, told[1] @ FORCE.T / GRAVITY**2]) if levelled else first
+    return np.hstack([first, told[1] @ FORCE_PER_TILT.T / GRAVITY**2]) if levelled else first

@@ -21,18 +21,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.files import checked_name, parse_json, read_text, write_text
-from firmware_model.config.validation import one_line
+from firmware_model.config.validation import sanitize_line
 from gustproof.errors import LawFileError
-from gustproof.types import frozen
+from gustproof.types import readonly_copy
 
 LAWS = Path(__file__).parent / "data"
 FORMAT = "gustproof-law-1"
-MEASURED = 9
+MEASUREMENT_SIZE = 9
 """Numbers in `y`: gyro, reference, specific force."""
 REFERENCE_LIMIT = "reference_limit_deg"
 """Parameter of a law's provenance that says which references it holds."""
 _MATRICES = ("A", "B", "C", "D", "G", "H")
-_WITHOUT_FORCE = 6
+_GYRO_REFERENCE_SIZE = 6
 
 Matrix = NDArray[np.float64]
 
@@ -112,10 +112,10 @@ class Law:
         except ValueError as error:
             raise ValueError(f"name: {error} (given {self.name!r})") from None
         n = np.asarray(self.A).shape[0] if np.ndim(self.A) == 2 else 0
-        m = MEASURED if np.shape(self.D)[1:] == (MEASURED,) else _WITHOUT_FORCE
+        m = MEASUREMENT_SIZE if np.shape(self.D)[1:] == (MEASUREMENT_SIZE,) else _GYRO_REFERENCE_SIZE
         shapes = {"A": (n, n), "B": (n, m), "C": (3, n), "D": (3, m), "G": (n, 3), "H": (n, 3), "limits": (3,)}
         for name, shape in shapes.items():
-            object.__setattr__(self, name, frozen(name, getattr(self, name), shape))
+            object.__setattr__(self, name, readonly_copy(name, getattr(self, name), shape))
         if not (np.isfinite(self.dt) and self.dt > 0.0):
             raise ValueError(f"dt is {self.dt!r}, must be positive and finite")
         if not np.all(self.limits > 0.0):
@@ -131,7 +131,7 @@ class Law:
     @property
     def uses_accelerometer(self) -> bool:
         """Whether the law reads the accelerometer."""
-        return bool(self.D.shape[1] == MEASURED)
+        return bool(self.D.shape[1] == MEASUREMENT_SIZE)
 
     @property
     def takes_references(self) -> bool:
@@ -149,7 +149,7 @@ class Law:
         return bool(np.any(self.G))
 
     def document(self) -> dict[str, Any]:
-        """Return the law as JSON has it, from which `law_from` makes it again; every number is kept to the bit."""
+        """Return the law as JSON has it, from which `parse_law` makes it again; every number is kept to the bit."""
         return {
             "format": FORMAT,
             "name": self.name,
@@ -167,7 +167,7 @@ class Law:
 
     def save(self, path: str | Path) -> None:
         """Write the law as JSON; every number is kept to the bit."""
-        write_text(Path(path), _layout(self.document()))
+        write_text(Path(path), _format_document(self.document()))
 
 
 def load_law(name_or_path: str | Path) -> Law:
@@ -182,18 +182,20 @@ def load_law(name_or_path: str | Path) -> Law:
     if path.suffix != ".json":
         if str(name_or_path) not in shipped_laws():
             known = ", ".join(shipped_laws())
-            raise LawFileError(f"no law named '{one_line(str(name_or_path))}': give a .json file or one of {known}")
+            raise LawFileError(
+                f"no law named '{sanitize_line(str(name_or_path))}': give a .json file or one of {known}"
+            )
         path = LAWS / f"{name_or_path}.json"
     try:
         document = parse_json(read_text(path))
     except OSError as error:
         raise LawFileError(f"{path}: {error.strerror}") from None
     except ValueError as error:
-        raise LawFileError(f"{path}: not JSON: {one_line(str(error))}") from None
-    return law_from(document, str(path))
+        raise LawFileError(f"{path}: not JSON: {sanitize_line(str(error))}") from None
+    return parse_law(document, str(path))
 
 
-def law_from(document: Any, source: str) -> Law:
+def parse_law(document: Any, source: str) -> Law:
     """Return the law that a document says; `source` stands in front of each mistake.
 
     Raises
@@ -202,9 +204,9 @@ def law_from(document: Any, source: str) -> Law:
         If a key, shape or value is not allowed.
     """
     try:
-        return _law_from(document)
+        return _parse_law(document)
     except (ValueError, TypeError) as error:
-        raise LawFileError(f"{source}: {one_line(str(error))}") from None
+        raise LawFileError(f"{source}: {sanitize_line(str(error))}") from None
 
 
 def shipped_laws() -> tuple[str, ...]:
@@ -212,7 +214,7 @@ def shipped_laws() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in LAWS.glob("*.json")))
 
 
-def _law_from(document: Any) -> Law:
+def _parse_law(document: Any) -> Law:
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"format: must be '{FORMAT}'")
     keys = {"format", "name", "output", "dt", "limits", "provenance", *_MATRICES}
@@ -240,7 +242,7 @@ def _law_from(document: Any) -> Law:
     )
 
 
-def _layout(document: dict[str, Any]) -> str:
+def _format_document(document: dict[str, Any]) -> str:
     """Return JSON with one matrix row a line, so that a person can read it and a diff shows what changed."""
     lines = []
     for key, value in document.items():

@@ -4,11 +4,11 @@ import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle
-from gustproof.law.form import MEASURED, Law, Output
-from gustproof.lti.state_space import Lti, delay, hold_discretized, lft, series
+from gustproof.law.form import MEASUREMENT_SIZE, Law, Output
+from gustproof.lti.state_space import Lti, delay, discretize_zoh, lft, series
 from gustproof.model.lpv import linear_plant
 
-FORCE = GRAVITY * np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])
+FORCE_PER_TILT = GRAVITY * np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])
 """[m/s^2 per rad] what a little roll and pitch change of the specific force at hover."""
 
 
@@ -23,7 +23,7 @@ def hover_plant(vehicle: Vehicle, scenario: Scenario, *, levelled: bool = False)
     states, outputs = [*seen, *range(3, full.order)], [3, 4, 5, *seen]
     system = Lti(A=full.A[np.ix_(states, states)], B=full.B[states, :3], C=full.C[np.ix_(outputs, states)],
                  D=full.D[outputs, :3])  # fmt: skip
-    plant = hold_discretized(system, scenario.dt)
+    plant = discretize_zoh(system, scenario.dt)
     for _ in range(scenario.delay_samples):
         plant = series(delay(3, scenario.dt), plant)
     return plant
@@ -42,8 +42,8 @@ def loop_law(law: Law) -> Lti:
     """
     if not law.uses_accelerometer:
         return linear_law(law)
-    K = linear_law(law, inputs=MEASURED)
-    B, D = (np.hstack([matrix[:, :3], matrix[:, 6:] @ FORCE]) for matrix in (K.B, K.D))
+    K = linear_law(law, inputs=MEASUREMENT_SIZE)
+    B, D = (np.hstack([matrix[:, :3], matrix[:, 6:] @ FORCE_PER_TILT]) for matrix in (K.B, K.D))
     return Lti(A=K.A, B=B, C=K.C, D=D, dt=K.dt)
 
 

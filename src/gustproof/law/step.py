@@ -14,9 +14,9 @@ from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import sin_cos
 from firmware_model.physics.sensors import float32
 from firmware_model.types import Vector
-from gustproof.law.form import MEASURED, Law, Matrix
+from gustproof.law.form import MEASUREMENT_SIZE, Law, Matrix
 
-RATES, CUT, ZERO, EXTRA = MEASURED, MEASURED + 3, MEASURED + 6, MEASURED + 7
+RATES, SATURATION, ZERO, EXTRA_SIZE = MEASUREMENT_SIZE, MEASUREMENT_SIZE + 3, MEASUREMENT_SIZE + 6, MEASUREMENT_SIZE + 7
 """Where after the states Euler rates, what was cut off and a 0 stand in the vector; how many numbers follow states."""
 TERM_BLOCK = 4
 """Of so many terms, times a whole number, consists each sum, so that four can be added at once."""
@@ -38,10 +38,10 @@ class SparseLaw(NamedTuple):
 def sparse_law(law: Law) -> SparseLaw:
     """Return the terms of a law whose coefficient is not 0, filled up to fours."""
     n, measured = law.order, law.D.shape[1]
-    whole = np.zeros((3 + n, n + EXTRA))
+    whole = np.zeros((3 + n, n + EXTRA_SIZE))
     whole[:3, :n], whole[3:, :n] = law.C, law.A
     whole[:3, n : n + measured], whole[3:, n : n + measured] = law.D, law.B
-    whole[3:, n + RATES : n + CUT], whole[3:, n + CUT : n + ZERO] = law.G, law.H
+    whole[3:, n + RATES : n + SATURATION], whole[3:, n + SATURATION : n + ZERO] = law.G, law.H
     filled = []
     for row in whole:
         terms = [(float(place), row[place]) for place in np.flatnonzero(row)]
@@ -71,7 +71,7 @@ def law_kernel(law: SparseLaw, z: Matrix, command: Matrix, work: Matrix) -> None
     for i in range(3):
         u = _sum(law.terms, begin, law.ends[i], z)
         command[i] = min(max(u, -law.limits[i]), law.limits[i])
-        z[n + CUT + i] = command[i] - u
+        z[n + SATURATION + i] = command[i] - u
         begin = law.ends[i]
     if law.scheduled:
         z[n + RATES], z[n + RATES + 1], z[n + RATES + 2] = euler_rates((z[0], z[1], z[2]), (z[3], z[4], z[5]))
@@ -103,15 +103,15 @@ def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
     ValueError
         If `y` is neither, or lacks the specific force that the law reads.
     """
-    if y.shape not in ((law.D.shape[1],), (MEASURED,)):
+    if y.shape not in ((law.D.shape[1],), (MEASUREMENT_SIZE,)):
         raise ValueError(f"y has shape {y.shape}, must be {(law.D.shape[1],)}")
-    z, command = np.zeros(law.order + EXTRA), np.empty(3)
+    z, command = np.zeros(law.order + EXTRA_SIZE), np.empty(3)
     z[: law.order], z[law.order : law.order + y.size] = x, y
     _step(sparse_law(law), z, command, np.empty(law.order))
     return z[: law.order], command
 
 
-class FlyingLaw:
+class LawStepper:
     """A law in flight, asked to hold level at first, from its stated initial state: all states 0.
 
     Its steps give the bits of `step`; everything is in three arrays that stay, as Python hands them over fastest.
@@ -121,7 +121,7 @@ class FlyingLaw:
     def __init__(self, law: Law, scale: Vector) -> None:
         n, summed = law.order, sparse_law(law)
         self._ends, self._terms, self._scheduled = summed.ends, summed.terms, summed.scheduled
-        self._memory = np.concatenate([np.zeros(2 * n + EXTRA + 3), law.limits, scale])
+        self._memory = np.concatenate([np.zeros(2 * n + EXTRA_SIZE + 3), law.limits, scale])
         self._order = n
 
     def restart(self) -> None:
@@ -134,15 +134,15 @@ class FlyingLaw:
 
     def step(self, gyro_B: Vector, force_B: Vector) -> Vector:
         """Return the command for rates [rad/s] and specific force [m/s^2] as float32 fractions of `scale`; move on."""
-        fractions: Vector = _fly(self._ends, self._terms, self._scheduled, self._memory, *gyro_B, *force_B)
+        fractions: Vector = _step_packed(self._ends, self._terms, self._scheduled, self._memory, *gyro_B, *force_B)
         return fractions
 
 
 @compiled
-def _fly(ends: NDArray[np.int64], terms: Matrix, scheduled: bool, memory: Matrix, p: float, q: float, r: float,
+def _step_packed(ends: NDArray[np.int64], terms: Matrix, scheduled: bool, memory: Matrix, p: float, q: float, r: float,
          force_x: float, force_y: float, force_z: float) -> Vector:  # fmt: skip
     n = ends.size - 3
-    end = n + EXTRA
+    end = n + EXTRA_SIZE
     z, work, command = memory[:end], memory[end : end + n], memory[end + n : end + n + 3]
     limits, scale = memory[end + n + 3 : end + n + 6], memory[end + n + 6 :]
     z[n], z[n + 1], z[n + 2] = p, q, r

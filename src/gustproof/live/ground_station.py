@@ -26,7 +26,7 @@ from firmware_model.mavlink.messages import AUTOPILOT
 from firmware_model.types import Vector
 from gustproof.live.telemetry_buffer import TelemetryBuffer
 
-BEAT_US = 1_000_000
+HEARTBEAT_US = 1_000_000
 """[us] wall time from heartbeat to heartbeat."""
 RETRY_US = 200_000
 """[us] wall time after which a parameter is set again that has not been told back."""
@@ -37,13 +37,13 @@ _SYSTEM, _COMPONENT = 255, wire.MAV_COMP_ID_MISSIONPLANNER  # MAVLink's usual nu
 _TEXTS = 6
 _DIGITS = 6
 _MODES = {mode.value: mode.name for mode in Mode}
-_SHOWN = (
+_STREAMS = (
     wire.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
     wire.MAVLINK_MSG_ID_WIND_COV,
     wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET,
 )
-_FACTS = {GUST_SCALE_NAME: "gust_scale", PAUSE_NAME: "paused"}
-_WHOLE = (PAUSE_NAME,)
+_PARAMETER_FACTS = {GUST_SCALE_NAME: "gust_scale", PAUSE_NAME: "paused"}
+_INTEGER_PARAMETERS = (PAUSE_NAME,)
 
 
 class GroundStation:
@@ -52,21 +52,21 @@ class GroundStation:
     def __init__(self, vehicle: Address, feed: TelemetryBuffer, torque_limit: Vector, *, streams: bool) -> None:
         self.finished = False
         self.settled = Event()
-        self._ending = Event()
-        self._heard = self._last_call = False
+        self._end_requested = Event()
+        self._heard = self._final_poll = False
         self.traffic = Channel(_SYSTEM, _COMPONENT)
-        self._vehicle, self._feed, self._torque_limit = vehicle, feed, torque_limit
-        self._wishes: SimpleQueue[tuple[str, float]] = SimpleQueue()
-        self._open: dict[str, float] = {}
-        self._shown = _SHOWN if streams else ()
-        self._silent: set[int] = set()
-        self._refused: dict[int, int] = {}
+        self._vehicle, self._buffer, self._torque_limit = vehicle, feed, torque_limit
+        self._requests: SimpleQueue[tuple[str, float]] = SimpleQueue()
+        self._pending: dict[str, float] = {}
+        self._shown = _STREAMS if streams else ()
+        self._missing_streams: set[int] = set()
+        self._stop_request_us: dict[int, int] = {}
         self._outbox: list[tuple[bytes, Address]] = []
         self._system: int | None = None
-        self._beat_at_us = self._retry_at_us = self._now_us = 0
+        self._next_heartbeat_us = self._retry_at_us = self._now_us = 0
         self._newest_us: dict[str, int] = {}
         self._received = 0
-        self._asked_ns = -1
+        self._timesync_ns = -1
         self._round_trip_ms: float | None = None
         self._handlers: Mapping[int, Callable[[Message], None]] = {
             wire.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
@@ -89,11 +89,11 @@ class GroundStation:
     def wish(self, name: str, value: float) -> None:
         """Set a parameter, from whatever thread."""
         self.settled.clear()
-        self._wishes.put((name, value))
+        self._requests.put((name, value))
 
     def end(self) -> None:
         """Finish when all that was sent until now has been heard; from whatever thread."""
-        self._ending.set()
+        self._end_requested.set()
 
     def receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
         """Take a datagram; never raises, what can't be used is counted by its cause."""
@@ -113,16 +113,16 @@ class GroundStation:
     def poll(self, now_us: int) -> list[tuple[bytes, Address]]:
         """Do what is due and return the datagrams to send."""
         self._now_us = now_us
-        if self._ending.is_set():
-            self.finished, self._last_call = self._last_call and not self._heard, True
+        if self._end_requested.is_set():
+            self.finished, self._final_poll = self._final_poll and not self._heard, True
             self._heard = False
-        self._take_wishes()
-        if now_us >= self._beat_at_us:
-            self._beat_at_us = now_us + BEAT_US
+        self._take_requests()
+        if now_us >= self._next_heartbeat_us:
+            self._next_heartbeat_us = now_us + HEARTBEAT_US
             self._beat()
-        if self._open and now_us >= self._retry_at_us and self._system is not None:
+        if self._pending and now_us >= self._retry_at_us and self._system is not None:
             self._retry_at_us = now_us + RETRY_US
-            for name, value in self._open.items():
+            for name, value in self._pending.items():
                 self._set(name, value)
         outbox, self._outbox = self._outbox, []
         return outbox
@@ -131,13 +131,13 @@ class GroundStation:
         """Return the wall time at which `poll` is to be called at the latest."""
         return self._now_us + _POLL_US
 
-    def _take_wishes(self) -> None:
+    def _take_requests(self) -> None:
         while True:
             try:
-                name, value = self._wishes.get_nowait()
+                name, value = self._requests.get_nowait()
             except Empty:
                 return
-            self._open[name] = value
+            self._pending[name] = value
             self._retry_at_us = self._now_us
 
     def _beat(self) -> None:
@@ -147,67 +147,69 @@ class GroundStation:
                 wire.MAV_TYPE_GCS, wire.MAV_AUTOPILOT_INVALID, 0, 0, wire.MAV_STATE_ACTIVE, 3
             )
         )
-        self._tell_link()
+        self._publish_link()
         if self._system is None:
             return
-        self._asked_ns = 1000 * self._now_us
-        self._send(wire.MAVLink_timesync_message(0, self._asked_ns))
-        self._ask(self._silent)
-        self._silent = set(self._shown)
+        self._timesync_ns = 1000 * self._now_us
+        self._send(wire.MAVLink_timesync_message(0, self._timesync_ns))
+        self._ask(self._missing_streams)
+        self._missing_streams = set(self._shown)
 
     def _take(self, frame: Frame) -> None:
         self.traffic.count(frame)
         number = frame.message_id
         if frame.component != AUTOPILOT and number != wire.MAVLINK_MSG_ID_STATUSTEXT:
             return
-        self._silent.discard(number)
+        self._missing_streams.discard(number)
         handler = self._handlers.get(number)
         if handler is not None:
             handler(frame.message())
-        elif self._now_us >= self._refused.get(number, 0):
-            self._refused[number] = self._now_us + BEAT_US
-            self._order_interval(number, -1)
+        elif self._now_us >= self._stop_request_us.get(number, 0):
+            self._stop_request_us[number] = self._now_us + HEARTBEAT_US
+            self._set_message_interval(number, -1)
 
     def _on_heartbeat(self, message: Message) -> None:
         first = self._system is None
         self._system = message.get_srcSystem()
-        self._feed.tell(
+        self._buffer.tell(
             mode=_MODES.get(message.custom_mode, str(message.custom_mode)),
             armed=bool(message.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED),
         )
         if first:
-            self._beat_at_us = self._now_us
-            for name in _FACTS:
+            self._next_heartbeat_us = self._now_us
+            for name in _PARAMETER_FACTS:
                 self._send(wire.MAVLink_param_request_read_message(self._system, AUTOPILOT, name.encode(), -1))
             self._ask(self._shown)
-            self._settle()
+            self._signal_if_confirmed()
 
     def _on_parameter(self, message: Message) -> None:
         name = message.param_id
-        if name not in _FACTS:
+        if name not in _PARAMETER_FACTS:
             return
-        value = messages.parameter(message)
-        self._feed.tell(**{_FACTS[name]: bool(value) if name in _WHOLE else round(value, _DIGITS)})
-        if name in self._open and abs(value - self._open[name]) < 1e-6:
-            del self._open[name]
-        self._settle()
+        value = messages.parse_parameter(message)
+        self._buffer.tell(
+            **{_PARAMETER_FACTS[name]: bool(value) if name in _INTEGER_PARAMETERS else round(value, _DIGITS)}
+        )
+        if name in self._pending and abs(value - self._pending[name]) < 1e-6:
+            del self._pending[name]
+        self._signal_if_confirmed()
 
     def _on_error(self, message: Message) -> None:
-        self._open.pop(message.param_id, None)
-        self._settle()
+        self._pending.pop(message.param_id, None)
+        self._signal_if_confirmed()
 
-    def _settle(self) -> None:
-        if not self._open and self._wishes.empty():
+    def _signal_if_confirmed(self) -> None:
+        if not self._pending and self._requests.empty():
             self.settled.set()
 
     def _on_text(self, message: Message) -> None:
-        self._feed.tell(texts=[*self._feed["texts"], message.text][-_TEXTS:])
+        self._buffer.tell(texts=[*self._buffer["texts"], message.text][-_TEXTS:])
 
     def _on_timesync(self, message: Message) -> None:
-        if message.ts1 == self._asked_ns:
-            self._round_trip_ms = (self._now_us - self._asked_ns // 1000) / 1000
+        if message.ts1 == self._timesync_ns:
+            self._round_trip_ms = (self._now_us - self._timesync_ns // 1000) / 1000
         else:  # a question of the vehicle's
-            self._order_interval(wire.MAVLINK_MSG_ID_TIMESYNC, -1)
+            self._set_message_interval(wire.MAVLINK_MSG_ID_TIMESYNC, -1)
 
     def _on_state(self, message: Message) -> None:
         rates = message.rollspeed, message.pitchspeed, message.yawspeed
@@ -226,26 +228,26 @@ class GroundStation:
         if time_us <= self._newest_us.get(name, -1):  # before t = 0 the same sample is told again
             return
         self._newest_us[name] = time_us
-        self._feed.add(name, [[time_us * 1e-6, *(round(number, _DIGITS) for number in numbers)]])
+        self._buffer.add(name, [[time_us * 1e-6, *(round(number, _DIGITS) for number in numbers)]])
 
-    def _tell_link(self) -> None:
+    def _publish_link(self) -> None:
         figures: dict[str, Any] = self.traffic.figures()
         rate, self._received = figures["in"] - self._received, figures["in"]
-        self._feed.tell(
+        self._buffer.tell(
             link={"rate": rate, "lost": figures["lost"], "bad": figures["bad"], "round_trip_ms": self._round_trip_ms}
         )
 
     def _set(self, name: str, value: float) -> None:
         kind = wire.MAV_PARAM_TYPE_REAL32
-        if name in _WHOLE:  # an integer travels bytewise, as PX4 has it
+        if name in _INTEGER_PARAMETERS:  # an integer travels bytewise, as PX4 has it
             value, kind = struct.unpack("<f", struct.pack("<i", int(value)))[0], wire.MAV_PARAM_TYPE_INT32
         self._send(wire.MAVLink_param_set_message(self._system, AUTOPILOT, name.encode(), value, kind))
 
     def _ask(self, numbers: Iterable[int]) -> None:
         for number in numbers:
-            self._order_interval(number, STREAM_US)
+            self._set_message_interval(number, STREAM_US)
 
-    def _order_interval(self, number: int, interval_us: int) -> None:
+    def _set_message_interval(self, number: int, interval_us: int) -> None:
         self._send(
             wire.MAVLink_command_long_message(
                 self._system or 0, AUTOPILOT, wire.MAV_CMD_SET_MESSAGE_INTERVAL, 0,

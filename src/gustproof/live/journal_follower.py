@@ -13,7 +13,7 @@ from firmware_model.recording.journal import RECORD
 from gustproof.live.telemetry_buffer import SERIES, Row, TelemetryBuffer
 
 Array = NDArray[np.float64]
-_LOOK_S = 0.02
+_POLL_S = 0.02
 _DIGITS = 6  # decimals: a millionth of the units shown
 
 
@@ -25,19 +25,19 @@ def follow_journal(
     A record is a sample of `sample_us` [us].
     """
     while not path.exists():
-        if done.wait(_LOOK_S):
+        if done.wait(_POLL_S):
             return
     with path.open("rb") as file:
-        groups = _Groups(file, every)
+        groups = _GroupReader(file, every)
         ended = False
         while not ended:
-            ended = done.wait(_LOOK_S)
-            rows = series(groups.take(), sample_us)
+            ended = done.wait(_POLL_S)
+            rows = series_rows(groups.take(), sample_us)
             for name in names:
                 feed.add(name, rows[name])
 
 
-def series(groups: NDArray[np.void], sample_us: int) -> dict[str, list[Row]]:
+def series_rows(groups: NDArray[np.void], sample_us: int) -> dict[str, list[Row]]:
     """Return the rows of each series that groups of journal records (n, every) hold: those of the last of each group.
 
     The age is the largest of the group, so that no single late command is missed.
@@ -45,7 +45,7 @@ def series(groups: NDArray[np.void], sample_us: int) -> dict[str, list[Row]]:
     records = groups[:, -1]
     time_s = records["time_us"][:, np.newaxis] * 1e-6
     q_NB = records["q_NB"]
-    air_N = records["wind_N"] + rotated(q_NB, records["gust_B"])
+    air_N = records["wind_N"] + rotate_rows(q_NB, records["gust_B"])
     columns = {
         "attitude": (time_s, q_NB, records["omega_B"]),
         "wind": (time_s, air_N),
@@ -57,14 +57,14 @@ def series(groups: NDArray[np.void], sample_us: int) -> dict[str, list[Row]]:
     return rows
 
 
-def rotated(q_NB: Array, v_B: Array) -> Array:
+def rotate_rows(q_NB: Array, v_B: Array) -> Array:
     """Return vectors (n, 3) given in B in N, by the attitudes (n, 4)."""
     w, axis = q_NB[:, :1], q_NB[:, 1:]
     turned = 2.0 * np.cross(axis, v_B)
     return np.asarray(v_B + w * turned + np.cross(axis, turned))
 
 
-class _Groups:
+class _GroupReader:
     """The records of a growing journal in groups: each `every`th, and before it those since the one before."""
 
     def __init__(self, file: BufferedReader, every: int) -> None:

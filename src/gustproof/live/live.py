@@ -26,13 +26,13 @@ from gustproof.law.form import Law
 from gustproof.live.ground_station import STREAM_US, GroundStation
 from gustproof.live.journal_follower import follow_journal
 from gustproof.live.requirement_status import requirement_status
-from gustproof.live.server import LOOPBACK, PageServer, number, switch
+from gustproof.live.server import LOOPBACK, PageServer, parse_bool, parse_number
 from gustproof.live.telemetry_buffer import SERIES, TelemetryBuffer
 
-_PATIENCE_S = 30.0  # with threads that have next to nothing left to do, on a machine that may be busy
+_JOIN_TIMEOUT_S = 30.0  # with threads that have next to nothing left to do, on a machine that may be busy
 _JUDGE_S = 0.5
-_JUDGED_SHARE = 0.05  # of a core: a long flight takes long to judge
-_NOTHING = np.empty(0, dtype=RECORD)
+_JUDGE_SHARE = 0.05  # of a core: a long flight takes long to judge
+_NO_RECORDS = np.empty(0, dtype=RECORD)
 
 
 class LivePage:
@@ -43,20 +43,20 @@ class LivePage:
         self._every = max(round(STREAM_US / scenario.sample_us), 1)
         parameters = Parameters(vehicle, scenario)
         self._gust = parameters.table[parameters.index(GUST_SCALE_NAME) or 0]
-        self._feed = TelemetryBuffer(
+        self._buffer = TelemetryBuffer(
             scenario=scenario.name, law=law.name, vehicle=vehicle.name, duration_s=scenario.duration_s,
             real_time=real_time, phase="ready", message="", mode="", armed=False, paused=False, texts=[], link=None,
             gust_scale=self._gust.default, gust_scale_limits=[self._gust.minimum, self._gust.maximum],
-            lights=requirement_status(_NOTHING, scenario, vehicle, over=False),
+            lights=requirement_status(_NO_RECORDS, scenario, vehicle, over=False),
         )  # fmt: skip
         self._started, self._done = Event(), Event()
-        self._wishes: dict[str, float] = {}
+        self._requests: dict[str, float] = {}
         self._station: GroundStation | None = None
         self._threads: list[Thread] = []
         wishes: dict[str, Callable[[Any], None]] = {"start": self._start, "gust": self._set_gust}
         if not real_time:
             wishes["pause"] = self._pause
-        self._server = PageServer(self._feed, wishes)
+        self._server = PageServer(self._buffer, wishes)
 
     @property
     def address(self) -> str:
@@ -74,27 +74,27 @@ class LivePage:
         What the page has wished before is told to the vehicle before the flight begins.
         """
         station = GroundStation(
-            (0, (LOOPBACK, port)), self._feed, published_limit(self._vehicle), streams=self._real_time
+            (0, (LOOPBACK, port)), self._buffer, published_limit(self._vehicle), streams=self._real_time
         )
-        for name, value in self._wishes.items():
+        for name, value in self._requests.items():
             station.wish(name, value)
         self._station = station
         self._run(_serve, station)
         names = ("age",) if self._real_time else SERIES  # no message tells the age
-        self._run(follow_journal, journal, self._every, self._scenario.sample_us, self._feed, self._done, names)
+        self._run(follow_journal, journal, self._every, self._scenario.sample_us, self._buffer, self._done, names)
         if self._scenario.require:
             self._run(self._judge, journal)
-        station.settled.wait(_PATIENCE_S)
-        self._feed.tell(phase="flying")
+        station.settled.wait(_JOIN_TIMEOUT_S)
+        self._buffer.tell(phase="flying")
 
-    def end(self, message: str, records: NDArray[np.void] = _NOTHING) -> None:
+    def end(self, message: str, records: NDArray[np.void] = _NO_RECORDS) -> None:
         """Show how the flight ended, and what its journal records (n,) held."""
         self._done.set()
         if self._station is not None:
             self._station.end()
         for thread in self._threads:
-            thread.join(_PATIENCE_S)
-        self._feed.tell(
+            thread.join(_JOIN_TIMEOUT_S)
+        self._buffer.tell(
             phase="over", message=message, lights=requirement_status(records, self._scenario, self._vehicle, over=True)
         )
 
@@ -104,7 +104,7 @@ class LivePage:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._feed["phase"] != "over":
+        if self._buffer["phase"] != "over":
             self.end("the flight broke off")
         self._server.server_close()
 
@@ -115,28 +115,28 @@ class LivePage:
 
     def _judge(self, journal: Path) -> None:
         spent_s = 0.0
-        while not self._done.wait(max(_JUDGE_S, spent_s / _JUDGED_SHARE)):
+        while not self._done.wait(max(_JUDGE_S, spent_s / _JUDGE_SHARE)):
             begun_s = time.thread_time()
             _, records = read_journal(journal)
-            self._feed.tell(lights=requirement_status(records, self._scenario, self._vehicle, over=False))
+            self._buffer.tell(lights=requirement_status(records, self._scenario, self._vehicle, over=False))
             spent_s = time.thread_time() - begun_s
 
     def _start(self, value: Any) -> None:
-        if switch(value) and not self._started.is_set():
-            self._feed.tell(phase="starting")
+        if parse_bool(value) and not self._started.is_set():
+            self._buffer.tell(phase="starting")
             self._started.set()
 
     def _pause(self, value: Any) -> None:
-        self._wish(PAUSE_NAME, float(switch(value)))
+        self._request(PAUSE_NAME, float(parse_bool(value)))
 
     def _set_gust(self, value: Any) -> None:
-        scale = number(value, self._gust.minimum, self._gust.maximum)
+        scale = parse_number(value, self._gust.minimum, self._gust.maximum)
         if not self._started.is_set():
-            self._feed.tell(gust_scale=scale)
-        self._wish(GUST_SCALE_NAME, scale)
+            self._buffer.tell(gust_scale=scale)
+        self._request(GUST_SCALE_NAME, scale)
 
-    def _wish(self, name: str, value: float) -> None:
-        self._wishes[name] = value
+    def _request(self, name: str, value: float) -> None:
+        self._requests[name] = value
         if self._station is not None:
             self._station.wish(name, value)
 

@@ -29,10 +29,10 @@ _FILES = {
     "picture.js": ("picture.js", "text/javascript"),
     "style.css": ("style.css", "text/css"),
 }
-_NEWS_S = 1 / 30  # the page draws what lies between two
-_ALIVE_S = 5.0
-_LARGEST = 64  # bytes of a wish
-_LAST_WORDS_S = 5.0
+_UPDATE_S = 1 / 30  # the page draws what lies between two
+_KEEPALIVE_S = 5.0
+_MAX_BODY = 64  # bytes of a wish
+_CLOSE_TIMEOUT_S = 5.0
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -69,7 +69,7 @@ class PageServer(ThreadingHTTPServer):
         """Let every page that is open read to the end, and end."""
         self.closing.set()
         for told in list(self.readers):
-            told.wait(_LAST_WORDS_S)
+            told.wait(_CLOSE_TIMEOUT_S)
         self.shutdown()
         self._thread.join()
         super().server_close()
@@ -89,7 +89,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Send a file or the news."""
         name = self._name()
         if name == "events":
-            self._tell_news()
+            self._send_events()
         elif name in _FILES:
             file, kind = _FILES[name]
             body = resources.files("gustproof.live").joinpath("assets", file).read_bytes()
@@ -107,7 +107,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(HTTPStatus.NOT_FOUND)
             return
         length = self.headers.get("Content-Length", "")
-        if not (length.isdecimal() and int(length) <= _LARGEST):
+        if not (length.isdecimal() and int(length) <= _MAX_BODY):
             self._answer(HTTPStatus.BAD_REQUEST)
             return
         try:
@@ -139,7 +139,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(body)
 
-    def _tell_news(self) -> None:
+    def _send_events(self) -> None:
         """Send what is new until the server closes or the page does."""
         self.close_connection = True
         self.send_response(HTTPStatus.OK)
@@ -151,12 +151,12 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             closing = False
             while not closing:
-                closing = self.server.closing.wait(_NEWS_S)
+                closing = self.server.closing.wait(_UPDATE_S)
                 news = reader.news()
-                silent_s = 0.0 if news else silent_s + _NEWS_S
+                silent_s = 0.0 if news else silent_s + _UPDATE_S
                 if news:
                     self.wfile.write(f"data: {json.dumps(news, separators=(',', ':'))}\n\n".encode())
-                elif silent_s > _ALIVE_S:  # a page that has gone is found out by this
+                elif silent_s > _KEEPALIVE_S:  # a page that has gone is found out by this
                     silent_s = 0.0
                     self.wfile.write(b":\n\n")
         finally:
@@ -164,7 +164,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.server.readers.discard(told)
 
 
-def number(value: Any, lowest: float, highest: float) -> float:
+def parse_number(value: Any, lowest: float, highest: float) -> float:
     """Return a number that a page sent.
 
     Raises
@@ -179,7 +179,7 @@ def number(value: Any, lowest: float, highest: float) -> float:
     return float(value)
 
 
-def switch(value: Any) -> bool:
+def parse_bool(value: Any) -> bool:
     """Return true or false that a page sent.
 
     Raises

@@ -9,7 +9,7 @@ Row = Sequence[float | None]
 SERIES = ("attitude", "wind", "torque", "age")
 """attitude: q_NB [-], omega_B [rad/s]; wind: how the air moves [m/s] N, blowing toward; torque: asked for [N*m] B; age:
 of the command that acts, by its stamp [ms], `None` if none does."""
-_KEPT = 60_000  # rows of a series, 20 minutes at 50 Hz; the oldest half goes when there are more
+_MAX_ROWS = 60_000  # rows of a series, 20 minutes at 50 Hz; the oldest half goes when there are more
 
 
 class TelemetryBuffer:
@@ -27,9 +27,9 @@ class TelemetryBuffer:
         with self._lock:
             kept = self._rows[name]
             kept.extend(rows)
-            if len(kept) > _KEPT:
-                self._gone[name] += _KEPT // 2
-                del kept[: _KEPT // 2]
+            if len(kept) > _MAX_ROWS:
+                self._gone[name] += _MAX_ROWS // 2
+                del kept[: _MAX_ROWS // 2]
 
     def tell(self, **facts: Any) -> None:
         """Set facts."""
@@ -41,22 +41,22 @@ class TelemetryBuffer:
     def __getitem__(self, name: str) -> Any:
         return self._facts[name]
 
-    def reader(self) -> "Reader":
+    def reader(self) -> "BufferReader":
         """Return someone who has read nothing yet."""
-        return Reader(self)
+        return BufferReader(self)
 
 
-class Reader:
+class BufferReader:
     """One reader's place in a feed."""
 
     def __init__(self, feed: TelemetryBuffer) -> None:
-        self._feed = feed
+        self._buffer = feed
         self._read = dict.fromkeys(SERIES, 0)
         self._changes = 0
 
     def news(self) -> dict[str, Any]:
         """Return what came since the last call: rows by series, and under `facts` all facts if one has changed."""
-        feed = self._feed
+        feed = self._buffer
         news: dict[str, Any] = {}
         with feed._lock:
             for name, rows in feed._rows.items():

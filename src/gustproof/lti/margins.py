@@ -8,7 +8,7 @@ import numpy as np
 import scipy.optimize
 
 from gustproof.lti.norms import hinf_norm
-from gustproof.lti.state_space import LinearSystem, Lti, Matrix, copied, gain, lft, sensitivity, series
+from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, gain, lft, sensitivity, series
 
 _POINTS = 2000
 """Frequencies on which crossings are looked for, evenly on a logarithmic scale; each one found is refined."""
@@ -54,8 +54,8 @@ def margins(G: LinearSystem, K: LinearSystem) -> Margins:
     ValueError
         If sizes or sample times do not fit, or the loop is unstable.
     """
-    plant, controller = copied(G), copied(K)
-    at_input, at_output = _negated(series(plant, controller)), _negated(series(controller, plant))
+    plant, controller = as_lti(G), as_lti(K)
+    at_input, at_output = _negate(series(plant, controller)), _negate(series(controller, plant))
     if not sensitivity(at_input).is_stable():
         raise ValueError("the loop is unstable: it has no margins")
     return Margins(
@@ -70,10 +70,10 @@ def loop_margins(L: Lti) -> LoopMargins:
     """Return the margins of the stable negative-feedback loop with the scalar loop transfer `L`."""
     grid = _grid(L)
     values = L.response(grid)[:, 0, 0]
-    unit_gain = _roots(grid, np.log(np.maximum(np.abs(values), 1e-300)), lambda w: math.log(abs(_at(L, w))))
-    real_axis = _roots(grid, values.imag, lambda w: _at(L, w).imag)
-    leads = [math.remainder(float(np.angle(-_at(L, w))), 2.0 * math.pi) for w in unit_gain]
-    factors = [-1.0 / _at(L, w).real for w in real_axis if _at(L, w).real < 0.0]
+    unit_gain = _roots(grid, np.log(np.maximum(np.abs(values), 1e-300)), lambda w: math.log(abs(_evaluate(L, w))))
+    real_axis = _roots(grid, values.imag, lambda w: _evaluate(L, w).imag)
+    leads = [math.remainder(float(np.angle(-_evaluate(L, w))), 2.0 * math.pi) for w in unit_gain]
+    factors = [-1.0 / _evaluate(L, w).real for w in real_axis if _evaluate(L, w).real < 0.0]
     delays = [(lead % (2.0 * math.pi)) / w for lead, w in zip(leads, unit_gain, strict=True)]
     return LoopMargins(
         crossover=max(unit_gain, default=0.0),
@@ -130,7 +130,7 @@ def _channel(L: Lti, k: int) -> Lti:
     return lft(swapped, gain(-np.eye(L.n_inputs - 1), L.dt)) if L.n_inputs > 1 else swapped
 
 
-def _negated(G: Lti) -> Lti:
+def _negate(G: Lti) -> Lti:
     return Lti(A=G.A, B=G.B, C=-G.C, D=-G.D, dt=G.dt)
 
 
@@ -142,7 +142,7 @@ def _grid(L: Lti) -> Matrix:
     return np.geomspace(0.01 * np.min(poles, initial=1.0), 100.0 * np.max(poles, initial=1.0), _POINTS)
 
 
-def _at(L: Lti, omega: float) -> complex:
+def _evaluate(L: Lti, omega: float) -> complex:
     return complex(L.response(omega)[0, 0, 0])
 
 

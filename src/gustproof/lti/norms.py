@@ -8,12 +8,12 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from gustproof.errors import DesignError
-from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, copied
+from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti
 
-_CANDIDATE = 1e-6
+_AXIS_TOLERANCE = 1e-6
 """Eigenvalues with a real part below this fraction of their magnitude, or of rounding, are tried as crossings."""
 
-_ABOVE_INFINITY = (1e-4, 1e-6, 1e-8)
+_LEVEL_EXCESSES = (1e-4, 1e-6, 1e-8)
 """[-] relative excess of levels tried first where no gain above the one at infinity is known: closer to it the
 Hamiltonian matrix grows without bound, and its rounding hides crossings."""
 
@@ -53,7 +53,7 @@ def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
     N. A. Bruinsma, M. Steinbuch, A fast algorithm to compute the H-infinity-norm of a transfer function matrix,
     Systems & Control Letters 14 (1990), 287-293.
     """
-    G = copied(system)
+    G = as_lti(system)
     poles = G.poles()
     beyond = np.abs(poles) - 1.0 if G.dt else poles.real
     if np.max(beyond, initial=-1.0) >= 0.0:
@@ -61,7 +61,7 @@ def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
         return Peak(gain=np.inf, omega=float(abs(np.angle(worst)) / G.dt if G.dt else abs(worst.imag)))
     if not G.dt:
         return _continuous_peak(G, poles, accuracy)
-    peak = _continuous_peak(bilinear(G), 2.0 / G.dt * (poles - 1.0) / (poles + 1.0), accuracy)
+    peak = _continuous_peak(bilinear_transform(G), 2.0 / G.dt * (poles - 1.0) / (poles + 1.0), accuracy)
     return Peak(gain=peak.gain, omega=2.0 / G.dt * float(np.arctan(peak.omega * G.dt / 2.0)))
 
 
@@ -74,7 +74,7 @@ def h2_norm(system: LinearSystem) -> float:
     ----------
     K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control, Prentice Hall 1996, Lemma 4.6.
     """
-    G = copied(system)
+    G = as_lti(system)
     if not G.is_stable() or (not G.dt and np.any(G.D)):
         return float("inf")
     if not G.order:
@@ -86,7 +86,7 @@ def h2_norm(system: LinearSystem) -> float:
     return float(np.sqrt(max(np.trace(G.C @ gramian @ G.C.T) + np.sum(G.D**2), 0.0)))
 
 
-def bilinear(G: Lti) -> Lti:
+def bilinear_transform(G: Lti) -> Lti:
     """Return the continuous system with `G(z)` at `z = (1 + s dt/2) / (1 - s dt/2)`; norms of gains are kept.
 
     `G` must have no pole at z = -1.
@@ -106,17 +106,17 @@ def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:
     best = Peak(gain=at_infinity, omega=np.inf)
     if not G.order or not G.D.size:
         return best
-    best = _better(G, best, _first_guesses(poles))
+    best = _raise_lower_bound(G, best, _first_guesses(poles))
     if best.gain <= 0.0:
         return best
-    for excess in _ABOVE_INFINITY:
+    for excess in _LEVEL_EXCESSES:
         if math.isinf(best.omega):
-            best = _better(G, best, _candidates(_crossings(G, (1.0 + excess) * best.gain)))
+            best = _raise_lower_bound(G, best, _candidates(_crossings(G, (1.0 + excess) * best.gain)))
     for _ in range(60):
         candidates = _candidates(_crossings(G, (1.0 + 2.0 * accuracy) * best.gain))
         if candidates.size == 0:
             return best
-        higher = _better(G, best, candidates)
+        higher = _raise_lower_bound(G, best, candidates)
         if higher.gain <= (1.0 + accuracy) * best.gain:
             return higher
         best = higher
@@ -140,7 +140,7 @@ def _first_guesses(poles: ComplexMatrix) -> Matrix:
     return np.unique(np.concatenate([[0.0], np.abs(poles), resonance]))
 
 
-def _better(G: Lti, best: Peak, omega: NDArray[np.float64]) -> Peak:
+def _raise_lower_bound(G: Lti, best: Peak, omega: NDArray[np.float64]) -> Peak:
     if omega.size == 0:
         return best
     gains = np.linalg.norm(G.response(omega), 2, axis=(1, 2))
@@ -160,5 +160,5 @@ def _crossings(G: Lti, level: float) -> Matrix:
     H[n:, :n], H[n:, n:] = -level * G.C.T @ np.linalg.solve(S, G.C), -A.T
     eigenvalues = scipy.linalg.eigvals(H)
     rounding = 1e-13 * np.max(np.abs(eigenvalues))
-    on_axis = np.abs(eigenvalues.real) <= _CANDIDATE * np.abs(eigenvalues) + rounding
+    on_axis = np.abs(eigenvalues.real) <= _AXIS_TOLERANCE * np.abs(eigenvalues) + rounding
     return np.unique(np.abs(eigenvalues[on_axis].imag))

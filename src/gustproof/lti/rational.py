@@ -1,18 +1,18 @@
 """Exact arithmetic on rational numbers: matrices, definiteness, and bounds of the functions that proofs need.
 
 Only the standard library: what checks a proof shares no code with what found it. Every float is a rational number, so
-`exact` loses nothing, and a matrix that is proved positive definite here is so without a tolerance.
+`to_rational` loses nothing, and a matrix that is proved positive definite here is so without a tolerance.
 """
 
 import math
 from collections.abc import Iterable
 from fractions import Fraction
 
-Rational = list[list[Fraction]]
+RationalMatrix = list[list[Fraction]]
 """A matrix by rows."""
 
 
-def exact(rows: Iterable[Iterable[float | Fraction]]) -> Rational:
+def to_rational(rows: Iterable[Iterable[float | Fraction]]) -> RationalMatrix:
     """Return a matrix of floats as the rational numbers that they are.
 
     Raises
@@ -31,32 +31,32 @@ def exact(rows: Iterable[Iterable[float | Fraction]]) -> Rational:
     return matrix
 
 
-def identity(n: int) -> Rational:
+def identity(n: int) -> RationalMatrix:
     """Return the identity, (n, n)."""
     return [[Fraction(int(i == j)) for j in range(n)] for i in range(n)]
 
 
-def zeros(n: int, m: int) -> Rational:
+def zeros(n: int, m: int) -> RationalMatrix:
     """Return the zero matrix, (n, m)."""
     return [[Fraction(0)] * m for _ in range(n)]
 
 
-def transpose(A: Rational) -> Rational:
+def transpose(A: RationalMatrix) -> RationalMatrix:
     """Return the transpose."""
     return [list(column) for column in zip(*A, strict=True)]
 
 
-def add(*terms: Rational) -> Rational:
+def add(*terms: RationalMatrix) -> RationalMatrix:
     """Return the sum of matrices of one shape."""
     return [[sum(values, Fraction(0)) for values in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)]
 
 
-def scale(factor: Fraction | int, A: Rational) -> Rational:
+def scale(factor: Fraction | int, A: RationalMatrix) -> RationalMatrix:
     """Return `factor` times `A`."""
     return [[factor * value for value in row] for row in A]
 
 
-def multiply(A: Rational, B: Rational) -> Rational:
+def multiply(A: RationalMatrix, B: RationalMatrix) -> RationalMatrix:
     """Return the product `A B`, without the terms that are 0."""
     columns = len(B[0]) if B else 0
     product = zeros(len(A), columns)
@@ -69,12 +69,12 @@ def multiply(A: Rational, B: Rational) -> Rational:
     return product
 
 
-def is_symmetric(M: Rational) -> bool:
+def is_symmetric(M: RationalMatrix) -> bool:
     """Return whether `M` equals its transpose, exactly."""
     return all(len(row) == len(M) for row in M) and transpose(M) == M
 
 
-def is_positive_definite(M: Rational) -> bool:
+def is_positive_definite(M: RationalMatrix) -> bool:
     """Return whether the symmetric matrix `M` is positive definite: a proof, not an estimate.
 
     Rows and columns are scaled to integers, which keeps the signs of the leading principal minors; Bareiss's
@@ -108,28 +108,28 @@ def is_positive_definite(M: Rational) -> bool:
     return True
 
 
-def rounded_up(x: Fraction, bits: int = 64) -> Fraction:
+def round_up(x: Fraction, bits: int = 64) -> Fraction:
     """Return the least multiple of 2^-`bits` that is not below `x`: bounds stay short."""
     return Fraction(-((-x.numerator << bits) // x.denominator), 1 << bits)
 
 
-def sqrt_above(x: Fraction, bits: int = 64) -> Fraction:
+def sqrt_upper_bound(x: Fraction, bits: int = 64) -> Fraction:
     """Return a number not below the square root of `x` >= 0 and within 2^-`bits` of it."""
     root = math.isqrt((x.numerator << (2 * bits)) // x.denominator)
     return Fraction(root + 1, 1 << bits)
 
 
-def sin_above(x: Fraction) -> Fraction:
+def sin_upper_bound(x: Fraction) -> Fraction:
     """Return a number not below `sin x` for 0 <= x <= 1: the series ends with a positive term."""
-    return _alternating(x, x, 1, 9)
+    return _alternating_sum(x, x, 1, 9)
 
 
-def cos_below(x: Fraction) -> Fraction:
+def cos_lower_bound(x: Fraction) -> Fraction:
     """Return a number not above `cos x` for 0 <= x <= 1: the series ends with a negative term."""
-    return _alternating(Fraction(1), x, 0, 10)
+    return _alternating_sum(Fraction(1), x, 0, 10)
 
 
-def exp_below(x: Fraction, terms: int = 200) -> Fraction:
+def exp_lower_bound(x: Fraction, terms: int = 200) -> Fraction:
     """Return a number not above `exp x` for x >= 0: the start of its series."""
     total = term = Fraction(1)
     for k in range(1, terms):
@@ -138,7 +138,7 @@ def exp_below(x: Fraction, terms: int = 200) -> Fraction:
     return total
 
 
-def _alternating(first: Fraction, x: Fraction, power: int, last: int) -> Fraction:
+def _alternating_sum(first: Fraction, x: Fraction, power: int, last: int) -> Fraction:
     """Return the sum of `x^k / k!` with alternating signs, k = `power`, `power` + 2, ... `last`."""
     if not 0 <= x <= 1:
         raise ValueError(f"argument is {float(x)}, must be in [0, 1]")

@@ -54,7 +54,7 @@ def stabilizing_solution(H: Matrix) -> Matrix:
         raise DesignError("the Hamiltonian overflows: the plant is too badly scaled to solve")
     n = H.shape[0] // 2
     scale = _symplectic_scale(H)
-    T, _, real, imaginary, U, _, info = dgees(_any, H * scale[:, None] / scale, lwork=128 * n, overwrite_a=1)
+    T, _, real, imaginary, U, _, info = dgees(_select_all, H * scale[:, None] / scale, lwork=128 * n, overwrite_a=1)
     if not info:
         # What dgees does itself if it is told what to sort for, by a call of Python for each eigenvalue.
         _, U, real, imaginary, _, _, _, info = dtrsen(
@@ -72,7 +72,7 @@ def stabilizing_solution(H: Matrix) -> Matrix:
     return np.asarray(0.5 * (X + X.T), dtype=np.float64)
 
 
-def _any(_real: float, _imaginary: float) -> bool:
+def _select_all(_real: float, _imaginary: float) -> bool:
     """Not asked, but LAPACK wants a function."""
     return True
 

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from gustproof.types import frozen
+from gustproof.types import readonly_copy
 
 if TYPE_CHECKING:
     import control
@@ -72,7 +72,7 @@ class Lti:
         p, m = D.shape
         n = np.atleast_2d(np.asarray(self.A, dtype=np.float64)).shape[0] if np.size(self.A) else 0
         for name, shape in {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m)}.items():
-            object.__setattr__(self, name, frozen(name, _shaped(getattr(self, name), shape), shape))
+            object.__setattr__(self, name, readonly_copy(name, _as_matrix(getattr(self, name), shape), shape))
         if not (np.isfinite(self.dt) and self.dt >= 0.0):
             raise ValueError(f"dt is {self.dt!r}, must be 0 (continuous) or positive")
 
@@ -122,7 +122,7 @@ class Lti:
         )
 
 
-def copied(system: LinearSystem) -> Lti:
+def as_lti(system: LinearSystem) -> Lti:
     """Return a read-only copy of `system`; an unspecified time base is taken as continuous.
 
     Raises
@@ -145,7 +145,7 @@ def copied_continuous(name: str, system: LinearSystem) -> Lti:
     ValueError
         If the system is discrete, or its arrays are not sound.
     """
-    copy = copied(system)
+    copy = as_lti(system)
     if copy.dt:
         raise ValueError(f"{name} is discrete, dt = {copy.dt} s, must be continuous")
     return copy
@@ -160,7 +160,7 @@ def gain(D: ArrayLike, dt: float = 0.0) -> Lti:
 
 def series(first: Lti, second: Lti) -> Lti:
     """Return the system that feeds the output of `first` to `second`; states of `first` stand first."""
-    _same_time(first, second)
+    _check_sample_times(first, second)
     return Lti(
         A=np.block([[first.A, np.zeros((first.order, second.order))], [second.B @ first.C, second.A]]),
         B=np.vstack([first.B, second.B @ first.D]),
@@ -207,7 +207,7 @@ def lft(P: Lti, K: Lti) -> Lti:
     ----------
     K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control, Prentice Hall 1996, section 10.1.
     """
-    _same_time(P, K)
+    _check_sample_times(P, K)
     p1, m1 = P.n_outputs - K.n_inputs, P.n_inputs - K.n_outputs
     if p1 < 0 or m1 < 0:
         raise ValueError(f"K is {K.n_outputs} x {K.n_inputs}, larger than P, {P.n_outputs} x {P.n_inputs}")
@@ -231,14 +231,14 @@ def lft(P: Lti, K: Lti) -> Lti:
     )
 
 
-def hold_discretized(system: LinearSystem, dt: float) -> Lti:
+def discretize_zoh(system: LinearSystem, dt: float) -> Lti:
     """Return the system seen at multiples of `dt` [s] when its input is held between them; exact.
 
     References
     ----------
     C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE TAC 23 (1978), 395-404.
     """
-    G = copied(system)
+    G = as_lti(system)
     if G.dt:
         raise ValueError(f"the system is discrete already, dt = {G.dt} s")
     n, m = G.order, G.n_inputs
@@ -252,12 +252,12 @@ def delay(width: int, dt: float) -> Lti:
     return Lti(A=zero, B=identity, C=identity, D=zero, dt=dt)
 
 
-def _same_time(first: Lti, second: Lti) -> None:
+def _check_sample_times(first: Lti, second: Lti) -> None:
     if first.dt != second.dt:
         raise ValueError(f"sample times differ: {first.dt} s and {second.dt} s")
 
 
-def _shaped(value: ArrayLike, shape: tuple[int, int]) -> Matrix:
+def _as_matrix(value: ArrayLike, shape: tuple[int, int]) -> Matrix:
     """Return `value` as a matrix: a row, a column or nothing at all may come with fewer axes."""
     array = np.asarray(value, dtype=np.float64)
     lacks_axes = array.ndim < 2 or 0 in shape

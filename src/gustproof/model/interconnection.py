@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from gustproof.lti.state_space import LinearSystem, Lti, Matrix, copied, copied_continuous
+from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, copied_continuous
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +129,7 @@ class Interconnection:
         """
         if inner := [name for name in inputs if name not in (*self.w, *self.u)]:
             raise ValueError(f"signal '{inner[0]}' is made inside the diagram")
-        systems = [copied(block.system) for block in self.blocks]
+        systems = [as_lti(block.system) for block in self.blocks]
         A, B, C, D = (
             scipy.linalg.block_diag(*(getattr(system, name) for system in systems)) for name in ("A", "B", "C", "D")
         )

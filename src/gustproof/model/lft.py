@@ -12,9 +12,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from gustproof.lti.state_space import LinearSystem, Lti, Matrix, copied, gain, lft
+from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, gain, lft
 from gustproof.model.interconnection import Interconnection, Signal
-from gustproof.model.uncertainty import Block, Delta, FullBlock, RealBlock, delta_matrix
+from gustproof.model.uncertainty import Delta, DeltaBlock, FullBlock, RealBlock, delta_matrix
 
 if TYPE_CHECKING:
     import control
@@ -35,7 +35,7 @@ class Uncertain:
 
     M: Lti
     """Known part, channels of Delta first."""
-    blocks: tuple[Block, ...] = ()
+    blocks: tuple[DeltaBlock, ...] = ()
     """Blocks of Delta in the order of the channels of `M`."""
 
     # numpy would otherwise broadcast `matrix @ uncertain` over the elements of the matrix
@@ -78,8 +78,8 @@ class Uncertain:
             If a name or shape is wrong, or the model has no solution there.
         """
         K = gain(delta_matrix(self.blocks, delta), self.M.dt)
-        outputs, inputs = _last(self.M.n_outputs, range(self.n_z)), _last(self.M.n_inputs, range(self.n_w))
-        return lft(_permuted(self.M, outputs, inputs), K)
+        outputs, inputs = _move_last(self.M.n_outputs, range(self.n_z)), _move_last(self.M.n_inputs, range(self.n_w))
+        return lft(_permute(self.M, outputs, inputs), K)
 
     def matrices(self, delta: Delta) -> Matrix:
         """Return an uncertain matrix, (k, p, m), at k deltas at once: each name has a value (k,) or one for all.
@@ -114,7 +114,7 @@ class Uncertain:
     def samples(self, count: int, seed: int) -> tuple[dict[str, ArrayLike], ...]:
         """Return `count` random deltas: parameters uniform in [-1, 1], full blocks real of norm 1."""
         rng = np.random.default_rng(seed)
-        return tuple({block.name: _drawn(block, rng) for block in self.blocks} for _ in range(count))
+        return tuple({block.name: _sample_block(block, rng) for block in self.blocks} for _ in range(count))
 
     def family(self, count: int, seed: int) -> "tuple[control.StateSpace, ...]":
         """Return `count` random members for python-control (MATLAB: `usample`)."""
@@ -151,50 +151,50 @@ class Uncertain:
 
     def __add__(self, other: "Uncertain | LinearSystem | ArrayLike") -> "Uncertain":
         n, p = np.eye(self.n_inputs), np.eye(self.n_outputs)
-        return np.hstack([p, p]) @ (appended(self, other) @ np.vstack([n, n]))
+        return np.hstack([p, p]) @ (append(self, other) @ np.vstack([n, n]))
 
     def __radd__(self, other: "LinearSystem | ArrayLike") -> "Uncertain":
-        return uncertain(other) + self
+        return as_uncertain(other) + self
 
     def __neg__(self) -> "Uncertain":
         return -np.eye(self.n_outputs) @ self
 
     def __sub__(self, other: "Uncertain | LinearSystem | ArrayLike") -> "Uncertain":
-        return self + -uncertain(other)
+        return self + -as_uncertain(other)
 
     def __rsub__(self, other: "LinearSystem | ArrayLike") -> "Uncertain":
-        return uncertain(other) - self
+        return as_uncertain(other) - self
 
     def __matmul__(self, other: "Uncertain | LinearSystem | ArrayLike") -> "Uncertain":
-        first = uncertain(other)
+        first = as_uncertain(other)
         return star(first, self, first.n_outputs, 0)
 
     def __rmatmul__(self, other: "LinearSystem | ArrayLike") -> "Uncertain":
-        return uncertain(other) @ self
+        return as_uncertain(other) @ self
 
 
-def real(name: str, *, low: float, high: float, nominal: float | None = None) -> Uncertain:
+def ureal(name: str, *, low: float, high: float, nominal: float | None = None) -> Uncertain:
     """Return an uncertain real number as a 1 x 1 system (MATLAB: `ureal`); nominal is the middle unless given."""
     block = RealBlock(name=name, low=low, high=high, nominal=0.5 * (low + high) if nominal is None else nominal)
     b, c = block.coefficients
     return Uncertain(M=gain([[-c, 1.0], [b, block.nominal]]), blocks=(block,))
 
 
-def neglected(name: str, n_outputs: int = 1, n_inputs: int = 1) -> Uncertain:
+def ultidyn(name: str, n_outputs: int = 1, n_inputs: int = 1) -> Uncertain:
     """Return a stable unknown system of H-infinity norm <= 1 (MATLAB: `ultidyn`)."""
     block = FullBlock(name=name, n_outputs=n_outputs, n_inputs=n_inputs)
     passed = np.block([[np.zeros((n_inputs, n_outputs)), np.eye(n_inputs)], [np.eye(n_outputs), np.zeros(block.shape)]])
     return Uncertain(M=gain(passed), blocks=(block,))
 
 
-def uncertain(system: "Uncertain | LinearSystem | ArrayLike") -> Uncertain:
+def as_uncertain(system: "Uncertain | LinearSystem | ArrayLike") -> Uncertain:
     """Return a system or matrix as an `Uncertain`, without blocks if nothing of it is uncertain."""
     if isinstance(system, Uncertain):
         return system
-    return Uncertain(M=copied(system) if hasattr(system, "A") else gain(system))  # type: ignore[arg-type]
+    return Uncertain(M=as_lti(system) if hasattr(system, "A") else gain(system))  # type: ignore[arg-type]
 
 
-def appended(*systems: "Uncertain | LinearSystem | ArrayLike") -> Uncertain:
+def append(*systems: "Uncertain | LinearSystem | ArrayLike") -> Uncertain:
     """Return the systems side by side, not connected (MATLAB: `append`, `blkdiag`); parameters of one name are one.
 
     Raises
@@ -202,15 +202,15 @@ def appended(*systems: "Uncertain | LinearSystem | ArrayLike") -> Uncertain:
     ValueError
         If sample times differ, a full block stands twice, or one parameter has two ranges.
     """
-    parts = [uncertain(system) for system in systems]
+    parts = [as_uncertain(system) for system in systems]
     times = {part.M.dt for part in parts if part.M.order or part.M.dt}
     if len(times) > 1:
         raise ValueError(f"sample times differ: {' s and '.join(str(time) for time in sorted(times))} s")
     A, B, C, D = (scipy.linalg.block_diag(*(getattr(part.M, name) for part in parts)) for name in ("A", "B", "C", "D"))
     together = Lti(A=A, B=B, C=C, D=D, dt=max(times, default=0.0))
-    inputs = _delta_first([(part.n_w, part.n_inputs) for part in parts])
-    outputs = _delta_first([(part.n_z, part.n_outputs) for part in parts])
-    return _merged(_permuted(together, outputs, inputs), [block for part in parts for block in part.blocks])
+    inputs = _put_delta_first([(part.n_w, part.n_inputs) for part in parts])
+    outputs = _put_delta_first([(part.n_z, part.n_outputs) for part in parts])
+    return _merge_blocks(_permute(together, outputs, inputs), [block for part in parts for block in part.blocks])
 
 
 def star(P: "Uncertain | LinearSystem", Q: "Uncertain | LinearSystem", n_y: int, n_u: int) -> Uncertain:
@@ -227,24 +227,24 @@ def star(P: "Uncertain | LinearSystem", Q: "Uncertain | LinearSystem", n_y: int,
     ----------
     K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control, Prentice Hall 1996, section 10.4.
     """
-    upper, lower = uncertain(P), uncertain(Q)
+    upper, lower = as_uncertain(P), as_uncertain(Q)
     if n_y > min(upper.n_outputs, lower.n_inputs) or n_u > min(lower.n_outputs, upper.n_inputs):
         raise ValueError(f"P and Q have no {n_y} signals down and {n_u} up in common")
-    both = appended(upper, lower)
+    both = append(upper, lower)
     # external channels stay in front, the joined ones go last: (P, Q) outputs and (P, Q) inputs
     p, m, n_z, n_w = upper.n_outputs, upper.n_inputs, both.n_z, both.n_w
     down, up = range(n_z + p - n_y, n_z + p + n_u), range(n_w + m - n_u, n_w + m + n_y)
-    M = _permuted(both.M, _last(both.M.n_outputs, down), _last(both.M.n_inputs, up))
+    M = _permute(both.M, _move_last(both.M.n_outputs, down), _move_last(both.M.n_inputs, up))
     joined = np.block([[np.zeros((n_u, n_y)), np.eye(n_u)], [np.eye(n_y), np.zeros((n_y, n_u))]])
     return Uncertain(M=lft(M, gain(joined, M.dt)), blocks=both.blocks)
 
 
-def closed(P: Uncertain, K: LinearSystem) -> Uncertain:
+def close_loop(P: Uncertain, K: LinearSystem) -> Uncertain:
     """Return the uncertain loop `F_l(P, K)`: `K` reads the last outputs of `P` and drives its last inputs."""
-    return Uncertain(M=lft(P.M, copied(K)), blocks=P.blocks)
+    return Uncertain(M=lft(P.M, as_lti(K)), blocks=P.blocks)
 
 
-def with_states(matrix: Uncertain, order: int) -> Uncertain:
+def system_from_matrix(matrix: Uncertain, order: int) -> Uncertain:
     """Return the system whose `[A B; C D]` is the uncertain `matrix`: its first `order` channels are x' and x."""
     if matrix.M.order or matrix.M.dt:
         raise ValueError("the matrix has states or a sample time of its own")
@@ -257,7 +257,7 @@ def with_states(matrix: Uncertain, order: int) -> Uncertain:
     return Uncertain(M=M, blocks=matrix.blocks)
 
 
-def connected(diagram: Interconnection, replaced: Mapping[str, Uncertain]) -> Uncertain:
+def connect(diagram: Interconnection, replaced: Mapping[str, Uncertain]) -> Uncertain:
     """Return the generalised plant, (w, u) to (z, y), of a diagram in which uncertain systems replace named blocks.
 
     The channels of Delta are pulled out as signals of the diagram and joined with the plant (MATLAB: `connect`).
@@ -270,7 +270,7 @@ def connected(diagram: Interconnection, replaced: Mapping[str, Uncertain]) -> Un
     if unknown := sorted(set(replaced) - {block.name for block in diagram.blocks}):
         raise ValueError(f"the diagram has no block '{unknown[0]}'")
     signals, blocks, drives, reads = list(diagram.signals), [], [], []
-    delta: list[Block] = []
+    delta: list[DeltaBlock] = []
     for block in diagram.blocks:
         system = replaced.get(block.name)
         if system is None:
@@ -284,16 +284,16 @@ def connected(diagram: Interconnection, replaced: Mapping[str, Uncertain]) -> Un
         delta += system.blocks
     opened = replace(diagram, signals=tuple(signals), blocks=tuple(blocks), w=(*drives, *diagram.w))
     M = opened.system((*drives, *diagram.w, *diagram.u), (*reads, *diagram.z, *diagram.y))
-    return _merged(M, delta)
+    return _merge_blocks(M, delta)
 
 
-def _merged(M: Lti, stacked: Sequence[Block]) -> Uncertain:
+def _merge_blocks(M: Lti, stacked: Sequence[DeltaBlock]) -> Uncertain:
     """Return `F_u(M, Delta)`, whose channels of Delta come in the order of `stacked`, with each name once."""
     names = list(dict.fromkeys(block.name for block in stacked))
     order = sorted(range(len(stacked)), key=lambda k: names.index(stacked[k].name))
-    inputs = _reordered([block.shape[0] for block in stacked], order, M.n_inputs)
-    outputs = _reordered([block.shape[1] for block in stacked], order, M.n_outputs)
-    blocks: list[Block] = []
+    inputs = _reorder_channels([block.shape[0] for block in stacked], order, M.n_inputs)
+    outputs = _reorder_channels([block.shape[1] for block in stacked], order, M.n_outputs)
+    blocks: list[DeltaBlock] = []
     for name in names:
         same = [block for block in stacked if block.name == name]
         first = same[0]
@@ -304,33 +304,33 @@ def _merged(M: Lti, stacked: Sequence[Block]) -> Uncertain:
             blocks.append(one)
         else:
             blocks += same
-    return Uncertain(M=_permuted(M, outputs, inputs), blocks=tuple(blocks))
+    return Uncertain(M=_permute(M, outputs, inputs), blocks=tuple(blocks))
 
 
-def _reordered(sizes: list[int], order: list[int], total: int) -> list[int]:
+def _reorder_channels(sizes: list[int], order: list[int], total: int) -> list[int]:
     """Return the channels of the blocks of `sizes` in a new order of the blocks, then the others up to `total`."""
     starts = np.cumsum([0, *sizes]).tolist()
     moved = [channel for k in order for channel in range(starts[k], starts[k + 1])]
     return [*moved, *range(starts[-1], total)]
 
 
-def _delta_first(sizes: list[tuple[int, int]]) -> list[int]:
+def _put_delta_first(sizes: list[tuple[int, int]]) -> list[int]:
     """Return the channels of systems side by side, each (of Delta, external), with all of Delta's in front."""
     starts = np.cumsum([0, *(inner + outer for inner, outer in sizes)]).tolist()
     of_delta = [c for start, (inner, _) in zip(starts, sizes, strict=False) for c in range(start, start + inner)]
     return [*of_delta, *sorted(set(range(starts[-1])) - set(of_delta))]
 
 
-def _last(total: int, moved: range) -> list[int]:
+def _move_last(total: int, moved: range) -> list[int]:
     """Return all channels with the `moved` ones behind the others."""
     return [*(channel for channel in range(total) if channel not in moved), *moved]
 
 
-def _permuted(M: Lti, outputs: list[int], inputs: list[int]) -> Lti:
+def _permute(M: Lti, outputs: list[int], inputs: list[int]) -> Lti:
     return Lti(A=M.A, B=M.B[:, inputs], C=M.C[outputs], D=M.D[np.ix_(outputs, inputs)], dt=M.dt)
 
 
-def _drawn(block: Block, rng: np.random.Generator) -> ArrayLike:
+def _sample_block(block: DeltaBlock, rng: np.random.Generator) -> ArrayLike:
     if isinstance(block, RealBlock):
         return float(rng.uniform(-1.0, 1.0))
     full = rng.normal(size=block.shape)

@@ -17,7 +17,7 @@ from gustproof.lti.state_space import Lti, Matrix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Parameter:
+class SchedulingParameter:
     """One scheduling parameter and the bounds that the paper gives it."""
 
     name: str
@@ -38,7 +38,7 @@ RATE_BOUND_IN_TEXT = 1.5 * math.pi
 """[rad/s] bound on the rates in section IV-C of the paper."""
 
 PARAMETERS = tuple(
-    Parameter(name=f"rho{k}", label=rf"$\rho_{k}$", meaning=meaning, low=low, high=high)
+    SchedulingParameter(name=f"rho{k}", label=rf"$\rho_{k}$", meaning=meaning, low=low, high=high)
     for k, (meaning, low, high) in enumerate(
         (
             (r"$\sin\phi$", -1.0, 1.0),
@@ -58,7 +58,7 @@ HOVER = (0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 """[-, rad/s] the parameters at level rest."""
 
 
-def scheduling(E: ArrayLike, omega_B: ArrayLike) -> Matrix:
+def scheduling_parameters(E: ArrayLike, omega_B: ArrayLike) -> Matrix:
     """Return the parameters, (..., 7), of Euler angles `E` (..., 3) [rad] and rates `omega_B` (..., 3) [rad/s] B."""
     angles, rates = np.asarray(E, dtype=np.float64), np.asarray(omega_B, dtype=np.float64)
     phi, theta = angles[..., 0], angles[..., 1]
@@ -66,7 +66,7 @@ def scheduling(E: ArrayLike, omega_B: ArrayLike) -> Matrix:
     return np.concatenate([trigonometric, rates], axis=-1)
 
 
-def within_bounds(rho: ArrayLike) -> bool:
+def is_within_bounds(rho: ArrayLike) -> bool:
     """Return whether every `rho` (..., 7) keeps Table II."""
     low, high = _bounds()
     values = np.asarray(rho, dtype=np.float64)

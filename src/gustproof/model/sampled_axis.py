@@ -7,9 +7,9 @@ import numpy as np
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.lti.state_space import Lti, delay
-from gustproof.model.lft import Uncertain, appended, real
+from gustproof.model.lft import Uncertain, append, ureal
 
-INVERSE_INERTIA, DECAY, CARRIED = "inverse inertia", "decay", "carried"
+INVERSE_INERTIA, DECAY, CARRYOVER = "inverse inertia", "decay", "carried"
 
 
 def sampled_axis(vehicle: Vehicle, scenario: Scenario, axis: int, *, inertia: float, actuator_lag: float) -> Uncertain:
@@ -38,29 +38,30 @@ def sampled_axis(vehicle: Vehicle, scenario: Scenario, axis: int, *, inertia: fl
     kept = math.exp(-vehicle.rate_damping * dt)
     gathered = -math.expm1(-vehicle.rate_damping * dt) / vehicle.rate_damping if vehicle.rate_damping else dt
     low, nominal, high = (
-        _lagging(share * tau, vehicle.rate_damping, dt) for share in (1.0 - actuator_lag, 1.0, 1.0 + actuator_lag)
+        _lag_coefficients(share * tau, vehicle.rate_damping, dt)
+        for share in (1.0 - actuator_lag, 1.0, 1.0 + actuator_lag)
     )
     decay, carried = (
-        real(name, low=low[k], nominal=nominal[k], high=high[k]) for k, name in enumerate((DECAY, CARRIED))
+        ureal(name, low=low[k], nominal=nominal[k], high=high[k]) for k, name in enumerate((DECAY, CARRYOVER))
     )
-    inverse = real(INVERSE_INERTIA, low=1.0 / (J * (1.0 + inertia)), nominal=1.0 / J, high=1.0 / (J * (1.0 - inertia)))
+    inverse = ureal(INVERSE_INERTIA, low=1.0 / (J * (1.0 + inertia)), nominal=1.0 / J, high=1.0 / (J * (1.0 - inertia)))
     # columns: rate, moment, command
     rate, _, command = np.eye(3)[:, None]
     behind = np.array([[0.0, 1.0, -1.0]])
-    moved = appended(kept * rate + inverse @ (gathered * command + carried @ behind), command + decay @ behind, rate)
-    plant = _with_states(moved @ np.vstack([np.eye(3)] * 3), 2, dt)
+    moved = append(kept * rate + inverse @ (gathered * command + carried @ behind), command + decay @ behind, rate)
+    plant = _system_from_step(moved @ np.vstack([np.eye(3)] * 3), 2, dt)
     for _ in range(scenario.delay_samples):
         plant = plant @ delay(1, dt)
     return plant
 
 
-def _lagging(tau: float, damping: float, dt: float) -> tuple[float, float]:
+def _lag_coefficients(tau: float, damping: float, dt: float) -> tuple[float, float]:
     """Return alpha [-] and c [s]; both grow with the lag."""
     alpha = math.exp(-dt / tau)
     return alpha, (math.exp(-damping * dt) - alpha) / (1.0 / tau - damping)
 
 
-def _with_states(step: Uncertain, n: int, dt: float) -> Uncertain:
+def _system_from_step(step: Uncertain, n: int, dt: float) -> Uncertain:
     """Return the system whose n states, and then its inputs, `step` maps to the next states, and then its outputs."""
     z, w, D = step.n_z, step.n_w, step.M.D
     outputs, inputs = np.r_[:z, z + n : D.shape[0]], np.r_[:w, w + n : D.shape[1]]

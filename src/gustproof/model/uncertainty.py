@@ -100,21 +100,21 @@ class FullBlock:
         return (self.n_outputs, self.n_inputs)
 
 
-Block = RealBlock | FullBlock
+DeltaBlock = RealBlock | FullBlock
 """One block of Delta."""
 
 
-def rows(blocks: tuple[Block, ...]) -> tuple[slice, ...]:
+def rows(blocks: tuple[DeltaBlock, ...]) -> tuple[slice, ...]:
     """Return for each block its rows in Delta: the inputs of M that it drives."""
     return _slices([block.shape[0] for block in blocks])
 
 
-def columns(blocks: tuple[Block, ...]) -> tuple[slice, ...]:
+def columns(blocks: tuple[DeltaBlock, ...]) -> tuple[slice, ...]:
     """Return for each block its columns in Delta: the outputs of M that it reads."""
     return _slices([block.shape[1] for block in blocks])
 
 
-def delta_matrix(blocks: tuple[Block, ...], delta: Delta) -> Matrix:
+def delta_matrix(blocks: tuple[DeltaBlock, ...], delta: Delta) -> Matrix:
     """Return the real block-diagonal matrix Delta at `delta`.
 
     Values outside the unit ball are allowed: they are outside the model's claim, not outside its arithmetic.

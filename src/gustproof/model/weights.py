@@ -8,12 +8,12 @@ import numpy as np
 from gustproof.lti.state_space import Lti, Matrix
 
 
-def constant(values: Sequence[float]) -> Lti:
+def constant_weight(values: Sequence[float]) -> Lti:
     """Return a diagonal weight that is the same at all frequencies, one value an axis."""
-    return _diagonal([(0.0, 0.0, 0.0, value) for value in values])
+    return _diagonal_weight([(0.0, 0.0, 0.0, value) for value in values])
 
 
-def first_order(low: Sequence[float], corner: float, high: Sequence[float]) -> Lti:
+def first_order_weight(low: Sequence[float], corner: float, high: Sequence[float]) -> Lti:
     """Return a diagonal weight that goes from gain `low` to gain `high` through one pole, one state an axis.
 
     `W(s) = (high s + low corner) / (s + corner)`: at `corner` [rad/s] the squared gain is the mean of the squares.
@@ -36,10 +36,10 @@ def first_order(low: Sequence[float], corner: float, high: Sequence[float]) -> L
         )
         for a, b in zip(low, high, strict=True)
     ]
-    return _diagonal(rows)
+    return _diagonal_weight(rows)
 
 
-def _diagonal(rows: Sequence[tuple[float, float, float, float]]) -> Lti:
+def _diagonal_weight(rows: Sequence[tuple[float, float, float, float]]) -> Lti:
     """Return the diagonal of systems (a, b, c, d), without the state of those with a = 0."""
     dynamic = [k for k, row in enumerate(rows) if row[0] != 0.0]
     a, b, c, d = (np.diag(np.array(column, dtype=np.float64)) for column in zip(*rows, strict=True))

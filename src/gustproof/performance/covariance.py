@@ -18,11 +18,11 @@ from firmware_model.physics.dryden import dryden_filters, dryden_spectrum, gust_
 from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Matrix
 from gustproof.lti.norms import hinf_norm
-from gustproof.lti.state_space import LinearSystem, Lti, delay, hold_discretized, lft, sensitivity, series
+from gustproof.lti.state_space import LinearSystem, Lti, delay, discretize_zoh, lft, sensitivity, series
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AxisFigures:
+class AxisPerformance:
     """What the model foretells for one axis under its law."""
 
     rmse: float
@@ -72,9 +72,9 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
     map_B = np.array([gust_moment(vehicle.gust_gain, vehicle.gust_yaw_ratio, tuple(e)) for e in np.eye(3)]).T
     filters = (
         (np.array([[f.u_a]]), np.array([[f.u_b]]), np.array([[1.0]]), covariance[:1, :1]),
-        (_lower(f.v_a11, f.v_a21, f.v_a22), _lower(f.v_b11, f.v_b21, f.v_b22), np.array([[f.v_c1, f.v_c2]]),
+        (_lower_triangle(f.v_a11, f.v_a21, f.v_a22), _lower_triangle(f.v_b11, f.v_b21, f.v_b22), np.array([[f.v_c1, f.v_c2]]),
          covariance[1:3, 1:3]),
-        (_lower(f.w_a11, f.w_a21, f.w_a22), _lower(f.w_b11, f.w_b21, f.w_b22), np.array([[f.w_c1, f.w_c2]]),
+        (_lower_triangle(f.w_a11, f.w_a21, f.w_a22), _lower_triangle(f.w_b11, f.w_b21, f.w_b22), np.array([[f.w_c1, f.w_c2]]),
          covariance[4:6, 4:6]),
     )  # fmt: skip
     models = []
@@ -86,7 +86,7 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
     return models[0], models[1], models[2]
 
 
-def axis_flight(model: AxisModel) -> Lti:
+def augmented_axis(model: AxisModel) -> Lti:
     """Return the flight of one axis: noises and command in; attitude, change of command and gyro out.
 
     Inputs are the air's white noises and the gyro's, of variance 1 a sample, and last the command [N*m]; outputs are
@@ -110,10 +110,10 @@ def axis_flight(model: AxisModel) -> Lti:
     return Lti(A=A, B=B, C=C, D=D, dt=model.plant.dt)
 
 
-def flown_moments(flights: Sequence[AxisModel], closed: LinearSystem) -> Matrix:
+def mean_second_moments(flights: Sequence[AxisModel], closed: LinearSystem) -> Matrix:
     """Return the mean over the flight of the second moments of the outputs of a closed loop driven by noise alone.
 
-    The loop's states begin with those of `axis_flight`, once for each of `flights`; the air is stationary, the rest at
+    The loop's states begin with those of `augmented_axis`, once for each of `flights`; the air is stationary, the rest at
     rest. Arrays with leading axes are many loops at once, and may be complex.
     """
     P, start = np.zeros_like(closed.A), 0
@@ -126,20 +126,20 @@ def flown_moments(flights: Sequence[AxisModel], closed: LinearSystem) -> Matrix:
     return np.asarray(closed.C @ mean @ closed.C.mT + closed.D @ closed.D.mT)
 
 
-def axis_figures(model: AxisModel, law: AxisLaw) -> AxisFigures:
+def axis_performance(model: AxisModel, law: AxisLaw) -> AxisPerformance:
     """Return error, slew and sensitivity peak of one axis, exact in the model; the law must be stable there."""
-    return controller_figures(model, law.controller(model.plant.dt))
+    return controller_performance(model, law.controller(model.plant.dt))
 
 
-def controller_figures(model: AxisModel, controller: Lti) -> AxisFigures:
+def controller_performance(model: AxisModel, controller: Lti) -> AxisPerformance:
     """Return the figures of one axis under a linear `controller` from gyro [rad/s] to command [N*m]."""
     rmse, slew = rms(model, controller)
-    return AxisFigures(rmse=rmse, slew=slew, sensitivity_peak=hinf_norm(sensitivity(_loop(model, controller))).gain)
+    return AxisPerformance(rmse=rmse, slew=slew, sensitivity_peak=hinf_norm(sensitivity(_loop(model, controller))).gain)
 
 
 def rms(model: AxisModel, controller: Lti) -> tuple[float, float]:
     """Return rms attitude [rad] and slew [N*m/s] of one axis, averaged over the flight."""
-    moments = flown_moments([model], lft(axis_flight(model), controller))
+    moments = mean_second_moments([model], lft(augmented_axis(model), controller))
     return math.sqrt(moments[0, 0]), math.sqrt(moments[1, 1]) / model.plant.dt
 
 
@@ -182,7 +182,7 @@ def _axis_model(vehicle: Vehicle, scenario: Scenario, inertia: float, moment: Lt
         C=np.array([[0.0, 1.0, 0.0]]),
         D=np.zeros((1, 2)),
     )
-    held = hold_discretized(continuous, scenario.dt)
+    held = discretize_zoh(continuous, scenario.dt)
     noise = vehicle.gyro.noise_ratio * vehicle.gyro.reference_rate * math.sqrt(scenario.control_rate_hz / 250.0)
     return AxisModel(
         plant=held.part(slice(0, 1), slice(0, 1)),
@@ -196,5 +196,5 @@ def _axis_model(vehicle: Vehicle, scenario: Scenario, inertia: float, moment: Lt
     )
 
 
-def _lower(a11: float, a21: float, a22: float) -> Matrix:
+def _lower_triangle(a11: float, a21: float, a22: float) -> Matrix:
     return np.array([[a11, 0.0], [a21, a22]])

@@ -22,7 +22,7 @@ import scipy.optimize
 from gustproof.errors import DesignError
 from gustproof.law.form import Matrix
 from gustproof.lti.state_space import Lti, gain, lft
-from gustproof.performance.covariance import AxisModel, axis_flight, flown_moments
+from gustproof.performance.covariance import AxisModel, augmented_axis, mean_second_moments
 
 _WEIGHTS = (-16.0, 2.0)
 """Decimal logarithms of the weights of slew that are looked among; at the least of them slew is as good as free."""
@@ -42,7 +42,7 @@ class Limit:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimator:
-    """The gains of a law that minimises error and weighted slew: `u = -F x` of the state `x` of `axis_flight`."""
+    """The gains of a law that minimises error and weighted slew: `u = -F x` of the state `x` of `augmented_axis`."""
 
     F: Matrix
     """(1, n) state to command."""
@@ -61,9 +61,9 @@ def output_feedback_limit(models: Sequence[AxisModel], slew: float) -> Limit:
 
     def flown(model: AxisModel, weight: float) -> Matrix:
         central = central_controller(model, weight).part(slice(0, 1), slice(0, 1))
-        return flown_moments([model], lft(axis_flight(model), central))
+        return mean_second_moments([model], lft(augmented_axis(model), central))
 
-    return _at_slew(models, slew, flown)
+    return _limit_at_slew(models, slew, flown)
 
 
 def full_information_limit(models: Sequence[AxisModel], slew: float) -> Limit:
@@ -78,14 +78,14 @@ def full_information_limit(models: Sequence[AxisModel], slew: float) -> Limit:
     """
 
     def flown(model: AxisModel, weight: float) -> Matrix:
-        flight = axis_flight(model)
+        flight = augmented_axis(model)
         seen = Lti(
             A=flight.A, B=flight.B, C=np.vstack([flight.C[:2], np.eye(flight.order)]),
             D=np.vstack([flight.D[:2], np.zeros((flight.order, flight.n_inputs))]), dt=flight.dt,
         )  # fmt: skip
-        return flown_moments([model], lft(seen, gain(-feedback(flight, weight), flight.dt)))
+        return mean_second_moments([model], lft(seen, gain(-feedback_gain(flight, weight), flight.dt)))
 
-    return _at_slew(models, slew, flown)
+    return _limit_at_slew(models, slew, flown)
 
 
 def central_controller(model: AxisModel, weight: float) -> Lti:
@@ -95,9 +95,9 @@ def central_controller(model: AxisModel, weight: float) -> Lti:
     white and does not answer to the further command: closed by any stable `Q` from its second output to its second
     input, it is every law that stabilises the axis. `Q = 0` is the optimal one.
     """
-    flight = axis_flight(model)
+    flight = augmented_axis(model)
     A, B, C = flight.A, flight.B[:, -1:], flight.C[2:]
-    F, K = feedback(flight, weight), estimation(flight)
+    F, K = feedback_gain(flight, weight), kalman_gain(flight)
     newest, moved = np.eye(flight.order) - K @ C, A - B @ F
     return Lti(
         A=moved @ newest, B=np.hstack([moved @ K, B]), C=np.vstack([-F @ newest, -C]),
@@ -105,7 +105,7 @@ def central_controller(model: AxisModel, weight: float) -> Lti:
     )  # fmt: skip
 
 
-def feedback(flight: Lti, weight: float) -> Matrix:
+def feedback_gain(flight: Lti, weight: float) -> Matrix:
     """Return `F` (1, n) of the command `-F x` with the least mean square of attitude and weighted change of command."""
     A, B, last = flight.A, flight.B[:, -1:], -flight.C[1:2]
     price = np.array([[weight]])
@@ -115,8 +115,8 @@ def feedback(flight: Lti, weight: float) -> Matrix:
     return np.asarray(np.linalg.solve(price + B.T @ X @ B, B.T @ X @ A - weight * last))
 
 
-def estimation(flight: Lti) -> Matrix:
-    """Return the Kalman gain `K` (n, 1) from the gyro's surprise to the state of `axis_flight`.
+def kalman_gain(flight: Lti) -> Matrix:
+    """Return the Kalman gain `K` (n, 1) from the gyro's surprise to the state of `augmented_axis`.
 
     The covariance of the attitude's error grows for ever, as no gyro sees attitude, but its correlation with the errors
     of the other states, which are estimated first, settles: that is what its gain needs.
@@ -132,17 +132,17 @@ def estimation(flight: Lti) -> Matrix:
     return np.vstack([C[:, seen] @ correlation / surprise, K])
 
 
-def pooled(moments: Sequence[Matrix], dt: float) -> tuple[float, float]:
-    """Return rms attitude [rad] and slew [N*m/s] of all axes from their `flown_moments`."""
+def pooled_rms(moments: Sequence[Matrix], dt: float) -> tuple[float, float]:
+    """Return rms attitude [rad] and slew [N*m/s] of all axes from their `mean_second_moments`."""
     rmse, change = (math.sqrt(float(np.mean([each[k, k] for each in moments]))) for k in (0, 1))
     return rmse, change / dt
 
 
-def _at_slew(models: Sequence[AxisModel], slew: float, flown: Callable[[AxisModel, float], Matrix]) -> Limit:
+def _limit_at_slew(models: Sequence[AxisModel], slew: float, flown: Callable[[AxisModel, float], Matrix]) -> Limit:
     """Return the optimum that keeps the slew: one weight for all axes shares it best among them."""
 
     def at(exponent: float) -> tuple[float, float]:
-        return pooled([flown(model, 10.0**exponent) for model in models], models[0].plant.dt)
+        return pooled_rms([flown(model, 10.0**exponent) for model in models], models[0].plant.dt)
 
     def excess(exponent: float) -> float:
         return math.log(at(exponent)[1]) - math.log(slew)

@@ -12,7 +12,7 @@ from firmware_model.config.vehicle import GRAVITY, Vehicle
 from gustproof.law.form import Law, Matrix, Output
 from gustproof.law.hover import linear_law
 from gustproof.lti.state_space import Lti, lft
-from gustproof.performance.covariance import AxisModel, axis_flight, axis_models, flown_moments
+from gustproof.performance.covariance import AxisModel, augmented_axis, axis_models, mean_second_moments
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,14 +39,14 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
     if law.output is not Output.TORQUE:
         return None
     models = axis_models(vehicle, scenario)
-    moments = flown_moments(models, lft(_flight(models, vehicle, scenario), _controller(law)))
+    moments = mean_second_moments(models, lft(_augmented_vehicle(models, vehicle, scenario), _controller(law)))
     pooled = np.sqrt(np.mean(np.diag(moments).reshape(2, 3), axis=1))
     return Prediction(rmse=float(pooled[0]), slew=float(pooled[1]) / scenario.dt)
 
 
-def _flight(models: Sequence[AxisModel], vehicle: Vehicle, scenario: Scenario) -> Lti:
+def _augmented_vehicle(models: Sequence[AxisModel], vehicle: Vehicle, scenario: Scenario) -> Lti:
     """Return three axes as one: noises and commands in; attitudes, changes of command, gyro and specific force out."""
-    axes = [axis_flight(model) for model in models]
+    axes = [augmented_axis(model) for model in models]
     A, B, C, D = (scipy.linalg.block_diag(*(getattr(axis, name) for axis in axes)) for name in "ABCD")
     last = np.cumsum([axis.n_inputs for axis in axes]) - 1
     noises = [i for i in range(B.shape[1]) if i not in last]
@@ -66,10 +66,10 @@ def _flight(models: Sequence[AxisModel], vehicle: Vehicle, scenario: Scenario) -
 def _controller(law: Law) -> Lti:
     """Return the linear law from gyro and specific force (6,) to the command (3,)."""
     whole = linear_law(law, 9)
-    return Lti(A=whole.A, B=_measured(whole.B), C=whole.C, D=_measured(whole.D), dt=law.dt)
+    return Lti(A=whole.A, B=_force_columns(whole.B), C=whole.C, D=_force_columns(whole.D), dt=law.dt)
 
 
-def _measured(columns: Matrix) -> Matrix:
+def _force_columns(columns: Matrix) -> Matrix:
     """Return the columns of gyro and specific force; a law that has no use for the latter leaves them out."""
     rows, width = columns.shape
     return np.hstack([columns[:, :3], columns[:, 6:], np.zeros((rows, 9 - width))])

@@ -8,12 +8,12 @@ import numpy as np
 from firmware_model.config.vehicle import Vehicle
 from gustproof.law.form import Law
 from gustproof.law.hover import linear_law
-from gustproof.lti.state_space import Lti, Matrix, delay, hold_discretized, lft, series
+from gustproof.lti.state_space import Lti, Matrix, delay, discretize_zoh, lft, series
 from gustproof.model.lpv import linear_plant, rate_loop
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StepFigures:
+class StepInfo:
     """A step response in four numbers, the worst of the three axes."""
 
     rise_time_s: float
@@ -35,27 +35,27 @@ class StepResponse:
     attitude: Matrix
     """(k, 3) [-] phi, theta, psi per radian of step."""
 
-    def figures(self) -> StepFigures:
+    def figures(self) -> StepInfo:
         """Return rise, overshoot, settling and final error, the worst of the three axes each."""
-        return StepFigures(
-            rise_time_s=max(self._rise(axis) for axis in range(3)),
+        return StepInfo(
+            rise_time_s=max(self._rise_time(axis) for axis in range(3)),
             overshoot=max(float(np.max(self.attitude)) - 1.0, 0.0),
-            settling_time_s=max(self._settling(axis) for axis in range(3)),
+            settling_time_s=max(self._settling_time(axis) for axis in range(3)),
             final_error=float(np.max(np.abs(self.attitude[-1] - 1.0))),
         )
 
-    def _rise(self, axis: int) -> float:
+    def _rise_time(self, axis: int) -> float:
         low, high = (np.nonzero(self.attitude[:, axis] >= level)[0] for level in (0.1, 0.9))
         return float(self.time[high[0]] - self.time[low[0]]) if high.size else math.inf
 
-    def _settling(self, axis: int) -> float:
+    def _settling_time(self, axis: int) -> float:
         outside = np.nonzero(np.abs(self.attitude[:, axis] - 1.0) > 0.05)[0]
         if not outside.size:
             return 0.0
         return math.inf if outside[-1] == self.time.size - 1 else float(self.time[outside[-1] + 1])
 
 
-def reference_step(law: Law, vehicle: Vehicle, *, tau: float | None = None, duration: float = 15.0) -> StepResponse:
+def step_response(law: Law, vehicle: Vehicle, *, tau: float | None = None, duration: float = 15.0) -> StepResponse:
     """Return the linear response of the vehicle, without leak, to a step of each reference, command one sample late.
 
     Parameters
@@ -73,8 +73,8 @@ def reference_step(law: Law, vehicle: Vehicle, *, tau: float | None = None, dura
         plant = linear_plant(vehicle).part(slice(None), slice(0, 3))
     else:
         plant = rate_loop(vehicle, leak=0.0, tau=tau).part(slice(None), slice(0, 3))
-    sampled = series(delay(3, law.dt), hold_discretized(plant, law.dt))
-    closed = _closed(sampled, linear_law(law, inputs=6))
+    sampled = series(delay(3, law.dt), discretize_zoh(plant, law.dt))
+    closed = _close_loop(sampled, linear_law(law, inputs=6))
     samples = round(duration / law.dt)
     attitude = np.empty((samples, 3))
     for axis in range(3):
@@ -85,7 +85,7 @@ def reference_step(law: Law, vehicle: Vehicle, *, tau: float | None = None, dura
     return StepResponse(time=np.asarray(law.dt * np.arange(samples), dtype=np.float64), attitude=attitude)
 
 
-def _closed(plant: Lti, K: Lti) -> Lti:
+def _close_loop(plant: Lti, K: Lti) -> Lti:
     """Return the loop from the reference (3,) to the attitude (3,); `plant` has attitude and rates as outputs."""
     # inputs (reference, u), outputs (attitude; gyro, reference)
     P = Lti(

@@ -24,22 +24,22 @@ import scipy.sparse
 from gustproof.errors import DesignError
 from gustproof.law.form import Matrix
 from gustproof.lti.state_space import ComplexMatrix, Lti, lft, series
-from gustproof.performance.covariance import AxisModel, axis_flight, controller_figures, flown_moments
-from gustproof.performance.limits import central_controller, feedback, output_feedback_limit
+from gustproof.performance.covariance import AxisModel, augmented_axis, controller_performance, mean_second_moments
+from gustproof.performance.limits import central_controller, feedback_gain, output_feedback_limit
 
 _POLES = np.geomspace(1.0, 300.0, 12)
 """[rad/s] poles of the functions, taken in turn: from the gusts to beyond the fastest loop that the delay allows."""
 _POINTS = 150
 """Frequencies, evenly spaced in the logarithm, at which the sensitivity is kept."""
-_LOWEST = 0.5
+_LOWEST_OMEGA = 0.5
 """[rad/s] the lowest of them: below it, gusts alone make every law's sensitivity small."""
-_BETWEEN = 5e-4
+_GRID_MARGIN = 5e-4
 """[-] share of the peak kept back for what the sensitivity may rise between two frequencies."""
 _ROUNDING = 1e-14
 """[-] share of the largest second moment below which one is rounding."""
 _TOLERANCE = 1e-3
 """[-] relative excess of peak or slew at which an answer of the solver is refused."""
-_NEAR = 1e-2
+_RETRY_EXCESS = 1e-2
 """[-] relative excess of the peak below which it is put down to what lies between two frequencies."""
 _ROUNDS = 3
 """Programs, each with what the one before missed between two frequencies kept back too."""
@@ -101,15 +101,15 @@ class LinearLaws:
         DesignError
             If the demands are too tight for this vehicle, or the solver's answer does not keep them.
         """
-        kept = sensitivity_peak * (1.0 - _BETWEEN)
+        kept = sensitivity_peak * (1.0 - _GRID_MARGIN)
         for _ in range(_ROUNDS):
-            coefficients = _optimal(self.axes, kept, slew * self.bank.dt)
+            coefficients = _optimize(self.axes, kept, slew * self.bank.dt)
             laws = tuple(_law(m, self.weight, self.bank, q) for m, q in zip(self.models, coefficients, strict=True))
-            point = _had(self.models, laws)
+            point = _achieved(self.models, laws)
             excess = point.sensitivity_peak / sensitivity_peak
             if excess <= 1.0 + _TOLERANCE and point.slew <= (1.0 + _TOLERANCE) * slew:
                 return point
-            if not excess <= 1.0 + _NEAR:
+            if not excess <= 1.0 + _RETRY_EXCESS:
                 break
             kept /= excess
         raise DesignError(
@@ -130,12 +130,12 @@ def linear_laws(models: Sequence[AxisModel], *, functions: int = 36, around: flo
         If no law holds attitude at slew `around`.
     """
     weight, dt = output_feedback_limit(models, around).weight, models[0].plant.dt
-    bank = orthonormal(np.exp(-np.resize(_POLES, functions) * dt), dt)
+    bank = orthonormal_basis(np.exp(-np.resize(_POLES, functions) * dt), dt)
     axes = tuple(_axis(model, weight, bank) for model in models)
     return LinearLaws(models=tuple(models), weight=weight, bank=bank, axes=axes)
 
 
-def orthonormal(poles: Matrix, dt: float) -> Lti:
+def orthonormal_basis(poles: Matrix, dt: float) -> Lti:
     """Return the system from one input to itself and to an orthonormal function of it for each pole (n,) [-].
 
     Takenaka and Malmquist's functions: a low-pass of each pole behind the all-passes of the poles before it.
@@ -152,7 +152,7 @@ def orthonormal(poles: Matrix, dt: float) -> Lti:
 
 def _axis(model: AxisModel, weight: float, bank: Lti) -> _Axis:
     error, change = (_moments(model, weight, bank, output) for output in (0, 1))
-    omega = np.geomspace(_LOWEST, 0.999 * math.pi / bank.dt, _POINTS)
+    omega = np.geomspace(_LOWEST_OMEGA, 0.999 * math.pi / bank.dt, _POINTS)
     return _Axis(error=_root(error), change=_root(change), sensitivity=_sensitivity(model, weight, bank, omega))
 
 
@@ -161,7 +161,7 @@ def _moments(model: AxisModel, weight: float, bank: Lti, output: int) -> Matrix:
 
     `Q` is scalar, so that its functions may as well act on what the surprise does to the output through the plant.
     """
-    flight, central = axis_flight(model), central_controller(model, weight)
+    flight, central = augmented_axis(model), central_controller(model, weight)
     # noises, then what the controller says: command and surprise
     columns = np.hstack([flight.D, np.zeros((3, 1))])[[output, 0, 2]]
     columns[1] = np.eye(1, columns.shape[1], columns.shape[1] - 1)
@@ -170,23 +170,23 @@ def _moments(model: AxisModel, weight: float, bank: Lti, output: int) -> Matrix:
         C=np.vstack([flight.C[output], np.zeros(flight.order), flight.C[2]]), D=columns, dt=flight.dt,
     )  # fmt: skip
     whole = lft(P, central.part(slice(0, 2), slice(0, 1)))  # noises to output and surprise
-    after = series(_answer(flight, weight, flight.C[output], flight.D[output, -1]), bank)
+    after = series(_command_response(flight, weight, flight.C[output], flight.D[output, -1]), bank)
     both = Lti(
         A=after.A, B=np.hstack([np.zeros((after.order, 1)), after.B]), C=np.vstack([np.zeros(after.order), after.C]),
         D=np.block([[np.eye(1), np.zeros((1, 1))], [np.zeros((after.n_outputs, 1)), after.D]]), dt=flight.dt,
     )  # fmt: skip
-    return flown_moments([model], series(whole, both))
+    return mean_second_moments([model], series(whole, both))
 
 
-def _answer(flight: Lti, weight: float, C: Matrix, D: float) -> Lti:
+def _command_response(flight: Lti, weight: float, C: Matrix, D: float) -> Lti:
     """Return what a further command does to the output `C x + D u` of the axis that the optimal law holds."""
-    B, F = flight.B[:, -1:], feedback(flight, weight)
+    B, F = flight.B[:, -1:], feedback_gain(flight, weight)
     return Lti(A=flight.A - B @ F, B=B, C=C - D * F, D=np.array([[D]]), dt=flight.dt)
 
 
 def _sensitivity(model: AxisModel, weight: float, bank: Lti, omega: Matrix) -> ComplexMatrix:
     """Return the sensitivity at the plant's input, (f, 1 + k): at `Q` = 0, and what each function adds."""
-    flight = axis_flight(model)
+    flight = augmented_axis(model)
     gyro = Lti(A=flight.A[1:, 1:], B=flight.B[1:, -1:], C=flight.C[2:, 1:], D=np.zeros((1, 1)), dt=flight.dt)
     G, J = gyro.response(omega)[:, 0, 0], central_controller(model, weight).response(omega)
     S = 1.0 / (1.0 - G * J[:, 0, 0])
@@ -194,7 +194,7 @@ def _sensitivity(model: AxisModel, weight: float, bank: Lti, omega: Matrix) -> C
     return np.hstack([S[:, None], added[:, None] * bank.response(omega)[:, :, 0]])
 
 
-def _optimal(axes: Sequence[_Axis], peak: float, change: float) -> list[Matrix]:
+def _optimize(axes: Sequence[_Axis], peak: float, change: float) -> list[Matrix]:
     """Return the coefficients of each axis with the least error at a peak and a pooled change of command."""
     k = axes[0].error.shape[1] - 1
     unknowns = k * len(axes) + 1  # the last one is the error that is made least
@@ -247,9 +247,9 @@ def _law(model: AxisModel, weight: float, bank: Lti, coefficients: Matrix) -> Lt
     return lft(central_controller(model, weight), Q)
 
 
-def _had(models: Sequence[AxisModel], laws: tuple[Lti, ...]) -> TradeOff:
+def _achieved(models: Sequence[AxisModel], laws: tuple[Lti, ...]) -> TradeOff:
     """Return the point that laws have, whatever the solver said."""
-    figures = [controller_figures(model, law) for model, law in zip(models, laws, strict=True)]
+    figures = [controller_performance(model, law) for model, law in zip(models, laws, strict=True)]
     rmse, slew = (math.sqrt(float(np.mean([getattr(f, name) ** 2 for f in figures]))) for name in ("rmse", "slew"))
     worst = max(each.sensitivity_peak for each in figures)
     return TradeOff(sensitivity_peak=worst, rmse=rmse, slew=slew, controllers=laws)

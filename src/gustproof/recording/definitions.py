@@ -11,7 +11,7 @@ FLIGHT, MODE, ROTORS, COMMAND_AGE = (
     f"gustproof_msgs/msg/{name}" for name in ("Flight", "Mode", "Rotors", "CommandAge")
 )
 
-_OWN = {
+_OWN_MESSAGES = {
     FLIGHT: """# What was flown, once, at the flight's first sample: all that is needed to fly it again.
 
 # JSON: scenario, vehicle, law with its matrices, seed, whether in real time, versions; and how it ended.
@@ -50,14 +50,14 @@ float64 age
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 """The standard types, and ours."""
-for _name, _text in _OWN.items():
+for _name, _text in _OWN_MESSAGES.items():
     TYPES.register(get_types_from_msg(_text, _name))
 
 
 def definition(message: str) -> tuple[str, str]:
     """Return the definition of a type as a bag carries it, ours with its comments, and its hash."""
     text, _ = TYPES.generate_msgdef(message, ros_version=2)
-    if message in _OWN:
+    if message in _OWN_MESSAGES:
         _, rule, others = text.partition("=" * 80)
-        text = _OWN[message] + rule + others
+        text = _OWN_MESSAGES[message] + rule + others
     return text, TYPES.hash_rihs01(message)

@@ -8,7 +8,7 @@ from firmware_model.errors import ConfigError
 RUNS = Path("runs")
 
 
-def fresh_folder(out: Path | None, name: str) -> Path:
+def make_run_folder(out: Path | None, name: str) -> Path:
     """Make and return `out`, or the next free `runs/<name>-001`, -002, … if none is asked for.
 
     Raises
@@ -33,7 +33,7 @@ def fresh_folder(out: Path | None, name: str) -> Path:
             return folder
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_atomic(path: Path, text: str) -> None:
     """Write a file, or leave what is there as it is.
 
     Raises
@@ -51,7 +51,7 @@ def write_whole(path: Path, text: str) -> None:
         raise
 
 
-def bags_in(run: Path) -> list[Path]:
+def find_bags(run: Path) -> list[Path]:
     """Return the bags of a run's folder in the order of their names; a bag is its own.
 
     Raises

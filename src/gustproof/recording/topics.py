@@ -164,6 +164,6 @@ def times_us(messages: NDArray[np.void]) -> NDArray[np.float64]:
     return messages["sec"] * 1e6 + messages["nanosec"] / 1000.0
 
 
-def blank(n: int) -> NDArray[np.void]:
+def nan_records(n: int) -> NDArray[np.void]:
     """Return `n` records in which every number is NaN: what a bag does not hold is not known."""
     return np.full(n * (RECORD.itemsize // 8), np.nan).view(RECORD)

@@ -5,12 +5,12 @@ from rich.table import Table
 from rich.text import Text
 
 from gustproof.analysis.analyse import Analysis, pole_pairs
-from gustproof.report.loop_tables import margins_table, poles_text
-from gustproof.report.terminal import Document, figures_table
-from gustproof.synthesis.derive import margins_document
+from gustproof.report.loop_tables import format_poles, margins_table
+from gustproof.report.terminal import Renderable, figures_table
+from gustproof.synthesis.derive import margins_to_dict
 
 
-def analysis_document(analysis: Analysis) -> Document:
+def render_analysis(analysis: Analysis) -> Renderable:
     """Return the analysis as tables and text."""
     law = analysis.law
     facts = Table("", "", title=f"Law '{law.name}': {law.provenance.design}", show_header=False)
@@ -18,12 +18,12 @@ def analysis_document(analysis: Analysis) -> Document:
     facts.add_row("sample time", f"{law.dt:g} s")
     facts.add_row("commands", law.output.value)
     facts.add_row("exact kinematics of its own estimate", "yes" if law.scheduled else "no")
-    parts: list[Document] = [facts]
+    parts: list[Renderable] = [facts]
     if analysis.hover.margins is not None:
-        parts.append(margins_table("at hover, sampled and late", margins_document(analysis.hover.margins)))
-    parts.append(Text(f"poles of the law [rad/s]: {poles_text(pole_pairs(analysis.hover.law_poles))}"))
+        parts.append(margins_table("at hover, sampled and late", margins_to_dict(analysis.hover.margins)))
+    parts.append(Text(f"poles of the law [rad/s]: {format_poles(pole_pairs(analysis.hover.law_poles))}"))
     if len(analysis.hover.loop_poles):
-        parts.append(Text(f"poles of the loop [rad/s]: {poles_text(pole_pairs(analysis.hover.loop_poles))}"))
+        parts.append(Text(f"poles of the loop [rad/s]: {format_poles(pole_pairs(analysis.hover.loop_poles))}"))
     columns = {
         analysis.scenario.name: analysis.whole,
         "gust alone": analysis.gust_alone,

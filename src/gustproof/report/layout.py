@@ -22,7 +22,7 @@ _STEP_X, _STEP_Y = 2.9, 1.25
 _STARTS, _SWEEPS = 60, 16
 
 
-class Shape(Enum):
+class NodeShape(Enum):
     """How a node is drawn."""
 
     BLOCK = "block"
@@ -45,7 +45,7 @@ class Node:
     """Unique name."""
     label: str
     """What is written in it."""
-    shape: Shape
+    shape: NodeShape
     """How it is drawn."""
 
 
@@ -62,7 +62,7 @@ class Wire:
 
 
 @dataclass(slots=True, kw_only=True)
-class Place:
+class PlacedNode:
     """Where a node goes."""
 
     node: Node
@@ -80,12 +80,12 @@ class Place:
     @property
     def half_width(self) -> float:
         """Half of what the node covers of its layer."""
-        return {Shape.SUM: RADIUS, Shape.PASS: 0.0, Shape.TERMINAL: 0.3}.get(self.node.shape, WIDTH)
+        return {NodeShape.SUM: RADIUS, NodeShape.PASS: 0.0, NodeShape.TERMINAL: 0.3}.get(self.node.shape, WIDTH)
 
 
-def laid_out(
+def lay_out(
     nodes: Sequence[Node], wires: Sequence[Wire], fed_back: Sequence[str]
-) -> tuple[dict[str, Place], list[tuple[Wire, list[str]]]]:
+) -> tuple[dict[str, PlacedNode], list[tuple[Wire, list[str]]]]:
     """Return where each node goes, and each wire as the chain of nodes and stand-ins that it passes."""
     layers = dict.fromkeys((node.name for node in nodes), 0)
     for _ in nodes:
@@ -96,16 +96,16 @@ def laid_out(
     last = max(layers.values())
     for node in nodes:  # inputs stand beside what they feed, outputs at the right edge
         fed = [layers[wire.target] for wire in wires if wire.source == node.name]
-        if node.shape is Shape.TERMINAL:
+        if node.shape is NodeShape.TERMINAL:
             layers[node.name] = min(fed) - 1 if fed else last
-    places = {node.name: Place(node=node, layer=layers[node.name]) for node in nodes}
+    places = {node.name: PlacedNode(node=node, layer=layers[node.name]) for node in nodes}
     chains = []
     for wire in wires:
         passed = []
         for layer in range(layers[wire.source] + 1, layers[wire.target]):
             # Wires of one source share their stand-ins, so that a signal branches as late as it can.
             name = f"{wire.source}@{layer}"
-            places.setdefault(name, Place(node=Node(name=name, label="", shape=Shape.PASS), layer=layer))
+            places.setdefault(name, PlacedNode(node=Node(name=name, label="", shape=NodeShape.PASS), layer=layer))
             passed.append(name)
         chains.append((wire, [wire.source, *passed, wire.target]))
     links = sorted({link for _, chain in chains for link in pairwise(chain)})
@@ -114,7 +114,7 @@ def laid_out(
     return places, chains
 
 
-def _arrange(places: dict[str, Place], links: Sequence[tuple[str, str]], fed_back: Sequence[str]) -> None:
+def _arrange(places: dict[str, PlacedNode], links: Sequence[tuple[str, str]], fed_back: Sequence[str]) -> None:
     """Give every node its height: of many orders to start from, the one with the fewest crossings, then least turns.
 
     What is `fed_back` is wanted low, as its wire runs below everything.
@@ -128,7 +128,7 @@ def _arrange(places: dict[str, Place], links: Sequence[tuple[str, str]], fed_bac
         for row in rows.values():
             chance.shuffle(row)
         _relax(places, rows, links)
-        cost = 20.0 * _crossings(places, links) + sum(abs(places[a].y - places[b].y) for a, b in links)
+        cost = 20.0 * _count_crossings(places, links) + sum(abs(places[a].y - places[b].y) for a, b in links)
         for name in fed_back:
             layer = places[name].layer
             cost += 20.0 * sum(p.layer >= layer and p.y < places[name].y for p in places.values())
@@ -139,9 +139,9 @@ def _arrange(places: dict[str, Place], links: Sequence[tuple[str, str]], fed_bac
             places[name].y = y
 
 
-def _relax(places: dict[str, Place], rows: dict[int, list[str]], links: Sequence[tuple[str, str]]) -> None:
+def _relax(places: dict[str, PlacedNode], rows: dict[int, list[str]], links: Sequence[tuple[str, str]]) -> None:
     """Move every node to the mean height of its neighbours, layer after layer, and apart from its row."""
-    near: dict[str, list[Place]] = {name: [] for name in places}
+    near: dict[str, list[PlacedNode]] = {name: [] for name in places}
     for a, b in links:
         near[a].append(places[b])
         near[b].append(places[a])
@@ -162,7 +162,7 @@ def _relax(places: dict[str, Place], rows: dict[int, list[str]], links: Sequence
                 places[name].y = height + shift
 
 
-def _crossings(places: dict[str, Place], links: Sequence[tuple[str, str]]) -> int:
+def _count_crossings(places: dict[str, PlacedNode], links: Sequence[tuple[str, str]]) -> int:
     return sum(
         places[a].layer == places[c].layer
         and a != c
@@ -172,7 +172,7 @@ def _crossings(places: dict[str, Place], links: Sequence[tuple[str, str]]) -> in
     )
 
 
-def _straighten(places: dict[str, Place], chains: Sequence[tuple[Wire, list[str]]]) -> None:
+def _straighten(places: dict[str, PlacedNode], chains: Sequence[tuple[Wire, list[str]]]) -> None:
     """Draw wires without small turns where nothing stands in the way."""
     entering = Counter(chain[-1] for _, chain in chains)
     for _, chain in sorted(chains, key=lambda item: places[item[1][0]].layer):
@@ -187,7 +187,9 @@ def _straighten(places: dict[str, Place], chains: Sequence[tuple[Wire, list[str]
                 break
 
 
-def ports_of(places: dict[str, Place], chains: Sequence[tuple[Wire, list[str]]]) -> dict[tuple[str, str], float]:
+def port_heights(
+    places: dict[str, PlacedNode], chains: Sequence[tuple[Wire, list[str]]]
+) -> dict[tuple[str, str], float]:
     """Return the height at which each link enters its target: side by side, in the order of where they come from."""
     entering: dict[str, set[str]] = {}
     for _, chain in chains:
@@ -196,7 +198,7 @@ def ports_of(places: dict[str, Place], chains: Sequence[tuple[Wire, list[str]]])
     ports = {}
     for target, sources in entering.items():
         ordered = sorted(sources, key=lambda name: places[name].y)
-        spread = 0.18 if places[target].node.shape is Shape.SUM else 0.36
+        spread = 0.18 if places[target].node.shape is NodeShape.SUM else 0.36
         for i, name in enumerate(ordered):
             ports[name, target] = places[target].y + spread * (i - (len(ordered) - 1) / 2.0)
     return ports

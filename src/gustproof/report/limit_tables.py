@@ -4,7 +4,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gustproof.analysis.placement import Limits
+from gustproof.analysis.placement import ErrorLimits
 
 _NOTE = (
     "All of them are of small angles and of all flights: in a few, luck weighs more. A gyro-only attitude walks at "
@@ -14,7 +14,7 @@ _NOTE = (
 )
 
 
-def limits_document(limits: Limits) -> RenderableType:
+def render_limits(limits: ErrorLimits) -> RenderableType:
     """Return the limits by what a law knows, and the trade-off with the sensitivity peak."""
     known = Table("what the law knows", title=f"What is possible in '{limits.scenario}': least RMSE [deg]")
     known.add_column(f"slew {limits.slew:g} N m/s", justify="right")

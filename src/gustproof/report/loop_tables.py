@@ -21,20 +21,20 @@ def margins_table(title: str, places: dict[str, Any]) -> Table:
     table = Table("plant's", "axis", *MARGINS.values(), "disk\n[-]", title=f"Margins {title}")
     for place, figures in places.items():
         for axis in ("roll", "pitch", "yaw"):
-            cells = (margin_cell(figures[axis][name]) for name in MARGINS)
-            table.add_row(place, axis, *cells, margin_cell(figures["disk_margin"]) if axis == "roll" else "")
+            cells = (format_margin(figures[axis][name]) for name in MARGINS)
+            table.add_row(place, axis, *cells, format_margin(figures["disk_margin"]) if axis == "roll" else "")
     return table
 
 
-def margin_cell(value: float | None) -> str:
+def format_margin(value: float | None) -> str:
     """Return a margin for people; `None` is infinite."""
     return "∞" if value is None else f"{value:.3g}"
 
 
-def poles_text(poles: Iterable[tuple[float, float]]) -> str:
+def format_poles(poles: Iterable[tuple[float, float]]) -> str:
     """Return poles, real and imaginary part, one of each pair."""
-    return ", ".join(_pole(re, im) for re, im in poles if im >= 0.0)
+    return ", ".join(_format_pole(re, im) for re, im in poles if im >= 0.0)
 
 
-def _pole(real: float, imaginary: float) -> str:
+def _format_pole(real: float, imaginary: float) -> str:
     return f"{real:.4g}" if imaginary == 0.0 else f"{real:.4g} ± {imaginary:.4g}j"

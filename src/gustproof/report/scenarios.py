@@ -21,7 +21,7 @@ def scenarios_table(scenarios: Iterable[Scenario]) -> Table:
     return table
 
 
-def scenario_summary(scenario: Scenario) -> dict[str, Any]:
+def summarize_scenario(scenario: Scenario) -> dict[str, Any]:
     """Return what a scenario shows, as JSON has it, and how many tables of each kind it has."""
     return {
         "name": scenario.name,
@@ -32,7 +32,7 @@ def scenario_summary(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def scenario_line(scenario: Scenario) -> str:
+def describe_scenario(scenario: Scenario) -> str:
     """Return in one line how long a scenario takes and what is in it."""
     counts = [f"{len(getattr(scenario, part))} [[{part}]]" for part in _PARTS if getattr(scenario, part)]
     where = "in free flight" if scenario.free else "on the test stand"

@@ -20,7 +20,7 @@ from gustproof.scoring.requirements import (
     verdict,
 )
 
-Document = RenderableType
+Renderable = RenderableType
 _WIDTH = 118
 _PLAIN: dict[str, Any] = {"highlight": False, "markup": False}  # a unit in brackets is no markup
 FIGURES = {
@@ -40,14 +40,14 @@ FIGURES = {
     "realtime_factor": ("times real time", ""),
 }
 
-_PACE = (
+_TIMING_TEXT = (
     "deadlines missed {missed}, set-points held {held}; samples late by {late_p50_us} us in the median, "
     "{late_p99_us} us in 99 %, {late_worst_us} us at worst"
 )
 _SAMPLES = "{late_samples} samples late at the law, {missed_samples} missed"
 
 
-def show(document: Document) -> None:
+def show(document: Renderable) -> None:
     """Print on stdout."""
     terminal = Console(**_PLAIN)
     (terminal if terminal.is_terminal else Console(width=_WIDTH, **_PLAIN)).print(_Printable(document))
@@ -56,7 +56,7 @@ def show(document: Document) -> None:
 class _Printable:
     """A document without what a terminal may obey: words in it may come from anywhere."""
 
-    def __init__(self, document: Document) -> None:
+    def __init__(self, document: Renderable) -> None:
         self._document = document
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Segment]:
@@ -64,20 +64,20 @@ class _Printable:
             yield Segment(printable(text, keep="\n"), style, control)
 
 
-def save(document: Document, path: Path) -> None:
+def save_text(document: Renderable, path: Path) -> None:
     """Write as plain text."""
     with path.open("w", encoding="utf-8") as stream:
         Console(file=stream, width=_WIDTH, color_system=None, **_PLAIN).print(document)
 
 
-def flight_document(
+def render_flight(
     title: str,
     metrics: Metrics | None,
     bag: Path | None,
     requirements: Sequence[RequirementResult] = (),
     pace: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
-) -> Document:
+) -> Renderable:
     """Return the figures of one flight, what to know of them, what it had to keep, deadlines, and its recording."""
     # As the title of so narrow a table, a long line would be broken into many.
     parts: list[RenderableType] = [Text(title, style="bold")]
@@ -93,7 +93,7 @@ def flight_document(
 
 def pace_lines(pace: Mapping[str, Any]) -> Iterable[str]:
     """Yield how well a flight in real time kept its deadlines, and what its law got late, if it lived to tell."""
-    yield _PACE.format_map(pace)
+    yield _TIMING_TEXT.format_map(pace)
     if "late_samples" in pace:
         yield _SAMPLES.format_map(pace)
 
@@ -107,13 +107,13 @@ def requirements_table(requirements: Iterable[RequirementResult]) -> Table:
         required = result.requirement
         table.add_row(
             requirement_label(required), requirement_window(required), requirement_limits(required),
-            *map(_figure, (result.value, result.margin)),
+            *map(_format_figure, (result.value, result.margin)),
             Text(*verdict(result)),
         )  # fmt: skip
     return table
 
 
-def _figure(value: float) -> str:
+def _format_figure(value: float) -> str:
     return "not flown" if math.isnan(value) else format_number(value)
 
 

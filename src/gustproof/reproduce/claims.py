@@ -12,7 +12,7 @@ TOLERANCE = 0.25
 """[-] how far a figure may lie from the paper's, relative: the paper leaves gust, seed and aggregation open."""
 
 
-class Verdict(Enum):
+class ClaimVerdict(Enum):
     """What becomes of a claim."""
 
     HOLDS = "holds"
@@ -31,7 +31,7 @@ class Claim:
     """What the paper says."""
     ours: str
     """What was found here."""
-    verdict: Verdict
+    verdict: ClaimVerdict
     """Which it is."""
 
 
@@ -54,7 +54,7 @@ PAPER_LAWS = {"pid-default": PAPER_PID, "hinf-d1": PAPER_HINF}
 Medians = Mapping[str, Mapping[str, Metrics]]
 
 
-def judge(
+def judge_claims(
     medians: Medians, laws: Mapping[str, Law], *, norm: float, gamma_opt: float, peak_rate: float
 ) -> tuple[Claim, ...]:
     """Return a verdict on each claim.
@@ -66,44 +66,44 @@ def judge(
     pid, fair, hinf = (medians[name]["paper"] for name in ("pid-default", "pid-fair", "hinf-d1"))
     outside = [name for name, figures in medians["hinf-d1"].items() if not figures.rho_in_bounds]
     return (
-        _count("the H-infinity controller has nine states", laws["hinf-d1"].order, 9),
-        _count("the cascaded PID has six states, two per axis", laws["pid-default"].order, 6),
+        _judge_count("the H-infinity controller has nine states", laws["hinf-d1"].order, 9),
+        _judge_count("the cascaded PID has six states, two per axis", laws["pid-default"].order, 6),
         Claim(
             paper="γ = 0.25 bounds the gain from disturbance and noise to the regulated outputs",
             ours=f"norm {norm:.4f} (least possible {gamma_opt:.4f}), for the linear model at ρ of hover with its leak",
-            verdict=Verdict.IN_PART if norm <= PAPER_GAMMA else Verdict.FAILS,
+            verdict=ClaimVerdict.IN_PART if norm <= PAPER_GAMMA else ClaimVerdict.FAILS,
         ),
-        *(_errors(name, table, medians[name]["paper"]) for name, table in PAPER_LAWS.items()),
-        _superior(hinf, pid, fair),
+        *(_judge_errors(name, table, medians[name]["paper"]) for name, table in PAPER_LAWS.items()),
+        _judge_superiority(hinf, pid, fair),
         Claim(
             paper="H-infinity needs less actuator exertion than PID",
             ours=f"torque slew rms {hinf.torque_slew_rms:.2f} against {pid.torque_slew_rms:.2f} N m/s "
             f"(torque rms {hinf.torque_rms_nm:.3f} against {pid.torque_rms_nm:.3f} N m)",
-            verdict=_verdict(hinf.torque_slew_rms < pid.torque_slew_rms),
+            verdict=_to_verdict(hinf.torque_slew_rms < pid.torque_slew_rms),
         ),
         Claim(
             paper="p, q, r stay within ±1.5 rad/s (Table II)",
             ours=f"at most {peak_rate:.3f} rad/s",
-            verdict=_verdict(peak_rate <= RATE_BOUND),
+            verdict=_to_verdict(peak_rate <= RATE_BOUND),
         ),
         Claim(
             paper="p, q, r stay within ±1.5π rad/s (text)",
             ours=f"at most {peak_rate:.3f} rad/s",
-            verdict=_verdict(peak_rate <= RATE_BOUND_IN_TEXT),
+            verdict=_to_verdict(peak_rate <= RATE_BOUND_IN_TEXT),
         ),
         Claim(
             paper="no violation of the bounds on ρ under H-infinity",
             ours=f"violated on {', '.join(outside)}" if outside else f"none, on {', '.join(medians['hinf-d1'])}",
-            verdict=Verdict.FAILS if "paper" in outside else Verdict.IN_PART if outside else Verdict.HOLDS,
+            verdict=ClaimVerdict.FAILS if "paper" in outside else ClaimVerdict.IN_PART if outside else ClaimVerdict.HOLDS,
         ),
     )  # fmt: skip
 
 
-def _count(paper: str, ours: int, expected: int) -> Claim:
-    return Claim(paper=paper, ours=f"{ours} states", verdict=_verdict(ours == expected))
+def _judge_count(paper: str, ours: int, expected: int) -> Claim:
+    return Claim(paper=paper, ours=f"{ours} states", verdict=_to_verdict(ours == expected))
 
 
-def _errors(name: str, table: TableIII, ours: Metrics) -> Claim:
+def _judge_errors(name: str, table: TableIII, ours: Metrics) -> Claim:
     within = (
         abs(ours.peak_deg / table.peak_deg - 1.0) <= TOLERANCE
         and abs(ours.rmse_deg / table.rmse_deg - 1.0) <= TOLERANCE
@@ -112,11 +112,11 @@ def _errors(name: str, table: TableIII, ours: Metrics) -> Claim:
     return Claim(
         paper=f"{kind}: peak {table.peak_deg:.2f} deg, RMSE {table.rmse_deg:.2f} deg",
         ours=f"{name}: peak {ours.peak_deg:.2f} deg, RMSE {ours.rmse_deg:.2f} deg (within {TOLERANCE:.0%} is a match)",
-        verdict=_verdict(within),
+        verdict=_to_verdict(within),
     )
 
 
-def _superior(hinf: Metrics, default: Metrics, fair: Metrics) -> Claim:
+def _judge_superiority(hinf: Metrics, default: Metrics, fair: Metrics) -> Claim:
     beats = [
         name for name, pid in (("default", default), ("fair", fair))
         if hinf.peak_deg < pid.peak_deg and hinf.rmse_deg < pid.rmse_deg
@@ -125,9 +125,9 @@ def _superior(hinf: Metrics, default: Metrics, fair: Metrics) -> Claim:
         paper="H-infinity holds attitude far better than PID",
         ours=f"RMSE {hinf.rmse_deg:.2f} deg, against {default.rmse_deg:.2f} of the autotuned PID and "
         f"{fair.rmse_deg:.2f} of the fair one",
-        verdict=Verdict.HOLDS if len(beats) == 2 else Verdict.IN_PART if beats else Verdict.FAILS,
+        verdict=ClaimVerdict.HOLDS if len(beats) == 2 else ClaimVerdict.IN_PART if beats else ClaimVerdict.FAILS,
     )
 
 
-def _verdict(holds: bool) -> Verdict:
-    return Verdict.HOLDS if holds else Verdict.FAILS
+def _to_verdict(holds: bool) -> ClaimVerdict:
+    return ClaimVerdict.HOLDS if holds else ClaimVerdict.FAILS

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.config.wind import Constant, Dryden, OneMinusCosine, Wind
+from firmware_model.config.wind import Constant, Dryden, GustCosine, Wind
 
 
 class OpenQuestion(NamedTuple):
@@ -61,7 +61,7 @@ ERRATA = (
 )
 
 
-def choices(vehicle: Vehicle, scenario: Scenario) -> tuple[OpenQuestion, ...]:
+def list_choices(vehicle: Vehicle, scenario: Scenario) -> tuple[OpenQuestion, ...]:
     """Return what the paper leaves open, with the values that `vehicle` and the flown `scenario` chose."""
     gyro, lag = vehicle.gyro, vehicle.actuator_lag
     limits = " / ".join(f"{limit:g}" for limit in vehicle.torque_limit)
@@ -81,7 +81,7 @@ def choices(vehicle: Vehicle, scenario: Scenario) -> tuple[OpenQuestion, ...]:
             f"{gyro.noise_ratio * gyro.reference_rate:.2g} rad/s rms a sample, {gyro.noise_model.value}",
         ),
         OpenQuestion("gyro bias", "none here; the scenario `bias` has .002 rad/s"),
-        *(_wind(item, scenario) for item in scenario.wind),
+        *(_describe_wind(item, scenario) for item in scenario.wind),
         OpenQuestion(
             "from gust to moment, no map",
             f"L = k v_g, M = -k u_g, N = {vehicle.gust_yaw_ratio:g} k w_g with k = {vehicle.gust_gain:g} N m/(m/s); "
@@ -100,7 +100,7 @@ def choices(vehicle: Vehicle, scenario: Scenario) -> tuple[OpenQuestion, ...]:
     )
 
 
-def _wind(item: Wind, scenario: Scenario) -> OpenQuestion:
+def _describe_wind(item: Wind, scenario: Scenario) -> OpenQuestion:
     if isinstance(item, Dryden):
         speed = item.wind_speed_20ft
         airspeed = "the mean wind" if item.airspeed_mps is None else f"{item.airspeed_mps:g} m/s"
@@ -112,11 +112,11 @@ def _wind(item: Wind, scenario: Scenario) -> OpenQuestion:
     if isinstance(item, Constant):
         velocity = ", ".join(f"{component:g}" for component in item.velocity_N)
         return OpenQuestion("mean wind", f"({velocity}) m/s north, east, down; on the test stand it gives no moment")
-    if isinstance(item, OneMinusCosine):
+    if isinstance(item, GustCosine):
         amplitude = ", ".join(f"{component:g}" for component in item.vector)
         return OpenQuestion(
             "'wind gust and turbulence', no gust shape",
-            f"1-cosine of ({amplitude}) m/s in {'north, east, down' if item.of_earth else 'body axes'}, "
+            f"1-cosine of ({amplitude}) m/s in {'north, east, down' if item.is_earth_frame else 'body axes'}, "
             f"{item.length_s:g} s long, at {item.start_s:g} s",
         )
     return OpenQuestion("'wind gust and turbulence', no gust shape", f"a '{item.kind}' of the scenario file")

@@ -11,15 +11,15 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.analysis.law_margins import HoverMargins
 from gustproof.analysis.placement import PerformanceLimits, Placement
-from gustproof.report.limit_tables import limits_document
-from gustproof.report.terminal import Document, format_number
-from gustproof.reproduce.claims import PAPER_LAWS, Claim, Medians, Verdict
-from gustproof.reproduce.errata import ERRATA, OpenQuestion, choices
+from gustproof.report.limit_tables import render_limits
+from gustproof.report.terminal import Renderable, format_number
+from gustproof.reproduce.claims import PAPER_LAWS, Claim, ClaimVerdict, Medians
+from gustproof.reproduce.errata import ERRATA, OpenQuestion, list_choices
 
-_VERDICT_STYLES = {Verdict.HOLDS: "green", Verdict.IN_PART: "yellow", Verdict.FAILS: "red"}
+_VERDICT_STYLES = {ClaimVerdict.HOLDS: "green", ClaimVerdict.IN_PART: "yellow", ClaimVerdict.FAILS: "red"}
 
 
-_DUELS = (("flagship", "pid-fair"), ("flagship", "indi"), ("hinf-scheduled", "pid-fair"), ("hinf-d1", "pid-fair"))
+_COMPARISONS = (("flagship", "pid-fair"), ("flagship", "indi"), ("hinf-scheduled", "pid-fair"), ("hinf-d1", "pid-fair"))
 
 
 _LIMITATIONS = (
@@ -30,7 +30,7 @@ _LIMITATIONS = (
 )
 
 
-_WHY = (
+_DIFFERENCES = (
     "The paper names no gains, weights, gust shape or aggregation: its Table III can be met but not checked. What is "
     "met here follows from three choices within its words: a PID tuned to 0.8 rad/s, near an autotuner's "
     "default, a discrete gust with the turbulence ('wind gust and turbulence'), and design D1 at γ = .25.",
@@ -41,26 +41,26 @@ _WHY = (
 )
 
 
-def reproduction_document(
+def render_reproduction(
     medians: Medians,
     margins: Mapping[str, HoverMargins | None],
     standing: PerformanceLimits,
     claims: Iterable[Claim],
     vehicle: Vehicle,
     scenario: Scenario,
-) -> Document:
+) -> Renderable:
     """Return the whole report: Table III, the fair comparison, the limits, the verdicts, what stands behind them."""
     parts = (
-        paper_document(medians),
-        comparison_document(medians, margins, standing.places),
-        limits_document(standing.limits),
-        claims_document(claims),
-        background_document(vehicle, scenario),
+        render_paper(medians),
+        render_comparison(medians, margins, standing.places),
+        render_limits(standing.limits),
+        render_claims(claims),
+        render_background(vehicle, scenario),
     )
     return Group(*(Group(part, Text()) for part in parts))
 
 
-def paper_document(medians: Medians) -> Document:
+def render_paper(medians: Medians) -> Renderable:
     """Return the paper's Table III beside ours."""
     table = Table("", title="Table III: errors in attitude, the paper's flight")
     for name in PAPER_LAWS:
@@ -72,7 +72,7 @@ def paper_document(medians: Medians) -> Document:
     return table
 
 
-def claims_document(claims: Iterable[Claim]) -> Document:
+def render_claims(claims: Iterable[Claim]) -> Renderable:
     """Return the verdicts on the paper's claims."""
     verdicts = Table("the paper claims", "found here", "verdict", title="The paper's claims", show_lines=True)
     for claim in claims:
@@ -81,9 +81,9 @@ def claims_document(claims: Iterable[Claim]) -> Document:
     return verdicts
 
 
-def comparison_document(
+def render_comparison(
     medians: Medians, margins: Mapping[str, HoverMargins | None], places: Mapping[str, Placement | None]
-) -> Document:
+) -> Renderable:
     """Return all laws in the same turbulence, who is better in what at which margins, and what rates cost."""
     columns = (
         "law", "peak\n\n[deg]", "RMSE\n\n[deg]", "fore-\ntold\n[deg]", "least\nthere\n[deg]", "torque\nrms\n[N m]",
@@ -98,12 +98,12 @@ def comparison_document(
     for law, scenarios in medians.items():
         flown, robust = scenarios["paper-turbulence"], margins.get(law)
         table.add_row(
-            law, format_number(flown.peak_deg), format_number(flown.rmse_deg), *_room(places.get(law)),
+            law, format_number(flown.peak_deg), format_number(flown.rmse_deg), *_placement_cells(places.get(law)),
             format_number(flown.torque_rms_nm), format_number(flown.torque_slew_rms), format_number(scenarios["coning"].peak_roll_deg),
-            format_number(scenarios["bias"].peak_roll_deg), *_robustness(robust),
+            format_number(scenarios["bias"].peak_roll_deg), *_margin_cells(robust),
         )  # fmt: skip
-    lines = [_duel(one, other, medians, margins) for one, other in _DUELS]
-    lines.append(_cost_of_rates(medians))
+    lines = [_compare_laws(one, other, medians, margins) for one, other in _COMPARISONS]
+    lines.append(_describe_rates_cost(medians))
     notes = (
         "Foretold: RMSE by the linear model, of all flights; least there: of linear gyro-only laws at the law's own Ms "
         "and slew. Margins: the worst axis, at the plant's input, sampled and late as flown; a law of rates has no "
@@ -112,26 +112,26 @@ def comparison_document(
     return Group(table, Text(notes, style="dim"), *(Text(f"\n{line}") for line in lines))
 
 
-def background_document(vehicle: Vehicle, scenario: Scenario) -> Document:
+def render_background(vehicle: Vehicle, scenario: Scenario) -> Renderable:
     """Return what differs from the paper and why, what it leaves open, and what is not shown here."""
     differences = Text("What differs from the paper, and why", style="bold")
-    errata = _questions("Errors of the paper, and what stands here instead", "the paper", ERRATA)
-    gaps = _questions("What the paper leaves open, and what was chosen", "open", choices(vehicle, scenario))
+    errata = _questions_table("Errors of the paper, and what stands here instead", "the paper", ERRATA)
+    gaps = _questions_table("What the paper leaves open, and what was chosen", "open", list_choices(vehicle, scenario))
     limits = Text("Limits of what is shown", style="bold")
     return Group(
-        differences, *(Text(f"{paragraph}\n") for paragraph in _WHY), errata, Text(), gaps, Text(),
+        differences, *(Text(f"{paragraph}\n") for paragraph in _DIFFERENCES), errata, Text(), gaps, Text(),
         limits, *(Text(f"- {line}") for line in _LIMITATIONS),
     )  # fmt: skip
 
 
-def _questions(title: str, first: str, questions: Iterable[OpenQuestion]) -> Table:
+def _questions_table(title: str, first: str, questions: Iterable[OpenQuestion]) -> Table:
     table = Table(first, "here", title=title, show_lines=True)
     for question in questions:
         table.add_row(Text(question.paper), Text(question.choice))
     return table
 
 
-def _duel(one: str, other: str, medians: Medians, margins: Mapping[str, HoverMargins | None]) -> str:
+def _compare_laws(one: str, other: str, medians: Medians, margins: Mapping[str, HoverMargins | None]) -> str:
     """Return who of two laws is better in what, by how much, at which margins."""
     a, b = medians[one]["paper-turbulence"], medians[other]["paper-turbulence"]
     quantities = (
@@ -145,11 +145,11 @@ def _duel(one: str, other: str, medians: Medians, margins: Mapping[str, HoverMar
         winner, ratio = (one, y / x) if x < y else (other, x / y)
         better[winner].append(f"{label} ({ratio:.{2 if ratio < 10.0 else 0}f} times less)")
     shown = "; ".join(f"{name} is better in {', '.join(what) or 'nothing'}" for name, what in better.items())
-    at = "; ".join(f"{name} Ms {', phase '.join(_robustness(margins[name])[:2])} deg" for name in (one, other))
+    at = "; ".join(f"{name} Ms {', phase '.join(_margin_cells(margins[name])[:2])} deg" for name in (one, other))
     return f"{one} against {other}: {shown}. Margins: {at}."
 
 
-def _cost_of_rates(medians: Medians) -> str:
+def _describe_rates_cost(medians: Medians) -> str:
     rates, torque = (medians[law]["paper-turbulence"] for law in ("hinf-rates", "hinf-scheduled"))
     return (
         f"Commanding rates (SET_ATTITUDE_TARGET, all that PX4 and ArduPilot take) instead of torque: RMSE "
@@ -159,13 +159,13 @@ def _cost_of_rates(medians: Medians) -> str:
     )
 
 
-def _room(place: Placement | None) -> tuple[str, str]:
+def _placement_cells(place: Placement | None) -> tuple[str, str]:
     if place is None:
         return "-", "-"
     return format_number(place.rmse_deg), "-" if place.least_rmse_deg is None else format_number(place.least_rmse_deg)
 
 
-def _robustness(margins: HoverMargins | None) -> tuple[str, str, str]:
+def _margin_cells(margins: HoverMargins | None) -> tuple[str, str, str]:
     if margins is None:
         return "-", "-", "-"
     return (

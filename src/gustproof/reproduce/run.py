@@ -15,7 +15,7 @@ from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.wind import Dryden
 from firmware_model.errors import ConfigError
-from gustproof.analysis.law_margins import SPREADS, HoverMargins, hover_margins, off_nominal
+from gustproof.analysis.law_margins import SPREADS, HoverMargins, axis_robustness, hover_margins
 from gustproof.analysis.placement import PerformanceLimits, performance_limits
 from gustproof.errors import FlightError
 from gustproof.law.form import Law, load_law
@@ -23,12 +23,12 @@ from gustproof.model.generalized import lft_structure
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lpv import RATE_BOUND
 from gustproof.model.rotational import Envelope, paper_rotation
-from gustproof.report.terminal import Document, save
-from gustproof.reproduce.claims import PAPER_LAWS, Claim, judge
-from gustproof.reproduce.paper_tables import reproduction_document
+from gustproof.report.terminal import Renderable, save_text
+from gustproof.reproduce.claims import PAPER_LAWS, Claim, judge_claims
+from gustproof.reproduce.paper_tables import render_reproduction
 from gustproof.scoring.metrics import Metrics, median_metrics
 from gustproof.simulate.flight import RecordedFlight, fly_and_record, objections, warnings
-from gustproof.simulate.outcome import Outcome
+from gustproof.simulate.outcome import FlightOutcome
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 
@@ -45,13 +45,13 @@ LAWS = (
     "hinf-scheduled",
     "hinf-rates",
 )
-_AT_ONCE = 2
+_PARALLEL_FLIGHTS = 2
 """Flights side by side: a lockstep flight keeps one core busy, whichever of its processes has the turn."""
 
 Progress = Callable[[float, str], None]
 
 
-class Case(NamedTuple):
+class PaperCase(NamedTuple):
     """One flight to be flown."""
 
     scenario: Scenario
@@ -76,7 +76,7 @@ class Reproduction:
     """Figures by law and scenario, medians over the seeds."""
     margins: Mapping[str, HoverMargins | None]
     """Margins at hover by law."""
-    stable_up_to: Mapping[str, float | None]
+    stability_factor: Mapping[str, float | None]
     """[-] times `SPREADS` of inertia and actuator lag, by law: proved at hover, `None` where it can't be judged."""
     standing: PerformanceLimits
     """What is possible in the turbulence, and where the laws stand."""
@@ -95,9 +95,9 @@ class Reproduction:
             "laws": {
                 law: {
                     **{name: asdict(metrics) for name, metrics in scenarios.items()},
-                    "seeds": list(_seeds(law, self.seeds)),
+                    "seeds": list(_select_seeds(law, self.seeds)),
                     "place": None if (place := self.standing.places[law]) is None else asdict(place),
-                    "stable_up_to_times": self.stable_up_to[law],
+                    "stable_up_to_times": self.stability_factor[law],
                 }
                 for law, scenarios in self.medians.items()
             },
@@ -109,9 +109,9 @@ class Reproduction:
             ],
         }
 
-    def document(self) -> Document:
+    def document(self) -> Renderable:
         """Return what a person reads of it."""
-        document = reproduction_document(
+        document = render_reproduction(
             self.medians, self.margins, self.standing, self.claims, self.vehicle, load_scenario("paper")
         )
         return Group(*(Text(f"warning: {line}") for line in self.warnings), document)
@@ -151,18 +151,18 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         law.save(out / "laws" / f"{law.name}.json")
     progress(0.0, "what is possible")
     margins = {name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
-    stable_up_to = {name: _stable_up_to(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
+    stability_factor = {name: _stability_factor(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
     found = performance_limits(laws, margins, vehicle, scenarios["paper-turbulence"])
     flights = _fly_all(
         [
-            Case(scenario, law, seed)
+            PaperCase(scenario, law, seed)
             for scenario in scenarios.values()
             for law in laws.values()
-            for seed in (_seeds(law.name, seeds) if _is_random(scenario) else seeds[:1])
+            for seed in (_select_seeds(law.name, seeds) if _is_random(scenario) else seeds[:1])
         ],
         vehicle, out / "bags", progress,
     )  # fmt: skip
-    medians = {law: {scenario: _median(flights, scenario, law) for scenario in scenarios} for law in laws}
+    medians = {law: {scenario: _median_of(flights, scenario, law) for scenario in scenarios} for law in laws}
     design_d1, solved = derive(load_design("D1"), vehicle)
     reproduction = Reproduction(
         vehicle=vehicle,
@@ -170,9 +170,9 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         seeds=tuple(seeds),
         medians=medians,
         margins=margins,
-        stable_up_to=stable_up_to,
+        stability_factor=stability_factor,
         standing=found,
-        claims=judge(
+        claims=judge_claims(
             medians, laws, norm=solved.result.norm, gamma_opt=design_d1.provenance.parameters["gamma_opt"],
             peak_rate=max(flight.peak_rate for flight in flights if flight.named("paper", "hinf-d1")),
         ),
@@ -180,16 +180,16 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     (out / "summary.json").write_text(json.dumps(reproduction.summary(), indent=2) + "\n", encoding="utf-8")
     _draw(flights, seeds[0], solved.problem, vehicle, out / "figures")
     _draw_trade_off(reproduction, out / "figures")
-    save(reproduction.document(), out / "report.txt")
+    save_text(reproduction.document(), out / "report.txt")
     return reproduction
 
 
-def _fly_all(cases: Sequence[Case], vehicle: Vehicle, out: Path, progress: Progress) -> list[RecordedFlight]:
+def _fly_all(cases: Sequence[PaperCase], vehicle: Vehicle, out: Path, progress: Progress) -> list[RecordedFlight]:
     """Return the flights of `cases`, flown side by side; the first that breaks off ends the others."""
     out.mkdir()
     shares, stop = [0.0] * len(cases), Event()
 
-    def fly(index: int, case: Case) -> RecordedFlight:
+    def fly(index: int, case: PaperCase) -> RecordedFlight:
         name = f"{case.scenario.name}, {case.law.name}, seed {case.seed}"
 
         def shown(share: float) -> None:
@@ -199,11 +199,11 @@ def _fly_all(cases: Sequence[Case], vehicle: Vehicle, out: Path, progress: Progr
             progress(sum(shares) / len(shares), name)
 
         flight = fly_and_record(case.scenario, case.law, vehicle=vehicle, seed=case.seed, out=out, progress=shown)
-        if flight.outcome is not Outcome.DONE:
+        if flight.outcome is not FlightOutcome.DONE:
             raise FlightError(flight.message)
         return flight
 
-    with ThreadPoolExecutor(_AT_ONCE) as pool:
+    with ThreadPoolExecutor(_PARALLEL_FLIGHTS) as pool:
         futures = [pool.submit(fly, index, case) for index, case in enumerate(cases)]
         try:
             return [future.result() for future in futures]
@@ -213,12 +213,12 @@ def _fly_all(cases: Sequence[Case], vehicle: Vehicle, out: Path, progress: Progr
             raise
 
 
-def _stable_up_to(law: Law, vehicle: Vehicle, scenario: Scenario) -> float | None:
-    axes = off_nominal(law, vehicle, scenario)
+def _stability_factor(law: Law, vehicle: Vehicle, scenario: Scenario) -> float | None:
+    axes = axis_robustness(law, vehicle, scenario)
     return 1.0 / max(axis.upper for axis in axes) if axes else None
 
 
-def _median(flights: Sequence[RecordedFlight], scenario: str, law: str) -> Metrics:
+def _median_of(flights: Sequence[RecordedFlight], scenario: str, law: str) -> Metrics:
     return median_metrics([f.metrics for f in flights if f.named(scenario, law) and f.metrics is not None])
 
 
@@ -249,7 +249,7 @@ def _draw_trade_off(reproduction: Reproduction, out: Path) -> None:
     figures.save_trade_off(reproduction.standing, flown, out / "trade-off.png")
 
 
-def _seeds(law: str, seeds: Sequence[int]) -> Sequence[int]:
+def _select_seeds(law: str, seeds: Sequence[int]) -> Sequence[int]:
     """Return the seeds that a law is flown with: the one with a frequency weight is shown once, not compared."""
     return seeds[:1] if law == "hinf-d1-noise" else seeds
 

@@ -21,7 +21,7 @@ from gustproof.model.lpv import RATE_BOUND
 
 Records = NDArray[np.void]
 Array = NDArray[np.float64]
-_TURN, _DEGREES = 2.0 * math.pi, 180.0 / math.pi
+_TWO_PI, _DEGREES = 2.0 * math.pi, 180.0 / math.pi
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,8 +64,8 @@ class Tally(NamedTuple):
     phi: float  # [rad] as `to_euler` has it
     theta: float
     psi: float
-    phi_turns: float  # [rad] of full turns before
-    psi_turns: float
+    phi_wraps: float  # [rad] of full turns before
+    psi_wraps: float
     roll: float  # [deg] with all turns
     pitch: float
     yaw: float
@@ -86,24 +86,24 @@ class Tally(NamedTuple):
     square_torque: float  # [N^2*m^2] sum
     square_slew: float  # [N^2*m^2/s^2] sum
     saturated: float  # [samples]
-    most_share: float  # [-]
+    peak_share: float  # [-]
 
 
-TALLY = len(Tally._fields)
+TALLY_SIZE = len(Tally._fields)
 """Numbers in a tally."""
 load_tally, store_tally = loader(Tally), storer(Tally)
 
 
 @kernel
-def largest(a: float, b: float) -> float:
+def maximum(a: float, b: float) -> float:
     """Return the larger number; NaN if one is."""
     return a if a > b or a != a else b
 
 
 @kernel
-def _without_jump(turns: float, before: float, now: float) -> float:
+def _unwrap(turns: float, before: float, now: float) -> float:
     step = now - before
-    return turns - _TURN if step > 0.5 * _TURN else (turns + _TURN if step < -0.5 * _TURN else turns)
+    return turns - _TWO_PI if step > 0.5 * _TWO_PI else (turns + _TWO_PI if step < -0.5 * _TWO_PI else turns)
 
 
 @kernel
@@ -111,40 +111,40 @@ def _share(phi: float, theta: float, omega_B: Vector) -> float:
     """Return how much of the way from hover to a bound of Table II is used: inside up to 1."""
     sin_phi, cos_phi = sin_cos(phi)
     sin_theta, cos_theta = sin_cos(theta)
-    angles = largest(largest(abs(sin_phi), 1.0 - cos_phi), largest(abs(sin_theta), 1.0 - cos_theta))
-    return largest(angles, _largest_of((abs(omega_B[0]), abs(omega_B[1]), abs(omega_B[2]))) / RATE_BOUND)
+    angles = maximum(maximum(abs(sin_phi), 1.0 - cos_phi), maximum(abs(sin_theta), 1.0 - cos_theta))
+    return maximum(angles, _maximum_of((abs(omega_B[0]), abs(omega_B[1]), abs(omega_B[2]))) / RATE_BOUND)
 
 
 @kernel
-def _largest_of(v: Vector) -> float:
-    return largest(largest(v[0], v[1]), v[2])
+def _maximum_of(v: Vector) -> float:
+    return maximum(maximum(v[0], v[1]), v[2])
 
 
 @kernel
-def _square(v: Vector) -> float:
+def _squared_norm(v: Vector) -> float:
     return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
 
 
 @kernel
-def tallied(x: Tally, first: bool, limit: Vector, q_NB: Quaternion, omega_B: Vector, torque: Vector,
+def update_tally(x: Tally, first: bool, limit: Vector, q_NB: Quaternion, omega_B: Vector, torque: Vector,
             dt: float) -> Tally:  # fmt: skip
     """Return the tally after a sample: attitude, rates [rad/s], commanded torque [N*m] and its limit, sample time."""
     phi, theta, psi = to_euler(q_NB)
-    phi_turns = 0.0 if first else _without_jump(x.phi_turns, x.phi, phi)
-    psi_turns = 0.0 if first else _without_jump(x.psi_turns, x.psi, psi)
-    roll, pitch, yaw = _DEGREES * (phi + phi_turns), _DEGREES * theta, _DEGREES * (psi + psi_turns)
+    phi_wraps = 0.0 if first else _unwrap(x.phi_wraps, x.phi, phi)
+    psi_wraps = 0.0 if first else _unwrap(x.psi_wraps, x.psi, psi)
+    roll, pitch, yaw = _DEGREES * (phi + phi_wraps), _DEGREES * theta, _DEGREES * (psi + psi_wraps)
     size = (abs(torque[0]), abs(torque[1]), abs(torque[2]))
     rate = 0.0 if first else 1.0 / dt
     slew = rate * (torque[0] - x.L), rate * (torque[1] - x.M), rate * (torque[2] - x.N)
     share = _share(phi, theta, omega_B)
     saturated = (size[0] >= limit[0]) | (size[1] >= limit[1]) | (size[2] >= limit[2])
     return Tally(
-        phi, theta, psi, phi_turns, psi_turns, roll, pitch, yaw, torque[0], torque[1], torque[2],
+        phi, theta, psi, phi_wraps, psi_wraps, roll, pitch, yaw, torque[0], torque[1], torque[2],
         slew[0], slew[1], slew[2], share,
-        largest(x.peak_roll, abs(roll)), largest(x.peak_pitch, abs(pitch)), largest(x.peak_yaw, abs(yaw)),
+        maximum(x.peak_roll, abs(roll)), maximum(x.peak_pitch, abs(pitch)), maximum(x.peak_yaw, abs(yaw)),
         x.square_roll + roll * roll, x.square_pitch + pitch * pitch, x.square_yaw + yaw * yaw,
-        largest(x.peak_torque, _largest_of(size)), x.square_torque + _square(size), x.square_slew + _square(slew),
-        x.saturated + (1.0 if saturated else 0.0), largest(x.most_share, share),
+        maximum(x.peak_torque, _maximum_of(size)), x.square_torque + _squared_norm(size), x.square_slew + _squared_norm(slew),
+        x.saturated + (1.0 if saturated else 0.0), maximum(x.peak_share, share),
     )  # fmt: skip
 
 
@@ -153,7 +153,7 @@ def tally_kernel(tally: Lane, first: bool, limit: Lane, record: Lane, dt: float)
     """Move a tally on by a journal's record."""
     q_NB = (get(record, Q_NB), get(record, Q_NB + 1), get(record, Q_NB + 2), get(record, Q_NB + 3))
     omega_B, torque = get_vector(record, OMEGA), get_vector(record, TORQUE_COMMAND)
-    store_tally(tally, 0, tallied(load_tally(tally, 0), first, get_vector(limit, 0), q_NB, omega_B, torque, dt))
+    store_tally(tally, 0, update_tally(load_tally(tally, 0), first, get_vector(limit, 0), q_NB, omega_B, torque, dt))
 
 
 @compiled
@@ -172,9 +172,9 @@ def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_fac
     """
     if len(records) < 2:
         raise ValueError(f"{len(records)} records, at least 2 are needed")
-    tally = np.zeros(TALLY)
+    tally = np.zeros(TALLY_SIZE)
     _tally(as_rows(records), np.array(vehicle.torque_limit), scenario.dt, tally)
-    return figures(Tally._make(tally.tolist()), len(records), scenario.dt, realtime_factor)
+    return metrics_from_tally(Tally._make(tally.tolist()), len(records), scenario.dt, realtime_factor)
 
 
 def as_rows(records: Records) -> Array:
@@ -182,11 +182,11 @@ def as_rows(records: Records) -> Array:
     return np.array(records).view(np.float64).reshape(len(records), WIDTH)
 
 
-def figures(tally: Tally, samples: int, dt: float, realtime_factor: float) -> Metrics:
+def metrics_from_tally(tally: Tally, samples: int, dt: float, realtime_factor: float) -> Metrics:
     """Return the figures of a flight of two or more samples, `dt` [s] apart, from its tally."""
     squares = tally.square_roll + tally.square_pitch + tally.square_yaw
     return Metrics(
-        peak_deg=_largest_of((tally.peak_roll, tally.peak_pitch, tally.peak_yaw)),
+        peak_deg=_maximum_of((tally.peak_roll, tally.peak_pitch, tally.peak_yaw)),
         rmse_deg=math.sqrt(squares / (3 * samples)),
         peak_roll_deg=tally.peak_roll,
         peak_pitch_deg=tally.peak_pitch,
@@ -198,7 +198,7 @@ def figures(tally: Tally, samples: int, dt: float, realtime_factor: float) -> Me
         torque_peak_nm=tally.peak_torque,
         torque_slew_rms=math.sqrt(tally.square_slew / (3 * (samples - 1))),
         saturated_s=tally.saturated * dt,
-        rho_in_bounds=tally.most_share <= 1.0,
+        rho_in_bounds=tally.peak_share <= 1.0,
         realtime_factor=realtime_factor,
     )
 

@@ -15,7 +15,7 @@ from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.soa import Lane, get_vector, single
 from firmware_model.recording.journal import POSITION
 from gustproof.law.references import references
-from gustproof.scoring.metrics import TALLY, Records, Tally, as_rows, largest, tally_kernel
+from gustproof.scoring.metrics import TALLY_SIZE, Records, Tally, as_rows, maximum, tally_kernel
 
 Array = NDArray[np.float64]
 _LABELS = {
@@ -67,7 +67,7 @@ class RequirementResult:
 
 # A rule says what a requirement measures: metric, first axis and the one after the last, first sample and the one after
 # the last, half the band's width [deg] (NaN without one), reference before the window and at its end [deg].
-_KIND, _AXIS, _AXES_END, _FROM, _UNTIL, _WITHIN, _BEFORE, _AFTER, _RULE = range(9)
+_KIND, _AXIS, _AXES_END, _FROM, _UNTIL, _WITHIN, _BEFORE, _AFTER, _RULE_SIZE = range(9)
 _METRICS = tuple(Metric)
 _PEAK, _RMSE, _SETTLING, _OVERSHOOT, _RECOVERY = (
     _METRICS.index(metric) for metric in (Metric.PEAK, Metric.RMSE, Metric.SETTLING, Metric.OVERSHOOT, Metric.RECOVERY)
@@ -82,9 +82,9 @@ _ROLL, _L, _SLEW_L, _SHARE = (Tally._fields.index(name) for name in ("roll", "L"
 
 # A reading is what has been measured so far: a sum or an extreme, first and last sample that counted or -1, and where
 # the vehicle was at the window's begin [m] N.
-READING = 6
+READING_SIZE = 6
 """Numbers in a reading."""
-_FIRST, _LAST, _BEGAN = 1, 2, 3
+_FIRST, _LAST, _ORIGIN = 1, 2, 3
 
 
 def requirement_label(requirement: Requirement) -> str:
@@ -108,7 +108,7 @@ def requirement_limits(requirement: Requirement) -> str:
 
 def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[RequirementResult, ...]:
     """Return what became of each requirement of `scenario` in a flight, (n,) of `firmware_model.recording.journal.RECORD`."""
-    readings, limit, tally = no_readings(scenario, 1), np.array(vehicle.torque_limit), np.zeros(TALLY)
+    readings, limit, tally = initial_readings(scenario, 1), np.array(vehicle.torque_limit), np.zeros(TALLY_SIZE)
     _read(
         as_rows(records[: scenario.samples]),
         rules(scenario),
@@ -118,21 +118,21 @@ def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[Requi
         tally,
         readings,
     )
-    return judged(scenario, readings[:, :, 0], len(records))
+    return results_from_readings(scenario, readings[:, :, 0], len(records))
 
 
 def rules(scenario: Scenario) -> Array:
     """Return the rules (n, 8) of a scenario's requirements."""
-    return np.array([_rule(scenario, requirement) for requirement in scenario.require]).reshape(-1, _RULE)
+    return np.array([_rule(scenario, requirement) for requirement in scenario.require]).reshape(-1, _RULE_SIZE)
 
 
-def no_readings(scenario: Scenario, width: int) -> Array:
+def initial_readings(scenario: Scenario, width: int) -> Array:
     """Return readings (n, READING, width), each a column of its flight, before a flight of a scenario begins."""
     reading = np.array([[0.0], [-1.0], [-1.0], [0.0], [0.0], [0.0]])
     return np.tile(reading, (len(scenario.require), 1, width))
 
 
-def judged(scenario: Scenario, readings: Array, samples: int) -> tuple[RequirementResult, ...]:
+def results_from_readings(scenario: Scenario, readings: Array, samples: int) -> tuple[RequirementResult, ...]:
     """Return what became of each requirement in a flight of so many samples, from its readings (n, READING)."""
     return tuple(
         RequirementResult(
@@ -194,7 +194,7 @@ def _value(scenario: Scenario, requirement: Requirement, reading: list[float], s
 @compiled
 def _read(rows: Array, rules: Array, limit: Array, reference: Array, dt: float, tally: Array,
           readings: Array) -> None:  # fmt: skip
-    tallies, limits = tally.reshape(TALLY, 1), limit.reshape(3, 1)
+    tallies, limits = tally.reshape(TALLY_SIZE, 1), limit.reshape(3, 1)
     for k in range(rows.shape[0]):
         tally_kernel(single(tally), k == 0, single(limit), single(rows[k]), dt)
         read_kernel(rules, readings, k, reference[k], tallies, rows[k], limits)
@@ -216,7 +216,7 @@ def read_kernel(rules: Array, readings: Array, sample: int, reference: Array, ta
             _read_overshoot(rules, i, readings, tallies)
         elif metric == _RHO:
             for w in range(tallies.shape[1]):
-                readings[i, 0, w] = largest(readings[i, 0, w], tallies[_SHARE, w])
+                readings[i, 0, w] = maximum(readings[i, 0, w], tallies[_SHARE, w])
         elif metric == _SATURATED:
             _read_saturated(rules, i, readings, tallies, limits)
         elif metric == _DRIFT:
@@ -237,13 +237,13 @@ def _read_axis(metric: int, rules: Array, i: int, readings: Array, sample: int, 
     )
     if metric == _PEAK:
         for w in range(width):
-            readings[i, 0, w] = largest(readings[i, 0, w], abs(tallies[angle, w] - reference))
+            readings[i, 0, w] = maximum(readings[i, 0, w], abs(tallies[angle, w] - reference))
     elif metric == _RMSE:
         for w in range(width):
             readings[i, 0, w] += (tallies[angle, w] - reference) * (tallies[angle, w] - reference)
     elif metric == _TORQUE_PEAK:
         for w in range(width):
-            readings[i, 0, w] = largest(readings[i, 0, w], abs(tallies[torque, w]))
+            readings[i, 0, w] = maximum(readings[i, 0, w], abs(tallies[torque, w]))
     elif metric == _TORQUE_RMS:
         for w in range(width):
             readings[i, 0, w] += tallies[torque, w] * tallies[torque, w]
@@ -277,7 +277,7 @@ def _read_saturated(rules: Array, i: int, readings: Array, tallies: Array, limit
 def _read_overshoot(rules: Array, i: int, readings: Array, tallies: Array) -> None:
     before, after, angle = rules[i, _BEFORE], rules[i, _AFTER], np.uint64(_ROLL + rules[i, _AXIS])
     for w in range(tallies.shape[1]):
-        readings[i, 0, w] = largest(readings[i, 0, w], (tallies[angle, w] - after) / (after - before))
+        readings[i, 0, w] = maximum(readings[i, 0, w], (tallies[angle, w] - after) / (after - before))
 
 
 @kernel
@@ -287,11 +287,11 @@ def _read_drift(readings: Array, i: int, records: Array, begins: bool) -> None:
         place = get_vector(Lane(records, width, w), POSITION)
         if begins:
             for axis in range(3):
-                readings[i, _BEGAN + axis, w] = place[axis]
+                readings[i, _ORIGIN + axis, w] = place[axis]
         north, east, down = (
-            place[0] - readings[i, _BEGAN, w],
-            place[1] - readings[i, _BEGAN + 1, w],
-            place[2] - readings[i, _BEGAN + 2, w],
+            place[0] - readings[i, _ORIGIN, w],
+            place[1] - readings[i, _ORIGIN + 1, w],
+            place[2] - readings[i, _ORIGIN + 2, w],
         )
         drift = math.sqrt(north * north + east * east + down * down)
-        readings[i, 0, w] = largest(readings[i, 0, w], drift)
+        readings[i, 0, w] = maximum(readings[i, 0, w], drift)

@@ -11,17 +11,17 @@ from pydantic.dataclasses import dataclass as checked_dataclass
 from firmware_model.autopilot.parameters import published_hover, published_limit
 from firmware_model.config.scenario import Angle, Scenario
 from firmware_model.config.vehicle import NonNegative, Vehicle
-from firmware_model.numerics.soa import aligned
-from firmware_model.physics.disturbances import replayed, waves
+from firmware_model.numerics.soa import aligned_zeros
+from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.sim import inner_loop
-from firmware_model.sim.state import Array, VehicleInitial, vehicle_initial
+from firmware_model.sim.state import Array, VehicleInitial, initial_vehicle_state
 from gustproof.law.form import Law, Output
 from gustproof.law.references import references
 from gustproof.law.step import sparse_law
-from gustproof.scoring.metrics import Metrics, Tally, figures
-from gustproof.scoring.requirements import RequirementResult, judged, no_readings, rules
-from gustproof.simulate.direct import check
-from gustproof.simulate.kernels import LANES, Batch, Shared, fly_free, fly_held, room
+from gustproof.scoring.metrics import Metrics, Tally, metrics_from_tally
+from gustproof.scoring.requirements import RequirementResult, initial_readings, results_from_readings, rules
+from gustproof.simulate.direct import check_compatible
+from gustproof.simulate.kernels import LANES, Batch, BatchSetup, allocate_batch, fly_free, fly_on_stand
 
 
 @checked_dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,13 +45,13 @@ class Case:
     def start(self, scenario: Scenario) -> VehicleInitial:
         """Return what `new_world` begins with in the scenario `of` this flight, which takes long to be made."""
         scale = self.gust_scale * scenario.gust_scale
-        return vehicle_initial(
+        return initial_vehicle_state(
             self.vehicle, scenario, self.seed, gust_scale=scale, attitude_deg=self.initial_attitude_deg
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Judged:
+class CaseResult:
     """What is kept of a flight."""
 
     metrics: Metrics
@@ -60,7 +60,7 @@ class Judged:
     """What became of each requirement of the scenario."""
 
 
-def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[Judged]:
+def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly a scenario once for each of `cases`, without messages, and return what became of each.
 
     Figures and readings are those of the flights' records to the bit, in whatever batches they are flown.
@@ -73,7 +73,7 @@ def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[Judged
     return make_batch_simulator(scenario, law)(cases)
 
 
-def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Case]], list[Judged]]:
+def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Case]], list[CaseResult]]:
     """Return what flies any number of cases as `fly_many` does, however often; what they share has been made.
 
     Raises
@@ -81,54 +81,54 @@ def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Cas
     ValueError
         As `fly_direct`.
     """
-    check(scenario, law)
+    check_compatible(scenario, law)
     torque = law.output is Output.TORQUE
-    shared = Shared(
-        sample_us=scenario.sample_us, dt=scenario.dt, waves=waves(scenario), replay=replayed(scenario),
+    shared = BatchSetup(
+        sample_us=scenario.sample_us, dt=scenario.dt, waves=make_waves(scenario), replay=make_replay(scenario),
         reference=references(scenario), rules=rules(scenario), law=sparse_law(law),
         kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
     )  # fmt: skip
     return partial(_fly_batches, scenario, law, shared)
 
 
-def _fly_batches(scenario: Scenario, law: Law, shared: Shared, cases: Sequence[Case]) -> list[Judged]:
+def _fly_batches(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
     parts = [cases[i : i + LANES] for i in range(0, len(cases), LANES)]
     return [flown for part in parts for flown in _fly_batch(scenario, law, shared, part)]
 
 
-def _fly_batch(scenario: Scenario, law: Law, shared: Shared, cases: Sequence[Case]) -> list[Judged]:
+def _fly_batch(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly up to `LANES` cases; empty lanes repeat the last."""
     filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
     params, states, changes = zip(*(case.start(scenario) for case in filled), strict=True)
     vehicles, torque = [case.vehicle for case in filled], law.output is Output.TORQUE
     batch = Batch(
-        params=_side_by_side(params), state=_side_by_side(states), changes=_in_order(changes),
+        params=_stack_lanes(params), state=_stack_lanes(states), changes=_merge_changes(changes),
         seeds=np.array([case.seed for case in filled]),
-        scale=_side_by_side([published_limit(each) for each in vehicles]) if torque else np.ones(3 * LANES),
+        scale=_stack_lanes([published_limit(each) for each in vehicles]) if torque else np.ones(3 * LANES),
         thrust=np.array([np.nan if torque else published_hover(each) for each in vehicles]),
-        torque_limit=_side_by_side([each.torque_limit for each in vehicles]),
-        readings=no_readings(scenario, LANES), **room(law, scenario.delay_samples),
+        torque_limit=_stack_lanes([each.torque_limit for each in vehicles]),
+        readings=initial_readings(scenario, LANES), **allocate_batch(law, scenario.delay_samples),
     )  # fmt: skip
-    fly = fly_free if scenario.free else fly_held
+    fly = fly_free if scenario.free else fly_on_stand
     fly(shared, batch)
     columns = batch.tallies.T.tolist()
     return [
-        Judged(
-            metrics=figures(Tally._make(columns[w]), scenario.samples, scenario.dt, 0.0),
-            requirements=judged(scenario, batch.readings[:, :, w], scenario.samples),
+        CaseResult(
+            metrics=metrics_from_tally(Tally._make(columns[w]), scenario.samples, scenario.dt, 0.0),
+            requirements=results_from_readings(scenario, batch.readings[:, :, w], scenario.samples),
         )
         for w in range(len(cases))
     ]
 
 
-def _side_by_side(rows: Sequence[Sequence[float] | Array]) -> Array:
+def _stack_lanes(rows: Sequence[Sequence[float] | Array]) -> Array:
     """Return the numbers of all flights, flat, each flight a column."""
-    block = aligned(len(rows) * len(rows[0]))
+    block = aligned_zeros(len(rows) * len(rows[0]))
     np.stack(rows, axis=1, out=block.reshape(-1, len(rows)))
     return block
 
 
-def _in_order(changes: Sequence[Array]) -> Array:
+def _merge_changes(changes: Sequence[Array]) -> Array:
     """Return what events change in all flights, in order of time: sample, place among all constants, value."""
     rows = [
         (sample, place * LANES + lane, value)

@@ -15,7 +15,7 @@ from firmware_model.sim.state import Array, initial_state
 from firmware_model.sim.step import advance_kernel, observe_kernel
 from gustproof.law.form import Law, Output
 from gustproof.law.references import references
-from gustproof.law.step import EXTRA, SparseLaw, law_kernel, sparse_law
+from gustproof.law.step import EXTRA_SIZE, SparseLaw, law_kernel, sparse_law
 
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
 
@@ -32,7 +32,7 @@ def fly_direct(
     ValueError
         If the law's sample time is not the scenario's, the reference has another shape, or the script is of messages.
     """
-    check(scenario, law)
+    check_compatible(scenario, law)
     reference = references(scenario) if reference is None else np.ascontiguousarray(reference)
     if reference.shape != (scenario.samples, 3):
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
@@ -42,18 +42,18 @@ def fly_direct(
     records[:, _MODE] = Mode.OFFBOARD.value
     torque = law.output is Output.TORQUE
     scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
-    ring = np.zeros((scenario.delay_samples + 1, inner_loop.SETPOINT))
+    ring = np.zeros((scenario.delay_samples + 1, inner_loop.SETPOINT_WIDTH))
     ring[:, inner_loop.THRUST] = np.nan
     _fly(
         world.params, world.state, world.waves, world.replay, world.changes, world.seed, scenario.sample_us,
         sparse_law(law), reference, scale, inner_loop.TORQUE if torque else inner_loop.RATES, 1.0 if torque else np.inf,
-        np.nan if torque else published_hover(vehicle), np.zeros(law.order + EXTRA), np.zeros(3), np.zeros(law.order),
+        np.nan if torque else published_hover(vehicle), np.zeros(law.order + EXTRA_SIZE), np.zeros(3), np.zeros(law.order),
         ring, records,
     )  # fmt: skip
     return records.view(RECORD)[:, 0]
 
 
-def check(scenario: Scenario, law: Law) -> None:
+def check_compatible(scenario: Scenario, law: Law) -> None:
     """Check that a law can fly a scenario without messages.
 
     Raises
@@ -61,7 +61,7 @@ def check(scenario: Scenario, law: Law) -> None:
     ValueError
         If the law's sample time is not the scenario's, or the script is of messages.
     """
-    if scenario.scripts_controller:
+    if scenario.has_link_script:
         raise ValueError(f"scenario '{scenario.name}' scripts link, controller or modes, must be flown with messages")
     if law.dt != scenario.dt:
         raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
-from firmware_model.config.files import parse
+from firmware_model.config.files import validate
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
@@ -22,13 +22,13 @@ from firmware_model.sim.fault_schedule import fault_schedule
 from gustproof import __version__
 from gustproof.controller.core import reference_excess
 from gustproof.errors import FlightError
-from gustproof.law.form import Law, law_from
+from gustproof.law.form import Law, parse_law
 from gustproof.law.hover import is_stable_at_hover
-from gustproof.recording.bag import UNFINISHED, read_bag, write_bag
+from gustproof.recording.bag import UNFINISHED_PREFIX, read_bag, write_bag
 from gustproof.scoring.metrics import Metrics, measure, peak_rate
 from gustproof.scoring.requirements import RequirementResult, judge
-from gustproof.simulate.outcome import Outcome, describe, outcome_of
-from gustproof.simulate.processes import WORKING, fly
+from gustproof.simulate.outcome import FlightOutcome, describe, infer_outcome
+from gustproof.simulate.processes import WORKING_PREFIX, fly
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,7 +43,7 @@ class RecordedFlight:
     """Vehicle that was flown."""
     seed: int
     """Seed of gusts and noise."""
-    outcome: Outcome
+    outcome: FlightOutcome
     """How it ended."""
     message: str
     """One line on how it ended, for people."""
@@ -62,10 +62,12 @@ class RecordedFlight:
         return peak_rate(self.records)
 
     @property
-    def as_scripted(self) -> bool:
+    def has_expected_outcome(self) -> bool:
         """Whether the law flew it, or the autopilot where the script is about modes, the controller or the link."""
-        expected = {Outcome.CONTROLLER_LOST, Outcome.LEFT_OFFBOARD} if self.scenario.scripts_controller else set()
-        return self.outcome in {Outcome.DONE, *expected}
+        expected = (
+            {FlightOutcome.CONTROLLER_LOST, FlightOutcome.LEFT_OFFBOARD} if self.scenario.has_link_script else set()
+        )
+        return self.outcome in {FlightOutcome.DONE, *expected}
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -74,7 +76,7 @@ class RecordedFlight:
             return ()
         known = warnings(self.scenario, self.law, self.vehicle)
         missed = (self.pace or {}).get("missed_samples", 0)
-        if not missed or self.scenario.scripts_controller:  # the script's own losses need no warning
+        if not missed or self.scenario.has_link_script:  # the script's own losses need no warning
             return known
         off = "what the vehicle turned meanwhile is missing in its attitude"
         return (*known, f"{missed} samples never came to law '{self.law.name}': {off}")
@@ -105,7 +107,7 @@ class RecordedFlight:
         }
 
 
-class Plan(NamedTuple):
+class FlightPlan(NamedTuple):
     """All that is needed to fly a flight, or to fly it again."""
 
     scenario: Scenario
@@ -125,7 +127,7 @@ class Plan(NamedTuple):
         return f"{self.scenario.name}-{self.law.name}-seed{self.seed}"
 
     def note(self) -> dict[str, Any]:
-        """Return the plan as JSON has it, from which `noted` makes it again, and the versions that fly it."""
+        """Return the plan as JSON has it, from which `parse_plan` makes it again, and the versions that fly it."""
         return {
             "scenario": to_jsonable_python(self.scenario),
             "vehicle": to_jsonable_python(self.vehicle),
@@ -174,7 +176,7 @@ def warnings(scenario: Scenario, law: Law, vehicle: Vehicle) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def noted(note: Any, source: Path) -> Plan:
+def parse_plan(note: Any, source: Path) -> FlightPlan:
     """Return the plan that a bag or a journal carries.
 
     Raises
@@ -185,11 +187,11 @@ def noted(note: Any, source: Path) -> Plan:
     scenario, law, vehicle, seed, real_time = _noted(note, source)
     if law is None:
         raise ConfigError(f"{source}: flown by a controller of its own, whose law is not in it")
-    return Plan(scenario, law, vehicle, seed, real_time)
+    return FlightPlan(scenario, law, vehicle, seed, real_time)
 
 
 def _noted(note: Any, source: Path) -> tuple[Scenario, Law | None, Vehicle, int, bool]:
-    """Return what was flown, as `Plan` has it; the law is `None` if a controller of its own has flown."""
+    """Return what was flown, as `FlightPlan` has it; the law is `None` if a controller of its own has flown."""
     try:
         scenario, vehicle = note["scenario"], note["vehicle"]
         law = None if note["law"] is None else {key: value for key, value in note["law"].items() if key != "order"}
@@ -197,9 +199,9 @@ def _noted(note: Any, source: Path) -> tuple[Scenario, Law | None, Vehicle, int,
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ConfigError(f"{source}: does not say what was flown") from None
     return (
-        parse(Scenario, scenario, f"{source}: scenario"),
-        None if law is None else law_from(law, f"{source}: law"),
-        parse(Vehicle, vehicle, f"{source}: vehicle"),
+        validate(Scenario, scenario, f"{source}: scenario"),
+        None if law is None else parse_law(law, f"{source}: law"),
+        validate(Vehicle, vehicle, f"{source}: vehicle"),
         seed,
         real_time,
     )
@@ -229,12 +231,12 @@ def fly_and_record(
     FlightError
         If the bag can't be written; the journal stays, to `recover` from.
     """
-    plan = Plan(scenario, law, vehicle, seed, real_time)
+    plan = FlightPlan(scenario, law, vehicle, seed, real_time)
     flown = fly(
         scenario, law, vehicle=vehicle, seed=seed, out=out, real_time=real_time, progress=progress,
         note=plan.note(), tlog=tlog, watched=watched,
     )  # fmt: skip
-    return _recorded(
+    return _write_flight(
         scenario, law, vehicle, seed, plan.note(), flown.records, flown.journal,
         outcome=flown.outcome, message=flown.message, realtime_factor=flown.realtime_factor,
         pace=flown.pace,
@@ -260,7 +262,7 @@ def recover(folder: Path) -> list[RecordedFlight]:
     for journal in journals:
         if is_growing(journal):
             raise ConfigError(f"{journal}: the flight is not over")
-    for leftover in (*folder.glob(f"{UNFINISHED}*"), *folder.glob(f"{WORKING}*")):
+    for leftover in (*folder.glob(f"{UNFINISHED_PREFIX}*"), *folder.glob(f"{WORKING_PREFIX}*")):
         shutil.rmtree(leftover, ignore_errors=True)  # a link to elsewhere stays
     return [_recover(journal) for journal in journals]
 
@@ -269,15 +271,15 @@ def _recover(journal: Path) -> RecordedFlight:
     header, records = read_journal(journal, sound=True)
     note = header.get("note", {})
     scenario, law, vehicle, seed, _ = _noted(note, journal)
-    outcome = outcome_of(records, scenario)
+    outcome = infer_outcome(records, scenario)
     ended = f"{describe(outcome, scenario, records)}, {len(records)} of {scenario.samples} samples"
-    return _recorded(
+    return _write_flight(
         scenario, law, vehicle, seed, note, records, journal, outcome=outcome, realtime_factor=0.0,
         message=f"{scenario.name}, {_name(law)}, seed {seed}: {ended}",
     )  # fmt: skip
 
 
-def differs_from_s(records: NDArray[np.void], others: NDArray[np.void]) -> float | None:
+def first_difference_s(records: NDArray[np.void], others: NDArray[np.void]) -> float | None:
     """Return the model time [s] of the first sample that two flights do not share to the bit, `None` if they all are.
 
     A flight that was cut off shares all samples with the whole one.
@@ -288,10 +290,10 @@ def differs_from_s(records: NDArray[np.void], others: NDArray[np.void]) -> float
     return float(records["time_us"][rows[0]] * 1e-6) if len(rows) else None
 
 
-def _recorded(
+def _write_flight(
     scenario: Scenario, law: Law | None, vehicle: Vehicle, seed: int,
     note: Mapping[str, Any], records: NDArray[np.void], journal: Path, *,
-    outcome: Outcome, message: str, realtime_factor: float, pace: Mapping[str, Any] | None = None,
+    outcome: FlightOutcome, message: str, realtime_factor: float, pace: Mapping[str, Any] | None = None,
 ) -> RecordedFlight:  # fmt: skip
     """Write the bag of what was flown beside its journal, unless it is there already, and remove the journal."""
     bag = None

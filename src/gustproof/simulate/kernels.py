@@ -12,25 +12,25 @@ from numpy.typing import NDArray
 from firmware_model.numerics import random
 from firmware_model.numerics.compiled import align_stack, compiled, kernel
 from firmware_model.numerics.elementary import BLOCK, inverse_normals, uniforms
-from firmware_model.numerics.soa import Lane, aligned
+from firmware_model.numerics.soa import Lane, aligned_zeros
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.sensors import float32
 from firmware_model.recording import journal
 from firmware_model.recording.journal import WIDTH
 from firmware_model.sim import inner_loop, layout, step
-from firmware_model.sim.inner_loop import SETPOINT, command
+from firmware_model.sim.inner_loop import SETPOINT_WIDTH, track_setpoint
 from firmware_model.sim.state import Array
 from gustproof.law.form import Law
-from gustproof.law.step import CUT, EXTRA, RATES, TERM_BLOCK, SparseLaw, euler_rates
-from gustproof.scoring.metrics import TALLY, tally_kernel
+from gustproof.law.step import EXTRA_SIZE, RATES, SATURATION, TERM_BLOCK, SparseLaw, euler_rates
+from gustproof.scoring.metrics import TALLY_SIZE, tally_kernel
 from gustproof.scoring.requirements import read_kernel
 
 LANES = 32
 """Flights in a batch: four registers of eight numbers, which hide each other's latency."""
-_GYRO, _GUST, _ACCELEROMETER, _DRAWN = 0, 4, 12, 16  # rows of random numbers
+_GYRO, _GUST, _ACCELEROMETER, _NOISE_ROWS = 0, 4, 12, 16  # rows of random numbers
 
 
-class Shared(NamedTuple):
+class BatchSetup(NamedTuple):
     """What is the same for all flights of a scenario and a law."""
 
     sample_us: int
@@ -96,42 +96,42 @@ class Batch(NamedTuple):
     """(rules, READING, LANES) see `requirements`."""
 
 
-def _rows(count: int) -> Array:
-    return aligned(count * LANES).reshape(count, LANES)
+def _zeros(count: int) -> Array:
+    return aligned_zeros(count * LANES).reshape(count, LANES)
 
 
-def room(law: Law, delay: int) -> dict[str, Any]:
+def allocate_batch(law: Law, delay: int) -> dict[str, Any]:
     """Return the fields of a `Batch` that flights of a law begin with, whose commands act `delay` samples late."""
-    drawn = (_DRAWN if law.uses_accelerometer else _ACCELEROMETER) * LANES
-    ring = _rows((delay + 1) * SETPOINT).reshape(delay + 1, SETPOINT * LANES)
+    drawn = (_NOISE_ROWS if law.uses_accelerometer else _ACCELEROMETER) * LANES
+    ring = _zeros((delay + 1) * SETPOINT_WIDTH).reshape(delay + 1, SETPOINT_WIDTH * LANES)
     ring[:, inner_loop.THRUST * LANES :] = np.nan
     return {
-        "z": _rows(law.order + EXTRA), "work": _rows(law.order), "asked": _rows(3), "ring": ring,
-        "kinds": np.zeros(delay + 1), "record": aligned(WIDTH * LANES), "uniform": aligned(drawn),
-        "noise": aligned(_DRAWN * LANES), "outer": aligned(drawn + BLOCK), "places": np.zeros(drawn, dtype=np.int64),
-        "tallies": _rows(TALLY),
+        "z": _zeros(law.order + EXTRA_SIZE), "work": _zeros(law.order), "asked": _zeros(3), "ring": ring,
+        "kinds": np.zeros(delay + 1), "record": aligned_zeros(WIDTH * LANES), "uniform": aligned_zeros(drawn),
+        "noise": aligned_zeros(_NOISE_ROWS * LANES), "outer": aligned_zeros(drawn + BLOCK), "places": np.zeros(drawn, dtype=np.int64),
+        "tallies": _zeros(TALLY_SIZE),
     }  # fmt: skip
 
 
 @compiled
-def fly_held(shared: Shared, batch: Batch) -> None:
+def fly_on_stand(shared: BatchSetup, batch: Batch) -> None:
     """Fly a batch on the test stand, see `_fly`."""
     align_stack()
     _fly(False, shared, batch)
 
 
 @compiled
-def fly_free(shared: Shared, batch: Batch) -> None:
+def fly_free(shared: BatchSetup, batch: Batch) -> None:
     """Fly a batch in free flight, see `_fly`."""
     align_stack()
     _fly(True, shared, batch)
 
 
 @kernel
-def _fly(free: bool, shared: Shared, batch: Batch) -> None:
+def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
     """Fly a batch and judge it: `closed_loop.fly_direct`, and what measures its records, of which one is kept."""
     params, state, record, noise, ring = batch.params, batch.state, batch.record, batch.noise, batch.ring
-    tallies, torque_limit = batch.tallies.reshape(TALLY * LANES), batch.torque_limit
+    tallies, torque_limit = batch.tallies.reshape(TALLY_SIZE * LANES), batch.torque_limit
     limits, late = torque_limit.reshape(3, LANES), batch.kinds.size
     steps, dt = int(params[layout.STEPS * LANES]), shared.sample_us * 1e-6
     for k in range(shared.reference.shape[0]):
@@ -139,14 +139,14 @@ def _fly(free: bool, shared: Shared, batch: Batch) -> None:
         _draw(batch.seeds, k, batch.uniform)
         inverse_normals(batch.uniform, noise, batch.outer, batch.places)
         _observe(free, shared, batch, k)
-        _measured(record, reference, batch.z, batch.work.shape[0])
-        _law(shared.law, batch.z, batch.asked, batch.work)
-        _ask(batch, shared.bound, ring[now])
+        _write_measurements(record, reference, batch.z, batch.work.shape[0])
+        _step_law(shared.law, batch.z, batch.asked, batch.work)
+        _write_setpoint(batch, shared.bound, ring[now])
         batch.kinds[now] = shared.kind
         _command(free, params, state, batch.kinds[acts], ring[acts], record)
         for _ in range(steps):
-            _move(free, params, state, dt / steps, record)
-        _breathe(params, state, noise)
+            _integrate(free, params, state, dt / steps, record)
+        _step_turbulence(params, state, noise)
         for w in range(LANES):
             tally, limit = Lane(tallies, LANES, w), Lane(torque_limit, LANES, w)
             tally_kernel(tally, k == 0, limit, Lane(record, LANES, w), shared.dt)
@@ -172,19 +172,19 @@ def _draw_block(seeds: NDArray[np.int64], stream: int, sample: int, block: int, 
 
 
 @kernel
-def _four(noise: Array, row: int, w: int) -> tuple[float, float, float, float]:
+def _noise_block(noise: Array, row: int, w: int) -> tuple[float, float, float, float]:
     at = row * LANES + w
     return noise[at], noise[at + LANES], noise[at + 2 * LANES], noise[at + 3 * LANES]
 
 
 @kernel
-def _observe(free: bool, shared: Shared, batch: Batch, sample: int) -> None:
+def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
     """Do what `plant.observe_kernel` does."""
     params, state, noise, record = batch.params, batch.state, batch.noise, batch.record
-    step.change(params, Lane(state, LANES, 0), batch.changes, sample)
+    step.apply_changes(params, Lane(state, LANES, 0), batch.changes, sample)
     time_us = sample * shared.sample_us
     scripted = disturbance(shared.waves, shared.replay, sample, time_us * 1e-6)
-    if _low(free, params, state, 0.0):
+    if _is_near_ground(free, params, state, 0.0):
         for w in range(LANES):
             _sense(free, True, params, state, scripted, noise, time_us, record, w)
     else:
@@ -196,22 +196,22 @@ def _observe(free: bool, shared: Shared, batch: Batch, sample: int) -> None:
 def _sense(free: bool, low: bool, params: Array, state: Array, scripted: Disturbance, noise: Array, time_us: int,
            record: Array, w: int) -> None:  # fmt: skip
     p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
-    turning, felt = _four(noise, _GYRO, w), _four(noise, _ACCELEROMETER, w)
-    step.sense(p, x, free, low, False, scripted, turning, felt, time_us, row)
+    turning, felt = _noise_block(noise, _GYRO, w), _noise_block(noise, _ACCELEROMETER, w)
+    step.measure(p, x, free, low, False, scripted, turning, felt, time_us, row)
 
 
 @kernel
-def _low(free: bool, params: Array, state: Array, dt: float) -> bool:
+def _is_near_ground(free: bool, params: Array, state: Array, dt: float) -> bool:
     """Whether one of them may touch the ground within `dt` [s]; if not, nothing is asked about it: most of the time."""
     low = False
     if free:
         for w in range(LANES):
-            low |= step.nears_ground(Lane(params, LANES, w), Lane(state, LANES, w), dt)
+            low |= step.is_near_ground(Lane(params, LANES, w), Lane(state, LANES, w), dt)
     return low
 
 
 @kernel
-def _measured(record: Array, reference: Array, z: Array, n: int) -> None:
+def _write_measurements(record: Array, reference: Array, z: Array, n: int) -> None:
     """Write what a law reads: rates, reference, specific force."""
     for i in range(3):
         for w in range(LANES):
@@ -221,7 +221,7 @@ def _measured(record: Array, reference: Array, z: Array, n: int) -> None:
 
 
 @kernel
-def _law(law: SparseLaw, z: Array, asked: Array, work: Array) -> None:
+def _step_law(law: SparseLaw, z: Array, asked: Array, work: Array) -> None:
     """Do what `law_kernel` does; each flight's sums in the same order."""
     n, begin = law.ends.size - 3, 0
     for i in range(3):
@@ -229,7 +229,7 @@ def _law(law: SparseLaw, z: Array, asked: Array, work: Array) -> None:
         limit = law.limits[i]
         for w in range(LANES):
             within = min(max(asked[i, w], -limit), limit)
-            z[n + CUT + i, w] = within - asked[i, w]
+            z[n + SATURATION + i, w] = within - asked[i, w]
             asked[i, w] = within
         begin = law.ends[i]
     if law.scheduled:
@@ -259,7 +259,7 @@ def _sum(terms: Array, begin: int, end: int, z: Array, total: Array) -> None:
 
 
 @kernel
-def _ask(batch: Batch, bound: float, setpoint: Array) -> None:
+def _write_setpoint(batch: Batch, bound: float, setpoint: Array) -> None:
     for i in range(3):
         for w in range(LANES):
             at = i * LANES + w
@@ -273,40 +273,43 @@ def _command(free: bool, params: Array, state: Array, kind: float, setpoint: Arr
     """Write what is asked of the actuators; a loop for each kind of set-point, as kinds branch."""
     if kind == inner_loop.TORQUE:
         for w in range(LANES):
-            _command_one(free, params, state, inner_loop.TORQUE, setpoint, record, w)
+            _command_lane(free, params, state, inner_loop.TORQUE, setpoint, record, w)
     elif kind == inner_loop.RATES:
         for w in range(LANES):
-            _command_one(free, params, state, inner_loop.RATES, setpoint, record, w)
+            _command_lane(free, params, state, inner_loop.RATES, setpoint, record, w)
     else:
         for w in range(LANES):
-            _command_one(free, params, state, inner_loop.TRIM, setpoint, record, w)
+            _command_lane(free, params, state, inner_loop.TRIM, setpoint, record, w)
 
 
 @kernel
-def _command_one(free: bool, params: Array, state: Array, kind: float, setpoint: Array, record: Array,
+def _command_lane(free: bool, params: Array, state: Array, kind: float, setpoint: Array, record: Array,
                  w: int) -> None:  # fmt: skip
     p, x = Lane(params, LANES, w), Lane(state, LANES, w)
-    command(p, x, free, kind, Lane(setpoint, LANES, w), Lane(record, LANES, w))
+    track_setpoint(p, x, free, kind, Lane(setpoint, LANES, w), Lane(record, LANES, w))
 
 
 @kernel
-def _move(free: bool, params: Array, state: Array, dt: float, record: Array) -> None:
-    if _low(free, params, state, dt):
+def _integrate(free: bool, params: Array, state: Array, dt: float, record: Array) -> None:
+    if _is_near_ground(free, params, state, dt):
         for w in range(LANES):
-            _move_one(free, True, params, state, dt, record, w)
+            _integrate_lane(free, True, params, state, dt, record, w)
     else:
         for w in range(LANES):
-            _move_one(free, False, params, state, dt, record, w)
+            _integrate_lane(free, False, params, state, dt, record, w)
 
 
 @kernel
-def _move_one(free: bool, low: bool, params: Array, state: Array, dt: float, record: Array, w: int) -> None:
-    step.move(Lane(params, LANES, w), Lane(state, LANES, w), free, low, dt, Lane(record, LANES, w))
+def _integrate_lane(free: bool, low: bool, params: Array, state: Array, dt: float, record: Array, w: int) -> None:
+    step.step_body(Lane(params, LANES, w), Lane(state, LANES, w), free, low, dt, Lane(record, LANES, w))
 
 
 @kernel
-def _breathe(params: Array, state: Array, noise: Array) -> None:
+def _step_turbulence(params: Array, state: Array, noise: Array) -> None:
     for w in range(LANES):
         step.step_turbulence(
-            Lane(params, LANES, w), Lane(state, LANES, w), _four(noise, _GUST, w), _four(noise, _GUST + 4, w)
+            Lane(params, LANES, w),
+            Lane(state, LANES, w),
+            _noise_block(noise, _GUST, w),
+            _noise_block(noise, _GUST + 4, w),
         )

@@ -15,7 +15,7 @@ Records = NDArray[np.void]
 _Change = tuple[int, int]  # sample, and the mode from there on
 
 
-class Outcome(Enum):
+class FlightOutcome(Enum):
     """How a flight ended."""
 
     DONE = "flown to the end"
@@ -34,11 +34,11 @@ class Outcome(Enum):
     """All of its processes were killed, or the machine was."""
 
 
-def describe(outcome: Outcome, scenario: Scenario, records: Records) -> str:
+def describe(outcome: FlightOutcome, scenario: Scenario, records: Records) -> str:
     """Return an outcome in words; where the script alone took the vehicle out of OFFBOARD, what it asked for."""
-    changes, scripted = _changes(records), _scripted(scenario)
-    left = _left(changes)
-    if outcome is not Outcome.LEFT_OFFBOARD or not left or left - scripted:
+    changes, scripted = _mode_changes(records), _scripted_changes(scenario)
+    left = _offboard_exits(changes)
+    if outcome is not FlightOutcome.LEFT_OFFBOARD or not left or left - scripted:
         return outcome.value
     asked = (
         f"{Mode(mode).name} from {sample * scenario.dt:g} s" for sample, mode in changes if (sample, mode) in scripted
@@ -46,7 +46,7 @@ def describe(outcome: Outcome, scenario: Scenario, records: Records) -> str:
     return f"flown as the script asked: {', '.join(asked)}"
 
 
-def outcome_of(records: Records, scenario: Scenario) -> Outcome:
+def infer_outcome(records: Records, scenario: Scenario) -> FlightOutcome:
     """Return how a flight ended of which nothing but its records (n,) is left.
 
     It was flown to its end if no sample is missing, or if a landing ended it: then its motors are off. A change from
@@ -54,26 +54,26 @@ def outcome_of(records: Records, scenario: Scenario) -> Outcome:
     """
     landed = len(records) and records["mode"][-1] != _OFFBOARD and not records["thrust_z_command"][-1].any()
     if len(records) < scenario.samples and not landed:
-        return Outcome.CUT_OFF
-    left = _left(_changes(records))
+        return FlightOutcome.CUT_OFF
+    left = _offboard_exits(_mode_changes(records))
     if not left:
-        return Outcome.DONE
-    lost = any(mode == _FAIL_SAFE for _, mode in left - _scripted(scenario))
-    return Outcome.CONTROLLER_LOST if lost else Outcome.LEFT_OFFBOARD
+        return FlightOutcome.DONE
+    lost = any(mode == _FAIL_SAFE for _, mode in left - _scripted_changes(scenario))
+    return FlightOutcome.CONTROLLER_LOST if lost else FlightOutcome.LEFT_OFFBOARD
 
 
-def _changes(records: Records) -> list[_Change]:
+def _mode_changes(records: Records) -> list[_Change]:
     """Return each mode that was flown after OFFBOARD, in which a flight begins, and the sample from which it was."""
     modes = np.concatenate(([_OFFBOARD], records["mode"])).astype(np.int64)
     return [(sample, int(modes[sample + 1])) for sample in np.flatnonzero(np.diff(modes)).tolist()]
 
 
-def _left(changes: list[_Change]) -> set[_Change]:
+def _offboard_exits(changes: list[_Change]) -> set[_Change]:
     """Return the changes that took the vehicle out of OFFBOARD."""
     before = [_OFFBOARD, *(mode for _, mode in changes)]
     return {change for was, change in zip(before, changes, strict=False) if was == _OFFBOARD}
 
 
-def _scripted(scenario: Scenario) -> set[_Change]:
+def _scripted_changes(scenario: Scenario) -> set[_Change]:
     changes = (item for item in scenario.event if isinstance(item, ModeChange))
     return {(round(item.at_s * scenario.control_rate_hz), Mode[item.mode.upper()].value) for item in changes}

@@ -24,39 +24,39 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
-from firmware_model.config.events import ControllerKilled
+from firmware_model.config.events import ControllerKill
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.mavlink.peers import NEVER_US
-from firmware_model.recording.journal import RECORD, read_journal, records_in
-from firmware_model.session.outcome import Outcome as VehicleOutcome
+from firmware_model.recording.journal import RECORD, count_records, read_journal
+from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from gustproof.controller.endpoint import ControllerEndpoint
 from gustproof.law.form import Law
-from gustproof.simulate.outcome import Outcome, describe
+from gustproof.simulate.outcome import FlightOutcome, describe
 
-WORKING = ".flight-"
+WORKING_PREFIX = ".flight-"
 """How the folder of what the processes read begins, in the flight's own; a starter that was killed leaves it behind."""
-_WATCH_S = 0.02  # how often the processes are looked after
-_LAST_WORDS_S = 5.0  # how long a process may take to end by itself
-_ALONE_S = 10.0  # how long a vehicle may take to show that it flies on without its controller
+_POLL_S = 0.02  # how often the processes are looked after
+_EXIT_TIMEOUT_S = 5.0  # how long a process may take to end by itself
+_ORPHAN_TIMEOUT_S = 10.0  # how long a vehicle may take to show that it flies on without its controller
 _VEHICLE, _CONTROLLER, _SPARE = (0, ("vehicle", 1)), (0, ("controller", 1)), (0, ("controller", 2))
 
 Records = NDArray[np.void]
 
 
 _OUTCOMES = {
-    VehicleOutcome.DONE: Outcome.DONE,
-    VehicleOutcome.STREAM_LOST: Outcome.CONTROLLER_LOST,
-    VehicleOutcome.LEFT_OFFBOARD: Outcome.LEFT_OFFBOARD,
-    VehicleOutcome.NO_CONTROLLER: Outcome.NOT_STARTED,
-    VehicleOutcome.INTERRUPTED: Outcome.AUTOPILOT_LOST,
+    VehicleOutcome.DONE: FlightOutcome.DONE,
+    VehicleOutcome.STREAM_LOST: FlightOutcome.CONTROLLER_LOST,
+    VehicleOutcome.LEFT_OFFBOARD: FlightOutcome.LEFT_OFFBOARD,
+    VehicleOutcome.NO_CONTROLLER: FlightOutcome.NOT_STARTED,
+    VehicleOutcome.INTERRUPTED: FlightOutcome.AUTOPILOT_LOST,
 }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Flight:
+class FlightResult:
     """What a flight left behind."""
 
     scenario: Scenario
@@ -69,7 +69,7 @@ class Flight:
     """Seed of gusts and noise."""
     records: Records
     """(n,) the journal's records; fewer than the scenario has samples if the flight broke off."""
-    outcome: Outcome
+    outcome: FlightOutcome
     """How it ended."""
     message: str
     """One line on how it ended, for people."""
@@ -94,18 +94,18 @@ def fly(
     seed: int = 1,
     out: Path,
     real_time: bool = False,
-    usual_ports: bool = True,
+    default_ports: bool = True,
     progress: Callable[[float], None] | None = None,
     note: Mapping[str, Any] | None = None,
     tlog: bool = False,
     watched: Callable[[int, Path], None] | None = None,
-) -> Flight:
+) -> FlightResult:
     """Fly a scenario with two processes, leave the journal in the folder `out`, and return what was flown.
 
     The journal's header has `note`. With `tlog` the MAVLink traffic is left beside it.
 
     In lockstep the processes use a free port; in real time those of the vehicle are the usual ones, so that ground
-    stations can watch, unless `usual_ports` is false. `watched` is told the ground stations' port and the journal when
+    stations can watch, unless `default_ports` is false. `watched` is told the ground stations' port and the journal when
     the vehicle listens, and the flight begins after that; `progress` is told the fraction flown, 0..1. No process is
     left behind, whatever happens.
 
@@ -121,22 +121,22 @@ def fly(
     for file in (journal, log):
         if file.exists():
             raise ConfigError(f"{file}: exists already")
-    with TemporaryDirectory(dir=out, prefix=WORKING) as folder:
+    with TemporaryDirectory(dir=out, prefix=WORKING_PREFIX) as folder:
         files = {name: Path(folder) / f"{name}.json" for name in ("scenario", "vehicle", "law", "note")}
         files["scenario"].write_text(json.dumps(to_jsonable_python(scenario)), encoding="utf-8")
         files["vehicle"].write_text(json.dumps(to_jsonable_python(vehicle)), encoding="utf-8")
         files["note"].write_text(json.dumps(note), encoding="utf-8")
         law.save(files["law"])
         pace = [] if real_time else ["--lockstep"]
-        ports = [] if real_time and usual_ports else ["--bind-port", "0"]
+        ports = [] if real_time and default_ports else ["--bind-port", "0"]
         logged = ["--tlog", str(log)] if tlog else []
-        with _Pair(files, seed, journal, [*pace, *ports, *logged], _killing(scenario)) as pair:
+        with _ProcessPair(files, seed, journal, [*pace, *ports, *logged], _controller_kill(scenario)) as pair:
             outcome = pair.fly(scenario.samples, progress or (lambda _: None), watched or (lambda *_: None))
     told = pair.told
     records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
     words = describe(outcome, scenario, records)
     reason = pair.reason if words == outcome.value else ""
-    return Flight(
+    return FlightResult(
         scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
         message=f"{scenario.name}, {law.name}, seed {seed}: {words}{reason}",
         realtime_factor=told.get("realtime_factor", 0.0), counters=told.get("counters", {}),
@@ -152,7 +152,7 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
     rows: list[NDArray[np.float64]] = []
     autopilot = VehicleEndpoint(vehicle, scenario, seed, lambda row: rows.append(row.copy()), lockstep=True)
     controller, peer = ControllerEndpoint(law, _VEHICLE, references=scenario.references), _CONTROLLER
-    killing = _killing(scenario)
+    killing = _controller_kill(scenario)
     now_us = 0
     while not autopilot.finished:
         sent = autopilot.poll(now_us)
@@ -171,34 +171,34 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
     return np.array(rows).reshape(len(rows), -1).view(RECORD)[:, 0] if rows else np.empty(0, dtype=RECORD)
 
 
-class _Killing(NamedTuple):
+class _ControllerKill(NamedTuple):
     """When the script kills the controller, and when another one takes its place, in samples flown."""
 
     sample: int
     back: float
 
 
-def _killing(scenario: Scenario) -> _Killing | None:
+def _controller_kill(scenario: Scenario) -> _ControllerKill | None:
     """Return when the controller is killed, if it is; `back` is infinite if that is its end."""
     for item in scenario.event:
-        if isinstance(item, ControllerKilled):
+        if isinstance(item, ControllerKill):
             away_s, rate_hz = item.recovers_after_s, scenario.control_rate_hz
             back = math.inf if away_s is None else round((item.at_s + away_s) * rate_hz)
-            return _Killing(round(item.at_s * rate_hz), back)
+            return _ControllerKill(round(item.at_s * rate_hz), back)
     return None
 
 
-class _Pair:
+class _ProcessPair:
     """The processes of a flight: vehicle, controller, and a spare one if the script kills that; in the end, none."""
 
     def __init__(
-        self, files: dict[str, Path], seed: int, journal: Path, options: list[str], killing: _Killing | None
+        self, files: dict[str, Path], seed: int, journal: Path, options: list[str], killing: _ControllerKill | None
     ) -> None:
         self.told: dict[str, Any] = {}
         self.reason = ""
-        self._given_up = False
+        self._gave_up = False
         self._files, self._seed, self._journal, self._options = files, seed, journal, options
-        self._killing, self._relieved, self._address = killing, False, ""
+        self._killing, self._replaced, self._address = killing, False, ""
         self._pace = [] if "--lockstep" in options else ["--real-time"]
         self._processes: dict[str, subprocess.Popen[str]] = {}
 
@@ -209,21 +209,23 @@ class _Pair:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for process in self._processes.values():
-            _end(process)
+            _terminate(process)
             for stream in (process.stdin, process.stdout, process.stderr):
                 with contextlib.suppress(BrokenPipeError):
                     if stream:
                         stream.close()
 
-    def fly(self, samples: int, progress: Callable[[float], None], watched: Callable[[int, Path], None]) -> Outcome:
+    def fly(
+        self, samples: int, progress: Callable[[float], None], watched: Callable[[int, Path], None]
+    ) -> FlightOutcome:
         """Start both, watch them to the end, and say how it ended."""
         try:
             self._start(watched)
             self._watch(samples, progress)
         except KeyboardInterrupt:
             for process in self._processes.values():
-                _end(process)
-            return Outcome.INTERRUPTED
+                _terminate(process)
+            return FlightOutcome.INTERRUPTED
         return self._outcome()
 
     def _start(self, watched: Callable[[int, Path], None]) -> None:
@@ -238,13 +240,13 @@ class _Pair:
             self._launch_controller("spare")
         greeting = vehicle.stdout.readline() if vehicle.stdout else ""
         if not greeting:
-            raise ConfigError(self._last_words("vehicle") or "the vehicle's process did not start")
+            raise ConfigError(self._last_stderr_line("vehicle") or "the vehicle's process did not start")
         ports = json.loads(greeting)["listening"]
         watched(ports[0], self._journal)
         self._address = f"127.0.0.1:{ports[-1]}\n"
         if "--lockstep" in self._options:
             _share_core([process.pid for process in self._processes.values()])
-        self._tell_address("controller")
+        self._send_address("controller")
 
     def _launch_controller(self, name: str) -> None:
         self._launch(
@@ -252,7 +254,7 @@ class _Pair:
             "--scenario", str(self._files["scenario"]), "--anyway", *self._pace,
         )  # fmt: skip
 
-    def _tell_address(self, name: str) -> None:
+    def _send_address(self, name: str) -> None:
         """Let a controller begin; one that has ended already is found out by the watch."""
         stdin = self._processes[name].stdin
         with contextlib.suppress(BrokenPipeError):
@@ -268,8 +270,8 @@ class _Pair:
         if flown >= self._killing.back:
             self._processes["dead"] = self._processes["controller"]
             self._processes["controller"] = self._processes.pop("spare")
-            self._killing, self._relieved = None, True
-            self._tell_address("controller")
+            self._killing, self._replaced = None, True
+            self._send_address("controller")
 
     def _launch(self, name: str, module: str, *arguments: str) -> subprocess.Popen[str]:
         # A session of its own: Ctrl-C reaches this process alone, which then ends both in order. If it is killed,
@@ -285,35 +287,35 @@ class _Pair:
         vehicle = self._processes["vehicle"]
         alone_since = None
         while vehicle.poll() is None:
-            flown = records_in(self._journal)
+            flown = count_records(self._journal)
             self._follow_script(flown)
             progress(min(flown / samples, 1.0))
             if self._processes["controller"].poll() is not None:
                 alone_since = alone_since or time.monotonic()
-                if not flown and time.monotonic() > alone_since + _ALONE_S:
-                    self._given_up = True
-                    _end(vehicle)
-            time.sleep(_WATCH_S)
+                if not flown and time.monotonic() > alone_since + _ORPHAN_TIMEOUT_S:
+                    self._gave_up = True
+                    _terminate(vehicle)
+            time.sleep(_POLL_S)
         with contextlib.suppress(subprocess.TimeoutExpired):
             # One that took a flying vehicle over does not end with this flight.
-            ends = vehicle.returncode == 0 and not self._relieved
-            self._processes["controller"].wait(_LAST_WORDS_S if ends else 0.0)
-        progress(min(records_in(self._journal) / samples, 1.0))
+            ends = vehicle.returncode == 0 and not self._replaced
+            self._processes["controller"].wait(_EXIT_TIMEOUT_S if ends else 0.0)
+        progress(min(count_records(self._journal) / samples, 1.0))
 
-    def _outcome(self) -> Outcome:
+    def _outcome(self) -> FlightOutcome:
         self.told = self._document("vehicle")
         if not self.told:
-            self.reason = _after(self._last_words("vehicle"))
-            return Outcome.AUTOPILOT_LOST
-        outcome = Outcome.NOT_STARTED if self._given_up else _OUTCOMES[VehicleOutcome(self.told["outcome"])]
+            self.reason = _format_reason(self._last_stderr_line("vehicle"))
+            return FlightOutcome.AUTOPILOT_LOST
+        outcome = FlightOutcome.NOT_STARTED if self._gave_up else _OUTCOMES[VehicleOutcome(self.told["outcome"])]
         alone = self._processes["controller"].poll() is not None
-        reason = self._last_words("controller")
+        reason = self._last_stderr_line("controller")
         if told := self._document("controller"):
             reason = f"gustproof controller: {told['message']}"
             if self.told["pace"]:
                 self.told["pace"] |= {name: told[name] for name in ("late_samples", "missed_samples")}
-        if outcome is not Outcome.DONE and alone:
-            self.reason = _after(reason)
+        if outcome is not FlightOutcome.DONE and alone:
+            self.reason = _format_reason(reason)
         return outcome
 
     def _document(self, name: str) -> dict[str, Any]:
@@ -322,15 +324,15 @@ class _Pair:
         lines = stdout.read().splitlines() if stdout else []
         return json.loads(lines[-1]) if lines else {}
 
-    def _last_words(self, name: str) -> str:
+    def _last_stderr_line(self, name: str) -> str:
         """Return the last line that an ended process left on stderr."""
         process = self._processes[name]
-        _end(process)
+        _terminate(process)
         lines = process.stderr.read().strip().splitlines() if process.stderr else []
         return lines[-1] if lines else ""
 
 
-def _after(reason: str) -> str:
+def _format_reason(reason: str) -> str:
     return f" ({reason})" if reason else ""
 
 
@@ -342,12 +344,12 @@ def _share_core(pids: list[int]) -> None:
             os.sched_setaffinity(pid, (int(fields[36]),))  # the core that it ran on last
 
 
-def _end(process: subprocess.Popen[str]) -> None:
+def _terminate(process: subprocess.Popen[str]) -> None:
     """End a process: first by asking, so that it can close its files."""
     if process.poll() is None:
         process.terminate()
         try:
-            process.wait(_LAST_WORDS_S)
+            process.wait(_EXIT_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()

@@ -8,25 +8,25 @@ from gustproof.performance.tradeoff import linear_laws
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
-from gustproof.synthesis.pid.autotune import autotuned_pid
-from gustproof.synthesis.pid.flagship import flagship
-from gustproof.synthesis.pid.indi import indi
-from gustproof.synthesis.pid.pid_baseline import fair_pid
+from gustproof.synthesis.pid.autotune import autotune_pid
+from gustproof.synthesis.pid.flagship import flagship_law
+from gustproof.synthesis.pid.indi import indi_law
+from gustproof.synthesis.pid.pid_baseline import baseline_pid
 from gustproof.synthesis.structured.hinfstruct import StructResult, hinfstruct
 
 __all__ = [
     "HinfResult",
     "StructResult",
-    "autotuned_pid",
+    "autotune_pid",
     "axis_models",
+    "baseline_pid",
     "central_law",
     "derive",
-    "fair_pid",
-    "flagship",
+    "flagship_law",
     "full_information_limit",
     "hinfstruct",
     "hinfsyn",
-    "indi",
+    "indi_law",
     "linear_laws",
     "load_design",
     "output_feedback_limit",

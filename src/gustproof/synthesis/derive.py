@@ -14,9 +14,9 @@ from gustproof.law.discretize import central_law
 from gustproof.law.form import Law, Output, Provenance
 from gustproof.law.hover import loop_law
 from gustproof.lti.margins import Margins, margins
-from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, delay, hold_discretized, lft, sensitivity, series
+from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, delay, discretize_zoh, lft, sensitivity, series
 from gustproof.model.interconnection import Interconnection
-from gustproof.performance.step_response import StepResponse, reference_step
+from gustproof.performance.step_response import StepResponse, step_response
 from gustproof.synthesis.designs import Design, design_problem
 from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
 from gustproof.synthesis.structured.hinfstruct import StructResult
@@ -74,16 +74,16 @@ class DesignReport:
             "gamma_opt": self.result.gamma_opt,
             "gamma": self.result.gamma,
             "norm": self.result.norm,
-            "norm_omega_rad_s": _finite({"": self.result.omega})[""],
+            "norm_omega_rad_s": _nonfinite_to_none({"": self.result.omega})[""],
             "leak_per_s": self.design.leak,
             "scheduled": self.design.scheduled,
             "dt_s": self.design.dt,
-            "continuous": margins_document(self.continuous),
-            "sampled": margins_document(self.sampled),
+            "continuous": margins_to_dict(self.continuous),
+            "sampled": margins_to_dict(self.sampled),
             "poles_rad_s": [[float(pole.real), float(pole.imag)] for pole in self.poles()],
         }
         if self.step is not None:
-            figures["step"] = _finite(asdict(self.step.figures()))
+            figures["step"] = _nonfinite_to_none(asdict(self.step.figures()))
         return figures
 
 
@@ -102,7 +102,7 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
     """
     vehicle = load_vehicle(design.vehicle) if vehicle is None else vehicle
     problem = design_problem(design, vehicle)
-    result = _central(design, problem) if solve is None else solve(design, problem)
+    result = _solve_central(design, problem) if solve is None else solve(design, problem)
     rates = design.rate_loop_lag is not None
     law = central_law(
         design.law or design.name,
@@ -111,11 +111,11 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
         dt=design.dt,
         limits=np.array([vehicle.stabilizer.rate_limit] * 3 if rates else vehicle.torque_limit),
         output=Output.RATES if rates else Output.TORQUE,
-        provenance=_provenance(design, vehicle, result),
+        provenance=_make_provenance(design, vehicle, result),
     )
     G, K = _loop(problem, result.controller)
     try:
-        sampled = margins(hold_discretized(G, design.dt), series(loop_law(law), delay(3, design.dt)))
+        sampled = margins(discretize_zoh(G, design.dt), series(loop_law(law), delay(3, design.dt)))
     except ValueError as error:
         raise DesignError(f"design {design.name}, sampled every {design.dt} s and one sample late: {error}") from None
     report = DesignReport(
@@ -125,12 +125,12 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
         result=result,
         continuous=margins(G, K),
         sampled=sampled,
-        step=None if design.W_r is None else reference_step(law, vehicle, tau=design.rate_loop_lag),
+        step=None if design.W_r is None else step_response(law, vehicle, tau=design.rate_loop_lag),
     )
     return law, report
 
 
-def _central(design: Design, problem: Interconnection) -> HinfResult:
+def _solve_central(design: Design, problem: Interconnection) -> HinfResult:
     return hinfsyn(problem.plant(), problem.n_meas, problem.n_con, gamma=design.gamma, backoff=design.backoff)
 
 
@@ -142,7 +142,7 @@ def _loop(problem: Interconnection, controller: Lti) -> tuple[Lti, Lti]:
     return problem.system(("u",), fed_back), K
 
 
-def _provenance(design: Design, vehicle: Vehicle, result: HinfResult | StructResult) -> Provenance:
+def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | StructResult) -> Provenance:
     parameters = {"gamma": result.gamma, "norm": result.norm, "leak_per_s": design.leak}
     if result.gamma_opt is not None:
         parameters["gamma_opt"] = result.gamma_opt
@@ -174,7 +174,7 @@ def _provenance(design: Design, vehicle: Vehicle, result: HinfResult | StructRes
     )
 
 
-def margins_document(margins_: Margins) -> dict[str, Any]:
+def margins_to_dict(margins_: Margins) -> dict[str, Any]:
     """Return margins as JSON has them, by the plant's side and axis; what is infinite is `None`."""
     figures: dict[str, Any] = {}
     for place, loops, disk in (
@@ -184,7 +184,7 @@ def margins_document(margins_: Margins) -> dict[str, Any]:
         figures[place] = {"disk_margin": disk}
         # the gyro comes first of what is measured
         for axis, loop in zip(_AXES, loops[:3], strict=True):
-            figures[place][axis] = _finite(
+            figures[place][axis] = _nonfinite_to_none(
                 {
                     "crossover_rad_s": loop.crossover,
                     "phase_margin_deg": math.degrees(loop.phase_margin),
@@ -197,5 +197,5 @@ def margins_document(margins_: Margins) -> dict[str, Any]:
     return figures
 
 
-def _finite(figures: dict[str, float]) -> dict[str, float | None]:
+def _nonfinite_to_none(figures: dict[str, float]) -> dict[str, float | None]:
     return {name: value if math.isfinite(value) else None for name, value in figures.items()}

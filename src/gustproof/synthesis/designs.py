@@ -7,12 +7,12 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from firmware_model.config.files import Name, read_toml, shipped
+from firmware_model.config.files import Name, list_shipped, read_toml
 from firmware_model.config.vehicle import NonNegative, Positive, PositiveVector, Vehicle
 from gustproof.lti.state_space import Lti
 from gustproof.model.generalized import Weights, rates_problem, torque_problem
 from gustproof.model.interconnection import Interconnection
-from gustproof.model.weights import constant, first_order
+from gustproof.model.weights import constant_weight, first_order_weight
 
 DESIGNS = Path(__file__).parent / "data"
 _STRICT = ConfigDict(extra="forbid")
@@ -32,8 +32,8 @@ class Weight:
     def system(self) -> Lti:
         """Return the weight as a system, without states if it is constant."""
         if self.low == self.high:
-            return constant(self.low)
-        return first_order(self.low, self.corner, self.high)
+            return constant_weight(self.low)
+        return first_order_weight(self.low, self.corner, self.high)
 
 
 def _from_list(value: Any) -> Any:
@@ -86,7 +86,7 @@ class Design:
     """Name of the law; the design's by default."""
 
     @model_validator(mode="after")
-    def _moment_is_known(self) -> Self:
+    def _check_moment_weight(self) -> Self:
         if self.W_m is not None and self.rate_loop_lag is not None:
             raise ValueError("W_m weights the moment of a law that commands torque, not rates")
         return self
@@ -105,7 +105,7 @@ def load_design(name_or_path: str | Path) -> Design:
 
 def shipped_designs() -> tuple[str, ...]:
     """Return the names of the shipped designs."""
-    return shipped(DESIGNS)
+    return list_shipped(DESIGNS)
 
 
 def design_problem(design: Design, vehicle: Vehicle) -> Interconnection:
@@ -116,8 +116,8 @@ def design_problem(design: Design, vehicle: Vehicle) -> Interconnection:
         W_e=design.W_e.system(),
         W_u=design.W_u.system(),
         W_r=None if design.W_r is None else design.W_r.system(),
-        W_l=None if design.W_l is None else constant(design.W_l),
-        W_m=None if design.W_m is None else constant(design.W_m),
+        W_l=None if design.W_l is None else constant_weight(design.W_l),
+        W_m=None if design.W_m is None else constant_weight(design.W_m),
     )
     if design.rate_loop_lag is not None:
         return rates_problem(vehicle, weights, leak=design.leak, tau=design.rate_loop_lag)

@@ -7,11 +7,11 @@ import pytest
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.analysis.analyse import analyse
-from gustproof.analysis.law_margins import hover_margins, off_nominal
+from gustproof.analysis.law_margins import axis_robustness, hover_margins
 from gustproof.law.form import load_law
 from gustproof.report import figures
-from gustproof.report.analysis import analysis_document
-from gustproof.report.terminal import save
+from gustproof.report.analysis import render_analysis
+from gustproof.report.terminal import save_text
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
 
@@ -61,7 +61,7 @@ def test_json_has_every_part_and_no_infinity(scheduled):
 
 def test_how_far_the_vehicle_may_be_off_is_told_where_axes_do_not_couple(scheduled):
     law = load_law("hinf-scheduled")
-    assert off_nominal(replace(law, D=law.D + 1e-6), VEHICLE, SHORT) == ()
+    assert axis_robustness(replace(law, D=law.D + 1e-6), VEHICLE, SHORT) == ()
     assert any("off by 0.82 times 20 % and the lag 30 %" in line for line in scheduled.limits())
     flagship = analyse(load_law("flagship"), VEHICLE, SHORT)
     assert max(axis.upper for axis in flagship.stability) < 0.65
@@ -88,7 +88,7 @@ def test_a_law_of_rates_has_no_torque_loop_and_is_flown_all_the_same(tmp_path):
     assert analysis.document()["margins"] is None
     assert analysis.place is None
     figures.save_analysis(analysis, tmp_path / "rates.png")
-    save(analysis_document(analysis), tmp_path / "rates.txt")
+    save_text(render_analysis(analysis), tmp_path / "rates.txt")
     assert "commands" in (tmp_path / "rates.txt").read_text()
 
 
@@ -106,7 +106,7 @@ def test_analysis_of_a_flight_that_diverges_has_no_nan(tmp_path):
     assert analysis.limits()[:2] == ("the loop is unstable at hover", "the flight diverges: it has no figures")
     document = json.loads(json.dumps(analysis.document(), allow_nan=False))
     assert document["flown"]["rmse_deg"] is document["noise_alone"]["torque_slew_rms"] is None
-    save(analysis_document(analysis), tmp_path / "unstable.txt")
+    save_text(render_analysis(analysis), tmp_path / "unstable.txt")
     assert "nan" not in (tmp_path / "unstable.txt").read_text()
 
 

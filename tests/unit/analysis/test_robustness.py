@@ -7,7 +7,7 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.analysis.robustness import axis_controller, robust_peak, robust_stability, sensitivity
+from gustproof.analysis.robustness import axis_controller, robust_peak, robust_stability, uncertain_sensitivity
 from gustproof.law.form import load_law
 from gustproof.lti.norms import hinf_norm
 from gustproof.model.uncertainty import Spreads
@@ -36,7 +36,7 @@ def test_what_mu_says_of_stability_is_what_members_show(vehicle, scenario):
     found = robust_stability(law, vehicle, scenario, SPREADS, 0)
     # at 0 rad/s the scalings are so large that a pencil's crossings are lost: a band must not end beyond what holds
     assert 0.4 < found.lower <= found.upper <= 0.65
-    family = sensitivity(law, vehicle, scenario, SPREADS, 0)
+    family = uncertain_sensitivity(law, vehicle, scenario, SPREADS, 0)
     outside = {name: float(np.asarray(value)) for name, value in found.delta.items()}
     assert np.max(np.abs(list(outside.values()))) == pytest.approx(1.0 / found.lower, rel=1e-9)
     assert not family.at({name: 1.01 * value for name, value in outside.items()}).is_stable()
@@ -46,7 +46,7 @@ def test_what_mu_says_of_stability_is_what_members_show(vehicle, scenario):
 
 
 def test_the_loop_of_an_axis_is_that_of_the_whole_law(vehicle, scenario):
-    peak = hinf_norm(sensitivity(load_law("flagship"), vehicle, scenario, SPREADS, 1).nominal()).gain
+    peak = hinf_norm(uncertain_sensitivity(load_law("flagship"), vehicle, scenario, SPREADS, 1).nominal()).gain
     assert 1.35 < peak <= 1.36
 
 

@@ -16,12 +16,12 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from firmware_model.config.vehicle import VEHICLES
-from gustproof.campaign.plan import noted
-from gustproof.campaign.statistics import findings
-from gustproof.campaign.worker import Flown, lost
+from gustproof.campaign.plan import parse_campaign
+from gustproof.campaign.statistics import compute_statistics
+from gustproof.campaign.worker import ChunkResult, failed_rows
 from gustproof.cli.app import app
-from gustproof.report.campaign import campaign_document
-from gustproof.report.html.campaign_page import campaign_page
+from gustproof.report.campaign import render_campaign
+from gustproof.report.html.campaign_page import render_campaign_page
 
 
 @pytest.fixture
@@ -31,15 +31,15 @@ def command(tmp_path, monkeypatch):
 
     def submit(_, note, stretch):
         future = Future()
-        future.set_result(Flown(lost(noted(json.loads(note), "note"), stretch, "not flown"), 1.0))
+        future.set_result(ChunkResult(failed_rows(parse_campaign(json.loads(note), "note"), stretch, "not flown"), 1.0))
         return future
 
     @contextmanager
     def pool(_):
         yield SimpleNamespace(deaths=(), width=2, submit=submit)
 
-    monkeypatch.setattr("gustproof.campaign.executors.processes", pool)
-    monkeypatch.setattr("gustproof.campaign.executors.cluster", pool)
+    monkeypatch.setattr("gustproof.campaign.executors.process_pool", pool)
+    monkeypatch.setattr("gustproof.campaign.executors.dask_pool", pool)
 
     def run(*options):
         return CliRunner().invoke(app, ["campaign", "paper", "--law", "hinf-d1", "--runs", "5", *options])
@@ -110,7 +110,7 @@ def test_an_unstable_law_is_refused_and_another_vehicles_law_named(command):
     again = command("-o", "mc.parquet", "--law", "pid-fair", "--vehicle", "iris", "--anyway", "--json")
     lines = json.loads(again.stdout)["warnings"]
     assert len(lines) == 3
-    page = campaign_page(Path("mc.parquet"))
+    page = render_campaign_page(Path("mc.parquet"))
     assert all(escape(line) in page for line in lines)
 
 
@@ -119,7 +119,7 @@ def test_eighty_columns_are_enough_for_names_and_figures(command):
     options = [word for law in laws for word in ("--law", law)]
     assert command("-o", "mc.parquet", *options).exit_code == 0
     shown = StringIO()
-    Console(file=shown, width=80).print(campaign_document(findings(Path("mc.parquet"))))
+    Console(file=shown, width=80).print(render_campaign(compute_statistics(Path("mc.parquet"))))
     lines = shown.getvalue().splitlines()
     assert max(map(len, lines)) <= 80
     assert "…" not in shown.getvalue()

@@ -7,7 +7,7 @@ import pytest
 from firmware_model.errors import ConfigError
 from gustproof.campaign.runner import fly_campaign
 from gustproof.campaign.store import ROW_GROUP, Store
-from gustproof.campaign.worker import Flown, lost
+from gustproof.campaign.worker import ChunkResult, failed_rows
 from gustproof.errors import FlightError
 
 
@@ -46,7 +46,7 @@ def runs_of(stretch):
 
 def rows_of(campaign):
     """Return a task that gives rows without flying."""
-    return lambda _, stretch: Flown(lost(campaign, stretch, "not flown"), 1e-3 * stretch.runs)
+    return lambda _, stretch: ChunkResult(failed_rows(campaign, stretch, "not flown"), 1e-3 * stretch.runs)
 
 
 def written(campaign, path, pool=None, **options):
@@ -56,7 +56,7 @@ def written(campaign, path, pool=None, **options):
 
 def test_the_file_does_not_depend_on_how_the_runs_are_cut(planned, tmp_path):
     campaign = planned()
-    files = [written(campaign, tmp_path / f"{size}.parquet", stretch_runs=size) for size in (None, 1, 7, 80, 1000)]
+    files = [written(campaign, tmp_path / f"{size}.parquet", chunk_runs=size) for size in (None, 1, 7, 80, 1000)]
     assert len(set(files)) == 1
     rows = pq.read_table(tmp_path / "7.parquet").to_pylist()
     assert [row["run"] for row in rows] == list(range(80))
@@ -74,7 +74,7 @@ def test_a_stretch_is_of_one_law_and_about_a_second_of_work(planned, tmp_path):
 
 def test_rows_are_written_in_groups_that_bound_the_memory(planned, tmp_path, monkeypatch):
     monkeypatch.setattr("gustproof.campaign.store.ROW_GROUP", 16)
-    written(planned(), tmp_path / "mc.parquet", stretch_runs=7)
+    written(planned(), tmp_path / "mc.parquet", chunk_runs=7)
     metadata = pq.read_metadata(tmp_path / "mc.parquet")
     assert [metadata.row_group(i).num_rows for i in range(metadata.num_row_groups)] == [16] * 5
     assert ROW_GROUP * 60 * 8 < 2**24  # 60 columns of 8 bytes
@@ -83,7 +83,7 @@ def test_rows_are_written_in_groups_that_bound_the_memory(planned, tmp_path, mon
 @pytest.mark.parametrize("poison", [{13}, {0, 1, 79}])
 def test_a_run_that_kills_its_workers_is_found_and_the_others_are_flown(planned, tmp_path, poison):
     campaign = planned()
-    written(campaign, tmp_path / "mc.parquet", Here(poison), stretch_runs=16)
+    written(campaign, tmp_path / "mc.parquet", Here(poison), chunk_runs=16)
     rows = pq.read_table(tmp_path / "mc.parquet").to_pylist()
     assert [row["run"] for row in rows] == list(range(80))
     assert {row["run"] for row in rows if "died" in row["failure"]} == poison
@@ -113,11 +113,11 @@ def test_what_was_flown_before_an_interruption_is_not_flown_again(planned, tmp_p
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        written(campaign, tmp_path / "mc.parquet", first, stretch_runs=7, progress=interrupt)
+        written(campaign, tmp_path / "mc.parquet", first, chunk_runs=7, progress=interrupt)
     kept = {run for part in (tmp_path / "mc.parquet.parts").glob("*.arrow") for run in stretch_of(part)}
     assert len(kept) >= 30
     told = []
-    again = written(campaign, tmp_path / "mc.parquet", second, stretch_runs=9, progress=lambda *n: told.append(n))
+    again = written(campaign, tmp_path / "mc.parquet", second, chunk_runs=9, progress=lambda *n: told.append(n))
     assert set().union(*map(runs_of, second.stretches)) == set(range(80)) - kept
     assert told[0] == (0, 80 - len(kept))
     assert told[-1] == (80 - len(kept), 80 - len(kept))
@@ -137,7 +137,7 @@ def interrupted(campaign, path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        written(campaign, path, stretch_runs=7, progress=interrupt)
+        written(campaign, path, chunk_runs=7, progress=interrupt)
     return next(path.with_name(f"{path.name}.parts").glob("0*.arrow"))
 
 

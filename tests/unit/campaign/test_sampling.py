@@ -1,19 +1,19 @@
 import numpy as np
 import pytest
 
-from gustproof.campaign.sampling import Sampling, deltas, flight_seeds, permuted
+from gustproof.campaign.sampling import Sampling, draw_deltas, flight_seeds, permute
 
 CASES, WIDTH = 256, 5
 
 
 def all_of(sampling, seed=3, cases=CASES, width=WIDTH):
-    return deltas(sampling, seed, cases, width, 0, cases)
+    return draw_deltas(sampling, seed, cases, width, 0, cases)
 
 
 @pytest.mark.parametrize("sampling", Sampling)
 def test_any_stretch_can_be_drawn_alone(sampling):
     whole = all_of(sampling)
-    parts = [deltas(sampling, 3, CASES, WIDTH, first, count) for first, count in ((0, 1), (1, 99), (100, 156))]
+    parts = [draw_deltas(sampling, 3, CASES, WIDTH, first, count) for first, count in ((0, 1), (1, 99), (100, 156))]
     assert np.array_equal(np.vstack(parts), whole)
 
 
@@ -27,7 +27,7 @@ def test_deltas_fill_their_range_and_depend_on_the_seed(sampling):
 
 
 def test_uniform_deltas_do_not_depend_on_how_many_there_are():
-    assert np.array_equal(deltas(Sampling.UNIFORM, 3, 10**6, WIDTH, 0, CASES), all_of(Sampling.UNIFORM))
+    assert np.array_equal(draw_deltas(Sampling.UNIFORM, 3, 10**6, WIDTH, 0, CASES), all_of(Sampling.UNIFORM))
 
 
 def test_normal_deltas_have_their_deviation():
@@ -57,7 +57,7 @@ def test_sobol_points_are_even_in_two_dimensions_at_once():
 @pytest.mark.parametrize("n", [1, 2, 3, 64, 65, 1000])
 def test_a_permutation_puts_each_number_in_its_own_place(n):
     key = np.arange(11, 17, dtype=np.uint64)
-    placed = permuted(np.arange(n, dtype=np.uint64), n, key)
+    placed = permute(np.arange(n, dtype=np.uint64), n, key)
     assert sorted(placed.tolist()) == list(range(n))
 
 

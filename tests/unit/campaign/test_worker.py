@@ -7,7 +7,7 @@ from firmware_model.config.link_faults import Delay
 from firmware_model.config.plant_events import Payload
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.errors import ConfigError
-from gustproof.campaign.plan import Dispersed
+from gustproof.campaign.plan import DispersionKind
 from gustproof.campaign.worker import FIGURES, Chunk, fly_chunk
 from gustproof.scoring.metrics import measure
 from gustproof.scoring.requirements import judge
@@ -36,9 +36,9 @@ def test_a_row_is_what_the_flight_alone_leaves(planned):
 
 def test_a_case_that_can_t_be_flown_costs_the_others_nothing(planned):
     heavy = Payload(kind="payload", at_s=0.1, mass_kg=0.0, inertia_kgm2=(-0.25, 0.0, 0.0))
-    campaign = planned([Dispersed.VEHICLE], laws=("hinf-d1",), cases=12)
+    campaign = planned([DispersionKind.VEHICLE], laws=("hinf-d1",), cases=12)
     campaign = planned(
-        [Dispersed.VEHICLE], laws=("hinf-d1",), cases=12, scenario=replace(campaign.scenario, event=(heavy,))
+        [DispersionKind.VEHICLE], laws=("hinf-d1",), cases=12, scenario=replace(campaign.scenario, event=(heavy,))
     )
     rows = flown(campaign)
     impossible = [row["delta_inertia_B_x"] <= 0.0 for row in rows]
@@ -60,9 +60,9 @@ def test_a_flight_that_diverges_is_recorded_with_its_time(planned):
 
 
 def test_a_scenario_with_events_of_the_link_is_flown_by_messages(planned):
-    direct = planned([Dispersed.GUST], laws=("hinf-d1",), cases=2)
+    direct = planned([DispersionKind.GUST], laws=("hinf-d1",), cases=2)
     faults = (Delay(kind="delay", direction="to_controller", delay_s=0.008),)
-    late = planned([Dispersed.GUST], laws=("hinf-d1",), cases=2, scenario=replace(direct.scenario, link=faults))
+    late = planned([DispersionKind.GUST], laws=("hinf-d1",), cases=2, scenario=replace(direct.scenario, link=faults))
     rows, others = flown(direct, runs=2), flown(late, runs=2)
     assert all(row["failure"] is None for row in others)
     assert all(row["rmse_deg"] != other["rmse_deg"] for row, other in zip(rows, others, strict=True))

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_model.config.moments import Sine, Square
+from firmware_model.config.moments import MomentSine, MomentSquare
 from firmware_model.config.scenario import GyroFault, Scenario
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.certify.boundedness import certify_closure
+from gustproof.certify.boundedness import certify_boundedness
 from gustproof.certify.certificate import Certificate, load_certificate
 from gustproof.certify.check import check, seal
 from gustproof.certify.invariant_box import SIGNALS, axis_norms
@@ -95,8 +95,11 @@ def test_no_flight_of_ten_thousand_leaves_the_box(certificate):
         moments = []
         for axis in range(3):
             rate, phase = float(np.exp(rng.uniform(np.log(0.3), np.log(60.0)))), float(rng.uniform(0.0, 2.0 * np.pi))
-            wave, amplitude = (Sine, Square)[int(rng.integers(2))], tuple((limits * np.eye(3)[axis]).tolist())
-            kind = "sine" if wave is Sine else "square"
+            wave, amplitude = (
+                (MomentSine, MomentSquare)[int(rng.integers(2))],
+                tuple((limits * np.eye(3)[axis]).tolist()),
+            )
+            kind = "sine" if wave is MomentSine else "square"
             moments.append(wave(kind=kind, amplitude_nm=amplitude, rate_rad_s=rate, phase_rad=phase))
         records = fly_direct(replace(calm, moment=tuple(moments)), law, vehicle=VEHICLE)
         signals = (attitude(records), records["omega_B"], records["torque_command_B"])
@@ -111,10 +114,10 @@ def test_no_flight_of_ten_thousand_leaves_the_box(certificate):
 @pytest.mark.compiled
 def test_the_lower_bound_is_what_the_worst_flight_found_reaches_of_the_angles():
     law = load_law("hinf-scheduled")
-    searched = certify_closure(law, VEHICLE, moment=MOMENT, horizon=1.0)
+    searched = certify_boundedness(law, VEHICLE, moment=MOMENT, horizon=1.0)
     assert searched.proven
     assert 0.5 < searched.lower_bound <= 1.0
-    leaking = certify_closure(law, VEHICLE, moment=MOMENT, horizon=1.0, leak=0.05)
+    leaking = certify_boundedness(law, VEHICLE, moment=MOMENT, horizon=1.0, leak=0.05)
     assert leaking.proven
     assert leaking.lower_bound == 0.0  # no vehicle has a leak, none was flown
 
@@ -126,7 +129,7 @@ def test_without_leak_the_attitude_integrates_what_turns_it(certificate):
 
 
 def test_noise_is_covered_with_its_probability(certificate):
-    noisy = certify_closure(
+    noisy = certify_boundedness(
         load_law("hinf-d2"), VEHICLE, moment=MOMENT, horizon=0.5, noise=0.001, risk=1e-3, flown=False
     )
     assert noisy.proven
@@ -166,22 +169,22 @@ def test_a_false_box_is_refused_even_with_a_new_seal(certificate, path, value, r
 
 def test_a_law_of_another_form_or_a_senseless_number_is_refused():
     with pytest.raises(ValueError, match="three states an axis"):
-        certify_closure(load_law("pid-fair"), VEHICLE, moment=MOMENT, horizon=HORIZON)
+        certify_boundedness(load_law("pid-fair"), VEHICLE, moment=MOMENT, horizon=HORIZON)
     with pytest.raises(ValueError, match="must be positive"):
-        certify_closure(load_law("hinf-d2"), VEHICLE, moment=MOMENT, horizon=0.0)
+        certify_boundedness(load_law("hinf-d2"), VEHICLE, moment=MOMENT, horizon=0.0)
 
 
 @pytest.mark.parametrize("factor", [1.001, 2.0, 1e200])
 def test_an_unstable_law_is_refused_before_its_numbers_grow_long(factor):
     with pytest.raises(ValueError, match="the loop is unstable"):
-        certify_closure(
+        certify_boundedness(
             replace(load_law("hinf-d1"), A=factor * np.eye(9)), VEHICLE, moment=MOMENT, horizon=360.0, flown=False
         )
 
 
 def test_of_a_moment_too_large_the_largest_part_is_found():
     law = load_law("hinf-scheduled")
-    part = certify_closure(law, VEHICLE, moment=(13.0, 13.0, 6.0), horizon=0.5, flown=False)
+    part = certify_boundedness(law, VEHICLE, moment=(13.0, 13.0, 6.0), horizon=0.5, flown=False)
     assert part.proven
     assert part.gain is not None
     assert 0.1 < part.gain < 1.0
@@ -233,5 +236,5 @@ def test_one_changed_bit_anywhere_is_refused(certificate):
 
 def test_a_command_that_may_saturate_is_not_proven():
     law = load_law("hinf-d2")
-    certificate = certify_closure(replace(law, limits=np.full(3, 1e-6)), VEHICLE, moment=MOMENT, horizon=0.5)
+    certificate = certify_boundedness(replace(law, limits=np.full(3, 1e-6)), VEHICLE, moment=MOMENT, horizon=0.5)
     assert not certificate.proven

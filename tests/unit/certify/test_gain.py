@@ -14,7 +14,7 @@ from gustproof.certify.check import check, seal
 from gustproof.certify.gain import attitude_loop, certify_gain, certify_lft
 from gustproof.certify.worst_schedule import worst_schedule
 from gustproof.lti.state_space import Lti
-from gustproof.model.lft import Uncertain, neglected, real, with_states
+from gustproof.model.lft import Uncertain, system_from_matrix, ultidyn, ureal
 from gustproof.model.rotational import Envelope
 from gustproof.synthesis.designs import design_problem, load_design
 from gustproof.synthesis.hinf import hinfsyn
@@ -24,9 +24,9 @@ VEHICLE = load_vehicle("paper")
 
 def lag(spread: float) -> Uncertain:
     """Return `x' = -(1 + spread delta) x + w`, z = x: its gain is 1 / (1 - spread) at worst, delta resting at -1."""
-    rate = real("rate", low=1.0 - spread, high=1.0 + spread)
+    rate = ureal("rate", low=1.0 - spread, high=1.0 + spread)
     pole = np.array([[1.0], [0.0]]) @ rate @ np.array([[-1.0, 0.0]])
-    return with_states(pole + np.array([[0.0, 1.0], [1.0, 0.0]]), 1)
+    return system_from_matrix(pole + np.array([[0.0, 1.0], [1.0, 0.0]]), 1)
 
 
 @pytest.fixture(scope="module")
@@ -66,10 +66,10 @@ def test_a_loop_that_some_parameter_destabilises_is_not_proven():
 
 
 def test_neglected_dynamics_are_no_real_parameter():
-    loop = Uncertain(M=neglected("n").M, blocks=neglected("n").blocks)
+    loop = Uncertain(M=ultidyn("n").M, blocks=ultidyn("n").blocks)
     with pytest.raises(ValueError, match="no real parameter"):
         certify_lft(
-            with_states(np.array([[-1.0, 1.0], [1.0, 0.0]]) + np.diag([0.0, 1.0]) @ loop_of(loop), 1), assumes={}
+            system_from_matrix(np.array([[-1.0, 1.0], [1.0, 0.0]]) + np.diag([0.0, 1.0]) @ loop_of(loop), 1), assumes={}
         )
 
 

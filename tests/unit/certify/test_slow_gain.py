@@ -11,9 +11,9 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate, load_certificate
 from gustproof.certify.check import check, seal
 from gustproof.certify.gain import attitude_loop, attitude_speeds, certify_lft
-from gustproof.certify.symmetry import mirrors
-from gustproof.certify.worst_schedule import worst_schedule, worst_swing
-from gustproof.model.lft import Uncertain, appended, real, with_states
+from gustproof.certify.symmetry import mirror_group
+from gustproof.certify.worst_schedule import worst_schedule, worst_triangle_schedule
+from gustproof.model.lft import Uncertain, append, system_from_matrix, ureal
 from gustproof.model.rotational import Envelope
 from gustproof.synthesis.designs import design_problem, load_design
 from gustproof.synthesis.hinf import hinfsyn
@@ -23,9 +23,9 @@ GOLDEN = Path(__file__).parents[2] / "golden" / "slow_gain_d2.json"
 
 def spring(spread: float = 0.9) -> Uncertain:
     """Return `x'' + .2 x' + (1 + spread delta) x = w`, z = x: each frozen member is stable, switching destabilises."""
-    stiffness = real("stiffness", low=1.0 - spread, high=1.0 + spread)
+    stiffness = ureal("stiffness", low=1.0 - spread, high=1.0 + spread)
     force = np.array([[0.0], [1.0], [0.0]]) @ stiffness @ np.array([[-1.0, 0.0, 0.0]])
-    return with_states(force + np.array([[0.0, 1.0, 0.0], [0.0, -0.2, 1.0], [1.0, 0.0, 0.0]]), 2)
+    return system_from_matrix(force + np.array([[0.0, 1.0, 0.0], [0.0, -0.2, 1.0], [1.0, 0.0, 0.0]]), 2)
 
 
 def frozen(loop: Uncertain, delta: float) -> float:
@@ -147,7 +147,7 @@ def test_a_proof_for_every_corner_is_asked_for(certificate):
 
 
 def test_a_loop_that_is_unstable_at_rest_has_no_multipliers():
-    unstable = with_states(np.diag([1.0, 1.0]) @ appended(real("rate", low=0.5, high=1.5), 1.0), 1)
+    unstable = system_from_matrix(np.diag([1.0, 1.0]) @ append(ureal("rate", low=0.5, high=1.5), 1.0), 1)
     with pytest.raises(ValueError, match="continuous and stable"):
         certify_lft(unstable, assumes={}, speeds={"rate": 1.0})
 
@@ -178,7 +178,7 @@ def test_the_papers_law_gains_a_quarter_from_what_the_kinematics_allow_roll_and_
     speeds = [turn * (1.0 + edge**2) / (2.0 * edge) for turn in attitude_speeds(0.1, 0.5, leak=0.05)]
     told = {block["name"]: block["speed"] for block in certificate.evidence["blocks"]}
     assert told == {"t": pytest.approx(speeds[0]), "v": pytest.approx(speeds[1]), "r": None, "q": None}
-    assert worst_swing(loop, list(told.values()), duration=20.0).gain <= certificate.lower_bound * 1.01
+    assert worst_triangle_schedule(loop, list(told.values()), duration=20.0).gain <= certificate.lower_bound * 1.01
 
 
 def test_the_attitude_turns_no_faster_than_its_bound():
@@ -193,7 +193,7 @@ def test_the_attitude_turns_no_faster_than_its_bound():
 
 def test_the_mirrors_of_a_loop_leave_it_as_it_is():
     loop = paper_loop()
-    group = mirrors(loop)
+    group = mirror_group(loop)
     assert {mirror.delta for mirror in group} == {
         (1, 1, 1, 1),
         (-1, 1, -1, 1),
@@ -206,4 +206,4 @@ def test_the_mirrors_of_a_loop_leave_it_as_it_is():
 
 
 def test_parts_that_do_not_meet_are_mirrored_apart():
-    assert len(mirrors(appended(spring(), 1.0))) == 4
+    assert len(mirror_group(append(spring(), 1.0))) == 4

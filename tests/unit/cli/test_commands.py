@@ -16,7 +16,7 @@ from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag
 from gustproof.scoring.metrics import Metrics
 from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.outcome import Outcome
+from gustproof.simulate.outcome import FlightOutcome
 
 
 def run(*arguments: str):
@@ -157,7 +157,8 @@ def test_the_flagship_flies_unless_another_law_is_asked_for(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("outcome", "status"), [(Outcome.DONE, 0), (Outcome.CONTROLLER_LOST, 3), (Outcome.INTERRUPTED, 130)]
+    ("outcome", "status"),
+    [(FlightOutcome.DONE, 0), (FlightOutcome.CONTROLLER_LOST, 3), (FlightOutcome.INTERRUPTED, 130)],
 )
 def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outcome, status, tmp_path, monkeypatch):
     def fly(scenario, law, *, vehicle, seed, out, **_):
@@ -194,7 +195,7 @@ def direct(monkeypatch):
         (out / "journal").touch()
         records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
         return SimpleNamespace(
-            records=records, outcome=Outcome.DONE, message="it ended", realtime_factor=9.0, pace=None,
+            records=records, outcome=FlightOutcome.DONE, message="it ended", realtime_factor=9.0, pace=None,
             journal=out / "journal",
         )  # fmt: skip
 
@@ -245,7 +246,7 @@ def test_a_repetition_says_whether_it_is_equal(tmp_path, direct):
 def test_a_repetition_of_a_flight_that_now_differs_says_so_in_json(tmp_path, direct, monkeypatch):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
     assert run("fly", "calm", "--law", "pid-fair", "--out", first).exit_code == 0
-    monkeypatch.setattr("gustproof.simulate.flight.differs_from_s", lambda *_: 0.5)
+    monkeypatch.setattr("gustproof.simulate.flight.first_difference_s", lambda *_: 0.5)
     again = run("fly", "--repeat", first, "--json", "--out", second)
     assert again.exit_code == 1
     assert json.loads(again.stdout)["equal"] is False
@@ -278,7 +279,7 @@ def test_references_that_a_law_ignores_are_warned_of_once(law, tmp_path, monkeyp
         records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
         return SimpleNamespace(
             records=records,
-            outcome=Outcome.DONE,
+            outcome=FlightOutcome.DONE,
             message="it ended",
             realtime_factor=9.0,
             pace=None,
@@ -304,7 +305,12 @@ def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(t
         journal.touch()
         records = fly_direct(replace(scenario, duration_s=1.0), law, vehicle=vehicle, seed=seed)
         return SimpleNamespace(
-            records=records, outcome=Outcome.DONE, message="it ended", realtime_factor=9.0, pace=None, journal=journal
+            records=records,
+            outcome=FlightOutcome.DONE,
+            message="it ended",
+            realtime_factor=9.0,
+            pace=None,
+            journal=journal,
         )
 
     def interrupted(*_: object) -> None:

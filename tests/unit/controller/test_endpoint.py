@@ -9,7 +9,14 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.mavlink.frames import EncodedMessage, RejectReason, parse
 from firmware_model.mavlink.messages import heartbeat_message, imu_message
 from firmware_model.types import ImuSample
-from gustproof.controller.endpoint import RETRIES, RETRY_US, SILENCE_US, ControllerEndpoint, Outcome, Phase
+from gustproof.controller.endpoint import (
+    RETRIES,
+    RETRY_US,
+    VEHICLE_TIMEOUT_US,
+    ControllerEndpoint,
+    ControllerOutcome,
+    Phase,
+)
 from gustproof.law.form import load_law
 
 VEHICLE = (0, ("vehicle", 14580))
@@ -172,7 +179,7 @@ def test_it_repeats_a_request_and_then_gives_up_with_a_name(autopilot, phase):
         autopilot.now_us += RETRY_US
         polls += 1
     assert polls == RETRIES + 1
-    assert autopilot.endpoint.outcome is Outcome.NOT_STARTED
+    assert autopilot.endpoint.outcome is ControllerOutcome.NOT_STARTED
     assert autopilot.endpoint.message.startswith(phase.value)
 
 
@@ -180,7 +187,7 @@ def test_refused_arming_ends_with_the_autopilots_words(autopilot):
     autopilot.reach(Phase.ARMING)
     autopilot.say(wire.MAVLink_statustext_message(4, b"battery empty"))
     autopilot.say(accepted(wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_RESULT_DENIED))
-    assert autopilot.endpoint.outcome is Outcome.NOT_STARTED
+    assert autopilot.endpoint.outcome is ControllerOutcome.NOT_STARTED
     assert "battery empty" in autopilot.endpoint.message
 
 
@@ -195,7 +202,7 @@ def test_temporary_rejection_is_tried_again(autopilot):
 def test_vehicle_of_another_rate_is_not_flown(autopilot):
     autopilot.reach(Phase.READING)
     autopilot.say(*parameters(rate_hz=400))
-    assert autopilot.endpoint.outcome is Outcome.WRONG_RATE
+    assert autopilot.endpoint.outcome is ControllerOutcome.WRONG_RATE
     assert "400 Hz: set IMU_INTEG_RATE to 250" in autopilot.endpoint.message
 
 
@@ -215,13 +222,13 @@ def test_samples_at_another_rate_than_asked_for_are_not_flown(autopilot):
     autopilot.reach(Phase.READING)
     autopilot.say(accepted(INTERVAL), *parameters())
     assert give_up(autopilot, 20_000).startswith("HIGHRES_IMU arrives at 50 Hz, law 'hinf-d1' needs 250 Hz: ")
-    assert autopilot.endpoint.outcome is Outcome.WRONG_RATE
+    assert autopilot.endpoint.outcome is ControllerOutcome.WRONG_RATE
 
 
 def test_autopilot_that_declines_the_rate_is_named_with_its_answer(autopilot):
     autopilot.reach(Phase.READING)
     autopilot.say(accepted(INTERVAL, wire.MAV_RESULT_DENIED), *(imu(20_000 * k) for k in range(1, 12)))
-    assert autopilot.endpoint.outcome is Outcome.WRONG_RATE
+    assert autopilot.endpoint.outcome is ControllerOutcome.WRONG_RATE
     assert autopilot.endpoint.message.endswith("MAV_CMD_SET_MESSAGE_INTERVAL is answered by MAV_RESULT_DENIED")
 
 
@@ -261,7 +268,7 @@ def test_no_samples_are_told_so(autopilot):
     autopilot.reach(Phase.READING)
     autopilot.say(*parameters())
     assert give_up(autopilot) == "no samples: the autopilot sends no HIGHRES_IMU on this link"
-    assert autopilot.endpoint.outcome is Outcome.NOT_STARTED
+    assert autopilot.endpoint.outcome is ControllerOutcome.NOT_STARTED
 
 
 def test_missing_parameters_are_named():
@@ -285,7 +292,7 @@ def test_autopilot_that_takes_no_torques_is_told_what_it_needs(autopilot):
 )
 def test_autopilot_of_another_kind_is_refused_and_sent_no_set_point(autopilot, kind, words):
     autopilot.say(wire.MAVLink_heartbeat_message(2, kind, 209, 4, 4, 3), *parameters(), imu(0), imu(4000))
-    assert autopilot.endpoint.outcome is Outcome.NOT_SUPPORTED
+    assert autopilot.endpoint.outcome is ControllerOutcome.NOT_SUPPORTED
     assert words in autopilot.endpoint.message
     assert autopilot.names() == ["HEARTBEAT"]
 
@@ -317,7 +324,7 @@ def test_people_are_told_what_the_controller_does():
 
 @pytest.mark.parametrize(
     ("mode", "armed", "outcome"),
-    [(OFFBOARD, True, None), (OFFBOARD, False, Outcome.DONE), (STABILIZED, True, None)],
+    [(OFFBOARD, True, None), (OFFBOARD, False, ControllerOutcome.DONE), (STABILIZED, True, None)],
 )
 def test_heartbeat_in_flight_tells_how_it_goes(autopilot, mode, armed, outcome):
     autopilot.reach(Phase.FLYING)
@@ -328,7 +335,7 @@ def test_heartbeat_in_flight_tells_how_it_goes(autopilot, mode, armed, outcome):
 def test_flight_that_is_landed_out_of_offboard_is_named(autopilot):
     autopilot.reach(Phase.FLYING)
     autopilot.say(beat(STABILIZED), beat(STABILIZED, armed=False))
-    assert autopilot.endpoint.outcome is Outcome.MODE_LOST
+    assert autopilot.endpoint.outcome is ControllerOutcome.MODE_LOST
 
 
 def beat(mode: int, *, armed: bool = True):
@@ -440,9 +447,9 @@ def test_people_are_told_which_law_flies():
 
 def test_silent_autopilot_is_lost(autopilot):
     autopilot.reach(Phase.FLYING)
-    autopilot.now_us += SILENCE_US + 1
+    autopilot.now_us += VEHICLE_TIMEOUT_US + 1
     autopilot.hear()
-    assert autopilot.endpoint.outcome is Outcome.AUTOPILOT_LOST
+    assert autopilot.endpoint.outcome is ControllerOutcome.AUTOPILOT_LOST
 
 
 def test_strangers_are_not_listened_to(autopilot):

@@ -16,7 +16,7 @@ from gustproof.falsify import worst_case as module
 from gustproof.falsify.worst_case import PAPER_BUDGET, WorstCase, worst_case
 from gustproof.law.form import load_law
 from gustproof.law.hover import linear_law
-from gustproof.lti.state_space import Lti, delay, hold_discretized, lft
+from gustproof.lti.state_space import Lti, delay, discretize_zoh, lft
 from gustproof.model.lpv import linear_plant
 from gustproof.model.uncertainty import Spreads
 from gustproof.scoring.metrics import measure
@@ -77,7 +77,7 @@ def test_what_is_found_flies_to_the_same_bits_over_datagrams() -> None:
 def test_the_linear_figure_is_the_l1_norm_of_the_linear_loop() -> None:
     law, worst = load_law("hinf-d1"), found("hinf-d1")
     full = linear_plant(VEHICLE)
-    plant = hold_discretized(full, law.dt)
+    plant = discretize_zoh(full, law.dt)
     late = delay(3, law.dt)  # on the command only, the plant's first inputs
     D = np.zeros((6, 6))
     delayed = Lti(

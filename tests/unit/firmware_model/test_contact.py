@@ -5,8 +5,8 @@ import pytest
 
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.numerics.rotations import from_euler, rotate
-from firmware_model.physics.aerodynamics import Air, FreeInputs, acting, free_params, step
-from firmware_model.physics.ground import ground_params, ground_wrench, may_touch, rests, standing_height
+from firmware_model.physics.aerodynamics import Air, FreeInputs, free_params, step, sum_inputs
+from firmware_model.physics.ground import can_touch_ground, ground_params, ground_wrench, is_at_rest, standing_height
 from firmware_model.physics.rigid_body import Body, BodyInputs
 
 VEHICLE = load_vehicle("paper")
@@ -75,12 +75,12 @@ def test_what_cannot_touch_within_a_step_is_told():
         turn, velocity = rng.uniform(-3.0, 3.0, 3), rng.uniform(-20.0, 20.0, 3)
         body, dt = a_body(rng.uniform(0.0, 0.5), turn, velocity), 0.002
         lowest = min(heights(body).min(), heights(body._replace(down=body.down + dt * body.v_down)).min())
-        missed += not may_touch(PARAMS, body, dt)
-        assert may_touch(PARAMS, body, dt) or lowest > 0.0
-        assert may_touch(PARAMS, body, 0.0) or heights(body).min() > 0.0
+        missed += not can_touch_ground(PARAMS, body, dt)
+        assert can_touch_ground(PARAMS, body, dt) or lowest > 0.0
+        assert can_touch_ground(PARAMS, body, 0.0) or heights(body).min() > 0.0
     assert 50 < missed < 250
     for height in (PARAMS.reach + 0.02, 1000.0, np.nan):
-        assert not may_touch(PARAMS, a_body(height), 0.0)
+        assert not can_touch_ground(PARAMS, a_body(height), 0.0)
 
 
 STANDING = a_body(standing_height(VEHICLE))
@@ -104,7 +104,7 @@ WEIGHT = VEHICLE.mass * GRAVITY
     ids=["motors off", "some thrust", "moves", "turns", "tilted", "lifts", "slides", "spins", "tips", "tips ahead"],
 )  # fmt: skip
 def test_it_rests_while_its_feet_can_carry_what_acts(body, force, moment, resting):
-    assert rests(PARAMS, body, force, moment) is resting
+    assert is_at_rest(PARAMS, body, force, moment) is resting
 
 
 def test_far_from_the_ground_it_is_not_asked_about():
@@ -112,6 +112,6 @@ def test_far_from_the_ground_it_is_not_asked_about():
     nothing = BodyInputs(*[0.0] * 13)
     high = a_body(0.4, (0.1, -0.2, 0.3), (1.0, 2.0, -1.0), (0.1, 0.2, 0.3))._replace(thrust=90.0)
     inputs = [FreeInputs(nothing, air, low) for low in (True, False)]
-    assert acting(params, high, inputs[0]) == acting(params, high, inputs[1])
+    assert sum_inputs(params, high, inputs[0]) == sum_inputs(params, high, inputs[1])
     assert step(params, high, inputs[0], 0.001) == step(params, high, inputs[1], 0.001)
     assert step(params, STANDING, inputs[0], 0.001) != step(params, STANDING, inputs[1], 0.001)

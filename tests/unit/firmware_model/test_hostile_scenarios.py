@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from firmware_model.config.files import parse
+from firmware_model.config.files import validate
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.errors import ConfigError
 
@@ -195,7 +195,7 @@ WAYS = [
 def test_the_file_that_is_spoilt_is_sound(tmp_path: Path) -> None:
     path = tmp_path / "sound.toml"
     path.write_bytes(written(sound()))
-    assert load_scenario(path) == parse(Scenario, sound(), "sound")
+    assert load_scenario(path) == validate(Scenario, sound(), "sound")
 
 
 @pytest.mark.parametrize("number", range(200))

@@ -9,7 +9,7 @@ from gustproof.law.discretize import central_law, tustin
 from gustproof.law.form import Law, Output, Provenance
 from gustproof.law.hover import linear_law
 from gustproof.law.step import step
-from gustproof.lti.state_space import Lti, hold_discretized
+from gustproof.lti.state_space import Lti, discretize_zoh
 from gustproof.model.lpv import linear_plant
 from gustproof.synthesis.designs import design_problem, load_design
 from gustproof.synthesis.hinf import hinfsyn
@@ -99,7 +99,7 @@ def test_a_law_in_saturation_is_stable_by_itself_so_it_cannot_wind_up(name):
 
 def test_a_short_saturation_leaves_the_attitude_estimate_true():
     law, vehicle = law_of(central("D1"), scheduled=False, limit=2.5), load_vehicle("paper")
-    plant = hold_discretized(linear_plant(vehicle), DT)
+    plant = discretize_zoh(linear_plant(vehicle), DT)
     x, estimate = np.zeros(9), np.zeros(9)
     saturated = 0
     for k in range(1000):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gustproof.law.form import Law, load_law
-from gustproof.law.step import EXTRA, TERM_BLOCK, FlyingLaw, euler_rates, sparse_law, step
+from gustproof.law.step import EXTRA_SIZE, TERM_BLOCK, LawStepper, euler_rates, sparse_law, step
 
 Maker = Callable[..., Law]
 
@@ -47,7 +47,7 @@ def test_a_step_leaves_its_arguments_alone(make_law: Maker) -> None:
 def test_a_flying_law_gives_the_bits_of_step(name: str) -> None:
     law = load_law(name)
     scale, reference = (0.7, 1.5, 3.0), (0.1, -0.2, 0.3)
-    flying, x = FlyingLaw(law, scale), np.zeros(law.order)
+    flying, x = LawStepper(law, scale), np.zeros(law.order)
     flying.set_reference(reference)
     for gyro, force in np.random.default_rng(3).normal(size=(50, 2, 3)).tolist():
         x, command = step(law, x, np.array([*gyro, *reference, *force]))
@@ -79,7 +79,10 @@ def test_the_sums_hold_every_coefficient_that_is_not_zero_in_whole_fours(name: s
     n, summed = law.order, sparse_law(law)
     assert (np.diff(summed.ends, prepend=0) >= TERM_BLOCK).all()
     assert (np.diff(summed.ends, prepend=0) % TERM_BLOCK == 0).all()
-    dense, rows = np.zeros((3 + n, n + EXTRA)), np.searchsorted(summed.ends, np.arange(len(summed.terms)), side="right")
+    dense, rows = (
+        np.zeros((3 + n, n + EXTRA_SIZE)),
+        np.searchsorted(summed.ends, np.arange(len(summed.terms)), side="right"),
+    )
     np.add.at(dense, (rows, summed.terms[:, 0].astype(int)), summed.terms[:, 1])
     m = law.D.shape[1]
     assert (dense[:3, :n] == law.C).all()

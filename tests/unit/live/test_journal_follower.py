@@ -5,7 +5,7 @@ import pytest
 
 from firmware_model.numerics.rotations import rotate
 from firmware_model.recording.journal import RECORD, JournalWriter
-from gustproof.live.journal_follower import follow_journal, rotated, series
+from gustproof.live.journal_follower import follow_journal, rotate_rows, series_rows
 from gustproof.live.telemetry_buffer import TelemetryBuffer
 
 
@@ -28,7 +28,7 @@ def test_vectors_are_rotated_as_one_by_one(rng):
     q_NB, v_B = rng.normal(size=(20, 4)), rng.normal(size=(20, 3))
     q_NB /= np.linalg.norm(q_NB, axis=1, keepdims=True)
     expected = [rotate(tuple(q), tuple(v)) for q, v in zip(q_NB.tolist(), v_B.tolist(), strict=True)]
-    np.testing.assert_allclose(rotated(q_NB, v_B), expected, atol=1e-14)
+    np.testing.assert_allclose(rotate_rows(q_NB, v_B), expected, atol=1e-14)
 
 
 def test_east_wind_of_a_vehicle_that_looks_east_comes_from_ahead():
@@ -36,7 +36,7 @@ def test_east_wind_of_a_vehicle_that_looks_east_comes_from_ahead():
     record["q_NB"] = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]  # heading 90 deg
     record["gust_B"] = [-3.0, 0.0, 0.0]
     record["wind_N"] = [1.0, 0.0, 0.0]
-    assert series(record[:, np.newaxis], 4000)["wind"] == [[0.0, 1.0, -3.0, 0.0]]
+    assert series_rows(record[:, np.newaxis], 4000)["wind"] == [[0.0, 1.0, -3.0, 0.0]]
 
 
 def test_age_is_the_oldest_of_its_group_and_none_where_no_command_acts():
@@ -45,11 +45,11 @@ def test_age_is_the_oldest_of_its_group_and_none_where_no_command_acts():
     groups["command_age"] = 1.0
     groups["command_age"][1, 2] = 7.0
     groups["command_age"][2, 3] = np.nan
-    assert series(groups, 4000)["age"] == [[0.0, 4.0], [0.02, 28.0], [0.04, None]]
+    assert series_rows(groups, 4000)["age"] == [[0.0, 4.0], [0.02, 28.0], [0.04, None]]
 
 
 def test_each_fifth_record_is_fed_however_the_journal_grows(records, tmp_path, monkeypatch):
-    monkeypatch.setattr("gustproof.live.journal_follower._LOOK_S", 0.001)
+    monkeypatch.setattr("gustproof.live.journal_follower._POLL_S", 0.001)
     path, feed, done = tmp_path / "journal", TelemetryBuffer(), Event()
     reader = feed.reader()
     thread = Thread(target=follow_journal, args=(path, 5, 4000, feed, done))
@@ -63,7 +63,7 @@ def test_each_fifth_record_is_fed_however_the_journal_grows(records, tmp_path, m
     thread.join(60.0)
     assert not thread.is_alive()
     news = reader.news()
-    for name, rows in series(records[::5, np.newaxis], 4000).items():
+    for name, rows in series_rows(records[::5, np.newaxis], 4000).items():
         assert name == "age" or news[name] == rows
     age = records["command_age"][:, 0]
     oldest = [age[0], *(age[last - 4 : last + 1].max() for last in range(5, len(age), 5))]

@@ -6,7 +6,7 @@ from http.client import HTTPConnection, HTTPResponse
 
 import pytest
 
-from gustproof.live.server import PageServer, number, switch
+from gustproof.live.server import PageServer, parse_bool, parse_number
 from gustproof.live.telemetry_buffer import TelemetryBuffer
 
 
@@ -18,7 +18,7 @@ def wished() -> list:
 @pytest.fixture
 def server(wished) -> Iterator[PageServer]:
     def gust(value):
-        wished.append(number(value, 0.0, 3.0))
+        wished.append(parse_number(value, 0.0, 3.0))
 
     with PageServer(TelemetryBuffer(phase="ready"), {"gust": gust}) as server:
         yield server
@@ -118,6 +118,6 @@ def test_page_that_goes_away_leaves_nothing_behind():
 
 @pytest.mark.parametrize("value", [1, 0, "true", None])
 def test_switch_takes_true_and_false_alone(value):
-    assert switch(True)
+    assert parse_bool(True)
     with pytest.raises(ValueError, match="neither true nor false"):
-        switch(value)
+        parse_bool(value)

@@ -23,7 +23,7 @@ def test_facts_are_told_again_only_when_one_has_changed():
 
 
 def test_of_a_long_flight_the_oldest_rows_go_and_no_new_one_is_missed(monkeypatch):
-    monkeypatch.setattr(telemetry_buffer, "_KEPT", 10)
+    monkeypatch.setattr(telemetry_buffer, "_MAX_ROWS", 10)
     told = TelemetryBuffer()
     quick, slow = told.reader(), told.reader()
     quick.news()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gustproof.lti.margins import disk_margin, loop_margins, margins
-from gustproof.lti.state_space import Lti, gain, hold_discretized, sensitivity, series
+from gustproof.lti.state_space import Lti, discretize_zoh, gain, sensitivity, series
 
 INTEGRATOR = Lti(A=[[0.0]], B=[[1.0]], C=[[1.0]], D=[[0.0]])
 MOTOR = Lti(
@@ -40,7 +40,7 @@ def test_the_delay_margin_is_the_delay_that_destabilises():
     for samples, stable in ((390, True), (410, False)):
         # the hold adds half a sample
         line = Lti(A=np.eye(samples, k=-1), B=np.eye(samples, 1), C=np.eye(1, samples, samples - 1), D=[[0.0]], dt=dt)
-        assert sensitivity(series(line, hold_discretized(MOTOR, dt))).is_stable() is stable
+        assert sensitivity(series(line, discretize_zoh(MOTOR, dt))).is_stable() is stable
 
 
 def test_the_disk_margin_of_an_integrator_is_two():

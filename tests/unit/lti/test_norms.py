@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from gustproof.lti.norms import h2_norm, hinf_norm
-from gustproof.lti.state_space import Lti, copied, gain
+from gustproof.lti.state_space import Lti, as_lti, gain
 
 TIGHT = 1e-8
 """The norm is promised to 2e-9 relative."""
 
 
 def transfer(numerator, denominator, dt=0.0) -> Lti:
-    return copied(control.tf2ss(control.tf(numerator, denominator, dt)))
+    return as_lti(control.tf2ss(control.tf(numerator, denominator, dt)))
 
 
 def test_a_lag_peaks_at_zero_frequency():

@@ -4,7 +4,7 @@ import control
 import numpy as np
 import pytest
 
-from gustproof.lti.state_space import Lti, copied, delay, gain, hold_discretized, lft, sensitivity, series
+from gustproof.lti.state_space import Lti, as_lti, delay, discretize_zoh, gain, lft, sensitivity, series
 
 EXACT = 1e-12
 """A handful of floating-point operations on numbers near 1."""
@@ -16,7 +16,7 @@ def lag(a: float, b: float = 1.0) -> Lti:
 
 def test_a_copy_does_not_change_with_its_original():
     original = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
-    copy = copied(original)
+    copy = as_lti(original)
     original.A[0, 0] = 5.0
     assert copy.A[0, 0] == -1.0
     with pytest.raises(ValueError, match="read-only"):
@@ -29,9 +29,9 @@ def test_a_state_that_python_control_might_call_useless_is_kept():
 
 
 def test_an_unspecified_time_base_is_continuous_and_one_without_sample_time_is_refused():
-    assert copied(control.ss([], [], [], [[2.0]], None)).dt == 0.0
+    assert as_lti(control.ss([], [], [], [[2.0]], None)).dt == 0.0
     with pytest.raises(ValueError, match="without a sample time"):
-        copied(control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], True))
+        as_lti(control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], True))
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_lft_agrees_with_python_control():
         A=rng.normal(size=(3, 3)), B=rng.normal(size=(3, 4)), C=rng.normal(size=(3, 3)), D=0.1 * rng.normal(size=(3, 4))
     )
     K = Lti(A=rng.normal(size=(2, 2)), B=rng.normal(size=(2, 1)), C=rng.normal(size=(2, 2)), D=rng.normal(size=(2, 1)))
-    theirs = copied(P.to_control().lft(K.to_control(), 2, 1))
+    theirs = as_lti(P.to_control().lft(K.to_control(), 2, 1))
     omega = np.array([0.3, 2.0])
     assert np.allclose(lft(P, K).response(omega), theirs.response(omega), rtol=1e-9)
 
@@ -77,7 +77,7 @@ def test_a_loop_that_is_not_well_posed_is_refused():
 
 def test_a_held_double_integrator_is_the_textbook_one():
     plant = Lti(A=[[0.0, 1.0], [0.0, 0.0]], B=[[0.0], [1.0]], C=np.eye(2), D=np.zeros((2, 1)))
-    sampled = hold_discretized(plant, 0.1)
+    sampled = discretize_zoh(plant, 0.1)
     assert np.allclose(sampled.A, [[1.0, 0.1], [0.0, 1.0]], rtol=EXACT)
     assert np.allclose(sampled.B, [[0.005], [0.1]], rtol=EXACT)
 

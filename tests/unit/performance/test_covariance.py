@@ -10,7 +10,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.law.cascade import Gains, cascade_law, strapdown_axis
 from gustproof.law.form import Provenance
-from gustproof.performance.covariance import axis_figures, axis_models, mean_covariance
+from gustproof.performance.covariance import axis_models, axis_performance, mean_covariance
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
 
@@ -39,7 +39,7 @@ def test_what_the_model_foretells_is_what_flies(name: str, delay: int) -> None:
     scenario = dataclasses.replace(load_scenario("paper-turbulence"), delay_samples=delay)
     axes = [strapdown_axis(GAINS, inertia, scenario.dt) for inertia in vehicle.inertia_B]
     law = cascade_law("test", axes, vehicle, scenario.dt, Provenance(design="test", vehicle=name))
-    foretold = [axis_figures(m, axis) for m, axis in zip(axis_models(vehicle, scenario), axes, strict=True)]
+    foretold = [axis_performance(m, axis) for m, axis in zip(axis_models(vehicle, scenario), axes, strict=True)]
     flights = [
         measure(fly_direct(scenario, law, vehicle=vehicle, seed=seed), vehicle, scenario, 1.0) for seed in range(40)
     ]
@@ -62,7 +62,7 @@ def test_the_sensitivity_peak_is_that_of_the_loop_written_out() -> None:
     K = (GAINS.rate_p + GAINS.rate_i / s + GAINS.rate_d * slope) * (1.0 + GAINS.angle_p / s)
     L = K * np.exp(-1.5 * scenario.dt * s) / (s + vehicle.rate_damping) / (1.0 + vehicle.actuator_lag * s)
     model = axis_models(vehicle, scenario)[1]
-    peak = axis_figures(model, strapdown_axis(GAINS, model.inertia, scenario.dt)).sensitivity_peak
+    peak = axis_performance(model, strapdown_axis(GAINS, model.inertia, scenario.dt)).sensitivity_peak
     # 1 %: the sampled integral and filter differ from the continuous ones by half a sample.
     assert peak == pytest.approx(np.max(1.0 / np.abs(1.0 + L)), rel=0.01)
 
@@ -71,7 +71,7 @@ def test_an_unstable_loop_has_an_infinite_sensitivity_peak() -> None:
     vehicle, scenario = load_vehicle("paper"), load_scenario("paper-turbulence")
     model = axis_models(vehicle, scenario)[0]
     wild = Gains(angle_p=8.0, rate_p=200.0, rate_i=80.0)
-    assert axis_figures(model, strapdown_axis(wild, model.inertia, scenario.dt)).sensitivity_peak == math.inf
+    assert axis_performance(model, strapdown_axis(wild, model.inertia, scenario.dt)).sensitivity_peak == math.inf
 
 
 def test_a_scenario_without_turbulence_is_refused() -> None:

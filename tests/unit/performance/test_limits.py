@@ -10,7 +10,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.errors import DesignError
 from gustproof.law.form import load_law
-from gustproof.performance.covariance import AxisModel, axis_flight, axis_models
+from gustproof.performance.covariance import AxisModel, augmented_axis, axis_models
 from gustproof.performance.limits import central_controller, full_information_limit, output_feedback_limit
 from gustproof.performance.predict import predict
 
@@ -26,7 +26,7 @@ def least_cost(model: AxisModel, weight: float, *, noisy: bool) -> float:
     Kalman's filter forward and the regulator backward, step by step with gains that vary (Astrom, Introduction to
     Stochastic Control Theory, 1970, chapter 8); where not `noisy`, the state is known.
     """
-    flight = axis_flight(model)
+    flight = augmented_axis(model)
     A, B, C, noise = flight.A, flight.B[:, -1:], flight.C[2:], flight.B[:, :-1]
     W, n, last = noise @ noise.T, flight.order, -flight.C[1:2]
     P = np.zeros((n, n))
@@ -87,7 +87,7 @@ def test_what_a_clairvoyant_leaves_is_the_delay() -> None:
 def test_a_further_command_does_not_surprise_the_estimator(delay: int) -> None:
     axis = models(delay_samples=delay)[0]
     omega = np.geomspace(1.0, 700.0, 40)
-    flight, J = axis_flight(axis), central_controller(axis, 1e-6).response(omega)
+    flight, J = augmented_axis(axis), central_controller(axis, 1e-6).response(omega)
     G = flight.response(omega)[:, 2, -1]
     answer = J[:, 1, 1] + J[:, 1, 0] * G * J[:, 0, 1] / (1.0 - G * J[:, 0, 0])
     np.testing.assert_allclose(answer, 0.0, atol=1e-9 * np.max(np.abs(J[:, 1, 0] * G * J[:, 0, 1])))

@@ -10,7 +10,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.law.cascade import cascade_law
 from gustproof.law.form import Law, load_law
-from gustproof.performance.covariance import axis_figures, axis_models
+from gustproof.performance.covariance import axis_models, axis_performance
 from gustproof.performance.predict import predict
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
@@ -23,7 +23,7 @@ def test_three_axes_at_once_are_three_axes() -> None:
     gains = IndiGains(angle_p=4.0, rate_p=12.0, cutoff=20.0, damping=0.5)
     axes = [indi_axis(gains, inertia, VEHICLE.actuator_lag, 1, SCENARIO.dt) for inertia in VEHICLE.inertia_B]
     law = cascade_law("test", axes, VEHICLE, SCENARIO.dt, load_law("indi").provenance)
-    each = [axis_figures(m, axis) for m, axis in zip(axis_models(VEHICLE, SCENARIO), axes, strict=True)]
+    each = [axis_performance(m, axis) for m, axis in zip(axis_models(VEHICLE, SCENARIO), axes, strict=True)]
     whole = predict(law, VEHICLE, SCENARIO)
     assert whole is not None
     assert whole.rmse == pytest.approx(math.sqrt(np.mean([axis.rmse**2 for axis in each])), rel=1e-9)

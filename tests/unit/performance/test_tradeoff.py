@@ -15,7 +15,7 @@ from gustproof.law.form import Provenance, load_law
 from gustproof.performance.covariance import axis_models
 from gustproof.performance.limits import output_feedback_limit
 from gustproof.performance.predict import predict
-from gustproof.performance.tradeoff import linear_laws, orthonormal
+from gustproof.performance.tradeoff import linear_laws, orthonormal_basis
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
 
@@ -24,7 +24,7 @@ MODELS = axis_models(VEHICLE, SCENARIO)
 
 
 def test_the_functions_are_orthonormal() -> None:
-    bank = orthonormal(np.array([0.3, 0.9, 0.9, 0.99, 0.3]), 0.004)
+    bank = orthonormal_basis(np.array([0.3, 0.9, 0.9, 0.99, 0.3]), 0.004)
     # Over time: what the first output has at 0 only, the others never have there.
     gramian = scipy.linalg.solve_discrete_lyapunov(bank.A, bank.B @ bank.B.T)
     np.testing.assert_allclose(bank.C @ gramian @ bank.C.T + bank.D @ bank.D.T, np.eye(6), atol=1e-12)

@@ -9,7 +9,7 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.journal import RECORD
 from gustproof.law.form import load_law
 from gustproof.recording.bag import write_bag
-from gustproof.simulate.flight import Plan
+from gustproof.simulate.flight import FlightPlan
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def recorded(tmp_path):
 
     def make(folder, *, scenario="coning", law="hinf-d1", seed=1, n=500, require=(), **fields):
         script = replace(load_scenario(scenario), duration_s=n / 250, require=require)
-        plan = Plan(script, load_law(law), load_vehicle("paper"), seed, False)
+        plan = FlightPlan(script, load_law(law), load_vehicle("paper"), seed, False)
         records = np.zeros(n, dtype=RECORD)
         records["time_us"] = 4000.0 * np.arange(n)
         records["q_NB"][:, 0] = 1.0

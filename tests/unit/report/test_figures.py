@@ -9,7 +9,7 @@ from firmware_model.recording.journal import RECORD
 from gustproof.model.generalized import lft_structure
 from gustproof.model.rotational import Envelope, paper_rotation
 from gustproof.report import diagrams, figures
-from gustproof.report.layout import Node, Shape, Wire, laid_out
+from gustproof.report.layout import Node, NodeShape, Wire, lay_out
 from gustproof.synthesis.designs import design_problem, load_design
 
 
@@ -84,17 +84,17 @@ def test_the_lft_names_its_three_boxes_and_the_width_of_each_signal(drawn, tmp_p
 
 @pytest.mark.parametrize("design", ["D1", "reference", "R1"])
 def test_no_two_nodes_of_a_diagram_overlap_and_wires_go_right(design):
-    nodes, wires = diagrams._graph(design_problem(load_design(design), load_vehicle("paper")))
+    nodes, wires = diagrams._build_graph(design_problem(load_design(design), load_vehicle("paper")))
     forward = [wire for wire in wires if wire.target != "K"]
-    places, _ = laid_out(nodes, forward, ["+gyro"])
-    shown = [place for place in places.values() if place.node.shape is not Shape.PASS]
+    places, _ = lay_out(nodes, forward, ["+gyro"])
+    shown = [place for place in places.values() if place.node.shape is not NodeShape.PASS]
     for i, a in enumerate(shown):
         assert all(a.layer != b.layer or abs(a.y - b.y) > 0.75 for b in shown[:i])
     assert all(places[wire.source].layer < places[wire.target].layer for wire in forward)
 
 
 def test_a_loop_without_a_controller_is_refused():
-    nodes = [Node(name=name, label=name, shape=Shape.BLOCK) for name in "ab"]
+    nodes = [Node(name=name, label=name, shape=NodeShape.BLOCK) for name in "ab"]
     wires = [Wire(source="a", target="b"), Wire(source="b", target="a")]
     with pytest.raises(ValueError, match="loop"):
-        laid_out(nodes, wires, [])
+        lay_out(nodes, wires, [])

@@ -10,14 +10,14 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.session.latency import Latency
 from gustproof.analysis.law_margins import HoverMargins, hover_margins
-from gustproof.analysis.placement import Curve, Limits, Placement
+from gustproof.analysis.placement import ErrorLimits, Placement, TradeOffCurve
 from gustproof.law.form import load_law
-from gustproof.report.limit_tables import limits_document
-from gustproof.report.terminal import flight_document, save
-from gustproof.reproduce.errata import choices
-from gustproof.reproduce.paper_tables import background_document, comparison_document, paper_document
+from gustproof.report.limit_tables import render_limits
+from gustproof.report.terminal import render_flight, save_text
+from gustproof.reproduce.errata import list_choices
+from gustproof.reproduce.paper_tables import render_background, render_comparison, render_paper
 from gustproof.scoring.metrics import Metrics
-from gustproof.simulate.outcome import Outcome
+from gustproof.simulate.outcome import FlightOutcome
 
 FIGURES = Metrics(
     peak_deg=1.5, rmse_deg=0.25, peak_roll_deg=1.5, peak_pitch_deg=1.0, peak_yaw_deg=1.0, rmse_roll_deg=0.1,
@@ -32,7 +32,7 @@ PLACES = {"flagship": Placement(Ms=1.36, slew=19.9, rmse_deg=0.0819, least_rmse_
 def written(document) -> str:
     """Return the document as a reader of the saved report sees it, line breaks taken out."""
     with TemporaryDirectory() as folder:
-        save(document, Path(folder) / "report.txt")
+        save_text(document, Path(folder) / "report.txt")
         return " ".join((Path(folder) / "report.txt").read_text().split())
 
 
@@ -42,7 +42,7 @@ def medians(**changes: Metrics):
 
 
 def test_table_iii_stands_beside_ours():
-    text = written(paper_document(medians(hinf_d1=replace(FIGURES, peak_deg=6.66, rmse_deg=1.11))))
+    text = written(render_paper(medians(hinf_d1=replace(FIGURES, peak_deg=6.66, rmse_deg=1.11))))
     for number in ("30.54", "5.67", "7.12", "1.35", "6.66", "1.11", "1.50", "0.25", "[deg]"):
         assert number in text
 
@@ -51,28 +51,28 @@ def test_table_iii_stands_beside_ours():
 def test_who_is_better_follows_the_figures(better):
     margins = dict.fromkeys(LAWS, HoverMargins(Ms=1.3, phase_margin_deg=45.0, delay_margin=0.04))
     change = {better.replace("-", "_"): replace(FIGURES, rmse_deg=0.125)}
-    text = written(comparison_document(medians(**change), margins, PLACES))
+    text = written(render_comparison(medians(**change), margins, PLACES))
     assert f"{better} is better in RMSE (2.00 times less)" in text
     assert "Ms 1.30, phase 45.0 deg" in text
 
 
 def test_the_least_error_at_its_price_stands_beside_each_law():
     margins = dict.fromkeys(LAWS, HoverMargins(Ms=1.3, phase_margin_deg=45.0, delay_margin=0.04))
-    text = written(comparison_document(medians(), margins, PLACES))
+    text = written(render_comparison(medians(), margins, PLACES))
     assert "flagship 1.500 0.250 0.082 0.080 0.200" in text
     assert "hinf-rates 1.500 0.250 - - 0.200" in text
 
 
 def test_limits_are_told_by_what_is_known_and_by_the_peak():
-    limits = Limits(
+    limits = ErrorLimits(
         scenario="x", slew=20.0, gyro_deg=0.0711, gyro_any_slew_deg=0.0706, clairvoyant_deg=6e-4,
         clairvoyant_any_slew_deg=5e-5,
         curves=(
-            Curve(slew=10.0, Ms=(1.3601,), rmse_deg=(0.0911,), any_Ms_deg=0.0718),
-            Curve(slew=20.0, Ms=(1.1502, 1.3599), rmse_deg=(0.1537, 0.08), any_Ms_deg=0.0711),
+            TradeOffCurve(slew=10.0, Ms=(1.3601,), rmse_deg=(0.0911,), any_Ms_deg=0.0718),
+            TradeOffCurve(slew=20.0, Ms=(1.1502, 1.3599), rmse_deg=(0.1537, 0.08), any_Ms_deg=0.0711),
         ),
     )  # fmt: skip
-    text = written(limits_document(limits))
+    text = written(render_limits(limits))
     assert "gyros, the true spectra │ 0.0711 │ 0.0706" in text
     assert "state and air, exactly │ 0.0006 │ 5e-05" in text
     assert "│ 10 │ - │ 0.0911 │ 0.0718 │" in text
@@ -81,26 +81,26 @@ def test_limits_are_told_by_what_is_known_and_by_the_peak():
 
 def test_what_rates_cost_is_told():
     margins = dict.fromkeys(LAWS, HoverMargins(Ms=1.3, phase_margin_deg=45.0, delay_margin=0.04))
-    text = written(comparison_document(medians(hinf_rates=replace(FIGURES, rmse_deg=0.5)), margins, PLACES))
+    text = written(render_comparison(medians(hinf_rates=replace(FIGURES, rmse_deg=0.5)), margins, PLACES))
     assert "2.00 times" in text
 
 
 def test_the_choices_are_read_from_the_files_that_were_flown():
     vehicle, scenario = load_vehicle("paper"), load_scenario("paper")
-    changed = choices(replace(vehicle, actuator_lag=0.123), replace(scenario, delay_samples=7))
+    changed = list_choices(replace(vehicle, actuator_lag=0.123), replace(scenario, delay_samples=7))
     told = " ".join(question.choice for question in changed)
     assert "0.123 s" in told
     assert "7 sample(s)" in told
 
 
 def test_the_limits_of_the_results_are_told():
-    text = written(background_document(load_vehicle("paper"), load_scenario("paper")))
+    text = written(render_background(load_vehicle("paper"), load_scenario("paper")))
     assert "gyro bias b turns every law here by b t (scenario `bias`), but `aided` in yaw alone" in text
     assert "Translation is held" in text
 
 
 def test_a_flight_that_never_began_has_no_figures():
-    assert written(flight_document("x", None, None)) == "x nothing was flown, nothing is recorded"
+    assert written(render_flight("x", None, None)) == "x nothing was flown, nothing is recorded"
 
 
 def test_deadlines_of_real_time_are_told():
@@ -109,17 +109,17 @@ def test_deadlines_of_real_time_are_told():
         lateness.add(late_us)
     late = {f"late_{name}": value for name, value in lateness.figures().items()}
     pace = {"missed": 3, "held": 5, **late, "fifo": True}
-    told = written(flight_document("x", None, None, pace=pace))
+    told = written(render_flight("x", None, None, pace=pace))
     assert "missed 3, set-points held 5" in told
     assert "2 us in the median, 900 us in 99 %, 900 us at worst" in told
     assert "at the law" not in told
     samples = {"late_samples": 125, "missed_samples": 0}
-    assert "125 samples late at the law, 0 missed" in written(flight_document("x", None, None, pace=pace | samples))
+    assert "125 samples late at the law, 0 missed" in written(render_flight("x", None, None, pace=pace | samples))
 
 
 def test_how_a_flight_ended_is_told_in_one_line(tmp_path):
-    message = f"paper, hinf-d1, seed 1: {Outcome.CONTROLLER_LOST.value}"
-    save(flight_document(message, FIGURES, None), tmp_path / "told.txt")
+    message = f"paper, hinf-d1, seed 1: {FlightOutcome.CONTROLLER_LOST.value}"
+    save_text(render_flight(message, FIGURES, None), tmp_path / "told.txt")
     assert (tmp_path / "told.txt").read_text().splitlines()[0] == message
 
 

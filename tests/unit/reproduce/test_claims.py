@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gustproof.law.form import Law, Output, Provenance
-from gustproof.reproduce.claims import TOLERANCE, Verdict, judge
+from gustproof.reproduce.claims import TOLERANCE, ClaimVerdict, judge_claims
 from gustproof.scoring.metrics import Metrics
 
 CALM = Metrics(
@@ -33,7 +33,7 @@ def verdicts(*, pid=PID, fair=CALM, hinf=HINF, coning=HINF, states=9, pid_states
         "hinf-d1": {"paper": hinf, "coning": coning},
     }
     laws = {"pid-default": law(pid_states), "hinf-d1": law(states)}
-    claims = judge(medians, laws, norm=norm, gamma_opt=0.2136, peak_rate=rate)
+    claims = judge_claims(medians, laws, norm=norm, gamma_opt=0.2136, peak_rate=rate)
     return {claim.paper: claim.verdict for claim in claims}
 
 
@@ -45,28 +45,28 @@ def one(found, *words):
 @pytest.mark.parametrize(
     ("words", "change", "verdict"),
     [
-        (("nine",), {}, Verdict.HOLDS),
-        (("nine",), {"states": 8}, Verdict.FAILS),
-        (("six states",), {}, Verdict.HOLDS),
-        (("six states",), {"pid_states": 9}, Verdict.FAILS),
-        (("γ",), {}, Verdict.IN_PART),
-        (("γ",), {"norm": 0.2501}, Verdict.FAILS),
-        (("PID: peak",), {}, Verdict.HOLDS),
-        (("PID: peak",), {"pid": replace(PID, rmse_deg=5.67 * (1.01 + TOLERANCE))}, Verdict.FAILS),
-        (("H-infinity: peak",), {}, Verdict.HOLDS),
-        (("H-infinity: peak",), {"hinf": replace(HINF, peak_deg=7.12 * (0.99 - TOLERANCE))}, Verdict.FAILS),
-        (("far better",), {}, Verdict.IN_PART),
-        (("far better",), {"fair": PID}, Verdict.HOLDS),
-        (("far better",), {"pid": CALM}, Verdict.FAILS),
-        (("exertion",), {}, Verdict.FAILS),
-        (("exertion",), {"hinf": replace(HINF, torque_slew_rms=0.9)}, Verdict.HOLDS),
-        (("±1.5 rad/s",), {}, Verdict.HOLDS),
-        (("±1.5 rad/s",), {"rate": 1.6}, Verdict.FAILS),
-        (("±1.5π",), {"rate": 1.6}, Verdict.HOLDS),
-        (("±1.5π",), {"rate": 4.8}, Verdict.FAILS),
-        (("no violation",), {}, Verdict.HOLDS),
-        (("no violation",), {"coning": replace(HINF, rho_in_bounds=False)}, Verdict.IN_PART),
-        (("no violation",), {"hinf": replace(HINF, rho_in_bounds=False)}, Verdict.FAILS),
+        (("nine",), {}, ClaimVerdict.HOLDS),
+        (("nine",), {"states": 8}, ClaimVerdict.FAILS),
+        (("six states",), {}, ClaimVerdict.HOLDS),
+        (("six states",), {"pid_states": 9}, ClaimVerdict.FAILS),
+        (("γ",), {}, ClaimVerdict.IN_PART),
+        (("γ",), {"norm": 0.2501}, ClaimVerdict.FAILS),
+        (("PID: peak",), {}, ClaimVerdict.HOLDS),
+        (("PID: peak",), {"pid": replace(PID, rmse_deg=5.67 * (1.01 + TOLERANCE))}, ClaimVerdict.FAILS),
+        (("H-infinity: peak",), {}, ClaimVerdict.HOLDS),
+        (("H-infinity: peak",), {"hinf": replace(HINF, peak_deg=7.12 * (0.99 - TOLERANCE))}, ClaimVerdict.FAILS),
+        (("far better",), {}, ClaimVerdict.IN_PART),
+        (("far better",), {"fair": PID}, ClaimVerdict.HOLDS),
+        (("far better",), {"pid": CALM}, ClaimVerdict.FAILS),
+        (("exertion",), {}, ClaimVerdict.FAILS),
+        (("exertion",), {"hinf": replace(HINF, torque_slew_rms=0.9)}, ClaimVerdict.HOLDS),
+        (("±1.5 rad/s",), {}, ClaimVerdict.HOLDS),
+        (("±1.5 rad/s",), {"rate": 1.6}, ClaimVerdict.FAILS),
+        (("±1.5π",), {"rate": 1.6}, ClaimVerdict.HOLDS),
+        (("±1.5π",), {"rate": 4.8}, ClaimVerdict.FAILS),
+        (("no violation",), {}, ClaimVerdict.HOLDS),
+        (("no violation",), {"coning": replace(HINF, rho_in_bounds=False)}, ClaimVerdict.IN_PART),
+        (("no violation",), {"hinf": replace(HINF, rho_in_bounds=False)}, ClaimVerdict.FAILS),
     ],
 )
 def test_each_verdict_follows_its_figure(words, change, verdict):

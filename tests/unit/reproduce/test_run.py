@@ -15,7 +15,7 @@ from gustproof.reproduce import run
 from gustproof.scoring.metrics import Metrics
 from gustproof.simulate import flight
 from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.outcome import Outcome
+from gustproof.simulate.outcome import FlightOutcome
 
 pytestmark = pytest.mark.compiled
 
@@ -33,7 +33,7 @@ def direct(lost: str = ""):
         progress(1.0)
         return SimpleNamespace(
             records=fly_direct(scenario, law, vehicle=vehicle, seed=seed),
-            outcome=Outcome.CONTROLLER_LOST if law.name == lost else Outcome.DONE,
+            outcome=FlightOutcome.CONTROLLER_LOST if law.name == lost else FlightOutcome.DONE,
             message=f"{law.name} ended",
             realtime_factor=50.0,
             pace=None,

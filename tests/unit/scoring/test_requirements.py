@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.config.files import parse
+from firmware_model.config.files import validate
 from firmware_model.config.plant_events import AttitudeReference
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.recording.journal import RECORD
-from gustproof.model.lpv import scheduling, share_of_bounds, within_bounds
+from gustproof.model.lpv import is_within_bounds, scheduling_parameters, share_of_bounds
 from gustproof.scoring.metrics import measure
 from gustproof.scoring.requirements import RequirementResult, judge, verdict
 
@@ -36,7 +36,9 @@ def turn(records, axis: int, degrees) -> None:
 
 
 def judged(records, scenario: Scenario = SCENARIO, **table) -> RequirementResult:
-    requirement = parse(Requirement, table if {"at_most", "at_least"} & set(table) else {**table, "at_most": 1.0}, "")
+    requirement = validate(
+        Requirement, table if {"at_most", "at_least"} & set(table) else {**table, "at_most": 1.0}, ""
+    )
     [result] = judge(records, replace(scenario, require=(requirement,)), VEHICLE)
     return result
 
@@ -135,8 +137,8 @@ def test_what_is_outside_at_the_end_never_settles_nor_recovers():
 
 def test_rho_uses_up_its_room_where_the_flight_leaves_table_ii():
     for phi, theta, p, q, r in np.random.default_rng(2).uniform(-2.0, 2.0, (300, 5)):
-        rho = scheduling((phi, theta, 0.0), (p, q, r))
-        assert (share_of_bounds(rho) <= 1.0) == within_bounds(rho)
+        rho = scheduling_parameters((phi, theta, 0.0), (p, q, r))
+        assert (share_of_bounds(rho) <= 1.0) == is_within_bounds(rho)
     records = flight()
     records["omega_B"][7, 2] = -0.75
     assert judged(records, metric="rho_share").value == pytest.approx(0.5, rel=ROUNDING)
@@ -218,5 +220,5 @@ def test_every_metric_is_measured(metric):
 )
 def test_a_table_that_cannot_be_judged_is_refused(table, words):
     with pytest.raises(ConfigError) as refused:
-        parse(Scenario, {"name": "x", "description": "x", "duration_s": 4.0, "require": [table]}, "x.toml")
+        validate(Scenario, {"name": "x", "description": "x", "duration_s": 4.0, "require": [table]}, "x.toml")
     assert words in str(refused.value)

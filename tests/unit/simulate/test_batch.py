@@ -7,9 +7,9 @@ import pytest
 
 from firmware_model.config.plant_events import ActuatorEffect, AttitudeReference, GyroBias, Payload
 from firmware_model.config.requirement import Metric, Requirement
-from firmware_model.config.scenario import load_scenario, shipped_scenarios
+from firmware_model.config.scenario import list_scenarios, load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.config.wind import GustReplay, GustStep, OneMinusCosine
+from firmware_model.config.wind import GustCosine, GustReplay, GustStep
 from firmware_model.numerics.rotations import euler_angles
 from firmware_model.physics.ground import ground_params, ground_wrench
 from firmware_model.physics.rigid_body import Body
@@ -32,7 +32,7 @@ EVENTS = (
 )
 WINDS = (
     GustStep(kind="step", speed_mps=9.0, from_deg=30.0, start_s=0.1),
-    OneMinusCosine(kind="one_minus_cosine", amplitude_mps=(0.0, 30.0, 5.0), start_s=0.02, length_s=0.2),
+    GustCosine(kind="one_minus_cosine", amplitude_mps=(0.0, 30.0, 5.0), start_s=0.02, length_s=0.2),
     GustReplay(kind="replay", rows=((0.0, 1.0, 0.0, 0.5), (1.0, -1.0, 2.0, 0.0))),
 )
 EVENTFUL = replace(SHORT, event=EVENTS, wind=(*SHORT.wind, *WINDS), delay_samples=2)
@@ -131,7 +131,7 @@ def test_flights_that_a_payload_pulls_to_the_ground_are_the_same_side_by_side():
 
 
 @pytest.mark.compiled
-@pytest.mark.parametrize("name", [name for name in shipped_scenarios() if not load_scenario(name).scripts_controller])
+@pytest.mark.parametrize("name", [name for name in list_scenarios() if not load_scenario(name).has_link_script])
 def test_flights_side_by_side_are_those_one_by_one_in_every_scenario_without_messages(name):
     assert_same(load_scenario(name), LAW, cases(3))
 

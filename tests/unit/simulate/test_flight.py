@@ -17,15 +17,23 @@ from firmware_model.recording.journal import WIDTH, JournalWriter
 from gustproof.errors import FlightError
 from gustproof.law.form import load_law, shipped_laws
 from gustproof.recording.bag import read_bag, write_bag
-from gustproof.recording.folder import bags_in
+from gustproof.recording.folder import find_bags
 from gustproof.simulate import flight
 from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.flight import Plan, RecordedFlight, check, differs_from_s, noted, recover, warnings
-from gustproof.simulate.outcome import Outcome
+from gustproof.simulate.flight import (
+    FlightPlan,
+    RecordedFlight,
+    check,
+    first_difference_s,
+    parse_plan,
+    recover,
+    warnings,
+)
+from gustproof.simulate.outcome import FlightOutcome
 
 PAPER, IRIS = load_vehicle("paper"), load_vehicle("iris")
 SHORT = replace(load_scenario("paper"), duration_s=2.0)
-PLAN = Plan(SHORT, load_law("hinf-d1"), load_vehicle("iris"), 7, False)
+PLAN = FlightPlan(SHORT, load_law("hinf-d1"), load_vehicle("iris"), 7, False)
 NAME = "paper-hinf-d1-seed7"
 HOLD = (ModeChange(kind="mode", at_s=1.0, mode="hold"),)
 
@@ -45,7 +53,7 @@ def write_journal(folder, records, header=None):
 
 
 def test_a_plan_goes_through_json_and_back_without_a_bit_lost():
-    back = noted(json.loads(json.dumps(PLAN.note())), "here")
+    back = parse_plan(json.loads(json.dumps(PLAN.note())), "here")
     assert (back.scenario, back.vehicle, back.seed, back.real_time) == (SHORT, PLAN.vehicle, 7, False)
     assert back.law.document() == PLAN.law.document()
 
@@ -61,13 +69,13 @@ def test_a_plan_goes_through_json_and_back_without_a_bit_lost():
 )
 def test_a_note_that_says_too_little_is_refused_in_one_line(change, words):
     with pytest.raises(ConfigError, match=f"^here: {words}"):
-        noted({**PLAN.note(), **change}, "here")
+        parse_plan({**PLAN.note(), **change}, "here")
 
 
 def test_a_flight_that_was_whole_gives_the_bag_that_it_would_have_left(tmp_path, records):
     write_journal(tmp_path, records)
     (recovered,) = recover(tmp_path)
-    assert recovered.outcome is Outcome.DONE
+    assert recovered.outcome is FlightOutcome.DONE
     write_bag(tmp_path / "undisturbed" / NAME, records, {**PLAN.note(), "outcome": "done"})
     ours, theirs = (folder / NAME / f"{NAME}.mcap" for folder in (tmp_path, tmp_path / "undisturbed"))
     assert ours.read_bytes() == theirs.read_bytes()
@@ -80,7 +88,7 @@ def test_what_a_lost_disk_cache_leaves_is_cut_off_and_leftovers_are_removed(tmp_
     for leftover in (".bag-killed", ".flight-killed"):
         (tmp_path / leftover / NAME).mkdir(parents=True)
     (recovered,) = recover(tmp_path)
-    assert recovered.outcome is Outcome.CUT_OFF
+    assert recovered.outcome is FlightOutcome.CUT_OFF
     assert recovered.message.endswith("300 of 500 samples")
     about, back = read_bag(tmp_path / NAME)
     assert about["outcome"] == "cut_off"
@@ -94,7 +102,7 @@ def test_a_flight_whose_modes_the_script_changed_is_recovered_as_what_it_was(tmp
     held["mode"][250:] = Mode.HOLD.value
     write_journal(tmp_path, held, {"note": json.loads(json.dumps(plan.note()))})
     (recovered,) = recover(tmp_path)
-    assert (recovered.outcome, recovered.as_scripted) == (Outcome.LEFT_OFFBOARD, True)
+    assert (recovered.outcome, recovered.has_expected_outcome) == (FlightOutcome.LEFT_OFFBOARD, True)
     assert recovered.message.endswith("flown as the script asked: HOLD from 1 s, 500 of 500 samples")
     assert read_bag(tmp_path / NAME)[0]["outcome"] == "left_offboard"
 
@@ -159,7 +167,7 @@ def test_check_names_payload_and_mass_that_do_not_fit():
 @pytest.mark.parametrize(("missed", "event", "warned"), [(3, (), True), (0, (), False), (3, HOLD, False)])
 def test_samples_that_never_came_are_warned_of_unless_the_script_is_of_such(records, missed, event, warned):
     flown = RecordedFlight(
-        scenario=replace(SHORT, event=event), law=PLAN.law, vehicle=PLAN.vehicle, seed=7, outcome=Outcome.DONE,
+        scenario=replace(SHORT, event=event), law=PLAN.law, vehicle=PLAN.vehicle, seed=7, outcome=FlightOutcome.DONE,
         message="", records=records, bag=None, metrics=None, pace={"missed_samples": missed},
     )  # fmt: skip
     assert any("3 samples never came to law 'hinf-d1'" in line for line in flown.document()["warnings"]) is warned
@@ -202,7 +210,7 @@ def test_a_folder_without_a_journal_and_a_journal_without_a_note_are_refused(tmp
     with pytest.raises(ConfigError, match="does not say what was flown"):
         recover(tmp_path)
     with pytest.raises(ConfigError, match=f"a journal is: gustproof recover {tmp_path}$"):
-        bags_in(tmp_path)
+        find_bags(tmp_path)
 
 
 def test_no_room_for_the_bag_keeps_the_journal_and_says_what_to_do(tmp_path, records, monkeypatch):
@@ -218,7 +226,7 @@ def test_no_room_for_the_bag_keeps_the_journal_and_says_what_to_do(tmp_path, rec
 
 def test_the_first_bit_that_differs_is_found_and_a_shorter_flight_is_no_difference(records):
     other = records.copy()
-    assert differs_from_s(records, other) is None
-    assert differs_from_s(records, other[:20]) is None
+    assert first_difference_s(records, other) is None
+    assert first_difference_s(records, other[:20]) is None
     other["gyro_B"][33, 1] = np.nextafter(other["gyro_B"][33, 1], 1.0)
-    assert differs_from_s(records, other) == pytest.approx(33 * 0.004)
+    assert first_difference_s(records, other) == pytest.approx(33 * 0.004)

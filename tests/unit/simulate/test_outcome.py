@@ -9,7 +9,7 @@ from firmware_model.autopilot.modes import Mode
 from firmware_model.config.events import ModeChange
 from firmware_model.config.scenario import load_scenario
 from firmware_model.recording.journal import RECORD
-from gustproof.simulate.outcome import Outcome, describe, outcome_of
+from gustproof.simulate.outcome import FlightOutcome, describe, infer_outcome
 
 OFFBOARD, HOLD, STABILIZED = Mode.OFFBOARD, Mode.HOLD, Mode.STABILIZED
 PLAIN = replace(load_scenario("paper"), duration_s=4.0)
@@ -40,35 +40,35 @@ LOST = flown((OFFBOARD, 0.0), (STABILIZED, 3.0))
 @pytest.mark.parametrize(
     ("records", "scenario", "outcome"),
     [
-        (WHOLE, PLAIN, Outcome.DONE),
-        (WHOLE[:-1], PLAIN, Outcome.CUT_OFF),
-        (WHOLE[:0], PLAIN, Outcome.CUT_OFF),
-        (LOST, PLAIN, Outcome.CONTROLLER_LOST),
-        (LOST[:-1], PLAIN, Outcome.CUT_OFF),
-        (AS_ASKED, SCRIPTED, Outcome.LEFT_OFFBOARD),
-        (AS_ASKED, PLAIN, Outcome.LEFT_OFFBOARD),
+        (WHOLE, PLAIN, FlightOutcome.DONE),
+        (WHOLE[:-1], PLAIN, FlightOutcome.CUT_OFF),
+        (WHOLE[:0], PLAIN, FlightOutcome.CUT_OFF),
+        (LOST, PLAIN, FlightOutcome.CONTROLLER_LOST),
+        (LOST[:-1], PLAIN, FlightOutcome.CUT_OFF),
+        (AS_ASKED, SCRIPTED, FlightOutcome.LEFT_OFFBOARD),
+        (AS_ASKED, PLAIN, FlightOutcome.LEFT_OFFBOARD),
     ],
 )
 def test_records_alone_say_how_a_flight_ended(records, scenario, outcome):
-    assert outcome_of(records, scenario) is outcome
+    assert infer_outcome(records, scenario) is outcome
 
 
 def test_motors_off_are_the_end_of_a_flight_that_landed():
     landed = AS_ASKED[:700].copy()
-    assert outcome_of(landed, SCRIPTED) is Outcome.CUT_OFF
+    assert infer_outcome(landed, SCRIPTED) is FlightOutcome.CUT_OFF
     landed["thrust_z_command"][-1] = -0.0
-    assert outcome_of(landed, SCRIPTED) is Outcome.LEFT_OFFBOARD
+    assert infer_outcome(landed, SCRIPTED) is FlightOutcome.LEFT_OFFBOARD
 
 
 def test_modes_that_the_script_asked_for_are_named():
-    told = describe(Outcome.LEFT_OFFBOARD, SCRIPTED, AS_ASKED)
+    told = describe(FlightOutcome.LEFT_OFFBOARD, SCRIPTED, AS_ASKED)
     assert told == "flown as the script asked: HOLD from 1 s, OFFBOARD from 1.5 s, HOLD from 2 s"
 
 
 @pytest.mark.parametrize("records", [TAKEN_LATER, LOST, WHOLE])
 def test_who_else_took_the_vehicle_is_not_the_script(records):
-    assert describe(Outcome.LEFT_OFFBOARD, SCRIPTED, records) == Outcome.LEFT_OFFBOARD.value
+    assert describe(FlightOutcome.LEFT_OFFBOARD, SCRIPTED, records) == FlightOutcome.LEFT_OFFBOARD.value
 
 
 def test_other_ends_are_told_as_they_are():
-    assert describe(Outcome.CONTROLLER_LOST, SCRIPTED, AS_ASKED) == Outcome.CONTROLLER_LOST.value
+    assert describe(FlightOutcome.CONTROLLER_LOST, SCRIPTED, AS_ASKED) == FlightOutcome.CONTROLLER_LOST.value

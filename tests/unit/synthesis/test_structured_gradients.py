@@ -5,17 +5,25 @@ import pytest
 
 from gustproof.lti.norms import h2_norm, hinf_norm
 from gustproof.lti.state_space import Lti, lft
-from gustproof.synthesis.structured.blocks import full
+from gustproof.synthesis.structured.blocks import full_structure
 from gustproof.synthesis.structured.goals import (
-    DiskMargin,
-    Gain,
-    Measure,
-    Place,
-    RollOff,
-    Sensitivity,
-    StableController,
+    DiskMarginGoal,
+    GainGoal,
+    LoopLocation,
+    NormKind,
+    RollOffGoal,
+    SensitivityGoal,
+    StabilityGoal,
 )
-from gustproof.synthesis.structured.loop import abscissa, abscissa_slopes, augmented, closed, h2, peak, peak_slopes
+from gustproof.synthesis.structured.loop import (
+    abscissa,
+    abscissa_slopes,
+    augment_plant,
+    close_loop,
+    loop_h2_norm,
+    loop_peak,
+    peak_slopes,
+)
 from gustproof.synthesis.structured.objective import Problem
 
 STEP = 1e-6
@@ -55,34 +63,36 @@ def differences(function, M: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("order", [0, 2])
 @pytest.mark.parametrize("seed", range(4))
 def test_the_gradient_of_the_h_infinity_norm_is_that_of_finite_differences(seed, order):
-    plant, M = augmented(random_plant(seed, feedthrough=True), 2, 2, order), controller(seed, order)
-    loop = closed(plant, M)
-    top = peak(loop, [])
+    plant, M = augment_plant(random_plant(seed, feedthrough=True), 2, 2, order), controller(seed, order)
+    loop = close_loop(plant, M)
+    top = loop_peak(loop, [])
     slope = peak_slopes(loop, top, 0.0)[0]
-    expected = differences(lambda K: peak(closed(plant, K), [top.omega] if np.isfinite(top.omega) else []).gain, M)
+    expected = differences(
+        lambda K: loop_peak(close_loop(plant, K), [top.omega] if np.isfinite(top.omega) else []).gain, M
+    )
     assert slope.value == pytest.approx(top.gain, rel=1e-9)
     assert np.allclose(slope.gradient, expected, rtol=0.0, atol=DIFFERENCES * np.max(np.abs(expected)))
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_gradient_of_the_abscissa_is_that_of_finite_differences(seed):
-    plant, M = augmented(random_plant(seed, feedthrough=True), 2, 2, 2), controller(seed, 2)
-    loop = closed(plant, M)
+    plant, M = augment_plant(random_plant(seed, feedthrough=True), 2, 2, 2), controller(seed, 2)
+    loop = close_loop(plant, M)
     slope = abscissa_slopes(loop.A, loop.B2, loop.C2, 0.0)[0]
-    expected = differences(lambda K: abscissa(closed(plant, K).A), M)
+    expected = differences(lambda K: abscissa(close_loop(plant, K).A), M)
     assert slope.value == pytest.approx(abscissa(loop.A))
     assert np.allclose(slope.gradient, expected, rtol=0.0, atol=DIFFERENCES * np.max(np.abs(expected)))
 
 
 WEIGHT = Lti(A=-np.eye(2), B=np.eye(2), C=np.eye(2), D=0.1 * np.eye(2))
 GOALS = [
-    Gain(limit=1e-3, inputs=(1,), outputs=(0, 2), weight=WEIGHT),
-    Gain(limit=1e-3, measure=Measure.RMS, outputs=(0, 1)),
-    Sensitivity(limit=0.1),
-    Sensitivity(limit=0.1, place=Place.OUTPUT, channels=(1,)),
-    DiskMargin(least=20.0),
-    RollOff(corner=10.0, limit=1e-3, slope=2),
-    StableController(margin=3.0),
+    GainGoal(limit=1e-3, inputs=(1,), outputs=(0, 2), weight=WEIGHT),
+    GainGoal(limit=1e-3, measure=NormKind.RMS, outputs=(0, 1)),
+    SensitivityGoal(limit=0.1),
+    SensitivityGoal(limit=0.1, place=LoopLocation.OUTPUT, channels=(1,)),
+    DiskMarginGoal(least=20.0),
+    RollOffGoal(corner=10.0, limit=1e-3, slope=2),
+    StabilityGoal(margin=3.0),
 ]
 """Each far from kept, so that its price counts."""
 
@@ -90,17 +100,17 @@ GOALS = [
 @pytest.mark.parametrize("goal", GOALS, ids=lambda goal: type(goal).__name__)
 @pytest.mark.parametrize("centred", [True, False])
 def test_every_goal_has_the_gradient_of_finite_differences(goal, centred):
-    structure = full(2, 2, 2)
+    structure = full_structure(2, 2, 2)
     models = tuple(random_plant(seed, feedthrough=False) for seed in (1, 2))
-    problem = Problem(models=models, structure=structure, target=Gain(), limits=(goal,))
-    M = controller(3, 2, strictly_proper=isinstance(goal, Gain))
-    fixed = np.arange(M.size).reshape(M.shape)[2:, 2:].ravel() if isinstance(goal, Gain) else []
+    problem = Problem(models=models, structure=structure, target=GainGoal(), limits=(goal,))
+    M = controller(3, 2, strictly_proper=isinstance(goal, GainGoal))
+    fixed = np.arange(M.size).reshape(M.shape)[2:, 2:].ravel() if isinstance(goal, GainGoal) else []
     objective = problem.objective()
     theta = M.ravel()
     scale = objective.reached(theta)[0]
     assert np.isfinite(scale)
     # the target is scaled so that it does not hide the goal
-    objective = objective.centred(1e6 * scale) if centred else objective.priced(1e6 * scale, 3.0)
+    objective = objective.centred(1e6 * scale) if centred else objective.use_penalty(1e6 * scale, 3.0)
     assert objective.value(theta) > 1.0
     free = [k for k in range(theta.size) if k not in fixed]
     expected = []
@@ -113,10 +123,10 @@ def test_every_goal_has_the_gradient_of_finite_differences(goal, centred):
 
 
 def test_branches_near_the_largest_hold_other_peaks_and_other_models():
-    structure = full(0, 2, 2)
+    structure = full_structure(0, 2, 2)
     model = random_plant(1, feedthrough=False)
     louder = Lti(A=model.A, B=model.B * [1.02, 1.02, 1.0, 1.0], C=model.C, D=model.D)
-    problem = Problem(models=(model, louder), structure=structure, target=Gain(), limits=())
+    problem = Problem(models=(model, louder), structure=structure, target=GainGoal(), limits=())
     objective, theta = problem.objective(), np.full(4, 0.1)
     branches = objective.branches(theta, 0.05)
     values = [branch.value for branch in branches]
@@ -129,10 +139,10 @@ def test_branches_near_the_largest_hold_other_peaks_and_other_models():
 def test_the_searchs_norms_are_the_independent_ones(seed):
     P, M = random_plant(seed, feedthrough=False), controller(seed, 2, strictly_proper=True)
     K = Lti(A=M[:2, :2], B=M[:2, 2:], C=M[2:, :2], D=M[2:, 2:])
-    loop, G = closed(augmented(P, 2, 2, 2), M), lft(P, K)
-    assert peak(loop, []).gain == pytest.approx(hinf_norm(G).gain, rel=1e-6)
+    loop, G = close_loop(augment_plant(P, 2, 2, 2), M), lft(P, K)
+    assert loop_peak(loop, []).gain == pytest.approx(hinf_norm(G).gain, rel=1e-6)
     strictly_proper = Lti(A=G.A, B=G.B, C=G.C, D=np.zeros(G.D.shape))
-    assert h2(loop) == pytest.approx(h2_norm(strictly_proper), rel=1e-9)
+    assert loop_h2_norm(loop) == pytest.approx(h2_norm(strictly_proper), rel=1e-9)
 
 
 def test_a_flat_peak_is_found():
@@ -151,5 +161,5 @@ def test_a_flat_peak_is_found():
         C=np.vstack([G.C, np.zeros((1, 3))]),
         D=np.block([[G.D, np.zeros((3, 1))], [np.zeros((1, 2))]]),
     )
-    loop = closed(augmented(P, 1, 1, 0), np.zeros((1, 1)))
-    assert peak(loop, []).gain == pytest.approx(np.sqrt(3.0), rel=1e-9)
+    loop = close_loop(augment_plant(P, 1, 1, 0), np.zeros((1, 1)))
+    assert loop_peak(loop, []).gain == pytest.approx(np.sqrt(3.0), rel=1e-9)

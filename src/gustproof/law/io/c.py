@@ -30,7 +30,7 @@ _START = ": level, yaw 0, at rest. To begin in another attitude, write it to the
 _STEPS = 16
 """Steps of the self-test at most."""
 _WIDTH = 120
-_TIE = "\u00a0"
+_NBSP = "\u00a0"
 """A space at which no line is broken."""
 
 
@@ -144,10 +144,10 @@ def _sums(target: str, matrix: NDArray[np.float64], names: Sequence[str]) -> Ite
     """Yield one sum a row; it begins with 0.0, as the law's does, so that no sum is -0.0."""
     for i, row in enumerate(matrix.tolist()):
         terms = [_term(value, name) for value, name in zip(row, names, strict=False) if value]
-        sum_ = " ".join([f"{target}[{i}]{_TIE}={_TIE}0.0", *terms]) + ";"
-        yield "\n    ".join(wrap(sum_, _WIDTH - 8, break_on_hyphens=False)).replace(_TIE, " ")
+        sum_ = " ".join([f"{target}[{i}]{_NBSP}={_NBSP}0.0", *terms]) + ";"
+        yield "\n    ".join(wrap(sum_, _WIDTH - 8, break_on_hyphens=False)).replace(_NBSP, " ")
 
 
 def _term(value: float, name: str) -> str:
     factor = "" if abs(value) == 1.0 else f"{abs(value)!r} * "
-    return f"{'-' if value < 0.0 else '+'} {factor}{name}".replace(" ", _TIE)
+    return f"{'-' if value < 0.0 else '+'} {factor}{name}".replace(" ", _NBSP)

@@ -20,13 +20,13 @@ import scipy.io
 from numpy.typing import NDArray
 
 from firmware_model.config.files import TEXT, parse_json, read_bytes, read_text
-from firmware_model.config.validation import one_line
+from firmware_model.config.validation import sanitize_line
 from gustproof.errors import LawFileError
 from gustproof.law.form import Law, Output, Provenance, load_law
 
-_NEEDED = ("A", "B", "C", "D")
-_TABLES = (*_NEEDED, "G", "H", "limits")
-_FACTS = "facts.json"
+_REQUIRED = ("A", "B", "C", "D")
+_TABLES = (*_REQUIRED, "G", "H", "limits")
+_METADATA_FILE = "facts.json"
 _IN_MAT = (*_TABLES, "dt", "name", "output", "provenance")
 _CLASSES = {
     "double",
@@ -61,7 +61,7 @@ def save_mat(law: Law, path: Path) -> None:
 
     A scheduled law has its kinematics in G: what is linear at level attitude has `A(:, 4:6) + G` in A.
     """
-    scipy.io.savemat(path, {name: getattr(law, name) for name in _TABLES} | _facts(law), appendmat=False)
+    scipy.io.savemat(path, {name: getattr(law, name) for name in _TABLES} | _metadata(law), appendmat=False)
 
 
 def load_mat(path: Path) -> Law:
@@ -81,9 +81,9 @@ def load_mat(path: Path) -> Law:
     except OSError as error:
         raise LawFileError(f"{path}: {error.strerror or error}") from None
     except Exception as error:  # scipy raises whatever the damaged bytes lead it to
-        raise LawFileError(f"{path}: not a MATLAB file of version 5 to 7.2: {one_line(str(error))}") from None
+        raise LawFileError(f"{path}: not a MATLAB file of version 5 to 7.2: {sanitize_line(str(error))}") from None
     facts = {name: content[name].reshape(-1) for name in ("dt", "name", "output", "provenance") if name in content}
-    return _law(path, content, {name: values[0].item() for name, values in facts.items() if len(values)})
+    return _build_law(path, content, {name: values[0].item() for name, values in facts.items() if len(values)})
 
 
 def _unpacked(content: bytes) -> bytes:
@@ -114,7 +114,7 @@ def save_csv(law: Law, folder: Path) -> None:
         rows = np.atleast_2d(getattr(law, name)).tolist()
         lines = "".join(",".join(map(repr, row)) + "\n" for row in rows)
         (folder / f"{name}.csv").write_text(lines, encoding="utf-8")
-    (folder / _FACTS).write_text(json.dumps(_facts(law), indent=2) + "\n", encoding="utf-8")
+    (folder / _METADATA_FILE).write_text(json.dumps(_metadata(law), indent=2) + "\n", encoding="utf-8")
 
 
 def load_csv(folder: Path) -> Law:
@@ -131,22 +131,22 @@ def load_csv(folder: Path) -> Law:
             if path.exists():
                 rows = [line.split(",") for line in read_text(path, _CSV).splitlines()]
                 tables[path.stem] = np.array([[float(cell) for cell in row] for row in rows])
-        path = folder / _FACTS
+        path = folder / _METADATA_FILE
         facts = parse_json(read_text(path))
     except OSError as error:
         raise LawFileError(f"{path}: {error.strerror}") from None
     except ValueError as error:
-        raise LawFileError(f"{path}: {one_line(str(error))}") from None
-    return _law(folder, tables, facts if isinstance(facts, dict) else {})
+        raise LawFileError(f"{path}: {sanitize_line(str(error))}") from None
+    return _build_law(folder, tables, facts if isinstance(facts, dict) else {})
 
 
-def _facts(law: Law) -> dict[str, Any]:
+def _metadata(law: Law) -> dict[str, Any]:
     provenance = json.dumps(asdict(law.provenance), ensure_ascii=False)
     return {"dt": law.dt, "name": law.name, "output": law.output.value, "provenance": provenance}
 
 
-def _law(path: Path, tables: Mapping[str, Any], facts: Mapping[str, Any]) -> Law:
-    if missing := [name for name in _NEEDED if name not in tables] + [name for name in ("dt",) if name not in facts]:
+def _build_law(path: Path, tables: Mapping[str, Any], facts: Mapping[str, Any]) -> Law:
+    if missing := [name for name in _REQUIRED if name not in tables] + [name for name in ("dt",) if name not in facts]:
         raise LawFileError(f"{path}: {missing[0]}: missing")
     try:
         if complex_ := [name for name in _TABLES if np.iscomplexobj(tables.get(name, 0.0))]:
@@ -156,7 +156,7 @@ def _law(path: Path, tables: Mapping[str, Any], facts: Mapping[str, Any]) -> Law
         provenance = parse_json(facts.get("provenance", "null")) or {"design": f"read from {path.name}", "vehicle": ""}
         return Law(
             name=str(facts.get("name", path.stem)),
-            A=matrices["A"], B=_with_reference(matrices["B"]), C=matrices["C"], D=_with_reference(matrices["D"]),
+            A=matrices["A"], B=_pad_reference(matrices["B"]), C=matrices["C"], D=_pad_reference(matrices["D"]),
             G=matrices.get("G", np.zeros((n, 3))), H=matrices.get("H", np.zeros((n, 3))),
             dt=float(facts["dt"]),
             limits=matrices.get("limits", np.full(3, _NO_LIMIT)).reshape(-1),
@@ -164,9 +164,9 @@ def _law(path: Path, tables: Mapping[str, Any], facts: Mapping[str, Any]) -> Law
             provenance=Provenance(**provenance),
         )  # fmt: skip
     except (ValueError, TypeError) as error:
-        raise LawFileError(f"{path}: {one_line(str(error))}") from None
+        raise LawFileError(f"{path}: {sanitize_line(str(error))}") from None
 
 
-def _with_reference(matrix: Matrix) -> Matrix:
+def _pad_reference(matrix: Matrix) -> Matrix:
     """Return a matrix of six columns; of three, the gyro's, the reference has no effect."""
     return np.hstack([matrix, np.zeros_like(matrix)]) if matrix.ndim == 2 and matrix.shape[1] == 3 else matrix

@@ -15,7 +15,7 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 44.0, 10.0, 22.0, 36.0
 _BINS = 48  # of a distribution, at most
 _POINTS = 160  # of an exceedance curve
 _MEANS = 16  # of a response curve, at most
-_FEWEST = 25  # runs that a mean is of
+_MIN_RUNS = 25  # runs that a mean is of
 
 
 class Line(NamedTuple):
@@ -56,10 +56,10 @@ class Axis(NamedTuple):
         return [step * k for k in range(math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9) + 1)]
 
 
-def distributions(label: str, values: Sequence[Array]) -> str:
+def draw_distributions(label: str, values: Sequence[Array]) -> str:
     """Return how the runs of each law, an array each, are spread: their share in bins that all laws have in common."""
     found = [each[np.isfinite(each)] for each in values]
-    low, high = _range(found)
+    low, high = _value_range(found)
     bins = min(math.ceil(2.0 * math.sqrt(max(map(len, found)))), _BINS)
     edges = np.linspace(low, high, max(bins, 1) + 1)
     lines = []
@@ -67,28 +67,30 @@ def distributions(label: str, values: Sequence[Array]) -> str:
         shares = np.histogram(each, edges)[0] / max(len(each), 1) * 100.0
         lines.append(Line(colour, np.repeat(edges, 2), np.concatenate([[0.0], np.repeat(shares, 2), [0.0]])))
     top = max((float(np.max(line.y)) for line in lines), default=0.0) or 1.0
-    return chart(label, "share of the runs [%]", lines, Axis(low, high), Axis(0.0, 1.05 * top))
+    return draw_chart(label, "share of the runs [%]", lines, Axis(low, high), Axis(0.0, 1.05 * top))
 
 
-def exceedances(label: str, values: Sequence[Array]) -> str:
+def draw_exceedances(label: str, values: Sequence[Array]) -> str:
     """Return which share of the runs of each law exceeds a value, down to the one worst run."""
     found = [each[np.isfinite(each)] for each in values]
-    low, high = _range(found)
+    low, high = _value_range(found)
     lines = []
     for colour, each in enumerate(found):
         ordered, n = np.sort(each), len(each)
         picks = np.unique(np.round(n - n ** np.linspace(1.0, 0.0, _POINTS)).astype(np.intp)) if n else np.zeros(0, int)
         lines.append(Line(colour, ordered[picks], (n - picks) / max(n, 1) * 100.0))
     least = min(100.0 / max(len(each), 2) for each in found)
-    return chart(label, "share of the runs above it [%]", lines, Axis(low, high), Axis(least, 100.0, True))
+    return draw_chart(label, "share of the runs above it [%]", lines, Axis(low, high), Axis(least, 100.0, True))
 
 
-def responses(label: str, drawn: str, values: Sequence[Array], delta: Array, value: Callable[[float], float]) -> str:
+def draw_responses(
+    label: str, drawn: str, values: Sequence[Array], delta: Array, value: Callable[[float], float]
+) -> str:
     """Return the mean of a figure of each law in parts of the range of what was drawn, (cases,) normalised.
 
     Empty if there are too few cases for two means.
     """
-    means = min(len(delta) // _FEWEST, _MEANS)
+    means = min(len(delta) // _MIN_RUNS, _MEANS)
     if means < 2:
         return ""
     edges = np.linspace(-1.0, 1.0, means + 1)
@@ -100,11 +102,13 @@ def responses(label: str, drawn: str, values: Sequence[Array], delta: Array, val
         counts = np.bincount(part[there], minlength=means)
         sums = np.bincount(part[there], weights=each[there], minlength=means)
         lines.append(Line(colour, middle, np.where(counts > 0, sums / np.maximum(counts, 1), math.nan)))
-    low, high = _range([line.y[np.isfinite(line.y)] for line in lines])
-    return chart(drawn, label, lines, Axis(value(-1.0), value(1.0)), Axis(min(low, 0.0), high * 1.05 if high else 1.0))
+    low, high = _value_range([line.y[np.isfinite(line.y)] for line in lines])
+    return draw_chart(
+        drawn, label, lines, Axis(value(-1.0), value(1.0)), Axis(min(low, 0.0), high * 1.05 if high else 1.0)
+    )
 
 
-def chart(x_label: str, y_label: str, lines: Sequence[Line], x: Axis, y: Axis) -> str:
+def draw_chart(x_label: str, y_label: str, lines: Sequence[Line], x: Axis, y: Axis) -> str:
     """Return a chart as SVG; its colours are the page's."""
     width, height = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
 
@@ -115,11 +119,11 @@ def chart(x_label: str, y_label: str, lines: Sequence[Line], x: Axis, y: Axis) -
     for value in y.ticks():
         at = _TOP + height * (1.0 - y.share(value))
         parts.append(f'<path class="grid" d="M{_LEFT},{at:.1f}h{width}"/>')
-        parts.append(f'<text class="y" x="{_LEFT - 5}" y="{at:.1f}">{_number(value)}</text>')
+        parts.append(f'<text class="y" x="{_LEFT - 5}" y="{at:.1f}">{_format_number(value)}</text>')
     for value in x.ticks():
         at = _LEFT + width * x.share(value)
         parts.append(f'<path class="grid" d="M{at:.1f},{_TOP}v{height}"/>')
-        parts.append(f'<text class="x" x="{at:.1f}" y="{_HEIGHT - _BOTTOM + 14}">{_number(value)}</text>')
+        parts.append(f'<text class="x" x="{at:.1f}" y="{_HEIGHT - _BOTTOM + 14}">{_format_number(value)}</text>')
     for line in lines:
         there = np.isfinite(line.y)
         points = " ".join(map(place, line.x[there].tolist(), line.y[there].tolist()))
@@ -132,12 +136,12 @@ def chart(x_label: str, y_label: str, lines: Sequence[Line], x: Axis, y: Axis) -
     return f'<svg class="plot" viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" role="img" aria-label="{name}">{body}</svg>'
 
 
-def _range(values: Sequence[Array]) -> tuple[float, float]:
+def _value_range(values: Sequence[Array]) -> tuple[float, float]:
     """Return the least and the largest of all values, apart even where there is but one."""
     there = [each for each in values if len(each)]
     low, high = (min(map(np.min, there)), max(map(np.max, there))) if there else (0.0, 0.0)
     return (float(low), float(high)) if high > low else (float(low) - 0.5, float(high) + 0.5)
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     return f"{value:.6g}".replace("-", "−").replace("e−0", "e−")

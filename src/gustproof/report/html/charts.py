@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from gustproof.report.html.runs import Records, Run
+from gustproof.report.html.runs import Records, ReportRun
 from gustproof.scoring.metrics import attitude
 
-SAMPLES = 20_000
+MAX_SAMPLES = 20_000
 """Samples a curve that are drawn as they are; of a longer one, the lowest and the highest of each stretch."""
 _SEGMENTS = 4  # non-overlapping ones; Welch's halves overlap, so seven spectra are averaged
 
 Array = NDArray[np.float64]
-Values = Callable[[Run], Array]
+Values = Callable[[ReportRun], Array]
 
 
-class Kind(Enum):
+class ChartKind(Enum):
     """Which axes a chart has."""
 
     TIME = "time"
@@ -31,7 +31,7 @@ class Kind(Enum):
     """The complex plane, both axes logarithmic away from 0; points without lines."""
 
 
-class Style(Enum):
+class CurveStyle(Enum):
     """How a curve is drawn."""
 
     SOLID = "solid"
@@ -54,7 +54,7 @@ class Curve:
     """(n,) ascending [unit of the chart's x]; in the plane in any order."""
     y: Array
     """(n,) [unit of the chart's y]."""
-    style: Style = Style.SOLID
+    style: CurveStyle = CurveStyle.SOLID
     """How it is drawn."""
 
 
@@ -66,14 +66,14 @@ class Chart:
     """What is drawn, with its unit."""
     x_label: str
     """What x is, with its unit."""
-    kind: Kind
+    kind: ChartKind
     """Which axes it has."""
     curves: tuple[Curve, ...]
     """What is drawn; the first lies below."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Group:
+class ChartGroup:
     """Charts side by side, exported as one picture."""
 
     title: str
@@ -84,42 +84,42 @@ class Group:
     """What a reader must know of them."""
 
 
-def _field(name: str) -> Callable[[Records], Array]:
+def _get_field(name: str) -> Callable[[Records], Array]:
     return lambda records: np.asarray(records[name])
 
 
-def _of(values: Callable[[Records], Array]) -> Values:
+def _from_records(values: Callable[[Records], Array]) -> Values:
     return lambda run: values(run.records)
 
 
-def _torque_share(run: Run) -> Array:
+def _torque_share(run: ReportRun) -> Array:
     share = np.abs(run.records["torque_command_B"]) / np.array(run.vehicle.torque_limit)
     return np.asarray(np.max(share, axis=1, keepdims=True))
 
 
 _HISTORIES: tuple[tuple[str, tuple[str, ...], Values], ...] = (
-    ("Attitude", ("roll φ [deg]", "pitch θ [deg]", "yaw ψ [deg]"), _of(lambda r: np.degrees(attitude(r)))),
-    ("Body rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _of(_field("omega_B"))),
-    ("Commanded rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _of(_field("omega_command_B"))),
-    ("Commanded torque", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _of(_field("torque_command_B"))),
-    ("Torque of the actuators", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _of(_field("torque_B"))),
+    ("Attitude", ("roll φ [deg]", "pitch θ [deg]", "yaw ψ [deg]"), _from_records(lambda r: np.degrees(attitude(r)))),
+    ("Body rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _from_records(_get_field("omega_B"))),
+    ("Commanded rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _from_records(_get_field("omega_command_B"))),
+    ("Commanded torque", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _from_records(_get_field("torque_command_B"))),
+    ("Torque of the actuators", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _from_records(_get_field("torque_B"))),
     ("Saturation", ("largest share of a torque limit [-]; 1 is saturated",), _torque_share),
-    ("Gust, blowing toward", ("forward u [m/s]", "right v [m/s]", "down w [m/s]"), _of(_field("gust_B"))),
-    ("Angular gust", ("roll [rad/s]", "pitch [rad/s]", "yaw [rad/s]"), _of(_field("gust_omega_B"))),
-    ("Mean wind, blowing toward", ("north [m/s]", "east [m/s]", "down [m/s]"), _of(_field("wind_N"))),
-    ("Disturbance moment", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _of(_field("moment_B"))),
-    ("Thrust of the rotors", tuple(f"rotor {i} [N]" for i in range(1, 5)), _of(_field("rotors"))),
-    ("Position", ("north [m]", "east [m]", "down [m]"), _of(_field("position_N"))),
-    ("Velocity", ("north [m/s]", "east [m/s]", "down [m/s]"), _of(_field("velocity_N"))),
-    ("Link", ("age of the command that acts [samples]",), _of(_field("command_age"))),
-    ("Autopilot", ("mode [number]",), _of(lambda r: np.asarray(r["mode"])[:, None])),
+    ("Gust, blowing toward", ("forward u [m/s]", "right v [m/s]", "down w [m/s]"), _from_records(_get_field("gust_B"))),
+    ("Angular gust", ("roll [rad/s]", "pitch [rad/s]", "yaw [rad/s]"), _from_records(_get_field("gust_omega_B"))),
+    ("Mean wind, blowing toward", ("north [m/s]", "east [m/s]", "down [m/s]"), _from_records(_get_field("wind_N"))),
+    ("Disturbance moment", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _from_records(_get_field("moment_B"))),
+    ("Thrust of the rotors", tuple(f"rotor {i} [N]" for i in range(1, 5)), _from_records(_get_field("rotors"))),
+    ("Position", ("north [m]", "east [m]", "down [m]"), _from_records(_get_field("position_N"))),
+    ("Velocity", ("north [m/s]", "east [m/s]", "down [m/s]"), _from_records(_get_field("velocity_N"))),
+    ("Link", ("age of the command that acts [samples]",), _from_records(_get_field("command_age"))),
+    ("Autopilot", ("mode [number]",), _from_records(lambda r: np.asarray(r["mode"])[:, None])),
 )
 """Title, axes and values (n, k) of each group of time histories; one that nothing happens in is left out."""
 
 _SPECTRA = ("Attitude", "Gust, blowing toward", "Disturbance moment")
 
 
-def time_histories(runs: Sequence[Run]) -> tuple[Group, ...]:
+def time_histories(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
     """Return the time histories in which something happens in any run."""
     groups = []
     for title, axes, values in _HISTORIES:
@@ -132,14 +132,14 @@ def time_histories(runs: Sequence[Run]) -> tuple[Group, ...]:
         charts = []
         for k, axis in enumerate(axes):
             known = [i for i in order if not np.all(np.isnan(columns[i][:, k]))]
-            curves = merged([_history(runs[i], columns[i][:, k], i) for i in known], "all runs")
-            asked = _references(runs, k) if title == "Attitude" else ()
-            charts.append(Chart(title=axis, x_label="time [s]", kind=Kind.TIME, curves=(*curves, *asked)))
-        groups.append(Group(title=title, charts=tuple(charts)))
+            curves = merge_curves([_history_curve(runs[i], columns[i][:, k], i) for i in known], "all runs")
+            asked = _reference_curves(runs, k) if title == "Attitude" else ()
+            charts.append(Chart(title=axis, x_label="time [s]", kind=ChartKind.TIME, curves=(*curves, *asked)))
+        groups.append(ChartGroup(title=title, charts=tuple(charts)))
     return tuple(groups)
 
 
-def spectra(runs: Sequence[Run]) -> tuple[Group, ...]:
+def spectra(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
     """Return power spectral densities, one-sided over the angular frequency, by Welch's method.
 
     References
@@ -158,33 +158,38 @@ def spectra(runs: Sequence[Run]) -> tuple[Group, ...]:
                 for i, (run, (omega, density)) in enumerate(zip(runs, found, strict=True))
                 if np.all(density[:, k] > 0.0)
             ]
-            label = f"{name} [{bracketed(unit)}²/(rad/s)]"
+            label = f"{name} [{bracket_unit(unit)}²/(rad/s)]"
             charts.append(
-                Chart(title=label, x_label="frequency [rad/s]", kind=Kind.FREQUENCY, curves=merged(curves, "all runs"))
+                Chart(
+                    title=label,
+                    x_label="frequency [rad/s]",
+                    kind=ChartKind.FREQUENCY,
+                    curves=merge_curves(curves, "all runs"),
+                )
             )
         if any(chart.curves for chart in charts):
-            groups.append(Group(title=f"Spectrum: {title.partition(',')[0].lower()}", charts=tuple(charts)))
+            groups.append(ChartGroup(title=f"Spectrum: {title.partition(',')[0].lower()}", charts=tuple(charts)))
     return tuple(groups)
 
 
-def bracketed(unit: str) -> str:
+def bracket_unit(unit: str) -> str:
     """Return a unit as it stands in a product: in brackets if it is one itself."""
     return f"({unit})" if set(unit) & {"/", " "} else unit
 
 
-def merged(curves: Iterable[Curve], label: str) -> tuple[Curve, ...]:
+def merge_curves(curves: Iterable[Curve], label: str) -> tuple[Curve, ...]:
     """Return the curves, or one called `label` if they are the same: the last would hide the others."""
     found = tuple(curves)
-    if len(found) < 2 or not all(_same(found[0], curve) for curve in found[1:]):
+    if len(found) < 2 or not all(_is_same(found[0], curve) for curve in found[1:]):
         return found
     return (replace(found[0], label=label, colour=None),)
 
 
-def _same(one: Curve, other: Curve) -> bool:
+def _is_same(one: Curve, other: Curve) -> bool:
     return np.array_equal(one.x, other.x) and np.array_equal(one.y, other.y, equal_nan=True)
 
 
-def thinned(time: Array, values: Array, most: int = SAMPLES) -> tuple[Array, Array]:
+def decimate(time: Array, values: Array, most: int = MAX_SAMPLES) -> tuple[Array, Array]:
     """Return a curve of at most `most` samples: of more, the lowest and the highest of each stretch, in order.
 
     No peak is lost; times are those of the samples kept.
@@ -203,21 +208,21 @@ def thinned(time: Array, values: Array, most: int = SAMPLES) -> tuple[Array, Arr
     return time[kept], values[kept]
 
 
-def _history(run: Run, column: Array, colour: int) -> Curve:
-    time, values = thinned(run.records["time_us"] * 1e-6, column)
+def _history_curve(run: ReportRun, column: Array, colour: int) -> Curve:
+    time, values = decimate(run.records["time_us"] * 1e-6, column)
     return Curve(label=run.label, colour=colour, x=time, y=values)
 
 
-def _references(runs: Sequence[Run], axis: int) -> tuple[Curve, ...]:
+def _reference_curves(runs: Sequence[ReportRun], axis: int) -> tuple[Curve, ...]:
     """Return the angles [deg] about an axis that the scripts ask the laws to hold, those of all runs as one."""
     curves = []
     for i, run in enumerate(runs):
         if turns := run.scenario.references:
             stamps, angles = zip((-1, (0.0, 0.0, 0.0)), *turns, strict=True)
             held = np.degrees(angles)[np.searchsorted(stamps, run.records["time_us"], side="right") - 1, axis]
-            asked = replace(_history(run, held, i), style=Style.DASHED)
+            asked = replace(_history_curve(run, held, i), style=CurveStyle.DASHED)
             curves.append(replace(asked, label=f"reference of {run.label}"))
-    if all(_same(curves[0], curve) for curve in curves[1:]):
+    if all(_is_same(curves[0], curve) for curve in curves[1:]):
         return tuple(replace(curve, label="reference", colour=None) for curve in curves[:1])
     return tuple(curves)
 

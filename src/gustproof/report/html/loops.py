@@ -11,18 +11,18 @@ from gustproof.analysis.hover_loop import HoverLoop, hover_loop
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, lft
-from gustproof.report.html.charts import Chart, Curve, Group, Kind, Style, bracketed, merged
-from gustproof.report.html.runs import Run
+from gustproof.report.html.charts import Chart, ChartGroup, ChartKind, Curve, CurveStyle, bracket_unit, merge_curves
+from gustproof.report.html.runs import ReportRun
 from gustproof.synthesis.derive import DesignReport, derive
 from gustproof.synthesis.designs import Design, Weight
 
 _AXES = ("roll", "pitch", "yaw")
 _OMEGA = np.geomspace(1e-3, 1e3, 400)
-_SAME = 1e-6  # [-] relative: how far the numbers of a law designed again may differ, on another machine
+_SAME_TOLERANCE = 1e-6  # [-] relative: how far the numbers of a law designed again may differ, on another machine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FlownLaw:
+class ReportLaw:
     """A law of the report and the loop it flew in."""
 
     label: str
@@ -37,24 +37,24 @@ class FlownLaw:
     """Its design; `None` if it comes from none, or from one that does not lead to this very law again."""
 
 
-def flown_laws(runs: Sequence[Run]) -> tuple[FlownLaw, ...]:
+def collect_laws(runs: Sequence[ReportRun]) -> tuple[ReportLaw, ...]:
     """Return each law of the runs once for each vehicle, rate and delay that it flew with."""
-    found: dict[tuple[object, ...], FlownLaw] = {}
+    found: dict[tuple[object, ...], ReportLaw] = {}
     for i, run in enumerate(runs):
         key = (run.law.name, run.vehicle, run.scenario.dt, run.scenario.delay_samples)
         if key not in found:
             hover = hover_loop(run.law, run.vehicle, run.scenario)
-            found[key] = FlownLaw(label=run.label, colour=i, law=run.law, hover=hover, design=_derived(run.law))
+            found[key] = ReportLaw(label=run.label, colour=i, law=run.law, hover=hover, design=_rederive(run.law))
     return tuple(found.values())
 
 
-def frequency_charts(laws: Sequence[FlownLaw]) -> tuple[Group, ...]:
+def frequency_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
     """Return the sensitivities of all laws, and of each designed one its singular values against its weights."""
     sensitivities = [
         Chart(
             title=f"largest singular value of {name} [-]",
             x_label="frequency [rad/s]",
-            kind=Kind.FREQUENCY,
+            kind=ChartKind.FREQUENCY,
             curves=tuple(
                 Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=law.hover.sensitivities[name])
                 for law in laws
@@ -67,28 +67,30 @@ def frequency_charts(laws: Sequence[FlownLaw]) -> tuple[Group, ...]:
     if sensitivities[0].curves:
         note = "At the plant's input, sampled and late as flown. A law of rates has no torque loop of its own."
         title = "Sensitivity S and complementary sensitivity T"
-        groups.append(Group(title=title, charts=tuple(sensitivities), note=note))
-    return (*groups, *(_against_weights(law.label, law.design) for law in laws if law.design is not None))
+        groups.append(ChartGroup(title=title, charts=tuple(sensitivities), note=note))
+    return (*groups, *(_weight_charts(law.label, law.design) for law in laws if law.design is not None))
 
 
-def pole_charts(laws: Sequence[FlownLaw]) -> tuple[Group, ...]:
+def pole_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
     """Return the poles of each law, and of the loop that it closes, in the complex plane."""
     charts = []
     for law in laws:
-        curves = [_poles("loop", None, law.hover.loop_poles, Style.HOLLOW)] if len(law.hover.loop_poles) else []
-        curves.append(_poles("law", law.colour, law.hover.law_poles, Style.SOLID))
+        curves = (
+            [_pole_curve("loop", None, law.hover.loop_poles, CurveStyle.HOLLOW)] if len(law.hover.loop_poles) else []
+        )
+        curves.append(_pole_curve("law", law.colour, law.hover.law_poles, CurveStyle.SOLID))
         title = f"{law.label}: imaginary part [rad/s]"
-        charts.append(Chart(title=title, x_label="real part [rad/s]", kind=Kind.PLANE, curves=tuple(curves)))
+        charts.append(Chart(title=title, x_label="real part [rad/s]", kind=ChartKind.PLANE, curves=tuple(curves)))
     note = "log(z)/dt of the law at level attitude and of the loop at hover; axes are logarithmic away from 0."
-    return (Group(title="Poles", charts=tuple(charts), note=note),) if charts else ()
+    return (ChartGroup(title="Poles", charts=tuple(charts), note=note),) if charts else ()
 
 
-def _poles(label: str, colour: int | None, poles: ComplexMatrix, style: Style) -> Curve:
+def _pole_curve(label: str, colour: int | None, poles: ComplexMatrix, style: CurveStyle) -> Curve:
     ordered = poles[np.lexsort((poles.imag, poles.real))]
     return Curve(label=label, colour=colour, x=ordered.real, y=ordered.imag, style=style)
 
 
-def _against_weights(label: str, report: DesignReport) -> Group:
+def _weight_charts(label: str, report: DesignReport) -> ChartGroup:
     """Return the unweighted transfers of a design, axis by axis, under the bounds that its weights and level set."""
     design, problem = report.design, report.problem
     response = lft(problem.plant(), report.result.controller).response(_OMEGA)
@@ -101,86 +103,86 @@ def _against_weights(label: str, report: DesignReport) -> Group:
     for w, cause, cause_unit, W_in in inputs:
         for z, effect, effect_unit, W_out in (("z_e", "attitude error", "rad", design.W_e),
                                               ("z_u", "command", command, design.W_u)):  # fmt: skip
-            rows, columns = _place(problem.z, z), _place(problem.w, w)
-            scale = _gains(W_out.system()) * _gains(W_in.system())
+            rows, columns = _component_slice(problem.z, z), _component_slice(problem.w, w)
+            scale = _weight_gains(W_out.system()) * _weight_gains(W_in.system())
             gains = np.abs(np.diagonal(response[:, rows, columns], 0, 1, 2)) / scale
-            title = f"{cause} to {effect} [{bracketed(effect_unit)}/{bracketed(cause_unit)}]"
-            charts.append(_bounded(title, gains, level / scale))
+            title = f"{cause} to {effect} [{bracket_unit(effect_unit)}/{bracket_unit(cause_unit)}]"
+            charts.append(_bounded_chart(title, gains, level / scale))
     weighted = np.linalg.norm(response, ord=2, axis=(1, 2))
     allowed = np.full(len(_OMEGA), level)
-    bound = Curve(label=f"γ = {level:.4g}", colour=None, x=_OMEGA, y=allowed, style=Style.DASHED)
+    bound = Curve(label=f"γ = {level:.4g}", colour=None, x=_OMEGA, y=allowed, style=CurveStyle.DASHED)
     largest = Curve(label="w to z", colour=0, x=_OMEGA, y=weighted)
     charts.append(Chart(title="weighted: largest singular value [-]", x_label="frequency [rad/s]",
-                        kind=Kind.FREQUENCY, curves=(bound, largest)))  # fmt: skip
+                        kind=ChartKind.FREQUENCY, curves=(bound, largest)))  # fmt: skip
     note = (
         f"Design {design.name}, in its own continuous model with its leak: the gain of each axis, which at hover is a "
         "singular value as the axes do not couple, and dashed what the weights and the level γ allow it."
     )
-    return Group(title=f"Singular values against the weights: {label}", charts=tuple(charts), note=note)
+    return ChartGroup(title=f"Singular values against the weights: {label}", charts=tuple(charts), note=note)
 
 
-def _bounded(title: str, gains: Matrix, bounds: Matrix) -> Chart:
+def _bounded_chart(title: str, gains: Matrix, bounds: Matrix) -> Chart:
     curves = [
-        Curve(label=f"bound, {axis}", colour=k, x=_OMEGA, y=bounds[:, k], style=Style.DASHED)
+        Curve(label=f"bound, {axis}", colour=k, x=_OMEGA, y=bounds[:, k], style=CurveStyle.DASHED)
         for k, axis in enumerate(_AXES)
     ]
     curves = [
-        *merged(curves, "bound, all axes"),
+        *merge_curves(curves, "bound, all axes"),
         *(Curve(label=axis, colour=k, x=_OMEGA, y=gains[:, k]) for k, axis in enumerate(_AXES)),
     ]
-    return Chart(title=title, x_label="frequency [rad/s]", kind=Kind.FREQUENCY, curves=tuple(curves))
+    return Chart(title=title, x_label="frequency [rad/s]", kind=ChartKind.FREQUENCY, curves=tuple(curves))
 
 
-def _place(names: tuple[str, ...], name: str) -> slice:
+def _component_slice(names: tuple[str, ...], name: str) -> slice:
     """Return where a signal of three components stands among others like it."""
     start = 3 * names.index(name)
     return slice(start, start + 3)
 
 
-def _gains(weight: Lti) -> Matrix:
+def _weight_gains(weight: Lti) -> Matrix:
     """Return the gains (k, 3) of a diagonal weight."""
     return np.abs(np.diagonal(weight.response(_OMEGA), 0, 1, 2))
 
 
-def _derived(law: Law) -> DesignReport | None:
+def _rederive(law: Law) -> DesignReport | None:
     """Return the design that a law's provenance names, if it leads to the very same law."""
     if "leak_per_s" not in law.provenance.parameters:  # not made from weights
         return None
     try:
-        design = _design(law)
+        design = _parse_design(law)
         again, report = derive(design, load_vehicle(design.vehicle))
     except (ConfigError, DesignError, ValueError, KeyError):  # a user's own: a vehicle or a weight is not to be had
         return None
     same = again.order == law.order and again.output is law.output
-    return report if same and all(_close(getattr(again, name), getattr(law, name)) for name in "ABCDG") else None
+    return report if same and all(_is_close(getattr(again, name), getattr(law, name)) for name in "ABCDG") else None
 
 
-def _close(one: Matrix, other: Matrix) -> bool:
-    return bool(np.allclose(one, other, rtol=0.0, atol=_SAME * max(float(np.max(np.abs(other))), 1.0)))
+def _is_close(one: Matrix, other: Matrix) -> bool:
+    return bool(np.allclose(one, other, rtol=0.0, atol=_SAME_TOLERANCE * max(float(np.max(np.abs(other))), 1.0)))
 
 
-def _design(law: Law) -> Design:
+def _parse_design(law: Law) -> Design:
     """Return the design whose weights and level stand in a law's provenance."""
     known = law.provenance.parameters
     title, _, description = law.provenance.design.partition(": ")
     return Design(
         name=title, description=description, law=law.name, vehicle=law.provenance.vehicle, dt=law.dt,
-        W_d=_weight("W_d", known), W_n=_weight("W_n", known), W_e=_weight("W_e", known), W_u=_weight("W_u", known),
-        W_r=_weight("W_r", known) if {"W_r_roll", "W_r_low_roll"} & set(known) else None,
+        W_d=_parse_weight("W_d", known), W_n=_parse_weight("W_n", known), W_e=_parse_weight("W_e", known), W_u=_parse_weight("W_u", known),
+        W_r=_parse_weight("W_r", known) if {"W_r_roll", "W_r_low_roll"} & set(known) else None,
         leak=known["leak_per_s"], gamma=known["gamma"], rate_damping=known.get("rate_damping_per_s"),
         rate_loop_lag=known.get("rate_loop_lag_s"), scheduled=law.scheduled,
     )  # fmt: skip
 
 
-def _weight(name: str, known: dict[str, float]) -> Weight:
+def _parse_weight(name: str, known: dict[str, float]) -> Weight:
     corner = known.get(f"{name}_corner_rad_s")
     low, high = ("", "") if corner is None else ("_low", "_high")
     return Weight(
-        low=_three(f"{name}{low}", known),
-        high=_three(f"{name}{high}", known),
+        low=_axis_values(f"{name}{low}", known),
+        high=_axis_values(f"{name}{high}", known),
         corner=1.0 if corner is None else corner,
     )
 
 
-def _three(name: str, known: dict[str, float]) -> tuple[float, float, float]:
+def _axis_values(name: str, known: dict[str, float]) -> tuple[float, float, float]:
     return known[f"{name}_roll"], known[f"{name}_pitch"], known[f"{name}_yaw"]

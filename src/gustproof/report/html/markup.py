@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def render_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table of cells that are HTML; what it does not have room for is scrolled to."""
     top = "".join(f'<th scope="col">{cell}</th>' for cell in head)
     body = "".join(

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gustproof import __version__
-from gustproof.recording.folder import write_whole
-from gustproof.report.html.charts import SAMPLES, Curve, Group, spectra, time_histories
-from gustproof.report.html.loops import flown_laws, frequency_charts, pole_charts
-from gustproof.report.html.runs import Run
-from gustproof.report.html.tables import flights_table, margins_table, requirements_table
+from gustproof.recording.folder import write_atomic
+from gustproof.report.html.charts import MAX_SAMPLES, ChartGroup, Curve, spectra, time_histories
+from gustproof.report.html.loops import collect_laws, frequency_charts, pole_charts
+from gustproof.report.html.runs import ReportRun
+from gustproof.report.html.tables import render_flights, render_margins, render_requirements
 
 _ASSETS = files("gustproof.report") / "assets"
 _SCRIPTS = ("uPlot.min.js", "numbers.js", "charts.js", "attitude.js", "replay.js", "page.js")
@@ -31,14 +31,14 @@ _STYLES = ("uPlot.min.css", "page.css")
 Array = NDArray[np.float64]
 
 
-def write_report(runs: Sequence[Run], path: Path) -> None:
+def write_report(runs: Sequence[ReportRun], path: Path) -> None:
     """Write the page on `runs`; the same flights give the same bytes."""
-    write_whole(path, report_page(runs))
+    write_atomic(path, render_page(runs))
 
 
-def report_page(runs: Sequence[Run]) -> str:
+def render_page(runs: Sequence[ReportRun]) -> str:
     """Return the page as HTML."""
-    laws, numbers = flown_laws(runs), _Numbers()
+    laws, numbers = collect_laws(runs), _NumberBlock()
     scenarios = ", ".join(dict.fromkeys(run.scenario.name for run in runs))
     sections = {
         "time": numbers.groups(time_histories(runs)),
@@ -53,36 +53,36 @@ def report_page(runs: Sequence[Run]) -> str:
     }
     parts = {
         "title": escape(f"{scenarios}: {', '.join(run.label for run in runs)}"),
-        "scenarios": "".join(f"<p>{escape(text)}</p>" for text in _scenarios(runs)),
-        "flights": flights_table(runs) + requirements_table(runs),
-        "margins": margins_table(laws),
-        "footer": escape(_footer(runs)),
-        "licence": escape(_asset("uPlot.LICENSE")),
-        "styles": "\n".join(_asset(name) for name in _STYLES),
+        "scenarios": "".join(f"<p>{escape(text)}</p>" for text in _describe_scenarios(runs)),
+        "flights": render_flights(runs) + render_requirements(runs),
+        "margins": render_margins(laws),
+        "footer": escape(_render_footer(runs)),
+        "licence": escape(_read_asset("uPlot.LICENSE")),
+        "styles": "\n".join(_read_asset(name) for name in _STYLES),
         # a text in JSON must not end the script
         "page": json.dumps(page, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
         "numbers": numbers.packed(),
-        "scripts": "\n".join(f"<script>\n{_asset(name)}\n</script>" for name in _SCRIPTS),
+        "scripts": "\n".join(f"<script>\n{_read_asset(name)}\n</script>" for name in _SCRIPTS),
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset("page.html"))
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _read_asset("page.html"))
 
 
-def _asset(name: str) -> str:
+def _read_asset(name: str) -> str:
     return (_ASSETS / name).read_text(encoding="utf-8")
 
 
-def _scenarios(runs: Iterable[Run]) -> list[str]:
+def _describe_scenarios(runs: Iterable[ReportRun]) -> list[str]:
     return list(dict.fromkeys(f"{run.scenario.name}: {run.scenario.description}" for run in runs))
 
 
-def _footer(runs: Sequence[Run]) -> str:
+def _render_footer(runs: Sequence[ReportRun]) -> str:
     flown = ", ".join(dict.fromkeys(run.versions["gustproof"] for run in runs))
-    thinned = max(len(run.records) for run in runs) > SAMPLES
-    shown = f" Of long flights the curves show the extremes of {SAMPLES // 2} stretches." if thinned else ""
+    thinned = max(len(run.records) for run in runs) > MAX_SAMPLES
+    shown = f" Of long flights the curves show the extremes of {MAX_SAMPLES // 2} stretches." if thinned else ""
     return f"Flown by gustproof {flown}, drawn by gustproof {__version__}.{shown}"
 
 
-class _Numbers:
+class _NumberBlock:
     """All numbers of the page, each array once, referred to by place and length."""
 
     def __init__(self) -> None:
@@ -104,7 +104,7 @@ class _Numbers:
         words = np.frombuffer(b"".join(self._arrays), dtype=np.uint8).reshape(-1, 4)
         return base64.b64encode(zlib.compress(words.T.tobytes(), 9)).decode()
 
-    def groups(self, groups: Iterable[Group]) -> list[dict[str, Any]]:
+    def groups(self, groups: Iterable[ChartGroup]) -> list[dict[str, Any]]:
         """Return groups of charts as the page's script wants them."""
         return [
             {
@@ -123,9 +123,9 @@ class _Numbers:
             for group in groups
         ]
 
-    def replay(self, run: Run) -> dict[str, Any]:
+    def replay(self, run: ReportRun) -> dict[str, Any]:
         """Return what moves the vehicle of a run: time [s], q_NB and gust_B [m/s], by component."""
-        records = run.records[:: -(-len(run.records) // SAMPLES)]
+        records = run.records[:: -(-len(run.records) // MAX_SAMPLES)]
         return {
             "time": self.place(records["time_us"] * 1e-6),
             "q_NB": [self.place(column) for column in records["q_NB"].T],

@@ -8,24 +8,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.config.files import parse
+from firmware_model.config.files import validate
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
-from gustproof.law.form import Law, law_from
+from gustproof.law.form import Law, parse_law
 from gustproof.recording.bag import read_bag
-from gustproof.recording.folder import bags_in
+from gustproof.recording.folder import find_bags
 from gustproof.scoring.metrics import Metrics, measure
 from gustproof.scoring.requirements import RequirementResult, judge
 
-MOST = 12
+MAX_RUNS = 12
 """Flights that a page shows at most: more curves can't be told apart."""
 
 Records = NDArray[np.void]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Run:
+class ReportRun:
     """One recorded flight."""
 
     label: str
@@ -54,23 +54,23 @@ class Run:
     """What became of each requirement of the scenario."""
 
 
-def read_runs(paths: Iterable[Path]) -> tuple[Run, ...]:
+def read_runs(paths: Iterable[Path]) -> tuple[ReportRun, ...]:
     """Return the flights in `paths`: folders of `gustproof fly`, or bags.
 
     Raises
     ------
     ConfigError
-        If a folder holds no bag, a bag can't be read or holds less than two samples, or there are more than `MOST`.
+        If a folder holds no bag, a bag can't be read or holds less than two samples, or there are more than `MAX_RUNS`.
     """
-    bags = [bag for path in paths for bag in bags_in(path)]
-    if len(bags) > MOST:
-        raise ConfigError(f"{len(bags)} flights, a report shows at most {MOST}")
+    bags = [bag for path in paths for bag in find_bags(path)]
+    if len(bags) > MAX_RUNS:
+        raise ConfigError(f"{len(bags)} flights, a report shows at most {MAX_RUNS}")
     read = [(bag, *read_bag(bag)) for bag in bags]
-    labels = _labels([about for _, about, _ in read])
-    return tuple(_run(label, *flight) for label, flight in zip(labels, read, strict=True))
+    labels = _unique_labels([about for _, about, _ in read])
+    return tuple(_make_run(label, *flight) for label, flight in zip(labels, read, strict=True))
 
 
-def _run(label: str, bag: Path, about: dict[str, Any], records: Records) -> Run:
+def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) -> ReportRun:
     if len(records) < 2:
         raise ConfigError(f"{bag}: {len(records)} samples, a report needs at least 2")
     if about.get("law", ...) is None:
@@ -82,13 +82,13 @@ def _run(label: str, bag: Path, about: dict[str, Any], records: Records) -> Run:
         pace = {name: int(value) for name, value in about["pace"].items()} if "pace" in about else None
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise ConfigError(f"{bag}: does not say what was flown") from None
-    script, airframe = parse(Scenario, scenario, f"{bag}: scenario"), parse(Vehicle, vehicle, f"{bag}: vehicle")
-    return Run(
+    script, airframe = validate(Scenario, scenario, f"{bag}: scenario"), validate(Vehicle, vehicle, f"{bag}: vehicle")
+    return ReportRun(
         label=label,
         bag=bag,
         scenario=script,
         vehicle=airframe,
-        law=law_from(law, f"{bag}: law"),
+        law=parse_law(law, f"{bag}: law"),
         seed=seed,
         outcome=outcome,
         versions=versions,
@@ -99,11 +99,11 @@ def _run(label: str, bag: Path, about: dict[str, Any], records: Records) -> Run:
     )
 
 
-def _labels(flights: list[dict[str, Any]]) -> list[str]:
+def _unique_labels(flights: list[dict[str, Any]]) -> list[str]:
     """Return the law of each flight, and what else tells the flights apart."""
-    parts = [[_named(about, "law")] for about in flights]
+    parts = [[_name_of(about, "law")] for about in flights]
     for key in ("scenario", "vehicle", "seed"):
-        values = [_named(about, key) for about in flights]
+        values = [_name_of(about, key) for about in flights]
         if len(set(values)) > 1:
             for part, value in zip(parts, values, strict=True):
                 part.append(value)
@@ -112,7 +112,7 @@ def _labels(flights: list[dict[str, Any]]) -> list[str]:
     return [f"{label} ({n})" if n > 1 else label for label, n in zip(labels, repeats, strict=True)]
 
 
-def _named(about: dict[str, Any], key: str) -> str:
+def _name_of(about: dict[str, Any], key: str) -> str:
     """Return the name of a flight's law, scenario or vehicle, or its seed, as far as the bag has it."""
     value = about.get(key)
     return str(value.get("name")) if isinstance(value, dict) else f"{key} {value}"

@@ -4,14 +4,14 @@ import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from gustproof.report.html.loops import FlownLaw
-from gustproof.report.html.markup import table
-from gustproof.report.html.runs import Run
-from gustproof.report.loop_tables import MARGINS, margin_cell, poles_text
+from gustproof.report.html.loops import ReportLaw
+from gustproof.report.html.markup import render_table
+from gustproof.report.html.runs import ReportRun
+from gustproof.report.loop_tables import MARGINS, format_margin, format_poles
 from gustproof.report.terminal import figure_rows
 from gustproof.scoring.requirements import requirement_label, requirement_limits, requirement_window
 from gustproof.simulate.flight import warnings
-from gustproof.synthesis.derive import margins_document
+from gustproof.synthesis.derive import margins_to_dict
 
 _AXES = ("roll", "pitch", "yaw")
 _PACE = {
@@ -22,7 +22,7 @@ _PACE = {
 }
 
 
-def flights_table(runs: Sequence[Run]) -> str:
+def render_flights(runs: Sequence[ReportRun]) -> str:
     """Return laws, flights and figures, a column a flight."""
     head = ["", *(f'<i class="chip" style="--chip: var(--c{i % 7})"></i>{escape(r.label)}' for i, r in enumerate(runs))]
     facts: dict[str, list[str]] = {
@@ -43,10 +43,10 @@ def flights_table(runs: Sequence[Run]) -> str:
         cells = tuple(str((run.pace or {}).get(name, "")) for run in runs)
         if any(cells):
             rows.append([label, *cells])
-    return table(head, rows)
+    return render_table(head, rows)
 
 
-def requirements_table(runs: Sequence[Run]) -> str:
+def render_requirements(runs: Sequence[ReportRun]) -> str:
     """Return what each flight had to keep, a row a requirement, with its value and margin; empty if nothing."""
     head = ["requirement", "from .. to [s]", "limit", "flight", "flown", "margin"]
     rows = []
@@ -54,37 +54,41 @@ def requirements_table(runs: Sequence[Run]) -> str:
         for result in run.requirements:
             required = result.requirement
             mark = "good" if result.held else "bad" if result.judged else "interval"
-            told = f"{'held' if result.held else 'not held'}, {_told(result.margin)}" if result.judged else "not judged"
+            told = (
+                f"{'held' if result.held else 'not held'}, {_format_value(result.margin)}"
+                if result.judged
+                else "not judged"
+            )
             texts = (
                 requirement_label(required),
                 requirement_window(required),
                 requirement_limits(required),
                 run.label,
-                _told(result.value),
+                _format_value(result.value),
             )
             rows.append([*map(escape, texts), f'<span class="{mark}">{told}</span>'])
-    return f"<h3>Requirements</h3>{table(head, rows)}" if rows else ""
+    return f"<h3>Requirements</h3>{render_table(head, rows)}" if rows else ""
 
 
-def _told(value: float) -> str:
+def _format_value(value: float) -> str:
     return f"{value:.4g}" if math.isfinite(value) else "not flown" if math.isnan(value) else "∞"
 
 
-def margins_table(laws: Iterable[FlownLaw]) -> str:
+def render_margins(laws: Iterable[ReportLaw]) -> str:
     """Return the margins at the plant's input, a row an axis, and the poles of each law."""
     heads = ["law", "axis", *(name.replace("\n", " ") for name in MARGINS.values()), "disk [-]"]
     rows, poles = [], []
     for law in laws:
         pairs = [(float(pole.real), float(pole.imag)) for pole in sorted(law.hover.law_poles, key=abs)]
-        poles.append(f"<p>Poles of {escape(law.label)} [rad/s]: {escape(poles_text(pairs))}</p>")
+        poles.append(f"<p>Poles of {escape(law.label)} [rad/s]: {escape(format_poles(pairs))}</p>")
         if law.hover.margins is None:
             reason = "no torque loop or an unstable one: no margins"
             rows.append([escape(law.label), reason, *[""] * (len(heads) - 2)])
             continue
-        figures = margins_document(law.hover.margins)["input"]
+        figures = margins_to_dict(law.hover.margins)["input"]
         for axis in _AXES:
-            cells = [margin_cell(figures[axis][name]) for name in MARGINS]
+            cells = [format_margin(figures[axis][name]) for name in MARGINS]
             first = axis == "roll"
-            disk = margin_cell(figures["disk_margin"]) if first else ""
+            disk = format_margin(figures["disk_margin"]) if first else ""
             rows.append([escape(law.label) if first else "", axis, *cells, disk])
-    return table([escape(head) for head in heads], rows) + "".join(poles)
+    return render_table([escape(head) for head in heads], rows) + "".join(poles)

@@ -14,7 +14,7 @@ _AXIS = 1e-10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Normalized:
+class NormalizedPlant:
     """A generalised plant with w and z rotated and u and y scaled, so that D12 = [0; I] and D21 = [0, I]."""
 
     A: Matrix
@@ -53,7 +53,7 @@ class Normalized:
         rows, columns = D11[: self.p1 - self.m2], D11[:, : self.m1 - self.p2]
         return max(float(np.linalg.norm(part, 2)) if part.size else 0.0 for part in (rows, columns))
 
-    def in_plant_units(self, K: Lti) -> Lti:
+    def to_plant_units(self, K: Lti) -> Lti:
         """Return the controller of the plant for the controller `K` of the normal form."""
         B, C = K.B @ self.measurement_scale, self.control_scale @ K.C
         D = self.control_scale @ K.D @ self.measurement_scale
@@ -65,7 +65,7 @@ class Normalized:
         return Lti(A=K.A - B @ self.D22 @ C, B=B - B @ self.D22 @ D, C=C, D=D)
 
 
-def normalize(P: Lti, n_meas: int, n_con: int) -> Normalized:
+def normalize(P: Lti, n_meas: int, n_con: int) -> NormalizedPlant:
     """Return the normal form of `P`, or raise with the condition that does not hold.
 
     Raises
@@ -90,8 +90,8 @@ def normalize(P: Lti, n_meas: int, n_con: int) -> Normalized:
     _require_stabilizable(P.A.T, C2.T, "P is not detectable from y")
     _require_no_axis_zero(P.A, B2, C1, D12, "from u to z")
     _require_no_axis_zero(P.A.T, C2.T, B1.T, D21.T, "from w to y")
-    Q_z, R_u = _completed(D12)
-    Q_w, R_y = _completed(D21.T)
+    Q_z, R_u = _complete_basis(D12)
+    Q_w, R_y = _complete_basis(D21.T)
     control_scale: Matrix = np.asarray(np.linalg.inv(R_u), dtype=np.float64)
     measurement_scale: Matrix = np.asarray(np.linalg.inv(R_y.T), dtype=np.float64)
     rows, columns = np.zeros((P.n_outputs, P.n_outputs)), np.zeros((P.n_inputs, P.n_inputs))
@@ -99,13 +99,13 @@ def normalize(P: Lti, n_meas: int, n_con: int) -> Normalized:
     columns[:m1, :m1], columns[m1:, m1:] = Q_w, control_scale
     D = rows @ P.D @ columns
     D[p1:, m1:] = 0.0
-    return Normalized(
+    return NormalizedPlant(
         A=P.A, B=P.B @ columns, C=rows @ P.C, D=D, D22=P.D[p1:, m1:], control_scale=control_scale,
         measurement_scale=measurement_scale, m1=m1, p1=p1,
     )  # fmt: skip
 
 
-def _completed(D: Matrix) -> tuple[Matrix, Matrix]:
+def _complete_basis(D: Matrix) -> tuple[Matrix, Matrix]:
     """Return an orthogonal `Q` and a square `R` with `Q^T D R^-1 = [0; I]`."""
     Q, R = np.linalg.qr(D, mode="complete")
     m = D.shape[1]
@@ -125,7 +125,7 @@ def _require_stabilizable(A: Matrix, B: Matrix, failure: str) -> None:
         if pole.real >= -_AXIS * scale:
             pencil = np.hstack([(A - pole * np.eye(n)) / scale, B / max(np.linalg.norm(B, 2), np.finfo(float).tiny)])
             if np.linalg.svd(pencil, compute_uv=False)[-1] <= _RANK:
-                raise DesignError(f"{failure}: mode at {_shown(pole)}")
+                raise DesignError(f"{failure}: mode at {_format_pole(pole)}")
 
 
 def _require_no_axis_zero(A: Matrix, B: Matrix, C: Matrix, D: Matrix, path: str) -> None:
@@ -138,8 +138,8 @@ def _require_no_axis_zero(A: Matrix, B: Matrix, C: Matrix, D: Matrix, path: str)
         if abs(zero.real) <= _AXIS * scale:
             pencil = np.vstack([(A_reduced - zero * np.eye(n)) / scale, C_reduced / size])
             if np.linalg.svd(pencil, compute_uv=False)[-1] <= _RANK:
-                raise DesignError(f"P has a zero on the imaginary axis {path}: at {_shown(zero)}")
+                raise DesignError(f"P has a zero on the imaginary axis {path}: at {_format_pole(zero)}")
 
 
-def _shown(value: complex) -> str:
+def _format_pole(value: complex) -> str:
     return f"{value.real:.3g} {value.imag:+.3g}j rad/s"

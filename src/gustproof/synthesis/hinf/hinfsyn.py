@@ -9,8 +9,8 @@ from scipy.linalg.lapack import dgesv
 from gustproof.errors import DesignError
 from gustproof.lti.norms import Peak, hinf_norm
 from gustproof.lti.riccati import RiccatiError, stabilizing_solution
-from gustproof.lti.state_space import LinearSystem, Lti, Matrix, copied, largest_gain, lft
-from gustproof.synthesis.hinf.conditions import Normalized, normalize
+from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, largest_gain, lft
+from gustproof.synthesis.hinf.conditions import NormalizedPlant, normalize
 
 if TYPE_CHECKING:
     import control
@@ -20,7 +20,7 @@ _RESOLUTION = 1e-7
 _SEMIDEFINITE = 1e-9
 """[-] eigenvalues above minus this fraction of the solution's natural size count as not negative: a solution may be
 singular or 0, and an indefinite one has left through infinity."""
-_ZERO = 1e-30
+_SMALLEST_LEVEL = 1e-30
 """[-] the search for the least level stops here if a controller exists still."""
 _PATIENCE = 2
 """Secants that met no Riccati solution, after which brackets are only halved."""
@@ -56,7 +56,7 @@ class HinfResult:
         return self.controller.order
 
 
-class _Half(NamedTuple):
+class _RiccatiData(NamedTuple):
     """What the control Riccati equation is made of at any level; the filter's is the same on transposed data."""
 
     A: Matrix
@@ -125,23 +125,23 @@ def hinfsyn(
         raise ValueError(f"gamma is {gamma!r}, must be positive")
     if not (np.isfinite(backoff) and backoff > 1.0):
         raise ValueError(f"backoff is {backoff!r}, must be above 1")
-    plant = copied(P)
+    plant = as_lti(P)
     try:
-        return _synthesized(plant, normalize(plant, n_meas, n_con), gamma, backoff)
+        return _synthesize(plant, normalize(plant, n_meas, n_con), gamma, backoff)
     except (np.linalg.LinAlgError, OverflowError) as error:
         raise DesignError(f"the plant is too badly scaled to solve: {error}") from None
 
 
-def _synthesized(plant: Lti, problem: Normalized, gamma: float | None, backoff: float) -> HinfResult:
-    halves = _halves(problem)
+def _synthesize(plant: Lti, problem: NormalizedPlant, gamma: float | None, backoff: float) -> HinfResult:
+    halves = _riccati_pair(problem)
     gamma_opt = _least_level(halves, problem.floor)
     level = backoff * gamma_opt if gamma is None else gamma
     if level <= gamma_opt:
         raise DesignError(f"no controller at gamma = {level:.6g}: the least level is {gamma_opt:.6g}")
     solution = _solve(halves, level)
     _require_controller(solution, level)
-    K = _decoupled(_central(problem, solution, level), plant)
-    peak = _peak(plant, K, level)
+    K = _decouple(_central_controller(problem, solution, level), plant)
+    peak = _checked_norm(plant, K, level)
     return HinfResult(
         controller=K,
         gamma_opt=gamma_opt,
@@ -153,7 +153,7 @@ def _synthesized(plant: Lti, problem: Normalized, gamma: float | None, backoff: 
     )
 
 
-def _peak(plant: Lti, K: Lti, gamma: float) -> Peak:
+def _checked_norm(plant: Lti, K: Lti, gamma: float) -> Peak:
     """Return the norm of the closed loop, or raise if it is not below the level that `K` was made for."""
     try:
         peak = hinf_norm(lft(plant, K))
@@ -164,7 +164,7 @@ def _peak(plant: Lti, K: Lti, gamma: float) -> Peak:
     return peak
 
 
-def _least_level(halves: tuple[_Half, _Half], floor: float) -> float:
+def _least_level(halves: tuple[_RiccatiData, _RiccatiData], floor: float) -> float:
     """Return the least feasible level, from above.
 
     Secants lead to the zero of the margin. Where there is none, because a solution ceases to exist while the margin is
@@ -178,9 +178,9 @@ def _least_level(halves: tuple[_Half, _Half], floor: float) -> float:
             raise DesignError(f"no controller at any level up to {low:.3g}: the plant is too badly scaled to solve")
         seen.append((high, _margin(halves, high)))
     misses = slow = 0
-    while high - low > _RESOLUTION * high and high > _ZERO:
+    while high - low > _RESOLUTION * high and high > _SMALLEST_LEVEL:
         middle, width = max(float(np.sqrt(low * high)), 0.25 * high), high - low
-        secant = _zero(seen) if misses < _PATIENCE and slow < 3 else np.nan
+        secant = _secant_zero(seen) if misses < _PATIENCE and slow < 3 else np.nan
         follows = low < secant < (1.0 + _RESOLUTION) * high
         # a level that is the end of the bracket but for the resolution is tried just inside it: this closes the bracket
         least, most = (1.0 + 0.4 * _RESOLUTION) * low, (1.0 - 0.4 * _RESOLUTION) * high
@@ -193,7 +193,7 @@ def _least_level(halves: tuple[_Half, _Half], floor: float) -> float:
     return high
 
 
-def _zero(seen: list[tuple[float, float]]) -> float:
+def _secant_zero(seen: list[tuple[float, float]]) -> float:
     """Return where the line through the last two points of finite margin is zero; nan if there are no two."""
     finite = [point for point in seen if np.isfinite(point[1])][-2:]
     if len(finite) < 2 or finite[0][1] == finite[1][1]:
@@ -202,7 +202,7 @@ def _zero(seen: list[tuple[float, float]]) -> float:
     return last - margin * (last - first) / (margin - its_margin)
 
 
-def _margin(halves: tuple[_Half, _Half], gamma: float) -> float:
+def _margin(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> float:
     """Return the margin at a level; minus infinity where there are no solutions."""
     try:
         return _solve(halves, gamma).margin
@@ -210,23 +210,23 @@ def _margin(halves: tuple[_Half, _Half], gamma: float) -> float:
         return -np.inf
 
 
-def _halves(problem: Normalized) -> tuple[_Half, _Half]:
+def _riccati_pair(problem: NormalizedPlant) -> tuple[_RiccatiData, _RiccatiData]:
     A, B, C, m1, p1 = problem.A, problem.B, problem.C, problem.m1, problem.p1
     B1, C1, D1 = B[:, :m1], C[:p1], problem.D[:p1]
-    return _prepared(A, B, C1, D1, m1), _prepared(A.T, C.T, B1.T, problem.D[:, :m1].T, p1)
+    return _riccati_data(A, B, C1, D1, m1), _riccati_data(A.T, C.T, B1.T, problem.D[:, :m1].T, p1)
 
 
-def _prepared(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int) -> _Half:
+def _riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int) -> _RiccatiData:
     natural_size = float(largest_gain(C1) ** 2 / largest_gain(A)) if np.any(A) else 1.0
     J = np.diag((np.arange(D1.shape[1]) < m1).astype(np.float64))
     SB = np.hstack([D1.T @ C1, B.T])
-    return _Half(A=A, B=B, R=D1.T @ D1, SB=SB, Q=C1.T @ C1, J=J, natural_size=natural_size)
+    return _RiccatiData(A=A, B=B, R=D1.T @ D1, SB=SB, Q=C1.T @ C1, J=J, natural_size=natural_size)
 
 
-def _solve(halves: tuple[_Half, _Half], gamma: float) -> _Solution:
+def _solve(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> _Solution:
     """Return both Riccati solutions, gains and the margin at the level `gamma`, or raise if one does not exist."""
-    X, F, X_definite = _half(halves[0], gamma)
-    Y, Lt, Y_definite = _half(halves[1], gamma)
+    X, F, X_definite = _solve_riccati(halves[0], gamma)
+    Y, Lt, Y_definite = _solve_riccati(halves[1], gamma)
     eigenvalues = np.linalg.eigvals(X @ Y)
     dominant = float(eigenvalues[np.argmax(np.abs(eigenvalues))].real)
     definite = X_definite and Y_definite
@@ -238,7 +238,7 @@ def _solve(halves: tuple[_Half, _Half], gamma: float) -> _Solution:
     return _Solution(X=X, Y=Y, F=F, L=Lt.T, definite=definite, margin=margin)
 
 
-def _half(half: _Half, gamma: float) -> tuple[Matrix, Matrix, bool]:
+def _solve_riccati(half: _RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bool]:
     """Return a Riccati solution, its gain, and whether it has no negative eigenvalue."""
     n, (A, B, R, SB, Q, J, natural_size) = half.A.shape[0], half
     _, _, solved, singular = dgesv(R - gamma**2 * J, SB)
@@ -266,7 +266,7 @@ def _require_controller(solution: _Solution, gamma: float) -> None:
         raise DesignError(f"no controller at gamma = {gamma:.6g}: the spectral radius of XY is not below gamma^2")
 
 
-def _central(problem: Normalized, solution: _Solution, gamma: float) -> Lti:
+def _central_controller(problem: NormalizedPlant, solution: _Solution, gamma: float) -> Lti:
     """Return the central controller in the plant's own coordinates, states, inputs and outputs.
 
     Zhou, Doyle and Glover, Theorem 17.1, with the free parameter Q = 0 and the names of that theorem.
@@ -285,10 +285,10 @@ def _central(problem: Normalized, solution: _Solution, gamma: float) -> Lti:
     C_hat = F2 - D_hat @ (C2 + F12)
     A_hat = A + B @ F - B_hat @ (C2 + F12)
     normalized = Lti(A=A_hat, B=B_hat, C=C_hat, D=D_hat)
-    return problem.in_plant_units(normalized)
+    return problem.to_plant_units(normalized)
 
 
-def _decoupled(K: Lti, P: Lti) -> Lti:
+def _decouple(K: Lti, P: Lti) -> Lti:
     """Return the central controller without the rounding between what no path of coefficients joins in `P`.
 
     The stabilising solutions of the parts are one of the whole, and there is no other; the controller does not depend

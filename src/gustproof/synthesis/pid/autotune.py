@@ -139,7 +139,7 @@ def tune_axis(response: Response, inertia: float, dt: float, *, phase_margin: fl
     return Gains(angle_p=float(1.0 / abs(attitude)), rate_p=float(torque_p / inertia), rate_i=float(torque_i / inertia))
 
 
-def autotuned_pid(
+def autotune_pid(
     vehicle: Vehicle,
     *,
     name: str = "pid-default",

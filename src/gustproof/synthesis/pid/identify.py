@@ -39,13 +39,13 @@ def identify_rate_loop(vehicle: Vehicle, *, amplitude: float = 0.05, seed: int =
     seed
         Of the gyro noise.
     """
-    responses = [_response(vehicle, axis, amplitude, seed) for axis in range(3)]
-    tau = np.array([_fitted_lag(G) for G in responses])
+    responses = [_measure_response(vehicle, axis, amplitude, seed) for axis in range(3)]
+    tau = np.array([_fit_lag(G) for G in responses])
     misfit = [float(np.max(np.abs(G - 1.0 / (1.0 + 1j * _OMEGA * t)))) for G, t in zip(responses, tau, strict=True)]
     return RateLoop(tau=tau, misfit=np.array(misfit))
 
 
-def _response(vehicle: Vehicle, axis: int, amplitude: float, seed: int) -> ComplexVector:
+def _measure_response(vehicle: Vehicle, axis: int, amplitude: float, seed: int) -> ComplexVector:
     """Return the measured response (5,) from the rate set-point that acts to the gyro."""
     scenario = Scenario(name="identify", description="rate loop", duration_s=math.ceil(4.0 * _PERIOD))
     time = np.arange(scenario.samples) * scenario.dt
@@ -71,7 +71,7 @@ def _response(vehicle: Vehicle, axis: int, amplitude: float, seed: int) -> Compl
     return phasors(time[counted], records["gyro_B"][counted, axis], _OMEGA) / asked
 
 
-def _fitted_lag(G: ComplexVector) -> float:
+def _fit_lag(G: ComplexVector) -> float:
     """Return the time constant [s] of the first-order lag nearest to the response `G`."""
 
     def distance(tau: float) -> float:

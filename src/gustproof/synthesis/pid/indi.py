@@ -122,14 +122,16 @@ def tune_indi(
     """
 
     def axis(values: list[float], model: AxisModel) -> AxisLaw:
-        return indi_axis(_gains(values), model.inertia, vehicle.actuator_lag, scenario.delay_samples, scenario.dt)
+        return indi_axis(
+            _unpack_gains(values), model.inertia, vehicle.actuator_lag, scenario.delay_samples, scenario.dt
+        )
 
     models = axis_models(vehicle, scenario)
     roll, pitch, yaw = tune(models, axis, _START, "INDI", sensitivity_peak=sensitivity_peak, slew=slew)
-    return _gains(roll), _gains(pitch), _gains(yaw)
+    return _unpack_gains(roll), _unpack_gains(pitch), _unpack_gains(yaw)
 
 
-def indi(
+def indi_law(
     vehicle: Vehicle, scenario: Scenario, *, name: str = "indi", sensitivity_peak: float = 1.36, slew: float = 19.9
 ) -> Law:
     """Return the law with the gains of `tune_indi`; its provenance has gains and demands.
@@ -162,6 +164,6 @@ def indi(
     return cascade_law(name, axes, vehicle, scenario.dt, provenance)
 
 
-def _gains(values: list[float]) -> IndiGains:
+def _unpack_gains(values: list[float]) -> IndiGains:
     angle_p, rate_p, cutoff, damping = values
     return IndiGains(angle_p=angle_p, rate_p=rate_p, cutoff=cutoff, damping=damping)

@@ -12,7 +12,7 @@ _START = (4.0, 8.0, 16.0, 0.3, 30.0)
 """Where the search starts: a calm cascade, sound for an actuator lag up to .05 s."""
 
 
-def tune_fair(
+def tune_baseline(
     vehicle: Vehicle, scenario: Scenario, *, sensitivity_peak: float = 1.36, slew: float = 19.9
 ) -> tuple[Gains, Gains, Gains]:
     """Return the gains of roll, pitch and yaw with the least attitude error, pooled over the axes.
@@ -35,21 +35,21 @@ def tune_fair(
         If no such gains are found: the demands are too tight for this vehicle.
     """
     models = axis_models(vehicle, scenario)
-    roll, pitch, yaw = tune(models, _axis, _START, "cascade", sensitivity_peak=sensitivity_peak, slew=slew)
-    return _gains(roll), _gains(pitch), _gains(yaw)
+    roll, pitch, yaw = tune(models, _make_axis, _START, "cascade", sensitivity_peak=sensitivity_peak, slew=slew)
+    return _unpack_gains(roll), _unpack_gains(pitch), _unpack_gains(yaw)
 
 
-def fair_pid(
+def baseline_pid(
     vehicle: Vehicle, scenario: Scenario, *, name: str = "pid-fair", sensitivity_peak: float = 1.36, slew: float = 19.9
 ) -> Law:
-    """Return the law with the gains of `tune_fair`; its provenance has gains and demands.
+    """Return the law with the gains of `tune_baseline`; its provenance has gains and demands.
 
     Raises
     ------
     DesignError
-        See `tune_fair`.
+        See `tune_baseline`.
     """
-    gains = tune_fair(vehicle, scenario, sensitivity_peak=sensitivity_peak, slew=slew)
+    gains = tune_baseline(vehicle, scenario, sensitivity_peak=sensitivity_peak, slew=slew)
     axes = [strapdown_axis(g, inertia, scenario.dt) for g, inertia in zip(gains, vehicle.inertia_B, strict=True)]
     provenance = Provenance(
         design=f"strapdown cascade, gains of least attitude error in scenario '{scenario.name}'",
@@ -60,10 +60,10 @@ def fair_pid(
     return cascade_law(name, axes, vehicle, scenario.dt, provenance)
 
 
-def _axis(values: list[float], model: AxisModel) -> AxisLaw:
-    return strapdown_axis(_gains(values), model.inertia, model.plant.dt)
+def _make_axis(values: list[float], model: AxisModel) -> AxisLaw:
+    return strapdown_axis(_unpack_gains(values), model.inertia, model.plant.dt)
 
 
-def _gains(values: list[float]) -> Gains:
+def _unpack_gains(values: list[float]) -> Gains:
     angle_p, rate_p, rate_i, rate_d, derivative_cutoff = values
     return Gains(angle_p=angle_p, rate_p=rate_p, rate_i=rate_i, rate_d=rate_d, derivative_cutoff=derivative_cutoff)

@@ -21,7 +21,7 @@ Values = NDArray[Any]
 """Real, or complex for a derivative by complex steps."""
 
 
-class Shape(NamedTuple):
+class BiquadGains(NamedTuple):
     """Gains and corners of one axis; all positive."""
 
     angle_p: float
@@ -43,7 +43,7 @@ class Shape(NamedTuple):
     pole_damping: float
     """[-] of the biquad's poles."""
 
-    def ordered(self) -> "Shape":
+    def ordered(self) -> "BiquadGains":
         """Return the same shape with the slower pair of zeros as the PID's: which is whose does not change `F`."""
         if self.lead_frequency <= self.zero_frequency:
             return self
@@ -66,17 +66,17 @@ class Filter(NamedTuple):
     """(...)."""
 
 
-def shaped_filter(values: Values, dt: float) -> Filter:
-    """Return `F` for the values (..., 9) of `Shape`, at the sample time `dt` [s]."""
+def biquad_filter(values: Values, dt: float) -> Filter:
+    """Return `F` for the values (..., 9) of `BiquadGains`, at the sample time `dt` [s]."""
     _, gain, lead, lead_damping, cutoff, zero, zero_damping, pole, pole_damping = np.moveaxis(values, -1, 0)
     rate = 2.0 / dt
-    n0, n1, n2 = _sampled(lead, lead_damping, rate)
+    n0, n1, n2 = _tustin_quadratic(lead, lead_damping, rate)
     decay, scale = (rate - cutoff) / (rate + cutoff), gain / (rate * (rate + cutoff))
     # partial fractions: the integral is a state of its own, so that it alone is told the reference and the limit
     integral = scale * (n0 + n1 + n2) / (1.0 - decay)
     smooth = scale * ((n0 * decay + n1) * decay + n2) / (decay - 1.0)
-    b0, b1, b2 = _sampled(zero, zero_damping, rate)
-    a0, a1, a2 = _sampled(pole, pole_damping, rate)
+    b0, b1, b2 = _tustin_quadratic(zero, zero_damping, rate)
+    a0, a1, a2 = _tustin_quadratic(pole, pole_damping, rate)
     through = b0 / a0
     A = np.zeros((*values.shape[:-1], 4, 4), values.dtype)
     A[..., 0, 0], A[..., 1, 1] = 1.0, decay
@@ -87,14 +87,14 @@ def shaped_filter(values: Values, dt: float) -> Filter:
     return Filter(A, B, np.stack([through * integral, through * smooth, *tail], axis=-1), through * scale * n0)
 
 
-def shaped_axis(shape: Shape, inertia: float, dt: float) -> AxisLaw:
+def biquad_axis(shape: BiquadGains, inertia: float, dt: float) -> AxisLaw:
     """Return the law of one axis.
 
     States: Euler angle `E` at the sample before [rad], rate of the sample before [rad/s], and the four of `F`; attitude
     is that of `strapdown_axis`. The reference enters the integral alone: it is approached without a kick. What the
     limit cuts off empties the integral with the time constant 1 / `lead_frequency`.
     """
-    F = shaped_filter(np.array(shape), dt)
+    F = biquad_filter(np.array(shape), dt)
     E, omega = np.eye(2, 6)
     rate, reference = np.eye(2)
     rows = np.eye(6)[2:]
@@ -115,7 +115,7 @@ def shaped_axis(shape: Shape, inertia: float, dt: float) -> AxisLaw:
     )
 
 
-def shaped_response(values: Matrix, s: ComplexMatrix) -> tuple[ComplexMatrix, ComplexMatrix]:
+def biquad_response(values: Matrix, s: ComplexMatrix) -> tuple[ComplexMatrix, ComplexMatrix]:
     """Return the response (k,) from rate error to acceleration, attitude's share included, and its slopes.
 
     `s` (k,) are the points `2/dt (z - 1) / (z + 1)` that the trapezoidal rule makes of frequencies; the slopes (9, k)
@@ -134,7 +134,7 @@ def shaped_response(values: Matrix, s: ComplexMatrix) -> tuple[ComplexMatrix, Co
     return response, np.array(slopes)
 
 
-def _sampled(frequency: Values, damping: Values, rate: float) -> tuple[Values, Values, Values]:
+def _tustin_quadratic(frequency: Values, damping: Values, rate: float) -> tuple[Values, Values, Values]:
     """Return the coefficients of z^2, z and 1 of `q` times (z + 1)^2."""
     middle, side = rate * rate + frequency * frequency, 2.0 * damping * frequency * rate
     return middle + side, 2.0 * (frequency * frequency - rate * rate), middle - side

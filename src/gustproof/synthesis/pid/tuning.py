@@ -13,25 +13,31 @@ import scipy.optimize
 from gustproof.errors import DesignError
 from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Matrix
-from gustproof.performance.covariance import AxisModel, axis_figures, rms
+from gustproof.performance.covariance import AxisModel, axis_performance, rms
 
 _GRID = 200
 """Frequencies, evenly spaced in the logarithm, at which the search keeps the sensitivity peak."""
-_BETWEEN = 1e-3
+_GRID_MARGIN = 1e-3
 """[-] share of the peak kept back for what the sensitivity may rise between two frequencies of the grid."""
-_NEAR = 1e-2
+_PEAK_TOLERANCE = 1e-2
 """[-] relative excess of the peak below which it is put down to what lies between two frequencies."""
 _ROUNDS = 3
 """Searches, each with what the one before missed between two frequencies kept back too."""
 _ROUNDING = 1e-6
 """[-] share of the slew kept back, because the search meets a limit to rounding only."""
 
-Axis = Callable[[list[float], AxisModel], AxisLaw]
+AxisBuilder = Callable[[list[float], AxisModel], AxisLaw]
 """The law of one axis for the values of its gains."""
 
 
 def tune(
-    models: Sequence[AxisModel], axis: Axis, start: Sequence[float], name: str, *, sensitivity_peak: float, slew: float
+    models: Sequence[AxisModel],
+    axis: AxisBuilder,
+    start: Sequence[float],
+    name: str,
+    *,
+    sensitivity_peak: float,
+    slew: float,
 ) -> list[list[float]]:
     """Return the gains of each axis with the least attitude error, pooled over the axes.
 
@@ -57,15 +63,15 @@ def tune(
     DesignError
         If no such gains are found: the demands are too tight for this vehicle.
     """
-    best, kept = [list(start)] * len(models), sensitivity_peak * (1.0 - _BETWEEN)
+    best, kept = [list(start)] * len(models), sensitivity_peak * (1.0 - _GRID_MARGIN)
     for _ in range(_ROUNDS):
-        best = _minimized(models, axis, best, kept, slew)
-        figures = [axis_figures(model, axis(gains, model)) for model, gains in zip(models, best, strict=True)]
+        best = _minimize(models, axis, best, kept, slew)
+        figures = [axis_performance(model, axis(gains, model)) for model, gains in zip(models, best, strict=True)]
         worst = max(each.sensitivity_peak for each in figures)
         pooled = math.sqrt(np.mean([each.slew**2 for each in figures]))
         if worst <= sensitivity_peak and pooled <= slew:
             return best
-        if worst > (1.0 + _NEAR) * sensitivity_peak:
+        if worst > (1.0 + _PEAK_TOLERANCE) * sensitivity_peak:
             break
         kept *= sensitivity_peak / worst * (1.0 - _ROUNDING)
     raise DesignError(
@@ -74,8 +80,8 @@ def tune(
     )
 
 
-def _minimized(
-    models: Sequence[AxisModel], axis: Axis, start: Sequence[Sequence[float]], peak: float, slew: float
+def _minimize(
+    models: Sequence[AxisModel], axis: AxisBuilder, start: Sequence[Sequence[float]], peak: float, slew: float
 ) -> list[list[float]]:
     dt, n = models[0].plant.dt, len(models)
     omega = np.geomspace(1.0, 0.999 * math.pi / dt, _GRID)
@@ -88,7 +94,7 @@ def _minimized(
         return *rms(models[k], controller), np.log(difference) + math.log(peak)
 
     def each(z: Matrix) -> list[tuple[float, float, Matrix]]:
-        return [judged(k, tuple(gains)) for k, gains in enumerate(_gains(z, n))]
+        return [judged(k, tuple(gains)) for k, gains in enumerate(_unpack_gains(z, n))]
 
     def error(z: Matrix) -> float:
         return 0.5 * math.log(sum(rmse**2 for rmse, _, _ in each(z)) / n)
@@ -104,9 +110,9 @@ def _minimized(
         error, np.log(start).ravel(), method="SLSQP", bounds=bounds, constraints=room,
         options={"maxiter": 300, "ftol": 1e-9},
     )  # fmt: skip
-    return _gains(found.x, n)
+    return _unpack_gains(found.x, n)
 
 
-def _gains(z: Matrix, axes: int) -> list[list[float]]:
+def _unpack_gains(z: Matrix, axes: int) -> list[list[float]]:
     gains: list[list[float]] = np.exp(z).reshape(axes, -1).tolist()
     return gains

@@ -21,8 +21,8 @@ Fit = Callable[[Lti], Matrix | None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Tunable:
-    """A block of a controller that is affine in its parameters; `state_space`, `pid` and others make it."""
+class TunableBlock:
+    """A block of a controller that is affine in its parameters; `tunable_ss`, `tunable_pid` and others make it."""
 
     name: str
     """Unique in the structure."""
@@ -65,7 +65,7 @@ class Structure:
         If a name is given twice, or a block reads a measurement or drives a control that is not there.
     """
 
-    blocks: tuple[Tunable, ...]
+    blocks: tuple[TunableBlock, ...]
     """The tunable blocks."""
     n_meas: int
     """Number of measurements."""
@@ -136,13 +136,13 @@ class Structure:
         return np.concatenate(parts)
 
 
-def full(order: int, n_meas: int, n_con: int) -> Structure:
+def full_structure(order: int, n_meas: int, n_con: int) -> Structure:
     """Return the structure without structure: any controller of the given order; 0 is static."""
-    block = state_space("K", order, inputs=tuple(range(n_meas)), outputs=tuple(range(n_con)))
+    block = tunable_ss("K", order, inputs=tuple(range(n_meas)), outputs=tuple(range(n_con)))
     return Structure(blocks=(block,), n_meas=n_meas, n_con=n_con)
 
 
-def decoupled(order: int, n_meas: int, n_con: int) -> Structure:
+def decoupled_structure(order: int, n_meas: int, n_con: int) -> Structure:
     """Return one block of the given order for each control, which reads measurements k, k + n_con, ...
 
     Raises
@@ -153,21 +153,21 @@ def decoupled(order: int, n_meas: int, n_con: int) -> Structure:
     if n_meas % n_con:
         raise ValueError(f"{n_meas} measurements can't be shared out among {n_con} controls")
     if order >= 2 and n_meas == n_con:  # with few parameters a search goes further than with every entry free
-        return self_scheduled(order, n_con, leak=0.0)
+        return observer_structure(order, n_con, leak=0.0)
     blocks = tuple(
-        state_space(f"K{k + 1}", order, inputs=tuple(range(k, n_meas, n_con)), outputs=(k,)) for k in range(n_con)
+        tunable_ss(f"K{k + 1}", order, inputs=tuple(range(k, n_meas, n_con)), outputs=(k,)) for k in range(n_con)
     )
     return Structure(blocks=blocks, n_meas=n_meas, n_con=n_con)
 
 
-def gain(name: str, *, inputs: tuple[int, ...], outputs: tuple[int, ...]) -> Tunable:
+def tunable_gain(name: str, *, inputs: tuple[int, ...], outputs: tuple[int, ...]) -> TunableBlock:
     """Return a static gain matrix with every entry free."""
-    return state_space(name, 0, inputs=inputs, outputs=outputs)
+    return tunable_ss(name, 0, inputs=inputs, outputs=outputs)
 
 
-def state_space(
+def tunable_ss(
     name: str, order: int, *, inputs: tuple[int, ...], outputs: tuple[int, ...], strictly_proper: bool = False
-) -> Tunable:
+) -> TunableBlock:
     """Return a system with every entry of A, B, C and D free; D = 0 if `strictly_proper`."""
     if order < 0:
         raise ValueError(f"order is {order}, must be 0 or more")
@@ -181,13 +181,13 @@ def state_space(
         M[:order, :order] -= (1.0 + np.max(np.linalg.eigvals(M[:order, :order]).real, initial=0.0)) * np.eye(order)
         return M[free]
 
-    return Tunable(
+    return TunableBlock(
         name=name, inputs=inputs, outputs=outputs, order=order, offset=np.zeros(free.shape),
-        basis=_unit_matrices(free), draw=draw, fit=lambda K: _matrix(truncated(K, order))[free],
+        basis=_unit_matrices(free), draw=draw, fit=lambda K: _matrix(balanced_truncation(K, order))[free],
     )  # fmt: skip
 
 
-def pid(name: str, *, input: int, output: int, cutoff: float) -> Tunable:
+def tunable_pid(name: str, *, input: int, output: int, cutoff: float) -> TunableBlock:
     """Return `k_p + k_i / s + k_d s / (s / cutoff + 1)`, parameters `(k_p, k_i, k_d)`; `cutoff` [rad/s] is given."""
     if not (np.isfinite(cutoff) and cutoff > 0.0):
         raise ValueError(f"cutoff is {cutoff!r}, must be positive")
@@ -196,13 +196,13 @@ def pid(name: str, *, input: int, output: int, cutoff: float) -> Tunable:
     offset[0, 2], offset[1, 1], offset[1, 2] = 1.0, -cutoff, cutoff
     basis[0, 2, 2] = basis[1, 2, 0] = 1.0
     basis[2, 2, 1], basis[2, 2, 2] = -cutoff, cutoff
-    return Tunable(
+    return TunableBlock(
         name=name, inputs=(input,), outputs=(output,), order=2, offset=offset, basis=basis,
         draw=lambda rng: rng.normal(size=3) * [1.0, 1.0, 1.0 / cutoff], fit=lambda _: None,
     )  # fmt: skip
 
 
-def observer(name: str, order: int, *, input: int, output: int, leak: float) -> Tunable:
+def tunable_observer(name: str, order: int, *, input: int, output: int, leak: float) -> TunableBlock:
     """Return a system whose first two states are estimates of an attitude and of the rate that it reads.
 
     `E' = -leak E + omega`, `omega' = -b (omega - y) + a_1 E + a_2 x`, the rest free. Every system of this order is
@@ -230,21 +230,21 @@ def observer(name: str, order: int, *, input: int, output: int, leak: float) -> 
         return np.asarray(M[free])
 
     def fit(K: Lti) -> Matrix | None:
-        M = _observer_coordinates(truncated(K, order), leak)
+        M = _observer_coordinates(balanced_truncation(K, order), leak)
         return None if M is None else M[free]
 
-    return Tunable(
+    return TunableBlock(
         name=name, inputs=(input,), outputs=(output,), order=order, offset=offset, basis=basis, draw=draw, fit=fit
     )
 
 
-def self_scheduled(order: int, n_con: int, *, leak: float) -> Structure:
-    """Return one `observer` of the given order for each control, which reads the rate of its own axis."""
-    blocks = tuple(observer(f"K{k + 1}", order, input=k, output=k, leak=leak) for k in range(n_con))
+def observer_structure(order: int, n_con: int, *, leak: float) -> Structure:
+    """Return one `tunable_observer` of the given order for each control, which reads the rate of its own axis."""
+    blocks = tuple(tunable_observer(f"K{k + 1}", order, input=k, output=k, leak=leak) for k in range(n_con))
     return Structure(blocks=blocks, n_meas=n_con, n_con=n_con)
 
 
-def truncated(K: Lti, order: int) -> Lti:
+def balanced_truncation(K: Lti, order: int) -> Lti:
     """Return a system of exactly the given order near `K`: balanced truncation of its stable part, padded if short.
 
     References

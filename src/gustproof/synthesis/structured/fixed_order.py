@@ -8,13 +8,13 @@ from gustproof.errors import DesignError
 from gustproof.lti.state_space import Lti
 from gustproof.model.interconnection import Interconnection
 from gustproof.synthesis.designs import Design
-from gustproof.synthesis.structured.blocks import decoupled, self_scheduled
+from gustproof.synthesis.structured.blocks import decoupled_structure, observer_structure
 from gustproof.synthesis.structured.hinfstruct import Progress, StructResult, hinfstruct
 
 _AXES = 3
 
 
-def structured_controller(
+def solve_structured(
     design: Design, problem: Interconnection, *, order: int, starts: int, seed: int, progress: Progress
 ) -> StructResult:
     """Return a controller of `order` states together, the same number for each axis, and no coupling between them.
@@ -36,16 +36,16 @@ def structured_controller(
     if design.scheduled and not estimates:
         raise DesignError(f"design {design.name} is self-scheduled: it needs an order of 6 or more, and gyros alone")
     if estimates:
-        structure = self_scheduled(each, _AXES, leak=design.leak)
+        structure = observer_structure(each, _AXES, leak=design.leak)
     else:
-        structure = decoupled(each, problem.n_meas, problem.n_con)
+        structure = decoupled_structure(each, problem.n_meas, problem.n_con)
     result = hinfstruct(
         problem.plant(), problem.n_meas, problem.n_con, structure=structure, starts=starts, seed=seed, progress=progress
     )
     # blocks hold an axis each; a law holds all attitudes, then all rates, then the rest
     first = np.arange(order).reshape(_AXES, each).T.ravel()
-    return replace(result, controller=_reordered(result.controller, first))
+    return replace(result, controller=_reorder_states(result.controller, first))
 
 
-def _reordered(K: Lti, order: np.ndarray[tuple[int], np.dtype[np.intp]]) -> Lti:
+def _reorder_states(K: Lti, order: np.ndarray[tuple[int], np.dtype[np.intp]]) -> Lti:
     return Lti(A=K.A[np.ix_(order, order)], B=K.B[order], C=K.C[:, order], D=K.D)

@@ -15,7 +15,7 @@ Indices = tuple[int, ...] | None
 """Which channels, counted from 0; `None` for all."""
 
 
-class Place(Enum):
+class LoopLocation(Enum):
     """Where a loop is broken."""
 
     INPUT = "plant input"
@@ -24,7 +24,7 @@ class Place(Enum):
     """At the measurements y."""
 
 
-class Measure(Enum):
+class NormKind(Enum):
     """How large a transfer is."""
 
     PEAK = "H-infinity norm"
@@ -34,14 +34,14 @@ class Measure(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Gain:
+class GainGoal:
     """A norm of a part of (w, z); the torque slew is this with `Measure.RMS` of a z that P has for it."""
 
     name: str = "gain"
     """Unique among the goals."""
     limit: float = 1.0
     """[-] largest value; what is minimised is divided by it too."""
-    measure: Measure = Measure.PEAK
+    measure: NormKind = NormKind.PEAK
     """Which norm."""
     inputs: Indices = None
     """Which of w."""
@@ -52,35 +52,35 @@ class Gain:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sensitivity:
+class SensitivityGoal:
     """The H-infinity norm of the sensitivity: Ms of one channel, or of several at once."""
 
     name: str = "Ms"
     """Unique among the goals."""
     limit: float = 2.0
     """[-] largest value of Ms."""
-    place: Place = Place.INPUT
+    place: LoopLocation = LoopLocation.INPUT
     """Where the loop is broken."""
     channels: Indices = None
     """Which channels are broken; the others stay closed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DiskMargin:
+class DiskMarginGoal:
     """The disk margin of several channels at once, from `|| S - I/2 ||`; for one channel exact."""
 
     name: str = "disk margin"
     """Unique among the goals."""
     least: float = 0.5
     """[-] least disk margin alpha."""
-    place: Place = Place.INPUT
+    place: LoopLocation = LoopLocation.INPUT
     """Where the loop is broken."""
     channels: Indices = None
     """Which channels vary; the others stay as they are."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RollOff:
+class RollOffGoal:
     """The controller's gain from noise on y to u in the closed loop, under a line that falls with frequency."""
 
     name: str = "roll-off"
@@ -94,7 +94,7 @@ class RollOff:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StableController:
+class StabilityGoal:
     """All poles of the controller left of `-margin`."""
 
     name: str = "controller stability"
@@ -103,11 +103,13 @@ class StableController:
     """[1/s] least distance of the controller's poles from the imaginary axis."""
 
 
-Goal = Gain | Sensitivity | DiskMargin | RollOff | StableController
+Goal = GainGoal | SensitivityGoal | DiskMarginGoal | RollOffGoal | StabilityGoal
 """Anything that can be asked."""
 
 
-def channel(goal: Gain | Sensitivity | DiskMargin | RollOff, P: Lti, n_meas: int, n_con: int) -> tuple[Lti, float]:
+def extract_channel(
+    goal: GainGoal | SensitivityGoal | DiskMarginGoal | RollOffGoal, P: Lti, n_meas: int, n_con: int
+) -> tuple[Lti, float]:
     """Return the generalised plant whose closed-loop norm is the goal's, and the largest value of that norm.
 
     Raises
@@ -117,24 +119,30 @@ def channel(goal: Gain | Sensitivity | DiskMargin | RollOff, P: Lti, n_meas: int
     """
     m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
     w, z, u, y = range(m1), range(p1), range(m1, P.n_inputs), range(p1, P.n_outputs)
-    if isinstance(goal, Gain):
-        inputs, outputs = _chosen(goal.name, goal.inputs, w), _chosen(goal.name, goal.outputs, z)
-        part = _picked(P, [*outputs, *y], [*inputs, *u])
-        return (part if goal.weight is None else _weighted(part, goal.weight, n_meas)), _positive(goal.name, goal.limit)
-    if isinstance(goal, RollOff):
+    if isinstance(goal, GainGoal):
+        inputs, outputs = _resolve_indices(goal.name, goal.inputs, w), _resolve_indices(goal.name, goal.outputs, z)
+        part = _select_channels(P, [*outputs, *y], [*inputs, *u])
+        return (part if goal.weight is None else _apply_weight(part, goal.weight, n_meas)), _require_positive(
+            goal.name, goal.limit
+        )
+    if isinstance(goal, RollOffGoal):
         disturbed = _noise_to_control(P, n_meas, n_con)
-        return _weighted(disturbed, _rising(goal, n_con), n_meas), _positive(goal.name, goal.limit)
-    limit = goal.limit if isinstance(goal, Sensitivity) else 1.0 / _positive(goal.name, goal.least)
-    taken = 0.0 if isinstance(goal, Sensitivity) else 0.5
-    count = n_con if goal.place is Place.INPUT else n_meas
-    chosen = _chosen(goal.name, goal.channels, range(count))
-    broken = _at_input(P, n_meas, n_con, chosen) if goal.place is Place.INPUT else _at_output(P, n_meas, n_con, chosen)
+        return _apply_weight(disturbed, _roll_off_weight(goal, n_con), n_meas), _require_positive(goal.name, goal.limit)
+    limit = goal.limit if isinstance(goal, SensitivityGoal) else 1.0 / _require_positive(goal.name, goal.least)
+    taken = 0.0 if isinstance(goal, SensitivityGoal) else 0.5
+    count = n_con if goal.place is LoopLocation.INPUT else n_meas
+    chosen = _resolve_indices(goal.name, goal.channels, range(count))
+    broken = (
+        _inject_at_input(P, n_meas, n_con, chosen)
+        if goal.place is LoopLocation.INPUT
+        else _inject_at_output(P, n_meas, n_con, chosen)
+    )
     D = broken.D.copy()
     D[: len(chosen), : len(chosen)] -= taken * np.eye(len(chosen))
-    return Lti(A=broken.A, B=broken.B, C=broken.C, D=D), _positive(goal.name, limit)
+    return Lti(A=broken.A, B=broken.B, C=broken.C, D=D), _require_positive(goal.name, limit)
 
 
-def _at_input(P: Lti, n_meas: int, n_con: int, chosen: list[int]) -> Lti:
+def _inject_at_input(P: Lti, n_meas: int, n_con: int, chosen: list[int]) -> Lti:
     """Return the plant from (d, u) to (u + d, y) with d added to the chosen controls: the closed loop is S."""
     m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
     B2, C2, D22 = P.B[:, m1:], P.C[p1:], P.D[p1:, m1:]
@@ -147,7 +155,7 @@ def _at_input(P: Lti, n_meas: int, n_con: int, chosen: list[int]) -> Lti:
     )
 
 
-def _at_output(P: Lti, n_meas: int, n_con: int, chosen: list[int]) -> Lti:
+def _inject_at_output(P: Lti, n_meas: int, n_con: int, chosen: list[int]) -> Lti:
     """Return the plant from (d, u) to (y + d, y + d) with d added to the chosen measurements."""
     m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
     B2, C2, D22 = P.B[:, m1:], P.C[p1:], P.D[p1:, m1:]
@@ -171,7 +179,7 @@ def _noise_to_control(P: Lti, n_meas: int, n_con: int) -> Lti:
     )
 
 
-def _rising(goal: RollOff, width: int) -> Lti:
+def _roll_off_weight(goal: RollOffGoal, width: int) -> Lti:
     """Return `(s / corner)^slope` on each channel, with lags at 1000 times the corner."""
     if goal.slope not in (1, 2) or not goal.corner > 0.0:
         raise ValueError(f"goal '{goal.name}' has slope {goal.slope} and corner {goal.corner}: 1 or 2, and positive")
@@ -180,7 +188,7 @@ def _rising(goal: RollOff, width: int) -> Lti:
     return lead if goal.slope == 1 else series(lead, lead)
 
 
-def _weighted(P: Lti, weight: Lti, n_meas: int) -> Lti:
+def _apply_weight(P: Lti, weight: Lti, n_meas: int) -> Lti:
     """Return `P` with the filter `weight` on all outputs but the last `n_meas`."""
     p1 = P.n_outputs - n_meas
     measured = Lti(A=np.zeros((0, 0)), B=np.zeros((0, n_meas)), C=np.zeros((n_meas, 0)), D=np.eye(n_meas))
@@ -198,11 +206,11 @@ def _weighted(P: Lti, weight: Lti, n_meas: int) -> Lti:
     return series(P, beside)
 
 
-def _picked(P: Lti, outputs: list[int], inputs: list[int]) -> Lti:
+def _select_channels(P: Lti, outputs: list[int], inputs: list[int]) -> Lti:
     return Lti(A=P.A, B=P.B[:, inputs], C=P.C[outputs], D=P.D[np.ix_(outputs, inputs)])
 
 
-def _chosen(name: str, indices: Indices, known: range) -> list[int]:
+def _resolve_indices(name: str, indices: Indices, known: range) -> list[int]:
     if indices is None:
         return list(known)
     if not indices or [k for k in indices if k not in known]:
@@ -210,7 +218,7 @@ def _chosen(name: str, indices: Indices, known: range) -> list[int]:
     return list(indices)
 
 
-def _positive(name: str, limit: float) -> float:
+def _require_positive(name: str, limit: float) -> float:
     if not (np.isfinite(limit) and limit > 0.0):
         raise ValueError(f"goal '{name}' has the limit {limit!r}, must be positive")
     return limit

@@ -8,12 +8,12 @@ import numpy as np
 
 from gustproof.errors import DesignError
 from gustproof.lti.norms import Peak, hinf_norm
-from gustproof.lti.state_space import LinearSystem, Lti, Matrix, copied, lft
+from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, lft
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn
-from gustproof.synthesis.structured.blocks import Structure, full
-from gustproof.synthesis.structured.goals import Gain, Goal
-from gustproof.synthesis.structured.loop import augmented, closed, peak
-from gustproof.synthesis.structured.objective import Penalized, Problem
+from gustproof.synthesis.structured.blocks import Structure, full_structure
+from gustproof.synthesis.structured.goals import GainGoal, Goal
+from gustproof.synthesis.structured.loop import augment_plant, close_loop, loop_peak
+from gustproof.synthesis.structured.objective import PenaltyFunction, Problem
 from gustproof.synthesis.structured.search import minimize
 
 if TYPE_CHECKING:
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 _BACKOFFS = (1.1, 1.3, 3.0)
 """[-] levels over the least at which central controllers are made, to be reduced to starts."""
-_STABLE = -1e-3
+_STABLE_ABSCISSA = -1e-3
 """[rad/s] spectral abscissa at which a loop counts as stable enough to start from."""
-_STABILIZING_STEPS, _STEPS, _KICKS = 300, 1000, 2
-_KICK = 0.03
+_STABILIZING_STEPS, _STEPS, _RESTARTS = 300, 1000, 2
+_PERTURBATION = 0.03
 """[-] relative size of the change that is made to all parameters of the best, before its search is tried again."""
-_PRICE, _DEARER, _ROUNDS = 10.0, 10.0, 12
+_PENALTY, _PENALTY_GROWTH, _ROUNDS = 10.0, 10.0, 12
 """Price of a limit in units of the target, what it is raised by where it is too low, and how often."""
-_MET = 1e-5
+_AGREEMENT = 1e-5
 """[-] two searches that end within this fraction of each other have met."""
 _ROUND_GAIN = 1e-3
 """[-] relative progress of a round below which there is no other."""
@@ -101,7 +101,7 @@ def hinfstruct(
     structure: Structure | None = None,
     starts: int = 5,
     seed: int = 1,
-    minimizing: Gain | None = None,
+    soft_goal: GainGoal | None = None,
     limits: Sequence[Goal] = (),
     progress: Progress = lambda _fraction, _text: None,
 ) -> StructResult:
@@ -127,7 +127,7 @@ def hinfstruct(
         How many; where `hinfsyn` solves the first model, up to three are its central controllers, reduced.
     seed
         Of the random starts.
-    minimizing
+    soft_goal
         What is minimised instead of the norm from w to z.
     limits
         Goals that are kept while it is.
@@ -147,27 +147,27 @@ def hinfstruct(
     P. Apkarian, D. Noll, Nonsmooth H-infinity synthesis, IEEE TAC 51 (2006), 71-86. J. V. Burke, D. Henrion,
     A. S. Lewis, M. L. Overton, HIFOO, ROCOND 2006.
     """
-    models = tuple(copied(model) for model in P) if isinstance(P, Sequence) else (copied(P),)
-    structure = full(order, n_meas, n_con) if structure is None else structure
-    _check(models, structure, n_meas, n_con, starts)
-    target = Gain() if minimizing is None else minimizing
+    models = tuple(as_lti(model) for model in P) if isinstance(P, Sequence) else (as_lti(P),)
+    structure = full_structure(order, n_meas, n_con) if structure is None else structure
+    _check_sizes(models, structure, n_meas, n_con, starts)
+    target = GainGoal() if soft_goal is None else soft_goal
     problem = Problem(models=models, structure=structure, target=target, limits=tuple(limits))
     objective = problem.objective()
-    gamma_opt, seeds = _seeds(models[0], structure, starts, seed)
+    gamma_opt, seeds = _starting_points(models[0], structure, starts, seed)
     rng = np.random.default_rng([seed, starts])
     tried: list[Start] = []
     best: Matrix | None = None
-    for k in range(len(seeds) + _KICKS):
+    for k in range(len(seeds) + _RESTARTS):
         winner = min(tried, key=lambda start: start.target, default=None)
         least = np.inf if winner is None else winner.target
         if k < len(seeds):
             name, theta = seeds[k]
-        elif winner is not None and best is not None and not _confirmed(tried):
-            name, theta = f"{winner.name}, shaken", _shaken(problem, objective, best, rng)
+        elif winner is not None and best is not None and not _is_confirmed(tried):
+            name, theta = f"{winner.name}, shaken", _perturb(problem, objective, best, rng)
         else:
             break
-        progress(k / (len(seeds) + _KICKS), f"{name}; best so far {least:.5g}")
-        start, theta = _descended(problem, objective, name, theta)
+        progress(k / (len(seeds) + _RESTARTS), f"{name}; best so far {least:.5g}")
+        start, theta = _descend(problem, objective, name, theta)
         tried.append(start)
         if start.target < least:
             best = theta
@@ -175,16 +175,16 @@ def hinfstruct(
     if best is None:
         failures = "; ".join(f"{start.name}: {start.failed}" for start in tried)
         raise DesignError(f"no controller of this structure was found in {len(tried)} starts: {failures}")
-    return _result(problem, objective, best, tuple(tried), gamma_opt)
+    return _make_result(problem, objective, best, tuple(tried), gamma_opt)
 
 
-def _confirmed(tried: list[Start]) -> bool:
+def _is_confirmed(tried: list[Start]) -> bool:
     """Return whether two searches met at the least target: there is no better one nearby."""
     targets = sorted(start.target for start in tried)
-    return len(targets) > 1 and targets[1] <= (1.0 + _MET) * targets[0]
+    return len(targets) > 1 and targets[1] <= (1.0 + _AGREEMENT) * targets[0]
 
 
-def _check(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_con: int, starts: int) -> None:
+def _check_sizes(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_con: int, starts: int) -> None:
     if starts < 1:
         raise ValueError(f"starts is {starts}, must be at least 1")
     if (structure.n_meas, structure.n_con) != (n_meas, n_con):
@@ -197,7 +197,9 @@ def _check(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_con: in
             raise ValueError(f"P is {size}: n_meas = {n_meas} and n_con = {n_con} leave no w, z, u or y")
 
 
-def _seeds(model: Lti, structure: Structure, starts: int, seed: int) -> tuple[float | None, list[tuple[str, Matrix]]]:
+def _starting_points(
+    model: Lti, structure: Structure, starts: int, seed: int
+) -> tuple[float | None, list[tuple[str, Matrix]]]:
     """Return hinfsyn's least level of the model if there is one, and named parameters to start from."""
     n_meas, n_con = structure.n_meas, structure.n_con
     found: list[tuple[str, Matrix]] = []
@@ -219,71 +221,73 @@ def _seeds(model: Lti, structure: Structure, starts: int, seed: int) -> tuple[fl
     return gamma_opt, found
 
 
-def _descended(problem: Problem, objective: Penalized, name: str, theta: Matrix) -> tuple[Start, Matrix]:
+def _descend(problem: Problem, objective: PenaltyFunction, name: str, theta: Matrix) -> tuple[Start, Matrix]:
     """Return where one start leads: stable first, then within the limits, then small."""
-    stable = minimize(problem.stability(), theta, steps=_STABILIZING_STEPS, enough=_STABLE)
+    stable = minimize(problem.stability(), theta, steps=_STABILIZING_STEPS, enough=_STABLE_ABSCISSA)
     theta = stable.theta
-    if stable.value >= 0.0 or (not np.isfinite(objective.priced(1.0).reached(theta)[0]) and stable.value > _STABLE):
+    if stable.value >= 0.0 or (
+        not np.isfinite(objective.use_penalty(1.0).reached(theta)[0]) and stable.value > _STABLE_ABSCISSA
+    ):
         return Start(name=name, target=np.inf, failed=f"unstable, abscissa {stable.value:.3g}"), theta
     if problem.limits:
-        theta = _found(objective.priced(np.inf), theta, enough=0.0)
+        theta = _find_minimum(objective.use_penalty(np.inf), theta, enough=0.0)
         _, kept = objective.reached(theta)
         if wrong := [f"{goal} {value:.4g} of its limit" for goal, value in kept.items() if not value <= 1.0]:
             return Start(name=name, target=np.inf, failed=", ".join(wrong)), theta
-        theta = _traded(objective, theta)
+        theta = _trade_off(objective, theta)
     else:
-        theta = _found(objective.priced(1.0), theta)
+        theta = _find_minimum(objective.use_penalty(1.0), theta)
     target = objective.reached(theta)[0]
     failed = "" if np.isfinite(target) else "the target is infinite: white noise passes straight through"
     return Start(name=name, target=target, failed=failed), theta
 
 
-def _found(objective: Penalized, theta: Matrix, *, enough: float = -np.inf) -> Matrix:
+def _find_minimum(objective: PenaltyFunction, theta: Matrix, *, enough: float = -np.inf) -> Matrix:
     """Return a local minimum near `theta`, or `theta` where the function is infinite."""
     return (
         minimize(objective, theta, steps=_STEPS, enough=enough).theta if np.isfinite(objective.value(theta)) else theta
     )
 
 
-def _shaken(problem: Problem, objective: Penalized, theta: Matrix, rng: np.random.Generator) -> Matrix:
+def _perturb(problem: Problem, objective: PenaltyFunction, theta: Matrix, rng: np.random.Generator) -> Matrix:
     """Return parameters a little off `theta`, with stable loops: creases hold up a search, and off them it goes on."""
-    for size in _KICK * 0.5 ** np.arange(12):
+    for size in _PERTURBATION * 0.5 ** np.arange(12):
         shaken = theta * (1.0 + size * rng.normal(size=theta.size))
         if np.isfinite(objective.value(shaken)):
             return np.asarray(shaken)
     return theta
 
 
-def _traded(objective: Penalized, theta: Matrix) -> Matrix:
+def _trade_off(objective: PenaltyFunction, theta: Matrix) -> Matrix:
     """Return parameters with the least target among those that keep the limits, from some that do.
 
     In turns away from the limits' edge, where a search goes further, and down to the edge.
     """
-    best, price, least = theta, _PRICE, objective.reached(theta)[0]
+    best, price, least = theta, _PENALTY, objective.reached(theta)[0]
     for _ in range(_ROUNDS if np.isfinite(least) else 0):
         before = least
         for centred in (True, False):
-            function = objective.centred(least) if centred else objective.priced(least, price)
+            function = objective.centred(least) if centred else objective.use_penalty(least, price)
             theta = minimize(function, best, steps=_STEPS).theta
             target, kept = objective.reached(theta)
             if max(kept.values()) > 1.0:
-                price *= _DEARER
+                price *= _PENALTY_GROWTH
             elif target < least:
                 best, least = theta, target
         if before - least <= _ROUND_GAIN * least:
             break
-    objective.priced(1.0)
+    objective.use_penalty(1.0)
     return best
 
 
 def _peak(model: Lti, K: Lti) -> Peak:
-    loop = augmented(model, K.n_inputs, K.n_outputs, K.order)
-    gain, omega = peak(closed(loop, np.block([[K.A, K.B], [K.C, K.D]])), [])
+    loop = augment_plant(model, K.n_inputs, K.n_outputs, K.order)
+    gain, omega = loop_peak(close_loop(loop, np.block([[K.A, K.B], [K.C, K.D]])), [])
     return Peak(gain=gain, omega=omega)
 
 
-def _result(
-    problem: Problem, objective: Penalized, theta: Matrix, tried: tuple[Start, ...], gamma_opt: float | None
+def _make_result(
+    problem: Problem, objective: PenaltyFunction, theta: Matrix, tried: tuple[Start, ...], gamma_opt: float | None
 ) -> StructResult:
     K = problem.structure.controller(theta)
     # where the gain is flat either computation may miss a little of it: the larger one is a norm that is attained

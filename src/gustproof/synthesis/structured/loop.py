@@ -19,7 +19,7 @@ _ACCURACY = 1e-8
 _ON_AXIS = 1e-3
 """[-] eigenvalues with a real part below this fraction of their magnitude are tried as crossings: where the gain is
 flat, as at an optimum, they are far off the axis by rounding, and one tried in vain costs a frequency response."""
-_ROUNDED = 1e-10
+_ROUNDING = 1e-10
 """[-] eigenvalues nearer to the axis than this fraction of the largest may be on it, but for rounding."""
 _ROUNDS = 30
 """Rounds in which a lower bound is raised; two or three are the rule."""
@@ -35,7 +35,7 @@ class Slope(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Augmented:
+class AugmentedPlant:
     """A generalised plant with the controller's integrators put beside it, so that the controller is a gain."""
 
     A: Matrix
@@ -58,11 +58,11 @@ class Augmented:
     """(c, r)."""
 
 
-def augmented(P: Lti, n_meas: int, n_con: int, order: int) -> Augmented:
+def augment_plant(P: Lti, n_meas: int, n_con: int, order: int) -> AugmentedPlant:
     """Return `P`, whose last outputs and inputs are measured and controlled, with `order` integrators beside it."""
     m1, p1, k = P.n_inputs - n_con, P.n_outputs - n_meas, order
     identity = np.eye(k)
-    return Augmented(
+    return AugmentedPlant(
         A=scipy.linalg.block_diag(P.A, np.zeros((k, k))),
         B1=np.vstack([P.B[:, :m1], np.zeros((k, m1))]),
         B2=np.block([[np.zeros((P.order, k)), P.B[:, m1:]], [identity, np.zeros((k, n_con))]]),
@@ -75,7 +75,7 @@ def augmented(P: Lti, n_meas: int, n_con: int, order: int) -> Augmented:
     )
 
 
-class Closed(NamedTuple):
+class ClosedLoop(NamedTuple):
     """A closed loop at one M, and how a change of M enters: `dA = B2 dM C2`, `dB = B2 dM D21`, and so on."""
 
     A: Matrix
@@ -96,7 +96,7 @@ class Closed(NamedTuple):
     """(c, m1) of what M reads."""
 
 
-def closed(plant: Augmented, M: Matrix) -> Closed:
+def close_loop(plant: AugmentedPlant, M: Matrix) -> ClosedLoop:
     """Return the closed loop `u = M y`; numbers that are not finite where it is not well posed."""
     B2, C2, D12, D21 = plant.B2, plant.C2, plant.D12, plant.D21
     if np.any(plant.D22):
@@ -104,13 +104,13 @@ def closed(plant: Augmented, M: Matrix) -> Closed:
         E = np.linalg.inv(loop) if abs(np.linalg.det(loop)) > 1e-9 else np.full(loop.shape, np.nan)
         F = np.eye(M.shape[1]) + plant.D22 @ E @ M
         M, B2, D12 = E @ M, B2 @ E, D12 @ E
-        A, B, C, D = _closed(plant, M)
-        return Closed(A, B, C, D, B2, F @ C2, D12, F @ D21)
-    A, B, C, D = _closed(plant, M)
-    return Closed(A, B, C, D, B2, C2, D12, D21)
+        A, B, C, D = _closed_matrices(plant, M)
+        return ClosedLoop(A, B, C, D, B2, F @ C2, D12, F @ D21)
+    A, B, C, D = _closed_matrices(plant, M)
+    return ClosedLoop(A, B, C, D, B2, C2, D12, D21)
 
 
-def _closed(plant: Augmented, M: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+def _closed_matrices(plant: AugmentedPlant, M: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     left, feedthrough = plant.B2 @ M, plant.D12 @ M
     return (
         plant.A + left @ plant.C2,
@@ -138,7 +138,7 @@ def abscissa_slopes(A: Matrix, B2: Matrix, C2: Matrix, near: float) -> list[Slop
     return sorted(slopes, key=lambda slope: -slope.value)
 
 
-class Peaks(NamedTuple):
+class LoopPeak(NamedTuple):
     """The H-infinity norm, and the frequencies that were worth a look."""
 
     gain: float
@@ -147,38 +147,42 @@ class Peaks(NamedTuple):
     """[rad/s] where it is; infinite if only approached at infinity."""
 
 
-def peak(loop: Closed, warm: list[float]) -> Peaks:
+def loop_peak(loop: ClosedLoop, warm: list[float]) -> LoopPeak:
     """Return the H-infinity norm of a loop, starting from the frequencies `warm` [rad/s] and its resonances.
 
     A lower bound is raised by the middle of the bands that the Hamiltonian matrix shows, as in `numerics.norms`; a
     search calls it thousands of times on loops that hardly differ, so the first guess is nearly always the peak.
     """
     if not np.all(np.isfinite(loop.A)):
-        return Peaks(np.inf, 0.0)
+        return LoopPeak(np.inf, 0.0)
     poles = np.linalg.eigvals(loop.A)
-    if not np.max(poles.real) < -_ROUNDED * np.max(np.abs(poles)):
-        return Peaks(np.inf, 0.0)
-    best = Peaks(float(np.linalg.norm(loop.D, 2)), np.inf)
+    if not np.max(poles.real) < -_ROUNDING * np.max(np.abs(poles)):
+        return LoopPeak(np.inf, 0.0)
+    best = LoopPeak(float(np.linalg.norm(loop.D, 2)), np.inf)
     upper = poles[poles.imag >= 0.0]
     resonance = np.sqrt(np.maximum(upper.imag**2 - upper.real**2, 0.0))
-    best = _raised(loop, best, np.concatenate([[0.0], warm, np.abs(upper), resonance[resonance > 0.0]]))
+    best = _raise_bound(loop, best, np.concatenate([[0.0], warm, np.abs(upper), resonance[resonance > 0.0]]))
     for _ in range(_ROUNDS if best.gain > 0.0 else 0):
         ends = crossings(loop, (1.0 + _ACCURACY) * best.gain)
         if ends.size == 0:
             break
         ends = np.concatenate([[0.0], ends, [2.0 * ends[-1]]])
-        higher = _raised(loop, best, np.concatenate([0.5 * (ends[:-1] + ends[1:]), np.sqrt(ends[1:-1] * ends[2:])]))
+        higher = _raise_bound(
+            loop, best, np.concatenate([0.5 * (ends[:-1] + ends[1:]), np.sqrt(ends[1:-1] * ends[2:])])
+        )
         if higher.gain <= (1.0 + _ACCURACY) * best.gain:
             return higher
         best = higher
     return best
 
 
-def peak_slopes(loop: Closed, top: Peaks, near: float) -> list[Slope]:
+def peak_slopes(loop: ClosedLoop, top: LoopPeak, near: float) -> list[Slope]:
     """Return a branch for each singular value, at each local peak, within the fraction `near` of the norm `top`."""
     frequencies = [top.omega]
     if near > 0.0:
-        frequencies += [omega for omega in _local_peaks(loop, (1.0 - near) * top.gain) if _apart(omega, top.omega)]
+        frequencies += [
+            omega for omega in _local_peaks(loop, (1.0 - near) * top.gain) if _is_distinct(omega, top.omega)
+        ]
     slopes = []
     for omega in frequencies:
         G, left, right = _transfers(loop, omega)
@@ -190,9 +194,9 @@ def peak_slopes(loop: Closed, top: Peaks, near: float) -> list[Slope]:
     return sorted(slopes, key=lambda slope: -slope.value)
 
 
-def h2(loop: Closed) -> float:
+def loop_h2_norm(loop: ClosedLoop) -> float:
     """Return the H2 norm; infinite for an unstable loop or one with feedthrough."""
-    if not abscissa(loop.A) < -_ROUNDED * np.linalg.norm(loop.A) or np.max(
+    if not abscissa(loop.A) < -_ROUNDING * np.linalg.norm(loop.A) or np.max(
         np.abs(loop.D), initial=0.0
     ) > 1e-12 * np.max(np.abs(loop.C), initial=1.0):
         return np.inf
@@ -200,7 +204,7 @@ def h2(loop: Closed) -> float:
     return float(np.sqrt(max(np.trace(loop.C @ X @ loop.C.T), 0.0)))
 
 
-def h2_slope(loop: Closed) -> Slope:
+def h2_slope(loop: ClosedLoop) -> Slope:
     """Return the H2 norm of a stable loop without feedthrough, and its gradient."""
     X = scipy.linalg.solve_continuous_lyapunov(loop.A, -loop.B @ loop.B.T)
     Y = scipy.linalg.solve_continuous_lyapunov(loop.A.T, -loop.C.T @ loop.C)
@@ -210,7 +214,7 @@ def h2_slope(loop: Closed) -> Slope:
     return Slope(value, gradient / max(value, 1e-300))
 
 
-def crossings(loop: Closed, level: float) -> Matrix:
+def crossings(loop: ClosedLoop, level: float) -> Matrix:
     """Return the frequencies >= 0, ascending, where a singular value may equal `level`, which is above that of D."""
     A, B, C, D = loop[:4]
     if np.any(D):
@@ -226,17 +230,17 @@ def crossings(loop: Closed, level: float) -> Matrix:
     return np.unique(np.abs(found.imag))
 
 
-def _raised(loop: Closed, best: Peaks, omega: Matrix) -> Peaks:
+def _raise_bound(loop: ClosedLoop, best: LoopPeak, omega: Matrix) -> LoopPeak:
     gains = np.linalg.norm(_response(loop, omega), 2, axis=(1, 2))
     k = int(np.argmax(gains))
-    return Peaks(float(gains[k]), float(omega[k])) if gains[k] > best.gain else best
+    return LoopPeak(float(gains[k]), float(omega[k])) if gains[k] > best.gain else best
 
 
-def _apart(omega: float, other: float) -> bool:
+def _is_distinct(omega: float, other: float) -> bool:
     return abs(omega - other) > 1e-3 * omega
 
 
-def _local_peaks(loop: Closed, level: float) -> list[float]:
+def _local_peaks(loop: ClosedLoop, level: float) -> list[float]:
     """Return, to some digits, where the gain is largest within each band in which it exceeds `level`."""
     if np.linalg.norm(loop.D, 2) >= level:
         return []
@@ -255,19 +259,19 @@ def _local_peaks(loop: Closed, level: float) -> list[float]:
     return found
 
 
-def _response(loop: Closed, omega: Matrix) -> ComplexMatrix:
+def _response(loop: ClosedLoop, omega: Matrix) -> ComplexMatrix:
     pencil = 1j * omega[:, None, None] * np.eye(loop.A.shape[0]) - loop.A
     return np.asarray(loop.C @ np.linalg.solve(pencil, loop.B[None].astype(np.complex128)) + loop.D)
 
 
-def _transfers(loop: Closed, omega: float) -> tuple[ComplexMatrix, ComplexMatrix, ComplexMatrix]:
+def _transfers(loop: ClosedLoop, omega: float) -> tuple[ComplexMatrix, ComplexMatrix, ComplexMatrix]:
     """Return the loop's response at `omega`, and what stands left and right of dM in its derivative."""
     if not np.isfinite(omega):
-        return _complex(loop.D), _complex(loop.D12), _complex(loop.D21)
+        return _as_complex(loop.D), _as_complex(loop.D12), _as_complex(loop.D21)
     pencil = 1j * omega * np.eye(loop.A.shape[0]) - loop.A
-    right, left = np.linalg.solve(pencil, _complex(loop.B)), np.linalg.solve(pencil.T, _complex(loop.C.T)).T
-    return _complex(loop.C @ right + loop.D), left @ loop.B2 + loop.D12, _complex(loop.C2 @ right + loop.D21)
+    right, left = np.linalg.solve(pencil, _as_complex(loop.B)), np.linalg.solve(pencil.T, _as_complex(loop.C.T)).T
+    return _as_complex(loop.C @ right + loop.D), left @ loop.B2 + loop.D12, _as_complex(loop.C2 @ right + loop.D21)
 
 
-def _complex(matrix: ArrayLike) -> ComplexMatrix:
+def _as_complex(matrix: ArrayLike) -> ComplexMatrix:
     return np.asarray(matrix, dtype=np.complex128)

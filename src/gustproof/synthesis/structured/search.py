@@ -18,10 +18,10 @@ _HALVINGS = 30
 """Steps of a line search; each halves or doubles."""
 _STALL = 20
 """Steps over which progress is judged."""
-_TURNS, _JOINT_STEPS = 6, 40
+_CYCLES, _JOINT_STEPS = 6, 40
 _NEAR = 0.05
 """[-] branches within this fraction of the largest are lowered together."""
-_TURN_GAIN = 1e-4
+_CYCLE_GAIN = 1e-4
 """[-] relative progress of a turn below which there is no other."""
 
 
@@ -80,16 +80,16 @@ def minimize(
     135-163. P. Apkarian, D. Noll, Nonsmooth H-infinity synthesis, IEEE TAC 51 (2006), 71-86.
     """
     least, value = np.inf, function.value(theta)
-    for _ in range(_TURNS):
+    for _ in range(_CYCLES):
         for most, near in ((steps, 0.0), (_JOINT_STEPS, _NEAR)):
-            theta, value = _turn(function, theta, value, most, near, tolerance, enough)
-        if value <= enough or least - value <= _TURN_GAIN * abs(value):
+            theta, value = _bfgs(function, theta, value, most, near, tolerance, enough)
+        if value <= enough or least - value <= _CYCLE_GAIN * abs(value):
             break
         least = value
     return Minimum(theta=theta, value=value)
 
 
-def _turn(
+def _bfgs(
     function: Function, theta: Matrix, value: float, steps: int, near: float, tolerance: float, enough: float
 ) -> tuple[Matrix, float]:
     """Return parameters and value after quasi-Newton steps on the branches within `near` of the largest."""
@@ -98,7 +98,7 @@ def _turn(
     for _ in range(steps):
         if value <= enough or not branches:
             break
-        gradient = _together(branches, W)
+        gradient = _combine_gradients(branches, W)
         direction = -W @ gradient
         found = _weak_wolfe(function, theta, value, direction, gradient)
         if found is None:
@@ -110,7 +110,7 @@ def _turn(
         theta = theta + length * direction
         branches = function.branches(theta, near)
         if branches:
-            W = _updated(W, length * direction, _together(branches, W) - gradient, fresh=fresh)
+            W = _update_metric(W, length * direction, _combine_gradients(branches, W) - gradient, fresh=fresh)
         fresh = False
         history.append(value)
         if len(history) > _STALL and history[-1 - _STALL] - value <= tolerance * abs(value):
@@ -142,7 +142,7 @@ def _weak_wolfe(
     return best
 
 
-def _updated(W: Matrix, s: Matrix, y: Matrix, *, fresh: bool) -> Matrix:
+def _update_metric(W: Matrix, s: Matrix, y: Matrix, *, fresh: bool) -> Matrix:
     """Return the inverse Hessian after a step `s` along which the gradient changed by `y`."""
     curvature = float(s @ y)
     if curvature <= 1e-14 * float(np.linalg.norm(s) * np.linalg.norm(y)):
@@ -156,7 +156,7 @@ def _updated(W: Matrix, s: Matrix, y: Matrix, *, fresh: bool) -> Matrix:
     )  # fmt: skip
 
 
-def _together(branches: list[Branch], W: Matrix) -> Matrix:
+def _combine_gradients(branches: list[Branch], W: Matrix) -> Matrix:
     """Return the convex combination of gradients whose step `-W g` lowers the largest linearised branch most."""
     if len(branches) == 1:
         return branches[0].gradient

@@ -5,19 +5,27 @@ from dataclasses import replace
 
 import pytest
 
-from firmware_model.autopilot.guidance import Situation
+from firmware_model.autopilot.guidance import NavigationState
 from firmware_model.autopilot.modes import (
     ENTRY_GAP_US,
-    LANDED_US,
+    LAND_DETECTION_US,
     Autopilot,
-    Event,
+    AutopilotEvent,
     FailSafe,
-    Landed,
+    LandedState,
     Mode,
     Settings,
-    Verdict,
+    TransitionResult,
 )
-from firmware_model.types import AttitudeTarget, Command, Guidance, Level, Off, Setpoint, TorqueCommand
+from firmware_model.types import (
+    AttitudeTarget,
+    Command,
+    LevelFlight,
+    MotorsOff,
+    PositionTarget,
+    Setpoint,
+    TorqueCommand,
+)
 
 TIMEOUT = 1_000_000
 SAMPLE_US = 4_000
@@ -37,7 +45,7 @@ class Craft:
         self, north: float = 0.0, east: float = 0.0, *, height: float, yaw: float = 0.0, tilt: float = 0.0
     ) -> Setpoint:
         """Fly one sample there; the ground is at height 0."""
-        self.now = Situation((north, east, -height), yaw, tilt, height <= 0.0)
+        self.now = NavigationState((north, east, -height), yaw, tilt, height <= 0.0)
         self.autopilot.clock_us += SAMPLE_US
         return self.autopilot.setpoint(self.command, self.now)
 
@@ -50,14 +58,14 @@ class Craft:
 
     def fly_to(self, mode: Mode, height: float = 10.0) -> None:
         """Be in the air in a mode."""
-        assert self.autopilot.arm() is Verdict.ACCEPTED
-        assert self.autopilot.take_off(height) is Verdict.ACCEPTED
+        assert self.autopilot.arm() is TransitionResult.ACCEPTED
+        assert self.autopilot.take_off(height) is TransitionResult.ACCEPTED
         self.at(height=0.5 * height)
         self.at(height=height)
         if mode is Mode.OFFBOARD:
-            self.autopilot.hear_setpoint()
+            self.autopilot.on_setpoint()
             self.command = LEVEL_THRUST
-        assert self.autopilot.set_mode(mode) is Verdict.ACCEPTED
+        assert self.autopilot.set_mode(mode) is TransitionResult.ACCEPTED
         self.autopilot.take_events()
 
 
@@ -83,7 +91,7 @@ def test_modes_have_the_numbers_of_px4(mode, number):
     assert mode.value == number
 
 
-@pytest.mark.parametrize("text", [item.value for item in (*Verdict, *Event)])
+@pytest.mark.parametrize("text", [item.value for item in (*TransitionResult, *AutopilotEvent)])
 def test_texts_fit_a_statustext(text):
     assert len(text.encode()) <= 50
 
@@ -92,21 +100,21 @@ def test_texts_fit_a_statustext(text):
 
 
 def test_offboard_is_refused_without_a_stream(autopilot):
-    assert autopilot.set_mode(Mode.OFFBOARD) is Verdict.NO_STREAM
+    assert autopilot.set_mode(Mode.OFFBOARD) is TransitionResult.NO_STREAM
     assert autopilot.mode is Mode.STABILIZED
 
 
 def test_offboard_is_entered_only_while_the_stream_is_faster_than_2_hz(autopilot):
-    autopilot.hear_setpoint()
+    autopilot.on_setpoint()
     autopilot.clock_us += ENTRY_GAP_US
-    assert autopilot.set_mode(Mode.OFFBOARD) is Verdict.NO_STREAM
+    assert autopilot.set_mode(Mode.OFFBOARD) is TransitionResult.NO_STREAM
     autopilot.clock_us -= 1
-    assert autopilot.set_mode(Mode.OFFBOARD) is Verdict.ACCEPTED
+    assert autopilot.set_mode(Mode.OFFBOARD) is TransitionResult.ACCEPTED
     assert autopilot.mode is Mode.OFFBOARD
 
 
 def test_stream_is_dead_when_the_time_out_is_full(autopilot):
-    autopilot.hear_setpoint()
+    autopilot.on_setpoint()
     autopilot.clock_us += TIMEOUT - 1
     assert autopilot.stream_alive
     autopilot.clock_us += 1
@@ -114,7 +122,7 @@ def test_stream_is_dead_when_the_time_out_is_full(autopilot):
 
 
 def test_time_out_may_be_changed_in_flight(autopilot):
-    autopilot.hear_setpoint()
+    autopilot.on_setpoint()
     autopilot.clock_us += 300_000
     autopilot.settings = replace(autopilot.settings, stream_timeout_us=200_000)
     assert not autopilot.stream_alive
@@ -123,17 +131,17 @@ def test_time_out_may_be_changed_in_flight(autopilot):
 @pytest.mark.parametrize(
     ("fail_safe", "mode", "event", "flown"),
     [
-        (FailSafe.STABILIZED, Mode.STABILIZED, Event.LOST_STABILIZED, Level()),
-        (FailSafe.LAND, Mode.LAND, Event.LOST_LAND, Guidance((3.0, 4.0, -10.0), 0.7, 1.5)),
-        (FailSafe.HOLD, Mode.HOLD, Event.LOST_HOLD, Guidance((3.0, 4.0, -10.0), 0.7, None)),
+        (FailSafe.STABILIZED, Mode.STABILIZED, AutopilotEvent.LOST_STABILIZED, LevelFlight()),
+        (FailSafe.LAND, Mode.LAND, AutopilotEvent.LOST_LAND, PositionTarget((3.0, 4.0, -10.0), 0.7, 1.5)),
+        (FailSafe.HOLD, Mode.HOLD, AutopilotEvent.LOST_HOLD, PositionTarget((3.0, 4.0, -10.0), 0.7, None)),
     ],
 )
 def test_lost_stream_in_offboard_enters_the_fail_safe_once(fail_safe, mode, event, flown):
     craft = Craft(fail_safe=fail_safe)
     craft.fly_to(Mode.OFFBOARD)
     assert craft.at(3.0, 4.0, height=10.0, yaw=0.7) is LEVEL_THRUST
-    craft.autopilot.lose_stream()
-    craft.autopilot.lose_stream()
+    craft.autopilot.on_stream_lost()
+    craft.autopilot.on_stream_lost()
     assert craft.autopilot.take_events() == [event]
     assert event.critical
     assert craft.autopilot.mode is mode
@@ -143,7 +151,7 @@ def test_lost_stream_in_offboard_enters_the_fail_safe_once(fail_safe, mode, even
 
 def test_lost_stream_outside_offboard_changes_nothing(craft, autopilot):
     craft.fly_to(Mode.POSCTL)
-    autopilot.lose_stream()
+    autopilot.on_stream_lost()
     assert autopilot.mode is Mode.POSCTL
     assert not autopilot.in_fail_safe
     assert autopilot.take_events() == []
@@ -151,41 +159,41 @@ def test_lost_stream_outside_offboard_changes_nothing(craft, autopilot):
 
 def test_lost_stream_on_the_ground_leaves_offboard_and_arming_possible():
     craft = Craft(fail_safe=FailSafe.LAND)
-    craft.autopilot.hear_setpoint()
+    craft.autopilot.on_setpoint()
     craft.autopilot.set_mode(Mode.OFFBOARD)
-    craft.autopilot.lose_stream()
-    assert craft.autopilot.take_events() == [Event.LOST_ON_GROUND]
+    craft.autopilot.on_stream_lost()
+    assert craft.autopilot.take_events() == [AutopilotEvent.LOST_ON_GROUND]
     assert craft.autopilot.mode is Mode.HOLD
-    assert craft.autopilot.arm() is Verdict.ACCEPTED
+    assert craft.autopilot.arm() is TransitionResult.ACCEPTED
 
 
 def test_returning_stream_is_told_once_and_not_flown_until_offboard_is_asked_for_again(craft, autopilot):
     craft.fly_to(Mode.OFFBOARD)
-    autopilot.lose_stream()
+    autopilot.on_stream_lost()
     autopilot.take_events()
-    autopilot.hear_setpoint()
-    autopilot.hear_setpoint()
-    assert autopilot.take_events() == [Event.STREAM_BACK]
-    assert craft.stay(SAMPLE_US) == Level()
-    assert autopilot.set_mode(Mode.OFFBOARD) is Verdict.ACCEPTED
+    autopilot.on_setpoint()
+    autopilot.on_setpoint()
+    assert autopilot.take_events() == [AutopilotEvent.STREAM_BACK]
+    assert craft.stay(SAMPLE_US) == LevelFlight()
+    assert autopilot.set_mode(Mode.OFFBOARD) is TransitionResult.ACCEPTED
     assert craft.stay(SAMPLE_US) is LEVEL_THRUST
     assert not autopilot.in_fail_safe
 
 
 def test_pilot_takes_the_vehicle_from_a_living_stream_and_gives_it_back(craft, autopilot):
     craft.fly_to(Mode.OFFBOARD)
-    assert autopilot.hold() is Verdict.ACCEPTED
-    assert isinstance(craft.stay(SAMPLE_US), Guidance)
-    autopilot.hear_setpoint()
-    assert isinstance(craft.stay(SAMPLE_US), Guidance)
-    assert autopilot.set_mode(Mode.OFFBOARD) is Verdict.ACCEPTED
+    assert autopilot.hold() is TransitionResult.ACCEPTED
+    assert isinstance(craft.stay(SAMPLE_US), PositionTarget)
+    autopilot.on_setpoint()
+    assert isinstance(craft.stay(SAMPLE_US), PositionTarget)
+    assert autopilot.set_mode(Mode.OFFBOARD) is TransitionResult.ACCEPTED
     assert craft.stay(SAMPLE_US) is LEVEL_THRUST
 
 
 @pytest.mark.parametrize("mode", [Mode.STABILIZED, Mode.HOLD])
 def test_pilot_who_takes_over_ends_the_fail_safe(craft, autopilot, mode):
     craft.fly_to(Mode.OFFBOARD)
-    autopilot.lose_stream()
+    autopilot.on_stream_lost()
     autopilot.set_mode(mode)
     assert not autopilot.in_fail_safe
 
@@ -195,52 +203,52 @@ def test_pilot_who_takes_over_ends_the_fail_safe(craft, autopilot, mode):
 
 def test_arming_and_disarming_on_the_ground(autopilot):
     for _ in range(2):
-        assert autopilot.arm() is Verdict.ACCEPTED
+        assert autopilot.arm() is TransitionResult.ACCEPTED
         assert autopilot.armed
-        assert autopilot.disarm() is Verdict.ACCEPTED
+        assert autopilot.disarm() is TransitionResult.ACCEPTED
         assert not autopilot.armed
 
 
 def test_disarming_is_refused_in_the_air_and_done_by_force(craft, autopilot):
     craft.fly_to(Mode.HOLD)
-    assert autopilot.disarm() is Verdict.IN_FLIGHT
+    assert autopilot.disarm() is TransitionResult.IN_FLIGHT
     assert autopilot.armed
-    assert autopilot.disarm(force=True) is Verdict.ACCEPTED
-    assert craft.stay(SAMPLE_US) == Off()
-    assert autopilot.landed is Landed.IN_AIR  # it falls
+    assert autopilot.disarm(force=True) is TransitionResult.ACCEPTED
+    assert craft.stay(SAMPLE_US) == MotorsOff()
+    assert autopilot.landed is LandedState.IN_AIR  # it falls
     craft.at(height=0.0)
-    craft.stay(LANDED_US)
-    assert autopilot.landed is Landed.ON_GROUND
+    craft.stay(LAND_DETECTION_US)
+    assert autopilot.landed is LandedState.ON_GROUND
 
 
 def test_arming_is_refused_in_a_landing_mode(craft, autopilot):
     autopilot.set_mode(Mode.LAND)
-    assert autopilot.arm() is Verdict.LANDING_MODE
+    assert autopilot.arm() is TransitionResult.LANDING_MODE
     autopilot.set_mode(Mode.HOLD)
-    assert autopilot.arm() is Verdict.ACCEPTED
+    assert autopilot.arm() is TransitionResult.ACCEPTED
 
 
 def test_arming_is_refused_in_offboard_whose_stream_has_stopped(autopilot):
-    autopilot.hear_setpoint()
+    autopilot.on_setpoint()
     autopilot.set_mode(Mode.OFFBOARD)
     autopilot.clock_us += TIMEOUT
-    assert autopilot.arm() is Verdict.NO_STREAM
+    assert autopilot.arm() is TransitionResult.NO_STREAM
 
 
 def test_arming_is_refused_to_a_vehicle_on_its_side(craft, autopilot):
     craft.at(height=0.0, tilt=math.radians(50.0))
-    assert autopilot.arm() is Verdict.TIPPED
+    assert autopilot.arm() is TransitionResult.TIPPED
     craft.at(height=0.0, tilt=math.radians(40.0))
-    assert autopilot.arm() is Verdict.ACCEPTED
+    assert autopilot.arm() is TransitionResult.ACCEPTED
 
 
 def test_armed_vehicle_on_the_ground_keeps_its_motors_off_and_stays_armed(craft, autopilot):
     autopilot.arm()
     for mode in (Mode.STABILIZED, Mode.POSCTL, Mode.HOLD):
         autopilot.set_mode(mode)
-        assert craft.stay(20_000_000) == Off()
+        assert craft.stay(20_000_000) == MotorsOff()
     assert autopilot.armed
-    assert autopilot.landed is Landed.ON_GROUND
+    assert autopilot.landed is LandedState.ON_GROUND
 
 
 # Take-off, hold, landing, return.
@@ -249,31 +257,31 @@ def test_armed_vehicle_on_the_ground_keeps_its_motors_off_and_stays_armed(craft,
 def test_take_off_climbs_over_the_spot_and_holds_there(craft, autopilot):
     craft.at(1.0, 2.0, height=0.0, yaw=0.3)
     autopilot.arm()
-    assert autopilot.take_off(10.0) is Verdict.ACCEPTED
-    assert craft.stay(SAMPLE_US) == Guidance((1.0, 2.0, -10.0), 0.3, None)
-    assert autopilot.landed is Landed.TAKEOFF
+    assert autopilot.take_off(10.0) is TransitionResult.ACCEPTED
+    assert craft.stay(SAMPLE_US) == PositionTarget((1.0, 2.0, -10.0), 0.3, None)
+    assert autopilot.landed is LandedState.TAKEOFF
     craft.at(1.0, 2.0, height=9.0, yaw=0.3)
     assert autopilot.mode is Mode.TAKEOFF
-    assert craft.at(1.1, 2.0, height=9.8, yaw=0.5) == Guidance((1.0, 2.0, -10.0), 0.3, None)
+    assert craft.at(1.1, 2.0, height=9.8, yaw=0.5) == PositionTarget((1.0, 2.0, -10.0), 0.3, None)
     assert autopilot.mode is Mode.HOLD
-    assert autopilot.landed is Landed.IN_AIR
-    assert autopilot.take_events() == [Event.HEIGHT_REACHED]
-    assert craft.at(3.0, 2.0, height=9.8) == Guidance(
+    assert autopilot.landed is LandedState.IN_AIR
+    assert autopilot.take_events() == [AutopilotEvent.HEIGHT_REACHED]
+    assert craft.at(3.0, 2.0, height=9.8) == PositionTarget(
         (1.0, 2.0, -10.0), 0.3, None
     )  # where it was to be, not where it is
 
 
 def test_take_off_waits_for_arming(craft, autopilot):
-    assert autopilot.set_mode(Mode.TAKEOFF) is Verdict.ACCEPTED
-    assert craft.stay(5_000_000) == Off()
-    assert autopilot.landed is Landed.ON_GROUND
-    assert autopilot.arm() is Verdict.ACCEPTED
-    assert craft.stay(SAMPLE_US) == Guidance((0.0, 0.0, -2.5), 0.0, None)
+    assert autopilot.set_mode(Mode.TAKEOFF) is TransitionResult.ACCEPTED
+    assert craft.stay(5_000_000) == MotorsOff()
+    assert autopilot.landed is LandedState.ON_GROUND
+    assert autopilot.arm() is TransitionResult.ACCEPTED
+    assert craft.stay(SAMPLE_US) == PositionTarget((0.0, 0.0, -2.5), 0.0, None)
 
 
 @pytest.mark.parametrize("height", [0.5, -10.0, 501.0, math.nan, math.inf])
 def test_take_off_to_nowhere_is_refused(autopilot, height):
-    assert autopilot.take_off(height) is Verdict.HEIGHT
+    assert autopilot.take_off(height) is TransitionResult.HEIGHT
     assert autopilot.mode is Mode.STABILIZED
 
 
@@ -281,10 +289,10 @@ def test_take_off_in_the_air_is_refused_but_a_repeated_request_is_not(craft, aut
     autopilot.arm()
     autopilot.take_off(10.0)
     craft.at(height=5.0)
-    assert autopilot.take_off(10.0) is Verdict.ACCEPTED
-    assert autopilot.take_off(20.0) is Verdict.AIRBORNE
+    assert autopilot.take_off(10.0) is TransitionResult.ACCEPTED
+    assert autopilot.take_off(20.0) is TransitionResult.AIRBORNE
     craft.at(height=10.0)
-    assert autopilot.take_off(10.0) is Verdict.AIRBORNE
+    assert autopilot.take_off(10.0) is TransitionResult.AIRBORNE
 
 
 @pytest.mark.parametrize("mode", [Mode.HOLD, Mode.POSCTL])
@@ -293,7 +301,7 @@ def test_hold_stays_where_it_was_asked_for(craft, autopilot, mode):
     craft.at(5.0, 6.0, height=7.0, yaw=-1.0)
     autopilot.set_mode(mode)
     asked = craft.stay(SAMPLE_US)
-    assert asked == Guidance((5.0, 6.0, -7.0), -1.0, None)
+    assert asked == PositionTarget((5.0, 6.0, -7.0), -1.0, None)
     autopilot.set_mode(mode)
     assert craft.at(8.0, 9.0, height=4.0) == asked
 
@@ -301,7 +309,7 @@ def test_hold_stays_where_it_was_asked_for(craft, autopilot, mode):
 @pytest.mark.parametrize("mode", [Mode.STABILIZED, Mode.ALTCTL, Mode.MANUAL])
 def test_level_modes_do_not_hold_the_place(craft, mode):
     craft.fly_to(mode)
-    assert craft.at(5.0, 6.0, height=7.0) == Level()
+    assert craft.at(5.0, 6.0, height=7.0) == LevelFlight()
 
 
 def test_landing_slows_down_near_the_ground_and_disarms_on_it(craft, autopilot):
@@ -313,20 +321,20 @@ def test_landing_slows_down_near_the_ground_and_disarms_on_it(craft, autopilot):
         ((0.0, 0.0), pytest.approx(0.9)),
         ((0.0, 0.0), 0.5),
     ]
-    assert autopilot.landed is Landed.LANDING
+    assert autopilot.landed is LandedState.LANDING
     craft.at(height=0.0)
-    craft.stay(LANDED_US - SAMPLE_US)
+    craft.stay(LAND_DETECTION_US - SAMPLE_US)
     assert autopilot.armed
-    assert craft.stay(SAMPLE_US) == Off()
-    assert (autopilot.armed, autopilot.mode, autopilot.landed) == (False, Mode.HOLD, Landed.ON_GROUND)
-    assert autopilot.take_events() == [Event.LANDED]
+    assert craft.stay(SAMPLE_US) == MotorsOff()
+    assert (autopilot.armed, autopilot.mode, autopilot.landed) == (False, Mode.HOLD, LandedState.ON_GROUND)
+    assert autopilot.take_events() == [AutopilotEvent.LANDED]
 
 
 def test_bounce_is_not_a_landing(craft, autopilot):
     craft.fly_to(Mode.LAND)
     for _ in range(3):
         craft.at(height=0.0)
-        craft.stay(LANDED_US // 2)
+        craft.stay(LAND_DETECTION_US // 2)
         craft.at(height=0.1)
     assert autopilot.armed
 
@@ -334,24 +342,24 @@ def test_bounce_is_not_a_landing(craft, autopilot):
 def test_ground_in_another_mode_stops_the_motors_and_does_not_disarm(craft, autopilot):
     craft.fly_to(Mode.STABILIZED)
     craft.at(height=0.0)
-    assert craft.stay(LANDED_US) == Off()
+    assert craft.stay(LAND_DETECTION_US) == MotorsOff()
     assert autopilot.armed
-    assert autopilot.landed is Landed.ON_GROUND
+    assert autopilot.landed is LandedState.ON_GROUND
 
 
 def test_return_climbs_flies_home_lands_and_disarms(craft, autopilot):
     craft.at(1.0, 1.0, height=0.0)
     craft.fly_to(Mode.STABILIZED, height=5.0)
     craft.at(30.0, 40.0, height=5.0)
-    assert autopilot.return_home() is Verdict.ACCEPTED
+    assert autopilot.return_home() is TransitionResult.ACCEPTED
     assert craft.stay(SAMPLE_US).position_N == (30.0, 40.0, -15.0)
     assert craft.at(30.0, 40.0, height=14.8).position_N == (1.0, 1.0, -15.0)
-    assert autopilot.landed is Landed.IN_AIR
+    assert autopilot.landed is LandedState.IN_AIR
     down = craft.at(1.2, 1.2, height=15.0)
     assert (down.position_N[:2], down.v_down) == ((1.0, 1.0), 1.5)
-    assert autopilot.landed is Landed.LANDING
+    assert autopilot.landed is LandedState.LANDING
     craft.at(1.0, 1.0, height=0.0)
-    craft.stay(LANDED_US)
+    craft.stay(LAND_DETECTION_US)
     assert not autopilot.armed
 
 
@@ -372,21 +380,21 @@ def test_return_stays_as_high_as_it_is(craft):
 
 
 def test_offboard_takes_off_by_thrust_but_not_by_holding_height(craft, autopilot):
-    autopilot.hear_setpoint()
+    autopilot.on_setpoint()
     autopilot.set_mode(Mode.OFFBOARD)
     autopilot.arm()
     craft.command = TORQUE
-    assert craft.stay(SAMPLE_US) == Off()
+    assert craft.stay(SAMPLE_US) == MotorsOff()
     craft.command = LEVEL_THRUST
     assert craft.stay(SAMPLE_US) is LEVEL_THRUST
     craft.at(height=0.1)
     craft.command = TORQUE
     assert craft.stay(SAMPLE_US) is TORQUE
-    assert autopilot.landed is Landed.IN_AIR
+    assert autopilot.landed is LandedState.IN_AIR
 
 
 def test_mode_that_is_not_modelled_is_refused(autopilot):
-    assert autopilot.set_mode(Mode.ACRO) is Verdict.NOT_FLOWN
+    assert autopilot.set_mode(Mode.ACRO) is TransitionResult.NOT_FLOWN
 
 
 # The test stand.
@@ -394,29 +402,29 @@ def test_mode_that_is_not_modelled_is_refused(autopilot):
 
 def test_stand_is_free_while_armed_and_lands_by_levelling():
     craft = Craft(free=False)
-    assert craft.stay(SAMPLE_US) == Off()
+    assert craft.stay(SAMPLE_US) == MotorsOff()
     craft.autopilot.arm()
-    assert craft.stay(SAMPLE_US) == Level()
-    assert craft.autopilot.landed is Landed.IN_AIR
-    assert craft.autopilot.disarm() is Verdict.IN_FLIGHT
+    assert craft.stay(SAMPLE_US) == LevelFlight()
+    assert craft.autopilot.landed is LandedState.IN_AIR
+    assert craft.autopilot.disarm() is TransitionResult.IN_FLIGHT
     craft.autopilot.land()
     craft.at(height=10.0, tilt=0.3)
-    assert craft.stay(2 * LANDED_US) == Level()
-    assert craft.autopilot.landed is Landed.LANDING
+    assert craft.stay(2 * LAND_DETECTION_US) == LevelFlight()
+    assert craft.autopilot.landed is LandedState.LANDING
     craft.at(height=10.0, tilt=0.01)
-    craft.stay(LANDED_US)
-    assert craft.autopilot.landed is Landed.ON_GROUND
+    craft.stay(LAND_DETECTION_US)
+    assert craft.autopilot.landed is LandedState.ON_GROUND
     assert not craft.autopilot.armed
 
 
 @pytest.mark.parametrize("mode", [Mode.TAKEOFF, Mode.RETURN])
 def test_stand_does_not_travel(mode):
-    assert Craft(free=False).autopilot.set_mode(mode) is Verdict.ON_STAND
+    assert Craft(free=False).autopilot.set_mode(mode) is TransitionResult.ON_STAND
 
 
 def test_stand_flies_the_outside_controller():
     craft = Craft(free=False)
-    craft.autopilot.hear_setpoint()
+    craft.autopilot.on_setpoint()
     craft.autopilot.set_mode(Mode.OFFBOARD)
     craft.autopilot.arm()
     craft.command = TORQUE

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from firmware_model.autopilot.modes import FailSafe, Settings
-from firmware_model.autopilot.parameters import Parameters, Refusal, published_limit
+from firmware_model.autopilot.parameters import ParameterRejectReason, Parameters, published_limit
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 
@@ -43,12 +43,12 @@ def test_real_parameter_is_set_within_its_range(parameters):
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -1.0, 0.0, 61.0])
 def test_value_outside_the_range_is_refused_and_the_old_one_stays(parameters, value):
-    assert parameters.set_wire_value("COM_OF_LOSS_T", value, integer=False) is Refusal.OUT_OF_RANGE
+    assert parameters.set_wire_value("COM_OF_LOSS_T", value, integer=False) is ParameterRejectReason.OUT_OF_RANGE
     assert parameters["COM_OF_LOSS_T"] == 1.0
 
 
 def test_what_describes_the_vehicle_is_read_only(parameters):
-    assert parameters.set_wire_value("GP_TRQ_MAX_R", 3.0, integer=False) is Refusal.READ_ONLY
+    assert parameters.set_wire_value("GP_TRQ_MAX_R", 3.0, integer=False) is ParameterRejectReason.READ_ONLY
     assert parameters["GP_TRQ_MAX_R"] == 1.5
 
 
@@ -62,7 +62,7 @@ def test_cast_integers_travel_as_their_value():
     assert parameters.set_wire_value("COM_OBL_RC_ACT", 5.0, integer=False) is None
     assert parameters["COM_OBL_RC_ACT"] == 5
     assert isinstance(parameters["COM_OBL_RC_ACT"], int)
-    assert parameters.set_wire_value("COM_OBL_RC_ACT", 4.5, integer=False) is Refusal.OUT_OF_RANGE
+    assert parameters.set_wire_value("COM_OBL_RC_ACT", 4.5, integer=False) is ParameterRejectReason.OUT_OF_RANGE
 
 
 def test_defaults_are_allowed_and_are_the_autopilots_own(parameters):

@@ -13,12 +13,12 @@ from firmware_model.config.wind import Constant, Dryden
 from firmware_model.numerics.rotations import euler_angles, from_euler, rotate
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop
-from firmware_model.types import AttitudeTarget, Guidance, Level, Setpoint, TorqueCommand
+from firmware_model.types import AttitudeTarget, LevelFlight, PositionTarget, Setpoint, TorqueCommand
 
 VEHICLES = {name: load_vehicle(name) for name in ("paper", "iris")}
 CALM = Scenario(name="calm", description="", duration_s=60.0, translation="free", gyro=GyroFault(noise=False))
 MODERATE = Dryden(kind="dryden", wind_speed_20ft_mps=15.4)
-HERE = Guidance((0.0, 0.0, -10.0), 0.0, None)
+HERE = PositionTarget((0.0, 0.0, -10.0), 0.0, None)
 by_vehicle = pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES.keys())
 pytestmark = pytest.mark.compiled
 
@@ -46,7 +46,7 @@ def test_its_integral_takes_out_a_steady_wind(vehicle):
 @by_vehicle
 def test_it_goes_to_a_place_and_turns_on_the_way(vehicle):
     loop = VehicleLoop(vehicle, CALM, 1)
-    records = fly(loop, Guidance((8.0, -6.0, -12.0), 2.0, None), 25.0)
+    records = fly(loop, PositionTarget((8.0, -6.0, -12.0), 2.0, None), 25.0)
     np.testing.assert_allclose(records["position_N"][-1], (8.0, -6.0, -12.0), atol=0.05)
     assert euler_angles(records["q_NB"])[-1, 2] == pytest.approx(2.0, abs=0.01)
     along = records["position_N"][:, :2] @ (0.8, -0.6)
@@ -57,10 +57,10 @@ def test_it_goes_to_a_place_and_turns_on_the_way(vehicle):
 @by_vehicle
 def test_it_flies_no_faster_than_its_limits(vehicle):
     loop, limits = VehicleLoop(vehicle, CALM, 1), vehicle.position
-    out = fly(loop, Guidance((200.0, 0.0, -60.0), 0.0, None), 15.0)["velocity_N"]
+    out = fly(loop, PositionTarget((200.0, 0.0, -60.0), 0.0, None), 15.0)["velocity_N"]
     assert np.hypot(out[:, 0], out[:, 1]).max() == pytest.approx(limits.xy_velocity_max, rel=0.1)
     assert -out[:, 2].min() == pytest.approx(limits.z_velocity_max_up, rel=0.1)
-    down = fly(loop, Guidance((0.0, 0.0, -20.0), 0.0, None), 6.0)["velocity_N"]
+    down = fly(loop, PositionTarget((0.0, 0.0, -20.0), 0.0, None), 6.0)["velocity_N"]
     assert down[:, 2].max() == pytest.approx(limits.z_velocity_max_down, rel=0.1)
 
 
@@ -77,7 +77,7 @@ def test_without_a_thrust_the_height_is_held_where_that_began(vehicle, kind):
         "torque": TorqueCommand(0, (0.0, 0.0, 0.0), None),
         "rates": AttitudeTarget(0, None, (0.0, 0.0, 0.3), None),
         "attitude": AttitudeTarget(0, from_euler(0.3, 0.0, 0.0), None, None),
-        "level": Level(),
+        "level": LevelFlight(),
     }[kind]
     loop = VehicleLoop(vehicle, CALM, 1)
     climb = TorqueCommand(0, (0.0, 0.0, 0.0), 0.6)
@@ -102,9 +102,9 @@ def test_thrust_that_is_given_is_flown():
 def test_level_keeps_the_heading_that_it_began_with(vehicle):
     loop = VehicleLoop(vehicle, replace(CALM, wind=(MODERATE,)), 1)
     fly(loop, HERE._replace(yaw=-1.2), 10.0)
-    yaw = euler_angles(fly(loop, Level(), 20.0)["q_NB"])[:, 2]
+    yaw = euler_angles(fly(loop, LevelFlight(), 20.0)["q_NB"])[:, 2]
     np.testing.assert_allclose(yaw, -1.2, atol=0.06)
-    tilt = euler_angles(fly(loop, Level(), 5.0)["q_NB"])[:, :2]
+    tilt = euler_angles(fly(loop, LevelFlight(), 5.0)["q_NB"])[:, :2]
     assert np.abs(tilt).max() < 0.1
 
 
@@ -121,8 +121,8 @@ def test_gains_that_are_changed_in_flight_act_from_then_on():
     vehicle = VEHICLES["iris"]
     loop = VehicleLoop(vehicle, CALM, 1)
     loop.set_position_loop(replace(vehicle.position, z_velocity_max_up=1.0))
-    records = fly(loop, Guidance((0.0, 0.0, -30.0), 0.0, None), 5.0)
+    records = fly(loop, PositionTarget((0.0, 0.0, -30.0), 0.0, None), 5.0)
     assert -records["velocity_N"][:, 2].min() == pytest.approx(1.0, rel=0.1)
     loop.set_stabilizer(replace(vehicle.stabilizer, rate_limit=0.1))
-    turning = fly(loop, Guidance((0.0, 0.0, -30.0), 3.0, None), 5.0)
+    turning = fly(loop, PositionTarget((0.0, 0.0, -30.0), 3.0, None), 5.0)
     assert np.abs(turning["omega_B"][:, 2]).max() < 0.15

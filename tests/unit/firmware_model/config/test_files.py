@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from firmware_model.config.files import checked_name, parse_json
-from firmware_model.config.scenario import load_scenario, shipped_scenarios
+from firmware_model.config.scenario import list_scenarios, load_scenario
 from firmware_model.config.validation import printable
-from firmware_model.config.vehicle import load_vehicle, shipped_vehicles
+from firmware_model.config.vehicle import list_vehicles, load_vehicle
 from firmware_model.errors import ConfigError
 
 GOOD = 'description = "a test"\nduration_s = 1.0\n'
@@ -20,12 +20,12 @@ def test_the_paper_vehicle_has_the_numbers_of_table_1() -> None:
     assert (vehicle.mass, vehicle.inertia_B) == (10.0, (0.25, 0.2, 0.1))
 
 
-@pytest.mark.parametrize("name", shipped_vehicles())
+@pytest.mark.parametrize("name", list_vehicles())
 def test_every_shipped_vehicle_loads_and_names_its_source(name: str) -> None:
     assert len(load_vehicle(name).source) > 20
 
 
-@pytest.mark.parametrize("name", shipped_scenarios())
+@pytest.mark.parametrize("name", list_scenarios())
 def test_every_shipped_scenario_loads_and_says_what_it_shows(name: str) -> None:
     scenario = load_scenario(name)
     assert scenario.name == name
@@ -33,7 +33,7 @@ def test_every_shipped_scenario_loads_and_says_what_it_shows(name: str) -> None:
 
 
 def test_the_shipped_scenarios_are_those_of_the_readme() -> None:
-    assert {"paper", "paper-turbulence", "coning", "bias", "calm"} <= set(shipped_scenarios())
+    assert {"paper", "paper-turbulence", "coning", "bias", "calm"} <= set(list_scenarios())
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_a_file_of_another_editor_is_told_what_to_do(content: bytes, message: st
     assert str(caught.value) == f"{tmp_path / 'mine.toml'}: {message}"
 
 
-@pytest.mark.parametrize("name", shipped_scenarios())
+@pytest.mark.parametrize("name", list_scenarios())
 def test_all_that_a_shipped_scenario_says_is_flown(name: str) -> None:
     assert load_scenario(name).unflown == ()
 

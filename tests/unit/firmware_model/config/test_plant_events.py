@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from firmware_model.config.events import Event
-from firmware_model.config.files import parse
-from firmware_model.config.moments import Step
+from firmware_model.config.files import validate
+from firmware_model.config.moments import MomentStep
 from firmware_model.config.plant_events import (
     ActuatorEffect,
     ActuatorLag,
@@ -24,7 +24,7 @@ from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop
-from firmware_model.types import Level, Setpoint, TorqueCommand
+from firmware_model.types import LevelFlight, Setpoint, TorqueCommand
 
 VEHICLE = load_vehicle("paper")
 QUIET = Scenario(
@@ -45,7 +45,7 @@ def fly(scenario: Scenario, *events: Event, setpoint: Setpoint = REST, seed: int
 
 
 def scripted(**table: Any) -> Scenario:
-    return parse(Scenario, {"name": "a", "description": "b", "duration_s": 1.0, **table}, "mine.toml")
+    return validate(Scenario, {"name": "a", "description": "b", "duration_s": 1.0, **table}, "mine.toml")
 
 
 def test_a_bias_is_there_from_its_sample_on_and_the_next_takes_its_place() -> None:
@@ -82,7 +82,7 @@ def test_noise_grows_by_its_factor_and_its_draws_stay() -> None:
 
 
 def test_a_gyro_clips_at_its_new_range() -> None:
-    push = Step(kind="step", amplitude_nm=(0.2, 0.0, 0.0))
+    push = MomentStep(kind="step", amplitude_nm=(0.2, 0.0, 0.0))
     records = fly(replace(QUIET, moment=(push,)), GyroRange(kind="gyro_range", at_s=1.0, range_rad_s=0.5))
     assert records["omega_B"][AT - 1, 0] > 0.75
     assert records["gyro_B"][AT - 1, 0] > 0.75
@@ -117,7 +117,7 @@ def test_a_payload_changes_mass_and_inertia_and_another_adds_to_it() -> None:
     # Held: the same moment turns it the more slowly, by the inertias alone.
     drop = Payload(kind="payload", at_s=1.0, mass_kg=-2.0, inertia_kgm2=(-0.05, 0.0, 0.0))
     take = Payload(kind="payload", at_s=1.5, mass_kg=1.0, inertia_kgm2=(0.30, 0.0, 0.0))
-    push = Step(kind="step", amplitude_nm=(0.2, 0.0, 0.0))
+    push = MomentStep(kind="step", amplitude_nm=(0.2, 0.0, 0.0))
     vehicle = replace(VEHICLE, rate_damping=0.0)
     loop = VehicleLoop(vehicle, replace(QUIET, moment=(push,), event=(drop, take)), 1)
     p = np.array([loop.advance(REST, 0).view(RECORD)[0]["omega_B"][0] for _ in range(500)])
@@ -130,7 +130,7 @@ def test_a_payload_changes_mass_and_inertia_and_another_adds_to_it() -> None:
 def test_a_free_vehicle_that_drops_its_payload_rises_until_the_height_is_held_again() -> None:
     free = replace(QUIET, translation="free", duration_s=8.0)
     drop = Payload(kind="payload", at_s=1.0, mass_kg=-2.0, inertia_kgm2=(0.0, 0.0, 0.0))
-    records = fly(free, drop, setpoint=Level())
+    records = fly(free, drop, setpoint=LevelFlight())
     felt = -records["specific_force_B"][:, 2]
     assert felt[AT - 1] == pytest.approx(GRAVITY, rel=1e-6)
     assert felt[AT] == pytest.approx(GRAVITY * 10.0 / 8.0, rel=1e-6)

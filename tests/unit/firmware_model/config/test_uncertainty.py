@@ -4,7 +4,7 @@ import pytest
 
 from firmware_model.config.spreads import Spread
 from firmware_model.config.uncertainty import load_vehicle_set
-from firmware_model.config.vehicle import VEHICLES, load_vehicle, shipped_vehicles
+from firmware_model.config.vehicle import VEHICLES, list_vehicles, load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.model.uncertainty import RealBlock
 
@@ -18,7 +18,7 @@ def written(folder: Path, old: str, new: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", shipped_vehicles())
+@pytest.mark.parametrize("name", list_vehicles())
 def test_a_shipped_set_has_its_vehicle_in_the_middle(name):
     vehicles = load_vehicle_set(name)
     assert vehicles.nominal == load_vehicle(name)

@@ -1,6 +1,6 @@
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.channel import SOURCES, Channel
+from firmware_model.mavlink.channel import MAX_SOURCES, Channel
 from firmware_model.mavlink.frames import Frame, RejectReason, parse
 
 HEARTBEAT = wire.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
@@ -43,10 +43,10 @@ def test_each_sender_behind_an_address_counts_by_itself():
 
 def test_senders_behind_one_address_are_bounded():
     traffic = Channel(1, 1)
-    for component in range(2 * SOURCES):
+    for component in range(2 * MAX_SOURCES):
         for sequence in (0, 2):
             traffic.count(frame(sequence, component))
-    assert traffic.lost == SOURCES
+    assert traffic.lost == MAX_SOURCES
 
 
 def test_each_packet_out_has_the_next_number():

@@ -8,9 +8,9 @@ from firmware_model.types import AttitudeTarget, TorqueCommand
 
 def test_echo_tells_what_is_tracked():
     torque = TorqueCommand(time_us=4000, torque_B=(0.1, 0.2, 0.3), throttle=0.5)
-    assert messages.command_echo(torque).controls == (0.1, 0.2, 0.3, 0.5, 0.0, 0.0, 0.0, 0.0)
+    assert messages.echo_message(torque).controls == (0.1, 0.2, 0.3, 0.5, 0.0, 0.0, 0.0, 0.0)
     rates = AttitudeTarget(time_us=4000, q_NB=None, omega_B=(0.1, 0.2, 0.3), thrust=0.5)
-    echo = messages.command_echo(rates)
+    echo = messages.echo_message(rates)
     assert (echo.type_mask, echo.body_pitch_rate, echo.time_boot_ms) == (128, 0.2, 4)
 
 

@@ -8,13 +8,13 @@ import pytest
 
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
-from firmware_model.config.wind import Constant, Dryden, OneMinusCosine
+from firmware_model.config.wind import Constant, Dryden, GustCosine
 from firmware_model.numerics.rotations import euler_angles, from_euler
-from firmware_model.physics.aerodynamics import AIR_DENSITY, Air, FreeInputs, felt_wrench, free_params, step
+from firmware_model.physics.aerodynamics import AIR_DENSITY, Air, FreeInputs, free_params, sensor_wrench, step
 from firmware_model.physics.rigid_body import Body, BodyInputs
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop
-from firmware_model.types import AttitudeTarget, Level, Setpoint, TorqueCommand
+from firmware_model.types import AttitudeTarget, LevelFlight, Setpoint, TorqueCommand
 
 VEHICLES = {name: load_vehicle(name) for name in ("paper", "iris")}
 CALM = Scenario(
@@ -50,7 +50,7 @@ def torque(*torque_B: float, throttle: float | None = None) -> TorqueCommand:
 def test_without_thrust_it_falls_with_g_and_feels_nothing(vehicle):
     params = free_params(vehicle)
     body = HIGH
-    assert felt_wrench(params, body, FreeInputs(NOTHING, STILL, True))[0] == (0.0, 0.0, 0.0)
+    assert sensor_wrench(params, body, FreeInputs(NOTHING, STILL, True))[0] == (0.0, 0.0, 0.0)
     for _ in range(100):
         body = step(params, body, FreeInputs(NOTHING, STILL, True), 0.001)
     # Drag at 1 m/s is 1/2 rho A v^2; over .1 s it takes less than that from the speed.
@@ -80,7 +80,7 @@ def test_hover_is_trim(vehicle):
 @pytest.mark.compiled
 @pytest.mark.parametrize("velocity", [(5.0, 0.0, 0.0), (-3.0, 4.0, 0.0)])
 def test_level_it_drifts_with_the_wind_toward_where_that_blows(vehicle, velocity):
-    records = fly(vehicle, wind(*velocity), Level(), 100.0)
+    records = fly(vehicle, wind(*velocity), LevelFlight(), 100.0)
     np.testing.assert_allclose(records["velocity_N"][-1], velocity, atol=1e-3)
     travelled = records["position_N"][-1, :2]
     assert np.dot(travelled, velocity[:2]) == pytest.approx(np.linalg.norm(travelled) * 5.0, rel=1e-3)
@@ -131,7 +131,7 @@ def test_rotors_that_turn_left_turn_it_right_by_their_drag(vehicle):
 
 @by_vehicle
 def test_a_gust_pushes_it_the_way_it_blows_and_turns_it_as_on_the_stand(vehicle):
-    gust = OneMinusCosine(kind="one_minus_cosine", amplitude_mps=(0.0, 4.0, 0.0), start_s=0.0, length_s=1.0)
+    gust = GustCosine(kind="one_minus_cosine", amplitude_mps=(0.0, 4.0, 0.0), start_s=0.0, length_s=1.0)
     free = fly(vehicle, replace(CALM, wind=(gust,)), torque(0.0, 0.0, 0.0), 1.0)
     held = fly(vehicle, replace(CALM, wind=(gust,), translation="held"), torque(0.0, 0.0, 0.0), 1.0)
     assert free["velocity_N"][-1, 1] > 0.1
@@ -178,7 +178,7 @@ def test_the_estimate_follows_the_truth_though_the_gyro_drifts():
     scenario = replace(CALM, gyro=GyroFault(noise=False, bias_rad_s=(0.01, 0.0, 0.0)))
     loop = VehicleLoop(VEHICLES["paper"], scenario, 1)
     for _ in range(5000):
-        loop.advance(Level(), 0)
+        loop.advance(LevelFlight(), 0)
     loop.observe()
     apart = euler_angles(np.array([loop.estimate_q_NB]))[0] - euler_angles(np.array([loop.q_NB]))[0]
     assert apart[0] == pytest.approx(0.03, rel=0.05)  # bias times the time constant of 3 s

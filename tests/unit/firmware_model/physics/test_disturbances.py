@@ -9,26 +9,35 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from firmware_model.config.moments import Bump, Moment, MomentReplay, Ramp, Sine, Square, Step, Sweep
+from firmware_model.config.moments import (
+    Moment,
+    MomentCosine,
+    MomentRamp,
+    MomentReplay,
+    MomentSine,
+    MomentSquare,
+    MomentStep,
+    MomentSweep,
+)
 from firmware_model.config.scenario import GyroFault, Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.config.wind import (
     Constant,
+    GustCosine,
     GustRamp,
     GustReplay,
     GustSine,
     GustStep,
     GustSweep,
-    OneMinusCosine,
     Shear,
     Wind,
 )
 from firmware_model.errors import ConfigError
-from firmware_model.physics.disturbances import Disturbance, disturbance, replayed, waves
+from firmware_model.physics.disturbances import Disturbance, disturbance, make_replay, make_waves
 from firmware_model.physics.mean_wind import mean_wind, mean_wind_params
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop
-from firmware_model.types import Level, Setpoint, TorqueCommand, Vector
+from firmware_model.types import LevelFlight, Setpoint, TorqueCommand, Vector
 
 QUIET = Scenario(name="quiet", description="", duration_s=10.0, gyro=GyroFault(noise=False))
 VEHICLE = load_vehicle("paper")
@@ -40,7 +49,7 @@ HELD = TorqueCommand(time_us=0, torque_B=(0.0, 0.0, 0.0), throttle=None)
 def at(scenario: Scenario, time: float) -> Disturbance:
     """Return what acts at the sample of a time."""
     sample = round(time * scenario.control_rate_hz)
-    return disturbance(waves(scenario), replayed(scenario), sample, sample * scenario.sample_us * 1e-6)
+    return disturbance(make_waves(scenario), make_replay(scenario), sample, sample * scenario.sample_us * 1e-6)
 
 
 def fly(scenario: Scenario, setpoint: Setpoint = HELD) -> np.ndarray:
@@ -56,29 +65,31 @@ def in_body(q_NB: np.ndarray, v_N: Vector) -> np.ndarray:
 SHAPES: list[tuple[Wind, Moment, Callable[[float], float]]] = [
     (
         GustStep(kind="step", amplitude_mps=PEAK, start_s=2.0, stop_s=7.0),
-        Step(kind="step", amplitude_nm=PEAK, start_s=2.0, stop_s=7.0),
+        MomentStep(kind="step", amplitude_nm=PEAK, start_s=2.0, stop_s=7.0),
         lambda s: 1.0,
     ),
     (
         GustRamp(kind="ramp", amplitude_mps=PEAK, start_s=2.0, stop_s=7.0, rise_s=1.5),
-        Ramp(kind="ramp", amplitude_nm=PEAK, start_s=2.0, stop_s=7.0, rise_s=1.5),
+        MomentRamp(kind="ramp", amplitude_nm=PEAK, start_s=2.0, stop_s=7.0, rise_s=1.5),
         lambda s: min(s / 1.5, 1.0),
     ),
     (
-        OneMinusCosine(kind="one_minus_cosine", amplitude_mps=PEAK, start_s=2.0, stop_s=7.0, length_s=4.0),
-        Bump(kind="one_minus_cosine", amplitude_nm=PEAK, start_s=2.0, stop_s=7.0, length_s=4.0),
+        GustCosine(kind="one_minus_cosine", amplitude_mps=PEAK, start_s=2.0, stop_s=7.0, length_s=4.0),
+        MomentCosine(kind="one_minus_cosine", amplitude_nm=PEAK, start_s=2.0, stop_s=7.0, length_s=4.0),
         lambda s: 0.5 * (1.0 - math.cos(2.0 * math.pi * s / 4.0)) if s < 4.0 else 0.0,
     ),
     (
         GustSine(kind="sine", amplitude_mps=PEAK, start_s=2.0, stop_s=7.0, rate_rad_s=3.0, phase_rad=0.4),
-        Sine(kind="sine", amplitude_nm=PEAK, start_s=2.0, stop_s=7.0, rate_rad_s=3.0, phase_rad=0.4),
+        MomentSine(kind="sine", amplitude_nm=PEAK, start_s=2.0, stop_s=7.0, rate_rad_s=3.0, phase_rad=0.4),
         lambda s: math.sin(3.0 * s + 0.4),
     ),
     (
         GustSweep(
             kind="sine_sweep", amplitude_mps=PEAK, start_s=2.0, stop_s=7.0, rate_from_rad_s=1.0, rate_to_rad_s=11.0
         ),
-        Sweep(kind="sine_sweep", amplitude_nm=PEAK, start_s=2.0, stop_s=7.0, rate_from_rad_s=1.0, rate_to_rad_s=11.0),
+        MomentSweep(
+            kind="sine_sweep", amplitude_nm=PEAK, start_s=2.0, stop_s=7.0, rate_from_rad_s=1.0, rate_to_rad_s=11.0
+        ),
         lambda s: math.sin(s + s * s),  # the integral of 1 + 2 s
     ),
 ]
@@ -89,7 +100,7 @@ def test_a_primitive_follows_its_formula_in_its_time_and_is_nothing_outside(
     gust: Wind, moment: Moment, formula: Callable[[float], float]
 ) -> None:
     of_body = replace(QUIET, wind=(gust,), moment=(moment,))
-    of_earth = replace(QUIET, wind=(replace(gust, frame="ned"),), moment=(replace(moment, frame="ned"),))
+    is_earth_frame = replace(QUIET, wind=(replace(gust, frame="ned"),), moment=(replace(moment, frame="ned"),))
     nothing = (0.0, 0.0, 0.0)
     for time in np.arange(0.0, 10.0, 0.1).tolist():
         inside = 2.0 <= round(time, 6) < 7.0
@@ -97,11 +108,11 @@ def test_a_primitive_follows_its_formula_in_its_time_and_is_nothing_outside(
         gust_B, gust_N, moment_B, moment_N = at(of_body, time)
         assert gust_B == moment_B == pytest.approx(expected, abs=1e-9)
         assert gust_N == moment_N == nothing
-        assert at(of_earth, time) == (nothing, gust_B, nothing, moment_B)
+        assert at(is_earth_frame, time) == (nothing, gust_B, nothing, moment_B)
 
 
 def test_a_square_moment_has_its_full_amplitude_at_all_times_and_the_sign_of_its_sine() -> None:
-    square = Square(kind="square", amplitude_nm=PEAK, rate_rad_s=2.0, phase_rad=0.5)
+    square = MomentSquare(kind="square", amplitude_nm=PEAK, rate_rad_s=2.0, phase_rad=0.5)
     for time in np.linspace(0.0, 10.0, 101).tolist():
         sign = math.copysign(1.0, math.sin(2.0 * time + 0.5))
         assert at(replace(QUIET, moment=(square,)), time)[2] == tuple(sign * x for x in PEAK)
@@ -181,7 +192,7 @@ def test_a_bearing_is_where_the_wind_comes_from(from_deg: float, toward: tuple[f
     steady = Constant(kind="constant", speed_mps=4.0, from_deg=from_deg)
     gust = GustStep(kind="step", speed_mps=4.0, from_deg=from_deg)
     assert steady.velocity_N == gust.vector == pytest.approx((*toward, 0.0))
-    assert gust.of_earth
+    assert gust.is_earth_frame
 
 
 def test_shear_is_the_logarithm_of_the_height_over_the_roughness() -> None:
@@ -198,11 +209,11 @@ def test_a_free_vehicle_drifts_the_way_the_wind_blows_and_faster_higher_up() -> 
     wind = Constant(kind="constant", speed_mps=5.0, from_deg=270.0)  # from the west: it is carried east
     free = replace(QUIET, translation="free", duration_s=5.0)
     level = TorqueCommand(time_us=0, torque_B=(0.0, 0.0, 0.0), throttle=None)
-    east = fly(replace(free, wind=(wind,)), Level())["position_N"][-1]
+    east = fly(replace(free, wind=(wind,)), LevelFlight())["position_N"][-1]
     assert east[1] > 1.0
     assert abs(east[0]) < 1e-3 * east[1]
     step = GustStep(kind="step", speed_mps=5.0, from_deg=180.0)  # from the south: it is carried north
-    assert fly(replace(free, wind=(step,)), Level())["position_N"][-1][0] > 1.0
+    assert fly(replace(free, wind=(step,)), LevelFlight())["position_N"][-1][0] > 1.0
     shear = Shear(kind="shear", wind_speed_20ft_mps=5.0, from_deg=0.0)
     low, high = (
         fly(replace(free, wind=(shear,), altitude_m=h, duration_s=2.0), level)["position_N"][-1][0] for h in (3.0, 50.0)
@@ -222,8 +233,8 @@ def test_a_held_vehicle_leans_the_way_the_wind_blows_in_its_own_axes() -> None:
 
 
 def test_a_moment_of_the_earth_is_turned_into_body_axes() -> None:
-    push = Step(kind="step", amplitude_nm=(0.5, 0.0, 0.0), frame="ned")
-    spin = Step(kind="step", amplitude_nm=(0.0, 0.0, 0.3))
+    push = MomentStep(kind="step", amplitude_nm=(0.5, 0.0, 0.0), frame="ned")
+    spin = MomentStep(kind="step", amplitude_nm=(0.0, 0.0, 0.3))
     records = fly(replace(QUIET, moment=(push, spin), duration_s=2.0))
     for record in records[::100]:
         expected = np.add(in_body(record["q_NB"], (0.5, 0.0, 0.0)), (0.0, 0.0, 0.3))

@@ -12,7 +12,7 @@ from firmware_model.numerics.rotations import from_euler, rotate
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.layout import X_BODY
 from firmware_model.sim.vehicle_loop import VehicleLoop
-from firmware_model.types import Guidance, Off, Setpoint, TorqueCommand
+from firmware_model.types import MotorsOff, PositionTarget, Setpoint, TorqueCommand
 
 VEHICLES = {name: load_vehicle(name) for name in ("paper", "iris")}
 CALM = Scenario(
@@ -43,7 +43,7 @@ def fly(loop: VehicleLoop, setpoint: Setpoint, seconds: float) -> np.ndarray:
 def dropped(vehicle, height: float, *, attitude=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)) -> VehicleLoop:
     """A vehicle without thrust whose feet, were it level, are at `height` [m]."""
     loop = VehicleLoop(vehicle, CALM, 1)
-    state = loop._world.state
+    state = loop._state.state
     state[X_BODY : X_BODY + 6] = (0.0, 0.0, -vehicle.gear.height - height, *velocity)
     state[X_BODY + 6 : X_BODY + 10] = from_euler(*attitude)
     state[X_BODY + 16] = 0.0
@@ -54,7 +54,7 @@ def dropped(vehicle, height: float, *, attitude=(0.0, 0.0, 0.0), velocity=(0.0, 
 @pytest.mark.parametrize("name", VEHICLES)
 def test_what_stands_with_its_motors_off_does_not_move_at_all(name, scenario):
     loop = VehicleLoop(VEHICLES[name], scenario, 1, standing=True)
-    records = fly(loop, Off(), 10.0)
+    records = fly(loop, MotorsOff(), 10.0)
     for field in ("position_N", "q_NB"):
         assert np.ptp(records[field], axis=0).max() == 0.0
     assert not records["velocity_N"].any()
@@ -68,26 +68,26 @@ def test_what_stands_with_its_motors_off_does_not_move_at_all(name, scenario):
 def test_it_lands_at_half_a_metre_a_second_without_a_bounce(name):
     vehicle = VEHICLES[name]
     loop = VehicleLoop(vehicle, CALM, 1)
-    records = fly(loop, Guidance((0.0, 0.0, 0.0), 0.0, 0.5), 10.0)
+    records = fly(loop, PositionTarget((0.0, 0.0, 0.0), 0.0, 0.5), 10.0)
     height = -records["position_N"][:, 2] - vehicle.gear.height  # of its feet
     touch = int(np.argmax(height < 0.0))
     assert records["velocity_N"][touch - 1, 2] == pytest.approx(0.5, abs=0.02)
     assert (height[touch:] < 0.0).all()  # the feet never leave the ground again
     assert np.abs(np.diff(records["position_N"][-500:], axis=0)).max() == 0.0
     assert loop.on_ground
-    still = fly(loop, Off(), 2.0)
+    still = fly(loop, MotorsOff(), 2.0)
     np.testing.assert_allclose(still["specific_force_B"][-1], (0.0, 0.0, -GRAVITY), atol=1e-6)
 
 
 @pytest.mark.parametrize("name", VEHICLES)
 def test_it_lands_in_wind_and_moderate_gusts_upright_and_stays_there(name):
     loop = VehicleLoop(VEHICLES[name], WINDY, 2)
-    fly(loop, Guidance((0.0, 0.0, -2.0), 0.0, None), 8.0)
-    landing = fly(loop, Guidance((0.0, 0.0, 0.0), 0.0, 0.5), 15.0)
+    fly(loop, PositionTarget((0.0, 0.0, -2.0), 0.0, None), 8.0)
+    landing = fly(loop, PositionTarget((0.0, 0.0, 0.0), 0.0, 0.5), 15.0)
     assert loop.on_ground
     assert np.hypot(*landing["position_N"][-1, :2]) < 5.0  # [m] what a gust leaves of the place, and a slide
-    fly(loop, Off(), 2.0)  # the rotors run out
-    rest = fly(loop, Off(), 5.0)
+    fly(loop, MotorsOff(), 2.0)  # the rotors run out
+    rest = fly(loop, MotorsOff(), 5.0)
     assert np.ptp(rest["position_N"], axis=0).max() == 0.0
     assert rotate(loop.q_NB, (0.0, 0.0, 1.0))[2] > 0.999
 
@@ -95,7 +95,7 @@ def test_it_lands_in_wind_and_moderate_gusts_upright_and_stays_there(name):
 def test_a_sliding_vehicle_is_stopped_by_its_friction():
     vehicle = VEHICLES["paper"]
     loop = dropped(vehicle, -vehicle.gear.sag, velocity=(1.0, 0.0, 0.0))
-    records = fly(loop, Off(), 2.0)
+    records = fly(loop, MotorsOff(), 2.0)
     # Coulomb: v^2 / (2 mu g), a little more as the last 5 cm/s are viscous, and less air.
     assert records["position_N"][-1, 0] == pytest.approx(1.0 / (2.0 * vehicle.gear.friction * GRAVITY), rel=0.1)
     assert not records["velocity_N"][-1].any()
@@ -104,7 +104,7 @@ def test_a_sliding_vehicle_is_stopped_by_its_friction():
 @pytest.mark.parametrize("name", VEHICLES)
 def test_a_vehicle_that_falls_askew_comes_to_rest_on_its_feet(name):
     loop = dropped(VEHICLES[name], 0.3, attitude=(0.3, -0.2, 1.0))
-    records = fly(loop, Off(), 5.0)
+    records = fly(loop, MotorsOff(), 5.0)
     assert not records["velocity_N"][-1].any()
     assert rotate(loop.q_NB, (0.0, 0.0, 1.0))[2] == pytest.approx(1.0, abs=1e-3)
     assert loop.on_ground
@@ -113,7 +113,7 @@ def test_a_vehicle_that_falls_askew_comes_to_rest_on_its_feet(name):
 def test_a_vehicle_on_its_back_lies_on_its_rotors():
     vehicle = VEHICLES["paper"]
     loop = dropped(vehicle, 0.0, attitude=(np.pi, 0.0, 0.0))
-    records = fly(loop, Off(), 5.0)
+    records = fly(loop, MotorsOff(), 5.0)
     assert -records["position_N"][-1, 2] == pytest.approx(vehicle.rotors.height - vehicle.gear.sag, abs=1e-3)
     np.testing.assert_allclose(records["velocity_N"][-1], 0.0, atol=1e-6)
 
@@ -123,7 +123,7 @@ def test_more_side_wind_than_friction_holds_makes_it_slide_downwind():
     vehicle = VEHICLES["iris"]
     gale = replace(CALM, wind=(Constant(kind="constant", velocity_mps=(0.0, 14.0, 0.0)),))
     lifted = TorqueCommand(0, (0.0, 0.0, 0.0), 0.45 * vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max))
-    held = fly(VehicleLoop(vehicle, gale, 1, standing=True), Off(), 1.0)
+    held = fly(VehicleLoop(vehicle, gale, 1, standing=True), MotorsOff(), 1.0)
     assert not held["velocity_N"].any()
     slides = fly(VehicleLoop(vehicle, gale, 1, standing=True), lifted, 1.0)
     assert slides["velocity_N"][-1, 1] > 0.1

@@ -9,7 +9,7 @@ import pytest
 from firmware_model.config.scenario import AccelerometerFault, Scenario, load_scenario
 from firmware_model.config.vehicle import Accelerometer, Vehicle, load_vehicle
 from firmware_model.numerics.elementary import normals
-from firmware_model.physics.sensors import AccelerometerParams, GyroParams, accelerometer, gyro
+from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
 from firmware_model.recording.journal import RECORD
 from gustproof.law.form import load_law
 from gustproof.simulate.direct import fly_direct
@@ -21,7 +21,7 @@ QUIET = GyroParams(sigma=0.0, ratio=0.0, b_x=0.0, b_y=0.0, b_z=0.0, range=34.9)
 
 
 def readings(params: GyroParams, rate: tuple[float, float, float], count: int = 4000) -> np.ndarray:
-    return np.array([gyro(params, rate, normals(1, 2, k, 0), 0.0) for k in range(count)])
+    return np.array([measure_gyro(params, rate, normals(1, 2, k, 0), 0.0) for k in range(count)])
 
 
 def test_the_signal_to_noise_ratio_is_as_asked() -> None:
@@ -41,18 +41,18 @@ def test_state_dependent_noise_grows_with_the_rate() -> None:
 
 
 def test_bias_is_added_and_range_clips() -> None:
-    reading = gyro(QUIET._replace(b_x=0.25, b_z=-0.5, range=2.0), (1.0, 5.0, -9.0), (0.0, 0.0, 0.0, 0.0), 0.0)
+    reading = measure_gyro(QUIET._replace(b_x=0.25, b_z=-0.5, range=2.0), (1.0, 5.0, -9.0), (0.0, 0.0, 0.0, 0.0), 0.0)
     assert reading == (1.25, 2.0, -2.0)
 
 
 def test_readings_are_float32() -> None:
-    reading = gyro(QUIET, (0.1, 1 / 3, math.pi), (0.0, 0.0, 0.0, 0.0), 0.0)
+    reading = measure_gyro(QUIET, (0.1, 1 / 3, math.pi), (0.0, 0.0, 0.0, 0.0), 0.0)
     assert reading == tuple(float(np.float32(value)) for value in (0.1, 1 / 3, math.pi))
     assert felt(FAULTLESS, (0.1, 0.0, -9.80665))[2] == float(np.float32(-9.80665))
 
 
 def felt(params: AccelerometerParams, force: tuple[float, float, float], noise: float = 0.0) -> tuple[float, ...]:
-    return accelerometer(params, force, (noise, -noise, 2.0 * noise, 0.0))
+    return measure_accelerometer(params, force, (noise, -noise, 2.0 * noise, 0.0))
 
 
 def test_the_accelerometer_adds_bias_and_noise_and_clips() -> None:

@@ -25,22 +25,24 @@ def key(tmp_path) -> str:
 
 
 def test_loopback_needs_no_key():
-    assert access.signing(options(), "127.0.0.1") is None
+    assert access.make_signing(options(), "127.0.0.1") is None
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.5"])
 def test_beyond_loopback_needs_a_key_or_a_word(host, key):
     with pytest.raises(ConfigError, match="beyond this machine: give --signing-key FILE, or --unsigned"):
-        access.signing(options(), host)
-    assert access.signing(options("--unsigned"), host) is None
-    assert access.signing(options("--signing-key", key), host) is not None
+        access.make_signing(options(), host)
+    assert access.make_signing(options("--unsigned"), host) is None
+    assert access.make_signing(options("--signing-key", key), host) is not None
 
 
 def test_strict_one_obeys_no_unsigned_heartbeat(key):
     from pymavlink.dialects.v20 import all as wire
 
     (beat,) = parse(Channel(1, 1).pack(wire.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
-    signings = [access.signing(options("--signing-key", key), "127.0.0.1", strict=strict) for strict in (False, True)]
+    signings = [
+        access.make_signing(options("--signing-key", key), "127.0.0.1", strict=strict) for strict in (False, True)
+    ]
     assert [signing.refusal(beat) for signing in signings if signing] == [None, RejectReason.NOT_SIGNED]
 
 

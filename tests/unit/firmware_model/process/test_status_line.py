@@ -9,16 +9,16 @@ FIGURES = {"in": 3, "out": 4, "lost": 1, "bad": 2, "rejected": {"stale": 5, "dup
 
 
 def test_line_names_each_peer_that_speaks_with_its_figures():
-    text = status_line.line({"127.0.0.1:14550": FIGURES, "127.0.0.1:14540": {**FIGURES, "in": 0}}, 200)
+    text = status_line.format_line({"127.0.0.1:14550": FIGURES, "127.0.0.1:14540": {**FIGURES, "in": 0}}, 200)
     assert text == "127.0.0.1:14550 in 3 out 4 lost 1 bad 2 rejected 11"
 
 
 def test_line_is_no_wider_than_the_terminal():
-    assert len(status_line.line({str(number): FIGURES for number in range(9)}, 80)) == 80
+    assert len(status_line.format_line({str(number): FIGURES for number in range(9)}, 80)) == 80
 
 
 def test_nobody_is_said_too():
-    assert status_line.line({}, 80) == "nobody is connected"
+    assert status_line.format_line({}, 80) == "nobody is connected"
 
 
 FACTS = {
@@ -54,7 +54,7 @@ def test_line_is_renewed_until_the_end(monkeypatch, capsys):
     monkeypatch.setattr(status_line, "PERIOD_S", 0.001)
     before = signal.getsignal(signal.SIGALRM)
     asked: list[int] = []
-    with status_line.shown(lambda: asked.append(1) or {"peer": FIGURES}):
+    with status_line.show_status_line(lambda: asked.append(1) or {"peer": FIGURES}):
         while len(asked) < 3:
             time.sleep(0.001)
     signal.signal(signal.SIGALRM, before)

@@ -41,10 +41,10 @@ def alone(endpoint, bound) -> None:
 
 def connected(endpoint, bound) -> None:
     udp.connect(bound, bound.getsockname())
-    udp.converse(endpoint, bound)
+    udp.serve_lockstep(endpoint, bound)
 
 
-carried = pytest.mark.parametrize("carry", [alone, udp.converse, connected])
+carried = pytest.mark.parametrize("carry", [alone, udp.serve_lockstep, connected])
 
 
 @carried
@@ -101,20 +101,20 @@ class Rally(Echo):
 def watches(monkeypatch):
     """Calls of `_watch`: waits without falling asleep."""
     calls: list = []
-    watch = udp._watch
-    monkeypatch.setattr(udp, "_watch", lambda sockets, end_us: calls.append(end_us) or watch(sockets, end_us))
+    watch = udp._spin_readable
+    monkeypatch.setattr(udp, "_spin_readable", lambda sockets, end_us: calls.append(end_us) or watch(sockets, end_us))
     return calls
 
 
 def test_where_nothing_comes_at_once_the_next_waits_are_slept_through(watches, monkeypatch):
-    monkeypatch.setattr(udp, "_EAGER_US", 0)
+    monkeypatch.setattr(udp, "_SPIN_WAIT_US", 0)
     with udp.bind(0) as bound:
         udp.serve(Clock(), [bound])
     assert len(watches) == 1
 
 
 def test_every_quick_answer_is_awaited_without_falling_asleep(watches, monkeypatch):
-    monkeypatch.setattr(udp, "_EAGER_US", 60_000_000)  # longer than a busy machine holds a process up
+    monkeypatch.setattr(udp, "_SPIN_WAIT_US", 60_000_000)  # longer than a busy machine holds a process up
     with udp.bind(0) as bound:
         udp.serve(Rally(bound.getsockname()[1]), [bound])
     assert len(watches) == 3
@@ -151,7 +151,7 @@ def test_connected_socket_hears_nobody_else():
         echo = Echo(bound.getsockname()[1])
         udp.connect(bound, bound.getsockname())
         stranger.sendto(b"hello", bound.getsockname())
-        udp.converse(echo, bound)
+        udp.serve_lockstep(echo, bound)
     assert [datagram for datagram, _, _ in echo.received] == [b"there and back"]
 
 
@@ -168,7 +168,7 @@ def test_refusal_of_what_was_sent_is_not_an_arrival():
         clock = Clock()
         clock.poll(0)
         bound.send(b"is anybody there?")
-        udp.converse(clock, bound)
+        udp.serve_lockstep(clock, bound)
     assert clock.polls == 3
 
 
@@ -214,7 +214,7 @@ def test_peer_that_floods_keeps_nobody_else_out():
         udp.serve(endpoint, [bound])
     heard = [address for _, (_, address), _ in endpoint.received]
     # One in each cycle until the socket is emptied, and then its share.
-    assert heard.count(flood) == udp._EMPTYING - 1 + udp._SHARE
+    assert heard.count(flood) == udp._DRAIN_CYCLES - 1 + udp._PEER_LIMIT
     assert endpoint.dropped == [(RejectReason.RATE_LIMITED, (0, flood))] * (150 - heard.count(flood))
 
 
@@ -225,9 +225,9 @@ def test_peer_that_floods_keeps_nobody_else_out_of_a_conversation():
             flooder.sendto(b"flood", bound.getsockname())
         modest.sendto(b"please", bound.getsockname())
         endpoint = Patient([modest.getsockname()])
-        udp.converse(endpoint, bound)
+        udp.serve_lockstep(endpoint, bound)
     heard = [address for _, (_, address), _ in endpoint.received]
-    assert heard.count(flood) == udp._EMPTYING + udp._SHARE
+    assert heard.count(flood) == udp._DRAIN_CYCLES + udp._PEER_LIMIT
     assert endpoint.dropped == [(RejectReason.RATE_LIMITED, (0, flood))] * (150 - heard.count(flood))
 
 
@@ -240,7 +240,7 @@ def test_what_is_due_is_done_between_any_two_datagrams_of_a_flood():
             return super().poll(now_us)
 
     with udp.bind(0) as bound, udp.bind(0) as flooder, udp.bind(0) as modest:
-        for _ in range(udp._EMPTYING - 2):
+        for _ in range(udp._DRAIN_CYCLES - 2):
             flooder.sendto(b"flood", bound.getsockname())
         modest.sendto(b"please", bound.getsockname())
         endpoint = Counting([modest.getsockname()])
@@ -267,14 +267,14 @@ class Hung(Echo):
 
 
 def test_connected_socket_hands_over_all_that_gathered_in_order_before_it_polls(monkeypatch):
-    monkeypatch.setattr(udp, "_EAGER_US", -1)  # however soon the process is there
+    monkeypatch.setattr(udp, "_SPIN_WAIT_US", -1)  # however soon the process is there
     said = [bytes([number]) for number in range(250)]
     with udp.bind(0) as bound, udp.bind(0) as vehicle:
         udp.connect(bound, vehicle.getsockname())
         for datagram in said:
             vehicle.sendto(datagram, bound.getsockname())
         endpoint = Hung(bound.getsockname()[1], len(said))
-        udp.converse(endpoint, bound)
+        udp.serve_lockstep(endpoint, bound)
     assert [datagram for datagram, _, _ in endpoint.received] == said
     assert endpoint.polled == [0, len(said)]
     assert endpoint.dropped == []
@@ -287,7 +287,7 @@ def test_connected_socket_keeps_a_second_of_a_vehicles_streams():
         for _ in range(500):
             vehicle.sendto(bytes(74), bound.getsockname())
         endpoint = Hung(bound.getsockname()[1], 500)
-        udp.converse(endpoint, bound)
+        udp.serve_lockstep(endpoint, bound)
         assert len(endpoint.received) == 500
         assert bound.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) > usual
 
@@ -349,13 +349,13 @@ def clock(monkeypatch):
 @pytest.mark.parametrize("period_us", [1_000, 4_000])
 def test_punctual_endpoint_is_served_when_it_is_time_however_long_waking_takes(clock, period_us):
     beats = Beats(clock.now_us, period_us)
-    udp.serve(beats, [], punctual=True)
+    udp.serve(beats, [], real_time=True)
     assert max(beats.late_us) <= 3 * clock.LOOK_US
     assert sum(clock.slept_us) >= 100 * (period_us - udp._SPIN_US - 10 * clock.LOOK_US)  # all but the last stretch
 
 
 def test_other_endpoints_sleep_to_the_end(clock, monkeypatch):
-    monkeypatch.setattr(udp, "_EAGER_US", 0)
+    monkeypatch.setattr(udp, "_SPIN_WAIT_US", 0)
     beats = Beats(clock.now_us, 4_000)
     udp.serve(beats, [])
     assert min(beats.late_us) >= clock.OVERSLEPT_US - 10 * clock.LOOK_US
@@ -364,7 +364,7 @@ def test_other_endpoints_sleep_to_the_end(clock, monkeypatch):
 
 def test_who_is_late_still_listens_in_every_cycle(clock):
     beats = Beats(clock.now_us - 400_000, 1_000)
-    udp.serve(beats, [], punctual=True)
+    udp.serve(beats, [], real_time=True)
     assert clock.slept_us.count(0) >= 99
 
 
@@ -373,6 +373,6 @@ def test_datagram_that_comes_in_the_last_stretch_is_taken_before_the_deadline(mo
     with udp.bind(0) as bound:
         echo = Echo(bound.getsockname()[1])
         echo.deadline_us = lambda: echo.now_us + 50_000_000
-        udp.serve(echo, [bound], punctual=True)
+        udp.serve(echo, [bound], real_time=True)
     ((_, _, now_us),) = echo.received
     assert now_us < echo.now_us + 50_000_000

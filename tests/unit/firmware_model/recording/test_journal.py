@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from firmware_model.errors import ConfigError
-from firmware_model.recording.journal import RECORD, WIDTH, JournalWriter, read_journal, records_in
+from firmware_model.recording.journal import RECORD, WIDTH, JournalWriter, count_records, read_journal
 
 
 def write(path: Path, count: int) -> np.ndarray:
@@ -59,16 +59,16 @@ def test_another_file_is_refused_by_name(tmp_path: Path, content: bytes) -> None
 
 def test_a_growing_journal_counts_its_records_and_not_its_header(tmp_path: Path) -> None:
     path = tmp_path / "j"
-    assert records_in(path) == 0
+    assert count_records(path) == 0
     path.write_bytes(b'{"half": "a hea')
-    assert records_in(path) == 0
+    assert count_records(path) == 0
     path.unlink()
     with JournalWriter(path, {"note": "x" * 100_000}, at_once=10) as journal:
-        assert records_in(path) == 0
+        assert count_records(path) == 0
         for _ in range(25):
             journal.append(np.zeros(WIDTH))
-        assert records_in(path) == 20
-    assert records_in(path) == 25
+        assert count_records(path) == 20
+    assert count_records(path) == 25
 
 
 @pytest.mark.parametrize("rate_hz", [10, 1000])
@@ -76,4 +76,4 @@ def test_a_crash_loses_less_than_a_second_at_any_rate(tmp_path: Path, rate_hz: i
     with JournalWriter(tmp_path / "j", {}, at_once=rate_hz) as journal:
         for _ in range(3 * rate_hz - 1):
             journal.append(np.zeros(WIDTH))
-        assert 3 * rate_hz - 1 - records_in(tmp_path / "j") < rate_hz
+        assert 3 * rate_hz - 1 - count_records(tmp_path / "j") < rate_hz

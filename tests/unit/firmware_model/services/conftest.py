@@ -10,7 +10,7 @@ from firmware_model.autopilot.parameters import Parameters
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.mavlink.frames import RejectReason, parse
-from firmware_model.mavlink.services.service import Order, Service
+from firmware_model.mavlink.services.service import Service, VehicleCommand
 from firmware_model.sim.vehicle_loop import VehicleLoop
 
 SENDER = wire.MAVLink(None, 255, 190)
@@ -111,6 +111,6 @@ def order(peer):
 
     def order(service: Service, command: int, *numbers: float | None, relative: bool = False) -> tuple[int, str]:
         given = (*numbers, *[None] * (7 - len(numbers)))
-        return tuple(service.commands[command](Order(command, given, relative), peer))
+        return tuple(service.commands[command](VehicleCommand(command, given, relative), peer))
 
     return order

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from firmware_model.config.events import ModeChange
-from firmware_model.config.files import parse
+from firmware_model.config.files import validate
 from firmware_model.config.link_faults import Bandwidth, BurstLoss, Delay, Duplication, Jitter, Loss, Reordering
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.errors import ConfigError
@@ -207,7 +207,7 @@ def test_one_more_table_leaves_what_the_others_do():
 def test_mistakes_in_a_table_are_told_with_what_is_allowed(table, words):
     document = {"name": "foggy", "description": "", "duration_s": 1.0, "link": [table]}
     with pytest.raises(ConfigError, match=r"foggy\.toml: link\.0") as caught:
-        parse(Scenario, document, "foggy.toml")
+        validate(Scenario, document, "foggy.toml")
     assert words in str(caught.value)
 
 
@@ -215,13 +215,15 @@ def test_two_killed_controllers_are_refused():
     killing = {"kind": "controller_killed", "at_s": 1.0}
     document = {"name": "bad", "description": "", "duration_s": 1.0, "event": [killing, killing]}
     with pytest.raises(ConfigError, match="at most one 'controller_killed'"):
-        parse(Scenario, document, "bad.toml")
+        validate(Scenario, document, "bad.toml")
 
 
 def test_only_what_touches_the_conversation_needs_messages():
     calm = {"name": "calm", "description": "", "duration_s": 1.0}
-    assert not load_scenario("paper").scripts_controller
-    assert parse(Scenario, {**calm, "link": [{"kind": "loss", "direction": "to_vehicle", "probability": 0.1}]}, "").link
-    changed = parse(Scenario, {**calm, "event": [{"kind": "mode", "at_s": 1.0, "mode": "hold"}]}, "")
+    assert not load_scenario("paper").has_link_script
+    assert validate(
+        Scenario, {**calm, "link": [{"kind": "loss", "direction": "to_vehicle", "probability": 0.1}]}, ""
+    ).link
+    changed = validate(Scenario, {**calm, "event": [{"kind": "mode", "at_s": 1.0, "mode": "hold"}]}, "")
     assert changed.event == (ModeChange(kind="mode", at_s=1.0, mode="hold"),)
-    assert changed.scripts_controller
+    assert changed.has_link_script

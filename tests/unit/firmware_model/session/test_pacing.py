@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from firmware_model.autopilot.modes import Autopilot, Event, Mode, Settings, Verdict
+from firmware_model.autopilot.modes import Autopilot, AutopilotEvent, Mode, Settings, TransitionResult
 from firmware_model.mavlink.frames import RejectReason
-from firmware_model.session.pacing import CATCH_UP_US, Due, FlightClock, TimingFault
-from firmware_model.types import AttitudeTarget, Command, Level, Off, Setpoint, TorqueCommand
+from firmware_model.session.pacing import MAX_CATCH_UP_US, FlightClock, NextAction, TimingFault
+from firmware_model.types import AttitudeTarget, Command, LevelFlight, MotorsOff, Setpoint, TorqueCommand
 
 SAMPLE_US = 4_000
 SCRIPT = 1_000  # samples
@@ -57,7 +57,7 @@ class Paced:
         if self.flight.ready():
             self.flight.begin(self.now_us)
         before = len(self.loop.flown)
-        while self.flight.due(self.now_us) is Due.ADVANCE:
+        while self.flight.due(self.now_us) is NextAction.ADVANCE:
             self.flight.advance(self.now_us)
         return len(self.loop.flown) - before
 
@@ -88,8 +88,8 @@ class Paced:
 
     def enter_offboard(self) -> None:
         self.offer()
-        assert self.autopilot.set_mode(Mode.OFFBOARD) is Verdict.ACCEPTED
-        assert self.autopilot.arm() is Verdict.ACCEPTED
+        assert self.autopilot.set_mode(Mode.OFFBOARD) is TransitionResult.ACCEPTED
+        assert self.autopilot.arm() is TransitionResult.ACCEPTED
         self.loop.position_N = (0.0, 0.0, -10.0)
 
 
@@ -100,12 +100,12 @@ def paced() -> Paced:
 
 def test_standing_vehicle_begins_at_once_and_flies_by_the_clock_without_end(paced):
     assert paced.run(10_000_000) == 2_500
-    assert set(paced.loop.flown) == {(Off(), Mode.STABILIZED.value)}
+    assert set(paced.loop.flown) == {(MotorsOff(), Mode.STABILIZED.value)}
     assert paced.flight.running
     assert not paced.flight.counters
 
 
-@pytest.mark.parametrize("late_us", [3 * SAMPLE_US, CATCH_UP_US])
+@pytest.mark.parametrize("late_us", [3 * SAMPLE_US, MAX_CATCH_UP_US])
 def test_late_samples_are_made_up_for_within_the_bound(paced, late_us):
     paced.run(1_000_000)
     assert paced.wait(SAMPLE_US + late_us) == 1 + late_us // SAMPLE_US
@@ -123,10 +123,10 @@ def test_each_sample_is_counted_by_its_own_delay(paced):
 
 def test_beyond_the_bound_model_time_slips_and_that_is_said(paced):
     paced.run(1_000_000)
-    assert paced.wait(SAMPLE_US + CATCH_UP_US + 1) == 1
-    assert paced.flight.slipped_us == CATCH_UP_US + 1
+    assert paced.wait(SAMPLE_US + MAX_CATCH_UP_US + 1) == 1
+    assert paced.flight.slipped_us == MAX_CATCH_UP_US + 1
     assert paced.flight.counters == {TimingFault.OVERRUN: 1, TimingFault.SLIPPED: 1}
-    assert paced.autopilot.take_events() == [Event.SLIPPED]
+    assert paced.autopilot.take_events() == [AutopilotEvent.SLIPPED]
     assert paced.run(1_000_000) == 250
     assert paced.wait(3_600_000_000) == 1
 
@@ -134,7 +134,7 @@ def test_beyond_the_bound_model_time_slips_and_that_is_said(paced):
 def test_a_machine_that_is_too_slow_all_the_time_says_so_every_ten_seconds(paced):
     said = 0
     for _ in range(100):
-        paced.wait(CATCH_UP_US + 2 * SAMPLE_US)
+        paced.wait(MAX_CATCH_UP_US + 2 * SAMPLE_US)
         said += len(paced.autopilot.take_events())
     assert paced.flight.counters[TimingFault.SLIPPED] == 100
     assert said == 3  # 25.8 s
@@ -154,8 +154,8 @@ def test_stream_that_stops_is_flown_for_the_time_out_and_then_not(paced):
     paced.run(2_000_000)
     commanded = [isinstance(setpoint, AttitudeTarget) for setpoint, _ in paced.loop.flown]
     assert commanded == [True] * 250 + [False] * 250
-    assert paced.loop.flown[-1] == (Level(), Mode.STABILIZED.value)
-    assert paced.autopilot.take_events() == [Event.LOST_STABILIZED]
+    assert paced.loop.flown[-1] == (LevelFlight(), Mode.STABILIZED.value)
+    assert paced.autopilot.take_events() == [AutopilotEvent.LOST_STABILIZED]
 
 
 def test_older_stamp_is_stale_while_its_stream_lives_and_fresh_when_that_is_dead(paced):
@@ -189,8 +189,8 @@ def test_flooding_controller_is_flown_by_its_newest_set_point(paced):
 
 def test_stamp_time_runs_between_samples_and_never_into_the_next(paced):
     paced.run(SAMPLE_US)
-    assert paced.flight.since_sample_us(paced.now_us + 1_000) == 1_000
-    assert paced.flight.since_sample_us(paced.now_us + 1_000_000) == SAMPLE_US
+    assert paced.flight.sample_age_us(paced.now_us + 1_000) == 1_000
+    assert paced.flight.sample_age_us(paced.now_us + 1_000_000) == SAMPLE_US
 
 
 def test_scripted_flight_waits_for_its_controller_and_ends_with_the_script():
@@ -212,7 +212,7 @@ def test_scripted_flight_ends_before_its_script_by_landing():
     paced.autopilot.land()
     assert paced.run(5_000_000) < SCRIPT
     assert paced.flight.ended_us is not None
-    assert paced.autopilot.take_events() == [Event.LANDED]
+    assert paced.autopilot.take_events() == [AutopilotEvent.LANDED]
 
 
 def test_pause_stops_model_time_and_nothing_is_made_up_for(paced):

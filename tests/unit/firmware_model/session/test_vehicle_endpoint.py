@@ -15,7 +15,7 @@ from firmware_model.mavlink.frames import EncodedMessage, Frame, RejectReason, p
 from firmware_model.mavlink.messages import CONTROLLER, command_message
 from firmware_model.mavlink.peers import MAX_PEERS
 from firmware_model.mavlink.services import refusals
-from firmware_model.session.outcome import Outcome
+from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.pacing import TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.types import AttitudeTarget, TorqueCommand
@@ -233,7 +233,7 @@ def test_three_ground_stations_and_a_controller_see_no_gap_in_a_flight():
             vehicle.ask(wire.MAV_CMD_REQUEST_MESSAGE, 148.0, port=3)
             vehicle.say(wire.MAVLink_param_request_list_message(1, 1), port=4)
         vehicle.wait(SAMPLE_US)
-    assert vehicle.endpoint.outcome is Outcome.DONE
+    assert vehicle.endpoint.outcome is VehicleOutcome.DONE
     for port in (1, 2, 3, 4):
         for component, least in ((1, 1000), (CONTROLLER, 0)):  # what is relayed has its own numbers
             numbers = [frame.raw[4] for frame in vehicle.raw[port] if frame.component == component]
@@ -435,7 +435,7 @@ def test_real_time_stream_that_stops_ends_in_the_fail_safe():
     vehicle = Vehicle(lockstep=False, duration_s=2.0)
     vehicle.take_off()
     vehicle.wait(3_000_000)
-    assert vehicle.endpoint.outcome is Outcome.STREAM_LOST
+    assert vehicle.endpoint.outcome is VehicleOutcome.STREAM_LOST
     assert vehicle.modes.count(Mode.OFFBOARD.value) == 250  # one second, COM_OF_LOSS_T
     assert vehicle.modes[-1] == Mode.STABILIZED.value
     assert any("fail-safe" in message.text for message in vehicle.take("STATUSTEXT"))
@@ -479,7 +479,7 @@ def test_leaving_offboard_is_named(vehicle):
     vehicle.wait(SAMPLE_US)
     vehicle.ask(MODE, 1.0, 3.0)
     vehicle.wait(1_000_000)
-    assert vehicle.endpoint.outcome is Outcome.LEFT_OFFBOARD
+    assert vehicle.endpoint.outcome is VehicleOutcome.LEFT_OFFBOARD
 
 
 def test_disarming_in_flight_is_refused(vehicle):
@@ -491,7 +491,7 @@ def test_interrupted_flight_is_named(vehicle):
     vehicle.take_off()
     vehicle.endpoint.interrupt()
     assert vehicle.endpoint.finished
-    assert vehicle.endpoint.outcome is Outcome.INTERRUPTED
+    assert vehicle.endpoint.outcome is VehicleOutcome.INTERRUPTED
 
 
 def test_any_message_that_is_refused_is_survived(vehicle):

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.config.moments import Sine
+from firmware_model.config.moments import MomentSine
 from firmware_model.config.scenario import GyroFault, Scenario, load_scenario
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.config.wind import Constant
 from firmware_model.numerics.rotations import euler_angles, from_euler
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop
-from firmware_model.types import AttitudeTarget, Level, Off, Setpoint, TorqueCommand, Trim
+from firmware_model.types import AttitudeTarget, LevelFlight, MotorsOff, Setpoint, TorqueCommand, Trim
 
 VEHICLE = load_vehicle("paper")
 QUIET = Scenario(name="quiet", description="", duration_s=8.0, gyro=GyroFault(noise=False))
@@ -41,7 +41,7 @@ def test_a_command_acts_the_stated_number_of_samples_later(delay: int) -> None:
 def test_the_age_of_a_command_is_counted_from_the_sample_that_it_answers() -> None:
     loop = VehicleLoop(VEHICLE, replace(QUIET, delay_samples=2), 1)
     answers = [torque(0.0)._replace(time_us=4000 * sample) for sample in (0, 1, 1, 1, 2)]
-    on_board = (Trim(), Level())
+    on_board = (Trim(), LevelFlight())
     ages = [loop.advance(setpoint, 0).view(RECORD)["command_age"][0, 0] for setpoint in (*answers, *on_board)]
     np.testing.assert_array_equal(ages, [math.nan, math.nan, 2.0, 2.0, 3.0, 4.0, math.nan])
 
@@ -58,7 +58,7 @@ def test_a_sample_stays_the_same_until_the_vehicle_advances() -> None:
     loop = VehicleLoop(VEHICLE, load_scenario("calm"), 1)
     first = loop.observe()
     assert loop.observe() is first
-    loop.advance(Level(), 0)
+    loop.advance(LevelFlight(), 0)
     assert loop.observe().time_us == 4000
 
 
@@ -77,9 +77,9 @@ def test_the_on_board_loop_tracks_body_rates() -> None:
 
 def test_without_a_controller_the_vehicle_levels_itself_in_a_steady_torque() -> None:
     # .3 N m at 1e-6 rad/s and a quarter turn of phase: constant for the flight.
-    push = Sine(kind="sine", amplitude_nm=(0.3, 0.0, 0.0), rate_rad_s=1e-6, phase_rad=math.pi / 2)
+    push = MomentSine(kind="sine", amplitude_nm=(0.3, 0.0, 0.0), rate_rad_s=1e-6, phase_rad=math.pi / 2)
     scenario = Scenario(name="p", description="", duration_s=8.0, moment=(push,), gyro=GyroFault(noise=False))
-    records = fly(scenario, Level())
+    records = fly(scenario, LevelFlight())
     assert abs(euler_angles(records["q_NB"])[-1, 0]) < 2e-3  # the integral carries the torque
     assert records["torque_command_B"][-1, 0] == pytest.approx(-0.3, rel=0.02)
 
@@ -87,8 +87,8 @@ def test_without_a_controller_the_vehicle_levels_itself_in_a_steady_torque() -> 
 def test_lost_commands_on_their_way_are_dropped_when_the_controller_is_lost() -> None:
     loop = VehicleLoop(VEHICLE, QUIET, 1)
     loop.advance(torque(1.0), 0)
-    assert abs(loop.advance(Level(), 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
-    assert abs(loop.advance(Level(), 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
+    assert abs(loop.advance(LevelFlight(), 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
+    assert abs(loop.advance(LevelFlight(), 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
 
 
 def test_the_torque_stays_inside_its_limit_and_the_rate_integral_does_not_wind_up() -> None:
@@ -113,23 +113,23 @@ def test_the_strapdown_attitude_follows_the_truth() -> None:
 
 def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
     scenario = Scenario(name="s", description="", duration_s=0.5, wind=load_scenario("paper").wind)
-    assert fly(scenario, Level(), 3).tobytes() == fly(scenario, Level(), 3).tobytes()
-    assert fly(scenario, Level(), 3).tobytes() != fly(scenario, Level(), 4).tobytes()
+    assert fly(scenario, LevelFlight(), 3).tobytes() == fly(scenario, LevelFlight(), 3).tobytes()
+    assert fly(scenario, LevelFlight(), 3).tobytes() != fly(scenario, LevelFlight(), 4).tobytes()
 
 
 def test_a_flight_twice_as_long_begins_identically() -> None:
     wind = load_scenario("paper").wind
     short = Scenario(name="s", description="", duration_s=0.5, wind=wind)
     long = Scenario(name="s", description="", duration_s=1.0, wind=wind)
-    assert fly(long, Level())[: short.samples].tobytes() == fly(short, Level()).tobytes()
+    assert fly(long, LevelFlight())[: short.samples].tobytes() == fly(short, LevelFlight()).tobytes()
 
 
 def test_a_gyro_fault_leaves_every_gust_as_it_was() -> None:
     wind = load_scenario("paper").wind
-    sound = fly(Scenario(name="s", description="", duration_s=0.5, wind=wind), Level())
+    sound = fly(Scenario(name="s", description="", duration_s=0.5, wind=wind), LevelFlight())
     faulty = fly(
         Scenario(name="s", description="", duration_s=0.5, wind=wind, gyro=GyroFault(bias_rad_s=(0.1, 0.0, 0.0))),
-        Level(),
+        LevelFlight(),
     )
     np.testing.assert_array_equal(sound["gust_B"], faulty["gust_B"])
     np.testing.assert_allclose((faulty["gyro_B"] - sound["gyro_B"])[0], (0.1, 0.0, 0.0), atol=1e-8)
@@ -142,16 +142,16 @@ def test_a_seed_out_of_range_is_refused(seed: int) -> None:
 
 
 def test_off_clamps_on_the_stand_and_the_next_set_point_frees() -> None:
-    push = Sine(kind="sine", amplitude_nm=(0.5, 0.3, 0.1), rate_rad_s=2.0)
+    push = MomentSine(kind="sine", amplitude_nm=(0.5, 0.3, 0.1), rate_rad_s=2.0)
     loop = VehicleLoop(VEHICLE, replace(QUIET, moment=(push,)), 1, standing=True)
     assert loop.on_ground
     for _ in range(250):
-        loop.advance(Level(), 0)
+        loop.advance(LevelFlight(), 0)
     assert not loop.on_ground
     loop.observe()
     caught = loop.q_NB
     for _ in range(250):
-        record = loop.advance(Off(), 0).view(RECORD)[0]
+        record = loop.advance(MotorsOff(), 0).view(RECORD)[0]
     loop.observe()
     assert loop.q_NB == loop.estimate_q_NB == caught
     assert not record["omega_B"].any()
@@ -170,7 +170,7 @@ def test_on_the_stand_the_rotors_turn_as_in_hover_and_share_out_the_torque() -> 
 
 def test_a_steady_wind_gives_no_moment_on_the_stand() -> None:
     wind = Constant(kind="constant", velocity_mps=(10.0, 5.0, 0.0))
-    blown, still = fly(replace(QUIET, wind=(wind,)), Level()), fly(QUIET, Level())
+    blown, still = fly(replace(QUIET, wind=(wind,)), LevelFlight()), fly(QUIET, LevelFlight())
     np.testing.assert_array_equal(blown["wind_N"], [(10.0, 5.0, 0.0)] * len(blown))
     for field in set(RECORD.names or ()) - {"wind_N"}:
         assert blown[field].tobytes() == still[field].tobytes(), field

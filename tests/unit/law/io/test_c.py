@@ -36,7 +36,7 @@ COUPLED = 12
 @pytest.fixture(autouse=True)
 def _sums_once_a_law(monkeypatch):
     """Let `step` find a law's terms once, not at each of a hundred thousand steps."""
-    monkeypatch.setattr("gustproof.law.step.sums", cache(sparse_law))
+    monkeypatch.setattr("gustproof.law.step.sparse_law", cache(sparse_law))
 
 
 def coupled_law() -> Law:

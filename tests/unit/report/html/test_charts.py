@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.report.html.charts import Style, spectra, thinned, time_histories
+from gustproof.report.html.charts import CurveStyle, decimate, spectra, time_histories
 from gustproof.report.html.runs import read_runs
 
 N = 4000
@@ -53,7 +53,7 @@ def test_an_attitude_that_is_asked_for_is_drawn_dashed_with_the_one_that_is_flow
         charts = time_histories(read_runs(paths))[0].charts
         for chart, angles in zip(charts, ([0.0, 10.0, 0.0], [0.0, 0.0, 10.0], [0.0, 0.0, 0.0]), strict=True):
             flown, asked = chart.curves
-            assert (flown.style, asked.style, asked.label) == (Style.SOLID, Style.DASHED, "reference")
+            assert (flown.style, asked.style, asked.label) == (CurveStyle.SOLID, CurveStyle.DASHED, "reference")
             assert asked.y == pytest.approx(np.repeat(angles, (500, 1750, N - 2250)))
     script["n"] = N - 500
     shorter = recorded("shorter", law="hinf-d1", q_NB=turning[:-500], **script)
@@ -76,7 +76,7 @@ def test_the_calmest_flight_is_drawn_on_top(recorded):
 
 def test_a_thinned_curve_keeps_every_stretch_s_extremes_in_order():
     values = np.random.default_rng(3).standard_normal(10_000)
-    time, shown = thinned(np.arange(10_000.0), values, most=100)
+    time, shown = decimate(np.arange(10_000.0), values, most=100)
     assert len(time) <= 100
     assert np.all(np.diff(time) > 0.0)
     assert np.array_equal(shown, values[time.astype(int)])
@@ -86,7 +86,7 @@ def test_a_thinned_curve_keeps_every_stretch_s_extremes_in_order():
 
 
 def test_a_short_curve_is_drawn_whole():
-    time, shown = thinned(TIME, TIME**2)
+    time, shown = decimate(TIME, TIME**2)
     assert time is TIME
     assert np.array_equal(shown, TIME**2)
 

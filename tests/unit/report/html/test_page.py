@@ -10,7 +10,7 @@ import pytest
 
 from firmware_model.config.requirement import Requirement
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.report.html.page import report_page
+from gustproof.report.html.page import render_page
 from gustproof.report.html.runs import read_runs
 from gustproof.scoring.requirements import judge
 
@@ -32,7 +32,7 @@ def numbers(page):
 
 
 def test_the_curves_in_the_page_are_the_recording_s(runs):
-    page = report_page(runs)
+    page = render_page(runs)
     values, document = numbers(page), json.loads(script(page, "page-data"))
     (group,) = (group for group in document["sections"]["time"] if group["title"] == "Body rates")
     for k, chart in enumerate(group["charts"]):
@@ -43,20 +43,20 @@ def test_the_curves_in_the_page_are_the_recording_s(runs):
 
 
 def test_the_same_flights_give_the_same_bytes(runs):
-    assert report_page(runs) == report_page(runs)
+    assert render_page(runs) == render_page(runs)
 
 
 def test_words_of_a_user_are_words_on_the_page(runs):
     hostile = "</script><script>alert('1 & 2')</script>{{title}}"
     odd = replace(runs[0], label=hostile, scenario=replace(runs[0].scenario, name=hostile, description=hostile))
-    page = report_page([odd])
+    page = render_page([odd])
     assert "<script>alert" not in page
     assert json.loads(script(page, "page-data"))["runs"][0]["label"] == hostile
     assert page.count("&lt;/script&gt;") >= 3
 
 
 def test_the_tables_hold_figures_and_margins_of_each_flight(runs):
-    page = report_page(runs)
+    page = render_page(runs)
     assert all(f"{run.law.name}, {run.law.order} states" in page for run in runs)
     assert re.search(r"<td>1\.36</td>", page)  # pid-fair's sensitivity peak
     assert page.count('<th scope="col">') == 1 + len(runs) + 9
@@ -67,32 +67,32 @@ def test_what_a_scenario_requires_is_shown_with_its_margin(recorded):
     turned = np.array([np.cos(np.radians(1.0)), np.sin(np.radians(1.0)), 0.0, 0.0])
     limits = ({"at_most": 3.0}, {"at_most": 1.0})
     require = tuple(Requirement(metric="peak_deg", axis="roll", **limit) for limit in limits)
-    page = report_page(read_runs([recorded("run", require=require, q_NB=turned)]))
+    page = render_page(read_runs([recorded("run", require=require, q_NB=turned)]))
     assert re.findall(r'<span class="(good|bad)">(.*?)</span>', page) == [("good", "held, 1"), ("bad", "not held, -1")]
     assert page.count("peak, roll [deg]") == 3  # and among the figures
-    assert "Requirements" not in report_page(read_runs([recorded("free", require=())]))
+    assert "Requirements" not in render_page(read_runs([recorded("free", require=())]))
 
 
 def test_the_page_says_what_real_time_cost_the_flights_that_were_flown_in_it(runs):
     paced = replace(runs[0], pace={"missed": 0, "held": 125, "late_samples": 124, "missed_samples": 3})
-    page = report_page([paced, runs[1]])
+    page = render_page([paced, runs[1]])
     row = r"<th[^>]*>samples late at the law</th><td>124</td><td></td>"
     assert re.search(row, page)
-    assert "late at the law" not in report_page(runs)
+    assert "late at the law" not in render_page(runs)
 
 
 def test_what_was_not_flown_to_its_end_is_not_judged(recorded):
     whole = read_runs([recorded("run", require=(Requirement(metric="peak_deg", at_most=1.0),))])[0]
     cut = replace(whole, requirements=judge(whole.records[:100], whole.scenario, whole.vehicle))
-    assert '<span class="interval">not judged</span>' in report_page([cut])
-    assert "not held" not in report_page([cut])
+    assert '<span class="interval">not judged</span>' in render_page([cut])
+    assert "not held" not in render_page([cut])
 
 
 def test_another_vehicles_law_is_named(runs):
-    assert "was designed for vehicle" not in report_page(runs)
-    page = report_page([replace(runs[0], vehicle=load_vehicle("iris"))])
+    assert "was designed for vehicle" not in render_page(runs)
+    page = render_page([replace(runs[0], vehicle=load_vehicle("iris"))])
     assert escape(f"law '{runs[0].law.name}' was designed for vehicle 'paper', not 'iris'") in page
 
 
 def test_the_page_names_the_licence_of_what_it_carries(runs):
-    assert "Copyright (c) 2022 Leon Sorokin" in report_page(runs)
+    assert "Copyright (c) 2022 Leon Sorokin" in render_page(runs)

@@ -6,7 +6,7 @@ import pytest
 from firmware_model.errors import ConfigError
 from gustproof.law.form import load_law
 from gustproof.recording.bag import write_bag
-from gustproof.report.html.runs import MOST, read_runs
+from gustproof.report.html.runs import MAX_RUNS, read_runs
 
 
 def test_a_run_is_what_its_bag_holds(recorded):
@@ -38,7 +38,10 @@ def test_labels_say_what_tells_flights_apart_and_no_more(recorded):
         (lambda path, _: [path / "nowhere"], "nowhere: no such folder"),
         (lambda path, _: [path], "no bag in it"),
         (lambda _, recorded: [recorded("short", n=1)], "1 samples, a report needs at least 2"),
-        (lambda _, recorded: [recorded("many")] * (MOST + 1), f"{MOST + 1} flights, a report shows at most {MOST}"),
+        (
+            lambda _, recorded: [recorded("many")] * (MAX_RUNS + 1),
+            f"{MAX_RUNS + 1} flights, a report shows at most {MAX_RUNS}",
+        ),
     ],
 )
 def test_what_is_no_flight_is_refused_in_one_line(tmp_path, recorded, make, message):

@@ -9,7 +9,7 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.errors import DesignError
-from gustproof.lti.state_space import Lti, copied, lft
+from gustproof.lti.state_space import Lti, as_lti, lft
 from gustproof.synthesis.designs import Weight, design_problem, load_design
 from gustproof.synthesis.hinf import hinfsyn
 
@@ -90,7 +90,7 @@ def test_a_feedthrough_from_control_to_measurement_changes_the_controller_not_th
 def test_python_controls_objects_go_in_and_come_out():
     result = hinfsyn(design_plant("D1").to_control(), 3, 3, gamma=0.25)
     assert isinstance(result.K, control.StateSpace)
-    assert np.array_equal(copied(result.K).A, result.controller.A)
+    assert np.array_equal(as_lti(result.K).A, result.controller.A)
 
 
 def beside_each_other(plants: list[tuple[Lti, int, int]], rng: np.random.Generator) -> tuple[Lti, list[dict]]:
@@ -186,8 +186,8 @@ def test_an_ill_posed_problem_is_refused_by_the_condition_that_fails(changes, me
 
 def test_problems_from_which_other_programs_do_not_return_are_refused_by_name():
     # mixed sensitivity without a weight on the control: python-control's issues 973 and 152
-    G = copied(control.tf2ss(control.tf([1.0, 1.0], [1.0, 0.5, 4.0])))
-    W = copied(control.tf2ss(control.tf([2.0, -2.2, 1.0], [3.0, 0.2, 0.01])))
+    G = as_lti(control.tf2ss(control.tf([1.0, 1.0], [1.0, 0.5, 4.0])))
+    W = as_lti(control.tf2ss(control.tf([2.0, -2.2, 1.0], [3.0, 0.2, 0.01])))
     mixsyn_973 = Lti(
         A=np.block([[G.A, np.zeros((2, 2))], [-W.B @ G.C, W.A]]),
         B=np.block([[np.zeros((2, 1)), G.B], [W.B, np.zeros((2, 1))]]),

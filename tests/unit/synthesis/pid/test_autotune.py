@@ -8,7 +8,7 @@ import pytest
 
 from firmware_model.config.vehicle import Vehicle, load_vehicle
 from gustproof.errors import DesignError
-from gustproof.synthesis.pid.autotune import RATIOS, Response, autotuned_pid, measure_response, tune_axis
+from gustproof.synthesis.pid.autotune import RATIOS, Response, autotune_pid, measure_response, tune_axis
 
 DT = 0.004
 pytestmark = pytest.mark.compiled
@@ -54,14 +54,14 @@ def test_the_loops_have_the_bandwidth_and_margin_asked_for(bandwidth: float) -> 
 
 
 def test_the_tuned_law_has_two_states_an_axis_and_says_how_it_was_made() -> None:
-    law = autotuned_pid(load_vehicle("paper"), bandwidth=2.0, phase_margin=math.radians(55.0))
+    law = autotune_pid(load_vehicle("paper"), bandwidth=2.0, phase_margin=math.radians(55.0))
     assert (law.order, law.scheduled) == (6, False)
     assert law.provenance.parameters["bandwidth_rad_s"] == 2.0
     assert law.provenance.parameters["phase_margin_rad"] == math.radians(55.0)
 
 
 def test_the_same_seed_tunes_the_same_law() -> None:
-    first, again, other = (autotuned_pid(load_vehicle("paper"), bandwidth=3.0, seed=seed) for seed in (1, 1, 2))
+    first, again, other = (autotune_pid(load_vehicle("paper"), bandwidth=3.0, seed=seed) for seed in (1, 1, 2))
     assert np.array_equal(first.D, again.D)
     assert not np.array_equal(first.D, other.D)
 
@@ -80,10 +80,10 @@ def test_an_attitude_loop_short_of_margin_is_refused() -> None:
 
 def test_an_experiment_too_fast_for_the_sample_rate_is_refused() -> None:
     with pytest.raises(DesignError, match="too fast to be measured at 250 Hz"):
-        autotuned_pid(load_vehicle("paper"), bandwidth=80.0)
+        autotune_pid(load_vehicle("paper"), bandwidth=80.0)
 
 
 def test_an_experiment_that_meets_the_torque_limit_is_refused() -> None:
     vehicle = dataclasses.replace(load_vehicle("paper"), torque_limit=(0.02, 0.02, 0.02))
     with pytest.raises(DesignError, match="roll: the experiment reaches the torque limit"):
-        autotuned_pid(vehicle)
+        autotune_pid(vehicle)

@@ -10,19 +10,19 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.errors import DesignError
 from gustproof.law.cascade import Gains, strapdown_axis
-from gustproof.performance.covariance import AxisFigures, axis_figures, axis_models
-from gustproof.synthesis.pid.pid_baseline import tune_fair
+from gustproof.performance.covariance import AxisPerformance, axis_models, axis_performance
+from gustproof.synthesis.pid.pid_baseline import tune_baseline
 
 PEAK, SLEW = 1.36, 20.0
 
 
 def test_no_neighbour_of_the_gains_is_better_at_the_same_price() -> None:
     vehicle, scenario = load_vehicle("paper"), load_scenario("paper-turbulence")
-    models, best = axis_models(vehicle, scenario), tune_fair(vehicle, scenario, sensitivity_peak=PEAK, slew=SLEW)
+    models, best = axis_models(vehicle, scenario), tune_baseline(vehicle, scenario, sensitivity_peak=PEAK, slew=SLEW)
     names = ("angle_p", "rate_p", "rate_i", "rate_d", "derivative_cutoff")
 
-    def judged(axis: int, gains: Gains) -> AxisFigures:
-        return axis_figures(models[axis], strapdown_axis(gains, models[axis].inertia, scenario.dt))
+    def judged(axis: int, gains: Gains) -> AxisPerformance:
+        return axis_performance(models[axis], strapdown_axis(gains, models[axis].inertia, scenario.dt))
 
     at_best = [judged(axis, gains) for axis, gains in enumerate(best)]
     assert max(figures.sensitivity_peak for figures in at_best) <= PEAK
@@ -42,4 +42,4 @@ def test_no_neighbour_of_the_gains_is_better_at_the_same_price() -> None:
 
 def test_demands_that_no_cascade_meets_are_refused() -> None:
     with pytest.raises(DesignError, match=r"no cascade found at sensitivity peak 1\.02"):
-        tune_fair(load_vehicle("paper"), load_scenario("paper-turbulence"), sensitivity_peak=1.02, slew=0.5)
+        tune_baseline(load_vehicle("paper"), load_scenario("paper-turbulence"), sensitivity_peak=1.02, slew=0.5)

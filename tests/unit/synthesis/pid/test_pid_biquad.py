@@ -6,18 +6,18 @@ import math
 import numpy as np
 import pytest
 
-from firmware_model.config.moments import Step
+from firmware_model.config.moments import MomentStep
 from firmware_model.config.scenario import GyroFault, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.law.cascade import cascade_law
 from gustproof.law.form import Provenance
-from gustproof.performance.covariance import axis_figures, axis_models
+from gustproof.performance.covariance import axis_models, axis_performance
 from gustproof.scoring.metrics import attitude
 from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.pid.biquad_search import AxisSearch
-from gustproof.synthesis.pid.pid_biquad import Shape, shaped_axis, shaped_response
+from gustproof.synthesis.pid.pid_biquad import BiquadGains, biquad_axis, biquad_response
 
-SHAPE = Shape(
+SHAPE = BiquadGains(
     angle_p=18.0, gain=28.0, lead_frequency=9.6, lead_damping=0.66, cutoff=115.0,
     zero_frequency=372.0, zero_damping=1.17, pole_frequency=170.0, pole_damping=0.27,
 )  # fmt: skip
@@ -38,9 +38,9 @@ def trapezoidal(omega):
 
 def test_the_law_has_the_response_of_the_formula():
     omega = np.geomspace(0.1, 700.0, 50)
-    law = shaped_axis(SHAPE, 0.25, DT)
+    law = biquad_axis(SHAPE, 0.25, DT)
     told = law.controller(DT).response(omega)[:, 0, 0]
-    formula, _ = shaped_response(np.array(SHAPE), trapezoidal(omega))
+    formula, _ = biquad_response(np.array(SHAPE), trapezoidal(omega))
     np.testing.assert_allclose(told, -0.25 * formula, rtol=1e-9)
 
 
@@ -48,7 +48,7 @@ def test_well_below_the_sample_rate_the_formula_is_the_cascade_written_out():
     s = 1j * np.geomspace(0.1, 20.0, 30)
     q = [s**2 + 2.0 * zeta * w * s + w**2 for w, zeta in (SHAPE[2:4], SHAPE[5:7], SHAPE[7:9])]
     written = SHAPE.gain * q[0] * q[1] / (s * (s + SHAPE.cutoff) * q[2]) * (1.0 + SHAPE.angle_p / s)
-    told, _ = shaped_response(np.array(SHAPE), trapezoidal(s.imag))
+    told, _ = biquad_response(np.array(SHAPE), trapezoidal(s.imag))
     np.testing.assert_allclose(told, written, rtol=2e-3)  # (20 rad/s * 4 ms)^2 / 12 = 5e-4, a few times over
 
 
@@ -67,7 +67,7 @@ def test_slopes_of_response_cost_and_margins_are_those_of_differences(search):
 
 def test_the_search_judges_a_shape_by_the_figures_of_its_law(search):
     model = axis_models(load_vehicle("paper"), load_scenario("paper-turbulence"))[0]
-    figures = axis_figures(model, shaped_axis(SHAPE, model.inertia, DT))
+    figures = axis_performance(model, biquad_axis(SHAPE, model.inertia, DT))
     cost = math.log(figures.rmse**2 + WEIGHT * figures.slew**2)
     assert search.cost(np.log(np.array(SHAPE)), WEIGHT)[0] == pytest.approx(cost, rel=1e-9)
     room = search.margins(np.log(np.array(SHAPE)))[0][:120]
@@ -84,7 +84,7 @@ def test_which_zeros_are_whose_does_not_change_the_law():
     swapped = SHAPE._replace(lead_frequency=372.0, lead_damping=1.17, zero_frequency=9.6, zero_damping=0.66)
     assert swapped.ordered() == SHAPE == SHAPE.ordered()
     omega = np.geomspace(0.1, 700.0, 20)
-    told = [shaped_axis(shape, 0.25, DT).controller(DT).response(omega) for shape in (SHAPE, swapped)]
+    told = [biquad_axis(shape, 0.25, DT).controller(DT).response(omega) for shape in (SHAPE, swapped)]
     np.testing.assert_allclose(told[0], told[1], rtol=1e-9)
 
 
@@ -92,10 +92,11 @@ def test_which_zeros_are_whose_does_not_change_the_law():
 def test_after_more_moment_than_the_limit_holds_the_integral_has_not_wound_up():
     vehicle, scenario = load_vehicle("paper"), load_scenario("calm")
     blow = [
-        Step(kind="step", amplitude_nm=(sign * 9.0, sign * 9.0, 0.0), start_s=at) for sign, at in ((1, 0.5), (-1, 1))
+        MomentStep(kind="step", amplitude_nm=(sign * 9.0, sign * 9.0, 0.0), start_s=at)
+        for sign, at in ((1, 0.5), (-1, 1))
     ]
     scenario = dataclasses.replace(scenario, duration_s=4.0, gyro=GyroFault(noise=False), moment=tuple(blow))
-    axes = [shaped_axis(SHAPE, inertia, DT) for inertia in vehicle.inertia_B]
+    axes = [biquad_axis(SHAPE, inertia, DT) for inertia in vehicle.inertia_B]
     law = cascade_law("test", axes, vehicle, DT, Provenance(design="test", vehicle="paper"))
     ends = []
     for each in (law, dataclasses.replace(law, H=np.zeros_like(law.H))):

@@ -14,11 +14,11 @@ from gustproof.law.form import load_law
 from gustproof.law.hover import linear_law
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
-from gustproof.synthesis.structured.fixed_order import structured_controller
+from gustproof.synthesis.structured.fixed_order import solve_structured
 
 
 def solver(order: int):
-    return lambda design, problem: structured_controller(
+    return lambda design, problem: solve_structured(
         design, problem, order=order, starts=1, seed=1, progress=lambda _fraction, _text: None
     )
 

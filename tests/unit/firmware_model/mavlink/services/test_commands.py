@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.services import commands
-from firmware_model.mavlink.services.service import ACCEPTED, NOT_NOW, Answer
+from firmware_model.mavlink.services.service import ACCEPTED, TEMPORARILY_REJECTED, CommandAck
 
 LAND, UNKNOWN = wire.MAV_CMD_NAV_LAND, wire.MAV_CMD_NAV_WAYPOINT
 
@@ -16,7 +16,7 @@ def orders() -> list:
 
 @pytest.fixture
 def service(craft, orders):
-    return commands.service(craft, {LAND: lambda order, _: orders.append(order) or ACCEPTED})
+    return commands.make_service(craft, {LAND: lambda order, _: orders.append(order) or ACCEPTED})
 
 
 def test_long_command_that_gives_nothing_has_no_numbers(service, ask, orders):
@@ -59,7 +59,9 @@ def test_command_to_a_component_that_is_not_there_is_unsupported(service, craft,
 
 
 def test_refusal_is_told_to_all(craft, ask):
-    service = commands.service(craft, {LAND: lambda _order, _client: Answer(NOT_NOW, "not in the rain")})
+    service = commands.make_service(
+        craft, {LAND: lambda _order, _client: CommandAck(TEMPORARILY_REJECTED, "not in the rain")}
+    )
     (answer,) = ask(service, wire.MAVLink_command_long_message(1, 1, LAND, 0, *[0.0] * 7))
     assert answer.result == wire.MAV_RESULT_TEMPORARILY_REJECTED
     assert craft.texts == ["not in the rain"]

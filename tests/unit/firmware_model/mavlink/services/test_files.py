@@ -11,7 +11,7 @@ OPEN = bytes([0xFF, 0xFF, 198, 4, 3, 0, 0, 0, 0, 0, 0, 0]) + b"a.b"
 
 def test_operation_is_refused_as_unknown_with_the_next_sequence_number(craft, ask):
     request = wire.MAVLink_file_transfer_protocol_message(0, 1, 1, OPEN.ljust(251, b"\0"))
-    (answer,) = ask(files.service(craft), request)
+    (answer,) = ask(files.make_service(craft), request)
     assert (answer.target_system, answer.target_component) == (255, 190)
     assert bytes(answer.payload) == bytes([0, 0, 198, 129, 1, 4, 0, 0, 0, 0, 0, 0, 7]).ljust(251, b"\0")
 
@@ -19,4 +19,4 @@ def test_operation_is_refused_as_unknown_with_the_next_sequence_number(craft, as
 @pytest.mark.parametrize("operation", [128, 129])
 def test_answer_is_not_answered(craft, ask, operation):
     payload = (OPEN[:3] + bytes([operation])).ljust(251, b"\0")
-    assert ask(files.service(craft), wire.MAVLink_file_transfer_protocol_message(0, 1, 1, payload)) == []
+    assert ask(files.make_service(craft), wire.MAVLink_file_transfer_protocol_message(0, 1, 1, payload)) == []

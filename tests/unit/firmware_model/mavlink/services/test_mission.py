@@ -6,7 +6,7 @@ from firmware_model.mavlink.services import mission
 
 @pytest.fixture
 def service(craft):
-    return mission.service(craft)
+    return mission.make_service(craft)
 
 
 @pytest.mark.parametrize("kind", [0, 1, 2])

@@ -1,7 +1,7 @@
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot.modes import Mode, Verdict
+from firmware_model.autopilot.modes import Mode, TransitionResult
 from firmware_model.mavlink.services import modes
 
 ALL = wire.MAVLINK_MSG_ID_AVAILABLE_MODES
@@ -10,16 +10,16 @@ ALL = wire.MAVLINK_MSG_ID_AVAILABLE_MODES
 @pytest.mark.parametrize("free", [True, False])
 def test_modes_are_contiguous_unique_and_flown(craft, free):
     craft.autopilot.free = free
-    shown = list(modes.service(craft).shows[ALL](0))
+    shown = list(modes.make_service(craft).shows[ALL](0))
     assert [mode.mode_index for mode in shown] == list(range(1, shown[0].number_modes + 1))
     assert len({mode.mode_name for mode in shown}) == len(shown)
     for mode in shown:
-        craft.autopilot.hear_setpoint()
-        assert craft.autopilot.set_mode(Mode(mode.custom_mode)) is Verdict.ACCEPTED
+        craft.autopilot.on_setpoint()
+        assert craft.autopilot.set_mode(Mode(mode.custom_mode)) is TransitionResult.ACCEPTED
 
 
 def test_one_mode_is_shown_by_its_index(craft):
-    show = modes.service(craft).shows[ALL]
+    show = modes.make_service(craft).shows[ALL]
     (third,) = show(3)
     assert third.mode_index == 3
     assert show(0)[2].custom_mode == third.custom_mode
@@ -28,5 +28,5 @@ def test_one_mode_is_shown_by_its_index(craft):
 
 def test_present_mode_is_told(craft):
     craft.autopilot.set_mode(Mode.POSCTL)
-    message = modes.service(craft).streams[wire.MAVLINK_MSG_ID_CURRENT_MODE].message()
+    message = modes.make_service(craft).streams[wire.MAVLINK_MSG_ID_CURRENT_MODE].message()
     assert (message.custom_mode, message.standard_mode) == (3 << 16, wire.MAV_STANDARD_MODE_POSITION_HOLD)

@@ -15,7 +15,7 @@ def whole(number: int) -> float:
 
 @pytest.fixture
 def service(craft):
-    return parameters.service(craft)
+    return parameters.make_service(craft)
 
 
 def test_list_has_every_parameter_once_and_in_order(service, craft, ask):

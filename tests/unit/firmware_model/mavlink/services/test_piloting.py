@@ -1,7 +1,7 @@
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot.modes import Mode, Settings, Verdict
+from firmware_model.autopilot.modes import Mode, Settings, TransitionResult
 from firmware_model.mavlink.services import piloting
 
 ACCEPTED, NOT_NOW, DENIED, UNSUPPORTED = 0, 1, 2, 3
@@ -10,7 +10,7 @@ ARM, MODE, TAKEOFF = wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_CMD_DO_SET_MODE
 
 @pytest.fixture
 def service(craft):
-    return piloting.service(craft)
+    return piloting.make_service(craft)
 
 
 def test_arm_and_disarm(service, craft, order):
@@ -23,7 +23,7 @@ def test_arm_and_disarm(service, craft, order):
 def test_disarming_in_the_air_needs_force(service, craft, order):
     order(service, ARM, 1.0)
     craft.autopilot.airborne = True
-    assert order(service, ARM, 0.0) == (NOT_NOW, Verdict.IN_FLIGHT.value)
+    assert order(service, ARM, 0.0) == (NOT_NOW, TransitionResult.IN_FLIGHT.value)
     assert order(service, ARM, 0.0, 21196.0) == (ACCEPTED, "")
     assert not craft.autopilot.armed
 
@@ -69,8 +69,8 @@ def test_no_place_but_home_is_flown_to(service, craft, order):
 )
 def test_take_off_height_counts_from_the_sea(service, craft, order, height, relative, flown, texts):
     asked = []
-    craft.autopilot.take_off = lambda height: asked.append(height) or Verdict.ACCEPTED
-    service = piloting.service(craft)
+    craft.autopilot.take_off = lambda height: asked.append(height) or TransitionResult.ACCEPTED
+    service = piloting.make_service(craft)
     assert order(service, TAKEOFF, None, None, None, None, None, None, height, relative=relative)[0] == ACCEPTED
     assert (asked[0] or Settings().takeoff_height) == flown
     assert len(craft.texts) == texts
@@ -78,15 +78,15 @@ def test_take_off_height_counts_from_the_sea(service, craft, order, height, rela
 
 @pytest.mark.parametrize("numbers", [(0.0, 7.0), (1.0,), (1.0, -7.0), (1.0, 5.0), (1.0, 99.0), (1.0, 4.0, 99.0)])
 def test_mode_that_is_not_flown_is_denied_with_a_reason(service, craft, order, numbers):
-    assert order(service, MODE, *numbers) == (DENIED, Verdict.NOT_FLOWN.value)
+    assert order(service, MODE, *numbers) == (DENIED, TransitionResult.NOT_FLOWN.value)
 
 
 def test_piloting_refuses_modes_of_sticks_to_who_moves_some(service, craft, order, ask, peer):
     peer.moves_sticks = True
     for main in (2.0, 3.0):
-        assert order(service, MODE, 1.0, main) == (NOT_NOW, Verdict.STICKS.value)
+        assert order(service, MODE, 1.0, main) == (NOT_NOW, TransitionResult.STICKS.value)
     ask(service, wire.MAVLink_set_mode_message(1, 1, Mode.POSCTL.value))
-    assert craft.texts == [Verdict.STICKS.value]
+    assert craft.texts == [TransitionResult.STICKS.value]
     assert craft.autopilot.mode is Mode.STABILIZED
     assert order(service, MODE, 1.0, 4.0, 3.0) == (ACCEPTED, "")
     assert order(service, MODE, 1.0, 7.0) == (ACCEPTED, "")
@@ -96,6 +96,6 @@ def test_old_set_mode_is_obeyed_and_its_refusal_told(service, craft, ask):
     ask(service, wire.MAVLink_set_mode_message(1, 1, Mode.ALTCTL.value))
     assert craft.autopilot.mode is Mode.ALTCTL
     ask(service, wire.MAVLink_set_mode_message(1, 1, Mode.OFFBOARD.value))
-    assert craft.texts == [Verdict.NO_STREAM.value]
+    assert craft.texts == [TransitionResult.NO_STREAM.value]
     ask(service, wire.MAVLink_set_mode_message(1, 0, Mode.LAND.value))
     assert craft.autopilot.mode is Mode.ALTCTL

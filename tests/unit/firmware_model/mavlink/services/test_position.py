@@ -9,7 +9,7 @@ QUARTER = math.radians(45.0)
 
 
 def told(craft, number: int):
-    message = position.service(craft).streams[number].message()
+    message = position.make_service(craft).streams[number].message()
     message.pack(wire.MAVLink(None, 1, 1))  # every number fits its field
     return message
 
@@ -26,7 +26,7 @@ def test_position_is_told_about_the_origin_ten_metres_up(craft):
 
 def test_home_is_where_the_vehicle_was_armed(craft, order, peer):
     craft.autopilot.home_N = (111.19492664455873, 0.0, 0.0)  # .001 deg of a sphere of 6371 km
-    assert order(position.service(craft), wire.MAV_CMD_GET_HOME_POSITION)[0] == 0
+    assert order(position.make_service(craft), wire.MAV_CMD_GET_HOME_POSITION)[0] == 0
     (home,) = peer.take()
     assert (home.latitude, home.longitude, home.altitude) == (473_987_420, 85_455_940, 488_000)
     assert home.x == pytest.approx(111.195, abs=1e-3)

@@ -11,7 +11,7 @@ ALL = 0o7777
 
 @pytest.fixture
 def service(craft):
-    craft.services = position.service(craft)
+    craft.services = position.make_service(craft)
     return refusals.service(craft)
 
 

@@ -20,7 +20,7 @@ def service(craft):
         streams={PING: Stream(ping, 1000), TARGET: Stream(lambda: None), ATTITUDE: Stream(ping), HUD: Stream(ping)},
         shows={MODES: lambda index: [ping(number) for number in (1, 2, 3) if index in (0, number)]},
     )
-    return streams.service(craft)
+    return streams.make_service(craft)
 
 
 @pytest.mark.parametrize(("asked", "kept"), [(5000.0, 5000), (0.0, 0), (-1.0, None)])
