@@ -95,8 +95,8 @@ def test_a_bag_names_its_flight_and_holds_what_was_flown(campaign):
 def test_a_flight_that_breaks_off_ends_the_campaign_and_says_which(tmp_path, monkeypatch):
     monkeypatch.setattr(flight, "fly", direct(lost="hinf-d2"))
     monkeypatch.setattr(run, "load_scenario", shortened)
-    monkeypatch.setattr(run, "standing", lambda *_: None)
-    monkeypatch.setattr(run, "off_nominal", lambda *_: ())
+    monkeypatch.setattr(run, "performance_limits", lambda *_: None)
+    monkeypatch.setattr(run, "axis_robustness", lambda *_: ())
     with pytest.raises(FlightError, match="hinf-d2 ended"):
         run.reproduce(load_vehicle("paper"), (1,), tmp_path, lambda *_: None)
     assert not (tmp_path / "summary.json").exists()
