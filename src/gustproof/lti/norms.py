@@ -14,16 +14,12 @@ from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, 
 _AXIS_TOLERANCE = 1e-6
 """Eigenvalues with a real part below this fraction of their magnitude, or of rounding, are tried as crossings."""
 
-<<<<<<< HEAD:src/gustproof/lti/norms.py
-_LEVEL_EXCESSES = (1e-4, 1e-6, 1e-8)
-=======
 _STIFF = 1e5
 """[-] ratio of fastest to slowest pole beyond which rounding hides crossings at the slow end."""
 _PER_DECADE = 20
 """Frequencies a decade at which the gain of such a system is looked up before the search."""
 
-_ABOVE_INFINITY = (1e-4, 1e-6, 1e-8)
->>>>>>> 3b29c8d (norms: find slow peaks of stiff systems):src/gustproof/numerics/norms.py
+_LEVEL_EXCESSES = (1e-4, 1e-6, 1e-8)
 """[-] relative excess of levels tried first where no gain above the one at infinity is known: closer to it the
 Hamiltonian matrix grows without bound, and its rounding hides crossings."""
 
@@ -116,14 +112,10 @@ def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:
     best = Peak(gain=at_infinity, omega=np.inf)
     if not G.order or not G.D.size:
         return best
-<<<<<<< HEAD:src/gustproof/lti/norms.py
     best = _raise_lower_bound(G, best, _first_guesses(poles))
-=======
-    best = _better(G, best, _first_guesses(poles))
     slowest, fastest = np.min(np.abs(poles)), np.max(np.abs(poles))
     if fastest > _STIFF * slowest:
-        best = _searched(G, best, max(slowest, 1e-9 * fastest), fastest)
->>>>>>> 3b29c8d (norms: find slow peaks of stiff systems):src/gustproof/numerics/norms.py
+        best = _search_grid(G, best, max(slowest, 1e-9 * fastest), fastest)
     if best.gain <= 0.0:
         return best
     for excess in _LEVEL_EXCESSES:
@@ -157,25 +149,21 @@ def _first_guesses(poles: ComplexMatrix) -> Matrix:
     return np.unique(np.concatenate([[0.0], np.abs(poles), resonance]))
 
 
-<<<<<<< HEAD:src/gustproof/lti/norms.py
-def _raise_lower_bound(G: Lti, best: Peak, omega: NDArray[np.float64]) -> Peak:
-=======
-def _searched(G: Lti, best: Peak, slowest: float, fastest: float) -> Peak:
+def _search_grid(G: Lti, best: Peak, slowest: float, fastest: float) -> Peak:
     """Return the largest gain on a grid that covers the poles, climbed to its top."""
     grid = np.geomspace(slowest / 10.0, fastest, 2 + round(_PER_DECADE * math.log10(10.0 * fastest / slowest)))
-    found = _better(G, best, grid)
+    found = _raise_lower_bound(G, best, grid)
     if found is best:
         return best
     step = math.log(grid[1] / grid[0])
-    top = scipy.optimize.minimize_scalar(
+    best_shift = scipy.optimize.minimize_scalar(
         lambda shift: -np.linalg.norm(G.response([found.omega * math.exp(shift)]), 2, axis=(1, 2))[0],
         bounds=(-step, step), method="bounded", options={"xatol": 1e-9},
     )  # fmt: skip
-    return _better(G, found, found.omega * np.exp([top.x]))
+    return _raise_lower_bound(G, found, found.omega * np.exp([best_shift.x]))
 
 
-def _better(G: Lti, best: Peak, omega: NDArray[np.float64]) -> Peak:
->>>>>>> 3b29c8d (norms: find slow peaks of stiff systems):src/gustproof/numerics/norms.py
+def _raise_lower_bound(G: Lti, best: Peak, omega: NDArray[np.float64]) -> Peak:
     if omega.size == 0:
         return best
     gains = np.linalg.norm(G.response(omega), 2, axis=(1, 2))

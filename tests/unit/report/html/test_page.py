@@ -48,13 +48,8 @@ def test_the_same_flights_give_the_same_bytes(runs):
 
 def test_words_of_a_user_are_words_on_the_page(runs):
     hostile = "</script><script>alert('1 & 2')</script>{{title}}"
-<<<<<<< HEAD:tests/unit/report/html/test_page.py
-    odd = replace(runs[0], label=hostile, scenario=replace(runs[0].scenario, name=hostile, description=hostile))
-    page = render_page([odd])
-=======
     odd = replace(runs[0], label=hostile, scenario=replace(runs[0].scenario, description=hostile))
-    page = report_page([odd])
->>>>>>> 3b29c8d (norms: find slow peaks of stiff systems):tests/unit/report/test_html.py
+    page = render_page([odd])
     assert "<script>alert" not in page
     assert json.loads(script(page, "page-data"))["runs"][0]["label"] == hostile
     assert page.count("&lt;/script&gt;") >= 3
