@@ -11,37 +11,37 @@ from gustproof.errors import DesignError
 from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti
 
 _AXIS_TOLERANCE = 1e-6
-"""Eigenvalues with a real part below this fraction of their magnitude, or of rounding, are tried as crossings."""
+"""[-] eigenvalues with a real part below this fraction of their magnitude, or below rounding, count as crossings."""
 
 _LEVEL_EXCESSES = (1e-4, 1e-6, 1e-8)
-"""[-] relative excess of levels tried first where no gain above the one at infinity is known: closer to it the
-Hamiltonian matrix grows without bound, and its rounding hides crossings."""
+"""[-] relative excess over the gain at infinity of the levels tried first, while no larger gain is known. Closer to
+that gain the Hamiltonian matrix grows without bound, and its rounding hides crossings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Peak:
-    """The largest gain of a system over all frequencies, and where it is."""
+    """Largest gain of a system over all frequencies, and its frequency."""
 
     gain: float
     """[-] largest singular value; infinite for an unstable system."""
     omega: float
-    """[rad/s] frequency of the peak; infinite if it is approached at infinity only."""
+    """[rad/s] frequency of the peak; infinite if the gain only tends to it."""
 
 
 def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
     """Return the H-infinity norm and its frequency.
 
-    A lower bound is raised to the gain at the middle of the frequency bands where a Hamiltonian matrix says that the
-    gain exceeds it, until no band is left; convergence is quadratic. A discrete system is mapped by the bilinear
-    transformation, which keeps the norm. An unstable system has an infinite norm. Each round costs an eigenvalue
-    problem of order 2n.
+    The eigenvalues of a Hamiltonian matrix give the frequency bands in which the gain exceeds a lower bound. The bound
+    is raised to the gain at the middle of these bands until no band is left; convergence is quadratic. A discrete
+    system is mapped by the bilinear transformation, which keeps the norm. An unstable system has an infinite norm.
+    Each round costs an eigenvalue problem of order 2n.
 
     Parameters
     ----------
     system
         Continuous or discrete system.
     accuracy
-        [-] relative: the norm lies between the answer and (1 + 2 `accuracy`) times it, up to rounding.
+        [-] relative: the norm lies between the result and (1 + 2 `accuracy`) times it, up to rounding.
 
     Raises
     ------
@@ -124,10 +124,10 @@ def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:
 
 
 def _candidates(crossings: Matrix) -> Matrix:
-    """Return the crossings and the middles of the bands between them; nothing for none.
+    """Return the crossings and the middles of the bands between them; empty if there are no crossings.
 
-    Where the gain is flat, rounding hides crossings and bands look half open: so 0 and beyond count as ends too, and a
-    band is tried at its arithmetic and its geometric middle.
+    Where the gain is flat, rounding hides crossings and bands look half open. So 0 and twice the last crossing count as
+    ends too, and a band is tried at its arithmetic and its geometric middle.
     """
     if crossings.size == 0:
         return crossings
@@ -153,7 +153,7 @@ def _crossings(G: Lti, level: float) -> Matrix:
     R = level**2 * np.eye(G.n_inputs) - G.D.T @ G.D
     S = level**2 * np.eye(G.n_outputs) - G.D @ G.D.T
     A = G.A + G.B @ np.linalg.solve(R, G.D.T @ G.C)
-    # B and C enter with the factor `level` shared between them, so that both halves have the same size
+    # the factor `level` is split between B and C to give both halves the same size
     n = G.order
     H = np.empty((2 * n, 2 * n))
     H[:n, :n], H[:n, n:] = A, level * G.B @ np.linalg.solve(R, G.B.T)
