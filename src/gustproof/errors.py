@@ -1,4 +1,4 @@
-"""Errors of the engineer's side: what failed, in one line."""
+"""Errors of the engineer's side; each text is one line."""
 
 from firmware_model.errors import ConfigError
 

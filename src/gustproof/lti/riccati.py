@@ -10,7 +10,7 @@ from gustproof.lti.state_space import Matrix
 
 _AXIS_TOLERANCE = 1e-9
 """[-] real parts below this fraction of the largest eigenvalue count as zero. Rounding of a balanced matrix of order 40
-moves a simple eigenvalue by some 1e-14 of it; a larger tolerance would refuse plants with slow modes and fast
+moves a simple eigenvalue by some 1e-14 of it. A larger tolerance would refuse plants with slow modes and fast
 actuators."""
 _RANK_TOLERANCE = 1e-13
 """[-] reciprocal condition of the leading half of the basis below which its inverse has no digits left."""
@@ -36,9 +36,10 @@ class RiccatiError(DesignError):
 def stabilizing_solution(H: Matrix) -> Matrix:
     """Return `X = Ric(H)`, (n, n) symmetric: `[I; X]` spans the stable invariant subspace of the Hamiltonian `H`.
 
-    With `H = [[A, R], [Q, -A^T]]`, `X` solves `A^T X + X A + X R X - Q = 0` and makes `A + R X` stable. `H` is first
-    balanced by a diagonal symplectic scaling in powers of two, which does not round. Cost: some 200 n^3 operations.
-    Relative accuracy: near 1e-15 times the condition of the equation.
+    Let `H = [[A, R], [Q, -A^T]]`. Then `X` solves `A^T X + X A + X R X - Q = 0` and makes `A + R X` stable.
+
+    `H` is first balanced by a diagonal symplectic scaling in powers of two, which does not round. Cost: some 200 n^3
+    operations. Relative accuracy: near 1e-15 times the condition of the equation.
 
     Raises
     ------

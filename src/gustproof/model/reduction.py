@@ -12,7 +12,7 @@ from gustproof.model.uncertainty import DeltaBlock, RealBlock, columns, rows
 def simplify(system: Uncertain, *, accuracy: float = 1e-10) -> Uncertain:
     """Return the same uncertain system without its unreachable and unobservable states and repetitions.
 
-    The reachable part, of the state and of every real block at once, is the least set of subspaces that contains the
+    The reachable part covers the state and every real block at once: the least set of subspaces that contains the
     images of the inputs and of each other. The observable part is the same for the transpose. The reduction is exact.
     It finds the least order when the parameters do not commute; for numbers, which do, a smaller model may exist.
     The input and output of a full block count as external. Cost: some n rounds of one singular value decomposition a

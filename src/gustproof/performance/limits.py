@@ -1,7 +1,7 @@
 """Lower bounds on the attitude error of all laws in turbulence, pooled over the axes, at a given torque slew.
 
 Two bounds, on the model of `gustproof.performance.covariance`. Both are means over a flight from rest, as in the
-metrics of flights; during it the gyro's noise makes the attitude of every gyro-only law walk at random.
+metrics of flights. During a flight the gyro's noise makes the attitude of every gyro-only law walk at random.
 
 - `output_feedback_limit`: the law knows the gyro's samples and the true spectra. This is linear-quadratic-Gaussian
   control: plant and spectra are linear and Gaussian, so no law is better, linear or not, at any margins.

@@ -123,8 +123,8 @@ class LinearLaws:
 def linear_laws(models: Sequence[AxisModel], *, functions: int = 36, around: float = 20.0) -> LinearLaws:
     """Return the laws spanned by a constant and a number of orthonormal functions, added to an optimal law.
 
-    `around` [N*m/s] is the slew of that optimal law. With infinitely many functions the results would not depend on it;
-    with the default number they vary by less than .1 % for values from 2 to 100 N*m/s.
+    `around` [N*m/s] is the slew of that optimal law. With infinitely many functions the results would not depend on it.
+    With the default number they vary by less than .1 % for values from 2 to 100 N*m/s.
 
     Raises
     ------

@@ -167,8 +167,8 @@ def _checked_norm(plant: Lti, K: Lti, gamma: float) -> Peak:
 def _least_level(halves: tuple[_RiccatiData, _RiccatiData], floor: float) -> float:
     """Return the least feasible level, from above.
 
-    Secants converge to the zero of the margin. If they are slow, or if a solution ceases to exist while the margin is
-    positive and there is no zero, the bracket is halved on a logarithmic scale.
+    Secants converge to the zero of the margin. If they are slow, the bracket is halved on a logarithmic scale. The same
+    is done if there is no zero, because a solution ceases to exist while the margin is positive.
     """
     low, high = floor, max(1.0, 2.0 * floor)
     seen = [(high, _margin(halves, high))]

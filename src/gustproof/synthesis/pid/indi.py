@@ -62,8 +62,9 @@ class IndiGains:
 def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, dt: float) -> AxisLaw:
     """Return INDI on strapdown attitude for one axis.
 
-    States: Euler angle [rad] and rate [rad/s] at the previous sample, as in `strapdown_axis`; filter of the gyro (2);
-    filter of the torque (2); torque of the actuator's model [N*m]; delayed commands [N*m], the newest first.
+    The first two states are Euler angle [rad] and rate [rad/s] at the previous sample, as in `strapdown_axis`. Then
+    follow the filter of the gyro (2), the filter of the torque (2), the torque of the actuator's model [N*m], and the
+    delayed commands [N*m], the newest first.
 
     The filters are trapezoidal, so the newest sample acts at once; the actuator is exact for a held command. The model
     receives the command after the torque limit, so it does not wind up.

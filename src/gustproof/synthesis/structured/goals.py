@@ -1,8 +1,8 @@
 """Goals of a structured controller: one soft goal to minimise, and hard goals to satisfy.
 
 The value of a goal is a property of the closed loop divided by its limit; a hard goal is satisfied at values up to 1.
-Norms are of a part of P's own channels (w, z), or of transfers of every loop: sensitivity at the plant's input or
-output, and noise on y to u.
+Norms are of a part of P's own channels (w, z), or of transfers of every loop. The latter are the sensitivity at the
+plant's input or output, and noise on y to u.
 """
 
 from dataclasses import dataclass
