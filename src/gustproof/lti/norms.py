@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+import scipy.optimize
 from numpy.typing import NDArray
 
 from gustproof.errors import DesignError
@@ -12,6 +13,11 @@ from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, 
 
 _AXIS_TOLERANCE = 1e-6
 """[-] eigenvalues with a real part below this fraction of their magnitude, or below rounding, count as crossings."""
+
+_STIFF = 1e5
+"""[-] ratio of fastest to slowest pole beyond which rounding hides crossings at the slow end."""
+_PER_DECADE = 20
+"""Number of frequencies a decade at which the gain of such a system is computed before the search."""
 
 _LEVEL_EXCESSES = (1e-4, 1e-6, 1e-8)
 """[-] relative excess over the gain at infinity of the levels tried first, while no larger gain is known. Closer to
@@ -34,7 +40,8 @@ def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
     The eigenvalues of a Hamiltonian matrix give the frequency bands in which the gain exceeds a lower bound. The bound
     is raised to the gain at the middle of these bands until no band is left; convergence is quadratic. A discrete
     system is mapped by the bilinear transformation, which keeps the norm. An unstable system has an infinite norm.
-    Each round costs an eigenvalue problem of order 2n.
+    Each round costs an eigenvalue problem of order 2n. Rounding may hide crossings of a stiff system, so its gain is
+    first searched on a grid.
 
     Parameters
     ----------
@@ -107,6 +114,9 @@ def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:
     if not G.order or not G.D.size:
         return best
     best = _raise_lower_bound(G, best, _first_guesses(poles))
+    slowest, fastest = np.min(np.abs(poles)), np.max(np.abs(poles))
+    if fastest > _STIFF * slowest:
+        best = _search_grid(G, best, max(slowest, 1e-9 * fastest), fastest)
     if best.gain <= 0.0:
         return best
     for excess in _LEVEL_EXCESSES:
@@ -138,6 +148,22 @@ def _candidates(crossings: Matrix) -> Matrix:
 def _first_guesses(poles: ComplexMatrix) -> Matrix:
     resonance = np.abs(poles) * np.sqrt(np.maximum(1.0 - 2.0 * (poles.real / np.abs(poles)) ** 2, 0.0))
     return np.unique(np.concatenate([[0.0], np.abs(poles), resonance]))
+
+
+def _search_grid(G: Lti, best: Peak, slowest: float, fastest: float) -> Peak:
+    """Return the largest gain on a grid that covers the poles, refined to its local maximum."""
+    grid = np.geomspace(slowest / 10.0, fastest, 2 + round(_PER_DECADE * math.log10(10.0 * fastest / slowest)))
+    found = _raise_lower_bound(G, best, grid)
+    if found is best:
+        return best
+    step = math.log(grid[1] / grid[0])
+    best_shift = scipy.optimize.minimize_scalar(
+        lambda shift: -np.linalg.norm(G.response([found.omega * math.exp(shift)]), 2, axis=(1, 2))[0],
+        bounds=(-step, step),
+        method="bounded",
+        options={"xatol": 1e-9},
+    )
+    return _raise_lower_bound(G, found, found.omega * np.exp([best_shift.x]))
 
 
 def _raise_lower_bound(G: Lti, best: Peak, omega: NDArray[np.float64]) -> Peak:
