@@ -1,4 +1,4 @@
-"""Arrays that are checked once, where they come in, and do not change after it."""
+"""Read-only arrays, checked once on entry."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,8 +10,8 @@ def readonly_copy(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArra
     Raises
     ------
     ValueError
-        If it has another shape, text in the place of a number, or a number that is not finite; it is called `name`
-        there.
+        If it has another shape, text in the place of a number, or a number that is not finite. The message calls it
+        `name`.
     """
     if np.asarray(value).dtype.kind in "US":
         raise ValueError(f"{name} has text in the place of a number")

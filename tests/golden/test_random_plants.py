@@ -24,8 +24,7 @@ import slycot
 from gustproof.errors import DesignError
 from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import Lti, as_lti, lft
-from gustproof.synthesis.hinf.hinfsyn import hinfsyn
-from gustproof.synthesis.hinf.hinfsyn import HinfResult
+from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
 
 SAVED = Path(__file__).parent / "random_plants.json"
 GOLDEN = json.loads(SAVED.read_text(encoding="utf-8")) if SAVED.exists() else {"plants": []}

@@ -37,7 +37,7 @@ def deltas(*of: Uncertain) -> dict[str, object]:
 
 def value(system: Uncertain, delta: dict[str, object]) -> np.ndarray:
     names = {block.name for block in system.blocks}
-    return system.at({name: part for name, part in delta.items() if name in names}).response(WHERE)[0]
+    return system.substitute({name: part for name, part in delta.items() if name in names}).response(WHERE)[0]
 
 
 def same(ours: np.ndarray, expected: np.ndarray) -> bool:
@@ -79,7 +79,7 @@ def test_a_star_product_is_the_closed_loop_formula(P, Q):
     loop = np.eye(2) - 0.02 * q @ p22
     expected = p11 + 0.02 * p12 @ np.linalg.solve(loop, q @ p21)
     assert same(value(star(P, 0.02 * np.eye(2) @ Q, 2, 2), delta), expected)
-    known = Q.nominal()
+    known = Q.nominal_system()
     scaled = as_uncertain(0.02 * np.eye(2)) @ known
     assert same(value(close_loop(P, scaled.M), delta), value(star(P, scaled, 2, 2), delta))
 

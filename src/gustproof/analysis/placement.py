@@ -150,6 +150,6 @@ def _trade_off_curve(linear: LinearLaws, slew: float) -> TradeOffCurve:
 
 def _least_error(linear: LinearLaws, peak: float, slew: float) -> TradeOff | None:
     try:
-        return linear.least(peak, slew)
+        return linear.minimize_error(peak, slew)
     except DesignError:
         return None

@@ -27,7 +27,7 @@ def robust_stability(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Sp
         As `uncertain_sensitivity`, or if the loop is unstable as in the file.
     """
     family = uncertain_sensitivity(law, vehicle, scenario, spreads, axis)
-    known = family.M.part(slice(0, family.n_z), slice(0, family.n_w))
+    known = family.M.subsystem(slice(0, family.n_z), slice(0, family.n_w))
     return mu(Uncertain(M=known, blocks=family.blocks))
 
 

@@ -14,7 +14,7 @@ from gustproof.certify.multipliers import Multipliers, best_multipliers
 from gustproof.certify.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
 from gustproof.certify.worst_schedule import worst_schedule, worst_triangle_schedule
 from gustproof.lti.rational import multiply, to_rational, transpose
-from gustproof.lti.state_space import LinearSystem, Matrix, as_lti, copied_continuous
+from gustproof.lti.state_space import LinearSystem, Matrix, as_continuous, as_lti
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lft import Uncertain, close_loop, connect, star, system_from_matrix
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
@@ -158,11 +158,11 @@ def attitude_loop(
     leak, damping, inertia_B = _airframe(problem)
     dynamics = rotation(inertia_B, envelope)
     P = connect(problem, {"airframe": uncertain_airframe(dynamics, leak=leak, rate_damping=damping)})
-    K = copied_continuous("the controller", controller)
+    K = as_continuous("the controller", controller)
     if not scheduled:
         return close_loop(P, K)
     n = K.order
-    excess = (dynamics + -dynamics.nominal().D) @ np.eye(9, 6)  # what A(rho) adds to hover's
+    excess = (dynamics + -dynamics.nominal_system().D) @ np.eye(9, 6)  # what A(rho) adds to hover's
     system = np.block([[K.A, K.B], [K.C, K.D]]) + np.eye(n + K.n_outputs, 6) @ excess @ np.eye(6, n + K.n_inputs)
     return star(P, system_from_matrix(system, n), K.n_inputs, K.n_outputs)
 

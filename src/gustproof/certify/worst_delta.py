@@ -63,7 +63,7 @@ def most_unstable_delta(
     Its `gain` is the largest real part; the pole itself comes second. Found as `worst_delta` finds its own.
     """
     w, z = _shape(blocks)
-    opened = M.part(slice(0, z), slice(0, w))
+    opened = M.subsystem(slice(0, z), slice(0, w))
     found = _search(lambda Delta: _abscissa(opened, Delta)[1:], blocks, radius, seed)
     return found, _abscissa(opened, found.Delta)[0]
 

@@ -72,7 +72,7 @@ def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float) -> Bracket:
     M = to_continuous(family)
     if not M.is_stable():
         centre = {name: 0.5 * (low + high) for name, (low, high) in box.items()}
-        peak = hinf_norm(system.at(centre))
+        peak = hinf_norm(system.substitute(centre))
         return Bracket(lower=peak.gain, upper=np.inf, omega=peak.omega, delta=centre)
     upper, grid = sweep(M, add_performance_block(family), gain=True, accuracy=accuracy)
     found = [(worst_delta(M.response(omega)[0], family.blocks), omega) for omega in grid]
@@ -83,7 +83,7 @@ def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float) -> Bracket:
     if len(box) < len(system.blocks):
         return Bracket(lower=worst.gain, upper=upper, omega=unwarp_frequency(omega, system), delta=delta)
     # a member is a system: its own norm is the honest figure, and may be larger than at the frequencies looked at
-    peak = hinf_norm(system.at(delta))
+    peak = hinf_norm(system.substitute(delta))
     return Bracket(lower=peak.gain, upper=upper, omega=peak.omega, delta=delta)
 
 

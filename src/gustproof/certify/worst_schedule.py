@@ -129,7 +129,7 @@ def _signs(blocks: int) -> "itertools.product[tuple[float, ...]]":
 
 def _discretize(loop: Uncertain, vertex: dict[str, float]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     """Return the loop at a vertex over a step with its input held."""
-    system = loop.at(vertex)
+    system = loop.substitute(vertex)
     n, m = system.order, system.n_inputs
     exponential = scipy.linalg.expm(np.block([[system.A, system.B], [np.zeros((m, n + m))]]) * _STEP)
     return exponential[:n, :n], exponential[:n, n:], system.C, system.D

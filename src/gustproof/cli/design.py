@@ -82,7 +82,7 @@ def design(
         law.save(output)
         save_design_figure(report, output.with_suffix(".png"))
     if as_json:
-        print(json.dumps(report.document(), indent=2))
+        print(json.dumps(report.to_dict(), indent=2))
     else:
         show(render_design(report))
         if output is not None:

@@ -6,7 +6,7 @@ from firmware_model.config.vehicle import GRAVITY
 from gustproof.errors import DesignError
 from gustproof.law.form import Law, Output, Provenance
 from gustproof.law.hover import FORCE_PER_TILT
-from gustproof.lti.state_space import LinearSystem, Lti, Matrix, copied_continuous
+from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_continuous
 
 
 def tustin(K: Lti, dt: float) -> Lti:
@@ -78,7 +78,7 @@ def central_law(
     DesignError
         If `K` has a pole at 2/dt.
     """
-    K = copied_continuous("K", K)
+    K = as_continuous("K", K)
     n, measured = K.order, K.n_inputs
     # the attitude rows get an input of their own, whose sampled input matrix is G
     entries = np.hstack([K.B, np.eye(n, 3)])

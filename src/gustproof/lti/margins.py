@@ -11,7 +11,7 @@ from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, gain, lft, sensitivity, series
 
 _POINTS = 2000
-"""Frequencies on which crossings are looked for, evenly on a logarithmic scale; each one found is refined."""
+"""Number of frequencies, evenly spaced in the logarithm, between which crossings are bracketed and then refined."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,15 +19,15 @@ class LoopMargins:
     """Margins of one channel, the others closed."""
 
     crossover: float
-    """[rad/s] highest frequency at which the loop gain is 1; 0 if it never is."""
+    """[rad/s] highest frequency of unit loop gain; 0 if there is none."""
     phase_margin: float
-    """[rad] least change of phase that destabilises."""
+    """[rad] least destabilising change of phase."""
     gain_margin: float
-    """[-] least factor above 1 that destabilises; infinite if none does."""
+    """[-] least destabilising factor above 1; infinite if there is none."""
     gain_reduction_margin: float
-    """[-] largest factor below 1 that destabilises; 0 if none does."""
+    """[-] largest destabilising factor below 1; 0 if there is none."""
     delay_margin: float
-    """[s] least additional delay that destabilises."""
+    """[s] least destabilising additional delay."""
     Ms: float
     """[-] H-infinity norm of the sensitivity."""
 
@@ -88,10 +88,12 @@ def loop_margins(L: Lti) -> LoopMargins:
 def disk_margin(L: Lti) -> float:
     """Return a guaranteed multi-loop disk margin alpha of the stable negative-feedback loop `L`.
 
-    Every channel may be multiplied at once by its own `(1 + delta/2) / (1 - delta/2)`, `|delta| < alpha`: gains between
-    `(2 - alpha) / (2 + alpha)` and its inverse, or phases up to `2 atan(alpha / 2)`. The bound is `1 / mu` with mu from
-    above by one constant diagonal scaling over all frequencies, so it holds without a frequency grid; for loops that
-    do not couple it is exact.
+    The loop stays stable if every channel is multiplied at once by its own `(1 + delta/2) / (1 - delta/2)`,
+    `|delta| < alpha`. This covers gains between `(2 - alpha) / (2 + alpha)` and its inverse, or phases up to
+    `2 atan(alpha / 2)`.
+
+    The result is `1 / mu` with an upper bound of mu from one constant diagonal scaling over all frequencies. It holds
+    without a frequency grid and is exact for uncoupled loops.
 
     References
     ----------
@@ -110,14 +112,14 @@ def disk_margin(L: Lti) -> float:
 
 
 def _balance(M: Matrix) -> Matrix:
-    """Return the diagonal scaling that makes the rows and columns of `M` equally large (Osborne)."""
+    """Return the diagonal scaling that gives rows and columns of `M` equal norms (Osborne)."""
     scale: Matrix = np.ones(M.shape[0])
     off_diagonal = M - np.diag(np.diag(M))
     for _ in range(10):
         for k in range(M.shape[0]):
             scaled = scale[:, None] * off_diagonal / scale
             row, column = np.linalg.norm(scaled[k]), np.linalg.norm(scaled[:, k])
-            # a channel that is coupled one way only has no balance; it is left as it is
+            # a channel coupled one way only cannot be balanced: leave it
             if row > 1e-12 * np.max(M) and column > 1e-12 * np.max(M):
                 scale[k] *= math.sqrt(column / row)
     return scale
@@ -147,6 +149,6 @@ def _evaluate(L: Lti, omega: float) -> complex:
 
 
 def _roots(grid: Matrix, values: Matrix, function: Callable[[float], float]) -> list[float]:
-    """Return the zeros of `function`, whose `values` on `grid` are known, between grid points of different sign."""
+    """Return a zero of `function` between each two points of `grid` where its `values` change sign."""
     changes = np.nonzero(np.signbit(values[:-1]) != np.signbit(values[1:]))[0]
     return [float(scipy.optimize.brentq(function, grid[k], grid[k + 1], rtol=1e-12)) for k in changes]

@@ -12,42 +12,43 @@ from gustproof.errors import DesignError
 from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti
 
 _AXIS_TOLERANCE = 1e-6
-"""Eigenvalues with a real part below this fraction of their magnitude, or of rounding, are tried as crossings."""
+"""[-] eigenvalues with a real part below this fraction of their magnitude, or below rounding, count as crossings."""
 
 _STIFF = 1e5
 """[-] ratio of fastest to slowest pole beyond which rounding hides crossings at the slow end."""
 _PER_DECADE = 20
-"""Frequencies a decade at which the gain of such a system is looked up before the search."""
+"""Number of frequencies a decade at which the gain of such a system is computed before the search."""
 
 _LEVEL_EXCESSES = (1e-4, 1e-6, 1e-8)
-"""[-] relative excess of levels tried first where no gain above the one at infinity is known: closer to it the
-Hamiltonian matrix grows without bound, and its rounding hides crossings."""
+"""[-] relative excess over the gain at infinity of the levels tried first, while no larger gain is known. Closer to
+that gain the Hamiltonian matrix grows without bound, and its rounding hides crossings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Peak:
-    """The largest gain of a system over all frequencies, and where it is."""
+    """Largest gain of a system over all frequencies, and its frequency."""
 
     gain: float
     """[-] largest singular value; infinite for an unstable system."""
     omega: float
-    """[rad/s] frequency of the peak; infinite if it is approached at infinity only."""
+    """[rad/s] frequency of the peak; infinite if the gain only tends to it."""
 
 
 def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
     """Return the H-infinity norm and its frequency.
 
-    A lower bound is raised to the gain at the middle of the frequency bands where a Hamiltonian matrix says that the
-    gain exceeds it, until no band is left; convergence is quadratic. A discrete system is mapped by the bilinear
-    transformation, which keeps the norm. An unstable system has an infinite norm. Each round costs an eigenvalue
-    problem of order 2n. Of a stiff system, whose crossings rounding may hide, the gain is first searched on a grid.
+    The eigenvalues of a Hamiltonian matrix give the frequency bands in which the gain exceeds a lower bound. The bound
+    is raised to the gain at the middle of these bands until no band is left; convergence is quadratic. A discrete
+    system is mapped by the bilinear transformation, which keeps the norm. An unstable system has an infinite norm.
+    Each round costs an eigenvalue problem of order 2n. Rounding may hide crossings of a stiff system, so its gain is
+    first searched on a grid.
 
     Parameters
     ----------
     system
         Continuous or discrete system.
     accuracy
-        [-] relative: the norm lies between the answer and (1 + 2 `accuracy`) times it, up to rounding.
+        [-] relative: the norm lies between the result and (1 + 2 `accuracy`) times it, up to rounding.
 
     Raises
     ------
@@ -133,10 +134,10 @@ def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:
 
 
 def _candidates(crossings: Matrix) -> Matrix:
-    """Return the crossings and the middles of the bands between them; nothing for none.
+    """Return the crossings and the middles of the bands between them; empty if there are no crossings.
 
-    Where the gain is flat, rounding hides crossings and bands look half open: so 0 and beyond count as ends too, and a
-    band is tried at its arithmetic and its geometric middle.
+    Where the gain is flat, rounding hides crossings and bands look half open. So 0 and twice the last crossing count as
+    ends too, and a band is tried at its arithmetic and its geometric middle.
     """
     if crossings.size == 0:
         return crossings
@@ -150,7 +151,7 @@ def _first_guesses(poles: ComplexMatrix) -> Matrix:
 
 
 def _search_grid(G: Lti, best: Peak, slowest: float, fastest: float) -> Peak:
-    """Return the largest gain on a grid that covers the poles, climbed to its top."""
+    """Return the largest gain on a grid that covers the poles, refined to its local maximum."""
     grid = np.geomspace(slowest / 10.0, fastest, 2 + round(_PER_DECADE * math.log10(10.0 * fastest / slowest)))
     found = _raise_lower_bound(G, best, grid)
     if found is best:
@@ -158,8 +159,10 @@ def _search_grid(G: Lti, best: Peak, slowest: float, fastest: float) -> Peak:
     step = math.log(grid[1] / grid[0])
     best_shift = scipy.optimize.minimize_scalar(
         lambda shift: -np.linalg.norm(G.response([found.omega * math.exp(shift)]), 2, axis=(1, 2))[0],
-        bounds=(-step, step), method="bounded", options={"xatol": 1e-9},
-    )  # fmt: skip
+        bounds=(-step, step),
+        method="bounded",
+        options={"xatol": 1e-9},
+    )
     return _raise_lower_bound(G, found, found.omega * np.exp([best_shift.x]))
 
 
@@ -176,7 +179,7 @@ def _crossings(G: Lti, level: float) -> Matrix:
     R = level**2 * np.eye(G.n_inputs) - G.D.T @ G.D
     S = level**2 * np.eye(G.n_outputs) - G.D @ G.D.T
     A = G.A + G.B @ np.linalg.solve(R, G.D.T @ G.C)
-    # B and C enter with the factor `level` shared between them, so that both halves have the same size
+    # the factor `level` is split between B and C to give both halves the same size
     n = G.order
     H = np.empty((2 * n, 2 * n))
     H[:n, :n], H[:n, n:] = A, level * G.B @ np.linalg.solve(R, G.B.T)

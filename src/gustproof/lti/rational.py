@@ -1,7 +1,7 @@
-"""Exact arithmetic on rational numbers: matrices, definiteness, and bounds of the functions that proofs need.
+"""Exact arithmetic on rational numbers: matrices, definiteness, and bounds of the functions used in proofs.
 
-Only the standard library: what checks a proof shares no code with what found it. Every float is a rational number, so
-`to_rational` loses nothing, and a matrix that is proved positive definite here is so without a tolerance.
+Imports the standard library only: the checker of a proof shares no code with the search that found it. Every float is a
+rational number, so `to_rational` loses nothing. Positive definiteness is proved without a tolerance.
 """
 
 import math
@@ -13,7 +13,7 @@ RationalMatrix = list[list[Fraction]]
 
 
 def to_rational(rows: Iterable[Iterable[float | Fraction]]) -> RationalMatrix:
-    """Return a matrix of floats as the rational numbers that they are.
+    """Return a matrix of floats as the equal rational numbers.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def scale(factor: Fraction | int, A: RationalMatrix) -> RationalMatrix:
 
 
 def multiply(A: RationalMatrix, B: RationalMatrix) -> RationalMatrix:
-    """Return the product `A B`, without the terms that are 0."""
+    """Return the product `A B`, skipping terms that are 0."""
     columns = len(B[0]) if B else 0
     product = zeros(len(A), columns)
     for row, result in zip(A, product, strict=True):
@@ -77,9 +77,9 @@ def is_symmetric(M: RationalMatrix) -> bool:
 def is_positive_definite(M: RationalMatrix) -> bool:
     """Return whether the symmetric matrix `M` is positive definite: a proof, not an estimate.
 
-    Rows and columns are scaled to integers, which keeps the signs of the leading principal minors; Bareiss's
-    fraction-free elimination, which is LDL^T without its divisions, then gives these minors one after the other.
-    Cost n^3 / 3 products of integers as long as the minors themselves: a tenth of a second at n = 31.
+    Scaling to integers keeps the signs of the leading principal minors. Bareiss's fraction-free elimination (LDL^T
+    without its divisions) then gives these minors one after the other. Cost: n^3 / 3 products of integers as long as
+    the minors, a tenth of a second at n = 31.
 
     Raises
     ------
@@ -102,14 +102,14 @@ def is_positive_definite(M: RationalMatrix) -> bool:
         if pivot <= 0:
             return False
         for i in range(k + 1, n):
-            for j in range(i, n):  # the upper half: what is left stays symmetric
+            for j in range(i, n):  # upper half only: the remainder stays symmetric
                 A[i][j] = (pivot * A[i][j] - A[k][i] * A[k][j]) // previous
         previous = pivot
     return True
 
 
 def round_up(x: Fraction, bits: int = 64) -> Fraction:
-    """Return the least multiple of 2^-`bits` that is not below `x`: bounds stay short."""
+    """Return the least multiple of 2^-`bits` that is not below `x`; keeps bounds short."""
     return Fraction(-((-x.numerator << bits) // x.denominator), 1 << bits)
 
 

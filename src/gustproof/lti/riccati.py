@@ -9,23 +9,24 @@ from gustproof.errors import DesignError
 from gustproof.lti.state_space import Matrix
 
 _AXIS_TOLERANCE = 1e-9
-"""Real parts below this fraction of the largest eigenvalue count as zero; rounding of a balanced matrix of order 40
-moves a simple eigenvalue by some 1e-14 of it, and more would refuse plants with slow modes and fast actuators."""
+"""[-] real parts below this fraction of the largest eigenvalue count as zero. Rounding of a balanced matrix of order 40
+moves a simple eigenvalue by some 1e-14 of it. A larger tolerance would refuse plants with slow modes and fast
+actuators."""
 _RANK_TOLERANCE = 1e-13
-"""Reciprocal condition of the leading half of the basis below which its inverse has no digits left."""
+"""[-] reciprocal condition of the leading half of the basis below which its inverse has no digits left."""
 
 
 class RiccatiFailure(Enum):
-    """Why a Riccati equation has no stabilising solution."""
+    """Reasons for a Riccati equation to have no stabilising solution."""
 
     AXIS = "the Hamiltonian has eigenvalues on the imaginary axis"
-    """No splitting into a stable and an unstable half exists."""
+    """The spectrum does not split into a stable and an unstable half."""
     COMPLEMENT = "the stable invariant subspace is no graph (the pair is not stabilisable, or the level is critical)"
-    """The splitting exists, but does not define a solution."""
+    """The spectrum splits, but the stable half does not define a solution."""
 
 
 class RiccatiError(DesignError):
-    """A Riccati equation has no stabilising solution; `failure` says why."""
+    """A Riccati equation has no stabilising solution; `failure` is the reason."""
 
     def __init__(self, failure: RiccatiFailure) -> None:
         super().__init__(failure.value)
@@ -35,16 +36,17 @@ class RiccatiError(DesignError):
 def stabilizing_solution(H: Matrix) -> Matrix:
     """Return `X = Ric(H)`, (n, n) symmetric: `[I; X]` spans the stable invariant subspace of the Hamiltonian `H`.
 
-    With `H = [[A, R], [Q, -A^T]]` it solves `A^T X + X A + X R X - Q = 0` and makes `A + R X` stable. `H` is balanced
-    by a diagonal symplectic scaling in powers of two first (it does not round). Cost some 200 n^3 operations; relative
-    accuracy near 1e-15 times the condition of the equation.
+    Let `H = [[A, R], [Q, -A^T]]`. Then `X` solves `A^T X + X A + X R X - Q = 0` and makes `A + R X` stable.
+
+    `H` is first balanced by a diagonal symplectic scaling in powers of two, which does not round. Cost: some 200 n^3
+    operations. Relative accuracy: near 1e-15 times the condition of the equation.
 
     Raises
     ------
     RiccatiError
         If `H` has eigenvalues on the imaginary axis, or the stable subspace is no graph.
     DesignError
-        If `H` has a number that is not finite: LAPACK may not return then.
+        If `H` has a number that is not finite, on which LAPACK may hang.
 
     References
     ----------
@@ -56,12 +58,12 @@ def stabilizing_solution(H: Matrix) -> Matrix:
     scale = _symplectic_scale(H)
     T, _, real, imaginary, U, _, info = dgees(_select_all, H * scale[:, None] / scale, lwork=128 * n, overwrite_a=1)
     if not info:
-        # What dgees does itself if it is told what to sort for, by a call of Python for each eigenvalue.
+        # dgees would sort as well, but by a Python call for each eigenvalue
         _, U, real, imaginary, _, _, _, info = dtrsen(
             (real < 0.0).astype(np.int32), T, U, job="N", overwrite_t=1, overwrite_q=1
         )
     largest = np.hypot(real, imaginary).max()
-    # info: no convergence, or no reordering; and that may have moved an eigenvalue across the axis by rounding
+    # info: no convergence, or no reordering; reordering may also have rounded an eigenvalue across the axis
     if info or not (real[:n] < 0.0).all() or (real[n:] < 0.0).any() or np.abs(real).min() <= _AXIS_TOLERANCE * largest:
         raise RiccatiError(RiccatiFailure.AXIS)
     U1, U2 = U[:n, :n], U[n:, :n]
@@ -73,7 +75,7 @@ def stabilizing_solution(H: Matrix) -> Matrix:
 
 
 def _select_all(_real: float, _imaginary: float) -> bool:
-    """Not asked, but LAPACK wants a function."""
+    """Accept every eigenvalue; LAPACK's interface requires a function, but does not call it."""
     return True
 
 

@@ -1,8 +1,8 @@
-"""Linear systems as read-only arrays, and the one border to python-control.
+"""Linear systems as read-only arrays, and the border to python-control.
 
-`control.StateSpace` is what users plot and check with, but it is mutable, drops states on request of a global setting
-and spells "continuous" as 0 or `None`. So every function here takes anything with `A, B, C, D, dt`, copies it into an
-`Lti`, and only `Lti.to_control` makes a `control.StateSpace` again.
+Users plot and check with `control.StateSpace`. It is mutable, drops states on request of a global setting, and spells
+"continuous" as 0 or `None`. So functions take any object with `A, B, C, D, dt` and copy it into an `Lti`;
+`Lti.to_control` alone makes a `control.StateSpace`.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ ComplexMatrix = NDArray[np.complex128]
 
 
 class LinearSystem(Protocol):
-    """What is read from a linear system: an `Lti` or a `control.StateSpace`."""
+    """Attributes read from a linear system: an `Lti` or a `control.StateSpace`."""
 
     @property
     def A(self) -> Any:
@@ -47,7 +47,7 @@ class LinearSystem(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Lti:
-    """A linear system of n states, m inputs and p outputs; arrays are checked on construction and read-only after it.
+    """A linear system of n states, m inputs and p outputs; arrays are checked on construction, then read-only.
 
     Raises
     ------
@@ -109,13 +109,13 @@ class Lti:
         pencil = points[:, None, None] * np.eye(self.order) - self.A
         return np.asarray(self.C @ np.linalg.solve(pencil, self.B[None].astype(np.complex128)) + self.D)
 
-    def part(self, outputs: slice, inputs: slice) -> "Lti":
-        """Return the system from some inputs to some outputs, with all its states."""
+    def subsystem(self, outputs: slice, inputs: slice) -> "Lti":
+        """Return the system from the selected inputs to the selected outputs, with all its states."""
         return Lti(A=self.A, B=self.B[:, inputs], C=self.C[outputs], D=self.D[outputs, inputs], dt=self.dt)
 
     def to_control(self, **names: list[str]) -> "control.StateSpace":
         """Return a `control.StateSpace` copy; `names` are its `inputs`, `outputs` and `states`."""
-        import control  # takes seconds and loads matplotlib: paid for by whoever wants the object
+        import control  # takes seconds and loads matplotlib: imported on use only
 
         return control.StateSpace(
             self.A.copy(), self.B.copy(), self.C.copy(), self.D.copy(), self.dt, remove_useless_states=False, **names
@@ -123,7 +123,7 @@ class Lti:
 
 
 def as_lti(system: LinearSystem) -> Lti:
-    """Return a read-only copy of `system`; an unspecified time base is taken as continuous.
+    """Return a read-only copy of `system`; an unspecified time base counts as continuous.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def as_lti(system: LinearSystem) -> Lti:
     return Lti(A=system.A, B=system.B, C=system.C, D=system.D, dt=0.0 if system.dt is None else float(system.dt))
 
 
-def copied_continuous(name: str, system: LinearSystem) -> Lti:
+def as_continuous(name: str, system: LinearSystem) -> Lti:
     """Return a read-only copy of a continuous `system`.
 
     Raises
@@ -152,14 +152,14 @@ def copied_continuous(name: str, system: LinearSystem) -> Lti:
 
 
 def gain(D: ArrayLike, dt: float = 0.0) -> Lti:
-    """Return the system without states whose output is `D` times its input."""
+    """Return the static gain `D` as a system without states."""
     matrix = np.atleast_2d(np.asarray(D, dtype=np.float64))
     p, m = matrix.shape
     return Lti(A=np.zeros((0, 0)), B=np.zeros((0, m)), C=np.zeros((p, 0)), D=matrix, dt=dt)
 
 
 def series(first: Lti, second: Lti) -> Lti:
-    """Return the system that feeds the output of `first` to `second`; states of `first` stand first."""
+    """Return the series connection, `first` feeding `second`; states of `first` come first."""
     _check_sample_times(first, second)
     return Lti(
         A=np.block([[first.A, np.zeros((first.order, second.order))], [second.B @ first.C, second.A]]),
@@ -171,7 +171,7 @@ def series(first: Lti, second: Lti) -> Lti:
 
 
 def sensitivity(L: Lti) -> Lti:
-    """Return `(I + L)^-1`, the sensitivity of the negative-feedback loop with the loop transfer `L`.
+    """Return the sensitivity `(I + L)^-1` of the negative-feedback loop with the loop transfer `L`.
 
     Raises
     ------
@@ -180,15 +180,12 @@ def sensitivity(L: Lti) -> Lti:
     """
     K = gain(-np.eye(L.n_inputs), L.dt)
     n = L.n_outputs
-    P = Lti(
-        A=L.A, B=np.hstack([np.zeros((L.order, n)), L.B]), C=np.vstack([L.C, L.C]),
-        D=np.block([[np.eye(n), L.D], [np.eye(n), L.D]]), dt=L.dt,
-    )  # fmt: skip
-    return lft(P, K)
+    B, D = np.hstack([np.zeros((L.order, n)), L.B]), np.block([[np.eye(n), L.D], [np.eye(n), L.D]])
+    return lft(Lti(A=L.A, B=B, C=np.vstack([L.C, L.C]), D=D, dt=L.dt), K)
 
 
 def largest_gain(M: Matrix) -> float:
-    """Return the largest singular value of a matrix, the first of those that `numpy.linalg.norm` takes it from."""
+    """Return the largest singular value of a matrix, to the bit that of `numpy.linalg.norm(M, 2)`."""
     return float(np.linalg.svd(M, compute_uv=False)[0])
 
 
@@ -196,7 +193,7 @@ def lft(P: Lti, K: Lti) -> Lti:
     """Return the lower linear fractional transformation `F_l(P, K)`: `K` closes the last inputs and outputs of `P`.
 
     `K` reads the last `K.n_inputs` outputs of `P` and drives its last `K.n_outputs` inputs with positive feedback,
-    `u = K y`. States of `P` stand first.
+    `u = K y`. States of `P` come first.
 
     Raises
     ------
@@ -232,7 +229,7 @@ def lft(P: Lti, K: Lti) -> Lti:
 
 
 def discretize_zoh(system: LinearSystem, dt: float) -> Lti:
-    """Return the system seen at multiples of `dt` [s] when its input is held between them; exact.
+    """Return the system sampled at multiples of `dt` [s], its input held between them; exact.
 
     References
     ----------
@@ -247,7 +244,7 @@ def discretize_zoh(system: LinearSystem, dt: float) -> Lti:
 
 
 def delay(width: int, dt: float) -> Lti:
-    """Return a delay of one sample of `dt` [s] on each of `width` channels."""
+    """Return a delay of one sample `dt` [s] on each of `width` channels."""
     identity, zero = np.eye(width), np.zeros((width, width))
     return Lti(A=zero, B=identity, C=identity, D=zero, dt=dt)
 
@@ -258,7 +255,7 @@ def _check_sample_times(first: Lti, second: Lti) -> None:
 
 
 def _as_matrix(value: ArrayLike, shape: tuple[int, int]) -> Matrix:
-    """Return `value` as a matrix: a row, a column or nothing at all may come with fewer axes."""
+    """Return `value` as a matrix; a row, a column or an empty matrix may lack axes."""
     array = np.asarray(value, dtype=np.float64)
     lacks_axes = array.ndim < 2 or 0 in shape
     return array.reshape(shape) if lacks_axes and array.size == shape[0] * shape[1] else array

@@ -1,7 +1,7 @@
 """Uncertain linear systems as upper linear fractional transformations `F_u(M, Delta)`, and their algebra.
 
-Every operation appends the operands and closes channels of the result, so a rational function of parameters is written
-as one writes it for numbers; parameters of one name are one parameter throughout. Nothing here knows of flight.
+Every operation appends the operands and closes channels of the result. A rational function of parameters is therefore
+written as for numbers. Parameters of one name are one parameter throughout. The module is not specific to flight.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 class Uncertain:
     """An uncertain system `y = F_u(M, Delta) u` (MATLAB: `uss`, `umat`, `lft(Delta, M)`).
 
-    `M` maps `(w_Delta, u)` to `(z_Delta, y)` and `w_Delta = Delta z_Delta` with the blocks in order, normalised. A
-    matrix is a system without states. `X + Y`, `X - Y`, `X @ Y` (`Y` acts first), `-X` take systems and matrices too.
+    `M` maps `(w_Delta, u)` to `(z_Delta, y)`, and `w_Delta = Delta z_Delta` with the blocks in order, normalised. A
+    matrix is a system without states. `X + Y`, `X - Y`, `X @ Y` (`Y` acts first) and `-X` take systems and matrices
+    too.
 
     Raises
     ------
@@ -45,7 +46,7 @@ class Uncertain:
         """Check names and sizes."""
         names = [block.name for block in self.blocks]
         if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(f"block '{twice[0]}' stands twice")
+            raise ValueError(f"block '{twice[0]}' occurs twice")
         if self.n_inputs < 0 or self.n_outputs < 0:
             raise ValueError(f"M is {self.M.n_outputs} x {self.M.n_inputs}, Delta alone needs {self.n_z} x {self.n_w}")
 
@@ -69,7 +70,7 @@ class Uncertain:
         """Number of outputs y."""
         return self.M.n_outputs - self.n_z
 
-    def at(self, delta: Delta) -> Lti:
+    def substitute(self, delta: Delta) -> Lti:
         """Return the system at one normalised `delta` (MATLAB: `usubs`); names left out are nominal.
 
         Raises
@@ -82,7 +83,7 @@ class Uncertain:
         return lft(_permute(self.M, outputs, inputs), K)
 
     def matrices(self, delta: Delta) -> Matrix:
-        """Return an uncertain matrix, (k, p, m), at k deltas at once: each name has a value (k,) or one for all.
+        """Return the values (k, p, m) of an uncertain matrix at k deltas; each name has a value (k,) or one for all.
 
         Raises
         ------
@@ -91,7 +92,7 @@ class Uncertain:
         """
         if self.M.order or any(isinstance(block, FullBlock) for block in self.blocks):
             raise ValueError("only a matrix of real parameters has values without frequency")
-        delta_matrix(self.blocks, dict.fromkeys(delta, 0.0))  # refuses unknown names
+        delta_matrix(self.blocks, dict.fromkeys(delta, 0.0))  # raises for unknown names
         values = [np.asarray(delta.get(block.name, 0.0), dtype=np.float64) for block in self.blocks]
         width = np.broadcast_shapes((1,), *(value.shape for value in values))
         repeats = [block.shape[0] for block in self.blocks]
@@ -100,12 +101,12 @@ class Uncertain:
         solved = np.linalg.solve(np.eye(z) - diagonal * D[:z, :w], diagonal * D[:z, w:])
         return D[z:, w:] + D[z:, :w] @ solved
 
-    def nominal(self) -> Lti:
+    def nominal_system(self) -> Lti:
         """Return the system at Delta = 0."""
-        return self.M.part(slice(self.n_z, None), slice(self.n_w, None))
+        return self.M.subsystem(slice(self.n_z, None), slice(self.n_w, None))
 
     def delta(self, values: Mapping[str, ArrayLike]) -> dict[str, Matrix]:
-        """Return the normalised delta of parameter `values`, each in its own unit; names left out stay out."""
+        """Return the normalised delta of the parameter `values`, each in its own unit; omitted names stay omitted."""
         known = {block.name: block for block in self.blocks if isinstance(block, RealBlock)}
         if unknown := sorted(set(values) - set(known)):
             raise ValueError(f"unknown parameter '{unknown[0]}', there are {', '.join(known)}")
@@ -118,7 +119,7 @@ class Uncertain:
 
     def family(self, count: int, seed: int) -> "tuple[control.StateSpace, ...]":
         """Return `count` random members for python-control (MATLAB: `usample`)."""
-        return tuple(self.at(delta).to_control() for delta in self.samples(count, seed))
+        return tuple(self.substitute(delta).to_control() for delta in self.samples(count, seed))
 
     def inverse(self) -> "Uncertain":
         """Return the system from y to u.
@@ -188,7 +189,7 @@ def ultidyn(name: str, n_outputs: int = 1, n_inputs: int = 1) -> Uncertain:
 
 
 def as_uncertain(system: "Uncertain | LinearSystem | ArrayLike") -> Uncertain:
-    """Return a system or matrix as an `Uncertain`, without blocks if nothing of it is uncertain."""
+    """Return a system or matrix as an `Uncertain`; one without uncertainty has no blocks."""
     if isinstance(system, Uncertain):
         return system
     return Uncertain(M=as_lti(system) if hasattr(system, "A") else gain(system))  # type: ignore[arg-type]
@@ -200,7 +201,7 @@ def append(*systems: "Uncertain | LinearSystem | ArrayLike") -> Uncertain:
     Raises
     ------
     ValueError
-        If sample times differ, a full block stands twice, or one parameter has two ranges.
+        If sample times differ, a full block occurs twice, or one parameter has two ranges.
     """
     parts = [as_uncertain(system) for system in systems]
     times = {part.M.dt for part in parts if part.M.order or part.M.dt}
@@ -216,7 +217,8 @@ def append(*systems: "Uncertain | LinearSystem | ArrayLike") -> Uncertain:
 def star(P: "Uncertain | LinearSystem", Q: "Uncertain | LinearSystem", n_y: int, n_u: int) -> Uncertain:
     """Return the star product: `P` above `Q`, joined by `n_y` signals down and `n_u` signals up (MATLAB: `lft`).
 
-    The last `n_y` outputs of `P` are the first inputs of `Q`, the first `n_u` outputs of `Q` the last inputs of `P`.
+    The last `n_y` outputs of `P` are the first inputs of `Q`; the first `n_u` outputs of `Q` are the last inputs of
+    `P`.
 
     Raises
     ------
@@ -231,7 +233,7 @@ def star(P: "Uncertain | LinearSystem", Q: "Uncertain | LinearSystem", n_y: int,
     if n_y > min(upper.n_outputs, lower.n_inputs) or n_u > min(lower.n_outputs, upper.n_inputs):
         raise ValueError(f"P and Q have no {n_y} signals down and {n_u} up in common")
     both = append(upper, lower)
-    # external channels stay in front, the joined ones go last: (P, Q) outputs and (P, Q) inputs
+    # external channels come first, joined ones last: (P, Q) outputs and (P, Q) inputs
     p, m, n_z, n_w = upper.n_outputs, upper.n_inputs, both.n_z, both.n_w
     down, up = range(n_z + p - n_y, n_z + p + n_u), range(n_w + m - n_u, n_w + m + n_y)
     M = _permute(both.M, _move_last(both.M.n_outputs, down), _move_last(both.M.n_inputs, up))
@@ -245,7 +247,7 @@ def close_loop(P: Uncertain, K: LinearSystem) -> Uncertain:
 
 
 def system_from_matrix(matrix: Uncertain, order: int) -> Uncertain:
-    """Return the system whose `[A B; C D]` is the uncertain `matrix`: its first `order` channels are x' and x."""
+    """Return the system whose `[A B; C D]` is the uncertain `matrix`; its first `order` channels are x' and x."""
     if matrix.M.order or matrix.M.dt:
         raise ValueError("the matrix has states or a sample time of its own")
     D, z, w = matrix.M.D, matrix.n_z, matrix.n_w
@@ -258,9 +260,9 @@ def system_from_matrix(matrix: Uncertain, order: int) -> Uncertain:
 
 
 def connect(diagram: Interconnection, replaced: Mapping[str, Uncertain]) -> Uncertain:
-    """Return the generalised plant, (w, u) to (z, y), of a diagram in which uncertain systems replace named blocks.
+    """Return the generalised plant, (w, u) to (z, y), of a diagram with named blocks replaced by uncertain systems.
 
-    The channels of Delta are pulled out as signals of the diagram and joined with the plant (MATLAB: `connect`).
+    The channels of Delta become signals of the diagram and are joined with the plant (MATLAB: `connect`).
 
     Raises
     ------
@@ -288,7 +290,7 @@ def connect(diagram: Interconnection, replaced: Mapping[str, Uncertain]) -> Unce
 
 
 def _merge_blocks(M: Lti, stacked: Sequence[DeltaBlock]) -> Uncertain:
-    """Return `F_u(M, Delta)`, whose channels of Delta come in the order of `stacked`, with each name once."""
+    """Return `F_u(M, Delta)` with each name once; the Delta channels of `M` are in the order of `stacked`."""
     names = list(dict.fromkeys(block.name for block in stacked))
     order = sorted(range(len(stacked)), key=lambda k: names.index(stacked[k].name))
     inputs = _reorder_channels([block.shape[0] for block in stacked], order, M.n_inputs)
@@ -308,21 +310,21 @@ def _merge_blocks(M: Lti, stacked: Sequence[DeltaBlock]) -> Uncertain:
 
 
 def _reorder_channels(sizes: list[int], order: list[int], total: int) -> list[int]:
-    """Return the channels of the blocks of `sizes` in a new order of the blocks, then the others up to `total`."""
+    """Return the channels of blocks of `sizes` in a new order of the blocks, then the others up to `total`."""
     starts = np.cumsum([0, *sizes]).tolist()
     moved = [channel for k in order for channel in range(starts[k], starts[k + 1])]
     return [*moved, *range(starts[-1], total)]
 
 
 def _put_delta_first(sizes: list[tuple[int, int]]) -> list[int]:
-    """Return the channels of systems side by side, each (of Delta, external), with all of Delta's in front."""
+    """Return the channels of systems side by side, each of `sizes` (Delta, external), with those of Delta first."""
     starts = np.cumsum([0, *(inner + outer for inner, outer in sizes)]).tolist()
     of_delta = [c for start, (inner, _) in zip(starts, sizes, strict=False) for c in range(start, start + inner)]
     return [*of_delta, *sorted(set(range(starts[-1])) - set(of_delta))]
 
 
 def _move_last(total: int, moved: range) -> list[int]:
-    """Return all channels with the `moved` ones behind the others."""
+    """Return all channels with the `moved` ones last."""
     return [*(channel for channel in range(total) if channel not in moved), *moved]
 
 

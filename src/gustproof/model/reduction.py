@@ -1,4 +1,4 @@
-"""Fewer repetitions and states in an uncertain system, without changing what it does."""
+"""Reduce the repetitions and states of an uncertain system without changing its behaviour."""
 
 from dataclasses import replace
 
@@ -10,12 +10,13 @@ from gustproof.model.uncertainty import DeltaBlock, RealBlock, columns, rows
 
 
 def simplify(system: Uncertain, *, accuracy: float = 1e-10) -> Uncertain:
-    """Return the same uncertain system with states and repetitions removed that nothing reaches or that reach nothing.
+    """Return the same uncertain system without its unreachable and unobservable states and repetitions.
 
-    The reachable part of the state and of every real block at once is the least set of subspaces that holds what the
-    inputs drive and what the others pass on; the observable part is the same of the transpose. This is exact and finds
-    the least order when the parameters do not commute; for numbers, which do, a smaller model may exist. The input and
-    output of a full block count as external. Cost: some n rounds of one singular value decomposition a block.
+    The reachable part covers the state and every real block at once: the least set of subspaces that contains the
+    images of the inputs and of each other. The observable part is the same for the transpose. The reduction is exact.
+    It finds the least order when the parameters do not commute; for numbers, which do, a smaller model may exist.
+    The input and output of a full block count as external. Cost: some n rounds of one singular value decomposition a
+    block.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def _restrict(system: Uncertain, accuracy: float, *, dual: bool) -> Uncertain:
 
 
 def _invariant_subspaces(whole: Matrix, z: list[slice], w: list[slice], accuracy: float) -> list[Matrix]:
-    """Return orthonormal bases of the least subspaces V_i that hold every `M_ij V_j` and `M_ie`, e external inputs."""
+    """Return orthonormal bases of the least subspaces V_i that contain every `M_ij V_j` and `M_ie` (e: external)."""
     inner = np.zeros(whole.shape[1], dtype=bool)
     for part in w:
         inner[part] = True

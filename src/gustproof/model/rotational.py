@@ -1,7 +1,7 @@
 """The rotating airframe as exact uncertain models: the least, in half-angle tangents, and the paper's in rho1..rho7.
 
-Both equal `d/dt (E, omega_B) = A(rho) (E, omega_B)` at every attitude below |theta| = 90 deg; their Delta is what an
-envelope leaves open. With `t = tan(phi/2)` and `v = tan(theta/2)` the Euler kinematics are rational of order 2 in each.
+Both equal `d/dt (E, omega_B) = A(rho) (E, omega_B)` at every attitude below |theta| = 90 deg; their Delta covers an
+envelope. With `t = tan(phi/2)` and `v = tan(theta/2)` the Euler kinematics are rational of order 2 in each.
 """
 
 import math
@@ -18,7 +18,7 @@ from gustproof.model.lft import Uncertain, append, as_uncertain, star, system_fr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Envelope:
-    """The attitudes and rates that a model covers.
+    """Range of attitudes and rates covered by a model.
 
     Raises
     ------
@@ -49,20 +49,21 @@ def half_angles(E: ArrayLike, omega_B: ArrayLike) -> dict[str, Matrix]:
 def rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -> Uncertain:
     """Return the exact rotational dynamics, (E, omega_B, moment_B) to d/dt (E, omega_B): Delta = t I2, v I2, r I2, q.
 
-    Seven is the least order. With `b + j a = (q + j r) e^(j phi)`: theta' = b, psi' = a / cos(theta), phi' = p +
-    a tan(theta), and `I omega' = moment - omega x I omega`. Moments of inertia (3,) [kg*m^2] B may be uncertain
-    themselves; each that is adds one inverse and two factors to Delta.
+    Seven is the least order. Let `b + j a = (q + j r) e^(j phi)`. Then theta' = b, psi' = a / cos(theta),
+    phi' = p + a tan(theta), and `I omega' = moment - omega x I omega`.
+
+    Moments of inertia (3,) [kg*m^2] B may be uncertain; each uncertain one adds one inverse and two factors to Delta.
     """
     t = ureal("t", low=-math.tan(envelope.angle / 2.0), high=math.tan(envelope.angle / 2.0))
     v = ureal("v", low=-math.tan(envelope.angle / 2.0), high=math.tan(envelope.angle / 2.0))
     q, r = (ureal(name, low=-envelope.rate, high=envelope.rate) for name in ("q", "r"))
-    # (b, a) = (I - t J)^-1 (I + t J) (q, r): a turn by phi, as t acts on the sum of what goes in and what comes out
+    # (b, a) = (I - t J)^-1 (I + t J) (q, r) is a rotation by phi: t acts on the sum of input and output
     J = np.array([[0.0, -1.0], [1.0, 0.0]])
     bank = star(gain(np.block([[np.eye(2), J], [2.0 * np.eye(2), J]])), append(t, t), 2, 2)
-    # (1 + v) / (1 - v) and its inverse act on a; half their difference is tan(theta), half their sum 1 / cos(theta)
+    # (1 + v) / (1 - v) and its inverse act on a: half their difference is tan(theta), half their sum 1 / cos(theta)
     tilt = star(gain([[0.0, 0.5, 0.5], [1.0, 0.5, -0.5], [2.0, 1.0, 0.0], [2.0, 0.0, -1.0]]), append(v, v), 2, 2)
-    turned = append(1.0, 1.0, tilt) @ append(1.0, bank)
-    kinematics = _as_matrix([[1, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]) @ turned
+    rotated = append(1.0, 1.0, tilt) @ append(1.0, bank)
+    kinematics = _as_matrix([[1, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]) @ rotated
     products = append(r, r, q) @ _as_matrix([[0, 1, 0], [1, 0, 0], [1, 0, 0]])
     return _rigid_body(kinematics, products, inertia_B)
 
@@ -70,8 +71,8 @@ def rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -> Unce
 def paper_rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -> Uncertain:
     """Return the same dynamics with the paper's rho1..rho7 as Delta, of order 12: a relaxation.
 
-    Delta lets sine and cosine vary apart from each other, and shares each product of rates between its two factors, as
-    the paper's A(rho) does (Kumar and Bhattacharya, Eq. 3, repaired). Same channels as `rotation`.
+    Sine and cosine vary independently. Each product of rates is shared between its two factors, as in the paper's
+    A(rho) (Kumar and Bhattacharya, Eq. 3, corrected). Same channels as `rotation`.
     """
     s, c = math.sin(envelope.angle), math.cos(envelope.angle)
     rho1, rho3 = (ureal(name, low=-s, high=s) for name in ("rho1", "rho3"))
@@ -94,7 +95,7 @@ def paper_rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -
 def uncertain_airframe(dynamics: Uncertain, *, leak: float, rate_damping: float) -> Uncertain:
     """Return the airframe as a system: moment (3,) [N*m] B to its states (phi, theta, psi, p, q, r).
 
-    It takes the place of the block "airframe" in a design problem; at delta = 0 of `rotation` it is `lpv.airframe`.
+    It replaces the block "airframe" of a design problem; at delta = 0 of `rotation` it equals `lpv.airframe`.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ def uncertain_airframe(dynamics: Uncertain, *, leak: float, rate_damping: float)
 def uncertain_actuators(vehicle: Vehicle, *, lag: Uncertain | None = None, gain_: Uncertain | None = None) -> Uncertain:
     """Return the first-order actuators, torque command (3,) to moment (3,) [N*m] B, of uncertain lag [s] and gain [-].
 
-    All three share the two parameters; what is not given is the vehicle's lag and 1.
+    All three share the two parameters; the defaults are the vehicle's lag and 1.
     """
     rate = as_uncertain(vehicle.actuator_lag if lag is None else lag).inverse()
     drive = as_uncertain(1.0 if gain_ is None else gain_)
@@ -124,7 +125,7 @@ def uncertain_actuators(vehicle: Vehicle, *, lag: Uncertain | None = None, gain_
 def uncertain_delay(delay: Uncertain, *, order: int = 2) -> Uncertain:
     """Return a delay of an uncertain, positive time [s] as its diagonal Pade approximant, one channel.
 
-    Its phase is right to 1 deg up to omega delay = .6 at order 1 and 1.7 at order 2; Delta needs `order` repetitions.
+    Its phase is exact to 1 deg up to omega delay = .6 at order 1 and 1.7 at order 2; Delta needs `order` repetitions.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""The blocks of Delta: what an uncertain model does not know, normalised so that 0 is nominal and 1 the edge."""
+"""Blocks of Delta, the unknowns of an uncertain model, normalised: 0 is nominal and 1 the edge of the range."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,16 +12,16 @@ from firmware_model.config.spreads import normalisation
 from gustproof.lti.state_space import Matrix
 
 Delta = Mapping[str, ArrayLike]
-"""A value for each named block: a number in [-1, 1] for a real parameter, a matrix of norm <= 1 for a full block. Names
-that are left out are 0, nominal."""
+"""A value for each named block: a number in [-1, 1] for a real parameter, a matrix of norm <= 1 for a full block.
+Omitted names are 0, nominal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RealBlock:
-    """A real parameter that stands `repeats` times on the diagonal of Delta (MATLAB: `ureal`).
+    """A real parameter repeated `repeats` times on the diagonal of Delta (MATLAB: `ureal`).
 
-    Its normalised value is delta in [-1, 1] with `value = nominal + b delta / (1 + c delta)`: low at -1, nominal at 0,
-    high at 1, and linear when nominal is the middle. The form is rational, so it costs no further repetition.
+    Its normalised value is delta in [-1, 1] with `value = nominal + b delta / (1 + c delta)`. This gives low at -1,
+    nominal at 0 and high at 1, and is linear when nominal is the middle. The form is rational: no further repetition.
 
     Raises
     ------
@@ -30,7 +30,7 @@ class RealBlock:
     """
 
     name: str
-    """Unique in the model: blocks of one name are one parameter."""
+    """Name, unique in the model: blocks of one name are one parameter."""
     low: float
     """[as the parameter] least value."""
     high: float
@@ -38,7 +38,7 @@ class RealBlock:
     nominal: float
     """[as the parameter] value at delta = 0."""
     repeats: int = 1
-    """How often the parameter stands on the diagonal, a count."""
+    """Number of occurrences on the diagonal."""
 
     def __post_init__(self) -> None:
         """Check the range."""
@@ -74,7 +74,7 @@ class RealBlock:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FullBlock:
-    """A complex full block of norm <= 1: neglected dynamics (MATLAB: `ultidyn`, `ucomplexm`) or a performance channel.
+    """A complex full block of norm <= 1: unmodelled dynamics (MATLAB: `ultidyn`, `ucomplexm`) or performance channel.
 
     Raises
     ------
@@ -83,11 +83,11 @@ class FullBlock:
     """
 
     name: str
-    """Unique in the model."""
+    """Name, unique in the model."""
     n_outputs: int = 1
-    """Rows of the block: signals that it drives."""
+    """Number of rows."""
     n_inputs: int = 1
-    """Columns of the block: signals that it reads."""
+    """Number of columns."""
 
     def __post_init__(self) -> None:
         """Check the size."""
@@ -105,19 +105,19 @@ DeltaBlock = RealBlock | FullBlock
 
 
 def rows(blocks: tuple[DeltaBlock, ...]) -> tuple[slice, ...]:
-    """Return for each block its rows in Delta: the inputs of M that it drives."""
+    """Return the rows of each block in Delta, which are inputs of M."""
     return _slices([block.shape[0] for block in blocks])
 
 
 def columns(blocks: tuple[DeltaBlock, ...]) -> tuple[slice, ...]:
-    """Return for each block its columns in Delta: the outputs of M that it reads."""
+    """Return the columns of each block in Delta, which are outputs of M."""
     return _slices([block.shape[1] for block in blocks])
 
 
 def delta_matrix(blocks: tuple[DeltaBlock, ...], delta: Delta) -> Matrix:
     """Return the real block-diagonal matrix Delta at `delta`.
 
-    Values outside the unit ball are allowed: they are outside the model's claim, not outside its arithmetic.
+    Values outside the unit ball are allowed: the model does not claim to cover them, but its arithmetic holds.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def _slices(sizes: list[int]) -> tuple[slice, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spreads:
-    """How far the vehicle may be from its file; 0 leaves it as it is.
+    """Relative deviations of the vehicle from its file; 0 is the nominal vehicle.
 
     Raises
     ------
@@ -155,9 +155,9 @@ class Spreads:
     """
 
     inertia: float = 0.0
-    """[-] each moment of inertia is within 1 - spread and 1 + spread of the file's."""
+    """[-] each moment of inertia is between 1 - spread and 1 + spread times the file's."""
     actuator_lag: float = 0.0
-    """[-] the same for the actuator lag."""
+    """[-] likewise for the actuator lag."""
 
     def __post_init__(self) -> None:
         """Check the values."""

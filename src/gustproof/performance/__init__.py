@@ -1,1 +1,1 @@
-"""Predict error and slew in turbulence, and the limits no law can beat."""
+"""Predict error and slew in turbulence, and bound them for all laws."""

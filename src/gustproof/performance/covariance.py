@@ -1,8 +1,8 @@
-"""What a linear law will do in turbulence, foretold without a flight: error, torque slew and sensitivity peak.
+"""Predict attitude error, torque slew and sensitivity peak of a linear law in turbulence, without a flight.
 
-The model is exact for small angles: plant, actuator and commands on their way at the sample rate, the vehicle's own
-Dryden filters and gust map, white gyro noise; from rest, over the scenario's duration. Left out are the angular gusts,
-which act through the rate damping alone.
+The model is exact for small angles, from rest, over the scenario's duration. It contains plant, actuator and delayed
+commands at the sample rate, the vehicle's own Dryden filters and gust map, and white gyro noise. It omits the angular
+gusts, which act through the rate damping alone.
 """
 
 import math
@@ -23,14 +23,14 @@ from gustproof.lti.state_space import LinearSystem, Lti, delay, discretize_zoh, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisPerformance:
-    """What the model foretells for one axis under its law."""
+    """Predicted performance of one axis under its law."""
 
     rmse: float
     """[rad] root mean square attitude over the scenario, of all flights."""
     slew: float
-    """[N*m/s] root mean square of the command's change from sample to sample over the sample time."""
+    """[N*m/s] root mean square of the command's change from sample to sample, divided by the sample time."""
     sensitivity_peak: float
-    """[-] largest magnitude of 1 / (1 + L) over frequency, the loop being cut at the plant's input."""
+    """[-] largest magnitude of 1 / (1 + L) over frequency, the loop broken at the plant's input."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,11 +48,11 @@ class AxisModel:
     noise: float
     """[rad/s] rms of a gyro sample's noise."""
     delay_samples: int
-    """Samples from a measurement to the moment its command acts."""
+    """Samples from a measurement to the action of its command."""
     inertia: float
-    """[kg*m^2]."""
+    """[kg*m^2] moment of inertia."""
     samples: int
-    """Samples of the flight."""
+    """Samples in the flight."""
 
 
 def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisModel, AxisModel]:
@@ -70,13 +70,13 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
     f, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
     covariance = factor @ factor.T
     map_B = np.array([gust_moment(vehicle.gust_gain, vehicle.gust_yaw_ratio, tuple(e)) for e in np.eye(3)]).T
+    v_A, v_B = _lower_triangle(f.v_a11, f.v_a21, f.v_a22), _lower_triangle(f.v_b11, f.v_b21, f.v_b22)
+    w_A, w_B = _lower_triangle(f.w_a11, f.w_a21, f.w_a22), _lower_triangle(f.w_b11, f.w_b21, f.w_b22)
     filters = (
         (np.array([[f.u_a]]), np.array([[f.u_b]]), np.array([[1.0]]), covariance[:1, :1]),
-        (_lower_triangle(f.v_a11, f.v_a21, f.v_a22), _lower_triangle(f.v_b11, f.v_b21, f.v_b22), np.array([[f.v_c1, f.v_c2]]),
-         covariance[1:3, 1:3]),
-        (_lower_triangle(f.w_a11, f.w_a21, f.w_a22), _lower_triangle(f.w_b11, f.w_b21, f.w_b22), np.array([[f.w_c1, f.w_c2]]),
-         covariance[4:6, 4:6]),
-    )  # fmt: skip
+        (v_A, v_B, np.array([[f.v_c1, f.v_c2]]), covariance[1:3, 1:3]),
+        (w_A, w_B, np.array([[f.w_c1, f.w_c2]]), covariance[4:6, 4:6]),
+    )
     models = []
     for axis, inertia in enumerate(vehicle.inertia_B):
         component = int(np.argmax(np.abs(map_B[axis])))
@@ -87,11 +87,11 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
 
 
 def augmented_axis(model: AxisModel) -> Lti:
-    """Return the flight of one axis: noises and command in; attitude, change of command and gyro out.
+    """Return one axis with its turbulence: noises and command in; attitude, change of command and gyro out.
 
-    Inputs are the air's white noises and the gyro's, of variance 1 a sample, and last the command [N*m]; outputs are
-    attitude [rad], command less the one before [N*m], and last the gyro [rad/s]. States are body, commands on their way
-    (at least the last one), air.
+    Inputs are the white noises of air and gyro, of variance 1 a sample, then the command [N*m]. Outputs are attitude
+    [rad], command minus the previous one [N*m], and gyro [rad/s]. States are body, delayed commands (at least the last
+    one), air.
     """
     n, chain, m, w = model.plant.order, max(model.delay_samples, 1), model.gust.order, model.gust.n_inputs
     body, sent, air = slice(0, n), slice(n, n + chain), slice(n + chain, n + chain + m)
@@ -100,7 +100,7 @@ def augmented_axis(model: AxisModel) -> Lti:
     A[body, body], A[body, air] = model.plant.A, model.disturbance[:, None] @ model.gust.C
     A[sent, sent], A[air, air] = np.eye(chain, k=-1), model.gust.A
     B[air, :w], B[n, -1] = model.gust.B, 1.0
-    # The oldest command on its way acts, or the new one at once.
+    # the oldest delayed command acts, or the new one at once
     if model.delay_samples:
         A[body, sent.stop - 1] = model.plant.B[:, 0]
     else:
@@ -113,8 +113,8 @@ def augmented_axis(model: AxisModel) -> Lti:
 def mean_second_moments(flights: Sequence[AxisModel], closed: LinearSystem) -> Matrix:
     """Return the mean over the flight of the second moments of the outputs of a closed loop driven by noise alone.
 
-    The loop's states begin with those of `augmented_axis`, once for each of `flights`; the air is stationary, the rest at
-    rest. Arrays with leading axes are many loops at once, and may be complex.
+    The loop's states begin with those of `augmented_axis`, once for each of `flights`. Initially the air is stationary
+    and all else at rest. Arrays with leading axes are many loops at once, and may be complex.
     """
     P, start = np.zeros_like(closed.A), 0
     for model in flights:
@@ -127,12 +127,12 @@ def mean_second_moments(flights: Sequence[AxisModel], closed: LinearSystem) -> M
 
 
 def axis_performance(model: AxisModel, law: AxisLaw) -> AxisPerformance:
-    """Return error, slew and sensitivity peak of one axis, exact in the model; the law must be stable there."""
+    """Return error, slew and sensitivity peak of one axis, exact in the model; the loop must be stable."""
     return controller_performance(model, law.controller(model.plant.dt))
 
 
 def controller_performance(model: AxisModel, controller: Lti) -> AxisPerformance:
-    """Return the figures of one axis under a linear `controller` from gyro [rad/s] to command [N*m]."""
+    """Return the performance of one axis under a linear `controller` from gyro [rad/s] to command [N*m]."""
     rmse, slew = rms(model, controller)
     return AxisPerformance(rmse=rmse, slew=slew, sensitivity_peak=hinf_norm(sensitivity(_loop(model, controller))).gain)
 
@@ -146,26 +146,26 @@ def rms(model: AxisModel, controller: Lti) -> tuple[float, float]:
 def mean_covariance(F: Matrix, Q: Matrix, P: Matrix, count: int) -> Matrix:
     """Return the mean over `count` steps of the covariance of `x+ = F x + n`, from `P` at the first.
 
-    `Q` is the covariance of `n`. Works where `F` is not stable, as a gyro-only attitude is not: its noise is a random
-    walk, and a stationary covariance does not exist. By doubling, in log2(count) products of size n.
+    `Q` is the covariance of `n`. `F` need not be stable: a gyro-only attitude is a random walk without a stationary
+    covariance. Computed by doubling, in log2(count) products of size n.
     """
     n = F.shape[-1]
-    # Of m steps: F^m, covariance reached from 0, sum of covariances from 0, sum of F^k P F^k'.
-    power, reached, total, carried = np.eye(n), np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
+    # after m steps: F^m, covariance reached from 0, sum of covariances from 0, sum of F^k P F^k'
+    power, reached, total, initial = np.eye(n), np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
     m = 0
     for bit in f"{count:b}":
         total = total + m * reached + power @ total @ power.mT
-        carried = carried + power @ carried @ power.mT
+        initial = initial + power @ initial @ power.mT
         reached = reached + power @ reached @ power.mT
         power, m = power @ power, 2 * m
         if bit == "1":
-            total, carried = total + reached, carried + power @ P @ power.mT
+            total, initial = total + reached, initial + power @ P @ power.mT
             reached, power, m = F @ reached @ F.mT + Q, F @ power, m + 1
-    return np.asarray((total + carried) / count)
+    return np.asarray((total + initial) / count)
 
 
 def _loop(model: AxisModel, controller: Lti) -> Lti:
-    """Return the loop cut at the plant's input, for negative feedback; the gyro does not see the attitude itself."""
+    """Return the loop broken at the plant's input, for negative feedback; the gyro does not measure attitude."""
     dt, whole = model.plant.dt, model.plant
     plant = Lti(A=whole.A[1:, 1:], B=whole.B[1:], C=whole.C[:, 1:], D=whole.D, dt=dt)
     for _ in range(model.delay_samples):
@@ -185,7 +185,7 @@ def _axis_model(vehicle: Vehicle, scenario: Scenario, inertia: float, moment: Lt
     held = discretize_zoh(continuous, scenario.dt)
     noise = vehicle.gyro.noise_ratio * vehicle.gyro.reference_rate * math.sqrt(scenario.control_rate_hz / 250.0)
     return AxisModel(
-        plant=held.part(slice(0, 1), slice(0, 1)),
+        plant=held.subsystem(slice(0, 1), slice(0, 1)),
         disturbance=held.B[:, 1],
         gust=moment,
         gust_covariance=stationary,

@@ -1,14 +1,14 @@
-"""What no law can beat in turbulence: least attitude error, pooled over the axes, at a given torque slew.
+"""Lower bounds on the attitude error of all laws in turbulence, pooled over the axes, at a given torque slew.
 
-Two bounds, on the model of `gustproof.performance.covariance` and on the figure that is flown: the mean over the flight,
-from rest, during which the attitude of every gyro-only law walks at random by the gyro's noise.
+Two bounds, on the model of `gustproof.performance.covariance`. Both are means over a flight from rest, as in the
+metrics of flights. During a flight the gyro's noise makes the attitude of every gyro-only law walk at random.
 
-- `output_feedback_limit`: the law knows the gyro's samples and the true spectra. Linear-quadratic-Gaussian control: plant and
-  spectra are linear and Gaussian, so no law is better, linear or not, whatever its margins.
-- `full_information_limit`: the law knows attitude, rate, torque and the state of the air exactly, but not the white noise
-  that drives the air from now on. No sensor tells more; what is left is what delay, lag and slew cost.
+- `output_feedback_limit`: the law knows the gyro's samples and the true spectra. This is linear-quadratic-Gaussian
+  control: plant and spectra are linear and Gaussian, so no law is better, linear or not, at any margins.
+- `full_information_limit`: the law knows attitude, rate, torque and the state of the air exactly, but not the future
+  white noise that drives the air. No sensor gives more; the remaining error is due to delay, lag and slew.
 
-Both are of stationary gains; those that vary with time since rest would have less error by some .05 % in 60 s.
+Both use stationary gains; gains that vary with time since rest would reduce the error by some .05 % in 60 s.
 """
 
 import math
@@ -25,11 +25,11 @@ from gustproof.lti.state_space import Lti, gain, lft
 from gustproof.performance.covariance import AxisModel, augmented_axis, mean_second_moments
 
 _WEIGHTS = (-16.0, 2.0)
-"""Decimal logarithms of the weights of slew that are looked among; at the least of them slew is as good as free."""
+"""Decimal logarithms of the least and the largest weight of slew; at the least, slew is practically free."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limit:
+class LeastError:
     """Least error at a slew."""
 
     rmse: float
@@ -37,39 +37,29 @@ class Limit:
     slew: float
     """[N*m/s] rms torque slew, of all axes."""
     weight: float
-    """[rad^2/(N*m)^2] price of slew at which it is least: of the square of a change from sample to sample."""
+    """[rad^2/(N*m)^2] weight of the squared change of command from sample to sample at this optimum."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Estimator:
-    """The gains of a law that minimises error and weighted slew: `u = -F x` of the state `x` of `augmented_axis`."""
-
-    F: Matrix
-    """(1, n) state to command."""
-    K: Matrix
-    """(n, 1) newest gyro sample's surprise [rad/s] to estimate."""
-
-
-def output_feedback_limit(models: Sequence[AxisModel], slew: float) -> Limit:
-    """Return the least error that any law has that measures with gyros alone, at most at rms torque `slew` [N*m/s].
+def output_feedback_limit(models: Sequence[AxisModel], slew: float) -> LeastError:
+    """Return the least error of all gyro-only laws with an rms torque slew of at most `slew` [N*m/s].
 
     Raises
     ------
     DesignError
-        If the slew is too little to hold attitude.
+        If the slew is too small to hold attitude.
     """
 
-    def flown(model: AxisModel, weight: float) -> Matrix:
-        central = central_controller(model, weight).part(slice(0, 1), slice(0, 1))
+    def output_moments(model: AxisModel, weight: float) -> Matrix:
+        central = central_controller(model, weight).subsystem(slice(0, 1), slice(0, 1))
         return mean_second_moments([model], lft(augmented_axis(model), central))
 
-    return _limit_at_slew(models, slew, flown)
+    return _limit_at_slew(models, slew, output_moments)
 
 
-def full_information_limit(models: Sequence[AxisModel], slew: float) -> Limit:
-    """Return the least error that any law has that knows state and air exactly, at most at rms torque `slew` [N*m/s].
+def full_information_limit(models: Sequence[AxisModel], slew: float) -> LeastError:
+    """Return the least error of all laws that know state and air, with an rms torque slew of at most `slew` [N*m/s].
 
-    With `slew` infinite, nothing but the delay and the actuator's lag stands between the law and the moment.
+    With `slew` infinite, only the delay and the actuator's lag remain between the law and the moment.
 
     Raises
     ------
@@ -77,59 +67,59 @@ def full_information_limit(models: Sequence[AxisModel], slew: float) -> Limit:
         See `output_feedback_limit`.
     """
 
-    def flown(model: AxisModel, weight: float) -> Matrix:
+    def output_moments(model: AxisModel, weight: float) -> Matrix:
         flight = augmented_axis(model)
-        seen = Lti(
-            A=flight.A, B=flight.B, C=np.vstack([flight.C[:2], np.eye(flight.order)]),
-            D=np.vstack([flight.D[:2], np.zeros((flight.order, flight.n_inputs))]), dt=flight.dt,
-        )  # fmt: skip
-        return mean_second_moments([model], lft(seen, gain(-feedback_gain(flight, weight), flight.dt)))
+        C = np.vstack([flight.C[:2], np.eye(flight.order)])
+        D = np.vstack([flight.D[:2], np.zeros((flight.order, flight.n_inputs))])
+        full_state = Lti(A=flight.A, B=flight.B, C=C, D=D, dt=flight.dt)
+        return mean_second_moments([model], lft(full_state, gain(-feedback_gain(flight, weight), flight.dt)))
 
-    return _limit_at_slew(models, slew, flown)
+    return _limit_at_slew(models, slew, output_moments)
 
 
 def central_controller(model: AxisModel, weight: float) -> Lti:
-    """Return the law of least mean squares of error and `weight` times change of command, open for more.
+    """Return the optimal law, extended by one input and one output to all stabilising laws of the axis.
 
-    Inputs are the gyro [rad/s] and a further command [N*m], outputs the whole command and the gyro's surprise, which is
-    white and does not answer to the further command: closed by any stable `Q` from its second output to its second
-    input, it is every law that stabilises the axis. `Q = 0` is the optimal one.
+    The optimum has the least sum of mean-square error and `weight` times mean-square change of command. Inputs are the
+    gyro [rad/s] and an additional command [N*m]. Outputs are the total command and the gyro's innovation, which is
+    white and does not depend on the additional command.
+
+    Closing the second output to the second input by all stable `Q` gives every law that stabilises the axis; `Q = 0` is
+    the optimal one.
     """
     flight = augmented_axis(model)
     A, B, C = flight.A, flight.B[:, -1:], flight.C[2:]
     F, K = feedback_gain(flight, weight), kalman_gain(flight)
-    newest, moved = np.eye(flight.order) - K @ C, A - B @ F
-    return Lti(
-        A=moved @ newest, B=np.hstack([moved @ K, B]), C=np.vstack([-F @ newest, -C]),
-        D=np.vstack([np.hstack([-F @ K, [[1.0]]]), [1.0, 0.0]]), dt=flight.dt,
-    )  # fmt: skip
+    update, closed = np.eye(flight.order) - K @ C, A - B @ F
+    D = np.vstack([np.hstack([-F @ K, [[1.0]]]), [1.0, 0.0]])
+    return Lti(A=closed @ update, B=np.hstack([closed @ K, B]), C=np.vstack([-F @ update, -C]), D=D, dt=flight.dt)
 
 
 def feedback_gain(flight: Lti, weight: float) -> Matrix:
     """Return `F` (1, n) of the command `-F x` with the least mean square of attitude and weighted change of command."""
     A, B, last = flight.A, flight.B[:, -1:], -flight.C[1:2]
-    price = np.array([[weight]])
+    control_weight = np.array([[weight]])
     X = scipy.linalg.solve_discrete_are(
-        A, B, flight.C[:1].T @ flight.C[:1] + weight * last.T @ last, price, s=-weight * last.T
+        A, B, flight.C[:1].T @ flight.C[:1] + weight * last.T @ last, control_weight, s=-weight * last.T
     )
-    return np.asarray(np.linalg.solve(price + B.T @ X @ B, B.T @ X @ A - weight * last))
+    return np.asarray(np.linalg.solve(control_weight + B.T @ X @ B, B.T @ X @ A - weight * last))
 
 
 def kalman_gain(flight: Lti) -> Matrix:
-    """Return the Kalman gain `K` (n, 1) from the gyro's surprise to the state of `augmented_axis`.
+    """Return the Kalman gain `K` (n, 1) from the gyro's innovation [rad/s] to the state of `augmented_axis`.
 
-    The covariance of the attitude's error grows for ever, as no gyro sees attitude, but its correlation with the errors
-    of the other states, which are estimated first, settles: that is what its gain needs.
+    No gyro measures attitude, so the covariance of its error grows without bound. Its correlation with the errors of
+    the other states converges, and its gain needs this correlation only; so the other states are estimated first.
     """
     A, C, noise = flight.A, flight.C[2:], flight.B[:, :-1]
     W, R = noise @ noise.T, flight.D[2:, :-1] @ flight.D[2:, :-1].T
-    seen = slice(1, None)
-    P = scipy.linalg.solve_discrete_are(A[seen, seen].T, C[:, seen].T, W[seen, seen], R)
-    surprise = C[:, seen] @ P @ C[:, seen].T + R
-    K = P @ C[:, seen].T / surprise
-    errors = A[seen, seen] @ (np.eye(P.shape[0]) - K @ C[:, seen])
-    correlation = np.linalg.solve(np.eye(P.shape[0]) - errors, errors @ P @ A[0, seen] + W[seen, 0])
-    return np.vstack([C[:, seen] @ correlation / surprise, K])
+    rest = slice(1, None)  # all states but the attitude
+    P = scipy.linalg.solve_discrete_are(A[rest, rest].T, C[:, rest].T, W[rest, rest], R)
+    innovation = C[:, rest] @ P @ C[:, rest].T + R
+    K = P @ C[:, rest].T / innovation
+    errors = A[rest, rest] @ (np.eye(P.shape[0]) - K @ C[:, rest])
+    correlation = np.linalg.solve(np.eye(P.shape[0]) - errors, errors @ P @ A[0, rest] + W[rest, 0])
+    return np.vstack([C[:, rest] @ correlation / innovation, K])
 
 
 def pooled_rms(moments: Sequence[Matrix], dt: float) -> tuple[float, float]:
@@ -138,18 +128,20 @@ def pooled_rms(moments: Sequence[Matrix], dt: float) -> tuple[float, float]:
     return rmse, change / dt
 
 
-def _limit_at_slew(models: Sequence[AxisModel], slew: float, flown: Callable[[AxisModel, float], Matrix]) -> Limit:
-    """Return the optimum that keeps the slew: one weight for all axes shares it best among them."""
+def _limit_at_slew(
+    models: Sequence[AxisModel], slew: float, output_moments: Callable[[AxisModel, float], Matrix]
+) -> LeastError:
+    """Return the optimum within the slew; one weight for all axes distributes the slew optimally among them."""
 
-    def at(exponent: float) -> tuple[float, float]:
-        return pooled_rms([flown(model, 10.0**exponent) for model in models], models[0].plant.dt)
+    def rms_at(exponent: float) -> tuple[float, float]:
+        return pooled_rms([output_moments(model, 10.0**exponent) for model in models], models[0].plant.dt)
 
     def excess(exponent: float) -> float:
-        return math.log(at(exponent)[1]) - math.log(slew)
+        return math.log(rms_at(exponent)[1]) - math.log(slew)
 
     least, most = _WEIGHTS
     if excess(most) > 0.0:
         raise DesignError(f"no law holds attitude in this turbulence at slew {slew} N*m/s")
     exponent = least if excess(least) < 0.0 else float(scipy.optimize.brentq(excess, least, most, xtol=1e-6))
-    rmse, spent = at(exponent)
-    return Limit(rmse=rmse, slew=spent, weight=10.0**exponent)
+    rmse, achieved = rms_at(exponent)
+    return LeastError(rmse=rmse, slew=achieved, weight=10.0**exponent)

@@ -1,4 +1,4 @@
-"""What a whole law will do in turbulence, without a flight, on the model of `gustproof.performance.covariance`."""
+"""Predict a complete law in turbulence, without a flight, on the model of `gustproof.performance.covariance`."""
 
 import math
 from collections.abc import Sequence
@@ -17,19 +17,19 @@ from gustproof.performance.covariance import AxisModel, augmented_axis, axis_mod
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """What the model foretells for three axes at once."""
+    """Predicted performance of three axes at once."""
 
     rmse: float
     """[rad] root mean square of the Euler angles over the scenario, of all flights."""
     slew: float
-    """[N*m/s] root mean square of the commands' change from sample to sample over the sample time."""
+    """[N*m/s] root mean square of the commands' change from sample to sample, divided by the sample time."""
 
 
 def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None:
     """Return error and slew of a torque law in the scenario's turbulence, vehicle held; `None` for a law of rates.
 
-    Exact for small angles and a law within its limits, linear at level attitude; the loop must be stable but for the
-    attitude itself.
+    The result is exact for small angles and a law within its limits, linear at level attitude. The loop must be stable,
+    except for the attitude itself.
 
     Raises
     ------
@@ -45,22 +45,25 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
 
 
 def _augmented_vehicle(models: Sequence[AxisModel], vehicle: Vehicle, scenario: Scenario) -> Lti:
-    """Return three axes as one: noises and commands in; attitudes, changes of command, gyro and specific force out."""
+    """Return three axes as one: noises and commands in; attitudes, command changes, gyro and specific force out."""
     axes = [augmented_axis(model) for model in models]
     A, B, C, D = (scipy.linalg.block_diag(*(getattr(axis, name) for axis in axes)) for name in "ABCD")
     last = np.cumsum([axis.n_inputs for axis in axes]) - 1
     noises = [i for i in range(B.shape[1]) if i not in last]
     attitudes, changes, gyros = ([3 * axis + output for axis in range(3)] for output in range(3))
-    # Level, held: nose up pushes forward, -f_z being gravity; roll to the right pulls left.
-    felt = GRAVITY * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) @ C[attitudes]
+    # level and held, f_z = -g: nose up gives f_x > 0, roll to the right gives f_y < 0
+    specific_force = GRAVITY * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) @ C[attitudes]
     density = vehicle.accelerometer.noise_density if scenario.accelerometer.noise else 0.0
     noise = density * math.sqrt(0.5 * scenario.control_rate_hz) * np.eye(3)
     outputs, order = [*attitudes, *changes, *gyros], [*noises, *last]
     B, D = B[:, order], D[np.ix_(outputs, order)]
     return Lti(
-        A=A, B=np.hstack([np.zeros((A.shape[0], 3)), B]), C=np.vstack([C[outputs], felt]),
-        D=np.block([[np.zeros((9, 3)), D], [noise, np.zeros((3, B.shape[1]))]]), dt=scenario.dt,
-    )  # fmt: skip
+        A=A,
+        B=np.hstack([np.zeros((A.shape[0], 3)), B]),
+        C=np.vstack([C[outputs], specific_force]),
+        D=np.block([[np.zeros((9, 3)), D], [noise, np.zeros((3, B.shape[1]))]]),
+        dt=scenario.dt,
+    )
 
 
 def _controller(law: Law) -> Lti:
@@ -70,6 +73,6 @@ def _controller(law: Law) -> Lti:
 
 
 def _force_columns(columns: Matrix) -> Matrix:
-    """Return the columns of gyro and specific force; a law that has no use for the latter leaves them out."""
+    """Return the columns of gyro and specific force; the latter are 0 for a law that does not use it."""
     rows, width = columns.shape
     return np.hstack([columns[:, :3], columns[:, 6:], np.zeros((rows, 9 - width))])

@@ -1,4 +1,4 @@
-"""How a law follows a step of its attitude reference."""
+"""Linear response of a law to a step of its attitude reference."""
 
 import math
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from gustproof.model.lpv import linear_plant, rate_loop
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepInfo:
-    """A step response in four numbers, the worst of the three axes."""
+    """A step response in four numbers, each of the worst axis."""
 
     rise_time_s: float
-    """[s] from 10 % to 90 %; not finite if 90 % is not reached."""
+    """[s] from 10 % to 90 %; infinite if 90 % is not reached."""
     overshoot: float
     """[-] largest excess over the step, as a fraction of it."""
     settling_time_s: float
-    """[s] last time outside 5 % of the step; not finite if it ends outside."""
+    """[s] last time outside 5 % of the step; infinite if it ends outside."""
     final_error: float
     """[-] largest error in the last sample, as a fraction of the step."""
 
@@ -35,8 +35,8 @@ class StepResponse:
     attitude: Matrix
     """(k, 3) [-] phi, theta, psi per radian of step."""
 
-    def figures(self) -> StepInfo:
-        """Return rise, overshoot, settling and final error, the worst of the three axes each."""
+    def step_info(self) -> StepInfo:
+        """Return rise time, overshoot, settling time and final error, each of the worst axis."""
         return StepInfo(
             rise_time_s=max(self._rise_time(axis) for axis in range(3)),
             overshoot=max(float(np.max(self.attitude)) - 1.0, 0.0),
@@ -61,18 +61,18 @@ def step_response(law: Law, vehicle: Vehicle, *, tau: float | None = None, durat
     Parameters
     ----------
     law
-        Law with a reference; within its limits.
+        Law with a reference; taken within its limits.
     vehicle
-        Vehicle that it flies.
+        Vehicle controlled by the law.
     tau
         [s] lag of the autopilot's rate loop, for a law that commands rates.
     duration
-        [s].
+        [s] length of the response.
     """
     if tau is None:
-        plant = linear_plant(vehicle).part(slice(None), slice(0, 3))
+        plant = linear_plant(vehicle).subsystem(slice(None), slice(0, 3))
     else:
-        plant = rate_loop(vehicle, leak=0.0, tau=tau).part(slice(None), slice(0, 3))
+        plant = rate_loop(vehicle, leak=0.0, tau=tau).subsystem(slice(None), slice(0, 3))
     sampled = series(delay(3, law.dt), discretize_zoh(plant, law.dt))
     closed = _close_loop(sampled, linear_law(law, inputs=6))
     samples = round(duration / law.dt)

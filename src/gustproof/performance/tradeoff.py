@@ -2,9 +2,11 @@
 
 Every linear law that stabilises an axis is the optimal one of `gustproof.performance.limits` closed by a stable `Q`
 (Youla's parameter), in which closed-loop responses are affine. So mean-square error and slew are convex quadratics in
-`Q`'s coefficients, and a bound on the sensitivity at a frequency is a second-order cone. With `Q` in the span of a
-constant and n orthonormal functions the optimum is a law that is had, as exactly as `axis_figures` foretells it, and
-the curve falls towards the limit of all linear laws as n grows; what these laws are for is to show where that is.
+`Q`'s coefficients, and a bound on the sensitivity at a frequency is a second-order cone.
+
+`Q` is restricted to the span of a constant and n orthonormal functions. Each optimum is then an actual law, with the
+performance computed by `controller_performance`. As n grows, the curve falls towards the limit of all linear laws. The
+purpose of these laws is to show this limit.
 
 References
 ----------
@@ -28,29 +30,29 @@ from gustproof.performance.covariance import AxisModel, augmented_axis, controll
 from gustproof.performance.limits import central_controller, feedback_gain, output_feedback_limit
 
 _POLES = np.geomspace(1.0, 300.0, 12)
-"""[rad/s] poles of the functions, taken in turn: from the gusts to beyond the fastest loop that the delay allows."""
+"""[rad/s] poles of the functions, used cyclically: from the gusts to beyond the fastest loop the delay permits."""
 _POINTS = 150
-"""Frequencies, evenly spaced in the logarithm, at which the sensitivity is kept."""
+"""Number of frequencies, evenly spaced in the logarithm, at which the sensitivity is constrained."""
 _LOWEST_OMEGA = 0.5
-"""[rad/s] the lowest of them: below it, gusts alone make every law's sensitivity small."""
+"""[rad/s] lowest of these frequencies: below it, gusts alone make every law's sensitivity small."""
 _GRID_MARGIN = 5e-4
-"""[-] share of the peak kept back for what the sensitivity may rise between two frequencies."""
+"""[-] share of the peak reserved for a rise of the sensitivity between two frequencies."""
 _ROUNDING = 1e-14
-"""[-] share of the largest second moment below which one is rounding."""
+"""[-] second moments below this share of the largest count as rounding."""
 _TOLERANCE = 1e-3
-"""[-] relative excess of peak or slew at which an answer of the solver is refused."""
+"""[-] relative excess of peak or slew above which a solution is rejected."""
 _RETRY_EXCESS = 1e-2
-"""[-] relative excess of the peak below which it is put down to what lies between two frequencies."""
+"""[-] relative excess of the peak below which it is attributed to the space between two frequencies."""
 _ROUNDS = 3
-"""Programs, each with what the one before missed between two frequencies kept back too."""
+"""Number of programs, each tightened by the excess of the previous one between two frequencies."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TradeOff:
-    """One point of the trade-off, with the laws that have it."""
+    """One point of the trade-off, with the laws that achieve it."""
 
     sensitivity_peak: float
-    """[-] largest of the axes, of the laws."""
+    """[-] largest sensitivity peak of the axes."""
     rmse: float
     """[rad] root mean square attitude over the flight, of all axes."""
     slew: float
@@ -73,21 +75,21 @@ class _Axis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LinearLaws:
-    """Every linear law of the axes whose `Q` is in a span: what `least` looks among."""
+    """All linear laws of the axes with `Q` in a span: the domain of `minimize_error`."""
 
     models: tuple[AxisModel, ...]
-    """The axes, in the turbulence that counts."""
+    """The axes in turbulence."""
     weight: float
-    """[rad^2/(N*m)^2] price of slew of the law at `Q` = 0."""
+    """[rad^2/(N*m)^2] weight of slew for the law at `Q` = 0."""
     bank: Lti
-    """One input to itself and to each orthonormal function of it."""
+    """System from one input to itself and to each orthonormal function of it."""
     axes: tuple[_Axis, ...]
     """The axes as functions of the coefficients."""
 
-    def least(self, sensitivity_peak: float, slew: float) -> TradeOff:
-        """Return the point of least error, one cone program of all axes at once: the slew goes where it is worth most.
+    def minimize_error(self, sensitivity_peak: float, slew: float) -> TradeOff:
+        """Return the point of least error, from one cone program that shares the slew optimally among the axes.
 
-        The point is of laws, and its figures are the laws' own.
+        The figures are those of the resulting laws, not of the solver.
 
         Parameters
         ----------
@@ -99,11 +101,11 @@ class LinearLaws:
         Raises
         ------
         DesignError
-            If the demands are too tight for this vehicle, or the solver's answer does not keep them.
+            If the limits are too tight for this vehicle, or the solution does not satisfy them.
         """
-        kept = sensitivity_peak * (1.0 - _GRID_MARGIN)
+        limit = sensitivity_peak * (1.0 - _GRID_MARGIN)
         for _ in range(_ROUNDS):
-            coefficients = _optimize(self.axes, kept, slew * self.bank.dt)
+            coefficients = _optimize(self.axes, limit, slew * self.bank.dt)
             laws = tuple(_law(m, self.weight, self.bank, q) for m, q in zip(self.models, coefficients, strict=True))
             point = _achieved(self.models, laws)
             excess = point.sensitivity_peak / sensitivity_peak
@@ -111,7 +113,7 @@ class LinearLaws:
                 return point
             if not excess <= 1.0 + _RETRY_EXCESS:
                 break
-            kept /= excess
+            limit /= excess
         raise DesignError(
             f"no law found at sensitivity peak {sensitivity_peak} and slew {slew} N*m/s: "
             f"the best had {point.sensitivity_peak:.4f} and {point.slew:.4f}"
@@ -119,10 +121,10 @@ class LinearLaws:
 
 
 def linear_laws(models: Sequence[AxisModel], *, functions: int = 36, around: float = 20.0) -> LinearLaws:
-    """Return the laws that a constant and a number of orthonormal functions span.
+    """Return the laws spanned by a constant and a number of orthonormal functions, added to an optimal law.
 
-    `around` [N*m/s] is the slew of the optimal law that they are added to. The answers do not depend on it but for the
-    functions that are left out: from 2 to 100 N*m/s by less than .1 %.
+    `around` [N*m/s] is the slew of that optimal law. With infinitely many functions the results would not depend on it.
+    With the default number they vary by less than .1 % for values from 2 to 100 N*m/s.
 
     Raises
     ------
@@ -138,15 +140,16 @@ def linear_laws(models: Sequence[AxisModel], *, functions: int = 36, around: flo
 def orthonormal_basis(poles: Matrix, dt: float) -> Lti:
     """Return the system from one input to itself and to an orthonormal function of it for each pole (n,) [-].
 
-    Takenaka and Malmquist's functions: a low-pass of each pole behind the all-passes of the poles before it.
+    Takenaka and Malmquist's functions: a low-pass of each pole behind the all-passes of the preceding poles.
     """
     n = poles.size
-    A, B, at = np.zeros((n, n)), np.zeros((n, 1)), np.append(np.zeros(n), 1.0)  # `at`: chain's signal, of (x, input)
+    A, B = np.zeros((n, n)), np.zeros((n, 1))
+    signal = np.append(np.zeros(n), 1.0)  # in the chain of all-passes, as a row over (states, input)
     for i, pole in enumerate(poles):
         size = math.sqrt(1.0 - pole**2)
-        A[i], B[i] = size * at[:n] + pole * np.eye(n)[i], size * at[n]
-        at = -pole * at
-        at[i] += size
+        A[i], B[i] = size * signal[:n] + pole * np.eye(n)[i], size * signal[n]
+        signal = -pole * signal
+        signal[i] += size
     return Lti(A=A, B=B, C=np.eye(n + 1, n, -1), D=np.eye(n + 1, 1), dt=dt)
 
 
@@ -159,33 +162,39 @@ def _axis(model: AxisModel, weight: float, bank: Lti) -> _Axis:
 def _moments(model: AxisModel, weight: float, bank: Lti, output: int) -> Matrix:
     """Return the second moments (1 + k, 1 + k) of an output over the flight: at `Q` = 0, and of each function.
 
-    `Q` is scalar, so that its functions may as well act on what the surprise does to the output through the plant.
+    `Q` is scalar, so its functions may act after the plant, on the response of the output to the innovation.
     """
     flight, central = augmented_axis(model), central_controller(model, weight)
-    # noises, then what the controller says: command and surprise
+    # inputs: noises, then the controller's outputs: command and innovation
     columns = np.hstack([flight.D, np.zeros((3, 1))])[[output, 0, 2]]
     columns[1] = np.eye(1, columns.shape[1], columns.shape[1] - 1)
     P = Lti(
-        A=flight.A, B=np.hstack([flight.B, np.zeros((flight.order, 1))]),
-        C=np.vstack([flight.C[output], np.zeros(flight.order), flight.C[2]]), D=columns, dt=flight.dt,
-    )  # fmt: skip
-    whole = lft(P, central.part(slice(0, 2), slice(0, 1)))  # noises to output and surprise
+        A=flight.A,
+        B=np.hstack([flight.B, np.zeros((flight.order, 1))]),
+        C=np.vstack([flight.C[output], np.zeros(flight.order), flight.C[2]]),
+        D=columns,
+        dt=flight.dt,
+    )
+    whole = lft(P, central.subsystem(slice(0, 2), slice(0, 1)))  # noises to output and innovation
     after = series(_command_response(flight, weight, flight.C[output], flight.D[output, -1]), bank)
     both = Lti(
-        A=after.A, B=np.hstack([np.zeros((after.order, 1)), after.B]), C=np.vstack([np.zeros(after.order), after.C]),
-        D=np.block([[np.eye(1), np.zeros((1, 1))], [np.zeros((after.n_outputs, 1)), after.D]]), dt=flight.dt,
-    )  # fmt: skip
+        A=after.A,
+        B=np.hstack([np.zeros((after.order, 1)), after.B]),
+        C=np.vstack([np.zeros(after.order), after.C]),
+        D=np.block([[np.eye(1), np.zeros((1, 1))], [np.zeros((after.n_outputs, 1)), after.D]]),
+        dt=flight.dt,
+    )
     return mean_second_moments([model], series(whole, both))
 
 
 def _command_response(flight: Lti, weight: float, C: Matrix, D: float) -> Lti:
-    """Return what a further command does to the output `C x + D u` of the axis that the optimal law holds."""
+    """Return the response of the output `C x + D u` to an additional command, under the optimal law."""
     B, F = flight.B[:, -1:], feedback_gain(flight, weight)
     return Lti(A=flight.A - B @ F, B=B, C=C - D * F, D=np.array([[D]]), dt=flight.dt)
 
 
 def _sensitivity(model: AxisModel, weight: float, bank: Lti, omega: Matrix) -> ComplexMatrix:
-    """Return the sensitivity at the plant's input, (f, 1 + k): at `Q` = 0, and what each function adds."""
+    """Return the sensitivity at the plant's input, (f, 1 + k): at `Q` = 0, and the increment of each function."""
     flight = augmented_axis(model)
     gyro = Lti(A=flight.A[1:, 1:], B=flight.B[1:, -1:], C=flight.C[2:, 1:], D=np.zeros((1, 1)), dt=flight.dt)
     G, J = gyro.response(omega)[:, 0, 0], central_controller(model, weight).response(omega)
@@ -197,10 +206,10 @@ def _sensitivity(model: AxisModel, weight: float, bank: Lti, omega: Matrix) -> C
 def _optimize(axes: Sequence[_Axis], peak: float, change: float) -> list[Matrix]:
     """Return the coefficients of each axis with the least error at a peak and a pooled change of command."""
     k = axes[0].error.shape[1] - 1
-    unknowns = k * len(axes) + 1  # the last one is the error that is made least
-    held = math.sqrt(sum(float(np.sum(axis.error[:, 0] ** 2)) for axis in axes))
+    unknowns = k * len(axes) + 1  # the last one is the error to minimise
+    scale = math.sqrt(sum(float(np.sum(axis.error[:, 0] ** 2)) for axis in axes))
     blocks = [
-        _cone([axis.error / held for axis in axes], np.eye(unknowns)[-1], 0.0),
+        _cone([axis.error / scale for axis in axes], np.eye(unknowns)[-1], 0.0),
         _cone([axis.change / (change * math.sqrt(len(axes))) for axis in axes], np.zeros(unknowns), 1.0),
     ]
     for i, axis in enumerate(axes):
@@ -211,19 +220,21 @@ def _optimize(axes: Sequence[_Axis], peak: float, change: float) -> list[Matrix]
             blocks.append(_cone(parts, np.zeros(unknowns), peak))
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    solution = clarabel.DefaultSolver(
-        scipy.sparse.csc_matrix((unknowns, unknowns)), np.eye(unknowns)[-1],
-        scipy.sparse.csc_matrix(np.vstack([A for A, _ in blocks])), np.concatenate([b for _, b in blocks]),
-        [clarabel.SecondOrderConeT(b.size) for _, b in blocks], settings,
-    ).solve()  # fmt: skip
+    P, q = scipy.sparse.csc_matrix((unknowns, unknowns)), np.eye(unknowns)[-1]
+    A = scipy.sparse.csc_matrix(np.vstack([part for part, _ in blocks]))
+    b, cones = (
+        np.concatenate([part for _, part in blocks]),
+        [clarabel.SecondOrderConeT(part.size) for _, part in blocks],
+    )
+    solution = clarabel.DefaultSolver(P, q, A, b, cones, settings).solve()
     coefficients = np.array(solution.x[:-1], dtype=np.float64)
     if not np.all(np.isfinite(coefficients)):
-        raise DesignError(f"no law found at sensitivity peak {peak:.4g}: the solver says {solution.status}")
+        raise DesignError(f"no law found at sensitivity peak {peak:.4g}: solver status {solution.status}")
     return list(coefficients.reshape(len(axes), k))
 
 
 def _cone(parts: Sequence[Matrix], slope: Matrix, offset: float) -> tuple[Matrix, Matrix]:
-    """Return A and b of the cone |every part times (1, q)| <= slope x + offset, in the solver's form `b - A x`."""
+    """Return A and b of the cone |parts times (1, q)| <= slope x + offset, in the solver's form `b - A x`."""
     k = parts[0].shape[1] - 1
     A, b = [-slope[None]], [np.array([offset])]
     for i, part in enumerate(parts):
@@ -235,7 +246,7 @@ def _cone(parts: Sequence[Matrix], slope: Matrix, offset: float) -> tuple[Matrix
 
 
 def _root(moments: Matrix) -> Matrix:
-    """Return `R` with `R' R` equal to the moments but for rounding."""
+    """Return `R` with `R' R` equal to the moments up to rounding."""
     values, vectors = np.linalg.eigh(0.5 * (moments + moments.T))
     kept = values > _ROUNDING * values[-1]
     return np.asarray((vectors[:, kept] * np.sqrt(values[kept])).T)
@@ -248,8 +259,8 @@ def _law(model: AxisModel, weight: float, bank: Lti, coefficients: Matrix) -> Lt
 
 
 def _achieved(models: Sequence[AxisModel], laws: tuple[Lti, ...]) -> TradeOff:
-    """Return the point that laws have, whatever the solver said."""
-    figures = [controller_performance(model, law) for model, law in zip(models, laws, strict=True)]
-    rmse, slew = (math.sqrt(float(np.mean([getattr(f, name) ** 2 for f in figures]))) for name in ("rmse", "slew"))
-    worst = max(each.sensitivity_peak for each in figures)
+    """Return the point that the laws achieve, independent of the solver."""
+    axes = [controller_performance(model, law) for model, law in zip(models, laws, strict=True)]
+    rmse, slew = (math.sqrt(float(np.mean([getattr(axis, name) ** 2 for axis in axes]))) for name in ("rmse", "slew"))
+    worst = max(axis.sensitivity_peak for axis in axes)
     return TradeOff(sensitivity_peak=worst, rmse=rmse, slew=slew, controllers=laws)

@@ -16,7 +16,7 @@ _FREQUENCIES = np.geomspace(1e-3, 1e3, 600)
 
 def render_design(report: DesignReport) -> Renderable:
     """Return levels, order, margins and controller poles of a design."""
-    figures = report.document()
+    figures = report.to_dict()
     levels = Table("", "", title=f"Design {figures['design']}: {figures['description']}", show_header=False)
     least = figures["gamma_opt"]
     levels.add_row("least level, gamma_opt", "not solvable" if least is None else f"{least:.5f}")

@@ -1,4 +1,4 @@
-"""Controllers from design models, as a `gustproof.law.form.Law`: H-infinity, PID, INDI; and what no law can beat."""
+"""Synthesise controllers as a `gustproof.law.form.Law`: H-infinity, PID, INDI; and bounds that hold for all laws."""
 
 from gustproof.law.discretize import central_law
 from gustproof.performance.covariance import axis_models

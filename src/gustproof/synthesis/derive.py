@@ -1,4 +1,4 @@
-"""From a design to a law that flies, and to the figures that say how good it is."""
+"""Derive a flyable law from a design, with a report of its figures."""
 
 import math
 from collections.abc import Callable
@@ -24,19 +24,19 @@ from gustproof.synthesis.structured.hinfstruct import StructResult
 _AXES = ("roll", "pitch", "yaw")
 
 Solver = Callable[[Design, Interconnection], HinfResult | StructResult]
-"""What finds the controller of a design's labelled diagram."""
+"""Function that returns the controller for a design's labelled diagram."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DesignReport:
-    """What is known of a design once it is solved."""
+    """Results of a solved design."""
 
     design: Design
-    """What was asked for."""
+    """The design."""
     vehicle: str
-    """Vehicle that it was designed for."""
+    """Name of the vehicle."""
     problem: Interconnection
-    """The labelled diagram that was solved."""
+    """Labelled diagram of the problem."""
     result: HinfResult | StructResult
     """Controller, levels and achieved norm."""
     continuous: Margins
@@ -44,7 +44,7 @@ class DesignReport:
     sampled: Margins
     """Margins of the law at its sample time, the plant's input held and one sample late."""
     step: StepResponse | None
-    """Response to a step of the reference, of the vehicle without leak; `None` for a regulator."""
+    """Response of the vehicle without leak to a step of the reference; `None` for a regulator."""
 
     def poles(self) -> ComplexMatrix:
         """Return the controller's poles, (n,) [rad/s], slowest first."""
@@ -52,7 +52,7 @@ class DesignReport:
         return poles[np.argsort(np.abs(poles), kind="stable")]
 
     def singular_values(self, omega: Matrix) -> dict[str, Matrix]:
-        """Return singular values (k, j) at the frequencies `omega` (k,) [rad/s] by the name of the transfer."""
+        """Return singular values (k, j) at the frequencies `omega` (k,) [rad/s], keyed by the name of the transfer."""
         controller = self.result.controller
         G, K = _loop(self.problem, controller)
         L = series(G, Lti(A=K.A, B=K.B, C=-K.C, D=-K.D))
@@ -63,8 +63,8 @@ class DesignReport:
             for name, system in transfers.items()
         }
 
-    def document(self) -> dict[str, Any]:
-        """Return the report as values of JSON; what is not finite is `None`."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as JSON values; numbers that are not finite become `None`."""
         figures = {
             "design": self.design.name,
             "description": self.design.description,
@@ -83,14 +83,14 @@ class DesignReport:
             "poles_rad_s": [[float(pole.real), float(pole.imag)] for pole in self.poles()],
         }
         if self.step is not None:
-            figures["step"] = _nonfinite_to_none(asdict(self.step.figures()))
+            figures["step"] = _nonfinite_to_none(asdict(self.step.step_info()))
         return figures
 
 
 def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | None = None) -> tuple[Law, DesignReport]:
-    """Return the law of a design, and its report; the vehicle is the one that the design names unless given.
+    """Return the law of a design, and its report; `vehicle` defaults to the one named in the design.
 
-    `solve` finds the controller; the central one of `hinfsyn` at the design's level unless given.
+    `solve` returns the controller. It defaults to the central controller of `hinfsyn` at the design's level.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def _solve_central(design: Design, problem: Interconnection) -> HinfResult:
 
 
 def _loop(problem: Interconnection, controller: Lti) -> tuple[Lti, Lti]:
-    """Return plant and controller of the feedback loop, from the command to the sensors and back."""
+    """Return plant, from the command to the sensors, and controller of the feedback loop."""
     fed_back = tuple(name for name in problem.y if name != "reference")
     inputs = [k for k in range(controller.n_inputs) if "reference" not in problem.y or not 3 <= k < 6]
     K = Lti(A=controller.A, B=controller.B[:, inputs], C=controller.C, D=controller.D[:, inputs], dt=controller.dt)
@@ -175,14 +175,14 @@ def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | Stru
 
 
 def margins_to_dict(margins_: Margins) -> dict[str, Any]:
-    """Return margins as JSON has them, by the plant's side and axis; what is infinite is `None`."""
+    """Return margins as JSON values, by the plant's side and axis; infinite numbers become `None`."""
     figures: dict[str, Any] = {}
     for place, loops, disk in (
         ("input", margins_.input, margins_.input_disk),
         ("output", margins_.output, margins_.output_disk),
     ):
         figures[place] = {"disk_margin": disk}
-        # the gyro comes first of what is measured
+        # the gyro's are the first measurements
         for axis, loop in zip(_AXES, loops[:3], strict=True):
             figures[place][axis] = _nonfinite_to_none(
                 {

@@ -1,4 +1,4 @@
-"""The designs: files that say what is weighted how, and the shipped ones by name."""
+"""Design files with the weights of an H-infinity problem, and the shipped designs by name."""
 
 from dataclasses import field
 from pathlib import Path
@@ -20,17 +20,17 @@ _STRICT = ConfigDict(extra="forbid")
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
 class Weight:
-    """A weight on each axis that goes from one gain to another with frequency; in a file, a plain list is constant."""
+    """A weight on each axis with different gains at low and high frequency; in a file, a plain list is constant."""
 
     low: PositiveVector
-    """[1/unit of what it weights] gain at low frequency, roll, pitch, yaw."""
+    """[1/unit of the weighted signal] gain at low frequency, roll, pitch, yaw."""
     high: PositiveVector
-    """[1/unit of what it weights] gain at high frequency."""
+    """[1/unit of the weighted signal] gain at high frequency."""
     corner: Positive
     """[rad/s] pole between the two."""
 
     def system(self) -> Lti:
-        """Return the weight as a system, without states if it is constant."""
+        """Return the weight as a system; a constant weight has no states."""
         if self.low == self.high:
             return constant_weight(self.low)
         return first_order_weight(self.low, self.corner, self.high)
@@ -45,14 +45,14 @@ WeightField = Annotated[Weight, BeforeValidator(_from_list)]
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
 class Design:
-    """What a controller is made for: the model, the weights, the level."""
+    """Specification of a controller: model, weights, level."""
 
     name: Name
-    """Short name; the file's by default."""
+    """Short name; defaults to the file's."""
     description: str
-    """One line for people."""
+    """Description in one line."""
     leak: Positive
-    """[1/s] the model's stability augmentation on the Euler kinematics, with `W_l` of yaw alone; no level is below
+    """[1/s] the model's stability augmentation on the Euler kinematics; with `W_l` of yaw alone. No level is below
     W_e W_n / leak."""
     W_d: WeightField
     """[N*m] disturbance moment."""
@@ -65,25 +65,25 @@ class Design:
     W_r: WeightField | None = None
     """[rad] attitude reference; without it the law regulates to level."""
     W_l: tuple[Positive, Positive] | None = None
-    """[rad] error of roll and pitch as the accelerometer tells them; without it the law has gyros alone."""
+    """[rad] error of roll and pitch measured by the accelerometer; without it the law is gyro-only."""
     W_m: tuple[NonNegative, NonNegative, NonNegative] | None = None
-    """[1/(N*m)] on what a disturbance moment and its answer leave of each other; bounds the sensitivity of the loop."""
+    """[1/(N*m)] on the residual moment, disturbance plus torque; bounds the sensitivity of the loop."""
     rate_damping: NonNegative | None = None
-    """[1/s] the model's damping of rates; the vehicle's own if not given."""
+    """[1/s] the model's damping of rates; defaults to the vehicle's."""
     rate_loop_lag: Positive | None = None
-    """[s] lag of the autopilot's rate loop: given, the law commands rates instead of torque."""
+    """[s] lag of the autopilot's rate loop; if given, the law commands rates instead of torque."""
     gamma: Positive | None = None
-    """[-] level to design for; if not given, `backoff` times the least."""
+    """[-] level to design for; defaults to `backoff` times the least."""
     backoff: Annotated[float, Field(gt=1.0, allow_inf_nan=False)] = 1.05
     """[-] level as a multiple of the least."""
     scheduled: bool = False
-    """Whether the law carries the exact kinematics of its own attitude estimate."""
+    """True if the law uses the exact kinematics at its own attitude estimate."""
     dt: Positive = 0.004
     """[s] sample time of the law."""
     vehicle: str = "paper"
     """Vehicle to design for: a shipped name or a file."""
     law: Name | Literal[""] = field(default="")
-    """Name of the law; the design's by default."""
+    """Name of the law; defaults to the design's."""
 
     @model_validator(mode="after")
     def _check_moment_weight(self) -> Self:
@@ -109,7 +109,7 @@ def shipped_designs() -> tuple[str, ...]:
 
 
 def design_problem(design: Design, vehicle: Vehicle) -> Interconnection:
-    """Return the labelled diagram of `design` for `vehicle`: what is solved, and what is drawn."""
+    """Return the labelled diagram of `design` for `vehicle`, for synthesis and for the figure."""
     weights = Weights(
         W_d=design.W_d.system(),
         W_n=design.W_n.system(),

@@ -1,4 +1,4 @@
-"""The laws that ship, derived again: `python -m gustproof.synthesis.shipped` writes their files."""
+"""Derive the shipped laws again: `python -m gustproof.synthesis.shipped` writes their files."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,14 +14,14 @@ from gustproof.synthesis.pid.indi import indi_law
 from gustproof.synthesis.pid.pid_baseline import baseline_pid
 
 PAPER_BANDWIDTH = 0.8
-"""[rad/s] target of the paper's PID, which it does not give. Chosen once: near the autotuner's default of 1 rad/s, and
-with design D1 on the scenario `paper` it comes near all four numbers of Table III."""
+"""[rad/s] target bandwidth of the paper's PID, not stated in the paper. Chosen once: near the autotuner's default of
+1 rad/s. With design D1 on the scenario `paper` it comes near all four numbers of Table III."""
 
 
 FLAGSHIP_REFERENCE_LIMIT_DEG = 15.0
-"""[deg] from level about each axis. In 15 m/s of turbulence the flagship holds any sequence of steps within it on the
-vehicle `paper`, and any single one with inertia 20 % and lag 30 % off; in free flight it tumbles from 25 deg on. To be
-removed when the law form limits rates."""
+"""[deg] largest angle from level about each axis. In 15 m/s of turbulence the flagship tracks any sequence of steps
+within it on the vehicle `paper`. With inertia 20 % and lag 30 % off it tracks any single step within it. In free flight
+it tumbles from 25 deg on. To be removed when the law form limits rates."""
 
 
 def _flagship() -> Law:
@@ -41,7 +41,7 @@ DERIVATIONS: dict[str, Callable[[], Law]] = {
     "indi": lambda: indi_law(load_vehicle("paper"), load_scenario("paper-turbulence")),
     **{load_design(name).law: _make_derivation(name) for name in shipped_designs()},
 }
-"""How each shipped law is made, by its name."""
+"""Derivation of each shipped law, by its name."""
 
 
 def main() -> None:

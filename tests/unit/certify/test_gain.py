@@ -179,7 +179,7 @@ def test_no_simulation_of_ten_thousand_exceeds_the_certified_gain():
     corners = [dict(zip("tvrq", signs, strict=True)) for signs in product((-1.0, 1.0), repeat=4)]
     systems = []
     for corner in corners:
-        M = loop.at(corner)
+        M = loop.substitute(corner)
         n, m = M.order, M.n_inputs
         held = scipy.linalg.expm(np.block([[M.A, M.B], [np.zeros((m, n + m))]]) * dt)[:n]
         systems.append(np.vstack([held, np.hstack([M.C, M.D])]).T)

@@ -101,7 +101,7 @@ def test_real_parameters_alone_are_bracketed_even_where_mu_jumps():
         (4.0, ureal("c", low=-0.3, high=0.7), "c", -0.4),
     ):
         loop = oscillator(stiffness, damping)
-        alone = Uncertain(M=loop.M.part(slice(0, loop.n_z), slice(0, loop.n_w)), blocks=loop.blocks)
+        alone = Uncertain(M=loop.M.subsystem(slice(0, loop.n_z), slice(0, loop.n_w)), blocks=loop.blocks)
         found = mu(alone)
         assert found.delta[name] == pytest.approx(edge, rel=0.01)
         assert found.lower <= 1.0 / abs(edge) <= found.upper
@@ -123,8 +123,8 @@ def test_no_member_of_the_family_exceeds_the_worst_gain_and_the_bracket_is_withi
     found = worst_gain(system)
     assert found.lower == pytest.approx(lower, rel=0.005)
     assert found.gap < 0.05
-    assert hinf_norm(system.at(found.delta)).gain == pytest.approx(found.lower, rel=1e-9)
-    assert all(hinf_norm(system.at(delta)).gain <= found.upper for delta in system.samples(50, 1))
+    assert hinf_norm(system.substitute(found.delta)).gain == pytest.approx(found.lower, rel=1e-9)
+    assert all(hinf_norm(system.substitute(delta)).gain <= found.upper for delta in system.samples(50, 1))
 
 
 def test_a_band_holds_everywhere_inside_and_ends_where_the_level_is_met():
@@ -152,8 +152,8 @@ def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
 def test_a_box_of_parameters_is_a_family_of_the_same_members():
     system = attitude_loop(0.3, 0.5)
     inner = restrict(system, {"t": (0.0, 1.0), "v": (-0.5, 0.5), "r": (-1.0, -0.5), "q": (-1.0, 1.0)})
-    expected = system.at({"t": 0.75, "v": 0.25, "r": -0.75, "q": 0.1}).response(3.0)
-    assert inner.at({"t": 0.5, "v": 0.5, "r": 0.0, "q": 0.1}).response(3.0) == pytest.approx(expected, rel=1e-9)
+    expected = system.substitute({"t": 0.75, "v": 0.25, "r": -0.75, "q": 0.1}).response(3.0)
+    assert inner.substitute({"t": 0.5, "v": 0.5, "r": 0.0, "q": 0.1}).response(3.0) == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_spinning_satellite_has_a_tenth_of_a_disk_margin():

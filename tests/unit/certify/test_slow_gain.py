@@ -29,7 +29,7 @@ def spring(spread: float = 0.9) -> Uncertain:
 
 
 def frozen(loop: Uncertain, delta: float) -> float:
-    system = loop.at({"stiffness": delta})
+    system = loop.substitute({"stiffness": delta})
     responses = system.response(np.linspace(1e-3, 3.0, 4000))
     return float(np.max(np.abs(responses)))
 
@@ -199,8 +199,10 @@ def test_the_mirrors_of_a_loop_leave_it_as_it_is():
         (-1, 1, -1, 1),
     }  # left for right: roll and yaw rate turn
     for mirror in group:
-        turned = loop.at({block.name: 0.5 * sign for block, sign in zip(loop.blocks, mirror.delta, strict=True)})
-        held = loop.at({block.name: 0.5 for block in loop.blocks})
+        turned = loop.substitute(
+            {block.name: 0.5 * sign for block, sign in zip(loop.blocks, mirror.delta, strict=True)}
+        )
+        held = loop.substitute({block.name: 0.5 for block in loop.blocks})
         np.testing.assert_allclose(turned.A * np.outer(mirror.x, mirror.x), held.A, atol=1e-8)
         np.testing.assert_allclose(turned.B * np.outer(mirror.x, mirror.w), held.B, atol=1e-8)
 

@@ -31,18 +31,18 @@ def test_the_functions_are_orthonormal() -> None:
 
 
 def test_more_functions_lower_the_curve_until_it_settles() -> None:
-    few, more, many = (linear_laws(MODELS, functions=n).least(1.36, 20.0).rmse for n in (12, 24, 36))
+    few, more, many = (linear_laws(MODELS, functions=n).minimize_error(1.36, 20.0).rmse for n in (12, 24, 36))
     assert few > more > many > output_feedback_limit(MODELS, 20.0).rmse
     assert more < 1.01 * many
 
 
 def test_it_hardly_matters_which_law_is_at_the_centre() -> None:
-    here, there = (linear_laws(MODELS, around=around).least(1.36, 20.0).rmse for around in (2.0, 100.0))
+    here, there = (linear_laws(MODELS, around=around).minimize_error(1.36, 20.0).rmse for around in (2.0, 100.0))
     assert here == pytest.approx(there, rel=1e-3)
 
 
 def test_a_bound_that_does_not_bind_leaves_the_limit() -> None:
-    point = linear_laws(MODELS, functions=4).least(10.0, 20.0)
+    point = linear_laws(MODELS, functions=4).minimize_error(10.0, 20.0)
     limit = output_feedback_limit(MODELS, 20.0)
     assert point.rmse == pytest.approx(limit.rmse, rel=1e-4)
     assert point.sensitivity_peak > 3.0
@@ -51,7 +51,7 @@ def test_a_bound_that_does_not_bind_leaves_the_limit() -> None:
 def test_each_point_keeps_its_bounds_and_uses_them() -> None:
     peaks = (1.2, 1.36, 1.6)
     laws = linear_laws(MODELS, functions=24)
-    points = [laws.least(peak, 20.0) for peak in peaks]
+    points = [laws.minimize_error(peak, 20.0) for peak in peaks]
     for point, peak in zip(points, peaks, strict=True):
         assert point.sensitivity_peak == pytest.approx(peak, rel=1e-3)
         assert point.slew == pytest.approx(20.0, rel=1e-4)
@@ -63,17 +63,17 @@ def test_the_baselines_are_above_the_curve_at_their_price(name: str, room: float
     foretold = predict(load_law(name), VEHICLE, SCENARIO)
     assert foretold is not None
     # Their sensitivity peak is 1.36 on each axis.
-    assert linear_laws(MODELS, functions=24).least(1.36, foretold.slew).rmse < (1.0 - room) * foretold.rmse
+    assert linear_laws(MODELS, functions=24).minimize_error(1.36, foretold.slew).rmse < (1.0 - room) * foretold.rmse
 
 
 def test_what_a_grid_of_frequencies_misses_is_kept_back() -> None:
     late = axis_models(VEHICLE, replace(SCENARIO, delay_samples=6))
-    assert linear_laws(late, functions=24).least(1.36, 20.0).sensitivity_peak <= 1.001 * 1.36
+    assert linear_laws(late, functions=24).minimize_error(1.36, 20.0).sensitivity_peak <= 1.001 * 1.36
 
 
 @pytest.mark.compiled
 def test_a_law_of_the_curve_flies_as_foretold() -> None:
-    point = linear_laws(MODELS, functions=12).least(1.36, 20.0)
+    point = linear_laws(MODELS, functions=12).minimize_error(1.36, 20.0)
     order = 2 + max(K.order for K in point.controllers)
     axes = []
     for K in point.controllers:
@@ -95,4 +95,4 @@ def test_a_law_of_the_curve_flies_as_foretold() -> None:
 
 def test_demands_that_no_law_meets_are_refused() -> None:
     with pytest.raises(DesignError, match=r"no law found at sensitivity peak 1\.02"):
-        linear_laws(MODELS, functions=12).least(1.02, 1.5)
+        linear_laws(MODELS, functions=12).minimize_error(1.02, 1.5)

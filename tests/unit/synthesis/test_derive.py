@@ -87,7 +87,7 @@ def test_the_roll_loop_has_the_known_margins(name, crossover, phase_deg, delay_m
 
 def test_the_report_is_json_and_says_what_a_designer_asks(derived):
     _, _, report = derived
-    document = json.loads(json.dumps(report.document(), allow_nan=False))
+    document = json.loads(json.dumps(report.to_dict(), allow_nan=False))
     assert document["norm"] < document["gamma"]
     assert document["gamma_opt"] < document["gamma"]
     assert len(document["poles_rad_s"]) == document["order"]
@@ -111,7 +111,7 @@ def test_a_law_for_rates_commands_rates():
 def test_a_reference_is_followed_quickly_and_held_by_a_vehicle_without_leak():
     _, report = derive(load_design("reference"))
     assert report.step is not None
-    figures = report.step.figures()
+    figures = report.step.step_info()
     assert figures.rise_time_s < 0.5
     assert figures.overshoot < 0.02
     assert figures.settling_time_s < 0.7
@@ -120,7 +120,7 @@ def test_a_reference_is_followed_quickly_and_held_by_a_vehicle_without_leak():
 
 def test_the_step_is_part_of_the_report():
     _, report = derive(load_design("reference"))
-    assert set(report.document()["step"]) == {"rise_time_s", "overshoot", "settling_time_s", "final_error"}
+    assert set(report.to_dict()["step"]) == {"rise_time_s", "overshoot", "settling_time_s", "final_error"}
 
 
 def test_another_vehicle_gives_another_law():

@@ -1,4 +1,4 @@
-"""What an H-infinity problem must satisfy, checked by name, and its normal form D12 = [0; I], D21 = [0, I]."""
+"""Conditions of an H-infinity problem, checked by name, and its normal form D12 = [0; I], D21 = [0, I]."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ _AXIS = 1e-10
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NormalizedPlant:
-    """A generalised plant with w and z rotated and u and y scaled, so that D12 = [0; I] and D21 = [0, I]."""
+    """A generalised plant with w and z rotated, u and y scaled: D12 = [0; I] and D21 = [0, I]."""
 
     A: Matrix
     """(n, n)."""
@@ -26,7 +26,7 @@ class NormalizedPlant:
     D: Matrix
     """(p1 + p2, m1 + m2), with D22 = 0."""
     D22: Matrix
-    """(p2, m2) feedthrough from u to y in the plant's own units, put back at the end."""
+    """(p2, m2) feedthrough from u to y in the plant's own units, restored at the end."""
     control_scale: Matrix
     """(m2, m2) u = control_scale u_normalised."""
     measurement_scale: Matrix
@@ -48,7 +48,7 @@ class NormalizedPlant:
 
     @property
     def floor(self) -> float:
-        """[-] level that no controller beats: what D11 passes on whatever the controller does."""
+        """[-] lower bound of the level for all controllers, from the part of D11 that no controller affects."""
         D11 = self.D[: self.p1, : self.m1]
         rows, columns = D11[: self.p1 - self.m2], D11[:, : self.m1 - self.p2]
         return max(float(np.linalg.norm(part, 2)) if part.size else 0.0 for part in (rows, columns))
@@ -57,7 +57,7 @@ class NormalizedPlant:
         """Return the controller of the plant for the controller `K` of the normal form."""
         B, C = K.B @ self.measurement_scale, self.control_scale @ K.C
         D = self.control_scale @ K.D @ self.measurement_scale
-        # K sees y - D22 u: u = C x + D (y - D22 u)
+        # the input of K is y - D22 u: u = C x + D (y - D22 u)
         closing = np.eye(self.m2) + D @ self.D22
         if np.linalg.cond(closing) > 1e12:
             raise DesignError("the loop is not well posed: I + D_K D22 is singular")
@@ -66,7 +66,7 @@ class NormalizedPlant:
 
 
 def normalize(P: Lti, n_meas: int, n_con: int) -> NormalizedPlant:
-    """Return the normal form of `P`, or raise with the condition that does not hold.
+    """Return the normal form of `P`, or raise an error that names the failed condition.
 
     Raises
     ------
@@ -100,9 +100,16 @@ def normalize(P: Lti, n_meas: int, n_con: int) -> NormalizedPlant:
     D = rows @ P.D @ columns
     D[p1:, m1:] = 0.0
     return NormalizedPlant(
-        A=P.A, B=P.B @ columns, C=rows @ P.C, D=D, D22=P.D[p1:, m1:], control_scale=control_scale,
-        measurement_scale=measurement_scale, m1=m1, p1=p1,
-    )  # fmt: skip
+        A=P.A,
+        B=P.B @ columns,
+        C=rows @ P.C,
+        D=D,
+        D22=P.D[p1:, m1:],
+        control_scale=control_scale,
+        measurement_scale=measurement_scale,
+        m1=m1,
+        p1=p1,
+    )
 
 
 def _complete_basis(D: Matrix) -> tuple[Matrix, Matrix]:
@@ -119,7 +126,7 @@ def _require_rank(D: Matrix, failure: str) -> None:
 
 
 def _require_stabilizable(A: Matrix, B: Matrix, failure: str) -> None:
-    """Popov-Belevitch-Hautus test on every eigenvalue that is not stable."""
+    """Raise if an eigenvalue that is not stable fails the Popov-Belevitch-Hautus test."""
     n, scale = A.shape[0], max(largest_gain(A), np.finfo(float).tiny)
     for pole in np.linalg.eigvals(A):
         if pole.real >= -_AXIS * scale:

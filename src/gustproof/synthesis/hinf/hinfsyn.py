@@ -18,26 +18,26 @@ if TYPE_CHECKING:
 _RESOLUTION = 1e-7
 """[-] relative width at which the bisection for the least level stops."""
 _SEMIDEFINITE = 1e-9
-"""[-] eigenvalues above minus this fraction of the solution's natural size count as not negative: a solution may be
-singular or 0, and an indefinite one has left through infinity."""
+"""[-] eigenvalues above minus this fraction of the solution's natural size count as not negative. A solution may be
+singular or 0; it becomes indefinite only through infinity."""
 _SMALLEST_LEVEL = 1e-30
-"""[-] the search for the least level stops here if a controller exists still."""
+"""[-] the search for the least level stops here if a controller still exists."""
 _PATIENCE = 2
-"""Secants that met no Riccati solution, after which brackets are only halved."""
+"""Number of secants without a Riccati solution after which brackets are only halved."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HinfResult:
-    """A controller, checked, with the level it was made for and the evidence."""
+    """A checked controller with its level and the evidence."""
 
     controller: Lti
     """Central controller `u = K y` (positive feedback); its states estimate those of P, in the order of P's."""
     gamma_opt: float
     """[-] least level for which a controller exists, to 1e-7 relative, from above."""
     gamma: float
-    """[-] level that the controller was made for."""
+    """[-] level of the design."""
     norm: float
-    """[-] H-infinity norm of the closed loop, computed from it alone; below `gamma`."""
+    """[-] H-infinity norm of the closed loop, computed from the loop alone; below `gamma`."""
     omega: float
     """[rad/s] frequency of that norm."""
     X: Matrix
@@ -57,7 +57,7 @@ class HinfResult:
 
 
 class _RiccatiData(NamedTuple):
-    """What the control Riccati equation is made of at any level; the filter's is the same on transposed data."""
+    """Data of the control Riccati equation for all levels; the filter's is the same on transposed data."""
 
     A: Matrix
     B: Matrix
@@ -70,21 +70,21 @@ class _RiccatiData(NamedTuple):
     J: Matrix
     """(m1 + m2, m1 + m2) identity on w, 0 on u."""
     natural_size: float
-    """Size of a solution, by which an eigenvalue is judged."""
+    """Size of a solution, the scale for its eigenvalues."""
 
 
 class _Solution(NamedTuple):
-    """What the two Riccati equations give at one level, in normalised coordinates."""
+    """Solutions of the two Riccati equations at one level, in normalised coordinates."""
 
     X: Matrix
     Y: Matrix
     F: Matrix
     L: Matrix
     definite: bool
-    """Whether neither solution has a negative eigenvalue."""
+    """True if neither solution has a negative eigenvalue."""
     margin: float
     """[-] `gamma^2 / rho(XY) - 1`, positive if and only if a controller exists. Nearly linear in the level, also where
-    an indefinite solution returns from infinity: rho then has the sign of the eigenvalue that went through it."""
+    a solution becomes indefinite through infinity: rho then has the sign of the eigenvalue that passed through it."""
 
 
 def hinfsyn(
@@ -92,9 +92,9 @@ def hinfsyn(
 ) -> HinfResult:
     """Return the central controller that keeps the H-infinity norm from w to z below a level.
 
-    The last `n_meas` outputs of `P` are measured, its last `n_con` inputs are controls. `D11` and `D22` may be
-    anything. Where no path of coefficients joins two parts of the plant, none joins them in the controller: exact
-    zeros. Cost some 25 Schur forms of order 2n: milliseconds at n = 9.
+    The last `n_meas` outputs of `P` are measured, its last `n_con` inputs are controls. `D11` and `D22` are arbitrary.
+    Parts of the plant not joined by any path of coefficients are not joined in the controller either: exact zeros.
+    Cost: some 25 Schur forms of order 2n, milliseconds at n = 9.
 
     Parameters
     ----------
@@ -105,15 +105,15 @@ def hinfsyn(
     gamma
         [-] level to design for; `None` for `backoff` times the least.
     backoff
-        [-] > 1. At the least level itself the controller has poles beyond any bound, so it is never used.
+        [-] > 1. At the least level itself the controller's poles are unbounded, so it is never used.
 
     Raises
     ------
     ValueError
         If sizes do not fit, `P` is discrete, or `gamma` or `backoff` is out of range.
     DesignError
-        If the problem is ill posed (the failed condition is named), no controller exists at `gamma`, or rounding
-        spoilt the controller: one that does not stabilise or exceeds the level is never returned.
+        If the problem is ill posed (the text names the failed condition), no controller exists at `gamma`, or rounding
+        spoilt the controller. A controller that does not stabilise or exceeds the level is never returned.
 
     References
     ----------
@@ -154,7 +154,7 @@ def _synthesize(plant: Lti, problem: NormalizedPlant, gamma: float | None, backo
 
 
 def _checked_norm(plant: Lti, K: Lti, gamma: float) -> Peak:
-    """Return the norm of the closed loop, or raise if it is not below the level that `K` was made for."""
+    """Return the norm of the closed loop, or raise if it is not below the level of the design."""
     try:
         peak = hinf_norm(lft(plant, K))
     except ValueError as error:
@@ -167,8 +167,8 @@ def _checked_norm(plant: Lti, K: Lti, gamma: float) -> Peak:
 def _least_level(halves: tuple[_RiccatiData, _RiccatiData], floor: float) -> float:
     """Return the least feasible level, from above.
 
-    Secants lead to the zero of the margin. Where there is none, because a solution ceases to exist while the margin is
-    positive, or where they are slow, the bracket is halved on a logarithmic scale.
+    Secants converge to the zero of the margin. If they are slow, the bracket is halved on a logarithmic scale. The same
+    is done if there is no zero, because a solution ceases to exist while the margin is positive.
     """
     low, high = floor, max(1.0, 2.0 * floor)
     seen = [(high, _margin(halves, high))]
@@ -182,7 +182,7 @@ def _least_level(halves: tuple[_RiccatiData, _RiccatiData], floor: float) -> flo
         middle, width = max(float(np.sqrt(low * high)), 0.25 * high), high - low
         secant = _secant_zero(seen) if misses < _PATIENCE and slow < 3 else np.nan
         follows = low < secant < (1.0 + _RESOLUTION) * high
-        # a level that is the end of the bracket but for the resolution is tried just inside it: this closes the bracket
+        # a level within the resolution of an end of the bracket is moved just inside: this closes the bracket
         least, most = (1.0 + 0.4 * _RESOLUTION) * low, (1.0 - 0.4 * _RESOLUTION) * high
         level = min(max(secant, least), most) if follows else middle
         margin = _margin(halves, level)
@@ -194,7 +194,7 @@ def _least_level(halves: tuple[_RiccatiData, _RiccatiData], floor: float) -> flo
 
 
 def _secant_zero(seen: list[tuple[float, float]]) -> float:
-    """Return where the line through the last two points of finite margin is zero; nan if there are no two."""
+    """Return the zero of the line through the last two points of finite margin; nan if there are fewer than two."""
     finite = [point for point in seen if np.isfinite(point[1])][-2:]
     if len(finite) < 2 or finite[0][1] == finite[1][1]:
         return np.nan
@@ -203,7 +203,7 @@ def _secant_zero(seen: list[tuple[float, float]]) -> float:
 
 
 def _margin(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> float:
-    """Return the margin at a level; minus infinity where there are no solutions."""
+    """Return the margin at a level; minus infinity if a Riccati solution does not exist."""
     try:
         return _solve(halves, gamma).margin
     except DesignError:
@@ -224,7 +224,7 @@ def _riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int) -> _Ric
 
 
 def _solve(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> _Solution:
-    """Return both Riccati solutions, gains and the margin at the level `gamma`, or raise if one does not exist."""
+    """Return both Riccati solutions, gains and the margin at the level `gamma`; raise if a solution does not exist."""
     X, F, X_definite = _solve_riccati(halves[0], gamma)
     Y, Lt, Y_definite = _solve_riccati(halves[1], gamma)
     eigenvalues = np.linalg.eigvals(X @ Y)
@@ -239,7 +239,7 @@ def _solve(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> _Solution
 
 
 def _solve_riccati(half: _RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bool]:
-    """Return a Riccati solution, its gain, and whether it has no negative eigenvalue."""
+    """Return a Riccati solution, its gain, and True if it has no negative eigenvalue."""
     n, (A, B, R, SB, Q, J, natural_size) = half.A.shape[0], half
     _, _, solved, singular = dgesv(R - gamma**2 * J, SB)
     if singular:
@@ -289,10 +289,10 @@ def _central_controller(problem: NormalizedPlant, solution: _Solution, gamma: fl
 
 
 def _decouple(K: Lti, P: Lti) -> Lti:
-    """Return the central controller without the rounding between what no path of coefficients joins in `P`.
+    """Return the central controller without rounding errors between parts of `P` not joined by any coefficients.
 
-    The stabilising solutions of the parts are one of the whole, and there is no other; the controller does not depend
-    on the bases of the normal form. So that of the whole is those of the parts, and all else is 0.
+    The stabilising solutions of the parts together are the unique one of the whole. The controller does not depend on
+    the bases of the normal form. So it consists of the controllers of the parts, and all other entries are 0.
     """
     n, m, p = P.order, P.n_inputs, P.n_outputs
     joined = np.eye(n + m + p)
@@ -301,7 +301,7 @@ def _decouple(K: Lti, P: Lti) -> Lti:
     joined[n + m :, :n] = P.C != 0.0
     joined[n + m :, n : n + m] = P.D != 0.0
     joined += joined.T
-    for _ in range(len(joined).bit_length()):  # paths of up to twice as many coefficients each time
+    for _ in range(len(joined).bit_length()):  # each product doubles the length of the paths
         joined = np.minimum(joined @ joined, 1.0)
     x, u, y = slice(n), slice(n + m - K.n_outputs, n + m), slice(n + m + p - K.n_inputs, n + m + p)
     return Lti(

@@ -1,1 +1,1 @@
-"""Tune cascades: autotuned PID, fair PID, flagship, INDI."""
+"""Tune cascades: autotuned PID, baseline PID, flagship, INDI."""

@@ -1,11 +1,11 @@
-"""PID gains from a frequency-response experiment that is flown, as the autotuner does with which the paper tunes.
+"""Tune PID gains from a frequency-response experiment in flight, as the paper's autotuner does.
 
-    1. fly in still air under a weak stabilising law; add sines of five frequencies to one axis' torque command;
-    2. estimate the plant's response at these frequencies from the recorded command and gyro alone;
-    3. gains for the bandwidth and phase margin that were asked for, from the measured response; no model of the plant.
+    1. Fly in still air under a weak stabilising law; add sines of five frequencies to one axis' torque command.
+    2. Estimate the plant's response at these frequencies from the recorded command and gyro alone.
+    3. Compute gains for the target bandwidth and phase margin from the measured response, without a plant model.
 
-The experiment runs at {1/10, 1/3, 1, 3, 10} times the target bandwidth, so the inner loop is closed at the fourth and
-the outer at the third: both tunings use measured points, nothing is interpolated.
+The frequencies are {1/10, 1/3, 1, 3, 10} times the target bandwidth. The inner loop is closed at the fourth and the
+outer at the third: both tunings use measured points, without interpolation.
 
 References
 ----------
@@ -14,7 +14,7 @@ and the defaults of 1 rad/s and 60 deg.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.errors import DesignError
 from gustproof.law.cascade import Gains, cascade_law, gain_parameters, plain_axis
-from gustproof.law.form import Law, Matrix, Output, Provenance
+from gustproof.law.form import Law, Matrix, Provenance
 from gustproof.simulate.direct import fly_direct
 
 RATIOS = (1 / 10, 1 / 3, 1.0, 3.0, 10.0)
@@ -32,7 +32,7 @@ RATIOS = (1 / 10, 1 / 3, 1.0, 3.0, 10.0)
 _OUTER, _INNER = 2, 3
 _AXES = ("roll", "pitch", "yaw")
 _SETTLING, _PERIODS = 1.0, 4.0
-"""Periods of the slowest sine that are flown before the record counts, and that count."""
+"""Periods of the slowest sine before the evaluated part of the record, and in it."""
 
 ComplexVector = NDArray[np.complex128]
 
@@ -44,7 +44,7 @@ class Response:
     omega: Matrix
     """(5,) [rad/s] frequencies of the experiment."""
     G: ComplexVector
-    """(5,) [rad/s/(N*m)] from the law's command to the gyro sample, with actuator, delay and sampling."""
+    """(5,) [rad/s/(N*m)] from the law's command to the gyro sample, including actuator, delay and sampling."""
 
 
 def measure_response(
@@ -55,7 +55,7 @@ def measure_response(
     Parameters
     ----------
     vehicle
-        What is flown. Of its numbers only the inertia is used, for the strength of the weak stabilising law.
+        Vehicle to fly. Of its parameters the tuner uses only the inertia, for the gains of the weak stabilising law.
     axis
         0 roll, 1 pitch, 2 yaw.
     bandwidth
@@ -63,14 +63,14 @@ def measure_response(
     amplitude
         [N*m] of each of the five sines.
     control_rate
-        [Hz] samples and commands.
+        [Hz] rate of samples and commands.
     seed
-        Of the gyro noise.
+        Seed of the gyro noise.
 
     Raises
     ------
     DesignError
-        If the fastest sine is above half the sampling frequency, or the command was cut off by the torque limit.
+        If the fastest sine is above half the sampling frequency, or the command reached the torque limit.
     """
     omega = bandwidth * np.array(RATIOS)
     if omega[-1] >= math.pi * control_rate:
@@ -92,7 +92,7 @@ def measure_response(
     if np.max(np.abs(torque)) >= vehicle.torque_limit[axis]:
         raise DesignError(f"{_AXES[axis]}: the experiment reaches the torque limit; ask for a smaller amplitude")
     counted = time >= _SETTLING * period
-    # The journal has what acts at a sample; the law asked for it `delay_samples` earlier.
+    # the journal has the command that acts at a sample; the law sent it `delay_samples` earlier
     lead = np.exp(1j * omega * scenario.delay_samples * scenario.dt)
     U = lead * phasors(time[counted], torque[counted], omega)
     return Response(omega=omega, G=phasors(time[counted], rate[counted], omega) / U)
@@ -101,19 +101,19 @@ def measure_response(
 def tune_axis(response: Response, inertia: float, dt: float, *, phase_margin: float = math.radians(60.0)) -> Gains:
     """Return the cascade's gains: rate PI at three times the target bandwidth, then angle P at the bandwidth itself.
 
-    The PI puts the inner loop on the unit circle with the phase margin; the outer P closes at its frequency, and its
-    margin is checked.
+    The PI gives the inner loop unit gain and the phase margin at its frequency. The P gives the outer loop unit gain at
+    its own; the phase margin there is checked.
 
     Parameters
     ----------
     response
-        What `measure_response` returned.
+        Result of `measure_response`.
     inertia
-        [kg*m^2] by which torque gains are divided.
+        [kg*m^2] moment of inertia, divides the torque gains.
     dt
         [s] sample time.
     phase_margin
-        [rad] of the inner loop exactly, of the outer at least.
+        [rad] margin of the inner loop, and least margin of the outer.
 
     Raises
     ------
@@ -121,17 +121,17 @@ def tune_axis(response: Response, inertia: float, dt: float, *, phase_margin: fl
         If no PI gives this margin there, or the outer loop has less.
     """
     z = np.exp(1j * response.omega * dt)
-    summed = dt / (z - 1.0)  # the sampled integral of the rate error
+    integral = dt / (z - 1.0)  # the sampled integral of the rate error
     C = -np.exp(1j * phase_margin) / response.G[_INNER]
-    torque_i = C.imag / summed[_INNER].imag
-    torque_p = C.real - torque_i * summed[_INNER].real
+    torque_i = C.imag / integral[_INNER].imag
+    torque_p = C.real - torque_i * integral[_INNER].real
     if torque_p <= 0.0 or torque_i < 0.0:
         phase, margin = math.degrees(np.angle(response.G[_INNER])), math.degrees(phase_margin)
         raise DesignError(
             f"no rate PI has a phase margin of {margin:.0f} deg at {response.omega[_INNER]:.3g} rad/s: "
             f"the plant's phase there is {phase:.0f} deg; ask for less bandwidth or margin"
         )
-    inner = (torque_p + torque_i * summed[_OUTER]) * response.G[_OUTER]
+    inner = (torque_p + torque_i * integral[_OUTER]) * response.G[_OUTER]
     attitude = 0.5 * dt * (z[_OUTER] + 1.0) / (z[_OUTER] - 1.0) * inner / (1.0 + inner)
     margin = math.pi + float(np.angle(attitude))
     if margin < phase_margin:
@@ -149,29 +149,29 @@ def autotune_pid(
     control_rate: int = 250,
     seed: int = 1,
 ) -> Law:
-    """Return the two-states-an-axis cascade with gains from an experiment flown on each axis.
+    """Return the cascade of two states an axis, with gains from a flight experiment on each axis.
 
     Parameters
     ----------
     vehicle
-        What is flown.
+        Vehicle to fly.
     name
-        The law's.
+        Name of the law.
     bandwidth
-        [rad/s] target of the attitude loop; the tool's default.
+        [rad/s] target of the attitude loop; defaults to that of the paper's tool.
     phase_margin
-        [rad] target; the tool's default.
+        [rad] target; defaults to that of the paper's tool.
     amplitude
         [rad/s^2] of each sine, as angular acceleration.
     control_rate
-        [Hz] samples and commands.
+        [Hz] rate of samples and commands.
     seed
-        Of the gyro noise in the experiment.
+        Seed of the gyro noise in the experiment.
 
     Raises
     ------
     DesignError
-        If the experiment can't be flown, or no gains reach the targets.
+        If the experiment cannot be flown, or no gains reach the targets.
     """
     dt, gains = 1.0 / control_rate, []
     for axis, inertia in enumerate(vehicle.inertia_B):
@@ -196,20 +196,17 @@ def autotune_pid(
 
 
 def _experiment_law(vehicle: Vehicle, bandwidth: float, dt: float) -> Law:
-    """Return the weak stabilising law, whose reference is not an attitude but torque [N*m] added to the command."""
+    """Return the weak stabilising law; its reference is a torque [N*m] added to the command, not an attitude."""
     weak = Gains(angle_p=0.25 * bandwidth, rate_p=bandwidth, rate_i=0.0)
     axes = [plain_axis(weak, inertia, dt) for inertia in vehicle.inertia_B]
     law = cascade_law("autotune", axes, vehicle, dt, Provenance(design="experiment", vehicle=vehicle.name))
     B, D = law.B.copy(), law.D.copy()
     B[:, 3:], D[:, 3:] = 0.0, np.eye(3)
-    return Law(
-        name=law.name, A=law.A, B=B, C=law.C, D=D, G=law.G, H=law.H, dt=dt, limits=law.limits,
-        output=Output.TORQUE, provenance=law.provenance,
-    )  # fmt: skip
+    return replace(law, B=B, D=D)
 
 
 def phasors(time: Matrix, signal: Matrix, omega: Matrix) -> ComplexVector:
-    """Return the complex amplitudes of `signal` at `omega`, by least squares beside a constant and a drift."""
+    """Return the complex amplitudes of `signal` at `omega`, by least squares together with a constant and a drift."""
     angle = np.outer(time, omega)
     trend = np.stack([np.ones_like(time), time / time[-1]], axis=1)
     found = np.linalg.lstsq(np.hstack([np.cos(angle), np.sin(angle), trend]), signal)[0]
@@ -217,5 +214,5 @@ def phasors(time: Matrix, signal: Matrix, omega: Matrix) -> ComplexVector:
 
 
 def _physics_rate(control_rate: int) -> int:
-    """Return the lowest multiple [Hz] of the control rate from 1 kHz on."""
+    """Return the least multiple [Hz] of the control rate that is at least 1 kHz."""
     return control_rate * math.ceil(1000 / control_rate)

@@ -1,7 +1,7 @@
-"""The shape of one axis with the least attitude error and weighted torque slew, at a given sensitivity peak.
+"""Search the gains of one axis for the least attitude error and weighted torque slew at a given sensitivity peak.
 
-Error and slew are those of `gustproof.performance.covariance`, their derivatives exact by complex steps; the sensitivity
-is kept on a grid of frequencies, for the plant as it is and, at a peak of their own, for plants that are off.
+Error and slew are those of `gustproof.performance.covariance`; complex steps give exact derivatives. The sensitivity is
+constrained on a grid of frequencies, for the nominal plant and, with a separate peak, for plants off nominal.
 """
 
 import math
@@ -17,26 +17,26 @@ from gustproof.performance.covariance import AxisModel, augmented_axis, mean_sec
 from gustproof.synthesis.pid.pid_biquad import BiquadGains, Values, biquad_filter, biquad_response
 
 _GRID = 120
-"""Frequencies, evenly spaced in the logarithm, at which the search keeps the sensitivity peak."""
+"""Number of frequencies, evenly spaced in the logarithm, at which the sensitivity peak is constrained."""
 _GRID_MARGIN = 1e-3
-"""[-] share of a peak kept back for what the sensitivity may rise between two frequencies of the grid."""
+"""[-] share of a peak reserved for a rise of the sensitivity between two frequencies of the grid."""
 _STEP = 1e-30
-"""[-] complex step: no difference is taken, so nothing is lost by a small one."""
+"""[-] complex step: without a difference of values, a small step loses no digits."""
 _UNSTABLE_COST = 1e3
-"""Cost of a loop whose covariance overflows; those of sound loops are below 0."""
+"""Cost of a loop with an overflowing covariance; stable loops have costs below 0."""
 _SLOWEST, _FASTEST = 1.0, 1e3
-"""[rad/s] between which corners stay: a slower one would leave a held moment in the attitude for seconds."""
+"""[rad/s] bounds of the corners: with a slower one a constant moment would disturb the attitude for seconds."""
 _LOWER = BiquadGains(_SLOWEST, 0.1, _SLOWEST, 0.1, _SLOWEST, _SLOWEST, 0.1, _SLOWEST, 0.2)
 _UPPER = BiquadGains(50.0, 1e4, _FASTEST, 5.0, _FASTEST, _FASTEST, 5.0, _FASTEST, 5.0)
 
 
 class SearchResult(NamedTuple):
-    """What a search ended at."""
+    """Optimum found by a search."""
 
     cost: float
-    """Logarithm of mean square error [rad^2] and weighted slew."""
-    shape: BiquadGains
-    """Where it is least."""
+    """Logarithm of the sum of mean square error [rad^2] and weighted slew."""
+    gains: BiquadGains
+    """Gains at the optimum."""
 
 
 class _Loop(NamedTuple):
@@ -50,14 +50,14 @@ class _Loop(NamedTuple):
 
 
 class AxisSearch:
-    """The search for one axis: plants, peaks and air stay, the price of slew is given with each search.
+    """Search for one axis with fixed plants, peaks and air; each call takes its own weight of slew.
 
     Parameters
     ----------
     model
-        The axis as it is.
+        Nominal axis.
     others
-        The axis as it may be: the same for all but the plant.
+        Axis off nominal; differs from `model` in the plant only.
     peak, peak_of_others
         [-] largest sensitivity peaks.
     """
@@ -69,38 +69,38 @@ class AxisSearch:
         omega = np.geomspace(0.5, 0.999 * math.pi / dt, _GRID)
         z = np.exp(1j * omega * dt)
         self._s = 2.0 / dt * (z - 1.0) / (z + 1.0)
-        late = z**-model.delay_samples * model.inertia
-        plants = [each.plant.response(omega)[:, 0, 0] * late for each in (model, *others)]
+        delayed = z**-model.delay_samples * model.inertia
+        plants = [each.plant.response(omega)[:, 0, 0] * delayed for each in (model, *others)]
         self._plants = np.array(plants)
         peaks = np.array([peak] + [peak_of_others] * len(others))
-        self._room = np.log(peaks * (1.0 - _GRID_MARGIN))[:, None]
+        self._log_peaks = np.log(peaks * (1.0 - _GRID_MARGIN))[:, None]
 
-    def best(self, starts: Sequence[BiquadGains], weight: float) -> SearchResult | None:
-        """Return the best of the optima that a search from each of `starts` ends at; `None` if none is sound.
+    def search(self, starts: Sequence[BiquadGains], weight: float) -> SearchResult | None:
+        """Return the best local optimum over all `starts`; `None` if none is stable and within the peaks.
 
         Sequential quadratic programming (SLSQP) on the logarithms of the values.
 
         Parameters
         ----------
         starts
-            Shapes, not necessarily sound.
+            Initial gains, not necessarily stable.
         weight
-            [s^2 rad^2/(N*m)^2] price of mean square slew.
+            [s^2 rad^2/(N*m)^2] weight of mean square slew.
         """
         found = [each for each in (self._minimize_from(np.log(np.array(start)), weight) for start in starts) if each]
         return min(found, key=lambda each: each.cost, default=None)
 
     def margins(self, z: Matrix) -> tuple[Matrix, Matrix]:
-        """Return how far, in the logarithm, sensitivities are below their peaks (m,), and the slopes (m, 9)."""
+        """Return the logarithms (m,) of peak over sensitivity, at least 0 if within, and their slopes (m, 9)."""
         response, slopes = biquad_response(np.exp(z), self._s)
         L = self._plants * response
-        room = np.log(np.abs(1.0 + L)) + self._room
+        room = np.log(np.abs(1.0 + L)) + self._log_peaks
         return room.ravel(), (L / (1.0 + L) * slopes[:, None]).real.reshape(len(z), -1).T
 
     def cost(self, z: Matrix, weight: float) -> tuple[float, Matrix]:
         """Return the logarithm of mean square error and weighted slew, and its slopes (9,)."""
         with np.errstate(over="ignore", invalid="ignore"):
-            moments = mean_second_moments([self._model], self._closed(np.exp(z + 1j * _STEP * np.eye(len(z)))))
+            moments = mean_second_moments([self._model], self._closed_loops(np.exp(z + 1j * _STEP * np.eye(len(z)))))
         costs = moments[:, 0, 0] + weight / self._model.plant.dt**2 * moments[:, 1, 1]
         value = float(costs[0].real)
         if not (math.isfinite(value) and value > 0.0):
@@ -111,45 +111,48 @@ class AxisSearch:
         def cost(z: Matrix) -> tuple[float, Matrix]:
             return self.cost(z, weight)
 
-        room = scipy.optimize.NonlinearConstraint(
+        constraint = scipy.optimize.NonlinearConstraint(
             lambda z: self.margins(z)[0], 0.0, np.inf, jac=lambda z: self.margins(z)[1]
         )
-        search = scipy.optimize.minimize(
-            cost, start, jac=True, method="SLSQP", bounds=scipy.optimize.Bounds(np.log(_LOWER), np.log(_UPPER)),
-            constraints=room, options={"maxiter": 300, "ftol": 1e-10},
-        )  # fmt: skip
-        if not search.fun < 0.0 or np.min(self.margins(search.x)[0]) < -0.5 * _GRID_MARGIN:
+        found = scipy.optimize.minimize(
+            cost,
+            start,
+            jac=True,
+            method="SLSQP",
+            bounds=scipy.optimize.Bounds(np.log(_LOWER), np.log(_UPPER)),
+            constraints=constraint,
+            options={"maxiter": 300, "ftol": 1e-10},
+        )
+        if not found.fun < 0.0 or np.min(self.margins(found.x)[0]) < -0.5 * _GRID_MARGIN:
             return None
-        return SearchResult(float(search.fun), BiquadGains(*np.exp(search.x).tolist()).ordered())
+        return SearchResult(float(found.fun), BiquadGains(*np.exp(found.x).tolist()).sort_zeros())
 
-    def _closed(self, values: Values) -> _Loop:
+    def _closed_loops(self, values: Values) -> _Loop:
         """Return the loops of `values` (k, 9), from the noises to attitude and change of command."""
         P, F, n = self._flight, biquad_filter(values, self._model.plant.dt), self._flight.order
-        # rate error of (states; noises), and the command that `F` makes of it at once
+        # rate error by (states; noises), and the direct command of `F`
         ratio = values[:, :1]
         error, noise = -(ratio * P.C[2] + P.C[3]), -(ratio * P.D[2, :-1] + P.D[3, :-1])
         J = self._model.inertia
-        through, sent = J * F.D[:, None] * error, J * F.C
-        A = np.concatenate([
-            np.concatenate([P.A + P.B[:, -1:] * through[:, None], P.B[:, -1:] * sent[:, None]], axis=2),
-            np.concatenate([F.B[..., None] * error[:, None], F.A], axis=2),
-        ], axis=1)  # fmt: skip
-        loud = J * F.D[:, None] * noise
-        B = np.concatenate([P.B[:, :-1] + P.B[:, -1:] * loud[:, None], F.B[..., None] * noise[:, None]], axis=1)
-        C = P.D[:2, -1:] * np.concatenate([through, sent], axis=1)[:, None]
+        direct, filtered = J * F.D[:, None] * error, J * F.C
+        upper = np.concatenate([P.A + P.B[:, -1:] * direct[:, None], P.B[:, -1:] * filtered[:, None]], axis=2)
+        lower = np.concatenate([F.B[..., None] * error[:, None], F.A], axis=2)
+        A = np.concatenate([upper, lower], axis=1)
+        noisy = J * F.D[:, None] * noise
+        B = np.concatenate([P.B[:, :-1] + P.B[:, -1:] * noisy[:, None], F.B[..., None] * noise[:, None]], axis=1)
+        C = P.D[:2, -1:] * np.concatenate([direct, filtered], axis=1)[:, None]
         C[..., :n] += P.C[:2]
-        return _Loop(A, B, C, P.D[:2, :-1] + P.D[:2, -1:] * loud[:, None], P.dt)
+        return _Loop(A, B, C, P.D[:2, :-1] + P.D[:2, -1:] * noisy[:, None], P.dt)
 
 
 def _add_strapdown(flight: Lti) -> Lti:
-    """Return the flight of an axis that also tells, before the gyro, the law's own attitude: the trapezoidal sum."""
-    n, dt, gyro, fed = flight.order, flight.dt, flight.C[2:], flight.D[2:]
+    """Return the axis with one more output before the gyro: the law's own attitude, by the trapezoidal sum."""
+    n, dt, gyro, feedthrough = flight.order, flight.dt, flight.C[2:], flight.D[2:]
+    zero, one = np.zeros((1, 1)), np.ones((1, 1))
     return Lti(
-        A=np.block([[flight.A, np.zeros((n, 1))], [dt * gyro, np.ones((1, 1))]]),
-        B=np.vstack([flight.B, dt * fed]),
-        C=np.block([
-            [flight.C[:2], np.zeros((2, 1))], [0.5 * dt * gyro, np.ones((1, 1))], [gyro, np.zeros((1, 1))],
-        ]),
-        D=np.vstack([flight.D[:2], 0.5 * dt * fed, fed]),
+        A=np.block([[flight.A, np.zeros((n, 1))], [dt * gyro, one]]),
+        B=np.vstack([flight.B, dt * feedthrough]),
+        C=np.block([[flight.C[:2], np.zeros((2, 1))], [0.5 * dt * gyro, one], [gyro, zero]]),
+        D=np.vstack([flight.D[:2], 0.5 * dt * feedthrough, feedthrough]),
         dt=dt,
-    )  # fmt: skip
+    )

@@ -1,7 +1,7 @@
-"""The flagship: the shaped cascade that holds attitude best in turbulence, at the price of the fair PID.
+"""The flagship: the cascade with a biquad of least attitude error in turbulence, within the limits of `pid-fair`.
 
-Least error pooled over the axes at a given sensitivity peak of each axis and a given pooled torque slew, as the fair
-PID; besides, a peak is kept at each corner of a box of inertia and actuator lag.
+As for `pid-fair`, the error pooled over the axes is least at a given sensitivity peak of each axis and a given pooled
+torque slew. In addition, a peak is limited at each corner of a box of inertia and actuator lag.
 """
 
 import itertools
@@ -24,18 +24,18 @@ from gustproof.synthesis.pid.pid_biquad import BiquadGains, biquad_axis
 
 _AXES = ("roll", "pitch", "yaw")
 _WEIGHT = 1e-9
-"""[s^2 rad^2/(N*m)^2] price of mean square slew that the search begins with."""
+"""[s^2 rad^2/(N*m)^2] initial weight of mean square slew."""
 _ROUNDS = 12
-"""Prices tried at most; the slew falls with about the third root of its price, so that a few do."""
+"""Largest number of weights tried; the slew falls with about the third root of its weight, so a few suffice."""
 _SLEW_TOLERANCE = 1e-4
-"""[-] how near the slew comes to what is allowed, from below."""
+"""[-] largest relative distance of the slew below its limit."""
 _NEUTRAL = (2.0, 4.0, 8.0)
-"""[-] where the biquad stands at each start of the search, in actuator bandwidths; there it is 1, and does nothing."""
+"""[-] frequency of the biquad at each start of the search, in actuator bandwidths; initially its gain is 1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TuningLimits:
-    """The price of attitude, and how far the vehicle may be off."""
+    """Limits of sensitivity and slew, and the spread of the vehicle."""
 
     sensitivity_peak: float = 1.36
     """[-] largest sensitivity peak of each axis."""
@@ -44,37 +44,37 @@ class TuningLimits:
     corner_peak: float = 2.0
     """[-] largest sensitivity peak at the corners of the box."""
     spreads: Spreads = Spreads(inertia=0.2, actuator_lag=0.3)  # noqa: RUF009 - frozen
-    """The box."""
+    """Box of inertia and actuator lag."""
 
 
 SHIPPED_LIMITS = TuningLimits()
-"""What the shipped law was asked for: the price of `pid-fair`."""
+"""Limits of the shipped law, comparable with those of `pid-fair`."""
 
 
 def flagship_law(
-    vehicle: Vehicle, scenario: Scenario, *, name: str = "flagship", demands: TuningLimits = SHIPPED_LIMITS
+    vehicle: Vehicle, scenario: Scenario, *, name: str = "flagship", limits: TuningLimits = SHIPPED_LIMITS
 ) -> Law:
-    """Return the law with the shapes of `tune_flagship`; its provenance has shapes, demands and what is foretold.
+    """Return the law with the gains of `tune_flagship`; its provenance has gains, limits and predicted performance.
 
     Raises
     ------
     DesignError
         See `tune_flagship`.
     """
-    shapes = tune_flagship(vehicle, scenario, demands)
-    axes = [biquad_axis(shape, inertia, scenario.dt) for shape, inertia in zip(shapes, vehicle.inertia_B, strict=True)]
-    rmse, slew = _pool_axes(_figures(axis_models(vehicle, scenario), shapes))
+    gains = tune_flagship(vehicle, scenario, limits)
+    axes = [biquad_axis(each, inertia, scenario.dt) for each, inertia in zip(gains, vehicle.inertia_B, strict=True)]
+    rmse, slew = _pool_axes(_axis_performances(axis_models(vehicle, scenario), gains))
     parameters = {
-        "sensitivity_peak": demands.sensitivity_peak,
-        "slew_nm_per_s": demands.slew,
-        "off_nominal_sensitivity_peak": demands.corner_peak,
-        "inertia_spread": demands.spreads.inertia,
-        "actuator_lag_spread": demands.spreads.actuator_lag,
+        "sensitivity_peak": limits.sensitivity_peak,
+        "slew_nm_per_s": limits.slew,
+        "off_nominal_sensitivity_peak": limits.corner_peak,
+        "inertia_spread": limits.spreads.inertia,
+        "actuator_lag_spread": limits.spreads.actuator_lag,
         "foretold_rmse_deg": math.degrees(rmse),
         "foretold_slew_nm_per_s": slew,
     }
-    for axis, shape in zip(_AXES, shapes, strict=True):
-        parameters |= {f"{axis}_{name}": value for name, value in shape._asdict().items()}
+    for axis, each in zip(_AXES, gains, strict=True):
+        parameters |= {f"{axis}_{name}": value for name, value in each._asdict().items()}
     provenance = Provenance(
         design=f"strapdown cascade with a biquad, of least attitude error in scenario '{scenario.name}'",
         vehicle=vehicle.name,
@@ -85,52 +85,52 @@ def flagship_law(
 
 
 def tune_flagship(
-    vehicle: Vehicle, scenario: Scenario, demands: TuningLimits
+    vehicle: Vehicle, scenario: Scenario, limits: TuningLimits
 ) -> tuple[BiquadGains, BiquadGains, BiquadGains]:
-    """Return the shapes of roll, pitch and yaw with the least attitude error, pooled over the axes.
+    """Return the gains of roll, pitch and yaw with the least attitude error, pooled over the axes.
 
-    The axes share one price of slew, which is what shares the slew best among them; it is raised until the demand is
-    met. The best of the optima that a few fixed starts lead to: the same shapes every time.
+    All axes have the same weight of slew, which shares the slew optimally among them. It is raised until the slew is
+    within its limit. A few fixed starts are searched and the best optimum is taken: the same gains every time.
 
     Parameters
     ----------
     vehicle, scenario
-        What is flown; turbulence, delay, sample time and duration are the scenario's.
-    demands
-        The price.
+        Vehicle and scenario to tune for; the scenario gives turbulence, delay, sample time and duration.
+    limits
+        Limits of sensitivity and slew, and the spread of the vehicle.
 
     Raises
     ------
     DesignError
-        If no such shapes are found: the demands are too tight for this vehicle.
+        If no such gains are found: the limits are too tight for this vehicle.
     """
     models = axis_models(vehicle, scenario)
-    others = [axis_models(each, scenario) for each in corner_vehicles(vehicle, demands.spreads)]
-    searches = [
-        AxisSearch(model, [each[k] for each in others], demands.sensitivity_peak, demands.corner_peak)
+    others = [axis_models(each, scenario) for each in corner_vehicles(vehicle, limits.spreads)]
+    axes = [
+        AxisSearch(model, [each[k] for each in others], limits.sensitivity_peak, limits.corner_peak)
         for k, model in enumerate(models)
     ]
     starts: list[Sequence[BiquadGains]] = [[_initial_gains(vehicle, each) for each in _NEUTRAL]] * len(models)
     refusal = DesignError(
-        f"no shaped cascade found at sensitivity peak {demands.sensitivity_peak}, {demands.corner_peak} off nominal, "
-        f"and slew {demands.slew} N*m/s"
+        f"no shaped cascade found at sensitivity peak {limits.sensitivity_peak}, {limits.corner_peak} off nominal, "
+        f"and slew {limits.slew} N*m/s"
     )
     weight = _WEIGHT
     for _ in range(_ROUNDS):
-        shapes = []
-        for search, start in zip(searches, starts, strict=True):
-            found = search.best(start, weight)
+        gains = []
+        for axis, start in zip(axes, starts, strict=True):
+            found = axis.search(start, weight)
             if found is None:
                 raise refusal
-            shapes.append(found.shape)
-        figures = _figures(models, shapes)
-        excess = _pool_axes(figures)[1] / demands.slew
+            gains.append(found.gains)
+        performances = _axis_performances(models, gains)
+        excess = _pool_axes(performances)[1] / limits.slew
         if 1.0 - _SLEW_TOLERANCE < excess <= 1.0:
-            if max(axis.sensitivity_peak for axis in figures) > demands.sensitivity_peak:
+            if max(each.sensitivity_peak for each in performances) > limits.sensitivity_peak:
                 break
-            return shapes[0], shapes[1], shapes[2]
+            return gains[0], gains[1], gains[2]
         weight *= (excess / (1.0 - 0.5 * _SLEW_TOLERANCE)) ** 3
-        starts = [[shape] for shape in shapes]
+        starts = [[each] for each in gains]
     raise refusal
 
 
@@ -146,25 +146,32 @@ def corner_vehicles(vehicle: Vehicle, spreads: Spreads) -> list[Vehicle]:
 
 
 def _initial_gains(vehicle: Vehicle, neutral: float) -> BiquadGains:
-    """Return a cascade as fast as actuators with little delay allow, and a biquad that is 1."""
+    """Return a cascade as fast as the actuators permit at small delay, with a biquad of gain 1."""
     bandwidth = 1.0 / vehicle.actuator_lag
     corner = neutral * bandwidth
     return BiquadGains(
-        angle_p=0.4 * bandwidth, gain=3.75 * bandwidth, lead_frequency=0.45 * bandwidth, lead_damping=0.8,
-        cutoff=3.6 * bandwidth, zero_frequency=corner, zero_damping=0.7, pole_frequency=corner, pole_damping=0.7,
-    )  # fmt: skip
+        angle_p=0.4 * bandwidth,
+        gain=3.75 * bandwidth,
+        lead_frequency=0.45 * bandwidth,
+        lead_damping=0.8,
+        cutoff=3.6 * bandwidth,
+        zero_frequency=corner,
+        zero_damping=0.7,
+        pole_frequency=corner,
+        pole_damping=0.7,
+    )
 
 
-def _figures(models: Sequence[AxisModel], shapes: Sequence[BiquadGains]) -> list[AxisPerformance]:
+def _axis_performances(models: Sequence[AxisModel], gains: Sequence[BiquadGains]) -> list[AxisPerformance]:
     return [
-        axis_performance(model, biquad_axis(shape, model.inertia, model.plant.dt))
-        for model, shape in zip(models, shapes, strict=True)
+        axis_performance(model, biquad_axis(each, model.inertia, model.plant.dt))
+        for model, each in zip(models, gains, strict=True)
     ]
 
 
-def _pool_axes(figures: Sequence[AxisPerformance]) -> tuple[float, float]:
+def _pool_axes(axes: Sequence[AxisPerformance]) -> tuple[float, float]:
     """Return rms attitude [rad] and slew [N*m/s] of all axes."""
     return (
-        math.sqrt(np.mean([axis.rmse**2 for axis in figures])),
-        math.sqrt(np.mean([axis.slew**2 for axis in figures])),
+        math.sqrt(np.mean([axis.rmse**2 for axis in axes])),
+        math.sqrt(np.mean([axis.slew**2 for axis in axes])),
     )

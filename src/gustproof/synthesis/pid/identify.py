@@ -1,4 +1,4 @@
-"""Identify the autopilot's own rate loop from flight: what a law that commands body rates has for an actuator."""
+"""Identify the autopilot's rate loop from flight, the actuator of a law that commands body rates."""
 
 import math
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ _PERIOD = 2.0 * math.pi / _OMEGA[0]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RateLoop:
-    """Rate set-point to rate as a first-order lag on each axis, and how well that fits."""
+    """Rate set-point to rate as a first-order lag on each axis, with the misfit."""
 
     tau: Matrix
     """(3,) [s] B, time constants."""
     misfit: Matrix
-    """(3,) [-] B, largest distance between measured and fitted response at the sines, relative to a set-point of 1."""
+    """(3,) [-] B, largest distance between measured and fitted response at the sines, for a set-point of 1."""
 
 
 def identify_rate_loop(vehicle: Vehicle, *, amplitude: float = 0.05, seed: int = 1) -> RateLoop:
@@ -33,11 +33,11 @@ def identify_rate_loop(vehicle: Vehicle, *, amplitude: float = 0.05, seed: int =
     Parameters
     ----------
     vehicle
-        What is flown, with its on-board gains.
+        Vehicle to fly, with its on-board gains.
     amplitude
         [rad/s] of each sine.
     seed
-        Of the gyro noise.
+        Seed of the gyro noise.
     """
     responses = [_measure_response(vehicle, axis, amplitude, seed) for axis in range(3)]
     tau = np.array([_fit_lag(G) for G in responses])
@@ -46,12 +46,12 @@ def identify_rate_loop(vehicle: Vehicle, *, amplitude: float = 0.05, seed: int =
 
 
 def _measure_response(vehicle: Vehicle, axis: int, amplitude: float, seed: int) -> ComplexVector:
-    """Return the measured response (5,) from the rate set-point that acts to the gyro."""
+    """Return the measured response (5,) from the acting rate set-point to the gyro."""
     scenario = Scenario(name="identify", description="rate loop", duration_s=math.ceil(4.0 * _PERIOD))
     time = np.arange(scenario.samples) * scenario.dt
     reference = np.zeros((scenario.samples, 3))
     reference[:, axis] = amplitude * np.sin(np.outer(time, _OMEGA)).sum(axis=1)
-    # The excitation enters as the reference, which this law passes on as the set-point.
+    # the excitation enters as the reference, which this law passes on as the set-point
     excite = Law(
         name="excite",
         A=np.zeros((1, 1)),
@@ -67,12 +67,12 @@ def _measure_response(vehicle: Vehicle, axis: int, amplitude: float, seed: int) 
     )
     records = fly_direct(scenario, excite, vehicle=vehicle, seed=seed, reference=reference)
     counted = time >= _PERIOD
-    asked = phasors(time[counted], records["omega_command_B"][counted, axis], _OMEGA)
-    return phasors(time[counted], records["gyro_B"][counted, axis], _OMEGA) / asked
+    setpoint = phasors(time[counted], records["omega_command_B"][counted, axis], _OMEGA)
+    return phasors(time[counted], records["gyro_B"][counted, axis], _OMEGA) / setpoint
 
 
 def _fit_lag(G: ComplexVector) -> float:
-    """Return the time constant [s] of the first-order lag nearest to the response `G`."""
+    """Return the time constant [s] of the first-order lag nearest to the response `G` (5,)."""
 
     def distance(tau: float) -> float:
         return float(np.sum(np.abs(G - 1.0 / (1.0 + 1j * _OMEGA * tau)) ** 2))

@@ -1,12 +1,12 @@
-"""Incremental nonlinear dynamic inversion (INDI) in the one law form: what PID is compared with in today's autopilots.
+"""Incremental nonlinear dynamic inversion (INDI) in the common law form, the usual alternative to PID in autopilots.
 
-The command is the torque that acts, and what is still missing to the angular acceleration that is wanted:
+The command is the present torque plus the torque for the missing angular acceleration:
 
     u = T_f + J (nu - domega_f),      nu = rate_p (angle_p (reference - E) - omega)
 
-`domega_f` is the derivative of the low-passed gyro; `T_f` is the torque behind the same filter, so that both are of the
-same instant and a disturbance is all that is left of their difference. No torque is measured here: it is the model of
-the actuator, driven by the command that was sent. Attitude is strapdown, as in `gustproof.law.cascade`.
+`domega_f` is the derivative of the low-passed gyro; `T_f` is the torque behind the same filter. Both refer to the same
+instant, so their difference is the disturbance alone. The torque is not measured: a model of the actuator computes it
+from the commands sent. Attitude is strapdown, as in `gustproof.law.cascade`.
 
 References
 ----------
@@ -30,7 +30,7 @@ from gustproof.performance.covariance import AxisModel, axis_models
 from gustproof.synthesis.pid.tuning import tune
 
 _START = (4.0, 8.0, 8.0, 0.7)
-"""Where the search starts: calm gains, sound for an actuator lag up to .05 s."""
+"""Start of the search: low gains, stable for an actuator lag up to .05 s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,9 +44,9 @@ class IndiGains:
     """
 
     angle_p: float
-    """[1/s] rate asked for per attitude error."""
+    """[1/s] commanded rate per attitude error."""
     rate_p: float
-    """[1/s] angular acceleration asked for per rate error."""
+    """[1/s] commanded angular acceleration per rate error."""
     cutoff: float
     """[Hz] corner of the second-order filter on the gyro's derivative and on the torque."""
     damping: float
@@ -62,21 +62,23 @@ class IndiGains:
 def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, dt: float) -> AxisLaw:
     """Return INDI on strapdown attitude for one axis.
 
-    States: Euler angle at the sample before [rad] and rate of the sample before [rad/s], as `strapdown_axis` has them;
-    filter of the gyro (2); filter of the torque (2); torque of the actuator's model [N*m]; commands on their way, the
-    newest first. The filters are trapezoidal, so the newest sample counts at once; the actuator is exact for a held
-    command. What the torque limit cut off never reaches the model: it does not wind up.
+    The first two states are Euler angle [rad] and rate [rad/s] at the previous sample, as in `strapdown_axis`. Then
+    follow the filter of the gyro (2), the filter of the torque (2), the torque of the actuator's model [N*m], and the
+    delayed commands [N*m], the newest first.
+
+    The filters are trapezoidal, so the newest sample acts at once; the actuator is exact for a held command. The model
+    receives the command after the torque limit, so it does not wind up.
 
     Parameters
     ----------
     gains
         Gains of the axis.
     inertia
-        [kg*m^2].
+        [kg*m^2] moment of inertia.
     lag
         [s] time constant of the actuator.
     delay_samples
-        Samples from a measurement to the moment its command acts.
+        Samples from a measurement to the action of its command.
     dt
         [s] sample time.
     """
@@ -85,40 +87,41 @@ def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, 
     E, omega, torque = states[0], states[1], states[6]
     rate, angle_reference = inputs
     corner = 2.0 * math.pi * gains.cutoff
-    low_pass = tustin(
-        Lti(A=np.array([[0.0, 1.0], [-(corner**2), -2.0 * gains.damping * corner]]), B=np.array([[0.0], [corner**2]]),
-            C=np.eye(2), D=np.zeros((2, 1))), dt,
-    )  # fmt: skip
-    slope = low_pass.C[1] @ states[2:4] + low_pass.D[1, 0] * rate
-    smooth = low_pass.C[0] @ states[4:6] + low_pass.D[0, 0] * torque
+    A, B = np.array([[0.0, 1.0], [-(corner**2), -2.0 * gains.damping * corner]]), np.array([[0.0], [corner**2]])
+    low_pass = tustin(Lti(A=A, B=B, C=np.eye(2), D=np.zeros((2, 1))), dt)
+    acceleration = low_pass.C[1] @ states[2:4] + low_pass.D[1, 0] * rate
+    filtered_torque = low_pass.C[0] @ states[4:6] + low_pass.D[0, 0] * torque
     attitude = E + 0.5 * dt * (omega + rate)
-    wanted = gains.rate_p * (gains.angle_p * (angle_reference - attitude) - rate)
-    command = smooth + inertia * (wanted - slope)
-    keep = math.exp(-dt / lag)
-    line = np.vstack([command, states[7:]])  # the last of it acts
-    moved = np.vstack([
-        E - 0.5 * dt * omega + 0.5 * dt * rate, rate,
-        low_pass.A @ states[2:4] + low_pass.B @ rate[None], low_pass.A @ states[4:6] + low_pass.B @ torque[None],
-        keep * torque + (1.0 - keep) * line[-1], line[:-1],
-    ])  # fmt: skip
-    cut_off = np.zeros((n, 1))
-    cut_off[7 if delay_samples else 6] = 1.0 if delay_samples else 1.0 - keep
-    return AxisLaw(
-        A=moved[:, :n], B=moved[:, n:], C=command[None, :n], D=command[None, n:], G=dt * np.eye(n, 1), H=cut_off
+    nu = gains.rate_p * (gains.angle_p * (angle_reference - attitude) - rate)
+    command = filtered_torque + inertia * (nu - acceleration)
+    decay = math.exp(-dt / lag)
+    commands = np.vstack([command, states[7:]])  # the last one acts
+    step = np.vstack(
+        [
+            E - 0.5 * dt * omega + 0.5 * dt * rate,
+            rate,
+            low_pass.A @ states[2:4] + low_pass.B @ rate[None],
+            low_pass.A @ states[4:6] + low_pass.B @ torque[None],
+            decay * torque + (1.0 - decay) * commands[-1],
+            commands[:-1],
+        ]
     )
+    H = np.zeros((n, 1))
+    H[7 if delay_samples else 6] = 1.0 if delay_samples else 1.0 - decay
+    return AxisLaw(A=step[:, :n], B=step[:, n:], C=command[None, :n], D=command[None, n:], G=dt * np.eye(n, 1), H=H)
 
 
 def tune_indi(
     vehicle: Vehicle, scenario: Scenario, *, sensitivity_peak: float = 1.36, slew: float = 19.9
 ) -> tuple[IndiGains, IndiGains, IndiGains]:
-    """Return the gains of roll, pitch and yaw with the least attitude error, at the price and by the search of the PID.
+    """Return the gains of roll, pitch and yaw with the least attitude error, by the search of the baseline PID.
 
-    See `gustproof.synthesis.pid.pid_baseline.tune_fair` for the parameters.
+    See `gustproof.synthesis.pid.pid_baseline.tune_baseline` for the parameters.
 
     Raises
     ------
     DesignError
-        If no such gains are found: the demands are too tight for this vehicle.
+        If no such gains are found: the limits are too tight for this vehicle.
     """
 
     def axis(values: list[float], model: AxisModel) -> AxisLaw:
@@ -134,7 +137,7 @@ def tune_indi(
 def indi_law(
     vehicle: Vehicle, scenario: Scenario, *, name: str = "indi", sensitivity_peak: float = 1.36, slew: float = 19.9
 ) -> Law:
-    """Return the law with the gains of `tune_indi`; its provenance has gains and demands.
+    """Return the law with the gains of `tune_indi`; its provenance has gains and limits.
 
     Raises
     ------

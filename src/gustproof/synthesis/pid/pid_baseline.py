@@ -1,4 +1,4 @@
-"""The fair baseline: the strapdown cascade with the gains that hold attitude best in turbulence, at a stated price."""
+"""The baseline PID: the strapdown cascade of least attitude error in turbulence, at given sensitivity and slew."""
 
 import gustproof
 from firmware_model.config.scenario import Scenario
@@ -9,7 +9,7 @@ from gustproof.performance.covariance import AxisModel, axis_models
 from gustproof.synthesis.pid.tuning import tune
 
 _START = (4.0, 8.0, 16.0, 0.3, 30.0)
-"""Where the search starts: a calm cascade, sound for an actuator lag up to .05 s."""
+"""Start of the search: low gains, stable for an actuator lag up to .05 s."""
 
 
 def tune_baseline(
@@ -17,22 +17,22 @@ def tune_baseline(
 ) -> tuple[Gains, Gains, Gains]:
     """Return the gains of roll, pitch and yaw with the least attitude error, pooled over the axes.
 
-    A local optimum, found from one fixed start: the same gains every time.
+    The result is a local optimum from one fixed start: the same gains every time.
 
     Parameters
     ----------
     vehicle, scenario
-        What is flown; turbulence, delay, sample time and duration are the scenario's.
+        Vehicle and scenario to tune for; the scenario gives turbulence, delay, sample time and duration.
     sensitivity_peak
         [-] largest sensitivity peak of each axis.
     slew
-        [N*m/s] largest rms torque slew, pooled over the three axes; the default leaves a single flight's scatter
-        below 20.
+        [N*m/s] largest rms torque slew, pooled over the three axes. The default keeps single flights, with their
+        scatter, below 20.
 
     Raises
     ------
     DesignError
-        If no such gains are found: the demands are too tight for this vehicle.
+        If no such gains are found: the limits are too tight for this vehicle.
     """
     models = axis_models(vehicle, scenario)
     roll, pitch, yaw = tune(models, _make_axis, _START, "cascade", sensitivity_peak=sensitivity_peak, slew=slew)
@@ -42,7 +42,7 @@ def tune_baseline(
 def baseline_pid(
     vehicle: Vehicle, scenario: Scenario, *, name: str = "pid-fair", sensitivity_peak: float = 1.36, slew: float = 19.9
 ) -> Law:
-    """Return the law with the gains of `tune_baseline`; its provenance has gains and demands.
+    """Return the law with the gains of `tune_baseline`; its provenance has gains and limits.
 
     Raises
     ------

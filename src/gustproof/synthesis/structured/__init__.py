@@ -1,1 +1,1 @@
-"""Synthesise controllers of fixed structure by nonsmooth optimisation."""
+"""Synthesise controllers of fixed structure by non-smooth optimisation."""

@@ -1,7 +1,7 @@
 """The structure of a controller: named tunable blocks, each between some measurements and some controls.
 
 A controller of order n is one matrix `M = [A, B; C, D]`, from (states, measurements) to (state derivatives, controls).
-Every block here is affine in its parameters, so what it may be is an offset and one matrix for each parameter.
+Every block here is affine in its parameters: an offset plus one matrix for each parameter.
 """
 
 from collections.abc import Callable
@@ -15,31 +15,31 @@ from numpy.typing import NDArray
 from gustproof.lti.state_space import Lti, Matrix
 
 Draw = Callable[[np.random.Generator], Matrix]
-"""Random parameters to start from, `(size,)`."""
+"""Function that returns random initial parameters, `(size,)`."""
 Fit = Callable[[Lti], Matrix | None]
-"""Parameters, `(size,)`, that come near a system; `None` where the block has no way to say."""
+"""Function that returns parameters, `(size,)`, near a given system; `None` if the block has no fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TunableBlock:
-    """A block of a controller that is affine in its parameters; `tunable_ss`, `tunable_pid` and others make it."""
+    """A block of a controller, affine in its parameters; created by `tunable_ss`, `tunable_pid` and others."""
 
     name: str
-    """Unique in the structure."""
+    """Name, unique in the structure."""
     inputs: tuple[int, ...]
-    """Measurements that it reads, counted from 0."""
+    """Indices of its measurements, from 0."""
     outputs: tuple[int, ...]
-    """Controls that it adds to, counted from 0."""
+    """Indices of the controls it adds to, from 0."""
     order: int
     """Number of states."""
     offset: Matrix
     """(order + outputs, order + inputs) [A, B; C, D] with all parameters 0."""
     basis: Matrix
-    """(size, order + outputs, order + inputs) what a unit of each parameter adds."""
+    """(size, order + outputs, order + inputs) derivative with respect to each parameter."""
     draw: Draw
-    """Random parameters to start from."""
+    """Random initial parameters."""
     fit: Fit
-    """Parameters that come near a given system."""
+    """Parameters near a given system."""
 
     @property
     def size(self) -> int:
@@ -57,12 +57,12 @@ class TunableBlock:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Structure:
-    """A controller as the sum of its blocks; its states are theirs, in the order of `blocks`.
+    """A controller as the sum of its blocks; its states are those of the blocks in order.
 
     Raises
     ------
     ValueError
-        If a name is given twice, or a block reads a measurement or drives a control that is not there.
+        If a name occurs twice, or a block names a measurement or control that does not exist.
     """
 
     blocks: tuple[TunableBlock, ...]
@@ -76,7 +76,7 @@ class Structure:
         """Check names and ports."""
         names = [block.name for block in self.blocks]
         if len(set(names)) != len(names) or not names:
-            raise ValueError(f"blocks are named {', '.join(names) or '(none)'}: each needs a name of its own")
+            raise ValueError(f"blocks are named {', '.join(names) or '(none)'}: each needs a unique name")
         for block in self.blocks:
             for ports, count, kind in (
                 (block.inputs, self.n_meas, "measurement"),
@@ -125,7 +125,7 @@ class Structure:
         return np.concatenate([block.draw(rng) for block in self.blocks])
 
     def fit(self, K: Lti) -> Matrix | None:
-        """Return the parameters at which each block comes near its part of `K`; `None` if one can't say."""
+        """Return parameters with each block near its part of `K`; `None` if a block has no fit."""
         parts = []
         for block in self.blocks:
             rows, columns = list(block.outputs), list(block.inputs)
@@ -137,22 +137,22 @@ class Structure:
 
 
 def full_structure(order: int, n_meas: int, n_con: int) -> Structure:
-    """Return the structure without structure: any controller of the given order; 0 is static."""
+    """Return the unrestricted structure: any controller of the given order; 0 is static."""
     block = tunable_ss("K", order, inputs=tuple(range(n_meas)), outputs=tuple(range(n_con)))
     return Structure(blocks=(block,), n_meas=n_meas, n_con=n_con)
 
 
 def decoupled_structure(order: int, n_meas: int, n_con: int) -> Structure:
-    """Return one block of the given order for each control, which reads measurements k, k + n_con, ...
+    """Return one block of the given order for each control k, from the measurements k, k + n_con, ...
 
     Raises
     ------
     ValueError
-        If measurements do not come in whole groups of one for each control.
+        If the number of measurements is not a multiple of the number of controls.
     """
     if n_meas % n_con:
         raise ValueError(f"{n_meas} measurements can't be shared out among {n_con} controls")
-    if order >= 2 and n_meas == n_con:  # with few parameters a search goes further than with every entry free
+    if order >= 2 and n_meas == n_con:  # a search with few parameters gets further than with every entry free
         return observer_structure(order, n_con, leak=0.0)
     blocks = tuple(
         tunable_ss(f"K{k + 1}", order, inputs=tuple(range(k, n_meas, n_con)), outputs=(k,)) for k in range(n_con)
@@ -181,14 +181,17 @@ def tunable_ss(
         M[:order, :order] -= (1.0 + np.max(np.linalg.eigvals(M[:order, :order]).real, initial=0.0)) * np.eye(order)
         return M[free]
 
+    def fit(K: Lti) -> Matrix:
+        return _matrix(balanced_truncation(K, order))[free]
+
+    offset, basis = np.zeros(free.shape), _unit_matrices(free)
     return TunableBlock(
-        name=name, inputs=inputs, outputs=outputs, order=order, offset=np.zeros(free.shape),
-        basis=_unit_matrices(free), draw=draw, fit=lambda K: _matrix(balanced_truncation(K, order))[free],
-    )  # fmt: skip
+        name=name, inputs=inputs, outputs=outputs, order=order, offset=offset, basis=basis, draw=draw, fit=fit
+    )
 
 
 def tunable_pid(name: str, *, input: int, output: int, cutoff: float) -> TunableBlock:
-    """Return `k_p + k_i / s + k_d s / (s / cutoff + 1)`, parameters `(k_p, k_i, k_d)`; `cutoff` [rad/s] is given."""
+    """Return `k_p + k_i / s + k_d s / (s / cutoff + 1)`, parameters `(k_p, k_i, k_d)`; `cutoff` [rad/s] is fixed."""
     if not (np.isfinite(cutoff) and cutoff > 0.0):
         raise ValueError(f"cutoff is {cutoff!r}, must be positive")
     offset, basis = np.zeros((3, 3)), np.zeros((3, 3, 3))
@@ -196,23 +199,33 @@ def tunable_pid(name: str, *, input: int, output: int, cutoff: float) -> Tunable
     offset[0, 2], offset[1, 1], offset[1, 2] = 1.0, -cutoff, cutoff
     basis[0, 2, 2] = basis[1, 2, 0] = 1.0
     basis[2, 2, 1], basis[2, 2, 2] = -cutoff, cutoff
+
+    def draw(rng: np.random.Generator) -> Matrix:
+        return rng.normal(size=3) * [1.0, 1.0, 1.0 / cutoff]
+
     return TunableBlock(
-        name=name, inputs=(input,), outputs=(output,), order=2, offset=offset, basis=basis,
-        draw=lambda rng: rng.normal(size=3) * [1.0, 1.0, 1.0 / cutoff], fit=lambda _: None,
-    )  # fmt: skip
+        name=name,
+        inputs=(input,),
+        outputs=(output,),
+        order=2,
+        offset=offset,
+        basis=basis,
+        draw=draw,
+        fit=lambda _: None,
+    )
 
 
 def tunable_observer(name: str, order: int, *, input: int, output: int, leak: float) -> TunableBlock:
-    """Return a system whose first two states are estimates of an attitude and of the rate that it reads.
+    """Return a system with estimates of an attitude and of its measured rate as the first two states.
 
-    `E' = -leak E + omega`, `omega' = -b (omega - y) + a_1 E + a_2 x`, the rest free. Every system of this order is
-    one of these in other coordinates, unless a degree of freedom is degenerate; so nothing is lost, and a law can carry
-    the exact kinematics `T(E) omega` of its own estimate in place of the first row: it is self-scheduled.
+    `E' = -leak E + omega`, `omega' = -b (omega - y) + a_1 E + a_2 x`, the rest free. Except for degenerate ones, every
+    system of this order has this form in suitable coordinates, so nothing is lost. A law can replace the first row by
+    the exact kinematics `T(E) omega` of its own estimate: it is then self-scheduled.
 
     Raises
     ------
     ValueError
-        If `order` is below 2: there is no attitude and no rate.
+        If `order` is below 2, without room for attitude and rate.
     """
     if order < 2:
         raise ValueError(f"order is {order}, must be 2 or more: the states are attitude, rate and others")
@@ -221,7 +234,7 @@ def tunable_observer(name: str, order: int, *, input: int, output: int, leak: fl
     free = np.ones(offset.shape, dtype=bool)
     free[0] = free[1, order] = False
     basis = _unit_matrices(free)
-    basis[:, 1, order] = -basis[:, 1, 1]  # the rate estimate goes to the rate that is read
+    basis[:, 1, order] = -basis[:, 1, 1]  # the rate estimate converges to the measured rate
 
     def draw(rng: np.random.Generator) -> Matrix:
         M = rng.normal(size=offset.shape)
@@ -239,20 +252,22 @@ def tunable_observer(name: str, order: int, *, input: int, output: int, leak: fl
 
 
 def observer_structure(order: int, n_con: int, *, leak: float) -> Structure:
-    """Return one `tunable_observer` of the given order for each control, which reads the rate of its own axis."""
+    """Return one `tunable_observer` of the given order for each control, from the rate of its own axis."""
     blocks = tuple(tunable_observer(f"K{k + 1}", order, input=k, output=k, leak=leak) for k in range(n_con))
     return Structure(blocks=blocks, n_meas=n_con, n_con=n_con)
 
 
 def balanced_truncation(K: Lti, order: int) -> Lti:
-    """Return a system of exactly the given order near `K`: balanced truncation of its stable part, padded if short.
+    """Return a system of exactly the given order near `K`, by balanced truncation, padded if `K` is of lower order.
+
+    An unstable `K` is shifted to a stable neighbour first.
 
     References
     ----------
     K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control, Prentice Hall 1996, section 7.1.
     """
     shift = max(0.0, 1e-3 + float(np.max(K.poles().real, initial=-1.0)))
-    A = K.A - shift * np.eye(K.order)  # an unstable controller is reduced as its stable neighbour
+    A = K.A - shift * np.eye(K.order)
     left = _factor(scipy.linalg.solve_continuous_lyapunov(A, -K.B @ K.B.T))
     right = _factor(scipy.linalg.solve_continuous_lyapunov(A.T, -K.C.T @ K.C))
     U, sizes, Vt = np.linalg.svd(right.T @ left)

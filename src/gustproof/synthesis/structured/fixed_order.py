@@ -1,4 +1,4 @@
-"""A design solved for a controller of fewer states than the plant has, one part for each axis."""
+"""Solve a design for a controller with fewer states than the plant, one part for each axis."""
 
 from dataclasses import replace
 
@@ -17,15 +17,16 @@ _AXES = 3
 def solve_structured(
     design: Design, problem: Interconnection, *, order: int, starts: int, seed: int, progress: Progress
 ) -> StructResult:
-    """Return a controller of `order` states together, the same number for each axis, and no coupling between them.
+    """Return a controller of `order` states in total, the same number for each axis, without coupling between axes.
 
-    From two states an axis on, a regulator's states begin with Euler angles and body rates, as those of a central
-    controller do, so that its law can be self-scheduled.
+    With two or more states an axis, a regulator's states begin with Euler angles and body rates, as in a central
+    controller. Its law can then be self-scheduled.
 
     Raises
     ------
     DesignError
-        If `order` can't be shared out, the law is to be self-scheduled and can't be, or no start succeeds.
+        If `order` does not divide among the axes, a self-scheduled law is required and impossible, or no start
+        succeeds.
     """
     if order < _AXES or order % _AXES:
         raise DesignError(f"order {order} can't be shared out among {_AXES} axes: it must be 3, 6, 9, ...")
@@ -42,7 +43,7 @@ def solve_structured(
     result = hinfstruct(
         problem.plant(), problem.n_meas, problem.n_con, structure=structure, starts=starts, seed=seed, progress=progress
     )
-    # blocks hold an axis each; a law holds all attitudes, then all rates, then the rest
+    # from one block an axis to the order of a law: all attitudes, then all rates, then the rest
     first = np.arange(order).reshape(_AXES, each).T.ravel()
     return replace(result, controller=_reorder_states(result.controller, first))
 

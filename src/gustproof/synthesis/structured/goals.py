@@ -1,7 +1,8 @@
-"""What is asked of a structured controller: one thing to minimise, and limits to keep.
+"""Goals of a structured controller: one soft goal to minimise, and hard goals to satisfy.
 
-A goal is a value of the closed loop over its limit; at most 1 keeps it. Norms are of a part of P's own channels (w, z),
-or of transfers that every loop has: sensitivity at the plant's input or output, and from noise on y to u.
+The value of a goal is a property of the closed loop divided by its limit; a hard goal is satisfied at values up to 1.
+Norms are of a part of P's own channels (w, z), or of transfers of every loop. The latter are the sensitivity at the
+plant's input or output, and noise on y to u.
 """
 
 from dataclasses import dataclass
@@ -12,11 +13,11 @@ import numpy as np
 from gustproof.lti.state_space import Lti, series
 
 Indices = tuple[int, ...] | None
-"""Which channels, counted from 0; `None` for all."""
+"""Indices of channels, from 0; `None` for all."""
 
 
 class LoopLocation(Enum):
-    """Where a loop is broken."""
+    """Location of a break in the loop."""
 
     INPUT = "plant input"
     """At the controls u."""
@@ -25,7 +26,7 @@ class LoopLocation(Enum):
 
 
 class NormKind(Enum):
-    """How large a transfer is."""
+    """Measure of the size of a transfer."""
 
     PEAK = "H-infinity norm"
     """Largest gain over all frequencies."""
@@ -35,20 +36,20 @@ class NormKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GainGoal:
-    """A norm of a part of (w, z); the torque slew is this with `Measure.RMS` of a z that P has for it."""
+    """A norm of a part of (w, z), such as the torque slew: `NormKind.RMS` of a suitable z of P."""
 
     name: str = "gain"
-    """Unique among the goals."""
+    """Name, unique among the goals."""
     limit: float = 1.0
-    """[-] largest value; what is minimised is divided by it too."""
+    """[-] largest value; also divides the norm of a soft goal."""
     measure: NormKind = NormKind.PEAK
-    """Which norm."""
+    """Kind of norm."""
     inputs: Indices = None
-    """Which of w."""
+    """Channels of w."""
     outputs: Indices = None
-    """Which of z."""
+    """Channels of z."""
     weight: Lti | None = None
-    """Filter on the outputs together, such as a differentiator with a lag."""
+    """Filter on all outputs together, such as a differentiator with a lag."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,13 +57,13 @@ class SensitivityGoal:
     """The H-infinity norm of the sensitivity: Ms of one channel, or of several at once."""
 
     name: str = "Ms"
-    """Unique among the goals."""
+    """Name, unique among the goals."""
     limit: float = 2.0
     """[-] largest value of Ms."""
-    place: LoopLocation = LoopLocation.INPUT
-    """Where the loop is broken."""
+    location: LoopLocation = LoopLocation.INPUT
+    """Location of the break in the loop."""
     channels: Indices = None
-    """Which channels are broken; the others stay closed."""
+    """Broken channels; the others stay closed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,25 +71,25 @@ class DiskMarginGoal:
     """The disk margin of several channels at once, from `|| S - I/2 ||`; for one channel exact."""
 
     name: str = "disk margin"
-    """Unique among the goals."""
-    least: float = 0.5
+    """Name, unique among the goals."""
+    minimum: float = 0.5
     """[-] least disk margin alpha."""
-    place: LoopLocation = LoopLocation.INPUT
-    """Where the loop is broken."""
+    location: LoopLocation = LoopLocation.INPUT
+    """Location of the break in the loop."""
     channels: Indices = None
-    """Which channels vary; the others stay as they are."""
+    """Channels that vary; the others do not."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RollOffGoal:
-    """The controller's gain from noise on y to u in the closed loop, under a line that falls with frequency."""
+    """The closed loop's gain from noise on y to u, below a line that falls with frequency."""
 
     name: str = "roll-off"
-    """Unique among the goals."""
+    """Name, unique among the goals."""
     corner: float
-    """[rad/s] frequency at which the line through `limit` is."""
+    """[rad/s] frequency at which the line has the value `limit`."""
     limit: float = 1.0
-    """[unit of u / unit of y] gain at the corner; beyond it, less by the slope."""
+    """[unit of u / unit of y] largest gain at the corner."""
     slope: int = 1
     """Order of the fall, 1 or 2; the weight levels off at 1000 times the corner."""
 
@@ -98,47 +99,42 @@ class StabilityGoal:
     """All poles of the controller left of `-margin`."""
 
     name: str = "controller stability"
-    """Unique among the goals."""
+    """Name, unique among the goals."""
     margin: float = 0.0
     """[1/s] least distance of the controller's poles from the imaginary axis."""
 
 
 Goal = GainGoal | SensitivityGoal | DiskMarginGoal | RollOffGoal | StabilityGoal
-"""Anything that can be asked."""
+"""Any goal."""
 
 
 def extract_channel(
     goal: GainGoal | SensitivityGoal | DiskMarginGoal | RollOffGoal, P: Lti, n_meas: int, n_con: int
 ) -> tuple[Lti, float]:
-    """Return the generalised plant whose closed-loop norm is the goal's, and the largest value of that norm.
+    """Return the generalised plant of the goal, and the largest value of its closed-loop norm.
 
     Raises
     ------
     ValueError
-        If a channel is not there or a limit is not positive.
+        If a channel does not exist or a limit is not positive.
     """
     m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
     w, z, u, y = range(m1), range(p1), range(m1, P.n_inputs), range(p1, P.n_outputs)
     if isinstance(goal, GainGoal):
         inputs, outputs = _resolve_indices(goal.name, goal.inputs, w), _resolve_indices(goal.name, goal.outputs, z)
         part = _select_channels(P, [*outputs, *y], [*inputs, *u])
-        return (part if goal.weight is None else _apply_weight(part, goal.weight, n_meas)), _require_positive(
-            goal.name, goal.limit
-        )
+        weighted = part if goal.weight is None else _apply_weight(part, goal.weight, n_meas)
+        return weighted, _require_positive(goal.name, goal.limit)
     if isinstance(goal, RollOffGoal):
         disturbed = _noise_to_control(P, n_meas, n_con)
         return _apply_weight(disturbed, _roll_off_weight(goal, n_con), n_meas), _require_positive(goal.name, goal.limit)
-    limit = goal.limit if isinstance(goal, SensitivityGoal) else 1.0 / _require_positive(goal.name, goal.least)
-    taken = 0.0 if isinstance(goal, SensitivityGoal) else 0.5
-    count = n_con if goal.place is LoopLocation.INPUT else n_meas
-    chosen = _resolve_indices(goal.name, goal.channels, range(count))
-    broken = (
-        _inject_at_input(P, n_meas, n_con, chosen)
-        if goal.place is LoopLocation.INPUT
-        else _inject_at_output(P, n_meas, n_con, chosen)
-    )
+    limit = goal.limit if isinstance(goal, SensitivityGoal) else 1.0 / _require_positive(goal.name, goal.minimum)
+    at_input = goal.location is LoopLocation.INPUT
+    chosen = _resolve_indices(goal.name, goal.channels, range(n_con if at_input else n_meas))
+    broken = (_inject_at_input if at_input else _inject_at_output)(P, n_meas, n_con, chosen)
     D = broken.D.copy()
-    D[: len(chosen), : len(chosen)] -= taken * np.eye(len(chosen))
+    if isinstance(goal, DiskMarginGoal):  # the norm of S - I/2 bounds the disk margin
+        D[: len(chosen), : len(chosen)] -= 0.5 * np.eye(len(chosen))
     return Lti(A=broken.A, B=broken.B, C=broken.C, D=D), _require_positive(goal.name, limit)
 
 
@@ -191,18 +187,14 @@ def _roll_off_weight(goal: RollOffGoal, width: int) -> Lti:
 def _apply_weight(P: Lti, weight: Lti, n_meas: int) -> Lti:
     """Return `P` with the filter `weight` on all outputs but the last `n_meas`."""
     p1 = P.n_outputs - n_meas
-    measured = Lti(A=np.zeros((0, 0)), B=np.zeros((0, n_meas)), C=np.zeros((n_meas, 0)), D=np.eye(n_meas))
     if weight.n_inputs != p1:
-        raise ValueError(f"a weight of {weight.n_inputs} inputs stands on {p1} outputs")
+        raise ValueError(f"the weight has {weight.n_inputs} inputs, must have {p1}, one for each output")
     beside = Lti(
         A=weight.A,
         B=np.hstack([weight.B, np.zeros((weight.order, n_meas))]),
         C=np.vstack([weight.C, np.zeros((n_meas, weight.order))]),
-        D=np.block([
-            [weight.D, np.zeros((weight.n_outputs, n_meas))],
-            [np.zeros((n_meas, p1)), measured.D],
-        ]),
-    )  # fmt: skip
+        D=np.block([[weight.D, np.zeros((weight.n_outputs, n_meas))], [np.zeros((n_meas, p1)), np.eye(n_meas)]]),
+    )
     return series(P, beside)
 
 

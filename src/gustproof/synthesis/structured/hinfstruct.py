@@ -1,4 +1,4 @@
-"""Fixed-order, fixed-structure H-infinity synthesis by nonsmooth optimisation: `hinfstruct`."""
+"""Fixed-order, fixed-structure H-infinity synthesis by non-smooth optimisation: `hinfstruct`."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,38 +20,38 @@ if TYPE_CHECKING:
     import control
 
 _BACKOFFS = (1.1, 1.3, 3.0)
-"""[-] levels over the least at which central controllers are made, to be reduced to starts."""
+"""[-] levels over the least of the central controllers that are reduced to starting points."""
 _STABLE_ABSCISSA = -1e-3
-"""[rad/s] spectral abscissa at which a loop counts as stable enough to start from."""
+"""[rad/s] spectral abscissa below which a loop is stable enough to start from."""
 _STABILIZING_STEPS, _STEPS, _RESTARTS = 300, 1000, 2
 _PERTURBATION = 0.03
-"""[-] relative size of the change that is made to all parameters of the best, before its search is tried again."""
+"""[-] relative size of the random change to all parameters of the best before its search is repeated."""
 _PENALTY, _PENALTY_GROWTH, _ROUNDS = 10.0, 10.0, 12
-"""Price of a limit in units of the target, what it is raised by where it is too low, and how often."""
+"""Initial penalty factor of a hard goal, its growth where it is too low, and the largest number of rounds."""
 _AGREEMENT = 1e-5
-"""[-] two searches that end within this fraction of each other have met."""
+"""[-] relative difference below which the results of two searches agree."""
 _ROUND_GAIN = 1e-3
-"""[-] relative progress of a round below which there is no other."""
+"""[-] relative progress of a round below which no other follows."""
 
 Progress = Callable[[float, str], None]
-"""Told a fraction [0..1] and what is being done."""
+"""Callback for the fraction done [0..1] and a text on the current work."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Start:
-    """One start of the search, and where it led."""
+    """One start of the search, and its result."""
 
     name: str
-    """Where it came from: `central 1.1` (a reduced central controller of hinfsyn) or `random 3`."""
+    """Origin: `central 1.1` (a reduced central controller of hinfsyn) or `random 3`."""
     target: float
-    """[-] what is minimised, at the end; infinite if no stable loop was found or a limit could not be kept."""
-    failed: str
-    """Why `target` is infinite; empty if it is not."""
+    """[-] final target; infinite if no stable loop was found or a hard goal could not be satisfied."""
+    failure: str
+    """Reason for an infinite `target`; empty if it is finite."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StructResult:
-    """A controller of the asked structure, its norm, and how it was found."""
+    """A controller of the required structure, its norm, and a record of the search."""
 
     controller: Lti
     """`u = K y` (positive feedback); its states are those of the blocks in their order."""
@@ -60,21 +60,21 @@ class StructResult:
     omega: float
     """[rad/s] frequency of that norm."""
     target: float
-    """[-] what was minimised: `gamma` unless another goal was given."""
-    limits: dict[str, float]
-    """[-] each limit's value over its limit, worst over the models, by the goal's name; at most 1."""
+    """[-] the minimised target: `gamma` unless another soft goal was given."""
+    hard_goals: dict[str, float]
+    """[-] each hard goal's value over its limit, worst over the models, by the goal's name; at most 1."""
     gamma_opt: float | None
-    """[-] least norm that any controller of the first model has, from `hinfsyn`; `None` if that is not solvable."""
+    """[-] least norm of any controller of the first model, from `hinfsyn`; `None` if that is not solvable."""
     blocks: dict[str, Lti]
     """Tuned blocks by name."""
     theta: Matrix
     """(size,) parameters of the structure."""
     winner: int
-    """Which of `starts` led here."""
+    """Index in `starts` of this result."""
     starts: tuple[Start, ...]
-    """Every start in the order in which they were tried."""
+    """All starts in the order of the search."""
     evaluations: int
-    """How often the objective was evaluated."""
+    """Number of evaluations of the objective."""
 
     @property
     def K(self) -> "control.StateSpace":
@@ -88,7 +88,7 @@ class StructResult:
 
     @property
     def norm(self) -> float:
-        """The achieved norm [-], which is the level too."""
+        """The achieved norm [-], equal to the level."""
         return self.gamma
 
 
@@ -102,16 +102,18 @@ def hinfstruct(
     starts: int = 5,
     seed: int = 1,
     soft_goal: GainGoal | None = None,
-    limits: Sequence[Goal] = (),
+    hard_goals: Sequence[Goal] = (),
     progress: Progress = lambda _fraction, _text: None,
 ) -> StructResult:
     """Return a controller of a given order and structure with a small H-infinity norm from w to z.
 
-    The last `n_meas` outputs of `P` are measured, its last `n_con` inputs are controls; D may be anything. The norm is
-    minimised over the parameters by BFGS with analytic gradients from the singular vectors at its peaks, from several
-    starts; first the spectral abscissa until the loop is stable. What is found is a local minimum of a problem that is
-    not convex: nothing is said about better controllers but `gamma_opt`, which no structure beats. The same seed gives
-    the same controller. Cost: some thousand eigenvalue problems of the closed loop's order a start.
+    The last `n_meas` outputs of `P` are measured, its last `n_con` inputs are controls; D is arbitrary. From several
+    starts, BFGS first minimises the spectral abscissa until the loop is stable, then the norm over the parameters.
+    Gradients are analytic, from the singular vectors at the peaks of the norm.
+
+    The result is a local minimum of a problem that is not convex. The only bound on better controllers is `gamma_opt`,
+    which no structure beats. The same seed gives the same controller. Cost: some thousand eigenvalue problems of the
+    closed loop's order a start.
 
     Parameters
     ----------
@@ -122,25 +124,25 @@ def hinfstruct(
     order
         Number of controller states without further structure; 0 is static.
     structure
-        Tunable blocks; given, `order` is not used.
+        Tunable blocks; if given, `order` is not used.
     starts
-        How many; where `hinfsyn` solves the first model, up to three are its central controllers, reduced.
+        Number of starts. If `hinfsyn` solves the first model, up to three are its central controllers, reduced.
     seed
-        Of the random starts.
+        Seed of the random starts.
     soft_goal
-        What is minimised instead of the norm from w to z.
-    limits
-        Goals that are kept while it is.
+        Goal to minimise instead of the norm from w to z.
+    hard_goals
+        Goals to satisfy.
     progress
-        Told the fraction done and the best so far.
+        Callback for the fraction done and the best result so far.
 
     Raises
     ------
     ValueError
         If sizes do not fit, a model is discrete, or an argument is out of range.
     DesignError
-        If no start led to a loop that is stable and keeps the limits; each start's failure is named. That none was
-        found does not prove that there is none.
+        If no start led to a stable loop that satisfies the hard goals; the text names each start's failure. This does
+        not prove that there is no such controller.
 
     References
     ----------
@@ -151,35 +153,47 @@ def hinfstruct(
     structure = full_structure(order, n_meas, n_con) if structure is None else structure
     _check_sizes(models, structure, n_meas, n_con, starts)
     target = GainGoal() if soft_goal is None else soft_goal
-    problem = Problem(models=models, structure=structure, target=target, limits=tuple(limits))
+    problem = Problem(models=models, structure=structure, target=target, hard_goals=tuple(hard_goals))
     objective = problem.objective()
-    gamma_opt, seeds = _starting_points(models[0], structure, starts, seed)
+    gamma_opt, points = _starting_points(models[0], structure, starts, seed)
     rng = np.random.default_rng([seed, starts])
-    tried: list[Start] = []
-    best: Matrix | None = None
-    for k in range(len(seeds) + _RESTARTS):
-        winner = min(tried, key=lambda start: start.target, default=None)
-        least = np.inf if winner is None else winner.target
-        if k < len(seeds):
-            name, theta = seeds[k]
-        elif winner is not None and best is not None and not _is_confirmed(tried):
-            name, theta = f"{winner.name}, shaken", _perturb(problem, objective, best, rng)
-        else:
-            break
-        progress(k / (len(seeds) + _RESTARTS), f"{name}; best so far {least:.5g}")
-        start, theta = _descend(problem, objective, name, theta)
-        tried.append(start)
-        if start.target < least:
-            best = theta
+    tried, best = _search(problem, objective, points, rng, progress)
     progress(1.0, "checked")
     if best is None:
-        failures = "; ".join(f"{start.name}: {start.failed}" for start in tried)
+        failures = "; ".join(f"{start.name}: {start.failure}" for start in tried)
         raise DesignError(f"no controller of this structure was found in {len(tried)} starts: {failures}")
     return _make_result(problem, objective, best, tuple(tried), gamma_opt)
 
 
+def _search(
+    problem: Problem,
+    objective: PenaltyFunction,
+    points: list[tuple[str, Matrix]],
+    rng: np.random.Generator,
+    progress: Progress,
+) -> tuple[list[Start], Matrix | None]:
+    """Return all starts, from `points` and then near the best, and the best parameters; `None` if all failed."""
+    tried: list[Start] = []
+    best: Matrix | None = None
+    for k in range(len(points) + _RESTARTS):
+        winner = min(tried, key=lambda start: start.target, default=None)
+        least = np.inf if winner is None else winner.target
+        if k < len(points):
+            name, theta = points[k]
+        elif winner is not None and best is not None and not _is_confirmed(tried):
+            name, theta = f"{winner.name}, perturbed", _perturb(objective, best, rng)
+        else:
+            break
+        progress(k / (len(points) + _RESTARTS), f"{name}; best so far {least:.5g}")
+        start, theta = _descend(problem, objective, name, theta)
+        tried.append(start)
+        if start.target < least:
+            best = theta
+    return tried, best
+
+
 def _is_confirmed(tried: list[Start]) -> bool:
-    """Return whether two searches met at the least target: there is no better one nearby."""
+    """Return whether two searches agree on the least target, so that no better one is nearby."""
     targets = sorted(start.target for start in tried)
     return len(targets) > 1 and targets[1] <= (1.0 + _AGREEMENT) * targets[0]
 
@@ -200,7 +214,7 @@ def _check_sizes(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_c
 def _starting_points(
     model: Lti, structure: Structure, starts: int, seed: int
 ) -> tuple[float | None, list[tuple[str, Matrix]]]:
-    """Return hinfsyn's least level of the model if there is one, and named parameters to start from."""
+    """Return hinfsyn's least level of the model, if any, and named parameters to start from."""
     n_meas, n_con = structure.n_meas, structure.n_con
     found: list[tuple[str, Matrix]] = []
     gamma_opt = None
@@ -211,9 +225,7 @@ def _starting_points(
             theta = structure.fit(central.controller) if structure.order else None
             if theta is not None:
                 found.append((f"central {backoff:g}", theta))
-    except DesignError:
-        pass
-    except ValueError:  # a plant without states: nothing to estimate
+    except (DesignError, ValueError):  # not solvable, or a plant without states: random starts only
         pass
     found = found[:starts]
     for k in range(starts - len(found)):
@@ -222,56 +234,57 @@ def _starting_points(
 
 
 def _descend(problem: Problem, objective: PenaltyFunction, name: str, theta: Matrix) -> tuple[Start, Matrix]:
-    """Return where one start leads: stable first, then within the limits, then small."""
-    stable = minimize(problem.stability(), theta, steps=_STABILIZING_STEPS, enough=_STABLE_ABSCISSA)
+    """Return the result of one start: stabilise, then satisfy the hard goals, then minimise."""
+    stable = minimize(problem.stability(), theta, steps=_STABILIZING_STEPS, stop_below=_STABLE_ABSCISSA)
     theta = stable.theta
     if stable.value >= 0.0 or (
-        not np.isfinite(objective.use_penalty(1.0).reached(theta)[0]) and stable.value > _STABLE_ABSCISSA
+        not np.isfinite(objective.use_penalty(1.0).goal_values(theta)[0]) and stable.value > _STABLE_ABSCISSA
     ):
-        return Start(name=name, target=np.inf, failed=f"unstable, abscissa {stable.value:.3g}"), theta
-    if problem.limits:
-        theta = _find_minimum(objective.use_penalty(np.inf), theta, enough=0.0)
-        _, kept = objective.reached(theta)
-        if wrong := [f"{goal} {value:.4g} of its limit" for goal, value in kept.items() if not value <= 1.0]:
-            return Start(name=name, target=np.inf, failed=", ".join(wrong)), theta
+        return Start(name=name, target=np.inf, failure=f"unstable, abscissa {stable.value:.3g}"), theta
+    if problem.hard_goals:
+        theta = _find_minimum(objective.use_penalty(np.inf), theta, stop_below=0.0)
+        _, hard = objective.goal_values(theta)
+        if wrong := [f"{goal} {value:.4g} of its limit" for goal, value in hard.items() if not value <= 1.0]:
+            return Start(name=name, target=np.inf, failure=", ".join(wrong)), theta
         theta = _trade_off(objective, theta)
     else:
         theta = _find_minimum(objective.use_penalty(1.0), theta)
-    target = objective.reached(theta)[0]
-    failed = "" if np.isfinite(target) else "the target is infinite: white noise passes straight through"
-    return Start(name=name, target=target, failed=failed), theta
+    target = objective.goal_values(theta)[0]
+    failure = "" if np.isfinite(target) else "the target is infinite: white noise passes straight through"
+    return Start(name=name, target=target, failure=failure), theta
 
 
-def _find_minimum(objective: PenaltyFunction, theta: Matrix, *, enough: float = -np.inf) -> Matrix:
+def _find_minimum(objective: PenaltyFunction, theta: Matrix, *, stop_below: float = -np.inf) -> Matrix:
     """Return a local minimum near `theta`, or `theta` where the function is infinite."""
-    return (
-        minimize(objective, theta, steps=_STEPS, enough=enough).theta if np.isfinite(objective.value(theta)) else theta
-    )
+    if not np.isfinite(objective.value(theta)):
+        return theta
+    return minimize(objective, theta, steps=_STEPS, stop_below=stop_below).theta
 
 
-def _perturb(problem: Problem, objective: PenaltyFunction, theta: Matrix, rng: np.random.Generator) -> Matrix:
-    """Return parameters a little off `theta`, with stable loops: creases hold up a search, and off them it goes on."""
+def _perturb(objective: PenaltyFunction, theta: Matrix, rng: np.random.Generator) -> Matrix:
+    """Return parameters slightly off `theta` with stable loops: a search that stopped on a crease continues off it."""
     for size in _PERTURBATION * 0.5 ** np.arange(12):
-        shaken = theta * (1.0 + size * rng.normal(size=theta.size))
-        if np.isfinite(objective.value(shaken)):
-            return np.asarray(shaken)
+        perturbed = theta * (1.0 + size * rng.normal(size=theta.size))
+        if np.isfinite(objective.value(perturbed)):
+            return np.asarray(perturbed)
     return theta
 
 
 def _trade_off(objective: PenaltyFunction, theta: Matrix) -> Matrix:
-    """Return parameters with the least target among those that keep the limits, from some that do.
+    """Return parameters with the least target that satisfy the hard goals, from `theta`, which satisfies them.
 
-    In turns away from the limits' edge, where a search goes further, and down to the edge.
+    Alternates between the minimax function, whose search gets further inside the limits, and the penalty function,
+    which goes to their edge.
     """
-    best, price, least = theta, _PENALTY, objective.reached(theta)[0]
+    best, penalty, least = theta, _PENALTY, objective.goal_values(theta)[0]
     for _ in range(_ROUNDS if np.isfinite(least) else 0):
         before = least
-        for centred in (True, False):
-            function = objective.centred(least) if centred else objective.use_penalty(least, price)
+        for minimax in (True, False):
+            function = objective.use_minimax(least) if minimax else objective.use_penalty(least, penalty)
             theta = minimize(function, best, steps=_STEPS).theta
-            target, kept = objective.reached(theta)
-            if max(kept.values()) > 1.0:
-                price *= _PENALTY_GROWTH
+            target, hard = objective.goal_values(theta)
+            if max(hard.values()) > 1.0:
+                penalty *= _PENALTY_GROWTH
             elif target < least:
                 best, least = theta, target
         if before - least <= _ROUND_GAIN * least:
@@ -280,25 +293,32 @@ def _trade_off(objective: PenaltyFunction, theta: Matrix) -> Matrix:
     return best
 
 
-def _peak(model: Lti, K: Lti) -> Peak:
+def _loop_peak(model: Lti, K: Lti) -> Peak:
     loop = augment_plant(model, K.n_inputs, K.n_outputs, K.order)
-    gain, omega = loop_peak(close_loop(loop, np.block([[K.A, K.B], [K.C, K.D]])), [])
-    return Peak(gain=gain, omega=omega)
+    return loop_peak(close_loop(loop, np.block([[K.A, K.B], [K.C, K.D]])), [])
 
 
 def _make_result(
     problem: Problem, objective: PenaltyFunction, theta: Matrix, tried: tuple[Start, ...], gamma_opt: float | None
 ) -> StructResult:
     K = problem.structure.controller(theta)
-    # where the gain is flat either computation may miss a little of it: the larger one is a norm that is attained
+    # where the gain is flat either computation may fall slightly short; both gains are attained, so take the larger
     peaks = [hinf_norm(lft(model, K)) for model in problem.models]
-    peaks += [_peak(model, K) for model in problem.models]
+    peaks += [_loop_peak(model, K) for model in problem.models]
     top = max(peaks, key=lambda item: item.gain)
-    target, kept = objective.reached(theta)
+    target, hard = objective.goal_values(theta)
     if not np.isfinite(top.gain):
         raise DesignError("rounding spoilt the controller: its closed loop is unstable")
     return StructResult(
-        controller=K, gamma=top.gain, omega=top.omega, target=target, limits=kept, gamma_opt=gamma_opt,
-        blocks=problem.structure.systems(theta), theta=theta, starts=tried, evaluations=objective.evaluations,
+        controller=K,
+        gamma=top.gain,
+        omega=top.omega,
+        target=target,
+        hard_goals=hard,
+        gamma_opt=gamma_opt,
+        blocks=problem.structure.systems(theta),
+        theta=theta,
         winner=int(np.argmin([start.target for start in tried])),
-    )  # fmt: skip
+        starts=tried,
+        evaluations=objective.evaluations,
+    )

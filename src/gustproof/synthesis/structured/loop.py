@@ -1,7 +1,7 @@
 """The closed loop of a structured controller: its spectral abscissa, H-infinity and H2 norm, with their gradients.
 
-A controller of order n is the static gain `M = [A, B; C, D]` of the plant with n integrators put beside it. Everything
-here is a function of M; gradients are analytic, (rows of M, columns of M).
+A controller of order n is the static gain `M = [A, B; C, D]` of the plant augmented by n integrators. All results are
+functions of M; gradients are analytic, (rows of M, columns of M).
 """
 
 from dataclasses import dataclass
@@ -12,21 +12,22 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
+from gustproof.lti.norms import Peak
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix
 
 _ACCURACY = 1e-8
-"""[-] relative accuracy of the H-infinity norm while searching; the result is computed again to the last digit."""
+"""[-] relative accuracy of the H-infinity norm during a search; the result is computed again to the last digit."""
 _ON_AXIS = 1e-3
-"""[-] eigenvalues with a real part below this fraction of their magnitude are tried as crossings: where the gain is
-flat, as at an optimum, they are far off the axis by rounding, and one tried in vain costs a frequency response."""
+"""[-] eigenvalues with a real part below this fraction of their magnitude are tried as crossings. Where the gain is
+flat, as at an optimum, rounding moves them far off the axis. A wrong candidate costs one frequency response."""
 _ROUNDING = 1e-10
-"""[-] eigenvalues nearer to the axis than this fraction of the largest may be on it, but for rounding."""
+"""[-] eigenvalues nearer to the axis than this fraction of the largest count as on it."""
 _ROUNDS = 30
-"""Rounds in which a lower bound is raised; two or three are the rule."""
+"""Largest number of rounds that raise a lower bound; two or three are usual."""
 
 
 class Slope(NamedTuple):
-    """One active branch of a function of M: its value, and its gradient."""
+    """Value and gradient of one active branch of a function of M."""
 
     value: float
     """[-, or rad/s for an abscissa]."""
@@ -36,7 +37,7 @@ class Slope(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AugmentedPlant:
-    """A generalised plant with the controller's integrators put beside it, so that the controller is a gain."""
+    """A generalised plant augmented by the controller's integrators, so that the controller is a gain."""
 
     A: Matrix
     """(n, n)."""
@@ -59,7 +60,7 @@ class AugmentedPlant:
 
 
 def augment_plant(P: Lti, n_meas: int, n_con: int, order: int) -> AugmentedPlant:
-    """Return `P`, whose last outputs and inputs are measured and controlled, with `order` integrators beside it."""
+    """Return `P`, its last outputs and inputs being measurements and controls, augmented by `order` integrators."""
     m1, p1, k = P.n_inputs - n_con, P.n_outputs - n_meas, order
     identity = np.eye(k)
     return AugmentedPlant(
@@ -76,7 +77,7 @@ def augment_plant(P: Lti, n_meas: int, n_con: int, order: int) -> AugmentedPlant
 
 
 class ClosedLoop(NamedTuple):
-    """A closed loop at one M, and how a change of M enters: `dA = B2 dM C2`, `dB = B2 dM D21`, and so on."""
+    """A closed loop at one M, and the effect of a change of M: `dA = B2 dM C2`, `dB = B2 dM D21`, and so on."""
 
     A: Matrix
     """(n, n)."""
@@ -87,17 +88,17 @@ class ClosedLoop(NamedTuple):
     D: Matrix
     """(p1, m1)."""
     B2: Matrix
-    """(n, r) of a change of what M puts out."""
+    """(n, r) of a change of M's output."""
     C2: Matrix
-    """(c, n) of what M reads."""
+    """(c, n) of M's input."""
     D12: Matrix
-    """(p1, r) of a change of what M puts out."""
+    """(p1, r) of a change of M's output."""
     D21: Matrix
-    """(c, m1) of what M reads."""
+    """(c, m1) of M's input."""
 
 
 def close_loop(plant: AugmentedPlant, M: Matrix) -> ClosedLoop:
-    """Return the closed loop `u = M y`; numbers that are not finite where it is not well posed."""
+    """Return the closed loop `u = M y`; its numbers are not finite if it is not well posed."""
     B2, C2, D12, D21 = plant.B2, plant.C2, plant.D12, plant.D21
     if np.any(plant.D22):
         loop = np.eye(M.shape[0]) - M @ plant.D22
@@ -126,7 +127,7 @@ def abscissa(A: Matrix) -> float:
 
 
 def abscissa_slopes(A: Matrix, B2: Matrix, C2: Matrix, near: float) -> list[Slope]:
-    """Return a branch for each eigenvalue of A whose real part is within `near` [rad/s] of the largest."""
+    """Return a branch for each eigenvalue of A with a real part within `near` [rad/s] of the largest."""
     values, right = np.linalg.eig(A)
     if np.linalg.cond(right) > 1e12:  # a defective eigenvalue has no derivative
         return []
@@ -138,27 +139,19 @@ def abscissa_slopes(A: Matrix, B2: Matrix, C2: Matrix, near: float) -> list[Slop
     return sorted(slopes, key=lambda slope: -slope.value)
 
 
-class LoopPeak(NamedTuple):
-    """The H-infinity norm, and the frequencies that were worth a look."""
-
-    gain: float
-    """[-] the norm; infinite for an unstable loop."""
-    omega: float
-    """[rad/s] where it is; infinite if only approached at infinity."""
-
-
-def loop_peak(loop: ClosedLoop, warm: list[float]) -> LoopPeak:
+def loop_peak(loop: ClosedLoop, warm: list[float]) -> Peak:
     """Return the H-infinity norm of a loop, starting from the frequencies `warm` [rad/s] and its resonances.
 
-    A lower bound is raised by the middle of the bands that the Hamiltonian matrix shows, as in `numerics.norms`; a
-    search calls it thousands of times on loops that hardly differ, so the first guess is nearly always the peak.
+    The method is that of `lti.norms.hinf_norm`: a lower bound is raised to the gain in the middle of the bands given by
+    a Hamiltonian matrix. A search calls it thousands of times on similar loops, so the first guess is nearly always the
+    peak.
     """
     if not np.all(np.isfinite(loop.A)):
-        return LoopPeak(np.inf, 0.0)
+        return Peak(gain=np.inf, omega=0.0)
     poles = np.linalg.eigvals(loop.A)
     if not np.max(poles.real) < -_ROUNDING * np.max(np.abs(poles)):
-        return LoopPeak(np.inf, 0.0)
-    best = LoopPeak(float(np.linalg.norm(loop.D, 2)), np.inf)
+        return Peak(gain=np.inf, omega=0.0)
+    best = Peak(gain=float(np.linalg.norm(loop.D, 2)), omega=np.inf)
     upper = poles[poles.imag >= 0.0]
     resonance = np.sqrt(np.maximum(upper.imag**2 - upper.real**2, 0.0))
     best = _raise_bound(loop, best, np.concatenate([[0.0], warm, np.abs(upper), resonance[resonance > 0.0]]))
@@ -176,7 +169,7 @@ def loop_peak(loop: ClosedLoop, warm: list[float]) -> LoopPeak:
     return best
 
 
-def peak_slopes(loop: ClosedLoop, top: LoopPeak, near: float) -> list[Slope]:
+def peak_slopes(loop: ClosedLoop, top: Peak, near: float) -> list[Slope]:
     """Return a branch for each singular value, at each local peak, within the fraction `near` of the norm `top`."""
     frequencies = [top.omega]
     if near > 0.0:
@@ -215,7 +208,7 @@ def h2_slope(loop: ClosedLoop) -> Slope:
 
 
 def crossings(loop: ClosedLoop, level: float) -> Matrix:
-    """Return the frequencies >= 0, ascending, where a singular value may equal `level`, which is above that of D."""
+    """Return the frequencies >= 0, ascending, where a singular value may equal `level` (> sigma_max(D))."""
     A, B, C, D = loop[:4]
     if np.any(D):
         R = level**2 * np.eye(D.shape[1]) - D.T @ D
@@ -230,10 +223,10 @@ def crossings(loop: ClosedLoop, level: float) -> Matrix:
     return np.unique(np.abs(found.imag))
 
 
-def _raise_bound(loop: ClosedLoop, best: LoopPeak, omega: Matrix) -> LoopPeak:
+def _raise_bound(loop: ClosedLoop, best: Peak, omega: Matrix) -> Peak:
     gains = np.linalg.norm(_response(loop, omega), 2, axis=(1, 2))
     k = int(np.argmax(gains))
-    return LoopPeak(float(gains[k]), float(omega[k])) if gains[k] > best.gain else best
+    return Peak(gain=float(gains[k]), omega=float(omega[k])) if gains[k] > best.gain else best
 
 
 def _is_distinct(omega: float, other: float) -> bool:
@@ -241,7 +234,7 @@ def _is_distinct(omega: float, other: float) -> bool:
 
 
 def _local_peaks(loop: ClosedLoop, level: float) -> list[float]:
-    """Return, to some digits, where the gain is largest within each band in which it exceeds `level`."""
+    """Return the frequency of the largest gain, to some digits, in each band where the gain exceeds `level`."""
     if np.linalg.norm(loop.D, 2) >= level:
         return []
     ends, found = np.concatenate([[0.0], crossings(loop, level)]), []
@@ -251,7 +244,7 @@ def _local_peaks(loop: ClosedLoop, level: float) -> list[float]:
         for _ in range(3):
             omega = np.linspace(low, high, 9)
             k = int(np.argmax(np.linalg.norm(_response(loop, omega), 2, axis=(1, 2))))
-            if k in (0, 8):  # the gain is higher outside the band: it is no peak of its own
+            if k in (0, 8):  # the gain is higher outside the band: no separate peak
                 break
             low, high = omega[k - 1], omega[k + 1]
         else:
@@ -265,7 +258,7 @@ def _response(loop: ClosedLoop, omega: Matrix) -> ComplexMatrix:
 
 
 def _transfers(loop: ClosedLoop, omega: float) -> tuple[ComplexMatrix, ComplexMatrix, ComplexMatrix]:
-    """Return the loop's response at `omega`, and what stands left and right of dM in its derivative."""
+    """Return the loop's response at `omega`, and the left and right factors of dM in its derivative."""
     if not np.isfinite(omega):
         return _as_complex(loop.D), _as_complex(loop.D12), _as_complex(loop.D21)
     pencil = 1j * omega * np.eye(loop.A.shape[0]) - loop.A

@@ -1,17 +1,17 @@
-"""What a search minimises: goals of the worst model as functions of a structured controller's parameters."""
+"""Functions to minimise: goals of the worst model as functions of a structured controller's parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from gustproof.lti.norms import Peak
 from gustproof.lti.state_space import Lti, Matrix
 from gustproof.synthesis.structured.blocks import Structure
 from gustproof.synthesis.structured.goals import GainGoal, Goal, NormKind, StabilityGoal, extract_channel
 from gustproof.synthesis.structured.loop import (
     AugmentedPlant,
     ClosedLoop,
-    LoopPeak,
     Slope,
     abscissa,
     abscissa_slopes,
@@ -25,23 +25,23 @@ from gustproof.synthesis.structured.loop import (
 from gustproof.synthesis.structured.search import Branch
 
 LIMIT_MARGIN = 1e-4
-"""[-] share of each limit that is kept back, because a search meets it to some digits only."""
+"""[-] share of each limit reserved, because a search satisfies it to some digits only."""
 _WARM_STARTS = 3
-"""Frequencies of the last peaks that are tried first."""
+"""Number of recent peak frequencies to try first."""
 
 
 class NormCriterion:
-    """A norm of the closed loop over its limit."""
+    """A norm of the closed loop divided by its limit."""
 
     def __init__(self, goal: Goal, plant: AugmentedPlant, limit: float, measure: NormKind) -> None:
         self.goal, self.plant, self.limit, self.measure = goal, plant, limit, measure
         self._warm: list[float] = []
         self._loop: ClosedLoop | None = None
-        self._peak = LoopPeak(np.inf, 0.0)
+        self._peak = Peak(gain=np.inf, omega=0.0)
         self.last = np.inf
 
     def value(self, M: Matrix) -> float:
-        """Return the norm over its limit at the controller `M`, infinite if the loop is unstable."""
+        """Return the norm divided by its limit at the controller `M`; infinite if the loop is unstable."""
         self._loop = close_loop(self.plant, M)
         if self.measure is NormKind.RMS:
             self.last = loop_h2_norm(self._loop) / self.limit
@@ -60,7 +60,7 @@ class NormCriterion:
 
 
 class PoleCriterion:
-    """One plus the spectral abscissa of the controller and a margin [1/s]: at most 1 if the margin is kept."""
+    """One plus the controller's spectral abscissa plus a margin [1/s]: at most 1 if the goal is satisfied."""
 
     def __init__(self, goal: StabilityGoal, order: int) -> None:
         self.goal, self._order = goal, order
@@ -83,53 +83,53 @@ class PoleCriterion:
 
 
 class PenaltyFunction:
-    """The target over its scale, and beyond their limits the worst of the other goals times a price; worst model each.
+    """The target over its scale, plus a penalty times the largest excess of a hard goal; each of the worst model.
 
-    The penalty is exact: where the price is high enough, the least value is at the least target within the limits.
-    With an infinite scale only the other goals count: what finds parameters that keep them.
+    The penalty is exact: if its factor is large enough, the minimum is at the least target that satisfies the hard
+    goals. With an infinite scale only the hard goals count; this finds parameters that satisfy them.
     """
 
-    def __init__(self, structure: Structure, target: "list[NormCriterion]", limits: "list[Criterion]") -> None:
-        self.target, self.limits, self.scale, self.price, self.evaluations = target, limits, 1.0, 1.0, 0
+    def __init__(self, structure: Structure, target: "list[NormCriterion]", hard_goals: "list[Criterion]") -> None:
+        self.target, self.hard_goals, self.scale, self.penalty, self.evaluations = target, hard_goals, 1.0, 1.0, 0
         self._offset, self._basis = structure.basis()
         self._theta: Matrix | None = None
-        self._together = False
+        self._minimax = False
         self._targets: list[float] = []
-        self._passed: list[float] = []
+        self._excesses: list[float] = []
 
-    def use_penalty(self, scale: float, price: float = 1.0) -> "PenaltyFunction":
-        """Return this function with another scale of the target and price of a limit."""
-        self.scale, self.price, self._together = scale, price, False
+    def use_penalty(self, scale: float, penalty: float = 1.0) -> "PenaltyFunction":
+        """Return this function with another scale of the target and another penalty factor."""
+        self.scale, self.penalty, self._minimax = scale, penalty, False
         return self
 
-    def centred(self, scale: float) -> "PenaltyFunction":
-        """Return the largest of the target over its scale and the other goals over their limits instead of a sum."""
-        self.scale, self.price, self._together = scale, 1.0, True
+    def use_minimax(self, scale: float) -> "PenaltyFunction":
+        """Return this function as the largest, not the sum, of target over scale and hard goals over their limits."""
+        self.scale, self.penalty, self._minimax = scale, 1.0, True
         return self
 
     def value(self, theta: Matrix) -> float:
-        """Return the function."""
+        """Return the value."""
         if self._theta is None or not np.array_equal(theta, self._theta):
             self._evaluate(theta)
-        wanted = max(self._targets) / self.scale if np.isfinite(self.scale) else 0.0
-        if self._together:
-            return max([wanted, *(1.0 + passed for passed in self._passed)])
-        return wanted + self.price * max([0.0, *self._passed])
+        target = max(self._targets) / self.scale if np.isfinite(self.scale) else 0.0
+        if self._minimax:
+            return max([target, *(1.0 + excess for excess in self._excesses)])
+        return target + self.penalty * max([0.0, *self._excesses])
 
     def branches(self, theta: Matrix, near: float) -> list[Branch]:
-        """Return the branches within the fraction `near` of the largest, which stands first."""
+        """Return the branches within the fraction `near` of the largest, the largest first."""
         top = self.value(theta)
         if not np.isfinite(top):
             return []
-        nothing = Branch(0.0, np.zeros(theta.size))
-        wanted = [nothing]
+        zero = Branch(0.0, np.zeros(theta.size))
+        target = [zero]
         if np.isfinite(self.scale):
-            wanted = self._branches(self.target, self._targets, 1.0 / self.scale, near * top)
-        if self._together:
-            limits = self._branches(self.limits, [1.0 + passed for passed in self._passed], 1.0, near * top)
-            return _keep_nearest([*wanted, *limits], top, near)
-        passed = [nothing, *self._branches(self.limits, self._passed, self.price, near * top)]
-        sums = [Branch(a.value + b.value, a.gradient + b.gradient) for a in wanted for b in passed]
+            target = self._branches(self.target, self._targets, 1.0 / self.scale, near * top)
+        if self._minimax:
+            hard = self._branches(self.hard_goals, [1.0 + excess for excess in self._excesses], 1.0, near * top)
+            return _keep_nearest([*target, *hard], top, near)
+        excesses = [zero, *self._branches(self.hard_goals, self._excesses, self.penalty, near * top)]
+        sums = [Branch(a.value + b.value, a.gradient + b.gradient) for a in target for b in excesses]
         return _keep_nearest(sums, top, near)
 
     def _branches(
@@ -153,15 +153,15 @@ class PenaltyFunction:
         M = self._offset + np.tensordot(theta, self._basis, axes=1)
         self._theta = theta.copy()
         self._targets = [criterion.value(M) for criterion in self.target]
-        self._passed = [criterion.value(M) - 1.0 + LIMIT_MARGIN for criterion in self.limits]
+        self._excesses = [criterion.value(M) - 1.0 + LIMIT_MARGIN for criterion in self.hard_goals]
 
-    def reached(self, theta: Matrix) -> tuple[float, dict[str, float]]:
-        """Return the target, worst over the models, and each other goal over its limit, by its name."""
+    def goal_values(self, theta: Matrix) -> tuple[float, dict[str, float]]:
+        """Return the target, and each hard goal over its limit by its name, each of the worst model."""
         self._evaluate(theta)
-        kept: dict[str, float] = {}
-        for criterion in self.limits:
-            kept[criterion.goal.name] = max(kept.get(criterion.goal.name, -np.inf), criterion.last)
-        return max(self._targets), kept
+        hard: dict[str, float] = {}
+        for criterion in self.hard_goals:
+            hard[criterion.goal.name] = max(hard.get(criterion.goal.name, -np.inf), criterion.last)
+        return max(self._targets), hard
 
 
 def _keep_nearest(branches: list[Branch], top: float, near: float) -> list[Branch]:
@@ -174,14 +174,14 @@ Criterion = NormCriterion | PoleCriterion
 
 
 class Stability:
-    """The spectral abscissa [rad/s] of the closed loops of all models, the largest."""
+    """The largest spectral abscissa [rad/s] of the closed loops of all models."""
 
     def __init__(self, structure: Structure, plants: list[AugmentedPlant]) -> None:
         self._plants = plants
         self._offset, self._basis = structure.basis()
 
     def value(self, theta: Matrix) -> float:
-        """Return the function."""
+        """Return the value."""
         M = self._offset + np.tensordot(theta, self._basis, axes=1)
         return max(abscissa(close_loop(plant, M).A) for plant in self._plants)
 
@@ -196,33 +196,33 @@ class Stability:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Problem:
-    """A structured design problem: models, structure, what to minimise and what to keep."""
+    """A structured design problem."""
 
     models: tuple[Lti, ...]
     """Generalised plants; the worst counts."""
     structure: Structure
-    """What the controller may be."""
+    """Structure of the controller."""
     target: GainGoal
-    """What is minimised."""
-    limits: tuple[Goal, ...]
-    """What must be kept."""
+    """Goal to minimise."""
+    hard_goals: tuple[Goal, ...]
+    """Goals to satisfy."""
 
     def objective(self) -> PenaltyFunction:
         """Return the function to minimise."""
         target = [_norm_criterion(self.target, model, self.structure) for model in self.models]
-        limits: list[Criterion] = []
-        for goal in self.limits:
+        hard: list[Criterion] = []
+        for goal in self.hard_goals:
             if isinstance(goal, StabilityGoal):
-                limits.append(PoleCriterion(goal, self.structure.order))
+                hard.append(PoleCriterion(goal, self.structure.order))
             else:
-                limits += [_norm_criterion(goal, model, self.structure) for model in self.models]
-        return PenaltyFunction(self.structure, target, limits)
+                hard += [_norm_criterion(goal, model, self.structure) for model in self.models]
+        return PenaltyFunction(self.structure, target, hard)
 
     def stability(self) -> Stability:
-        """Return the function that says whether all models are stable."""
-        return Stability(self.structure, [self._augmented(model) for model in self.models])
+        """Return the function that is negative if all closed loops are stable."""
+        return Stability(self.structure, [self._augment(model) for model in self.models])
 
-    def _augmented(self, model: Lti) -> AugmentedPlant:
+    def _augment(self, model: Lti) -> AugmentedPlant:
         return augment_plant(model, self.structure.n_meas, self.structure.n_con, self.structure.order)
 
 

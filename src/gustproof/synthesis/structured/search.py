@@ -1,8 +1,7 @@
-"""Quasi-Newton search on a function that has a gradient almost everywhere: BFGS with a weak Wolfe line search.
+"""Quasi-Newton search on a function with a gradient almost everywhere: BFGS with a weak Wolfe line search.
 
-Where several branches of a maximum are active, BFGS learns their crease as a large curvature and goes along it. At the
-end the branches that are nearly active are taken together: the step that lowers all of them at once, from a small
-quadratic program in the metric that BFGS has learnt.
+Where several branches of a maximum are active, BFGS represents their crease as a large curvature and moves along it.
+Finally all nearly active branches are lowered at once, by steps from a small quadratic program in the metric of BFGS.
 """
 
 from dataclasses import dataclass
@@ -15,63 +14,64 @@ from gustproof.lti.state_space import Matrix
 _ARMIJO, _WOLFE = 1e-4, 0.5
 _WEIGHT_STEPS = 300
 _HALVINGS = 30
-"""Steps of a line search; each halves or doubles."""
+"""Largest number of steps of a line search; each halves or doubles."""
 _STALL = 20
-"""Steps over which progress is judged."""
+"""Number of steps over which progress is measured."""
 _CYCLES, _JOINT_STEPS = 6, 40
 _NEAR = 0.05
 """[-] branches within this fraction of the largest are lowered together."""
 _CYCLE_GAIN = 1e-4
-"""[-] relative progress of a turn below which there is no other."""
+"""[-] relative progress of a cycle below which no other follows."""
 
 
 class Branch(NamedTuple):
-    """A branch of a maximum at some point."""
+    """Value and gradient of one branch of a maximum."""
 
     value: float
-    """[-]."""
+    """[-] value."""
     gradient: Matrix
-    """(size,)."""
+    """(size,) gradient."""
 
 
 class Function(Protocol):
-    """What is minimised."""
+    """Function to minimise."""
 
     def value(self, theta: Matrix) -> float:
-        """Return the function; infinite where it is not defined."""
+        """Return the value; infinite where it is not defined."""
 
     def branches(self, theta: Matrix, near: float) -> list[Branch]:
-        """Return the branches within the fraction `near` of the largest, which stands first."""
+        """Return the branches within the fraction `near` of the largest, the largest first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Minimum:
-    """Where a search ended."""
+    """Result of a search."""
 
     theta: Matrix
     """(size,) parameters."""
     value: float
-    """[-] the function there."""
+    """[-] value of the function."""
 
 
 def minimize(
-    function: Function, theta: Matrix, *, steps: int, tolerance: float = 1e-6, enough: float = -np.inf
+    function: Function, theta: Matrix, *, steps: int, tolerance: float = 1e-6, stop_below: float = -np.inf
 ) -> Minimum:
     """Return a local minimum near `theta`, where the function must be finite; never a higher value.
 
-    BFGS on the largest branch, then some steps that lower all nearly active ones, in turns until neither helps.
+    Each cycle takes BFGS steps on the largest branch, then steps that lower all nearly active ones. Cycles repeat until
+    neither kind helps.
 
     Parameters
     ----------
     function
-        What is minimised.
+        Function to minimise.
     theta
-        (size,) where to start.
+        (size,) initial parameters.
     steps
-        Most steps of BFGS in a turn.
+        Largest number of BFGS steps in a cycle.
     tolerance
-        [-] relative progress in 20 steps below which a turn ends.
-    enough
+        [-] relative progress in 20 steps below which a series of steps ends.
+    stop_below
         Value below which the search stops.
 
     References
@@ -82,21 +82,21 @@ def minimize(
     least, value = np.inf, function.value(theta)
     for _ in range(_CYCLES):
         for most, near in ((steps, 0.0), (_JOINT_STEPS, _NEAR)):
-            theta, value = _bfgs(function, theta, value, most, near, tolerance, enough)
-        if value <= enough or least - value <= _CYCLE_GAIN * abs(value):
+            theta, value = _bfgs(function, theta, value, most, near, tolerance, stop_below)
+        if value <= stop_below or least - value <= _CYCLE_GAIN * abs(value):
             break
         least = value
     return Minimum(theta=theta, value=value)
 
 
 def _bfgs(
-    function: Function, theta: Matrix, value: float, steps: int, near: float, tolerance: float, enough: float
+    function: Function, theta: Matrix, value: float, steps: int, near: float, tolerance: float, stop_below: float
 ) -> tuple[Matrix, float]:
     """Return parameters and value after quasi-Newton steps on the branches within `near` of the largest."""
     history, fresh, W = [value], True, np.eye(theta.size)
     branches = function.branches(theta, near)
     for _ in range(steps):
-        if value <= enough or not branches:
+        if value <= stop_below or not branches:
             break
         gradient = _combine_gradients(branches, W)
         direction = -W @ gradient
@@ -104,7 +104,7 @@ def _bfgs(
         if found is None:
             if fresh:
                 break
-            W, fresh = np.eye(theta.size), True  # the metric has gone stale: begin again with steepest descent
+            W, fresh = np.eye(theta.size), True  # the metric is stale: restart with steepest descent
             continue
         length, value = found
         theta = theta + length * direction
@@ -143,21 +143,19 @@ def _weak_wolfe(
 
 
 def _update_metric(W: Matrix, s: Matrix, y: Matrix, *, fresh: bool) -> Matrix:
-    """Return the inverse Hessian after a step `s` along which the gradient changed by `y`."""
+    """Return the inverse Hessian after a step `s` with a change `y` of the gradient."""
     curvature = float(s @ y)
     if curvature <= 1e-14 * float(np.linalg.norm(s) * np.linalg.norm(y)):
         return W
     if fresh:
         W = curvature / float(y @ W @ y) * W
     Wy = W @ y
-    return np.asarray(
-        W + (1.0 + float(y @ Wy) / curvature) * np.outer(s, s) / curvature
-        - (np.outer(s, Wy) + np.outer(Wy, s)) / curvature
-    )  # fmt: skip
+    parallel = (1.0 + float(y @ Wy) / curvature) * np.outer(s, s) / curvature
+    return np.asarray(W + parallel - (np.outer(s, Wy) + np.outer(Wy, s)) / curvature)
 
 
 def _combine_gradients(branches: list[Branch], W: Matrix) -> Matrix:
-    """Return the convex combination of gradients whose step `-W g` lowers the largest linearised branch most."""
+    """Return the convex combination g of gradients with the steepest step `-W g` for the largest linearised branch."""
     if len(branches) == 1:
         return branches[0].gradient
     values = np.array([branch.value for branch in branches])
@@ -177,7 +175,7 @@ def _simplex_minimum(Q: Matrix, gap: Matrix) -> Matrix:
             break
         # weight moves from the worst vertex in use to the best one
         curvature = Q[towards, towards] - 2.0 * Q[towards, away] + Q[away, away]
-        moved = min(x[away], (slope[away] - slope[towards]) / curvature if curvature > 0.0 else np.inf)
-        x[towards] += moved
-        x[away] -= moved
+        shift = min(x[away], (slope[away] - slope[towards]) / curvature if curvature > 0.0 else np.inf)
+        x[towards] += shift
+        x[away] -= shift
     return x

@@ -90,7 +90,7 @@ def test_no_linear_law_of_any_order_has_three_percent_less_error_at_that_price(v
     models = axis_models(vehicle, turbulence)
     figures = [judged(model, shape) for model, shape in zip(models, shapes, strict=True)]
     ours = math.sqrt(statistics.mean(each.rmse**2 for each in figures))
-    least = linear_laws(models).least(SHIPPED_LIMITS.sensitivity_peak, SHIPPED_LIMITS.slew).rmse
+    least = linear_laws(models).minimize_error(SHIPPED_LIMITS.sensitivity_peak, SHIPPED_LIMITS.slew).rmse
     assert 0.97 * ours < least < ours
 
 

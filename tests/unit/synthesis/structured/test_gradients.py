@@ -89,8 +89,8 @@ GOALS = [
     GainGoal(limit=1e-3, inputs=(1,), outputs=(0, 2), weight=WEIGHT),
     GainGoal(limit=1e-3, measure=NormKind.RMS, outputs=(0, 1)),
     SensitivityGoal(limit=0.1),
-    SensitivityGoal(limit=0.1, place=LoopLocation.OUTPUT, channels=(1,)),
-    DiskMarginGoal(least=20.0),
+    SensitivityGoal(limit=0.1, location=LoopLocation.OUTPUT, channels=(1,)),
+    DiskMarginGoal(minimum=20.0),
     RollOffGoal(corner=10.0, limit=1e-3, slope=2),
     StabilityGoal(margin=3.0),
 ]
@@ -98,19 +98,19 @@ GOALS = [
 
 
 @pytest.mark.parametrize("goal", GOALS, ids=lambda goal: type(goal).__name__)
-@pytest.mark.parametrize("centred", [True, False])
-def test_every_goal_has_the_gradient_of_finite_differences(goal, centred):
+@pytest.mark.parametrize("minimax", [True, False])
+def test_every_goal_has_the_gradient_of_finite_differences(goal, minimax):
     structure = full_structure(2, 2, 2)
     models = tuple(random_plant(seed, feedthrough=False) for seed in (1, 2))
-    problem = Problem(models=models, structure=structure, target=GainGoal(), limits=(goal,))
+    problem = Problem(models=models, structure=structure, target=GainGoal(), hard_goals=(goal,))
     M = controller(3, 2, strictly_proper=isinstance(goal, GainGoal))
     fixed = np.arange(M.size).reshape(M.shape)[2:, 2:].ravel() if isinstance(goal, GainGoal) else []
     objective = problem.objective()
     theta = M.ravel()
-    scale = objective.reached(theta)[0]
+    scale = objective.goal_values(theta)[0]
     assert np.isfinite(scale)
     # the target is scaled so that it does not hide the goal
-    objective = objective.centred(1e6 * scale) if centred else objective.use_penalty(1e6 * scale, 3.0)
+    objective = objective.use_minimax(1e6 * scale) if minimax else objective.use_penalty(1e6 * scale, 3.0)
     assert objective.value(theta) > 1.0
     free = [k for k in range(theta.size) if k not in fixed]
     expected = []
@@ -126,7 +126,7 @@ def test_branches_near_the_largest_hold_other_peaks_and_other_models():
     structure = full_structure(0, 2, 2)
     model = random_plant(1, feedthrough=False)
     louder = Lti(A=model.A, B=model.B * [1.02, 1.02, 1.0, 1.0], C=model.C, D=model.D)
-    problem = Problem(models=(model, louder), structure=structure, target=GainGoal(), limits=())
+    problem = Problem(models=(model, louder), structure=structure, target=GainGoal(), hard_goals=())
     objective, theta = problem.objective(), np.full(4, 0.1)
     branches = objective.branches(theta, 0.05)
     values = [branch.value for branch in branches]

@@ -168,9 +168,9 @@ def test_a_limit_on_ms_is_kept_and_has_its_price():
     P, structure = roll(), full_structure(1, 1, 1)
     free = hinfstruct(P, 1, 1, structure=structure, starts=1)
     limit = 1.0 + 0.5 * (sensitivity_peak(free.controller) - 1.0)
-    held = hinfstruct(P, 1, 1, structure=structure, starts=1, limits=[SensitivityGoal(limit=limit)])
+    held = hinfstruct(P, 1, 1, structure=structure, starts=1, hard_goals=[SensitivityGoal(limit=limit)])
     assert sensitivity_peak(held.controller) <= limit * (1.0 + 1e-6)
-    assert held.limits["Ms"] <= 1.0
+    assert held.hard_goals["Ms"] <= 1.0
     assert held.gamma > free.gamma
 
 
@@ -185,18 +185,18 @@ def test_least_rms_error_at_a_limit_on_torque_rms_uses_up_the_limit():
     # the error alone would ask for endless gain
     loose = hinfstruct(roll(), 1, 1, structure=structure, starts=1, soft_goal=GainGoal(measure=NormKind.RMS))
     closed = lft(roll(), loose.controller)
-    limit = 0.7 * h2_norm(closed.part(slice(1, 2), slice(0, 2)))
+    limit = 0.7 * h2_norm(closed.subsystem(slice(1, 2), slice(0, 2)))
     limited = GainGoal(name="torque", limit=limit, measure=torque.measure, outputs=torque.outputs)
-    tight = hinfstruct(roll(), 1, 1, structure=structure, starts=1, soft_goal=error, limits=[limited])
+    tight = hinfstruct(roll(), 1, 1, structure=structure, starts=1, soft_goal=error, hard_goals=[limited])
     closed = lft(roll(), tight.controller)
-    assert h2_norm(closed.part(slice(0, 1), slice(0, 2))) == pytest.approx(tight.target, rel=1e-6)
-    assert 0.99 * limit < h2_norm(closed.part(slice(1, 2), slice(0, 2))) <= limit
-    assert tight.target > h2_norm(lft(roll(), loose.controller).part(slice(0, 1), slice(0, 2)))
+    assert h2_norm(closed.subsystem(slice(0, 1), slice(0, 2))) == pytest.approx(tight.target, rel=1e-6)
+    assert 0.99 * limit < h2_norm(closed.subsystem(slice(1, 2), slice(0, 2))) <= limit
+    assert tight.target > h2_norm(lft(roll(), loose.controller).subsystem(slice(0, 1), slice(0, 2)))
 
 
 def test_controller_stability_and_roll_off_are_kept():
     limits = [StabilityGoal(margin=1.0), RollOffGoal(corner=300.0, limit=60.0)]
-    result = hinfstruct(roll(), 1, 1, order=2, starts=1, limits=limits)
+    result = hinfstruct(roll(), 1, 1, order=2, starts=1, hard_goals=limits)
     assert np.max(result.controller.poles().real) <= -1.0
     P, K = roll(), result.controller
     loop = P.to_control()[2, 2] * K.to_control()
@@ -218,7 +218,7 @@ def test_progress_is_told_with_each_start():
 
 def test_a_limit_that_cannot_be_kept_is_an_error_that_names_it():
     with pytest.raises(DesignError, match=r"Ms 1\.[0-9]+ of its limit"):
-        hinfstruct(roll(), 1, 1, order=1, starts=1, limits=[SensitivityGoal(limit=0.9)])
+        hinfstruct(roll(), 1, 1, order=1, starts=1, hard_goals=[SensitivityGoal(limit=0.9)])
 
 
 def test_white_noise_straight_to_what_is_minimised_is_an_error():
@@ -239,8 +239,8 @@ def test_a_plant_that_no_gain_stabilises_is_an_error():
         ({"n_meas": 1, "n_con": 1, "starts": 0}, "starts is 0"),
         ({"n_meas": 1, "n_con": 1, "order": -1}, "order is -1"),
         ({"n_meas": 1, "n_con": 1, "structure": full_structure(0, 2, 1)}, "K must be 1 x 1"),
-        ({"n_meas": 1, "n_con": 1, "limits": [SensitivityGoal(limit=-1.0)]}, "limit -1.0"),
-        ({"n_meas": 1, "n_con": 1, "limits": [SensitivityGoal(channels=(3,))]}, "channels"),
+        ({"n_meas": 1, "n_con": 1, "hard_goals": [SensitivityGoal(limit=-1.0)]}, "limit -1.0"),
+        ({"n_meas": 1, "n_con": 1, "hard_goals": [SensitivityGoal(channels=(3,))]}, "channels"),
     ],
 )
 def test_a_callers_mistake_is_a_value_error(arguments, message):
