@@ -145,7 +145,7 @@ def rate_torque(params: StabilizerParams, x: StabilizerState, omega_target_B: Ve
 
 @kernel
 def reset_integrators(x: StabilizerState) -> StabilizerState:
-    """Return the state with empty integrals, for a fresh start of the rate PID after a pause."""
+    """Return the state with empty integrals, for a fresh start of the rate PID after a time without it."""
     return _set_integrators(x, (0.0, 0.0, 0.0))
 
 

@@ -1,8 +1,8 @@
 """MAVLink parameters of the vehicle: one table for the list, the checks and the documentation.
 
 Names are PX4's where PX4 has the same thing; ours begin with GP_. Integers travel bytewise as in PX4, or cast to float
-as in other autopilots. `GP_TRQ_MAX_*` publish the torque of 1.0 in a torque command. A parameter is a float32, so the
-published limit is a float32 too. Controller and vehicle both use that number, and no bit is lost between them.
+as in other autopilots. `GP_TRQ_MAX_*` publish the torque of 1.0 in a torque command. A parameter is a float32, so is
+the published limit. Controller and vehicle both use that number, and no bit is lost between them.
 """
 
 import math

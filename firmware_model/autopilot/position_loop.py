@@ -146,7 +146,7 @@ def altitude_hold(params: PositionParams, x: PositionState, body: Body, thrust: 
 def slew_heading(q_NB: Quaternion, yaw: float) -> float:
     """Return the next heading command [rad] from the heading of `q_NB` toward `yaw`, by the shorter way.
 
-    It stays near the present heading, because a large step in heading would swing the tilt about, too.
+    It stays near the present heading, because a large step in heading would also swing the tilt about.
     """
     present = to_euler(q_NB)[2]
     sine, cosine = sin_cos(yaw - present)

@@ -94,8 +94,8 @@ def air_wrench(params: AirParams, body: Body, air: Air) -> tuple[Vector, Vector]
     """Return force [N] B and moment [N*m] B of the air.
 
     Rotor drag is proportional to the relative air velocity and to rotor speed, which goes with the root of the thrust
-    and is 1 in hover. Body drag is quadratic, alike in all directions. Only gusts yaw: air that passes all rotors alike
-    turns none of them more than another.
+    and is 1 in hover. Body drag is quadratic, the same in all directions. Only gusts yaw the vehicle: a uniform
+    stream acts on all rotors equally.
     """
     past = (air.north - body.v_north, air.east - body.v_east, air.down - body.v_down)
     mean = rotate(conjugate((body.qw, body.qx, body.qy, body.qz)), past)

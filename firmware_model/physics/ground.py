@@ -1,8 +1,8 @@
 """Flat, level ground at the height of home: contact of feet and rotors, friction, and rest.
 
 In motion each contact point is a spring and damper, critically damped for the whole vehicle. Its Coulomb friction is
-proportional to speed below `_FRICTION_SPEED`. At rest friction is a condition, not a law of motion: while the feet can
-carry all forces, nothing moves at all, so there is neither jitter nor drift.
+proportional to speed below `_FRICTION_SPEED`. At rest friction is a condition, not a law of motion. While the feet can
+carry all forces nothing moves at all, so there is neither jitter nor drift.
 """
 
 import math

@@ -192,7 +192,7 @@ def runge_kutta(
 
 
 step, step_attitude = runge_kutta(derivative), runge_kutta(attitude_derivative, _integrate_attitude)
-"""Step a vehicle as its parameters say, and one held in translation: the same to the bit, in less time."""
+"""Step any vehicle, and only one held in translation: for that the same bits, in less time."""
 
 
 @kernel
@@ -207,7 +207,7 @@ def at_rest(pose: Body, actuators: Body) -> Body:
 def specific_force(params: BodyParams, body: Body, inputs: BodyInputs) -> Vector:
     """Return acceleration less gravity [m/s^2] B, the reading of an accelerometer at the centre of mass.
 
-    On the stand it is minus gravity, whatever the forces, because the stand carries the weight.
+    On the stand it is minus gravity under all forces, because the stand carries the weight.
     """
     up = rotate(conjugate((body.qw, body.qx, body.qy, body.qz)), (0.0, 0.0, -GRAVITY))
     held = 1.0 - params.free

@@ -67,9 +67,9 @@ def _rotor_params(rotors: Rotors) -> RotorParams:
 def allocate(params: RotorParams, torque_B: Vector, thrust: float) -> tuple[Vector, float]:
     """Return the torques [N*m] B and the thrust [N] that the rotors can give of a demand.
 
-    No rotor leaves 0..`thrust_max`. Where the demand is too much, roll and pitch come first, both scaled alike if even
-    they exceed the limits. The thrust then moves to the nearest value that leaves room for them, and yaw gets the rest.
-    Each stage ignores the later ones, as in PX4: a yaw that would make room for tilt is not counted on.
+    No rotor leaves 0..`thrust_max`. Where the demand is too much, roll and pitch come first, both scaled by one factor
+    if they alone exceed the limits. The thrust then moves to the nearest value that leaves room for them, and yaw gets
+    the rest. Each stage ignores the later ones, as in PX4: a yaw that would make room for tilt is not counted on.
     """
     L, M, N = torque_B
     tilt = (

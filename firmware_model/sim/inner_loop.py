@@ -34,8 +34,8 @@ TRIM, TORQUE, RATES, ATTITUDE, LEVEL, POSITION_TARGET, OFF = 0.0, 1.0, 2.0, 3.0,
 SETPOINT_WIDTH = 9
 """Length of a set-point.
 
-First comes the kind, then torque fractions (3), or rates (3) [rad/s], or q_NB (4) and rates (3), or position (3) [m] N,
-yaw [rad] and v_down [m/s] or NaN. At `THRUST` stands a fraction of the largest thrust, or NaN for altitude hold.
+The kind comes first. Then follow torque fractions (3), or rates (3) [rad/s], or q_NB (4) and rates (3), or position (3)
+[m] N, yaw [rad] and v_down [m/s] or NaN. At `THRUST` stands a fraction of the largest thrust, or NaN for altitude hold.
 """
 THRUST = 8
 _TOUCHDOWN_LOAD = 0.1  # [-] of the weight on the ground, above which a descent has touched down

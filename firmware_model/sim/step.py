@@ -100,7 +100,7 @@ def advance_kernel(
 
 @kernel
 def apply_changes(params: Array, state: Lane, changes: Array, sample: int) -> None:
-    """Apply the changes by events that are due at a sample."""
+    """Apply the changes by events that are due at a sample and not applied yet."""
     i = int(get(state, X_NEXT_CHANGE))
     while i < changes.shape[0] and changes[i, 0] <= sample:
         params[int(changes[i, 1])] = changes[i, 2]
@@ -123,8 +123,8 @@ def measure(
 ) -> None:
     """Write to `record` the fields of `observe_kernel` except the rotors, with standard normal numbers for the sensors.
 
-    Unless `full`, the on-board attitude, fields that are only recorded and, on the stand, the wind are left out: torque
-    and rate laws and the metrics need none of them. Unless `near_ground`, contact is skipped.
+    Unless `full`, leave out the on-board attitude, fields that are only recorded and, on the stand, the wind. Torque
+    and rate laws and the metrics need none of them. Unless `near_ground`, skip contact.
     """
     body, time = _load_body(state, X_BODY), time_us * 1e-6
     direct = _write_air(params, state, full or free, scripted, record)
