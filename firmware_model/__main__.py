@@ -262,7 +262,7 @@ def _open_tlog(stack: ExitStack, options: argparse.Namespace, endpoint: VehicleE
 
 
 def _print_parameters(options: argparse.Namespace, parameters: Parameters) -> None:
-    for row in parameters.reference():
+    for row in parameters.describe():
         if options.json:
             print(json.dumps(row))
         else:

@@ -1,6 +1,6 @@
-"""What crosses the border between vehicle and controller, as values; frames and units stand with each field.
+"""Values exchanged between vehicle and controller; frames and units stand with each field.
 
-NamedTuples, as two are made for each sample of a flight, in half the time of a frozen dataclass.
+They are NamedTuples because each sample of a flight makes two, in half the time of frozen dataclasses.
 """
 
 from typing import NamedTuple
@@ -28,39 +28,39 @@ class TorqueCommand(NamedTuple):
     torque_B: Vector
     """[-1..1] B, roll, pitch, yaw as float32 fractions of `torque_limit`."""
     throttle: float | None
-    """[0..1] collective thrust as a fraction of the largest; `None`: the height is held on board, where that began."""
+    """[0..1] collective thrust as a fraction of the largest; `None`: altitude hold on board, at the height of entry."""
 
 
 class AttitudeTarget(NamedTuple):
-    """An attitude or body rates for the on-board loop to track."""
+    """Attitude or body rates for the on-board loop to track."""
 
     time_us: int
     """[us] stamp of the sample that this command answers, whole milliseconds."""
     q_NB: Quaternion | None
-    """Attitude, B to N, scalar first; `None` if rates are to be tracked."""
+    """Attitude, B to N, scalar first; `None` to track rates."""
     omega_B: Vector | None
     """[rad/s] B, rates to track, or feed-forward beside `q_NB`."""
     thrust: float | None
-    """[0..1] collective thrust as a fraction of the largest; `None`: the height is held on board, where that began."""
+    """[0..1] collective thrust as a fraction of the largest; `None`: altitude hold on board, at the height of entry."""
 
 
 class PositionTarget(NamedTuple):
-    """A place and a heading for the on-board position loop; on the test stand it only levels."""
+    """Position and heading for the on-board position loop; on the test stand the vehicle only levels."""
 
     position_N: Vector
-    """[m] N, where to go; the third is not used while `v_down` is given."""
+    """[m] N; with a `v_down` the third component is unused."""
     yaw: float
     """[rad] heading."""
     v_down: float | None
-    """[m/s] steady descent, as for landing; `None`: go to the height of `position_N`."""
+    """[m/s] steady descent, as for landing; `None`: fly to the height of `position_N`."""
 
 
 class LevelFlight(NamedTuple):
-    """Level attitude at the present heading, height held: a free vehicle drifts with the wind."""
+    """Level attitude at the present heading, with altitude hold: a free vehicle drifts with the wind."""
 
 
 class Trim(NamedTuple):
-    """No torque, height held, as in the trimmed hover that a flight begins in: what flies before the first command."""
+    """No torque, with altitude hold: the trimmed hover of a flight before its first command."""
 
 
 class MotorsOff(NamedTuple):
@@ -68,6 +68,6 @@ class MotorsOff(NamedTuple):
 
 
 Command = TorqueCommand | AttitudeTarget
-"""What a controller sends."""
+"""Command of a controller."""
 Setpoint = Command | PositionTarget | LevelFlight | Trim | MotorsOff
-"""What the vehicle flies."""
+"""Input of the on-board loops."""

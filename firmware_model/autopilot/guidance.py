@@ -1,7 +1,6 @@
-"""Where the autopilot's own modes fly to, as legs to straight targets: take-off, hold, return, landing.
+"""Plan the autopilot's own modes as legs to straight targets: take-off, hold, return, landing.
 
-No clock and no physics: a situation comes in, a target goes out. Heights are above home, where the vehicle stood when
-it was armed.
+No clock and no physics: a navigation state comes in, a target goes out. Heights are above home, the position at arming.
 """
 
 import math
@@ -10,13 +9,13 @@ from typing import NamedTuple
 from firmware_model.types import PositionTarget, Vector
 
 ACCEPTANCE_RADIUS_M = 0.5
-"""[m] distance at which a target is reached."""
+"""[m] distance within which a target is reached."""
 _MAX_DESCENT = 1.5  # [m/s]
-_FLARE_GAIN = 0.3  # [1/s] descent per height, so that the ground is met at the landing speed however high it began
+_FLARE_GAIN = 0.3  # [1/s] descent per height: any descent meets the ground at the landing speed
 
 
 class NavigationState(NamedTuple):
-    """What navigation tells the autopilot at a sample."""
+    """Ideal navigation at a sample."""
 
     position_N: Vector
     """[m] N."""
@@ -25,35 +24,35 @@ class NavigationState(NamedTuple):
     tilt: float
     """[rad] angle between the vehicle's vertical axis and the world's."""
     on_ground: bool
-    """Whether the ground carries it."""
+    """True if the ground carries the vehicle."""
 
 
 class Leg(NamedTuple):
-    """One straight piece of a way."""
+    """One straight piece of a path."""
 
     position_N: Vector
-    """[m] N, target; over it the vehicle sinks if `descends`."""
+    """[m] N, target; a leg that `descends` sinks over it, below its height."""
     descends: bool
-    """Whether it ends on the ground."""
+    """True if it ends on the ground."""
 
 
 def plan_hold(now: NavigationState) -> tuple[Leg, ...]:
-    """Return the way that ends where the vehicle is."""
+    """Return the leg that holds the present position."""
     return (Leg(now.position_N, False),)
 
 
 def plan_takeoff(now: NavigationState, home_N: Vector, height: float) -> tuple[Leg, ...]:
-    """Return the way straight up to `height` [m]."""
+    """Return the leg straight up to `height` [m]."""
     return (Leg((now.position_N[0], now.position_N[1], home_N[2] - height), False),)
 
 
 def plan_landing(now: NavigationState) -> tuple[Leg, ...]:
-    """Return the way straight down."""
+    """Return the leg straight down."""
     return (Leg(now.position_N, True),)
 
 
 def plan_return(now: NavigationState, home_N: Vector, height: float) -> tuple[Leg, ...]:
-    """Return the way home: up to `height` [m] or as high as it is, over home, down; straight down if it is there."""
+    """Return the legs home: up to at least `height` [m], across, down; over home only the descent."""
     north, east, down = now.position_N
     level = min(down, home_N[2] - height)
     down_home = Leg((home_N[0], home_N[1], level), True)
@@ -63,12 +62,12 @@ def plan_return(now: NavigationState, home_N: Vector, height: float) -> tuple[Le
 
 
 def is_reached(leg: Leg, now: NavigationState) -> bool:
-    """Whether the target of a leg is reached; that of a descent never is, the ground ends it."""
+    """Return whether the target of a leg is reached; that of a descent never is, because the ground ends it."""
     return not leg.descends and math.dist(leg.position_N, now.position_N) < ACCEPTANCE_RADIUS_M
 
 
 def leg_target(leg: Leg, now: NavigationState, home_N: Vector, yaw: float, land_speed: float) -> PositionTarget:
-    """Return what is to be flown on a leg; a descent slows down to `land_speed` [m/s] near the ground."""
+    """Return the position target of a leg; a descent slows down to `land_speed` [m/s] near the ground."""
     if not leg.descends:
         return PositionTarget(leg.position_N, yaw, None)
     height = home_N[2] - now.position_N[2]

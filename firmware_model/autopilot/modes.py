@@ -1,14 +1,14 @@
-"""What the autopilot decides: arming, modes, whether the off-board stream is alive, fail-safe, and what is flown.
+"""Decide on arming, modes, the off-board stream, the fail-safe and the set-point of each sample.
 
-No physics and no bytes: requests, the clock and the situation come in; verdicts, events and set-points go out.
+No physics and no bytes: requests, clock and navigation state come in; results, events and set-points go out.
 
     disarmed --arm--> on the ground --TAKEOFF, or thrust in OFFBOARD--> in the air --LAND, RETURN--> disarmed
 
-    any mode --set_mode(OFFBOARD), stream alive--> OFFBOARD --another mode asked--> that mode
+    any mode --set_mode(OFFBOARD), stream alive--> OFFBOARD --set_mode(another)--> that mode
                                                             --stream lost--> the fail-safe's mode
 
-A stream that comes back changes no mode: whoever wants OFFBOARD again asks for it. There are no sticks: MANUAL,
-STABILIZED and ALTCTL are level flight at the height held, and drift with the wind; POSCTL and HOLD stay in place.
+A stream that comes back changes no mode: OFFBOARD must be set again. There are no sticks: MANUAL, STABILIZED and ALTCTL
+are level flight with altitude hold, and drift with the wind; POSCTL and HOLD stay in place.
 """
 
 import math
@@ -20,25 +20,25 @@ from firmware_model.autopilot.guidance import Leg, NavigationState
 from firmware_model.types import Command, LevelFlight, MotorsOff, Setpoint, TorqueCommand, Vector
 
 ENTRY_GAP_US = 500_000
-"""[us] age that the last set-point may have when OFFBOARD is asked for: the stream is faster than 2 Hz (PX4's rule)."""
+"""[us] largest age of the last set-point on entry to OFFBOARD: the stream must be faster than 2 Hz, PX4's rule."""
 LAND_DETECTION_US = 1_000_000
-"""[us] time on the ground, or level on the stand, after which a landing is over."""
+"""[us] time on the ground, or level on the stand, that ends a landing."""
 _LEVEL_TILT = 0.1  # [rad] tilt below which the vehicle on the stand is level
-_MAX_ARMING_TILT = math.radians(45.0)  # [rad] tilt above which it lies on its side and is not armed
-_TAKEOFF_RANGE_M = (1.0, 500.0)  # of a take-off
+_MAX_ARMING_TILT = math.radians(45.0)  # [rad] tilt above which the vehicle lies on its side and arming is refused
+_TAKEOFF_RANGE_M = (1.0, 500.0)  # [m] heights of a take-off
 
 
 class Mode(Enum):
     """Flight modes by PX4's custom mode number, `main << 16 | sub << 24`."""
 
     MANUAL = 1 << 16
-    """Level, height held, as there are no sticks."""
+    """Level with altitude hold, because there are no sticks."""
     ALTCTL = 2 << 16
-    """Level, height held."""
+    """Level with altitude hold."""
     POSCTL = 3 << 16
     """Position held."""
     TAKEOFF = 4 << 16 | 2 << 24
-    """Climb to the take-off height, then HOLD; begins when armed."""
+    """Climb to the take-off height once armed, then HOLD."""
     HOLD = 4 << 16 | 3 << 24
     """Position held."""
     RETURN = 4 << 16 | 5 << 24
@@ -46,31 +46,31 @@ class Mode(Enum):
     LAND = 4 << 16 | 6 << 24
     """Land here, disarm; on the stand: level, disarm."""
     ACRO = 5 << 16
-    """Sticks as rates: not flown."""
+    """Sticks as rates; not modelled."""
     OFFBOARD = 6 << 16
     """Set-points of an outside controller."""
     STABILIZED = 7 << 16
-    """Level, height held."""
+    """Level with altitude hold."""
 
 
 class LandedState(Enum):
-    """Where the vehicle is in the course of a flight, by MAV_LANDED_STATE's number."""
+    """Phase of a flight, by MAV_LANDED_STATE's number."""
 
     ON_GROUND = 1
-    """Stands; on the stand: clamped."""
+    """On its feet; on the stand: clamped."""
     IN_AIR = 2
-    """Flies; on the stand: free in attitude."""
+    """In flight; on the stand: free in attitude."""
     TAKEOFF = 3
-    """On its way to the take-off height."""
+    """Climbing to the take-off height."""
     LANDING = 4
-    """On its way to the ground."""
+    """Descending to the ground."""
 
 
 class FailSafe(Enum):
-    """What begins when the stream stops in OFFBOARD, by PX4's number in COM_OBL_RC_ACT."""
+    """Action when the stream stops in OFFBOARD, by PX4's number in COM_OBL_RC_ACT."""
 
     STABILIZED = 2
-    """Level, height held."""
+    """Level with altitude hold."""
     LAND = 4
     """Land, disarm."""
     HOLD = 5
@@ -78,53 +78,53 @@ class FailSafe(Enum):
 
 
 class TransitionResult(Enum):
-    """Answer to a request; the values are texts for people, at most 50 characters as STATUSTEXT has them."""
+    """Answer to a request; each value is a text of at most 50 characters, the length of STATUSTEXT."""
 
     ACCEPTED = "accepted"
-    """Done, or so already."""
+    """Done, or already the case."""
     NO_STREAM = "no off-board set-points: OFFBOARD refused"
-    """OFFBOARD without a living stream, or arming in it."""
+    """OFFBOARD, or arming in it, without a live stream."""
     IN_FLIGHT = "in the air: land first, or force it"
     """Disarming in the air."""
     AIRBORNE = "in the air: take-off refused"
-    """Take-off when flying."""
+    """Take-off in flight."""
     ON_STAND = "held on the test stand: refused"
-    """A way to fly for a vehicle that can't leave its place."""
+    """Translation of a vehicle held on the stand."""
     HEIGHT = "take-off height must be 1 to 500 m"
-    """Take-off to nowhere."""
+    """Take-off to a height out of range."""
     LANDING_MODE = "in a landing mode: arming refused"
     """Arming in LAND or RETURN."""
     TIPPED = "tilted by more than 45 deg: arming refused"
-    """Arming a vehicle that lies on its side."""
+    """Arming on the side."""
     STICKS = "sticks are not flown: mode refused"
-    """A mode that sticks steer, asked for by somebody who moves some."""
+    """Stick mode requested by a client that moves sticks."""
     NOT_FLOWN = "this vehicle does not fly that mode"
-    """A mode that is not modelled."""
+    """Mode that is not modelled."""
 
 
 class AutopilotEvent(Enum):
-    """Something that happened to the flight by itself; the values are texts for people, at most 50 characters."""
+    """Event that no request caused; each value is a text of at most 50 characters, the length of STATUSTEXT."""
 
     LOST_STABILIZED = "set-points stopped: fail-safe to STABILIZED"
-    """The stream stopped in OFFBOARD; the vehicle flies on level."""
+    """The stream stopped in OFFBOARD; the vehicle levels."""
     LOST_LAND = "set-points stopped: fail-safe to LAND"
     """The stream stopped in OFFBOARD; the vehicle lands."""
     LOST_HOLD = "set-points stopped: fail-safe to HOLD"
     """The stream stopped in OFFBOARD; the vehicle stays in place."""
     LOST_ON_GROUND = "set-points stopped on the ground: HOLD"
-    """The stream stopped in OFFBOARD before the vehicle flew."""
+    """The stream stopped in OFFBOARD before take-off."""
     STREAM_BACK = "set-points are back: OFFBOARD may be set again"
-    """The stream lives again, and is not flown."""
+    """The stream is alive again, and is not flown."""
     HEIGHT_REACHED = "take-off height reached: HOLD"
     """The take-off is over."""
     LANDED = "landed: disarmed"
     """The landing is over."""
     SLIPPED = "machine too slow: model time slips"
-    """Real time: samples were not flown in time, and are not made up for."""
+    """Real time: samples were late, and the delay is not caught up."""
 
     @property
-    def critical(self) -> bool:
-        """Whether it is a fail-safe."""
+    def is_critical(self) -> bool:
+        """True if it is a fail-safe."""
         return self in _FAIL_SAFE_EVENTS.values()
 
 
@@ -133,21 +133,21 @@ _FAIL_SAFE_EVENTS = dict(
 )
 _LEVEL_MODES = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.STABILIZED})
 _LANDING_MODES = frozenset({Mode.LAND, Mode.RETURN})
-_OFFBOARD = Mode.OFFBOARD  # asked for several times a sample, and to look up a member of an Enum takes .1 us
+_OFFBOARD = Mode.OFFBOARD  # looked up several times a sample, and a member of an Enum takes .1 us
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What may be changed in flight."""
+    """Settings that may be changed in flight."""
 
     stream_timeout_us: int = 1_000_000
-    """[us] of the autopilot's clock, without set-points until the fail-safe (COM_OF_LOSS_T)."""
+    """[us] of the autopilot's clock without set-points, until the fail-safe (COM_OF_LOSS_T)."""
     fail_safe: FailSafe = FailSafe.STABILIZED
-    """What begins then (COM_OBL_RC_ACT)."""
+    """Action of the fail-safe (COM_OBL_RC_ACT)."""
     takeoff_height: float = 2.5
-    """[m] above home, of a take-off that says no other (MIS_TAKEOFF_ALT)."""
+    """[m] above home, default height of a take-off (MIS_TAKEOFF_ALT)."""
     return_height: float = 15.0
-    """[m] above home, least height of the way home (RTL_RETURN_ALT)."""
+    """[m] above home, least height of the return (RTL_RETURN_ALT)."""
     land_speed: float = 0.5
     """[m/s] down, near the ground (MPC_LAND_SPEED)."""
 
@@ -155,7 +155,7 @@ class Settings:
 class Autopilot:
     """Arming state, mode and off-board stream of one vehicle, free to fly or on the stand.
 
-    The caller sets `clock_us` before it asks for anything: model time, and wall time while that stands still.
+    The caller sets `clock_us` before every call: model time, or wall time while model time stands still.
     """
 
     def __init__(self, settings: Settings, *, free: bool) -> None:
@@ -166,7 +166,7 @@ class Autopilot:
         self.airborne = False
         self.in_fail_safe = False
         self.home_N: Vector = (0.0, 0.0, 0.0)
-        self._situation = NavigationState(self.home_N, 0.0, 0.0, True)
+        self._navigation_state = NavigationState(self.home_N, 0.0, 0.0, True)
         self._last_setpoint_us: int | None = None
         self._landed_since_us: int | None = None
         self._takeoff_height = settings.takeoff_height
@@ -175,8 +175,8 @@ class Autopilot:
         self._events: list[AutopilotEvent] = []
 
     @property
-    def landed(self) -> LandedState:
-        """Where the vehicle is in the course of a flight."""
+    def landed_state(self) -> LandedState:
+        """Phase of the flight."""
         if self.armed and self.mode is Mode.TAKEOFF:
             return LandedState.TAKEOFF
         if not self.airborne:
@@ -185,19 +185,19 @@ class Autopilot:
         return LandedState.LANDING if self.armed and descends else LandedState.IN_AIR
 
     @property
-    def stream_alive(self) -> bool:
-        """Whether the last set-point is younger than the time-out."""
+    def is_stream_alive(self) -> bool:
+        """True if the last set-point is younger than the time-out."""
         return self._is_stream_younger(self.settings.stream_timeout_us)
 
     def arm(self) -> TransitionResult:
-        """Arm the vehicle; home is where it stands then."""
+        """Arm the vehicle; home is its position then."""
         if self.armed:
             return TransitionResult.ACCEPTED
         if self.mode in _LANDING_MODES:
             return TransitionResult.LANDING_MODE
-        if self.mode is _OFFBOARD and not self.stream_alive:
+        if self.mode is _OFFBOARD and not self.is_stream_alive:
             return TransitionResult.NO_STREAM
-        if self._situation.tilt > _MAX_ARMING_TILT:
+        if self._navigation_state.tilt > _MAX_ARMING_TILT:
             return TransitionResult.TIPPED
         self.armed = True
         return TransitionResult.ACCEPTED
@@ -210,15 +210,15 @@ class Autopilot:
         return TransitionResult.ACCEPTED
 
     def begin(self) -> None:
-        """Note that a scripted flight begins, in the air."""
+        """Begin a scripted flight, in the air."""
         self.airborne = True
 
     def end(self) -> None:
-        """Note that the script has ended; disarms."""
+        """End a scripted flight, and disarm."""
         self.airborne = self.armed = False
 
     def set_mode(self, mode: Mode) -> TransitionResult:
-        """Change the mode; OFFBOARD needs a living stream."""
+        """Change the mode; OFFBOARD needs a live stream."""
         if mode is Mode.ACRO:
             return TransitionResult.NOT_FLOWN
         if mode is _OFFBOARD and not self._is_stream_younger(min(ENTRY_GAP_US, self.settings.stream_timeout_us)):
@@ -228,11 +228,11 @@ class Autopilot:
         if mode is Mode.RETURN and not self.free:
             return TransitionResult.ON_STAND
         if mode is not self.mode or self.in_fail_safe:
-            self._enter(mode)
+            self._enter_mode(mode)
         return TransitionResult.ACCEPTED
 
     def take_off(self, height: float | None) -> TransitionResult:
-        """Climb to `height` [m] above home, `None` for the set one, as soon as the vehicle is armed."""
+        """Climb to `height` [m] above home, or to the set height for `None`, as soon as the vehicle is armed."""
         if not self.free:
             return TransitionResult.ON_STAND
         height = self.settings.takeoff_height if height is None else height
@@ -242,7 +242,7 @@ class Autopilot:
         if not _TAKEOFF_RANGE_M[0] <= height <= _TAKEOFF_RANGE_M[1]:  # true for NaN too
             return TransitionResult.HEIGHT
         self._takeoff_height = height
-        self._enter(Mode.TAKEOFF)
+        self._enter_mode(Mode.TAKEOFF)
         return TransitionResult.ACCEPTED
 
     def land(self) -> TransitionResult:
@@ -258,38 +258,38 @@ class Autopilot:
         return self.set_mode(Mode.HOLD)
 
     def on_setpoint(self) -> None:
-        """Note that a set-point arrived."""
-        if self.in_fail_safe and not self.stream_alive:
-            self.note(AutopilotEvent.STREAM_BACK)
+        """Register the arrival of a set-point."""
+        if self.in_fail_safe and not self.is_stream_alive:
+            self.add_event(AutopilotEvent.STREAM_BACK)
         self._last_setpoint_us = self.clock_us
 
     def on_stream_lost(self) -> None:
-        """Forget the stream; in OFFBOARD, enter the fail-safe."""
+        """Drop the stream; in OFFBOARD, enter the fail-safe."""
         self._last_setpoint_us = None
         if self.mode is not _OFFBOARD:
             return
         if not self.airborne:
-            self._enter(Mode.HOLD)
-            self.note(AutopilotEvent.LOST_ON_GROUND)
+            self._enter_mode(Mode.HOLD)
+            self.add_event(AutopilotEvent.LOST_ON_GROUND)
             return
         fail_safe = self.settings.fail_safe
-        self._enter(Mode[fail_safe.name])
+        self._enter_mode(Mode[fail_safe.name])
         self.in_fail_safe = True
-        self.note(_FAIL_SAFE_EVENTS[fail_safe])
+        self.add_event(_FAIL_SAFE_EVENTS[fail_safe])
 
-    def note(self, event: AutopilotEvent) -> None:
-        """Keep an event until it is taken."""
+    def add_event(self, event: AutopilotEvent) -> None:
+        """Queue an event for `take_events`."""
         self._events.append(event)
 
     def take_events(self) -> list[AutopilotEvent]:
-        """Return what has happened since this was last asked."""
+        """Return the events since the last call."""
         events, self._events = self._events, []
         return events
 
     def setpoint(self, command: Command | None, now: NavigationState) -> Setpoint:
-        """Return what flies at a sample; `command` is the outside controller's, flown in OFFBOARD."""
-        self._situation = now
-        self._touch(now)
+        """Return the set-point of a sample; `command` is the outside controller's, flown in OFFBOARD."""
+        self._navigation_state = now
+        self._update_landed(now)
         if not self.armed:
             if not self.airborne:
                 self.home_N = now.position_N
@@ -308,7 +308,7 @@ class Autopilot:
         if guidance.is_reached(self._legs[0], now):
             if self.mode is Mode.TAKEOFF:
                 self.mode = Mode.HOLD
-                self.note(AutopilotEvent.HEIGHT_REACHED)
+                self.add_event(AutopilotEvent.HEIGHT_REACHED)
             self._legs = self._legs[1:] or self._legs
         return guidance.leg_target(self._legs[0], now, self.home_N, self._yaw, self.settings.land_speed)
 
@@ -322,16 +322,16 @@ class Autopilot:
                 return guidance.plan_return(now, self.home_N, self.settings.return_height)
         return guidance.plan_hold(now)
 
-    def _touch(self, now: NavigationState) -> None:
-        """Find out whether the vehicle flies, and end a landing."""
+    def _update_landed(self, now: NavigationState) -> None:
+        """Update whether the vehicle flies, and end a landing."""
         landing = self.mode in _LANDING_MODES
         if self.free:
-            settled = now.on_ground
-            self.airborne = self.airborne or not settled
+            has_landed = now.on_ground
+            self.airborne = self.airborne or not has_landed
         else:
-            settled = landing and now.tilt < _LEVEL_TILT
+            has_landed = landing and now.tilt < _LEVEL_TILT
             self.airborne = self.armed
-        if not settled:
+        if not has_landed:
             self._landed_since_us = None
             return
         self._landed_since_us = self.clock_us if self._landed_since_us is None else self._landed_since_us
@@ -339,10 +339,10 @@ class Autopilot:
             self.airborne = False
             if landing and self.armed:
                 self.armed = False
-                self._enter(Mode.HOLD)
-                self.note(AutopilotEvent.LANDED)
+                self._enter_mode(Mode.HOLD)
+                self.add_event(AutopilotEvent.LANDED)
 
-    def _enter(self, mode: Mode) -> None:
+    def _enter_mode(self, mode: Mode) -> None:
         self.mode, self.in_fail_safe, self._legs, self._landed_since_us = mode, False, (), None
 
     def _is_stream_younger(self, age_us: int) -> bool:
@@ -350,5 +350,5 @@ class Autopilot:
 
 
 def _has_thrust(command: Command) -> bool:
-    """Whether a command brings a thrust of its own: holding the height of the ground is no take-off."""
+    """Return whether a command carries a thrust: altitude hold on the ground is no take-off."""
     return (command.throttle if isinstance(command, TorqueCommand) else command.thrust) is not None

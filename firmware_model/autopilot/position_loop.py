@@ -1,6 +1,6 @@
-"""The on-board loops of height and position: P to velocity, PI to acceleration, acceleration to attitude and thrust.
+"""On-board altitude and position loops: P to velocity, PI to acceleration, acceleration to attitude and thrust.
 
-Position and velocity are the true ones: navigation is taken as ideal.
+Navigation is ideal: position and velocity are the true ones.
 """
 
 import math
@@ -13,19 +13,19 @@ from firmware_model.numerics.rotations import from_euler, rotate, to_euler
 from firmware_model.physics.rigid_body import Body
 from firmware_model.types import Quaternion, Vector
 
-_THRUST_MIN, _THRUST_MAX = 0.1, 0.9  # [-] of the weight, of the largest thrust: the rest is left for torques
-_MIN_TILT_COSINE = 0.5  # [-] cosine of the tilt from which on thrust makes up for it no further
-_MAX_HEADING_STEP = 0.2  # [rad] heading asked for ahead of the present one, at most
+_THRUST_MIN, _THRUST_MAX = 0.1, 0.9  # [-] of the weight, of the largest thrust; the margins are for torques
+_MIN_TILT_COSINE = 0.5  # [-] cosine of the tilt above which thrust compensates no further
+_MAX_HEADING_STEP = 0.2  # [rad] largest difference between heading command and present heading
 
 
 class PositionState(NamedTuple):
-    """State."""
+    """State of the altitude and position loops."""
 
     i_north: float  # [m/s^2] integrated velocity errors
     i_east: float
     i_down: float
-    down: float  # [m] N, height that is held where nobody says which; NaN: none
-    yaw: float  # [rad] heading that is held where nobody says which; NaN: none
+    down: float  # [m] N, latched height of altitude hold; NaN: none
+    yaw: float  # [rad] latched heading; NaN: none
 
 
 class PositionParams(NamedTuple):
@@ -50,21 +50,32 @@ class PositionParams(NamedTuple):
 def position_params(vehicle: Vehicle, gains: PositionLoop, dt: float) -> PositionParams:
     """Return gains for a vehicle and the sample time `dt` [s]."""
     return PositionParams(
-        gains.xy_p, gains.xy_velocity_p, gains.xy_velocity_i, gains.xy_velocity_max, gains.z_p, gains.z_velocity_p,
-        gains.z_velocity_i, gains.z_velocity_max_up, gains.z_velocity_max_down, math.tan(gains.tilt_max), vehicle.mass,
-        _THRUST_MIN * vehicle.mass * GRAVITY, _THRUST_MAX * 4.0 * vehicle.rotors.thrust_max, dt,
-    )  # fmt: skip
+        xy_p=gains.xy_p,
+        xy_velocity_p=gains.xy_velocity_p,
+        xy_velocity_i=gains.xy_velocity_i,
+        xy_velocity_max=gains.xy_velocity_max,
+        z_p=gains.z_p,
+        z_velocity_p=gains.z_velocity_p,
+        z_velocity_i=gains.z_velocity_i,
+        z_velocity_max_up=gains.z_velocity_max_up,
+        z_velocity_max_down=gains.z_velocity_max_down,
+        slope_max=math.tan(gains.tilt_max),
+        mass=vehicle.mass,
+        thrust_min=_THRUST_MIN * vehicle.mass * GRAVITY,
+        thrust_max=_THRUST_MAX * 4.0 * vehicle.rotors.thrust_max,
+        dt=dt,
+    )
 
 
 @kernel
 def initial_position_state() -> PositionState:
-    """Return the state in which no height, heading or place is held."""
+    """Return the state with no height and no heading latched, and empty integrals."""
     return PositionState(0.0, 0.0, 0.0, math.nan, math.nan)
 
 
 @kernel
 def climb_thrust(params: PositionParams, x: PositionState, body: Body, v_down: float) -> tuple[PositionState, float]:
-    """Return the state moved on and the thrust [N] for a vertical velocity [m/s] down, whatever the tilt."""
+    """Return the next state and the thrust [N] for a vertical velocity [m/s] down, compensated for tilt."""
     wanted = min(max(v_down, -params.z_velocity_max_up), params.z_velocity_max_down)
     error = wanted - body.v_down
     up = -rotate((body.qw, body.qx, body.qy, body.qz), (0.0, 0.0, -1.0))[2]
@@ -80,7 +91,7 @@ def climb_thrust(params: PositionParams, x: PositionState, body: Body, v_down: f
 def _horizontal_acceleration(
     params: PositionParams, x: PositionState, body: Body, north: float, east: float
 ) -> tuple[PositionState, Vector]:
-    """Return the state moved on and the acceleration [m/s^2] N, horizontal, toward a place [m] N."""
+    """Return the next state and the horizontal acceleration [m/s^2] N toward a position [m] N."""
     v_north, v_east = params.xy_p * (north - body.north), params.xy_p * (east - body.east)
     slow = params.xy_velocity_max / max(math.sqrt(v_north * v_north + v_east * v_east), params.xy_velocity_max)
     e_north, e_east = slow * v_north - body.v_north, slow * v_east - body.v_east
@@ -97,7 +108,7 @@ def _horizontal_acceleration(
 
 @kernel
 def attitude_for_acceleration(acceleration_N: Vector, yaw: float) -> Quaternion:
-    """Return the attitude with a heading [rad] in which thrust that carries the weight accelerates horizontally so."""
+    """Return the attitude for a horizontal acceleration [m/s^2] N at a heading [rad], if thrust carries the weight."""
     sine, cosine = sin_cos(yaw)
     ahead = acceleration_N[0] * cosine + acceleration_N[1] * sine
     right = acceleration_N[1] * cosine - acceleration_N[0] * sine
@@ -107,22 +118,23 @@ def attitude_for_acceleration(acceleration_N: Vector, yaw: float) -> Quaternion:
 
 
 @kernel
-def position_hold(params: PositionParams, x: PositionState, body: Body, place_N: Vector,
-          v_down: float) -> tuple[PositionState, Vector, float]:  # fmt: skip
-    """Return the state moved on, the acceleration [m/s^2] N and the thrust [N] that lead to a place [m] N.
+def position_hold(
+    params: PositionParams, x: PositionState, body: Body, position_N: Vector, v_down: float
+) -> tuple[PositionState, Vector, float]:
+    """Return the next state, the acceleration [m/s^2] N and the thrust [N] toward a position [m] N.
 
-    A `v_down` [m/s] other than NaN is the vertical velocity, and the place's height is not used.
+    A `v_down` [m/s] other than NaN is the vertical velocity, and the height of the position is unused.
     """
     x = PositionState(x.i_north, x.i_east, x.i_down, math.nan, math.nan)
-    x, acceleration_N = _horizontal_acceleration(params, x, body, place_N[0], place_N[1])
-    sink = params.z_p * (place_N[2] - body.down) if math.isnan(v_down) else v_down
+    x, acceleration_N = _horizontal_acceleration(params, x, body, position_N[0], position_N[1])
+    sink = params.z_p * (position_N[2] - body.down) if math.isnan(v_down) else v_down
     x, thrust = climb_thrust(params, x, body, sink)
     return x, acceleration_N, thrust
 
 
 @kernel
 def altitude_hold(params: PositionParams, x: PositionState, body: Body, thrust: float) -> tuple[PositionState, float]:
-    """Return the state moved on and the thrust [N]: as asked, or for NaN what holds the height where that began."""
+    """Return the next state and the thrust [N]: as commanded, or for NaN altitude hold at the height of entry."""
     if not math.isnan(thrust):
         return PositionState(0.0, 0.0, 0.0, math.nan, x.yaw), thrust
     fresh = math.isnan(x.down)
@@ -132,9 +144,9 @@ def altitude_hold(params: PositionParams, x: PositionState, body: Body, thrust: 
 
 @kernel
 def slew_heading(q_NB: Quaternion, yaw: float) -> float:
-    """Return the heading [rad] to be asked for next on the way from that of `q_NB` to `yaw`, the shorter way.
+    """Return the next heading command [rad] from the heading of `q_NB` toward `yaw`, by the shorter way.
 
-    It is never far from the present one: a large turn at once would swing the tilt about, too.
+    It stays near the present heading, because a large step in heading would also swing the tilt about.
     """
     present = to_euler(q_NB)[2]
     sine, cosine = sin_cos(yaw - present)
@@ -143,12 +155,12 @@ def slew_heading(q_NB: Quaternion, yaw: float) -> float:
 
 @kernel
 def latch_heading(x: PositionState, q_NB: Quaternion) -> PositionState:
-    """Return the state with the heading of `q_NB` held, unless one is held already."""
+    """Return the state with the heading of `q_NB` latched, unless one is latched already."""
     yaw = to_euler(q_NB)[2] if math.isnan(x.yaw) else x.yaw
     return PositionState(x.i_north, x.i_east, x.i_down, x.down, yaw)
 
 
 @kernel
 def clear_heading(x: PositionState) -> PositionState:
-    """Return the state with no heading held."""
+    """Return the state with no heading latched."""
     return PositionState(x.i_north, x.i_east, x.i_down, x.down, math.nan)

@@ -1,1 +1,1 @@
-"""Compiled arithmetic that gives the same bits on every route."""
+"""Compute the same bits on every route, with compiled arithmetic."""

@@ -1,7 +1,8 @@
 """Elementary functions and random numbers that give the same bits on every route.
 
-A call into the C library inside a loop over flights stops the compiler from using SIMD, and its result differs
-between machines. These are polynomials and integer arithmetic: branch-free where it counts, and exact repeats.
+A call into the C library inside a loop over flights keeps the compiler from SIMD, and its result differs between
+machines. These functions are polynomials and integer arithmetic: without branches inside hot loops, and repeatable to
+the bit.
 """
 
 import math
@@ -13,7 +14,7 @@ from firmware_model.numerics.compiled import kernel
 
 Array = NDArray[np.float64]
 BLOCK = 32
-"""Numbers that are computed at once, so that the compiler finds SIMD."""
+"""Length of the inner loop of `inverse_normals`, constant so that the compiler finds SIMD."""
 
 # pi/2 in three parts, each but the last with trailing zeros, so that n * part is exact for |n| < 2^20
 # (W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980; parts as in Sun's fdlibm e_rem_pio2.c).
@@ -148,31 +149,31 @@ def inverse_normal(u: float) -> float:
     References
     ----------
     M. J. Wichura, Algorithm AS 241: The percentage points of the normal distribution, Applied Statistics 37, 1988,
-    PPND16 (its far tail is never reached by 32-bit uniforms).
+    PPND16, without its far tail, which 32-bit uniforms never reach.
     """
     return _tail_quantile(u) if _is_tail(u) else _central_quantile(u)
 
 
 @kernel
-def inverse_normals(u: Array, quantiles: Array, outer: Array, places: NDArray[np.int64]) -> None:
-    """Write the `inverse_normal` of each number in `u`; `places` is scratch of its size, `outer` is `BLOCK` longer.
+def inverse_normals(u: Array, quantiles: Array, tail: Array, indices: NDArray[np.int64]) -> None:
+    """Write the `inverse_normal` of each number in `u` to `quantiles`.
 
-    One number in seven lies outside of the centre. These are set side by side: SIMD that followed both paths for all
-    would take twice the time.
+    `indices` is scratch of the size of `u`, `tail` is `BLOCK` longer. One number in seven lies in the tails. Those are
+    packed side by side, because SIMD that followed both paths for every number would take twice the time.
     """
     count = 0
     for i in range(u.size):
         quantiles[i] = _central_quantile(u[i])
     for i in range(u.size):
-        outer[count], places[count] = u[i], i
+        tail[count], indices[count] = u[i], i
         count += _is_tail(u[i])
     for i in range(BLOCK):
-        outer[count + i] = 0.5
+        tail[count + i] = 0.5
     for start in range(0, count, BLOCK):
         for i in range(start, start + BLOCK):
-            outer[i] = _tail_quantile(outer[i])
+            tail[i] = _tail_quantile(tail[i])
     for i in range(count):
-        quantiles[places[i]] = outer[i]
+        quantiles[indices[i]] = tail[i]
 
 
 @kernel
@@ -278,7 +279,7 @@ def _tail_quantile(u: float) -> float:
 
 @kernel
 def philox(counter: Words, key: tuple[Word, Word]) -> Words:
-    """Return four 32-bit random integers that depend on `counter` and `key` alone.
+    """Return four 32-bit random integers, a pure function of `counter` and `key`.
 
     References
     ----------
@@ -298,10 +299,10 @@ def philox(counter: Words, key: tuple[Word, Word]) -> Words:
 
 @kernel
 def uniforms(seed: int, stream: int, sample: int, block: int) -> tuple[float, float, float, float]:
-    """Return four independent numbers, uniform in (0, 1): block `block` of sample `sample` of one stream of one seed.
+    """Return four independent numbers, uniform in (0, 1), of one block of one sample of a stream under a seed.
 
-    A pure function of its arguments: no flight, sensor or step changes what another one draws. Each argument is below
-    2^32, and so are the steps of the numbers.
+    A pure function of its arguments: no flight, sensor or step changes the numbers of another. Each argument is below
+    2^32. The numbers lie on a grid of 2^32 steps.
     """
     a, b, c, d = philox(
         (np.uint64(sample), np.uint64(block), np.uint64(0), np.uint64(0)),
@@ -318,6 +319,6 @@ def uniforms(seed: int, stream: int, sample: int, block: int) -> tuple[float, fl
 
 @kernel
 def normals(seed: int, stream: int, sample: int, block: int) -> tuple[float, float, float, float]:
-    """Return the standard normal numbers of four `uniforms`; `|n|` stays below 6.34."""
+    """Return four standard normal numbers made of `uniforms`; `|n|` stays below 6.34."""
     a, b, c, d = uniforms(seed, stream, sample, block)
     return inverse_normal(a), inverse_normal(b), inverse_normal(c), inverse_normal(d)

@@ -2,8 +2,8 @@
 
 References
 ----------
-J. Diebel, Representing Attitude: Euler Angles, Unit Quaternions, and Rotation Vectors, 2006 (its formulas for the
-inverse rotation are transposed here: `q_NB` takes components in B to N).
+J. Diebel, Representing Attitude: Euler Angles, Unit Quaternions, and Rotation Vectors, 2006. Its formulas are for the
+inverse rotation and are transposed here: `q_NB` takes components in B to N.
 """
 
 import math
@@ -42,7 +42,7 @@ def normalize(q: Quaternion) -> Quaternion:
 
 @kernel
 def rotate(q_NB: Quaternion, v_B: Vector) -> Vector:
-    """Return the components in N of a vector given in B; with the conjugate, those in B of one given in N."""
+    """Return the components in N of a vector given in B; with the conjugate of `q_NB`, from N to B."""
     w, x, y, z = q_NB
     t0 = 2.0 * (y * v_B[2] - z * v_B[1])
     t1 = 2.0 * (z * v_B[0] - x * v_B[2])
@@ -56,7 +56,7 @@ def rotate(q_NB: Quaternion, v_B: Vector) -> Vector:
 
 @kernel
 def from_rotation_vector(v_B: Vector) -> Quaternion:
-    """Return the quaternion of a turn about `v_B` by its length [rad]."""
+    """Return the quaternion of the rotation about `v_B` by its length [rad]."""
     angle = math.sqrt(v_B[0] * v_B[0] + v_B[1] * v_B[1] + v_B[2] * v_B[2])
     sine, cosine = sin_cos(0.5 * angle)
     scale = sine / angle if angle > 1e-12 else 0.5
@@ -90,7 +90,7 @@ def from_euler(phi: float, theta: float, psi: float) -> Quaternion:
 
 
 def euler_angles(q_NB: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ZYX Euler angles (n, 3) [rad] of quaternions (n, 4), yaw without jumps of a full turn."""
+    """Return ZYX Euler angles (n, 3) [rad] of quaternions (n, 4), with yaw unwrapped."""
     w, x, y, z = q_NB.T
     theta = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
     phi = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))

@@ -1,4 +1,4 @@
-"""What is left of a torque that is asked of hurt actuators; sound ones give it all, after their lag."""
+"""Limit the torque of faulty actuators; sound ones give the whole command, after their lag."""
 
 import math
 from typing import NamedTuple
@@ -8,9 +8,9 @@ from firmware_model.types import Vector
 
 
 class ActuatorParams(NamedTuple):
-    """How much of a torque, and how much at most."""
+    """Effectiveness and limit of each axis."""
 
-    share_roll: float = 1.0  # [-] of what is asked
+    share_roll: float = 1.0  # [-] of the command
     share_pitch: float = 1.0
     share_yaw: float = 1.0
     limit_roll: float = math.inf  # [N*m]
@@ -25,7 +25,7 @@ def _limit_axis(torque: float, share: float, limit: float) -> float:
 
 @kernel
 def apply_actuator_faults(params: ActuatorParams, torque: Vector) -> Vector:
-    """Return the torque [N*m] B that is given for what is asked, when the lag has passed."""
+    """Return the torque [N*m] B that faulty actuators give for a commanded one, once their lag has passed."""
     return (
         _limit_axis(torque[0], params.share_roll, params.limit_roll),
         _limit_axis(torque[1], params.share_pitch, params.limit_pitch),

@@ -1,7 +1,7 @@
 """Free flight: the rigid body in moving air, with drag, and on the ground.
 
-The force of the air and its moment have one cause, the air's velocity relative to the vehicle: each rotor drags along
-with the air through its plane, at a height above the centre of mass (see `gust_moment`), and so does the body.
+Force and moment of the air have one cause, the air's velocity relative to the vehicle. Each rotor drags along with the
+air through its plane, at a height above the centre of mass (see `gust_moment`), and so does the body.
 """
 
 import math
@@ -29,7 +29,7 @@ AIR_DENSITY = 1.225
 
 
 class AirParams(NamedTuple):
-    """What the air does to a vehicle."""
+    """Drag and moment coefficients of a vehicle."""
 
     inverse_weight: float  # [1/N]
     rotor_drag: float  # [N/(m/s)] all rotors in hover, in their plane
@@ -40,7 +40,7 @@ class AirParams(NamedTuple):
 
 
 class Air(NamedTuple):
-    """How the air moves, constant over a sample."""
+    """Motion of the air, constant over a sample."""
 
     u: float  # [m/s] B, gust, blowing toward
     v: float
@@ -51,7 +51,7 @@ class Air(NamedTuple):
 
 
 class FreeParams(NamedTuple):
-    """A vehicle in free flight."""
+    """Constants of a vehicle in free flight."""
 
     body: BodyParams
     """Airframe, its units beside each number."""
@@ -62,22 +62,26 @@ class FreeParams(NamedTuple):
 
 
 class FreeInputs(NamedTuple):
-    """What acts from outside, constant over a sample."""
+    """External inputs, constant over a sample."""
 
     body: BodyInputs
     """Commands, direct moments, angular gusts, units beside each number; no forces."""
     air: Air
     """Gust and wind, units beside each number."""
-    low: bool
-    """Whether the ground may be near; if not, it is not asked about."""
+    near_ground: bool
+    """True if the ground may be near; otherwise contact is skipped."""
 
 
 def air_params(vehicle: Vehicle) -> AirParams:
-    """Return what the air does to a vehicle."""
+    """Return a vehicle's coefficients in the air."""
     return AirParams(
-        1.0 / (vehicle.mass * GRAVITY), vehicle.rotor_drag, vehicle.heave_drag, 0.5 * AIR_DENSITY * vehicle.drag_area,
-        vehicle.gust_gain, vehicle.gust_yaw_ratio,
-    )  # fmt: skip
+        inverse_weight=1.0 / (vehicle.mass * GRAVITY),
+        rotor_drag=vehicle.rotor_drag,
+        heave_drag=vehicle.heave_drag,
+        body_drag=0.5 * AIR_DENSITY * vehicle.drag_area,
+        gust_gain=vehicle.gust_gain,
+        gust_yaw_ratio=vehicle.gust_yaw_ratio,
+    )
 
 
 def free_params(vehicle: Vehicle) -> FreeParams:
@@ -89,9 +93,9 @@ def free_params(vehicle: Vehicle) -> FreeParams:
 def air_wrench(params: AirParams, body: Body, air: Air) -> tuple[Vector, Vector]:
     """Return force [N] B and moment [N*m] B of the air.
 
-    Rotors: in proportion to the relative air and to the rotors' speed, which goes with the root of the thrust and is 1
-    in hover. Body: in proportion to the square, in all directions alike. Yaw comes of gusts alone: what passes all
-    rotors alike turns none of them more than another.
+    Rotor drag is proportional to the relative air velocity and to rotor speed, which goes with the root of the thrust
+    and is 1 in hover. Body drag is quadratic, the same in all directions. Only gusts yaw the vehicle: a uniform
+    stream acts on all rotors equally.
     """
     past = (air.north - body.v_north, air.east - body.v_east, air.down - body.v_down)
     mean = rotate(conjugate((body.qw, body.qx, body.qy, body.qz)), past)
@@ -107,27 +111,32 @@ def air_wrench(params: AirParams, body: Body, air: Air) -> tuple[Vector, Vector]
 def sum_inputs(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[BodyInputs, bool, float]:
     """Return the inputs with all forces and moments but gravity, whether the vehicle rests, and the ground's load [N].
 
-    At rest the ground's force is not of the springs but what it must be; it is then not among the forces.
+    At rest the ground's force balances all others; the springs' force among those returned is then not the real one.
     """
     outside = inputs.body
     force, moment = air_wrench(params.air, body, inputs.air)
     L, M, N = moment[0] + outside.L, moment[1] + outside.M, moment[2] + outside.N
     ground_force, ground_moment, load, resting = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, False
-    if inputs.low:
+    if inputs.near_ground:
         ground_force, ground_moment, load = ground_wrench(params.ground, body)
         push, twist = (force[0], force[1], force[2] - body.thrust), (L + body.roll, M + body.pitch, N + body.yaw)
         resting = (load > 0.0) & is_at_rest(params.ground, body, push, twist)
-    return (
-        BodyInputs(
-            outside.roll_command, outside.pitch_command, outside.yaw_command,
-            L + ground_moment[0], M + ground_moment[1], N + ground_moment[2],
-            outside.p_gust, outside.q_gust, outside.r_gust,
-            force[0] + ground_force[0], force[1] + ground_force[1], force[2] + ground_force[2],
-            outside.thrust_command,
-        ),
-        resting,
-        load,
-    )  # fmt: skip
+    forces = BodyInputs(
+        roll_command=outside.roll_command,
+        pitch_command=outside.pitch_command,
+        yaw_command=outside.yaw_command,
+        L=L + ground_moment[0],
+        M=M + ground_moment[1],
+        N=N + ground_moment[2],
+        p_gust=outside.p_gust,
+        q_gust=outside.q_gust,
+        r_gust=outside.r_gust,
+        F_x=force[0] + ground_force[0],
+        F_y=force[1] + ground_force[1],
+        F_z=force[2] + ground_force[2],
+        thrust_command=outside.thrust_command,
+    )
+    return forces, resting, load
 
 
 @kernel
@@ -140,19 +149,19 @@ _integrate = runge_kutta(_derivative)
 
 @kernel
 def step(params: FreeParams, body: Body, inputs: FreeInputs, dt: float) -> Body:
-    """Return the state after `dt` [s]: a Runge-Kutta step, or the actuators' alone where the vehicle rests."""
-    inputs = FreeInputs(inputs.body, inputs.air, inputs.low and can_touch_ground(params.ground, body, dt))
-    moved = _integrate(params, body, inputs, dt)
-    return at_rest(body, moved) if sum_inputs(params, body, inputs)[1] else moved
+    """Return the state after `dt` [s]: a Runge-Kutta step; at rest only the actuators move."""
+    inputs = FreeInputs(inputs.body, inputs.air, inputs.near_ground and can_touch_ground(params.ground, body, dt))
+    next_body = _integrate(params, body, inputs, dt)
+    return at_rest(body, next_body) if sum_inputs(params, body, inputs)[1] else next_body
 
 
 @kernel
 def sensor_wrench(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[Vector, Vector, float]:
-    """Return specific force [m/s^2] B, the moment of the air [N*m] B, and the load that the ground carries [N].
+    """Return specific force [m/s^2] B, the moment of the air [N*m] B, and the load on the ground [N].
 
-    The specific force is acceleration less gravity, what an accelerometer at the centre of mass feels.
+    Specific force is acceleration less gravity, the reading of an accelerometer at the centre of mass.
     """
-    inputs = FreeInputs(inputs.body, inputs.air, inputs.low and can_touch_ground(params.ground, body, 0.0))
+    inputs = FreeInputs(inputs.body, inputs.air, inputs.near_ground and can_touch_ground(params.ground, body, 0.0))
     forces, resting, load = sum_inputs(params, body, inputs)
     moment = air_wrench(params.air, body, inputs.air)[1]
     if resting:

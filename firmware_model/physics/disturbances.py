@@ -1,7 +1,7 @@
-"""What the tables of wind and moment come to at a time: one form for all formulas, another for what is replayed.
+"""Evaluate the tables of wind and moment at a time, in one form for all formulas and another for replays.
 
-A wave is a row of `WAVE` numbers: its kind, its target, the vector at its peak (3) [m/s] or [N*m], start and stop [s],
-and two numbers of its kind:
+A wave is a row of `WAVE` numbers: kind, target, vector at the peak (3) [m/s] or [N*m], start and stop [s], and two
+parameters of the kind:
 
     STEP                1
     RAMP                min(s / a, 1)                       a [s] rise
@@ -10,8 +10,8 @@ and two numbers of its kind:
     SQUARE              sign(sin(a s + b))
     SWEEP               sin((a + b s / 2) s)                a [rad/s], b [rad/s^2]
 
-with s the time since the start. The targets are `TARGETS` columns of three: gust B, gust N, moment B, moment N. A
-replay is a row of these columns for each sample.
+with s the time since the start. Targets are `TARGETS` groups of three columns: gust B, gust N, moment B, moment N.
+A replay has a row of these columns for each sample.
 """
 
 import math
@@ -44,17 +44,17 @@ STEP, RAMP, ONE_MINUS_COSINE, SINE, SQUARE, SWEEP = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 GUST_B, GUST_N, MOMENT_B, MOMENT_N = 0, 1, 2, 3
 """Targets."""
 WAVE, TARGETS = 9, 4
-_HALF_US = 0.5e-6  # stamps are whole microseconds, roundings are not
+_HALF_US = 0.5e-6  # [s] tolerance: stamps are whole microseconds, rounded seconds are not
 
 
 def make_waves(scenario: Scenario) -> Array:
-    """Return what formulas give (n, WAVE), in the order of the scenario."""
+    """Return the waves (n, WAVE) of a scenario's formulas, in its order."""
     rows = [_make_wave(item) for item in _list_tables(scenario) if isinstance(item, (Gust, DirectMoment))]
     return np.array(rows, dtype=np.float64).reshape(-1, WAVE)
 
 
 def make_replay(scenario: Scenario) -> Array:
-    """Return what is replayed at each sample (samples, 3 * TARGETS); (0, 3 * TARGETS) if nothing is."""
+    """Return the replay at each sample (samples, 3 * TARGETS); (0, 3 * TARGETS) without replays."""
     replays = [item for item in _list_tables(scenario) if isinstance(item, (GustReplay, MomentReplay))]
     table = np.zeros((scenario.samples if replays else 0, 3 * TARGETS))
     time = np.arange(len(table)) * scenario.sample_us * 1e-6
@@ -103,7 +103,7 @@ def _shape_params(item: Gust | DirectMoment) -> tuple[float, float, float]:
 
 @kernel
 def wave_value(kind: float, since: float, a: float, b: float) -> float:
-    """Return a wave [-] at the time `since` [s] its start; `a` and `b` are the numbers of its kind."""
+    """Return a wave [-] at the time `since` [s] its start; `a` and `b` are the parameters of its kind."""
     if kind == STEP:
         return 1.0
     if kind == RAMP:
@@ -125,7 +125,7 @@ def wave_value(kind: float, since: float, a: float, b: float) -> float:
 
 @kernel
 def disturbance(waves: Array, replay: Array, sample: int, time: float) -> Disturbance:
-    """Return gust [m/s] B, gust N, moment [N*m] B, moment N, that tables give at a sample at `time` [s]."""
+    """Return the tables' gust [m/s] B, gust N, moment [N*m] B and moment N at a sample at `time` [s]."""
     u, v, w = 0.0, 0.0, 0.0
     north, east, down = 0.0, 0.0, 0.0
     L, M, N = 0.0, 0.0, 0.0

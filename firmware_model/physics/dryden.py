@@ -1,4 +1,4 @@
-"""The air: Dryden turbulence discretised exactly, discrete gusts, and the moment that a gust gives.
+"""Dryden turbulence, discretised exactly, and the moment of a gust.
 
 References
 ----------
@@ -24,7 +24,10 @@ Array = NDArray[np.float64]
 
 
 class DrydenState(NamedTuple):
-    """State of the six shaping filters; variance 1 each under stationary noise only for `u` and `p`."""
+    """State of the six shaping filters: `u` and `p` of first order, (v, r) and (w, q) of third order each.
+
+    `u` [m/s] and `p` [rad/s] are the gusts themselves; the others combine to them, see `dryden_gust`.
+    """
 
     u: float
     v1: float
@@ -39,7 +42,8 @@ class DrydenState(NamedTuple):
 class DrydenParams(NamedTuple):
     """Discrete filters: scalar ones for u and p, third-order ones for (v, r) and (w, q).
 
-    `x+ = A x + B n` with A and B lower triangular, `n` standard normal; outputs v (or w) and its derivative filtered.
+    `x+ = A x + B n` with A and B lower triangular, `n` standard normal. Outputs are v (or w) and its filtered
+    derivative.
     """
 
     u_a: float
@@ -95,11 +99,11 @@ class DrydenSpectrum(NamedTuple):
 def dryden_spectrum(dryden: Dryden, altitude: float, span: float) -> DrydenSpectrum:
     """Return intensities and lengths at `altitude` [m], for a `span` [m], MIL-F-8785C below 1000 ft (3.7.3.4).
 
-    The roll gust's variance is the integral of its spectrum (3.7.1.2); the airspeed, where not given, is the mean wind:
-    a hovering vehicle lets the field pass at that speed. Heights below 10 ft count as 10 ft, the model's own floor.
+    The roll gust's variance is the integral of its spectrum (3.7.1.2). The airspeed defaults to the mean wind: past a
+    hovering vehicle the field moves at that speed. Heights below 10 ft count as 10 ft, the model's own floor.
 
-    MIL-HDBK-1797 halves the transverse lengths and writes twice them where MIL-F-8785C writes them once, in all
-    spectra: below 1000 ft the gusts are the same.
+    MIL-HDBK-1797 halves the transverse lengths and writes twice them where MIL-F-8785C writes them once. So below
+    1000 ft the gusts are the same, in all spectra.
     """
     height = max(altitude / FOOT, 10.0)
     shear = 0.177 + 0.000823 * height
@@ -112,18 +116,25 @@ def dryden_spectrum(dryden: Dryden, altitude: float, span: float) -> DrydenSpect
         sigma_w**2 / whole_L_w * 0.8 * (math.pi * whole_L_w / (4.0 * span)) ** (1.0 / 3.0) * math.pi**2 / (8.0 * span)
     )
     return DrydenSpectrum(
-        sigma_u, sigma_u, sigma_w, L_u, L_u / transverse, whole_L_w / transverse, math.sqrt(variance_p),
-        dryden.airspeed, transverse,
-    )  # fmt: skip
+        sigma_u=sigma_u,
+        sigma_v=sigma_u,
+        sigma_w=sigma_w,
+        L_u=L_u,
+        L_v=L_u / transverse,
+        L_w=whole_L_w / transverse,
+        sigma_p=math.sqrt(variance_p),
+        airspeed=dryden.airspeed,
+        transverse=transverse,
+    )
 
 
 @lru_cache(maxsize=256)
 def dryden_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[DrydenParams, Array]:
     """Return the exactly discretised filters for the step `dt` [s] and the factor (8, 8) of the stationary covariance.
 
-    Exact means that at each sample the joint distribution is that of the continuous filters: `A = exp(F dt)`, and
-    `B B^T = P - A P A^T` with P the stationary covariance, which equals van Loan's integral of the noise over a step.
-    An initial state `factor n` with n standard normal is stationary.
+    At each sample the joint distribution is that of the continuous filters: `A = exp(F dt)` and `B B^T = P - A P A^T`.
+    P is the stationary covariance; the difference equals van Loan's integral of the noise over a step. An initial state
+    `factor n` with n standard normal is stationary.
     """
     V = spectrum.airspeed
     v = _transverse(spectrum.sigma_v, spectrum.transverse * spectrum.L_v / V, 3.0 * span / (math.pi * V), dt)
@@ -148,8 +159,8 @@ class _Transverse(NamedTuple):
 def _transverse(sigma: float, tau: float, lag: float, dt: float) -> _Transverse:
     """Return the filter of v or w and of the angular gust that it drives.
 
-    v(s) / n(s) = sigma sqrt(tau) (1 + sqrt(3) tau s) / (1 + tau s)^2 for unit white noise, whose variance is sigma^2;
-    the angular gust is (s / V) / (1 + lag s) v(s). States: two first-order lags in a chain, then v delayed by `lag`.
+    v(s) / n(s) = sigma sqrt(tau) (1 + sqrt(3) tau s) / (1 + tau s)^2 gives variance sigma^2 for unit white noise. The
+    angular gust is (s / V) / (1 + lag s) v(s). States: two first-order lags in a chain, then v low-passed by `lag`.
     """
     root = math.sqrt(3.0)
     gain = sigma / math.sqrt(tau)
@@ -165,7 +176,7 @@ def _transverse(sigma: float, tau: float, lag: float, dt: float) -> _Transverse:
 
 
 def _factorize(Q: Array) -> Array:
-    """Return lower-triangular B with `B B^T = Q`; Q may be singular to rounding, where Cholesky would stop."""
+    """Return lower-triangular B with `B B^T = Q`; unlike Cholesky, Q may be singular to rounding."""
     values, vectors = np.linalg.eigh(0.5 * (Q + Q.T))
     B = np.asarray(np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T, mode="r")).T
     return B * np.where(np.diag(B) < 0.0, -1.0, 1.0)
@@ -181,14 +192,22 @@ def dryden_step(params: DrydenParams, x: DrydenState, n: Float8) -> DrydenState:
         u=params.u_a * x.u + params.u_b * n[0],
         v1=params.v_a11 * x.v1 + params.v_b11 * n[1],
         v2=params.v_a21 * x.v1 + params.v_a22 * x.v2 + params.v_b21 * n[1] + params.v_b22 * n[2],
-        v3=params.v_a31 * x.v1 + params.v_a32 * x.v2 + params.v_a33 * x.v3
-        + params.v_b31 * n[1] + params.v_b32 * n[2] + params.v_b33 * n[3],
+        v3=params.v_a31 * x.v1
+        + params.v_a32 * x.v2
+        + params.v_a33 * x.v3
+        + params.v_b31 * n[1]
+        + params.v_b32 * n[2]
+        + params.v_b33 * n[3],
         w1=params.w_a11 * x.w1 + params.w_b11 * n[4],
         w2=params.w_a21 * x.w1 + params.w_a22 * x.w2 + params.w_b21 * n[4] + params.w_b22 * n[5],
-        w3=params.w_a31 * x.w1 + params.w_a32 * x.w2 + params.w_a33 * x.w3
-        + params.w_b31 * n[4] + params.w_b32 * n[5] + params.w_b33 * n[6],
+        w3=params.w_a31 * x.w1
+        + params.w_a32 * x.w2
+        + params.w_a33 * x.w3
+        + params.w_b31 * n[4]
+        + params.w_b32 * n[5]
+        + params.w_b33 * n[6],
         p=params.p_a * x.p + params.p_b * n[7],
-    )  # fmt: skip
+    )
 
 
 @kernel
@@ -203,9 +222,9 @@ def dryden_gust(params: DrydenParams, x: DrydenState) -> tuple[Vector, Vector]:
 def gust_moment(gain: float, yaw_ratio: float, gust_B: Vector) -> Vector:
     """Return the moment [N*m] B of a gust [m/s] B.
 
-    Each rotor drags along with the air that blows through its plane, F = c (gust) at a height h above the centre of
-    mass, r = (0, 0, -h): r x F = (h c v, -h c u, 0), so `gain` = h c [N*m/(m/s)]. Yaw comes from the rotors' unequal
-    answer to vertical gusts, `yaw_ratio` times that. On the stand mean wind is trimmed out and gives none; in free
-    flight roll and pitch are of all the air that moves past the vehicle, whose own loop trims out what is steady.
+    Each rotor drags along with the air through its plane, F = c (gust), at a height h above the centre of mass.
+    With r = (0, 0, -h), r x F = (h c v, -h c u, 0), so `gain` = h c [N*m/(m/s)]. Yaw comes from the rotors' unequal
+    response to vertical gusts, `yaw_ratio` times that. On the stand mean wind is trimmed out and gives no moment. In
+    free flight all relative air rolls and pitches the vehicle, and its own loop trims out the steady part.
     """
     return gain * gust_B[1], -gain * gust_B[0], yaw_ratio * gain * gust_B[2]

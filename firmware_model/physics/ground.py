@@ -1,8 +1,8 @@
-"""Flat, level ground at the height of home: feet and rotors touch it, friction holds, and a vehicle at rest is at rest.
+"""Flat, level ground at the height of home: contact of feet and rotors, friction, and rest.
 
-Moving, each point that touches is a spring and damper at the critical damping of the whole vehicle, with Coulomb
-friction that a speed below `_FRICTION_SPEED` makes proportional. At rest friction is a condition, not a law of motion: while
-the feet can carry what acts, nothing moves at all, so that there is neither jitter nor drift.
+In motion each contact point is a spring and damper, critically damped for the whole vehicle. Its Coulomb friction is
+proportional to speed below `_FRICTION_SPEED`. At rest friction is a condition, not a law of motion. While the feet can
+carry all forces nothing moves at all, so there is neither jitter nor drift.
 """
 
 import math
@@ -14,14 +14,14 @@ from firmware_model.numerics.rotations import conjugate, rotate
 from firmware_model.physics.rigid_body import Body
 from firmware_model.types import Vector
 
-_FRICTION_SPEED = 0.05  # [m/s] sliding speed from which on friction has its full value
-_REST_SPEED = 0.02  # [m/s] and [rad/s]: below, a vehicle whose feet hold it is at rest
-_REST_LOAD_SHARE = 0.5  # [-] of the weight on the feet, at least, at rest: less, and the springs lift it off gently
-_MARGIN = 0.01  # [m] that an acceleration of 5 km/s^2 moves it within the longest step, 2 ms
+_FRICTION_SPEED = 0.05  # [m/s] sliding speed of full friction
+_REST_SPEED = 0.02  # [m/s] and [rad/s]: below, a vehicle held by its feet is at rest
+_REST_LOAD_SHARE = 0.5  # [-] least share of the weight on the feet at rest; with less, the springs lift off gently
+_MARGIN = 0.01  # [m] path of an acceleration of 5 km/s^2 within the longest step, 2 ms
 
 
 class GroundParams(NamedTuple):
-    """Where the vehicle touches, and how stiffly."""
+    """Contact points of a vehicle, and their stiffness, damping and friction."""
 
     foot_x: float  # [m] B, feet at plus and minus this
     foot_y: float
@@ -37,7 +37,7 @@ class GroundParams(NamedTuple):
 
 
 class _ContactSum(NamedTuple):
-    """What the points that touch add up to."""
+    """Sum over the contact points."""
 
     F_north: float  # [N] N
     F_east: float
@@ -49,31 +49,30 @@ class _ContactSum(NamedTuple):
 
 
 def ground_params(vehicle: Vehicle) -> GroundParams:
-    """Return where a vehicle touches the ground; the springs yield by `sag` under its weight."""
+    """Return a vehicle's contact constants; the springs yield by `sag` under its weight."""
     gear = vehicle.gear
     x, y, z = (max(abs(position[i]) for position in vehicle.rotors.position_B) for i in range(3))
     foot = (gear.half_length, gear.half_width, gear.height)
+    reach = max(math.hypot(*foot), math.hypot(x, y, z))
     weight = vehicle.mass * GRAVITY
-    return GroundParams(
-        *foot, x, y, -z, max(math.hypot(*foot), math.hypot(x, y, z)), weight, weight / (4.0 * gear.sag),
-        0.5 * vehicle.mass * math.sqrt(GRAVITY / gear.sag), gear.friction,
-    )  # fmt: skip
+    stiffness, damping = weight / (4.0 * gear.sag), 0.5 * vehicle.mass * math.sqrt(GRAVITY / gear.sag)
+    return GroundParams(*foot, x, y, -z, reach, weight, stiffness, damping, gear.friction)
 
 
 def standing_height(vehicle: Vehicle) -> float:
-    """Return the height [m] of the centre of mass above ground of a vehicle that stands on its feet."""
+    """Return the height [m] of the centre of mass above ground, for a vehicle on its feet."""
     return vehicle.gear.height - vehicle.gear.sag
 
 
 @kernel
 def can_touch_ground(params: GroundParams, body: Body, dt: float) -> bool:
-    """Whether any point may touch the ground within a step of `dt` [s]: if not, nothing needs to be asked about it."""
+    """Return whether any point may touch the ground within a step of `dt` [s]; if not, contact may be skipped."""
     return body.down + params.reach + dt * abs(body.v_down) > -_MARGIN
 
 
 @kernel
 def _add_point(params: GroundParams, body: Body, omega_N: Vector, arm_N: Vector, total: _ContactSum) -> _ContactSum:
-    """Return the sum with what acts at the end of an arm [m] N of a vehicle that turns [rad/s] N."""
+    """Return the sum with the contact at the end of an arm [m] N, on a vehicle with body rates [rad/s] N."""
     x, y, z = arm_N
     v_north = body.v_north + omega_N[1] * z - omega_N[2] * y
     v_east = body.v_east + omega_N[2] * x - omega_N[0] * z
@@ -83,15 +82,19 @@ def _add_point(params: GroundParams, body: Body, omega_N: Vector, arm_N: Vector,
     rub = -params.friction * push / max(math.sqrt(v_north * v_north + v_east * v_east), _FRICTION_SPEED)
     north, east, down = rub * v_north, rub * v_east, -push
     return _ContactSum(
-        total.F_north + north, total.F_east + east, total.F_down + down,
-        total.M_north + y * down - z * east, total.M_east + z * north - x * down, total.M_down + x * east - y * north,
-        total.load + push,
-    )  # fmt: skip
+        F_north=total.F_north + north,
+        F_east=total.F_east + east,
+        F_down=total.F_down + down,
+        M_north=total.M_north + y * down - z * east,
+        M_east=total.M_east + z * north - x * down,
+        M_down=total.M_down + x * east - y * north,
+        load=total.load + push,
+    )
 
 
 @kernel
 def _add_corners(params: GroundParams, body: Body, corner_B: Vector, total: _ContactSum) -> _ContactSum:
-    """Return the sum with what acts at the corners of a rectangle across the z axis, of which one is given [m] B."""
+    """Return the sum with the contacts at four corners (+-x, +-y, z), of which one is `corner_B` [m] B."""
     q_NB = (body.qw, body.qx, body.qy, body.qz)
     omega_N = rotate(q_NB, (body.p, body.q, body.r))
     a, b = rotate(q_NB, (corner_B[0], 0.0, corner_B[2])), rotate(q_NB, (-corner_B[0], 0.0, corner_B[2]))
@@ -104,9 +107,9 @@ def _add_corners(params: GroundParams, body: Body, corner_B: Vector, total: _Con
 
 @kernel
 def ground_wrench(params: GroundParams, body: Body) -> tuple[Vector, Vector, float]:
-    """Return force [N] B and moment [N*m] B of the ground, and the load that it carries [N].
+    """Return force [N] B and moment [N*m] B of the ground, and the load on it [N].
 
-    It does not loop over points: a loop inside that over flights would keep the compiler from SIMD.
+    The points are written out: a loop over them, inside the loop over flights, would keep the compiler from SIMD.
     """
     total = _ContactSum(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     total = _add_corners(params, body, (params.foot_x, params.foot_y, params.foot_z), total)
@@ -118,7 +121,7 @@ def ground_wrench(params: GroundParams, body: Body) -> tuple[Vector, Vector, flo
 
 @kernel
 def is_at_rest(params: GroundParams, body: Body, force_B: Vector, moment_B: Vector) -> bool:
-    """Whether a vehicle stands still and stays so, on all four feet, under thrust, air and torques.
+    """Return whether a vehicle stands still, and stays so on all four feet under thrust, air and torques.
 
     The feet must carry enough of the weight, friction must hold force and yaw together, and the vehicle must not tip.
     """

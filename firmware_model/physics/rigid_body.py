@@ -1,7 +1,7 @@
-"""The airframe in motion: rigid body in six degrees of freedom with first-order actuators, and its RK4 step.
+"""Rigid body in six degrees of freedom with first-order actuators, and its RK4 step.
 
-Translation is free or held (the paper's test stand: it turns about its centre of mass and does not move).
-All rotors share one lag, and torques and thrust are fixed sums of the rotors' thrusts, so each of them has that lag.
+Translation is free or held: on the paper's test stand the vehicle rotates about its centre of mass and does not move.
+All rotors share one lag. Torques and thrust are fixed sums of the rotors' thrusts, so each of them has that lag.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from firmware_model.types import Vector
 
 
 class Body(NamedTuple):
-    """State."""
+    """State of airframe and actuators."""
 
     north: float  # [m]
     east: float
@@ -29,14 +29,14 @@ class Body(NamedTuple):
     p: float  # [rad/s] B
     q: float
     r: float
-    roll: float  # [N*m] B, what the actuators give
+    roll: float  # [N*m] B, torque of the actuators
     pitch: float
     yaw: float
     thrust: float  # [N] up, along -z of B
 
 
 class BodyParams(NamedTuple):
-    """Constants of the airframe, divided out beforehand: a division costs more than all else in a step."""
+    """Constants of the airframe, divided in advance: a division costs more than all else in a step."""
 
     inverse_mass: float  # [1/kg]
     k1: float  # [-] (I_y - I_z) / I_x
@@ -51,9 +51,9 @@ class BodyParams(NamedTuple):
 
 
 class BodyInputs(NamedTuple):
-    """What acts from outside, constant over a step."""
+    """External inputs, constant over a step."""
 
-    roll_command: float  # [N*m] B, asked of the actuators, within their limits
+    roll_command: float  # [N*m] B, commanded, within the actuators' limits
     pitch_command: float
     yaw_command: float
     L: float  # [N*m] B, disturbance moment
@@ -65,24 +65,32 @@ class BodyInputs(NamedTuple):
     F_x: float  # [N] B, all forces but gravity and thrust
     F_y: float
     F_z: float
-    thrust_command: float  # [N] asked of the actuators
+    thrust_command: float  # [N] commanded
 
 
 def body_params(vehicle: Vehicle, *, free: bool) -> BodyParams:
     """Return the constants of a vehicle, `free` or held in translation."""
     I_x, I_y, I_z = vehicle.inertia_B
     return BodyParams(
-        1.0 / vehicle.mass, (I_y - I_z) / I_x, (I_z - I_x) / I_y, (I_x - I_y) / I_z, 1.0 / I_x, 1.0 / I_y, 1.0 / I_z,
-        vehicle.rate_damping, 1.0 / vehicle.actuator_lag, float(free),
-    )  # fmt: skip
+        inverse_mass=1.0 / vehicle.mass,
+        k1=(I_y - I_z) / I_x,
+        k2=(I_z - I_x) / I_y,
+        k3=(I_x - I_y) / I_z,
+        inverse_I_x=1.0 / I_x,
+        inverse_I_y=1.0 / I_y,
+        inverse_I_z=1.0 / I_z,
+        damping=vehicle.rate_damping,
+        bandwidth=1.0 / vehicle.actuator_lag,
+        free=float(free),
+    )
 
 
 @kernel
 def attitude_derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
-    """Return the time derivative of the state, in a `Body`, of a vehicle that is held in translation.
+    """Return the time derivative of the state, in a `Body`, for a vehicle held in translation.
 
-    Euler's equations with principal inertia, quaternion kinematics `q' = q omega / 2`.
-    The yaw equation has N / I_z, where the paper's (2) prints L / I_z.
+    Euler's equations with principal inertia, and quaternion kinematics `q' = q omega / 2`. The yaw equation has
+    N / I_z, where the paper's (2) prints L / I_z.
     """
     p, q, r = body.p, body.q, body.r
     return Body(
@@ -108,24 +116,20 @@ def attitude_derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> B
 
 @kernel
 def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
-    """Return the time derivative of the state, in a `Body`: that of `attitude_derivative`, and Newton's law in N."""
+    """Return the time derivative of the state, in a `Body`: `attitude_derivative` with Newton's law in N."""
     q_NB = (body.qw, body.qx, body.qy, body.qz)
     F_N = rotate(q_NB, (inputs.F_x, inputs.F_y, inputs.F_z - body.thrust))
-    turn = attitude_derivative(params, body, inputs)
-    return Body(
-        params.free * body.v_north,
-        params.free * body.v_east,
-        params.free * body.v_down,
-        params.free * params.inverse_mass * F_N[0],
-        params.free * params.inverse_mass * F_N[1],
-        params.free * (params.inverse_mass * F_N[2] + GRAVITY),
-        turn.qw, turn.qx, turn.qy, turn.qz, turn.p, turn.q, turn.r, turn.roll, turn.pitch, turn.yaw, turn.thrust,
-    )  # fmt: skip
+    north, east, down = params.free * body.v_north, params.free * body.v_east, params.free * body.v_down
+    v_north = params.free * params.inverse_mass * F_N[0]
+    v_east = params.free * params.inverse_mass * F_N[1]
+    v_down = params.free * (params.inverse_mass * F_N[2] + GRAVITY)
+    _, _, _, _, _, _, qw, qx, qy, qz, p, q, r, roll, pitch, yaw, thrust = attitude_derivative(params, body, inputs)
+    return Body(north, east, down, v_north, v_east, v_down, qw, qx, qy, qz, p, q, r, roll, pitch, yaw, thrust)
 
 
 @kernel
 def _integrate_attitude(body: Body, h: float, rate: Body) -> Body:
-    """Return the body moved by `h` times a derivative, of one that is held: where it is stays as it is."""
+    """Return the body moved by `h` times a derivative, with its translation held."""
     return Body(
         body.north,
         body.east,
@@ -150,17 +154,11 @@ def _integrate_attitude(body: Body, h: float, rate: Body) -> Body:
 @kernel
 def _integrate(body: Body, h: float, rate: Body) -> Body:
     """Return the body moved by `h` times a derivative."""
-    turned = _integrate_attitude(body, h, rate)
-    return Body(
-        body.north + h * rate.north,
-        body.east + h * rate.east,
-        body.down + h * rate.down,
-        body.v_north + h * rate.v_north,
-        body.v_east + h * rate.v_east,
-        body.v_down + h * rate.v_down,
-        turned.qw, turned.qx, turned.qy, turned.qz, turned.p, turned.q, turned.r,
-        turned.roll, turned.pitch, turned.yaw, turned.thrust,
-    )  # fmt: skip
+    north, east, down = body.north + h * rate.north, body.east + h * rate.east, body.down + h * rate.down
+    v_north, v_east = body.v_north + h * rate.v_north, body.v_east + h * rate.v_east
+    v_down = body.v_down + h * rate.v_down
+    _, _, _, _, _, _, qw, qx, qy, qz, p, q, r, roll, pitch, yaw, thrust = _integrate_attitude(body, h, rate)
+    return Body(north, east, down, v_north, v_east, v_down, qw, qx, qy, qz, p, q, r, roll, pitch, yaw, thrust)
 
 
 Params = TypeVar("Params")
@@ -168,50 +166,48 @@ Inputs = TypeVar("Inputs")
 
 
 def runge_kutta(
-    rate: Callable[[Params, Body, Inputs], Body], along: Callable[[Body, float, Body], Body] = _integrate
+    rate: Callable[[Params, Body, Inputs], Body], integrate: Callable[[Body, float, Body], Body] = _integrate
 ) -> Callable[[Params, Body, Inputs, float], Body]:
     """Return the kernel `step(params, body, inputs, dt)` of the classical method for the time derivative `rate`.
 
-    `along(body, h, rate)` is the body moved by `h` times a derivative. The error falls with `dt` [s] to the fourth.
+    `integrate(body, h, rate)` returns the body moved by `h` times a derivative. The error falls with `dt` [s] to the
+    fourth power.
     """
 
     @kernel
     def step(params: Params, body: Body, inputs: Inputs, dt: float) -> Body:
-        # What is done with a derivative is done at once, so that few numbers have to be kept.
+        # Each derivative is used up at once, so that few numbers have to be kept.
         a = rate(params, body, inputs)
-        end, middle = along(body, dt / 6.0, a), along(body, 0.5 * dt, a)
+        end, middle = integrate(body, dt / 6.0, a), integrate(body, 0.5 * dt, a)
         b = rate(params, middle, inputs)
-        end, middle = along(end, dt / 3.0, b), along(body, 0.5 * dt, b)
+        end, middle = integrate(end, dt / 3.0, b), integrate(body, 0.5 * dt, b)
         c = rate(params, middle, inputs)
-        end, last = along(end, dt / 3.0, c), along(body, dt, c)
-        end = along(end, dt / 6.0, rate(params, last, inputs))
-        qw, qx, qy, qz = normalize((end.qw, end.qx, end.qy, end.qz))
-        return Body(
-            end.north, end.east, end.down, end.v_north, end.v_east, end.v_down,
-            qw, qx, qy, qz, end.p, end.q, end.r, end.roll, end.pitch, end.yaw, end.thrust,
-        )  # fmt: skip
+        end, last = integrate(end, dt / 3.0, c), integrate(body, dt, c)
+        end = integrate(end, dt / 6.0, rate(params, last, inputs))
+        north, east, down, v_north, v_east, v_down, qw, qx, qy, qz, p, q, r, roll, pitch, yaw, thrust = end
+        qw, qx, qy, qz = normalize((qw, qx, qy, qz))
+        return Body(north, east, down, v_north, v_east, v_down, qw, qx, qy, qz, p, q, r, roll, pitch, yaw, thrust)
 
     return step
 
 
 step, step_attitude = runge_kutta(derivative), runge_kutta(attitude_derivative, _integrate_attitude)
-"""The vehicle as its parameters say, and one that is held: the same to the bit, in less time."""
+"""Step any vehicle, and only one held in translation: for that the same bits, in less time."""
 
 
 @kernel
 def at_rest(pose: Body, actuators: Body) -> Body:
     """Return the body at rest in a pose, with the actuators of another state."""
-    return Body(
-        pose.north, pose.east, pose.down, 0.0, 0.0, 0.0, pose.qw, pose.qx, pose.qy, pose.qz, 0.0, 0.0, 0.0,
-        actuators.roll, actuators.pitch, actuators.yaw, actuators.thrust,
-    )  # fmt: skip
+    north, east, down, _, _, _, qw, qx, qy, qz, _, _, _, _, _, _, _ = pose
+    roll, pitch, yaw, thrust = actuators.roll, actuators.pitch, actuators.yaw, actuators.thrust
+    return Body(north, east, down, 0.0, 0.0, 0.0, qw, qx, qy, qz, 0.0, 0.0, 0.0, roll, pitch, yaw, thrust)
 
 
 @kernel
 def specific_force(params: BodyParams, body: Body, inputs: BodyInputs) -> Vector:
-    """Return acceleration less gravity [m/s^2] B, what an accelerometer at the centre of mass feels.
+    """Return acceleration less gravity [m/s^2] B, the reading of an accelerometer at the centre of mass.
 
-    Held, the stand carries the weight: minus gravity, whatever the forces.
+    On the stand it is minus gravity under all forces, because the stand carries the weight.
     """
     up = rotate(conjugate((body.qw, body.qx, body.qy, body.qz)), (0.0, 0.0, -GRAVITY))
     held = 1.0 - params.free

@@ -1,11 +1,11 @@
-"""Four rotors: torques and thrust shared out among them, and what of it they can give.
+"""Allocate torques and thrust to four rotors, within their limits.
 
-Rotor i at `position_B` gives the thrust T_i within 0..`thrust_max` along -z of B and the drag torque
-`spin * drag_ratio * T_i` about z, so that
+Rotor i at `position_B` gives the thrust T_i within 0..`thrust_max` along -z of B, and the drag torque
+`spin * drag_ratio * T_i` about z:
 
     roll = -sum y_i T_i    pitch = sum x_i T_i    yaw = drag_ratio sum spin_i T_i    thrust = sum T_i
 
-is inverted exactly. A rotor that turns counter-clockwise, seen from above, turns the nose to the right: spin 1.
+The inverse is exact. A rotor that turns counter-clockwise, seen from above, turns the nose to the right: spin 1.
 """
 
 from functools import lru_cache
@@ -23,7 +23,7 @@ Float4 = tuple[float, float, float, float]
 class RotorParams(NamedTuple):
     """Each rotor's share of a wrench, and its limit.
 
-    Rotor i gives `share_i` of the thrust; torques change that as `roll_i` and so on of thrust would.
+    Rotor i gives `share_i` of the thrust. A torque acts on it like `roll_i` (`pitch_i`, `yaw_i`) times that in thrust.
     """
 
     thrust_max: float  # [N] of one rotor
@@ -31,7 +31,7 @@ class RotorParams(NamedTuple):
     share_2: float
     share_3: float
     share_4: float
-    reach_1: float  # [N] collective thrust at which the rotor, without torques, is at its limit
+    reach_1: float  # [N] collective thrust that takes the rotor to its limit without torques
     reach_2: float
     reach_3: float
     reach_4: float
@@ -65,11 +65,11 @@ def _rotor_params(rotors: Rotors) -> RotorParams:
 
 @kernel
 def allocate(params: RotorParams, torque_B: Vector, thrust: float) -> tuple[Vector, float]:
-    """Return the torques [N*m] B and the thrust [N] that the rotors can give of those asked for.
+    """Return the torques [N*m] B and the thrust [N] that the rotors can give of a demand.
 
-    Where they can't give all: roll and pitch first, both scaled alike if even they are too much; then the thrust, moved
-    to the nearest that leaves room for them; then what yaw there is room for. No rotor leaves 0..`thrust_max`. Each is
-    judged without those after it, as PX4 does: a yaw that would make room for tilt is not counted on.
+    No rotor leaves 0..`thrust_max`. Where the demand is too much, roll and pitch come first, both scaled by one factor
+    if they alone exceed the limits. The thrust then moves to the nearest value that leaves room for them, and yaw gets
+    the rest. Each stage ignores the later ones, as in PX4: a yaw that would make room for tilt is not counted on.
     """
     L, M, N = torque_B
     tilt = (
@@ -78,7 +78,7 @@ def allocate(params: RotorParams, torque_B: Vector, thrust: float) -> tuple[Vect
         params.roll_3 * L + params.pitch_3 * M,
         params.roll_4 * L + params.pitch_4 * M,
     )
-    turn = (params.yaw_1 * N, params.yaw_2 * N, params.yaw_3 * N, params.yaw_4 * N)
+    yaw_share = (params.yaw_1 * N, params.yaw_2 * N, params.yaw_3 * N, params.yaw_4 * N)
     reach = (params.reach_1, params.reach_2, params.reach_3, params.reach_4)
     # In collective thrust: rotor i stops at -scale * tilt[i], and is at its limit reach[i] above that.
     least = min(min(tilt[0], tilt[1]), min(tilt[2], tilt[3]))
@@ -89,19 +89,19 @@ def allocate(params: RotorParams, torque_B: Vector, thrust: float) -> tuple[Vect
     high = reach[0] - scale * tilt[0]
     for i in range(1, 4):
         high = min(high, reach[i] - scale * tilt[i])
-    given = max(min(thrust, high), -scale * least)
+    collective = max(min(thrust, high), -scale * least)
     yaw = 1.0
     for i in range(4):
-        used = scale * tilt[i] + given
-        room = reach[i] - used if turn[i] > 0.0 else used
-        if yaw * abs(turn[i]) > room:
-            yaw = max(room, 0.0) / abs(turn[i])
-    return (scale * L, scale * M, yaw * N), given
+        used = scale * tilt[i] + collective
+        room = reach[i] - used if yaw_share[i] > 0.0 else used
+        if yaw * abs(yaw_share[i]) > room:
+            yaw = max(room, 0.0) / abs(yaw_share[i])
+    return (scale * L, scale * M, yaw * N), collective
 
 
 @kernel
 def rotor_thrusts(params: RotorParams, torque_B: Vector, thrust: float) -> Float4:
-    """Return the thrust [N] of each rotor that makes up torques [N*m] B and a thrust [N]."""
+    """Return the thrust [N] of each rotor for torques [N*m] B and a thrust [N]."""
     L, M, N = torque_B
     return (
         params.share_1 * (params.roll_1 * L + params.pitch_1 * M + params.yaw_1 * N + thrust),

@@ -1,4 +1,4 @@
-"""Gyro and accelerometer: bias, noise, range, and the float32 that the wire carries."""
+"""Gyro and accelerometer: bias, noise, range, and rounding to the float32 of the wire."""
 
 from typing import NamedTuple
 
@@ -12,15 +12,15 @@ class GyroParams(NamedTuple):
     """Constants of the gyro and its faults."""
 
     sigma: float  # [rad/s] rms of the noise of a sample
-    ratio: float  # [-] rms of the noise of a sample per rate, for the state-dependent form
+    ratio: float  # [-] rms of the noise of a sample per rate, for state-dependent noise
     b_x: float  # [rad/s] B, bias
     b_y: float
     b_z: float
     range: float  # [rad/s]
-    drift_x: float = 0.0  # [rad/s^2] B, by which the bias grows
+    drift_x: float = 0.0  # [rad/s^2] B, growth of the bias
     drift_y: float = 0.0
     drift_z: float = 0.0
-    since: float = 0.0  # [s] from when on
+    since: float = 0.0  # [s] start of the growth
 
 
 class AccelerometerParams(NamedTuple):
@@ -35,7 +35,7 @@ class AccelerometerParams(NamedTuple):
 
 @kernel
 def float32(value: float) -> float:
-    """Return `value` rounded as the wire rounds it."""
+    """Return `value` rounded to float32, as on the wire."""
     return float(np.float32(value))
 
 
@@ -51,7 +51,7 @@ def _measure_rate(params: GyroParams, rate: float, bias: float, noise: float) ->
 
 @kernel
 def measure_gyro(params: GyroParams, omega_B: Vector, noise: tuple[float, float, float, float], time: float) -> Vector:
-    """Return the rate [rad/s] B measured at `time` [s] for three standard normal numbers (a fourth is not used)."""
+    """Return the rate [rad/s] B measured at `time` [s] for three standard normal numbers (a fourth is unused)."""
     age = time - params.since
     return (
         _measure_rate(params, omega_B[0], params.b_x + params.drift_x * age, noise[0]),
@@ -64,7 +64,7 @@ def measure_gyro(params: GyroParams, omega_B: Vector, noise: tuple[float, float,
 def measure_accelerometer(
     params: AccelerometerParams, specific_force_B: Vector, noise: tuple[float, float, float, float]
 ) -> Vector:
-    """Return the measured specific force [m/s^2] B for three standard normal numbers (a fourth is not used)."""
+    """Return the measured specific force [m/s^2] B for three standard normal numbers (a fourth is unused)."""
     return (
         _clip_float32(specific_force_B[0] + params.b_x + params.sigma * noise[0], params.range),
         _clip_float32(specific_force_B[1] + params.b_y + params.sigma * noise[1], params.range),

@@ -281,10 +281,10 @@ class FlightClock:
         w, x, y, z = loop.estimate_q_NB
         yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         tilt = math.acos(min(max(1.0 - 2.0 * (x * x + y * y), -1.0), 1.0))
-        return NavigationState(loop.truth("position_N"), yaw, tilt, loop.on_ground)
+        return NavigationState(loop.true_vector("position_N"), yaw, tilt, loop.on_ground)
 
     def _check_lockstep(self) -> None:
-        if not self.answered or (self.linked and not self.autopilot.stream_alive):
+        if not self.answered or (self.linked and not self.autopilot.is_stream_alive):
             self._lose_stream()
 
     def _check_real_time(self, now_us: int) -> None:
@@ -299,8 +299,8 @@ class FlightClock:
             self.counters[TimingFault.SLIPPED] += 1
             if now_us >= self._slip_report_at_us:
                 self._slip_report_at_us = now_us + _SLIP_REPORT_US
-                self.autopilot.note(AutopilotEvent.SLIPPED)
-        if not self.autopilot.stream_alive:
+                self.autopilot.add_event(AutopilotEvent.SLIPPED)
+        if not self.autopilot.is_stream_alive:
             self._lose_stream()
 
     def _lose_stream(self) -> None:

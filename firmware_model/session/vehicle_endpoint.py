@@ -76,7 +76,7 @@ class VehicleEndpoint:
         self.generic = generic
         self.parameters = Parameters(vehicle, scenario, bytewise=not generic)
         self.autopilot = Autopilot(self.parameters.settings(), free=scenario.free)
-        self.loop = VehicleLoop(vehicle, scenario, seed, standing=standing)
+        self.loop = VehicleLoop(vehicle, scenario, seed, interactive=standing)
         linked = scenario.has_link_script and not standing
         self.flight = FlightClock(
             self.loop, self.autopilot, record,
@@ -246,7 +246,7 @@ class VehicleEndpoint:
 
     def _take_setpoint(self, frame: Frame, listener: Peer) -> RejectReason | None:
         rival = self._commander is not None and self._commander is not listener
-        if (rival and self.autopilot.stream_alive) or listener is self._killed_peer:
+        if (rival and self.autopilot.is_stream_alive) or listener is self._killed_peer:
             return RejectReason.NOT_IN_COMMAND
         command = messages.parse_command(frame, self.system)
         if isinstance(command, RejectReason):
@@ -262,8 +262,8 @@ class VehicleEndpoint:
     def _advance(self, now_us: int) -> None:
         self.flight.advance(now_us)
         for event in self.autopilot.take_events():
-            self._stream_lost = self._stream_lost or event.critical
-            self.tell(event.value, wire.MAV_SEVERITY_CRITICAL if event.critical else wire.MAV_SEVERITY_INFO)
+            self._stream_lost = self._stream_lost or event.is_critical
+            self.tell(event.value, wire.MAV_SEVERITY_CRITICAL if event.is_critical else wire.MAV_SEVERITY_INFO)
         if self.flight.ended_us is not None:
             flown = VehicleOutcome.LEFT_OFFBOARD if self.flight.left_offboard else VehicleOutcome.DONE
             self.outcome = VehicleOutcome.STREAM_LOST if self._stream_lost else flown

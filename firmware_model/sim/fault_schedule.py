@@ -1,4 +1,4 @@
-"""What the events of a scenario make of the plant, from which sample on."""
+"""Apply the events of a scenario to the plant, in order of time."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -27,20 +27,20 @@ _NO_DRIFT = (0.0, 0.0, 0.0)
 
 
 class Plant(NamedTuple):
-    """What events change."""
+    """Quantities that events change."""
 
     vehicle: Vehicle
-    """The vehicle, with its gyro, as it is then."""
+    """Vehicle with its gyro."""
     bias: Vector
-    """[rad/s] B, added to the vehicle's gyro bias."""
+    """[rad/s] B, addition to the vehicle's gyro bias."""
     drift: Vector
-    """[rad/s^2] B, by which that grows."""
+    """[rad/s^2] B, growth of that addition."""
     since_s: float
-    """[s] from when on."""
+    """[s] start of the growth."""
     noise: float
-    """[-] of the gyro's noise."""
+    """[-] factor on the gyro's noise."""
     actuators: ActuatorParams
-    """What they give of what is asked, units beside each number."""
+    """Effectiveness and limits, units beside each number."""
 
 
 def initial_plant(vehicle: Vehicle, scenario: Scenario) -> Plant:
@@ -49,17 +49,17 @@ def initial_plant(vehicle: Vehicle, scenario: Scenario) -> Plant:
 
 
 def fault_schedule(vehicle: Vehicle, scenario: Scenario) -> Iterator[tuple[int, Plant]]:
-    """Yield in order each plant that the events leave, with the sample from which on it is so.
+    """Yield the plant after each event with the sample of that event, in order of time.
 
     Raises
     ------
     ConfigError
-        If a payload leaves a vehicle that can't be.
+        If a payload makes the vehicle invalid.
     """
     plant = initial_plant(vehicle, scenario)
-    turns: list[tuple[float, PlantEvent, bool]] = [(event.at_s, event, False) for event in scenario.plant_events]
-    turns += [(e.at_s + e.over_s, e, True) for e in scenario.plant_events if isinstance(e, GyroBias) and e.over_s]
-    for at_s, event, is_end in sorted(turns, key=lambda turn: turn[0]):
+    changes: list[tuple[float, PlantEvent, bool]] = [(event.at_s, event, False) for event in scenario.plant_events]
+    changes += [(e.at_s + e.over_s, e, True) for e in scenario.plant_events if isinstance(e, GyroBias) and e.over_s]
+    for at_s, event, is_end in sorted(changes, key=lambda change: change[0]):
         plant = _end_drift(plant, event) if is_end else _apply_event(plant, event)
         yield scenario.sample_at(at_s), plant
 

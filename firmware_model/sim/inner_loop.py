@@ -1,4 +1,4 @@
-"""What is asked of the actuators under a set-point: by the loops of attitude, height and place, within the limits."""
+"""Cascade from set-point to actuator command: position, altitude, attitude and rate loops, with saturation."""
 
 import math
 
@@ -29,14 +29,17 @@ from firmware_model.sim import layout
 from firmware_model.sim.layout import WEIGHT, X_BODY, X_LOAD, X_POSITION, X_STABILIZER
 from firmware_model.types import Quaternion, Vector
 
-# What a set-point asks for: its first number; the others follow.
+# Kinds of set-points: the first number of each.
 TRIM, TORQUE, RATES, ATTITUDE, LEVEL, POSITION_TARGET, OFF = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
 SETPOINT_WIDTH = 9
-"""Length of a set-point: kind; then torque fractions (3), or rates (3) [rad/s], or q_NB (4) and rates (3), or position
-(3) [m] N, yaw [rad] and v_down [m/s] or NaN; and at `THRUST`, a fraction of the largest, NaN to hold the height."""
+"""Length of a set-point.
+
+The kind comes first. Then follow torque fractions (3), or rates (3) [rad/s], or q_NB (4) and rates (3), or position (3)
+[m] N, yaw [rad] and v_down [m/s] or NaN. At `THRUST` stands a fraction of the largest thrust, or NaN for altitude hold.
+"""
 THRUST = 8
-_TOUCHDOWN_LOAD = 0.1  # [-] of the weight on the ground, from which on a descent has touched it
-_TOUCHDOWN_THRUST = 0.3  # [-] of the weight
+_TOUCHDOWN_LOAD = 0.1  # [-] of the weight on the ground, above which a descent has touched down
+_TOUCHDOWN_THRUST = 0.3  # [-] of the weight, given after touchdown
 
 _load_position_params, _load_rotor_params = loader(PositionParams), loader(RotorParams)
 _load_stabilizer_params, _load_body = loader(StabilizerParams), loader(Body)
@@ -46,14 +49,14 @@ _load_position_state, _store_position_state = loader(PositionState), storer(Posi
 
 @kernel
 def track_setpoint(params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane, record: Lane) -> None:
-    """Write to `record` what is asked of the actuators under a set-point of that kind, and move the loops on."""
-    touches = (
+    """Step the loops under a set-point of that kind, and write the actuator command to `record`."""
+    touches_down = (
         kind == POSITION_TARGET
         and not math.isnan(get(setpoint, 5))
         and get(state, X_LOAD) > _TOUCHDOWN_LOAD * get(params, WEIGHT)
     )
-    q_NB, thrust = _track_position(params, state, free, kind, setpoint, touches)
-    torque = _track_attitude(params, state, kind, setpoint, q_NB, touches, record)
+    q_NB, thrust = _track_position(params, state, free, kind, setpoint, touches_down)
+    torque = _track_attitude(params, state, kind, setpoint, q_NB, touches_down, record)
     if free:
         torque, thrust = allocate(_load_rotor_params(params, layout.ROTORS), torque, thrust)
     put_vector(record, journal.TORQUE_COMMAND, torque)
@@ -61,12 +64,13 @@ def track_setpoint(params: Lane, state: Lane, free: bool, kind: float, setpoint:
 
 
 @kernel
-def _track_position(params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane,
-         touches: bool) -> tuple[Quaternion, float]:  # fmt: skip
-    """Return the attitude to track, if one is, and the thrust [N] to be asked for; on the stand it is the weight.
+def _track_position(
+    params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane, touches_down: bool
+) -> tuple[Quaternion, float]:
+    """Return the attitude to track, if the kind has one, and the commanded thrust [N]: the weight on the stand.
 
-    Where a descent touches the ground, that gets the better part of the weight and levels the vehicle: loops that went
-    on holding place and attitude against the ground would wind up and throw it over.
+    After touchdown most of the weight stands on the ground, which levels the vehicle. Loops that went on holding
+    position and attitude against the ground would wind up and throw it over.
     """
     q_NB = (1.0, 0.0, 0.0, 0.0)
     if kind == ATTITUDE:
@@ -79,7 +83,7 @@ def _track_position(params: Lane, state: Lane, free: bool, kind: float, setpoint
     gains, body = _load_position_params(params, layout.POSITION), _load_body(state, X_BODY)
     holding, estimate = _load_position_state(state, X_POSITION), _load_stabilizer_state(state, X_STABILIZER)
     present_q_NB = (estimate.qw, estimate.qx, estimate.qy, estimate.qz)
-    if touches:
+    if touches_down:
         holding, q_NB, thrust = initial_position_state(), present_q_NB, _TOUCHDOWN_THRUST * get(params, WEIGHT)
     elif kind == POSITION_TARGET:
         holding, acceleration, thrust = position_hold(gains, holding, body, get_vector(setpoint, 1), get(setpoint, 5))
@@ -96,9 +100,10 @@ def _track_position(params: Lane, state: Lane, free: bool, kind: float, setpoint
 
 
 @kernel
-def _track_attitude(params: Lane, state: Lane, kind: float, setpoint: Lane, target_q_NB: Quaternion, touches: bool,
-           record: Lane) -> Vector:  # fmt: skip
-    """Return the torque [N*m] B that is asked for, and write the rates that are."""
+def _track_attitude(
+    params: Lane, state: Lane, kind: float, setpoint: Lane, target_q_NB: Quaternion, touches_down: bool, record: Lane
+) -> Vector:
+    """Return the torque [N*m] B that tracks attitude or rates, and write the target rates."""
     stabilizer = _load_stabilizer_params(params, layout.STABILIZER)
     estimate = _load_stabilizer_state(state, X_STABILIZER)
     rates = (math.nan, math.nan, math.nan)
@@ -117,10 +122,10 @@ def _track_attitude(params: Lane, state: Lane, kind: float, setpoint: Lane, targ
     elif kind == OFF:
         estimate = reset_integrators(estimate)
     elif kind != TRIM:
-        turn = attitude_rates(stabilizer, estimate, target_q_NB)
-        estimate = reset_integrators(estimate) if touches else estimate
+        feedback_rates = attitude_rates(stabilizer, estimate, target_q_NB)
+        estimate = reset_integrators(estimate) if touches_down else estimate
         ahead = get_vector(setpoint, 5) if kind == ATTITUDE else (0.0, 0.0, 0.0)
-        rates = (turn[0] + ahead[0], turn[1] + ahead[1], turn[2] + ahead[2])
+        rates = (feedback_rates[0] + ahead[0], feedback_rates[1] + ahead[1], feedback_rates[2] + ahead[2])
         estimate, torque = rate_torque(stabilizer, estimate, rates)
     _store_stabilizer_state(state, X_STABILIZER, estimate)
     put_vector(record, journal.OMEGA_COMMAND, rates)

@@ -12,7 +12,7 @@ from firmware_model.physics.rigid_body import Body, BodyParams
 from firmware_model.physics.rotors import RotorParams
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams
 
-# Constants: where each NamedTuple starts, then single numbers.
+# Constants: the offset of each NamedTuple, then single numbers.
 BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUATORS, ACCELEROMETER, _SINGLE = offsets(
     [
         BodyParams,
@@ -30,6 +30,6 @@ BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUAT
 )
 FREE, STEPS, GUST_SCALE, WEIGHT = _SINGLE, _SINGLE + 1, _SINGLE + 2, _SINGLE + 3
 
-# State.
+# State, in the same form.
 X_BODY, X_DRYDEN, X_STABILIZER, X_POSITION, X_LOAD = offsets([Body, DrydenState, StabilizerState, PositionState])
 X_DIRECT, X_NEXT_CHANGE = X_LOAD + 1, X_LOAD + 4

@@ -1,4 +1,4 @@
-"""What a flight computes with: the constants and the state of vehicle, air and on-board loops, packed into arrays."""
+"""Constants and state of vehicle, air and on-board loops, packed into arrays for the kernels."""
 
 import math
 from dataclasses import dataclass
@@ -33,41 +33,41 @@ Array = NDArray[np.float64]
 
 
 class VehicleInitial(NamedTuple):
-    """What of a world is the vehicle's own; gusts and moments of formulas and tables are of the scenario alone."""
+    """Per-vehicle part of the simulation state. Wind and moment profiles belong to the scenario."""
 
     params: Array
     """(n,) constants, each NamedTuple in a row with its own units."""
     state: Array
     """(n,) body, air and on-board loop, each NamedTuple in a row with its own units."""
     changes: Array
-    """(n, 3) what events change: sample, place among the constants, value from then on."""
+    """(n, 3) changes by events: sample, index in the constants, value from then on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SimState:
-    """Everything that a flight computes with, as arrays that the kernels take."""
+    """Arrays of a flight for the kernels, and the facts that they were made of."""
 
     params: Array
     """(n,) constants, see `VehicleInitial`."""
     state: Array
-    """(n,) state, see `VehicleInitial`; moved on by the kernels."""
+    """(n,) state, see `VehicleInitial`; stepped by the kernels."""
     waves: Array
-    """(n, WAVE) gusts and direct moments of a formula, see `disturbances`; units there."""
+    """(n, WAVE) gusts and direct moments by formula, see `disturbances`; units there."""
     replay: Array
     """(samples or 0, 3 * TARGETS) replayed gusts [m/s] and direct moments [N*m], see `disturbances`."""
     changes: Array
-    """(n, 3) what events change, see `VehicleInitial`."""
+    """(n, 3) changes by events, see `VehicleInitial`."""
     seed: int
-    """Seed of all that is random."""
+    """Seed of all random streams."""
     vehicle: Vehicle
-    """What the constants were made from."""
+    """Vehicle of the constants."""
     gust_scale: float
-    """[-] the scenario's."""
+    """[-] gust scale of the scenario."""
     dt: float
-    """[s] from sample to sample."""
+    """[s] sample time."""
 
     def set_gust_scale(self, scale: float) -> None:
-        """Make all gusts from now on `scale` times what the scenario says; the mean wind stays."""
+        """Scale all gusts from now on by `scale` [-], on top of the scenario's scale; the mean wind stays."""
         self.params[GUST_SCALE] = self.gust_scale * scale
 
     def set_stabilizer(self, gains: Stabilizer) -> None:
@@ -79,17 +79,17 @@ class SimState:
         self.params[POSITION:ROTORS] = position_params(self.vehicle, gains, self.dt)
 
 
-def initial_state(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> SimState:
-    """Return a vehicle at rest in the scenario's attitude and height, in trimmed hover, in stationary air.
+def initial_state(vehicle: Vehicle, scenario: Scenario, seed: int, *, interactive: bool = False) -> SimState:
+    """Return a vehicle at rest in the scenario's attitude and height, in trimmed hover, in stationary turbulence.
 
-    A `standing` one has its motors off; it stands level on the ground, or is clamped on the test stand.
+    An `interactive` one has its motors off. It stands level on the ground, or is clamped on the test stand.
 
     Raises
     ------
     ValueError
         If the seed is not in [0, 2^32).
     """
-    params, state, changes = initial_vehicle_state(vehicle, scenario, seed, standing=standing)
+    params, state, changes = initial_vehicle_state(vehicle, scenario, seed, interactive=interactive)
     return SimState(
         params=params,
         state=state,
@@ -104,12 +104,17 @@ def initial_state(vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: 
 
 
 def initial_vehicle_state(
-    vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False,
-    gust_scale: float | None = None, attitude_deg: Vector | None = None,
-) -> VehicleInitial:  # fmt: skip
-    """Return what `initial_state` begins with of the vehicle's own.
+    vehicle: Vehicle,
+    scenario: Scenario,
+    seed: int,
+    *,
+    interactive: bool = False,
+    gust_scale: float | None = None,
+    attitude_deg: Vector | None = None,
+) -> VehicleInitial:
+    """Return the per-vehicle part of `initial_state`.
 
-    `gust_scale` and `attitude_deg` stand for the scenario's `gust_scale` and `initial_attitude_deg`.
+    `gust_scale` and `attitude_deg` replace the scenario's `gust_scale` and `initial_attitude_deg`.
 
     Raises
     ------
@@ -120,16 +125,13 @@ def initial_vehicle_state(
         raise ValueError(f"seed is {seed}, must be in [0, 2^32)")
     dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
     dryden_params, dryden_state = _initial_turbulence(vehicle, scenario, dryden, seed)
-    grounded = standing and scenario.free
+    grounded = interactive and scenario.free
     phi, theta, psi = scenario.initial_attitude_deg if attitude_deg is None else attitude_deg
-    q_NB = (
-        _from_euler(0.0, 0.0, 0.0)
-        if grounded
-        else _from_euler(math.radians(phi), math.radians(theta), math.radians(psi))
-    )
+    euler = (0.0, 0.0, 0.0) if grounded else (math.radians(phi), math.radians(theta), math.radians(psi))
+    q_NB = _from_euler(*euler)
     estimate = StabilizerState(*q_NB, *[0.0] * 9)
     height = standing_height(vehicle) if grounded else scenario.altitude_m
-    thrust = 0.0 if standing else vehicle.mass * GRAVITY
+    thrust = 0.0 if interactive else vehicle.mass * GRAVITY
     body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, *q_NB, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, thrust)
     scale = scenario.gust_scale if gust_scale is None else gust_scale
     return VehicleInitial(
@@ -163,13 +165,13 @@ def _pack_params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenPara
 
 
 def _list_changes(vehicle: Vehicle, scenario: Scenario) -> Array:
-    """Return a row for each constant that an event changes."""
-    turns = list(fault_schedule(vehicle, scenario))
-    if not turns:
+    """Return a row (sample, index, value) for each constant that an event changes."""
+    plants = list(fault_schedule(vehicle, scenario))
+    if not plants:
         return np.empty((0, 3))
     rows: list[tuple[int, int, float]] = []
     before = _changeable_params(initial_plant(vehicle, scenario), scenario)
-    for sample, plant in turns:
+    for sample, plant in plants:
         now = _changeable_params(plant, scenario)
         rows += [(sample, at, value) for at, value in now.items() if value != before[at]]
         before = now
@@ -177,9 +179,9 @@ def _list_changes(vehicle: Vehicle, scenario: Scenario) -> Array:
 
 
 def _changeable_params(plant: Plant, scenario: Scenario) -> dict[int, float]:
-    """Return the constants that events may change by their place.
+    """Return the constants that events may change, by index.
 
-    Springs of the feet, hover thrust and all gains stay: they are of the vehicle that was built.
+    Springs of the feet, hover thrust and all gains stay as built.
     """
     weight = GROUND + GroundParams._fields.index("weight")
     body, gyro = body_params(plant.vehicle, free=scenario.free), _gyro_params(plant, scenario)
@@ -188,13 +190,13 @@ def _changeable_params(plant: Plant, scenario: Scenario) -> dict[int, float]:
 
 
 def _gyro_params(plant: Plant, scenario: Scenario) -> GyroParams:
-    """Noise is stated for 250 Hz; as a density it grows with the root of the sample rate."""
+    """Return the gyro's constants; noise is stated for 250 Hz and, as a density, grows with the root of the rate."""
     instrument = plant.vehicle.gyro
     ratio = instrument.noise_ratio * math.sqrt(scenario.control_rate_hz / 250.0) * plant.noise
-    steady = instrument.noise_model is NoiseModel.CONSTANT
+    constant = instrument.noise_model is NoiseModel.CONSTANT
     b_x, b_y, b_z = (b + fault for b, fault in zip(instrument.bias_B, plant.bias, strict=True))
-    sigma = ratio * instrument.reference_rate if steady else 0.0
-    return GyroParams(sigma, 0.0 if steady else ratio, b_x, b_y, b_z, instrument.range, *plant.drift, plant.since_s)
+    sigma = ratio * instrument.reference_rate if constant else 0.0
+    return GyroParams(sigma, 0.0 if constant else ratio, b_x, b_y, b_z, instrument.range, *plant.drift, plant.since_s)
 
 
 def _accelerometer_params(vehicle: Vehicle, scenario: Scenario) -> AccelerometerParams:

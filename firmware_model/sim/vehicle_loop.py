@@ -1,4 +1,4 @@
-"""Plant and on-board loop at their rates: the one place where commands are delayed and turned into set-points."""
+"""Plant and on-board loops at their rates: the one place that delays commands and packs them as set-points."""
 
 import math
 from collections import deque
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
-from firmware_model.recording.journal import RECORD, WIDTH
+from firmware_model.recording.journal import FORCE_B, GYRO_B, RECORD, WIDTH
 from firmware_model.sim import inner_loop, step
 from firmware_model.sim.layout import X_LOAD
 from firmware_model.sim.state import initial_state
@@ -26,23 +26,24 @@ from firmware_model.types import (
 
 Array = NDArray[np.float64]
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
+_IMU = slice(GYRO_B, FORCE_B + 3)  # gyro and specific force are neighbours
 _UNUSED_FIELDS = (math.nan,) * (inner_loop.SETPOINT_WIDTH - 1)
 _TRIM = np.array((inner_loop.TRIM, *_UNUSED_FIELDS))
 _LEVEL = np.array((inner_loop.LEVEL, *_UNUSED_FIELDS))
 _OFF = np.array((inner_loop.OFF, *_UNUSED_FIELDS))
-_GROUND_LOAD_SHARE = 0.1  # [-] of the weight, carried by the ground
+_GROUND_LOAD_SHARE = 0.1  # [-] of the weight on the ground, above which the vehicle is on it
 
 
 class VehicleLoop:
     """A vehicle that flies a scenario sample by sample: `observe`, then `advance`, until `finished`.
 
-    `sample` is the number of the current one, `time_us` [us] its model time. A `standing` vehicle begins with its
-    motors off, on the ground or clamped on the stand, and never finishes; a free one that does not hovers at first.
+    `sample` is the number of the current one, `time_us` [us] its model time. An `interactive` vehicle begins with its
+    motors off, on the ground or clamped on the stand, and never finishes. Any other begins in trimmed hover.
     """
 
-    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, *, standing: bool = False) -> None:
-        self._state = initial_state(vehicle, scenario, seed, standing=standing)
-        self._free, self._standing, self._clamped = scenario.free, standing, standing
+    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, *, interactive: bool = False) -> None:
+        self._state = initial_state(vehicle, scenario, seed, interactive=interactive)
+        self._free, self._interactive, self._clamped = scenario.free, interactive, interactive
         self._thrust_max = 4.0 * vehicle.rotors.thrust_max
         self._on_ground_load = _GROUND_LOAD_SHARE * vehicle.mass * GRAVITY
         self._sample_us, self._samples = scenario.sample_us, scenario.samples
@@ -55,28 +56,26 @@ class VehicleLoop:
 
     @property
     def finished(self) -> bool:
-        """Whether all samples of the scenario are flown."""
-        return self.sample >= self._samples and not self._standing
+        """True if all samples of the scenario are flown."""
+        return self.sample >= self._samples and not self._interactive
 
     def observe(self) -> ImuSample:
-        """Return what the sensors measure at this sample; the same object until `advance`."""
+        """Return the measurements at this sample; the same object until `advance`."""
         if self._imu is None:
-            world = self._state
-            step.observe(
-                world.params, world.state, world.waves, world.replay, world.changes, world.seed, self.sample,
-                self._sample_us, self._record,
-            )  # fmt: skip
-            _, p, q, r, f_x, f_y, f_z = self._record[:7].tolist()
+            x = self._state
+            sample, sample_us, record = self.sample, self._sample_us, self._record
+            step.observe(x.params, x.state, x.waves, x.replay, x.changes, x.seed, sample, sample_us, record)
+            p, q, r, f_x, f_y, f_z = record[_IMU].tolist()
             self._imu = ImuSample(time_us=self.time_us, gyro_B=(p, q, r), specific_force_B=(f_x, f_y, f_z))
         return self._imu
 
     def advance(self, setpoint: Setpoint, mode: int) -> Array:
-        """Move to the next sample and return the journal record (WIDTH,) of this one, valid until the next call.
+        """Step to the next sample and return the journal record (WIDTH,) of this one, valid until the next call.
 
-        A command of a controller acts `delay_samples` later. What the autopilot flies by itself acts at once, and
-        commands that are still on their way are dropped. The trim that stands in for a command takes its time, too.
+        A controller's command, and the trim before the first one, act `delay_samples` later. The autopilot's own
+        set-points act at once and drop the commands still on their way.
 
-        The age of the command that acts is what its stamp says, `delay_samples` if it came in time. It counts whole
+        The recorded age is that of the acting command by its stamp, `delay_samples` if it came in time. It counts whole
         samples, so the whole milliseconds of an attitude target's stamp do not show.
         """
         self.observe()
@@ -89,10 +88,8 @@ class VehicleLoop:
         else:
             self._pending = deque([(row, None)] * len(self._pending))
             self._clamped = row is _OFF
-        world = self._state
-        step.advance(
-            world.params, world.state, world.seed, self.sample, self._sample_us, row, self._record
-        )  # fmt: skip
+        x = self._state
+        step.advance(x.params, x.state, x.seed, self.sample, self._sample_us, row, self._record)
         self._record[_AGE] = math.nan if stamp_us is None else (self.time_us - stamp_us) // self._sample_us
         self._record[_MODE] = mode
         self.sample += 1
@@ -114,7 +111,7 @@ class VehicleLoop:
 
     @property
     def on_ground(self) -> bool:
-        """Whether the ground carries a tenth of the weight at the sample, or the vehicle is clamped on the stand."""
+        """True if the ground carries a tenth of the weight at the sample, or the vehicle is clamped on the stand."""
         self.observe()
         return bool(self._state.state[X_LOAD] >= self._on_ground_load) if self._free else self._clamped
 
@@ -130,7 +127,7 @@ class VehicleLoop:
         return a, b, c, d
 
     def set_gust_scale(self, scale: float) -> None:
-        """Make all gusts from the next sample on `scale` [-] times what the scenario says; the mean wind stays."""
+        """Scale all gusts from the next sample on by `scale` [-], on top of the scenario's; the mean wind stays."""
         self._state.set_gust_scale(scale)
 
     def set_stabilizer(self, gains: Stabilizer) -> None:
@@ -141,14 +138,14 @@ class VehicleLoop:
         """Change gains and limits of the on-board height and position loops."""
         self._state.set_position_loop(gains)
 
-    def truth(self, name: str) -> Vector:
-        """Return a vector of the journal's record at the sample by its name, as `omega_B` or `gust_B`."""
+    def true_vector(self, name: str) -> Vector:
+        """Return a vector of the journal's record at the sample by its name, such as `omega_B` or `gust_B`."""
         a, b, c = self._fields[name].tolist()
         return a, b, c
 
 
 def pack_setpoint(setpoint: Setpoint) -> Array:
-    """Return a set-point as the row (SETPOINT,) that the kernels take."""
+    """Return a set-point as the row (SETPOINT_WIDTH,) that the kernels take."""
     if isinstance(setpoint, TorqueCommand):
         throttle = math.nan if setpoint.throttle is None else setpoint.throttle
         return np.array((inner_loop.TORQUE, *setpoint.torque_B, 0.0, 0.0, 0.0, 0.0, throttle))

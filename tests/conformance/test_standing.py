@@ -59,7 +59,7 @@ class Airfield:
     @property
     def height(self) -> float:
         """[m] Above home."""
-        return self.autopilot.home_N[2] - self.loop.truth("position_N")[2]
+        return self.autopilot.home_N[2] - self.loop.true_vector("position_N")[2]
 
     @property
     def texts(self) -> list[str]:
@@ -142,16 +142,16 @@ def flown(field) -> Airfield:
 
 def test_vehicle_takes_off_to_10_m_holds_lands_and_disarms(field):
     field.run(2.0)
-    assert (field.autopilot.landed, field.height) == (LandedState.ON_GROUND, pytest.approx(0.0, abs=1e-6))
+    assert (field.autopilot.landed_state, field.height) == (LandedState.ON_GROUND, pytest.approx(0.0, abs=1e-6))
     field.take_off()
     assert field.height == pytest.approx(10.0, abs=0.3)
-    assert field.autopilot.landed is LandedState.IN_AIR
+    assert field.autopilot.landed_state is LandedState.IN_AIR
     field.run(5.0)
-    assert math.dist(field.loop.truth("position_N"), (0.0, 0.0, field.autopilot.home_N[2] - 10.0)) < 0.3
+    assert math.dist(field.loop.true_vector("position_N"), (0.0, 0.0, field.autopilot.home_N[2] - 10.0)) < 0.3
     assert field.order(LAND) == wire.MAV_RESULT_ACCEPTED
-    assert field.autopilot.landed is LandedState.LANDING
+    assert field.autopilot.landed_state is LandedState.LANDING
     field.until(lambda: not field.autopilot.armed, 40.0)
-    assert field.autopilot.landed is LandedState.ON_GROUND
+    assert field.autopilot.landed_state is LandedState.ON_GROUND
     assert field.height == pytest.approx(0.0, abs=0.05)
     assert field.texts[-2:] == ["take-off height reached: HOLD", "landed: disarmed"]
 
@@ -169,25 +169,25 @@ def test_return_comes_home_and_lands(field):
     field.run(5.0)
     assert field.order(SET_MODE, 1.0, AUTO, RETURN) == wire.MAV_RESULT_ACCEPTED
     field.until(lambda: not field.autopilot.armed, 90.0)
-    north, east, _ = field.loop.truth("position_N")
+    north, east, _ = field.loop.true_vector("position_N")
     assert math.hypot(north, east) < 1.0
 
 
 def test_level_flight_drifts_with_the_wind_and_hold_does_not():
     field = Airfield(air=replace(CALM, wind=(Constant(kind="constant", velocity_mps=(0.0, 4.0, 0.0)),)))
     field.take_off()
-    assert abs(field.loop.truth("velocity_N")[1]) < 0.1
+    assert abs(field.loop.true_vector("velocity_N")[1]) < 0.1
     field.order(SET_MODE, 1.0, 7.0)
     field.run(20.0)
-    north, east, _ = field.loop.truth("position_N")
+    north, east, _ = field.loop.true_vector("position_N")
     assert east > 5.0  # blowing toward the east
     assert abs(north) < 0.5
     assert field.height == pytest.approx(10.0, abs=0.3)
     field.order(SET_MODE, 1.0, AUTO, HOLD)
     field.run(10.0)
-    held = field.loop.truth("position_N")
+    held = field.loop.true_vector("position_N")
     field.run(10.0)
-    assert math.dist(field.loop.truth("position_N"), held) < 0.2
+    assert math.dist(field.loop.true_vector("position_N"), held) < 0.2
 
 
 def test_disarming_in_the_air_is_refused_with_a_text_and_by_force_it_falls(field):
@@ -222,7 +222,7 @@ def test_pilot_takes_the_vehicle_from_the_law_and_gives_it_back(flown):
     flown.run(30.0)
     assert flown.autopilot.mode is Mode.HOLD
     assert flown.controller.phase is Phase.STANDING_BY
-    assert flown.autopilot.stream_alive
+    assert flown.autopilot.is_stream_alive
     assert flown.order(SET_MODE, 1.0, OFFBOARD) == wire.MAV_RESULT_ACCEPTED
     flown.run(2.0)
     assert flown.autopilot.mode is Mode.OFFBOARD
@@ -340,20 +340,20 @@ def test_stand_is_clamped_until_armed_and_lands_by_levelling():
     stand = Airfield(air=load_scenario("paper"), free=False)
     stand.run(2.0)
     assert stand.loop.q_NB == (1.0, 0.0, 0.0, 0.0)
-    assert stand.autopilot.landed is LandedState.ON_GROUND
+    assert stand.autopilot.landed_state is LandedState.ON_GROUND
     stand.join()
     stand.run(2.0)
     assert stand.order(ARM, 1.0) == wire.MAV_RESULT_ACCEPTED
     assert stand.order(SET_MODE, 1.0, OFFBOARD) == wire.MAV_RESULT_ACCEPTED
     stand.run(2.0)
-    assert stand.autopilot.landed is LandedState.IN_AIR
+    assert stand.autopilot.landed_state is LandedState.IN_AIR
     assert stand.loop.q_NB != (1.0, 0.0, 0.0, 0.0)
-    assert stand.loop.truth("position_N") == (0.0, 0.0, -10.0)
+    assert stand.loop.true_vector("position_N") == (0.0, 0.0, -10.0)
     assert stand.order(SET_MODE, 1.0, AUTO, RETURN) == wire.MAV_RESULT_DENIED
     assert stand.texts[-1] == "held on the test stand: refused"
     stand.order(LAND)
     stand.until(lambda: not stand.autopilot.armed, 20.0)
-    assert stand.autopilot.landed is LandedState.ON_GROUND
+    assert stand.autopilot.landed_state is LandedState.ON_GROUND
 
 
 @pytest.mark.parametrize(
@@ -377,7 +377,7 @@ def test_set_points_of_the_pilots_own_program_are_flown(field, mask, q_NB, rates
     assert field.order(SET_MODE, 1.0, OFFBOARD) == wire.MAV_RESULT_ACCEPTED
     stream(3.0)
     assert field.autopilot.mode is Mode.OFFBOARD
-    assert field.loop.truth("omega_B") == pytest.approx(gyro, abs=0.02)
+    assert field.loop.true_vector("omega_B") == pytest.approx(gyro, abs=0.02)
     if mask != 128:
         assert field.loop.q_NB == pytest.approx(q_NB, abs=0.01)
     field.run(1.5)

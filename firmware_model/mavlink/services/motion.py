@@ -35,14 +35,14 @@ def make_service(craft: VehicleContext) -> Service:
 
     def truth() -> Message:
         sample = loop.observe()
-        omega_B, position_N, velocity_N = (loop.truth(name) for name in ("omega_B", "position_N", "velocity_N"))
+        omega_B, position_N, velocity_N = (loop.true_vector(name) for name in ("omega_B", "position_N", "velocity_N"))
         return truth_message(
             sample, loop.q_NB, omega_B, position_N, velocity_N, math.dist(velocity_N, air_velocity_N(loop))
         )
 
     def wind() -> Message:
         time_us = loop.observe().time_us
-        return wind_message(time_us, air_velocity_N(loop), loop.truth("position_N"))
+        return wind_message(time_us, air_velocity_N(loop), loop.true_vector("position_N"))
 
     return Service(
         streams={
@@ -58,7 +58,7 @@ def make_service(craft: VehicleContext) -> Service:
 def air_velocity_N(loop: VehicleLoop) -> Vector:
     """Return how the air moves at the vehicle, mean wind and gust, [m/s] N, blowing toward."""
     loop.observe()
-    return _air_velocity_N(loop.q_NB, loop.truth("gust_B"), loop.truth("wind_N"))
+    return _air_velocity_N(loop.q_NB, loop.true_vector("gust_B"), loop.true_vector("wind_N"))
 
 
 @compiled  # a kernel called by itself would be made anew in each process, which holds up its first second

@@ -49,7 +49,7 @@ def make_service(craft: VehicleContext) -> Service:
         # The error first: a client that sees the old value before it asks again. The value is for those without errors.
         client.send(_error_message(request, _NO_INDEX, _ERRORS[refusal]))
         client.send(_value_message(parameters, name))
-        allowed = parameters.table[parameters.index(name) or 0].allowed
+        allowed = parameters.table[parameters.index(name) or 0].allowed_text
         text = f": {allowed}" if refusal is ParameterRejectReason.OUT_OF_RANGE else ""
         craft.tell(f"{name} {refusal.value}{text}", wire.MAV_SEVERITY_WARNING)
 

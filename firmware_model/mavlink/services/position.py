@@ -98,4 +98,4 @@ def _gps_message(craft: VehicleContext) -> Message:
 def _read_navigation(craft: VehicleContext) -> tuple[int, Vector, Vector]:
     """Return the time [us] of the sample, position [m] and velocity [m/s] N at it."""
     loop = craft.loop
-    return loop.observe().time_us, loop.truth("position_N"), loop.truth("velocity_N")
+    return loop.observe().time_us, loop.true_vector("position_N"), loop.true_vector("velocity_N")

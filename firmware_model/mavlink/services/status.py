@@ -45,7 +45,9 @@ def make_service(craft: VehicleContext) -> Service:
     """Return the service that tells how the craft is."""
 
     def extended() -> Message:
-        return wire.MAVLink_extended_sys_state_message(wire.MAV_VTOL_STATE_UNDEFINED, craft.autopilot.landed.value)
+        return wire.MAVLink_extended_sys_state_message(
+            wire.MAV_VTOL_STATE_UNDEFINED, craft.autopilot.landed_state.value
+        )
 
     return Service(
         streams={

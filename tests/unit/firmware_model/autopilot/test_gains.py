@@ -10,15 +10,15 @@ from firmware_model.config.vehicle import list_vehicles, load_vehicle
 def test_shipped_gains_are_within_their_ranges_and_change_no_bit_when_nothing_is_set(name):
     vehicle = load_vehicle(name)
     for gains, loop in ((stabilizer_gains(vehicle), vehicle.stabilizer), (POSITION_GAINS, vehicle.position)):
-        assert all(gain.minimum <= gain.told(loop) <= gain.maximum for gain in gains.values())
+        assert all(gain.minimum <= gain.display_value(loop) <= gain.maximum for gain in gains.values())
         assert replace_gains(loop, gains, {}) == loop
 
 
 def test_rate_gain_is_told_as_a_part_of_the_largest_torque():
     vehicle = load_vehicle("paper")
     gains = stabilizer_gains(vehicle)
-    assert gains["MC_ROLLRATE_P"].told(vehicle.stabilizer) == pytest.approx(14.0 * 0.25 / 10.0)
-    assert gains["MC_YAWRATE_D"].told(vehicle.stabilizer) == pytest.approx(0.8 * 0.1 / 10.0)
+    assert gains["MC_ROLLRATE_P"].display_value(vehicle.stabilizer) == pytest.approx(14.0 * 0.25 / 10.0)
+    assert gains["MC_YAWRATE_D"].display_value(vehicle.stabilizer) == pytest.approx(0.8 * 0.1 / 10.0)
 
 
 def test_changed_gain_alone_is_another():
@@ -34,4 +34,4 @@ def test_every_end_of_every_range_is_a_vehicle():
     for gains, loop in ((stabilizer_gains(vehicle), vehicle.stabilizer), (POSITION_GAINS, vehicle.position)):
         for name, gain in gains.items():
             for end in (gain.minimum, gain.maximum):
-                assert gain.told(replace_gains(loop, gains, {name: end})) == pytest.approx(end)
+                assert gain.display_value(replace_gains(loop, gains, {name: end})) == pytest.approx(end)

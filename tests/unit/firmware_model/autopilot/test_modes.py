@@ -116,16 +116,16 @@ def test_offboard_is_entered_only_while_the_stream_is_faster_than_2_hz(autopilot
 def test_stream_is_dead_when_the_time_out_is_full(autopilot):
     autopilot.on_setpoint()
     autopilot.clock_us += TIMEOUT - 1
-    assert autopilot.stream_alive
+    assert autopilot.is_stream_alive
     autopilot.clock_us += 1
-    assert not autopilot.stream_alive
+    assert not autopilot.is_stream_alive
 
 
 def test_time_out_may_be_changed_in_flight(autopilot):
     autopilot.on_setpoint()
     autopilot.clock_us += 300_000
     autopilot.settings = replace(autopilot.settings, stream_timeout_us=200_000)
-    assert not autopilot.stream_alive
+    assert not autopilot.is_stream_alive
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def test_lost_stream_in_offboard_enters_the_fail_safe_once(fail_safe, mode, even
     craft.autopilot.on_stream_lost()
     craft.autopilot.on_stream_lost()
     assert craft.autopilot.take_events() == [event]
-    assert event.critical
+    assert event.is_critical
     assert craft.autopilot.mode is mode
     assert craft.autopilot.in_fail_safe
     assert craft.stay(SAMPLE_US) == flown
@@ -215,10 +215,10 @@ def test_disarming_is_refused_in_the_air_and_done_by_force(craft, autopilot):
     assert autopilot.armed
     assert autopilot.disarm(force=True) is TransitionResult.ACCEPTED
     assert craft.stay(SAMPLE_US) == MotorsOff()
-    assert autopilot.landed is LandedState.IN_AIR  # it falls
+    assert autopilot.landed_state is LandedState.IN_AIR  # it falls
     craft.at(height=0.0)
     craft.stay(LAND_DETECTION_US)
-    assert autopilot.landed is LandedState.ON_GROUND
+    assert autopilot.landed_state is LandedState.ON_GROUND
 
 
 def test_arming_is_refused_in_a_landing_mode(craft, autopilot):
@@ -248,7 +248,7 @@ def test_armed_vehicle_on_the_ground_keeps_its_motors_off_and_stays_armed(craft,
         autopilot.set_mode(mode)
         assert craft.stay(20_000_000) == MotorsOff()
     assert autopilot.armed
-    assert autopilot.landed is LandedState.ON_GROUND
+    assert autopilot.landed_state is LandedState.ON_GROUND
 
 
 # Take-off, hold, landing, return.
@@ -259,12 +259,12 @@ def test_take_off_climbs_over_the_spot_and_holds_there(craft, autopilot):
     autopilot.arm()
     assert autopilot.take_off(10.0) is TransitionResult.ACCEPTED
     assert craft.stay(SAMPLE_US) == PositionTarget((1.0, 2.0, -10.0), 0.3, None)
-    assert autopilot.landed is LandedState.TAKEOFF
+    assert autopilot.landed_state is LandedState.TAKEOFF
     craft.at(1.0, 2.0, height=9.0, yaw=0.3)
     assert autopilot.mode is Mode.TAKEOFF
     assert craft.at(1.1, 2.0, height=9.8, yaw=0.5) == PositionTarget((1.0, 2.0, -10.0), 0.3, None)
     assert autopilot.mode is Mode.HOLD
-    assert autopilot.landed is LandedState.IN_AIR
+    assert autopilot.landed_state is LandedState.IN_AIR
     assert autopilot.take_events() == [AutopilotEvent.HEIGHT_REACHED]
     assert craft.at(3.0, 2.0, height=9.8) == PositionTarget(
         (1.0, 2.0, -10.0), 0.3, None
@@ -274,7 +274,7 @@ def test_take_off_climbs_over_the_spot_and_holds_there(craft, autopilot):
 def test_take_off_waits_for_arming(craft, autopilot):
     assert autopilot.set_mode(Mode.TAKEOFF) is TransitionResult.ACCEPTED
     assert craft.stay(5_000_000) == MotorsOff()
-    assert autopilot.landed is LandedState.ON_GROUND
+    assert autopilot.landed_state is LandedState.ON_GROUND
     assert autopilot.arm() is TransitionResult.ACCEPTED
     assert craft.stay(SAMPLE_US) == PositionTarget((0.0, 0.0, -2.5), 0.0, None)
 
@@ -321,12 +321,12 @@ def test_landing_slows_down_near_the_ground_and_disarms_on_it(craft, autopilot):
         ((0.0, 0.0), pytest.approx(0.9)),
         ((0.0, 0.0), 0.5),
     ]
-    assert autopilot.landed is LandedState.LANDING
+    assert autopilot.landed_state is LandedState.LANDING
     craft.at(height=0.0)
     craft.stay(LAND_DETECTION_US - SAMPLE_US)
     assert autopilot.armed
     assert craft.stay(SAMPLE_US) == MotorsOff()
-    assert (autopilot.armed, autopilot.mode, autopilot.landed) == (False, Mode.HOLD, LandedState.ON_GROUND)
+    assert (autopilot.armed, autopilot.mode, autopilot.landed_state) == (False, Mode.HOLD, LandedState.ON_GROUND)
     assert autopilot.take_events() == [AutopilotEvent.LANDED]
 
 
@@ -344,7 +344,7 @@ def test_ground_in_another_mode_stops_the_motors_and_does_not_disarm(craft, auto
     craft.at(height=0.0)
     assert craft.stay(LAND_DETECTION_US) == MotorsOff()
     assert autopilot.armed
-    assert autopilot.landed is LandedState.ON_GROUND
+    assert autopilot.landed_state is LandedState.ON_GROUND
 
 
 def test_return_climbs_flies_home_lands_and_disarms(craft, autopilot):
@@ -354,10 +354,10 @@ def test_return_climbs_flies_home_lands_and_disarms(craft, autopilot):
     assert autopilot.return_home() is TransitionResult.ACCEPTED
     assert craft.stay(SAMPLE_US).position_N == (30.0, 40.0, -15.0)
     assert craft.at(30.0, 40.0, height=14.8).position_N == (1.0, 1.0, -15.0)
-    assert autopilot.landed is LandedState.IN_AIR
+    assert autopilot.landed_state is LandedState.IN_AIR
     down = craft.at(1.2, 1.2, height=15.0)
     assert (down.position_N[:2], down.v_down) == ((1.0, 1.0), 1.5)
-    assert autopilot.landed is LandedState.LANDING
+    assert autopilot.landed_state is LandedState.LANDING
     craft.at(1.0, 1.0, height=0.0)
     craft.stay(LAND_DETECTION_US)
     assert not autopilot.armed
@@ -390,7 +390,7 @@ def test_offboard_takes_off_by_thrust_but_not_by_holding_height(craft, autopilot
     craft.at(height=0.1)
     craft.command = TORQUE
     assert craft.stay(SAMPLE_US) is TORQUE
-    assert autopilot.landed is LandedState.IN_AIR
+    assert autopilot.landed_state is LandedState.IN_AIR
 
 
 def test_mode_that_is_not_modelled_is_refused(autopilot):
@@ -405,15 +405,15 @@ def test_stand_is_free_while_armed_and_lands_by_levelling():
     assert craft.stay(SAMPLE_US) == MotorsOff()
     craft.autopilot.arm()
     assert craft.stay(SAMPLE_US) == LevelFlight()
-    assert craft.autopilot.landed is LandedState.IN_AIR
+    assert craft.autopilot.landed_state is LandedState.IN_AIR
     assert craft.autopilot.disarm() is TransitionResult.IN_FLIGHT
     craft.autopilot.land()
     craft.at(height=10.0, tilt=0.3)
     assert craft.stay(2 * LAND_DETECTION_US) == LevelFlight()
-    assert craft.autopilot.landed is LandedState.LANDING
+    assert craft.autopilot.landed_state is LandedState.LANDING
     craft.at(height=10.0, tilt=0.01)
     craft.stay(LAND_DETECTION_US)
-    assert craft.autopilot.landed is LandedState.ON_GROUND
+    assert craft.autopilot.landed_state is LandedState.ON_GROUND
     assert not craft.autopilot.armed
 
 

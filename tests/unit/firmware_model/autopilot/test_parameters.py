@@ -67,7 +67,7 @@ def test_cast_integers_travel_as_their_value():
 
 def test_defaults_are_allowed_and_are_the_autopilots_own(parameters):
     assert parameters.settings() == Settings()
-    assert all(parameter.read_only or parameter.allows(parameter.default) for parameter in parameters.table)
+    assert all(parameter.read_only or parameter.is_allowed(parameter.default) for parameter in parameters.table)
 
 
 def test_set_parameters_reach_the_autopilot(parameters):
@@ -86,7 +86,7 @@ def test_set_parameters_reach_the_autopilot(parameters):
 
 
 def test_reference_tells_each_parameter_with_its_meaning(parameters):
-    rows = parameters.reference()
+    rows = parameters.describe()
     assert [row["name"] for row in rows] == [parameter.name for parameter in parameters.table]
     assert all(row["meaning"] and row["allowed"] for row in rows)
     (loss,) = [row for row in rows if row["name"] == "COM_OF_LOSS_T"]

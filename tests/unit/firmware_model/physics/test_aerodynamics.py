@@ -170,8 +170,8 @@ def test_gusts_go_with_their_scale_and_the_mean_wind_stays():
         for loop in (plain, halved):
             loop.observe()
         for field in ("gust_B", "gust_omega_B"):
-            np.testing.assert_array_equal(np.array(halved.truth(field)), 0.5 * np.array(plain.truth(field)))
-        assert halved.truth("wind_N") == plain.truth("wind_N") == (1.0, 2.0, 3.0)
+            np.testing.assert_array_equal(np.array(halved.true_vector(field)), 0.5 * np.array(plain.true_vector(field)))
+        assert halved.true_vector("wind_N") == plain.true_vector("wind_N") == (1.0, 2.0, 3.0)
 
 
 def test_the_estimate_follows_the_truth_though_the_gyro_drifts():

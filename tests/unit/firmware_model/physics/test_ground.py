@@ -53,7 +53,7 @@ def dropped(vehicle, height: float, *, attitude=(0.0, 0.0, 0.0), velocity=(0.0, 
 @pytest.mark.parametrize("scenario", [CALM, WINDY], ids=["calm", "windy"])
 @pytest.mark.parametrize("name", VEHICLES)
 def test_what_stands_with_its_motors_off_does_not_move_at_all(name, scenario):
-    loop = VehicleLoop(VEHICLES[name], scenario, 1, standing=True)
+    loop = VehicleLoop(VEHICLES[name], scenario, 1, interactive=True)
     records = fly(loop, MotorsOff(), 10.0)
     for field in ("position_N", "q_NB"):
         assert np.ptp(records[field], axis=0).max() == 0.0
@@ -123,16 +123,16 @@ def test_more_side_wind_than_friction_holds_makes_it_slide_downwind():
     vehicle = VEHICLES["iris"]
     gale = replace(CALM, wind=(Constant(kind="constant", velocity_mps=(0.0, 14.0, 0.0)),))
     lifted = TorqueCommand(0, (0.0, 0.0, 0.0), 0.45 * vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max))
-    held = fly(VehicleLoop(vehicle, gale, 1, standing=True), MotorsOff(), 1.0)
+    held = fly(VehicleLoop(vehicle, gale, 1, interactive=True), MotorsOff(), 1.0)
     assert not held["velocity_N"].any()
-    slides = fly(VehicleLoop(vehicle, gale, 1, standing=True), lifted, 1.0)
+    slides = fly(VehicleLoop(vehicle, gale, 1, interactive=True), lifted, 1.0)
     assert slides["velocity_N"][-1, 1] > 0.1
 
 
 @pytest.mark.parametrize("name", VEHICLES)
 def test_thrust_that_grows_lifts_it_off_gently(name):
     vehicle = VEHICLES[name]
-    loop = VehicleLoop(vehicle, CALM, 1, standing=True)
+    loop = VehicleLoop(vehicle, CALM, 1, interactive=True)
     hover = vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max)
     fastest = 0.0
     for k in range(1000):

@@ -31,7 +31,7 @@ class Counting:
     def observe(self) -> None:
         pass
 
-    def truth(self, name: str) -> tuple[float, float, float]:
+    def true_vector(self, name: str) -> tuple[float, float, float]:
         assert name == "position_N"
         return self.position_N
 

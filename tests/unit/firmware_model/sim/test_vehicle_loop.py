@@ -143,7 +143,7 @@ def test_a_seed_out_of_range_is_refused(seed: int) -> None:
 
 def test_off_clamps_on_the_stand_and_the_next_set_point_frees() -> None:
     push = MomentSine(kind="sine", amplitude_nm=(0.5, 0.3, 0.1), rate_rad_s=2.0)
-    loop = VehicleLoop(VEHICLE, replace(QUIET, moment=(push,)), 1, standing=True)
+    loop = VehicleLoop(VEHICLE, replace(QUIET, moment=(push,)), 1, interactive=True)
     assert loop.on_ground
     for _ in range(250):
         loop.advance(LevelFlight(), 0)

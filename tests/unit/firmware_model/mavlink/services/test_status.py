@@ -82,7 +82,7 @@ def test_echo_is_of_what_is_tracked(craft):
 
 def test_gust_is_told_as_wind_that_blows_toward(craft):
     message = told(motion.make_service(craft), wire.MAVLINK_MSG_ID_WIND_COV)
-    gust_N = rotate(craft.loop.q_NB, craft.loop.truth("gust_B"))  # there is no mean wind in it
+    gust_N = rotate(craft.loop.q_NB, craft.loop.true_vector("gust_B"))  # there is no mean wind in it
     assert (message.wind_x, message.wind_y, message.wind_z) == pytest.approx(gust_N)
     assert message.wind_alt == 498.0
     east = motion.wind_message(0, (0.0, 5.0, 0.0), (0.0, 0.0, 0.0))
