@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from firmware_model.config.files import read_text
 from firmware_model.config.validation import sanitize_line
-from firmware_model.config.wind import MOST_ROWS
+from firmware_model.config.waveforms import MAX_ROWS
 from firmware_model.errors import ConfigError
 
 _LONGEST = 1000  # characters of a line
@@ -45,7 +45,7 @@ def _has_tables(document: dict[str, Any], key: str) -> bool:
 
 
 def _fill_tables(tables: list[Any], key: str, path: Path) -> Iterator[Any]:
-    left = MOST_ROWS  # of all the tables together, whatever the number of them
+    left = MAX_ROWS  # of all the tables together, whatever the number of them
     for i, table in enumerate(tables):
         named = isinstance(table, dict) and table.get("kind") == "replay" and isinstance(table.get("file"), str)
         if not named or "rows" in table:
@@ -74,7 +74,7 @@ def _read_csv(file: Path, key: str, source: str, most: int) -> tuple[str, list[l
     except (ValueError, csv.Error) as error:
         raise ConfigError(f"{source}: not CSV: {sanitize_line(str(error))}") from None
     if len(rows) > most:
-        raise ConfigError(f"{source}: a scenario's replay tables have at most {MOST_ROWS:,} rows")
+        raise ConfigError(f"{source}: a scenario's replay tables have at most {MAX_ROWS:,} rows")
     return frame, rows
 
 
