@@ -37,7 +37,7 @@ class Metric(Enum):
     SATURATED = "saturated_s"
     """[s] total time with a commanded torque at the vehicle's limit."""
     RHO = "rho_share"
-    """[-] largest share of the range from hover to the bounds of Table II that the scheduling vector uses; 1 is at a bound."""
+    """[-] largest share that the scheduling vector uses of its range from hover to the bounds of Table II."""
     DRIFT = "drift_m"
     """[m] largest distance from the position at the start of the window."""
 

@@ -214,7 +214,7 @@ class Vehicle:
 
     @property
     def rotor_drag(self) -> float:
-        """[N/(m/s)] force of all rotors in hover per velocity of the air in their plane; `gust_gain` results from it."""
+        """[N/(m/s)] force of all rotors in hover per velocity of the air in their plane, the cause of `gust_gain`."""
         return self.gust_gain / self.rotors.height
 
     @model_validator(mode="after")

@@ -2,8 +2,8 @@
 
 A wind table gives the velocity of the air. Its vector points where the wind blows to. It gives `amplitude_mps` in its
 `frame`, or `speed_mps` and `from_deg`, the bearing that a level wind comes from, as in meteorology. Mean wind
-(`constant`, `shear`) carries a free vehicle along and is trimmed out on the test stand. All other winds are gusts, which
-push on the vehicle there too.
+(`constant`, `shear`) carries a free vehicle along and is trimmed out on the test stand. All other winds are gusts,
+which push on the vehicle there too.
 
 A waveform (`Step`, `Ramp`, ...) gives the course in time; `Gust` and `DirectMoment` give axis and strength.
 """
