@@ -120,7 +120,7 @@ def _load(options: argparse.Namespace) -> tuple[Scenario, Vehicle]:
 
 
 def _choose_ports(options: argparse.Namespace) -> tuple[list[int], list[int]]:
-    """Return the ports to listen on, and the remote ones to send to unasked."""
+    """Return the local ports, and the remote ports that receive data unasked."""
     if options.bind_port is not None:
         return [options.bind_port], []
     return [own + options.instance for own, _ in _PORTS], [remote + options.instance for _, remote in _PORTS]
@@ -136,7 +136,7 @@ def _serve(endpoint: udp.Endpoint, sockets: Sequence[socket], *, lockstep: bool)
 def _announce(
     options: argparse.Namespace, names: dict[str, Any], sockets: Sequence[socket], remote_ports: Sequence[int]
 ) -> None:
-    """Print what is simulated and its ports; to users of an interactive vehicle, how to connect."""
+    """Print vehicle, scenario and ports; for users of an interactive vehicle, also how to connect clients."""
     listening = [bound.getsockname()[1] for bound in sockets]
     if _is_interactive(options) and not options.json:
         place = "on the test stand" if options.held else "on the ground"
@@ -149,7 +149,7 @@ def _announce(
 
 
 def format_greeting(headline: str, listening: Sequence[int], remote_ports: Sequence[int]) -> str:
-    """Return the headline and how each client connects; `remote_ports` are those it sends to unasked, if any."""
+    """Return the headline and the connection of each client; `remote_ports` receive data unasked, if there are any."""
     if remote_ports:
         ground, offboard = remote_ports
         ways = {
@@ -168,7 +168,7 @@ def format_greeting(headline: str, listening: Sequence[int], remote_ports: Seque
     ways["a law"] = f"gustproof controller --law hinf-scheduled --connect 127.0.0.1:{listening[-1]}"
     return "\n".join(
         (
-            f"{headline}, disarmed; speaks MAVLink like PX4, but is not PX4",
+            f"{headline}, disarmed; its MAVLink is like that of PX4, but it is not PX4",
             *(f"  {client:<15} {way}" for client, way in ways.items()),
             "Ctrl-C ends it.",
         )

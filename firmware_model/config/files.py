@@ -69,7 +69,7 @@ def open_regular(path: Path) -> IO[bytes]:
 
 
 def read_bytes(path: Path, at_most: int) -> bytes:
-    """Return the content of a regular file of no more than `at_most` bytes.
+    """Return the content of a regular file of at most `at_most` bytes.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def read_bytes(path: Path, at_most: int) -> bytes:
 
 
 def read_text(path: Path, at_most: int = TEXT) -> str:
-    """Return the text of a regular file of no more than `at_most` bytes.
+    """Return the text of a regular file of at most `at_most` bytes.
 
     Raises
     ------

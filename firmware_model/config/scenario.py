@@ -151,7 +151,7 @@ class Scenario:
 
     @property
     def unflown(self) -> tuple[str, ...]:
-        """One line for each table that has no effect on the flight."""
+        """One line for each table that no flight shows: one after the end, or the drift of a held vehicle."""
         late = f"not before the end, {self.duration_s} s: it is never flown"
         begins = [
             *((f"event.{i}: at_s {each.at_s} is", each.at_s) for i, each in enumerate(self.event)),

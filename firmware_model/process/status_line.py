@@ -14,7 +14,7 @@ PERIOD_S = 1.0
 def format_line(links: Mapping[str, Mapping[str, Any]], width: int) -> str:
     """Return the counters of all links in one line of at most `width` characters."""
     parts = (f"{peer} {_format_traffic(stats)}" for peer, stats in links.items() if stats["in"])
-    return ("  |  ".join(parts) or "nobody is connected")[:width]
+    return ("  |  ".join(parts) or "no peer is connected")[:width]
 
 
 def format_summary(facts: Mapping[str, Any]) -> str:

@@ -1,7 +1,7 @@
 """MAVLink traffic of a flight as a telemetry log (.tlog), both directions, as it passed the socket.
 
 A stamp in microseconds, eight bytes, big-endian, precedes each frame. Its two lowest bits hold the number of the peer,
-as in MAVProxy's logs: peers are numbered in order of appearance, and the first three have numbers of their own. The
+as in MAVProxy's logs. Peers are numbered in order of appearance; the first three have numbers of their own. The
 stamp is Unix time. In lockstep it advances with model time from t = 0, so a replay has the pace of the flight.
 """
 

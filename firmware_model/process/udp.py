@@ -118,11 +118,7 @@ def serve(endpoint: Endpoint, sockets: Sequence[socket.socket], *, real_time: bo
     """
     sleeps = cycle = 0
     while True:
-        for datagram, (index, address) in endpoint.poll(_now_us()):
-            try:
-                sockets[index].sendto(datagram, address)
-            except OSError:  # a datagram that the system can't send now is lost, as UDP allows
-                continue
+        _send(endpoint.poll(_now_us()), sockets)
         if endpoint.finished:
             return
         readable: list[socket.socket] = []
@@ -188,6 +184,14 @@ def serve_lockstep(endpoint: Endpoint, bound: socket.socket) -> None:
                 elif not peer and cycle % _DRAIN_CYCLES == 0:
                     _drain(endpoint, bound, 0)
         now_us = _now_us()
+
+
+def _send(datagrams: Sequence[tuple[bytes, Address]], sockets: Sequence[socket.socket]) -> None:
+    for datagram, (index, address) in datagrams:
+        try:
+            sockets[index].sendto(datagram, address)
+        except OSError:  # a datagram that the system can't send now is lost, as UDP allows
+            continue
 
 
 def _peer_address(bound: socket.socket) -> tuple[str, int] | None:

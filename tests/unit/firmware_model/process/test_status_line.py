@@ -18,7 +18,7 @@ def test_line_is_no_wider_than_the_terminal():
 
 
 def test_nobody_is_said_too():
-    assert status_line.format_line({}, 80) == "nobody is connected"
+    assert status_line.format_line({}, 80) == "no peer is connected"
 
 
 FACTS = {
