@@ -17,7 +17,7 @@ from typing import IO, Annotated, Any, TypeVar, cast
 from pydantic import AfterValidator, TypeAdapter, ValidationError
 from pydantic_core import from_json, to_jsonable_python
 
-from firmware_model.config.validation import format_errors, sanitize_line
+from firmware_model.config.validation import list_errors, sanitize_line
 from firmware_model.errors import ConfigError, ConfigErrors
 
 Parsed = TypeVar("Parsed")
@@ -210,7 +210,7 @@ def validate(kind: type[Parsed], document: dict[str, Any], source: str) -> Parse
     try:
         parsed: Parsed = _type_adapter(cast(Any, kind)).validate_python(document)
     except ValidationError as error:
-        raise ConfigErrors(source, format_errors(kind, error.errors())) from None
+        raise ConfigErrors(source, list_errors(kind, error.errors())) from None
     return parsed
 
 

@@ -36,7 +36,12 @@ class Parser(argparse.ArgumentParser):
         super().error(printable(message))
 
 
-def format_errors(kind: Any, errors: Sequence[Any]) -> list[str]:
+def format_errors(kind: Any, errors: Sequence[Any]) -> str:
+    """Return all errors that pydantic found in a document of `kind`, in one line."""
+    return "; ".join(list_errors(kind, errors))
+
+
+def list_errors(kind: Any, errors: Sequence[Any]) -> list[str]:
     """Return a line for each error that pydantic found in a document of `kind`; beyond 20 only their number."""
     more = [f"and {len(errors) - _MAX_ERRORS} more"] if len(errors) > _MAX_ERRORS else []
     return [*(sanitize_line(_format_error(kind, item)) for item in errors[:_MAX_ERRORS]), *more]
