@@ -17,7 +17,7 @@ from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain, system_from_matrix, ultidyn, ureal
 from gustproof.model.rotational import Envelope
 from gustproof.synthesis.designs import design_problem, load_design
-from gustproof.synthesis.hinf import hinfsyn
+from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 
 VEHICLE = load_vehicle("paper")
 

@@ -16,7 +16,7 @@ from gustproof.certify.worst_schedule import worst_schedule, worst_triangle_sche
 from gustproof.model.lft import Uncertain, append, system_from_matrix, ureal
 from gustproof.model.rotational import Envelope
 from gustproof.synthesis.designs import design_problem, load_design
-from gustproof.synthesis.hinf import hinfsyn
+from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "slow_gain_d2.json"
 
