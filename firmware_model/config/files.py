@@ -1,6 +1,6 @@
-"""Read a TOML file into a checked dataclass, every mistake reported at once in one clear line; write it again.
+"""Read a TOML or JSON file into a validated dataclass and report all its errors at once; write TOML.
 
-Files may come from anywhere: only regular files are read, no more of them than is allowed, and no deeper.
+Files may come from anywhere: only regular files are read, with limits on size, number of keys and depth.
 """
 
 import errno
@@ -17,27 +17,27 @@ from typing import IO, Annotated, Any, TypeVar, cast
 from pydantic import AfterValidator, TypeAdapter, ValidationError
 from pydantic_core import from_json, to_jsonable_python
 
-from firmware_model.config.validation import format_errors, sanitize_line
-from firmware_model.errors import ConfigError
+from firmware_model.config.validation import list_errors, sanitize_line
+from firmware_model.errors import ConfigError, ConfigErrors
 
 Parsed = TypeVar("Parsed")
 MIB = 1 << 20
 TEXT = 16 * MIB
-"""[bytes] of a JSON or CSV file: what a hostile one of this size unfolds to stays below a gigabyte."""
-_TOML = 2 * MIB  # [bytes] the parser takes seconds for as much
+"""[bytes] limit of a JSON or CSV file; a hostile one of this size takes less than a gigabyte of memory."""
+_TOML = 2 * MIB  # [bytes] the parser takes seconds for this much
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){32}""")  # the parser's time grows with its square
-_KEYS = 50_000  # of a document: each that is unknown is a mistake, and takes a kilobyte until it is told
-_LONGEST_NAME = 100  # [bytes] two of them, a seed and a suffix are a file's name
+_KEYS = 50_000  # of a document: each unknown key is an error and takes a kilobyte until it is reported
+_LONGEST_NAME = 100  # [bytes] two names, a seed and a suffix make a file name
 
 
 def checked_name(name: str) -> str:
-    """Return the name of a scenario, law or vehicle if it can be part of a file's name and of a line.
+    """Return the name of a scenario, law or vehicle if it can be part of a file name and of a printed line.
 
     Raises
     ------
     ValueError
-        If it is empty or too long, begins with a dot, or has a slash, backslash, dollar sign (figures take it for the
-        begin of a formula) or character that can't be printed.
+        If it is empty, too long, begins with a dot, or has an unprintable character, a slash, a backslash or a dollar
+        sign, which starts a formula in figures.
     """
     if not (isinstance(name, str) and name.isprintable() and name.strip() and len(name.encode()) <= _LONGEST_NAME):
         raise ValueError(f"a name has 1 to {_LONGEST_NAME} bytes of printable characters")
@@ -50,16 +50,16 @@ Name = Annotated[str, AfterValidator(checked_name)]
 
 
 def open_regular(path: Path) -> IO[bytes]:
-    """Return a regular file, opened to read: no folder, and no device or pipe, which may have no end.
+    """Open a regular file to read. Folders are rejected, and devices and pipes, which may have no end.
 
     Raises
     ------
     OSError
-        If there is none, or it can't be read.
+        If there is no such file, or it can't be read.
     """
     try:
         mode = path.stat().st_mode
-    except ValueError:  # no path has such characters
+    except ValueError:  # a character that no path can have
         raise FileNotFoundError(errno.ENOENT, "No such file", str(path)) from None
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, "Is a directory", str(path))
@@ -69,7 +69,7 @@ def open_regular(path: Path) -> IO[bytes]:
 
 
 def read_bytes(path: Path, at_most: int) -> bytes:
-    """Return the content of a regular file of no more than `at_most` bytes.
+    """Return the content of a regular file of at most `at_most` bytes.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def read_bytes(path: Path, at_most: int) -> bytes:
 
 
 def read_text(path: Path, at_most: int = TEXT) -> str:
-    """Return the text of a regular file of no more than `at_most` bytes.
+    """Return the text of a regular file of at most `at_most` bytes.
 
     Raises
     ------
@@ -104,18 +104,18 @@ def read_text(path: Path, at_most: int = TEXT) -> str:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Return the values of a JSON text: numbers to the bit, texts of whole characters, tables at most 200 deep.
+    """Parse JSON: numbers exact to the bit, no incomplete surrogate pairs, nesting at most 200 deep.
 
     Raises
     ------
     ValueError
-        If it is none, has too many keys, or an integer that no float can hold.
+        If it is not JSON, has too many keys, or an integer beyond the range of a float.
     """
-    return _bounded(from_json(text))
+    return _check_bounds(from_json(text))
 
 
-def _bounded(value: Any) -> Any:
-    """Return a document, unless it has too many keys or too large an integer."""
+def _check_bounds(value: Any) -> Any:
+    """Return a document; reject too many keys and too large integers."""
     waiting, keys = [value], 0
     while waiting:
         item = waiting.pop()
@@ -132,7 +132,7 @@ def _bounded(value: Any) -> Any:
 
 
 def read_document(path: Path) -> dict[str, Any]:
-    """Return what a TOML file says, unchecked.
+    """Return the content of a TOML file, not validated.
 
     Raises
     ------
@@ -143,12 +143,12 @@ def read_document(path: Path) -> dict[str, Any]:
         text = read_text(path, _TOML)
         if _LONG_KEY.search(text):
             raise ValueError("a key has more than 32 parts")
-        said: dict[str, Any] = _bounded(tomllib.loads(text))
+        document: dict[str, Any] = _check_bounds(tomllib.loads(text))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: not TOML: {sanitize_line(str(error))}") from None
-    return said
+    return document
 
 
 def list_shipped(folder: Path) -> tuple[str, ...]:
@@ -160,11 +160,11 @@ def read_toml(
     kind: type[Parsed],
     name_or_path: str | Path,
     folder: Path,
-    complete: Callable[[dict[str, Any], Path], dict[str, Any]] = lambda said, _: said,
+    complete: Callable[[dict[str, Any], Path], dict[str, Any]] = lambda document, _: document,
 ) -> Parsed:
     """Read `name_or_path`, a file or the name of one shipped in `folder`, as a `kind`.
 
-    `complete` is given the document and its path, and returns it with what stands in other files.
+    `complete` takes the document and its path and fills in the content of other files.
 
     Raises
     ------
@@ -174,16 +174,14 @@ def read_toml(
     path = Path(name_or_path)
     if path.suffix != ".toml":
         path = folder / f"{name_or_path}.toml"
-        if str(name_or_path) not in list_shipped(folder):
-            known = ", ".join(list_shipped(folder))
-            raise ConfigError(
-                f"no {kind.__name__.lower()} named '{sanitize_line(str(name_or_path))}': give a .toml file or one of {known}"
-            )
+        if str(name_or_path) not in (shipped := list_shipped(folder)):
+            name, known = sanitize_line(str(name_or_path)), ", ".join(shipped)
+            raise ConfigError(f"no {kind.__name__.lower()} named '{name}': give a .toml file or one of {known}")
     return validate(kind, {"name": path.stem, **complete(read_document(path), path)}, str(path))
 
 
 def read_json(kind: type[Parsed], name: str) -> Parsed | None:
-    """Return the content of a .json file, as another process of the project writes it; `None` if it is none.
+    """Return the content of a .json file, as other processes of the project write it; `None` for another suffix.
 
     Raises
     ------
@@ -202,11 +200,17 @@ def read_json(kind: type[Parsed], name: str) -> Parsed | None:
 
 
 def validate(kind: type[Parsed], document: dict[str, Any], source: str) -> Parsed:
-    """Return `document` as a checked `kind`; `source` stands in front of each mistake."""
+    """Return `document` as a validated `kind`.
+
+    Raises
+    ------
+    ConfigErrors
+        If keys or values are not allowed; it names `source` and holds all errors.
+    """
     try:
         parsed: Parsed = _type_adapter(cast(Any, kind)).validate_python(document)
     except ValidationError as error:
-        raise ConfigError(f"{source}: {format_errors(kind, error.errors())}") from None
+        raise ConfigErrors(source, list_errors(kind, error.errors())) from None
     return parsed
 
 
@@ -217,7 +221,7 @@ def _type_adapter(kind: Any) -> TypeAdapter[Any]:
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Let what fails while `path` is written name it: a full disk does not by itself."""
+    """Name `path` in an OSError raised while it is written; a full disk does not name it by itself."""
     try:
         yield
     except OSError as error:
@@ -230,23 +234,23 @@ def write_text(path: Path, text: str) -> None:
     Raises
     ------
     OSError
-        If it can't be written; the error names it.
+        If the file can't be written; the error names it.
     """
     with naming(path):
         path.write_text(text, encoding="utf-8")
 
 
 def write_toml(value: Any, path: Path) -> None:
-    """Write a checked dataclass as a TOML file that `read_toml` reads back equal, every number to the bit."""
+    """Write a validated dataclass as TOML; `read_toml` reads it back equal, every number to the bit."""
     write_text(path, "\n".join(_toml_lines(to_jsonable_python(value), "")) + "\n")
 
 
 def _toml_lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
-    """Yield a table's own keys, then its tables below their headers; what is `None` or empty is left out."""
+    """Yield a table's own keys, then its sub-tables with headers; `None` and empty lists are omitted."""
     below = {key: value for key, value in table.items() if isinstance(value, dict) or _is_tables(value)}
     for key, value in table.items():
         if key not in below and value is not None and value != []:
-            # A JSON number, string or list of numbers is TOML too, but for the one control character JSON allows.
+            # JSON numbers, strings and lists of numbers are TOML, except for DEL, which only JSON allows unescaped.
             yield f"{key} = {json.dumps(value, ensure_ascii=False, allow_nan=False)}".replace("\x7f", "\\u007f")
     for key, value in below.items():
         header = f"[[{path}{key}]]" if _is_tables(value) else f"[{path}{key}]"

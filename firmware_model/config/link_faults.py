@@ -2,18 +2,15 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import ConfigDict, Field, model_validator
-from pydantic.dataclasses import dataclass
+from pydantic import Field, model_validator
 
-from firmware_model.config.vehicle import NonNegative, Positive
-
-_STRICT = ConfigDict(extra="forbid")
-
-Probability = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
+from firmware_model.config.fields import Fraction, NonNegative, Positive, strict_dataclass
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class _LinkFault:
+    """Direction of a link fault, and the time in which it acts."""
+
     direction: Literal["to_controller", "to_vehicle"]
     """Samples travel to the controller, set-points to the vehicle."""
     start_s: NonNegative = 0.0
@@ -28,9 +25,9 @@ class _LinkFault:
         return self
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Delay(_LinkFault):
-    """All arrive later by the same time."""
+    """Constant delay of every datagram."""
 
     kind: Literal["delay"]
     """Names this fault."""
@@ -38,29 +35,29 @@ class Delay(_LinkFault):
     """[s] from sending to arrival."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Jitter(_LinkFault):
-    """Each arrives later by a time of its own, uniform in [0, most]; none overtakes another."""
+    """Random delay of each datagram, uniform in [0, most]; none overtakes another."""
 
     kind: Literal["jitter"]
     """Names this fault."""
     most_s: Positive
-    """[s] the largest."""
+    """[s] largest delay."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Loss(_LinkFault):
-    """Each is lost with the same probability, whatever became of the others."""
+    """Independent loss of each datagram with the same probability."""
 
     kind: Literal["loss"]
     """Names this fault."""
-    probability: Probability
+    probability: Fraction
     """[-] of a loss."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class BurstLoss(_LinkFault):
-    """Loss in bursts: a chain of two states that may change with each datagram, and begins in the good one.
+    """Loss in bursts: a two-state Markov chain that starts in the good state and may change at each datagram.
 
     The share of the bad state is `to_bad / (to_bad + to_good)`, its mean length `1 / to_good` datagrams.
 
@@ -72,43 +69,43 @@ class BurstLoss(_LinkFault):
 
     kind: Literal["burst_loss"]
     """Names this fault."""
-    to_bad: Probability
+    to_bad: Fraction
     """[-] probability that a good state turns bad, at each datagram."""
-    to_good: Probability
+    to_good: Fraction
     """[-] probability that a bad state turns good, at each datagram."""
-    loss_in_bad: Probability = 1.0
+    loss_in_bad: Fraction = 1.0
     """[-] probability of a loss in the bad state."""
-    loss_in_good: Probability = 0.0
+    loss_in_good: Fraction = 0.0
     """[-] probability of a loss in the good state."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Duplication(_LinkFault):
-    """Some arrive twice, each copy with a jitter of its own."""
+    """Duplication of some datagrams; each copy has its own jitter."""
 
     kind: Literal["duplication"]
     """Names this fault."""
-    probability: Probability
+    probability: Fraction
     """[-] of a second copy."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Reordering(_LinkFault):
-    """Some are held back, so that others overtake them."""
+    """Extra delay of some datagrams, so that later ones overtake them."""
 
     kind: Literal["reordering"]
     """Names this fault."""
-    probability: Probability
-    """[-] of being held back."""
+    probability: Fraction
+    """[-] of the extra delay."""
     by_s: Positive
-    """[s] for how long."""
+    """[s] extra delay."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Bandwidth(_LinkFault):
-    """One is sent after the other, as fast as the rate allows; of those that must wait, too many are lost.
+    """Limited bit rate: datagrams queue for transmission, and those beyond the queue are lost.
 
-    A sample is 73 bytes, torques are 55, rates and attitudes 51: at 250 Hz that is 146, 110 and 102 kbit/s.
+    A sample takes 73 bytes, torques 55, rates and attitudes 51. At 250 Hz that is 146, 110 and 102 kbit/s.
     """
 
     kind: Literal["bandwidth"]
@@ -116,7 +113,7 @@ class Bandwidth(_LinkFault):
     rate_bit_s: Positive
     """[bit/s] of MAVLink frames."""
     queue: Annotated[int, Field(ge=0, le=10_000)] = 10
-    """Datagrams that may wait while one is being sent."""
+    """Datagrams that may wait while one is in transmission."""
 
 
 LinkFault = Annotated[

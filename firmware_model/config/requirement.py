@@ -1,72 +1,71 @@
-"""What must hold in a flight: the `[[require]]` tables, each a metric over a window of time, and its limits.
+"""Requirements on a flight, `[[require]]`: each a metric over a time window, with its limits.
 
-Attitude is counted as its error: Euler angle less the reference of that time. A window that was not flown to its end
-holds nothing.
+Attitude counts as its error: Euler angle minus the reference at that time. A requirement fails if its window was not
+flown to the end.
 """
 
 from enum import Enum
 from typing import Literal, Self, get_args
 
-from pydantic import ConfigDict, model_validator
-from pydantic.dataclasses import dataclass
+from pydantic import model_validator
 
-from firmware_model.config.vehicle import Finite, NonNegative, Positive
+from firmware_model.config.fields import Finite, NonNegative, Positive, strict_dataclass
 
 Axis = Literal["roll", "pitch", "yaw"]
 AXES = get_args(Axis)
 
 
 class Metric(Enum):
-    """What is measured; the names are those of the flight's figures, with their units."""
+    """Metric of a flight; the value is its name among the flight's figures, with the unit."""
 
     PEAK = "peak_deg"
     """[deg] largest magnitude of the error."""
     RMSE = "rmse_deg"
     """[deg] root mean square of the error."""
     SETTLING = "settling_s"
-    """[s] from the window's begin until the error is within `within_deg` for good; infinite if it never is."""
+    """[s] from the start of the window until the error stays within `within_deg`; infinite if it never does."""
     OVERSHOOT = "overshoot_percent"
-    """[%] of the reference's step in the window, how far the angle goes beyond the new reference."""
+    """[%] excess of the angle over the new reference, relative to the reference's step in the window."""
     RECOVERY = "recovery_s"
-    """[s] from where the error leaves `within_deg` first until it is back for good; infinite if it never is."""
+    """[s] from the first exit of the error from `within_deg` until it stays inside; infinite if it never does."""
     TORQUE_RMS = "torque_rms_nm"
     """[N*m] root mean square of the commanded torque."""
     TORQUE_PEAK = "torque_peak_nm"
     """[N*m] largest magnitude of the commanded torque."""
     TORQUE_SLEW = "torque_slew_rms"
-    """[N*m/s] rms of the commanded torque's difference from sample to sample over the sample time."""
+    """[N*m/s] rms of the commanded torque's change from sample to sample, divided by the sample time."""
     SATURATED = "saturated_s"
-    """[s] time with a commanded torque at the vehicle's limit."""
+    """[s] total time with a commanded torque at the vehicle's limit."""
     RHO = "rho_share"
-    """[-] how much of the way from hover to its bounds in Table II the scheduling vector uses: inside up to 1."""
+    """[-] largest share that the scheduling vector uses of its range from hover to the bounds of Table II."""
     DRIFT = "drift_m"
-    """[m] largest distance from where the vehicle was at the window's begin."""
+    """[m] largest distance from the position at the start of the window."""
 
 
 BAND_METRICS = frozenset({Metric.SETTLING, Metric.RECOVERY})
-"""Metrics about a band."""
+"""Metrics that need a band."""
 AXISLESS_METRICS = frozenset({Metric.RHO, Metric.DRIFT})
-"""Metrics that are not of an axis."""
+"""Metrics without an axis."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=ConfigDict(extra="forbid"))
+@strict_dataclass
 class Requirement:
-    """One metric and between which limits it must be."""
+    """Metric and its limits."""
 
     metric: Metric
-    """What is measured."""
+    """Metric."""
     axis: Axis | None = None
-    """Of which axis alone; of all three at once by default."""
+    """Axis of the metric; all three together by default."""
     from_s: NonNegative = 0.0
-    """[s] begin of the window."""
+    """[s] start of the window."""
     to_s: Positive | None = None
-    """[s] end of the window; that of the flight by default."""
+    """[s] end of the window; the end of the flight by default."""
     within_deg: Positive | None = None
-    """[deg] half the width of the band that settling and recovery are about."""
+    """[deg] half width of the band of settling and recovery."""
     at_most: Finite | None = None
-    """[unit of the metric] limit from above."""
+    """[unit of the metric] upper limit."""
     at_least: Finite | None = None
-    """[unit of the metric] limit from below."""
+    """[unit of the metric] lower limit."""
 
     @model_validator(mode="after")
     def _check_limits(self) -> Self:
@@ -81,9 +80,9 @@ class Requirement:
     @model_validator(mode="after")
     def _check_metric_keys(self) -> Self:
         if (self.within_deg is None) == (self.metric in BAND_METRICS):
-            raise ValueError("within_deg: settling_s and recovery_s need it, the others have no use for it")
+            raise ValueError("within_deg: settling_s and recovery_s need it, other metrics must not have it")
         if self.axis is not None and self.metric in AXISLESS_METRICS:
-            raise ValueError(f"axis: {self.metric.value} is not of an axis")
+            raise ValueError(f"axis: {self.metric.value} has no axis")
         if self.axis is None and self.metric is Metric.OVERSHOOT:
-            raise ValueError("axis: overshoot_percent is of one axis: roll, pitch or yaw")
+            raise ValueError("axis: overshoot_percent needs an axis: roll, pitch or yaw")
         return self

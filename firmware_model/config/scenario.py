@@ -1,4 +1,4 @@
-"""A scripted flight: how long, at which rates, in which air, with which faults. Read from TOML, units in the keys."""
+"""Scripted flight: duration, rates, air, faults and requirements. A TOML file with units in its keys."""
 
 import math
 from dataclasses import field
@@ -7,35 +7,41 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
-from pydantic.dataclasses import dataclass
 
-from firmware_model.config.events import ControllerHang, ControllerKill, Event, ModeChange
+from firmware_model.config.events import (
+    ActuatorLag,
+    AttitudeReference,
+    ControllerHang,
+    ControllerKill,
+    Event,
+    GyroBias,
+    ModeChange,
+    PlantEvent,
+)
+from firmware_model.config.fields import NonNegative, Vector, strict_dataclass
 from firmware_model.config.files import Name, list_shipped, read_toml
 from firmware_model.config.link_faults import LinkFault
-from firmware_model.config.moments import Moment
-from firmware_model.config.plant_events import ActuatorLag, AttitudeReference, GyroBias, PlantEvent
 from firmware_model.config.requirement import AXES, Metric, Requirement
-from firmware_model.config.vehicle import NonNegative, Vector
-from firmware_model.config.wind import STRICT, Dryden, Shear, Wind
+from firmware_model.config.waveforms import Dryden, Moment, Shear, Wind
 from firmware_model.config.wind_table import fill_replay_rows
 
 SCENARIOS = Path(__file__).parent / "data" / "scenarios"
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 
 
-def _countable(tables: Any) -> Any:
-    """Refuse more tables than any script needs before each of them is looked at."""
+def _limit_count(tables: Any) -> Any:
+    """Reject more tables than any script needs, before each of them is validated."""
     if isinstance(tables, list) and len(tables) > 1000:
-        raise ValueError(f"there are {len(tables):,} of them, 1,000 are the most")
+        raise ValueError(f"there are {len(tables):,} of them, 1,000 are allowed")
     return tables
 
 
-_MANY = BeforeValidator(_countable)
+_MANY = BeforeValidator(_limit_count)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
+@strict_dataclass
 class GyroFault:
-    """What is wrong with the gyro beyond the vehicle's own description."""
+    """Gyro errors on top of those of the vehicle."""
 
     bias_rad_s: Vector = (0.0, 0.0, 0.0)
     """[rad/s] B, added to the vehicle's bias."""
@@ -43,9 +49,9 @@ class GyroFault:
     """False switches the noise off."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
+@strict_dataclass
 class AccelerometerFault:
-    """What is wrong with the accelerometer beyond the vehicle's own description."""
+    """Accelerometer errors on top of those of the vehicle."""
 
     bias_mps2: Vector = (0.0, 0.0, 0.0)
     """[m/s^2] B, added to the vehicle's bias."""
@@ -53,44 +59,44 @@ class AccelerometerFault:
     """False switches the noise off."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=STRICT)
+@strict_dataclass
 class Scenario:
-    """One scripted flight; times are multiples of the sample time."""
+    """Scripted flight; times are multiples of the sample time."""
 
     name: Name
-    """Short name, part of the names of files; the file's by default."""
+    """Short name, part of file names; the file's by default."""
     description: str
-    """One line: what it shows."""
+    """One line that describes the scenario to users."""
     duration_s: Annotated[float, Field(gt=0.0, le=86_400.0)]
     """[s] simulated time from the first commanded sample, up to a day."""
     translation: Literal["held", "free"] = "held"
-    """Held on a test stand, as in the paper, where the vehicle turns and does not move; or in free flight."""
+    """Held on a test stand, as in the paper, free in attitude only; or in free flight."""
     altitude_m: Annotated[float, Field(gt=0.0, le=10_000.0)] = 10.0
-    """[m] height above ground, where the air model is evaluated and the vehicle is held, or its free flight begins."""
+    """[m] height above ground: of the air model, and of the vehicle on the stand or at the start of free flight."""
     control_rate_hz: Annotated[int, Field(ge=10, le=1000)] = 250
     """[Hz] samples and commands."""
     physics_rate_hz: Annotated[int, Field(ge=100, le=10000)] = 1000
     """[Hz] integration steps, a multiple of `control_rate_hz`."""
     delay_samples: Annotated[int, Field(ge=0, le=50)] = 1
-    """[samples] from a sample to the moment its command acts."""
+    """[samples] from a sample until its command acts."""
     initial_attitude_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
-    """[deg] roll, pitch, yaw in which the flight begins, at rest; a vehicle on the ground stands level."""
+    """[deg] initial roll, pitch, yaw, at rest; a vehicle on the ground stands level."""
     gust_scale: NonNegative = 1.0
-    """[-] all gusts times this; the mean wind stays."""
+    """[-] factor on all gusts; the mean wind stays."""
     wind: Annotated[tuple[Wind, ...], _MANY] = ()
-    """Wind, added up."""
+    """Winds; they add up."""
     moment: Annotated[tuple[Moment, ...], _MANY] = ()
-    """Moments that act directly, added up."""
+    """Direct moments; they add up."""
     gyro: GyroFault = field(default_factory=GyroFault)
     """Gyro faults."""
     accelerometer: AccelerometerFault = field(default_factory=AccelerometerFault)
     """Accelerometer faults."""
     link: Annotated[tuple[LinkFault, ...], _MANY] = ()
-    """Faults of the link to the controller, and back."""
+    """Faults of the link to and from the controller."""
     event: Annotated[tuple[Event, ...], _MANY] = ()
-    """What happens at stated times."""
+    """Events at stated times."""
     require: Annotated[tuple[Requirement, ...], _MANY] = ()
-    """What must hold."""
+    """Requirements."""
 
     @model_validator(mode="after")
     def _check_rates(self) -> Self:
@@ -107,13 +113,13 @@ class Scenario:
         for key, item in [*(("wind", item) for item in self.wind), *(("moment", item) for item in self.moment)]:
             rates = [getattr(item, name, 0.0) for name in ("rate_rad_s", "rate_from_rad_s", "rate_to_rad_s")]
             if max(rates) * self.duration_s + abs(getattr(item, "phase_rad", 0.0)) > 1e5:
-                raise ValueError(f"{key}: a '{item.kind}' may turn through 1e5 rad in duration_s, no farther")
+                raise ValueError(f"{key}: a '{item.kind}' may turn through 1e5 rad in duration_s at most")
         return self
 
     @model_validator(mode="after")
     def _check_single_field(self) -> Self:
         if sum(isinstance(item, Dryden) for item in self.wind) > 1:
-            raise ValueError("wind: at most one 'dryden', its components are not independent of a second one's")
+            raise ValueError("wind: at most one 'dryden', a second one would not be independent of it")
         if sum(isinstance(item, Shear) for item in self.wind) > 1:
             raise ValueError("wind: at most one 'shear', there is one ground")
         return self
@@ -128,7 +134,7 @@ class Scenario:
     def _check_single_kill(self) -> Self:
         killed = [item for item in self.event if isinstance(item, ControllerKill)]
         if len(killed) > 1:
-            raise ValueError("event: at most one 'controller_killed', one spare controller stands ready")
+            raise ValueError("event: at most one 'controller_killed', there is one spare controller")
         return self
 
     @model_validator(mode="after")
@@ -145,7 +151,7 @@ class Scenario:
 
     @property
     def unflown(self) -> tuple[str, ...]:
-        """What the script says and no flight of it shows, a line each."""
+        """One line for each table that no flight shows: one after the end, or the drift of a held vehicle."""
         late = f"not before the end, {self.duration_s} s: it is never flown"
         begins = [
             *((f"event.{i}: at_s {each.at_s} is", each.at_s) for i, each in enumerate(self.event)),
@@ -164,14 +170,14 @@ class Scenario:
 
     @property
     def has_link_script(self) -> bool:
-        """Whether modes, the controller or the link to it are part of the script: then messages must be flown."""
+        """True if the script involves modes, the controller or its link, and so needs a flight over messages."""
         return bool(self.link) or any(
             isinstance(item, (ModeChange, ControllerHang, ControllerKill)) for item in self.event
         )
 
     @property
     def free(self) -> bool:
-        """Whether the vehicle flies, and is not held on the stand."""
+        """True in free flight, False on the stand."""
         return self.translation == "free"
 
     @model_validator(mode="after")
@@ -192,33 +198,35 @@ class Scenario:
 
     @property
     def references(self) -> tuple[tuple[int, Vector], ...]:
-        """Stamps [us] of the samples from which on the law is to hold another attitude, as roll, pitch, yaw [rad]."""
-        turns = sorted((item for item in self.event if isinstance(item, AttitudeReference)), key=lambda item: item.at_s)
-        return tuple((self.sample_at(item.at_s) * self.sample_us, item.euler) for item in turns)
+        """Attitude references of the law: stamp [us] of the first sample, and roll, pitch, yaw [rad]."""
+        changes = sorted(
+            (item for item in self.event if isinstance(item, AttitudeReference)), key=lambda item: item.at_s
+        )
+        return tuple((self.sample_at(item.at_s) * self.sample_us, item.euler) for item in changes)
 
     def sample_at(self, time_s: float) -> int:
-        """Return the first sample at or after a time [s]; half a microsecond is not after it."""
+        """Return the first sample at or after a time [s], with a tolerance of half a microsecond."""
         return math.ceil((time_s * 1e6 - 0.5) / self.sample_us)
 
     @property
     def samples(self) -> int:
-        """Number of samples that are flown."""
+        """Number of samples of the flight."""
         return round(self.duration_s * self.control_rate_hz)
 
     def window(self, requirement: Requirement) -> tuple[int, int]:
-        """Return the number of the first sample of a requirement's window, and that of the first after it."""
+        """Return the first sample of a requirement's window, and the first after it."""
         end = self.samples if requirement.to_s is None else self.sample_at(requirement.to_s)
         return self.sample_at(requirement.from_s), end
 
     def _reference_step(self, requirement: Requirement) -> float:
-        """Return by how much [rad] the reference of a requirement's axis changes from before its window to its end."""
+        """Return the change [rad] of the reference of a requirement's axis, from before its window to its end."""
         begin, end = self.window(requirement)
         axis = AXES.index(requirement.axis or "roll")
         before, after = self.reference_at(begin - 1), self.reference_at(end - 1)
         return after[axis] - before[axis]
 
     def reference_at(self, sample: int) -> Vector:
-        """Return roll, pitch, yaw [rad] that the law is to hold at a sample; level before the first."""
+        """Return the attitude reference at a sample as roll, pitch, yaw [rad]; level before the first."""
         held = (0.0, 0.0, 0.0)
         for time_us, euler in self.references:
             held = euler if time_us <= sample * self.sample_us else held
@@ -236,7 +244,7 @@ class Scenario:
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:
-    """Read a scenario file, or a shipped one by its name.
+    """Return a scenario from a file, or a shipped one by its name.
 
     Raises
     ------

@@ -1,28 +1,26 @@
-"""How far a number of a file may be off: `{ nominal = 0.05, low = 0.035, high = 0.065 }` in its place.
+"""Uncertain numbers of a file: `{ nominal = 0.05, low = 0.035, high = 0.065 }` in place of the number.
 
-A normalised `delta` in [-1, 1] moves it: low at -1, nominal at 0, high at 1. It is the LFT's delta and the campaign's.
+A normalised `delta` in [-1, 1] selects the value: low at -1, nominal at 0, high at 1. LFT and campaign use this delta.
 """
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
-from pydantic import ConfigDict, Field, model_validator
-from pydantic.dataclasses import dataclass
+from pydantic import model_validator
 
+from firmware_model.config.fields import Finite, strict_dataclass
 from firmware_model.config.files import validate
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
 
-
-@dataclass(frozen=True, slots=True, kw_only=True, config=ConfigDict(extra="forbid"))
+@strict_dataclass
 class Spread:
-    """A number that is not known exactly."""
+    """Uncertain number."""
 
-    nominal: Number
+    nominal: Finite
     """[as the number] value at delta = 0."""
-    low: Number
+    low: Finite
     """[as the number] least value."""
-    high: Number
+    high: Finite
     """[as the number] largest value."""
 
     @model_validator(mode="after")
@@ -38,18 +36,18 @@ class Spread:
 
 
 def normalisation(low: float, nominal: float, high: float) -> tuple[float, float]:
-    """Return `b` and `c` of `value = nominal + b delta / (1 + c delta)`, linear where nominal is the middle."""
+    """Return `b` and `c` of `value = nominal + b delta / (1 + c delta)`; linear if nominal is the middle."""
     up, down = high - nominal, nominal - low
     return 2.0 * up * down / (up + down), (down - up) / (up + down)
 
 
 def take_nominal(document: Mapping[str, Any], source: str) -> dict[str, Any]:
-    """Return what a file says with the nominal number in the place of each spread.
+    """Return a file's document with each spread replaced by its nominal number.
 
     Raises
     ------
     ConfigError
-        If a spread has other keys or values than are allowed; `source` is named.
+        If a key or value of a spread is not allowed; the error names `source`.
     """
     return {key: _take_nominal(value, f"{source}: {key}") for key, value in document.items()}
 
@@ -65,7 +63,10 @@ def _take_nominal(value: Any, source: str) -> Any:
 
 
 def iter_spreads(document: Any, name: str = "") -> Iterator[tuple[str, Spread]]:
-    """Yield each spread of a checked document by the name of its number: keys joined by dots, components as x, y, z."""
+    """Yield name and spread of each uncertain number of a validated document.
+
+    Names join keys by dots; components of a vector are x, y, z.
+    """
     if isinstance(document, dict) and "nominal" in document:
         yield name, Spread(**document)
     elif isinstance(document, dict | list):
@@ -74,7 +75,7 @@ def iter_spreads(document: Any, name: str = "") -> Iterator[tuple[str, Spread]]:
 
 
 def substitute_spreads(document: Any, values: Mapping[str, float], name: str = "") -> Any:
-    """Return a document with `values` by name in the place of its spreads."""
+    """Return a document with its spreads replaced by `values`, given by name."""
     if name in values:
         return values[name]
     if isinstance(document, dict):

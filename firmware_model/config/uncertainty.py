@@ -1,4 +1,4 @@
-"""All the vehicles that a file allows: each number as it stands there, or anywhere within its spread."""
+"""Set of all vehicles that a file allows: each number fixed, or anywhere within its spread."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -13,79 +13,82 @@ from firmware_model.config.vehicle import VEHICLES, Vehicle, check_body, load_ve
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleSet:
-    """A vehicle file with its spreads."""
+    """Vehicle file with its spreads."""
 
     document: Mapping[str, Any]
-    """What the file says, units there."""
+    """Content of the file, with its units."""
 
     @cached_property
     def spreads(self) -> dict[str, Spread]:
-        """Each spread by the name of its number, in the file's order: `actuator_lag`, `inertia_B.x`, `gyro.snr_db`."""
+        """Spreads by the name of their number, in the file's order: `actuator_lag`, `inertia_B.x`, `gyro.snr_db`."""
         return dict(iter_spreads(self.document))
 
     @cached_property
     def nominal(self) -> Vehicle:
-        """The vehicle with all numbers nominal."""
+        """Vehicle with all numbers nominal."""
         return validate(Vehicle, take_nominal(self.document, self._source), self._source)
 
     @cached_property
-    def _spread(self) -> dict[str, Any]:
-        """What the file says under keys with a spread in them."""
+    def _uncertain_fields(self) -> dict[str, Any]:
+        """Part of the file under keys that contain a spread."""
         keys = {name.partition(".")[0] for name in self.spreads}
         return {key: item for key, item in self.document.items() if key in keys}
 
     @cached_property
-    def _certain(self) -> dict[str, Any]:
-        """What is the same in all the vehicles, checked once."""
-        names = [field.name for field in fields(Vehicle) if field.name not in self._spread]
+    def _fixed_fields(self) -> dict[str, Any]:
+        """Fields that are the same in all vehicles, validated once."""
+        names = [field.name for field in fields(Vehicle) if field.name not in self._uncertain_fields]
         return {name: getattr(self.nominal, name) for name in names}
 
     @property
     def _source(self) -> str:
         return f"vehicle '{self.document['name']}'"
 
-    def at(self, delta: Mapping[str, float]) -> Vehicle:
-        """Return the vehicle at normalised values in [-1, 1] by name; those that are left out are 0, nominal.
+    def vehicle_at(self, delta: Mapping[str, float]) -> Vehicle:
+        """Return the vehicle at normalised values in [-1, 1], by name; omitted ones are 0, the nominal.
 
         Raises
         ------
         ValueError
             If a name is unknown.
         ConfigError
-            If there can be no such vehicle.
+            If no such vehicle is possible.
         """
         if unknown := sorted(set(delta) - set(self.spreads)):
             raise ValueError(f"unknown spread '{unknown[0]}', there are {', '.join(self.spreads) or 'none'}")
         values = {name: spread.value(delta.get(name, 0.0)) for name, spread in self.spreads.items()}
-        return validate(Vehicle, {**self._certain, **substitute_spreads(self._spread, values)}, self._source)
+        return validate(
+            Vehicle, {**self._fixed_fields, **substitute_spreads(self._uncertain_fields, values)}, self._source
+        )
 
 
 def make_vehicle_set(document: Mapping[str, Any], source: str) -> VehicleSet:
-    """Return the set that a document says, each mistake told with its `source`.
+    """Return the vehicle set of a document.
 
     Raises
     ------
     ConfigError
-        If a key or value is not allowed, or an end of a spread is not; or no rigid body has an inertia there.
+        If a key, a value or an end of a spread is not allowed, or no rigid body has such an inertia. The error names
+        `source`.
     """
     validate(Vehicle, take_nominal(document, source), source)
     vehicles = VehicleSet(document=dict(document))
     for name in vehicles.spreads:
         for end in (-1.0, 1.0):
-            vehicles.at({name: end})
+            vehicles.vehicle_at({name: end})
     inertias = [name for name in vehicles.spreads if name.startswith("inertia_B.")]
-    low, high = (vehicles.at(dict.fromkeys(inertias, end)).inertia_B for end in (-1.0, 1.0))
+    low, high = (vehicles.vehicle_at(dict.fromkeys(inertias, end)).inertia_B for end in (-1.0, 1.0))
     check_body(low, high, source)
     return vehicles
 
 
 def load_vehicle_set(name_or_path: str | Path) -> VehicleSet:
-    """Read a vehicle file, or a shipped one by its name, with its spreads.
+    """Return the vehicle set of a file, or of a shipped one by its name.
 
     Raises
     ------
     ConfigError
-        If there is no such file, or a key or value is not allowed, or an end of a spread is not.
+        If there is no such file, or a key, a value or an end of a spread is not allowed.
     """
     name = load_vehicle(name_or_path).name
     path = Path(name_or_path) if Path(name_or_path).suffix == ".toml" else VEHICLES / f"{name_or_path}.toml"

@@ -1,4 +1,4 @@
-"""The airframe: what is simulated and what a design model is made from. Numbers only, read from a TOML file."""
+"""Airframe data of a vehicle file (TOML): the numbers behind simulation and design models."""
 
 from dataclasses import field
 from enum import Enum
@@ -8,9 +8,9 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, model_validator
-from pydantic.dataclasses import dataclass
+from pydantic import Field, model_validator
 
+from firmware_model.config.fields import Finite, NonNegative, Positive, PositiveVector, Vector, strict_dataclass
 from firmware_model.config.files import Name, list_shipped, read_toml
 from firmware_model.config.spreads import take_nominal
 from firmware_model.errors import ConfigError
@@ -19,25 +19,19 @@ GRAVITY = 9.80665
 """[m/s^2] standard gravity (3rd CGPM, 1901), down."""
 VEHICLES = Path(__file__).parent / "data" / "vehicles"
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-PositiveVector = tuple[Positive, Positive, Positive]
 Spin = Literal[1, -1]
-Vector = tuple[Finite, Finite, Finite]
-_STRICT = ConfigDict(extra="forbid")
 
 
 class NoiseModel(Enum):
-    """How the gyro's signal-to-noise ratio is understood."""
+    """Meaning of the gyro's signal-to-noise ratio."""
 
     CONSTANT = "constant"
     """White noise of one strength: the ratio holds at the reference rate."""
     STATE_DEPENDENT = "state-dependent"
-    """White noise in proportion to the rate itself, axis by axis (the paper's wording)."""
+    """White noise in proportion to the rate of each axis (the paper's wording)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Gyro:
     """Three-axis rate gyro."""
 
@@ -46,9 +40,9 @@ class Gyro:
     reference_rate: Positive
     """[rad/s] rms rate at which `snr_db` is stated."""
     range: Positive
-    """[rad/s] largest magnitude that is measured; more is clipped."""
+    """[rad/s] largest measured magnitude; beyond it the output is clipped."""
     noise_model: NoiseModel = NoiseModel.CONSTANT
-    """Whether the noise is constant or in proportion to the rate."""
+    """Constant noise, or noise in proportion to the rate."""
     bias_B: Vector = (0.0, 0.0, 0.0)
     """[rad/s] B, constant error."""
 
@@ -59,28 +53,28 @@ class Gyro:
 
     @property
     def noise_density(self) -> float:
-        """[rad/s/sqrt(Hz)] one-sided: the rms of a 250 Hz sample spread over its 125 Hz of bandwidth."""
+        """[rad/s/sqrt(Hz)] one-sided: rms of a 250 Hz sample, spread over its bandwidth of 125 Hz."""
         return float(self.noise_ratio * self.reference_rate / 125.0**0.5)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Accelerometer:
-    """Three-axis accelerometer at the centre of mass; without numbers in the file, a faultless one."""
+    """Three-axis accelerometer at the centre of mass; without entries in the file, an ideal one."""
 
     noise_density: NonNegative = 0.0
     """[m/s^2/sqrt(Hz)] one-sided, of white noise."""
     range: Positive = 16.0 * GRAVITY
-    """[m/s^2] largest magnitude that is measured; more is clipped."""
+    """[m/s^2] largest measured magnitude; beyond it the output is clipped."""
     bias_B: Vector = (0.0, 0.0, 0.0)
     """[m/s^2] B, constant error."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Stabilizer:
-    """Gains of the on-board cascade, as angular acceleration, so that they do not depend on the inertia."""
+    """Gains of the on-board cascade, as angular acceleration and so independent of the inertia."""
 
     angle_p: Positive
-    """[1/s] rate asked for per radian of attitude error."""
+    """[1/s] commanded rate per radian of attitude error."""
     rate_p: PositiveVector
     """[1/s] B, angular acceleration per rate error."""
     rate_i: tuple[NonNegative, NonNegative, NonNegative]
@@ -90,19 +84,19 @@ class Stabilizer:
     derivative_cutoff: Positive
     """[Hz] corner of the first-order filter on the derivative."""
     rate_limit: Positive
-    """[rad/s] largest rate that the attitude loop asks for, each axis."""
+    """[rad/s] largest rate that the attitude loop commands, each axis."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Rotors:
     """Four rotors, in PX4's order for a quadrotor X: front right, rear left, front left, rear right."""
 
     position_B: tuple[Vector, Vector, Vector, Vector]
     """[m] B, hubs from the centre of mass."""
     spin: tuple[Spin, Spin, Spin, Spin]
-    """[-] 1 counter-clockwise seen from above, whose drag turns the nose right; -1 clockwise."""
+    """[-] 1 counter-clockwise seen from above (drag turns the nose right), -1 clockwise."""
     thrust_max: Positive
-    """[N] largest thrust of one rotor; four times that is what 1.0 of a thrust command means."""
+    """[N] largest thrust of one rotor; a thrust command of 1.0 means four times that."""
     drag_ratio: Positive
     """[m] drag torque per thrust."""
 
@@ -119,12 +113,12 @@ class Rotors:
 
     @model_validator(mode="after")
     def _check_authority(self) -> Self:
-        if mistake := _find_rotor_error(self):
-            raise ValueError(mistake)
+        if error := _find_rotor_error(self):
+            raise ValueError(error)
         return self
 
 
-@lru_cache(maxsize=64)  # whoever makes many vehicles with the same rotors has them judged each time
+@lru_cache(maxsize=64)  # a campaign makes many vehicles with the same rotors
 def _find_rotor_error(rotors: Rotors) -> str:
     if np.linalg.cond(rotors.wrench) > 1e6:
         return "position_B and spin don't give each torque by itself"
@@ -133,36 +127,36 @@ def _find_rotor_error(rotors: Rotors) -> str:
     return ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Gear:
     """Four feet at the corners of a rectangle."""
 
     half_length: Positive
-    """[m] feet ahead of and behind the centre of mass."""
+    """[m] from the centre of mass to the feet, forward and backward."""
     half_width: Positive
-    """[m] feet to its right and left."""
+    """[m] from the centre of mass to the feet, right and left."""
     height: Positive
-    """[m] feet below it, without load."""
+    """[m] from the centre of mass down to the feet, without load."""
     sag: Positive
-    """[m] yield under the weight."""
+    """[m] deflection under the weight."""
     friction: Positive
-    """[-] force that the ground holds, per load."""
+    """[-] friction force per load."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class PositionLoop:
-    """Gains and limits of the on-board loops that hold height and position in free flight."""
+    """Gains and limits of the on-board height and position loops in free flight."""
 
     xy_p: Positive
-    """[1/s] horizontal velocity asked for per position error."""
+    """[1/s] commanded horizontal velocity per position error."""
     xy_velocity_p: Positive
     """[1/s] acceleration per velocity error."""
     xy_velocity_i: NonNegative
     """[1/s^2] acceleration per integrated velocity error."""
     xy_velocity_max: Positive
-    """[m/s] largest horizontal velocity asked for."""
+    """[m/s] largest commanded horizontal velocity."""
     z_p: Positive
-    """[1/s] vertical velocity asked for per height error."""
+    """[1/s] commanded vertical velocity per height error."""
     z_velocity_p: Positive
     """[1/s] acceleration per velocity error."""
     z_velocity_i: NonNegative
@@ -172,29 +166,29 @@ class PositionLoop:
     z_velocity_max_down: Positive
     """[m/s] fastest descent."""
     tilt_max: Annotated[float, Field(gt=0.0, lt=1.2)]
-    """[rad] largest tilt asked for."""
+    """[rad] largest commanded tilt."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Vehicle:
-    """A multirotor as a rigid body with torque actuators."""
+    """Multirotor as a rigid body with torque actuators."""
 
     name: Name
     """Short name; the file's by default."""
     source: str
-    """Where the numbers were published."""
+    """Publication that the numbers are from."""
     mass: Positive
     """[kg]."""
     inertia_B: PositiveVector
     """[kg*m^2] B, principal moments of inertia I_x, I_y, I_z."""
     rate_damping: NonNegative
-    """[1/s] moment against the rate relative to the air, divided by the inertia."""
+    """[1/s] damping moment per rate relative to the air, divided by the inertia."""
     actuator_lag: Positive
     """[s] time constant of the torque response."""
     torque_limit: PositiveVector
-    """[N*m] B, largest torque about each axis; what 1.0 of a normed command means."""
+    """[N*m] B, largest torque about each axis; a normalised command of 1.0 means this."""
     span: Positive
-    """[m] rotor tip to rotor tip, the wing span b of the Dryden model's angular gusts."""
+    """[m] rotor tip to rotor tip: the wing span b in the Dryden model's angular gusts."""
     gust_gain: NonNegative
     """[N*m/(m/s)] roll moment per lateral gust: rotor drag times height of the rotor plane above the centre of mass."""
     gust_yaw_ratio: NonNegative
@@ -216,11 +210,11 @@ class Vehicle:
     accelerometer: Accelerometer = field(default_factory=Accelerometer)
     """Accelerometer."""
     description: str = field(default="")
-    """One line for people."""
+    """One line that describes the vehicle to users."""
 
     @property
     def rotor_drag(self) -> float:
-        """[N/(m/s)] force of all rotors in hover per velocity of the air in their plane: what gives `gust_gain`."""
+        """[N/(m/s)] force of all rotors in hover per velocity of the air in their plane, the cause of `gust_gain`."""
         return self.gust_gain / self.rotors.height
 
     @model_validator(mode="after")
@@ -233,7 +227,7 @@ class Vehicle:
 
 
 def load_vehicle(name_or_path: str | Path) -> Vehicle:
-    """Read a vehicle file, or a shipped one by its name; where a number has a spread, it is the nominal one.
+    """Return a vehicle from a file, or a shipped one by its name; a number with a spread takes its nominal value.
 
     Raises
     ------
@@ -246,14 +240,14 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
 
 
 def check_body(low: Vector, high: Vector, source: str) -> None:
-    """Refuse inertias [kg*m^2] of which one can belong to no rigid body, wherever the others are from `low` to `high`.
+    """Reject an end `low` or `high` [kg*m^2] of an inertia that no rigid body has, whatever the other two are.
 
-    Of a rigid body none is larger than the sum of the other two; it is their sum for a flat plate.
+    No moment of inertia of a rigid body is larger than the sum of the other two. A flat plate reaches that sum.
 
     Raises
     ------
     ConfigError
-        If there is one; `source` is named.
+        If there is one; the error names `source`.
     """
     for i, axis in enumerate("xyz"):
         j, k = (i + 1) % 3, (i + 2) % 3

@@ -1,4 +1,4 @@
-"""Read the CSV files that `replay` tables name."""
+"""Read the CSV files of `replay` tables."""
 
 import csv
 import io
@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 from firmware_model.config.files import read_text
 from firmware_model.config.validation import sanitize_line
-from firmware_model.config.wind import MOST_ROWS
+from firmware_model.config.waveforms import MAX_ROWS
 from firmware_model.errors import ConfigError
 
-_LONGEST = 1000  # characters of a line
+_MAX_LINE = 1000  # characters
 _FRAMES: dict[tuple[str, ...], Literal["ned", "body"]] = {
     ("wind", "time_s", "north_mps", "east_mps", "down_mps"): "ned",
     ("wind", "time_s", "u_mps", "v_mps", "w_mps"): "body",
@@ -23,29 +23,19 @@ _FRAMES: dict[tuple[str, ...], Literal["ned", "body"]] = {
 
 
 def fill_replay_rows(document: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Return a scenario's document in which each replay that names a file has the file's rows and frame.
+    """Return a scenario's document with the rows and frame of its files in each replay that names one.
 
     Raises
     ------
     ConfigError
-        If a file can't be read, or is not a table of numbers below one of the headers that are known.
+        If a file can't be read, or is not a table of numbers below one of the known headers.
     """
-    return {
-        **document,
-        **{
-            key: list(_fill_tables(document[key], key, path))
-            for key in ("wind", "moment")
-            if _has_tables(document, key)
-        },
-    }
-
-
-def _has_tables(document: dict[str, Any], key: str) -> bool:
-    return isinstance(document.get(key), list)
+    lists = {key: document[key] for key in ("wind", "moment") if isinstance(document.get(key), list)}
+    return {**document, **{key: list(_fill_tables(tables, key, path)) for key, tables in lists.items()}}
 
 
 def _fill_tables(tables: list[Any], key: str, path: Path) -> Iterator[Any]:
-    left = MOST_ROWS  # of all the tables together, whatever the number of them
+    left = MAX_ROWS  # limit of all tables together
     for i, table in enumerate(tables):
         named = isinstance(table, dict) and table.get("kind") == "replay" and isinstance(table.get("file"), str)
         if not named or "rows" in table:
@@ -74,14 +64,14 @@ def _read_csv(file: Path, key: str, source: str, most: int) -> tuple[str, list[l
     except (ValueError, csv.Error) as error:
         raise ConfigError(f"{source}: not CSV: {sanitize_line(str(error))}") from None
     if len(rows) > most:
-        raise ConfigError(f"{source}: a scenario's replay tables have at most {MOST_ROWS:,} rows")
+        raise ConfigError(f"{source}: a scenario's replay tables have at most {MAX_ROWS:,} rows")
     return frame, rows
 
 
 def _lines(text: str) -> Iterator[str]:
     for i, line in enumerate(io.StringIO(text, newline=""), 1):
-        if len(line) > _LONGEST:
-            raise ValueError(f"line {i} has more than {_LONGEST} characters")
+        if len(line) > _MAX_LINE:
+            raise ValueError(f"line {i} has more than {_MAX_LINE} characters")
         yield line
 
 

@@ -20,19 +20,21 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.config.moments import (
-    DirectMoment,
-    Moment,
-    MomentCosine,
-    MomentRamp,
-    MomentReplay,
-    MomentSine,
-    MomentSquare,
-    MomentStep,
-    MomentSweep,
-)
 from firmware_model.config.scenario import Scenario
-from firmware_model.config.wind import Gust, GustCosine, GustRamp, GustReplay, GustSine, GustStep, GustSweep, Wind
+from firmware_model.config.waveforms import (
+    DirectMoment,
+    Gust,
+    Moment,
+    MomentReplay,
+    OneMinusCosine,
+    Ramp,
+    Replay,
+    Sine,
+    Square,
+    Step,
+    Sweep,
+    Wind,
+)
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.elementary import sin_cos
 from firmware_model.types import Vector
@@ -55,7 +57,7 @@ def make_waves(scenario: Scenario) -> Array:
 
 def make_replay(scenario: Scenario) -> Array:
     """Return the replay at each sample (samples, 3 * TARGETS); (0, 3 * TARGETS) without replays."""
-    replays = [item for item in _list_tables(scenario) if isinstance(item, (GustReplay, MomentReplay))]
+    replays = [item for item in _list_tables(scenario) if isinstance(item, Replay)]
     table = np.zeros((scenario.samples if replays else 0, 3 * TARGETS))
     time = np.arange(len(table)) * scenario.sample_us * 1e-6
     for item in replays:
@@ -85,17 +87,17 @@ def _make_wave(item: Gust | DirectMoment) -> tuple[float, ...]:
 
 def _shape_params(item: Gust | DirectMoment) -> tuple[float, float, float]:
     match item:
-        case GustStep() | MomentStep():
+        case Step():
             return STEP, 0.0, 0.0
-        case GustRamp() | MomentRamp():
+        case Ramp():
             return RAMP, item.rise_s, 0.0
-        case GustCosine() | MomentCosine():
+        case OneMinusCosine():
             return ONE_MINUS_COSINE, item.length_s, 0.0
-        case GustSine() | MomentSine():
+        case Sine():
             return SINE, item.rate_rad_s, item.phase_rad
-        case MomentSquare():
+        case Square():
             return SQUARE, item.rate_rad_s, item.phase_rad
-        case GustSweep() | MomentSweep():
+        case Sweep():
             slope = (item.rate_to_rad_s - item.rate_from_rad_s) / (item.stop_s - item.start_s)
             return SWEEP, item.rate_from_rad_s, slope
     raise TypeError(f"{type(item).__name__} is no wave")

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from firmware_model.config.wind import Dryden
+from firmware_model.config.waveforms import Dryden
 from firmware_model.numerics.compiled import kernel
 from firmware_model.types import Vector
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from firmware_model.config.wind import Constant, Shear, Wind
+from firmware_model.config.waveforms import Constant, Shear, Wind
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.elementary import log
 from firmware_model.physics.dryden import FOOT

@@ -1,1 +1,1 @@
-"""Own the sockets, the clock and the process: UDP loop, access, real-time hints, logs."""
+"""Sockets, clock and process: UDP loop, access control, real-time hints, logs."""

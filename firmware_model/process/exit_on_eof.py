@@ -1,16 +1,19 @@
-"""How a process notices that whoever started it is gone."""
+"""End of a process when its parent is gone."""
 
 import os
 import sys
 from collections.abc import Callable
 from threading import Thread
 
-EXIT_ON_STDIN_EOF = "end in order when standard input does: whoever started this is gone"
-"""What the option says that asks for it."""
+EXIT_ON_STDIN_EOF = "exit cleanly when standard input ends, as when the parent process is gone"
+"""Help of the option."""
 
 
 def exit_on_stdin_eof(interrupt: Callable[[], None]) -> None:
-    """Call `interrupt` when standard input ends: its other end is held by the starter, and not even a kill keeps it."""
+    """Call `interrupt` when standard input ends.
+
+    Its other end belongs to the parent process, and even a kill closes it.
+    """
 
     def wait() -> None:
         while os.read(sys.stdin.fileno(), 4096):

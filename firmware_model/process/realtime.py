@@ -1,15 +1,15 @@
-"""What a process that flies asks of the interpreter and of the system: not to be interrupted."""
+"""Real-time hints: freeze the garbage collector, request SCHED_FIFO."""
 
 import gc
 import os
 
-_PRIORITY = 10  # of 1..99; what the system's own threads need is at 50 and above
+_PRIORITY = 10  # of 1..99; the kernel's own threads run at 50 and above
 
 
 def freeze_gc(*, off: bool) -> None:
-    """Keep the garbage collector from what is there already; `off`: from all that comes, too.
+    """Exclude all present objects from garbage collection; with `off`, disable it for new objects too.
 
-    A flight leaves no cycles, and the collector's visits cost a sixth of it.
+    A flight leaves no cycles, and collections cost a sixth of its time.
     """
     gc.collect()
     gc.freeze()
@@ -18,12 +18,12 @@ def freeze_gc(*, off: bool) -> None:
 
 
 def request_fifo_scheduling() -> bool:
-    """Have the system run this thread before all usual ones (SCHED_FIFO), if it may; return whether it does.
+    """Request SCHED_FIFO for this thread, ahead of all normal ones; return whether it was granted.
 
-    Threads and processes that it starts from here on are usual ones again.
+    Threads and processes started later are normal again.
     """
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_PRIORITY))
-    except (AttributeError, OSError):  # not every system has it, and few allow it to everybody
+    except (AttributeError, OSError):  # not every system has it, and few grant it to every user
         return False
     return True

@@ -1,4 +1,4 @@
-"""What a terminal is told: what comes and goes on each link, once a second on its last line, and the end in lines."""
+"""Terminal output: a status line with the traffic of each link, once a second, and a summary at the end."""
 
 import shutil
 import signal
@@ -12,13 +12,13 @@ PERIOD_S = 1.0
 
 
 def format_line(links: Mapping[str, Mapping[str, Any]], width: int) -> str:
-    """Return the links' figures in one line of at most `width` characters."""
-    parts = (f"{peer} {_traffic(figures)}" for peer, figures in links.items() if figures["in"])
-    return ("  |  ".join(parts) or "nobody is connected")[:width]
+    """Return the counters of all links in one line of at most `width` characters."""
+    parts = (f"{peer} {_format_traffic(stats)}" for peer, stats in links.items() if stats["in"])
+    return ("  |  ".join(parts) or "no peer is connected")[:width]
 
 
-def ending(facts: Mapping[str, Any]) -> str:
-    """Return the summary of a vehicle's run in lines for people; peers that never spoke are left out."""
+def format_summary(facts: Mapping[str, Any]) -> str:
+    """Return the summary of a vehicle's run as lines of text, without peers that never sent."""
     samples = f"{facts['samples']} samples" if facts["of"] is None else f"{facts['samples']} of {facts['of']} samples"
     outcome = (facts["outcome"] or "broken off").replace("_", " ")
     rows = {}
@@ -30,9 +30,9 @@ def ending(facts: Mapping[str, Any]) -> str:
     if facts["slipped_s"]:
         rows["slipped"] = f"{facts['slipped_s']:.3f} s of wall time"
     if facts["counters"]:
-        rows["counted"] = _counts(facts["counters"])
-    rows |= {peer: _traffic(figures) for peer, figures in facts["links"].items() if figures["in"]}
-    rows |= {f"link {way}": _counts(figures) or "no faults" for way, figures in facts["link_faults"].items()}
+        rows["counted"] = _format_counts(facts["counters"])
+    rows |= {peer: _format_traffic(stats) for peer, stats in facts["links"].items() if stats["in"]}
+    rows |= {f"link {way}": _format_counts(counts) or "no faults" for way, counts in facts["link_faults"].items()}
     return "\n".join(
         (
             f"{outcome}: {samples} in {facts['wall_s']:.1f} s, {facts['realtime_factor']:.2f} times real time",
@@ -43,7 +43,7 @@ def ending(facts: Mapping[str, Any]) -> str:
 
 @contextmanager
 def show_status_line(links: Callable[[], Mapping[str, Mapping[str, Any]]]) -> Iterator[None]:
-    """Show the line on standard error from a timer's signal, which costs the loop that flies nothing."""
+    """Print the status line on standard error from a timer signal, at no cost to the flight loop."""
     if not hasattr(signal, "setitimer"):  # not every system has it
         yield
         return
@@ -62,12 +62,12 @@ def show_status_line(links: Callable[[], Mapping[str, Mapping[str, Any]]]) -> It
         sys.stderr.write("\n")
 
 
-def _traffic(figures: Mapping[str, Any]) -> str:
+def _format_traffic(stats: Mapping[str, Any]) -> str:
     return (
-        f"in {figures['in']} out {figures['out']} lost {figures['lost']} bad {figures['bad']} "
-        f"rejected {sum(figures['rejected'].values())}"
+        f"in {stats['in']} out {stats['out']} lost {stats['lost']} bad {stats['bad']} "
+        f"rejected {sum(stats['rejected'].values())}"
     )
 
 
-def _counts(figures: Mapping[str, int]) -> str:
-    return ", ".join(f"{name} {count}" for name, count in figures.items())
+def _format_counts(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items())

@@ -1,1 +1,1 @@
-"""Append what a flight records to files that survive a crash."""
+"""Recordings of a flight, in files that survive a crash."""

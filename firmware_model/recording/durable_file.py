@@ -1,4 +1,4 @@
-"""A file that grows while flying, and is whole up to its last write whatever ends the process, or the machine."""
+"""Append-only file that stays intact up to its last write if the process or the machine dies."""
 
 import os
 from pathlib import Path
@@ -13,16 +13,16 @@ try:
 except ImportError:  # not every system has it
     fcntl = None
 
-_SYNC_S = 1.0  # wall time: what a power loss can take, besides what was being written
+_SYNC_S = 1.0  # wall time; a power loss costs this much, besides a write in progress
 
 
 class AppendOnlyFile:
-    """A new file, locked while it grows; a thread of its own has the disk keep it, as that can take long.
+    """New file, locked while it grows. Its own thread syncs it to disk, as that can take long.
 
     Raises
     ------
     OSError
-        If the file exists or can't be made.
+        If the file exists or can't be created.
     """
 
     def __init__(self, path: Path) -> None:
@@ -31,7 +31,7 @@ class AppendOnlyFile:
         if fcntl is not None:
             fcntl.flock(self._file, fcntl.LOCK_EX)
         self._closing = Event()
-        self._sync_thread = Thread(target=self._keep, daemon=True)
+        self._sync_thread = Thread(target=self._sync_loop, daemon=True)
         self._sync_thread.start()
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
@@ -40,7 +40,7 @@ class AppendOnlyFile:
         Raises
         ------
         RecordingError
-            If it can't be written; what was written before stays.
+            If the write fails; earlier writes stay in the file.
         """
         rest = memoryview(data)
         try:
@@ -50,18 +50,18 @@ class AppendOnlyFile:
             raise RecordingError(f"{self._path}: {error.strerror}") from None
 
     def close(self) -> None:
-        """Close the file; it may be read by whoever waits for that."""
+        """Close the file and release its lock."""
         self._closing.set()
         self._sync_thread.join()
         self._file.close()
 
-    def _keep(self) -> None:
+    def _sync_loop(self) -> None:
         while not self._closing.wait(_SYNC_S):
             os.fsync(self._file.fileno())
 
 
 def open_locked(path: Path) -> IO[bytes] | None:
-    """Return a file that is locked until it is closed or its process ends; `None` if another process has it."""
+    """Return a file, locked until it is closed or its process ends; `None` if another process holds the lock."""
     file = path.open("ab")
     if fcntl is not None:
         try:
@@ -73,8 +73,8 @@ def open_locked(path: Path) -> IO[bytes] | None:
 
 
 def is_growing(path: Path) -> bool:
-    """Return whether a process is writing the file at this moment; never where files can't be locked."""
-    if fcntl is None or not path.is_file():  # to open a pipe waits for its writer
+    """Return whether a process is writing the file now; always False on systems without file locks."""
+    if fcntl is None or not path.is_file():  # opening a pipe would wait for its writer
         return False
     with path.open("rb") as file:
         try:

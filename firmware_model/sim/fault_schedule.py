@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
-from firmware_model.config.plant_events import (
+from firmware_model.config.events import (
     ActuatorEffect,
     ActuatorLag,
     ActuatorLimit,

@@ -11,7 +11,7 @@ from firmware_model.autopilot.attitude_loop import StabilizerState, stabilizer_p
 from firmware_model.autopilot.position_loop import initial_position_state, position_params
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
-from firmware_model.config.wind import Dryden
+from firmware_model.config.waveforms import Dryden
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.elementary import normals
 from firmware_model.numerics.random import GUST_STREAM

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.config.plant_events import (
+from firmware_model.config.events import (
     ActuatorEffect,
     ActuatorLag,
     AttitudeReference,
@@ -15,7 +15,7 @@ from firmware_model.config.plant_events import (
 )
 from firmware_model.config.scenario import AccelerometerFault, load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.config.wind import Constant, GustReplay, GustStep, Shear
+from firmware_model.config.waveforms import Constant, GustReplay, GustStep, Shear
 from firmware_model.numerics.rotations import euler_angles
 from gustproof.law.form import load_law
 from gustproof.simulate.direct import fly_direct

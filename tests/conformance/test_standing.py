@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.autopilot.modes import LandedState, Mode
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.config.wind import Constant
+from firmware_model.config.waveforms import Constant
 from firmware_model.mavlink.frames import RejectReason, parse
 from firmware_model.session.pacing import TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint

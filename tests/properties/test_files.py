@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_model.config.files import write_toml
-from firmware_model.config.moments import MomentSine, MomentSquare, MomentStep
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario, list_scenarios, load_scenario
 from firmware_model.config.vehicle import list_vehicles, load_vehicle
-from firmware_model.config.wind import Dryden, GustCosine, GustReplay
+from firmware_model.config.waveforms import Dryden, GustCosine, GustReplay, MomentSine, MomentSquare, MomentStep
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 positive = st.floats(min_value=0.0, exclude_min=True, allow_infinity=False)

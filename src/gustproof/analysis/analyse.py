@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
-from firmware_model.config.moments import MomentStep
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.config.vehicle import Vehicle
+from firmware_model.config.waveforms import MomentStep
 from gustproof.analysis.hover_loop import HoverLoop, hover_loop
 from gustproof.analysis.law_margins import SPREADS, axis_robustness
 from gustproof.analysis.placement import Placement, locate

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.config.wind import Dryden
+from firmware_model.config.waveforms import Dryden
 from gustproof.analysis.law_margins import HoverMargins
 from gustproof.errors import DesignError
 from gustproof.law.form import Law

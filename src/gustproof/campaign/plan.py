@@ -107,7 +107,9 @@ class Campaign:
         drawn = dict(zip(self.spreads, delta, strict=True))
         attitude = self.scenario.initial_attitude_deg
         roll, pitch, yaw = (self._value(name, drawn, usual) for name, usual in zip(_ATTITUDE, attitude, strict=True))
-        vehicle = self.vehicles.at({name: value for name, value in drawn.items() if name in self.vehicles.spreads})
+        vehicle = self.vehicles.vehicle_at(
+            {name: value for name, value in drawn.items() if name in self.vehicles.spreads}
+        )
         gust_scale = self._value(_GUST, drawn, 1.0)
         case = {"vehicle": vehicle, "seed": seed, "gust_scale": gust_scale, "initial_attitude_deg": (roll, pitch, yaw)}
         return validate(Case, case, "case")

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from firmware_model.errors import ConfigError
+from firmware_model.errors import ConfigError, ConfigErrors
+from gustproof.cli.failures import ExitStatus, exit_with
 
 scenario = typer.Typer(
     no_args_is_help=True, help="Scenarios: the shipped ones, what stands in one, whether a file of your own is sound."
@@ -54,18 +55,22 @@ def show_text(
 def check(
     file: Annotated[str, typer.Argument(help="A .toml file, or the name of a shipped one.", show_default=False)],
 ) -> None:
-    """Say whether a scenario is sound; if not, every mistake with its key and what is allowed, and exit status 2.
+    """Validate a scenario; print one line for each error, with its key and what is allowed, and exit with status 2.
 
-    What would never be flown is a mistake too: an event after the end, the drift of a vehicle that is held.
+    A table without effect is an error too: an event after the end, the drift of a vehicle that is held.
 
     gustproof scenario check mine.toml
     """
     from firmware_model.config.scenario import load_scenario
     from gustproof.report.scenarios import describe_scenario
 
-    script = load_scenario(file)
-    if script.unflown:
-        raise ConfigError(f"{file}: {'; '.join(script.unflown)}")
+    try:
+        script = load_scenario(file)
+        if script.unflown:
+            raise ConfigErrors(file, script.unflown)
+    except ConfigErrors as errors:
+        exits = [exit_with(line, ExitStatus.BAD_INPUT) for line in errors.lines]
+        raise exits[-1] from None
     print(describe_scenario(script))
 
 

@@ -14,10 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.config.moments import Moment, MomentSine, MomentSquare, MomentStep
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.config.wind import Dryden
+from firmware_model.config.waveforms import Dryden, Moment, MomentSine, MomentSquare, MomentStep
 from firmware_model.types import Vector
 from gustproof.falsify.starts import (
     AMPLITUDES,

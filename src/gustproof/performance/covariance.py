@@ -13,7 +13,7 @@ import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.config.wind import Dryden
+from firmware_model.config.waveforms import Dryden
 from firmware_model.physics.dryden import dryden_filters, dryden_spectrum, gust_moment
 from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Matrix

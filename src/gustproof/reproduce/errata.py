@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.config.wind import Constant, Dryden, GustCosine, Wind
+from firmware_model.config.waveforms import Constant, Dryden, GustCosine, Wind
 
 
 class OpenQuestion(NamedTuple):

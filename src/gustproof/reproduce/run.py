@@ -13,7 +13,7 @@ from rich.text import Text
 
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.config.wind import Dryden
+from firmware_model.config.waveforms import Dryden
 from firmware_model.errors import ConfigError
 from gustproof.analysis.law_margins import SPREADS, HoverMargins, axis_robustness, hover_margins
 from gustproof.analysis.placement import PerformanceLimits, performance_limits

@@ -9,8 +9,9 @@ from pydantic import SkipValidation
 from pydantic.dataclasses import dataclass as checked_dataclass
 
 from firmware_model.autopilot.parameters import published_hover, published_limit
+from firmware_model.config.fields import NonNegative
 from firmware_model.config.scenario import Angle, Scenario
-from firmware_model.config.vehicle import NonNegative, Vehicle
+from firmware_model.config.vehicle import Vehicle
 from firmware_model.numerics.soa import aligned_zeros
 from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.sim import inner_loop

@@ -231,7 +231,7 @@ class _ProcessPair:
     def _start(self, watched: Callable[[int, Path], None]) -> None:
         vehicle = self._launch(
             "vehicle", "firmware_model", "--json", "--exit-on-stdin-eof", *self._options, "--seed", str(self._seed),
-            "--journal", str(self._journal), "--note", str(self._files["note"]),
+            "--journal", str(self._journal), "--metadata", str(self._files["note"]),
             "--scenario", str(self._files["scenario"]), "--vehicle", str(self._files["vehicle"]),
         )  # fmt: skip
         # The controller starts meanwhile, and is told the port when the vehicle has one.

@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
+from firmware_model.config.fields import NonNegative, Positive, PositiveVector
 from firmware_model.config.files import Name, list_shipped, read_toml
-from firmware_model.config.vehicle import NonNegative, Positive, PositiveVector, Vehicle
+from firmware_model.config.vehicle import Vehicle
 from gustproof.lti.state_space import Lti
 from gustproof.model.generalized import Weights, rates_problem, torque_problem
 from gustproof.model.interconnection import Interconnection

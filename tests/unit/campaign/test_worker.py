@@ -3,8 +3,8 @@ from dataclasses import replace
 
 import pytest
 
+from firmware_model.config.events import Payload
 from firmware_model.config.link_faults import Delay
-from firmware_model.config.plant_events import Payload
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.errors import ConfigError
 from gustproof.campaign.plan import DispersionKind

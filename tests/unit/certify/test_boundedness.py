@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_model.config.moments import MomentSine, MomentSquare
 from firmware_model.config.scenario import GyroFault, Scenario
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.waveforms import MomentSine, MomentSquare
 from gustproof.certify.boundedness import certify_boundedness
 from gustproof.certify.certificate import Certificate, load_certificate
 from gustproof.certify.check import check, seal

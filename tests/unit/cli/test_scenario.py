@@ -60,6 +60,7 @@ def test_every_mistake_of_a_file_is_told_in_one_go_and_the_status_is_2(text, wor
     assert result.exit_code == 2
     assert "Traceback" not in result.stderr
     assert all(word in result.stderr for word in [str(mine), *words])
+    assert len(result.stderr.splitlines()) == len(words)
 
 
 def test_no_such_scenario_is_one_line():

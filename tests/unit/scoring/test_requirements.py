@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from firmware_model.config.events import AttitudeReference
 from firmware_model.config.files import validate
-from firmware_model.config.plant_events import AttitudeReference
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
@@ -210,8 +210,8 @@ def test_every_metric_is_measured(metric):
         ({"metric": "peak_deg", "at_most": 1.0, "axis": "x"}, "'roll', 'pitch' or 'yaw'"),
         ({"metric": "peak_deg", "at_most": 1.0, "within_deg": 1.0}, "within_deg"),
         ({"metric": "settling_s", "at_most": 1.0}, "within_deg"),
-        ({"metric": "drift_m", "at_most": 1.0, "axis": "roll"}, "drift_m is not of an axis"),
-        ({"metric": "overshoot_percent", "at_most": 1.0}, "is of one axis"),
+        ({"metric": "drift_m", "at_most": 1.0, "axis": "roll"}, "drift_m has no axis"),
+        ({"metric": "overshoot_percent", "at_most": 1.0}, "needs an axis"),
         ({"metric": "peak_deg", "at_most": 1.0, "to_s": 5.0}, "require.0: to_s must not be later than the end, 4.0 s"),
         ({"metric": "peak_deg", "at_most": 1.0, "from_s": 3.996}, "at least two samples"),
         ({"metric": "overshoot_percent", "axis": "yaw", "at_most": 1.0}, "no step of the reference in yaw"),

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.config.plant_events import ActuatorEffect, AttitudeReference, GyroBias, Payload
+from firmware_model.config.events import ActuatorEffect, AttitudeReference, GyroBias, Payload
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import list_scenarios, load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.config.wind import GustCosine, GustReplay, GustStep
+from firmware_model.config.waveforms import GustCosine, GustReplay, GustStep
 from firmware_model.numerics.rotations import euler_angles
 from firmware_model.physics.ground import ground_params, ground_wrench
 from firmware_model.physics.rigid_body import Body

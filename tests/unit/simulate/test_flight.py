@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from firmware_model.autopilot.modes import Mode
-from firmware_model.config.events import ModeChange
-from firmware_model.config.plant_events import AttitudeReference
+from firmware_model.config.events import AttitudeReference, ModeChange
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError

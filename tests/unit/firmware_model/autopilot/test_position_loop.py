@@ -9,7 +9,7 @@ import pytest
 from firmware_model.autopilot.position_loop import attitude_for_acceleration
 from firmware_model.config.scenario import GyroFault, Scenario
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
-from firmware_model.config.wind import Constant, Dryden
+from firmware_model.config.waveforms import Constant, Dryden
 from firmware_model.numerics.rotations import euler_angles, from_euler, rotate
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop

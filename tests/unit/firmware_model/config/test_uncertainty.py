@@ -29,7 +29,7 @@ def test_a_shipped_set_has_its_vehicle_in_the_middle(name):
 
 
 def test_delta_moves_the_number_that_it_names_and_no_other():
-    vehicle = load_vehicle_set("paper").at({"inertia_B.y": -1.0, "actuator_lag": 1.0, "gyro.bias_B.z": 0.5})
+    vehicle = load_vehicle_set("paper").vehicle_at({"inertia_B.y": -1.0, "actuator_lag": 1.0, "gyro.bias_B.z": 0.5})
     assert vehicle.inertia_B == (0.25, 0.16, 0.1)
     assert vehicle.actuator_lag == 0.065
     assert vehicle.gyro.bias_B == (0.0, 0.0, 1e-5)
@@ -45,7 +45,7 @@ def test_delta_is_that_of_the_uncertain_model():
 
 def test_an_unknown_name_is_told_with_those_there_are():
     with pytest.raises(ValueError, match=r"unknown spread 'mas', there are inertia_B\.x, .*gyro\.snr_db"):
-        load_vehicle_set("paper").at({"mas": 0.1})
+        load_vehicle_set("paper").vehicle_at({"mas": 0.1})
 
 
 @pytest.mark.parametrize(
@@ -74,4 +74,4 @@ def test_a_file_without_spreads_is_a_set_of_one(tmp_path):
     path = written(tmp_path, "{ nominal = 0.05, low = 0.035, high = 0.065 }", "0.05")
     vehicles = load_vehicle_set(path)
     assert "actuator_lag" not in vehicles.spreads
-    assert vehicles.at({"inertia_B.x": 1.0}).actuator_lag == 0.05
+    assert vehicles.vehicle_at({"inertia_B.x": 1.0}).actuator_lag == 0.05

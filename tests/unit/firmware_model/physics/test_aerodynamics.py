@@ -8,7 +8,7 @@ import pytest
 
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
-from firmware_model.config.wind import Constant, Dryden, GustCosine
+from firmware_model.config.waveforms import Constant, Dryden, GustCosine
 from firmware_model.numerics.rotations import euler_angles, from_euler
 from firmware_model.physics.aerodynamics import AIR_DENSITY, Air, FreeInputs, free_params, sensor_wrench, step
 from firmware_model.physics.rigid_body import Body, BodyInputs

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from firmware_model.config.moments import (
+from firmware_model.config.scenario import GyroFault, Scenario, load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.waveforms import (
+    Constant,
+    GustCosine,
+    GustRamp,
+    GustReplay,
+    GustSine,
+    GustStep,
+    GustSweep,
     Moment,
     MomentCosine,
     MomentRamp,
@@ -18,17 +27,6 @@ from firmware_model.config.moments import (
     MomentSquare,
     MomentStep,
     MomentSweep,
-)
-from firmware_model.config.scenario import GyroFault, Scenario, load_scenario
-from firmware_model.config.vehicle import load_vehicle
-from firmware_model.config.wind import (
-    Constant,
-    GustCosine,
-    GustRamp,
-    GustReplay,
-    GustSine,
-    GustStep,
-    GustSweep,
     Shear,
     Wind,
 )

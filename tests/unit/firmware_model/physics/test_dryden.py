@@ -9,7 +9,7 @@ import scipy.linalg
 import scipy.signal
 
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.config.wind import Dryden
+from firmware_model.config.waveforms import Dryden
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.elementary import normals
 from firmware_model.physics.dryden import (

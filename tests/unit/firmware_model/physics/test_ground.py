@@ -7,7 +7,7 @@ import pytest
 
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
-from firmware_model.config.wind import Constant, Dryden
+from firmware_model.config.waveforms import Constant, Dryden
 from firmware_model.numerics.rotations import from_euler, rotate
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.layout import X_BODY

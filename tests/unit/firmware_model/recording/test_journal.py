@@ -63,7 +63,7 @@ def test_a_growing_journal_counts_its_records_and_not_its_header(tmp_path: Path)
     path.write_bytes(b'{"half": "a hea')
     assert count_records(path) == 0
     path.unlink()
-    with JournalWriter(path, {"note": "x" * 100_000}, at_once=10) as journal:
+    with JournalWriter(path, {"note": "x" * 100_000}, buffer_records=10) as journal:
         assert count_records(path) == 0
         for _ in range(25):
             journal.append(np.zeros(WIDTH))
@@ -73,7 +73,7 @@ def test_a_growing_journal_counts_its_records_and_not_its_header(tmp_path: Path)
 
 @pytest.mark.parametrize("rate_hz", [10, 1000])
 def test_a_crash_loses_less_than_a_second_at_any_rate(tmp_path: Path, rate_hz: int) -> None:
-    with JournalWriter(tmp_path / "j", {}, at_once=rate_hz) as journal:
+    with JournalWriter(tmp_path / "j", {}, buffer_records=rate_hz) as journal:
         for _ in range(3 * rate_hz - 1):
             journal.append(np.zeros(WIDTH))
         assert 3 * rate_hz - 1 - count_records(tmp_path / "j") < rate_hz

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.config.moments import MomentSine
 from firmware_model.config.scenario import GyroFault, Scenario, load_scenario
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
-from firmware_model.config.wind import Constant
+from firmware_model.config.waveforms import Constant, MomentSine
 from firmware_model.numerics.rotations import euler_angles, from_euler
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from firmware_model.config.moments import MomentStep
 from firmware_model.config.scenario import GyroFault, load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.waveforms import MomentStep
 from gustproof.law.cascade import cascade_law
 from gustproof.law.form import Provenance
 from gustproof.performance.covariance import axis_models, axis_performance

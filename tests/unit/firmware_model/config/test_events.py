@@ -7,20 +7,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from firmware_model.config.events import Event
-from firmware_model.config.files import validate
-from firmware_model.config.moments import MomentStep
-from firmware_model.config.plant_events import (
+from firmware_model.config.events import (
     ActuatorEffect,
     ActuatorLag,
     ActuatorLimit,
+    Event,
     GyroBias,
     GyroNoise,
     GyroRange,
     Payload,
 )
+from firmware_model.config.files import validate
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
+from firmware_model.config.waveforms import MomentStep
 from firmware_model.errors import ConfigError
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop
