@@ -131,7 +131,7 @@ def test_ctrl_c_leaves_the_parts_one_line_and_no_process(table, script, tmp_path
     assert process.returncode == 130
     assert told == ""
     assert complaint == (
-        "gustproof: interrupted; what was flown is in mc.parquet.parts, and the same command goes on from there\n"
+        "gustproof: interrupted; finished runs are in mc.parquet.parts, and the same command resumes from there\n"
     )
     assert psutil.wait_procs(family, PATIENCE_S)[1] == []
 

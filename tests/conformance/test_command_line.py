@@ -49,7 +49,7 @@ def test_an_interrupted_flight_leaves_a_whole_bag_one_line_and_no_process(
     process = start(tmp_path, duration_s=3600.0)
     output, errors = end_by(process, number)
     assert process.returncode == 130
-    assert errors.strip().splitlines() == ["gustproof: interrupted; what was flown is in run"]
+    assert errors.strip().splitlines() == ["gustproof: interrupted; the recording so far is in run"]
     told = json.loads(output)
     _, records = read_bag(tmp_path / told["bag"])
     assert told["outcome"] == "interrupted"
