@@ -36,10 +36,10 @@ def reproduce(
     if not anyway:
         paper.check(airframe)
     folder = make_run_folder(out, "reproduce")
-    with progress("starting", quiet=as_json) as shown:
-        result = paper.reproduce(airframe, range(1, seeds + 1), folder, shown)
+    with progress("starting", quiet=as_json) as show_progress:
+        result = paper.reproduce(airframe, range(1, seeds + 1), folder, show_progress)
     if as_json:
-        print(json.dumps(result.summary(), indent=2))
+        print(json.dumps(result.to_dict(), indent=2))
     else:
-        show(result.document())
+        show(result.render())
         print(f"results in {folder}: summary.json, report.txt, figures, bags, laws")
