@@ -103,7 +103,7 @@ def test_environment_of_the_same_packages_serves_again_and_none_is_made_in_a_hur
     python.touch()
     (tmp_path / "installed").write_text("one==1 two==2", encoding="utf-8")
     assert peer.environment(tmp_path, ["one==1", "two==2"], new=True) == python
-    with pytest.raises(peer.PeerError, match="--quick makes none"):
+    with pytest.raises(peer.PeerError, match="--quick does not make one"):
         peer.environment(tmp_path, ["one==1", "two==3"], new=False)
 
 

@@ -8,8 +8,8 @@ from gustproof.analysis.placement import ErrorLimits
 
 _NOTE = (
     "Limits are small-angle averages over many flights; few flights scatter. Gyro noise alone makes the attitude "
-    "drift, whatever the law; only the part above 'any slew' can be tuned away. The second table holds linear laws that "
-    "were found, so it lies above the limit: by 1 % at Ms 1.15, .2 % from 1.36 on. In the first table and in the "
+    "drift, whatever the law; only the part above 'any slew' can be tuned away. The second table holds linear laws "
+    "that were found, so it lies above the limit: by 1 % at Ms 1.15, .2 % from 1.36 on. In the first table and in the "
     "column 'any', no law is better, linear or not."
 )
 
