@@ -27,7 +27,7 @@ from firmware_model.config.vehicle import Vehicle, list_vehicles, load_vehicle
 from firmware_model.errors import ConfigError, RecordingError
 from firmware_model.mavlink.frames import Address
 from firmware_model.process import access, realtime, status_line, udp
-from firmware_model.process.exit_on_eof import EXIT_ON_STDIN_EOF, exit_on_stdin_eof
+from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from firmware_model.process.tlog import Tlog
 from firmware_model.recording.journal import JournalWriter
 from firmware_model.session.outcome import VehicleOutcome
@@ -220,9 +220,9 @@ def _make_parser(program: str) -> argparse.ArgumentParser:
     )
     access.add_options(parser)
     add("--journal", type=Path, help="new file for the flight's records")
-    add("--note", type=Path, help="JSON file whose content heads the journal: all that a recording of the flight says")
+    add("--note", type=Path, help=argparse.SUPPRESS)  # JSON file with the metadata for the journal's header
     add("--tlog", type=Path, help="new file for the MAVLink traffic, which ground stations open")
-    add("--exit-on-stdin-eof", action="store_true", help=EXIT_ON_STDIN_EOF)
+    add("--exit-on-stdin-eof", action="store_true", help=argparse.SUPPRESS)
     add("--autopilot", choices=("px4", "generic"), default="px4", help="whose MAVLink it speaks [%(default)s]")
     add("--params", action="store_true", help="print all parameters with units, ranges and meanings, and end")
     add("--json", action="store_true", help="print JSON, one object a line")

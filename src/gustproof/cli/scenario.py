@@ -52,9 +52,9 @@ def show_text(
 def check(
     file: Annotated[str, typer.Argument(help="A .toml file, or the name of a shipped one.", show_default=False)],
 ) -> None:
-    """Check a scenario. Print every mistake with its key and the allowed values, and exit with status 2.
+    """Validate a scenario; print one line for each error, with its key and what is allowed, and exit with status 2.
 
-    A part that would never be flown is a mistake too: an event after the end, the drift of a vehicle that is held.
+    A table without effect is an error too: an event after the end, the drift of a vehicle that is held.
 
     gustproof scenario check mine.toml
     """

@@ -75,7 +75,7 @@ def render_flight(
     metrics: Metrics | None,
     bag: Path | None,
     requirements: Sequence[RequirementResult] = (),
-    pace: Mapping[str, Any] | None = None,
+    timing: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
 ) -> Renderable:
     """Return figures, requirements, timing, warnings and the bag of one flight."""
@@ -85,17 +85,17 @@ def render_flight(
         parts.append(figures_table("", {"": metrics}))
     if requirements:
         parts.append(requirements_table(requirements))
-    if pace:
-        parts.extend(map(Text, pace_lines(pace)))
+    if timing:
+        parts.extend(map(Text, timing_lines(timing)))
     parts += [Text(f"warning: {line}", style="yellow") for line in warnings]
     return Group(*parts, Text(f"recorded in {bag}" if bag else "no samples were flown or recorded"))
 
 
-def pace_lines(pace: Mapping[str, Any]) -> Iterable[str]:
+def timing_lines(timing: Mapping[str, Any]) -> Iterable[str]:
     """Yield the timing of a flight in real time, and the late samples at its law if the controller reported them."""
-    yield _TIMING_TEXT.format_map(pace)
-    if "late_samples" in pace:
-        yield _SAMPLES.format_map(pace)
+    yield _TIMING_TEXT.format_map(timing)
+    if "late_samples" in timing:
+        yield _SAMPLES.format_map(timing)
 
 
 def requirements_table(requirements: Iterable[RequirementResult]) -> Table:

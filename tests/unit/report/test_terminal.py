@@ -112,12 +112,12 @@ def test_deadlines_of_real_time_are_told():
         lateness.add(late_us)
     late = {f"late_{name}": value for name, value in lateness.figures().items()}
     pace = {"missed": 3, "held": 5, **late, "fifo": True}
-    told = written(render_flight("x", None, None, pace=pace))
+    told = written(render_flight("x", None, None, timing=pace))
     assert "missed deadlines 3, repeated set-points 5" in told
     assert "lateness median 2 us, p99 900 us, max 900 us" in told
     assert "at the law" not in told
     samples = {"late_samples": 125, "missed_samples": 0}
-    assert "samples at the law: 125 late, 0 missed" in written(render_flight("x", None, None, pace=pace | samples))
+    assert "samples at the law: 125 late, 0 missed" in written(render_flight("x", None, None, timing=pace | samples))
 
 
 def test_how_a_flight_ended_is_told_in_one_line(tmp_path):
