@@ -51,26 +51,42 @@ _CRAZYFLOW = ("crazyflow==0.4.0", "jax==0.10.1", "jaxlib==0.10.1", "mujoco==4.0.
 _DRONES = "2,000 a core with attitude control, float32, without turbulence and sensors"
 PEERS = {
     "crazyflow, RK4": Peer(
-        environment="crazyflow", packages=_CRAZYFLOW, flight_s=1.5, options=("rk4",), all_cores=True,
+        environment="crazyflow",
+        packages=_CRAZYFLOW,
+        flight_s=1.5,
+        options=("rk4",),
+        all_cores=True,
         what=f"{CORES} cores; {_DRONES}",
     ),
     "crazyflow, Euler": Peer(
-        environment="crazyflow", packages=_CRAZYFLOW, flight_s=3.0, options=("euler",), all_cores=True,
-        lower_order=True, what=f"{CORES} cores; the same with first-order steps, its default",
+        environment="crazyflow",
+        packages=_CRAZYFLOW,
+        flight_s=3.0,
+        options=("euler",),
+        all_cores=True,
+        lower_order=True,
+        what=f"{CORES} cores; the same with first-order steps, its default",
     ),
     "jsbsim": Peer(
-        environment="jsbsim", packages=("jsbsim==1.3.3",), flight_s=20.0,
+        environment="jsbsim",
+        packages=("jsbsim==1.3.3",),
+        flight_s=20.0,
         what="one core; turbulence of type 4, without a controller",
     ),
     "mujoco, RK4": Peer(
-        environment="mujoco", packages=("mujoco==4.0.0",), flight_s=20.0, all_cores=True,
+        environment="mujoco",
+        packages=("mujoco==4.0.0",),
+        flight_s=20.0,
+        all_cores=True,
         what=f"{CORES} cores; rollout of rigid bodies, without turbulence, sensors and controller",
     ),
     "rotorpy, RK45": Peer(
-        environment="rotorpy", packages=("rotorpy==3.0.0",), flight_s=0.5,
+        environment="rotorpy",
+        packages=("rotorpy==3.0.0",),
+        flight_s=0.5,
         what="one core; Dryden gusts, sensors and its own controller; one flight, as its batches need torch",
     ),
-}  # fmt: skip
+}
 
 
 def measure(bench: Bench) -> None:

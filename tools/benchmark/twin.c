@@ -236,7 +236,7 @@ static void law_step(const int64_t *ends, const double *terms, const double *lim
 }
 
 /* Flies W flights: `params` and `state` hold rows of W, `last` (7, W) becomes attitude and rates at the last sample,
- * `torque` (W) the sum of the squares of the torques asked for. */
+ * `torque` (W) the sum of the squares of the commanded torques. */
 void fly(int samples, int substeps, double dt, const double *params, double *state, const uint32_t *seed,
          const int64_t *ends, const double *terms, const double *limits, const double *limit, double *last,
          double *torque)
@@ -263,10 +263,10 @@ void fly(int samples, int substeps, double dt, const double *params, double *sta
         law_step(ends, terms, limits, u);
         for (int i = 0; i < 3; i++)
             LANES {
-                double asked = late[i][w] * limit[i];
+                double command = late[i][w] * limit[i];
                 late[i][w] = clamped((float)(u[i][w] / limit[i]), 1.0);
-                u[i][w] = asked;
-                torque[w] += asked * asked;
+                u[i][w] = command;
+                torque[w] += command * command;
             }
         LANES {
             double v = DRY(16) * air[1][w] + DRY(17) * air[2][w], vertical = DRY(31) * air[4][w] + DRY(32) * air[5][w];

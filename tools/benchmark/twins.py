@@ -35,9 +35,15 @@ class Twin:
         self.width, self._scenario, self._law, self._vehicle = width, scenario, law, vehicle
         gust_gain = layout.AIR + AirParams._fields.index("gust_gain")
         defined = {
-            "W": width, "ORDER": law.order, "BODY": layout.BODY, "DRYDEN": layout.DRYDEN, "GYRO": layout.GYRO,
-            "GUST_GAIN": gust_gain, "X_BODY": layout.X_BODY, "X_DRYDEN": layout.X_DRYDEN,
-        }  # fmt: skip
+            "W": width,
+            "ORDER": law.order,
+            "BODY": layout.BODY,
+            "DRYDEN": layout.DRYDEN,
+            "GYRO": layout.GYRO,
+            "GUST_GAIN": gust_gain,
+            "X_BODY": layout.X_BODY,
+            "X_DRYDEN": layout.X_DRYDEN,
+        }
         library = folder / f"twin{width}.so"
         options = [*_OPTIONS, *(f"-D{name}={value}" for name, value in defined.items())]
         subprocess.run([compiler, *options, str(_SOURCE), "-o", str(library), "-lm"], check=True, capture_output=True)

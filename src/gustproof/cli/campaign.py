@@ -78,9 +78,16 @@ def campaign(
 
 
 def _make_plan(
-    scenario: str, laws: list[str], vehicle: str, spread: str | None, sampling: str, gust: float, attitude_deg: float,
-    runs: int, seed: int,
-) -> "Campaign":  # fmt: skip
+    scenario: str,
+    laws: list[str],
+    vehicle: str,
+    spread: str | None,
+    sampling: str,
+    gust: float,
+    attitude_deg: float,
+    runs: int,
+    seed: int,
+) -> "Campaign":
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
     from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads, usual_dispersions
@@ -93,10 +100,14 @@ def _make_plan(
     else:
         wanted = [_parse_choice(DispersionKind, "--spread", word.strip()) for word in spread.split(",")]
     return Campaign(
-        scenario=script, laws=tuple(load_law(name) for name in laws), vehicles=vehicles,
+        scenario=script,
+        laws=tuple(load_law(name) for name in laws),
+        vehicles=vehicles,
         spreads=select_spreads(vehicles, script, wanted, gust=gust, attitude_deg=attitude_deg),
-        cases=runs, sampling=_parse_choice(Sampling, "--sampling", sampling), seed=seed,
-    )  # fmt: skip
+        cases=runs,
+        sampling=_parse_choice(Sampling, "--sampling", sampling),
+        seed=seed,
+    )
 
 
 def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | None, *, quiet: bool) -> None:
@@ -122,9 +133,11 @@ def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | No
             progress(title, quiet=quiet) as shown,
         ):
             fly_campaign(
-                plan, output, pool,
+                plan,
+                output,
+                pool,
                 progress=lambda flown, of: shown(flown / max(of, 1), f"{title}: {plan.runs - of + flown:,} runs"),
-            )  # fmt: skip
+            )
     except KeyboardInterrupt:
         line = f"interrupted; finished runs are in {output}.parts, and the same command resumes from there"
         raise exit_with(line, ExitStatus.INTERRUPTED) from None

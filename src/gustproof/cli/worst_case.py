@@ -59,10 +59,15 @@ def worst_case(
     try:
         with progress(f"searching, {flown.name}", quiet=as_json) as shown:
             found = search(
-                flown, vehicle=airframe, budget=moment, duration_s=horizon, flights=flights, seed=seed,
+                flown,
+                vehicle=airframe,
+                budget=moment,
+                duration_s=horizon,
+                flights=flights,
+                seed=seed,
                 spreads=Spreads(inertia=inertia_spread, actuator_lag=lag_spread),
                 progress=lambda fraction: shown(fraction, f"searching, {flown.name}"),
-            )  # fmt: skip
+            )
     except ValueError as error:
         raise ConfigError(str(error)) from None
     files = [] if output is None else [output]

@@ -96,9 +96,11 @@ def _requirements_table(found: CampaignStatistics) -> Table:
         for each in law.passed:
             last = (format_value(each.worst[0].value), str(each.worst[0].run)) if each.worst else ("", "")
             table.add_row(
-                requirement_label(each.requirement), requirement_limits(each.requirement),
-                _one_cell(format_share(each.rate)), *last,
-            )  # fmt: skip
+                requirement_label(each.requirement),
+                requirement_limits(each.requirement),
+                _one_cell(format_share(each.rate)),
+                *last,
+            )
         table.add_row("all requirements", "", _one_cell(format_share(law.all_held)))
         table.add_section()
     return table

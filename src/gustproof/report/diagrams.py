@@ -195,9 +195,15 @@ def save_lft(structure: LftStructure, title: str, path: Path) -> None:
 
 def _draw_box(axes: Axes, x: float, y: float, half: tuple[float, float], fill: str) -> None:
     box = FancyBboxPatch(
-        (x - half[0], y - half[1]), 2.0 * half[0], 2.0 * half[1], boxstyle="round,pad=0,rounding_size=0.06",
-        facecolor=fill, edgecolor=_INK, linewidth=1.2, zorder=3,
-    )  # fmt: skip
+        (x - half[0], y - half[1]),
+        2.0 * half[0],
+        2.0 * half[1],
+        boxstyle="round,pad=0,rounding_size=0.06",
+        facecolor=fill,
+        edgecolor=_INK,
+        linewidth=1.2,
+        zorder=3,
+    )
     axes.add_patch(box)
 
 

@@ -106,10 +106,12 @@ def requirements_table(requirements: Iterable[RequirementResult]) -> Table:
     for result in requirements:
         required = result.requirement
         table.add_row(
-            requirement_label(required), requirement_window(required), requirement_limits(required),
+            requirement_label(required),
+            requirement_window(required),
+            requirement_limits(required),
             *map(_format_figure, (result.value, result.margin)),
             Text(*verdict(result)),
-        )  # fmt: skip
+        )
     return table
 
 

@@ -126,9 +126,10 @@ def _judge_errors(name: str, table: TableIII, ours: Metrics) -> Claim:
 
 def _judge_superiority(hinf: Metrics, default: Metrics, fair: Metrics) -> Claim:
     beats = [
-        name for name, pid in (("default", default), ("fair", fair))
+        name
+        for name, pid in (("default", default), ("fair", fair))
         if hinf.peak_deg < pid.peak_deg and hinf.rmse_deg < pid.rmse_deg
-    ]  # fmt: skip
+    ]
     return Claim(
         paper="H-infinity holds attitude far better than PID",
         ours=f"RMSE {hinf.rmse_deg:.2f} deg, against {default.rmse_deg:.2f} of the autotuned PID and "

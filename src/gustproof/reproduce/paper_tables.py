@@ -89,10 +89,19 @@ def render_comparison(
 ) -> Renderable:
     """Return all laws in the same turbulence, comparisons by figure and margins, and the cost of commanding rates."""
     columns = (
-        "law", "peak\n\n[deg]", "RMSE\n\n[deg]", "pre-\ndicted\n[deg]", "bound\n\n[deg]", "torque\nrms\n[N m]",
-        "slew\nrms\n[N m/s]", "coning\nroll\n[deg]", "bias\nroll\n[deg]", "Ms\n\n[-]", "phase\nmargin\n[deg]",
+        "law",
+        "peak\n\n[deg]",
+        "RMSE\n\n[deg]",
+        "pre-\ndicted\n[deg]",
+        "bound\n\n[deg]",
+        "torque\nrms\n[N m]",
+        "slew\nrms\n[N m/s]",
+        "coning\nroll\n[deg]",
+        "bias\nroll\n[deg]",
+        "Ms\n\n[-]",
+        "phase\nmargin\n[deg]",
         "delay\nmargin\n[ms]",
-    )  # fmt: skip
+    )
     table = Table(
         title="Fair comparison: turbulence alone, all laws on the same route", box=SIMPLE, padding=0, pad_edge=False
     )
@@ -125,9 +134,15 @@ def render_background(vehicle: Vehicle, scenario: Scenario) -> Renderable:
     gaps = _questions_table("Gaps of the paper, and choices", "gap", list_choices(vehicle, scenario))
     limits = Text("Limitations", style="bold")
     return Group(
-        differences, *(Text(f"{paragraph}\n") for paragraph in _DIFFERENCES), errata, Text(), gaps, Text(),
-        limits, *(Text(f"- {line}") for line in _LIMITATIONS),
-    )  # fmt: skip
+        differences,
+        *(Text(f"{paragraph}\n") for paragraph in _DIFFERENCES),
+        errata,
+        Text(),
+        gaps,
+        Text(),
+        limits,
+        *(Text(f"- {line}") for line in _LIMITATIONS),
+    )
 
 
 def _questions_table(title: str, first: str, questions: Iterable[OpenQuestion]) -> Table:

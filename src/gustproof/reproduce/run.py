@@ -160,8 +160,10 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
             for law in laws.values()
             for seed in (_select_seeds(law.name, seeds) if _is_random(scenario) else seeds[:1])
         ],
-        vehicle, out / "bags", progress,
-    )  # fmt: skip
+        vehicle,
+        out / "bags",
+        progress,
+    )
     medians = {law: {scenario: _median_of(flights, scenario, law) for scenario in scenarios} for law in laws}
     design_d1, solved = derive(load_design("D1"), vehicle)
     reproduction = Reproduction(

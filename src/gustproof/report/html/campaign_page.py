@@ -89,8 +89,15 @@ def _render_requirements(found: CampaignStatistics) -> str:
         for each in law.passed:
             last = f"{format_value(each.worst[0].value)} in run {each.worst[0].run}" if each.worst else "–"
             required = each.requirement
-            rows.append([_render_law(found, law), requirement_label(required), requirement_limits(required),
-                         _format_share(each.rate), escape(last)])  # fmt: skip
+            rows.append(
+                [
+                    _render_law(found, law),
+                    requirement_label(required),
+                    requirement_limits(required),
+                    _format_share(each.rate),
+                    escape(last),
+                ]
+            )
         rows.append(
             [_render_law(found, law), "all requirements, and flown to the end", "", _format_share(law.all_held), ""]
         )

@@ -101,8 +101,10 @@ def _weight_charts(label: str, report: DesignReport) -> ChartGroup:
         inputs.append(("w_r", "reference", "rad", design.W_r))
     charts = []
     for w, cause, cause_unit, W_in in inputs:
-        for z, effect, effect_unit, W_out in (("z_e", "attitude error", "rad", design.W_e),
-                                              ("z_u", "command", command, design.W_u)):  # fmt: skip
+        for z, effect, effect_unit, W_out in (
+            ("z_e", "attitude error", "rad", design.W_e),
+            ("z_u", "command", command, design.W_u),
+        ):
             rows, columns = _component_slice(problem.z, z), _component_slice(problem.w, w)
             scale = _weight_gains(W_out.system()) * _weight_gains(W_in.system())
             gains = np.abs(np.diagonal(response[:, rows, columns], 0, 1, 2)) / scale
@@ -112,8 +114,14 @@ def _weight_charts(label: str, report: DesignReport) -> ChartGroup:
     allowed = np.full(len(_OMEGA), level)
     bound = Curve(label=f"γ = {level:.4g}", colour=None, x=_OMEGA, y=allowed, style=CurveStyle.DASHED)
     largest = Curve(label="w to z", colour=0, x=_OMEGA, y=weighted)
-    charts.append(Chart(title="weighted: largest singular value [-]", x_label="frequency [rad/s]",
-                        kind=ChartKind.FREQUENCY, curves=(bound, largest)))  # fmt: skip
+    charts.append(
+        Chart(
+            title="weighted: largest singular value [-]",
+            x_label="frequency [rad/s]",
+            kind=ChartKind.FREQUENCY,
+            curves=(bound, largest),
+        )
+    )
     note = (
         f"Design {design.name}, in its own continuous model with its leak. Solid: the gain of each axis, a singular "
         "value at hover, where the axes do not couple. Dashed: the bound set by the weights and the level γ."
