@@ -1,4 +1,4 @@
-"""The command `gustproof fly` as a shell runs it, ended by others than itself."""
+"""The command `gustproof fly` as a shell runs it, ended from outside."""
 
 import json
 import signal
@@ -22,7 +22,7 @@ def start(tmp_path: Path, *, duration_s: float) -> subprocess.Popen[str]:
     process = subprocess.Popen(
         [sys.executable, "-m", "gustproof", *arguments],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        # A shell ignores Ctrl-C for what it starts in the background, and all that comes of it does.
+        # Background processes of a shell ignore Ctrl-C, and so do their children.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     deadline = time.monotonic() + ENOUGH_S

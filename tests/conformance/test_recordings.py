@@ -1,4 +1,4 @@
-"""What one flight leaves behind, read by programs of others, and the flight flown again from its bag alone."""
+"""Recordings of one flight, read by foreign programs, and the flight repeated from its bag alone."""
 
 import json
 import math

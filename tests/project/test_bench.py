@@ -1,4 +1,4 @@
-"""The benchmark works and writes what it says; how fast anything is, no test judges."""
+"""The benchmark works and writes its table and file; no test judges speed."""
 
 import importlib
 import json
@@ -65,7 +65,7 @@ def started(peer, folder, text):
     return peer.Program([sys.executable, str(program)], folder / "errors.log")
 
 
-# Its clock ticks once a reading: a flight takes a second, and the k-th simulates k of them.
+# Its clock ticks once a reading: a flight takes a second, and the k-th flight simulates k seconds.
 COUNTS = """
 import itertools, turns
 ticks, flights = itertools.count(), itertools.count(1)

@@ -1,4 +1,4 @@
-"""What a person gets from the command line: help that answers at once, one line a mistake, the right exit status."""
+"""Command line: immediate help, one line for each mistake, the right exit status."""
 
 import json
 import subprocess
