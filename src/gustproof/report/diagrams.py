@@ -1,6 +1,6 @@
 """Block diagrams of the design problem and of its LFT."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
@@ -71,8 +71,9 @@ def save_interconnection(problem: Interconnection, title: str, path: Path) -> No
             axes.text(x + 0.1, y - 0.04, "−", ha="left", va="top", fontsize=10, color=_INK)
     for signal, group in groupby(wires, key=lambda wire: wire.signal):
         _draw_signal(axes, labels[signal], [wire.points for wire in group], signal in problem.w, signal in problem.z)
-    x, y = zip(*(point for wire in wires for point in wire.points), strict=True)
-    left, right, low, high = min(x) - 0.3, max(x) + 0.8, min(y) - 0.2, max(y) + 0.7
+    corners = [point for wire in wires for point in wire.points]
+    left, right = min(x for x, _ in corners) - 0.3, max(x for x, _ in corners) + 0.8
+    low, high = min(y for _, y in corners) - 0.2, max(y for _, y in corners) + 0.7
     axes.set_xlim(left, right)
     axes.set_ylim(low, high)
     figure.set_size_inches(0.62 * (right - left), 0.62 * (high - low) + 0.5)
@@ -121,13 +122,17 @@ def route_wires(problem: Interconnection) -> list[Wire]:
             ends = ((x - _RADIUS, y),) if y0 == y else ((x, y0), (x, edge))
             wires.append(Wire(name, ((x0, y0), *ends), sign))
     wires += [Wire(name, (sources[name], (_OUTPUT_X, sources[name][1]))) for name in problem.z]
-    low = min(y for wire in wires for _, y in wire.points) - 0.6
-    x1, y1 = _PLACES["K"][0] - _WIDTH, _PLACES["K"][1]
-    for i, name in enumerate(sorted(problem.y, key=lambda name: sources[name])):
-        x0, y0 = sources[name]
-        right, left, down, port = x0 + 0.5, x1 - 0.5 - 0.25 * i, low - 0.4 * i, y1 + _PORT * i
-        wires.append(Wire(name, ((x0, y0), (right, y0), (right, down), (left, down), (left, port), (x1, port))))
+    wires += _route_feedback(problem.y, sources, low=min(y for wire in wires for _, y in wire.points) - 0.6)
     return sorted(wires, key=lambda wire: wire.signal)
+
+
+def _route_feedback(names: Sequence[str], sources: Mapping[str, Point], *, low: float) -> Iterator[Wire]:
+    """Yield the wires of the measurements, back to the left below everything else."""
+    x1, y1 = _PLACES["K"][0] - _WIDTH, _PLACES["K"][1]
+    for i, name in enumerate(sorted(names, key=lambda name: sources[name])):
+        x0, y0 = sources[name]
+        right, left, down, entry = x0 + 0.5, x1 - 0.5 - 0.25 * i, low - 0.4 * i, y1 + _PORT * i
+        yield Wire(name, ((x0, y0), (right, y0), (right, down), (left, down), (left, entry), (x1, entry)))
 
 
 def _iter_sources(problem: Interconnection) -> Iterator[tuple[str, Point]]:
