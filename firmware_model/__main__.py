@@ -27,7 +27,7 @@ from firmware_model.config.validation import Parser, printable
 from firmware_model.config.vehicle import Vehicle, list_vehicles, load_vehicle
 from firmware_model.errors import ConfigError, RecordingError
 from firmware_model.process import access, realtime, status_line, udp
-from firmware_model.process.exit_on_eof import EXIT_ON_STDIN_EOF, exit_on_stdin_eof
+from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from firmware_model.process.tlog import Tlog
 from firmware_model.recording.journal import JournalWriter
 from firmware_model.session.outcome import VehicleOutcome
@@ -239,9 +239,9 @@ def _make_parser(program: str) -> argparse.ArgumentParser:
     )
     access.add_options(parser)
     add("--journal", type=Path, help="new file for the records of the flight")
-    add("--metadata", type=Path, help="JSON file with the metadata for the journal's header")
+    add("--metadata", type=Path, help=argparse.SUPPRESS)  # JSON file with the metadata for the journal's header
     add("--tlog", type=Path, help="new telemetry log of the MAVLink traffic, a format of ground stations")
-    add("--exit-on-stdin-eof", action="store_true", help=EXIT_ON_STDIN_EOF)
+    add("--exit-on-stdin-eof", action="store_true", help=argparse.SUPPRESS)
     add("--autopilot", choices=("px4", "generic"), default="px4", help="MAVLink dialect [%(default)s]")
     add("--params", action="store_true", help="print all parameters with units, ranges and meanings, and exit")
     add("--json", action="store_true", help="print JSON, one object a line")

@@ -1,4 +1,4 @@
-"""Campaigns on real processes and a real cluster, killed and interrupted: the same bytes whatever happens."""
+"""Campaigns on real processes and a real cluster, killed and interrupted, give the same bytes."""
 
 import gc
 import json
@@ -92,7 +92,7 @@ def campaign(script) -> Campaign:
 
 @pytest.fixture(scope="module")
 def table(campaign, script) -> Path:
-    """Return the campaign's file, flown here one run at a time: from then on all processes find its kernel compiled."""
+    """Return the campaign's file, flown here one run at a time, which compiles the kernel for all processes."""
     path = script.with_name("mc.parquet")
     fly_campaign(campaign, path, Here(), chunk_runs=1)
     return path
@@ -131,7 +131,7 @@ def test_ctrl_c_leaves_the_parts_one_line_and_no_process(table, script, tmp_path
     assert process.returncode == 130
     assert told == ""
     assert complaint == (
-        "gustproof: interrupted; what was flown is in mc.parquet.parts, and the same command goes on from there\n"
+        "gustproof: interrupted; finished runs are in mc.parquet.parts, and the same command resumes from there\n"
     )
     assert psutil.wait_procs(family, PATIENCE_S)[1] == []
 
@@ -147,7 +147,7 @@ def test_a_run_that_kills_its_process_is_found_and_the_others_are_flown(campaign
         return SimpleNamespace(table=rows[first, runs], wall_s=1.0)
 
     class Light:
-        """Processes that need not load the project, so that they are soon replaced."""
+        """Processes that do not load the project, so that they start fast."""
 
         deaths, width = (BrokenExecutor,), 3
 
@@ -169,7 +169,7 @@ def test_a_worker_that_has_done_a_task_has_nothing_old_to_be_looked_through_for_
 
 @pytest.fixture
 def dask(tmp_path) -> Iterator[tuple[str, list[int]]]:
-    """Start a dask cluster of two workers; give its scheduler's address and the processes of the workers."""
+    """Start a dask cluster of two workers; yield its scheduler's address and the workers' processes."""
     pytest.importorskip("distributed")
     process = subprocess.Popen(
         [sys.executable, "-c", CLUSTER, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,

@@ -1,4 +1,4 @@
-"""Flights that are killed, and disks that are full: what was flown is there, and `recover` makes it a recording."""
+"""Killed flights and full disks: the journal survives, and `recover` makes a recording of it."""
 
 import json
 import os
@@ -42,7 +42,7 @@ def fly(tmp_path: Path, *arguments: str, **options: object) -> subprocess.Comple
 
 
 def wait_for_the_processes_of(run: Path) -> None:
-    """Wait until no process of a flight is left: those whose starter was killed end in order."""
+    """Wait until no process of a flight is left: without their parent they end in order."""
     deadline = time.monotonic() + ENOUGH_S
     while any(str(run) in " ".join(process.info["cmdline"] or ()) for process in psutil.process_iter(["cmdline"])):
         assert time.monotonic() < deadline

@@ -1,6 +1,6 @@
-"""Files from elsewhere that mean harm: one printable line, exit status 2, little memory, nothing written.
+"""Hostile files lead to one printable line, exit status 2, little memory, and nothing written.
 
-Names that are paths, texts that command a terminal, what unfolds to gigabytes, what never ends.
+The files have names that are paths, terminal control sequences, gigabytes in small archives, or no end.
 """
 
 import json
@@ -395,7 +395,7 @@ def everything(root: Path) -> set[Path]:
 
 
 def memory(key: str) -> int:
-    """Return what this process needs, `VmRSS`, or has needed at most, `VmHWM` [bytes]."""
+    """Return the memory of this process now, `VmRSS`, or at its peak, `VmHWM` [bytes]."""
     lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
     return 1024 * int(lines[key].split()[0])
 
@@ -422,7 +422,7 @@ def test_hostile_file_is_refused_in_one_printable_line(name: str, folder: Path, 
     begin = memory("VmRSS")
     result = CliRunner().invoke(app, arguments)
     assert not isinstance(result.exception, Exception), result.exception
-    assert memory("VmHWM") - begin < 0.8 * GIB  # an empty interpreter with what it has loaded takes the rest
+    assert memory("VmHWM") - begin < 0.8 * GIB  # the interpreter and its modules take the rest
     assert_refused(result.exit_code, result.stdout, result.stderr, arguments)
     assert everything(tmp_path) == before
 

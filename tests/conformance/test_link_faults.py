@@ -62,13 +62,13 @@ def loopback(scenario: Scenario, law: str = "hinf-scheduled", seed: int = 7) -> 
 
 
 def phases(records: np.ndarray) -> list[tuple[Mode, float]]:
-    """Return each mode that was flown and when [s] it began."""
+    """Return each flown mode with its start [s]."""
     begun = [next(group) for _, group in groupby(enumerate(records["mode"]), key=lambda item: item[1])]
     return [(Mode(int(mode)), round(sample * SAMPLE_S, 3)) for sample, mode in begun]
 
 
 class RealTime:
-    """A flight in real time, on a virtual clock that both sides are served on to the microsecond."""
+    """A flight in real time, on a virtual clock that serves both sides to the microsecond."""
 
     def __init__(self, scenario: Scenario, seed: int = 7) -> None:
         self.rows: list[bytes] = []
@@ -117,7 +117,7 @@ def test_delay_of_n_samples_is_n_delay_samples_more_between_two_processes(tmp_pa
     flight = fly(delayed(GUSTY, 1, 2), law, vehicle=VEHICLE, seed=7, out=tmp_path)
     assert flight.records.tobytes() == direct.tobytes()
     assert (flight.outcome, flight.counters["held"]) == (FlightOutcome.DONE, 3)
-    # What is sent in the end arrives after it.
+    # The last datagrams arrive after the end.
     assert flight.link["to_controller"] == {"sent": GUSTY.samples, "arrived": GUSTY.samples - 1}
     assert flight.link["to_vehicle"] == {"sent": GUSTY.samples - 1, "arrived": GUSTY.samples - 3}
 
@@ -187,7 +187,7 @@ def test_lost_link_is_a_lost_stream_after_its_time_out(direction):
     cut = Loss(kind="loss", direction=direction, probability=1.0, start_s=1.0, stop_s=3.0)
     flight = RealTime(replace(GUSTY, link=(cut,)))
     looped = loopback(replace(GUSTY, link=(cut,)))
-    # The last set-point was heard at .996 s.
+    # The last set-point arrived at .996 s.
     assert phases(looped) == [(OFFBOARD, 0.0), (STABILIZED, 1.996)]
     assert b"".join(flight.rows) == looped.tobytes()
     assert flight.vehicle.outcome is VehicleOutcome.STREAM_LOST
@@ -207,7 +207,7 @@ def test_hung_controller_loses_the_vehicle_and_gets_it_back_when_offboard_is_set
     hang = ControllerHang(kind="controller_hung", at_s=0.5, for_s=1.5)
     early, back = (ModeChange(kind="mode", at_s=at_s, mode="offboard") for at_s in (1.8, 2.4))
     flown = loopback(replace(GUSTY, event=(hang, early, back)))
-    # Without living set-points it is refused.
+    # Without current set-points it is refused.
     assert phases(flown) == [(OFFBOARD, 0.0), (STABILIZED, 1.496), (OFFBOARD, 2.4)]
 
 

@@ -195,7 +195,7 @@ def test_flight_that_nobody_begins_ends_with_a_name():
 def test_dead_autopilot_is_noticed_by_the_controller():
     flight = Flight()
     flight.run(down=lambda datagram, flown: [datagram] if flown < 50 else [])
-    assert flight.vehicle.outcome is VehicleOutcome.STREAM_LOST  # it can't hear that it is not heard
+    assert flight.vehicle.outcome is VehicleOutcome.STREAM_LOST  # it cannot know that its datagrams are lost
     while not flight.controller.finished:
         flight.now_us = max(flight.now_us + 1, flight.controller.deadline_us())
         flight.controller.poll(flight.now_us)

@@ -1,4 +1,4 @@
-"""Real processes over real sockets: what a user, a ground station and a killer may do to them."""
+"""Real processes over real sockets, with actions of a user, a ground station and a killer."""
 
 import json
 import os
@@ -38,7 +38,7 @@ def child(module: str) -> psutil.Process:
 
 
 class AtFirstProgress:
-    """Does something once as soon as records of the flight have been seen."""
+    """Performs an action once, after the first records of the flight."""
 
     def __init__(self, action: Callable[[], None]) -> None:
         self.action: Callable[[], None] | None = action

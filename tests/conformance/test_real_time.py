@@ -1,4 +1,4 @@
-"""Real processes at the pace of the clock, on free ports; nothing here asks how fast the machine is."""
+"""Real processes at the pace of the clock, on free ports. No test depends on the machine's speed."""
 
 import json
 import math

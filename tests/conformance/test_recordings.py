@@ -1,4 +1,4 @@
-"""What one flight leaves behind, read by programs of others, and the flight flown again from its bag alone."""
+"""Recordings of one flight, read by foreign programs, and the flight repeated from its bag alone."""
 
 import json
 import math
@@ -60,8 +60,8 @@ def test_a_flight_is_flown_again_from_its_bag_alone_byte_for_byte(run):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--repeat", "run1", "--law", "hinf-d1"), "'law' can't be given with it"),
-        (("--repeat", "run1", "--seed", "1"), "'seed' can't be given with it"),
+        (("--repeat", "run1", "--law", "hinf-d1"), "'law' cannot be given with it"),
+        (("--repeat", "run1", "--seed", "1"), "'seed' cannot be given with it"),
         (("--repeat", "."), "no bag in it"),
     ],
 )

@@ -77,7 +77,7 @@ def test_a_law_turns_to_the_reference_of_the_scenario(law):
     records = fly_direct(scenario, load_law(law), vehicle=load_vehicle("paper"))
     angles = np.degrees(euler_angles(records["q_NB"]))
     assert np.max(np.abs(angles[:125])) < 0.1
-    # A linear law takes the integrals of rates for angles: an error of the second order, 4 deg times 6 deg.
+    # A linear law integrates rates as angles, which is an error of second order: 4 deg times 6 deg.
     np.testing.assert_allclose(angles[-1], turn.euler_deg, atol=0.5)
 
 

@@ -1,4 +1,4 @@
-"""Signing between processes: the vehicle's on one side, on the other pymavlink's `mavutil` as its users write it."""
+"""Signing between the vehicle's process and pymavlink's `mavutil`, written as its users do."""
 
 import json
 import signal
@@ -50,7 +50,7 @@ print(json.dumps({
 
 
 class Vehicle:
-    """A standing vehicle's process on a free port, and what it says in the end."""
+    """Process of a vehicle on the ground at a free port, with its last output."""
 
     def __init__(self, *options: str) -> None:
         self.process = subprocess.Popen(

@@ -1,4 +1,4 @@
-"""A standing vehicle, a pilot at a ground station and a law, on one virtual clock: who flies, and how that changes."""
+"""A vehicle on the ground, a pilot at a ground station and a law, on one virtual clock: control and its transfer."""
 
 import math
 import struct
@@ -32,7 +32,7 @@ def untouched(datagram: bytes) -> list[bytes]:
 
 
 class Airfield:
-    """The vehicle in real time, a pilot, and a controller that may join; `up` tampers with what the controller says."""
+    """The vehicle in real time, a pilot, and a controller that may join; `up` alters the controller's datagrams."""
 
     def __init__(self, *, air: Scenario = CALM, free: bool = True) -> None:
         scenario = replace(air, translation="free" if free else "held")
@@ -131,7 +131,7 @@ def field() -> Airfield:
 
 @pytest.fixture
 def flown(field) -> Airfield:
-    """A law that was given a vehicle in hover, and has flown it for a second."""
+    """A law one second after it took over a vehicle in hover."""
     field.take_off()
     field.join()
     field.until(lambda: field.autopilot.mode is Mode.OFFBOARD, 3.0)
@@ -165,7 +165,7 @@ def test_vehicle_takes_off_again_after_it_has_landed(field):
 
 def test_return_comes_home_and_lands(field):
     field.take_off(5.0)
-    field.order(SET_MODE, 1.0, 7.0)  # level: it drifts with what it has
+    field.order(SET_MODE, 1.0, 7.0)  # level: it keeps its drift
     field.run(5.0)
     assert field.order(SET_MODE, 1.0, AUTO, RETURN) == wire.MAV_RESULT_ACCEPTED
     field.until(lambda: not field.autopilot.armed, 90.0)
@@ -256,7 +256,7 @@ def test_dead_law_leads_to_the_fail_safe_that_was_set(flown, action, mode, text)
     flown.run(1.2)
     assert flown.autopilot.mode is mode
     assert f"set-points stopped: fail-safe to {text}" in flown.texts
-    # The stream comes back and is told of, but only the pilot can give the vehicle back.
+    # The stream comes back and is announced, but only the pilot can return control.
     flown.up = untouched
     flown.run(3.0)
     assert flown.autopilot.mode is mode

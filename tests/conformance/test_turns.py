@@ -1,4 +1,4 @@
-"""What vehicle and controller do at once in lockstep is, to the byte, what they do step by step."""
+"""The fast path of lockstep sends the same bytes as the step-by-step path."""
 
 import math
 from dataclasses import replace
@@ -82,7 +82,7 @@ ALTERED = {60: (1.5, (0,)), 80: (-0.5, (3,)), 120: (math.nan, (1,))}
 
 
 def altered(datagram: bytes, value: float, fields: tuple[int, ...]) -> bytes:
-    """Return a set-point with another value of the fields behind its stamp; anything else as it is."""
+    """Return a set-point with other fields behind its stamp, and anything else unchanged."""
     (frame,) = parse(datagram)
     series = {139: messages.torque_template(1), 82: messages.rate_template(1)}.get(frame.message_id)
     values = series.read(datagram, frame.sequence) if series else None

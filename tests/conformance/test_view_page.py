@@ -1,4 +1,4 @@
-"""The live page in Debian's Chromium, with flights by real processes; nothing here asks how fast the machine is."""
+"""The live page in Debian's Chromium, with flights by real processes. No test depends on the machine's speed."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -117,16 +117,16 @@ def text(browser, name: str) -> str:
 
 
 def assert_clean(browser, page: LivePage) -> None:
-    browser.run("0")  # all that was said before is read with the answer
+    browser.run("0")  # all earlier messages are read with the answer
     assert browser.complaints == []
     assert browser.requests
     assert [request for request in browser.requests if not request.startswith((page.address, "data:"))] == []
 
 
 def assert_attitude_is_the_recordings(browser, flight: FlightResult) -> None:
-    """All rows that the page has are those of the journal, and the last is what it draws when the flight is over.
+    """All rows of the page are those of the journal, and the last one is drawn at the end of the flight.
 
-    In real time the state after the last sample may be told too, which no record has.
+    In real time the page may also have the state after the last sample, which no record has.
     """
     rows = np.array(browser.run("gustproof.rows.attitude"))
     sample = np.rint(rows[:, 0] / flight.scenario.dt).astype(int)
@@ -142,7 +142,7 @@ def assert_attitude_is_the_recordings(browser, flight: FlightResult) -> None:
 
 
 def assert_age_is_the_recordings(browser, flight: FlightResult) -> None:
-    """Each row has the oldest command since the row before; that of the last row is told in words."""
+    """Each row has the oldest command since the row before; that of the last row is shown as text."""
     age_ms = flight.scenario.sample_us / 1000 * flight.records["command_age"][:, 0]
     last = range(0, len(age_ms), 5)
     oldest = [age_ms[max(sample - 4, 0) : sample + 1].max() for sample in last]
@@ -212,7 +212,7 @@ def test_pause_and_gusts_act_in_mid_flight(browser, tmp_path):
         flown = flight.flown()
     assert flown.outcome is FlightOutcome.AUTOPILOT_LOST
     gust = np.linalg.norm(flown.records["gust_B"], axis=1)
-    assert np.all(gust[1:stands] == 0.0)  # sample 0 was taken before anybody could wish
+    assert np.all(gust[1:stands] == 0.0)  # sample 0 was taken before any request
     assert np.all(gust[-250:] > 0.0)
 
 

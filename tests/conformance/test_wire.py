@@ -1,4 +1,4 @@
-"""Bytes on the wire, worked out by hand from the message definitions, and what pymavlink's own parser reads in them."""
+"""Bytes on the wire, derived by hand from the message definitions and read by pymavlink's own parser."""
 
 import math
 import struct

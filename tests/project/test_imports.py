@@ -1,4 +1,4 @@
-"""The import contracts of pyproject.toml hold, and what flies starts without the heavy packages."""
+"""The import contracts of pyproject.toml hold, and flying modules start without the heavy packages."""
 
 import subprocess
 import sys

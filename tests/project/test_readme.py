@@ -1,4 +1,4 @@
-"""What the README shows can be typed: commands, options, and the names of laws and scenarios exist."""
+"""The README's commands, options, laws and scenarios exist, and its examples run."""
 
 import os
 import re

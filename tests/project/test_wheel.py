@@ -67,7 +67,7 @@ def test_the_installed_wheel_flies_a_shipped_law_on_a_shipped_vehicle(wheel: Pat
 
 
 def requirements(name: str, extras: frozenset[str]) -> Iterator[Requirement]:
-    """Yield what an installed distribution asks for here, on this Python and system."""
+    """Yield the requirements of an installed distribution on this Python and system."""
     from importlib.metadata import requires
 
     for text in requires(name) or ():

@@ -1,4 +1,4 @@
-"""The command line, put together from one file a subcommand."""
+"""The command line, assembled from one module for each subcommand."""
 
 import typer
 

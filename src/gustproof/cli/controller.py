@@ -1,4 +1,4 @@
-"""`gustproof controller`: the controller's process."""
+"""The command `gustproof controller`: the controller's process."""
 
 import typer
 

@@ -1,4 +1,4 @@
-"""The one place that turns a failure into one line on stderr and an exit status."""
+"""Exit statuses, and failures as one line on stderr."""
 
 import errno
 import sys
@@ -13,31 +13,31 @@ from firmware_model.config.validation import printable
 from firmware_model.errors import ConfigError
 from gustproof.errors import DesignError, FlightError
 
-ANYWAY = "Fly, too, what is refused: a law that is unstable on the vehicle, references that it does not hold."
+ANYWAY = "Fly even a law that is unstable on the vehicle, or references that it does not hold."
 """Help of `--anyway`."""
-_DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # writing raises them, and does not say where
+_DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # raised by writes, without a file's name
 
 
 class ExitStatus(IntEnum):
-    """Exit statuses."""
+    """Exit status of a command."""
 
     DONE = 0
-    """All went well."""
+    """Success."""
     REQUIREMENT_FAILED = 1
-    """Everything ran, and a stated requirement was not met."""
+    """The command ran to its end, and a stated requirement failed."""
     BAD_INPUT = 2
-    """A file, a name or an option is wrong, or no controller exists as asked."""
+    """A file, a name or an option is wrong, or the design has no controller."""
     FLIGHT_BROKE_OFF = 3
     """A flight did not reach its end."""
     INTERRUPTED = 130
-    """Ctrl-C, as shells count it."""
+    """Ctrl-C, with the number that shells use."""
 
 
 class OneLineErrors(TyperGroup):
-    """A group of subcommands whose expected failures end in one clear line instead of a traceback."""
+    """Group of subcommands whose expected failures print one line instead of a traceback."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the subcommand; what nobody expected still shows its traceback."""
+        """Run the subcommand; an unexpected error still shows its traceback."""
         try:
             return super().invoke(ctx)
         except (ConfigError, DesignError) as error:
@@ -49,14 +49,14 @@ class OneLineErrors(TyperGroup):
         except KeyboardInterrupt:
             raise exit_with("interrupted", ExitStatus.INTERRUPTED) from None
         except OSError as error:
-            if error.filename is None and error.errno not in _DISK_FULL:  # not about a file that someone named
+            if error.filename is None and error.errno not in _DISK_FULL:  # not about a named file: unexpected
                 raise
             named = "" if error.filename is None else f"{error.filename}: "
             raise exit_with(f"{named}{error.strerror}", ExitStatus.BAD_INPUT) from None
 
 
 def say(line: str) -> None:
-    """Print a line that holds words of a file, which may come from anywhere."""
+    """Print a line with text from a file, without control characters: the file may come from anywhere."""
     print(printable(line))
 
 

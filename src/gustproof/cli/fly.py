@@ -1,4 +1,4 @@
-"""`gustproof fly`: one flight, new or again."""
+"""The command `gustproof fly`: one flight, new or repeated."""
 
 import json
 import sys
@@ -33,29 +33,32 @@ def fly(
     vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")] = 1,
     real_time: Annotated[
-        bool, typer.Option("--real-time", help="At the pace of the clock, on the usual ports.")
+        bool, typer.Option("--real-time", help="Fly at the pace of the clock, on the usual ports.")
     ] = False,
     repeat: Annotated[
         Path | None,
-        typer.Option(help="Fly a recorded flight again, from its bag alone; compare every bit if it was in lockstep."),
+        typer.Option(
+            help="Fly a recorded flight again from its bag alone, and compare every bit if it was in lockstep."
+        ),
     ] = None,
     run: Annotated[
         str | None,
         typer.Option(help="Fly a run of a campaign again, as mc.parquet:4711, and compare its figures to the bit."),
     ] = None,
     view: Annotated[
-        bool, typer.Option("--view", help="Watch on a page in a browser of this machine; the page starts the flight.")
+        bool,
+        typer.Option("--view", help="Watch the flight on a page in a browser of this machine; the page starts it."),
     ] = False,
-    tlog: Annotated[bool, typer.Option(help="Leave the MAVLink traffic as .tlog beside the bag.")] = True,
+    tlog: Annotated[bool, typer.Option(help="Write the MAVLink traffic as .tlog beside the bag.")] = True,
     anyway: Annotated[bool, typer.Option("--anyway", help=ANYWAY)] = False,
     out: Annotated[
         Path | None, typer.Option(help="New folder for the recording [default: a fresh one in runs/].")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
 ) -> None:
-    """Fly one scenario: autopilot and controller as two processes that speak MAVLink over UDP.
+    """Fly one scenario with autopilot and controller as two processes that speak MAVLink over UDP.
 
-    Leaves a rosbag2 bag (MCAP) and the traffic (.tlog) in the output folder and prints the flight's figures.
+    Write a rosbag2 bag (MCAP) and the traffic (.tlog) to the output folder, and print the flight's figures.
 
         gustproof fly paper
 
@@ -73,9 +76,9 @@ def fly(
     from gustproof.report.terminal import render_flight, show
     from gustproof.simulate.outcome import FlightOutcome
 
-    of_table = _find_run(context, run, scenario, law) if run and not repeat else None
-    if of_table:
-        plan = of_table.plan
+    table_run = _find_run(context, run, scenario, law) if run and not repeat else None
+    if table_run:
+        plan = table_run.plan
     else:
         plan = _load_plan(context, repeat) if repeat else _make_plan(scenario, law, vehicle, seed, real_time, anyway)
     folder = make_run_folder(out, "fly")
@@ -84,30 +87,35 @@ def fly(
     except KeyboardInterrupt:
         if not any(folder.glob("*.journal")):
             raise
-        line = f"interrupted while the bag was written; all is there for gustproof recover {folder}"
+        line = f"interrupted while the bag was written; restore it by gustproof recover {folder}"
         raise exit_with(line, ExitStatus.INTERRUPTED) from None
     interrupted = result.outcome is FlightOutcome.INTERRUPTED
-    comparison = None if interrupted else _comparison(result, plan, repeat, of_table)
+    comparison = None if interrupted else _compare(result, plan, repeat, table_run)
     if as_json:
         print(json.dumps(result.document() | (comparison.document() if comparison else {}), indent=2))
     else:
         document = (result.message, result.metrics, result.bag, result.requirements, result.pace, result.warnings)
         show(render_flight(*document))
     if interrupted:
-        raise exit_with(f"interrupted; what was flown is in {folder}", ExitStatus.INTERRUPTED)
+        raise exit_with(f"interrupted; the recording so far is in {folder}", ExitStatus.INTERRUPTED)
+    _report_failures(result, comparison, folder)
+
+
+def _report_failures(result: "RecordedFlight", comparison: "_Comparison | None", folder: Path) -> None:
+    """Print how a flight compares with its original, and exit if it differs, broke off or failed a requirement."""
     if comparison and comparison.equal is False:
         raise exit_with(comparison.line, ExitStatus.REQUIREMENT_FAILED)
     if comparison:
         print(f"gustproof: {comparison.line}", file=sys.stderr)
     if not result.has_expected_outcome:
-        raise exit_with(f"{result.message}; what was flown is in {folder}", ExitStatus.FLIGHT_BROKE_OFF)
+        raise exit_with(f"{result.message}; the recording so far is in {folder}", ExitStatus.FLIGHT_BROKE_OFF)
     failed = sum(not each.held for each in result.requirements)
     if failed:
         raise exit_with(f"{failed} of {len(result.requirements)} requirements failed", ExitStatus.REQUIREMENT_FAILED)
 
 
 def _fly(plan: "FlightPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "RecordedFlight":
-    """Fly, shown on standard error and, if `view`, on a page that starts it."""
+    """Fly with progress on standard error and, if `view`, on a page that starts the flight."""
     from gustproof.simulate.flight import fly_and_record, warnings
 
     for warning in () if quiet else warnings(plan.scenario, plan.law, plan.vehicle):
@@ -158,7 +166,7 @@ def _load_plan(context: typer.Context, run: Path) -> "FlightPlan":
     from gustproof.recording.bag import read_bag
     from gustproof.simulate.flight import parse_plan
 
-    _refuse(context, _BAG_OPTIONS, "--repeat flies what the bag says")
+    _refuse(context, _BAG_OPTIONS, "--repeat flies the plan in the bag")
     bag = _find_bag(run)
     return parse_plan(read_bag(bag)[0], bag)
 
@@ -166,47 +174,47 @@ def _load_plan(context: typer.Context, run: Path) -> "FlightPlan":
 def _find_run(context: typer.Context, run: str, scenario: str | None, law: str | None) -> "CampaignRun":
     from gustproof.campaign.rerun import find_run
 
-    _refuse(context, _TABLE_OPTIONS, "--run flies what the table says")
+    _refuse(context, _TABLE_OPTIONS, "--run flies the plan in the table")
     found = find_run(run)
     found.check(scenario, law)
     return found
 
 
 def _refuse(context: typer.Context, names: Iterable[str], why: str) -> None:
-    """Refuse options that are said elsewhere."""
+    """Refuse options whose values are given elsewhere."""
     from firmware_model.errors import ConfigError
 
     for name in names:
         source = context.get_parameter_source(name)
         if source is not None and source.name == "COMMANDLINE":
-            raise ConfigError(f"{why}; '{name.replace('_', '-')}' can't be given with it")
+            raise ConfigError(f"{why}; '{name.replace('_', '-')}' cannot be given with it")
 
 
 class _Comparison(NamedTuple):
-    """Whether a flight is the one that it repeats, to the bit."""
+    """Comparison of a flight with the one that it repeats, bit by bit."""
 
     equal: bool | None
-    """`None` if that can't be said."""
+    """True if all bits are equal, `None` if they cannot be compared."""
     line: str
-    """The same in words."""
+    """The result in words."""
 
     def document(self) -> dict[str, Any]:
-        """Return it as JSON has it."""
+        """Return the comparison for JSON."""
         return {"equal": self.equal, "comparison": self.line}
 
 
-def _comparison(
-    result: "RecordedFlight", plan: "FlightPlan", repeat: Path | None, of_table: "CampaignRun | None"
+def _compare(
+    result: "RecordedFlight", plan: "FlightPlan", repeat: Path | None, table_run: "CampaignRun | None"
 ) -> _Comparison | None:
     """Compare a flight with the one that it repeats; `None` if it repeats none."""
-    if of_table:
-        return _compare_figures(result, of_table)
+    if table_run:
+        return _compare_figures(result, table_run)
     if repeat and plan.real_time:
         return _Comparison(None, f"{repeat} was flown in real time, where no two flights share all bits: not compared")
-    return _compare(result, repeat) if repeat else None
+    return _compare_records(result, repeat) if repeat else None
 
 
-def _compare(result: "RecordedFlight", run: Path) -> _Comparison:
+def _compare_records(result: "RecordedFlight", run: Path) -> _Comparison:
     """Compare every bit of every sample."""
     from gustproof.recording.bag import read_bag
     from gustproof.simulate.flight import first_difference_s
@@ -220,7 +228,7 @@ def _compare(result: "RecordedFlight", run: Path) -> _Comparison:
 
 
 def _compare_figures(result: "RecordedFlight", run: "CampaignRun") -> _Comparison:
-    """Compare every bit of the figures with those of the campaign's run."""
+    """Compare every bit of the figures with those of the run in the campaign's table."""
     name = f"run {run.row['run']} of {run.table}"
     if run.row["failure"] is not None:
         return _Comparison(None, f"{name} left no figures: not compared")
@@ -235,5 +243,5 @@ def _find_bag(run: Path) -> Path:
 
     bags = find_bags(run)
     if len(bags) > 1:
-        raise ConfigError(f"{run}: {len(bags)} bags in it; name one, as {bags[0]}")
+        raise ConfigError(f"{run}: holds {len(bags)} bags; name one, such as {bags[0]}")
     return bags[0]

@@ -1,4 +1,4 @@
-"""`gustproof recover`: recordings of flights that were cut off."""
+"""The command `gustproof recover`: bags of interrupted flights."""
 
 import json
 from pathlib import Path
@@ -8,12 +8,12 @@ import typer
 
 
 def recover(
-    run: Annotated[Path, typer.Argument(help="Output folder of a flight that was cut off.", show_default=False)],
+    run: Annotated[Path, typer.Argument(help="Output folder of an interrupted flight.", show_default=False)],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
 ) -> None:
-    """Make a run whole that was cut off by a power loss, a kill or a full disk: its bag, from its journal.
+    """Write the bag of a flight that a power loss, a kill or a full disk interrupted, from its journal.
 
-    At most one second of the flight is lost to a kill; the journal is removed once its bag is whole.
+    A kill loses at most one second of the flight. The journal is removed once the bag is complete.
 
         gustproof recover runs/fly-003
     """

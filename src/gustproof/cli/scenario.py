@@ -1,4 +1,4 @@
-"""`gustproof scenario`: which flights are shipped, what stands in one, and whether a file is sound."""
+"""The command `gustproof scenario`: list, show, check and extract scenarios."""
 
 import json
 from pathlib import Path
@@ -9,16 +9,14 @@ import typer
 from firmware_model.errors import ConfigError, ConfigErrors
 from gustproof.cli.failures import ExitStatus, exit_with
 
-scenario = typer.Typer(
-    no_args_is_help=True, help="Scenarios: the shipped ones, what stands in one, whether a file of your own is sound."
-)
+scenario = typer.Typer(no_args_is_help=True, help="List, show and check scenarios, and extract the wind of a flight.")
 
 
 @scenario.command("list")
 def list_shipped(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
 ) -> None:
-    """Name the shipped scenarios, and say what each shows.
+    """List the shipped scenarios, with the subject of each.
 
     gustproof scenario list
     """
@@ -38,7 +36,7 @@ def list_shipped(
 def show_text(
     name: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a .toml file.", show_default=False)],
 ) -> None:
-    """Print a scenario's file, to read or to begin one of your own with.
+    """Print a scenario's file, to read or to start your own from.
 
     gustproof scenario show paper > mine.toml
     """
@@ -46,7 +44,7 @@ def show_text(
     from firmware_model.config.scenario import SCENARIOS, load_scenario
     from firmware_model.config.validation import printable
 
-    load_scenario(name)  # says so if there is none, or if it is not sound
+    load_scenario(name)  # raises if it is missing or invalid
     path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
     print(printable(read_text(path), keep="\n\r\t"), end="")
 
@@ -77,16 +75,16 @@ def check(
 @scenario.command()
 def extract(
     run: Annotated[Path, typer.Argument(help="Output folder of a flight, or its bag.", show_default=False)],
-    output: Annotated[Path, typer.Option("-o", "--output", help="New file (.csv) for a scenario's `replay`.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="New file (.csv) for `replay` in a scenario.")],
     moment: Annotated[
-        bool, typer.Option("--moment", help="The whole disturbance moment in the place of the gusts.")
+        bool, typer.Option("--moment", help="Write the whole disturbance moment instead of the gusts.")
     ] = False,
 ) -> None:
-    """Write the gusts of a recorded flight as CSV, to be replayed in a scenario of your own.
+    """Write the gusts of a recorded flight as CSV, for a replay in your own scenario.
 
         gustproof scenario extract runs/fly-001 -o wind.csv
 
-    In the scenario: [[wind]] with kind = "replay" and file = "wind.csv".
+    In the scenario, use [[wind]] with kind = "replay" and file = "wind.csv".
     """
     from gustproof.recording.bag import read_bag
     from gustproof.recording.folder import find_bags

@@ -12,7 +12,7 @@ from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.validation import Parser, printable
 from firmware_model.errors import ConfigError
 from firmware_model.process import access, realtime, udp
-from firmware_model.process.exit_on_eof import EXIT_ON_STDIN_EOF, exit_on_stdin_eof
+from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from gustproof.controller import DEFAULT_LAW
 from gustproof.controller.core import reference_excess
 from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
@@ -133,7 +133,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--anyway", action="store_true", help="fly references, too, that the law is known not to hold")
     add("--real-time", action="store_true", help="run before usual processes, if the system allows it: not in lockstep")
     access.add_options(parser)
-    add("--exit-on-stdin-eof", action="store_true", help=EXIT_ON_STDIN_EOF)
+    add("--exit-on-stdin-eof", action="store_true", help=argparse.SUPPRESS)
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser
 

@@ -1,1 +1,1 @@
-"""Render results as text, figures and pages."""
+"""Results as text, figures and pages."""

@@ -1,4 +1,4 @@
-"""Render the analysis of a law as tables and text."""
+"""Analysis of a law as tables and text."""
 
 from rich.console import Group
 from rich.table import Table
@@ -17,10 +17,10 @@ def render_analysis(analysis: Analysis) -> Renderable:
     facts.add_row("states", str(law.order))
     facts.add_row("sample time", f"{law.dt:g} s")
     facts.add_row("commands", law.output.value)
-    facts.add_row("exact kinematics of its own estimate", "yes" if law.scheduled else "no")
+    facts.add_row("exact kinematics in its attitude estimate", "yes" if law.scheduled else "no")
     parts: list[Renderable] = [facts]
     if analysis.hover.margins is not None:
-        parts.append(margins_table("at hover, sampled and late", margins_to_dict(analysis.hover.margins)))
+        parts.append(margins_table("at hover, sampled and delayed", margins_to_dict(analysis.hover.margins)))
     parts.append(Text(f"poles of the law [rad/s]: {format_poles(pole_pairs(analysis.hover.law_poles))}"))
     if len(analysis.hover.loop_poles):
         parts.append(Text(f"poles of the loop [rad/s]: {format_poles(pole_pairs(analysis.hover.loop_poles))}"))
@@ -29,7 +29,7 @@ def render_analysis(analysis: Analysis) -> Renderable:
         "gust alone": analysis.gust_alone,
         "gyro noise alone": analysis.noise_alone,
     }
-    parts.append(figures_table("Flown on the direct route, the figures of UDP", columns))
-    parts.append(Text("What limits it:"))
+    parts.append(figures_table("Simulated in-process (bit-identical to UDP)", columns))
+    parts.append(Text("Limits:"))
     parts += [Text(f"- {line}") for line in analysis.limits()]
     return Group(*parts)

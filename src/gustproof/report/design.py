@@ -1,4 +1,4 @@
-"""What a design achieved, as tables and as the figure of its singular values."""
+"""Results of a design as tables, and the figure of its singular values."""
 
 from pathlib import Path
 
@@ -30,7 +30,7 @@ def render_design(report: DesignReport) -> Renderable:
     return Group(
         levels,
         margins_table("as designed, continuous", figures["continuous"]),
-        margins_table(f"as it flies, every {figures['dt_s']:g} s and one sample late", figures["sampled"]),
+        margins_table(f"as flown, sampled every {figures['dt_s']:g} s, one sample of delay", figures["sampled"]),
         Text(f"controller poles [rad/s]: {format_poles(figures['poles_rad_s'])}"),
     )
 

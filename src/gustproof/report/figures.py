@@ -1,4 +1,4 @@
-"""Time histories and singular values as PNG, each law in its own colour in every figure."""
+"""Time histories, loops and trade-offs as PNG. A law keeps its colour in every figure."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from gustproof.analysis.analyse import Analysis
+from gustproof.analysis.hover_loop import HoverLoop
 from gustproof.analysis.placement import PerformanceLimits
 from gustproof.model.lpv import PARAMETERS, scheduling_parameters
 from gustproof.report.diagrams import save_figure
@@ -20,7 +21,7 @@ Records = NDArray[np.void]
 Array = NDArray[np.float64]
 Flights = Mapping[str, Records]
 
-# Okabe and Ito's palette, told apart by colour-blind readers and on grey paper.
+# Okabe and Ito's palette: colour-blind readers can tell it apart, also on grey paper.
 _COLOURS = {
     "pid-default": "#999999",
     "hinf-d1": "#0072b2",
@@ -34,14 +35,14 @@ _COLOURS = {
     "aided": "#117733",
 }
 _DEFAULT_COLOUR = "#e69f00"
-_SHADES = ("#c9b8e8", "#7b5cc4", "#3d1f8f")  # of limits, darker where more slew is allowed
+_SHADES = ("#c9b8e8", "#7b5cc4", "#3d1f8f")  # of limits: darker for more slew
 _INK, _GRID = "#333333", "#dddddd"
 _AXES = ("roll", "pitch", "yaw")
 _AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73")
 _GAINS = (1e-4, 1e15)
-"""[-] gains between which curves are drawn."""
+"""[-] range of the drawn gains."""
 _ROUNDING = 1e-6
-"""[-] a singular value never above this part of its transfer's largest is 0 but for rounding."""
+"""[-] singular values that stay below this share of the transfer's largest are rounding errors of 0."""
 
 
 def save_moments(records: Records, path: Path) -> None:
@@ -68,11 +69,11 @@ def save_torques(flights: Flights, title: str, path: Path) -> None:
 
 
 def save_scheduling(records: Records, law: str, path: Path) -> None:
-    """Draw rho(t) of one flight against the bounds of the paper's Table II."""
+    """Draw rho(t) of one flight with the bounds of the paper's Table II."""
     rho = scheduling_parameters(attitude(records), records["omega_B"])
     figure, time = _new_figure((9.0, 7.2), f"Scheduling parameters against Table II: {law}"), _time(records)
     grid = figure.subplots(4, 2, sharex=True)
-    # Trigonometric ones on the left, rates on the right, below the legend.
+    # Trigonometric parameters on the left, rates on the right, below the legend.
     places = [*grid[:, 0], *grid[1:, 1]]
     for axes, parameter, values in zip(places, PARAMETERS, rho.T, strict=True):
         _draw_bounded(
@@ -87,15 +88,15 @@ def save_scheduling(records: Records, law: str, path: Path) -> None:
 
 
 def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: float, title: str, path: Path) -> None:
-    """Draw singular values (n, k) over `frequency` (n,) [rad/s] by name, but for those that are 0, and their bound."""
+    """Draw singular values (n, k) over `frequency` (n,) [rad/s] by name, and their bound. Zeros are left out."""
     figure = _new_figure((7.5, 4.8), title)
     axes = figure.subplots()
     colours = ("#0072b2", "#009e73", "#cc79a7", _DEFAULT_COLOUR)
     for (name, values), colour in zip(curves.items(), colours, strict=False):
         real = values[:, np.max(values, axis=0) > _ROUNDING * np.max(values)]
-        lines = axes.loglog(frequency, _drawn(real), color=colour, linewidth=1.3)
+        lines = axes.loglog(frequency, _clip_gains(real), color=colour, linewidth=1.3)
         lines[0].set_label(name)
-    _floor(axes)
+    _limit_floor(axes)
     axes.axhline(level, color="#d55e00", linestyle="--", label=f"γ = {level:.4g}")
     _style_axes(axes, "singular values [-]")
     axes.grid(visible=True, which="minor", color=_GRID, linewidth=0.3)
@@ -105,12 +106,13 @@ def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: f
     save_figure(figure, path)
 
 
-def save_trade_off(standing: PerformanceLimits, flown: Mapping[str, Metrics], path: Path) -> None:
-    """Draw error against sensitivity peak: the limits, and each law as foretold (ring) and as `flown` (disc).
+def save_trade_off(performance: PerformanceLimits, flown: Mapping[str, Metrics], path: Path) -> None:
+    """Draw error against sensitivity peak: the limits, and each law as predicted (ring) and as `flown` (disc).
 
-    All laws on the left; on the right, closer, what is near the limit.
+    The left panel shows all laws, the right panel those near the limit.
     """
-    limits, places = standing.limits, {name: place for name, place in standing.places.items() if place is not None}
+    limits = performance.limits
+    places = {name: place for name, place in performance.places.items() if place is not None}
     figure = _new_figure((11.0, 5.6), f"Least attitude error against robustness: {limits.scenario}")
     whole, near = figure.subplots(1, 2)
     for axes in (whole, near):
@@ -133,27 +135,17 @@ def save_trade_off(standing: PerformanceLimits, flown: Mapping[str, Metrics], pa
     near.text(0.98, 0.95, known, transform=near.transAxes, ha="right", fontsize=9, color=_INK)
     handles, labels = whole.get_legend_handles_labels()
     handles.append(Line2D([], [], color=_INK, marker="o", fillstyle="none", linewidth=0.0))
-    labels.append("foretold, of all flights; discs are what flew")
+    labels.append("ring: predicted average over many flights; disc: flown")
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     save_figure(figure, path)
 
 
 def save_analysis(analysis: Analysis, path: Path) -> None:
-    """Draw the loop's Bode plot, its sensitivities, and the flights through a step and through the air."""
+    """Draw Bode plot, sensitivities, and the flights through a moment step and through the scenario."""
     figure = _new_figure((11.0, 8.0), f"{analysis.law.name}: {analysis.scenario.name}")
     ((gain, S), (phase, step), (torque, air)) = figure.subplots(3, 2)
     if len(analysis.hover.loop):
-        for axis, values, colour in zip(_AXES, analysis.hover.loop.T, _AXIS_COLOURS, strict=True):
-            gain.loglog(analysis.hover.omega, _drawn(np.abs(values)), color=colour, linewidth=1.2, label=axis)
-            angles = np.degrees(np.unwrap(np.angle(values)))
-            phase.semilogx(
-                analysis.hover.omega, angles - 360.0 * np.ceil(angles[0] / 360.0), color=colour, linewidth=1.2
-            )
-        gain.axhline(1.0, color=_INK, linestyle="--", linewidth=0.8)
-        for (name, values), colour in zip(analysis.hover.sensitivities.items(), _AXIS_COLOURS, strict=False):
-            S.loglog(analysis.hover.omega, _drawn(values), color=colour, linewidth=1.2, label=f"largest of {name}")
-        for axes in (gain, S):
-            _floor(axes)
+        _draw_loop(analysis.hover, gain, phase, S)
     else:
         for axes in (gain, phase, S):
             axes.text(0.5, 0.5, "no torque loop: it commands rates", transform=axes.transAxes, ha="center", color=_INK)
@@ -182,13 +174,26 @@ def save_analysis(analysis: Analysis, path: Path) -> None:
     save_figure(figure, path)
 
 
+def _draw_loop(hover: HoverLoop, gain: Axes, phase: Axes, S: Axes) -> None:
+    """Draw gain and phase of the loop at the plant's input axis by axis, and the sensitivities."""
+    for axis, values, colour in zip(_AXES, hover.loop.T, _AXIS_COLOURS, strict=True):
+        gain.loglog(hover.omega, _clip_gains(np.abs(values)), color=colour, linewidth=1.2, label=axis)
+        angles = np.degrees(np.unwrap(np.angle(values)))
+        phase.semilogx(hover.omega, angles - 360.0 * np.ceil(angles[0] / 360.0), color=colour, linewidth=1.2)
+    gain.axhline(1.0, color=_INK, linestyle="--", linewidth=0.8)
+    for (name, values), colour in zip(hover.sensitivities.items(), _AXIS_COLOURS, strict=False):
+        S.loglog(hover.omega, _clip_gains(values), color=colour, linewidth=1.2, label=f"largest of {name}")
+    for axes in (gain, S):
+        _limit_floor(axes)
+
+
 def _draw_stacked(
     flights: Flights, values: Callable[[Records], Array], labels: tuple[str, ...], title: str, path: Path
 ) -> None:
     figure = _new_figure((8.0, 6.4), title)
     rows = figure.subplots(3, 1, sharex=True)
     curves = {law: values(records) for law, records in flights.items()}
-    # The most agitated curve goes below the others, which would not be seen under it.
+    # The most agitated curve is drawn first, as it would hide the others.
     for law in sorted(flights, key=lambda law: -float(np.sum(np.abs(np.diff(curves[law], axis=0))))):
         time, columns = _time(flights[law]), curves[law]
         for i, axes in enumerate(rows):
@@ -213,14 +218,14 @@ def _draw_bounded(axes: Axes, time: Array, values: Array, label: str, bounds: tu
     _style_axes(axes, label)
 
 
-def _drawn(gains: Array) -> Array:
-    """Return gains that a logarithmic axis can take: 0 and what is too small lie below its end."""
+def _clip_gains(gains: Array) -> Array:
+    """Return gains for a logarithmic axis: 0 and smaller gains than drawn lie below its end."""
     least, most = _GAINS
     return np.clip(gains, 0.1 * least, most)
 
 
-def _floor(axes: Axes) -> None:
-    """Cut a logarithmic axis below what matters."""
+def _limit_floor(axes: Axes) -> None:
+    """Cut a logarithmic axis below the least drawn gain."""
     axes.set_ylim(bottom=max(axes.get_ylim()[0], _GAINS[0]))
 
 

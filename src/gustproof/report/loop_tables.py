@@ -13,11 +13,11 @@ MARGINS = {
     "delay_margin_s": "delay\n[s]",
     "Ms": "Ms\n[-]",
 }
-"""Name and heading of each margin of an axis."""
+"""Key and heading of each margin of an axis."""
 
 
 def margins_table(title: str, places: dict[str, Any]) -> Table:
-    """Return margins, as `margins_document` has them, by the plant's side and axis."""
+    """Return the margins of `margins_to_dict` by the plant's side and axis."""
     table = Table("plant's", "axis", *MARGINS.values(), "disk\n[-]", title=f"Margins {title}")
     for place, figures in places.items():
         for axis in ("roll", "pitch", "yaw"):
@@ -27,12 +27,12 @@ def margins_table(title: str, places: dict[str, Any]) -> Table:
 
 
 def format_margin(value: float | None) -> str:
-    """Return a margin for people; `None` is infinite."""
+    """Return a margin as text; `None` is infinite."""
     return "∞" if value is None else f"{value:.3g}"
 
 
 def format_poles(poles: Iterable[tuple[float, float]]) -> str:
-    """Return poles, real and imaginary part, one of each pair."""
+    """Return poles as text, one of each conjugate pair."""
     return ", ".join(_format_pole(re, im) for re, im in poles if im >= 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Tables and text on the results, as `rich` shows them on a terminal or writes them to a file."""
+"""Results as tables and text, for a terminal or a text file."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -22,7 +22,7 @@ from gustproof.scoring.requirements import (
 
 Renderable = RenderableType
 _WIDTH = 118
-_PLAIN: dict[str, Any] = {"highlight": False, "markup": False}  # a unit in brackets is no markup
+_PLAIN: dict[str, Any] = {"highlight": False, "markup": False}  # units stand in brackets
 FIGURES = {
     "peak_deg": ("peak", "deg"),
     "rmse_deg": ("RMSE", "deg"),
@@ -36,15 +36,15 @@ FIGURES = {
     "torque_peak_nm": ("torque peak", "N m"),
     "torque_slew_rms": ("torque slew rms", "N m/s"),
     "saturated_s": ("at a torque limit", "s"),
-    "rho_in_bounds": ("ρ within Table II", ""),
-    "realtime_factor": ("times real time", ""),
+    "rho_in_bounds": ("within the envelope (|p|,|q|,|r| ≤ 1.5 rad/s, Table II)", ""),
+    "realtime_factor": ("speed", "x real time"),
 }
 
 _TIMING_TEXT = (
-    "deadlines missed {missed}, set-points held {held}; samples late by {late_p50_us} us in the median, "
-    "{late_p99_us} us in 99 %, {late_worst_us} us at worst"
+    "timing: missed deadlines {missed}, repeated set-points {held}; lateness median {late_p50_us} us, "
+    "p99 {late_p99_us} us, max {late_worst_us} us"
 )
-_SAMPLES = "{late_samples} samples late at the law, {missed_samples} missed"
+_SAMPLES = "samples at the law: {late_samples} late, {missed_samples} missed"
 
 
 def show(document: Renderable) -> None:
@@ -54,7 +54,7 @@ def show(document: Renderable) -> None:
 
 
 class _Printable:
-    """A document without what a terminal may obey: words in it may come from anywhere."""
+    """Document without control characters: its text may come from foreign files."""
 
     def __init__(self, document: Renderable) -> None:
         self._document = document
@@ -65,7 +65,7 @@ class _Printable:
 
 
 def save_text(document: Renderable, path: Path) -> None:
-    """Write as plain text."""
+    """Write a document as plain text."""
     with path.open("w", encoding="utf-8") as stream:
         Console(file=stream, width=_WIDTH, color_system=None, **_PLAIN).print(document)
 
@@ -75,41 +75,43 @@ def render_flight(
     metrics: Metrics | None,
     bag: Path | None,
     requirements: Sequence[RequirementResult] = (),
-    pace: Mapping[str, Any] | None = None,
+    timing: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
 ) -> Renderable:
-    """Return the figures of one flight, what to know of them, what it had to keep, deadlines, and its recording."""
-    # As the title of so narrow a table, a long line would be broken into many.
+    """Return figures, requirements, timing, warnings and the bag of one flight."""
+    # The title of a table would be broken to its narrow width.
     parts: list[RenderableType] = [Text(title, style="bold")]
     if metrics:
         parts.append(figures_table("", {"": metrics}))
     if requirements:
         parts.append(requirements_table(requirements))
-    if pace:
-        parts.extend(map(Text, pace_lines(pace)))
+    if timing:
+        parts.extend(map(Text, timing_lines(timing)))
     parts += [Text(f"warning: {line}", style="yellow") for line in warnings]
-    return Group(*parts, Text(f"recorded in {bag}" if bag else "nothing was flown, nothing is recorded"))
+    return Group(*parts, Text(f"recorded in {bag}" if bag else "no samples were flown or recorded"))
 
 
-def pace_lines(pace: Mapping[str, Any]) -> Iterable[str]:
-    """Yield how well a flight in real time kept its deadlines, and what its law got late, if it lived to tell."""
-    yield _TIMING_TEXT.format_map(pace)
-    if "late_samples" in pace:
-        yield _SAMPLES.format_map(pace)
+def timing_lines(timing: Mapping[str, Any]) -> Iterable[str]:
+    """Yield the timing of a flight in real time, and the late samples at its law if the controller reported them."""
+    yield _TIMING_TEXT.format_map(timing)
+    if "late_samples" in timing:
+        yield _SAMPLES.format_map(timing)
 
 
 def requirements_table(requirements: Iterable[RequirementResult]) -> Table:
-    """Return which requirements held, and by what margin."""
-    table = Table("required", "from .. to [s]", title="What had to hold")
+    """Return the requirements with values, margins and verdicts."""
+    table = Table("requirement", "from .. to [s]", title="Requirements")
     for column in ("limit", "flown", "margin", ""):
         table.add_column(column, justify="right")
     for result in requirements:
         required = result.requirement
         table.add_row(
-            requirement_label(required), requirement_window(required), requirement_limits(required),
+            requirement_label(required),
+            requirement_window(required),
+            requirement_limits(required),
             *map(_format_figure, (result.value, result.margin)),
             Text(*verdict(result)),
-        )  # fmt: skip
+        )
     return table
 
 
@@ -118,7 +120,7 @@ def _format_figure(value: float) -> str:
 
 
 def figures_table(title: str, flights: Mapping[str, Metrics]) -> Table:
-    """Return the figures of flights side by side, by name; one without a name has no head."""
+    """Return the figures of flights side by side, by name; a single flight without a name has no heading."""
     table = Table("", *flights, "", title=title or None, show_header=any(flights))
     for label, cells, unit in figure_rows(flights):
         table.add_row(label, *cells, unit)
@@ -126,7 +128,7 @@ def figures_table(title: str, flights: Mapping[str, Metrics]) -> Table:
 
 
 def figure_rows(flights: Mapping[str, Metrics]) -> list[tuple[str, tuple[str, ...], str]]:
-    """Return name, a text a flight, and unit of each figure; how fast it was flown only if that is known."""
+    """Return label, a text for each flight, and unit of each figure; the speed only if it is known."""
     rows = []
     for key, (label, unit) in FIGURES.items():
         values = [getattr(metrics, key) for metrics in flights.values()]
@@ -136,7 +138,7 @@ def figure_rows(flights: Mapping[str, Metrics]) -> list[tuple[str, tuple[str, ..
 
 
 def format_number(value: float | bool) -> str:
-    """Return a figure with three digits after the point, or one from 10 on; a truth value as yes or no."""
+    """Return a figure with three digits after the point, with one from 10 on; a truth value as yes or no."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if not math.isfinite(value):

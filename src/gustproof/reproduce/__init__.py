@@ -1,1 +1,1 @@
-"""Reproduce the paper: flights, verdicts on its claims, its errata."""
+"""Reproduction of the paper: flights, verdicts on its claims, its errata."""

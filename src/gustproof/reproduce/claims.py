@@ -1,4 +1,4 @@
-"""The paper's claims, each judged by what was designed and flown here."""
+"""The paper's claims, judged by the designs and flights of this project."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,18 +9,19 @@ from gustproof.model.lpv import RATE_BOUND, RATE_BOUND_IN_TEXT
 from gustproof.scoring.metrics import Metrics
 
 TOLERANCE = 0.25
-"""[-] how far a figure may lie from the paper's, relative: the paper leaves gust, seed and aggregation open."""
+"""[-] relative deviation from the paper's figure that counts as a match. The paper leaves gust, seed and aggregation
+open."""
 
 
 class ClaimVerdict(Enum):
-    """What becomes of a claim."""
+    """Verdict on a claim."""
 
     HOLDS = "holds"
-    """Found here as the paper says."""
+    """Confirmed here."""
     IN_PART = "holds in part"
     """Holds under a condition that the paper does not state."""
     FAILS = "does not hold"
-    """Found otherwise here."""
+    """Contradicted here."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,16 +29,16 @@ class Claim:
     """One claim and its verdict."""
 
     paper: str
-    """What the paper says."""
+    """Statement of the paper."""
     ours: str
-    """What was found here."""
+    """Finding here."""
     verdict: ClaimVerdict
-    """Which it is."""
+    """Verdict."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableIII:
-    """Errors in attitude, the paper's Table III."""
+    """Attitude errors of the paper's Table III."""
 
     peak_deg: float
     """[deg] peak magnitude."""
@@ -49,7 +50,7 @@ PAPER_PID = TableIII(peak_deg=30.54, rmse_deg=5.67)
 PAPER_HINF = TableIII(peak_deg=7.12, rmse_deg=1.35)
 PAPER_GAMMA = 0.25
 PAPER_LAWS = {"pid-default": PAPER_PID, "hinf-d1": PAPER_HINF}
-"""Which of our laws stands for which column of Table III."""
+"""Law of ours for each column of Table III."""
 
 Medians = Mapping[str, Mapping[str, Metrics]]
 
@@ -59,9 +60,9 @@ def judge_claims(
 ) -> tuple[Claim, ...]:
     """Return a verdict on each claim.
 
-    `medians` holds the figures by law and scenario and `laws` the laws flown, both with `pid-default`, `pid-fair` and
-    `hinf-d1`; `norm` is the H-infinity norm that `hinf-d1` achieves in its design model and `gamma_opt` the least
-    level there; `peak_rate` [rad/s] is its largest rate on `paper`, over all seeds.
+    `medians` holds the figures by law and scenario, and `laws` the laws flown. Both contain `pid-default`, `pid-fair`
+    and `hinf-d1`. `norm` is the H-infinity norm of `hinf-d1` in its design model, `gamma_opt` the least level there.
+    `peak_rate` [rad/s] is its largest rate on `paper`, over all seeds.
     """
     pid, fair, hinf = (medians[name]["paper"] for name in ("pid-default", "pid-fair", "hinf-d1"))
     outside = [name for name, figures in medians["hinf-d1"].items() if not figures.rho_in_bounds]
@@ -70,7 +71,7 @@ def judge_claims(
         _judge_count("the cascaded PID has six states, two per axis", laws["pid-default"].order, 6),
         Claim(
             paper="γ = 0.25 bounds the gain from disturbance and noise to the regulated outputs",
-            ours=f"norm {norm:.4f} (least possible {gamma_opt:.4f}), for the linear model at ρ of hover with its leak",
+            ours=f"norm {norm:.4f} (least possible {gamma_opt:.4f}), for the linear model at hover, with its leak",
             verdict=ClaimVerdict.IN_PART if norm <= PAPER_GAMMA else ClaimVerdict.FAILS,
         ),
         *(_judge_errors(name, table, medians[name]["paper"]) for name, table in PAPER_LAWS.items()),
@@ -94,9 +95,16 @@ def judge_claims(
         Claim(
             paper="no violation of the bounds on ρ under H-infinity",
             ours=f"violated on {', '.join(outside)}" if outside else f"none, on {', '.join(medians['hinf-d1'])}",
-            verdict=ClaimVerdict.FAILS if "paper" in outside else ClaimVerdict.IN_PART if outside else ClaimVerdict.HOLDS,
+            verdict=_judge_bounds(outside),
         ),
-    )  # fmt: skip
+    )
+
+
+def _judge_bounds(outside: list[str]) -> ClaimVerdict:
+    """Return the verdict on the bounds on rho from the scenarios that leave them."""
+    if not outside:
+        return ClaimVerdict.HOLDS
+    return ClaimVerdict.FAILS if "paper" in outside else ClaimVerdict.IN_PART
 
 
 def _judge_count(paper: str, ours: int, expected: int) -> Claim:
@@ -118,9 +126,10 @@ def _judge_errors(name: str, table: TableIII, ours: Metrics) -> Claim:
 
 def _judge_superiority(hinf: Metrics, default: Metrics, fair: Metrics) -> Claim:
     beats = [
-        name for name, pid in (("default", default), ("fair", fair))
+        name
+        for name, pid in (("default", default), ("fair", fair))
         if hinf.peak_deg < pid.peak_deg and hinf.rmse_deg < pid.rmse_deg
-    ]  # fmt: skip
+    ]
     return Claim(
         paper="H-infinity holds attitude far better than PID",
         ours=f"RMSE {hinf.rmse_deg:.2f} deg, against {default.rmse_deg:.2f} of the autotuned PID and "

@@ -1,4 +1,4 @@
-"""What the paper leaves open or has wrong, and what is flown here instead: one table, printed with the results."""
+"""Gaps and errors of the paper with the choices made here, printed with the results."""
 
 from typing import NamedTuple
 
@@ -8,12 +8,12 @@ from firmware_model.config.waveforms import Constant, Dryden, GustCosine, Wind
 
 
 class OpenQuestion(NamedTuple):
-    """One gap or error of the paper."""
+    """Gap or error of the paper."""
 
     paper: str
-    """What the paper says, or leaves out."""
+    """Statement of the paper, or the gap."""
     choice: str
-    """What is done here, and why."""
+    """Choice made here, with its reason."""
 
 
 ERRATA = (
@@ -23,7 +23,7 @@ ERRATA = (
     ),
     OpenQuestion(
         "second rate row of the LPV matrix: ρ7/2 p + ρ7/2 r",
-        "ρ7/2 p + ρ5/2 r, which is what p r means",
+        "ρ7/2 p + ρ5/2 r, the correct form of p r",
     ),
     OpenQuestion(
         "ρ4 = cos θ in [0, 1]",
@@ -51,23 +51,23 @@ ERRATA = (
     ),
     OpenQuestion(
         "`hinfsyn` handles the uncertain (`ureal`) plant",
-        "it designs for the nominal plant alone; nothing here or there proves the level over ρ",
+        "it designs for the nominal plant alone; neither the paper nor this design proves the level over ρ",
     ),
     OpenQuestion(
         "stability augmentation 'with negligible effect'",
-        "attitude can't be observed from gyros; the augmentation (a leak) is what makes the design "
-        "solvable and bounds it, γ ≥ W_e W_n / leak. It is in the design model; the vehicle that flies has none",
+        "gyros cannot observe attitude. The augmentation (a leak) makes the design solvable and bounds it: "
+        "γ ≥ W_e W_n / leak. The design model has it; the vehicle that flies has none",
     ),
 )
 
 
 def list_choices(vehicle: Vehicle, scenario: Scenario) -> tuple[OpenQuestion, ...]:
-    """Return what the paper leaves open, with the values that `vehicle` and the flown `scenario` chose."""
+    """Return the paper's gaps with the values chosen in `vehicle` and `scenario`."""
     gyro, lag = vehicle.gyro, vehicle.actuator_lag
     limits = " / ".join(f"{limit:g}" for limit in vehicle.torque_limit)
     return (
         OpenQuestion("weights behind γ = 0.25", "design D1 (`gustproof design D1`); the law file names its weights"),
-        OpenQuestion("which controller at γ", "the central one, discretised for the sample rate"),
+        OpenQuestion("which controller at γ", "the central controller, discretised for the sample rate"),
         OpenQuestion("actuators, 'first order'", f"time constant {lag:g} s, limits {limits} N m"),
         OpenQuestion("damping of the vehicle, no value", f"rate damping {vehicle.rate_damping:g} 1/s"),
         OpenQuestion(
@@ -85,14 +85,14 @@ def list_choices(vehicle: Vehicle, scenario: Scenario) -> tuple[OpenQuestion, ..
         OpenQuestion(
             "from gust to moment, no map",
             f"L = k v_g, M = -k u_g, N = {vehicle.gust_yaw_ratio:g} k w_g with k = {vehicle.gust_gain:g} N m/(m/s); "
-            "for the paper's vehicle k puts the 60 s peak of roll and pitch in 15 m/s turbulence at .65 N m in the "
-            "median of 1,000 seeds",
+            "for the paper's vehicle, k sets the 60 s peak of roll and pitch in 15 m/s turbulence to .65 N m (median "
+            "of 1,000 seeds)",
         ),
         OpenQuestion("duration", f"{scenario.duration_s:g} s"),
         OpenQuestion("number of runs", "the median over the seeds"),
         OpenQuestion(
             "PID gains and the autotuner's targets",
-            "0.8 rad/s and 60 deg (the tool's own defaults: 1 rad/s, 60 deg); gains stand in the law file",
+            "0.8 rad/s and 60 deg (the tool's own defaults: 1 rad/s, 60 deg); the law file holds the gains",
         ),
         OpenQuestion("peak and RMSE of three angles as one number", "the largest, and the rms over all three at once"),
         OpenQuestion("'actuator exertion', no measure", "rms slew of the commanded torque; its rms hardly differs"),

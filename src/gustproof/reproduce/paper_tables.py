@@ -1,4 +1,4 @@
-"""Tables and text of the reproduction: Table III, the fair comparison, limits, verdicts."""
+"""Tables and text of the reproduction: Table III, fair comparison, limits, verdicts."""
 
 from collections.abc import Iterable, Mapping
 
@@ -19,41 +19,44 @@ from gustproof.reproduce.errata import ERRATA, OpenQuestion, list_choices
 _VERDICT_STYLES = {ClaimVerdict.HOLDS: "green", ClaimVerdict.IN_PART: "yellow", ClaimVerdict.FAILS: "red"}
 
 
+_EQUAL_RATIO = 1.005
+"""[-] ratio below which two figures are called equal."""
 _COMPARISONS = (("flagship", "pid-fair"), ("flagship", "indi"), ("hinf-scheduled", "pid-fair"), ("hinf-d1", "pid-fair"))
 
 
 _LIMITATIONS = (
-    "A gyro bias b turns every law here by b t (scenario `bias`), but `aided` in yaw alone: only that one measures "
-    "attitude with anything else. On the stand its accelerometer feels gravity; in free flight it feels the gusts too.",
-    "Translation is held: a real vehicle that tilts drifts away, and drifting changes the air it meets.",
-    "Margins are those of the linear model at hover; a verdict on flights is one on these seeds, not a proof.",
+    "A gyro bias b turns the vehicle by b t with every law here (scenario `bias`), but with `aided` in yaw alone: only "
+    "`aided` has a second measurement of attitude. On the stand its accelerometer measures gravity, in free flight the "
+    "gusts too.",
+    "Translation is held. A real vehicle that tilts drifts away, and drifting changes its airspeed.",
+    "Margins are those of the linear model at hover. A verdict on flights holds for these seeds and is no proof.",
 )
 
 
 _DIFFERENCES = (
-    "The paper names no gains, weights, gust shape or aggregation: its Table III can be met but not checked. What is "
-    "met here follows from three choices within its words: a PID tuned to 0.8 rad/s, near an autotuner's "
-    "default, a discrete gust with the turbulence ('wind gust and turbulence'), and design D1 at γ = .25.",
-    "The gap between its two columns is that slow PID. A PID with the same measurement, tuned for these gusts, stands "
-    "in the fair comparison; nothing is called better than PID here unless it beats that one.",
+    "The paper names no gains, weights, gust shape or aggregation: its Table III can be met but not checked. The match "
+    "here follows from three choices that its text allows: a PID tuned to 0.8 rad/s, near an autotuner's default, a "
+    "discrete gust with the turbulence ('wind gust and turbulence'), and design D1 at γ = .25.",
+    "The gap between its two columns is due to that slow PID. The fair comparison has a PID with the same measurement, "
+    "tuned for these gusts. A law is called better than PID here only if it beats that one.",
     "Its linear law integrates gyro rates axis by axis. Coning (pitch and yaw in quadrature) is rectified into a roll "
-    "drift that such a law can't see; a strapdown attitude, as in every autopilot, sees it.",
+    "drift that such a law cannot observe. A strapdown attitude, as in every autopilot, observes it.",
 )
 
 
 def render_reproduction(
     medians: Medians,
     margins: Mapping[str, HoverMargins | None],
-    standing: PerformanceLimits,
+    performance: PerformanceLimits,
     claims: Iterable[Claim],
     vehicle: Vehicle,
     scenario: Scenario,
 ) -> Renderable:
-    """Return the whole report: Table III, the fair comparison, the limits, the verdicts, what stands behind them."""
+    """Return the whole report: Table III, fair comparison, limits, verdicts, background."""
     parts = (
         render_paper(medians),
-        render_comparison(medians, margins, standing.places),
-        render_limits(standing.limits),
+        render_comparison(medians, margins, performance.places),
+        render_limits(performance.limits),
         render_claims(claims),
         render_background(vehicle, scenario),
     )
@@ -84,44 +87,62 @@ def render_claims(claims: Iterable[Claim]) -> Renderable:
 def render_comparison(
     medians: Medians, margins: Mapping[str, HoverMargins | None], places: Mapping[str, Placement | None]
 ) -> Renderable:
-    """Return all laws in the same turbulence, who is better in what at which margins, and what rates cost."""
+    """Return all laws in the same turbulence, comparisons by figure and margins, and the cost of commanding rates."""
     columns = (
-        "law", "peak\n\n[deg]", "RMSE\n\n[deg]", "fore-\ntold\n[deg]", "least\nthere\n[deg]", "torque\nrms\n[N m]",
-        "slew\nrms\n[N m/s]", "coning\nroll\n[deg]", "bias\nroll\n[deg]", "Ms\n\n[-]", "phase\nmargin\n[deg]",
+        "law",
+        "peak\n\n[deg]",
+        "RMSE\n\n[deg]",
+        "pre-\ndicted\n[deg]",
+        "bound\n\n[deg]",
+        "torque\nrms\n[N m]",
+        "slew\nrms\n[N m/s]",
+        "coning\nroll\n[deg]",
+        "bias\nroll\n[deg]",
+        "Ms\n\n[-]",
+        "phase\nmargin\n[deg]",
         "delay\nmargin\n[ms]",
-    )  # fmt: skip
+    )
     table = Table(
         title="Fair comparison: turbulence alone, all laws on the same route", box=SIMPLE, padding=0, pad_edge=False
     )
     for column in columns:
         table.add_column(column, justify="left" if column == "law" else "right", no_wrap=True)
     for law, scenarios in medians.items():
-        flown, robust = scenarios["paper-turbulence"], margins.get(law)
-        table.add_row(
-            law, format_number(flown.peak_deg), format_number(flown.rmse_deg), *_placement_cells(places.get(law)),
-            format_number(flown.torque_rms_nm), format_number(flown.torque_slew_rms), format_number(scenarios["coning"].peak_roll_deg),
-            format_number(scenarios["bias"].peak_roll_deg), *_margin_cells(robust),
-        )  # fmt: skip
+        flown = scenarios["paper-turbulence"]
+        figures = (
+            flown.torque_rms_nm,
+            flown.torque_slew_rms,
+            scenarios["coning"].peak_roll_deg,
+            scenarios["bias"].peak_roll_deg,
+        )
+        errors = map(format_number, (flown.peak_deg, flown.rmse_deg))
+        others = map(format_number, figures)
+        table.add_row(law, *errors, *_placement_cells(places.get(law)), *others, *_margin_cells(margins.get(law)))
     lines = [_compare_laws(one, other, medians, margins) for one, other in _COMPARISONS]
     lines.append(_describe_rates_cost(medians))
     notes = (
-        "Foretold: RMSE by the linear model, of all flights; least there: of linear gyro-only laws at the law's own Ms "
-        "and slew. Margins: the worst axis, at the plant's input, sampled and late as flown; a law of rates has no "
-        "torque loop."
+        "Predicted: RMSE of the linear model, average over flights. Bound: best linear gyro-only law at this Ms and "
+        "slew. Margins: worst axis, at the plant's input, sampled and delayed as flown. A rate law has no torque loop."
     )
     return Group(table, Text(notes, style="dim"), *(Text(f"\n{line}") for line in lines))
 
 
 def render_background(vehicle: Vehicle, scenario: Scenario) -> Renderable:
-    """Return what differs from the paper and why, what it leaves open, and what is not shown here."""
-    differences = Text("What differs from the paper, and why", style="bold")
-    errata = _questions_table("Errors of the paper, and what stands here instead", "the paper", ERRATA)
-    gaps = _questions_table("What the paper leaves open, and what was chosen", "open", list_choices(vehicle, scenario))
-    limits = Text("Limits of what is shown", style="bold")
+    """Return the differences from the paper with reasons, its errors and gaps, and the limitations here."""
+    differences = Text("Differences from the paper, and their reasons", style="bold")
+    errata = _questions_table("Errors of the paper, and corrections", "the paper", ERRATA)
+    gaps = _questions_table("Gaps of the paper, and choices", "gap", list_choices(vehicle, scenario))
+    limits = Text("Limitations", style="bold")
     return Group(
-        differences, *(Text(f"{paragraph}\n") for paragraph in _DIFFERENCES), errata, Text(), gaps, Text(),
-        limits, *(Text(f"- {line}") for line in _LIMITATIONS),
-    )  # fmt: skip
+        differences,
+        *(Text(f"{paragraph}\n") for paragraph in _DIFFERENCES),
+        errata,
+        Text(),
+        gaps,
+        Text(),
+        limits,
+        *(Text(f"- {line}") for line in _LIMITATIONS),
+    )
 
 
 def _questions_table(title: str, first: str, questions: Iterable[OpenQuestion]) -> Table:
@@ -132,7 +153,7 @@ def _questions_table(title: str, first: str, questions: Iterable[OpenQuestion]) 
 
 
 def _compare_laws(one: str, other: str, medians: Medians, margins: Mapping[str, HoverMargins | None]) -> str:
-    """Return who of two laws is better in what, by how much, at which margins."""
+    """Return the figures in which each of two laws is better, with ratios and margins."""
     a, b = medians[one]["paper-turbulence"], medians[other]["paper-turbulence"]
     quantities = (
         ("RMSE", a.rmse_deg, b.rmse_deg),
@@ -141,18 +162,27 @@ def _compare_laws(one: str, other: str, medians: Medians, margins: Mapping[str, 
         ("coning roll", medians[one]["coning"].peak_roll_deg, medians[other]["coning"].peak_roll_deg),
     )
     better: dict[str, list[str]] = {one: [], other: []}
+    equal = []
     for label, x, y in quantities:
         winner, ratio = (one, y / x) if x < y else (other, x / y)
-        better[winner].append(f"{label} ({ratio:.{2 if ratio < 10.0 else 0}f} times less)")
-    shown = "; ".join(f"{name} is better in {', '.join(what) or 'nothing'}" for name, what in better.items())
+        if ratio < _EQUAL_RATIO:
+            equal.append(label)
+        else:
+            better[winner].append(f"{label} ({ratio:.{2 if ratio < 10.0 else 0}f} times less)")
+    parts = [
+        f"{name} is better in {', '.join(labels)}" if labels else f"{name}: no figure better"
+        for name, labels in better.items()
+    ]
+    if equal:
+        parts.append(f"{', '.join(equal)} equal")
     at = "; ".join(f"{name} Ms {', phase '.join(_margin_cells(margins[name])[:2])} deg" for name in (one, other))
-    return f"{one} against {other}: {shown}. Margins: {at}."
+    return f"{one} against {other}: {'; '.join(parts)}. Margins: {at}."
 
 
 def _describe_rates_cost(medians: Medians) -> str:
     rates, torque = (medians[law]["paper-turbulence"] for law in ("hinf-rates", "hinf-scheduled"))
     return (
-        f"Commanding rates (SET_ATTITUDE_TARGET, all that PX4 and ArduPilot take) instead of torque: RMSE "
+        f"Commanding rates (SET_ATTITUDE_TARGET, the only choice with PX4 and ArduPilot) instead of torque: RMSE "
         f"{rates.rmse_deg:.3f} deg for hinf-rates against {torque.rmse_deg:.3f} deg for hinf-scheduled, "
         f"{rates.rmse_deg / torque.rmse_deg:.2f} times; slew {rates.torque_slew_rms:.1f} against "
         f"{torque.torque_slew_rms:.1f} N m/s."

@@ -1,4 +1,4 @@
-"""Fly the paper: every scenario with every law and seed, over UDP; figures, verdicts and pictures of all of it."""
+"""Flights of the paper over UDP with every scenario, law and seed, with figures and verdicts."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -46,16 +46,16 @@ LAWS = (
     "hinf-rates",
 )
 _PARALLEL_FLIGHTS = 2
-"""Flights side by side: a lockstep flight keeps one core busy, whichever of its processes has the turn."""
+"""Flights side by side. The two processes of a lockstep flight take turns and keep one core busy."""
 
 Progress = Callable[[float, str], None]
 
 
 class PaperCase(NamedTuple):
-    """One flight to be flown."""
+    """Flight to be flown."""
 
     scenario: Scenario
-    """Script."""
+    """Scenario."""
     law: Law
     """Law."""
     seed: int
@@ -64,10 +64,10 @@ class PaperCase(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reproduction:
-    """What came out."""
+    """Results of the reproduction."""
 
     vehicle: Vehicle
-    """Vehicle that was flown."""
+    """Vehicle of all flights."""
     laws: Mapping[str, Law]
     """Laws by name."""
     seeds: tuple[int, ...]
@@ -77,70 +77,70 @@ class Reproduction:
     margins: Mapping[str, HoverMargins | None]
     """Margins at hover by law."""
     stability_factor: Mapping[str, float | None]
-    """[-] times `SPREADS` of inertia and actuator lag, by law: proved at hover, `None` where it can't be judged."""
-    standing: PerformanceLimits
-    """What is possible in the turbulence, and where the laws stand."""
+    """[-] multiple of `SPREADS` of inertia and lag that is proved stable at hover, by law; `None` if unknown."""
+    performance: PerformanceLimits
+    """Performance limits in the turbulence, and the place of each law."""
     claims: tuple[Claim, ...]
     """Verdicts on the paper's claims."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What must be known of the laws on this vehicle before their figures are believed, a line each."""
+        """Warnings about the laws on this vehicle, a line each."""
         scenario = load_scenario("paper")
         return tuple(line for law in self.laws.values() for line in warnings(scenario, law, self.vehicle))
 
-    def summary(self) -> dict[str, Any]:
-        """Return what `summary.json` has."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of `summary.json`."""
         return {
             "laws": {
                 law: {
                     **{name: asdict(metrics) for name, metrics in scenarios.items()},
                     "seeds": list(_select_seeds(law, self.seeds)),
-                    "place": None if (place := self.standing.places[law]) is None else asdict(place),
+                    "place": None if (place := self.performance.places[law]) is None else asdict(place),
                     "stable_up_to_times": self.stability_factor[law],
                 }
                 for law, scenarios in self.medians.items()
             },
             "warnings": list(self.warnings),
             "spreads": asdict(SPREADS),
-            "limits": asdict(self.standing.limits),
+            "limits": asdict(self.performance.limits),
             "claims": [
                 {"paper": claim.paper, "ours": claim.ours, "verdict": claim.verdict.value} for claim in self.claims
             ],
         }
 
-    def document(self) -> Renderable:
-        """Return what a person reads of it."""
+    def render(self) -> Renderable:
+        """Return the report as tables and text."""
         document = render_reproduction(
-            self.medians, self.margins, self.standing, self.claims, self.vehicle, load_scenario("paper")
+            self.medians, self.margins, self.performance, self.claims, self.vehicle, load_scenario("paper")
         )
         return Group(*(Text(f"warning: {line}") for line in self.warnings), document)
 
 
 def check(vehicle: Vehicle) -> None:
-    """Refuse a vehicle on which one of the laws should not fly; all of them were made for `paper`.
+    """Refuse a vehicle that one of the laws should not fly; all of them were made for `paper`.
 
     Raises
     ------
     ConfigError
-        If there is such a law; names all of them.
+        If there are such laws; the message names them.
     """
     laws = [load_law(name) for name in LAWS]
     scenarios = [load_scenario(name) for name in SCENARIOS]
     refused = [law.name for law in laws if any(objections(scenario, law, vehicle) for scenario in scenarios)]
     if refused:
         raise ConfigError(
-            f"unstable on vehicle '{vehicle.name}': {', '.join(refused)}; --anyway flies them all the same"
+            f"unstable on vehicle '{vehicle.name}': {', '.join(refused)}; --anyway flies them nevertheless"
         )
 
 
 def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progress) -> Reproduction:
-    """Fly everything, leave bags, laws, figures and `summary.json` in the empty folder `out`, and judge the claims.
+    """Fly all cases, write bags, laws, figures and `summary.json` to the empty folder `out`, and judge the claims.
 
     Raises
     ------
     ConfigError
-        If a law or scenario can't be read.
+        If a law or scenario is unreadable.
     FlightError
         If a flight did not reach its end.
     """
@@ -149,7 +149,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     (out / "laws").mkdir()
     for law in laws.values():
         law.save(out / "laws" / f"{law.name}.json")
-    progress(0.0, "what is possible")
+    progress(0.0, "performance limits")
     margins = {name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
     stability_factor = {name: _stability_factor(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
     found = performance_limits(laws, margins, vehicle, scenarios["paper-turbulence"])
@@ -160,8 +160,10 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
             for law in laws.values()
             for seed in (_select_seeds(law.name, seeds) if _is_random(scenario) else seeds[:1])
         ],
-        vehicle, out / "bags", progress,
-    )  # fmt: skip
+        vehicle,
+        out / "bags",
+        progress,
+    )
     medians = {law: {scenario: _median_of(flights, scenario, law) for scenario in scenarios} for law in laws}
     design_d1, solved = derive(load_design("D1"), vehicle)
     reproduction = Reproduction(
@@ -171,34 +173,34 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         medians=medians,
         margins=margins,
         stability_factor=stability_factor,
-        standing=found,
+        performance=found,
         claims=judge_claims(
             medians, laws, norm=solved.result.norm, gamma_opt=design_d1.provenance.parameters["gamma_opt"],
             peak_rate=max(flight.peak_rate for flight in flights if flight.named("paper", "hinf-d1")),
         ),
     )  # fmt: skip
-    (out / "summary.json").write_text(json.dumps(reproduction.summary(), indent=2) + "\n", encoding="utf-8")
+    (out / "summary.json").write_text(json.dumps(reproduction.to_dict(), indent=2) + "\n", encoding="utf-8")
     _draw(flights, seeds[0], solved.problem, vehicle, out / "figures")
     _draw_trade_off(reproduction, out / "figures")
-    save_text(reproduction.document(), out / "report.txt")
+    save_text(reproduction.render(), out / "report.txt")
     return reproduction
 
 
 def _fly_all(cases: Sequence[PaperCase], vehicle: Vehicle, out: Path, progress: Progress) -> list[RecordedFlight]:
-    """Return the flights of `cases`, flown side by side; the first that breaks off ends the others."""
+    """Return the flights of `cases`, flown side by side. The first failure ends the others."""
     out.mkdir()
     shares, stop = [0.0] * len(cases), Event()
 
     def fly(index: int, case: PaperCase) -> RecordedFlight:
         name = f"{case.scenario.name}, {case.law.name}, seed {case.seed}"
 
-        def shown(share: float) -> None:
+        def show(share: float) -> None:
             if stop.is_set():
-                raise KeyboardInterrupt  # where this is heard, the flight's processes are ended in order
+                raise KeyboardInterrupt  # ends the flight's processes in order
             shares[index] = share
             progress(sum(shares) / len(shares), name)
 
-        flight = fly_and_record(case.scenario, case.law, vehicle=vehicle, seed=case.seed, out=out, progress=shown)
+        flight = fly_and_record(case.scenario, case.law, vehicle=vehicle, seed=case.seed, out=out, progress=show)
         if flight.outcome is not FlightOutcome.DONE:
             raise FlightError(flight.message)
         return flight
@@ -223,7 +225,7 @@ def _median_of(flights: Sequence[RecordedFlight], scenario: str, law: str) -> Me
 
 
 def _draw(flights: Sequence[RecordedFlight], seed: int, problem: Interconnection, vehicle: Vehicle, out: Path) -> None:
-    """Draw the paper's figures of the flights with `seed`: its two laws on its flight, all but one in turbulence."""
+    """Draw the paper's figures for one seed: its two laws in its flight, all laws but the first in turbulence."""
     from gustproof.report import diagrams, figures
 
     out.mkdir()
@@ -246,11 +248,11 @@ def _draw_trade_off(reproduction: Reproduction, out: Path) -> None:
     from gustproof.report import figures
 
     flown = {law: scenarios["paper-turbulence"] for law, scenarios in reproduction.medians.items()}
-    figures.save_trade_off(reproduction.standing, flown, out / "trade-off.png")
+    figures.save_trade_off(reproduction.performance, flown, out / "trade-off.png")
 
 
 def _select_seeds(law: str, seeds: Sequence[int]) -> Sequence[int]:
-    """Return the seeds that a law is flown with: the one with a frequency weight is shown once, not compared."""
+    """Return the seeds of a law: the law with a frequency weight is flown once, and not compared."""
     return seeds[:1] if law == "hinf-d1-noise" else seeds
 
 

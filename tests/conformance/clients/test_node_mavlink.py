@@ -1,4 +1,4 @@
-"""node-mavlink in a program of its own; needs Node, and what tools/test has npm install."""
+"""node-mavlink in a program of its own; needs Node and the packages that tools/test installs by npm."""
 
 import shutil
 import sys

@@ -1,6 +1,6 @@
 """Kills processes of a flight after an exact number of samples: KILL="controller fly vehicle 1234" in the environment.
 
-Python runs this file at its start where its folder is on PYTHONPATH; only the vehicle's process heeds it.
+Python runs this file at its start if its folder is on PYTHONPATH; it acts in the vehicle's process only.
 """
 
 import os

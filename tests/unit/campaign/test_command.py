@@ -67,7 +67,7 @@ def test_a_mistake_is_one_line_and_status_2(command, tmp_path, options, complain
 def test_it_tells_what_came_of_it_as_text_or_json(command):
     told = command("-o", "mc.parquet")
     assert told.exit_code == 0, told.stderr
-    assert "5 runs left no figures: run 0: not flown" in told.stdout
+    assert "5 runs without figures: run 0: not flown" in told.stdout
     assert "gustproof fly --run mc.parquet:" in told.stdout
     again = command("-o", "mc.parquet", "--executor", "dask://tcp://anywhere:1", "--workers", "7", "--json")
     assert again.exit_code == 0

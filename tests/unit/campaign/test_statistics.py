@@ -140,7 +140,7 @@ def test_a_campaign_without_requirements_or_dispersions_is_told_too(planned, tmp
     fly_campaign(campaign, path, here, task=lambda _, stretch: ChunkResult(failed_rows(campaign, stretch, "lost"), 1.0))
     found = compute_statistics(path)
     save_text(render_campaign(found), tmp_path / "mc.txt")
-    assert "3 runs left no figures" in (tmp_path / "mc.txt").read_text(encoding="utf-8")
+    assert "3 runs without figures" in (tmp_path / "mc.txt").read_text(encoding="utf-8")
     assert "Nothing was drawn" in render_campaign_page(path)
 
 

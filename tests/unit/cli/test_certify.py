@@ -104,7 +104,7 @@ def test_what_is_not_proved_has_status_1_and_leaves_no_file(monkeypatch: pytest.
     result = run("D2", *ENVELOPE, "--level", "0.25", "-o", str(tmp_path / "c.json"))
     assert result.exit_code == 1
     assert "NOT proven" in result.stdout
-    assert "1.72, so that it is not so" in result.stdout
+    assert "a simulation reached 1.72, so the claimed bound 0.25 is false" in result.stdout
     assert list(tmp_path.iterdir()) == []
 
 
@@ -121,7 +121,7 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
         ((), "give a design with --angle-rad and --rate-rad-s"),
         (("D2", "--angle-rad", "0.1"), "give a design with --angle-rad and --rate-rad-s"),
         (("D2", *ENVELOPE, "--leak", "0"), "--leak: is 0.0, must be positive"),
-        (("hinf-d2", "--closure", "--slow"), "a closure flies the law file as it is"),
+        (("hinf-d2", "--closure", "--slow"), "a closure takes the law file as it is"),
         (("hinf-d2", "--closure", *ENVELOPE), "a law with --closure"),
         (("hinf-d2", "--closure", "--moment", "1,2"), "--moment: is '1,2', must be three numbers"),
         (("D2", *ENVELOPE, "--leak", "inf"), "--leak: is inf, must be positive"),
@@ -135,7 +135,7 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
         (("hinf-d2", "--closure", "--leak", "inf"), "leak is inf"),
         (("hinf-d2", "--closure", "--noise", "1e-3", "--risk", "1e-320"), "risk is 1e-320, must be a probability"),
         (("pid-fair", "--closure"), "law 'pid-fair' has"),
-        (("D2", "--check", "c.json"), "--check needs the certificate's file alone"),
+        (("D2", "--check", "c.json"), "--check takes the certificate's file alone"),
         (("--check", "/nowhere.json"), "/nowhere.json: No such file"),
         (("nothing", *ENVELOPE), "no design named 'nothing'"),
         (("pid-fair", *ENVELOPE), "law 'pid-fair' was made from no design"),

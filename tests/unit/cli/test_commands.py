@@ -1,4 +1,4 @@
-"""What a person gets from the command line: help that answers at once, one line a mistake, the right exit status."""
+"""Command line: immediate help, one line for each mistake, the right exit status."""
 
 import json
 import subprocess
@@ -321,7 +321,7 @@ def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(t
     out = tmp_path / "out"
     result = run("fly", "calm", "--law", "hinf-d1", "--out", str(out))
     assert result.exit_code == 130
-    assert result.stderr.strip().endswith(f"all is there for gustproof recover {out}")
+    assert result.stderr.strip().endswith(f"restore it by gustproof recover {out}")
     assert [path.name for path in out.iterdir()] == ["calm.journal"]
 
 
@@ -347,4 +347,4 @@ def test_analyse_of_numbers_beyond_all_routines_is_one_clear_line(tmp_path):
     replace(load_law("hinf-d1"), name="huge", C=np.full((3, 9), 1e307)).save(tmp_path / "huge.json")
     result = run("analyse", str(tmp_path / "huge.json"), "-o", str(tmp_path / "huge.png"))
     assert result.exit_code == 2
-    assert "law 'huge' can't be analysed on vehicle 'paper'" in one_line(result)
+    assert "law 'huge' cannot be analysed on vehicle 'paper'" in one_line(result)

@@ -95,12 +95,15 @@ def test_the_choices_are_read_from_the_files_that_were_flown():
 
 def test_the_limits_of_the_results_are_told():
     text = written(render_background(load_vehicle("paper"), load_scenario("paper")))
-    assert "gyro bias b turns every law here by b t (scenario `bias`), but `aided` in yaw alone" in text
+    assert (
+        "gyro bias b turns the vehicle by b t with every law here (scenario `bias`), but with `aided` in yaw alone"
+        in text
+    )
     assert "Translation is held" in text
 
 
 def test_a_flight_that_never_began_has_no_figures():
-    assert written(render_flight("x", None, None)) == "x nothing was flown, nothing is recorded"
+    assert written(render_flight("x", None, None)) == "x no samples were flown or recorded"
 
 
 def test_deadlines_of_real_time_are_told():
@@ -109,12 +112,12 @@ def test_deadlines_of_real_time_are_told():
         lateness.add(late_us)
     late = {f"late_{name}": value for name, value in lateness.figures().items()}
     pace = {"missed": 3, "held": 5, **late, "fifo": True}
-    told = written(render_flight("x", None, None, pace=pace))
-    assert "missed 3, set-points held 5" in told
-    assert "2 us in the median, 900 us in 99 %, 900 us at worst" in told
+    told = written(render_flight("x", None, None, timing=pace))
+    assert "missed deadlines 3, repeated set-points 5" in told
+    assert "lateness median 2 us, p99 900 us, max 900 us" in told
     assert "at the law" not in told
     samples = {"late_samples": 125, "missed_samples": 0}
-    assert "125 samples late at the law, 0 missed" in written(render_flight("x", None, None, pace=pace | samples))
+    assert "samples at the law: 125 late, 0 missed" in written(render_flight("x", None, None, timing=pace | samples))
 
 
 def test_how_a_flight_ended_is_told_in_one_line(tmp_path):

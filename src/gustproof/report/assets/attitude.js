@@ -7,7 +7,7 @@ function rotated([w, x, y, z], [a, b, c]) {
   return [a + w * u + y * s - z * v, b + w * v + z * u - x * s, c + w * s + x * v - y * u];
 }
 
-// The turn from level, its angle made larger; for looking at what is too small to see.
+// The rotation from level with its angle enlarged, to show small motions.
 function magnified([w, x, y, z], factor) {
   const sine = Math.hypot(x, y, z);
   if (factor === 1 || sine < 1e-12) return [w, x, y, z];
@@ -17,7 +17,7 @@ function magnified([w, x, y, z], factor) {
   return [Math.cos(factor * half), scale * x, scale * y, scale * z];
 }
 
-// Place on the screen of a point in N, seen in parallel projection; y of SVG points down, as z of N does.
+// Parallel projection of a point in N to the screen. The y axis of SVG points down, as the z axis of N does.
 function projected([north, east, down]) {
   const { azimuth, elevation } = camera, cos = Math.cos(azimuth), sin = Math.sin(azimuth);
   const ahead = north * cos + east * sin;
@@ -57,7 +57,7 @@ function attitudeView(host, colour) {
   let shown = { q: [1, 0, 0, 0], arrow: null };
   const view = {
     svg,
-    // q: q_NB; arrow: a vector in B, drawn from the middle, 1 is as long as an arm
+    // q: q_NB; arrow: a vector in B from the centre, in lengths of an arm
     update(q, arrow) {
       shown = { q, arrow };
       const turned = (point) => rotated(q, point);

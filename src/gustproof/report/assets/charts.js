@@ -1,5 +1,5 @@
 "use strict";
-// Charts by uPlot: in colours of the page's theme, zoomed and read together in time, exported as PNG.
+// Charts by uPlot in the colours of the page's theme. Charts of time share zoom and cursor; groups export as PNG.
 const charts = {
   drawn: [],  // {chart, plot, marker}
   start: 0, end: 1,  // [s] the longest flight
@@ -10,13 +10,13 @@ const charts = {
 
 function themed(name) { return getComputedStyle(document.documentElement).getPropertyValue(name).trim(); }
 function colourOf(curve) { return themed(curve.colour === null ? "--c6" : `--c${curve.colour % 7}`); }
-function told(value) { return value == null ? "–" : Number(value).toPrecision(4).replace("-", "−"); }
+function format(value) { return value == null ? "–" : Number(value).toPrecision(4).replace("-", "−"); }
 
-// uPlot wants one x for all curves of a chart, and null where one has no value.
+// uPlot takes one x for all curves of a chart, and null for missing values.
 function tableOf(chart) {
   const holes = (values) => (values.some(Number.isNaN) ? Array.from(values, (v) => (Number.isNaN(v) ? null : v)) : values);
   const curves = chart.curves.map((curve) => [numbers.at(curve.x), holes(numbers.at(curve.y))]);
-  if (chart.kind === "plane") {  // poles of one real part stand above each other: joining would lose all but one
+  if (chart.kind === "plane") {  // poles may share a real part: joining would keep only one of them
     const all = curves.flatMap(([x, y], i) => Array.from(x, (value, k) => [value, i, y[k]])).sort((a, b) => a[0] - b[0]);
     return [all.map(([x]) => x), ...curves.map((_, i) => all.map(([, j, y]) => (i === j ? y : null)))];
   }
@@ -25,7 +25,7 @@ function tableOf(chart) {
 }
 
 function seriesOf(curve, kind, k) {
-  const series = { label: curve.label, stroke: () => colourOf(curve), width: 1.3 * k, value: (_, v) => told(v), points: { show: false }, spanGaps: true };
+  const series = { label: curve.label, stroke: () => colourOf(curve), width: 1.3 * k, value: (_, v) => format(v), points: { show: false }, spanGaps: true };
   if (curve.style === "dashed") series.dash = [7 * k, 5 * k];
   else if (curve.colour >= 7) series.dash = [3 * k, 2 * k];  // the palette a second time
   if (kind === "time") series.spanGaps = false;
@@ -45,7 +45,7 @@ function axisOf(label, k, side) {
   return side === "x" ? { ...axis, label, labelSize: 17 * k, size: 24 * k, space: 60 * k } : { ...axis, size: 58 * k, space: 26 * k };
 }
 
-// k enlarges everything for a picture of higher resolution.
+// k scales everything, for a picture of higher resolution.
 function optionsOf(chart, width, height, k = 1) {
   const distr = { time: 1, frequency: 3, plane: 4 }[chart.kind];
   const values = (_, splits) => (chart.kind === "time" ? splits.map(plain) : decades(splits));
@@ -54,7 +54,7 @@ function optionsOf(chart, width, height, k = 1) {
     width, height, padding: [8 * k, 16 * k, 0, 0],
     scales: { x: { time: false, distr, asinh: 0.1, ...range.x }, y: { distr, asinh: 0.1, ...range.y } },
     axes: [{ ...axisOf(chart.x, k, "x"), values, ...splits }, { ...axisOf("", k, "y"), values, ...splits }],
-    series: [{ label: chart.x.split(" [")[0], value: (_, v) => told(v) }, ...chart.curves.map((curve) => seriesOf(curve, chart.kind, k))],
+    series: [{ label: chart.x.split(" [")[0], value: (_, v) => format(v) }, ...chart.curves.map((curve) => seriesOf(curve, chart.kind, k))],
     legend: { live: true, markers: { width: 2, stroke: (_, i) => colourOf(chart.curves[i - 1]), dash: (_, i) => (chart.curves[i - 1].style === "dashed" ? "dashed" : "solid") } },
     cursor: {
       y: false, points: { size: 6 }, drag: { x: chart.kind === "time", y: false, setScale: chart.kind === "time" },
@@ -63,7 +63,7 @@ function optionsOf(chart, width, height, k = 1) {
   };
 }
 
-// What falls by many decades is shown for six of them; poles keep away from the edges; a flat curve gets an axis.
+// Frequency charts show six decades at most. Poles keep clear of the edges. A flat curve gets an axis of height 2.
 function rangesOf(chart) {
   if (chart.kind === "time") return { y: { range: (_, low, high) => (low === high ? [low - 1, high + 1] : uPlot.rangeNum(low, high, 0.08, true)) } };
   if (chart.kind === "frequency") return { y: { range: (_, low, high) => [Math.max(low, high * 1e-6) / 1.4, high * 1.4] } };
@@ -71,7 +71,7 @@ function rangesOf(chart) {
   return { x: { range: (_, low, high) => [-widest(_, low, high), Math.max(3 * high, 0.1)] }, y: { range: (...all) => [-widest(...all), widest(...all)] } };
 }
 
-// Lines of a logarithmic axis: 1 to 9 times each power of ten. uPlot's own never end where a range begins just below one.
+// Grid of a logarithmic axis: 1 to 9 times each power of ten. uPlot's own loops for ever on a range just below a power.
 function lines(low, high) {
   const found = [];
   for (let power = Math.floor(Math.log10(low)); power <= Math.log10(high); power++) {
@@ -82,7 +82,7 @@ function lines(low, high) {
 
 function plain(value) { return value === null ? value : String(Number(value.toPrecision(5))).replace("-", "−"); }
 
-// Labels of a logarithmic axis: powers of ten, and what lies between where there are few of them.
+// Labels of a logarithmic axis: powers of ten, and the values between them if powers are few.
 function decades(splits) {
   const decade = (value) => value === 0 || Math.abs(Math.log10(Math.abs(value)) % 1) < 1e-6;
   const few = splits.filter((value) => value !== null && decade(value)).length < 2;
@@ -138,7 +138,7 @@ function joinTime(drawn) {
   });
 }
 
-// Show the same stretch of time everywhere; a chart that shows it already is left alone, which ends the round.
+// Zoom all charts to the same time. A chart that shows it already is skipped, which ends the recursion.
 function zoom(min, max) {
   if (!(max > min)) return;
   for (const { plot } of charts.ofTime()) {
@@ -155,7 +155,7 @@ function markTime(time) {
   }
 }
 
-// A group as one picture for print: light whatever the page is, the charts below each other, each with its legend.
+// A group as one picture for print: always light, charts below each other, each with its legend.
 async function picture(group, k = 2.5) {
   const width = 760 * k, height = 250 * k, top = 46 * k, head = 34 * k;
   const canvas = Object.assign(document.createElement("canvas"), { width, height: head + group.charts.length * (height + top) });

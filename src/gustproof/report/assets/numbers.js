@@ -1,5 +1,5 @@
 "use strict";
-// The page's numbers: float32 in four planes of bytes, zlib, base64 (see html.py). A place is [start, length].
+// Numbers of the page: float32 in four planes of bytes, zlib, base64 (see html/page.py). Arrays are [offset, length].
 const numbers = {
   values: new Float32Array(0),
   async unpack(text) {

@@ -1,5 +1,5 @@
 "use strict";
-// Unpack, draw, and say so: `ready` is the page's own promise, for whoever drives it.
+// Unpack and draw. The promise `ready` tells a driver of the page that it is done.
 const page = JSON.parse(document.getElementById("page-data").textContent);
 const ready = (async () => {
   await numbers.unpack(document.getElementById("page-numbers").textContent);

@@ -1,5 +1,5 @@
 "use strict";
-// All flights at one moment: played, scrubbed, or picked in a chart.
+// All flights at one time, which is played, scrubbed or picked in a chart.
 const replay = { runs: [], time: 0, end: 0, playing: false, last: 0 };
 const ANGLES = ["φ", "θ", "ψ"];
 
@@ -13,7 +13,7 @@ function eulerOf([w, x, y, z]) {
   ];
 }
 
-// Place of the last sample at or before a time.
+// Index of the last sample at or before a time.
 function sampleAt(times, time) {
   let low = 0, high = times.length - 1;
   while (low < high) {

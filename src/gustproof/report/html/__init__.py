@@ -1,1 +1,1 @@
-"""Render flights and campaigns as one offline HTML page."""
+"""Flights and campaigns as one offline HTML page."""

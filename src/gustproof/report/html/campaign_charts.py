@@ -1,4 +1,4 @@
-"""Charts of a campaign as inline SVG: what the runs of each law left, and what it depends on. No script draws them."""
+"""Charts of a campaign as inline SVG, without a script: distributions of the figures and their causes."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -12,21 +12,21 @@ Array = NDArray[np.float64]
 
 _WIDTH, _HEIGHT = 300.0, 200.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 44.0, 10.0, 22.0, 36.0
-_BINS = 48  # of a distribution, at most
-_POINTS = 160  # of an exceedance curve
-_MEANS = 16  # of a response curve, at most
-_MIN_RUNS = 25  # runs that a mean is of
+_BINS = 48  # most bins of a distribution
+_POINTS = 160  # points of an exceedance curve
+_MEANS = 16  # most means of a response curve
+_MIN_RUNS = 25  # runs for each mean
 
 
 class Line(NamedTuple):
     """One curve of a chart."""
 
     colour: int
-    """Place in the palette."""
+    """Index in the palette."""
     x: Array
     """(n,) ascending [unit of the chart's x]."""
     y: Array
-    """(n,) [unit of the chart's y]; NaN is left out."""
+    """(n,) [unit of the chart's y]; NaN is not drawn."""
 
 
 class Axis(NamedTuple):
@@ -37,10 +37,10 @@ class Axis(NamedTuple):
     high: float
     """[unit of the axis]."""
     logarithmic: bool = False
-    """Whether in powers of ten."""
+    """True if the axis is logarithmic."""
 
     def share(self, value: float) -> float:
-        """Return where on the axis a value is, 0..1."""
+        """Return the position of a value on the axis, 0..1."""
         if self.logarithmic:
             low, high, value = math.log10(self.low), math.log10(self.high), math.log10(max(value, self.low))
         else:
@@ -48,7 +48,7 @@ class Axis(NamedTuple):
         return (value - low) / (high - low)
 
     def ticks(self) -> list[float]:
-        """Return some four to eight round values on the axis."""
+        """Return about four to eight round values on the axis."""
         if self.logarithmic:
             return [10.0**k for k in range(math.ceil(math.log10(self.low)), math.floor(math.log10(self.high)) + 1)]
         step = 10.0 ** math.floor(math.log10((self.high - self.low) / 4.0))
@@ -57,7 +57,7 @@ class Axis(NamedTuple):
 
 
 def draw_distributions(label: str, values: Sequence[Array]) -> str:
-    """Return how the runs of each law, an array each, are spread: their share in bins that all laws have in common."""
+    """Return the histogram of each law's runs, one array a law, in bins common to all laws."""
     found = [each[np.isfinite(each)] for each in values]
     low, high = _value_range(found)
     bins = min(math.ceil(2.0 * math.sqrt(max(map(len, found)))), _BINS)
@@ -71,7 +71,7 @@ def draw_distributions(label: str, values: Sequence[Array]) -> str:
 
 
 def draw_exceedances(label: str, values: Sequence[Array]) -> str:
-    """Return which share of the runs of each law exceeds a value, down to the one worst run."""
+    """Return the share of each law's runs above a value, down to the single worst run."""
     found = [each[np.isfinite(each)] for each in values]
     low, high = _value_range(found)
     lines = []
@@ -86,9 +86,9 @@ def draw_exceedances(label: str, values: Sequence[Array]) -> str:
 def draw_responses(
     label: str, drawn: str, values: Sequence[Array], delta: Array, value: Callable[[float], float]
 ) -> str:
-    """Return the mean of a figure of each law in parts of the range of what was drawn, (cases,) normalised.
+    """Return each law's mean of a figure over the sections of a dispersion's range; `delta` (cases,) is normalised.
 
-    Empty if there are too few cases for two means.
+    The chart is empty if there are too few cases for two means.
     """
     means = min(len(delta) // _MIN_RUNS, _MEANS)
     if means < 2:
@@ -109,7 +109,7 @@ def draw_responses(
 
 
 def draw_chart(x_label: str, y_label: str, lines: Sequence[Line], x: Axis, y: Axis) -> str:
-    """Return a chart as SVG; its colours are the page's."""
+    """Return a chart as SVG in the colours of the page."""
     width, height = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
 
     def place(at_x: float, at_y: float) -> str:
@@ -137,7 +137,7 @@ def draw_chart(x_label: str, y_label: str, lines: Sequence[Line], x: Axis, y: Ax
 
 
 def _value_range(values: Sequence[Array]) -> tuple[float, float]:
-    """Return the least and the largest of all values, apart even where there is but one."""
+    """Return the least and the largest of all values, widened if they are equal."""
     there = [each for each in values if len(each)]
     low, high = (min(map(np.min, there)), max(map(np.max, there))) if there else (0.0, 0.0)
     return (float(low), float(high)) if high > low else (float(low) - 0.5, float(high) + 0.5)

@@ -1,4 +1,4 @@
-"""One HTML file on a campaign: it asks nobody for anything, opens without a network, and needs no script."""
+"""One HTML file on a campaign, which needs neither a network nor a script."""
 
 import math
 import re
@@ -23,12 +23,12 @@ from gustproof.report.terminal import FIGURES
 from gustproof.scoring.requirements import requirement_label, requirement_limits
 
 _ASSETS = files("gustproof.report") / "assets"
-_COLUMNS = ("mean", "median", "95 % below", "99 % below")
+_COLUMNS = ("mean", "median", "95th percentile", "99th percentile")
 _IMPORTANCE_FIGURE = "rmse_deg"
 
 
 def write_campaign_report(path: Path, output: Path) -> None:
-    """Write the page on the campaign in a file; the same campaign gives the same bytes."""
+    """Write the page on the campaign in `path`; the same campaign gives the same bytes."""
     write_atomic(output, render_campaign_page(path))
 
 
@@ -38,15 +38,14 @@ def render_campaign_page(path: Path) -> str:
     Raises
     ------
     ConfigError
-        If it is not a campaign's file.
+        If the file is no campaign's table.
     """
     found = compute_statistics(path)
     flown = read_campaign_metadata(path)["versions"]["gustproof"]
     parts = {
         "title": escape(f"{found.campaign.scenario.name}: {', '.join(law.law for law in found.laws)}"),
         "styles": (_ASSETS / "page.css").read_text(encoding="utf-8"),
-        "about": f"<p>{escape(found.campaign.scenario.description)}</p><p>{escape(describe_campaign(found.campaign))}</p>"
-        + "".join(f"<p class='bad'>{escape(line)}</p>" for line in found.warnings),
+        "about": _render_about(found),
         "figures": _render_figures(found),
         "requirements": _render_requirements(found),
         "legend": _render_legend(found),
@@ -57,6 +56,12 @@ def render_campaign_page(path: Path) -> str:
     }
     template = (_ASSETS / "campaign.html").read_text(encoding="utf-8")
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
+
+
+def _render_about(found: CampaignStatistics) -> str:
+    lines = (found.campaign.scenario.description, describe_campaign(found.campaign))
+    about = "".join(f"<p>{escape(line)}</p>" for line in lines)
+    return about + "".join(f"<p class='bad'>{escape(line)}</p>" for line in found.warnings)
 
 
 def _render_figures(found: CampaignStatistics) -> str:
@@ -72,8 +77,8 @@ def _render_figures(found: CampaignStatistics) -> str:
             )
     duels = "".join(f"<p>{escape(line)}</p>" for line in format_comparisons(found))
     note = (
-        f"<p class='note'>Behind each figure: where the true one is, {100.0 * CONFIDENCE:g} % sure: Student's t for means, "
-        "order statistics for quantiles, Clopper and Pearson for shares.</p>"
+        f"<p class='note'>Right of each value: its {100.0 * CONFIDENCE:g} % confidence interval. Methods: Student's t "
+        "for means, order statistics for quantiles, Clopper and Pearson for shares.</p>"
     )
     return note + render_table(["", "law", *_COLUMNS, "worst"], rows) + duels
 
@@ -84,10 +89,19 @@ def _render_requirements(found: CampaignStatistics) -> str:
         for each in law.passed:
             last = f"{format_value(each.worst[0].value)} in run {each.worst[0].run}" if each.worst else "–"
             required = each.requirement
-            rows.append([_render_law(found, law), requirement_label(required), requirement_limits(required),
-                         _format_share(each.rate), escape(last)])  # fmt: skip
-        rows.append([_render_law(found, law), "all of them, and flown to the end", "", _format_share(law.all_held), ""])
-    return render_table(["law", "required", "limit", "runs that kept it", "worst"], rows)
+            rows.append(
+                [
+                    _render_law(found, law),
+                    requirement_label(required),
+                    requirement_limits(required),
+                    _format_share(each.rate),
+                    escape(last),
+                ]
+            )
+        rows.append(
+            [_render_law(found, law), "all requirements, and flown to the end", "", _format_share(law.all_held), ""]
+        )
+    return render_table(["law", "requirement", "limit", "runs that met it", "worst"], rows)
 
 
 def _render_distributions(found: CampaignStatistics) -> str:
@@ -99,28 +113,28 @@ def _render_distributions(found: CampaignStatistics) -> str:
             charts += [draw_distributions(label, list(values)), draw_exceedances(label, list(values))]
         elif least == largest:
             alike.append(f"<p>{escape(label)}: {format_value(float(least))} in every run.</p>")
-    return _render_group("How the runs are spread, and how many exceed a value", charts) + "".join(alike)
+    return _render_group("Distributions, and shares of the runs above a value", charts) + "".join(alike)
 
 
 def _render_dispersions(found: CampaignStatistics) -> str:
     if not found.campaign.spreads:
-        return "<p>Nothing was drawn but gusts and noise.</p>"
+        return "<p>Only gusts and noise varied.</p>"
     file, charts = open_table(found.table), []
     values, label = list(read_column(file, _IMPORTANCE_FIGURE, found.campaign)), _figure_label(_IMPORTANCE_FIGURE)
     for name, spread in found.campaign.spreads.items():
         delta = read_column(file, delta_column(name), found.campaign)[0]
         charts.append(draw_responses(label, name, values, delta, spread.value))
     note = (
-        "<p class='note'>Share of a figure's variance that each explains by itself (first-order Sobol' index by "
-        "binning), and the rank correlation (Spearman); what chance alone may do is called not seen. The rest is gusts "
-        "and noise, drawn anew for each case, and what acts together. Units are those of the vehicle file.</p>"
+        "<p class='note'>Share of a figure's variance explained by each quantity alone (first-order Sobol' index by "
+        "binning), and rank correlation ρ (Spearman). 'No effect found' means an index within the noise of its "
+        "estimate. Remainder: gusts and noise of each run, and interactions. Units are those of the vehicle file.</p>"
     )
     return note + _render_importance(found) + _render_group(f"mean {label} against each", charts)
 
 
 def _render_importance(found: CampaignStatistics) -> str:
     heads = [
-        "drawn",
+        "quantity",
         "from .. to",
         *(f"{_render_law(found, law)} {escape(_figure_label(n))}" for n in COMPARED_FIGURES for law in found.laws),
     ]
@@ -138,10 +152,10 @@ def _render_bar(importance: Importance | None) -> str:
     if importance is None:
         return "too few runs"
     if importance.first_order <= importance.noise:
-        return f'<span class="interval">not seen, {importance.rank_correlation:+.2f}</span>'
+        return f'<span class="interval">no effect found (ρ = {importance.rank_correlation:+.2f})</span>'
     share = 100.0 * importance.first_order
     bar = f'<span class="share" style="width: {0.6 * share:.1f}px"></span>'
-    return f"{bar}{share:.0f} %, {importance.rank_correlation:+.2f}"
+    return f"{bar}{share:.0f} % (ρ = {importance.rank_correlation:+.2f})"
 
 
 def _render_worst(found: CampaignStatistics) -> str:
@@ -151,20 +165,20 @@ def _render_worst(found: CampaignStatistics) -> str:
             [_render_law(found, law), escape(what), value, _rerun_command(found, run)]
             for what, value, run in _notable_runs(law)
         ]
-    return render_table(["law", "", "", "again, over UDP, to the same bits"], rows)
+    return render_table(["law", "", "", "command that repeats it over UDP, with the same bits"], rows)
 
 
 def _notable_runs(law: LawStatistics) -> Iterator[tuple[str, str, int]]:
-    """Yield what is remarkable of a run of the law, its value, and its number."""
+    """Yield the remark, the value and the number of each notable run of a law."""
     for failure in law.failures:
-        yield f"left no figures: {failure.reason}", "", failure.run
+        yield f"no figures: {failure.reason}", "", failure.run
     for name in COMPARED_FIGURES:
         for each in law.figures[name].worst:
             yield _figure_label(name), format_value(each.value), each.run
     for passed in law.passed:
         label = requirement_label(passed.requirement)
         for each in passed.worst[:1]:
-            yield f"required: {label} {requirement_limits(passed.requirement)}", format_value(each.value), each.run
+            yield f"requirement: {label} {requirement_limits(passed.requirement)}", format_value(each.value), each.run
 
 
 def _rerun_command(found: CampaignStatistics, run: int) -> str:

@@ -1,4 +1,4 @@
-"""What the page draws: curves in charts in groups, time histories and spectra first."""
+"""Charts of the page as groups of curves, and those of time histories and spectra."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -13,18 +13,18 @@ from gustproof.report.html.runs import Records, ReportRun
 from gustproof.scoring.metrics import attitude
 
 MAX_SAMPLES = 20_000
-"""Samples a curve that are drawn as they are; of a longer one, the lowest and the highest of each stretch."""
-_SEGMENTS = 4  # non-overlapping ones; Welch's halves overlap, so seven spectra are averaged
+"""Samples of a curve that are drawn unchanged; a longer curve is reduced to the extremes of each section."""
+_SEGMENTS = 4  # without overlap; Welch's method overlaps them by half and averages seven spectra
 
 Array = NDArray[np.float64]
 Values = Callable[[ReportRun], Array]
 
 
 class ChartKind(Enum):
-    """Which axes a chart has."""
+    """Axes of a chart."""
 
     TIME = "time"
-    """Time and a value; zoom and cursor are those of all charts of time."""
+    """Time and a value; all charts of time share zoom and cursor."""
     FREQUENCY = "frequency"
     """Both logarithmic."""
     PLANE = "plane"
@@ -32,14 +32,14 @@ class ChartKind(Enum):
 
 
 class CurveStyle(Enum):
-    """How a curve is drawn."""
+    """Style of a curve."""
 
     SOLID = "solid"
     """A line."""
     DASHED = "dashed"
-    """A broken line: a bound, or what was asked for."""
+    """A dashed line: a bound or a reference."""
     HOLLOW = "hollow"
-    """Rings instead of dots, in the plane."""
+    """Rings instead of dots, in the complex plane."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,15 +47,15 @@ class Curve:
     """One curve."""
 
     label: str
-    """What the legend calls it."""
+    """Name in the legend."""
     colour: int | None
-    """Place in the palette; `None` is the colour of text."""
+    """Index in the palette; `None` is the colour of text."""
     x: Array
     """(n,) ascending [unit of the chart's x]; in the plane in any order."""
     y: Array
     """(n,) [unit of the chart's y]."""
     style: CurveStyle = CurveStyle.SOLID
-    """How it is drawn."""
+    """Line style."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,13 +63,13 @@ class Chart:
     """One pair of axes."""
 
     title: str
-    """What is drawn, with its unit."""
+    """Quantity and unit of y."""
     x_label: str
-    """What x is, with its unit."""
+    """Quantity and unit of x."""
     kind: ChartKind
-    """Which axes it has."""
+    """Axes."""
     curves: tuple[Curve, ...]
-    """What is drawn; the first lies below."""
+    """Curves, the lowest first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,11 +77,11 @@ class ChartGroup:
     """Charts side by side, exported as one picture."""
 
     title: str
-    """What they show."""
+    """Heading."""
     charts: tuple[Chart, ...]
     """The charts."""
     note: str = ""
-    """What a reader must know of them."""
+    """Explanation below the heading."""
 
 
 def _get_field(name: str) -> Callable[[Records], Array]:
@@ -111,30 +111,30 @@ _HISTORIES: tuple[tuple[str, tuple[str, ...], Values], ...] = (
     ("Thrust of the rotors", tuple(f"rotor {i} [N]" for i in range(1, 5)), _from_records(_get_field("rotors"))),
     ("Position", ("north [m]", "east [m]", "down [m]"), _from_records(_get_field("position_N"))),
     ("Velocity", ("north [m/s]", "east [m/s]", "down [m/s]"), _from_records(_get_field("velocity_N"))),
-    ("Link", ("age of the command that acts [samples]",), _from_records(_get_field("command_age"))),
+    ("Link", ("age of the acting command [samples]",), _from_records(_get_field("command_age"))),
     ("Autopilot", ("mode [number]",), _from_records(lambda r: np.asarray(r["mode"])[:, None])),
 )
-"""Title, axes and values (n, k) of each group of time histories; one that nothing happens in is left out."""
+"""Title, axes and values (n, k) of each group of time histories; constant groups are left out."""
 
 _SPECTRA = ("Attitude", "Gust, blowing toward", "Disturbance moment")
 
 
 def time_histories(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
-    """Return the time histories in which something happens in any run."""
+    """Return the time histories that are not constant in every run."""
     groups = []
     for title, axes, values in _HISTORIES:
         columns = [values(run) for run in runs]
         if not any(np.any(np.ptp(np.nan_to_num(column), axis=0) > 0.0) for column in columns):
             continue
-        # The most agitated flight goes below the others, which would not be seen under it.
+        # The most agitated flight is drawn first, as it would hide the others.
         agitation = [float(np.nansum(np.abs(np.diff(column, axis=0)))) for column in columns]
         order = sorted(range(len(runs)), key=lambda i: -agitation[i])
         charts = []
         for k, axis in enumerate(axes):
             known = [i for i in order if not np.all(np.isnan(columns[i][:, k]))]
             curves = merge_curves([_history_curve(runs[i], columns[i][:, k], i) for i in known], "all runs")
-            asked = _reference_curves(runs, k) if title == "Attitude" else ()
-            charts.append(Chart(title=axis, x_label="time [s]", kind=ChartKind.TIME, curves=(*curves, *asked)))
+            references = _reference_curves(runs, k) if title == "Attitude" else ()
+            charts.append(Chart(title=axis, x_label="time [s]", kind=ChartKind.TIME, curves=(*curves, *references)))
         groups.append(ChartGroup(title=title, charts=tuple(charts)))
     return tuple(groups)
 
@@ -173,12 +173,12 @@ def spectra(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
 
 
 def bracket_unit(unit: str) -> str:
-    """Return a unit as it stands in a product: in brackets if it is one itself."""
+    """Return a unit for use in a product: in brackets if it is a product itself."""
     return f"({unit})" if set(unit) & {"/", " "} else unit
 
 
 def merge_curves(curves: Iterable[Curve], label: str) -> tuple[Curve, ...]:
-    """Return the curves, or one called `label` if they are the same: the last would hide the others."""
+    """Return the curves, or a single one named `label` if they are equal and would hide each other."""
     found = tuple(curves)
     if len(found) < 2 or not all(_is_same(found[0], curve) for curve in found[1:]):
         return found
@@ -190,9 +190,9 @@ def _is_same(one: Curve, other: Curve) -> bool:
 
 
 def decimate(time: Array, values: Array, most: int = MAX_SAMPLES) -> tuple[Array, Array]:
-    """Return a curve of at most `most` samples: of more, the lowest and the highest of each stretch, in order.
+    """Return a curve of at most `most` samples: the lowest and the highest of each section, in order.
 
-    No peak is lost; times are those of the samples kept.
+    No peak is lost, and the times are those of the kept samples.
     """
     n = len(time)
     if n <= most:
@@ -214,14 +214,14 @@ def _history_curve(run: ReportRun, column: Array, colour: int) -> Curve:
 
 
 def _reference_curves(runs: Sequence[ReportRun], axis: int) -> tuple[Curve, ...]:
-    """Return the angles [deg] about an axis that the scripts ask the laws to hold, those of all runs as one."""
+    """Return the reference angles [deg] about an axis; references common to all runs become one curve."""
     curves = []
     for i, run in enumerate(runs):
-        if turns := run.scenario.references:
-            stamps, angles = zip((-1, (0.0, 0.0, 0.0)), *turns, strict=True)
+        if references := run.scenario.references:
+            stamps, angles = zip((-1, (0.0, 0.0, 0.0)), *references, strict=True)
             held = np.degrees(angles)[np.searchsorted(stamps, run.records["time_us"], side="right") - 1, axis]
-            asked = replace(_history_curve(run, held, i), style=CurveStyle.DASHED)
-            curves.append(replace(asked, label=f"reference of {run.label}"))
+            dashed = replace(_history_curve(run, held, i), style=CurveStyle.DASHED)
+            curves.append(replace(dashed, label=f"reference of {run.label}"))
     if all(_is_same(curves[0], curve) for curve in curves[1:]):
         return tuple(replace(curve, label="reference", colour=None) for curve in curves[:1])
     return tuple(curves)

@@ -1,4 +1,4 @@
-"""The laws of a report in the frequency domain: singular values against the weights, sensitivities, poles, margins."""
+"""Laws of a report in the frequency domain: sensitivities, singular values against the weights, poles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,27 +18,27 @@ from gustproof.synthesis.designs import Design, Weight
 
 _AXES = ("roll", "pitch", "yaw")
 _OMEGA = np.geomspace(1e-3, 1e3, 400)
-_SAME_TOLERANCE = 1e-6  # [-] relative: how far the numbers of a law designed again may differ, on another machine
+_SAME_TOLERANCE = 1e-6  # [-] relative difference allowed between a law and its new derivation on another machine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReportLaw:
-    """A law of the report and the loop it flew in."""
+    """Law of a report with the loop that it flew in."""
 
     label: str
-    """What its first run is called."""
+    """Label of its first run."""
     colour: int
-    """Place of its first run in the palette."""
+    """Index of its first run in the palette."""
     law: Law
     """The law."""
     hover: HoverLoop
-    """Its loop at hover, sampled and late."""
+    """Its loop at hover, sampled and delayed."""
     design: DesignReport | None
-    """Its design; `None` if it comes from none, or from one that does not lead to this very law again."""
+    """Its design; `None` if it has none, or if the design does not give this law again."""
 
 
 def collect_laws(runs: Sequence[ReportRun]) -> tuple[ReportLaw, ...]:
-    """Return each law of the runs once for each vehicle, rate and delay that it flew with."""
+    """Return each law of the runs, once for each vehicle, sample rate and delay."""
     found: dict[tuple[object, ...], ReportLaw] = {}
     for i, run in enumerate(runs):
         key = (run.law.name, run.vehicle, run.scenario.dt, run.scenario.delay_samples)
@@ -49,7 +49,7 @@ def collect_laws(runs: Sequence[ReportRun]) -> tuple[ReportLaw, ...]:
 
 
 def frequency_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
-    """Return the sensitivities of all laws, and of each designed one its singular values against its weights."""
+    """Return the sensitivities of all laws, and the singular values of each designed law against its weights."""
     sensitivities = [
         Chart(
             title=f"largest singular value of {name} [-]",
@@ -65,14 +65,14 @@ def frequency_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
     ]
     groups = []
     if sensitivities[0].curves:
-        note = "At the plant's input, sampled and late as flown. A law of rates has no torque loop of its own."
+        note = "At the plant's input, sampled and delayed as flown. A rate law has no torque loop of its own."
         title = "Sensitivity S and complementary sensitivity T"
         groups.append(ChartGroup(title=title, charts=tuple(sensitivities), note=note))
     return (*groups, *(_weight_charts(law.label, law.design) for law in laws if law.design is not None))
 
 
 def pole_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
-    """Return the poles of each law, and of the loop that it closes, in the complex plane."""
+    """Return the poles of each law and of its closed loop in the complex plane."""
     charts = []
     for law in laws:
         curves = (
@@ -81,7 +81,7 @@ def pole_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
         curves.append(_pole_curve("law", law.colour, law.hover.law_poles, CurveStyle.SOLID))
         title = f"{law.label}: imaginary part [rad/s]"
         charts.append(Chart(title=title, x_label="real part [rad/s]", kind=ChartKind.PLANE, curves=tuple(curves)))
-    note = "log(z)/dt of the law at level attitude and of the loop at hover; axes are logarithmic away from 0."
+    note = "log(z)/dt of the law at level attitude and of the loop at hover. Axes are logarithmic away from 0."
     return (ChartGroup(title="Poles", charts=tuple(charts), note=note),) if charts else ()
 
 
@@ -91,7 +91,7 @@ def _pole_curve(label: str, colour: int | None, poles: ComplexMatrix, style: Cur
 
 
 def _weight_charts(label: str, report: DesignReport) -> ChartGroup:
-    """Return the unweighted transfers of a design, axis by axis, under the bounds that its weights and level set."""
+    """Return the unweighted transfers of a design by axis, with the bounds set by its weights and level."""
     design, problem = report.design, report.problem
     response = lft(problem.plant(), report.result.controller).response(_OMEGA)
     level = report.result.gamma
@@ -101,8 +101,10 @@ def _weight_charts(label: str, report: DesignReport) -> ChartGroup:
         inputs.append(("w_r", "reference", "rad", design.W_r))
     charts = []
     for w, cause, cause_unit, W_in in inputs:
-        for z, effect, effect_unit, W_out in (("z_e", "attitude error", "rad", design.W_e),
-                                              ("z_u", "command", command, design.W_u)):  # fmt: skip
+        for z, effect, effect_unit, W_out in (
+            ("z_e", "attitude error", "rad", design.W_e),
+            ("z_u", "command", command, design.W_u),
+        ):
             rows, columns = _component_slice(problem.z, z), _component_slice(problem.w, w)
             scale = _weight_gains(W_out.system()) * _weight_gains(W_in.system())
             gains = np.abs(np.diagonal(response[:, rows, columns], 0, 1, 2)) / scale
@@ -112,11 +114,17 @@ def _weight_charts(label: str, report: DesignReport) -> ChartGroup:
     allowed = np.full(len(_OMEGA), level)
     bound = Curve(label=f"γ = {level:.4g}", colour=None, x=_OMEGA, y=allowed, style=CurveStyle.DASHED)
     largest = Curve(label="w to z", colour=0, x=_OMEGA, y=weighted)
-    charts.append(Chart(title="weighted: largest singular value [-]", x_label="frequency [rad/s]",
-                        kind=ChartKind.FREQUENCY, curves=(bound, largest)))  # fmt: skip
+    charts.append(
+        Chart(
+            title="weighted: largest singular value [-]",
+            x_label="frequency [rad/s]",
+            kind=ChartKind.FREQUENCY,
+            curves=(bound, largest),
+        )
+    )
     note = (
-        f"Design {design.name}, in its own continuous model with its leak: the gain of each axis, which at hover is a "
-        "singular value as the axes do not couple, and dashed what the weights and the level γ allow it."
+        f"Design {design.name}, in its own continuous model with its leak. Solid: the gain of each axis, a singular "
+        "value at hover, where the axes do not couple. Dashed: the bound set by the weights and the level γ."
     )
     return ChartGroup(title=f"Singular values against the weights: {label}", charts=tuple(charts), note=note)
 
@@ -134,7 +142,7 @@ def _bounded_chart(title: str, gains: Matrix, bounds: Matrix) -> Chart:
 
 
 def _component_slice(names: tuple[str, ...], name: str) -> slice:
-    """Return where a signal of three components stands among others like it."""
+    """Return the slice of a signal of three components in a vector of such signals."""
     start = 3 * names.index(name)
     return slice(start, start + 3)
 
@@ -145,13 +153,13 @@ def _weight_gains(weight: Lti) -> Matrix:
 
 
 def _rederive(law: Law) -> DesignReport | None:
-    """Return the design that a law's provenance names, if it leads to the very same law."""
+    """Return the design that a law's provenance names, if it gives the same law again."""
     if "leak_per_s" not in law.provenance.parameters:  # not made from weights
         return None
     try:
         design = _parse_design(law)
         again, report = derive(design, load_vehicle(design.vehicle))
-    except (ConfigError, DesignError, ValueError, KeyError):  # a user's own: a vehicle or a weight is not to be had
+    except (ConfigError, DesignError, ValueError, KeyError):  # a user's own: a vehicle or a weight is missing
         return None
     same = again.order == law.order and again.output is law.output
     return report if same and all(_is_close(getattr(again, name), getattr(law, name)) for name in "ABCDG") else None
@@ -162,16 +170,28 @@ def _is_close(one: Matrix, other: Matrix) -> bool:
 
 
 def _parse_design(law: Law) -> Design:
-    """Return the design whose weights and level stand in a law's provenance."""
+    """Return the design with the weights and the level in a law's provenance."""
     known = law.provenance.parameters
     title, _, description = law.provenance.design.partition(": ")
+    W_d, W_n, W_e, W_u = (_parse_weight(name, known) for name in ("W_d", "W_n", "W_e", "W_u"))
+    has_reference = bool({"W_r_roll", "W_r_low_roll"} & set(known))
     return Design(
-        name=title, description=description, law=law.name, vehicle=law.provenance.vehicle, dt=law.dt,
-        W_d=_parse_weight("W_d", known), W_n=_parse_weight("W_n", known), W_e=_parse_weight("W_e", known), W_u=_parse_weight("W_u", known),
-        W_r=_parse_weight("W_r", known) if {"W_r_roll", "W_r_low_roll"} & set(known) else None,
-        leak=known["leak_per_s"], gamma=known["gamma"], rate_damping=known.get("rate_damping_per_s"),
-        rate_loop_lag=known.get("rate_loop_lag_s"), scheduled=law.scheduled,
-    )  # fmt: skip
+        name=title,
+        description=description,
+        law=law.name,
+        vehicle=law.provenance.vehicle,
+        dt=law.dt,
+        W_d=W_d,
+        W_n=W_n,
+        W_e=W_e,
+        W_u=W_u,
+        W_r=_parse_weight("W_r", known) if has_reference else None,
+        leak=known["leak_per_s"],
+        gamma=known["gamma"],
+        rate_damping=known.get("rate_damping_per_s"),
+        rate_loop_lag=known.get("rate_loop_lag_s"),
+        scheduled=law.scheduled,
+    )
 
 
 def _parse_weight(name: str, known: dict[str, float]) -> Weight:

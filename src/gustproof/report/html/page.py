@@ -1,7 +1,7 @@
-"""One HTML file on some flights: it asks nobody for anything, and opens without a network.
+"""One HTML file on some flights, which needs no network.
 
-Tables are HTML as they stand. Curves are float32, packed into one block that the page's script unpacks and draws:
-their bytes stand in four planes, equal ones beside each other, which compresses best.
+Tables are plain HTML. Curves are float32 numbers in one block, which the page's script unpacks and draws. The block
+holds their bytes in four planes, first bytes with first bytes, which compresses best.
 """
 
 import base64
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 def write_report(runs: Sequence[ReportRun], path: Path) -> None:
-    """Write the page on `runs`; the same flights give the same bytes."""
+    """Write the page on some flights; the same flights give the same bytes."""
     write_atomic(path, render_page(runs))
 
 
@@ -41,13 +41,13 @@ def render_page(runs: Sequence[ReportRun]) -> str:
     laws, numbers = collect_laws(runs), _NumberBlock()
     scenarios = ", ".join(dict.fromkeys(run.scenario.name for run in runs))
     sections = {
-        "time": numbers.groups(time_histories(runs)),
-        "frequency": numbers.groups(frequency_charts(laws)),
-        "poles": numbers.groups(pole_charts(laws)),
-        "spectra": numbers.groups(spectra(runs)),
+        "time": numbers.encode_groups(time_histories(runs)),
+        "frequency": numbers.encode_groups(frequency_charts(laws)),
+        "poles": numbers.encode_groups(pole_charts(laws)),
+        "spectra": numbers.encode_groups(spectra(runs)),
     }
     page = {
-        "runs": [{"label": run.label, **numbers.replay(run)} for run in runs],
+        "runs": [{"label": run.label, **numbers.encode_replay(run)} for run in runs],
         "sections": sections,
         "name": re.sub(r"[^\w.-]+", "-", scenarios),
     }
@@ -59,9 +59,9 @@ def render_page(runs: Sequence[ReportRun]) -> str:
         "footer": escape(_render_footer(runs)),
         "licence": escape(_read_asset("uPlot.LICENSE")),
         "styles": "\n".join(_read_asset(name) for name in _STYLES),
-        # a text in JSON must not end the script
+        # no text in the JSON may end the script
         "page": json.dumps(page, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
-        "numbers": numbers.packed(),
+        "numbers": numbers.encode(),
         "scripts": "\n".join(f"<script>\n{_read_asset(name)}\n</script>" for name in _SCRIPTS),
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _read_asset("page.html"))
@@ -78,34 +78,34 @@ def _describe_scenarios(runs: Iterable[ReportRun]) -> list[str]:
 def _render_footer(runs: Sequence[ReportRun]) -> str:
     flown = ", ".join(dict.fromkeys(run.versions["gustproof"] for run in runs))
     thinned = max(len(run.records) for run in runs) > MAX_SAMPLES
-    shown = f" Of long flights the curves show the extremes of {MAX_SAMPLES // 2} stretches." if thinned else ""
+    shown = f" Curves of long flights show the extremes of {MAX_SAMPLES // 2} sections." if thinned else ""
     return f"Flown by gustproof {flown}, drawn by gustproof {__version__}.{shown}"
 
 
 class _NumberBlock:
-    """All numbers of the page, each array once, referred to by place and length."""
+    """All numbers of the page, each array once, referred to by offset and length."""
 
     def __init__(self) -> None:
         self._arrays: list[bytes] = []
-        self._places: dict[bytes, tuple[int, int]] = {}
+        self._offsets: dict[bytes, tuple[int, int]] = {}
         self._used = 0
 
-    def place(self, values: Array) -> tuple[int, int]:
-        """Return where `values` (n,) start, and how many they are."""
+    def add(self, values: Array) -> tuple[int, int]:
+        """Return offset and length of `values` (n,), added if they are new."""
         content = np.ascontiguousarray(values, dtype="<f4").tobytes()
-        if content not in self._places:
-            self._places[content] = (self._used, len(values))
+        if content not in self._offsets:
+            self._offsets[content] = (self._used, len(values))
             self._arrays.append(content)
             self._used += len(values)
-        return self._places[content]
+        return self._offsets[content]
 
-    def packed(self) -> str:
+    def encode(self) -> str:
         """Return the numbers as base64 of zlib of the four planes of their bytes."""
         words = np.frombuffer(b"".join(self._arrays), dtype=np.uint8).reshape(-1, 4)
         return base64.b64encode(zlib.compress(words.T.tobytes(), 9)).decode()
 
-    def groups(self, groups: Iterable[ChartGroup]) -> list[dict[str, Any]]:
-        """Return groups of charts as the page's script wants them."""
+    def encode_groups(self, groups: Iterable[ChartGroup]) -> list[dict[str, Any]]:
+        """Return groups of charts in the form that the page's script reads."""
         return [
             {
                 "title": group.title,
@@ -115,7 +115,7 @@ class _NumberBlock:
                         "title": chart.title,
                         "x": chart.x_label,
                         "kind": chart.kind.value,
-                        "curves": [self._curve(curve) for curve in chart.curves],
+                        "curves": [self._encode_curve(curve) for curve in chart.curves],
                     }
                     for chart in group.charts
                 ],
@@ -123,15 +123,15 @@ class _NumberBlock:
             for group in groups
         ]
 
-    def replay(self, run: ReportRun) -> dict[str, Any]:
-        """Return what moves the vehicle of a run: time [s], q_NB and gust_B [m/s], by component."""
+    def encode_replay(self, run: ReportRun) -> dict[str, Any]:
+        """Return time [s], q_NB and gust_B [m/s] of a run by component, for the 3D replay."""
         records = run.records[:: -(-len(run.records) // MAX_SAMPLES)]
         return {
-            "time": self.place(records["time_us"] * 1e-6),
-            "q_NB": [self.place(column) for column in records["q_NB"].T],
-            "gust_B": [self.place(column) for column in records["gust_B"].T],
+            "time": self.add(records["time_us"] * 1e-6),
+            "q_NB": [self.add(column) for column in records["q_NB"].T],
+            "gust_B": [self.add(column) for column in records["gust_B"].T],
         }
 
-    def _curve(self, curve: Curve) -> dict[str, Any]:
-        places = {"x": self.place(curve.x), "y": self.place(curve.y)}
-        return {"label": curve.label, "colour": curve.colour, "style": curve.style.value, **places}
+    def _encode_curve(self, curve: Curve) -> dict[str, Any]:
+        offsets = {"x": self.add(curve.x), "y": self.add(curve.y)}
+        return {"label": curve.label, "colour": curve.colour, "style": curve.style.value, **offsets}

@@ -1,4 +1,4 @@
-"""The flights of a report, read back from their bags."""
+"""Flights of a report, read from their bags."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from gustproof.scoring.metrics import Metrics, measure
 from gustproof.scoring.requirements import RequirementResult, judge
 
 MAX_RUNS = 12
-"""Flights that a page shows at most: more curves can't be told apart."""
+"""Most flights on a page: more curves cannot be told apart."""
 
 Records = NDArray[np.void]
 
@@ -29,29 +29,29 @@ class ReportRun:
     """One recorded flight."""
 
     label: str
-    """What it is called beside the other runs."""
+    """Name beside the other runs."""
     bag: Path
     """Folder of the bag."""
     scenario: Scenario
-    """Script that was flown."""
+    """Scenario of the flight."""
     vehicle: Vehicle
-    """Vehicle that was flown."""
+    """Vehicle of the flight."""
     law: Law
-    """Law that flew it."""
+    """Law of the flight."""
     seed: int
     """Seed of gusts and noise."""
     outcome: str
-    """How the flight ended."""
+    """End of the flight, a value of `FlightOutcome`."""
     versions: Mapping[str, str]
-    """Versions of what flew it."""
+    """Versions of the software that flew it."""
     pace: Mapping[str, int] | None
-    """How well the deadlines of real time were kept, as `sitl.Flight` has it."""
+    """Missed deadlines and lateness in real time, as in `Flight`; `None` in lockstep."""
     records: Records
     """(n,) the journal's records."""
     metrics: Metrics
     """Figures of the flight."""
     requirements: tuple[RequirementResult, ...]
-    """What became of each requirement of the scenario."""
+    """Verdict on each requirement of the scenario."""
 
 
 def read_runs(paths: Iterable[Path]) -> tuple[ReportRun, ...]:
@@ -60,7 +60,7 @@ def read_runs(paths: Iterable[Path]) -> tuple[ReportRun, ...]:
     Raises
     ------
     ConfigError
-        If a folder holds no bag, a bag can't be read or holds less than two samples, or there are more than `MAX_RUNS`.
+        If a folder holds no bag, a bag is unreadable or has less than two samples, or there are more than `MAX_RUNS`.
     """
     bags = [bag for path in paths for bag in find_bags(path)]
     if len(bags) > MAX_RUNS:
@@ -100,7 +100,7 @@ def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) ->
 
 
 def _unique_labels(flights: list[dict[str, Any]]) -> list[str]:
-    """Return the law of each flight, and what else tells the flights apart."""
+    """Return the law of each flight, with scenario, vehicle and seed where they differ."""
     parts = [[_name_of(about, "law")] for about in flights]
     for key in ("scenario", "vehicle", "seed"):
         values = [_name_of(about, key) for about in flights]
@@ -113,6 +113,6 @@ def _unique_labels(flights: list[dict[str, Any]]) -> list[str]:
 
 
 def _name_of(about: dict[str, Any], key: str) -> str:
-    """Return the name of a flight's law, scenario or vehicle, or its seed, as far as the bag has it."""
+    """Return the name of a flight's law, scenario or vehicle, or its seed, if the bag has it."""
     value = about.get(key)
     return str(value.get("name")) if isinstance(value, dict) else f"{key} {value}"

@@ -1,4 +1,4 @@
-"""Tables of the page: what flew, what came of it, what the loops are worth."""
+"""Tables of the page: flights, figures, requirements, margins."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -15,15 +15,15 @@ from gustproof.synthesis.derive import margins_to_dict
 
 _AXES = ("roll", "pitch", "yaw")
 _PACE = {
-    "missed": "deadlines missed",
-    "held": "set-points held",
+    "missed": "missed deadlines",
+    "held": "repeated set-points",
     "late_samples": "samples late at the law",
-    "missed_samples": "samples that the law missed",
+    "missed_samples": "samples missed by the law",
 }
 
 
 def render_flights(runs: Sequence[ReportRun]) -> str:
-    """Return laws, flights and figures, a column a flight."""
+    """Return laws, flights and figures, one column for each flight."""
     head = ["", *(f'<i class="chip" style="--chip: var(--c{i % 7})"></i>{escape(r.label)}' for i, r in enumerate(runs))]
     facts: dict[str, list[str]] = {
         "law": [f"{run.law.name}, {run.law.order} states" for run in runs],
@@ -34,8 +34,8 @@ def render_flights(runs: Sequence[ReportRun]) -> str:
         "outcome": [run.outcome for run in runs],
         "flown": [f"{len(run.records) * run.scenario.dt:g} s of {run.scenario.duration_s:g} s" for run in runs],
     }
-    if any(told := ["; ".join(warnings(run.scenario, run.law, run.vehicle)) for run in runs]):
-        facts["warning"] = told
+    if any(lines := ["; ".join(warnings(run.scenario, run.law, run.vehicle)) for run in runs]):
+        facts["warning"] = lines
     rows = [[escape(name), *map(escape, cells)] for name, cells in facts.items()]
     for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs)}):
         rows.append([escape(f"{label} [{unit}]" if unit else label), *cells])
@@ -47,14 +47,14 @@ def render_flights(runs: Sequence[ReportRun]) -> str:
 
 
 def render_requirements(runs: Sequence[ReportRun]) -> str:
-    """Return what each flight had to keep, a row a requirement, with its value and margin; empty if nothing."""
+    """Return each flight's requirements with values and margins, a row each; empty without requirements."""
     head = ["requirement", "from .. to [s]", "limit", "flight", "flown", "margin"]
     rows = []
     for run in runs:
         for result in run.requirements:
             required = result.requirement
             mark = "good" if result.held else "bad" if result.judged else "interval"
-            told = (
+            outcome = (
                 f"{'held' if result.held else 'not held'}, {_format_value(result.margin)}"
                 if result.judged
                 else "not judged"
@@ -66,7 +66,7 @@ def render_requirements(runs: Sequence[ReportRun]) -> str:
                 run.label,
                 _format_value(result.value),
             )
-            rows.append([*map(escape, texts), f'<span class="{mark}">{told}</span>'])
+            rows.append([*map(escape, texts), f'<span class="{mark}">{outcome}</span>'])
     return f"<h3>Requirements</h3>{render_table(head, rows)}" if rows else ""
 
 
@@ -75,7 +75,7 @@ def _format_value(value: float) -> str:
 
 
 def render_margins(laws: Iterable[ReportLaw]) -> str:
-    """Return the margins at the plant's input, a row an axis, and the poles of each law."""
+    """Return the margins at the plant's input, one row for each axis, and the poles of each law."""
     heads = ["law", "axis", *(name.replace("\n", " ") for name in MARGINS.values()), "disk [-]"]
     rows, poles = [], []
     for law in laws:
