@@ -93,13 +93,14 @@ def _run(options: argparse.Namespace, standing: bool) -> int:
             options.seed,
             journal.append if journal else _discard_record,
             lockstep=options.lockstep,
-            standing=standing,
+            interactive=standing,
             system=options.instance + 1,
             expected=expected,
             signing=signing,
             generic=generic,
-            flush=journal.flush if journal else lambda: None,
         )
+        if journal:
+            endpoint.flush = journal.flush
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
         # The machine code is loaded, or made, before anybody waits for it.
@@ -174,13 +175,13 @@ def summarize(endpoint: VehicleEndpoint, samples: int | None, *, fifo: bool = Fa
         "pace": None if flight.lockstep else _summarize_timing(flight, fifo),
         "counters": counters,
         "links": endpoint.links,
-        "link_faults": endpoint.exchange.figures() if endpoint.exchange else {},
+        "link_faults": endpoint.scripted_link.stats() if endpoint.scripted_link else {},
     }
 
 
 def _summarize_timing(flight: FlightClock, fifo: bool) -> dict[str, Any]:
     """Return how well the samples were flown on time: what a missed deadline is, `Hitch.OVERRUN` says."""
-    late = {f"late_{name}": value for name, value in flight.lateness.figures().items()}
+    late = {f"late_{name}": value for name, value in flight.latency.stats().items()}
     return {
         "missed": flight.counters[TimingFault.OVERRUN],
         "held": flight.counters[TimingFault.HELD],

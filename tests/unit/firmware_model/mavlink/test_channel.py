@@ -62,4 +62,4 @@ def test_figures_tell_damage_from_refusal():
     traffic.count(frame(3))
     traffic.pack(HEARTBEAT)
     traffic.dropped.update([RejectReason.BAD_CHECKSUM, RejectReason.TRUNCATED, RejectReason.STALE, RejectReason.STALE])
-    assert traffic.figures() == {"in": 2, "out": 1, "lost": 1, "bad": 2, "rejected": {"stale": 2}}
+    assert traffic.stats() == {"in": 2, "out": 1, "lost": 1, "bad": 2, "rejected": {"stale": 2}}

@@ -206,7 +206,7 @@ def test_what_is_refused_is_counted_and_told_to_all(vehicle):
     assert vehicle.endpoint.counters == {RejectReason.REFUSED: 2, RejectReason.OTHER_TARGET: 1}
     for port in (1, 2):
         texts = [message.text for message in vehicle.take("STATUSTEXT", port)]
-        assert texts == ["sticks are not flown: use OFFBOARD", "sticks are not flown: mode refused"]
+        assert texts == ["sticks not supported: use OFFBOARD", "sticks are not flown: mode refused"]
     vehicle.wait(10_000_000)
     assert vehicle.ask(MODE, 1.0, 3.0) == [wire.MAV_RESULT_ACCEPTED]
 
@@ -471,7 +471,7 @@ def test_setpoints_of_two_messages_pass_a_link_each_by_its_own_stamps():
     vehicle.say(command_message(level._replace(time_us=4_999_000_000), 1))
     vehicle.wait(SAMPLE_US)
     assert isinstance(vehicle.endpoint.setpoint, TorqueCommand)
-    assert vehicle.endpoint.exchange.figures()["to_vehicle"]["overtaken"] == 1
+    assert vehicle.endpoint.scripted_link.stats()["to_vehicle"]["overtaken"] == 1
 
 
 def test_leaving_offboard_is_named(vehicle):
