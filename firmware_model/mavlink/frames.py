@@ -74,7 +74,7 @@ class RejectReason(Enum):
     REPLAYED = "replayed"
     """Its signature's time stamp is not newer than its sender's last one."""
     OUT_OF_DATE = "out_of_date"
-    """A sender's first signature, older than clocks may differ."""
+    """A sender's first signature, with a time stamp that is too old."""
 
 
 DAMAGE_REASONS = (

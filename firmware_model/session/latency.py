@@ -18,7 +18,7 @@ class Latency:
         self.worst_us = max(self.worst_us, late_us)
 
     def percentile_us(self, percent: float) -> int:
-        """Return the delay [us] that `percent` of all delays do not exceed; 0 without any."""
+        """Return the least delay [us] that `percent` of all delays do not exceed; 0 if there is none."""
         rank = percent / 100.0 * self._counts.total()
         for late_us, count in sorted(self._counts.items()):
             rank -= count

@@ -143,9 +143,8 @@ class ScriptedLink:
         elif now_us >= self._resend_at_us:
             self._resend_at_us = now_us + RESEND_US
             self.sample = self._loop.observe()
-            self._newest_sent_us = (
-                self.sample.time_us
-            )  # the new controller answers no older sample that is still on its way
+            # The new controller answers no older sample that is still on its way.
+            self._newest_sent_us = self.sample.time_us
             return NextAction.RESEND
         else:
             return NextAction.WAIT

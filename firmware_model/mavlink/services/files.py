@@ -15,7 +15,7 @@ from firmware_model.mavlink.services.service import Client, Service, VehicleCont
 _HEADER = struct.Struct("<HBBB")  # sequence, session, operation, bytes of data
 _DATA = 12  # offset of the data
 _LENGTH = 251
-_FIRST_REPLY = 128  # larger operation codes are replies
+_FIRST_REPLY = 128  # operation codes from here on are replies
 _NAK, _UNKNOWN_COMMAND = 129, 7  # NAK and its reason
 
 

@@ -86,7 +86,7 @@ def _terminate(autopilot: Autopilot, command: VehicleCommand) -> CommandAck:
 
 def _parse_mode(command: VehicleCommand) -> Mode | None:
     base, main, sub = command.integer(1), command.integer(2), command.integer(3) or 0
-    # Bit 0 of the base mode says that main and sub mode are given (MAVSDK sends 33).
+    # Bit 0 of the base mode: main and sub mode are given (MAVSDK sends 33).
     if base is None or not base & 1 or main is None or main <= 0:
         return None
     return _MODES.get(main << 16 | sub << 24)

@@ -525,3 +525,22 @@ def test_any_datagram_is_survived_and_counted(lockstep):
             vehicle.endpoint.poll(index)
     assert vehicle.endpoint.counters[RejectReason.OTHER_TARGET] > 1000
     assert vehicle.endpoint.counters[RejectReason.TOO_MANY_PEERS] > 1000
+
+
+@pytest.mark.parametrize("scenario", ["calm", "link-delay"])
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_every_imu_sample_leaves_through_one_function(lockstep, scenario, monkeypatch):
+    sent = []
+    send = VehicleEndpoint._send_sample
+    monkeypatch.setattr(VehicleEndpoint, "_send_sample", lambda *arguments: sent.append(send(*arguments)))
+    vehicle = Vehicle(lockstep=lockstep, scenario=scenario, duration_s=load_scenario(scenario).duration_s)
+    vehicle.take_off()
+    for port in (1, 2):
+        vehicle.say(HEARTBEAT, port=port, component=CONTROLLER if port == 1 else 190)
+    for _ in range(60):
+        samples = vehicle.take("HIGHRES_IMU")
+        for message in samples or [None]:
+            vehicle.setpoint(message.time_usec if message else 0)
+        vehicle.wait(SAMPLE_US)
+    frames = [frame for heard in vehicle.raw.values() for frame in heard]
+    assert len(sent) == sum(frame.message_id == wire.MAVLINK_MSG_ID_HIGHRES_IMU for frame in frames) > 50
