@@ -87,13 +87,14 @@ def _run(options: argparse.Namespace) -> int:
             options.seed,
             journal.append if journal else _discard_record,
             lockstep=options.lockstep,
-            standing=interactive,
+            interactive=interactive,
             system=options.instance + 1,
             expected=[(index, ("127.0.0.1", port)) for index, port in enumerate(remote_ports)],
             signing=signing,
             generic=generic,
-            flush=journal.flush if journal else lambda: None,
         )
+        if journal:
+            endpoint.flush = journal.flush
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
         # Load or compile the machine code before a peer waits for it.
@@ -193,13 +194,13 @@ def summarize(endpoint: VehicleEndpoint, samples: int | None, *, fifo: bool = Fa
         "pace": None if flight.lockstep else _summarize_timing(flight, fifo),
         "counters": counters,
         "links": endpoint.links,
-        "link_faults": endpoint.exchange.figures() if endpoint.exchange else {},
+        "link_faults": endpoint.scripted_link.stats() if endpoint.scripted_link else {},
     }
 
 
 def _summarize_timing(flight: FlightClock, fifo: bool) -> dict[str, Any]:
     """Return the delays of the samples; `TimingFault.OVERRUN` defines a missed deadline."""
-    late = {f"late_{name}": value for name, value in flight.lateness.figures().items()}
+    late = {f"late_{name}": value for name, value in flight.latency.stats().items()}
     return {
         "missed": flight.counters[TimingFault.OVERRUN],
         "held": flight.counters[TimingFault.HELD],

@@ -8,6 +8,9 @@ from typing import NamedTuple
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
+NEVER_US = 1 << 62
+"""[us] A time that never comes."""
+
 
 class ImuSample(NamedTuple):
     """One sample of the inertial measurement unit; every value is a float32, as on the wire."""

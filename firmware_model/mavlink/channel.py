@@ -1,4 +1,4 @@
-"""What goes between here and one peer: sequence numbers, signatures, and figures of what came through."""
+"""One peer's share of a link: sequence numbers, signatures and packet counters."""
 
 from collections import Counter
 from typing import Any
@@ -9,12 +9,12 @@ from firmware_model.mavlink.frames import DAMAGE_REASONS, EncodedMessage, Frame,
 from firmware_model.mavlink.signing import Signing
 
 MAX_SOURCES = 16
-"""Senders told apart behind one address; the gaps of more are not looked for."""
-_LATE_GAP = 128  # a sequence number further ahead than half its range is one from before
+"""Senders behind one address whose sequence gaps are counted; further senders are received without gap counts."""
+_LATE_GAP = 128  # a sequence number ahead by at least half the range comes from an older frame
 
 
 class Channel:
-    """One peer's share of a link: packs what it is sent, and counts both directions."""
+    """Packer for one peer, with packet counters of both directions."""
 
     def __init__(self, system: int, component: int, signing: Signing | None = None, link: int = 0) -> None:
         self.sent = self.received = self.lost = 0
@@ -27,7 +27,7 @@ class Channel:
             self.packer.signing.sign_outgoing = True
 
     def pack(self, message: Message | EncodedMessage) -> bytes:
-        """Return the message as a datagram to this peer, with the next of its sequence numbers."""
+        """Return the message as a datagram to this peer, with the next sequence number."""
         if self._signing is not None:
             self.packer.signing.timestamp = self._signing.next_stamp()
         datagram: bytes = message.pack(self.packer)
@@ -36,7 +36,7 @@ class Channel:
         return datagram
 
     def count(self, frame: Frame) -> None:
-        """Count a frame that arrived, and those before it that did not."""
+        """Count a received frame and the frames lost before it."""
         self.received += 1
         source, sequence = (frame.system, frame.component), frame.sequence
         expected = self._expected.get(source)
@@ -46,36 +46,38 @@ class Channel:
                     return
             elif (gap := (sequence - expected) & 255) < _LATE_GAP:
                 self.lost += gap
-            else:  # sent twice, or overtaken: what was expected still is
+            else:  # a duplicate or overtaken frame: the expected number stays
                 return
         self._expected[source] = (sequence + 1) & 255
 
-    def read(self, series: FrameTemplate, source: tuple[int, int], datagram: bytes) -> tuple[Any, ...] | None:
-        """Return the fields of the next frame from a source, not counted; `None` if the datagram is anything else."""
-        return series.read(datagram, self._expected.get(source, 0))
+    def read(self, template: FrameTemplate, source: tuple[int, int], datagram: bytes) -> tuple[Any, ...] | None:
+        """Return the fields of the next frame from a source, without counting it; `None` for any other datagram."""
+        return template.read(datagram, self._expected.get(source, 0))
 
     def count_read(self, source: tuple[int, int]) -> None:
-        """Count what was read."""
+        """Count the frame that `read` returned."""
         self.received += 1
         self._expected[source] = (self._expected.get(source, 0) + 1) & 255
 
-    def make(self, series: FrameTemplate, *fields: float) -> bytes:
-        """Return a message as a datagram to this peer, not signed, with the next of its sequence numbers."""
+    def make(self, template: FrameTemplate, *fields: float) -> bytes:
+        """Return a message as a datagram to this peer, with the next sequence number."""
+        if self._signing is not None:
+            return self.pack(template.encode(*fields))
         packer = self.packer
-        datagram = series.make(packer.seq, *fields)
+        datagram = template.make(packer.seq, *fields)
         packer.seq = (packer.seq + 1) & 255
         self.sent += 1
         return datagram
 
-    def absorb(self, other: "Channel") -> None:
-        """Add the figures of a peer that is gone."""
-        self.sent, self.received, self.lost = (
-            self.sent + other.sent, self.received + other.received, self.lost + other.lost
-        )  # fmt: skip
+    def merge(self, other: "Channel") -> None:
+        """Add the counters of a removed peer."""
+        self.sent += other.sent
+        self.received += other.received
+        self.lost += other.lost
         self.dropped.update(other.dropped)
 
-    def figures(self) -> dict[str, Any]:
-        """Return the figures: packets in, out, lost on the way here, damaged, and rejected by cause."""
+    def stats(self) -> dict[str, Any]:
+        """Return the packet counters: in, out, lost on the way here, damaged, and rejected by cause."""
         rejected = {cause.value: count for cause, count in self.dropped.items() if cause not in DAMAGE_REASONS}
         return {
             "in": self.received,

@@ -1,7 +1,7 @@
-"""MAVLink framing: datagrams into checked frames, messages into datagrams.
+"""MAVLink framing: parse datagrams into checked frames, pack messages into datagrams.
 
-pymavlink's own stream parser loses the next datagram after half a frame, and takes 10 us where this takes 2; its
-dialect module says all that is particular to a message: layout, checksum seed, names.
+pymavlink's own stream parser loses the datagram after a truncated frame, and takes 10 us where this one takes 2.
+Layout, checksum seed and names of each message come from pymavlink's dialect module.
 
 References
 ----------
@@ -20,7 +20,7 @@ Message = Any
 """A message of pymavlink's dialect module, which has no type stubs."""
 
 Address = tuple[int, tuple[str, int]]
-"""Where a datagram comes from or goes to: number of our socket, host and port of the other side."""
+"""Number of our socket, and host and port of the other side."""
 
 _V2, _V1 = wire.PROTOCOL_MARKER_V2, wire.PROTOCOL_MARKER_V1
 _SIGNED, _SIGNATURE = wire.MAVLINK_IFLAG_SIGNED, wire.MAVLINK_SIGNATURE_BLOCK_LEN
@@ -33,48 +33,48 @@ _decoder = wire.MAVLink(None)
 
 
 class RejectReason(Enum):
-    """Why a datagram, or a message in it, had no effect; the values are the names of the counters."""
+    """Reason why a datagram, or a message in it, had no effect; the values are the counters' names."""
 
     NOT_MAVLINK = "not_mavlink"
     """No frame begins where one should."""
     TRUNCATED = "truncated"
     """The datagram ends before the frame does."""
     INCOMPATIBLE = "incompatible"
-    """The frame asks for a feature that is not known here."""
+    """The frame uses an unknown protocol feature."""
     BAD_CHECKSUM = "bad_checksum"
-    """The frame was damaged, or its sender has another definition of the message."""
+    """The frame was damaged, or its sender defines the message differently."""
     UNKNOWN_MESSAGE = "unknown_message"
     """The message's number is not in the dialect."""
     UNUSED_MESSAGE = "unused_message"
-    """Nothing here reads this message."""
+    """No service reads this message."""
     OTHER_TARGET = "other_target"
-    """Addressed to another system or component, or sent by another than the one listened to."""
+    """Addressed to another system or component, or sent by an unexpected one."""
     NOT_FINITE = "not_finite"
-    """A number in use is NaN or infinite, or a quaternion has no direction."""
+    """A used number is NaN or infinite, or a quaternion is not of unit length."""
     REFUSED = "refused"
-    """Asks for what this vehicle has not, and was told so."""
+    """Requests something that this vehicle does not have; the sender got an answer."""
     NO_SETPOINT = "no_setpoint"
     """A set-point without thrust, or with nothing to track."""
     STALE = "stale"
-    """Carries a stamp older than what was used already."""
+    """Carries an older stamp than one already used."""
     DUPLICATE = "duplicate"
     """Carries the stamp that was answered last."""
     EARLY = "early"
-    """Answers a sample that was not sent yet."""
+    """Answers a sample that has not been sent yet."""
     NOT_IN_COMMAND = "not_in_command"
-    """A set-point from one peer while another one's stream is alive."""
+    """A set-point from one peer while another peer's stream is alive."""
     TOO_MANY_PEERS = "too_many_peers"
-    """No room for one more peer."""
+    """The table of peers, or of signed streams, is full."""
     RATE_LIMITED = "rate_limited"
-    """Its sender has sent more than is read in one go, while others wait."""
+    """Its sender exceeded its share of one read, while others wait."""
     NOT_SIGNED = "not_signed"
-    """Not signed, where a key is asked for."""
+    """Not signed, where a key is required."""
     WRONG_SIGNATURE = "wrong_signature"
-    """Signed with another key, or altered since."""
+    """Signed with another key, or altered on the way."""
     REPLAYED = "replayed"
-    """Its signature's time stamp is not newer than the last one of its sender."""
+    """Its signature's time stamp is not newer than its sender's last one."""
     OUT_OF_DATE = "out_of_date"
-    """The first signature of a sender, and from longer ago than clocks differ."""
+    """A sender's first signature, with a time stamp that is too old."""
 
 
 DAMAGE_REASONS = (
@@ -84,49 +84,49 @@ DAMAGE_REASONS = (
     RejectReason.BAD_CHECKSUM,
     RejectReason.UNKNOWN_MESSAGE,
 )
-"""Why a datagram holds no frame that can be read."""
+"""Reasons for a datagram without a readable frame."""
 
 
 class Frame(NamedTuple):
     """One checked frame."""
 
     message_id: int
-    """Number of the message."""
+    """Message id."""
     system: int
     """Sender's system id."""
     component: int
     """Sender's component id."""
     payload: bytes
-    """Fields in wire order, filled up to the message's full length."""
+    """Fields in wire order, zero-padded to the message's full length."""
     raw: bytes
     """The whole frame."""
 
     @property
     def sequence(self) -> int:
-        """Number of the frame among its sender's, 0..255."""
+        """Sequence number, 0..255."""
         return self.raw[4] if self.raw[0] == _V2 else self.raw[2]
 
     @property
-    def signed(self) -> bool:
-        """Whether a signature block ends the frame."""
+    def is_signed(self) -> bool:
+        """True if a signature block ends the frame."""
         return self.raw[0] == _V2 and bool(self.raw[2] & _SIGNED)
 
     def message(self) -> Message:
-        """Return the frame as pymavlink's message, with its fields by name."""
+        """Return the frame as a pymavlink message, with fields by name."""
         return _decoder.decode(bytearray(self.raw))
 
 
 class EncodedMessage(NamedTuple):
-    """A message whose payload is packed already; used like a pymavlink message, and faster."""
+    """A message with its payload already packed; used like a pymavlink message, but faster."""
 
     message_id: int
-    """Number of the message."""
+    """Message id."""
     payload: bytes
     """Fields in wire order."""
 
     @property
     def size(self) -> int:
-        """[bytes] of the frame, if it is not signed."""
+        """[bytes] Length of the unsigned frame."""
         return len(self.payload.rstrip(b"\0") or b"\0") + 12
 
     def pack(self, packer: Any) -> bytes:
@@ -135,10 +135,8 @@ class EncodedMessage(NamedTuple):
         payload = payload.rstrip(b"\0") or b"\0"
         signing = packer.signing
         flags = _SIGNED if signing.sign_outgoing else 0
-        header = _V2_HEADER.pack(
-            _V2, len(payload), flags, 0, packer.seq, packer.srcSystem, packer.srcComponent,
-            number & 0xFFFF, number >> 16,
-        )  # fmt: skip
+        sender = packer.srcSystem, packer.srcComponent
+        header = _V2_HEADER.pack(_V2, len(payload), flags, 0, packer.seq, *sender, number & 0xFFFF, number >> 16)
         frame = header + payload
         frame += mcrf4xx(frame[1:] + _MESSAGE_FORMATS[number][0]).to_bytes(2, "little")
         if flags:
@@ -148,15 +146,14 @@ class EncodedMessage(NamedTuple):
 
 
 class FrameTemplate:
-    """Frames of one message from one sender with few fields that change, at its beginning: made and read at once.
+    """Frames of one message from one sender in which only the first fields change; packed and read in one step.
 
-    They are of version 2, not signed, and byte for byte what `EncodedMessage` makes.
-
-    `layout` says what the changing fields are, `rest` is the payload after them, without trailing zeros.
+    Frames are of version 2, unsigned, and equal those of `EncodedMessage` byte for byte.
+    `layout` is the struct format of the changing fields; `rest` is the payload after them, without trailing zeros.
     """
 
     def __init__(self, message_id: int, system: int, component: int, layout: str, rest: bytes) -> None:
-        self._fields = struct.Struct(layout)
+        self._message_id, self._fields = message_id, struct.Struct(layout)
         self._seed = _MESSAGE_FORMATS[message_id][0]
         self._rest, self._rest_at = rest, 10 + self._fields.size
         length = self._fields.size + len(rest)
@@ -166,12 +163,16 @@ class FrameTemplate:
         )
 
     def make(self, sequence: int, *fields: float) -> bytes:
-        """Return the frame with this sequence number."""
+        """Return the frame with the given sequence number."""
         frame = self._heads[sequence] + self._fields.pack(*fields) + self._rest
         return frame + mcrf4xx(frame[1:] + self._seed).to_bytes(2, "little")
 
+    def encode(self, *fields: float) -> EncodedMessage:
+        """Return the message without frame."""
+        return EncodedMessage(self._message_id, self._fields.pack(*fields) + self._rest)
+
     def read(self, datagram: bytes, sequence: int) -> tuple[Any, ...] | None:
-        """Return the fields of the frame with this sequence number, `None` if the datagram is anything else."""
+        """Return the fields of the frame with the given sequence number; `None` for any other datagram."""
         if datagram[:10] != self._heads[sequence] or datagram[self._rest_at : -2] != self._rest:
             return None
         if mcrf4xx(datagram[1:-2] + self._seed) != datagram[-2] | datagram[-1] << 8:
@@ -185,12 +186,12 @@ def signature(key: bytes, frame: bytes) -> bytes:
 
 
 def parse(datagram: bytes) -> list[Frame | RejectReason]:
-    """Return the frames in a datagram, and the cause for each that is none; never raises.
+    """Return the frames in a datagram, and a reason in place of each unreadable one; never raise.
 
-    After a frame without an end the rest of the datagram is given up.
+    The rest of the datagram after a truncated frame is skipped.
     """
     start, end = 0, len(datagram)
-    # Nearly always the datagram is one frame, of version 2 and not signed.
+    # The usual datagram is one unsigned frame of version 2.
     if end > 11 and datagram[0] == _V2 and datagram[1] + 12 == end and not datagram[2]:
         return [_check_frame(datagram)]
     found: list[Frame | RejectReason] = []
@@ -234,6 +235,6 @@ def _check_frame(frame: bytes) -> Frame | RejectReason:
         return RejectReason.BAD_CHECKSUM
     payload = frame[header:end]
     if length != full:
-        # Trailing zeros are not sent; what a newer sender has added is not read.
+        # Senders cut trailing zeros; fields that a newer dialect appends are ignored.
         payload = payload.ljust(full, b"\0")[:full]
     return Frame(number, system, component, payload, frame)

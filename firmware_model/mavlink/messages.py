@@ -1,7 +1,7 @@
-"""Signals <-> the flight's messages: the only place that knows their wire fields, units and signs.
+"""Convert samples and set-points to and from messages; no other module knows their wire fields, units and signs.
 
-Axes and units on the wire are ours: N is north-east-down, B forward-right-down, quaternions are w, x, y, z from B
-to N. What differs: stamps of SET_ATTITUDE_TARGET are whole milliseconds.
+The wire uses the project's axes and units: N north-east-down, B forward-right-down, quaternions w, x, y, z from B to N.
+One exception: SET_ATTITUDE_TARGET is stamped in whole milliseconds.
 
 References
 ----------
@@ -13,6 +13,7 @@ import struct
 
 from pymavlink.dialects.v20 import all as wire
 
+from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import EncodedMessage, Frame, FrameTemplate, Message, RejectReason
 from firmware_model.types import AttitudeTarget, Command, ImuSample, Quaternion, TorqueCommand, Vector
 
@@ -21,28 +22,31 @@ AUTOPILOT = 1
 CONTROLLER = 191
 """Component id of an on-board controller (MAV_COMP_ID_ONBOARD_COMPUTER)."""
 ABSENT = {wire.MAV_COMP_ID_GIMBAL: "gimbal", wire.MAV_COMP_ID_WINCH: "winch"}
-"""Components that programs command and this vehicle has not, by id; the autopilot refuses in their name."""
+"""Absent components that clients send commands to, by id; the autopilot rejects on their behalf."""
 
-# The layouts of the messages of each sample; fields in wire order, largest first.
+# Layouts of the per-sample messages; fields in wire order, largest first.
 _IMU = wire.MAVLink_highres_imu_message.unpacker
 _TORQUE = wire.MAVLink_set_actuator_control_target_message.unpacker
 _TARGET = wire.MAVLink_set_attitude_target_message.unpacker
-_NOT_MEASURED = (0.0,) * 7  # magnetic field, pressures, altitude, temperature
-_ACCELERATION_AND_GYRO = 0x7 | 0x38  # HIGHRES_IMU_UPDATED_FLAGS: which fields carry a measurement
-_GYRO = 0x38
+_GYRO = 0x38  # HIGHRES_IMU_UPDATED_FLAGS: bits of the fields that carry a measurement
+_ACCELERATION_AND_GYRO = 0x7 | _GYRO
+# HIGHRES_IMU of this vehicle: stamp, specific force and rates change; magnetic field, pressures, altitude and
+# temperature are zero and not marked as measured.
+_IMU_LAYOUT, _IMU_REST = "<Q6f", struct.pack("<7fB", *[0.0] * 7, _ACCELERATION_AND_GYRO)
+_IMU_FIELDS = struct.Struct(_IMU_LAYOUT)
 _IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE = 1, 2, 4  # ATTITUDE_TARGET_TYPEMASK
 _THRUST_BODY_SET, _IGNORE_THROTTLE, _IGNORE_ATTITUDE = 32, 64, 128
-_UNIT_TOLERANCE = 1e-3  # [-] how far from 1 a quaternion's length may be: far above float32, far below a mistake
+_UNIT_TOLERANCE = 1e-3  # [-] on a quaternion's length: far above float32 rounding, far below a mistake
 
 
 def imu_message(sample: ImuSample) -> EncodedMessage:
     """Return HIGHRES_IMU; magnetometer and barometer are marked as not measured."""
-    fields = (sample.time_us, *sample.specific_force_B, *sample.gyro_B, *_NOT_MEASURED)
-    return EncodedMessage(wire.MAVLINK_MSG_ID_HIGHRES_IMU, _IMU.pack(*fields, _ACCELERATION_AND_GYRO, 0))
+    fields = _IMU_FIELDS.pack(sample.time_us, *sample.specific_force_B, *sample.gyro_B)
+    return EncodedMessage(wire.MAVLINK_MSG_ID_HIGHRES_IMU, fields + _IMU_REST)
 
 
 def parse_imu(frame: Frame) -> ImuSample | RejectReason:
-    """Return the sample in a HIGHRES_IMU; without a gyro it is no sample."""
+    """Return the sample in a HIGHRES_IMU, or a reason if it has no gyro measurement or a number that is not finite."""
     time_us, x, y, z, p, q, r, _, _, _, _, _, _, _, updated, _ = _IMU.unpack(frame.payload)
     if updated & _GYRO != _GYRO or not math.isfinite(x + y + z + p + q + r):
         return RejectReason.NOT_FINITE
@@ -50,21 +54,48 @@ def parse_imu(frame: Frame) -> ImuSample | RejectReason:
 
 
 def imu_template(system: int) -> FrameTemplate:
-    """Return the samples of the autopilot of `system`: stamp [us], specific force, rates."""
-    rest = struct.pack("<7fB", *_NOT_MEASURED, _ACCELERATION_AND_GYRO)
-    return FrameTemplate(wire.MAVLINK_MSG_ID_HIGHRES_IMU, system, AUTOPILOT, "<Q6f", rest)
+    """Return the template of the autopilot's samples: stamp [us], specific force [m/s^2], rates [rad/s]."""
+    return FrameTemplate(wire.MAVLINK_MSG_ID_HIGHRES_IMU, system, AUTOPILOT, _IMU_LAYOUT, _IMU_REST)
 
 
 def torque_template(system: int) -> FrameTemplate:
-    """Return a controller's torque commands to its autopilot: stamp [us], roll, pitch, yaw, throttle or NaN."""
+    """Return the template of a controller's torque commands: stamp [us], roll, pitch, yaw, throttle or NaN."""
     rest = struct.pack("<4fBBB", 0.0, 0.0, 0.0, 0.0, 0, system, AUTOPILOT)
     return FrameTemplate(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, system, CONTROLLER, "<Q4f", rest)
 
 
 def rate_template(system: int) -> FrameTemplate:
-    """Return a controller's rate commands to its autopilot: stamp [ms], roll, pitch, yaw [rad/s], thrust."""
+    """Return the template of a controller's rate commands: stamp [ms], roll, pitch, yaw [rad/s], thrust."""
     rest = struct.pack("<BBB", system, AUTOPILOT, _IGNORE_ATTITUDE)
     return FrameTemplate(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, system, CONTROLLER, "<I16x4f", rest)
+
+
+class SetpointReader:
+    """Fast reader of the set-point that answers a sample, from the on-board controller of `system`."""
+
+    def __init__(self, system: int) -> None:
+        self.source = system, CONTROLLER
+        self._torques, self._rates = torque_template(system), rate_template(system)
+
+    def read(self, datagram: bytes, channel: Channel, time_us: int, *, torque: bool) -> Command | None:
+        """Return the torques or rates for the sample at `time_us`, not counted; `None` for any other datagram.
+
+        The result equals that of `parse_command`; a set-point with anything to clip or reject gives `None`.
+        """
+        if torque:
+            fields = channel.read(self._torques, self.source, datagram)
+            if fields is None:
+                return None
+            stamp_us, roll, pitch, yaw, throttle = fields
+            fits = -1.0 <= roll <= 1.0 and -1.0 <= pitch <= 1.0 and -1.0 <= yaw <= 1.0 and math.isnan(throttle)
+            return TorqueCommand(stamp_us, (roll, pitch, yaw), None) if fits and stamp_us == time_us else None
+        fields = channel.read(self._rates, self.source, datagram)
+        if fields is None:
+            return None
+        stamp_ms, p, q, r, thrust = fields
+        if stamp_ms != boot_ms(time_us) or not (math.isfinite(p + q + r) and 0.0 <= thrust <= 1.0):
+            return None
+        return AttitudeTarget(stamp_ms * 1000, None, (p, q, r), thrust)
 
 
 def command_message(command: Command, target_system: int) -> EncodedMessage:
@@ -89,22 +120,12 @@ def command_message(command: Command, target_system: int) -> EncodedMessage:
 def parse_command(frame: Frame, system: int) -> Command | RejectReason:
     """Return the command in a SET_ATTITUDE_TARGET or SET_ACTUATOR_CONTROL_TARGET to the autopilot of `system`.
 
-    An attitude is tracked unless its mask bit is set, with the yaw rate as feed-forward; otherwise rates are, if
-    roll and pitch rates are both given (PX4's rule). Torques outside -1..1, thrust outside 0..1 are clipped; beside
-    torques, a throttle of NaN asks for the on-board altitude hold.
+    An attitude is tracked unless its mask bit is set, with the yaw rate as feed-forward. Otherwise rates are tracked,
+    if roll and pitch rates are both given (PX4's rule). Torques are clipped to -1..1 and thrust to 0..1. Beside
+    torques, a throttle of NaN requests the on-board altitude hold.
     """
     if frame.message_id == wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET:
-        time_us, roll, pitch, yaw, throttle, _, _, _, _, group, target, component = _TORQUE.unpack(frame.payload)
-        if not is_addressed_to(system, target, component):
-            return RejectReason.OTHER_TARGET
-        if group != 0:
-            return RejectReason.NO_SETPOINT
-        if not math.isfinite(roll + pitch + yaw):
-            return RejectReason.NOT_FINITE
-        torque_B = (_clip(roll, -1.0), _clip(pitch, -1.0), _clip(yaw, -1.0))
-        return TorqueCommand(
-            time_us=time_us, torque_B=torque_B, throttle=None if math.isnan(throttle) else _clip(throttle, 0.0)
-        )
+        return _parse_torque_command(frame, system)
     time_ms, w, x, y, z, p, q, r, thrust, target_system, component, mask = _TARGET.unpack(frame.payload)
     if not is_addressed_to(system, target_system, component):
         return RejectReason.OTHER_TARGET
@@ -117,10 +138,24 @@ def parse_command(frame: Frame, system: int) -> Command | RejectReason:
     return AttitudeTarget(time_us=time_ms * 1000, q_NB=q_NB, omega_B=omega_B, thrust=_clip(thrust, 0.0))
 
 
+def _parse_torque_command(frame: Frame, system: int) -> TorqueCommand | RejectReason:
+    time_us, roll, pitch, yaw, throttle, _, _, _, _, group, target, component = _TORQUE.unpack(frame.payload)
+    if not is_addressed_to(system, target, component):
+        return RejectReason.OTHER_TARGET
+    if group != 0:
+        return RejectReason.NO_SETPOINT
+    if not math.isfinite(roll + pitch + yaw):
+        return RejectReason.NOT_FINITE
+    torque_B = (_clip(roll, -1.0), _clip(pitch, -1.0), _clip(yaw, -1.0))
+    return TorqueCommand(
+        time_us=time_us, torque_B=torque_B, throttle=None if math.isnan(throttle) else _clip(throttle, 0.0)
+    )
+
+
 def _parse_target(
     mask: int, q_NB: Quaternion, omega_B: Vector
 ) -> tuple[Quaternion | None, Vector | None] | RejectReason:
-    """Return what a SET_ATTITUDE_TARGET asks to track, attitude and rates."""
+    """Return attitude and rates to track from the fields of a SET_ATTITUDE_TARGET."""
     if mask & _IGNORE_ATTITUDE:
         if mask & (_IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE):
             return RejectReason.NO_SETPOINT
@@ -132,17 +167,17 @@ def _parse_target(
 
 
 def is_addressed_to(system: int, target_system: int, target_component: int) -> bool:
-    """Whether a message is addressed to the autopilot of `system`; 0 addresses all."""
+    """Return whether a message is addressed to the autopilot of `system`; 0 addresses all."""
     return target_system in (0, system) and target_component in (0, AUTOPILOT)
 
 
 def boot_ms(time_us: int) -> int:
-    """Return a time as the field `time_boot_ms` has it, which begins again after 49 days."""
+    """Return a time as the field `time_boot_ms`, which wraps after 49 days."""
     return time_us // 1000 & 0xFFFF_FFFF
 
 
 def stamp_difference(command: Command, time_us: int) -> int:
-    """Return how much newer the stamp of `parse_command` is than `time_us`, at the resolution that the wire has for it.
+    """Return how much newer the command's stamp is than `time_us`, at the resolution of its message.
 
     The unit is ms for an attitude target and us for torques; 0 means that the command answers that sample.
     """
@@ -152,25 +187,23 @@ def stamp_difference(command: Command, time_us: int) -> int:
 
 
 def heartbeat_message(custom_mode: int, armed: bool, *, critical: bool, generic: bool = False) -> Message:
-    """Return the vehicle's HEARTBEAT: a quadrotor that speaks as PX4 does, or `generic` as nobody in particular."""
+    """Return the HEARTBEAT of a quadrotor with PX4, or with a `generic` autopilot."""
     base_mode = wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (wire.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
     flying = wire.MAV_STATE_CRITICAL if critical else wire.MAV_STATE_ACTIVE
+    state = flying if armed else wire.MAV_STATE_STANDBY
     autopilot = wire.MAV_AUTOPILOT_GENERIC if generic else wire.MAV_AUTOPILOT_PX4
-    return wire.MAVLink_heartbeat_message(
-        wire.MAV_TYPE_QUADROTOR, autopilot, base_mode, custom_mode,
-        flying if armed else wire.MAV_STATE_STANDBY, 3,
-    )  # fmt: skip
+    return wire.MAVLink_heartbeat_message(wire.MAV_TYPE_QUADROTOR, autopilot, base_mode, custom_mode, state, 3)
 
 
 def parse_parameter(message: Message) -> float:
-    """Return the value in a PARAM_VALUE; integers travel bytewise in the float field."""
+    """Return the value in a PARAM_VALUE; integers are encoded bytewise in the float field."""
     if message.param_type == wire.MAV_PARAM_TYPE_REAL32:
         return float(message.param_value)
     return float(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
 
 
 def echo_message(command: Command) -> Message:
-    """Return ATTITUDE_TARGET or ACTUATOR_CONTROL_TARGET: what the vehicle is tracking."""
+    """Return ATTITUDE_TARGET or ACTUATOR_CONTROL_TARGET: the set-point that the vehicle tracks."""
     if isinstance(command, TorqueCommand):
         controls = (*command.torque_B, _thrust_field(command.throttle), 0.0, 0.0, 0.0, 0.0)
         return wire.MAVLink_actuator_control_target_message(command.time_us, 0, controls)
@@ -185,7 +218,7 @@ def _target_fields(target: AttitudeTarget) -> tuple[int, Quaternion, Vector]:
         mask = _IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE | (_IGNORE_YAW_RATE if target.omega_B is None else 0)
         return mask, target.q_NB, target.omega_B or (0.0, 0.0, 0.0)
     if target.omega_B is None:
-        raise ValueError("an attitude target needs q_NB, omega_B, or both; neither is given")
+        raise ValueError("an attitude target needs q_NB, omega_B or both, got neither")
     return _IGNORE_ATTITUDE, (0.0, 0.0, 0.0, 0.0), target.omega_B
 
 

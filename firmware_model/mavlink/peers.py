@@ -1,7 +1,7 @@
-"""The peers of the vehicle: what each is sent how often, and what came and went.
+"""The vehicle's peers: their streams, intervals and packet counters.
 
-A peer is the address that a datagram says it comes from. On this machine the system vouches for it; from elsewhere
-anybody can write any address, so only a signature says who speaks.
+A peer is identified by the source address of its datagrams. On this machine the operating system guarantees that
+address. From other machines it can be forged, so only a signature identifies the sender.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -14,22 +14,21 @@ from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason
 from firmware_model.mavlink.messages import AUTOPILOT, CONTROLLER
 from firmware_model.mavlink.signing import Signing
+from firmware_model.types import NEVER_US
 
-NEVER_US = 1 << 62
-"""[us] a time that does not come."""
 PEER_TIMEOUT_US = 10_000_000
-"""[us] wall time after which a silent peer is forgotten."""
+"""[us] Wall time after which a silent peer is removed."""
 MAX_PEERS = 16
-"""Peers served at once; more are refused, so that a flood of addresses can't fill the memory."""
+"""Most peers at once; further ones are rejected, so that a flood of addresses cannot fill the memory."""
 STICKS_US = 10_000_000
-"""[us] model time for which a peer that moved sticks counts on them."""
-_MAX_INTERVAL_US = 2**31 - 1  # MESSAGE_INTERVAL has no more bits
+"""[us] Time, on the clock of the streams, for which a peer that moved sticks counts as steering."""
+_MAX_INTERVAL_US = 2**31 - 1  # the largest that MESSAGE_INTERVAL can hold
 
 _IMU = wire.MAVLINK_MSG_ID_HIGHRES_IMU
 
 
 class Peer:
-    """A peer and its streams; `expected` ones are told of the vehicle unasked, and never forgotten."""
+    """A peer and its streams; an `expected` peer is sent messages before it speaks, and is never removed."""
 
     def __init__(
         self,
@@ -42,14 +41,14 @@ class Peer:
         expected: bool,
     ) -> None:
         self.address, self.expected = address, expected
-        self.traffic = Channel(system, AUTOPILOT, signing, address[0])
-        self._others: dict[int, Channel] = {}
+        self.channel = Channel(system, AUTOPILOT, signing, address[0])
+        self._other_channels: dict[int, Channel] = {}
         self._system, self._signing = system, signing
         self._vehicle_intervals_us, self._fastest_us = intervals_us, min_interval_us
-        self.begin()
+        self.reset()
 
-    def begin(self) -> None:
-        """Begin as if nothing had been heard of this peer; its packets are numbered and counted on."""
+    def reset(self) -> None:
+        """Forget role, streams and last contact; sequence numbers and counters continue."""
         self.last_seen_us: int | None = None
         self.next_us = NEVER_US
         self.controller = False
@@ -59,18 +58,18 @@ class Peer:
         self._due_us: dict[int, int] = {}
 
     def pack(self, message: Message | EncodedMessage, component: int = AUTOPILOT) -> bytes:
-        """Return a message of a component of the vehicle as a datagram to this peer; each has its own numbers."""
+        """Return a component's message as a datagram to this peer; each component has its own sequence numbers."""
         if component == AUTOPILOT:
-            return self.traffic.pack(message)
-        if component not in self._others:
-            self._others[component] = Channel(self._system, component, self._signing, self.address[0])
-        self.traffic.sent += 1
-        return self._others[component].pack(message)
+            return self.channel.pack(message)
+        if component not in self._other_channels:
+            self._other_channels[component] = Channel(self._system, component, self._signing, self.address[0])
+        self.channel.sent += 1
+        return self._other_channels[component].pack(message)
 
     def identify(self, frame: Frame, *, lockstep: bool, clock_us: int) -> None:
-        """Start the streams that a peer of this kind gets when it asks for nothing.
+        """Start the default streams of this kind of peer.
 
-        A lockstep controller is sent each sample when it is due and nothing more, as every message costs it time.
+        A lockstep controller gets each sample when it is due and nothing else, as every message costs it time.
         """
         controller = frame.component == CONTROLLER
         if self.last_seen_us is not None and (self.controller or not controller):
@@ -84,17 +83,17 @@ class Peer:
 
     @property
     def is_samples_only(self) -> bool:
-        """Whether it is sent samples and nothing else regularly."""
+        """True if its only stream, if any, is the samples."""
         return self._intervals_us.keys() <= {_IMU}
 
     def interval_us(self, message_id: int) -> int | None:
-        """Return the time between two messages, `None` if there are none."""
+        """Return the time [us] between two messages of a stream, `None` if it is off."""
         return self._intervals_us.get(message_id)
 
     def set_interval(self, message_id: int, interval_us: int | None, clock_us: int) -> None:
-        """Set the time between two messages, 0 for the default, `None` for never.
+        """Set the time [us] between two messages of a stream: 0 for the default, `None` for off.
 
-        A sample is not told twice: no stream is faster than the samples.
+        No stream is faster than the samples, so that no sample is sent twice.
         """
         if interval_us == 0:
             interval_us = self._defaults_us.get(message_id, self._vehicle_intervals_us.get(message_id))
@@ -107,13 +106,13 @@ class Peer:
         self.next_us = min(self._due_us.values(), default=NEVER_US)
 
     def take_due(self, clock_us: int) -> list[int]:
-        """Return the message ids that are due, and set when they are due again."""
+        """Return the message ids that are due, and schedule their next time."""
         if clock_us < self.next_us:
             return []
         due = [message_id for message_id, due_us in self._due_us.items() if due_us <= clock_us]
         for message_id in due:
             interval_us = self._intervals_us[message_id]
-            # What was missed is not made up for.
+            # Missed messages are not made up for.
             again_us = self._due_us[message_id] + interval_us
             self._due_us[message_id] = again_us if again_us > clock_us else clock_us + interval_us
         self.next_us = min(self._due_us.values(), default=NEVER_US)
@@ -127,41 +126,41 @@ class Peer:
 
 @dataclass(frozen=True, slots=True)
 class RequestContext:
-    """The peer that a request came from, as services see it."""
+    """A request's sender, as the `Client` of services."""
 
-    listener: Peer
-    """The peer."""
+    peer: Peer
+    """Sender of the request."""
     outbox: list[tuple[bytes, Address]]
-    """What is to be sent."""
+    """Datagrams to send, with their addresses."""
     clock_us: int
-    """[us] time of the request, on the clock of the streams."""
-    speaker: int
+    """[us] Time of the request, on the clock of the streams."""
+    component: int
     """Component that answers."""
 
     def send(self, message: Message | EncodedMessage) -> None:
-        """Send a message to it alone."""
-        self.outbox.append((self.listener.pack(message, self.speaker), self.listener.address))
+        """Send a message to this peer alone."""
+        self.outbox.append((self.peer.pack(message, self.component), self.peer.address))
 
     def interval_us(self, message_id: int) -> int | None:
-        """Return the time [us] between two messages of a stream to it, `None` if there are none."""
-        return self.listener.interval_us(message_id)
+        """Return the time [us] between two messages of a stream, `None` if it is off."""
+        return self.peer.interval_us(message_id)
 
     def set_interval(self, message_id: int, interval_us: int | None) -> None:
-        """Set the time [us] between two messages of a stream to it, 0 for the default, `None` for never."""
-        self.listener.set_interval(message_id, interval_us, self.clock_us)
+        """Set the time [us] between two messages of a stream: 0 for the default, `None` for off."""
+        self.peer.set_interval(message_id, interval_us, self.clock_us)
 
-    def hear_sticks(self) -> None:
-        """Note that it moves sticks."""
-        self.listener.sticks_until_us = self.clock_us + STICKS_US
+    def note_sticks(self) -> None:
+        """Record that the peer moves sticks."""
+        self.peer.sticks_until_us = self.clock_us + STICKS_US
 
     @property
     def moves_sticks(self) -> bool:
-        """Whether it moved sticks lately."""
-        return self.clock_us < self.listener.sticks_until_us
+        """True if the peer moved sticks recently."""
+        return self.clock_us < self.peer.sticks_until_us
 
 
 class PeerTable:
-    """All peers of a vehicle by their addresses, a bounded number."""
+    """Peers of a vehicle by address, a bounded number."""
 
     def __init__(
         self,
@@ -174,49 +173,47 @@ class PeerTable:
     ) -> None:
         self._system, self._signing = system, signing
         self._intervals_us, self._fastest_us = intervals_us, min_interval_us
-        self._gone = Channel(system, AUTOPILOT)
-        self._at = {address: self._new(address, expected=True) for address in expected}
+        self._removed = Channel(system, AUTOPILOT)
+        self._peers = {address: self._make_peer(address, expected=True) for address in expected}
 
     def __iter__(self) -> Iterator[Peer]:
-        return iter(self._at.values())
+        return iter(self._peers.values())
 
     @property
     def next_us(self) -> int:
-        """[us] when a stream is due, on the clock of the streams."""
-        return min((listener.next_us for listener in self), default=NEVER_US)
+        """[us] Time of the next stream message, on the clock of the streams."""
+        return min((peer.next_us for peer in self), default=NEVER_US)
 
-    def at(self, address: Address) -> Peer | None:
-        """Return the peer at an address, a new one if there is room, `None` if there is not."""
-        listener = self._at.get(address)
-        if listener is None and len(self._at) < MAX_PEERS:
-            listener = self._at[address] = self._new(address, expected=False)
-        return listener
+    def get_or_add(self, address: Address) -> Peer | None:
+        """Return the peer at an address, adding it if needed; `None` if the table is full."""
+        peer = self._peers.get(address)
+        if peer is None and len(self._peers) < MAX_PEERS:
+            peer = self._peers[address] = self._make_peer(address, expected=False)
+        return peer
 
     def remove_silent(self, now_us: int) -> list[Peer]:
-        """Forget who has been silent for too long and return them; an expected one begins anew."""
+        """Return the peers that have been silent for too long; remove them, or reset the expected ones."""
         silent = [
-            listener
-            for listener in self
-            if listener.last_seen_us is not None and now_us > listener.last_seen_us + PEER_TIMEOUT_US
+            peer for peer in self if peer.last_seen_us is not None and now_us > peer.last_seen_us + PEER_TIMEOUT_US
         ]
-        for listener in silent:
-            if listener.expected:
-                listener.begin()
+        for peer in silent:
+            if peer.expected:
+                peer.reset()
             else:
-                self._gone.absorb(self._at.pop(listener.address).traffic)
+                self._removed.merge(self._peers.pop(peer.address).channel)
         return silent
 
-    def drop(self, address: Address, cause: RejectReason) -> None:
-        """Count what a known peer sent in vain."""
-        if listener := self._at.get(address):
-            listener.traffic.dropped[cause] += 1
+    def count_reject(self, address: Address, cause: RejectReason) -> None:
+        """Count a rejected datagram or message of a known peer."""
+        if peer := self._peers.get(address):
+            peer.channel.dropped[cause] += 1
 
-    def figures(self) -> dict[str, dict[str, Any]]:
-        """Return what came and went, by peer; `gone` sums up those that are forgotten."""
-        figures = {f"{host}:{port}": listener.traffic.figures() for (_, (host, port)), listener in self._at.items()}
-        return {**figures, "gone": self._gone.figures()} if self._gone.received else figures
+    def stats(self) -> dict[str, dict[str, Any]]:
+        """Return packet counters by peer; `gone` sums up the removed peers."""
+        stats = {f"{host}:{port}": peer.channel.stats() for (_, (host, port)), peer in self._peers.items()}
+        return {**stats, "gone": self._removed.stats()} if self._removed.received else stats
 
-    def _new(self, address: Address, *, expected: bool) -> Peer:
+    def _make_peer(self, address: Address, *, expected: bool) -> Peer:
         return Peer(
             address,
             self._system,

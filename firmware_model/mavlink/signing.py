@@ -1,9 +1,10 @@
-"""Message signing: who may command, proved by a secret key; old frames are refused.
+"""Message signing: accept commands only with a secret key, and reject replayed frames.
 
 A frame carries 48 bits of SHA-256 over key and frame, and a time stamp that grows within each stream. A stream is a
-sender's system, component and link id, wherever its datagrams come from: a frame that was overheard is refused from
-every address. The receiver keeps no stamps between two runs, so within a minute of the start an overheard frame of the
-run before can be played to it once; whoever can overhear must be kept off the network.
+sender's system, component and link id, whatever its address: a captured frame is rejected from every address.
+
+Limit: the receiver keeps no stamps between runs. Within a minute of the start, a frame captured in the previous run
+can be replayed once. Keep eavesdroppers off the network.
 
 References
 ----------
@@ -23,10 +24,10 @@ from firmware_model.mavlink.frames import Frame, RejectReason, signature
 KEY_BYTES = 32
 """Length of a key."""
 MAX_STREAMS = 256
-"""Streams known at once; only who holds the key can open one."""
-_EPOCH_US = 1_420_070_400_000_000  # 2015-01-01 in Unix time: time stamps count from there
+"""Most streams at once; opening one requires the key."""
+_EPOCH_US = 1_420_070_400_000_000  # 2015-01-01 in Unix time, the zero of time stamps
 _UNIT_US = 10
-_MINUTE = 60_000_000 // _UNIT_US  # how far behind the first stamp of a stream may be
+_MINUTE = 60_000_000 // _UNIT_US  # largest age of a stream's first stamp
 _MAX_STAMP = 2**48 - 1
 _SIGNATURE, _STAMP = slice(-6, None), slice(-12, -6)
 _LINK = -13
@@ -34,10 +35,10 @@ _UNSIGNED_MESSAGES = frozenset({wire.MAVLINK_MSG_ID_HEARTBEAT, wire.MAVLINK_MSG_
 
 
 class Signing:
-    """A key with the time stamps that were used with it; the caller owns the clock.
+    """A key with the newest time stamp of each stream; the caller owns the clock.
 
-    `unix_us` is the Unix time [us] at which `now_us` is 0. Without a signature the messages `unsigned` are accepted:
-    a telemetry radio has no key, and who is there may be told to all.
+    `unix_us` is the Unix time [us] at which `now_us` is 0. Messages in `unsigned` are accepted without a signature:
+    a telemetry radio has no key, and heartbeats are no secret.
     """
 
     def __init__(self, key: bytes, unix_us: int, unsigned: frozenset[int] = _UNSIGNED_MESSAGES) -> None:
@@ -49,17 +50,17 @@ class Signing:
         self._streams: dict[tuple[int, int, int], int] = {}
 
     def tick(self, now_us: int) -> None:
-        """Take the time."""
+        """Set the clock."""
         self._stamp = max(self._stamp, (self._offset_us + now_us) // _UNIT_US)
 
     def next_stamp(self) -> int:
-        """Return a new time stamp [10 us since 2015] for a frame of ours, each larger than the last."""
+        """Return a new time stamp [10 us since 2015] for an outgoing frame, larger than the last one."""
         self._stamp = min(self._stamp + 1, _MAX_STAMP)
         return self._stamp
 
-    def refusal(self, frame: Frame) -> RejectReason | None:
-        """Return why a frame is not to be obeyed, `None` if it is; notes the stamp of one that is genuine."""
-        if not frame.signed:
+    def check(self, frame: Frame) -> RejectReason | None:
+        """Return why a frame is rejected, `None` if it is accepted; record the stamp of a genuine frame."""
+        if not frame.is_signed:
             return None if frame.message_id in self._unsigned else RejectReason.NOT_SIGNED
         raw = frame.raw
         stream = raw[_LINK], frame.system, frame.component
@@ -70,7 +71,7 @@ class Signing:
             return RejectReason.REPLAYED
         if not compare_digest(signature(self.key, raw[: _SIGNATURE.start]), raw[_SIGNATURE]):
             return RejectReason.WRONG_SIGNATURE
-        # Only now, or a forged stamp from the future would shut the true sender out.
+        # Recorded only after the signature check: a forged future stamp would lock the true sender out.
         if last is None and len(self._streams) >= MAX_STREAMS:
             return RejectReason.TOO_MANY_PEERS
         self._streams[stream] = stamp
@@ -79,12 +80,12 @@ class Signing:
 
 
 def read_key(path: Path) -> bytes:
-    """Return the key in a file that nobody but its owner can read: 32 bytes, or 64 hexadecimal digits.
+    """Return the key in a file: 32 bytes, or 64 hexadecimal digits. Only the file's owner may have read access.
 
     Raises
     ------
     ConfigError
-        If the file can't be read, others can read it, or it holds no key.
+        If the file cannot be read, is readable by others, or holds no key.
     """
     try:
         with path.open("rb") as file:
@@ -93,7 +94,7 @@ def read_key(path: Path) -> bytes:
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
     if os.name == "posix" and mode & 0o077:
-        raise ConfigError(f"{path}: others can read this key, its mode is {mode & 0o777:o}: 'chmod 600' it")
+        raise ConfigError(f"{path}: others can read this key, its mode is {mode & 0o777:o}; run 'chmod 600' on it")
     if len(content) == KEY_BYTES:
         return content
     digits = content.strip()

@@ -1,1 +1,1 @@
-"""Conduct a flight as a protocol core: pacing, lockstep, link faults, outcome."""
+"""Conduct a flight without I/O: pacing, lockstep, link faults, outcome."""

@@ -1,24 +1,24 @@
-"""How late the samples of a flight in real time were flown."""
+"""Latency of the samples of a real-time flight."""
 
 from collections import Counter
 
-_MAX_EXACT_US = 20_000  # what is later is counted as one, so that a vehicle that stands for a month fills no memory
+_MAX_EXACT_US = 20_000  # larger values share one counter, so that a month on the ground fills no memory
 
 
 class Latency:
-    """The distribution of delays after a deadline, to a microsecond up to 20 ms."""
+    """Distribution of delays after a deadline, resolved to 1 us up to 20 ms."""
 
     def __init__(self) -> None:
         self.worst_us = 0
         self._counts: Counter[int] = Counter()
 
     def add(self, late_us: int) -> None:
-        """Count one."""
+        """Count a delay [us]."""
         self._counts[min(late_us, _MAX_EXACT_US)] += 1
         self.worst_us = max(self.worst_us, late_us)
 
     def percentile_us(self, percent: float) -> int:
-        """Return the least delay [us] that this share of all did not exceed; 0 if there is none."""
+        """Return the least delay [us] that `percent` of all delays do not exceed; 0 if there is none."""
         rank = percent / 100.0 * self._counts.total()
         for late_us, count in sorted(self._counts.items()):
             rank -= count
@@ -26,6 +26,6 @@ class Latency:
                 return late_us if late_us < _MAX_EXACT_US else self.worst_us
         return 0
 
-    def figures(self) -> dict[str, int]:
-        """Return median, 99 % and worst, in microseconds."""
+    def stats(self) -> dict[str, int]:
+        """Return median, 99th percentile and maximum [us]."""
         return {"p50_us": self.percentile_us(50.0), "p99_us": self.percentile_us(99.0), "worst_us": self.worst_us}

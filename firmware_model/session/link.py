@@ -1,9 +1,10 @@
-"""Faults of the link between vehicle and controller, in model time: what is late, lost, doubled, out of order.
+"""Faults of the link between vehicle and controller, in model time: loss, duplication, delay, reordering.
 
     bandwidth -> loss, burst_loss -> duplication -> delay, jitter -> reordering
 
-A datagram passes the `[[link]]` tables of its direction in this order, whatever theirs is in the file; a table acts on
-what enters from its `start_s` to its `stop_s`. Tables of one kind add up. Only `reordering` lets one overtake another.
+A datagram passes the `[[link]]` tables of its direction in this order, whatever their order in the file. A table acts
+on datagrams that enter from its `start_s` to its `stop_s`. Tables of one kind add up. Datagrams overtake each other
+only under `reordering`.
 """
 
 import heapq
@@ -27,36 +28,36 @@ from firmware_model.config.link_faults import (
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.elementary import philox
 from firmware_model.numerics.random import LINK_STREAM
+from firmware_model.types import NEVER_US
 
-_NEVER_US = 1 << 62
 _SCALE = 2.0**-32
 
 Item = TypeVar("Item")
 
 
 class LinkCounter(Enum):
-    """What became of a datagram, counted; the values are the names of the counters."""
+    """Counted fate of a datagram; the values are the counters' names."""
 
     SENT = "sent"
     """Entered this direction."""
     ARRIVED = "arrived"
     """Came out at the other end."""
     LOST = "lost"
-    """Was lost by chance, alone or in a burst."""
+    """Lost at random, alone or in a burst."""
     CROWDED_OUT = "crowded_out"
-    """Found no room in the queue."""
+    """Dropped at a full queue."""
     DOUBLED = "doubled"
-    """Went on as two."""
+    """Duplicated."""
     HELD_BACK = "held_back"
-    """Was held back, for others to overtake it."""
+    """Held back, so that others overtake it."""
     UNHEARD = "unheard"
-    """Came to a controller that hangs or is dead."""
+    """Arrived at a hanging or dead controller."""
     OVERTAKEN = "overtaken"
-    """Came to the vehicle after the answer to a newer sample, and was not flown."""
+    """Arrived at the vehicle after the answer to a newer sample, and was not flown."""
 
 
 class LinkDirection(Generic[Item]):
-    """One direction of a link: `send` in the order of time, `take` what has arrived."""
+    """One direction of a link: `send` in order of time, `take` arrivals."""
 
     def __init__(self, faults: Sequence[AnyFault], direction: str, seed: int) -> None:
         self.counters: Counter[LinkCounter] = Counter()
@@ -64,11 +65,11 @@ class LinkDirection(Generic[Item]):
             _FaultTable(fault, seed, number) for number, fault in enumerate(faults) if fault.direction == direction
         ]
         self._in_flight: list[tuple[int, int, Item]] = []
-        self._order = 0  # tells apart what arrives at the same time
+        self._order = 0  # orders simultaneous arrivals
         self._last_us = 0
 
     def send(self, item: Item, size: int, now_us: int) -> None:
-        """Let a datagram of `size` bytes enter."""
+        """Send a datagram of `size` bytes."""
         self.counters[LinkCounter.SENT] += 1
         number = self.counters[LinkCounter.SENT]
         tables = [table for table in self._tables if table.start_us <= now_us < table.stop_us]
@@ -80,13 +81,13 @@ class LinkDirection(Generic[Item]):
                     self.counters[LinkCounter.CROWDED_OUT] += 1
                     return
                 sent_us = free_us
-        # All of them are asked: a burst goes on, whatever else loses the datagram.
-        if any([table.loses(number) for table in tables]):
+        # Evaluate all tables: a burst continues even if another table loses the datagram.
+        if any([table.is_lost(number) for table in tables]):
             self.counters[LinkCounter.LOST] += 1
             return
-        doubled = any(table.occurs(Duplication, number) for table in tables)
-        self.counters[LinkCounter.DOUBLED] += doubled
-        for copy in range(1 + doubled):
+        duplicated = any(table.occurs(Duplication, number) for table in tables)
+        self.counters[LinkCounter.DOUBLED] += duplicated
+        for copy in range(1 + duplicated):
             late_us = sum(table.delay_us(number, copy) for table in tables)
             hold_back_us = sum(table.hold_back_us(number, copy) for table in tables)
             self.counters[LinkCounter.HELD_BACK] += hold_back_us > 0
@@ -96,11 +97,11 @@ class LinkDirection(Generic[Item]):
 
     @property
     def next_us(self) -> int:
-        """[us] when the next one arrives; never, if none is on its way."""
-        return self._in_flight[0][0] if self._in_flight else _NEVER_US
+        """[us] Time of the next arrival; `NEVER_US` if nothing is on its way."""
+        return self._in_flight[0][0] if self._in_flight else NEVER_US
 
     def take(self, before_us: int) -> tuple[int, Item] | None:
-        """Return the next one that arrives before a time, after the time [us] of its arrival; `None` if none does."""
+        """Return arrival time [us] and item of the next arrival before a time; `None` if there is none."""
         if self.next_us >= before_us:
             return None
         self.counters[LinkCounter.ARRIVED] += 1
@@ -108,28 +109,28 @@ class LinkDirection(Generic[Item]):
         return arrival_us, item
 
     def take_all(self, before_us: int) -> Iterator[tuple[int, Item]]:
-        """Yield all that arrive before a time, in the order of arrival."""
+        """Yield arrival time [us] and item of all arrivals before a time, in order."""
         while (arrived := self.take(before_us)) is not None:
             yield arrived
 
-    def figures(self) -> dict[str, int]:
+    def stats(self) -> dict[str, int]:
         """Return the counters by name."""
         return {counter.value: count for counter in LinkCounter if (count := self.counters[counter])}
 
 
 class _FaultTable:
-    """A `[[link]]` table at work: its random numbers, and what it remembers."""
+    """A `[[link]]` table with its random numbers and its memory."""
 
     def __init__(self, fault: AnyFault, seed: int, number: int) -> None:
         self.fault = fault
         self.start_us = _to_us(fault.start_s)
-        self.stop_us = _NEVER_US if fault.stop_s is None else _to_us(fault.stop_s)
+        self.stop_us = NEVER_US if fault.stop_s is None else _to_us(fault.stop_s)
         self._seed, self._block = seed, 2 * number
         self._bad = False
         self._sent_at_us: deque[int] = deque()
 
     def transmission_end_us(self, fault: Bandwidth, size: int, now_us: int) -> int | None:
-        """Return when a datagram is sent to its last bit; `None` if it finds no room to wait for that."""
+        """Return the time [us] at which a datagram's last bit is sent; `None` if the queue is full."""
         waiting = self._sent_at_us
         while waiting and waiting[0] <= now_us:
             waiting.popleft()
@@ -138,8 +139,8 @@ class _FaultTable:
         waiting.append((waiting[-1] if waiting else now_us) + round(8e6 * size / fault.rate_bit_s))
         return waiting[-1]
 
-    def loses(self, number: int) -> bool:
-        """Whether a datagram is lost here."""
+    def is_lost(self, number: int) -> bool:
+        """Return whether this table loses a datagram."""
         fault = self.fault
         if not isinstance(fault, BurstLoss):
             return self.occurs(Loss, number)
@@ -148,32 +149,32 @@ class _FaultTable:
         return loss < (fault.loss_in_bad if self._bad else fault.loss_in_good)
 
     def occurs(self, kind: type[Loss | Duplication], number: int) -> bool:
-        """Whether a fault of that kind happens here to a datagram."""
+        """Return whether this table is of that kind and applies its fault to a datagram."""
         fault = self.fault
         return isinstance(fault, kind) and self._draw(number)[0] < fault.probability
 
     def delay_us(self, number: int, copy: int) -> int:
-        """Return by how much a copy of a datagram, 0 or 1, is late because of this table."""
+        """Return the delay [us] of a copy of a datagram, 0 or 1, by this table."""
         fault = self.fault
         if isinstance(fault, Delay):
             return _to_us(fault.delay_s)
         return round(self._draw(number, copy)[0] * fault.most_s * 1e6) if isinstance(fault, Jitter) else 0
 
     def hold_back_us(self, number: int, copy: int) -> int:
-        """Return for how long a copy of a datagram is held back here."""
+        """Return the time [us] for which this table holds back a copy of a datagram."""
         fault = self.fault
         if not isinstance(fault, Reordering) or self._draw(number, copy)[0] >= fault.probability:
             return 0
         return _to_us(fault.by_s)
 
     def _draw(self, number: int, copy: int = 0) -> tuple[float, float]:
-        """Return two uniform numbers in (0, 1) that no other table, datagram or copy has."""
+        """Return two uniform numbers in (0, 1), unique to this table, datagram and copy."""
         return _uniforms(self._seed, number, self._block + copy)
 
 
 @compiled
 def _uniforms(seed: int, sample: int, block: int) -> tuple[float, float]:
-    """Return two independent uniform numbers in (0, 1): a pure function of its arguments, each below 2^32."""
+    """Return two independent uniform numbers in (0, 1), a pure function of the arguments, each below 2^32."""
     a, b, _, _ = philox(
         (np.uint64(sample), np.uint64(block), np.uint64(0), np.uint64(0)),
         (np.uint64(seed), np.uint64(LINK_STREAM)),

@@ -1,18 +1,18 @@
-"""How a flight ended, as the vehicle tells it."""
+"""Outcome of a flight, as the vehicle reports it."""
 
 from enum import Enum
 
 
 class VehicleOutcome(Enum):
-    """How a flight ended."""
+    """Outcome of a flight."""
 
     DONE = "done"
-    """Flown in OFFBOARD from beginning to end."""
+    """Flown in OFFBOARD from start to end."""
     STREAM_LOST = "stream_lost"
     """The set-points stopped; the on-board loop flew to the end."""
     LEFT_OFFBOARD = "left_offboard"
-    """Another mode was asked for; the on-board loop flew until OFFBOARD was asked for again, or to the end."""
+    """Another mode was requested; the on-board loop flew until OFFBOARD was requested again, or to the end."""
     NO_CONTROLLER = "no_controller"
-    """Nobody began the lockstep flight in time."""
+    """No controller started the lockstep flight in time."""
     INTERRUPTED = "interrupted"
     """Ctrl-C or a termination signal."""

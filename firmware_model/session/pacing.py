@@ -1,18 +1,18 @@
-"""The pace of a flight: which sample is due when, which set-point answers it, and when to stop waiting.
+"""Pacing of a flight: when samples are due, which set-points answer them, and when to stop waiting.
 
-    scripted   clamped --begin--> [due: WAIT | RESEND | ADVANCE] --> ended
-    standing             begin--> [due: WAIT | ADVANCE] without end
+    scripted     clamped --begin--> [next_action: WAIT | RESEND | ADVANCE] --> ended
+    interactive             begin--> [next_action: WAIT | ADVANCE] without end
 
-In lockstep a sample is due when the set-point with its stamp is there; after a wall time-out it is sent again, and
-after a stated number of times the fail-safe begins. In real time samples are due on absolute deadlines, and a late
-set-point means that the last one is held. A sample that is late itself is made up for, up to `MAX_CATCH_UP_US`; beyond
-that model time slips against wall time. Without OFFBOARD nobody is waited for.
+In lockstep, a sample is due when the set-point with its stamp has arrived. After a wall-time time-out it is sent again;
+after `MAX_RESENDS` times the fail-safe begins. In real time, samples are due on absolute deadlines, and the last
+set-point is held while the next one is late. Overdue samples are made up for, up to `MAX_CATCH_UP_US`; beyond that,
+model time slips against wall time. Outside OFFBOARD the vehicle waits for no set-point.
 
-Over a link with faults an `Exchange` says what is waited for in lockstep, in every mode, and which set-points come
-through; there, too, the last one is held.
+Over a faulty link, `ScriptedLink` decides which answers lockstep awaits, in every mode, and which set-points arrive.
+There, too, the last one is held.
 
-A scripted flight begins when its controller is there and ends with the scenario, or before it by landing. A standing
-vehicle begins with its process, on the ground; its model time is wall time less what has slipped.
+A scripted flight begins when its controller is there, and ends with the scenario or an earlier landing. An interactive
+vehicle begins with its process, on the ground; its model time is wall time less slips and pauses.
 """
 
 import math
@@ -29,22 +29,21 @@ from firmware_model.mavlink.frames import RejectReason
 from firmware_model.mavlink.messages import stamp_difference
 from firmware_model.session.latency import Latency
 from firmware_model.sim.vehicle_loop import VehicleLoop
-from firmware_model.types import Command, Setpoint, Trim
+from firmware_model.types import NEVER_US, Command, Setpoint, Trim
 
 RESEND_US = 100_000
-"""[us] wall time after which a lockstep sample is sent again."""
+"""[us] Wall time after which a lockstep sample is sent again."""
 MAX_RESENDS = 30
-"""Times that a lockstep sample is sent again before the fail-safe."""
+"""Most repetitions of a lockstep sample before the fail-safe."""
 MAX_CATCH_UP_US = 250_000
-"""[us] lateness that is made up for in real time; a process that was away for longer lets model time slip."""
-_SLIP_REPORT_US = 10_000_000  # wall time from one word on it to the next
-_NEVER_US = 1 << 62
+"""[us] Largest delay that is made up for in real time; after a longer one, model time slips."""
+_SLIP_REPORT_US = 10_000_000  # least wall time between two reports of a slip
 
-_OFFBOARD = Mode.OFFBOARD  # asked for several times a sample, and to look up a member of an Enum takes .1 us
+_OFFBOARD = Mode.OFFBOARD  # used several times a sample; looking up an Enum member takes .1 us
 
 
 class NextAction(Enum):
-    """What is to be done now."""
+    """Next action of a flight."""
 
     WAIT = "wait"
     """Nothing before the deadline."""
@@ -58,22 +57,22 @@ _WAIT, _ADVANCE = NextAction.WAIT, NextAction.ADVANCE
 
 
 class TimingFault(Enum):
-    """What went other than planned, counted; the values are the names of the counters."""
+    """Counted deviation from the plan; the values are the counters' names."""
 
     RESENT = "resent"
-    """Lockstep: a sample was sent again, as its answer did not come."""
+    """Lockstep: a sample was sent again for lack of an answer."""
     HELD = "held"
-    """Real time, or over a link: no new set-point from one sample to the next, the last one was held."""
+    """Real time or scripted link: no new set-point arrived within a sample, so the last one was held."""
     OVERRUN = "overrun"
-    """Real time: a sample was flown more than a sample time late."""
+    """Real time: a sample was flown more than one sample time late."""
     SLIPPED = "slipped"
-    """Real time: the vehicle was later than can be made up for, and model time was set back by that."""
+    """Real time: the delay exceeded `MAX_CATCH_UP_US`, and model time slipped by it."""
     REFUSED = "mode_refused"
-    """A mode that the script asks for was refused."""
+    """The autopilot rejected a mode that the script requested."""
 
 
 class FlightClock:
-    """One vehicle from its first sample to its last; the caller owns clock and wire."""
+    """Clock of one flight, from first to last sample; the caller owns time and wire."""
 
     def __init__(
         self,
@@ -83,13 +82,13 @@ class FlightClock:
         *,
         sample_us: int,
         lockstep: bool,
-        standing: bool = False,
-        linked: bool = False,
+        interactive: bool = False,
+        has_scripted_link: bool = False,
     ) -> None:
-        self.loop, self.autopilot, self.lockstep, self.standing = loop, autopilot, lockstep, standing
-        self.linked = linked
+        self.loop, self.autopilot, self.lockstep, self.interactive = loop, autopilot, lockstep, interactive
+        self.has_scripted_link = has_scripted_link
         self.counters: Counter[TimingFault] = Counter()
-        self.lateness = Latency()
+        self.latency = Latency()
         self.setpoint: Command | None = None
         self._stamps_us: dict[type[Command], int] = {}
         self.started_us: int | None = None
@@ -101,7 +100,7 @@ class FlightClock:
         self._record, self._sample_us = record, sample_us
         self._time_us = 0
         self.answered = False
-        self._unasked = lockstep and linked
+        self._is_self_answered = lockstep and has_scripted_link
         self._in_trim = False
         self._attempts = 0
         self._resend_at_us = 0
@@ -110,76 +109,75 @@ class FlightClock:
 
     @property
     def time_us(self) -> int:
-        """[us] model time of the current sample."""
+        """[us] Model time of the current sample."""
         return self._time_us
 
     @property
     def wall_us(self) -> int:
-        """[us] wall time from t = 0 to the sample flown last, without pauses."""
+        """[us] Wall time from t = 0 to the last flown sample, without pauses."""
         return 0 if self.started_us is None else max(self.advanced_us - self.started_us - self.paused_us, 0)
 
     def clock_us(self, now_us: int) -> int:
-        """Return the autopilot's clock: wall time while clamped, then model time from there on."""
+        """Return the autopilot's clock [us]: wall time while clamped, model time from there on."""
         return now_us if self.started_us is None else self.started_us + self._time_us
 
     def sample_age_us(self, now_us: int) -> int:
-        """Return the time that has passed since the current sample; none in lockstep, where time waits."""
+        """Return the time [us] since the current sample; 0 in lockstep, where time waits."""
         if self.lockstep or not self.running:
             return 0
         return min(max(now_us - self.paused_us - self.slipped_us - self.clock_us(now_us), 0), self._sample_us)
 
     def tick(self, now_us: int) -> None:
-        """Tell the autopilot the time, before anything is asked of it."""
+        """Set the autopilot's clock; call before its other methods."""
         self.autopilot.clock_us = self.clock_us(now_us)
 
     def offer(self, command: Command) -> RejectReason | None:
-        """Take a set-point that arrived at the last tick, or say why not.
+        """Accept a set-point that arrived at the last tick, or return why not.
 
-        In lockstep only the stamp of the current sample is taken; in real time any that is not older than the last of
-        its message, as other controllers stamp with clocks of their own. A stream that has died takes its stamps with
-        it.
+        In lockstep, only the stamp of the current sample is accepted. In real time, any stamp not older than the last
+        one of its message is, as other controllers stamp with their own clocks. A lost stream's stamps are forgotten.
         """
         if self.lockstep:
             if command.time_us != self._time_us and (difference := stamp_difference(command, self._time_us)):
+                if difference > 0:
+                    return RejectReason.EARLY
                 previous = stamp_difference(command, self._time_us - self._sample_us) == 0
-                return (
-                    RejectReason.EARLY if difference > 0 else RejectReason.DUPLICATE if previous else RejectReason.STALE
-                )
+                return RejectReason.DUPLICATE if previous else RejectReason.STALE
             if self.answered and self.running:
                 return RejectReason.DUPLICATE
         elif self.is_overtaken(command):
             return RejectReason.STALE
-        self.hear(command)
+        self.accept(command)
         return None
 
     def is_overtaken(self, command: Command) -> bool:
-        """Whether a newer set-point of the same message was heard.
+        """Return whether a newer set-point of the same message has arrived.
 
-        The stamps of two messages can't be compared: MAVSDK's of torques are ms where the wire has us.
+        Stamps of different messages are not comparable: MAVSDK stamps torques in ms where the wire has us.
         """
         return command.time_us < self._stamps_us.get(type(command), 0)
 
-    def ready(self) -> bool:
-        """Whether the first sample may be flown: at once, or scripted: armed, in OFFBOARD, sample 0 answered."""
+    def is_ready(self) -> bool:
+        """Return whether the flight may begin: at once, or if scripted: armed, in OFFBOARD, sample 0 answered."""
         if self.started_us is not None:
             return False
-        return self.standing or (self.answered and self.autopilot.armed and self.autopilot.mode is _OFFBOARD)
+        return self.interactive or (self.answered and self.autopilot.armed and self.autopilot.mode is _OFFBOARD)
 
     def begin(self, now_us: int) -> None:
-        """Let time run: t = 0."""
+        """Start model time: t = 0."""
         self.started_us = now_us
         self.running = True
         self.tick(now_us)
-        if not self.standing:
+        if not self.interactive:
             self.autopilot.begin()
             self.autopilot.on_setpoint()
-        if self.linked:
-            # What answered sample 0 so far came past the link.
+        if self.has_scripted_link:
+            # The answer to sample 0 so far has bypassed the link.
             self._forget_setpoint()
-            self.answered, self._in_trim = self._unasked, True
+            self.answered, self._in_trim = self._is_self_answered, True
 
     def pause(self, now_us: int, *, paused: bool) -> None:
-        """Let model time stand still, or go on from where it stands; what is flown is the same to the bit."""
+        """Pause or resume model time; the flight is the same to the bit."""
         if paused and self._paused_at_us is None:
             self._paused_at_us = now_us
         elif not paused and self._paused_at_us is not None:
@@ -188,13 +186,13 @@ class FlightClock:
             self._paused_at_us = None
             self._resend_at_us = now_us + RESEND_US
 
-    def due(self, now_us: int) -> NextAction:
-        """Return what is to be done; a resend counts as done."""
+    def next_action(self, now_us: int) -> NextAction:
+        """Return the next action; a resend is counted as done."""
         if not self.running or self._paused_at_us is not None:
             return _WAIT
         if not self.lockstep:
-            return _ADVANCE if now_us >= self._due_us() else _WAIT
-        if self.answered or not (self.linked or self.autopilot.mode is _OFFBOARD):
+            return _ADVANCE if now_us >= self._sample_deadline_us() else _WAIT
+        if self.answered or not (self.has_scripted_link or self.autopilot.mode is _OFFBOARD):
             return _ADVANCE
         if now_us < self._resend_at_us:
             return _WAIT
@@ -214,68 +212,68 @@ class FlightClock:
         else:
             self._check_real_time(now_us)
         setpoint: Setpoint
-        if autopilot.mode is _OFFBOARD and not self.standing and command is not None:
-            setpoint = command  # nothing else can come of it, and a lockstep flight has no time for the question
+        if autopilot.mode is _OFFBOARD and not self.interactive and command is not None:
+            setpoint = command  # `autopilot.setpoint` would return the same, too slowly for lockstep
         elif self._in_trim and autopilot.mode is _OFFBOARD:
             setpoint = Trim()
         else:
-            setpoint = autopilot.setpoint(self.setpoint, self._situation())
+            setpoint = autopilot.setpoint(self.setpoint, self._navigation_state())
             self.left_offboard = True
         self._record(self.loop.advance(setpoint, autopilot.mode.value))
         self._time_us += self._sample_us
-        self.answered, self._attempts = self._unasked, 0
+        self.answered, self._attempts = self._is_self_answered, 0
         self.advanced_us = now_us
         self._resend_at_us = now_us + RESEND_US
-        if not self.standing and (self.loop.finished or not autopilot.armed):
+        if not self.interactive and (self.loop.finished or not autopilot.armed):
             self.running = False
             self.ended_us = now_us
             autopilot.end()
 
-    def asks(self) -> bool:
-        """Whether lockstep waits for the commanding peer, which is to be sent the current sample."""
+    def is_awaiting_peer(self) -> bool:
+        """Return whether lockstep waits for the commanding peer to answer the current sample."""
         return self.running and self.lockstep and self.autopilot.mode is _OFFBOARD
 
-    def expect(self, now_us: int) -> None:
-        """Wait in lockstep for `answered`, as a sample is sent now over a link."""
+    def await_answer(self, now_us: int) -> None:
+        """Wait in lockstep for `answered`, as a sample is sent over the scripted link now."""
         self.answered, self._attempts = False, 0
         self._resend_at_us = now_us + RESEND_US
 
-    def hear(self, command: Command) -> None:
-        """Take a set-point, whatever its stamp."""
+    def accept(self, command: Command) -> None:
+        """Accept a set-point with any stamp."""
         self.setpoint, self.answered = command, True
         self._stamps_us[type(command)] = command.time_us
         self.autopilot.on_setpoint()
 
     @property
     def paused(self) -> bool:
-        """Whether model time stands still."""
+        """True if model time is paused."""
         return self._paused_at_us is not None
 
     def deadline_us(self) -> int | None:
-        """Return the wall time at which `due` changes by itself, `None` if it never does."""
+        """Return the wall time [us] at which `next_action` changes by itself, `None` for never."""
         if not self.running:
             return None
         if self._paused_at_us is not None:
-            return _NEVER_US
+            return NEVER_US
         if not self.lockstep:
-            return self._due_us()
-        waits = not self.answered and (self.linked or self.autopilot.mode is _OFFBOARD)
+            return self._sample_deadline_us()
+        waits = not self.answered and (self.has_scripted_link or self.autopilot.mode is _OFFBOARD)
         return self._resend_at_us if waits else self.advanced_us
 
     def wall_time_us(self, time_us: int) -> int:
-        """Return the wall time of a model time, in real time."""
+        """Return the wall time [us] of a model time [us], in real time."""
         return self.clock_us(0) - self._time_us + time_us + self.paused_us + self.slipped_us
 
     def _forget_setpoint(self) -> None:
         self.setpoint = None
         self._stamps_us.clear()
 
-    def _due_us(self) -> int:
-        """Return the wall time [us] at which the current sample is flown in real time: at its end."""
+    def _sample_deadline_us(self) -> int:
+        """Return the wall time [us] at which the current sample is due in real time: at its end."""
         return self.wall_time_us(self._time_us + self._sample_us)
 
-    def _situation(self) -> NavigationState:
-        """Return what navigation says: ideal in position, the on-board estimate in attitude."""
+    def _navigation_state(self) -> NavigationState:
+        """Return the navigation state: the true position, and the attitude as estimated on board."""
         loop = self.loop
         loop.observe()
         w, x, y, z = loop.estimate_q_NB
@@ -284,14 +282,14 @@ class FlightClock:
         return NavigationState(loop.true_vector("position_N"), yaw, tilt, loop.on_ground)
 
     def _check_lockstep(self) -> None:
-        if not self.answered or (self.linked and not self.autopilot.is_stream_alive):
-            self._lose_stream()
+        if not self.answered or (self.has_scripted_link and not self.autopilot.is_stream_alive):
+            self._drop_stream()
 
     def _check_real_time(self, now_us: int) -> None:
         if not self.answered and self.autopilot.mode is _OFFBOARD:
             self.counters[TimingFault.HELD] += 1
-        late_us = now_us - self._due_us()
-        self.lateness.add(late_us)
+        late_us = now_us - self._sample_deadline_us()
+        self.latency.add(late_us)
         if late_us > self._sample_us:
             self.counters[TimingFault.OVERRUN] += 1
         if late_us > MAX_CATCH_UP_US:
@@ -301,9 +299,9 @@ class FlightClock:
                 self._slip_report_at_us = now_us + _SLIP_REPORT_US
                 self.autopilot.add_event(AutopilotEvent.SLIPPED)
         if not self.autopilot.is_stream_alive:
-            self._lose_stream()
+            self._drop_stream()
 
-    def _lose_stream(self) -> None:
+    def _drop_stream(self) -> None:
         self._forget_setpoint()
         self._in_trim = False
         self.autopilot.on_stream_lost()

@@ -1,15 +1,15 @@
-"""Samples and set-points on their way between vehicle and controller, where the script interferes with them.
+"""Scripted link: samples and set-points under link faults and controller events.
 
     sample k --to_controller--> sent, and its answer awaited --to_vehicle--> set-point of the sample it arrives at
 
-A set-point that arrives from t_k on and before t_k+1 is flown as the answer to sample k would be: a delay of the link
-by n samples is the same as `delay_samples` higher by n. Until the first one arrives the vehicle stays in trim, then the
-last one is held; in lockstep too the stream dies by the autopilot's time-out in model time. The vehicle waits for the
-answers to those samples that it really sends, and asks its controller in every mode, so that OFFBOARD can be set again.
+A set-point that arrives from t_k on and before t_k+1 is flown like the answer to sample k. A link delay of n samples
+thus equals `delay_samples` higher by n. Until the first set-point arrives, the vehicle stays in trim; then the last one
+is held. In lockstep, too, the stream times out in model time. The vehicle waits for the answers to the samples that it
+really sends. It sends samples in every mode, so that the controller can set OFFBOARD again.
 
-Nothing passes here before t = 0. Heartbeats and requests never do, as they go by wall time: the link loses none. A
-controller that hangs or is dead is sent nothing. In lockstep time waits for the one that takes its place, as it did
-for the first, until that one has answered and the mode is OFFBOARD.
+The link carries nothing before t = 0. Heartbeats and requests bypass it, as they run on wall time: none is lost.
+A hanging or dead controller gets no samples. In lockstep, time waits for its replacement, as for the first controller,
+until that one has answered and the mode is OFFBOARD.
 """
 
 from collections.abc import Iterator
@@ -23,17 +23,16 @@ from firmware_model.mavlink.frames import RejectReason
 from firmware_model.session.link import LinkCounter, LinkDirection
 from firmware_model.session.pacing import RESEND_US, FlightClock, NextAction, TimingFault
 from firmware_model.sim.vehicle_loop import VehicleLoop
-from firmware_model.types import Command, ImuSample
+from firmware_model.types import NEVER_US, Command, ImuSample
 
 JOIN_TIMEOUT_US = 60_000_000
-"""[us] wall time that a lockstep flight waits for the controller that takes the place of another."""
-_NEVER_US = 1 << 62
+"""[us] Wall time that a lockstep flight waits for a replacement controller."""
 
 ControllerEvent = ModeChange | ControllerHang | ControllerKill
 
 
 class ScriptedLink:
-    """The conversation of one scripted flight with its controller; the endpoint asks it `due` in the flight's place."""
+    """Link of one scripted flight to its controller; it replaces the `FlightClock` as the endpoint's pacer."""
 
     def __init__(self, scenario: Scenario, seed: int, flight: FlightClock, loop: VehicleLoop) -> None:
         self.joining = False
@@ -46,14 +45,14 @@ class ScriptedLink:
         self._join_sample: int | None = None
         for item in scenario.event:
             if isinstance(item, ControllerEvent):
-                self._note(item, scenario.control_rate_hz)
-        self._at_us = 0  # model time at which the controller has the sample that was sent last
-        self._sent_us = self._heard_us = -1  # stamps: newest sample sent, newest one whose answer has arrived
-        self._joined = self._gone = False
+                self._schedule_event(item, scenario.control_rate_hz)
+        self._arrival_us = 0  # model time at which the last sample reaches the controller
+        self._newest_sent_us = self._newest_answer_us = -1  # stamps: newest sample sent, newest answered sample
+        self._joined = self._controller_lost = False
         self._join_by_us = self._resend_at_us = 0
 
     def begin_sample(self, now_us: int) -> list[ControllerEvent] | None:
-        """Let the current sample enter the link, and return what happens before it is flown, if anything does."""
+        """Send the current sample into the link; return the events before it is flown, `None` if there are none."""
         loop = self._loop
         self._flight.tick(now_us)
         sample = loop.observe()
@@ -63,31 +62,31 @@ class ScriptedLink:
             self._resend_at_us, self._join_by_us = now_us, now_us + JOIN_TIMEOUT_US
         return self._events_at.get(loop.sample)
 
-    def due(self, now_us: int) -> NextAction:
-        """Return what is to be done; RESEND: send `sample`, for the first time too."""
+    def next_action(self, now_us: int) -> NextAction:
+        """Return the next action; RESEND means to send `sample`, also for the first time."""
         flight = self._flight
-        due = flight.due(now_us)
-        if due is not NextAction.ADVANCE:
-            return due
+        action = flight.next_action(now_us)
+        if action is not NextAction.ADVANCE:
+            return action
         if flight.lockstep:
             if self.joining:
                 return self._wait_for_join(now_us)
             if not flight.answered:
-                self._gone = True
-                return due
-            if self._deliver(now_us):
+                self._controller_lost = True
+                return action
+            if self._take_delivery(now_us):
                 return NextAction.RESEND
         self._accept_arrivals(now_us)
-        return due
+        return action
 
-    def deliveries(self, time_us: int) -> Iterator[ImuSample]:
-        """Yield the samples that have come to the controller by a model time, in real time."""
+    def take_deliveries(self, time_us: int) -> Iterator[ImuSample]:
+        """Yield the samples that have reached the controller by a model time [us], in real time."""
         for arrival_us, sample in self._to_controller.take_all(time_us + 1):
             if self._is_received(arrival_us):
                 yield sample
 
-    def answer(self, command: Command, size: int, time_us: int) -> RejectReason | None:
-        """Take a set-point of `size` bytes that was really received at a model time, or say why not."""
+    def offer(self, command: Command, size: int, time_us: int) -> RejectReason | None:
+        """Send a received set-point of `size` bytes into the link at a model time [us], or return why not."""
         flight = self._flight
         if not flight.lockstep:
             self._to_vehicle.send((command.time_us, command), size, time_us)
@@ -103,11 +102,11 @@ class ScriptedLink:
         if flight.answered:
             return RejectReason.DUPLICATE
         flight.answered = True
-        self._to_vehicle.send((self.sample.time_us, command), size, self._at_us)
+        self._to_vehicle.send((self.sample.time_us, command), size, self._arrival_us)
         return None
 
     def deadline_us(self) -> int | None:
-        """Return the wall time at which `due` or `deliveries` change by themselves, `None` if they never do."""
+        """Return the wall time [us] at which `next_action` or `take_deliveries` changes, `None` for never."""
         flight = self._flight
         deadline_us = flight.deadline_us()
         if deadline_us is None or flight.paused:
@@ -116,18 +115,18 @@ class ScriptedLink:
             return self._resend_at_us
         return deadline_us if flight.lockstep else min(deadline_us, flight.wall_time_us(self._to_controller.next_us))
 
-    def figures(self) -> dict[str, Any]:
-        """Return what the link did, by direction."""
-        return {"to_controller": self._to_controller.figures(), "to_vehicle": self._to_vehicle.figures()}
+    def stats(self) -> dict[str, Any]:
+        """Return the link's counters by direction."""
+        return {"to_controller": self._to_controller.stats(), "to_vehicle": self._to_vehicle.stats()}
 
-    def _note(self, item: ControllerEvent, rate_hz: int) -> None:
+    def _schedule_event(self, item: ControllerEvent, rate_hz: int) -> None:
         self._events_at.setdefault(round(item.at_s * rate_hz), []).append(item)
         if isinstance(item, ModeChange):
             return
         away_s = item.for_s if isinstance(item, ControllerHang) else item.recovers_after_s
         start_us = round(item.at_s * rate_hz) * self._sample_us
         if away_s is None:
-            self._outages.append((start_us, _NEVER_US))
+            self._outages.append((start_us, NEVER_US))
             return
         back = round((item.at_s + away_s) * rate_hz)
         self._outages.append((start_us, back * self._sample_us))
@@ -136,53 +135,56 @@ class ScriptedLink:
             self._events_at.setdefault(back, [])
 
     def _wait_for_join(self, now_us: int) -> NextAction:
-        """Let time wait for a new controller; it is sent the current sample until it flies."""
+        """Hold time and repeat the current sample until a new controller flies, or the time-out."""
         if self._joined and self._flight.autopilot.mode is Mode.OFFBOARD:
-            self.joining = self._gone = False
+            self.joining = self._controller_lost = False
         elif now_us >= self._join_by_us:
-            self.joining, self._gone = False, True
+            self.joining, self._controller_lost = False, True
         elif now_us >= self._resend_at_us:
             self._resend_at_us = now_us + RESEND_US
             self.sample = self._loop.observe()
-            self._sent_us = self.sample.time_us  # the newcomer answers nothing older that is still on its way
+            # The new controller answers no older sample that is still on its way.
+            self._newest_sent_us = self.sample.time_us
             return NextAction.RESEND
         else:
             return NextAction.WAIT
-        return self.due(now_us)
+        return self.next_action(now_us)
 
-    def _deliver(self, now_us: int) -> bool:
-        """Take the next sample that comes to the controller before this one is over; whether there is one to send.
+    def _take_delivery(self, now_us: int) -> bool:
+        """Take the next sample that reaches the controller before the current one ends; return whether there is one.
 
-        It is waited for, unless a newer one overtook it: no law answers that. A repeated one is answered again.
+        Its answer is awaited, unless a newer sample overtook it: no law answers that. A repeated sample is answered
+        again.
         """
         for arrival_us, sample in self._to_controller.take_all(self._loop.time_us + self._sample_us):
             if self._is_received(arrival_us):
-                self.sample, self._at_us = sample, arrival_us
-                if sample.time_us >= self._sent_us:
-                    self._sent_us = sample.time_us
-                    self._flight.expect(now_us)
+                self.sample, self._arrival_us = sample, arrival_us
+                if sample.time_us >= self._newest_sent_us:
+                    self._newest_sent_us = sample.time_us
+                    self._flight.await_answer(now_us)
                 return True
         return False
 
     def _accept_arrivals(self, now_us: int) -> None:
-        """Let the set-points that arrive before this sample is over be heard."""
-        flight, heard = self._flight, False
+        """Accept the set-points that arrive before the current sample ends."""
+        flight, has_arrived = self._flight, False
         flight.tick(now_us)
         for _, (stamp_us, command) in self._to_vehicle.take_all(self._loop.time_us + self._sample_us):
             if flight.lockstep:
-                overtaken = flight.setpoint is not None and stamp_us < self._heard_us
+                overtaken = flight.setpoint is not None and stamp_us < self._newest_answer_us
             else:
                 overtaken = flight.is_overtaken(command)
             if overtaken:
                 self._to_vehicle.counters[LinkCounter.OVERTAKEN] += 1
                 continue
-            self._heard_us, heard = stamp_us, True
-            flight.hear(command)
-        if flight.lockstep and not heard and flight.autopilot.mode is Mode.OFFBOARD:
+            self._newest_answer_us, has_arrived = stamp_us, True
+            flight.accept(command)
+        if flight.lockstep and not has_arrived and flight.autopilot.mode is Mode.OFFBOARD:
             flight.counters[TimingFault.HELD] += 1
 
     def _is_received(self, time_us: int) -> bool:
-        """Whether somebody hears what comes to the controller at a model time."""
-        heard = not self._gone and not any(start_us <= time_us < stop_us for start_us, stop_us in self._outages)
-        self._to_controller.counters[LinkCounter.UNHEARD] += not heard
-        return heard
+        """Return whether a controller receives at a model time [us]; count a sample that it misses."""
+        in_outage = any(start_us <= time_us < stop_us for start_us, stop_us in self._outages)
+        is_received = not (self._controller_lost or in_outage)
+        self._to_controller.counters[LinkCounter.UNHEARD] += not is_received
+        return is_received

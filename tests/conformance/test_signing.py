@@ -112,7 +112,7 @@ def test_overheard_frame_is_refused_from_another_address(key):
             for datagram in datagrams:
                 end.sendto(datagram, ("127.0.0.1", vehicle.port))
             (frame, *_) = parse(end.recv(2048))
-            assert frame.signed
+            assert frame.is_signed
         told = vehicle.last_words()
     assert told["counters"]["replayed"] == 2
     assert [link["in"] for link in told["links"].values()] == [1, 1]

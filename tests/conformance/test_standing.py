@@ -38,7 +38,7 @@ class Airfield:
         scenario = replace(air, translation="free" if free else "held")
         self.modes: list[float] = []
         self.vehicle = VehicleEndpoint(
-            load_vehicle("paper"), scenario, 1, lambda row: self.modes.append(row[-1]), lockstep=False, standing=True
+            load_vehicle("paper"), scenario, 1, lambda row: self.modes.append(row[-1]), lockstep=False, interactive=True
         )
         self.controller: ControllerEndpoint | None = None
         self.up: Tamper = untouched

@@ -12,7 +12,6 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import parse
-from firmware_model.session.lockstep import FastPath
 from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
@@ -136,7 +135,7 @@ class Pair:
     def figures(self) -> tuple:
         return (
             self.vehicle.links,
-            self.controller.traffic.figures(),
+            self.controller.traffic.stats(),
             self.vehicle.counters,
             self.vehicle.flight.counters,
         )
@@ -146,15 +145,17 @@ class Pair:
 @pytest.mark.parametrize("law", ["hinf-scheduled", "hinf-rates"])
 def test_turns_leave_every_datagram_record_and_figure_as_they_are_step_by_step(law, watched, monkeypatch):
     taken = []
-    take = FastPath.take
-    monkeypatch.setattr(FastPath, "take", lambda *arguments: taken.append(take(*arguments)) or taken[-1])
+    step = VehicleEndpoint._step_lockstep
+    monkeypatch.setattr(
+        VehicleEndpoint, "_step_lockstep", lambda *arguments: taken.append(step(*arguments)) or taken[-1]
+    )
     at_once = Pair(law, watched=watched)
-    monkeypatch.setattr(FastPath, "take", lambda *_: None)
-    monkeypatch.setattr(ControllerEndpoint, "_bfgs", lambda *_: False)
+    monkeypatch.setattr(VehicleEndpoint, "_step_lockstep", lambda *_: False)
+    monkeypatch.setattr(ControllerEndpoint, "_turn", lambda *_: False)
     step_by_step = Pair(law, watched=watched)
     assert at_once.vehicle.outcome is step_by_step.vehicle.outcome is VehicleOutcome.DONE
     assert at_once.rows == step_by_step.rows
     assert at_once.said == step_by_step.said
     assert at_once.figures == step_by_step.figures
-    turns = sum(datagram is not None for datagram in taken)
+    turns = sum(taken)
     assert turns > 100 if watched else turns > 240

@@ -172,10 +172,10 @@ class Ground:
 
 
 KINDS = {
-    "standing": {"lockstep": False, "standing": True},
+    "standing": {"lockstep": False, "interactive": True},
     "scripted": {"lockstep": False},
     "lockstep": {"lockstep": True},
-    "signed": {"lockstep": False, "standing": True},
+    "signed": {"lockstep": False, "interactive": True},
 }
 
 

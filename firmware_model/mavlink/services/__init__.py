@@ -1,4 +1,4 @@
-"""MAVLink microservices, one file a group; each knows its own messages and no socket. A new one is a line here."""
+"""MAVLink microservices, one module per group, without sockets. To add one, list it in `_GROUPS`."""
 
 from firmware_model.mavlink.services import (
     actuators,
@@ -41,7 +41,7 @@ _GROUPS = (
 )
 
 
-def make_services(craft: VehicleContext) -> Service:
-    """Return all services of a craft as one."""
-    parts = merge_services(group.make_service(craft) for group in _GROUPS)
-    return merge_services([parts, commands.make_service(craft, parts.commands)])
+def make_services(context: VehicleContext) -> Service:
+    """Return all services of a vehicle, merged into one."""
+    parts = merge_services(group.make_service(context) for group in _GROUPS)
+    return merge_services([parts, commands.make_service(context, parts.commands)])

@@ -1,4 +1,4 @@
-"""What the rotors do: the thrust of each, as a fraction and as the pulses that a real vehicle's motors would get.
+"""Rotor outputs: the thrust of each rotor as a fraction, and as the pulse width for a real vehicle's motors.
 
 References
 ----------
@@ -11,13 +11,13 @@ from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
 
 _ROTORS = 4
-_OUTPUTS, _SERVOS = 32, 16  # that the messages have room for
-_PULSE_US = (1000, 1000)  # [us] at no thrust, and how much longer at the largest
+_OUTPUTS, _SERVOS = 32, 16  # capacity of the messages
+_PULSE_US = (1000, 1000)  # [us] width at zero thrust, and its increase at full thrust
 
 
-def make_service(craft: VehicleContext) -> Service:
-    """Return the service that tells the rotors' outputs."""
-    loop = craft.loop
+def make_service(context: VehicleContext) -> Service:
+    """Return the service of the rotors' outputs."""
+    loop = context.loop
 
     def servos() -> Message:
         time_us = loop.observe().time_us % 2**32

@@ -1,4 +1,4 @@
-"""Time: the clock of the messages' stamps, compared with a peer's, and answers to pings.
+"""Time: clock offset between vehicle and peer, system time, and answers to pings.
 
 References
 ----------
@@ -13,29 +13,26 @@ from firmware_model.mavlink.services.service import Client, Service, Stream, Veh
 _NO_DATE = 0
 
 
-def make_service(craft: VehicleContext) -> Service:
-    """Return the service that tells the craft's time."""
+def make_service(context: VehicleContext) -> Service:
+    """Return the service of the vehicle's clock."""
 
     def nanoseconds() -> int:
-        return 1000 * craft.stamp_us
+        return 1000 * context.stamp_us
 
     def answer_timesync(message: Message, client: Client) -> None:
-        if message.tc1 == 0:  # else it is the answer to a question of ours
+        if message.tc1 == 0:  # otherwise it answers our own request
             client.send(wire.MAVLink_timesync_message(nanoseconds(), message.ts1))
 
     def ask_timesync() -> Message:
         return wire.MAVLink_timesync_message(0, nanoseconds())
 
     def answer_ping(message: Message, client: Client) -> None:
-        if message.target_system == 0 and message.target_component == 0:  # else it is an answer
-            client.send(
-                wire.MAVLink_ping_message(
-                    message.time_usec, message.seq, message.get_srcSystem(), message.get_srcComponent()
-                )
-            )
+        if message.target_system == 0 and message.target_component == 0:  # otherwise it is an answer
+            sender = message.get_srcSystem(), message.get_srcComponent()
+            client.send(wire.MAVLink_ping_message(message.time_usec, message.seq, *sender))
 
     def system_time() -> Message:
-        return wire.MAVLink_system_time_message(_NO_DATE, craft.stamp_us // 1000)
+        return wire.MAVLink_system_time_message(_NO_DATE, context.stamp_us // 1000)
 
     return Service(
         requests={

@@ -1,8 +1,8 @@
-"""The command protocol: COMMAND_LONG and COMMAND_INT to whichever service does it, and an answer to each.
+"""Command protocol: dispatch COMMAND_LONG and COMMAND_INT to their services, and acknowledge each.
 
 References
 ----------
-MAVLink, command protocol; unused parameters arrive as NaN, in the integers of COMMAND_INT as 2^31 - 1.
+MAVLink, command protocol: unused parameters are NaN, and 2^31 - 1 in the integers of COMMAND_INT.
 """
 
 import math
@@ -27,48 +27,46 @@ _DEGREES = 1e-7  # one unit of a position in COMMAND_INT
 
 
 def make_service(
-    craft: VehicleContext, commands: Mapping[int, Callable[[VehicleCommand, Client], CommandAck]]
+    context: VehicleContext, commands: Mapping[int, Callable[[VehicleCommand, Client], CommandAck]]
 ) -> Service:
-    """Return the service that carries out `commands` and acknowledges each to its sender, with a text at a refusal."""
+    """Return the service that executes `commands` and acknowledges each, with a STATUSTEXT on rejection."""
 
-    def execute(command: Message, order: VehicleCommand, client: Client) -> None:
-        handler = commands.get(order.command)
-        if absent := ABSENT.get(command.target_component):
+    def execute(message: Message, command: VehicleCommand, client: Client) -> None:
+        handler = commands.get(command.command)
+        if absent := ABSENT.get(message.target_component):
             result, text = CommandAck(UNSUPPORTED, f"this vehicle has no {absent}")
         else:
-            result, text = handler(order, client) if handler else CommandAck(UNSUPPORTED)
-        client.send(
-            wire.MAVLink_command_ack_message(
-                order.command, result, 0, 0, command.get_srcSystem(), command.get_srcComponent()
-            )
-        )
+            result, text = handler(command, client) if handler else CommandAck(UNSUPPORTED)
+        sender = message.get_srcSystem(), message.get_srcComponent()
+        client.send(wire.MAVLink_command_ack_message(command.command, result, 0, 0, *sender))
         if text:
-            craft.tell(text, wire.MAV_SEVERITY_WARNING)
+            context.send_text(text, wire.MAV_SEVERITY_WARNING)
+
+    def execute_long(message: Message, client: Client) -> None:
+        execute(message, _parse_command_long(message), client)
+
+    def execute_int(message: Message, client: Client) -> None:
+        execute(message, _parse_command_int(message), client)
 
     return Service(
         requests={
-            wire.MAVLINK_MSG_ID_COMMAND_LONG: lambda command, client: execute(
-                command, _parse_command_long(command), client
-            ),
-            wire.MAVLINK_MSG_ID_COMMAND_INT: lambda command, client: execute(
-                command, _parse_command_int(command), client
-            ),
+            wire.MAVLINK_MSG_ID_COMMAND_LONG: execute_long,
+            wire.MAVLINK_MSG_ID_COMMAND_INT: execute_int,
         }
     )
 
 
-def _parse_command_long(command: Message) -> VehicleCommand:
-    numbers = (getattr(command, f"param{place}") for place in range(1, 8))
-    return VehicleCommand(command.command, tuple(_finite_or_none(number) for number in numbers), relative=False)
+def _parse_command_long(message: Message) -> VehicleCommand:
+    params = (getattr(message, f"param{number}") for number in range(1, 8))
+    return VehicleCommand(message.command, tuple(_finite_or_none(value) for value in params), relative=False)
 
 
-def _parse_command_int(command: Message) -> VehicleCommand:
-    place = (None if number == _UNSET else number * _DEGREES for number in (command.x, command.y))
-    first = (_finite_or_none(number) for number in (command.param1, command.param2, command.param3, command.param4))
-    return VehicleCommand(
-        command.command, (*first, *place, _finite_or_none(command.z)), relative=command.frame in _RELATIVE
-    )
+def _parse_command_int(message: Message) -> VehicleCommand:
+    position = (None if value == _UNSET else value * _DEGREES for value in (message.x, message.y))
+    first = (_finite_or_none(value) for value in (message.param1, message.param2, message.param3, message.param4))
+    params = (*first, *position, _finite_or_none(message.z))
+    return VehicleCommand(message.command, params, relative=message.frame in _RELATIVE)
 
 
-def _finite_or_none(number: float) -> float | None:
-    return number if math.isfinite(number) else None
+def _finite_or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,8 +1,8 @@
-"""Files on board: there are none; whoever asks for one is told so at once and need not wait for a time-out.
+"""File transfer: reject every request at once, so that clients need not wait for a time-out.
 
 References
 ----------
-MAVLink, file transfer protocol, message 110: the payload's header, error codes.
+MAVLink, file transfer protocol, message 110: payload header, error codes.
 """
 
 import struct
@@ -13,16 +13,16 @@ from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.service import Client, Service, VehicleContext
 
 _HEADER = struct.Struct("<HBBB")  # sequence, session, operation, bytes of data
-_DATA = 12  # where data begins
+_DATA = 12  # offset of the data
 _LENGTH = 251
-_FIRST_REPLY = 128  # operations from here on are answers
+_FIRST_REPLY = 128  # operation codes from here on are replies
 _NAK, _UNKNOWN_COMMAND = 129, 7  # NAK and its reason
 
 
 def make_service(_: VehicleContext) -> Service:
-    """Return the service that refuses every operation on files."""
+    """Return the service that rejects every file operation."""
 
-    def refuse(request: Message, client: Client) -> None:
+    def reject(request: Message, client: Client) -> None:
         sequence, session, operation, _ = _HEADER.unpack_from(bytes(request.payload))
         if operation >= _FIRST_REPLY:
             return
@@ -32,4 +32,4 @@ def make_service(_: VehicleContext) -> Service:
         sender = request.get_srcSystem(), request.get_srcComponent()
         client.send(wire.MAVLink_file_transfer_protocol_message(0, *sender, answer))
 
-    return Service(requests={wire.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: refuse})
+    return Service(requests={wire.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: reject})

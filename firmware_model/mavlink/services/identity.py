@@ -1,8 +1,8 @@
-"""Identity: what speaks here, and in which state; HEARTBEAT and AUTOPILOT_VERSION.
+"""Identity: HEARTBEAT and AUTOPILOT_VERSION.
 
 References
 ----------
-MAVLink, messages 0, 148; command 520, which older programs send. PROTOCOL_VERSION is not in the dialect any more.
+MAVLink, messages 0, 148; command 520, which older programs send. PROTOCOL_VERSION has left the dialect.
 """
 
 from pymavlink.dialects.v20 import all as wire
@@ -19,7 +19,7 @@ from firmware_model.mavlink.services.service import (
     VehicleContext,
 )
 
-_FIRMWARE_VERSION = 1 << 24 | 15 << 16  # 1.15.0, type byte 0: development; clients ask PX4 for at least 1.4.1
+_FIRMWARE_VERSION = 1 << 24 | 15 << 16  # 1.15.0, type byte 0: development; clients require at least 1.4.1 of PX4
 _CAPABILITIES = (
     wire.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
     | wire.MAV_PROTOCOL_CAPABILITY_MISSION_INT
@@ -30,17 +30,17 @@ _CAPABILITIES = (
 _NO_VERSION = [0] * 8
 
 
-def make_service(craft: VehicleContext) -> Service:
-    """Return the service that tells what the craft is."""
+def make_service(context: VehicleContext) -> Service:
+    """Return the service of the vehicle's identity."""
 
     def heartbeat() -> Message:
-        autopilot = craft.autopilot
+        autopilot = context.autopilot
         return messages.heartbeat_message(
-            autopilot.mode.value, autopilot.armed, critical=craft.failed, generic=craft.generic
+            autopilot.mode.value, autopilot.armed, critical=context.in_fail_safe, generic=context.generic
         )
 
     def version() -> Message:
-        return version_message(generic=craft.generic)
+        return version_message(generic=context.generic)
 
     def send_version(_: VehicleCommand, client: Client) -> CommandAck:
         client.send(version())
@@ -56,7 +56,7 @@ def make_service(craft: VehicleContext) -> Service:
 
 
 def version_message(*, generic: bool) -> Message:
-    """Return AUTOPILOT_VERSION: a development build; integer parameters are bytewise unless `generic`."""
+    """Return AUTOPILOT_VERSION of a development build; integer parameters are bytewise unless `generic`."""
     bytewise = 0 if generic else wire.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
     return wire.MAVLink_autopilot_version_message(
         _CAPABILITIES | bytewise, _FIRMWARE_VERSION, 0, 0, 0, _NO_VERSION, _NO_VERSION, _NO_VERSION, 0, 0, 0

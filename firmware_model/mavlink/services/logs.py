@@ -1,4 +1,4 @@
-"""Logs on board: there are none; what was flown is in the journal.
+"""Logs on board: an empty list; flights are recorded in the journal.
 
 References
 ----------
@@ -12,7 +12,7 @@ from firmware_model.mavlink.services.service import Client, Service, VehicleCont
 
 
 def make_service(_: VehicleContext) -> Service:
-    """Return the service that lists no logs."""
+    """Return the service of an empty log list."""
 
     def list_logs(_: Message, client: Client) -> None:
         client.send(wire.MAVLink_log_entry_message(0, 0, 0, 0, 0))

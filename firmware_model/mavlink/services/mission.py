@@ -1,4 +1,4 @@
-"""Missions, fences and rally points: there are none, and none are taken.
+"""Missions, fences and rally points: empty lists that accept no items.
 
 References
 ----------
@@ -14,7 +14,7 @@ _KINDS = (wire.MAV_MISSION_TYPE_MISSION, wire.MAV_MISSION_TYPE_FENCE, wire.MAV_M
 
 
 def make_service(_: VehicleContext) -> Service:
-    """Return the service that holds no items."""
+    """Return the service of empty mission, fence and rally lists."""
     return Service(
         requests={
             wire.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: _send_count,
@@ -33,15 +33,12 @@ def _send_count(request: Message, client: Client) -> None:
     if request.mission_type not in _KINDS:
         _reject(request, client)
         return
-    client.send(
-        wire.MAVLink_mission_count_message(
-            request.get_srcSystem(), request.get_srcComponent(), 0, mission_type=request.mission_type
-        )
-    )
+    sender = request.get_srcSystem(), request.get_srcComponent()
+    client.send(wire.MAVLink_mission_count_message(*sender, 0, mission_type=request.mission_type))
 
 
 def _reject_upload(request: Message, client: Client) -> None:
-    # A list of no items is stored as soon as it is announced.
+    # An upload of no items is complete with its announcement.
     _acknowledge(request, client, wire.MAV_MISSION_UNSUPPORTED if request.count else wire.MAV_MISSION_ACCEPTED)
 
 
@@ -58,8 +55,5 @@ def _acknowledge_clear(request: Message, client: Client) -> None:
 
 
 def _acknowledge(request: Message, client: Client, result: int) -> None:
-    client.send(
-        wire.MAVLink_mission_ack_message(
-            request.get_srcSystem(), request.get_srcComponent(), result, mission_type=request.mission_type
-        )
-    )
+    sender = request.get_srcSystem(), request.get_srcComponent()
+    client.send(wire.MAVLink_mission_ack_message(*sender, result, mission_type=request.mission_type))

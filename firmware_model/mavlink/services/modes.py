@@ -1,6 +1,6 @@
-"""Modes: their names for people, and the present one.
+"""Flight modes: their displayed names, and the current mode.
 
-A client that is told of an AVAILABLE_MODES waits until it has them all, so that each number from 1 on is there.
+After one AVAILABLE_MODES a client waits for all of them, so every index from 1 on exists.
 
 References
 ----------
@@ -23,23 +23,23 @@ _STANDARD = {
 }
 
 
-def make_service(craft: VehicleContext) -> Service:
-    """Return the service that names the modes."""
-    refused = {Mode.ACRO} if craft.autopilot.free else {Mode.ACRO, Mode.TAKEOFF, Mode.RETURN}
+def make_service(context: VehicleContext) -> Service:
+    """Return the service of the flight modes."""
+    refused = {Mode.ACRO} if context.autopilot.free else {Mode.ACRO, Mode.TAKEOFF, Mode.RETURN}
     flown = [mode for mode in Mode if mode not in refused]
 
     def current() -> Message:
-        mode = craft.autopilot.mode
+        mode = context.autopilot.mode
         return wire.MAVLink_current_mode_message(_standard_mode(mode), mode.value, mode.value)
 
     return Service(
         streams={wire.MAVLINK_MSG_ID_CURRENT_MODE: Stream(current, 2_000_000)},
-        shows={wire.MAVLINK_MSG_ID_AVAILABLE_MODES: lambda index: _list_modes(flown, index)},
+        on_request={wire.MAVLINK_MSG_ID_AVAILABLE_MODES: lambda index: _list_modes(flown, index)},
     )
 
 
 def _list_modes(flown: list[Mode], index: int) -> list[Message]:
-    """Return the mode of that number, counted from 1; all of them for 0, none if there is no such."""
+    """Return the mode of an index, counted from 1; all modes for 0, none for any other index."""
     return [
         wire.MAVLink_available_modes_message(
             len(flown), number, _standard_mode(mode), mode.value, 0, _NAMES.get(mode, mode.name.capitalize()).encode()

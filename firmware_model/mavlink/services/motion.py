@@ -1,4 +1,4 @@
-"""How the vehicle moves: what it measures, what it takes for its attitude, the truth, and the air that it is in.
+"""Motion: measurements, estimated attitude, true state, and the wind at the vehicle.
 
 References
 ----------
@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.place import ORIGIN_HEIGHT, clip_int16, to_centi, to_geodetic
+from firmware_model.mavlink.services.geodesy import ORIGIN_HEIGHT, clip_int16, to_centi, to_geodetic
 from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.rotations import euler_angles, rotate
@@ -23,9 +23,9 @@ _MILLI_G = 1000.0 / 9.80665
 _UNKNOWN = math.nan
 
 
-def make_service(craft: VehicleContext) -> Service:
-    """Return the service that tells how the craft moves."""
-    loop = craft.loop
+def make_service(context: VehicleContext) -> Service:
+    """Return the service of the vehicle's motion."""
+    loop = context.loop
 
     def attitude() -> Message:
         return attitude_message(loop.observe(), loop.estimate_q_NB)
@@ -56,12 +56,12 @@ def make_service(craft: VehicleContext) -> Service:
 
 
 def air_velocity_N(loop: VehicleLoop) -> Vector:
-    """Return how the air moves at the vehicle, mean wind and gust, [m/s] N, blowing toward."""
+    """Return the air velocity at the vehicle [m/s] N, mean wind plus gust."""
     loop.observe()
     return _air_velocity_N(loop.q_NB, loop.true_vector("gust_B"), loop.true_vector("wind_N"))
 
 
-@compiled  # a kernel called by itself would be made anew in each process, which holds up its first second
+@compiled  # a plain kernel called from Python would be recompiled in each process and delay its first second
 def _air_velocity_N(q_NB: Quaternion, gust_B: Vector, wind_N: Vector) -> Vector:
     gust = rotate(q_NB, gust_B)
     return wind_N[0] + gust[0], wind_N[1] + gust[1], wind_N[2] + gust[2]
@@ -83,13 +83,14 @@ def truth_message(
 ) -> Message:
     """Return HIL_STATE_QUATERNION: the true state, in degrees, mm, cm/s and mG."""
     air_cm = min(round(100.0 * airspeed), 65535)
+    velocity = (to_centi(v) for v in velocity_N)
+    force = (clip_int16(_MILLI_G * f) for f in sample.specific_force_B)
     return wire.MAVLink_hil_state_quaternion_message(
-        sample.time_us, q_NB, *omega_B, *to_geodetic(position_N), *(to_centi(v) for v in velocity_N), air_cm, air_cm,
-        *(clip_int16(_MILLI_G * f) for f in sample.specific_force_B),
-    )  # fmt: skip
+        sample.time_us, q_NB, *omega_B, *to_geodetic(position_N), *velocity, air_cm, air_cm, *force
+    )
 
 
 def wind_message(time_us: int, air_N: Vector, position_N: Vector) -> Message:
-    """Return WIND_COV: how the air moves at the vehicle [m/s] N, blowing toward; exact, of unknown spread."""
+    """Return WIND_COV: the exact air velocity at the vehicle [m/s] N; its variability is unknown."""
     height = ORIGIN_HEIGHT - position_N[2]
     return wire.MAVLink_wind_cov_message(time_us, *air_N, _UNKNOWN, _UNKNOWN, height, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""The parameter service: read one, list all, set one; every request is answered.
+"""Parameter protocol: read, list and set; every request is answered.
 
 References
 ----------
@@ -19,9 +19,9 @@ _ERRORS = {
 _NO_INDEX = -1
 
 
-def make_service(craft: VehicleContext) -> Service:
-    """Return the service of the craft's parameters."""
-    parameters = craft.parameters
+def make_service(context: VehicleContext) -> Service:
+    """Return the service of the vehicle's parameters."""
+    parameters = context.parameters
 
     def list_all(_: Message, client: Client) -> None:
         for parameter in parameters.table:
@@ -40,18 +40,19 @@ def make_service(craft: VehicleContext) -> Service:
             client.send(_error_message(request, _NO_INDEX, wire.MAV_PARAM_ERROR_DOES_NOT_EXIST))
             return
         integer = request.param_type != wire.MAV_PARAM_TYPE_REAL32
-        refusal = parameters.set_wire_value(name, request.param_value, integer=integer)
-        if refusal is None:
-            craft.apply_parameters()
-            # Whoever shows parameters must hear of a change that another one made.
-            craft.broadcast(_value_message(parameters, name))
+        reason = parameters.set_wire_value(name, request.param_value, integer=integer)
+        if reason is None:
+            context.apply_parameters()
+            # Every peer that displays parameters needs changes by other peers.
+            context.broadcast(_value_message(parameters, name))
             return
-        # The error first: a client that sees the old value before it asks again. The value is for those without errors.
-        client.send(_error_message(request, _NO_INDEX, _ERRORS[refusal]))
+        # Send the error first: a client that gets the old value first repeats its request. Then send the value, for
+        # clients that ignore errors.
+        client.send(_error_message(request, _NO_INDEX, _ERRORS[reason]))
         client.send(_value_message(parameters, name))
         allowed = parameters.table[parameters.index(name) or 0].allowed_text
-        text = f": {allowed}" if refusal is ParameterRejectReason.OUT_OF_RANGE else ""
-        craft.tell(f"{name} {refusal.value}{text}", wire.MAV_SEVERITY_WARNING)
+        suffix = f": {allowed}" if reason is ParameterRejectReason.OUT_OF_RANGE else ""
+        context.send_text(f"{name} {reason.value}{suffix}", wire.MAV_SEVERITY_WARNING)
 
     return Service(
         requests={

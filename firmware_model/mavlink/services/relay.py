@@ -1,7 +1,7 @@
-"""The on-board controller's voice: its HEARTBEAT and its STATUSTEXT, passed on to all other peers.
+"""Relay: forward HEARTBEAT and STATUSTEXT of the on-board controller to all other peers.
 
-A ground station knows the vehicle's link only; so it sees that there is a controller, and hears which law flies. What
-is passed on has sequence numbers of its own to each peer, so that nobody misses what was not meant for him.
+A ground station has a link to the vehicle only; the relay shows it the controller and the law that flies. Forwarded
+messages have their own sequence numbers to each peer, so that no peer counts gaps for messages to others.
 
 References
 ----------
@@ -15,11 +15,11 @@ from firmware_model.mavlink.messages import CONTROLLER
 from firmware_model.mavlink.services.service import Client, Service, VehicleContext
 
 
-def make_service(craft: VehicleContext) -> Service:
-    """Return the service that passes on what the controller says to people."""
+def make_service(context: VehicleContext) -> Service:
+    """Return the service that forwards the controller's heartbeats and texts."""
 
     def relay(message: Message, client: Client) -> None:
-        if (message.get_srcSystem(), message.get_srcComponent()) == (craft.system, CONTROLLER):
-            craft.relay(message, client)
+        if (message.get_srcSystem(), message.get_srcComponent()) == (context.system, CONTROLLER):
+            context.relay(message, client)
 
     return Service(requests={wire.MAVLINK_MSG_ID_HEARTBEAT: relay, wire.MAVLINK_MSG_ID_STATUSTEXT: relay})

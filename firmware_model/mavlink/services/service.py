@@ -1,8 +1,8 @@
-"""What a service is: tables of what it answers, does and tells; and what it may know of the vehicle and of who asks.
+"""Interface of a service: its tables of handlers and streams, and its views of the vehicle and of the client.
 
-    def service(craft: Craft) -> Service      each file of this package has one; the endpoint lists them all
+    def make_service(context: VehicleContext) -> Service      in each module of this package
 
-A service holds no socket and reads no clock. Its tables go by MAVLink's numbers, and no number stands in two services.
+A service holds no socket and reads no clock. Its tables are keyed by MAVLink's numbers; no number is in two services.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -21,124 +21,121 @@ _Value = TypeVar("_Value")
 
 
 class Client(Protocol):
-    """The peer that a request came from."""
+    """Sender of a request."""
 
     def send(self, message: Message | EncodedMessage) -> None:
-        """Send a message to it alone."""
+        """Send a message to this client alone."""
 
     def interval_us(self, message_id: int) -> int | None:
-        """Return the time [us] between two messages of a stream to it, `None` if there are none."""
+        """Return the time [us] between two messages of a stream, `None` if it is off."""
 
     def set_interval(self, message_id: int, interval_us: int | None) -> None:
-        """Set the time [us] between two messages of a stream to it, 0 for the default, `None` for never."""
+        """Set the time [us] between two messages of a stream: 0 for the default, `None` for off."""
 
-    def hear_sticks(self) -> None:
-        """Note that it moves sticks."""
+    def note_sticks(self) -> None:
+        """Record that the client moves sticks."""
 
     @property
     def moves_sticks(self) -> bool:
-        """Whether it moved sticks lately."""
+        """True if the client moved sticks recently."""
 
 
 class VehicleContext(Protocol):
-    """The vehicle and its other listeners."""
+    """View of the vehicle and its peers that services use."""
 
     @property
     def autopilot(self) -> Autopilot:
-        """What decides."""
+        """Arming, modes and fail-safe."""
 
     @property
     def parameters(self) -> Parameters:
-        """Values that people may read and change."""
+        """Parameters that clients read and change."""
 
     @property
     def loop(self) -> VehicleLoop:
-        """What flies."""
+        """Simulated vehicle."""
 
     @property
     def setpoint(self) -> Command | None:
-        """What is tracked, if an outside controller said so."""
+        """Tracked set-point of an outside controller, if there is one."""
 
     @property
     def generic(self) -> bool:
-        """Whether it speaks as no autopilot in particular, and not as PX4."""
+        """True if the vehicle presents itself as a generic autopilot, not as PX4."""
 
     @property
-    def failed(self) -> bool:
-        """Whether the fail-safe flies."""
+    def in_fail_safe(self) -> bool:
+        """True if the fail-safe flies."""
 
     @property
     def services(self) -> "Service":
-        """All services in one."""
+        """All services, merged."""
 
     @property
     def clock_us(self) -> int:
-        """[us] the clock of time-outs: wall time while clamped, model time from there on."""
+        """[us] Clock of time-outs: wall time while clamped, model time from there on."""
 
     @property
     def stamp_us(self) -> int:
-        """[us] model time now, between two samples too: the clock of the messages' stamps."""
+        """[us] Model time now, between samples too: the clock of message stamps."""
 
     @property
     def system(self) -> int:
         """System id."""
 
     def relay(self, message: Message, source: Client) -> None:
-        """Pass a message of the on-board controller on to all peers but the one that it came from."""
+        """Forward a message of the on-board controller to all peers but its sender."""
 
     def broadcast(self, message: Message | EncodedMessage) -> None:
         """Send a message to all peers."""
 
-    def tell(self, text: str, severity: int) -> None:
-        """Tell all peers a line of at most 50 characters."""
+    def send_text(self, text: str, severity: int) -> None:
+        """Send a STATUSTEXT of at most 50 characters to all peers."""
 
     def apply_parameters(self) -> None:
-        """Let changed parameters act."""
+        """Apply changed parameters."""
 
 
 class VehicleCommand(NamedTuple):
-    """A command, whichever of the two messages brought it."""
+    """A command, from COMMAND_LONG or COMMAND_INT."""
 
     command: int
     """MAV_CMD."""
-    numbers: tuple[float | None, ...]
-    """Parameters 1 to 7 in units [of the command], positions in degrees and metres; `None` where one is not given."""
+    params: tuple[float | None, ...]
+    """Parameters 1 to 7 in the command's units, positions in degrees and metres; `None` for an absent one."""
     relative: bool
-    """Whether the height in parameter 7 counts from home, not from the sea."""
+    """True if the altitude in parameter 7 is above home, not above the sea."""
 
-    def whole(self, place: int) -> int | None:
-        """Return parameter `place`, counted from 1, without what follows its point; `None` if it is not given."""
-        number = self.numbers[place - 1]
-        return None if number is None else int(number)
+    def integer(self, number: int) -> int | None:
+        """Return parameter `number`, 1 to 7, truncated to an integer; `None` if it is absent."""
+        value = self.params[number - 1]
+        return None if value is None else int(value)
 
 
 class CommandAck(NamedTuple):
-    """What became of a command."""
+    """Result of a command."""
 
     result: int
     """MAV_RESULT."""
     text: str = ""
-    """Why it was refused, for people; at most 50 characters."""
+    """Reason of a rejection as STATUSTEXT, at most 50 characters."""
 
 
 ACCEPTED = CommandAck(wire.MAV_RESULT_ACCEPTED)
 DENIED = wire.MAV_RESULT_DENIED
 TEMPORARILY_REJECTED = wire.MAV_RESULT_TEMPORARILY_REJECTED
 UNSUPPORTED = wire.MAV_RESULT_UNSUPPORTED
-_PERMANENT = (
-    TransitionResult.NOT_FLOWN,
-    TransitionResult.ON_STAND,
-    TransitionResult.HEIGHT,
-)  # the same request will fail again
+# Results after which the same request will fail again.
+_PERMANENT = (TransitionResult.NOT_FLOWN, TransitionResult.ON_STAND, TransitionResult.HEIGHT)
 
 
 class Stream(NamedTuple):
-    """A message that tells how things stand; sent on request and at intervals."""
+    """A state message, sent on request and at intervals."""
 
     message: Callable[[], Message | EncodedMessage | None]
-    """Makes it; `None` while there is nothing to tell."""
+    """Return the message, `None` while there is nothing to report."""
     interval_us: int | None = None
-    """[us] between two for a peer that has asked for nothing; `None` for never."""
+    """[us] Default time between two messages; `None` for on request only."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,43 +143,43 @@ class Service:
     """One group of microservices."""
 
     requests: Mapping[int, Callable[[Message, Client], RejectReason | None]] = field(default_factory=dict)
-    """By message id: what to do with a message to the autopilot; returns why it had no effect, if that counts."""
+    """Handlers of messages to the autopilot, by message id; they return a reason for a counted rejection."""
     commands: Mapping[int, Callable[[VehicleCommand, Client], CommandAck]] = field(default_factory=dict)
-    """By MAV_CMD: what to do at a command."""
+    """Handlers of commands, by MAV_CMD."""
     streams: Mapping[int, Stream] = field(default_factory=dict)
-    """By message id: what can be told at any time."""
-    shows: Mapping[int, Callable[[int], Iterable[Message]]] = field(default_factory=dict)
-    """By message id: what is shown on request only; takes the command's second parameter."""
+    """State messages, by message id."""
+    on_request: Mapping[int, Callable[[int], Iterable[Message]]] = field(default_factory=dict)
+    """Messages on request only, by message id; the argument is the command's second parameter."""
 
 
 def merge_services(services: Iterable[Service]) -> Service:
-    """Return all services as one.
+    """Return one service with all tables merged.
 
     Raises
     ------
     ValueError
-        If two of them claim the same number.
+        If two services claim the same number.
     """
     parts = list(services)
     return Service(
         requests=_merge_tables(part.requests for part in parts),
         commands=_merge_tables(part.commands for part in parts),
         streams=_merge_tables(part.streams for part in parts),
-        shows=_merge_tables(part.shows for part in parts),
+        on_request=_merge_tables(part.on_request for part in parts),
     )
 
 
-def make_ack(verdict: TransitionResult) -> CommandAck:
-    """Return the autopilot's verdict as the answer to a command."""
-    if verdict is TransitionResult.ACCEPTED:
+def make_ack(result: TransitionResult) -> CommandAck:
+    """Return the acknowledgement of a command for the autopilot's result."""
+    if result is TransitionResult.ACCEPTED:
         return ACCEPTED
-    return CommandAck(DENIED if verdict in _PERMANENT else TEMPORARILY_REJECTED, verdict.value)
+    return CommandAck(DENIED if result in _PERMANENT else TEMPORARILY_REJECTED, result.value)
 
 
 def _merge_tables(tables: Iterable[Mapping[int, _Value]]) -> dict[int, _Value]:
     merged: dict[int, _Value] = {}
     for table in tables:
-        if twice := merged.keys() & table.keys():
-            raise ValueError(f"two services for number {min(twice)}, must be one")
+        if duplicates := merged.keys() & table.keys():
+            raise ValueError(f"number {min(duplicates)} is claimed by two services, needs one")
         merged.update(table)
     return merged

@@ -1,4 +1,4 @@
-"""What the vehicle tracks, told back to whoever asked for it and to those who watch.
+"""Echo of the tracked set-points to all peers.
 
 References
 ----------
@@ -13,14 +13,14 @@ from firmware_model.mavlink.services.service import Service, Stream, VehicleCont
 from firmware_model.types import AttitudeTarget, TorqueCommand
 
 
-def make_service(craft: VehicleContext) -> Service:
+def make_service(context: VehicleContext) -> Service:
     """Return the service that echoes the set-points."""
 
     def attitude() -> Message | None:
-        return messages.echo_message(craft.setpoint) if isinstance(craft.setpoint, AttitudeTarget) else None
+        return messages.echo_message(context.setpoint) if isinstance(context.setpoint, AttitudeTarget) else None
 
     def torque() -> Message | None:
-        return messages.echo_message(craft.setpoint) if isinstance(craft.setpoint, TorqueCommand) else None
+        return messages.echo_message(context.setpoint) if isinstance(context.setpoint, TorqueCommand) else None
 
     return Service(
         streams={

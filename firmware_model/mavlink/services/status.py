@@ -1,11 +1,11 @@
-"""Status: what works, whether the vehicle may be armed, and whether it stands or flies.
+"""Status: sensor health, readiness to arm, and landed state.
 
-No battery is modelled, and none is told: its numbers are those that mean unknown. In SYS_STATUS that is no voltage, as
-of a vehicle without a monitor: dronekit takes the number for unknown for 65.5 V.
+No battery is modelled, so its fields carry the values for unknown. SYS_STATUS reports zero voltage instead, like a
+vehicle without battery monitor: dronekit reads the value for unknown as 65.5 V.
 
 References
 ----------
-MAVLink, messages 1, 147, 193, 245. Of 193 programs for ArduPilot learn whether the vehicle may be armed.
+MAVLink, messages 1, 147, 193, 245. Programs for ArduPilot read readiness to arm from 193.
 """
 
 from pymavlink.dialects.v20 import all as wire
@@ -14,7 +14,7 @@ from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
 
 _UNKNOWN16, _UNKNOWN, _NO_VOLTAGE = 2**16 - 1, -1, 0
-# Ideal navigation stands for a compass and for GPS.
+# Ideal navigation replaces compass and GPS.
 _SENSORS = (
     wire.MAV_SYS_STATUS_SENSOR_3D_GYRO
     | wire.MAV_SYS_STATUS_SENSOR_3D_ACCEL
@@ -26,7 +26,7 @@ _SENSORS = (
     | wire.MAV_SYS_STATUS_AHRS
     | wire.MAV_SYS_STATUS_PREARM_CHECK
 )
-# As navigation is ideal, all that an estimator can estimate is good.
+# Navigation is ideal, so every estimate is good.
 _ESTIMATED = (
     wire.EKF_ATTITUDE
     | wire.EKF_VELOCITY_HORIZ
@@ -37,16 +37,16 @@ _ESTIMATED = (
     | wire.EKF_PRED_POS_HORIZ_REL
     | wire.EKF_PRED_POS_HORIZ_ABS
 )
-# There is no fence; a client that looks at this bit alone would tell of a breach.
+# There is no fence, but clients that read this bit alone would otherwise report a breach.
 _HEALTHY_SENSORS = _SENSORS | wire.MAV_SYS_STATUS_GEOFENCE
 
 
-def make_service(craft: VehicleContext) -> Service:
-    """Return the service that tells how the craft is."""
+def make_service(context: VehicleContext) -> Service:
+    """Return the service of the vehicle's status."""
 
     def extended() -> Message:
         return wire.MAVLink_extended_sys_state_message(
-            wire.MAV_VTOL_STATE_UNDEFINED, craft.autopilot.landed_state.value
+            wire.MAV_VTOL_STATE_UNDEFINED, context.autopilot.landed_state.value
         )
 
     return Service(
@@ -70,7 +70,6 @@ def _estimator() -> Message:
 
 
 def _battery_message() -> Message:
-    return wire.MAVLink_battery_status_message(
-        0, wire.MAV_BATTERY_FUNCTION_ALL, wire.MAV_BATTERY_TYPE_UNKNOWN, 2**15 - 1, [_UNKNOWN16] * 10,
-        _UNKNOWN, _UNKNOWN, _UNKNOWN, _UNKNOWN,
-    )  # fmt: skip
+    kind = wire.MAV_BATTERY_FUNCTION_ALL, wire.MAV_BATTERY_TYPE_UNKNOWN
+    temperature, cells = 2**15 - 1, [_UNKNOWN16] * 10
+    return wire.MAVLink_battery_status_message(0, *kind, temperature, cells, *[_UNKNOWN] * 4)

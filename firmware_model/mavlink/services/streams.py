@@ -1,4 +1,4 @@
-"""Streams: how often a peer is sent what, and any message once.
+"""Streams: message intervals of a peer, and any message on request.
 
 References
 ----------
@@ -20,7 +20,7 @@ from firmware_model.mavlink.services.service import (
     VehicleContext,
 )
 
-# What the groups of REQUEST_DATA_STREAM stand for, as far as there is such a thing here.
+# Messages of the groups of REQUEST_DATA_STREAM, as far as this vehicle has them.
 _GROUPS = {
     wire.MAV_DATA_STREAM_RAW_SENSORS: (wire.MAVLINK_MSG_ID_HIGHRES_IMU,),
     wire.MAV_DATA_STREAM_EXTENDED_STATUS: (wire.MAVLINK_MSG_ID_SYS_STATUS, wire.MAVLINK_MSG_ID_GPS_RAW_INT),
@@ -32,63 +32,71 @@ _GROUPS = {
 }
 
 
-def make_service(craft: VehicleContext) -> Service:
+def make_service(context: VehicleContext) -> Service:
     """Return the service of streams."""
 
-    def known(message_id: int | None) -> CommandAck:
-        """Accept what is sent here at all; a number that no message can have is a mistake."""
-        if message_id in craft.services.streams:
-            return ACCEPTED
-        return CommandAck(UNSUPPORTED if message_id is not None and 0 <= message_id < 2**24 else DENIED)
-
-    def set_interval(order: VehicleCommand, client: Client) -> CommandAck:
-        message_id, interval_us = order.whole(1), order.whole(2)
-        if message_id is None or interval_us is None or interval_us < -1:
-            return CommandAck(DENIED)
-        if (answer := known(message_id)) is ACCEPTED:
-            client.set_interval(message_id, None if interval_us < 0 else interval_us)
-        return answer
-
-    def get_interval(order: VehicleCommand, client: Client) -> CommandAck:
-        message_id = order.whole(1)
-        if message_id is None or not 0 <= message_id < 2**16:
-            return CommandAck(DENIED)
-        if (answer := known(message_id)) is ACCEPTED:
-            interval_us = client.interval_us(message_id)
-            client.send(wire.MAVLink_message_interval_message(message_id, -1 if interval_us is None else interval_us))
-        return answer
-
-    def request(order: VehicleCommand, client: Client) -> CommandAck:
-        message_id = order.whole(1)
-        if message_id is None:
-            return CommandAck(DENIED)
-        show = craft.services.shows.get(message_id)
-        if show is None and (answer := known(message_id)) is not ACCEPTED:
-            return answer
-        messages = _make_messages(craft, message_id) if show is None else list(show(order.whole(2) or 0))
-        for message in messages:
-            client.send(message)
-        return ACCEPTED if messages else CommandAck(TEMPORARILY_REJECTED)
-
     def request_group(message: Message, client: Client) -> None:
-        rate = message.req_message_rate
-        interval_us = 1_000_000 // rate if message.start_stop and rate else None
-        everything = message.req_stream_id == wire.MAV_DATA_STREAM_ALL
-        for group, message_ids in _GROUPS.items():
-            if everything or group == message.req_stream_id:
-                for message_id in craft.services.streams.keys() & message_ids:
-                    client.set_interval(message_id, interval_us)
+        _request_group(context, message, client)
 
     return Service(
         requests={wire.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: request_group},
         commands={
-            wire.MAV_CMD_SET_MESSAGE_INTERVAL: set_interval,
-            wire.MAV_CMD_GET_MESSAGE_INTERVAL: get_interval,
-            wire.MAV_CMD_REQUEST_MESSAGE: request,
+            wire.MAV_CMD_SET_MESSAGE_INTERVAL: lambda command, client: _set_interval(context, command, client),
+            wire.MAV_CMD_GET_MESSAGE_INTERVAL: lambda command, client: _get_interval(context, command, client),
+            wire.MAV_CMD_REQUEST_MESSAGE: lambda command, client: _request_message(context, command, client),
         },
     )
 
 
-def _make_messages(craft: VehicleContext, message_id: int) -> list[Message | EncodedMessage]:
-    message = craft.services.streams[message_id].message()
+def _set_interval(context: VehicleContext, command: VehicleCommand, client: Client) -> CommandAck:
+    message_id, interval_us = command.integer(1), command.integer(2)
+    if message_id is None or interval_us is None or interval_us < -1:
+        return CommandAck(DENIED)
+    if (ack := _check_known(context, message_id)) is ACCEPTED:
+        client.set_interval(message_id, None if interval_us < 0 else interval_us)
+    return ack
+
+
+def _get_interval(context: VehicleContext, command: VehicleCommand, client: Client) -> CommandAck:
+    message_id = command.integer(1)
+    if message_id is None or not 0 <= message_id < 2**16:
+        return CommandAck(DENIED)
+    if (ack := _check_known(context, message_id)) is ACCEPTED:
+        interval_us = client.interval_us(message_id)
+        client.send(wire.MAVLink_message_interval_message(message_id, -1 if interval_us is None else interval_us))
+    return ack
+
+
+def _request_message(context: VehicleContext, command: VehicleCommand, client: Client) -> CommandAck:
+    message_id = command.integer(1)
+    if message_id is None:
+        return CommandAck(DENIED)
+    on_request = context.services.on_request.get(message_id)
+    if on_request is None and (ack := _check_known(context, message_id)) is not ACCEPTED:
+        return ack
+    messages = _make_messages(context, message_id) if on_request is None else list(on_request(command.integer(2) or 0))
+    for message in messages:
+        client.send(message)
+    return ACCEPTED if messages else CommandAck(TEMPORARILY_REJECTED)
+
+
+def _request_group(context: VehicleContext, message: Message, client: Client) -> None:
+    rate = message.req_message_rate
+    interval_us = 1_000_000 // rate if message.start_stop and rate else None
+    everything = message.req_stream_id == wire.MAV_DATA_STREAM_ALL
+    for group, message_ids in _GROUPS.items():
+        if everything or group == message.req_stream_id:
+            for message_id in context.services.streams.keys() & message_ids:
+                client.set_interval(message_id, interval_us)
+
+
+def _check_known(context: VehicleContext, message_id: int) -> CommandAck:
+    """Accept a message that has a stream; deny an id that no message can have."""
+    if message_id in context.services.streams:
+        return ACCEPTED
+    return CommandAck(UNSUPPORTED if 0 <= message_id < 2**24 else DENIED)
+
+
+def _make_messages(context: VehicleContext, message_id: int) -> list[Message | EncodedMessage]:
+    message = context.services.streams[message_id].message()
     return [] if message is None else [message]

@@ -72,7 +72,7 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
         counters = {cause.value: count for cause, count in endpoint.counters.items()}
         told = {"outcome": outcome.value, "message": endpoint.message, "counters": counters}
         counted = {"late_samples": endpoint.late, "missed_samples": endpoint.missed}
-        print(json.dumps({**told, **counted, "link": endpoint.traffic.figures()}))
+        print(json.dumps({**told, **counted, "link": endpoint.traffic.stats()}))
     else:
         samples = f"{endpoint.late} samples late, {endpoint.missed} missed"
         if outcome is ControllerOutcome.DONE:

@@ -218,7 +218,7 @@ class ControllerEndpoint:
     def _dispatch(self, frame: Frame, peer: Address, now_us: int) -> RejectReason | None:
         if peer != self._vehicle or frame.component != AUTOPILOT:
             return RejectReason.OTHER_TARGET
-        if self._signing is not None and (cause := self._signing.refusal(frame)):
+        if self._signing is not None and (cause := self._signing.check(frame)):
             return cause
         self.traffic.count(frame)
         self._heard_us = now_us

@@ -231,7 +231,7 @@ class GroundStation:
         self._buffer.add(name, [[time_us * 1e-6, *(round(number, _DIGITS) for number in numbers)]])
 
     def _publish_link(self) -> None:
-        figures: dict[str, Any] = self.traffic.figures()
+        figures: dict[str, Any] = self.traffic.stats()
         rate, self._received = figures["in"] - self._received, figures["in"]
         self._buffer.tell(
             link={"rate": rate, "lost": figures["lost"], "bad": figures["bad"], "round_trip_ms": self._round_trip_ms}

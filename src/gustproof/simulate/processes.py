@@ -28,10 +28,10 @@ from firmware_model.config.events import ControllerKill
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.mavlink.peers import NEVER_US
 from firmware_model.recording.journal import RECORD, count_records, read_journal
 from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
+from firmware_model.types import NEVER_US
 from gustproof.controller.endpoint import ControllerEndpoint
 from gustproof.law.form import Law
 from gustproof.simulate.outcome import FlightOutcome, describe

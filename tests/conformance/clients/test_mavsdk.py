@@ -92,7 +92,7 @@ def test_what_is_not_there_is_refused_by_name(vehicle, run_program):
     texts = facts["texts"]
     for kind in ("position", "velocity", "acceleration"):
         assert facts[kind] == "COMMAND_DENIED"
-        assert f"{kind} set-points refused: send attitude" in texts
+        assert f"{kind} set-points rejected: send attitude" in texts
     assert facts["sticks"] == ["COMMAND_DENIED", "COMMAND_DENIED"]
     assert "sticks are not flown: mode refused" in texts
     assert (facts["winch"], facts["gimbal"]) == ("UNSUPPORTED", "UNSUPPORTED")
@@ -101,7 +101,7 @@ def test_what_is_not_there_is_refused_by_name(vehicle, run_program):
     assert facts["custom"] == ["TIMEOUT", "FAILED"]
     assert "no extended parameters: use PARAM_*" in texts
     assert (facts["origin"], facts["same origin"]) == ("TIMEOUT", None)
-    assert "the origin is fixed: not set" in texts
+    assert "origin is fixed: request ignored" in texts
     said = vehicle.stop()
     assert set(said["links"][f"127.0.0.1:{vehicle.off_board}"]["rejected"]) == {"refused"}
 

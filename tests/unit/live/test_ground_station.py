@@ -22,7 +22,7 @@ class Watched:
     def __init__(self, *, streams: bool = True) -> None:
         scenario = replace(load_scenario("paper-turbulence"), translation="free")
         self.vehicle = VehicleEndpoint(
-            load_vehicle("paper"), scenario, 1, lambda _: None, lockstep=False, standing=True
+            load_vehicle("paper"), scenario, 1, lambda _: None, lockstep=False, interactive=True
         )
         self.feed = TelemetryBuffer(texts=[])
         self.reader = self.feed.reader()

@@ -110,7 +110,7 @@ def test_deadlines_of_real_time_are_told():
     lateness = Latency()
     for late_us in (2, 2, 900):
         lateness.add(late_us)
-    late = {f"late_{name}": value for name, value in lateness.figures().items()}
+    late = {f"late_{name}": value for name, value in lateness.stats().items()}
     pace = {"missed": 3, "held": 5, **late, "fifo": True}
     told = written(render_flight("x", None, None, timing=pace))
     assert "missed deadlines 3, repeated set-points 5" in told

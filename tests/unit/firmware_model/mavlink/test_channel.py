@@ -1,7 +1,11 @@
+import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.channel import MAX_SOURCES, Channel
 from firmware_model.mavlink.frames import Frame, RejectReason, parse
+from firmware_model.mavlink.messages import imu_message, imu_template
+from firmware_model.mavlink.signing import Signing
+from firmware_model.types import ImuSample
 
 HEARTBEAT = wire.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
 
@@ -62,4 +66,15 @@ def test_figures_tell_damage_from_refusal():
     traffic.count(frame(3))
     traffic.pack(HEARTBEAT)
     traffic.dropped.update([RejectReason.BAD_CHECKSUM, RejectReason.TRUNCATED, RejectReason.STALE, RejectReason.STALE])
-    assert traffic.figures() == {"in": 2, "out": 1, "lost": 1, "bad": 2, "rejected": {"stale": 2}}
+    assert traffic.stats() == {"in": 2, "out": 1, "lost": 1, "bad": 2, "rejected": {"stale": 2}}
+
+
+@pytest.mark.parametrize("signing", [None, bytes(range(32))])
+def test_template_makes_the_datagrams_of_the_message(signing):
+    sample = ImuSample(4000, (0.5, -0.25, 0.0), (0.0, 2.0, -9.75))
+    channels = [Channel(1, 1, signing and Signing(signing, 1_700_000_000_000_000)) for _ in range(2)]
+    for _ in range(3):
+        made = channels[0].make(imu_template(1), sample.time_us, *sample.specific_force_B, *sample.gyro_B)
+        assert made == channels[1].pack(imu_message(sample))
+        assert parse(made)[0].is_signed is (signing is not None)
+    assert channels[0].stats() == channels[1].stats()

@@ -48,18 +48,18 @@ def test_right_key_is_obeyed_as_long_as_its_stamps_grow(signing):
     client = sender()
     for _ in range(3):
         (parsed,) = parse(PING.pack(client))
-        assert signing.refusal(parsed) is None
+        assert signing.check(parsed) is None
 
 
 def test_wrong_key_is_refused(signing):
-    assert signing.refusal(frame(key=bytes(32))) is RejectReason.WRONG_SIGNATURE
+    assert signing.check(frame(key=bytes(32))) is RejectReason.WRONG_SIGNATURE
 
 
 def test_altered_frame_is_refused(signing):
     raw = bytearray(frame().raw)
     raw[-13] ^= 1  # the link id is under the signature, and not under the checksum
     (altered,) = parse(bytes(raw))
-    assert signing.refusal(altered) is RejectReason.WRONG_SIGNATURE
+    assert signing.check(altered) is RejectReason.WRONG_SIGNATURE
 
 
 def test_unsigned_frame_is_refused_but_heartbeat_and_radio_status(signing):
@@ -67,66 +67,66 @@ def test_unsigned_frame_is_refused_but_heartbeat_and_radio_status(signing):
     causes = []
     for message in (PING, HEARTBEAT, wire.MAVLink_radio_status_message(0, 0, 0, 0, 0, 0, 0)):
         (parsed,) = parse(message.pack(plain))
-        causes.append(signing.refusal(parsed))
+        causes.append(signing.check(parsed))
     assert causes == [RejectReason.NOT_SIGNED, None, None]
 
 
 def test_version_1_frame_is_not_signed(signing):
     (parsed,) = parse(PING.pack(wire.MAVLink(None, 1, 1), force_mavlink1=True))
-    assert not parsed.signed
-    assert signing.refusal(parsed) is RejectReason.NOT_SIGNED
+    assert not parsed.is_signed
+    assert signing.check(parsed) is RejectReason.NOT_SIGNED
 
 
 def test_heartbeat_with_a_wrong_signature_is_refused(signing):
-    assert signing.refusal(frame(HEARTBEAT, key=bytes(32))) is RejectReason.WRONG_SIGNATURE
+    assert signing.check(frame(HEARTBEAT, key=bytes(32))) is RejectReason.WRONG_SIGNATURE
 
 
 def test_replayed_frame_is_refused(signing):
     first = frame()
-    assert signing.refusal(first) is None
-    assert signing.refusal(first) is RejectReason.REPLAYED
-    assert signing.refusal(frame(stamp=STAMP - 1)) is RejectReason.REPLAYED
+    assert signing.check(first) is None
+    assert signing.check(first) is RejectReason.REPLAYED
+    assert signing.check(frame(stamp=STAMP - 1)) is RejectReason.REPLAYED
 
 
 def test_each_stream_has_stamps_of_its_own(signing):
-    assert signing.refusal(frame(stamp=STAMP + 9)) is None
+    assert signing.check(frame(stamp=STAMP + 9)) is None
     for other in ({"link": 1}, {"component": 191}):
-        assert signing.refusal(frame(stamp=STAMP, **other)) is None
+        assert signing.check(frame(stamp=STAMP, **other)) is None
 
 
 @pytest.mark.parametrize(("age", "cause"), [(MINUTE, None), (MINUTE + 1, RejectReason.OUT_OF_DATE)])
 def test_first_stamp_of_a_stream_is_at_most_a_minute_old(signing, age, cause):
-    assert signing.refusal(frame(stamp=STAMP - age)) is cause
+    assert signing.check(frame(stamp=STAMP - age)) is cause
 
 
 def test_minute_is_measured_on_the_callers_clock(signing):
     signing.tick(1_000_000)
-    assert signing.refusal(frame(stamp=STAMP - MINUTE)) is RejectReason.OUT_OF_DATE
+    assert signing.check(frame(stamp=STAMP - MINUTE)) is RejectReason.OUT_OF_DATE
 
 
 def test_forged_stamp_does_not_shut_the_true_sender_out(signing):
-    assert signing.refusal(frame(key=bytes(32), stamp=STAMP + 1_000_000)) is RejectReason.WRONG_SIGNATURE
-    assert signing.refusal(frame()) is None
+    assert signing.check(frame(key=bytes(32), stamp=STAMP + 1_000_000)) is RejectReason.WRONG_SIGNATURE
+    assert signing.check(frame()) is None
 
 
 def test_streams_are_bounded(signing):
     for link in range(MAX_STREAMS):
-        assert signing.refusal(frame(link=link)) is None
-    assert signing.refusal(frame(component=1)) is RejectReason.TOO_MANY_PEERS
-    assert signing.refusal(frame(stamp=STAMP + 1)) is None
+        assert signing.check(frame(link=link)) is None
+    assert signing.check(frame(component=1)) is RejectReason.TOO_MANY_PEERS
+    assert signing.check(frame(stamp=STAMP + 1)) is None
 
 
 def test_own_stamps_grow_and_keep_up_with_clock_and_peers(signing):
     assert [signing.next_stamp(), signing.next_stamp()] == [STAMP + 1, STAMP + 2]
     signing.tick(1_000)
     assert signing.next_stamp() == STAMP + 101
-    signing.refusal(frame(stamp=STAMP + 1_000))
+    signing.check(frame(stamp=STAMP + 1_000))
     assert signing.next_stamp() == STAMP + 1_001
 
 
 def test_last_stamp_of_all_is_no_error(signing):
-    assert signing.refusal(frame(stamp=2**48 - 1)) is None
-    assert parse(Channel(1, 1, signing).pack(PING))[0].signed
+    assert signing.check(frame(stamp=2**48 - 1)) is None
+    assert parse(Channel(1, 1, signing).pack(PING))[0].is_signed
 
 
 def test_pymavlink_obeys_what_we_sign(signing):
@@ -145,8 +145,8 @@ def test_any_damage_to_a_signed_frame_is_refused(signing):
         damaged = bytearray(raw)
         damaged[bit // 8] ^= 1 << bit % 8
         for item in parse(bytes(damaged)):
-            assert isinstance(item, RejectReason) or signing.refusal(item) is not None
-    assert signing.refusal(frame()) is None
+            assert isinstance(item, RejectReason) or signing.check(item) is not None
+    assert signing.check(frame()) is None
 
 
 def key_file(folder, content: bytes, mode: int = 0o600):

@@ -43,7 +43,7 @@ def test_strict_one_obeys_no_unsigned_heartbeat(key):
     signings = [
         access.make_signing(options("--signing-key", key), "127.0.0.1", strict=strict) for strict in (False, True)
     ]
-    assert [signing.refusal(beat) for signing in signings if signing] == [None, RejectReason.NOT_SIGNED]
+    assert [signing.check(beat) for signing in signings if signing] == [None, RejectReason.NOT_SIGNED]
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,7 @@ def sigma(probability: float, count: int = MANY) -> float:
 def test_line_without_faults_passes_all_at_once():
     arrivals, line = passed(count=100)
     assert arrivals == [(number * EVERY_US, number) for number in range(100)]
-    assert line.figures() == {"sent": 100, "arrived": 100}
+    assert line.stats() == {"sent": 100, "arrived": 100}
 
 
 def test_faults_of_the_other_direction_do_nothing():

@@ -47,17 +47,17 @@ class Paced:
         self.loop = Counting()
         self.autopilot = Autopilot(Settings(), free=free)
         self.flight = FlightClock(
-            self.loop, self.autopilot, lambda _: None, sample_us=SAMPLE_US, lockstep=False, standing=standing
+            self.loop, self.autopilot, lambda _: None, sample_us=SAMPLE_US, lockstep=False, interactive=standing
         )
         self.now_us = 7_000_000
         self.poll()
 
     def poll(self) -> int:
         """Fly what is due; return how many samples that were."""
-        if self.flight.ready():
+        if self.flight.is_ready():
             self.flight.begin(self.now_us)
         before = len(self.loop.flown)
-        while self.flight.due(self.now_us) is NextAction.ADVANCE:
+        while self.flight.next_action(self.now_us) is NextAction.ADVANCE:
             self.flight.advance(self.now_us)
         return len(self.loop.flown) - before
 
@@ -117,7 +117,7 @@ def test_late_samples_are_made_up_for_within_the_bound(paced, late_us):
 def test_each_sample_is_counted_by_its_own_delay(paced):
     paced.run(1_000_000)
     paced.wait(3 * SAMPLE_US + 5)  # three samples, two of them kept waiting
-    assert paced.flight.lateness.figures() == {"p50_us": 0, "p99_us": 5, "worst_us": 2 * SAMPLE_US + 5}
+    assert paced.flight.latency.stats() == {"p50_us": 0, "p99_us": 5, "worst_us": 2 * SAMPLE_US + 5}
     assert paced.flight.counters[TimingFault.OVERRUN] == 2
 
 

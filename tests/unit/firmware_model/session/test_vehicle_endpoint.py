@@ -206,7 +206,7 @@ def test_what_is_refused_is_counted_and_told_to_all(vehicle):
     assert vehicle.endpoint.counters == {RejectReason.REFUSED: 2, RejectReason.OTHER_TARGET: 1}
     for port in (1, 2):
         texts = [message.text for message in vehicle.take("STATUSTEXT", port)]
-        assert texts == ["sticks are not flown: use OFFBOARD", "sticks are not flown: mode refused"]
+        assert texts == ["sticks not supported: use OFFBOARD", "sticks are not flown: mode refused"]
     vehicle.wait(10_000_000)
     assert vehicle.ask(MODE, 1.0, 3.0) == [wire.MAV_RESULT_ACCEPTED]
 
@@ -471,7 +471,7 @@ def test_setpoints_of_two_messages_pass_a_link_each_by_its_own_stamps():
     vehicle.say(command_message(level._replace(time_us=4_999_000_000), 1))
     vehicle.wait(SAMPLE_US)
     assert isinstance(vehicle.endpoint.setpoint, TorqueCommand)
-    assert vehicle.endpoint.exchange.figures()["to_vehicle"]["overtaken"] == 1
+    assert vehicle.endpoint.scripted_link.stats()["to_vehicle"]["overtaken"] == 1
 
 
 def test_leaving_offboard_is_named(vehicle):
@@ -525,3 +525,22 @@ def test_any_datagram_is_survived_and_counted(lockstep):
             vehicle.endpoint.poll(index)
     assert vehicle.endpoint.counters[RejectReason.OTHER_TARGET] > 1000
     assert vehicle.endpoint.counters[RejectReason.TOO_MANY_PEERS] > 1000
+
+
+@pytest.mark.parametrize("scenario", ["calm", "link-delay"])
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_every_imu_sample_leaves_through_one_function(lockstep, scenario, monkeypatch):
+    sent = []
+    send = VehicleEndpoint._send_sample
+    monkeypatch.setattr(VehicleEndpoint, "_send_sample", lambda *arguments: sent.append(send(*arguments)))
+    vehicle = Vehicle(lockstep=lockstep, scenario=scenario, duration_s=load_scenario(scenario).duration_s)
+    vehicle.take_off()
+    for port in (1, 2):
+        vehicle.say(HEARTBEAT, port=port, component=CONTROLLER if port == 1 else 190)
+    for _ in range(60):
+        samples = vehicle.take("HIGHRES_IMU")
+        for message in samples or [None]:
+            vehicle.setpoint(message.time_usec if message else 0)
+        vehicle.wait(SAMPLE_US)
+    frames = [frame for heard in vehicle.raw.values() for frame in heard]
+    assert len(sent) == sum(frame.message_id == wire.MAVLINK_MSG_ID_HIGHRES_IMU for frame in frames) > 50

@@ -37,7 +37,7 @@ class Peer:
     def set_interval(self, message_id: int, interval_us: int | None) -> None:
         self.intervals[message_id] = interval_us
 
-    def hear_sticks(self) -> None:
+    def note_sticks(self) -> None:
         self.moves_sticks = True
 
     def take(self) -> list:
@@ -52,7 +52,7 @@ class Craft:
     loop: VehicleLoop
     setpoint: object = None
     generic: bool = False
-    failed: bool = False
+    in_fail_safe: bool = False
     services: Service = field(default_factory=Service)
     clock_us: int = 0
     stamp_us: int = 0
@@ -63,7 +63,7 @@ class Craft:
     def broadcast(self, message) -> None:
         self.shared.send(message)
 
-    def tell(self, text: str, severity: int) -> None:
+    def send_text(self, text: str, severity: int) -> None:
         assert len(text) <= 50
         self.texts.append(text)
 

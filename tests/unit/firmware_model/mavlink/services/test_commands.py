@@ -21,7 +21,7 @@ def service(craft, orders):
 
 def test_long_command_that_gives_nothing_has_no_numbers(service, ask, orders):
     (answer,) = ask(service, wire.MAVLink_command_long_message(1, 1, LAND, 0, *[math.nan] * 6, math.inf))
-    assert orders[0].numbers == (None,) * 7
+    assert orders[0].params == (None,) * 7
     assert (answer.get_type(), answer.command, answer.result) == ("COMMAND_ACK", LAND, 0)
     assert (answer.target_system, answer.target_component) == (255, 190)
 
@@ -34,7 +34,7 @@ def test_place_in_an_int_command_is_in_degrees(service, ask, orders, frame, rela
             1, 1, frame, LAND, 0, 0, 1.0, math.nan, 2.0, 3.0, 473_977_420, -85_455_940, 10.0
         ),
     )
-    assert orders[0].numbers == pytest.approx((1.0, None, 2.0, 3.0, 47.397742, -8.545594, 10.0))
+    assert orders[0].params == pytest.approx((1.0, None, 2.0, 3.0, 47.397742, -8.545594, 10.0))
     assert orders[0].relative is relative
 
 
@@ -43,7 +43,7 @@ def test_unset_place_in_an_int_command_is_none(service, ask, orders):
         service,
         wire.MAVLink_command_int_message(1, 1, 5, LAND, 0, 0, 0.0, 0.0, 0.0, 0.0, 2**31 - 1, 2**31 - 1, math.nan),
     )
-    assert orders[0].numbers[4:] == (None, None, None)
+    assert orders[0].params[4:] == (None, None, None)
 
 
 def test_unknown_command_is_unsupported(service, ask):

@@ -10,7 +10,7 @@ ALL = wire.MAVLINK_MSG_ID_AVAILABLE_MODES
 @pytest.mark.parametrize("free", [True, False])
 def test_modes_are_contiguous_unique_and_flown(craft, free):
     craft.autopilot.free = free
-    shown = list(modes.make_service(craft).shows[ALL](0))
+    shown = list(modes.make_service(craft).on_request[ALL](0))
     assert [mode.mode_index for mode in shown] == list(range(1, shown[0].number_modes + 1))
     assert len({mode.mode_name for mode in shown}) == len(shown)
     for mode in shown:
@@ -19,7 +19,7 @@ def test_modes_are_contiguous_unique_and_flown(craft, free):
 
 
 def test_one_mode_is_shown_by_its_index(craft):
-    show = modes.make_service(craft).shows[ALL]
+    show = modes.make_service(craft).on_request[ALL]
     (third,) = show(3)
     assert third.mode_index == 3
     assert show(0)[2].custom_mode == third.custom_mode

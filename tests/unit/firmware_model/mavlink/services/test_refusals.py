@@ -30,14 +30,14 @@ CHANNELS = wire.MAVLink_rc_channels_override_message(1, 1, *[1500] * 8)
 @pytest.mark.parametrize(
     ("message", "text"),
     [
-        (local(0o7), "position set-points refused: send attitude"),
-        (local(0o77), "position set-points refused: send attitude"),
-        (local(0o70), "velocity set-points refused: send attitude"),
-        (local(0o400), "acceleration set-points refused: send attitude"),
-        (local(0o2000), "yaw set-points refused: send attitude"),
-        (everywhere(0o7), "position set-points refused: send attitude"),
-        (STICKS, "sticks are not flown: use OFFBOARD"),
-        (CHANNELS, "sticks are not flown: use OFFBOARD"),
+        (local(0o7), "position set-points rejected: send attitude"),
+        (local(0o77), "position set-points rejected: send attitude"),
+        (local(0o70), "velocity set-points rejected: send attitude"),
+        (local(0o400), "acceleration set-points rejected: send attitude"),
+        (local(0o2000), "yaw set-points rejected: send attitude"),
+        (everywhere(0o7), "position set-points rejected: send attitude"),
+        (STICKS, "sticks not supported: use OFFBOARD"),
+        (CHANNELS, "sticks not supported: use OFFBOARD"),
         (
             wire.MAVLink_gimbal_manager_set_pitchyaw_message(1, 1, 0, 0, 0.1, 0.0, 0.0, 0.0),
             "this vehicle has no gimbal",
@@ -55,7 +55,7 @@ def test_refusals_are_told_every_five_seconds(service, craft, heard):
     for _ in range(501):  # a stream of 20 Hz, for 25 s
         heard(service, local(0o7))
         craft.clock_us += 50_000
-    assert craft.texts == ["position set-points refused: send attitude"] * 6
+    assert craft.texts == ["position set-points rejected: send attitude"] * 6
 
 
 def test_refusals_of_two_kinds_do_not_wait_for_each_other(service, craft, heard):
@@ -73,7 +73,7 @@ def test_refusals_acknowledge_an_extended_value_as_failed(service, craft, ask):
 def test_refusals_answer_a_new_origin_by_the_one_that_holds(service, craft, ask):
     (origin,) = ask(service, wire.MAVLink_set_gps_global_origin_message(1, 470_000_000, 80_000_000, 0))
     assert (origin.latitude, origin.longitude, origin.altitude) == (473_977_420, 85_455_940, 488_000)
-    assert craft.texts == ["the origin is fixed: not set"]
+    assert craft.texts == ["origin is fixed: request ignored"]
 
 
 @pytest.mark.parametrize("message", [STICKS, CHANNELS])

@@ -4,9 +4,12 @@ from firmware_model.mavlink.services.service import Service, Stream, merge_servi
 
 
 def test_services_combine_their_tables():
-    one, two = Service(streams={1: Stream(lambda: None)}), Service(streams={2: Stream(lambda: None)}, shows={3: list})
+    one, two = (
+        Service(streams={1: Stream(lambda: None)}),
+        Service(streams={2: Stream(lambda: None)}, on_request={3: list}),
+    )
     both = merge_services([one, two])
-    assert (set(both.streams), set(both.shows)) == ({1, 2}, {3})
+    assert (set(both.streams), set(both.on_request)) == ({1, 2}, {3})
 
 
 def test_a_number_in_two_services_is_a_mistake():

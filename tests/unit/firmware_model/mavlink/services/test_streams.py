@@ -18,7 +18,7 @@ def ping(number: int = 0):
 def service(craft):
     craft.services = Service(
         streams={PING: Stream(ping, 1000), TARGET: Stream(lambda: None), ATTITUDE: Stream(ping), HUD: Stream(ping)},
-        shows={MODES: lambda index: [ping(number) for number in (1, 2, 3) if index in (0, number)]},
+        on_request={MODES: lambda index: [ping(number) for number in (1, 2, 3) if index in (0, number)]},
     )
     return streams.make_service(craft)
 

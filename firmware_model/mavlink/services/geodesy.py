@@ -1,6 +1,6 @@
-"""Where N lies on the globe: north, east, down about a fixed origin as degrees and heights, and back.
+"""Geodesy: positions in N, about a fixed origin, to latitude, longitude and height.
 
-A spherical earth about one point; 0.3 % off at most for the few hundred metres of a flight.
+The earth is a sphere; the error is at most 0.3 % over the few hundred metres of a flight.
 """
 
 import math
@@ -8,9 +8,9 @@ import math
 from firmware_model.types import Vector
 
 ORIGIN_DEG = (47.397742, 8.545594)
-"""[deg] latitude and longitude of the origin: PX4's own simulated home, where its users expect a simulated vehicle."""
+"""[deg] Latitude and longitude of the origin: PX4's default home in simulation."""
 ORIGIN_HEIGHT = 488.0
-"""[m] height of the origin above the sea."""
+"""[m] Height of the origin above the sea."""
 _METRES_PER_DEGREE = math.radians(1.0) * 6_371_000.0
 _PARALLEL = math.cos(math.radians(ORIGIN_DEG[0]))
 
@@ -23,10 +23,10 @@ def to_geodetic(position_N: Vector) -> tuple[int, int, int]:
 
 
 def to_centi(value: float) -> int:
-    """Return a speed [m/s] in cm/s, within the 16 bits that messages have for it."""
+    """Return a speed [m/s] in cm/s, clipped to 16 bits."""
     return clip_int16(100.0 * value)
 
 
 def clip_int16(value: float) -> int:
-    """Return the nearest whole number within 16 bits."""
+    """Return the nearest integer, clipped to 16 bits."""
     return min(max(round(value), -32768), 32767)
