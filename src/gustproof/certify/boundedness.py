@@ -13,7 +13,6 @@ from firmware_model.config.vehicle import Vehicle
 from gustproof.certify.certificate import Certificate
 from gustproof.certify.check import COMMAND_SHARE, Refusal, check_box
 from gustproof.certify.invariant_box import LONGEST, SIGNALS, AxisNorms, Box, axis_norms, map_box
-from gustproof.falsify.worst_case import worst_case
 from gustproof.law.form import Law, Output
 
 _ROUNDS = 400
@@ -28,8 +27,6 @@ _MIN_LEVEL = Fraction(1, 1 << 14)
 """[-] a part of the moment below which the search gives up."""
 _RAREST = 1e-100
 """[-] least probability of noise beyond its bounds that floating point can still work with."""
-_FLIGHTS = 100
-"""Flights of the search for the lower bound."""
 
 
 def certify_boundedness(
@@ -41,13 +38,12 @@ def certify_boundedness(
     leak: float = 0.0,
     noise: float = 0.0,
     risk: float = 1e-3,
-    flown: bool = True,
 ) -> Certificate:
     """Return a certificate of the largest part of `moment` under which the flight provably stays in a box.
 
     Nothing is assumed of rho: attitude, rates and estimates are bounded from the moment. The certificate's `gain` is
-    the part, at most 1; its evidence holds the box. Its `lower_bound` is the part of the box's angles that the worst
-    flight reaches which a search under that moment finds: how tight the box is.
+    the part, at most 1; its evidence holds the box. Its `lower_bound` is 0: nothing is flown here. For how tight the
+    box is, see `gustproof.falsify.worst_case.reached_share`.
 
     Parameters
     ----------
@@ -66,8 +62,6 @@ def certify_boundedness(
         [rad/s] rms of the white Gaussian noise of a gyro sample.
     risk
         [-] probability that the noise leaves its bounds; not used without noise.
-    flown
-        Whether the lower bound is searched, by 100 flights without noise; a vehicle with a leak is none to fly.
 
     Raises
     ------
@@ -118,25 +112,15 @@ def certify_boundedness(
     level, box = _largest_level(evidence, norms)
     evidence["box"] = [[float(value) for value in row] for row in box]
     proven = bool(box) and _is_invariant(level, evidence, norms)
-    searched = proven and flown and leak == 0.0 and min(moment) > 0.0
     return Certificate(
         statement=_statement(law, level, moment, horizon, box) if proven else "no part of the moment is covered",
         gain=float(level) if proven else None,
-        lower_bound=_lower_bound(law, vehicle, [float(level) * limit for limit in moment], horizon, box)
-        if searched
-        else 0.0,
+        lower_bound=0.0,
         proven=proven,
         assumes=_assumptions(law, moment, horizon, leak, noise, risk),
         evidence=evidence,
         residual=_slack(evidence, norms, level, box) if proven else None,
     )
-
-
-def _lower_bound(law: Law, vehicle: Vehicle, budget: list[float], horizon: float, box: Box) -> float:
-    """Return the largest part of the box's angles that a search of the worst flight reaches."""
-    L, M, N = budget
-    worst = worst_case(law, vehicle=vehicle, budget=(L, M, N), duration_s=horizon, flights=_FLIGHTS)
-    return max(math.radians(peak) / float(row[0]) for peak, row in zip(worst.peaks_deg, box, strict=True))
 
 
 def _assumptions(

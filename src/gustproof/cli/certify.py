@@ -175,11 +175,21 @@ def _certify_boundedness(
 ) -> "Certificate":
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.certify.boundedness import certify_boundedness
+    from gustproof.certify.invariant_box import SIGNALS
+    from gustproof.falsify.worst_case import reached_share
     from gustproof.law.form import load_law
 
     flown, airframe = load_law(law), load_vehicle(vehicle)
     try:
-        return certify_boundedness(flown, airframe, moment=moment, horizon=horizon, leak=leak, noise=noise, risk=risk)
+        certificate = certify_boundedness(
+            flown, airframe, moment=moment, horizon=horizon, leak=leak, noise=noise, risk=risk
+        )
+        if not certificate.proven or certificate.gain is None or leak:  # a vehicle with a leak cannot be flown
+            return certificate
+        L, M, N = (certificate.gain * limit for limit in moment)
+        angles_rad = [row[SIGNALS.index("E")] for row in certificate.evidence["box"]]
+        share = reached_share(flown, airframe, angles_rad=angles_rad, budget=(L, M, N), duration_s=horizon)
+        return replace(certificate, lower_bound=share)
     except ValueError as error:
         raise ConfigError(str(error)) from None
 

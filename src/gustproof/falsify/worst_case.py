@@ -6,7 +6,7 @@ worst parameters of a linear model; this looks for the worst disturbance of the 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
@@ -108,6 +108,22 @@ def worst_case(
         raise ValueError(f"flights are {flights}, must be at least 100")
     shown: Progress = progress or (lambda _: None)
     return _Search(law, vehicle, budget, spreads or Spreads(), duration_s, delay_samples, flights, seed, shown).run()
+
+
+def reached_share(
+    law: Law, vehicle: Vehicle, *, angles_rad: Sequence[float], budget: Vector, duration_s: float, flights: int = 100
+) -> float:
+    """Return the largest share [-] of the bounds `angles_rad` on |phi|, |theta|, |psi| that a worst flight reaches.
+
+    Measures how tight a certified box is: a share above 1 refutes it. The search is that of `worst_case`.
+
+    Raises
+    ------
+    ValueError
+        As `worst_case`.
+    """
+    worst = worst_case(law, vehicle=vehicle, budget=budget, duration_s=duration_s, flights=flights)
+    return max(math.radians(peak) / bound for peak, bound in zip(worst.peaks_deg, angles_rad, strict=True))
 
 
 class _Search:

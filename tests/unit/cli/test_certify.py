@@ -83,6 +83,16 @@ def test_the_law_that_flies_is_proved_to_stay_in_a_box(tmp_path: Path):
     assert run("--check", str(path)).exit_code == 0
 
 
+def test_a_vehicle_with_a_leak_is_proved_of_and_not_flown():
+    leaking = run(
+        "hinf-scheduled", "--closure", "--moment", "0.65,0.65,0.3", "--horizon", "1", "--leak", "0.05", "--json"
+    )
+    assert leaking.exit_code == 0
+    told = json.loads(leaking.stdout)
+    assert told["proven"] is True
+    assert told["lower_bound"] == 0.0
+
+
 def test_what_is_asked_of_a_gain_is_handed_on(monkeypatch: pytest.MonkeyPatch):
     asked: dict[str, object] = {}
 
