@@ -14,7 +14,7 @@ from firmware_model.config.vehicle import Vehicle
 from gustproof.analysis.hover_loop import HoverLoop, hover_loop
 from gustproof.analysis.law_margins import SPREADS, axis_robustness
 from gustproof.analysis.placement import Placement, locate
-from gustproof.certify.sweep import Bracket
+from gustproof.certify.mu.sweep import Bracket
 from gustproof.law.form import Law
 from gustproof.lti.state_space import ComplexMatrix
 from gustproof.scoring.metrics import Metrics, measure

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.analysis.robustness import robust_stability
-from gustproof.certify.sweep import Bracket
+from gustproof.certify.mu.sweep import Bracket
 from gustproof.law.form import Law
 from gustproof.law.hover import hover_plant, is_stable_at_hover, loop_law
 from gustproof.lti.margins import margins

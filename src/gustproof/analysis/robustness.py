@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.certify.mu import mu
-from gustproof.certify.sweep import Bracket
-from gustproof.certify.worst_gain import worst_gain
+from gustproof.certify.mu.singular_value import mu
+from gustproof.certify.mu.sweep import Bracket
+from gustproof.certify.mu.worst_gain import worst_gain
 from gustproof.law.form import Law, Matrix, Output
 from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain, as_uncertain

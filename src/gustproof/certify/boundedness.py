@@ -11,8 +11,8 @@ from typing import Any
 
 from firmware_model.config.vehicle import Vehicle
 from gustproof.certify.certificate import Certificate
-from gustproof.certify.check import COMMAND_SHARE, Refusal, check_box
-from gustproof.certify.invariant_box import LONGEST, SIGNALS, AxisNorms, Box, axis_norms, map_box
+from gustproof.certify.check.evidence import COMMAND_SHARE, Refusal, check_box
+from gustproof.certify.check.invariant_box import LONGEST, SIGNALS, AxisNorms, Box, axis_norms, map_box
 from gustproof.law.form import Law, Output
 
 _ROUNDS = 400

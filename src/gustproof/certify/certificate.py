@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_model.config.files import parse_json, read_text, write_text
-from gustproof.certify.check import FORMAT, seal
+from gustproof.certify.check.evidence import FORMAT, seal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

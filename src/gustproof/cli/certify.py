@@ -143,7 +143,7 @@ def _certify_gain(
     slow: bool,
 ) -> "Certificate":
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.certify.gain import certify_gain
+    from gustproof.certify.gain.l2_gain import certify_gain
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import design_problem
 
@@ -175,7 +175,7 @@ def _certify_boundedness(
 ) -> "Certificate":
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.certify.boundedness import certify_boundedness
-    from gustproof.certify.invariant_box import SIGNALS
+    from gustproof.certify.check.invariant_box import SIGNALS
     from gustproof.falsify.worst_case import reached_share
     from gustproof.law.form import load_law
 
@@ -196,7 +196,7 @@ def _certify_boundedness(
 
 def _check(path: Path, *, as_json: bool) -> ExitStatus:
     from firmware_model.config.files import parse_json, read_text
-    from gustproof.certify.check import FORMAT, check
+    from gustproof.certify.check.evidence import FORMAT, check
 
     try:
         text = read_text(path)

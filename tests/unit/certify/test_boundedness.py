@@ -12,8 +12,8 @@ from firmware_model.config.scenario import GyroFault, Scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.boundedness import certify_boundedness
 from gustproof.certify.certificate import Certificate, load_certificate
-from gustproof.certify.check import check, seal
-from gustproof.certify.invariant_box import SIGNALS, axis_norms
+from gustproof.certify.check.evidence import check, seal
+from gustproof.certify.check.invariant_box import SIGNALS, axis_norms
 from gustproof.law.form import Law, load_law
 from gustproof.law.step import step
 from gustproof.scoring.metrics import attitude

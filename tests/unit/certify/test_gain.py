@@ -10,9 +10,9 @@ import scipy.linalg
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate, load_certificate
-from gustproof.certify.check import check, seal
-from gustproof.certify.gain import attitude_loop, certify_gain, certify_lft
-from gustproof.certify.worst_schedule import worst_schedule
+from gustproof.certify.check.evidence import check, seal
+from gustproof.certify.gain.l2_gain import attitude_loop, certify_gain, certify_lft
+from gustproof.certify.gain.worst_schedule import worst_schedule
 from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain, system_from_matrix, ultidyn, ureal
 from gustproof.model.rotational import Envelope

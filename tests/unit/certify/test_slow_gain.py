@@ -9,10 +9,10 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate, load_certificate
-from gustproof.certify.check import check, seal
-from gustproof.certify.gain import attitude_loop, attitude_speeds, certify_lft
-from gustproof.certify.symmetry import mirror_group
-from gustproof.certify.worst_schedule import worst_schedule, worst_triangle_schedule
+from gustproof.certify.check.evidence import check, seal
+from gustproof.certify.gain.l2_gain import attitude_loop, attitude_speeds, certify_lft
+from gustproof.certify.gain.symmetry import mirror_group
+from gustproof.certify.gain.worst_schedule import worst_schedule, worst_triangle_schedule
 from gustproof.model.lft import Uncertain, append, system_from_matrix, ureal
 from gustproof.model.rotational import Envelope
 from gustproof.synthesis.designs import design_problem, load_design

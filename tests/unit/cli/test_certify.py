@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate
-from gustproof.certify.gain import attitude_loop
+from gustproof.certify.gain.l2_gain import attitude_loop
 from gustproof.cli.app import app
 from gustproof.lti.state_space import gain
 from gustproof.model.rotational import Envelope
@@ -29,7 +29,7 @@ def answer(monkeypatch: pytest.MonkeyPatch, *, gain: float | None, lower_bound: 
         statement=f"the gain is below {gain}", gain=gain, lower_bound=lower_bound, proven=proven,
         assumes={"leak_per_s": 0.05, "horizon_s": None}, evidence={}, residual=0.0,
     )  # fmt: skip
-    monkeypatch.setattr("gustproof.certify.gain.certify_gain", lambda *_, **__: certificate)
+    monkeypatch.setattr("gustproof.certify.gain.l2_gain.certify_gain", lambda *_, **__: certificate)
 
 
 def test_help_says_what_a_gain_is_and_shows_examples():
@@ -102,7 +102,7 @@ def test_what_is_asked_of_a_gain_is_handed_on(monkeypatch: pytest.MonkeyPatch):
             statement="", gain=0.3, lower_bound=0.2, proven=True, assumes={}, evidence={}, residual=0.0
         )  # fmt: skip
 
-    monkeypatch.setattr("gustproof.certify.gain.certify_gain", certify_gain)
+    monkeypatch.setattr("gustproof.certify.gain.l2_gain.certify_gain", certify_gain)
     assert run("D2", *ENVELOPE, "--slow", "--level", "0.3").exit_code == 0
     assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": False, "slow": True, "level": 0.3}
     assert run("D2", *ENVELOPE, "--exact-rho").exit_code == 0

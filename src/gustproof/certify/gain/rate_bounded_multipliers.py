@@ -9,9 +9,9 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 
-from gustproof.certify.dissipation import Vertex, sign_product, vertices
-from gustproof.certify.multipliers import add_transpose, balancing_transform, basis, least_level, svec
-from gustproof.certify.symmetry import Mirror, mirror_group
+from gustproof.certify.check.dissipation import Vertex, sign_product, vertices
+from gustproof.certify.gain.multipliers import add_transpose, balancing_transform, basis, least_level, svec
+from gustproof.certify.gain.symmetry import Mirror, mirror_group
 from gustproof.lti.state_space import Lti, Matrix
 from gustproof.model.lft import Uncertain
 

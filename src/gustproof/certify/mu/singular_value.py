@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gustproof.certify.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
-from gustproof.certify.worst_delta import most_unstable_delta, worst_delta
+from gustproof.certify.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
+from gustproof.certify.mu.worst_delta import most_unstable_delta, worst_delta
 from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, as_lti, sensitivity
 from gustproof.model.lft import Uncertain
 from gustproof.model.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows

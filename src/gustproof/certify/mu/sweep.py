@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gustproof.certify.scalings import best_scalings
+from gustproof.certify.mu.scalings import best_scalings
 from gustproof.lti.norms import bilinear_transform, hinf_norm
 from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain

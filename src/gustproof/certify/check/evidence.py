@@ -12,7 +12,7 @@ from fractions import Fraction
 from itertools import product
 from typing import Any
 
-from gustproof.certify.dissipation import (
+from gustproof.certify.check.dissipation import (
     corner,
     gain_inequality,
     lyapunov_matrix,
@@ -20,7 +20,7 @@ from gustproof.certify.dissipation import (
     rate_bounded_inequalities,
     vertices,
 )
-from gustproof.certify.invariant_box import SIGNALS, AxisNorms, axis_norms, map_box
+from gustproof.certify.check.invariant_box import SIGNALS, AxisNorms, axis_norms, map_box
 from gustproof.lti.rational import exp_lower_bound, is_positive_definite, scale, to_rational, transpose
 
 FORMAT = "gustproof-certificate-1"
@@ -129,7 +129,7 @@ def _check_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]])
 
 
 def _prove_boundedness(level: Fraction, evidence: dict[str, Any]) -> str:
-    """Prove that a flight stays inside a box; see `gustproof.certify.invariant_box`."""
+    """Prove that a flight stays inside a box; see `gustproof.certify.check.invariant_box`."""
     norms = [axis_norms(evidence, axis) for axis in range(3)]
     return check_box(level, evidence, norms)
 

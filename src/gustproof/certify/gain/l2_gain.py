@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from gustproof.certify.certificate import Certificate
-from gustproof.certify.check import Refusal, check_evidence
-from gustproof.certify.dissipation import gain_inequality, rate_bounded_inequalities
-from gustproof.certify.multipliers import Multipliers, best_multipliers
-from gustproof.certify.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
-from gustproof.certify.worst_schedule import worst_schedule, worst_triangle_schedule
+from gustproof.certify.check.dissipation import gain_inequality, rate_bounded_inequalities
+from gustproof.certify.check.evidence import Refusal, check_evidence
+from gustproof.certify.gain.multipliers import Multipliers, best_multipliers
+from gustproof.certify.gain.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
+from gustproof.certify.gain.worst_schedule import worst_schedule, worst_triangle_schedule
 from gustproof.lti.rational import multiply, to_rational, transpose
 from gustproof.lti.state_space import LinearSystem, Matrix, as_lti, copied_continuous
 from gustproof.model.interconnection import Interconnection

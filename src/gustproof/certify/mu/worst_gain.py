@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gustproof.certify.scalings import best_scalings
-from gustproof.certify.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
-from gustproof.certify.worst_delta import worst_delta
+from gustproof.certify.mu.scalings import best_scalings
+from gustproof.certify.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
+from gustproof.certify.mu.worst_delta import worst_delta
 from gustproof.lti.norms import hinf_norm
 from gustproof.model.lft import Uncertain, append, star, ultidyn, ureal
 from gustproof.model.uncertainty import RealBlock
