@@ -17,7 +17,7 @@ from gustproof.model.lft import Uncertain, close_loop, connect, system_from_matr
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
 from gustproof.model.uncertainty import FullBlock, RealBlock
 from gustproof.synthesis.designs import design_problem, load_design
-from gustproof.synthesis.hinf import hinfsyn
+from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 
 TIGHT = 1e-3
 """Relative; the accuracy that the scalings are asked for."""

@@ -104,9 +104,9 @@ def test_what_is_asked_of_a_gain_is_handed_on(monkeypatch: pytest.MonkeyPatch):
 
     monkeypatch.setattr("gustproof.certify.gain.l2_gain.certify_gain", certify_gain)
     assert run("D2", *ENVELOPE, "--slow", "--level", "0.3").exit_code == 0
-    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": False, "slow": True, "level": 0.3}
+    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": False, "rate_bounded": True, "level": 0.3}
     assert run("D2", *ENVELOPE, "--exact-rho").exit_code == 0
-    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": True, "slow": False, "level": None}
+    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": True, "rate_bounded": False, "level": None}
 
 
 def test_what_is_not_proved_has_status_1_and_leaves_no_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
@@ -114,7 +114,7 @@ def test_what_is_not_proved_has_status_1_and_leaves_no_file(monkeypatch: pytest.
     result = run("D2", *ENVELOPE, "--level", "0.25", "-o", str(tmp_path / "c.json"))
     assert result.exit_code == 1
     assert "NOT proven" in result.stdout
-    assert "1.72, so that it is not so" in result.stdout
+    assert "a simulation reached 1.72, so the claimed bound 0.25 is false" in result.stdout
     assert list(tmp_path.iterdir()) == []
 
 
@@ -137,8 +137,8 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
         (("D2", *ENVELOPE, "--leak", "inf"), "--leak: is inf, must be positive"),
         (("D2", *ENVELOPE, "--level", "inf"), "level is inf, must be positive"),
         (("D2", *ENVELOPE, "--level", "nan"), "level is nan, must be positive"),
-        (("hinf-rates", *ENVELOPE), "design R1: the diagram has no block 'airframe': a gain is proved of designs that"),
-        (("hinf-reference", *ENVELOPE), "design reference: a gain is proved of designs that hold level"),
+        (("hinf-rates", *ENVELOPE), "design R1: certify supports torque designs only: the diagram has no block"),
+        (("hinf-reference", *ENVELOPE), "design reference: certify supports designs that hold level only"),
         (("hinf-d2", "--closure", "--horizon", "-1"), "horizon"),
         (("hinf-d2", "--closure", "--horizon", "1e9"), "horizon is 1e+09 s, must be positive, from 0.004 to 360 s"),
         (("hinf-d2", "--closure", "--horizon", "inf"), "horizon is inf s"),
@@ -165,6 +165,6 @@ def test_what_the_hint_names_is_what_a_gain_can_be_proved_of():
     hint = run("pid-fair", *ENVELOPE).stderr.strip()
     assert hint.endswith("give one of hinf-d1, hinf-d1-noise, hinf-d2, hinf-scheduled")
     for design in map(load_design, shipped_designs()):
-        with nullcontext() if f" {design.law}," in f"{hint}," else pytest.raises(ValueError, match="gain is proved"):
+        with nullcontext() if f" {design.law}," in f"{hint}," else pytest.raises(ValueError, match="certify supports"):
             problem = design_problem(design, vehicle)
             attitude_loop(problem, gain(np.zeros((problem.n_con, problem.n_meas))), envelope, scheduled=False)
