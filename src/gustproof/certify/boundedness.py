@@ -151,7 +151,7 @@ def _assumptions(
         "sample_time_s": law.dt,
         "delay_samples": 1,
         "moment_N_m": list(moment),
-        "rho": "no assumption",
+        "rho": "nothing",
         "horizon_s": horizon,
         "start": "at rest, level, estimates 0",
         "noise_rad_s": noise,

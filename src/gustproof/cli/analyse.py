@@ -47,7 +47,7 @@ def analyse(
     except (ValueError, OverflowError) as error:  # numbers that no matrix routine and no axis takes
         raise ConfigError(f"law '{read.name}' can't be analysed on vehicle '{airframe.name}': {error}") from None
     if as_json:
-        print(json.dumps(analysis.document(), indent=2))
+        print(json.dumps(analysis.to_dict(), indent=2))
         return
     show(render_analysis(analysis))
     if output is not None:
