@@ -8,7 +8,7 @@ import pytest
 
 from gustproof.lti.state_space import Lti, gain
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
-from gustproof.synthesis.hinf import hinfsyn
+from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 
 GOLDEN = json.loads((Path(__file__).parent / "hinfsyn.json").read_text(encoding="utf-8"))
 PRINTED = 0.005

@@ -24,7 +24,7 @@ import slycot
 from gustproof.errors import DesignError
 from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import Lti, as_lti, lft
-from gustproof.synthesis.hinf import hinfsyn
+from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 from gustproof.synthesis.hinf.hinfsyn import HinfResult
 
 SAVED = Path(__file__).parent / "random_plants.json"
@@ -36,6 +36,8 @@ AGREED = 1e-3
 """Relative: two levels are the same."""
 SAME_NORM = 1e-6
 """Relative: two norms are the same; ab13dd is asked for 1e-10 and loses digits to rounding."""
+ROUNDING = 1e-10
+"""[-] gains that are rounding: the plants' are of order 1, and one loop cancels to 5e-12 or 7e-12 by machine."""
 RESIDUAL = 1e-8
 """Relative to the terms of a Riccati equation; what solves it leaves 2e-10 at most, what does not 8e-6 at least."""
 SMALL = 5
@@ -172,6 +174,13 @@ def agrees(seed: int) -> bool:
     return result is not None and level is not None and result.gamma_opt == pytest.approx(level, rel=AGREED)
 
 
+def is_refuted(answer: dict[str, float | None], gamma_opt: float) -> bool:
+    """Return whether slycot's level is below the least one, and the loop that its controller closes above it."""
+    norms = (answer["its_loop_hinf_norm"], answer["its_loop_ab13dd"])
+    kept = (1.0 - SAME_NORM) * gamma_opt
+    return answer["slycot"] < gamma_opt and all(norm is None or norm > kept for norm in norms)
+
+
 def test_nearly_every_plant_is_answered_and_most_are_judged_by_slycot():
     assert sum(ours(seed) is not None for seed in range(PLANTS)) >= 198
     assert sum("slycot" in plant for plant in GOLDEN["plants"]) >= 190
@@ -185,9 +194,7 @@ def test_the_least_level_is_slycots_or_slycot_is_refuted(seed):
         return
     assert not riccati_equations_allow(seed, (1.0 - AGREED) * result.gamma_opt)
     if "slycot" in saved:
-        assert saved["slycot"] < result.gamma_opt
-        for norm in (saved["its_loop_hinf_norm"], saved["its_loop_ab13dd"]):
-            assert norm is None or norm > (1.0 - SAME_NORM) * result.gamma_opt
+        assert is_refuted(saved, result.gamma_opt)
 
 
 @pytest.mark.parametrize("seed", range(PLANTS))
@@ -198,7 +205,7 @@ def test_the_loop_is_stable_below_its_level_and_its_norm_is_slicots(seed):
     loop = P.to_control().lft(result.K, n_con, n_meas)
     assert np.max(loop.poles().real) < 0.0
     assert result.norm < result.gamma
-    assert control.norm(loop, "inf") == pytest.approx(result.norm, rel=SAME_NORM)
+    assert control.norm(loop, "inf") == pytest.approx(result.norm, rel=SAME_NORM, abs=ROUNDING)
 
 
 @pytest.mark.parametrize("seed", [seed for seed in range(PLANTS) if random_plant(seed)[0].is_stable()])
@@ -217,9 +224,13 @@ def test_the_least_level_of_a_small_plant_is_the_optimum_of_the_inequalities(see
 
 @pytest.mark.parametrize("seed", [seed for seed in range(0, PLANTS, 4) if random_plant(seed)[0].order <= SMALL + 5])
 def test_what_is_saved_is_what_slycot_says(seed):
+    """Where slycot is wrong, how wrong depends on the machine's rounding: there it must be refuted here too."""
     saved = GOLDEN["plants"][seed]
-    if "slycot" in saved:
-        assert theirs(seed)["slycot"] == pytest.approx(saved["slycot"], rel=AGREED)
+    if "slycot" not in saved:
+        return
+    found, result = theirs(seed), ours(seed)
+    same = found["slycot"] == pytest.approx(saved["slycot"], rel=AGREED)
+    assert same or (result is not None and not agrees(seed) and is_refuted(found, result.gamma_opt))
 
 
 def _write(seed: int, queue: "multiprocessing.Queue[dict[str, float | None]]") -> None:

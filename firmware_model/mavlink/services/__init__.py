@@ -43,5 +43,5 @@ _GROUPS = (
 
 def make_services(craft: VehicleContext) -> Service:
     """Return all services of a craft as one."""
-    parts = merge_services(group.service(craft) for group in _GROUPS)
+    parts = merge_services(group.make_service(craft) for group in _GROUPS)
     return merge_services([parts, commands.make_service(craft, parts.commands)])

@@ -32,7 +32,7 @@ _GIMBAL = (
 _READS = (wire.MAVLINK_MSG_ID_PARAM_EXT_REQUEST_READ, wire.MAVLINK_MSG_ID_PARAM_EXT_REQUEST_LIST)
 
 
-def service(craft: VehicleContext) -> Service:
+def make_service(craft: VehicleContext) -> Service:
     """Return the service that refuses."""
     told_us: dict[str, int] = {}
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+import scipy.optimize
 from numpy.typing import NDArray
 
 from gustproof.errors import DesignError
@@ -12,6 +13,11 @@ from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, 
 
 _AXIS_TOLERANCE = 1e-6
 """Eigenvalues with a real part below this fraction of their magnitude, or of rounding, are tried as crossings."""
+
+_STIFF = 1e5
+"""[-] ratio of fastest to slowest pole beyond which rounding hides crossings at the slow end."""
+_PER_DECADE = 20
+"""Frequencies a decade at which the gain of such a system is looked up before the search."""
 
 _LEVEL_EXCESSES = (1e-4, 1e-6, 1e-8)
 """[-] relative excess of levels tried first where no gain above the one at infinity is known: closer to it the
@@ -34,7 +40,7 @@ def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
     A lower bound is raised to the gain at the middle of the frequency bands where a Hamiltonian matrix says that the
     gain exceeds it, until no band is left; convergence is quadratic. A discrete system is mapped by the bilinear
     transformation, which keeps the norm. An unstable system has an infinite norm. Each round costs an eigenvalue
-    problem of order 2n.
+    problem of order 2n. Of a stiff system, whose crossings rounding may hide, the gain is first searched on a grid.
 
     Parameters
     ----------
@@ -107,6 +113,9 @@ def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:
     if not G.order or not G.D.size:
         return best
     best = _raise_lower_bound(G, best, _first_guesses(poles))
+    slowest, fastest = np.min(np.abs(poles)), np.max(np.abs(poles))
+    if fastest > _STIFF * slowest:
+        best = _search_grid(G, best, max(slowest, 1e-9 * fastest), fastest)
     if best.gain <= 0.0:
         return best
     for excess in _LEVEL_EXCESSES:
@@ -138,6 +147,20 @@ def _candidates(crossings: Matrix) -> Matrix:
 def _first_guesses(poles: ComplexMatrix) -> Matrix:
     resonance = np.abs(poles) * np.sqrt(np.maximum(1.0 - 2.0 * (poles.real / np.abs(poles)) ** 2, 0.0))
     return np.unique(np.concatenate([[0.0], np.abs(poles), resonance]))
+
+
+def _search_grid(G: Lti, best: Peak, slowest: float, fastest: float) -> Peak:
+    """Return the largest gain on a grid that covers the poles, climbed to its top."""
+    grid = np.geomspace(slowest / 10.0, fastest, 2 + round(_PER_DECADE * math.log10(10.0 * fastest / slowest)))
+    found = _raise_lower_bound(G, best, grid)
+    if found is best:
+        return best
+    step = math.log(grid[1] / grid[0])
+    best_shift = scipy.optimize.minimize_scalar(
+        lambda shift: -np.linalg.norm(G.response([found.omega * math.exp(shift)]), 2, axis=(1, 2))[0],
+        bounds=(-step, step), method="bounded", options={"xatol": 1e-9},
+    )  # fmt: skip
+    return _raise_lower_bound(G, found, found.omega * np.exp([best_shift.x]))
 
 
 def _raise_lower_bound(G: Lti, best: Peak, omega: NDArray[np.float64]) -> Peak:

@@ -39,7 +39,7 @@ def test_system_without_such_a_thing_goes_on(monkeypatch):
 
 def test_process_goes_first_and_what_it_starts_does_not():
     script = (
-        "import os, threading; from firmware_model.process.realtime import go_first; first = go_first()\n"
+        "import os, threading; from firmware_model.process.realtime import request_fifo_scheduling; first = request_fifo_scheduling()\n"
         "told = []; thread = threading.Thread(target=lambda: told.append(os.sched_getscheduler(0)))\n"
         "thread.start(); thread.join(); fifo = os.sched_getscheduler(0) & 7 == os.SCHED_FIFO\n"
         "print(first == fifo, told == [os.SCHED_OTHER])"

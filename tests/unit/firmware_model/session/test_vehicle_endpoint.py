@@ -496,7 +496,7 @@ def test_interrupted_flight_is_named(vehicle):
 
 def test_any_message_that_is_refused_is_survived(vehicle):
     chance, packer = random.Random(3), wire.MAVLink(None, 1, CONTROLLER)
-    numbers = sorted(refusals.service(vehicle.endpoint).requests)
+    numbers = sorted(refusals.make_service(vehicle.endpoint).requests)
     for index in range(2_000):
         number = chance.choice(numbers)
         length = wire.mavlink_map[number].unpacker.size

@@ -48,7 +48,7 @@ def test_the_same_flights_give_the_same_bytes(runs):
 
 def test_words_of_a_user_are_words_on_the_page(runs):
     hostile = "</script><script>alert('1 & 2')</script>{{title}}"
-    odd = replace(runs[0], label=hostile, scenario=replace(runs[0].scenario, name=hostile, description=hostile))
+    odd = replace(runs[0], label=hostile, scenario=replace(runs[0].scenario, description=hostile))
     page = render_page([odd])
     assert "<script>alert" not in page
     assert json.loads(script(page, "page-data"))["runs"][0]["label"] == hostile

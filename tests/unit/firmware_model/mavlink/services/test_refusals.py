@@ -12,7 +12,7 @@ ALL = 0o7777
 @pytest.fixture
 def service(craft):
     craft.services = position.make_service(craft)
-    return refusals.service(craft)
+    return refusals.make_service(craft)
 
 
 def local(given: int):
