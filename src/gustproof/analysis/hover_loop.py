@@ -39,9 +39,13 @@ def hover_loop(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverLoop:
     omega = np.geomspace(1e-2, math.pi / law.dt, _POINTS)[:-1]
     if law.output is not Output.TORQUE:
         return HoverLoop(
-            margins=None, law_poles=_continuous_poles(controller), loop_poles=np.empty(0, dtype=np.complex128),
-            omega=omega, loop=np.empty((0, 3), dtype=np.complex128), sensitivities={},
-        )  # fmt: skip
+            margins=None,
+            law_poles=_continuous_poles(controller),
+            loop_poles=np.empty(0, dtype=np.complex128),
+            omega=omega,
+            loop=np.empty((0, 3), dtype=np.complex128),
+            sensitivities={},
+        )
     plant = hover_plant(vehicle, scenario, levelled=law.uses_accelerometer)
     loop = _input_loop(plant, controller)
     S = sensitivity(loop)

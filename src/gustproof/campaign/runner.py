@@ -52,9 +52,14 @@ class _Runner:
     """Running and waiting tasks; the number of running tasks bounds the memory."""
 
     def __init__(
-        self, campaign: Campaign, store: Store, pool: Pool, chunk_runs: int | None,
-        progress: Callable[[int, int], None], task: Task,
-    ) -> None:  # fmt: skip
+        self,
+        campaign: Campaign,
+        store: Store,
+        pool: Pool,
+        chunk_runs: int | None,
+        progress: Callable[[int, int], None],
+        task: Task,
+    ) -> None:
         self._campaign, self._store, self._pool, self._task = campaign, store, pool, task
         self._metadata, self._progress = json.dumps(campaign.metadata()), progress
         self._fixed = chunk_runs is not None

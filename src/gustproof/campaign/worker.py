@@ -67,8 +67,8 @@ def fly_chunk(metadata: str, chunk: Chunk) -> ChunkResult:
     law = campaign.law_of(chunk.first)
     fly, rows = _make_simulator(campaign.scenario, law), []
     for at in range(0, count, LANES):  # one batch at a time: its states are freed before the next
-        judged = _fly_cases(campaign, law, fly, delta[at : at + LANES], seeds[at : at + LANES])
-        rows += [_make_row(campaign.scenario, each) for each in judged]
+        results = _fly_cases(campaign, law, fly, delta[at : at + LANES], seeds[at : at + LANES])
+        rows += [_make_row(campaign.scenario, result) for result in results]
     return ChunkResult(_make_table(campaign, chunk, delta, seeds, rows), time.perf_counter() - begin)
 
 
@@ -127,7 +127,7 @@ def _fly_by_message(scenario: Scenario, law: Law, case: Case) -> CaseResult:
 
 
 def _check_diverged(campaign: Campaign, law: Law, case: Case, judged: CaseResult | str) -> CaseResult | str:
-    """Return `judged`, or the time of divergence if the flight diverged."""
+    """Return the result, or the time of divergence if the flight diverged."""
     if isinstance(judged, str) or all(map(math.isfinite, _get_figures(judged.metrics))):
         return judged
     if campaign.scenario.has_link_script:
@@ -155,13 +155,10 @@ def schema(campaign: Campaign) -> Any:
     """Return the table's columns as a `pyarrow.Schema`."""
     numbers = [*map(delta_column, campaign.spreads), *FIGURES]
     required = requirement_columns(campaign.scenario.require)
-    fields = [
-        ("run", pa.int64()), ("case", pa.int64()), ("law", pa.string()), ("seed", pa.int64()),
-        *((name, pa.float64()) for name in numbers), ("rho_in_bounds", pa.bool_()),
-        *(column for name in required for column in ((name, pa.float64()), (f"{name}_held", pa.bool_()))),
-        ("held", pa.bool_()), ("failure", pa.string()),
-    ]  # fmt: skip
-    return pa.schema(fields)
+    identity = [("run", pa.int64()), ("case", pa.int64()), ("law", pa.string()), ("seed", pa.int64())]
+    figures = [*((name, pa.float64()) for name in numbers), ("rho_in_bounds", pa.bool_())]
+    results = chain.from_iterable(((name, pa.float64()), (f"{name}_held", pa.bool_())) for name in required)
+    return pa.schema([*identity, *figures, *results, ("held", pa.bool_()), ("failure", pa.string())])
 
 
 def failed_rows(campaign: Campaign, chunk: Chunk, failure: str) -> Any:
@@ -176,10 +173,8 @@ def _make_row(scenario: Scenario, judged: CaseResult | str) -> Row:
     if isinstance(judged, str):
         return (*[None] * (len(FIGURES) + 1), *[None, False] * len(scenario.require), False, judged)
     required = [(None if math.isnan(each.value) else each.value, each.held) for each in judged.requirements]
-    return (
-        *_get_figures(judged.metrics), judged.metrics.rho_in_bounds,
-        *chain.from_iterable(required), all(held for _, held in required), None,
-    )  # fmt: skip
+    figures = (*_get_figures(judged.metrics), judged.metrics.rho_in_bounds)
+    return (*figures, *chain.from_iterable(required), all(held for _, held in required), None)
 
 
 def _make_table(campaign: Campaign, chunk: Chunk, delta: Array, seeds: Sequence[int], rows: Sequence[Row]) -> Any:

@@ -1,7 +1,7 @@
-"""Certified bounds on the flight of a law: sampled, one sample late, nonlinear, under any moment within a bound.
+"""Certified bounds on the flight of a law: sampled, delayed by a sample, nonlinear, under any moment within a bound.
 
 The horizon limits the certified share of the moment. Without a leak nothing reduces an attitude error again. The bound
-of `(T(E) - T(x0)) x1`, rate times attitude error, adds up without its sign: over a minute the box closes only while
+of `(T(E) - T(x0)) x1`, rate times attitude error, adds up without its sign. Over a minute the box closes only while
 `horizon * rate` is below about 1/2. In flight that product changes sign with the rate, and the error stays far inside.
 """
 

@@ -2,8 +2,9 @@
 
 Starts are random, or come from simulated step responses of the loop about hover:
 
-- The worst inputs of the linear loop: held moments, moments at the frequency and in the direction of the largest
-  singular value, and bang-bang moments along the time-reversed sign of each axis's own impulse response.
+- Bad inputs of the linear loop: held moments, and moments at the frequency and in the direction of the largest singular
+  value.
+- Its worst inputs: bang-bang moments with the time-reversed sign of each axis's own impulse response.
 - Two axes in phase, so that an angle and a rate rise and fall together. Their product, the second-order term of the
   Euler kinematics (theta r in phi-dot), then has a mean that turns the third axis steadily.
 - Dryden turbulence whose peak fills the budget.

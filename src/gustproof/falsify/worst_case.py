@@ -130,25 +130,38 @@ class _Search:
     """One search: its settings and the count of its flights."""
 
     def __init__(
-        self, law: Law, vehicle: Vehicle, budget: Vector, spreads: Spreads, duration_s: float, delay_samples: int,
-        flights: int, seed: int, progress: Progress,
-    ) -> None:  # fmt: skip
+        self,
+        law: Law,
+        vehicle: Vehicle,
+        budget: Vector,
+        spreads: Spreads,
+        duration_s: float,
+        delay_samples: int,
+        flights: int,
+        seed: int,
+        progress: Progress,
+    ) -> None:
         rate = round(1.0 / law.dt)
         self._base_scenario = Scenario(
-            name=f"worst-{law.name}", description="still air", duration_s=duration_s, control_rate_hz=rate,
-            physics_rate_hz=rate * math.ceil(1000 / rate), delay_samples=delay_samples, gyro=GyroFault(noise=False),
+            name=f"worst-{law.name}",
+            description="still air",
+            duration_s=duration_s,
+            control_rate_hz=rate,
+            physics_rate_hz=rate * math.ceil(1000 / rate),
+            delay_samples=delay_samples,
+            gyro=GyroFault(noise=False),
             accelerometer=AccelerometerFault(noise=False),
-        )  # fmt: skip
+        )
         self._law, self._vehicle, self._budget, self._spreads = law, vehicle, np.array(budget), spreads
         self._slowest = math.pi / duration_s  # one change of sign in a flight
         self._flights, self._n_flights, self._seed, self._progress = flights, 0, seed, progress
 
     def run(self) -> WorstCase:
         rng = np.random.default_rng(self._seed)
-        bodies = self._corner_vehicles()
-        responses = [self._step_responses(body) for body in bodies]
-        unmoved = [(self._bang_bang(steps), body) for steps, body in zip(responses, bodies, strict=True)]
-        unmoved.append((self._turbulence_scenario(), self._vehicle))
+        vehicles = self._corner_vehicles()
+        responses = [self._step_responses(vehicle) for vehicle in vehicles]
+        fixed = [(self._bang_bang(steps), vehicle) for steps, vehicle in zip(responses, vehicles, strict=True)]
+        fixed.append((self._turbulence_scenario(), self._vehicle))
         steps = responses[0]
         points = [*starts(steps, self._budget, self._base_scenario.dt, self._slowest)]
         if self._spreads != Spreads():
@@ -161,21 +174,29 @@ class _Search:
                 best.setdefault(one.point.multiples, one)
             flights_each = int(share * (self._flights - self._n_flights) / kept)
             found = [self._climb(one, flights_each, rng) for one in list(best.values())[:kept]]
-        return self._result(max(found, key=lambda one: one.peak_deg), unmoved, steps)
+        return self._result(max(found, key=lambda one: one.peak_deg), fixed, steps)
 
-    def _result(self, best: _Candidate, unmoved: list[tuple[Scenario, Vehicle]], steps: Array) -> WorstCase:
+    def _result(self, best: _Candidate, fixed: list[tuple[Scenario, Vehicle]], steps: Array) -> WorstCase:
+        """Return the worst of the search's best flight and the `fixed` ones, which the search does not vary."""
         scenario, vehicle = self._scenario(best.point), self._airframe(best.point.x)
         start, start_deg = best.point.start, best.start_deg
         peaks_deg = self._peaks_deg(scenario, vehicle)
-        for other, body in unmoved:
-            others_deg = self._peaks_deg(other, body)
+        for other, other_vehicle in fixed:
+            others_deg = self._peaks_deg(other, other_vehicle)
             if max(others_deg) > max(peaks_deg):
-                scenario, vehicle, peaks_deg = other, body, others_deg
+                scenario, vehicle, peaks_deg = other, other_vehicle, others_deg
                 start, start_deg = other.description, max(others_deg)
         return WorstCase(
-            scenario=scenario, vehicle=vehicle, seed=self._seed, peak_deg=max(peaks_deg), peaks_deg=peaks_deg,
-            linear_deg=_linear_peak_deg(steps, self._budget), start=start, start_deg=start_deg, flights=self._n_flights,
-        )  # fmt: skip
+            scenario=scenario,
+            vehicle=vehicle,
+            seed=self._seed,
+            peak_deg=max(peaks_deg),
+            peaks_deg=peaks_deg,
+            linear_deg=_linear_peak_deg(steps, self._budget),
+            start=start,
+            start_deg=start_deg,
+            flights=self._n_flights,
+        )
 
     def _fly(self, scenario: Scenario, vehicle: Vehicle) -> Records:
         self._n_flights += 1

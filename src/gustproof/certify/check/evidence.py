@@ -148,7 +148,7 @@ def check_box(level: Fraction, evidence: dict[str, Any], norms: list[AxisNorms])
     if [len(row) for row in box] != [len(SIGNALS)] * 3 or min(map(min, box)) < 0:
         raise Refusal("the box does not bound every signal of every axis")
     deviations = Fraction(evidence["deviations"])
-    # 2 Q(z) <= exp(-z^2 / 2) for each signal, late signal and measurement of each sample
+    # 2 Q(z) <= exp(-z^2 / 2) for each signal, signal at the sample's end and measurement of each sample
     count = 3 * (len(SIGNALS) + 3) * (evidence["samples"] + 1)
     if evidence["noise"] != 0 and exp_lower_bound(deviations**2 / 2) * Fraction(evidence["risk"]) < count:
         raise Refusal("the noise exceeds so many deviations with a larger probability")

@@ -10,7 +10,7 @@ For each axis, X = (E, omega, torque, law's three states, last command) moves as
 - coupling of the axes in the law;
 - float32 rounding.
 
-The box bounds these inputs. If the bounds that follow for all signals lie inside the box, the flight stays in it: with
+The box bounds these inputs. If the bounds that follow for all signals lie inside the box, the flight stays in it. With
 every nonlinear term clipped at the box the flight obeys the bounds, so nothing was clipped.
 """
 
@@ -31,8 +31,8 @@ from gustproof.lti.rational import (
 )
 
 SIGNALS = ("E", "omega", "torque", "x0", "x1", "x2", "command", "E - x0", "omega - x1")
-"""Bounded signals of each axis: [rad], [rad/s] and [N*m] at all times, the law's states and command at the samples,
-and the error of its estimates at a sample until the next one."""
+"""Bounded signals of each axis. Attitude [rad], rate [rad/s] and torque [N*m] are bounded at all times, the law's
+states and command at the samples. The last two are errors of its estimates at a sample, until the next sample."""
 _E, _OMEGA, _TORQUE, _X0, _X1, _COMMAND, _OFF_E, _OFF_OMEGA = 0, 1, 2, 3, 4, 6, 7, 8
 _LATE_E, _LATE_OMEGA = 9, 10
 """The last two signals at the end of the sample, in the norms only."""
@@ -51,7 +51,7 @@ Box = list[list[Fraction]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisNorms:
-    """Upper bounds of the L1 norms of one axis at the samples, from each input to `SIGNALS` and the two late ones."""
+    """Upper bounds of one axis's L1 norms, from each input to `SIGNALS` and to the two at the end of the sample."""
 
     acceleration: list[Fraction]
     """[s^2 times the signal's unit] from angular acceleration, any function of time."""
@@ -80,11 +80,9 @@ def axis_norms(evidence: dict[str, Any], axis: int) -> AxisNorms:
     Phi, start, turned = _loop(evidence, axis)
     zero = Fraction(0)
     unit = identity(7)
-    columns = [
-        unit[1], start, unit[2], *unit[3:],
-        [turned, zero, zero, *(Fraction(law["G"][i][axis]) for i in own), zero],
-        [zero, zero, zero, *(Fraction(law["B"][i][axis]) for i in own), Fraction(law["D"][axis][axis])],
-    ]  # fmt: skip
+    euler_rate = [turned, zero, zero, *(Fraction(law["G"][i][axis]) for i in own), zero]
+    gyro = [zero, zero, zero, *(Fraction(law["B"][i][axis]) for i in own), Fraction(law["D"][axis][axis])]
+    columns = [unit[1], start, unit[2], *unit[3:], euler_rate, gyro]
     sums, squares = _simulate(Phi, columns, samples)
     decay = Phi[0][0]
     slower = decay + _ENTRY_ERROR  # a leak of 0 leaves 1
@@ -98,9 +96,12 @@ def axis_norms(evidence: dict[str, Any], axis: int) -> AxisNorms:
         for k in range(_LATE_OMEGA + 1)
     ]
     return AxisNorms(
-        acceleration=_round_bounds(acceleration), attitude=_round_bounds(attitude), both=_round_bounds(sums[7]),
-        entries=[_round_bounds(row) for row in sums[3:7]], noise=_round_bounds(squares[8]),
-    )  # fmt: skip
+        acceleration=_round_bounds(acceleration),
+        attitude=_round_bounds(attitude),
+        both=_round_bounds(sums[7]),
+        entries=[_round_bounds(row) for row in sums[3:7]],
+        noise=_round_bounds(squares[8]),
+    )
 
 
 def map_box(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction, box: Box) -> Box:

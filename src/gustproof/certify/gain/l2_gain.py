@@ -126,7 +126,7 @@ def certify_lft(
     Raises
     ------
     ValueError
-        If the level is not positive, or the loop is discrete, unstable at hover, lacks a block named in `speeds`, or
+        If the level is not positive. If the loop is discrete, unstable at hover, lacks a block named in `speeds`, or
         has a block that is no real parameter.
     """
     if level is not None and not 0.0 < level < math.inf:

@@ -144,13 +144,20 @@ def _solve_sdp(inequality: _Inequality, square: float | None) -> Matrix:
             parts[k][:, -1] = svec(margin)
     cost = np.zeros(columns)
     cost[-1] = 1.0 if square is None else -1.0
+    return minimize(cost, np.vstack(parts), bounds)
+
+
+def minimize(cost: Matrix, rows: Matrix, bounds: Sequence[Matrix]) -> Matrix:
+    """Return the solver's x of least `cost` x with each block of `rows` x below its symmetric bound.
+
+    `rows` stacks the blocks of all bounds, each in the form of `svec`.
+    """
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    solver = clarabel.DefaultSolver(
-        scipy.sparse.csc_matrix((columns, columns)), cost, scipy.sparse.csc_matrix(np.vstack(parts)),
-        np.concatenate([svec(bound) for bound in bounds]),
-        [clarabel.PSDTriangleConeT(bound.shape[0]) for bound in bounds], settings,
-    )  # fmt: skip
+    quadratic = scipy.sparse.csc_matrix((cost.size, cost.size))
+    limits = np.concatenate([svec(bound) for bound in bounds])
+    cones = [clarabel.PSDTriangleConeT(bound.shape[0]) for bound in bounds]
+    solver = clarabel.DefaultSolver(quadratic, cost, scipy.sparse.csc_matrix(rows), limits, cones, settings)
     return np.array(solver.solve().x, dtype=np.float64)
 
 

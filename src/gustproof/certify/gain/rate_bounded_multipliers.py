@@ -4,13 +4,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-import clarabel
 import numpy as np
 import scipy.linalg
-import scipy.sparse
 
 from gustproof.certify.check.dissipation import Vertex, sign_product, vertices
-from gustproof.certify.gain.multipliers import add_transpose, balancing_transform, basis, least_level, svec
+from gustproof.certify.gain.multipliers import add_transpose, balancing_transform, basis, least_level, minimize, svec
 from gustproof.certify.gain.symmetry import Mirror, mirror_group
 from gustproof.lti.state_space import Lti, Matrix
 from gustproof.model.lft import Uncertain
@@ -168,14 +166,7 @@ class _Program:
         ]
         cost = np.zeros(rows.shape[1])
         cost[-1] = 1.0
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        solver = clarabel.DefaultSolver(
-            scipy.sparse.csc_matrix((cost.size, cost.size)), cost, scipy.sparse.csc_matrix(rows),
-            np.concatenate([svec(bound) for bound in bounds]),
-            [clarabel.PSDTriangleConeT(bound.shape[0]) for bound in bounds], settings,
-        )  # fmt: skip
-        return np.array(solver.solve().x, dtype=np.float64)
+        return minimize(cost, rows, bounds)
 
     def _definiteness_rows(self) -> tuple[Matrix, Matrix]:
         """Return the rows of -P at its corners, for the shared unknowns, and of -D, for a corner's own; packed."""

@@ -44,9 +44,9 @@ class WorstDelta:
 def worst_delta(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], *, radius: float = 1.0, seed: int = 0) -> WorstDelta:
     """Return a Delta within `radius` that makes the gain of `F_u(M, Delta)` large: a local maximum, often the global.
 
-    Conditional gradients from many starts. Each step linearises the gain in Delta and takes the best vertex of the
-    ball: a corner for real parameters, an aligned matrix of rank one for full blocks. It keeps the best point on the
-    way to that vertex. For full blocks alone the vertex steps are the power iteration of Packard, Fan and Doyle.
+    Conditional gradients from many starts. Each step linearises the gain in Delta and finds the best vertex of the
+    ball. That is a corner for real parameters, an aligned matrix of rank one for full blocks. The step keeps the best
+    point on the way to it. For full blocks alone, this is the power iteration of Packard, Fan and Doyle.
 
     References
     ----------
