@@ -40,7 +40,7 @@ from gustproof.campaign.plan import noted
 from gustproof.campaign.runner import fly_campaign
 
 class Pool(ThreadPoolExecutor):
-    deaths, width = (), 2
+    death_errors, max_pending = (), 2
 
 def kill(flown, of):
     if flown:
@@ -65,8 +65,8 @@ if __name__ == "__main__":
 class Here:
     """This process as the only worker."""
 
-    deaths = ()
-    width = 1
+    death_errors = ()
+    max_pending = 1
 
     def submit(self, function, *arguments):
         future = Future()
@@ -100,7 +100,7 @@ def table(campaign, script) -> Path:
 
 def test_a_campaign_that_was_killed_goes_on_with_two_workers_to_the_same_bytes(campaign, table, tmp_path) -> None:
     note, output = tmp_path / "note.json", tmp_path / "mc.parquet"
-    note.write_text(json.dumps(campaign.note()), encoding="utf-8")
+    note.write_text(json.dumps(campaign.metadata()), encoding="utf-8")
     killed = subprocess.run([sys.executable, "-c", KILLED, str(note), str(output)], timeout=PATIENCE_S, check=False)
     assert killed.returncode == -signal.SIGKILL
     assert len(list(tmp_path.glob("*.parts/0*.arrow"))) == 1
@@ -149,7 +149,7 @@ def test_a_run_that_kills_its_process_is_found_and_the_others_are_flown(campaign
     class Light:
         """Processes that do not load the project, so that they start fast."""
 
-        deaths, width = (BrokenExecutor,), 3
+        death_errors, max_pending = (BrokenExecutor,), 3
 
         def submit(self, function, note, *stretch):
             return pool.submit(fly, *stretch[0]) if stretch else pool.submit(os.getpid)
@@ -211,7 +211,7 @@ def test_a_run_is_flown_again_over_udp_to_the_same_bits(table, script, tmp_path)
     ]
     other = CliRunner().invoke(app, ["fly", "--law", LAWS[0], "--run", f"{table}:{run}"])
     assert other.exit_code == 2
-    assert "flown by 'hinf-rates', not 'hinf-d1', which flew this case in run 5" in other.stderr
+    assert "flown by 'hinf-rates', not 'hinf-d1', which flew the same case in run 5" in other.stderr
 
 
 @pytest.mark.parametrize("window", [{}, {"width": 390, "height": 800, "dark": True}])

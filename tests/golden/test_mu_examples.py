@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gustproof.certify.mu import mu
+from gustproof.certify.mu.singular_value import mu
 from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import Lti, Matrix
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum

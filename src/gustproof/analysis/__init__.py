@@ -1,1 +1,1 @@
-"""Judge a law on a vehicle: margins, robustness, limits, responses."""
+"""Analyse a law on a vehicle: margins, robustness, limits, responses."""

@@ -1,4 +1,4 @@
-"""What a law is worth on a vehicle: margins, poles, responses, and what its error is made of."""
+"""Analysis of a law on a vehicle: margins, poles, responses, and the causes of its error."""
 
 import math
 from dataclasses import asdict, dataclass, replace
@@ -14,7 +14,7 @@ from firmware_model.config.waveforms import MomentStep
 from gustproof.analysis.hover_loop import HoverLoop, hover_loop
 from gustproof.analysis.law_margins import SPREADS, axis_robustness
 from gustproof.analysis.placement import Placement, locate
-from gustproof.certify.sweep import Bracket
+from gustproof.certify.mu.sweep import Bracket
 from gustproof.law.form import Law
 from gustproof.lti.state_space import ComplexMatrix
 from gustproof.scoring.metrics import Metrics, measure
@@ -22,9 +22,8 @@ from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.derive import margins_to_dict
 
 _AXES = ("roll", "pitch", "yaw")
-"""What a vehicle's file may well be off by."""
 _STEP_S = 5.0
-_STEP_SHARE = 0.03  # [-] of the torque limit: small enough for every sound law to stay near level
+_STEP_SHARE = 0.03  # [-] of the torque limit: small enough for every stable law to stay near level
 
 Records = NDArray[np.void]
 
@@ -34,24 +33,25 @@ class Analysis:
     """Linear figures of the loop at hover, and flights on the direct route."""
 
     law: Law
-    """What was analysed."""
+    """Analysed law."""
     scenario: Scenario
     """Air and rates of the flights."""
     seed: int
     """Seed of gusts and noise."""
     hover: HoverLoop
-    """The linear loop at hover."""
+    """Linear loop at hover."""
     stability: tuple[Bracket, ...]
-    """mu of roll, pitch, yaw, of inertia 20 % and lag 30 % off; none where the law couples axes or has no margins."""
-    place: Placement | None
-    """Foretold error beside the least of any linear gyro-only law at its price; `None` where there is no such price."""
-    step: Records
-    """Flight through a step of moment about each axis, without air or noise."""
+    """mu of roll, pitch, yaw for inertia off by 20 % and lag off by 30 %; empty if the law couples axes or has no
+    margins."""
+    placement: Placement | None
+    """Predicted error and the least of linear gyro-only laws at the same Ms and slew; `None` without such a limit."""
+    step_records: Records
+    """Flight under a moment step about each axis, without wind or noise."""
     step_moment: tuple[float, float, float]
     """[N*m] B, height of the step."""
-    flown: Records
+    records: Records
     """Flight through the scenario."""
-    whole: Metrics
+    metrics: Metrics
     """Figures of that flight."""
     gust_alone: Metrics
     """Figures of the same flight with a noiseless gyro."""
@@ -59,11 +59,11 @@ class Analysis:
     """Figures of the same flight in still air."""
 
     def limits(self) -> tuple[str, ...]:
-        """Return what limits the law, in words, the largest share of the error first."""
+        """Return the limits of the law, in words, the largest share of the error first."""
         return tuple(_describe_limits(self))
 
-    def document(self) -> dict[str, Any]:
-        """Return the analysis as JSON has it; what is not finite is `None`."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return the analysis as JSON values; numbers that are not finite become `None`."""
         document = {
             "law": self.law.name,
             "order": self.law.order,
@@ -81,10 +81,10 @@ class Analysis:
                 "actuator_lag_spread": SPREADS.actuator_lag,
                 "stable_up_to_times": [1.0 / axis.upper for axis in self.stability],
             },
-            "place": None if self.place is None else asdict(self.place),
+            "place": None if self.placement is None else asdict(self.placement),
             "law_poles_rad_s": pole_pairs(self.hover.law_poles),
             "loop_poles_rad_s": pole_pairs(self.hover.loop_poles),
-            "flown": asdict(self.whole),
+            "flown": asdict(self.metrics),
             "gust_alone": asdict(self.gust_alone),
             "noise_alone": asdict(self.noise_alone),
             "limits": list(self.limits()),
@@ -94,7 +94,7 @@ class Analysis:
 
 
 def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) -> Analysis:
-    """Return what a law does on a vehicle, at the sample time and delay of `scenario` and in its air.
+    """Analyse a law on a vehicle, at the sample time and delay of `scenario` and in its air.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
     quiet = replace(
         scenario, gyro=replace(scenario.gyro, noise=False), accelerometer=replace(scenario.accelerometer, noise=False)
     )
-    flown = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
+    records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
     hover = hover_loop(law, vehicle, scenario)
     Ms = None if hover.margins is None else max(axis.Ms for axis in hover.margins.input)
     return Analysis(
@@ -118,23 +118,23 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
         seed=seed,
         hover=hover,
         stability=axis_robustness(law, vehicle, scenario),
-        place=None if Ms is None else locate(law, Ms, vehicle, scenario),
-        step=fly_direct(stepped, law, vehicle=vehicle, seed=seed),
+        placement=None if Ms is None else locate(law, Ms, vehicle, scenario),
+        step_records=fly_direct(stepped, law, vehicle=vehicle, seed=seed),
         step_moment=step_moment,
-        flown=flown,
-        whole=measure(flown, vehicle, scenario, 0.0),
+        records=records,
+        metrics=measure(records, vehicle, scenario, 0.0),
         gust_alone=_measure_flight(quiet, law, vehicle, seed),
         noise_alone=_measure_flight(replace(scenario, wind=(), moment=()), law, vehicle, seed),
     )
 
 
 def _describe_limits(analysis: Analysis) -> list[str]:
-    flights = (analysis.whole, analysis.gust_alone, analysis.noise_alone)
+    flights = (analysis.metrics, analysis.gust_alone, analysis.noise_alone)
     lines = []
     if unstable := bool(np.any(analysis.hover.loop_poles.real >= 0.0)):
         lines.append("the loop is unstable at hover")
     if not all(math.isfinite(flight.rmse_deg) and math.isfinite(flight.torque_slew_rms) for flight in flights):
-        lines.append("the flight diverges: it has no figures")
+        lines.append("the flight diverges: no figures")
     elif not unstable:
         lines += _price(analysis)
     if analysis.hover.margins is not None:
@@ -146,39 +146,40 @@ def _describe_limits(analysis: Analysis) -> list[str]:
             f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {_peak_frequency(analysis):.3g} rad/s"
         )
         if math.isfinite(samples):
-            lines.append(f"delay: {samples:.3g} samples more make {_AXES[least]} unstable")
+            lines.append(f"delay: {samples:.3g} more samples make {_AXES[least]} unstable")
     if analysis.stability:
-        room = 1.0 / max(axis.upper for axis in analysis.stability)
-        spreads = f"{100.0 * SPREADS.inertia:g} % and the lag {100.0 * SPREADS.actuator_lag:g} %"
-        lines.append(
-            f"vehicle: the inertia may be off by {room:.2g} times {spreads} before it is unstable (mu, at hover)"
-        )
+        room = 100.0 / max(axis.upper for axis in analysis.stability)
+        inertia, lag = room * SPREADS.inertia, room * SPREADS.actuator_lag
+        lines.append(f"vehicle: stable for inertia ±{int(inertia)} % and lag ±{int(lag)} % together (mu, at hover)")
     lines.append(f"references: {_references(analysis.law)}")
-    if analysis.whole.saturated_s:
-        lines.append(f"torque limit: reached for {analysis.whole.saturated_s:.3g} s")
+    if analysis.metrics.saturated_s:
+        lines.append(f"torque limit: reached for {analysis.metrics.saturated_s:.3g} s")
     if analysis.law.uses_accelerometer:
-        lines.append("gyro bias: seen in roll and pitch; in yaw a constant one turns the vehicle by bias times time")
+        lines.append(
+            "gyro bias: observable in roll and pitch; in yaw a constant bias gives an error of bias times time"
+        )
     else:
-        lines.append("gyro bias: a constant one turns the vehicle by bias times time; a gyro can't see attitude")
+        lines.append("gyro bias: a constant bias gives an error of bias times time, as gyros do not measure attitude")
     return lines
 
 
 def _price(analysis: Analysis) -> list[str]:
-    """Return error and slew by their causes, and the error on average."""
+    """Return error and slew by cause, and the mean error."""
     whole, gust, noise = (
-        (m.rmse_deg, m.torque_slew_rms) for m in (analysis.whole, analysis.gust_alone, analysis.noise_alone)
+        (m.rmse_deg, m.torque_slew_rms) for m in (analysis.metrics, analysis.gust_alone, analysis.noise_alone)
     )
     shares = sorted((("gusts", gust[0]), ("gyro noise", noise[0])), key=lambda share: -share[1])
     causes = ", ".join(f"{name} alone {rmse:.3g} deg" for name, rmse in shares)
-    room = "more bandwidth costs slew" if noise[1] > gust[1] else "there is room for more bandwidth"
+    room = "more bandwidth costs slew" if noise[1] > gust[1] else "more bandwidth is possible"
     lines = [
         f"error: {whole[0]:.3g} deg RMSE in this flight; {causes}",
-        f"torque slew: {whole[1]:.3g} N m/s, of which gyro noise alone makes {noise[1]:.3g}: {room}",
+        f"torque slew: {whole[1]:.3g} N m/s, of which {noise[1]:.3g} from gyro noise alone: {room}",
     ]
-    if analysis.place is not None and analysis.place.least_rmse_deg is not None:
+    placement = analysis.placement
+    if placement is not None and placement.least_rmse_deg is not None:
         lines.append(
-            f"average over many flights: this law {analysis.place.rmse_deg:.3g} deg expected, best linear gyro-only "
-            f"law at the same Ms and slew {analysis.place.least_rmse_deg:.3g} deg (this flight: {whole[0]:.3g}, seed "
+            f"average over many flights: this law {placement.rmse_deg:.3g} deg expected, best linear gyro-only law at "
+            f"the same Ms and slew {placement.least_rmse_deg:.3g} deg (this flight: {whole[0]:.3g}, seed "
             f"{analysis.seed})"
         )
     return lines
@@ -186,10 +187,10 @@ def _price(analysis: Analysis) -> list[str]:
 
 def _references(law: Law) -> str:
     if not law.takes_references:
-        return "none are read, level is held"
+        return "not supported, the law holds level"
     if math.isinf(law.reference_limit_deg):
-        return "no limit is known"
-    return f"held within {law.reference_limit_deg:g} deg of level about each axis; a larger one may tumble the vehicle"
+        return "no known limit"
+    return f"limited to {law.reference_limit_deg:g} deg of level about each axis; larger ones may tumble the vehicle"
 
 
 def _peak_frequency(analysis: Analysis) -> float:
@@ -201,5 +202,5 @@ def _measure_flight(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int) -
 
 
 def pole_pairs(poles: ComplexMatrix) -> list[tuple[float, float]]:
-    """Return poles as pairs of real and imaginary part [rad/s], smallest modulus first."""
+    """Return poles as pairs of real and imaginary part [rad/s], in order of modulus."""
     return [(float(pole.real), float(pole.imag)) for pole in sorted(poles, key=abs)]

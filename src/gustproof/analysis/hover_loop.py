@@ -1,4 +1,4 @@
-"""The linear loop of a flying law at hover, sampled and late: poles, loop transfer, sensitivities, margins."""
+"""Linear loop of a flying law at hover, sampled and delayed: poles, loop transfer, sensitivities, margins."""
 
 import math
 from dataclasses import dataclass
@@ -20,28 +20,32 @@ class HoverLoop:
     """Linear figures of a law on a vehicle at hover, at the sample time and delay of a scenario."""
 
     margins: Margins | None
-    """Margins, sampled and late; `None` for a law of rates or an unstable loop."""
+    """Margins, sampled and delayed; `None` for a rate law or an unstable loop."""
     law_poles: ComplexMatrix
     """(n,) [rad/s] poles of the law at level attitude, `log(z) / dt`."""
     loop_poles: ComplexMatrix
-    """(m,) [rad/s] poles of the loop, `log(z) / dt`; none for a law of rates."""
+    """(m,) [rad/s] poles of the loop, `log(z) / dt`; empty for a rate law."""
     omega: Matrix
-    """(k,) [rad/s] frequencies below half the sample rate, at which a held plant passes nothing and has no phase."""
+    """(k,) [rad/s] frequencies below half the sample rate, where a held plant has zero gain and no phase."""
     loop: ComplexMatrix
-    """(k, 3) loop transfer of each axis at the plant's input, negative feedback; none for a law of rates."""
+    """(k, 3) loop transfer of each axis at the plant's input, negative feedback; empty for a rate law."""
     sensitivities: dict[str, Matrix]
-    """(k,) largest singular values of S and T at the plant's input; none for a law of rates."""
+    """(k,) largest singular values of S and T at the plant's input; empty for a rate law."""
 
 
 def hover_loop(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverLoop:
-    """Return the loop of `law`; what a law of rates drives is the autopilot's own loop, which is not shown."""
+    """Return the loop of `law`; for a rate law only its poles, as it drives the autopilot's own loop."""
     controller = loop_law(law)
     omega = np.geomspace(1e-2, math.pi / law.dt, _POINTS)[:-1]
     if law.output is not Output.TORQUE:
         return HoverLoop(
-            margins=None, law_poles=_continuous_poles(controller), loop_poles=np.empty(0, dtype=np.complex128),
-            omega=omega, loop=np.empty((0, 3), dtype=np.complex128), sensitivities={},
-        )  # fmt: skip
+            margins=None,
+            law_poles=_continuous_poles(controller),
+            loop_poles=np.empty(0, dtype=np.complex128),
+            omega=omega,
+            loop=np.empty((0, 3), dtype=np.complex128),
+            sensitivities={},
+        )
     plant = hover_plant(vehicle, scenario, levelled=law.uses_accelerometer)
     loop = _input_loop(plant, controller)
     S = sensitivity(loop)
@@ -67,6 +71,6 @@ def _largest_gains(S: ComplexMatrix) -> dict[str, Matrix]:
 
 
 def _continuous_poles(system: Lti) -> ComplexMatrix:
-    """Return the poles as those of the continuous system that they sample; poles at 0, pure delays, are left out."""
+    """Return the poles of the equivalent continuous system, without poles at 0, which are pure delays."""
     poles = system.poles()
     return np.asarray(np.log(poles[np.abs(poles) > 1e-9]) / system.dt, dtype=np.complex128)

@@ -1,4 +1,4 @@
-"""Margins that a flying law has at hover: the law as it flies, sampled and late, on the vehicle's linear model."""
+"""Margins of a law at hover: the law as it flies, sampled and delayed, on the vehicle's linear model."""
 
 import math
 from dataclasses import dataclass
@@ -6,32 +6,32 @@ from dataclasses import dataclass
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.analysis.robustness import robust_stability
-from gustproof.certify.sweep import Bracket
+from gustproof.certify.mu.sweep import Bracket
 from gustproof.law.form import Law
 from gustproof.law.hover import hover_plant, is_stable_at_hover, loop_law
 from gustproof.lti.margins import margins
 from gustproof.model.uncertainty import Spreads
 
 SPREADS = Spreads(inertia=0.2, actuator_lag=0.3)
-"""How far a vehicle may be off, for which `axis_robustness` is stated."""
+"""Spreads of the vehicle for `axis_robustness`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HoverMargins:
-    """The worst of roll, pitch and yaw, with the loop cut at the plant's input and the other axes closed."""
+    """Worst margins of roll, pitch and yaw, with the loop opened at the plant's input and the other axes closed."""
 
     Ms: float
     """[-] largest sensitivity."""
     phase_margin_deg: float
-    """[deg] least change of phase that destabilises."""
+    """[deg] least destabilising change of phase."""
     delay_margin: float
-    """[s] least additional delay that destabilises."""
+    """[s] least destabilising additional delay."""
 
 
 def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargins | None:
     """Return the margins of a torque law at the sample time and delay of `scenario`; `None` for an unstable loop.
 
-    So for a law of rates: what it drives is the autopilot's own loop, whose margins are not those of the law.
+    Rate laws give `None` too: they drive the autopilot's own loop, whose margins are not those of the law.
     """
     if not is_stable_at_hover(law, vehicle, scenario):
         return None
@@ -46,7 +46,7 @@ def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargin
 def axis_robustness(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[Bracket, ...]:
     """Return mu of roll, pitch and yaw with inertia and actuator lag off by `SPREADS`: stable up to 1 / mu times that.
 
-    Empty for a law that is not three loops of one gyro each.
+    The result is empty for a law other than three loops of one gyro each.
     """
     try:
         return tuple(robust_stability(law, vehicle, scenario, SPREADS, axis) for axis in range(3))

@@ -1,4 +1,4 @@
-"""What is possible in turbulence, and how far each law is from it: limits and places, in degrees."""
+"""Least possible attitude errors in turbulence, and the distance of each law from them, in degrees."""
 
 import math
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from gustproof.performance.predict import predict
 from gustproof.performance.tradeoff import LinearLaws, TradeOff, linear_laws
 
 SLEW = 20.0
-"""[N*m/s] rms torque slew at which limits are stated: that of the strong baselines."""
+"""[N*m/s] rms torque slew of the stated limits: that of the strong baselines."""
 SLEWS = (10.0, SLEW, 40.0)
 """[N*m/s] slews of the curves."""
 PEAKS = (1.15, 1.18, 1.22, 1.28, 1.36, 1.45, 1.6, 1.8, 2.0)
@@ -25,73 +25,73 @@ PEAKS = (1.15, 1.18, 1.22, 1.28, 1.36, 1.45, 1.6, 1.8, 2.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TradeOffCurve:
-    """Least error of linear laws against the sensitivity peak, at one slew."""
+    """Least error of linear laws over the sensitivity peak, at one slew."""
 
     slew: float
-    """[N*m/s] rms torque slew, of all axes."""
+    """[N*m/s] rms torque slew, all axes together."""
     Ms: tuple[float, ...]
-    """[-] sensitivity peaks, the worst axis."""
+    """[-] sensitivity peaks of the worst axis."""
     rmse_deg: tuple[float, ...]
-    """[deg] least error at each."""
+    """[deg] least error at each peak."""
     any_Ms_deg: float
-    """[deg] least error of any gyro-only law at this slew, whatever its sensitivity."""
+    """[deg] least error of any gyro-only law at this slew, for any sensitivity."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorLimits:
-    """Least errors in the turbulence of a scenario, of all flights, over the three axes at once."""
+    """Least errors in the turbulence of a scenario: averages over many flights, three axes together."""
 
     scenario: str
     """Name of the scenario."""
     slew: float
-    """[N*m/s] rms torque slew at which they are stated."""
+    """[N*m/s] rms torque slew of the limits."""
     gyro_deg: float
-    """[deg] of any law that measures with gyros, at any margins."""
+    """[deg] least error of any gyro-only law, at any margins."""
     gyro_any_slew_deg: float
-    """[deg] the same with slew for free: the integral of the gyro's noise."""
+    """[deg] the same at unlimited slew: the integral of the gyro's noise."""
     clairvoyant_deg: float
-    """[deg] of any law that knows state and air exactly."""
+    """[deg] least error of any law with exact knowledge of state and air."""
     clairvoyant_any_slew_deg: float
-    """[deg] the same with slew for free: what delay and actuator lag leave."""
+    """[deg] the same at unlimited slew: the effect of delay and actuator lag."""
     curves: tuple[TradeOffCurve, ...]
     """Trade-off with the sensitivity peak."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement:
-    """Where a law stands: its price, what is foretold of it, and the least error at the same price."""
+    """Predicted error and slew of a law, and the least error at the same slew and sensitivity peak."""
 
     Ms: float
-    """[-] largest sensitivity, the worst axis."""
+    """[-] largest sensitivity of the worst axis."""
     slew: float
-    """[N*m/s] rms torque slew, of all axes, foretold."""
+    """[N*m/s] predicted rms torque slew, all axes together."""
     rmse_deg: float
-    """[deg] error foretold, of all flights."""
+    """[deg] predicted error, average over many flights."""
     least_rmse_deg: float | None
-    """[deg] least error of linear gyro-only laws at this slew and peak; `None` where none was found."""
+    """[deg] least error of linear gyro-only laws at this slew and peak; `None` if none was found."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PerformanceLimits:
-    """The limits, and where laws stand."""
+    """Limits of a vehicle and scenario, and the placement of laws."""
 
     limits: ErrorLimits
-    """What is possible."""
+    """Least possible errors."""
     places: Mapping[str, Placement | None]
-    """Where each law stands, by name; `None` for a law of rates, which has no torque loop of its own."""
+    """Placement of each law by name; `None` for a rate law, which has no torque loop of its own."""
 
 
 def performance_limits(
     laws: Mapping[str, Law], margins: Mapping[str, HoverMargins | None], vehicle: Vehicle, scenario: Scenario
 ) -> PerformanceLimits:
-    """Return the limits of a vehicle in the scenario's turbulence and the place of each law; takes seconds.
+    """Return the limits of a vehicle in the scenario's turbulence and the placement of each law; takes seconds.
 
     Raises
     ------
     ValueError
         If the scenario has no Dryden turbulence.
     DesignError
-        If `SLEW` is too little for any law to hold this vehicle's attitude.
+        If no law can hold this vehicle's attitude at the slew `SLEW`.
     """
     models = axis_models(vehicle, scenario)
     linear = linear_laws(models, around=SLEW)
@@ -113,9 +113,9 @@ def performance_limits(
 
 
 def locate(law: Law, Ms: float, vehicle: Vehicle, scenario: Scenario) -> Placement | None:
-    """Return the place of one law of sensitivity peak `Ms` [-] in the scenario's turbulence, if it has any.
+    """Return the placement of a law with sensitivity peak `Ms` [-] in the scenario's turbulence.
 
-    `None` for a law of rates, without turbulence, and where `SLEW` is too little for any law to hold attitude.
+    The result is `None` for a rate law, without turbulence, and if no law can hold attitude at the slew `SLEW`.
     """
     if not any(isinstance(item, Dryden) for item in scenario.wind):
         return None
@@ -126,14 +126,14 @@ def locate(law: Law, Ms: float, vehicle: Vehicle, scenario: Scenario) -> Placeme
 
 
 def _locate(law: Law, Ms: float, linear: LinearLaws, vehicle: Vehicle, scenario: Scenario) -> Placement | None:
-    foretold = predict(law, vehicle, scenario)
-    if foretold is None:
+    predicted = predict(law, vehicle, scenario)
+    if predicted is None:
         return None
-    least = _least_error(linear, Ms, foretold.slew) if foretold.slew else None
+    least = _least_error(linear, Ms, predicted.slew) if predicted.slew else None
     return Placement(
         Ms=Ms,
-        slew=foretold.slew,
-        rmse_deg=math.degrees(foretold.rmse),
+        slew=predicted.slew,
+        rmse_deg=math.degrees(predicted.rmse),
         least_rmse_deg=None if least is None else math.degrees(least.rmse),
     )
 

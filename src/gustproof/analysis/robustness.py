@@ -1,13 +1,13 @@
-"""What a law's loop is worth where inertia and actuator lag are not the file's: mu and the largest sensitivity peak."""
+"""Robustness of a law's loop to inertia and actuator lag: mu and the largest sensitivity peak."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.certify.mu import mu
-from gustproof.certify.sweep import Bracket
-from gustproof.certify.worst_gain import worst_gain
+from gustproof.certify.mu.singular_value import mu
+from gustproof.certify.mu.sweep import Bracket
+from gustproof.certify.mu.worst_gain import worst_gain
 from gustproof.law.form import Law, Matrix, Output
 from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain, as_uncertain
@@ -15,7 +15,7 @@ from gustproof.model.sampled_axis import sampled_axis
 from gustproof.model.uncertainty import Spreads
 
 _BOXES = 8
-"""Boxes of the parameters at most, to bring the two bounds on the peak together."""
+"""Most boxes of the parameters in the branch and bound of the peak."""
 
 
 def robust_stability(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Bracket:
@@ -24,7 +24,7 @@ def robust_stability(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Sp
     Raises
     ------
     ValueError
-        As `uncertain_sensitivity`, or if the loop is unstable as in the file.
+        Under the conditions of `uncertain_sensitivity`, or if the nominal loop is unstable.
     """
     family = uncertain_sensitivity(law, vehicle, scenario, spreads, axis)
     known = family.M.subsystem(slice(0, family.n_z), slice(0, family.n_w))
@@ -37,18 +37,18 @@ def robust_peak(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads
     Raises
     ------
     ValueError
-        See `robust_stability`.
+        Under the conditions of `robust_stability`.
     """
     return worst_gain(uncertain_sensitivity(law, vehicle, scenario, spreads, axis), boxes=_BOXES)
 
 
 def uncertain_sensitivity(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Uncertain:
-    """Return the sensitivity at the plant's input of one axis, inertia and lag uncertain.
+    """Return the sensitivity at the plant's input of one axis, with uncertain inertia and lag.
 
     Raises
     ------
     ValueError
-        If the law couples its axes, feels specific force or commands no torque, or a spread is 0.
+        If the law couples its axes, uses the accelerometer or commands no torque, or a spread is 0.
     """
     loop = as_uncertain(axis_controller(law, axis)) @ sampled_axis(
         vehicle, scenario, axis, inertia=spreads.inertia, actuator_lag=spreads.actuator_lag
@@ -62,18 +62,20 @@ def axis_controller(law: Law, axis: int) -> Lti:
     Raises
     ------
     ValueError
-        If the law couples its axes, feels specific force or commands no torque.
+        If the law couples its axes, uses the accelerometer or commands no torque.
     """
     A, B = law.A + law.G @ np.eye(3, law.order, 3), law.B[:, axis]
     own, others = _reachable_states(A, B), [k for k in range(3) if k != axis]
     across = (law.C[others][:, own], law.D[others, axis], law.C[axis, ~own], law.D[axis, others])
     if law.output is not Output.TORQUE or law.uses_accelerometer or any(np.any(part) for part in across):
-        raise ValueError(f"law '{law.name}' couples its axes, feels force or commands no torque: no loop of one gyro")
+        raise ValueError(
+            f"law '{law.name}' couples its axes, uses the accelerometer or commands no torque: no loop of one gyro"
+        )
     return Lti(A=A[np.ix_(own, own)], B=B[own], C=law.C[axis, own], D=law.D[axis, axis], dt=law.dt)
 
 
 def _reachable_states(A: Matrix, B: Matrix) -> NDArray[np.bool_]:
-    """Return which states the input matrix (n,) of one input reaches."""
+    """Return a mask of the states reachable from one input, with input matrix (n,)."""
     reached: NDArray[np.bool_] = B != 0.0
     for _ in range(len(B)):
         reached = reached | np.any(A[:, reached] != 0.0, axis=1)

@@ -1,4 +1,4 @@
-"""Who flies: processes of this machine, or a dask cluster; both behind `submit`."""
+"""Worker pools with one interface: processes of this machine, or a dask cluster."""
 
 import asyncio
 import gc
@@ -17,74 +17,77 @@ _CONNECT_S = 10.0
 
 
 class Pool(Protocol):
-    """Workers that fly stretches of runs."""
+    """Workers that fly chunks of runs."""
 
-    deaths: tuple[type[BaseException], ...]
-    """What a future raises whose worker died."""
+    death_errors: tuple[type[BaseException], ...]
+    """Exceptions raised by a future whose worker died."""
 
     @property
-    def width(self) -> int:
-        """How many tasks keep all workers busy."""
+    def max_pending(self) -> int:
+        """Number of tasks that keeps all workers busy."""
         ...
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Have a worker call `function`."""
+        """Call `function` on a worker."""
         ...
 
 
 class _ProcessPool:
-    """Processes of this machine; those that die are replaced."""
+    """Processes of this machine; dead ones are replaced."""
 
-    deaths: tuple[type[BaseException], ...] = (BrokenExecutor,)
+    death_errors: tuple[type[BaseException], ...] = (BrokenExecutor,)
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
         self._executor: Any = None
 
     @property
-    def width(self) -> int:
-        return 2 * self._workers  # one flies, one waits its turn
+    def max_pending(self) -> int:
+        return 2 * self._workers  # per worker one task runs and one waits
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
         from loky import get_reusable_executor
 
-        # The one that there is, or a new one if its workers have died.
+        # the existing executor, or a new one if its workers have died
         self._executor = get_reusable_executor(self._workers, initializer=_ignore_sigint, env=_ONE_THREAD)
         future: Future[Any] = self._executor.submit(_call_and_freeze, function, *arguments)
         return future
 
-    def end(self, *, now: bool) -> None:
+    def shut_down(self, *, now: bool) -> None:
         if self._executor is not None:
             self._executor.shutdown(wait=True, kill_workers=now)
 
 
 @contextmanager
 def process_pool(workers: int) -> Iterator[Pool]:
-    """Give processes of this machine; they end with the block, at once if it is left by an error or Ctrl-C."""
+    """Yield a pool of processes of this machine.
+
+    The processes end with the block: after their tasks, or at once on an error or Ctrl-C.
+    """
     pool = _ProcessPool(workers)
     try:
         yield pool
     except BaseException:
-        pool.end(now=True)
+        pool.shut_down(now=True)
         raise
-    pool.end(now=False)
+    pool.shut_down(now=False)
 
 
 def _ignore_sigint() -> None:
-    """Leave Ctrl-C, which reaches all processes of a terminal, to the one that waits for the others."""
+    """Ignore Ctrl-C, which reaches all processes of a terminal: the parent handles it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _call_and_freeze(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what `function` returns, and take what stays loaded out of the collector's sight.
+    """Return the result of `function`, after freezing loaded objects out of garbage collection.
 
-    loky has a worker collect after each task, a second from the time before; to go through all that numba and scipy
-    have loaded takes a tenth of that.
+    loky collects garbage after each task, at most once a second. To traverse all objects loaded by numba and scipy
+    takes a tenth of that second.
     """
-    done = function(*arguments)
+    result = function(*arguments)
     gc.collect()
     gc.freeze()
-    return done
+    return result
 
 
 class _DaskPool:
@@ -93,11 +96,11 @@ class _DaskPool:
     def __init__(self, client: Any) -> None:
         from distributed import KilledWorker
 
-        self.deaths: tuple[type[BaseException], ...] = (KilledWorker,)
+        self.death_errors: tuple[type[BaseException], ...] = (KilledWorker,)
         self._client, self._executor = client, client.get_executor(pure=False)
 
     @property
-    def width(self) -> int:
+    def max_pending(self) -> int:
         cores: dict[str, int] = self._client.ncores()
         return 2 * max(sum(cores.values()), 1)
 
@@ -108,12 +111,12 @@ class _DaskPool:
 
 @contextmanager
 def dask_pool(address: str) -> Iterator[Pool]:
-    """Give the workers of the dask cluster whose scheduler is at `address`, as dask://tcp://127.0.0.1:8786.
+    """Yield a pool of the workers of a dask cluster; `address` is its scheduler, e.g. dask://tcp://127.0.0.1:8786.
 
     Raises
     ------
     ConfigError
-        If dask is not installed, or no scheduler answers there.
+        If dask is not installed, or no scheduler answers at `address`.
     """
     scheme, _, scheduler = address.partition("://")
     if scheme != "dask" or "://" not in scheduler:
@@ -122,21 +125,21 @@ def dask_pool(address: str) -> Iterator[Pool]:
         from distributed import Client
     except ImportError:
         raise ConfigError("--executor: dask is not installed: pip install 'gustproof[dask]'") from None
-    for name in ("distributed", "distributed.client"):  # what it complains of is told by this package, in a line
+    for name in ("distributed", "distributed.client"):  # this package reports its failures, in one line
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
-        # Before there is a client: one that did not get through hangs when it is collected.
+        # probe before creating a client: an unconnected client hangs in garbage collection
         asyncio.run(_knock(scheduler))
         client = Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
-    except Exception as error:  # whatever the answer of something else leads dask to
-        reason = error if isinstance(error, (OSError, ValueError)) else "what answers is something else"
+    except Exception as error:  # a foreign server's answer may raise anything in dask
+        reason = error if isinstance(error, (OSError, ValueError)) else "another program answers"
         raise ConfigError(f"--executor: no dask scheduler answers at {scheduler}: {reason}") from None
     with client:
         yield _DaskPool(client)
 
 
 async def _knock(scheduler: str) -> None:
-    """Shake hands with a dask scheduler, and leave."""
+    """Connect to a dask scheduler, then disconnect."""
     from distributed.comm import connect
 
     connection = await connect(scheduler, timeout=_CONNECT_S)
@@ -144,5 +147,5 @@ async def _knock(scheduler: str) -> None:
 
 
 def count_cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,6 +1,6 @@
-"""How sure a figure is that comes from n runs: intervals that hold the true value in 95 of 100 campaigns.
+"""Confidence intervals of figures from n runs: they hold the true value in 95 of 100 campaigns.
 
-They take runs as independent. Of a Latin hypercube or of Sobol' points they are wider than need be.
+They assume independent runs. For a Latin hypercube or Sobol' points they are wider than necessary.
 """
 
 import math
@@ -12,28 +12,28 @@ from numpy.typing import NDArray
 from scipy.special import bdtr, betaincinv, stdtrit
 
 CONFIDENCE = 0.95
-"""[-] how often an interval holds the true value."""
+"""[-] probability that an interval holds the true value."""
 
 Array = NDArray[np.float64]
 _TAIL = (1.0 - CONFIDENCE) / 2.0
-_SIGMAS = 12.0  # of a binomial count, beyond which its probability is less than any tail asked for
+_SIGMAS = 12.0  # standard deviations of a binomial count; the probability beyond is less than any tail used
 _MIN_PER_BIN = 25
 _MAX_BINS = 32
 
 
 class IntervalEstimate(NamedTuple):
-    """A figure and where the true one is."""
+    """An estimate of a figure and its confidence interval."""
 
     value: float
     """[unit of the figure]."""
     low: float
-    """[unit of the figure] least that it may be; -inf if the runs do not say."""
+    """[unit of the figure] lower end; -inf if the runs do not bound it."""
     high: float
-    """[unit of the figure] largest that it may be; inf if the runs do not say."""
+    """[unit of the figure] upper end; inf if the runs do not bound it."""
 
 
 def mean(values: Array) -> IntervalEstimate:
-    """Return the mean of `values` (n,), by Student's t: exact for normal values, and for any if n is large."""
+    """Return the mean of `values` (n,), by Student's t: exact for normal values, close for any others if n is large."""
     value, n = float(np.mean(values)), len(values)
     if n < 2:
         return IntervalEstimate(value, -math.inf, math.inf)
@@ -42,9 +42,9 @@ def mean(values: Array) -> IntervalEstimate:
 
 
 def quantile(ordered: Array, p: float) -> IntervalEstimate:
-    """Return the `p` quantile of ascending values (n,); the interval is exact whatever their distribution.
+    """Return the `p` quantile of ascending values (n,); the interval is exact for any distribution.
 
-    Its ends are two of the values: how many of n are below the quantile is binomial.
+    Its ends are two of the values, as the number of values below the quantile is binomial.
 
     References
     ----------
@@ -59,18 +59,18 @@ def quantile(ordered: Array, p: float) -> IntervalEstimate:
 
 @lru_cache(maxsize=64)
 def _order_bounds(n: int, p: float) -> tuple[int, int]:
-    """Return between which places of n ordered values their `p` quantile is; -1 and n are beyond them."""
+    """Return the positions in n ordered values that enclose their `p` quantile; -1 and n are outside."""
     width = _SIGMAS * math.sqrt(n * p * (1.0 - p)) + _SIGMAS
     first, last = max(math.floor(n * p - width), 0), min(math.ceil(n * p + width), n)
     counts = np.arange(first, last + 1)
-    chances = bdtr(counts.astype(np.float64), n, p)  # that at most so many are below
+    chances = bdtr(counts.astype(np.float64), n, p)  # P(at most this many values are below the quantile)
     below = counts[chances <= _TAIL]
     above = counts[chances >= 1.0 - _TAIL]
     return (int(below[-1]) if len(below) else -1), (int(above[0]) if len(above) else n)
 
 
 def proportion(passed: int, n: int) -> IntervalEstimate:
-    """Return the rate of `passed` in `n`, with Clopper and Pearson's exact interval.
+    """Return the rate of `passed` in `n`, with the exact interval of Clopper and Pearson.
 
     References
     ----------
@@ -82,23 +82,23 @@ def proportion(passed: int, n: int) -> IntervalEstimate:
 
 
 class Importance(NamedTuple):
-    """What a dispersion does to a figure."""
+    """Effect of a dispersion on a figure."""
 
     rank_correlation: float
-    """[-] Spearman's, -1 to 1: whether the figure rises or falls with it."""
+    """[-] Spearman's coefficient, -1 to 1: positive if the figure rises with the dispersion."""
     first_order: float
-    """[-] Sobol' index estimated by binning: share of the variance that it explains by itself; 0 if not seen."""
+    """[-] Sobol' index estimated by binning: share of the variance explained by this dispersion alone; at least 0."""
     noise: float
-    """[-] a first-order index up to here is seen in 1 of 20 figures that do not depend on it at all."""
+    """[-] level that the estimated first-order index exceeds by chance in 1 of 20 figures without any dependence."""
 
 
 class Ranking(NamedTuple):
-    """Values in order."""
+    """Order and ranks of values."""
 
     order: NDArray[np.uint32]
-    """(n,) places of the values, the least first."""
+    """(n,) positions of the values, in ascending order."""
     ranks: Array
-    """(n,) rank of each; equal ones share theirs."""
+    """(n,) rank of each value; equal values share the mean rank."""
 
 
 def rank_values(values: Array) -> Ranking:
@@ -106,7 +106,7 @@ def rank_values(values: Array) -> Ranking:
     order = np.argsort(values)
     ordered = values[order]
     first = np.flatnonzero(np.append(True, ordered[1:] != ordered[:-1]))
-    if len(first) < len(values):  # equal ones stay in order; where there are none, that is not paid for
+    if len(first) < len(values):  # equal values keep their order; a stable sort costs more
         order = np.argsort(values, kind="stable")
     counts = np.diff(first, append=len(values))
     ranks = np.empty(len(values))
@@ -115,15 +115,15 @@ def rank_values(values: Array) -> Ranking:
 
 
 def importance(delta: Ranking, values: Array, ranks: Array) -> Importance | None:
-    """Return what a dispersion does to `values` (n,) of `ranks`; `None` of too few runs to say.
+    """Return the effect of a dispersion on `values` (n,) of `ranks`; `None` if there are too few runs.
 
-    The variance of the means of bins with as many runs each, over the variance of all; what chance adds to it is taken
-    off.
+    The first-order index is the variance of the means of equally full bins over the variance of all values, less the
+    expected contribution of chance.
 
     References
     ----------
     A. Saltelli and others, Global Sensitivity Analysis: The Primer, 2008, section 1.2.6 (means of slices).
-    T. L. Kelley, An unbiased correlation ratio measure, PNAS 21, 1935 (what chance adds).
+    T. L. Kelley, An unbiased correlation ratio measure, PNAS 21, 1935 (contribution of chance).
     """
     n = len(values)
     if n < 2 * _MIN_PER_BIN or np.ptp(values) == 0.0 or np.ptp(delta.ranks) == 0.0:
@@ -141,7 +141,7 @@ def importance(delta: Ranking, values: Array, ranks: Array) -> Importance | None
 
 @lru_cache(maxsize=16)
 def _bins(n: int) -> tuple[int, NDArray[np.intp], float]:
-    """Return into how many bins `n` runs go, where each begins and the last ends, and `Importance.noise`."""
+    """Return the number of bins for `n` runs, their edges, and `Importance.noise`."""
     bins = min(n // _MIN_PER_BIN, _MAX_BINS)
     edges = np.linspace(0, n, bins + 1).round().astype(np.intp)
     chance = float(betaincinv((bins - 1) / 2.0, (n - bins) / 2.0, CONFIDENCE))

@@ -1,4 +1,4 @@
-"""A campaign's file, read again: what was flown, and its rows."""
+"""Read a campaign's file: its description and its rows."""
 
 from pathlib import Path
 from typing import Any
@@ -13,16 +13,16 @@ from gustproof.campaign.plan import Campaign, parse_campaign
 from gustproof.campaign.sampling import Array
 from gustproof.campaign.store import METADATA_KEY
 
-_VALUE = 64  # [bytes] that a value takes at most, on average; a number takes 8
+_VALUE = 64  # [bytes] largest mean size of a value; a number takes 8
 
 
 def read_campaign_metadata(path: Path) -> dict[str, Any]:
-    """Return what a campaign's file says of itself.
+    """Return the metadata of a campaign's file.
 
     Raises
     ------
     ConfigError
-        If it is not a campaign's file.
+        If the file is no campaign's table.
     """
     try:
         open_regular(path).close()
@@ -32,29 +32,29 @@ def read_campaign_metadata(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: {error.strerror}") from None
     try:
         about = pq.read_metadata(path)
-        note: dict[str, Any] = parse_json((about.metadata or {})[METADATA_KEY.encode()])
+        metadata: dict[str, Any] = parse_json((about.metadata or {})[METADATA_KEY.encode()])
         groups = [about.row_group(i).total_byte_size for i in range(about.num_row_groups)]
-        rows = note["runs"] * len(note["laws"])
+        rows = metadata["runs"] * len(metadata["laws"])
     except (KeyError, OSError, TypeError, ValueError, pa.ArrowException):
         raise ConfigError(f"{path}: no table of a campaign") from None
     if about.num_rows != rows or sum(groups) > _VALUE * rows * about.num_columns + TEXT:
-        raise ConfigError(f"{path}: its rows are not those of the campaign that it says it is of")
-    return note
+        raise ConfigError(f"{path}: its rows do not match the campaign in its metadata")
+    return metadata
 
 
 def read_campaign(path: Path) -> Campaign:
-    """Return the campaign that a file's rows are of.
+    """Return the campaign of a file.
 
     Raises
     ------
     ConfigError
-        If it is not a campaign's file.
+        If the file is no campaign's table.
     """
     return parse_campaign(read_campaign_metadata(path), path)
 
 
 def read_run(path: Path, run: int) -> dict[str, Any]:
-    """Return the row of a run; what it lacks is `None`.
+    """Return the row of a run by column; missing values are `None`.
 
     Raises
     ------
@@ -69,12 +69,12 @@ def read_run(path: Path, run: int) -> dict[str, Any]:
 
 
 def open_table(path: Path) -> Any:
-    """Return the file to read columns from, a `pyarrow.parquet.ParquetFile`."""
+    """Open a campaign's file as a `pyarrow.parquet.ParquetFile`."""
     return pq.ParquetFile(path, memory_map=True)
 
 
 def read_column(file: Any, name: str, campaign: Campaign) -> Array:
-    """Return a column as numbers, (laws, cases), units as its name or `Metrics` says; NaN where a run has none."""
+    """Return a column as numbers (laws, cases), unit by its name or `Metrics`; NaN where a run has no value."""
     column = file.read(columns=[name], use_threads=False).column(0).to_numpy().astype(np.float64)
     values: Array = column.reshape(len(campaign.laws), campaign.cases)
     return values

@@ -1,4 +1,4 @@
-"""Any run of a campaign again, from its table alone."""
+"""Repeat any run of a campaign from its table alone."""
 
 import math
 from pathlib import Path
@@ -21,48 +21,48 @@ class CampaignRun(NamedTuple):
     table: Path
     """File of the campaign."""
     campaign: Campaign
-    """What was flown."""
+    """Scenario, laws and dispersions."""
     row: dict[str, Any]
-    """What came of it, by column."""
+    """Results by column."""
 
     @property
     def plan(self) -> FlightPlan:
-        """What is to be flown to fly it again."""
+        """Plan of a flight that repeats the run."""
         delta = [self.row[delta_column(name)] for name in self.campaign.spreads]
-        case = self.campaign.flown(delta, self.row["seed"])
+        case = self.campaign.make_case(delta, self.row["seed"])
         law = self.campaign.law_of(self.row["run"])
         return FlightPlan(case.of(self.campaign.scenario), law, case.vehicle, case.seed, real_time=False)
 
     def check(self, scenario: str | None, law: str | None) -> None:
-        """Refuse another scenario or law than those of the run, `None` is any.
+        """Check that scenario and law are those of the run; `None` matches any.
 
         Raises
         ------
         ConfigError
-            If they differ, in name or in content.
+            If they differ in name or content.
         """
-        told, flown = f"{self.table}, run {self.row['run']}", self.campaign
+        run, campaign = f"{self.table}, run {self.row['run']}", self.campaign
         if scenario is not None:
-            script = load_scenario(scenario)
-            if script.name != flown.scenario.name:
-                raise ConfigError(f"{told}: flown in scenario '{flown.scenario.name}', not '{script.name}'")
-            if to_jsonable_python(script) != to_jsonable_python(flown.scenario):
-                raise ConfigError(f"{told}: flown in a scenario '{script.name}' that is not this one")
+            given, flown = load_scenario(scenario), campaign.scenario
+            if given.name != flown.name:
+                raise ConfigError(f"{run}: flown in scenario '{flown.name}', not '{given.name}'")
+            if to_jsonable_python(given) != to_jsonable_python(flown):
+                raise ConfigError(f"{run}: flown in a different scenario '{given.name}'")
         if law is not None:
-            given, ours = load_law(law), flown.law_of(self.row["run"])
-            if given.name != ours.name:
-                raise ConfigError(f"{told}: flown by '{ours.name}', not '{given.name}'{self._same_case(given.name)}")
-            if given.document() != ours.document():
-                raise ConfigError(f"{told}: flown by a law '{given.name}' that is not this one")
+            other, ours = load_law(law), campaign.law_of(self.row["run"])
+            if other.name != ours.name:
+                raise ConfigError(f"{run}: flown by '{ours.name}', not '{other.name}'{self._same_case(other.name)}")
+            if other.document() != ours.document():
+                raise ConfigError(f"{run}: flown by a different law '{other.name}'")
 
     def _same_case(self, law: str) -> str:
         names = [each.name for each in self.campaign.laws]
         if law not in names:
             return ""
-        return f", which flew this case in run {names.index(law) * self.campaign.cases + self.row['case']}"
+        return f", which flew the same case in run {names.index(law) * self.campaign.cases + self.row['case']}"
 
     def differences(self, flight: RecordedFlight) -> list[str]:
-        """Return the names of the figures in which a flight is not the run to the bit."""
+        """Return the names of the figures in which a flight differs from the run by any bit."""
         figures = {name: getattr(flight.metrics, name, None) for name in (*FIGURES, "rho_in_bounds")}
         names = requirement_columns(self.campaign.scenario.require)
         figures |= {name: result.value for name, result in zip(names, flight.requirements, strict=True)}
@@ -71,7 +71,7 @@ class CampaignRun(NamedTuple):
 
 
 def find_run(run: str) -> CampaignRun:
-    """Return a run by the name of its table and its number, as `mc.parquet:4711`.
+    """Return a run by table name and run number, e.g. `mc.parquet:4711`.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def find_run(run: str) -> CampaignRun:
     """
     name, _, number = run.rpartition(":")
     if not name or not number.isdecimal():
-        raise ConfigError(f"--run '{run}': give a table and a run's number, as mc.parquet:4711")
+        raise ConfigError(f"--run '{run}': give a table and a run's number, e.g. mc.parquet:4711")
     table = Path(name)
     campaign = read_campaign(table)
     return CampaignRun(table, campaign, read_run(table, int(number)))

@@ -1,4 +1,4 @@
-"""Fly a campaign on a pool of workers, whatever happens to them."""
+"""Fly a campaign on a pool of workers, and survive the death of workers."""
 
 import json
 from collections import Counter, deque
@@ -15,10 +15,10 @@ from gustproof.errors import FlightError
 from gustproof.simulate.kernels import LANES
 
 Task = Callable[[str, Chunk], ChunkResult]
-_TASK_S = 1.0  # of work a task: much beside what sending it costs, little to lose
+_TASK_S = 1.0  # work per task: much against the cost of sending it, little to lose
 _MAX_CHUNK = 100 * LANES
-_GROWTH = 16  # at most, from a stretch to those after it: a short one tells little of how long runs take
-_MAX_DEATHS = 2  # of workers that a run flies alone on, after which it is taken to be the cause
+_GROWTH = 16  # largest factor from a chunk to the next: a short chunk is a poor measure of the time per run
+_MAX_DEATHS = 2  # dead workers after which a run flown alone counts as the cause
 
 
 def fly_campaign(
@@ -30,19 +30,18 @@ def fly_campaign(
     progress: Callable[[int, int], None] | None = None,
     task: Task = fly_chunk,
 ) -> None:
-    """Fly all runs that are not flown yet, and write them as one Parquet file, a row a run.
+    """Fly the runs still missing and write all runs as one Parquet file, one row per run.
 
-    Tasks are stretches of `chunk_runs` runs, by default about a second of work; the file does not depend on it.
-    `progress` is told how many runs have been flown, and how many there were to fly. A worker that dies costs its task
-    a retry; a run that kills those that fly it is found by halving, and recorded with the reason. `task` is what
-    workers do.
+    Tasks are chunks of `chunk_runs` runs, by default about a second of work; the file does not depend on it.
+    `progress` receives the number of runs flown and the number to fly. The task of a dead worker is repeated. Bisection
+    isolates a run that kills its workers; it is recorded with the reason. `task` is the function that workers call.
 
     Raises
     ------
     ConfigError
-        If the output can't be written, or its parts are of another campaign.
+        If the output can't be written, or its parts belong to another campaign.
     FlightError
-        If the disk is full; what was flown stays.
+        If the disk is full; finished runs stay.
     """
     with Store(output, campaign) as store:
         _Runner(campaign, store, pool, chunk_runs, progress or (lambda *_: None), task).run()
@@ -50,23 +49,28 @@ def fly_campaign(
 
 
 class _Runner:
-    """Tasks under way, and those still to come: memory is bounded by the number of the former."""
+    """Running and waiting tasks; the number of running tasks bounds the memory."""
 
     def __init__(
-        self, campaign: Campaign, store: Store, pool: Pool, chunk_runs: int | None,
-        progress: Callable[[int, int], None], task: Task,
-    ) -> None:  # fmt: skip
+        self,
+        campaign: Campaign,
+        store: Store,
+        pool: Pool,
+        chunk_runs: int | None,
+        progress: Callable[[int, int], None],
+        task: Task,
+    ) -> None:
         self._campaign, self._store, self._pool, self._task = campaign, store, pool, task
-        self._note, self._progress = json.dumps(campaign.note()), progress
+        self._metadata, self._progress = json.dumps(campaign.metadata()), progress
         self._fixed = chunk_runs is not None
-        self._least = 1 if campaign.scenario.has_link_script else LANES  # fewer take as long
+        self._least = 1 if campaign.scenario.has_link_script else LANES  # fewer lanes take as long
         self._size = chunk_runs or self._least
-        self._waiting = deque(store.missing())
+        self._waiting = deque(store.missing_chunks())
         self._running: dict[Future[ChunkResult], Chunk] = {}
-        self._suspects: deque[Chunk] = deque()  # were under way when a worker died
-        self._isolating = False  # a suspect flies alone
+        self._suspects: deque[Chunk] = deque()  # chunks that ran when a worker died
+        self._isolating = False  # True while a suspect flies alone
         self._deaths: Counter[Chunk] = Counter()
-        self._pending_runs, self._flown = campaign.runs - store.flown, 0
+        self._pending_runs, self._flown_runs = campaign.runs - store.flown_runs, 0
 
     def run(self) -> None:
         self._progress(0, self._pending_runs)
@@ -74,70 +78,70 @@ class _Runner:
             self._submit_pending()
             done, _ = wait(self._running, return_when=FIRST_COMPLETED)
             for future in done:
-                self._take(self._running.pop(future), future)
+                self._collect(self._running.pop(future), future)
 
     def _submit_pending(self) -> None:
-        """Submit what may fly now: suspects one at a time, each alone, so that it is clear who kills."""
+        """Submit as many chunks as allowed: suspects one at a time and alone, to identify the one that kills."""
         if not self._running:
             self._isolating = bool(self._suspects)
         if self._isolating:
             if not self._running:
-                self._start(self._suspects.popleft())
+                self._submit(self._suspects.popleft())
         elif not self._suspects:
-            room = self._pool.width - len(self._running)
+            room = self._pool.max_pending - len(self._running)
             for _ in range(room):
                 if self._waiting and not self._suspects:
-                    self._start(self._next())
+                    self._submit(self._next_chunk())
 
-    def _start(self, stretch: Chunk) -> None:
+    def _submit(self, chunk: Chunk) -> None:
         try:
-            self._running[self._pool.submit(self._task, self._note, stretch)] = stretch
-        except self._pool.deaths:
-            self._on_worker_death(stretch)
+            self._running[self._pool.submit(self._task, self._metadata, chunk)] = chunk
+        except self._pool.death_errors:
+            self._on_worker_death(chunk)
 
-    def _next(self) -> Chunk:
+    def _next_chunk(self) -> Chunk:
         first, count = self._waiting.popleft()
         if count > self._size:
             self._waiting.appendleft(Chunk(first + self._size, count - self._size))
         return Chunk(first, min(count, self._size))
 
-    def _take(self, stretch: Chunk, future: Future[ChunkResult]) -> None:
+    def _collect(self, chunk: Chunk, future: Future[ChunkResult]) -> None:
         try:
-            flown = future.result()
-        except self._pool.deaths:
-            self._on_worker_death(stretch)
+            result = future.result()
+        except self._pool.death_errors:
+            self._on_worker_death(chunk)
             return
         except CancelledError:
-            raise FlightError(f"the cluster is gone; what was flown is in {self._store.folder}") from None
-        self._keep(stretch, flown.table)
+            raise FlightError(f"lost the cluster; finished runs are in {self._store.folder}") from None
+        self._save(chunk, result.table)
         if not self._fixed:
-            size = min(int(stretch.runs * _TASK_S / flown.wall_s), _GROWTH * stretch.runs, _MAX_CHUNK)
+            size = min(int(chunk.runs * _TASK_S / result.wall_s), _GROWTH * chunk.runs, _MAX_CHUNK)
             self._size = max(size - size % self._least, self._least)
 
-    def _keep(self, stretch: Chunk, table: Any) -> None:
-        self._store.add(stretch, table)
-        self._flown += stretch.runs
-        self._progress(self._flown, self._pending_runs)
+    def _save(self, chunk: Chunk, table: Any) -> None:
+        self._store.add(chunk, table)
+        self._flown_runs += chunk.runs
+        self._progress(self._flown_runs, self._pending_runs)
 
-    def _on_worker_death(self, stretch: Chunk) -> None:
-        """See to what was under way when a worker died: fly it again, alone; then in halves, down to the one run."""
-        first, count = stretch
+    def _on_worker_death(self, chunk: Chunk) -> None:
+        """Re-run a dead worker's chunk in isolation, bisecting to the run that kills it."""
+        first, count = chunk
         if not self._isolating:
-            self._suspects.append(stretch)
+            self._suspects.append(chunk)
         elif count > 1:
             half = count // 2
             self._suspects.extendleft([Chunk(first + half, count - half), Chunk(first, half)])
         else:
-            self._deaths[stretch] += 1
-            if self._deaths[stretch] < _MAX_DEATHS:
-                self._suspects.appendleft(stretch)
+            self._deaths[chunk] += 1
+            if self._deaths[chunk] < _MAX_DEATHS:
+                self._suspects.appendleft(chunk)
             else:
                 self._check_pool()
-                self._keep(stretch, failed_rows(self._campaign, stretch, "the worker that flew it died, each time"))
+                self._save(chunk, failed_rows(self._campaign, chunk, "the worker died on this run, each time"))
 
     def _check_pool(self) -> None:
-        """Refuse to blame runs for workers that die whatever they do."""
+        """Raise `FlightError` if workers die even without flying: then no run is to blame."""
         try:
-            self._pool.submit(check_worker, self._note).result()
-        except self._pool.deaths:
-            raise FlightError("workers die before they fly: out of memory, or not installed alike") from None
+            self._pool.submit(check_worker, self._metadata).result()
+        except self._pool.death_errors:
+            raise FlightError("workers die before they fly: out of memory, or installed differently") from None

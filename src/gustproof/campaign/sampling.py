@@ -1,6 +1,6 @@
-"""Normalised deltas in [-1, 1] of the runs of a campaign, each a pure function of seed and case.
+"""Normalised deltas in [-1, 1] of a campaign's cases, each a pure function of seed and case.
 
-Any stretch of cases can be drawn alone, at the same cost wherever it is: the memory does not grow with the campaign.
+Any range of cases can be drawn alone, at a cost independent of its position. Memory does not grow with the campaign.
 """
 
 import warnings
@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Words = NDArray[np.uint64]
 
-_EDGE_SIGMAS = 3.0  # of the normal distribution from the nominal to the edge, where it is cut off
-_SOBOL_SEED, _CASES, _STRATA = 4, 5, 6  # streams of random numbers; 1 to 3 are those of a flight
+_EDGE_SIGMAS = 3.0  # standard deviations from nominal to edge, where the normal distribution is truncated
+_SOBOL_SEED, _CASES, _STRATA = 4, 5, 6  # streams of random numbers; a flight uses 1 to 3
 _ROUNDS = 6
 
 
 class Sampling(Enum):
-    """How deltas are drawn."""
+    """Sampling method of the deltas."""
 
     UNIFORM = "uniform"
-    """Independent, all of [-1, 1] alike."""
+    """Independent, uniform on [-1, 1]."""
     NORMAL = "normal"
-    """Independent, normal with a standard deviation of 1/3, cut off at the edges."""
+    """Independent, normal with a standard deviation of 1/3, truncated at the edges."""
     LATIN = "latin"
     """Latin hypercube: of n cases, one in each n-th of each dispersion's range."""
     SOBOL = "sobol"
@@ -31,7 +31,7 @@ class Sampling(Enum):
 
 
 def draw_deltas(sampling: Sampling, seed: int, cases: int, width: int, first: int, count: int) -> Array:
-    """Return the deltas (count, width) of the cases from `first` on, of `cases` in all."""
+    """Return the deltas (count, width) of the cases from `first` on, out of `cases`."""
     match sampling:
         case Sampling.SOBOL:
             fractions = _draw_sobol(seed, width, first, count)
@@ -46,15 +46,15 @@ def draw_deltas(sampling: Sampling, seed: int, cases: int, width: int, first: in
 
 
 def flight_seeds(seed: int, first: int, count: int) -> list[int]:
-    """Return the seeds of gusts and noise of the cases from `first` on, in [0, 2^32), no two alike in a campaign."""
+    """Return the seeds of gusts and noise of the cases from `first` on, in [0, 2^32), distinct within a campaign."""
     begin = int(_key(seed, _CASES, 0)[0])
     return [(begin + case) % 2**32 for case in range(first, first + count)]
 
 
 def permute(numbers: Words, n: int, key: Words) -> Words:
-    """Return where a pseudo-random permutation of 0 .. n-1 puts `numbers`.
+    """Return the images of `numbers` under a pseudo-random permutation of 0 .. n-1.
 
-    A Feistel network on as many bits as n - 1 has, or one more; what comes out too large goes in again.
+    The permutation is a Feistel network on the bits of n - 1, or one bit more; results of n or more pass through again.
 
     References
     ----------
@@ -80,8 +80,8 @@ def _feistel(numbers: Words, half: np.uint64, key: Words) -> Words:
 
 
 def _draw_uniform(seed: int, stream: int, width: int, first: int, count: int) -> Array:
-    """Return numbers in [0, 1), (count, width); those of a case stand at a fixed place of one counter-based stream."""
-    blocks = -(-width // 4)  # a count of the generator gives four numbers
+    """Return numbers in [0, 1), (count, width); each case has a fixed position in one counter-based stream."""
+    blocks = -(-width // 4)  # the generator gives four numbers per count
     generator = np.random.Philox(key=_key(seed, stream, width)[:2])
     generator.advance(first * blocks)
     return np.random.Generator(generator).random((count, 4 * blocks))[:, :width]
@@ -94,7 +94,7 @@ def _draw_sobol(seed: int, width: int, first: int, count: int) -> Array:
     if first:
         points.fast_forward(first)
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="The balance properties")  # it judges one stretch, not all cases
+        warnings.filterwarnings("ignore", message="The balance properties")  # it checks one chunk, not all cases
         drawn: Array = points.random(count)
     return drawn
 

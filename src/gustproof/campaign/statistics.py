@@ -1,4 +1,4 @@
-"""What came of a campaign: figures with their confidence, pass rates, worst runs, what matters, who is better."""
+"""Statistics of a campaign: figures with confidence intervals, pass rates, worst runs, importance, comparisons."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -30,34 +30,34 @@ from gustproof.campaign.worker import FIGURES, delta_column, requirement_columns
 from gustproof.simulate.flight import warnings
 
 QUANTILES = {"median": 0.5, "p95": 0.95, "p99": 0.99}
-"""Quantiles that are told of each figure, by name."""
+"""Quantiles computed for each figure, by name."""
 COMPARED_FIGURES = ("rmse_deg", "peak_deg", "torque_rms_nm", "torque_slew_rms")
 """Figures in which laws are compared case by case."""
 IMPORTANCE_NOTE = (
-    "rank_correlation: Spearman's; first_order: Sobol' index by binning, up to 'noise' not told from no effect at all"
+    "rank_correlation: Spearman's; first_order: Sobol' index by binning, no effect distinguishable up to 'noise'"
 )
-"""How importance is measured."""
+"""Definition of importance."""
 _WORST_COUNT = 5
 
 Indices = NDArray[np.intp]
 
 
 class WorstRun(NamedTuple):
-    """A run that stands out."""
+    """A run with one of the largest values of a figure."""
 
     run: int
-    """Its number."""
+    """Number of the run."""
     value: float
-    """[unit of the figure] what it left."""
+    """[unit of the figure] value in this run."""
 
 
 class FailedRun(NamedTuple):
-    """A run that left no figures."""
+    """A run without figures."""
 
     run: int
-    """Its number."""
+    """Number of the run."""
     reason: str
-    """Why."""
+    """Reason of the failure."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,82 +65,82 @@ class FigureStatistics:
     """One figure over the runs of a law, unit as in `Metrics`."""
 
     flown: int
-    """Runs that have it."""
+    """Number of runs with this figure."""
     mean: IntervalEstimate
-    """Its mean."""
+    """Mean of the figure."""
     quantiles: dict[str, IntervalEstimate]
-    """Its quantiles by the names of `QUANTILES`."""
+    """Quantiles by the names of `QUANTILES`."""
     worst: tuple[WorstRun, ...]
-    """Runs with its largest values, the worst first."""
+    """Runs with the largest values, the worst first."""
     importance: dict[str, Importance | None]
-    """What each dispersion does to it."""
+    """Effect of each dispersion, by name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PassRate:
-    """What became of one requirement over the runs of a law."""
+    """One requirement over the runs of a law."""
 
     requirement: Requirement
-    """What had to hold."""
+    """Requirement of the scenario."""
     rate: IntervalEstimate
-    """[-] share of the runs that kept it."""
+    """[-] share of the runs that met it."""
     worst: tuple[WorstRun, ...]
-    """Runs that kept it least, the worst first."""
+    """Runs farthest beyond the limit, or nearest to it; the worst first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawStatistics:
-    """What came of the runs of one law."""
+    """Statistics of the runs of one law."""
 
     law: str
     """Name of the law."""
     figures: dict[str, FigureStatistics]
     """Figures by name."""
     passed: tuple[PassRate, ...]
-    """Requirements of the scenario."""
+    """Pass rates of the scenario's requirements."""
     all_held: IntervalEstimate
-    """[-] share of the runs that kept all requirements, and left figures."""
+    """[-] share of the runs that have figures and met all requirements."""
     failures: tuple[FailedRun, ...]
-    """Runs that left no figures; the first of them."""
+    """First few runs without figures."""
     failed: int
-    """How many they are."""
+    """Number of runs without figures."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawComparison:
-    """Two laws in the same cases."""
+    """Comparison of two laws over the same cases."""
 
     figure: str
     """Name of the figure."""
     law: str
-    """One law."""
+    """Name of the first law."""
     other: str
-    """The other."""
+    """Name of the second law."""
     lower: IntervalEstimate
     """[-] share of the cases in which the figure of `law` is below that of `other`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CampaignStatistics:
-    """What came of a campaign."""
+    """Statistics of a campaign."""
 
     table: Path
-    """Its file."""
+    """File of the campaign."""
     campaign: Campaign
-    """What was flown."""
+    """Scenario, laws and dispersions."""
     laws: tuple[LawStatistics, ...]
-    """What came of each law."""
+    """Statistics of each law."""
     duels: tuple[LawComparison, ...]
-    """Each pair of laws, in each of `COMPARED_FIGURES`."""
+    """Comparison of each pair of laws, in each of `COMPARED_FIGURES`."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What must be known of the laws on the nominal vehicle before their figures are believed, a line each."""
+        """Warnings about the laws on the nominal vehicle, one line each; read them before the figures."""
         flown = self.campaign
         return tuple(line for law in flown.laws for line in warnings(flown.scenario, law, flown.vehicles.nominal))
 
-    def document(self) -> dict[str, Any]:
-        """Return all of it as JSON has it; what is not finite is null."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return the statistics as JSON values; numbers that are not finite become null."""
         campaign = self.campaign
         return {
             "table": str(self.table),
@@ -160,7 +160,7 @@ class CampaignStatistics:
 
 
 def _to_json(value: Any) -> Any:
-    """Return a finding as JSON has it."""
+    """Return any part of the statistics as JSON values."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Enum):
@@ -175,12 +175,12 @@ def _to_json(value: Any) -> Any:
 
 
 def compute_statistics(path: Path) -> CampaignStatistics:
-    """Return what came of the campaign in a file; columns are read one at a time, one law's dispersions are kept.
+    """Return the statistics of the campaign in a file; memory holds one column and the dispersions of one law.
 
     Raises
     ------
     ConfigError
-        If it is not a campaign's file.
+        If the file is no campaign's table.
     """
     campaign, table = read_campaign(path), open_table(path)
     laws = tuple(_summarize_law(table, campaign, number) for number in range(len(campaign.laws)))
@@ -205,9 +205,9 @@ def _summarize_figures(table: Any, campaign: Campaign, number: int) -> dict[str,
 def _summarize_figure(values: Array, flown: Indices, first: int, deltas: dict[str, Ranking]) -> FigureStatistics:
     found = values[flown]
     if not len(found):
-        nothing = IntervalEstimate(math.nan, -math.inf, math.inf)
+        unknown = IntervalEstimate(math.nan, -math.inf, math.inf)
         return FigureStatistics(
-            flown=0, mean=nothing, quantiles=dict.fromkeys(QUANTILES, nothing), worst=(), importance={}
+            flown=0, mean=unknown, quantiles=dict.fromkeys(QUANTILES, unknown), worst=(), importance={}
         )
     order, ranks = rank_values(found)
     return FigureStatistics(
@@ -220,10 +220,10 @@ def _summarize_figure(values: Array, flown: Indices, first: int, deltas: dict[st
 
 
 def _worst_runs(values: Array, first: int, keys: Array) -> tuple[WorstRun, ...]:
-    """Return the runs from `first` on with the largest keys; NaN is none."""
+    """Return the runs from `first` on with the largest keys; a NaN key does not count."""
     falling = np.where(np.isnan(keys), math.inf, -keys)
     last = min(_WORST_COUNT, len(falling)) - 1
-    among = np.flatnonzero(falling <= np.partition(falling, last)[last])  # all to be sorted takes far longer
+    among = np.flatnonzero(falling <= np.partition(falling, last)[last])  # to sort all takes far longer
     order = among[np.argsort(falling[among], kind="stable")][:_WORST_COUNT]
     return tuple(WorstRun(first + int(i), float(values[i])) for i in order if not math.isnan(keys[i]))
 
@@ -241,14 +241,17 @@ def _summarize_law(table: Any, campaign: Campaign, number: int) -> LawStatistics
     reasons = table.read(columns=["failure"]).column(0).slice(first, cases)
     failed = np.flatnonzero(reasons.is_valid().to_numpy())
     return LawStatistics(
-        law=campaign.laws[number].name, figures=_summarize_figures(table, campaign, number), passed=tuple(passed),
+        law=campaign.laws[number].name,
+        figures=_summarize_figures(table, campaign, number),
+        passed=tuple(passed),
         all_held=proportion(int(read_column(table, "held", campaign)[number].sum()), cases),
-        failures=tuple(FailedRun(first + int(i), reasons[int(i)].as_py()) for i in failed[:_WORST_COUNT]), failed=len(failed),
-    )  # fmt: skip
+        failures=tuple(FailedRun(first + int(i), reasons[int(i)].as_py()) for i in failed[:_WORST_COUNT]),
+        failed=len(failed),
+    )
 
 
 def _excess(requirement: Requirement, values: Array) -> Array:
-    """Return by how much values are beyond the nearer limit; negative within."""
+    """Return the excess of values over the nearer limit; negative within the limits."""
     above = -math.inf if requirement.at_most is None else values - requirement.at_most
     below = -math.inf if requirement.at_least is None else requirement.at_least - values
     return np.maximum(above, below)

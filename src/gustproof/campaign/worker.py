@@ -1,4 +1,4 @@
-"""What a worker does: fly a stretch of a campaign's runs, and return them as rows of its table."""
+"""Worker tasks: fly a chunk of a campaign's runs and return them as rows of its table."""
 
 import json
 import math
@@ -28,58 +28,58 @@ from gustproof.simulate.kernels import LANES
 from gustproof.simulate.processes import fly_loopback
 
 FIGURES = tuple(field.name for field in fields(Metrics) if field.type is float and field.name != "realtime_factor")
-"""Names of the figures of a run that are numbers, units as in `Metrics`."""
+"""Names of a run's numeric figures, units as in `Metrics`."""
 Simulator = Callable[[Sequence[Case]], list[CaseResult]]
 Row = tuple[Any, ...]
 _get_figures = attrgetter(*FIGURES)
 
 
 class Chunk(NamedTuple):
-    """Runs of one law, one after another."""
+    """Consecutive runs of one law."""
 
     first: int
-    """Number of the first."""
+    """Number of the first run."""
     runs: int
-    """How many they are."""
+    """Number of runs."""
 
 
 class ChunkResult(NamedTuple):
-    """Rows of a stretch of runs."""
+    """Rows of a chunk of runs."""
 
     table: Any
     """`pyarrow.Table` of `schema`."""
     wall_s: float
-    """[s] wall time that they took."""
+    """[s] wall time of the flights."""
 
 
-def fly_chunk(note: str, stretch: Chunk) -> ChunkResult:
-    """Fly runs of the campaign that `note` says, and return their rows; the same on every machine of one kind.
+def fly_chunk(metadata: str, chunk: Chunk) -> ChunkResult:
+    """Fly a chunk of the campaign in `metadata` (JSON) and return its rows, equal on all machines of one kind.
 
     Raises
     ------
     ConfigError
-        If this process has other versions than the campaign.
+        If this process has other software versions than the campaign.
     """
     begin = time.perf_counter()
-    campaign = _load_campaign(note)
-    first, count = stretch.first % campaign.cases, stretch.runs
-    delta, seeds = campaign.deltas(first, count), campaign.flight_seeds(first, count)
-    law = campaign.law_of(stretch.first)
+    campaign = _load_campaign(metadata)
+    first, count = chunk.first % campaign.cases, chunk.runs
+    delta, seeds = campaign.draw_deltas(first, count), campaign.flight_seeds(first, count)
+    law = campaign.law_of(chunk.first)
     fly, rows = _make_simulator(campaign.scenario, law), []
-    for at in range(0, count, LANES):  # a batch's worlds are gone before the next: nothing piles up to be collected
-        judged = _fly_cases(campaign, law, fly, delta[at : at + LANES], seeds[at : at + LANES])
-        rows += [_make_row(campaign.scenario, each) for each in judged]
-    return ChunkResult(_make_table(campaign, stretch, delta, seeds, rows), time.perf_counter() - begin)
+    for at in range(0, count, LANES):  # one batch at a time: its states are freed before the next
+        results = _fly_cases(campaign, law, fly, delta[at : at + LANES], seeds[at : at + LANES])
+        rows += [_make_row(campaign.scenario, result) for result in results]
+    return ChunkResult(_make_table(campaign, chunk, delta, seeds, rows), time.perf_counter() - begin)
 
 
-def check_worker(note: str) -> int:
-    """Return the number of runs of the campaign that `note` says: what a worker must be able to do before it flies."""
-    return _load_campaign(note).runs
+def check_worker(metadata: str) -> int:
+    """Load the campaign in `metadata` (JSON) without flying and return its number of runs."""
+    return _load_campaign(metadata).runs
 
 
 @lru_cache(maxsize=1)
-def _load_campaign(note: str) -> Campaign:
-    document = json.loads(note)
+def _load_campaign(metadata: str) -> Campaign:
+    document = json.loads(metadata)
     if document["versions"] != software_versions():
         raise ConfigError(
             f"a worker has other versions than the campaign: {software_versions()}, not {document['versions']}"
@@ -90,11 +90,11 @@ def _load_campaign(note: str) -> Campaign:
 def _fly_cases(
     campaign: Campaign, law: Law, fly: Simulator, delta: Array, seeds: Sequence[int]
 ) -> list[CaseResult | str]:
-    """Return what became of each flight, or why it was none."""
+    """Return the result of each case, or the reason why it has none."""
     cases: list[Case | str] = []
     for row, seed in zip(delta.tolist(), seeds, strict=True):
         try:
-            cases.append(campaign.flown(row, seed))
+            cases.append(campaign.make_case(row, seed))
         except ConfigError as error:
             cases.append(sanitize_line(str(error)))
     with np.errstate(all="ignore"):  # a flight that diverges is a result
@@ -103,7 +103,7 @@ def _fly_cases(
 
 
 def _fly_bisecting(fly: Simulator, cases: list[Case]) -> list[CaseResult | str]:
-    """Return what became of each of `cases`; one that can't be flown is found by halving."""
+    """Return the result of each of `cases`; bisect to isolate a case that raises."""
     try:
         return list(fly(cases))
     except (ConfigError, ValueError) as error:
@@ -127,7 +127,7 @@ def _fly_by_message(scenario: Scenario, law: Law, case: Case) -> CaseResult:
 
 
 def _check_diverged(campaign: Campaign, law: Law, case: Case, judged: CaseResult | str) -> CaseResult | str:
-    """Return `judged`, or when the flight diverged if it did."""
+    """Return the result, or the time of divergence if the flight diverged."""
     if isinstance(judged, str) or all(map(math.isfinite, _get_figures(judged.metrics))):
         return judged
     if campaign.scenario.has_link_script:
@@ -139,7 +139,7 @@ def _check_diverged(campaign: Campaign, law: Law, case: Case, judged: CaseResult
 
 
 def requirement_columns(requirements: Sequence[Requirement]) -> list[str]:
-    """Return a name for each requirement, unique and short."""
+    """Return a short unique name for each requirement."""
     return [
         "_".join(filter(None, ("require", str(number), required.metric.value, required.axis)))
         for number, required in enumerate(requirements)
@@ -147,7 +147,7 @@ def requirement_columns(requirements: Sequence[Requirement]) -> list[str]:
 
 
 def delta_column(spread: str) -> str:
-    """Return the column of what was drawn of a spread."""
+    """Return the column name of a spread's normalised delta."""
     return f"delta_{spread.replace('.', '_')}"
 
 
@@ -155,38 +155,32 @@ def schema(campaign: Campaign) -> Any:
     """Return the table's columns as a `pyarrow.Schema`."""
     numbers = [*map(delta_column, campaign.spreads), *FIGURES]
     required = requirement_columns(campaign.scenario.require)
-    fields = [
-        ("run", pa.int64()), ("case", pa.int64()), ("law", pa.string()), ("seed", pa.int64()),
-        *((name, pa.float64()) for name in numbers), ("rho_in_bounds", pa.bool_()),
-        *(column for name in required for column in ((name, pa.float64()), (f"{name}_held", pa.bool_()))),
-        ("held", pa.bool_()), ("failure", pa.string()),
-    ]  # fmt: skip
-    return pa.schema(fields)
+    identity = [("run", pa.int64()), ("case", pa.int64()), ("law", pa.string()), ("seed", pa.int64())]
+    figures = [*((name, pa.float64()) for name in numbers), ("rho_in_bounds", pa.bool_())]
+    results = chain.from_iterable(((name, pa.float64()), (f"{name}_held", pa.bool_())) for name in required)
+    return pa.schema([*identity, *figures, *results, ("held", pa.bool_()), ("failure", pa.string())])
 
 
-def failed_rows(campaign: Campaign, stretch: Chunk, failure: str) -> Any:
-    """Return the rows of runs that left nothing but the reason why."""
-    first, runs = stretch.first % campaign.cases, stretch.runs
+def failed_rows(campaign: Campaign, chunk: Chunk, failure: str) -> Any:
+    """Return the rows of runs without results, with the reason of the failure."""
+    first, runs = chunk.first % campaign.cases, chunk.runs
     rows = [_make_row(campaign.scenario, failure)] * runs
-    return _make_table(campaign, stretch, campaign.deltas(first, runs), campaign.flight_seeds(first, runs), rows)
+    return _make_table(campaign, chunk, campaign.draw_deltas(first, runs), campaign.flight_seeds(first, runs), rows)
 
 
 def _make_row(scenario: Scenario, judged: CaseResult | str) -> Row:
-    """Return what became of a run, by the columns of `schema` from the figures on."""
+    """Return a run's row, from the figures' columns of `schema` on."""
     if isinstance(judged, str):
         return (*[None] * (len(FIGURES) + 1), *[None, False] * len(scenario.require), False, judged)
     required = [(None if math.isnan(each.value) else each.value, each.held) for each in judged.requirements]
-    return (
-        *_get_figures(judged.metrics), judged.metrics.rho_in_bounds,
-        *chain.from_iterable(required), all(held for _, held in required), None,
-    )  # fmt: skip
+    figures = (*_get_figures(judged.metrics), judged.metrics.rho_in_bounds)
+    return (*figures, *chain.from_iterable(required), all(held for _, held in required), None)
 
 
-def _make_table(campaign: Campaign, stretch: Chunk, delta: Array, seeds: Sequence[int], rows: Sequence[Row]) -> Any:
-    first = stretch.first % campaign.cases
-    arrays: list[Any] = [
-        range(stretch.first, stretch.first + stretch.runs), range(first, first + stretch.runs),
-        [campaign.law_of(stretch.first).name] * stretch.runs, seeds, *delta.T, *zip(*rows, strict=True),
-    ]  # fmt: skip
+def _make_table(campaign: Campaign, chunk: Chunk, delta: Array, seeds: Sequence[int], rows: Sequence[Row]) -> Any:
+    first, case = chunk.first, chunk.first % campaign.cases
+    runs, cases = range(first, first + chunk.runs), range(case, case + chunk.runs)
+    laws = [campaign.law_of(first).name] * chunk.runs
+    arrays: list[Any] = [runs, cases, laws, seeds, *delta.T, *zip(*rows, strict=True)]
     kinds = schema(campaign)
     return pa.Table.from_arrays([pa.array(a, kind.type) for a, kind in zip(arrays, kinds, strict=True)], schema=kinds)

@@ -1,8 +1,8 @@
-"""Certified flight of the law that flies: sampled, one sample late, nonlinear, under any moment within a bound.
+"""Certified bounds on the flight of a law: sampled, delayed by a sample, nonlinear, under any moment within a bound.
 
-What limits the part of the moment is the horizon. Without a leak nothing takes an attitude error back, and the bound of
-`(T(E) - T(x0)) x1`, rate times attitude error, is added up without its sign: over a minute the box closes only while
-`horizon * rate` is below about 1/2. In flight that product turns back with the rate, and the error stays far inside.
+The horizon limits the certified share of the moment. Without a leak nothing reduces an attitude error again. The bound
+of `(T(E) - T(x0)) x1`, rate times attitude error, adds up without its sign. Over a minute the box closes only while
+`horizon * rate` is below about 1/2. In flight that product changes sign with the rate, and the error stays far inside.
 """
 
 import math
@@ -11,25 +11,22 @@ from typing import Any
 
 from firmware_model.config.vehicle import Vehicle
 from gustproof.certify.certificate import Certificate
-from gustproof.certify.check import COMMAND_SHARE, Refusal, check_box
-from gustproof.certify.invariant_box import LONGEST, SIGNALS, AxisNorms, Box, axis_norms, map_box
-from gustproof.falsify.worst_case import worst_case
+from gustproof.certify.check.evidence import COMMAND_SHARE, Refusal, check_box
+from gustproof.certify.check.invariant_box import LONGEST, SIGNALS, AxisNorms, Box, axis_norms, map_box
 from gustproof.law.form import Law, Output
 
 _ROUNDS = 400
-"""Rounds in which a box grows; one that has not settled by then counts as open."""
+"""Most rounds of growth; a box that has not settled by then counts as open."""
 _MIN_ROUNDS = 12
-"""Rounds by which the steps of a box that settles have become shorter: what begins at one signal has been all round."""
+"""Rounds after which the steps of a box that settles become shorter: a change has passed through all signals."""
 _GROWTH = Fraction(1, 10**6)
 """[-] relative widening of a box in each round, so that it closes with slack."""
 _TOLERANCE = Fraction(1, 1000)
-"""[-] how close below the largest part of the moment the search ends."""
+"""[-] relative tolerance of the bisection for the largest share of the moment."""
 _MIN_LEVEL = Fraction(1, 1 << 14)
-"""[-] a part of the moment below which the search gives up."""
+"""[-] share of the moment below which the search gives up."""
 _RAREST = 1e-100
-"""[-] least probability of noise beyond its bounds that floating point can still work with."""
-_FLIGHTS = 100
-"""Flights of the search for the lower bound."""
+"""[-] least probability of noise beyond its bounds that floating point can handle."""
 
 
 def certify_boundedness(
@@ -41,23 +38,22 @@ def certify_boundedness(
     leak: float = 0.0,
     noise: float = 0.0,
     risk: float = 1e-3,
-    flown: bool = True,
 ) -> Certificate:
-    """Return a certificate of the largest part of `moment` under which the flight provably stays in a box.
+    """Return a certificate of the largest share of `moment` under which the flight provably stays in a box.
 
-    Nothing is assumed of rho: attitude, rates and estimates are bounded from the moment. The certificate's `gain` is
-    the part, at most 1; its evidence holds the box. Its `lower_bound` is the part of the box's angles that the worst
-    flight reaches which a search under that moment finds: how tight the box is.
+    The proof assumes nothing of rho: attitude, rates and estimates are bounded from the moment. The certificate's
+    `gain` is the share, at most 1; its evidence holds the box. Its `lower_bound` is 0, as no flight is simulated;
+    `gustproof.falsify.worst_case.reached_share` measures how tight the box is.
 
     Parameters
     ----------
     law
-        Torque law with three states an axis, roll, pitch, yaw in turn (a central controller), scheduled or not.
+        Torque law with three states an axis, ordered roll, pitch, yaw (a central controller), scheduled or not.
     vehicle
-        Airframe; its gyro's noise is not taken, see `noise`.
+        Airframe; its gyro noise is ignored, see `noise`.
     moment
-        (3,) [N*m] B, bound of the disturbance moment about each axis, any function of time: it may even swing in step
-        with the samples and turn the vehicle between them, where the gyro does not look.
+        (3,) [N*m] B, bound of the disturbance moment about each axis. The moment is any function of time, even one
+        that oscillates between the gyro's samples.
     horizon
         [s] from rest and level attitude, at most `LONGEST` samples.
     leak
@@ -65,22 +61,14 @@ def certify_boundedness(
     noise
         [rad/s] rms of the white Gaussian noise of a gyro sample.
     risk
-        [-] probability that the noise leaves its bounds; not used without noise.
-    flown
-        Whether the lower bound is searched, by 100 flights without noise; a vehicle with a leak is none to fly.
+        [-] probability that the noise leaves its bounds; unused without noise.
 
     Raises
     ------
     ValueError
-        If the law is of another form, or a number is out of range.
+        If the law has another form, or a number is out of range.
     """
-    if law.order != 9 or law.output is not Output.TORQUE:
-        raise ValueError(
-            f"law '{law.name}' has {law.order} states and commands {law.output.value}: a closure is proved of "
-            "H-infinity laws that command torque with three states an axis, as hinf-d1, hinf-d2 and hinf-scheduled"
-        )
-    if law.uses_accelerometer:
-        raise ValueError(f"law '{law.name}' feels specific force, must measure rates alone")
+    _check_law(law)
     if not (all(0.0 <= limit < math.inf for limit in moment) and max(moment) > 0.0):
         raise ValueError(f"moment is {moment}, must be positive")
     if not _RAREST <= risk < 1.0:
@@ -89,11 +77,48 @@ def certify_boundedness(
         raise ValueError(f"leak is {leak} and noise {noise}, must not be negative")
     if not law.dt <= horizon <= LONGEST * law.dt:
         raise ValueError(
-            f"horizon is {horizon:g} s, must be positive, from {law.dt:g} to {LONGEST * law.dt:g} s: all is simulated"
+            f"horizon is {horizon:g} s, must be positive, from {law.dt:g} to {LONGEST * law.dt:g} s: every sample is "
+            "simulated"
         )
+    evidence = _evidence(law, vehicle, moment, horizon, leak, noise, risk)
+    norms = [axis_norms(evidence, axis) for axis in range(3)]
+    level, box = _largest_level(evidence, norms)
+    evidence["box"] = [[float(value) for value in row] for row in box]
+    proven = bool(box) and _is_invariant(level, evidence, norms)
+    return Certificate(
+        statement=_statement(law, level, moment, horizon, box) if proven else "no share of the moment is covered",
+        gain=float(level) if proven else None,
+        lower_bound=0.0,
+        proven=proven,
+        assumes=_assumptions(law, moment, horizon, leak, noise, risk),
+        evidence=evidence,
+        residual=_slack(evidence, norms, level, box) if proven else None,
+    )
+
+
+def _check_law(law: Law) -> None:
+    if law.order != 9 or law.output is not Output.TORQUE:
+        raise ValueError(
+            "a closure supports H-infinity torque laws with 9 states (hinf-d1, hinf-d2, hinf-scheduled); "
+            f"law '{law.name}' has {law.order} and commands {law.output.value}"
+        )
+    if law.uses_accelerometer:
+        raise ValueError(f"law '{law.name}' uses the accelerometer, must measure rates alone")
+
+
+def _evidence(
+    law: Law,
+    vehicle: Vehicle,
+    moment: tuple[float, float, float],
+    horizon: float,
+    leak: float,
+    noise: float,
+    risk: float,
+) -> dict[str, Any]:
+    """Return the evidence, with an empty box."""
     samples = math.ceil(horizon / law.dt)
     count = 3 * (len(SIGNALS) + 3) * (samples + 1)
-    evidence: dict[str, Any] = {
+    return {
         "kind": "closure",
         "vehicle": {
             "inertia_B": list(vehicle.inertia_B),
@@ -114,29 +139,6 @@ def certify_boundedness(
         "deviations": math.sqrt(2.0 * math.log(count / risk)) + 1e-6,
         "box": [],
     }
-    norms = [axis_norms(evidence, axis) for axis in range(3)]
-    level, box = _largest_level(evidence, norms)
-    evidence["box"] = [[float(value) for value in row] for row in box]
-    proven = bool(box) and _is_invariant(level, evidence, norms)
-    searched = proven and flown and leak == 0.0 and min(moment) > 0.0
-    return Certificate(
-        statement=_statement(law, level, moment, horizon, box) if proven else "no part of the moment is covered",
-        gain=float(level) if proven else None,
-        lower_bound=_lower_bound(law, vehicle, [float(level) * limit for limit in moment], horizon, box)
-        if searched
-        else 0.0,
-        proven=proven,
-        assumes=_assumptions(law, moment, horizon, leak, noise, risk),
-        evidence=evidence,
-        residual=_slack(evidence, norms, level, box) if proven else None,
-    )
-
-
-def _lower_bound(law: Law, vehicle: Vehicle, budget: list[float], horizon: float, box: Box) -> float:
-    """Return the largest part of the box's angles that a search of the worst flight reaches."""
-    L, M, N = budget
-    worst = worst_case(law, vehicle=vehicle, budget=(L, M, N), duration_s=horizon, flights=_FLIGHTS)
-    return max(math.radians(peak) / float(row[0]) for peak, row in zip(worst.peaks_deg, box, strict=True))
 
 
 def _assumptions(
@@ -167,7 +169,7 @@ def _statement(law: Law, level: Fraction, moment: tuple[float, float, float], ho
 
 
 def _largest_level(evidence: dict[str, Any], norms: list[AxisNorms]) -> tuple[Fraction, Box]:
-    """Return the largest part of the moment, at most 1, whose box closes, and the box; an empty one if none does."""
+    """Return the largest share of the moment, at most 1, whose box closes, and the box; an empty one if none does."""
     nothing = [[Fraction(0)] * len(SIGNALS) for _ in range(3)]
     whole = _grow_box(evidence, norms, Fraction(1), nothing)
     if whole:
@@ -185,16 +187,16 @@ def _largest_level(evidence: dict[str, Any], norms: list[AxisNorms]) -> tuple[Fr
 
 
 def _grow_box(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction, box: Box) -> Box:
-    """Return a box that closes, grown from one that is too small; an empty one if it does not settle within the limits.
+    """Grow `box` until it closes and return it; an empty box if it does not settle within the limits.
 
-    The map is convex and grows with the box: where the rounds' steps have begun to lengthen they do so for good.
+    The map is convex and grows with the box: once the steps lengthen, they lengthen for good.
     """
     limits = [Fraction(limit) * COMMAND_SHARE for limit in evidence["law"]["limits"]]
     sizes = [sum(map(sum, box))]
     for _ in range(_ROUNDS):
         try:
             follows = map_box(evidence, norms, level, box)
-        except ValueError:  # an angle is above 1 rad: it will not come back
+        except ValueError:  # an angle is above 1 rad; later rounds only add to it
             return []
         if any(row[SIGNALS.index("command")] > limit for row, limit in zip(box, limits, strict=True)):
             return []
@@ -219,7 +221,7 @@ def _is_invariant(level: Fraction, evidence: dict[str, Any], norms: list[AxisNor
 
 
 def _slack(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction, box: Box) -> float:
-    """Return the least relative distance of a bound that follows from the box."""
+    """Return the least relative distance between a bound of the box and the bound that follows from it."""
     follows = map_box(evidence, norms, level, box)
     pairs = [pair for rows in zip(follows, box, strict=True) for pair in zip(*rows, strict=True)]
     return min(float(1 - value / bound) for value, bound in pairs if bound)

@@ -50,7 +50,7 @@ def analyse(
     except (ValueError, OverflowError) as error:  # numbers beyond a matrix routine or an axis
         raise ConfigError(f"law '{read.name}' cannot be analysed on vehicle '{airframe.name}': {error}") from None
     if as_json:
-        print(json.dumps(analysis.document(), indent=2))
+        print(json.dumps(analysis.to_dict(), indent=2))
         return
     show(render_analysis(analysis))
     if output is not None:

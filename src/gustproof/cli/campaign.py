@@ -72,7 +72,7 @@ def campaign(
     _fly(plan, output, workers, executor, quiet=as_json)
     found = compute_statistics(output)
     if as_json:
-        print(json.dumps(found.document(), indent=2))
+        print(json.dumps(found.to_dict(), indent=2))
     else:
         show(render_campaign(found))
 
@@ -120,7 +120,7 @@ def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | No
     if output.suffix != ".parquet":
         raise ConfigError(f"{output}: a campaign's table ends in .parquet")
     if output.exists():
-        check_same_campaign(read_campaign_metadata(output), plan.note(), f"{output}: holds another campaign")
+        check_same_campaign(read_campaign_metadata(output), plan.metadata(), f"{output}: holds another campaign")
         _print_status(f"{output}: all {plan.runs:,} runs are there", quiet=quiet)
         return
     if plan.scenario.has_link_script:

@@ -178,7 +178,7 @@ def _certify_gain(
     slow: bool,
 ) -> "Certificate":
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.certify.gain import certify_gain
+    from gustproof.certify.gain.l2_gain import certify_gain
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import design_problem
 
@@ -192,7 +192,13 @@ def _certify_gain(
         problem = report.problem if leak is None else design_problem(replace(design, leak=leak), airframe)
         scheduled = exact_rho or design.scheduled
         return certify_gain(
-            problem, report.result.controller, angle=angle, rate=rate, scheduled=scheduled, slow=slow, level=level
+            problem,
+            report.result.controller,
+            angle=angle,
+            rate=rate,
+            scheduled=scheduled,
+            rate_bounded=slow,
+            level=level,
         )
     except ValueError as error:
         raise ConfigError(f"design {design.name}: {error}") from None
@@ -210,18 +216,28 @@ def _certify_boundedness(
 ) -> "Certificate":
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.certify.boundedness import certify_boundedness
+    from gustproof.certify.check.invariant_box import SIGNALS
+    from gustproof.falsify.worst_case import reached_share
     from gustproof.law.form import load_law
 
     flown, airframe = load_law(law), load_vehicle(vehicle)
     try:
-        return certify_boundedness(flown, airframe, moment=moment, horizon=horizon, leak=leak, noise=noise, risk=risk)
+        certificate = certify_boundedness(
+            flown, airframe, moment=moment, horizon=horizon, leak=leak, noise=noise, risk=risk
+        )
+        if not certificate.proven or certificate.gain is None or leak:  # a vehicle with a leak cannot be flown
+            return certificate
+        L, M, N = (certificate.gain * limit for limit in moment)
+        angles_rad = [row[SIGNALS.index("E")] for row in certificate.evidence["box"]]
+        share = reached_share(flown, airframe, angles_rad=angles_rad, budget=(L, M, N), duration_s=horizon)
+        return replace(certificate, lower_bound=share)
     except ValueError as error:
         raise ConfigError(str(error)) from None
 
 
 def _check(path: Path, *, as_json: bool) -> ExitStatus:
     from firmware_model.config.files import parse_json, read_text
-    from gustproof.certify.check import FORMAT, check
+    from gustproof.certify.check.evidence import FORMAT, check
 
     try:
         text = read_text(path)

@@ -1,1 +1,1 @@
-"""Search for the disturbance that does most harm to a law."""
+"""Search for the worst disturbance of a law."""

@@ -1,11 +1,12 @@
-"""Where a search for the worst disturbance starts: points of a cube that stand for moments and vehicles.
+"""Starting points of the search for the worst disturbance, in a cube that represents moments and vehicles.
 
-Starts come from the flown step responses of the loop about hover, and at random:
+Starts are random, or come from simulated step responses of the loop about hover:
 
-- held moments, moments at the frequency and in the direction of the largest singular value, and bang-bang moments that
-  follow the sign of each axis's own impulse response backwards in time: what a linear loop fears most;
-- two axes in step so that an angle and a rate rise and fall together: their product, the second-order term of the
-  Euler kinematics (theta r in phi-dot), then has a mean, which turns the third axis steadily;
+- Bad inputs of the linear loop: held moments, and moments at the frequency and in the direction of the largest singular
+  value.
+- Its worst inputs: bang-bang moments with the time-reversed sign of each axis's own impulse response.
+- Two axes in phase, so that an angle and a rate rise and fall together. Their product, the second-order term of the
+  Euler kinematics (theta r in phi-dot), then has a mean that turns the third axis steadily.
 - Dryden turbulence whose peak fills the budget.
 """
 
@@ -19,9 +20,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 MAX_OMEGA = 30.0
-"""[rad/s] fastest moment; beyond it the angle that a moment gives falls with the square of the frequency."""
+"""[rad/s] fastest moment; above it, the angle caused by a moment falls with the square of the frequency."""
 RATE, PHASES, AMPLITUDES, INERTIA, LAG, SIZE = 0, slice(1, 4), slice(4, 7), slice(7, 10), 10, 11
-"""Where a point's coordinates stand, and their number."""
+"""Positions of a point's coordinates, and their number."""
 _RECTIFICATIONS = (
     (1, 2, 0, "theta and r into phi"),
     (0, 2, 1, "phi and r into theta"),
@@ -30,20 +31,20 @@ _RECTIFICATIONS = (
 
 
 class Point(NamedTuple):
-    """A disturbance and a vehicle: what stays as it is in a search, and a point of the unit cube that moves."""
+    """A disturbance and a vehicle: a fixed pattern, and a point of the unit cube that the search moves."""
 
     start: str
-    """Where the search started."""
+    """Name of the starting point."""
     multiples: tuple[int, int, int]
-    """Rate of each axis over the common rate; 0: the moment is held."""
+    """Rate of each axis over the common rate; 0 for a held moment."""
     square: bool
-    """Whether the moments are bang-bang."""
+    """True if the moments are bang-bang."""
     x: Array
     """(11,) 0..1: common rate (logarithmic), phases (3), amplitudes (3), inertia (3), lag."""
 
 
 def starts(steps: Array, budget: Array, dt: float, slowest: float) -> Iterator[Point]:
-    """Yield what the linear loop fears most, and what its second-order terms rectify."""
+    """Yield the worst inputs of the linear loop, and inputs that its second-order terms rectify."""
     omegas = np.geomspace(slowest, MAX_OMEGA, 80)
     pulses = np.diff(steps, axis=0, prepend=0.0).reshape(len(steps), -1)
     G = (np.exp(-1j * np.outer(omegas, dt * np.arange(len(steps)))) @ pulses).reshape(-1, 6, 3) * budget
@@ -62,20 +63,21 @@ def starts(steps: Array, budget: Array, dt: float, slowest: float) -> Iterator[P
         phases[[i, j]] = -np.angle([angle[peak], rate[peak]]) / (2.0 * math.pi)
         multiples = (int(k != 0), int(k != 1), int(k != 2))
         for square in (False, True):
-            for held in (0.25, 0.75):  # the third axis held, one way or the other
+            for held in (0.25, 0.75):  # moment about the third axis held, positive or negative
                 phases[k] = held
                 yield _point(f"rectification of {name}", multiples, square, rates[peak], phases, np.ones(3))
 
 
-def _point(start: str, multiples: tuple[int, int, int], square: bool, rate: float, phases: Array,
-           amplitudes: Array) -> Point:  # fmt: skip
+def _point(
+    start: str, multiples: tuple[int, int, int], square: bool, rate: float, phases: Array, amplitudes: Array
+) -> Point:
     x = np.full(SIZE, 0.5)
     x[RATE], x[PHASES], x[AMPLITUDES] = rate, phases % 1.0, amplitudes
     return Point(start, multiples, square, x)
 
 
 def random_point(start: str, rng: np.random.Generator) -> Point:
-    """Return a random point; amplitudes are the budget's, the search may lessen them."""
+    """Return a random point with the full budget as amplitudes; the search may reduce them."""
     L, M, N = rng.integers(0, 3, size=3).tolist()
     x = rng.random(SIZE)
     x[AMPLITUDES] = 1.0

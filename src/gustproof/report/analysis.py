@@ -25,7 +25,7 @@ def render_analysis(analysis: Analysis) -> Renderable:
     if len(analysis.hover.loop_poles):
         parts.append(Text(f"poles of the loop [rad/s]: {format_poles(pole_pairs(analysis.hover.loop_poles))}"))
     columns = {
-        analysis.scenario.name: analysis.whole,
+        analysis.scenario.name: analysis.metrics,
         "gust alone": analysis.gust_alone,
         "gyro noise alone": analysis.noise_alone,
     }

@@ -151,9 +151,15 @@ def save_analysis(analysis: Analysis, path: Path) -> None:
             axes.text(0.5, 0.5, "no torque loop: it commands rates", transform=axes.transAxes, ha="center", color=_INK)
     height = ", ".join(f"{value:g}" for value in analysis.step_moment)
     for axes, records, values, label, title in (
-        (step, analysis.step, np.degrees(attitude(analysis.step)), "angles [deg]", f"moment step, {height} N m"),
-        (air, analysis.flown, np.degrees(attitude(analysis.flown)), "angles [deg]", "flown"),
-        (torque, analysis.flown, analysis.flown["torque_command_B"], "torque command [N m]", "flown"),
+        (
+            step,
+            analysis.step_records,
+            np.degrees(attitude(analysis.step_records)),
+            "angles [deg]",
+            f"moment step, {height} N m",
+        ),
+        (air, analysis.records, np.degrees(attitude(analysis.records)), "angles [deg]", "flown"),
+        (torque, analysis.records, analysis.records["torque_command_B"], "torque command [N m]", "flown"),
     ):
         for column, axis, colour in zip(values.T, _AXES, _AXIS_COLOURS, strict=True):
             axes.plot(_time(records), column, color=colour, linewidth=1.0, label=axis)

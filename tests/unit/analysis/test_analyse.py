@@ -28,13 +28,13 @@ def scheduled():
 
 def test_the_flown_figures_are_those_of_the_flight(scheduled):
     law = load_law("hinf-scheduled")
-    assert scheduled.whole == measure(fly_direct(SHORT, law, vehicle=VEHICLE, seed=1), VEHICLE, SHORT, 0.0)
+    assert scheduled.metrics == measure(fly_direct(SHORT, law, vehicle=VEHICLE, seed=1), VEHICLE, SHORT, 0.0)
 
 
 def test_error_of_gusts_and_of_noise_add_up_as_squares(scheduled):
     parts = np.hypot(scheduled.gust_alone.rmse_deg, scheduled.noise_alone.rmse_deg)
     # they are independent, so over ten seconds their product averages out to a tenth
-    assert parts == pytest.approx(scheduled.whole.rmse_deg, rel=0.15)
+    assert parts == pytest.approx(scheduled.metrics.rmse_deg, rel=0.15)
 
 
 def test_the_loop_s_curves_agree_with_its_margins(scheduled):
@@ -48,13 +48,13 @@ def test_the_loop_s_curves_agree_with_its_margins(scheduled):
 
 
 def test_a_step_is_seen_on_each_axis_and_is_taken_back(scheduled):
-    euler = np.abs(scheduled.step["q_NB"][:, 1:])
+    euler = np.abs(scheduled.step_records["q_NB"][:, 1:])
     assert np.all(np.max(euler, axis=0) > 1e-4)
-    assert np.all(scheduled.step["q_NB"][:100, 0] == 1.0)  # nothing before half a second
+    assert np.all(scheduled.step_records["q_NB"][:100, 0] == 1.0)  # nothing before half a second
 
 
 def test_json_has_every_part_and_no_infinity(scheduled):
-    document = json.loads(json.dumps(scheduled.document(), allow_nan=False))
+    document = json.loads(json.dumps(scheduled.to_dict(), allow_nan=False))
     assert {"law", "margins", "loop_poles_rad_s", "flown", "gust_alone", "noise_alone", "limits"} <= set(document)
     assert any("Ms 2.6 in yaw" in line for line in document["limits"])
 
@@ -62,31 +62,31 @@ def test_json_has_every_part_and_no_infinity(scheduled):
 def test_how_far_the_vehicle_may_be_off_is_told_where_axes_do_not_couple(scheduled):
     law = load_law("hinf-scheduled")
     assert axis_robustness(replace(law, D=law.D + 1e-6), VEHICLE, SHORT) == ()
-    assert any("off by 0.82 times 20 % and the lag 30 %" in line for line in scheduled.limits())
+    assert any("stable for inertia ±16 % and lag ±24 % together" in line for line in scheduled.limits())
     flagship = analyse(load_law("flagship"), VEHICLE, SHORT)
     assert max(axis.upper for axis in flagship.stability) < 0.65
-    assert any("references: held within 15 deg of level" in line for line in flagship.limits())
-    assert any("references: none are read, level is held" in line for line in scheduled.limits())
-    assert any("off by 1.7 times 20 % and the lag 30 %" in line for line in flagship.limits())
+    assert any("references: limited to 15 deg of level" in line for line in flagship.limits())
+    assert any("references: not supported, the law holds level" in line for line in scheduled.limits())
+    assert any("stable for inertia ±33 % and lag ±50 % together" in line for line in flagship.limits())
 
 
 def test_what_is_possible_at_the_law_s_price_is_told(scheduled):
-    found = scheduled.place
+    found = scheduled.placement
     assert found.Ms == hover_margins(load_law("hinf-scheduled"), VEHICLE, SHORT).Ms
     assert found.least_rmse_deg < found.rmse_deg
     told = (
         f"average over many flights: this law {found.rmse_deg:.3g} deg expected, best linear gyro-only law at the same "
-        f"Ms and slew {found.least_rmse_deg:.3g} deg (this flight: {scheduled.whole.rmse_deg:.3g}, seed 1)"
+        f"Ms and slew {found.least_rmse_deg:.3g} deg (this flight: {scheduled.metrics.rmse_deg:.3g}, seed 1)"
     )
     assert told in scheduled.limits()
-    assert scheduled.document()["place"]["rmse_deg"] == found.rmse_deg
+    assert scheduled.to_dict()["place"]["rmse_deg"] == found.rmse_deg
 
 
 def test_a_law_of_rates_has_no_torque_loop_and_is_flown_all_the_same(tmp_path):
     analysis = analyse(load_law("hinf-rates"), VEHICLE, SHORT)
     assert analysis.hover.margins is None
-    assert analysis.document()["margins"] is None
-    assert analysis.place is None
+    assert analysis.to_dict()["margins"] is None
+    assert analysis.placement is None
     figures.save_analysis(analysis, tmp_path / "rates.png")
     save_text(render_analysis(analysis), tmp_path / "rates.txt")
     assert "commands" in (tmp_path / "rates.txt").read_text()
@@ -103,8 +103,8 @@ def test_an_unstable_loop_is_said_first():
 def test_analysis_of_a_flight_that_diverges_has_no_nan(tmp_path):
     law = load_law("hinf-d1")
     analysis = analyse(replace(law, A=2.0 * np.eye(9)), VEHICLE, SHORT)
-    assert analysis.limits()[:2] == ("the loop is unstable at hover", "the flight diverges: it has no figures")
-    document = json.loads(json.dumps(analysis.document(), allow_nan=False))
+    assert analysis.limits()[:2] == ("the loop is unstable at hover", "the flight diverges: no figures")
+    document = json.loads(json.dumps(analysis.to_dict(), allow_nan=False))
     assert document["flown"]["rmse_deg"] is document["noise_alone"]["torque_slew_rms"] is None
     save_text(render_analysis(analysis), tmp_path / "unstable.txt")
     assert "nan" not in (tmp_path / "unstable.txt").read_text()
@@ -115,7 +115,7 @@ def test_a_law_that_commands_nothing_is_analysed_without_infinity(tmp_path):
     analysis = analyse(replace(law, **{name: np.zeros_like(getattr(law, name)) for name in "ABCD"}), VEHICLE, SHORT)
     figures.save_analysis(analysis, tmp_path / "nothing.png")
     assert not any("inf" in line for line in analysis.limits())
-    assert json.loads(json.dumps(analysis.document(), allow_nan=False))["place"]["least_rmse_deg"] is None
+    assert json.loads(json.dumps(analysis.to_dict(), allow_nan=False))["place"]["least_rmse_deg"] is None
 
 
 def test_the_figure_is_cut_below_what_matters_and_before_half_the_sample_rate(scheduled, drawn, tmp_path):

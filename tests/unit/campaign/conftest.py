@@ -34,4 +34,4 @@ def here():
         future.set_result(function(*arguments))
         return future
 
-    return SimpleNamespace(deaths=(), width=1, submit=submit)
+    return SimpleNamespace(death_errors=(), max_pending=1, submit=submit)

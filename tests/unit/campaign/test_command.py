@@ -36,7 +36,7 @@ def command(tmp_path, monkeypatch):
 
     @contextmanager
     def pool(_):
-        yield SimpleNamespace(deaths=(), width=2, submit=submit)
+        yield SimpleNamespace(death_errors=(), max_pending=2, submit=submit)
 
     monkeypatch.setattr("gustproof.campaign.executors.process_pool", pool)
     monkeypatch.setattr("gustproof.campaign.executors.dask_pool", pool)
@@ -54,7 +54,7 @@ def command(tmp_path, monkeypatch):
         (("-o", "nowhere/mc.parquet"), "nowhere: no such folder"),
         (("-o", "mc.parquet", "--spread", "wind"), "--spread: 'wind' is none of vehicle, gyro, gust, attitude"),
         (("-o", "mc.parquet", "--sampling", "grid"), "--sampling: 'grid' is none of uniform, normal, latin, sobol"),
-        (("-o", "mc.parquet", "--law", "hinf-d1"), "law 'hinf-d1': given 2 times; each needs a name of its own"),
+        (("-o", "mc.parquet", "--law", "hinf-d1"), "law 'hinf-d1': given 2 times; names must be distinct"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(command, tmp_path, options, complaint):
@@ -137,9 +137,7 @@ def test_what_answers_in_the_place_of_a_dask_scheduler_is_told_in_one_line(tmp_p
             check=False,
         )  # fmt: skip
     assert done.returncode == 2
-    assert done.stderr == (
-        f"gustproof: --executor: no dask scheduler answers at {address}: what answers is something else\n"
-    )
+    assert done.stderr == (f"gustproof: --executor: no dask scheduler answers at {address}: another program answers\n")
 
 
 def _answer_nonsense(server: socket.socket) -> None:

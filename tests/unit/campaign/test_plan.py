@@ -11,14 +11,14 @@ from gustproof.campaign.plan import DispersionKind, parse_campaign, select_sprea
 
 def test_the_nominal_case_is_the_scenario_with_its_vehicle(planned):
     campaign = planned()
-    case = campaign.flown([0.0] * len(campaign.spreads), 7)
+    case = campaign.make_case([0.0] * len(campaign.spreads), 7)
     assert case.vehicle == load_vehicle("paper")
     assert case.of(campaign.scenario) == campaign.scenario
 
 
 def test_the_edges_are_what_the_files_and_options_say(planned):
     campaign = planned()
-    case = campaign.flown([1.0] * len(campaign.spreads), 7)
+    case = campaign.make_case([1.0] * len(campaign.spreads), 7)
     assert case.vehicle.inertia_B == (0.3, 0.24, 0.12)
     assert case.vehicle.gyro.snr_db == 38.0
     assert case.gust_scale == 1.5
@@ -28,9 +28,9 @@ def test_the_edges_are_what_the_files_and_options_say(planned):
 def test_a_case_that_no_flight_begins_with_is_told_in_a_line(planned):
     scenario = replace(planned().scenario, initial_attitude_deg=(0.0, 0.0, 179.0))
     campaign = planned([DispersionKind.ATTITUDE], scenario=scenario)
-    assert campaign.flown([0.0, 0.0, 0.4], 7).initial_attitude_deg == (0.0, 0.0, 179.8)
+    assert campaign.make_case([0.0, 0.0, 0.4], 7).initial_attitude_deg == (0.0, 0.0, 179.8)
     with pytest.raises(ConfigError, match=r"^case: initial_attitude_deg\.2: .*less than or equal to 180 \(given 181"):
-        campaign.flown([0.0, 0.0, 1.0], 7)
+        campaign.make_case([0.0, 0.0, 1.0], 7)
 
 
 def test_only_what_is_wanted_is_drawn(planned):
@@ -38,16 +38,16 @@ def test_only_what_is_wanted_is_drawn(planned):
         "gyro.snr_db", "gyro.bias_B.x", "gyro.bias_B.y", "gyro.bias_B.z",
     ]  # fmt: skip
     assert list(planned([DispersionKind.GUST]).spreads) == ["gust_scale"]
-    assert planned([DispersionKind.GUST]).flown([0.4], 7).vehicle == load_vehicle("paper")
+    assert planned([DispersionKind.GUST]).make_case([0.4], 7).vehicle == load_vehicle("paper")
 
 
 def test_a_campaign_is_read_back_from_its_note(planned):
     campaign = planned()
-    note = json.loads(json.dumps(campaign.note()))
+    note = json.loads(json.dumps(campaign.metadata()))
     again = parse_campaign(note, "note")
-    assert again.note() == campaign.note()
+    assert again.metadata() == campaign.metadata()
     assert again.scenario == campaign.scenario
-    assert again.flown(again.deltas(3, 1)[0], 7) == campaign.flown(campaign.deltas(3, 1)[0], 7)
+    assert again.make_case(again.draw_deltas(3, 1)[0], 7) == campaign.make_case(campaign.draw_deltas(3, 1)[0], 7)
 
 
 @pytest.mark.parametrize("note", [None, {}, {"format": "gustproof-campaign-1"}, {"format": "another"}])

@@ -14,8 +14,8 @@ from gustproof.errors import FlightError
 class Here:
     """A pool without workers: what is submitted is done at once, and a task that names a poisonous run dies."""
 
-    deaths = (BrokenExecutor,)
-    width = 3
+    death_errors = (BrokenExecutor,)
+    max_pending = 3
 
     def __init__(self, poison=()):
         self.poison, self.deadly, self.stretches = set(poison), True, []
@@ -169,6 +169,6 @@ def test_a_full_disk_is_told_and_keeps_what_was_flown(planned, tmp_path, monkeyp
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("gustproof.campaign.store.os.fsync", full)
-    with pytest.raises(FlightError, match="No space left on device; what was flown before stays"):
+    with pytest.raises(FlightError, match="No space left on device; finished runs stay"):
         written(campaign, tmp_path / "mc.parquet")
     assert part.exists()

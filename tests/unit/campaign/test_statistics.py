@@ -113,7 +113,7 @@ def test_laws_are_compared_case_by_case(table):
 
 
 def test_the_document_is_json_without_what_json_has_not(table):
-    told = json.loads(json.dumps(compute_statistics(table).document(), allow_nan=False))
+    told = json.loads(json.dumps(compute_statistics(table).to_dict(), allow_nan=False))
     assert told["runs"] == 2 * CASES
     assert told["laws"]["hinf-d1"]["figures"]["rmse_deg"]["flown"] == CASES - 1
     assert told["laws"]["hinf-d1"]["failures"] == [{"run": FAILED, "reason": "lost"}]

@@ -17,14 +17,14 @@ pytestmark = pytest.mark.compiled
 
 
 def flown(campaign, first=0, runs=12):
-    return fly_chunk(json.dumps(campaign.note()), Chunk(first, runs)).table.to_pylist()
+    return fly_chunk(json.dumps(campaign.metadata()), Chunk(first, runs)).table.to_pylist()
 
 
 def test_a_row_is_what_the_flight_alone_leaves(planned):
     campaign = planned(cases=5)
     row = flown(campaign, first=7, runs=2)[1]
     assert (row["run"], row["case"], row["law"], row["failure"]) == (8, 3, "pid-fair", None)
-    case = campaign.flown(campaign.deltas(3, 1)[0].tolist(), campaign.flight_seeds(3, 1)[0])
+    case = campaign.make_case(campaign.draw_deltas(3, 1)[0].tolist(), campaign.flight_seeds(3, 1)[0])
     scenario = case.of(campaign.scenario)
     records = fly_direct(scenario, campaign.laws[1], vehicle=case.vehicle, seed=case.seed)
     figures = measure(records, case.vehicle, scenario, 0.0)
@@ -69,7 +69,7 @@ def test_a_scenario_with_events_of_the_link_is_flown_by_messages(planned):
 
 
 def test_a_worker_of_another_version_refuses(planned):
-    note = planned().note()
+    note = planned().metadata()
     note["versions"] = {**note["versions"], "numpy": "1.0"}
     with pytest.raises(ConfigError, match=r"a worker has other versions than the campaign: .*'numpy': '1\.0'"):
         fly_chunk(json.dumps(note), Chunk(0, 1))

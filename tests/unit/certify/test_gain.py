@@ -10,9 +10,9 @@ import scipy.linalg
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate, load_certificate
-from gustproof.certify.check import check, seal
-from gustproof.certify.gain import attitude_loop, certify_gain, certify_lft
-from gustproof.certify.worst_schedule import worst_schedule
+from gustproof.certify.check.evidence import check, seal
+from gustproof.certify.gain.l2_gain import attitude_loop, certify_gain, certify_lft
+from gustproof.certify.gain.worst_schedule import worst_schedule
 from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain, system_from_matrix, ultidyn, ureal
 from gustproof.model.rotational import Envelope
@@ -56,7 +56,7 @@ def test_the_gain_of_an_uncertain_lag_is_that_of_its_slowest_member(certificate)
 def test_a_level_below_the_gain_is_not_proven():
     certificate = certify_lft(lag(0.5), assumes={}, level=1.99)
     assert not certificate.proven
-    assert not check(json.dumps(certificate.document())).accepted
+    assert not check(json.dumps(certificate.to_dict())).accepted
 
 
 def test_a_loop_that_some_parameter_destabilises_is_not_proven():
@@ -109,7 +109,7 @@ def changed(document, path):
 
 
 def test_one_changed_bit_anywhere_is_refused(certificate):
-    document = certificate.document()
+    document = certificate.to_dict()
     paths = list(leaves(document))
     assert len(paths) > 20
     for path in paths:
@@ -131,7 +131,7 @@ def test_one_changed_bit_anywhere_is_refused(certificate):
     ],
 )
 def test_a_false_proof_is_refused_even_with_a_new_seal(certificate, path, value, reason):
-    document = json.loads(json.dumps(certificate.document()))
+    document = json.loads(json.dumps(certificate.to_dict()))
     del document["seal"]
     place = document
     for key in path[:-1]:
@@ -150,7 +150,7 @@ def test_any_text_gets_a_verdict(text):
 def test_the_papers_law_has_a_proven_gain_near_its_lower_bound_and_far_above_its_level():
     problem, K = design_problem(load_design("D2"), VEHICLE), controller("D2")
     certificate = certify_gain(problem, K, angle=0.1, rate=0.5)
-    assert check(json.dumps(certificate.document())).accepted
+    assert check(json.dumps(certificate.to_dict())).accepted
     assert certificate.gain <= 2.61
     assert 1.5 <= certificate.lower_bound <= certificate.gain
     assert certificate.assumes["leak_per_s"] == 0.05
@@ -165,7 +165,7 @@ def test_the_exact_schedule_gives_most_of_the_level_back(name, published):
     """Both on the plant of leak and damping .05: D1's own has .02, where its gain is .308."""
     design = replace(load_design(name), leak=0.05, rate_damping=0.05)
     certificate = certify_gain(design_problem(design, VEHICLE), controller(name), angle=0.3, rate=0.5, scheduled=True)
-    assert check(json.dumps(certificate.document())).accepted
+    assert check(json.dumps(certificate.to_dict())).accepted
     assert certificate.assumes["leak_per_s"] == 0.05
     assert certificate.lower_bound <= certificate.gain <= published
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.certify.mu import disk_margin_bounds, mu
-from gustproof.certify.scalings import best_scalings
-from gustproof.certify.sweep import add_performance_block
-from gustproof.certify.worst_gain import restrict, worst_gain
+from gustproof.certify.mu.scalings import best_scalings
+from gustproof.certify.mu.singular_value import disk_margin_bounds, mu
+from gustproof.certify.mu.sweep import add_performance_block
+from gustproof.certify.mu.worst_gain import restrict, worst_gain
 from gustproof.lti import margins
 from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import Lti, discretize_zoh, gain

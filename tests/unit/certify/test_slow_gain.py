@@ -9,10 +9,10 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate, load_certificate
-from gustproof.certify.check import check, seal
-from gustproof.certify.gain import attitude_loop, attitude_speeds, certify_lft
-from gustproof.certify.symmetry import mirror_group
-from gustproof.certify.worst_schedule import worst_schedule, worst_triangle_schedule
+from gustproof.certify.check.evidence import check, seal
+from gustproof.certify.gain.l2_gain import attitude_loop, attitude_speeds, certify_lft
+from gustproof.certify.gain.symmetry import mirror_group
+from gustproof.certify.gain.worst_schedule import worst_schedule, worst_triangle_schedule
 from gustproof.model.lft import Uncertain, append, system_from_matrix, ureal
 from gustproof.model.rotational import Envelope
 from gustproof.synthesis.designs import design_problem, load_design
@@ -43,7 +43,7 @@ def test_a_slow_spring_has_a_bound_where_a_fast_one_has_none(certificate):
     assert not certify_lft(spring(), assumes={}).proven
     assert worst_schedule(spring()).gain > 1e3  # it is unstable: no proof could be had
     assert certificate.proven
-    assert check(json.dumps(certificate.document())).accepted
+    assert check(json.dumps(certificate.to_dict())).accepted
     softest = frozen(spring(), -1.0)
     assert softest * 0.9 < certificate.lower_bound <= certificate.gain
     assert softest <= certificate.gain
@@ -108,7 +108,7 @@ def changed(document, path, value=None):
 
 
 def test_one_changed_bit_anywhere_is_refused(certificate):
-    document = certificate.document()
+    document = certificate.to_dict()
     paths = list(leaves(document))
     assert len(paths) > 40
     for path in paths:
@@ -132,7 +132,7 @@ def test_one_changed_bit_anywhere_is_refused(certificate):
     ],
 )
 def test_a_false_proof_is_refused_even_with_a_new_seal(certificate, path, value, reason):
-    document = changed(certificate.document(), path, value)
+    document = changed(certificate.to_dict(), path, value)
     del document["seal"]
     verdict = check(json.dumps({**document, "seal": seal(document)}))
     assert not verdict.accepted
@@ -140,7 +140,7 @@ def test_a_false_proof_is_refused_even_with_a_new_seal(certificate, path, value,
 
 
 def test_a_proof_for_every_corner_is_asked_for(certificate):
-    document = certificate.document()
+    document = certificate.to_dict()
     document["evidence"]["vertices"] = document["evidence"]["vertices"][:2]
     del document["seal"]
     assert not check(json.dumps({**document, "seal": seal(document)})).accepted

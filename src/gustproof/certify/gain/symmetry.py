@@ -1,4 +1,4 @@
-"""Mirror symmetries of an uncertain loop: changes of sign of its signals and parameters that leave it as it is."""
+"""Mirror symmetries of an uncertain loop: sign changes of signals and parameters that leave it unchanged."""
 
 from itertools import product
 from typing import NamedTuple
@@ -10,12 +10,12 @@ from gustproof.lti.state_space import Matrix
 from gustproof.model.lft import Uncertain
 
 _ZERO_TOLERANCE = 1e-9
-"""[-] an entry of the loop's matrices below it counts as 0: what is left of a coupling that rounding made. Symmetry
-spares a solver work only; no proof rests on it."""
+"""[-] size below which an entry of the loop's matrices counts as 0, a coupling left by rounding. Symmetry only saves
+the solver work; no proof rests on it."""
 
 
 class Mirror(NamedTuple):
-    """Signs, each -1 or 1, of a symmetry: `F_u(M, signed delta)` of the signed inputs has the signed outputs."""
+    """Signs of a symmetry, each -1 or 1: `F_u(M, signed delta)` maps the signed inputs to the signed outputs."""
 
     x: Matrix
     """(n,) of the states."""
@@ -26,14 +26,14 @@ class Mirror(NamedTuple):
     w: Matrix
     """(m,) of the inputs."""
     delta: tuple[int, ...]
-    """Of each block's parameter."""
+    """Signs of the blocks' parameters."""
 
 
 def mirror_group(loop: Uncertain) -> list[Mirror]:
-    """Return the group of the mirror symmetries of `loop`, its identity too.
+    """Return the group of the mirror symmetries of `loop`, identity included.
 
-    Each entry of M that is not 0 demands that its input's sign is its output's: linear equations of bits, solved by
-    elimination. A block's input and output differ by the sign of its parameter.
+    Each nonzero entry of M requires equal signs of its input and output: linear equations of bits, solved by
+    elimination. Input and output of a block differ by the sign of its parameter.
     """
     M, k = loop.M, loop.n_w
     n, m, z = M.order, M.n_inputs - k, M.n_outputs - k
@@ -52,7 +52,7 @@ def mirror_group(loop: Uncertain) -> list[Mirror]:
 
 
 def _null_space(equations: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return a basis, by rows, of the vectors of bits that all `equations` send to 0."""
+    """Return a basis, by rows, of the vectors of bits that satisfy all `equations`, modulo 2."""
     E: NDArray[np.int64] = np.unique(equations, axis=0)
     pivots: list[int] = []
     for column in range(E.shape[1]):

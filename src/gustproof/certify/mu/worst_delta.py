@@ -1,4 +1,4 @@
-"""Lower bounds: members of the uncertain family that do much harm, found by search and checked by what they do."""
+"""Lower bounds from bad members of the uncertain family, found by search and evaluated exactly."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,17 +12,17 @@ from gustproof.lti.state_space import ComplexMatrix, Lti
 from gustproof.model.uncertainty import DeltaBlock, RealBlock, columns, rows
 
 _CORNERS = 64
-"""Starts at most: every corner of the real parameters while there are few, else random ones."""
+"""Most starts: every corner of the real parameters if there are few, else random corners."""
 _STEPS = 60
-"""Ascent steps from one start."""
+"""Most ascent steps from one start."""
 
 _Objective = Callable[[ComplexMatrix], tuple[float, ComplexMatrix]]
-"""Value and gradient: it changes by `Re tr(gradient dDelta)`."""
+"""Function that returns value and gradient; the value changes by `Re tr(gradient dDelta)`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WorstDelta:
-    """A Delta of the family and the gain that it causes."""
+    """A Delta of the family and its gain."""
 
     gain: float
     """[-] largest singular value from the free inputs to the free outputs."""
@@ -30,7 +30,7 @@ class WorstDelta:
     """(n_w, n_z) block-diagonal, each block of norm at most the radius; real parameters are real."""
 
     def parts(self, blocks: tuple[DeltaBlock, ...]) -> dict[str, ArrayLike]:
-        """Return the value of each block by its name: a number for a parameter, a complex matrix for a full block."""
+        """Return the value of each block by name: a number for a parameter, a complex matrix for a full block."""
         cut = {
             block.name: (block, self.Delta[w, z])
             for block, w, z in zip(blocks, rows(blocks), columns(blocks), strict=True)
@@ -42,11 +42,11 @@ class WorstDelta:
 
 
 def worst_delta(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], *, radius: float = 1.0, seed: int = 0) -> WorstDelta:
-    """Return a Delta within `radius` that makes the gain of `F_u(M, Delta)` large: a local maximum, often the largest.
+    """Return a Delta within `radius` that makes the gain of `F_u(M, Delta)` large: a local maximum, often the global.
 
-    Conditional gradients from many starts: the gain is linearised in Delta, the best vertex of the ball taken (a corner
-    for real parameters, an aligned matrix of rank one for full blocks), and the best point on the way to it kept. For
-    full blocks alone the vertex steps are the power iteration of Packard, Fan and Doyle.
+    Conditional gradients from many starts. Each step linearises the gain in Delta and finds the best vertex of the
+    ball. That is a corner for real parameters, an aligned matrix of rank one for full blocks. The step keeps the best
+    point on the way to it. For full blocks alone, this is the power iteration of Packard, Fan and Doyle.
 
     References
     ----------
@@ -60,7 +60,7 @@ def most_unstable_delta(
 ) -> tuple[WorstDelta, complex]:
     """Return a Delta within `radius` that moves the poles of the continuous `F_u(M, Delta)` far to the right.
 
-    Its `gain` is the largest real part; the pole itself comes second. Found as `worst_delta` finds its own.
+    Its `gain` is the largest real part; the second result is the pole itself. The search is that of `worst_delta`.
     """
     w, z = _shape(blocks)
     opened = M.subsystem(slice(0, z), slice(0, w))
@@ -87,7 +87,7 @@ def _ascend(objective: _Objective, blocks: tuple[DeltaBlock, ...], radius: float
 
 
 def _abscissa(M: Lti, Delta: ComplexMatrix) -> tuple[complex, float, ComplexMatrix]:
-    """Return the rightmost pole, its real part, and the gradient of that as for the gain."""
+    """Return the rightmost pole, its real part, and the gradient of the real part, as for the gain."""
     loop = np.eye(M.n_outputs) - M.D @ Delta
     reads = np.linalg.solve(loop, M.C.astype(np.complex128))
     poles, left, right = scipy.linalg.eig(M.A + M.B @ Delta @ reads, left=True, right=True)  # type: ignore[misc]
@@ -98,7 +98,7 @@ def _abscissa(M: Lti, Delta: ComplexMatrix) -> tuple[complex, float, ComplexMatr
 
 
 def _gain(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], Delta: ComplexMatrix) -> tuple[float, ComplexMatrix]:
-    """Return the gain and its gradient: the gain changes by `Re tr(slope dDelta)`. Infinite at a singular loop."""
+    """Return the gain, infinite for a singular loop, and its gradient: the gain changes by `Re tr(slope dDelta)`."""
     w, z = _shape(blocks)
     loop = np.eye(z) - M[:z, :w] @ Delta
     try:
@@ -125,7 +125,7 @@ def _vertex(slope: ComplexMatrix, blocks: tuple[DeltaBlock, ...]) -> ComplexMatr
 
 
 def _starts(blocks: tuple[DeltaBlock, ...], seed: int) -> list[ComplexMatrix]:
-    """Return deltas of norm 1: corners of the real parameters, random directions of the full blocks."""
+    """Return starts of norm 1: corners of the real parameters, random directions of the full blocks."""
     rng = np.random.default_rng(seed)
     n_real = sum(isinstance(block, RealBlock) for block in blocks)
     corners = (

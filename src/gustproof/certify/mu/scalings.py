@@ -1,7 +1,7 @@
-"""Upper bounds on mu and on the worst-case gain of one complex matrix, by D-G scalings; and how far they carry.
+"""Upper bounds on mu and the worst-case gain of a complex matrix by D-G scalings, and their frequency bands.
 
-The scalings come from an interior-point search of our own, but nothing rests on it: `Scalings.level` computes the bound
-from the scalings alone, by eigenvalues, whoever made them.
+An interior-point search finds the scalings, but no bound rests on it: `Scalings.level` computes the bound from the
+scalings alone, by eigenvalues.
 """
 
 import math
@@ -17,30 +17,30 @@ from gustproof.model.uncertainty import DeltaBlock, RealBlock, columns, rows
 _WEIGHT_FACTOR = 8.0
 """Factor on the weight of the objective from one centre to the next."""
 _NEWTON_STEPS = 12
-"""Newton steps for a centre; where scalings may grow without end there is none, and the search goes on."""
+"""Most Newton steps for a centre; unbounded scalings have no centre, and the search goes on."""
 _BAND_OVERLAP = 1e-6
-"""[-] relative: bands end this much early, so that neighbours overlap and nothing hides in rounding between them."""
+"""[-] relative amount by which bands are shortened: neighbours then overlap, and rounding leaves no gap."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scalings:
     """Multipliers that bound mu: `M* D_z M + j (G M - M* G*) <= beta^2 D_w`, all commuting with Delta.
 
-    With `gain`, beta stands on the last block alone, the performance channel, and Delta of the others stays in the unit
-    ball: beta then bounds the worst-case gain.
+    For a gain, beta multiplies the last block alone, the performance channel, and Delta of the others stays in the unit
+    ball. Then beta bounds the worst-case gain.
     """
 
     D_z: ComplexMatrix
-    """(n_z, n_z) positive definite, on what Delta reads."""
+    """(n_z, n_z) positive definite, on the inputs of Delta."""
     D_w: ComplexMatrix
-    """(n_w, n_w) the same scalings on what Delta drives."""
+    """(n_w, n_w) the same scalings on the outputs of Delta."""
     G: ComplexMatrix
     """(n_w, n_z) Hermitian on real blocks, 0 elsewhere."""
     gain: ComplexMatrix
     """(n_w, n_w) part of `D_w` that beta^2 multiplies: all of it for mu, the last block's for the gain."""
 
     def form(self, M: ComplexMatrix) -> ComplexMatrix:
-        """Return `M* D_z M + j (G M - M* G*) - (D_w - gain)`, to be kept below beta^2 `gain`."""
+        """Return `M* D_z M + j (G M - M* G*) - (D_w - gain)`, which must stay below beta^2 `gain`."""
         turned = 1j * self.G @ M
         return np.asarray(M.conj().T @ self.D_z @ M + turned + turned.conj().T - (self.D_w - self.gain))
 
@@ -50,7 +50,7 @@ class Scalings:
         on = np.flatnonzero(np.diag(self.gain).real)
         off = np.setdiff1d(np.arange(n), on)
         form = self.form(M)
-        # what rounding may have done to the form counts against the bound: where G is huge, little is proved
+        # rounding of the form counts against the bound: with huge G, little is proved
         rounding = 1e-14 * n * (np.linalg.norm(self.G @ M) + np.linalg.norm(M.conj().T @ self.D_z @ M))
         form = form + rounding * np.eye(n)
         rest = -form[np.ix_(off, off)]
@@ -63,10 +63,10 @@ class Scalings:
         return float(np.sqrt(max(largest, 0.0)))
 
     def band(self, M: Lti, level: float, omega: float) -> tuple[float, float]:
-        """Return the frequencies around `omega` [rad/s] on which the scalings prove `level` for the continuous `M`.
+        """Return the band around `omega` [rad/s] on which the scalings prove `level` for the continuous `M`.
 
-        The form is singular only where a pencil of order 2n + m has an eigenvalue on the imaginary axis. Empty,
-        `(omega, omega)`, if the level is not proved at `omega` itself. This holds between frequencies, up to rounding.
+        The form is singular only where a pencil of order 2n + m has an eigenvalue on the imaginary axis. The band holds
+        between frequencies, up to rounding. It is empty, `(omega, omega)`, if the level is not proved at `omega`.
         """
         if not self.level(M.response(omega)[0]) < level:
             return (omega, omega)
@@ -90,27 +90,27 @@ class Scalings:
         crossings = poles[near].imag
         below, above = crossings[crossings < omega], crossings[crossings > omega]
         low, high = max(float(np.max(below, initial=0.0)), 0.0), float(np.min(above, initial=np.inf))
-        # rounding may lose a crossing when scalings are extreme: the band ends where a sample inside denies it
+        # rounding may lose a crossing if scalings are extreme: the band ends at a sample that contradicts it
         speeds = np.array([omega]) if omega > 0.0 else np.append(np.abs(M.poles()), 1.0)
         inside = np.geomspace(max(low, 1e-3 * np.min(speeds)), min(high, 1e3 * np.max(speeds)), 40)
-        denied = [float(point) for point in inside if low < point < high and not self._holds(M, 1.001 * level, point)]
+        denied = [float(x) for x in inside if low < x < high and not self._is_proven(M, 1.001 * level, x)]
         low = max([low, *(point for point in denied if point < omega)])
         high = min([high, *(point for point in denied if point > omega)])
         return (min((1.0 + _BAND_OVERLAP) * low, omega), max((1.0 - _BAND_OVERLAP) * high, omega))
 
-    def _holds(self, M: Lti, level: float, omega: float) -> bool:
+    def _is_proven(self, M: Lti, level: float, omega: float) -> bool:
         return self.level(M.response(omega)[0]) <= level
 
 
 class _Basis(NamedTuple):
-    """Every direction in which scalings may go, N of them, with the trace of D_w kept."""
+    """Basis of the scalings: N directions, stacked."""
 
     D_z: ComplexMatrix
     D_w: ComplexMatrix
     G: ComplexMatrix
     gain: ComplexMatrix
 
-    def at(self, x: Matrix) -> Scalings:
+    def combine(self, x: Matrix) -> Scalings:
         return Scalings(**{name: np.tensordot(x, getattr(self, name), 1) for name in self._fields})
 
 
@@ -123,10 +123,10 @@ def best_scalings(
     enough: float = 0.0,
     real: bool = True,
 ) -> Scalings:
-    """Return scalings whose level for the matrix `M` is within `accuracy` of the least that D-G scalings give.
+    """Return scalings whose level for the matrix `M` is within `accuracy` of the least one of D-G scalings.
 
-    The least level is a generalised eigenvalue problem; it is solved as a few convex ones (Dinkelbach), each by a
-    barrier method with Newton steps. Cost: some 50 Newton steps of N matrices (n, n), N the number of free scalings.
+    The least level is a generalised eigenvalue problem, solved as a few convex ones (Dinkelbach), each by a barrier
+    method with Newton steps. Cost: some 50 Newton steps of N matrices (n, n), N the number of free scalings.
 
     Parameters
     ----------
@@ -135,14 +135,14 @@ def best_scalings(
     blocks
         Blocks of Delta; with `gain` the last one is the performance channel.
     gain
-        Whether to bound the gain of the last block over the unit ball of the others, instead of mu.
+        True to bound the gain of the last block over the unit ball of the others, instead of mu.
     accuracy
         [-] relative.
     enough
         [-] level at which the search may stop at once.
     real
-        Whether to use that parameters are real. Where mu of real parameters jumps with frequency, only scalings that do
-        not (G = 0) hold on a band.
+        True to exploit that parameters are real. Where mu of real parameters jumps with frequency, only scalings with
+        G = 0 hold on a band.
 
     References
     ----------
@@ -162,7 +162,7 @@ def best_scalings(
         best, previous, level = found, level, reached
         if level > (1.0 - 0.5 * accuracy) * previous:
             break
-    # where mu is 0, G may grow without end; no more of it than is needed, so that bands are not lost in rounding
+    # where mu is 0, G may grow without bound; keep no more than needed, so that rounding does not destroy bands
     while level < floor and (smaller := replace(best, G=0.5 * best.G)).level(M) < floor:
         if not np.any(smaller.G):
             break
@@ -209,7 +209,7 @@ def _embed(part: ComplexMatrix | Matrix, i: slice, j: slice, n: int, m: int) -> 
 
 
 def _initial_scalings(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], gain: bool, real: bool) -> Scalings:
-    """Return scalings to start from: balanced; for the gain, such as prove the other blocks stable, if any do."""
+    """Return initial scalings: balanced; for the gain, scalings that prove the other blocks stable, if any do."""
     if not gain or len(blocks) == 1:
         return _diagonal_scalings(blocks, _balance(M, blocks), gain)
     z, w = columns(blocks)[-1].start, rows(blocks)[-1].start
@@ -218,7 +218,7 @@ def _initial_scalings(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], gain: bo
     slack = inner.gain - inner.form(M[:z, :w])
     if np.linalg.eigvalsh(slack)[0] <= 0.0:
         return start
-    # half the weight of the performance channel at which it takes all that the other blocks have left
+    # half the weight of the performance channel that would use all slack of the other blocks
     seen = scipy.linalg.eigvalsh(M[z:, :w].conj().T @ M[z:, :w], slack)[-1]
     weight = 0.5 / max(float(seen), 1e-12)
     return Scalings(
@@ -240,7 +240,7 @@ def _diagonal_scalings(blocks: tuple[DeltaBlock, ...], weights: Matrix, gain: bo
 
 
 def _balance(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...]) -> Matrix:
-    """Return one weight a block that makes what it reads as large as what it drives (Osborne)."""
+    """Return one weight per block that makes its input and output equally large (Osborne)."""
     size = np.array([[np.linalg.norm(M[z, w]) ** 2 for w in rows(blocks)] for z in columns(blocks)])
     np.fill_diagonal(size, 0.0)
     floor = 1e-12 * max(float(np.max(size)), np.finfo(float).tiny)
@@ -255,14 +255,14 @@ def _balance(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...]) -> Matrix:
 def _improve(
     basis: _Basis, start: Scalings, M: ComplexMatrix, level: float, accuracy: float, enough: float
 ) -> Scalings:
-    """Return scalings with the least s that keep `form <= level^2 gain + s R`, R the gain part of `start`.
+    """Return scalings with the least s in `form <= level^2 gain + s R`, R the gain part of `start`.
 
-    Barrier method: along centres of `t s - log det F - log det D_w` for growing t, F the slack of the inequality.
+    Barrier method: follow the centres of `t s - log det F - log det D_w` for growing t, F the slack of the inequality.
     """
     congruent = M.conj().T @ basis.D_z @ M
     turned = 1j * basis.G @ M
     slack = level**2 * basis.gain - congruent - turned - _adjoint(turned) + basis.D_w - basis.gain
-    # scalings of one inequality are only known up to a factor: the trace of D_w stays
+    # scalings of one inequality are defined up to a factor: keep the trace of D_w
     trace = np.trace(basis.D_w, axis1=1, axis2=2).real
     free = np.asarray(scipy.linalg.null_space(trace[None]))
     barriers = [
@@ -277,10 +277,10 @@ def _improve(
     while weight < 4.0 * len(start.D_w) / (accuracy * level**2):
         y = _centre(y, weight, offsets, barriers)
         weight *= _WEIGHT_FACTOR
-        found = basis.at(origin + free @ y[:-1])
+        found = basis.combine(origin + free @ y[:-1])
         if found.level(M) <= enough:
             break
-    return basis.at(origin + free @ y[:-1])
+    return basis.combine(origin + free @ y[:-1])
 
 
 def _centre(y: Matrix, weight: float, offsets: list[ComplexMatrix], barriers: list[ComplexMatrix]) -> Matrix:
@@ -293,7 +293,7 @@ def _centre(y: Matrix, weight: float, offsets: list[ComplexMatrix], barriers: li
             scaled = np.asarray(root @ barrier @ root.conj().T).reshape(y.size, -1)
             gradient -= scaled[:, :: root.shape[0] + 1].real.sum(axis=1)
             hessian += scaled.real @ scaled.real.T + scaled.imag @ scaled.imag.T
-        # a scaling that a real response does not feel has no curvature, and no gradient either
+        # a scaling without effect on a real response has neither curvature nor gradient
         diagonal = np.sqrt(np.maximum(hessian.diagonal(), 1e-30 * np.max(hessian)))
         factor = scipy.linalg.cho_factor(hessian / np.outer(diagonal, diagonal) + 1e-12 * np.eye(y.size))
         step = -scipy.linalg.cho_solve(factor, gradient / diagonal) / diagonal
@@ -313,7 +313,7 @@ def _centre(y: Matrix, weight: float, offsets: list[ComplexMatrix], barriers: li
 
 
 def _coordinates(basis: _Basis, scalings: Scalings) -> Matrix:
-    """Return the coordinates of scalings; the directions of a basis are orthogonal."""
+    """Return the coordinates of scalings in a basis of orthogonal directions."""
     projections = np.zeros(len(basis.D_w))
     for directions, value in ((basis.D_w, scalings.D_w), (basis.G, scalings.G)):
         size = np.sum(np.abs(directions) ** 2, axis=(1, 2))

@@ -1,13 +1,17 @@
 """Proof that a sampled loop stays inside a box: L1 norms by simulation in integers, closed over the nonlinear terms.
 
-Part of the judge: the standard library and rational arithmetic only. Everything is derived again from the numbers of
-the vehicle and the law.
+Part of the check: standard library and rational arithmetic only. Everything is derived again from the numbers of the
+vehicle and the law.
 
-Axis by axis, X = (E, omega, torque, law's three states, last command) moves as `X+ = Phi X` plus inputs, each bounded:
-acceleration `a(t)` (moment, gyroscopic coupling), Euler rates `e(t) = (T(E) - I) omega` beyond hover's, the same of the
-law's estimate, what couples axes in the law, and float32. If the bounds that follow for all signals lie inside the box
-that bounded the inputs, the flight stays in the box: with every nonlinear term clipped at the box the flight obeys the
-bounds, so nothing was clipped.
+For each axis, X = (E, omega, torque, law's three states, last command) moves as `X+ = Phi X` plus bounded inputs:
+
+- acceleration `a(t)`: moment and gyroscopic coupling;
+- Euler rates `e(t) = (T(E) - I) omega` beyond those at hover, and the same of the law's estimate;
+- coupling of the axes in the law;
+- float32 rounding.
+
+The box bounds these inputs. If the bounds that follow for all signals lie inside the box, the flight stays in it. With
+every nonlinear term clipped at the box the flight obeys the bounds, so nothing was clipped.
 """
 
 import math
@@ -27,27 +31,27 @@ from gustproof.lti.rational import (
 )
 
 SIGNALS = ("E", "omega", "torque", "x0", "x1", "x2", "command", "E - x0", "omega - x1")
-"""What is bounded, for each axis: [rad], [rad/s] and [N*m] at all times, the law's states and command at the samples,
-and how far its estimates at a sample are from the truth until the next."""
+"""Bounded signals of each axis. Attitude [rad], rate [rad/s] and torque [N*m] are bounded at all times, the law's
+states and command at the samples. The last two are errors of its estimates at a sample, until the next sample."""
 _E, _OMEGA, _TORQUE, _X0, _X1, _COMMAND, _OFF_E, _OFF_OMEGA = 0, 1, 2, 3, 4, 6, 7, 8
 _LATE_E, _LATE_OMEGA = 9, 10
-"""The last two at the end of the sample, in the norms only."""
+"""The last two signals at the end of the sample, in the norms only."""
 LONGEST = 90_000
-"""Most samples that are simulated, in half a minute or so: 6 minutes of flight at 250 Hz."""
+"""Largest number of samples, simulated in about half a minute: 6 minutes of flight at 250 Hz."""
 _BITS = 96
 """Binary places of the simulation."""
 _ENTRY_ERROR = Fraction(1, 1 << 80)
-"""Bound on the error of an entry of Phi: end of the exponential series, and rounding."""
+"""Bound on the error of an entry of Phi: truncation of the exponential series, and rounding."""
 _FLOAT32, _TINY = Fraction(1, 1 << 23), Fraction(1, 1 << 140)
-"""Relative and absolute error of a number rounded on the wire, with a factor of two to spare."""
+"""Relative and absolute rounding error of a float32 on the wire, with a factor of two to spare."""
 
 Box = list[list[Fraction]]
-"""A bound for each axis and signal."""
+"""Bounds by axis and signal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisNorms:
-    """Upper bounds of the L1 norms of one axis from each input to `SIGNALS` and the two late ones, at the samples."""
+    """Upper bounds of one axis's L1 norms, from each input to `SIGNALS` and to the two at the end of the sample."""
 
     acceleration: list[Fraction]
     """[s^2 times the signal's unit] from angular acceleration, any function of time."""
@@ -56,18 +60,18 @@ class AxisNorms:
     both: list[Fraction]
     """[s times the signal's unit] from Euler rates, held over a sample, into attitude and estimate."""
     entries: list[list[Fraction]]
-    """[the signal's unit] from additions to the law's three states and to its command, a number a sample."""
+    """[the signal's unit] from additions to the law's three states and to its command, one number per sample."""
     noise: list[Fraction]
-    """[the signal's unit] rms per rms of the gyro's noise."""
+    """[the signal's unit] rms per rms of gyro noise."""
 
 
 def axis_norms(evidence: dict[str, Any], axis: int) -> AxisNorms:
-    """Return the norms of an axis over the evidence's samples, in some seconds per 15,000 of them.
+    """Return the norms of an axis over the evidence's samples; some seconds per 15,000 samples.
 
     Raises
     ------
     ValueError
-        If there are more than `LONGEST`, a sample is too long for the vehicle, or rounding spoils the norms.
+        If there are more than `LONGEST` samples, a sample is too long for the vehicle, or rounding spoils the norms.
     """
     law, samples, h = evidence["law"], evidence["samples"], Fraction(evidence["law"]["dt"])
     if not 0 < samples <= LONGEST:
@@ -76,31 +80,32 @@ def axis_norms(evidence: dict[str, Any], axis: int) -> AxisNorms:
     Phi, start, turned = _loop(evidence, axis)
     zero = Fraction(0)
     unit = identity(7)
-    columns = [
-        unit[1], start, unit[2], *unit[3:],
-        [turned, zero, zero, *(Fraction(law["G"][i][axis]) for i in own), zero],
-        [zero, zero, zero, *(Fraction(law["B"][i][axis]) for i in own), Fraction(law["D"][axis][axis])],
-    ]  # fmt: skip
+    euler_rate = [turned, zero, zero, *(Fraction(law["G"][i][axis]) for i in own), zero]
+    gyro = [zero, zero, zero, *(Fraction(law["B"][i][axis]) for i in own), Fraction(law["D"][axis][axis])]
+    columns = [unit[1], start, unit[2], *unit[3:], euler_rate, gyro]
     sums, squares = _simulate(Phi, columns, samples)
     decay = Phi[0][0]
     slower = decay + _ENTRY_ERROR  # a leak of 0 leaves 1
     passed = Fraction(samples) if evidence["leak"] == 0 else (1 - _power_lower_bound(slower, samples)) / (1 - slower)
     attitude = [h * passed if k in (_E, _OFF_E, _LATE_E) else zero for k in range(_LATE_OMEGA + 1)]
     leak, damping = Fraction(evidence["leak"]), Fraction(evidence["vehicle"]["rate_damping"])
-    # a modulus of something smooth: its chord from end to end, and h^3 / 12 times the second derivative
+    # integral of a smooth modulus: its chord from end to end, and h^3 / 12 times the second derivative
     bend = h**3 / 12
     acceleration = [
         h / 2 * (sums[0][k] + sums[1][k]) + bend * (damping**2 * sums[0][k] + (leak + damping) * attitude[k] / h)
         for k in range(_LATE_OMEGA + 1)
     ]
     return AxisNorms(
-        acceleration=_round_bounds(acceleration), attitude=_round_bounds(attitude), both=_round_bounds(sums[7]),
-        entries=[_round_bounds(row) for row in sums[3:7]], noise=_round_bounds(squares[8]),
-    )  # fmt: skip
+        acceleration=_round_bounds(acceleration),
+        attitude=_round_bounds(attitude),
+        both=_round_bounds(sums[7]),
+        entries=[_round_bounds(row) for row in sums[3:7]],
+        noise=_round_bounds(squares[8]),
+    )
 
 
 def map_box(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction, box: Box) -> Box:
-    """Return the bounds of all signals that follow when the nonlinear terms are bounded by `box`."""
+    """Return the bounds of all signals that follow if `box` bounds the nonlinear terms."""
     vehicle, h, leak = evidence["vehicle"], Fraction(evidence["law"]["dt"]), Fraction(evidence["leak"])
     damping, lag = Fraction(vehicle["rate_damping"]), Fraction(vehicle["actuator_lag"])
     inertia = [Fraction(value) for value in vehicle["inertia_B"]]
@@ -127,9 +132,9 @@ def map_box(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction, b
             + Fraction(evidence["deviations"]) * Fraction(evidence["noise"]) * n.noise[s]
             for s in range(_LATE_OMEGA + 1)
         ]
-        at[_TORQUE] = max(at[_TORQUE], at[_COMMAND] * (1 + _FLOAT32))  # between samples it goes from one to the other
-        # Inside a sample the past gives a chord from sample to sample and h^2 / 8 times its second derivative; what
-        # acts since the sample is counted in the norms with the end's weight, but for how it fades, of order h^2.
+        at[_TORQUE] = max(at[_TORQUE], at[_COMMAND] * (1 + _FLOAT32))  # between samples torque moves to the command
+        # Inside a sample the past gives a chord from sample to sample and h^2 / 8 times its second derivative. The
+        # norms count the input since the sample with its weight at the end; its decay is of order h^2.
         spin = at[_OMEGA] + h * (a + at[_TORQUE] / inertia[i])
         push = at[_TORQUE] / inertia[i] + damping * spin
         jerk = (at[_TORQUE] + at[_COMMAND] * (1 + _FLOAT32)) / (lag * inertia[i]) + damping * push
@@ -144,7 +149,7 @@ def map_box(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction, b
 
 
 def _excess(E: list[Fraction], omega: list[Fraction]) -> list[Fraction]:
-    """Return bounds of `|(T(E) - I) omega|` where |E| and |omega| are bounded."""
+    """Return bounds of `|(T(E) - I) omega|` from bounds of |E| and |omega|."""
     sin_phi, tan_theta, sec_theta = _trigonometry(E)
     flat = E[0] ** 2 / 2  # 1 - cos(phi)
     return [
@@ -181,7 +186,7 @@ def _round_bounds(bounds: list[Fraction]) -> list[Fraction]:
 
 
 def _additions(evidence: dict[str, Any], box: Box, own: list[Fraction]) -> list[list[Fraction]]:
-    """Return bounds of what is added to the law's states and command of each axis: other axes, and rounding."""
+    """Return bounds of the additions to the law's states and command of each axis: other axes, and rounding."""
     law = evidence["law"]
     measured = [box[i][_OMEGA] + Fraction(evidence["deviations"]) * Fraction(evidence["noise"]) for i in range(3)]
     rounding = [_FLOAT32 * value + _TINY for value in measured]
@@ -205,7 +210,7 @@ def _additions(evidence: dict[str, Any], box: Box, own: list[Fraction]) -> list[
 
 
 def _loop(evidence: dict[str, Any], axis: int) -> tuple[RationalMatrix, list[Fraction], Fraction]:
-    """Return Phi (7, 7), what a unit of omega at the start of a sample is at its end, and a held Euler rate's angle."""
+    """Return Phi (7, 7), the response at a sample's end to unit omega at its start, and a held Euler rate's angle."""
     vehicle, law, h = evidence["vehicle"], evidence["law"], Fraction(evidence["law"]["dt"])
     inertia, lag = Fraction(vehicle["inertia_B"][axis]), Fraction(vehicle["actuator_lag"])
     generator = zeros(5, 5)  # of (E, omega, torque, command, Euler rate), the last two held
@@ -227,7 +232,7 @@ def _loop(evidence: dict[str, Any], axis: int) -> tuple[RationalMatrix, list[Fra
 
 
 def _exponential(A: RationalMatrix) -> RationalMatrix:
-    """Return the exponential of `A` to within `_ENTRY_ERROR`, half of it the series, half its rounding."""
+    """Return the exponential of `A` to within `_ENTRY_ERROR`: half of it truncation, half rounding."""
     if max(sum(abs(value) for value in row) for row in A) > Fraction(1, 2):
         raise ValueError("a sample is too long for the vehicle's time constants")
     total = term = identity(len(A))
@@ -238,7 +243,7 @@ def _exponential(A: RationalMatrix) -> RationalMatrix:
 
 
 def _power_lower_bound(x: Fraction, n: int) -> Fraction:
-    """Return a number not above `x`^n for 0 <= x <= 1, n > 0, by squaring and rounding down."""
+    """Return a lower bound of `x`^n for 0 <= x <= 1, n > 0, by squaring and rounding down."""
     one = 1 << _BITS
     base, power = x.numerator * one // x.denominator, one
     while n:
@@ -254,13 +259,13 @@ def _simulate(
 ) -> tuple[list[list[Fraction]], list[list[Fraction]]]:
     """Return upper bounds of the sums of moduli, and of the roots of the sums of squares, of `SIGNALS` from `columns`.
 
-    The simulation rounds; its defect in a step is at most `defect`, which later steps raise no more than the sums of
-    the unit columns say. Those sums hold the error themselves, which a factor of two covers where the error is small.
+    The simulation rounds by at most `defect` in a step, and later steps amplify that by at most the sums of the unit
+    columns. Those sums contain the error themselves; a factor of two covers that while the error is small.
     """
     one = 1 << _BITS
     rows = [[(k, round(value * one)) for k, value in enumerate(row) if value] for row in Phi]
     sums, squares, largest = [], [], 1
-    # what makes the defects of all steps add up to 1/2; beyond it numbers would only grow longer
+    # at this size the defects of all steps add up to 1/2; beyond it numbers would only grow longer
     most = math.floor(one * (Fraction(1, 28 * samples) - Fraction(16, one)) / (7 * _ENTRY_ERROR))
     for column in columns:
         state = [round(value * one) for value in column]

@@ -1,4 +1,4 @@
-"""Upper bounds that hold at every frequency: bands on which scalings prove a level, until they cover the axis."""
+"""Upper bounds at every frequency: bands on which scalings prove a level, added until they cover the axis."""
 
 import math
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gustproof.certify.scalings import best_scalings
+from gustproof.certify.mu.scalings import best_scalings
 from gustproof.lti.norms import bilinear_transform, hinf_norm
 from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain
@@ -16,25 +16,25 @@ from gustproof.model.uncertainty import DeltaBlock, FullBlock
 PERFORMANCE = "performance"
 """Name of the full block that closes inputs and outputs of a system."""
 _BANDS = 400
-"""Bands at most; where they do not suffice nothing is proved and the upper bound is infinite."""
+"""Most bands; if they do not suffice, nothing is proved and the upper bound is infinite."""
 _MIN_GAP = 1e-4
-"""[-] relative width of a gap below which mu is taken to jump inside."""
+"""[-] relative width of a gap below which mu is assumed to jump inside."""
 _ROUNDING = 1e-6
-"""[-] relative: bands are computed for a level this much below the one that is told."""
+"""[-] relative amount by which bands are computed for a lower level than the returned one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bracket:
-    """What is known of a largest value over all frequencies and the whole family."""
+    """Lower and upper bound on a largest value over all frequencies and the whole family."""
 
     lower: float
-    """[-] attained by `delta` at `omega`."""
+    """[-] value attained by `delta` at `omega`."""
     upper: float
-    """[-] never exceeded, up to rounding; infinite if nothing was proved."""
+    """[-] value never exceeded, up to rounding; infinite if nothing was proved."""
     omega: float
     """[rad/s] frequency of the lower bound."""
     delta: Mapping[str, ArrayLike]
-    """Value of each block for the lower bound, 1 the edge of the family: a number, or a complex matrix."""
+    """Value of each block for the lower bound, a number or a complex matrix; norm 1 is the edge of the family."""
 
     @property
     def gap(self) -> float:
@@ -43,18 +43,18 @@ class Bracket:
 
 
 def sweep(M: Lti, blocks: tuple[DeltaBlock, ...], *, gain: bool, accuracy: float) -> tuple[float, list[float]]:
-    """Return a level that holds at every frequency, and the frequencies of the largest levels met, largest first.
+    """Return a level that holds at every frequency, and the frequencies of the largest levels found, largest first.
 
     Parameters
     ----------
     M
-        Continuous system, stable, all of it closed by `blocks`.
+        Continuous system, stable, closed completely by `blocks`.
     blocks
         Blocks of Delta; with `gain` the last one is the performance channel.
     gain
-        Whether the level is the gain of the last block, instead of mu.
+        True for the gain of the last block, instead of mu.
     accuracy
-        [-] relative, of the level above the least that D-G scalings give.
+        [-] relative distance of the level from the least one of D-G scalings.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def sweep(M: Lti, blocks: tuple[DeltaBlock, ...], *, gain: bool, accuracy: float
     for _ in range(_BANDS):
         omega = pending.pop(0) if pending else _pick_frequency(gaps[0], slow, fast)
         response = M.response(omega)[0]
-        # the best scalings, though the level asks for less: scalings that only just reach it hold on a narrow band
+        # find the best scalings, beyond the level: scalings that only just reach it hold on a narrow band
         jumps = gaps[0][1] < (1.0 + _MIN_GAP) * gaps[0][0]
         scalings = best_scalings(response, blocks, gain=gain, accuracy=0.5 * accuracy, real=not jumps)
         reached = scalings.level(response)
@@ -88,23 +88,23 @@ def sweep(M: Lti, blocks: tuple[DeltaBlock, ...], *, gain: bool, accuracy: float
 
 
 def add_performance_block(system: Uncertain) -> tuple[DeltaBlock, ...]:
-    """Return the blocks of a system and, last, the full block that closes its inputs and outputs."""
+    """Return the blocks of a system, then the full block that closes its inputs and outputs."""
     return (*system.blocks, FullBlock(name=PERFORMANCE, n_outputs=system.n_inputs, n_inputs=system.n_outputs))
 
 
 def to_continuous(system: Uncertain) -> Lti:
-    """Return `M` in continuous time, by the bilinear image, which keeps every bound, if it is discrete."""
+    """Return `M` in continuous time; a discrete one by the bilinear transform, which keeps every bound."""
     return bilinear_transform(system.M) if system.M.dt else system.M
 
 
 def unwarp_frequency(omega: float, system: Uncertain) -> float:
-    """Return the frequency [rad/s] of the system whose continuous image is at `omega`."""
+    """Return the system's frequency [rad/s] that the bilinear transform maps to `omega`."""
     dt = system.M.dt
     return 2.0 / dt * math.atan(0.5 * omega * dt) if dt else omega
 
 
 def _pick_frequency(gap: tuple[float, float], slow: float, fast: float) -> float:
-    """Return a frequency to look at inside a gap."""
+    """Return the frequency inside a gap to try next."""
     low, high = gap
     if math.isinf(high):
         return 4.0 * max(low, fast)
@@ -112,7 +112,7 @@ def _pick_frequency(gap: tuple[float, float], slow: float, fast: float) -> float
 
 
 def _subtract_band(gaps: list[tuple[float, float]], band: tuple[float, float]) -> list[tuple[float, float]]:
-    """Return the gaps less the band."""
+    """Return the gaps without the band."""
     if band[0] >= band[1]:
         return gaps
     pieces = [piece for low, high in gaps for piece in ((low, min(high, band[0])), (max(low, band[1]), high))]

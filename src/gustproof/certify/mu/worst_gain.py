@@ -1,34 +1,34 @@
-"""The largest H-infinity norm of an uncertain family, bracketed, with branch and bound where the bounds part."""
+"""Bounds on the largest H-infinity norm of an uncertain family, with branch and bound where they differ."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from gustproof.certify.scalings import best_scalings
-from gustproof.certify.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
-from gustproof.certify.worst_delta import worst_delta
+from gustproof.certify.mu.scalings import best_scalings
+from gustproof.certify.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
+from gustproof.certify.mu.worst_delta import worst_delta
 from gustproof.lti.norms import hinf_norm
 from gustproof.model.lft import Uncertain, append, star, ultidyn, ureal
 from gustproof.model.uncertainty import RealBlock
 
 ParameterBox = Mapping[str, tuple[float, float]]
-"""Low and high of the normalised value of each real parameter."""
+"""Lower and upper limit of the normalised value of each real parameter."""
 
 
 def worst_gain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> Bracket:
     """Return the largest H-infinity norm over the unit ball of Delta, and the worst Delta (MATLAB: `wcgain`).
 
-    Parameters are constant in time. While the bounds differ by more than twice `accuracy` and there are fewer than
-    `boxes` boxes of the real parameters, the one with the largest upper bound is halved where that helps most.
+    Parameters are constant in time. The search halves the box with the largest upper bound where that helps most. It
+    stops at `boxes` boxes of the real parameters, or once the bounds differ by at most twice `accuracy`.
 
     Parameters
     ----------
     system
         With inputs and outputs, stable at Delta = 0.
     accuracy
-        [-] relative, of each upper bound above the least that D-G scalings give.
+        [-] relative distance of each upper bound from the least one of D-G scalings.
     boxes
-        Boxes at most.
+        Largest number of boxes.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def worst_gain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> 
 
 
 def restrict(system: Uncertain, box: ParameterBox) -> Uncertain:
-    """Return the family with its real parameters held to a box, and normalised anew."""
+    """Return the family with its real parameters restricted to a box and normalised to it."""
     delta = []
     for block in system.blocks:
         if isinstance(block, RealBlock):
@@ -67,7 +67,7 @@ def restrict(system: Uncertain, box: ParameterBox) -> Uncertain:
 
 
 def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float) -> Bracket:
-    """Return the bracket of the gain in a box, its delta in the coordinates of the whole family."""
+    """Return the bracket of the gain in a box, with delta in the coordinates of the whole family."""
     family = restrict(system, box)
     M = to_continuous(family)
     if not M.is_stable():
@@ -82,13 +82,13 @@ def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float) -> Bracket:
         delta[name] = 0.5 * (low + high) + 0.5 * (high - low) * float(np.asarray(delta[name]))
     if len(box) < len(system.blocks):
         return Bracket(lower=worst.gain, upper=upper, omega=unwarp_frequency(omega, system), delta=delta)
-    # a member is a system: its own norm is the honest figure, and may be larger than at the frequencies looked at
+    # the norm of the member itself is the true figure; it may exceed the gain at the frequencies tried
     peak = hinf_norm(system.substitute(delta))
     return Bracket(lower=peak.gain, upper=upper, omega=peak.omega, delta=delta)
 
 
 def _best_halves(system: Uncertain, box: ParameterBox, omega: float, accuracy: float) -> list[ParameterBox]:
-    """Return the halves of a box, cut where the larger of their two bounds at `omega` is least."""
+    """Return the halves of a box, along the parameter with the least larger bound at `omega`."""
     cuts = []
     for name, (low, high) in box.items():
         middle = 0.5 * (low + high)

@@ -1,7 +1,7 @@
-"""The structured singular value of an uncertain system, over all frequencies, bracketed.
+"""Bounds on the structured singular value of an uncertain system over all frequencies.
 
 The upper bound holds between frequencies too; the lower bound is a Delta that makes the loop singular. Parameters are
-constant in time (frozen): see the certificates for ones that vary.
+constant in time; certificates cover varying ones.
 """
 
 import math
@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gustproof.certify.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
-from gustproof.certify.worst_delta import most_unstable_delta, worst_delta
+from gustproof.certify.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
+from gustproof.certify.mu.worst_delta import most_unstable_delta, worst_delta
 from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, as_lti, sensitivity
 from gustproof.model.lft import Uncertain
 from gustproof.model.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
@@ -20,16 +20,16 @@ from gustproof.model.uncertainty import DeltaBlock, FullBlock, RealBlock, column
 def mu(system: Uncertain, *, accuracy: float = 0.02) -> Bracket:
     """Return the peak of mu of `M` with respect to `Delta` over all frequencies (MATLAB: `mussv`, `robstab`).
 
-    The system is stable for every Delta of norm below 1 / upper, and a Delta of norm 1 / lower, the one returned, makes
-    it singular at `omega`. Inputs and outputs, if there are any, are closed by a full block named "performance": the
-    result is then robust performance, and below 1 it says that the gain stays below 1 over the unit ball.
+    The system is stable for every Delta of norm below 1 / upper. The returned Delta, of norm 1 / lower, makes it
+    singular at `omega`. A full block named "performance" closes inputs and outputs, if any. The result is then robust
+    performance: below 1, the gain stays below 1 over the unit ball.
 
     Parameters
     ----------
     system
         Stable at Delta = 0.
     accuracy
-        [-] relative, of the upper bound above the least that D-G scalings give.
+        [-] relative distance of the upper bound from the least one of D-G scalings.
 
     Raises
     ------
@@ -55,10 +55,10 @@ def mu(system: Uncertain, *, accuracy: float = 0.02) -> Bracket:
 
 
 def disk_margin_bounds(L: LinearSystem, *, accuracy: float = 1e-3) -> tuple[float, float]:
-    """Return bounds, from below and above, on the multi-loop disk margin of the negative-feedback loop `L`.
+    """Return the lower and upper bound on the multi-loop disk margin of the negative-feedback loop `L`.
 
-    One over mu of `S - I/2` with one complex block a channel (MATLAB: `diskmargin`). Scalings are free at each
-    frequency, so, up to `accuracy`, this is never below `numerics.margins.disk_margin`, whose scaling is constant.
+    The margin is 1 / mu of `S - I/2` with one complex block per channel (MATLAB: `diskmargin`). Scalings are free at
+    each frequency. Up to `accuracy`, the bound is never below `lti.margins.disk_margin`, whose scaling is constant.
 
     References
     ----------
@@ -76,8 +76,8 @@ def _mu_lower_bound(
 ) -> tuple[float, dict[str, ArrayLike]]:
     """Return a lower bound on mu of a matrix with a full block, and a Delta of norm 1 / bound that makes it singular.
 
-    The gain that the last full block sees falls as the ball of the others shrinks; where it is one over the radius,
-    both norms are as small as they can be.
+    The gain at the last full block falls as the ball of the others shrinks. At gain 1 / radius, both norms are as small
+    as possible.
     """
     last = max(k for k, block in enumerate(blocks) if isinstance(block, FullBlock))
     order = [*(k for k in range(len(blocks)) if k != last), last]
@@ -98,7 +98,7 @@ def _mu_lower_bound(
 
 
 def _closing_matrix(M: ComplexMatrix, Delta: ComplexMatrix) -> ComplexMatrix:
-    """Return the smallest matrix that makes the loop singular when it closes what `F_u(M, Delta)` leaves open."""
+    """Return the smallest matrix that makes `F_u(M, Delta)` singular in feedback."""
     n_w, n_z = Delta.shape
     loop = np.eye(n_z) - M[:n_z, :n_w] @ Delta
     seen = M[n_z:, n_w:] + M[n_z:, :n_w] @ Delta @ np.linalg.solve(loop, M[:n_z, n_w:])
@@ -107,7 +107,7 @@ def _closing_matrix(M: ComplexMatrix, Delta: ComplexMatrix) -> ComplexMatrix:
 
 
 def _real_mu_lower_bound(M: Lti, blocks: tuple[DeltaBlock, ...], upper: float) -> Bracket:
-    """Return a lower bound on mu of real parameters: the smallest ball found in which a pole crosses the axis."""
+    """Return a lower bound on mu of real parameters, from the smallest ball found in which a pole crosses the axis."""
     inside, outside = 0.0, math.inf
     best = Bracket(lower=0.0, upper=upper, omega=0.0, delta={})
     radius = 1.0 / upper if 0.0 < upper < math.inf else 1.0

@@ -1,22 +1,20 @@
-"""The multipliers that bound an L2 gain where some real parameters are slow, from one linear matrix inequality."""
+"""Multipliers that bound an L2 gain with some real parameters slow, from one linear matrix inequality."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-import clarabel
 import numpy as np
 import scipy.linalg
-import scipy.sparse
 
-from gustproof.certify.dissipation import Vertex, sign_product, vertices
-from gustproof.certify.multipliers import add_transpose, balancing_transform, basis, least_level, svec
-from gustproof.certify.symmetry import Mirror, mirror_group
+from gustproof.certify.check.dissipation import Vertex, sign_product, vertices
+from gustproof.certify.gain.multipliers import add_transpose, balancing_transform, basis, least_level, minimize, svec
+from gustproof.certify.gain.symmetry import Mirror, mirror_group
 from gustproof.lti.state_space import Lti, Matrix
 from gustproof.model.lft import Uncertain
 
 _STRICTNESS = 1e-6
-"""[-] what the solver must leave of each inequality in the balanced loop."""
+"""[-] least margin of each inequality in the balanced loop."""
 
 BlockScalings = tuple[tuple[Matrix, Matrix], ...]
 """D and G of each block."""
@@ -24,30 +22,30 @@ BlockScalings = tuple[tuple[Matrix, Matrix], ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RateBoundedMultipliers:
-    """A Lyapunov matrix that is linear in each slow parameter apart, and the multipliers at each corner."""
+    """A Lyapunov matrix that is linear in each slow parameter separately, and the multipliers at each corner."""
 
     coordinates: Matrix
-    """(n, n) from the loop's states to the balanced ones, in which P and Y stand."""
+    """(n, n) from the loop's states to the balanced ones, the coordinates of P and Y."""
     P: tuple[Matrix, ...]
-    """(n, n) for each set of slow parameters, a bit each: what the product of the set multiplies."""
+    """(n, n) coefficient of the product of each set of slow parameters; bit i of an index stands for parameter i."""
     Y: Matrix
     """(r, n + k + m) factor of `p - Delta q` of the slow blocks, on (x, p, w)."""
     scalings: tuple[BlockScalings, ...]
-    """For each of `dissipation.vertices`."""
+    """Scalings at each of `dissipation.vertices`."""
     level: float
-    """[-] gain for which the inequalities hold with them, in floating point."""
+    """[-] gain for which the inequalities hold in floating point."""
 
 
 def rate_bounded_multipliers(loop: Uncertain, speeds: Sequence[float | None]) -> RateBoundedMultipliers | None:
-    """Return the multipliers of about the least provable gain of a continuous loop, or `None` if there are none.
+    """Return multipliers for about the least provable gain of a continuous loop, or `None` if there are none.
 
-    `speeds` [1/s] bound the normalised parameter of each block, `None` where it is as fast as it likes. Corners that
-    mirror each other are solved once. For two slow parameters and 31 rows: 8 inequalities, 500 unknowns, 15 s.
+    `speeds` [1/s] bound the normalised parameter of each block; `None` allows any speed. Corners that mirror each other
+    are solved once. For two slow parameters and 31 rows: 8 inequalities, 500 unknowns, 15 s.
 
     Raises
     ------
     ValueError
-        If the loop is discrete or unstable, or not one speed is given.
+        If the loop is discrete or unstable, or all speeds are `None`.
     """
     if loop.M.dt or not loop.M.is_stable():
         raise ValueError("the loop must be continuous and stable at Delta = 0")
@@ -58,7 +56,7 @@ def rate_bounded_multipliers(loop: Uncertain, speeds: Sequence[float | None]) ->
     inverse: Matrix = np.asarray(np.linalg.inv(T), dtype=np.float64)
     M = Lti(A=inverse @ loop.M.A @ T, B=inverse @ loop.M.B, C=loop.M.C @ T, D=loop.M.D)
     program = _Program(Uncertain(M=M, blocks=loop.blocks), speeds, group)
-    unknowns = program.solved()
+    unknowns = program.solve()
     levels = [least_level(program.form(unknowns, vertex), program.m) for vertex in program.leaders]
     known = [level for level in levels if level is not None]
     if len(known) < len(levels):
@@ -69,9 +67,9 @@ def rate_bounded_multipliers(loop: Uncertain, speeds: Sequence[float | None]) ->
 
 
 class _Program:
-    """The inequalities at the corners that lead their mirror images, and which unknown stands where.
+    """Inequalities at one corner of each set of mirror images, and the order of the unknowns.
 
-    First come those of P and Y, which all corners share, then each corner's D and G; the level's square is last.
+    First P and Y, shared by all corners, then D and G of each corner; the squared level is last.
     """
 
     def __init__(self, loop: Uncertain, speeds: Sequence[float | None], group: list[Mirror]) -> None:
@@ -108,7 +106,7 @@ class _Program:
         self.own = sum(size**2 for size in self.repeats)  # symmetric and skew together
 
     def _is_symmetric(self, S: int, i: int, j: int) -> bool:
-        """Return whether every mirror leaves the entry (i, j) of the term of set `S` as it is."""
+        """Return whether every mirror leaves the entry (i, j) of the term of set `S` unchanged."""
         return all(
             mirror.x[i] * mirror.x[j] == sign_product(S, tuple(mirror.delta[b] for b in self.slow))
             for mirror in self.group
@@ -120,7 +118,7 @@ class _Program:
         return Vertex(signs, speeds)
 
     def _shared_terms(self, vertex: Vertex) -> Iterator[Matrix]:
-        """Yield what each unknown of P and Y multiplies at a corner."""
+        """Yield the coefficient of each unknown of P and Y at a corner."""
         signs = vertex.signs
         for S, i, j in self.P:
             E = _unit(self.n, i, j)
@@ -137,7 +135,7 @@ class _Program:
             yield add_transpose(np.outer(self.unit[a], error[j]))
 
     def _own_terms(self) -> Iterator[Matrix]:
-        """Yield what each unknown of a corner's D and G multiplies."""
+        """Yield the coefficient of each unknown of a corner's D and G."""
         for rows, repeats in zip(self.rows, self.repeats, strict=True):
             q, p = self.q[rows], self.p[rows]
             yield from (q.T @ S @ q - p.T @ S @ p for S in basis(repeats, skew=False))
@@ -150,8 +148,8 @@ class _Program:
         terms = [*self._shared_terms(vertex), *self._own_terms()]
         return np.asarray(self.z.T @ self.z + np.tensordot(values, np.array(terms), 1), dtype=np.float64)
 
-    def solved(self) -> Matrix:
-        """Return the unknowns of the least level, as the solver has them."""
+    def solve(self) -> Matrix:
+        """Return the solver's unknowns of the least level."""
         count, size = len(self.leaders), len(self.unit)
         shared = np.vstack([_columns(self._shared_terms(vertex)) for vertex in self.leaders])
         own = scipy.linalg.block_diag(*[_columns(self._own_terms())] * count)
@@ -168,17 +166,10 @@ class _Program:
         ]
         cost = np.zeros(rows.shape[1])
         cost[-1] = 1.0
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        solver = clarabel.DefaultSolver(
-            scipy.sparse.csc_matrix((cost.size, cost.size)), cost, scipy.sparse.csc_matrix(rows),
-            np.concatenate([svec(bound) for bound in bounds]),
-            [clarabel.PSDTriangleConeT(bound.shape[0]) for bound in bounds], settings,
-        )  # fmt: skip
-        return np.array(solver.solve().x, dtype=np.float64)
+        return minimize(cost, rows, bounds)
 
     def _definiteness_rows(self) -> tuple[Matrix, Matrix]:
-        """Return what the shared unknowns give -P at its corners, and what a corner's own give its -D, packed."""
+        """Return the rows of -P at its corners, for the shared unknowns, and of -D, for a corner's own; packed."""
         parts = []
         for signs in dict.fromkeys(vertex.signs for vertex in self.leaders):
             P = _columns(-sign_product(S, signs) * _unit(self.n, i, j) for S, i, j in self.P)
@@ -190,7 +181,7 @@ class _Program:
         return np.vstack(parts), np.asarray(scipy.linalg.block_diag(*scalings), dtype=np.float64)
 
     def unpack_shared(self, unknowns: Matrix) -> tuple[tuple[Matrix, ...], Matrix]:
-        """Return P, a term for each set, and Y."""
+        """Return P, one term per set, and Y."""
         P = np.zeros((1 << self.count, self.n, self.n))
         for (S, i, j), value in zip(self.P, unknowns, strict=False):
             P[S, i, j] = P[S, j, i] = value
@@ -200,7 +191,7 @@ class _Program:
         return tuple(P), Y
 
     def scalings_at(self, unknowns: Matrix, vertex: Vertex) -> BlockScalings:
-        """Return D and G of each block at any corner, mirrored from those of its leader."""
+        """Return D and G of each block at any corner, mirrored from its leading corner."""
         leader, mirror = self.image[vertex]
         start = self.shared + leader * self.own
         found = []

@@ -1,7 +1,7 @@
-"""The judge: accepts or refuses a certificate's evidence in exact arithmetic, with the standard library only.
+"""Check of a certificate's evidence in exact arithmetic, with the standard library only.
 
-It knows no solver, no design and no law: it multiplies and factors matrices of rational numbers. What it proves is a
-statement about the numbers in the evidence; that these are those of a vehicle and a law is for the maker to show.
+The check multiplies and factors matrices of rational numbers; it uses no solver, no design and no law. It proves a
+statement about the numbers in the evidence. The maker must show that they are those of a vehicle and a law.
 """
 
 import hashlib
@@ -12,7 +12,7 @@ from fractions import Fraction
 from itertools import product
 from typing import Any
 
-from gustproof.certify.dissipation import (
+from gustproof.certify.check.dissipation import (
     corner,
     gain_inequality,
     lyapunov_matrix,
@@ -20,33 +20,33 @@ from gustproof.certify.dissipation import (
     rate_bounded_inequalities,
     vertices,
 )
-from gustproof.certify.invariant_box import SIGNALS, AxisNorms, axis_norms, map_box
+from gustproof.certify.check.invariant_box import SIGNALS, AxisNorms, axis_norms, map_box
 from gustproof.lti.rational import exp_lower_bound, is_positive_definite, scale, to_rational, transpose
 
 FORMAT = "gustproof-certificate-1"
 COMMAND_SHARE = Fraction(999, 1000)
-"""[-] part of its limit that a command may reach: what is inside it is so whatever floating point rounds."""
+"""[-] share of its limit that a command may reach; the rest covers floating-point rounding."""
 
 
 class Refusal(Exception):
-    """The evidence does not prove the claim; the text names the condition that failed."""
+    """Evidence that does not prove the claim; the text names the condition that failed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckResult:
-    """What the check found."""
+    """Verdict of a check."""
 
     accepted: bool
-    """Whether the evidence proves the claim."""
+    """True if the evidence proves the claim."""
     reason: str
-    """What was proved, or the condition that failed."""
+    """The proved statement, or the condition that failed."""
 
 
 def check(certificate_json: str) -> CheckResult:
     """Return whether the evidence of a certificate, given as the text of its file, proves its claim.
 
-    The seal must fit, so that one changed digit anywhere is refused, even one that would leave the proof standing.
-    Any text gets a verdict; nothing is raised.
+    The seal must fit: one changed digit anywhere is refused, even one that would leave the proof valid. Any text gets a
+    verdict; nothing is raised.
     """
     try:
         document = json.loads(certificate_json)
@@ -72,7 +72,7 @@ def check_evidence(level: float, evidence: dict[str, Any]) -> CheckResult:
     Raises
     ------
     Refusal
-        If it does not.
+        If `evidence` proves no such thing.
     """
     if evidence["kind"] not in _PROOFS:
         raise Refusal(f"unknown kind of evidence '{evidence['kind']}'")
@@ -80,7 +80,7 @@ def check_evidence(level: float, evidence: dict[str, Any]) -> CheckResult:
 
 
 def seal(document: dict[str, Any]) -> str:
-    """Return the SHA-256 of a document of JSON values, whatever its layout and the order of its keys."""
+    """Return the SHA-256 of a document of JSON values, independent of layout and key order."""
     text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -98,7 +98,7 @@ def _prove_gain(level: Fraction, evidence: dict[str, Any]) -> str:
 
 
 def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any]) -> str:
-    """Prove an L2 gain where some parameters are slow; see `rate_bounded_inequalities`."""
+    """Prove an L2 gain with bounds on the speeds of some parameters; see `rate_bounded_inequalities`."""
     if level <= 0:
         raise Refusal("the level is not positive")
     slow = rate_bounded_blocks(evidence)
@@ -117,7 +117,7 @@ def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any]) -> str:
 
 
 def _check_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]]) -> None:
-    """Refuse scalings that are no multipliers of the evidence's blocks."""
+    """Raise `Refusal` for scalings that are no multipliers of the evidence's blocks."""
     for block, item in zip(evidence["blocks"], scalings, strict=True):
         D_i, G_i = to_rational(item["D"]), to_rational(item["G"])
         if not len(D_i) == len(G_i) == block["size"]:
@@ -129,13 +129,13 @@ def _check_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]])
 
 
 def _prove_boundedness(level: Fraction, evidence: dict[str, Any]) -> str:
-    """Prove that a flight stays inside a box; see `gustproof.certify.invariant_box`."""
+    """Prove that a flight stays inside a box; see `gustproof.certify.check.invariant_box`."""
     norms = [axis_norms(evidence, axis) for axis in range(3)]
     return check_box(level, evidence, norms)
 
 
 def check_box(level: Fraction, evidence: dict[str, Any], norms: list[AxisNorms]) -> str:
-    """Return what is proved if the evidence's box closes over `level` times its moment with these norms.
+    """Return the proved statement if the evidence's box closes over `level` times its moment with these norms.
 
     Raises
     ------
@@ -143,12 +143,12 @@ def check_box(level: Fraction, evidence: dict[str, Any], norms: list[AxisNorms])
         If a signal leaves the box, a command its limit, or the noise is not covered.
     """
     if level <= 0:
-        raise Refusal("the part of the moment is not positive")
+        raise Refusal("the share of the moment is not positive")
     box, law = to_rational(evidence["box"]), evidence["law"]
     if [len(row) for row in box] != [len(SIGNALS)] * 3 or min(map(min, box)) < 0:
         raise Refusal("the box does not bound every signal of every axis")
     deviations = Fraction(evidence["deviations"])
-    # 2 Q(z) <= exp(-z^2 / 2) for each signal, late signal and measurement of each sample
+    # 2 Q(z) <= exp(-z^2 / 2) for each signal, signal at the sample's end and measurement of each sample
     count = 3 * (len(SIGNALS) + 3) * (evidence["samples"] + 1)
     if evidence["noise"] != 0 and exp_lower_bound(deviations**2 / 2) * Fraction(evidence["risk"]) < count:
         raise Refusal("the noise exceeds so many deviations with a larger probability")

@@ -1,4 +1,4 @@
-"""The multipliers that bound an L2 gain over real parameters of any speed, from one linear matrix inequality."""
+"""Multipliers that bound an L2 gain over real parameters of any speed, from one linear matrix inequality."""
 
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
@@ -13,18 +13,18 @@ from gustproof.model.lft import Uncertain
 from gustproof.model.uncertainty import RealBlock
 
 _STRICTNESS = 1e-7
-"""[-] what the solver must leave of each inequality in the balanced loop while it looks for the least level."""
+"""[-] least margin of each inequality in the balanced loop while the solver minimises the level."""
 _BACKOFF = 1.001
-"""[-] multiple of the least level at which the multipliers are then put as far inside the inequalities as they can."""
+"""[-] multiple of the least level at which the margin of the inequalities is then maximised."""
 _MIN_HANKEL_RATIO = 1e-2
-"""[-] Hankel singular values count as at least this part of the largest, so that balancing itself stays well posed."""
+"""[-] floor of the Hankel singular values relative to the largest, so that balancing stays well posed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Multipliers:
     """A constant Lyapunov matrix and D-G scalings.
 
-    The Lyapunov matrix is left in the balanced coordinates: rounded in the loop's own, it would lose the proof.
+    The Lyapunov matrix stays in balanced coordinates: rounded in the loop's own, it would lose the proof.
     """
 
     coordinates: Matrix
@@ -36,14 +36,14 @@ class Multipliers:
     G: tuple[Matrix, ...]
     """(k, k) for each block, skew."""
     level: float
-    """[-] gain for which the inequality holds with them, in floating point."""
+    """[-] gain for which the inequality holds in floating point."""
 
 
 def best_multipliers(loop: Uncertain) -> Multipliers | None:
-    """Return the multipliers of about the least provable gain of a continuous loop, or `None` if there are none.
+    """Return multipliers for about the least provable gain of a continuous loop, or `None` if there are none.
 
-    The loop is balanced first; what the solver returns is made symmetric, and the level is computed again from it.
-    Two semidefinite programs of the size states + Delta + w, least level and then widest margin: 1 s at 31, 3 s at 38.
+    The loop is balanced first. The solver's result is made symmetric, and the level is computed from it again. Two
+    semidefinite programs of size states + Delta + w: least level, then widest margin. 1 s at size 31, 3 s at 38.
 
     Raises
     ------
@@ -69,9 +69,9 @@ def best_multipliers(loop: Uncertain) -> Multipliers | None:
 
 
 def balancing_transform(M: Lti, classes: Sequence[Hashable] | None = None) -> Matrix:
-    """Return the state transformation that makes both Gramians equal, but for modes that are hardly there.
+    """Return the state transformation that makes both Gramians equal, except for very weak modes.
 
-    States of different `classes`, one for each state, are not mixed.
+    States of different `classes`, one class per state, are not mixed.
     """
     Wc = scipy.linalg.solve_continuous_lyapunov(M.A, -M.B @ M.B.T)
     Wo = scipy.linalg.solve_continuous_lyapunov(M.A.T, -M.C.T @ M.C)
@@ -80,7 +80,7 @@ def balancing_transform(M: Lti, classes: Sequence[Hashable] | None = None) -> Ma
     for kind in dict.fromkeys(kinds):
         own = np.ix_(*[[i for i, other in enumerate(kinds) if other == kind]] * 2)
         W = 0.5 * (Wc + Wc.T)[own]
-        # some modes cannot be reached but for rounding: the Gramian is made definite by a multiple of rounding
+        # some modes are unreachable up to rounding: a multiple of rounding makes the Gramian definite
         L = np.linalg.cholesky(W + 1e-13 * np.trace(W) * np.eye(W.shape[0]))
         U, squares, _ = np.linalg.svd(L.T @ Wo[own] @ L)
         hankel = np.maximum(np.sqrt(squares), _MIN_HANKEL_RATIO * np.sqrt(squares[0]))
@@ -89,7 +89,7 @@ def balancing_transform(M: Lti, classes: Sequence[Hashable] | None = None) -> Ma
 
 
 class _Inequality:
-    """`constant + sum_k x_k terms[k] <= 0` in (x, p, w), and which unknown stands where; the level's square is last."""
+    """`constant + sum_k x_k terms[k] <= 0` in (x, p, w), and the order of the unknowns; the squared level is last."""
 
     def __init__(self, loop: Uncertain) -> None:
         M, k = loop.M, loop.n_w
@@ -109,7 +109,7 @@ class _Inequality:
         self.terms.append(-w.T @ w)
 
     def split(self, unknowns: Matrix) -> tuple[Matrix, tuple[Matrix, ...], tuple[Matrix, ...]]:
-        """Return P, the D and the G of a vector of unknowns."""
+        """Return P, the D and the G from a vector of unknowns."""
         values = iter(unknowns.tolist())
         matrices = [combine_basis(values, self.n, skew=False)]
         for repeats in self.repeats:
@@ -118,9 +118,9 @@ class _Inequality:
 
 
 def _solve_sdp(inequality: _Inequality, square: float | None) -> Matrix:
-    """Return the unknowns that make the level least or, its square given, the margin of every inequality largest.
+    """Return the unknowns of the least level or, for a given `square` of the level, of the largest margin.
 
-    The last unknown is the level's square or the margin.
+    The last unknown is the squared level or the margin of every inequality.
     """
     terms, constant = inequality.terms, inequality.constant
     if square is not None:
@@ -144,24 +144,31 @@ def _solve_sdp(inequality: _Inequality, square: float | None) -> Matrix:
             parts[k][:, -1] = svec(margin)
     cost = np.zeros(columns)
     cost[-1] = 1.0 if square is None else -1.0
+    return minimize(cost, np.vstack(parts), bounds)
+
+
+def minimize(cost: Matrix, rows: Matrix, bounds: Sequence[Matrix]) -> Matrix:
+    """Return the solver's x of least `cost` x with each block of `rows` x below its symmetric bound.
+
+    `rows` stacks the blocks of all bounds, each in the form of `svec`.
+    """
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    solver = clarabel.DefaultSolver(
-        scipy.sparse.csc_matrix((columns, columns)), cost, scipy.sparse.csc_matrix(np.vstack(parts)),
-        np.concatenate([svec(bound) for bound in bounds]),
-        [clarabel.PSDTriangleConeT(bound.shape[0]) for bound in bounds], settings,
-    )  # fmt: skip
+    quadratic = scipy.sparse.csc_matrix((cost.size, cost.size))
+    limits = np.concatenate([svec(bound) for bound in bounds])
+    cones = [clarabel.PSDTriangleConeT(bound.shape[0]) for bound in bounds]
+    solver = clarabel.DefaultSolver(quadratic, cost, scipy.sparse.csc_matrix(rows), limits, cones, settings)
     return np.array(solver.solve().x, dtype=np.float64)
 
 
 def _level(inequality: _Inequality, unknowns: Matrix) -> float | None:
-    """Return the least level for the multipliers in `unknowns`, whatever the solver said, if there is one."""
+    """Return the least level for the multipliers in `unknowns`, independent of the solver's verdict, or `None`."""
     form = inequality.constant + sum(x * term for x, term in zip(unknowns[:-1], inequality.terms[:-1], strict=True))
     return least_level(form, int(np.trace(-inequality.terms[-1])))
 
 
 def least_level(form: Matrix, inputs: int) -> float | None:
-    """Return the least level for which `form` - level^2 |w|^2 is negative, w the last `inputs` of it, or `None`."""
+    """Return the least level for which `form` - level^2 |w|^2 is negative, w its last `inputs`, or `None`."""
     rest = form.shape[0] - inputs
     inner, cross = form[:rest, :rest], form[:rest, rest:]
     if not np.all(np.isfinite(form)) or np.linalg.eigvalsh(inner)[-1] >= 0.0:
@@ -171,7 +178,7 @@ def least_level(form: Matrix, inputs: int) -> float | None:
 
 
 def basis(n: int, *, skew: bool) -> list[Matrix]:
-    """Return a basis of the symmetric or skew matrices, column by column of the upper triangle."""
+    """Return a basis of the symmetric or skew matrices, by columns of the upper triangle."""
     found = []
     for j in range(n):
         for i in range(j if skew else j + 1):
@@ -182,7 +189,7 @@ def basis(n: int, *, skew: bool) -> list[Matrix]:
 
 
 def combine_basis(values: Iterator[float], n: int, *, skew: bool) -> Matrix:
-    """Return the matrix that the next unknowns are the coordinates of."""
+    """Return the matrix whose coordinates are the next `values`."""
     matrix = np.zeros((n, n))
     for S in basis(n, skew=skew):
         matrix += next(values) * S
@@ -195,6 +202,6 @@ def add_transpose(X: Matrix) -> Matrix:
 
 
 def svec(S: Matrix) -> Matrix:
-    """Return the upper triangle by columns, off the diagonal times sqrt(2): the solver's form of a symmetric matrix."""
+    """Return the upper triangle by columns, sqrt(2) times off the diagonal: the solver's form of a symmetric matrix."""
     rows, columns = np.tril_indices(S.shape[0])
     return np.asarray(S[columns, rows] * np.where(rows == columns, 1.0, np.sqrt(2.0)), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""The certified gain of an attitude loop over an envelope of attitudes and rates that change as fast as they like."""
+"""Certified gain of an attitude loop over an envelope of attitudes and rates that change at any speed."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from gustproof.certify.certificate import Certificate
-from gustproof.certify.check import Refusal, check_evidence
-from gustproof.certify.dissipation import gain_inequality, rate_bounded_inequalities
-from gustproof.certify.multipliers import Multipliers, best_multipliers
-from gustproof.certify.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
-from gustproof.certify.worst_schedule import worst_schedule, worst_triangle_schedule
+from gustproof.certify.check.dissipation import gain_inequality, rate_bounded_inequalities
+from gustproof.certify.check.evidence import Refusal, check_evidence
+from gustproof.certify.gain.multipliers import Multipliers, best_multipliers
+from gustproof.certify.gain.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
+from gustproof.certify.gain.worst_schedule import worst_schedule, worst_triangle_schedule
 from gustproof.lti.rational import multiply, to_rational, transpose
 from gustproof.lti.state_space import LinearSystem, Matrix, as_continuous, as_lti
 from gustproof.model.interconnection import Interconnection
@@ -20,7 +20,7 @@ from gustproof.model.lft import Uncertain, close_loop, connect, star, system_fro
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
 
 _MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
-"""[-] relative margins above the solver's level that are tried in turn: rounding of the multipliers needs some."""
+"""[-] relative margins above the solver's level, tried in turn: rounding of the multipliers needs some."""
 
 
 def certify_gain(
@@ -30,42 +30,42 @@ def certify_gain(
     angle: float,
     rate: float,
     scheduled: bool = False,
-    slow: bool = False,
+    rate_bounded: bool = False,
     level: float | None = None,
 ) -> Certificate:
     """Return a certificate of the L2 gain from w to z of a design problem closed by a continuous controller.
 
-    It holds for |phi|, |theta| <= `angle` and |p|, |q|, |r| <= `rate` that change arbitrarily fast: the exact
-    rotational dynamics of the diagram's airframe are an LFT of order 7, its Delta any function of time. Where `slow`,
-    phi and theta turn no faster than the kinematics allow with such rates, and P depends on them; p, q and r still
-    change as they like, so that nothing is assumed of their derivatives.
+    The gain holds for |phi|, |theta| <= `angle` and |p|, |q|, |r| <= `rate` that change arbitrarily fast. The exact
+    rotational dynamics of the diagram's airframe are an LFT of order 7, with Delta any function of time. With
+    `rate_bounded`, phi and theta change no faster than the kinematics allow at such rates, and P depends on them. The
+    proof still assumes nothing of the derivatives of p, q and r.
 
     Parameters
     ----------
     problem
         From `torque_problem`: its block "airframe" gives inertia, leak and damping.
     controller
-        Continuous, `u = K y`; where `scheduled`, its first six states are the attitude and rates that it estimates.
+        Continuous, `u = K y`; if `scheduled`, its first six states are its estimates of attitude and rates.
     angle
         [rad] of the envelope, below pi/2.
     rate
         [rad/s] of the envelope.
     scheduled
-        Whether the controller carries the same `A(rho)` as the airframe, with exact rho.
-    slow
-        Whether bounds on the speed of phi and theta are used; takes some ten times as long.
+        True if the controller contains the same `A(rho)` as the airframe, with exact rho.
+    rate_bounded
+        True to use bounds on the speed of phi and theta; about ten times as slow.
     level
-        [-] gain to certify; the least that can be proved unless given.
+        [-] gain to certify; by default the least that can be proved.
 
     Raises
     ------
     ValueError
-        If the envelope is not sound, the design commands rates, has a reference or an accelerometer, the controller is
+        If the envelope is invalid, the design commands rates, has a reference or an accelerometer, the controller is
         discrete, or the loop is unstable at hover.
     """
     loop = attitude_loop(problem, controller, Envelope(angle=angle, rate=rate), scheduled=scheduled)
     leak, damping, _ = _airframe(problem)
-    turning = attitude_speeds(angle, rate, leak=leak) if slow else None
+    turning = attitude_speeds(angle, rate, leak=leak) if rate_bounded else None
     # t = tan(phi / 2) over its largest value, and v likewise
     edge = math.tan(angle / 2.0)
     speeds = None if turning is None else [(1.0 + 1e-9) * turn * (1.0 + edge**2) / (2.0 * edge) for turn in turning]
@@ -74,7 +74,7 @@ def certify_gain(
         if turning is None
         else (
             f"within the envelope, |phi'| <= {turning[0]:.6f} and |theta'| <= {turning[1]:.6f} rad/s, "
-            "which the kinematics imply; p, q, r as fast as they like"
+            "which the kinematics imply; p, q, r at any speed"
         )
     )
     return certify_lft(
@@ -92,6 +92,8 @@ def certify_gain(
         },
         level=level,
         speeds=None if speeds is None else dict(zip(("t", "v"), speeds, strict=True)),
+        signals="from disturbance and noise to error and command, all weighted,",
+        scope=f"for all |phi|, |theta| <= {angle:g} rad and |p|, |q|, |r| <= {rate:g} rad/s",
     )
 
 
@@ -102,7 +104,7 @@ def attitude_speeds(angle: float, rate: float, *, leak: float) -> tuple[float, f
     """
     across = rate * (1.0 + math.sin(angle))
     bounds = rate + math.tan(angle) * across + leak * angle, across + leak * angle
-    of_phi, of_theta = (math.ceil(1e6 * bound + 1e-3) / 1e6 for bound in bounds)  # up: what is told is what is used
+    of_phi, of_theta = (math.ceil(1e6 * bound + 1e-3) / 1e6 for bound in bounds)  # up: the printed value is used
     return of_phi, of_theta
 
 
@@ -112,17 +114,20 @@ def certify_lft(
     assumes: dict[str, Any],
     level: float | None = None,
     speeds: Mapping[str, float] | None = None,
+    signals: str = "from w to z",
+    scope: str = "for every Delta(t) of the envelope",
 ) -> Certificate:
     """Return a certificate of the L2 gain of any continuous loop with real parameters.
 
-    Normalised parameters named in `speeds` [1/s] keep these bounds on their derivatives, the others are as fast as they
-    like. The lower bound is what a schedule of the parameters reaches in simulation.
+    Normalised parameters named in `speeds` [1/s] keep these bounds on their derivatives; the others may change at any
+    speed. The lower bound is the gain that a schedule of the parameters reaches in simulation. `signals` and `scope`
+    are the statement's words for the loop's signals and its parameters.
 
     Raises
     ------
     ValueError
-        If the level is not positive, the loop is discrete, unstable at hover, has no block of a name in `speeds` or one
-        that is no real parameter.
+        If the level is not positive. If the loop is discrete, unstable at hover, lacks a block named in `speeds`, or
+        has a block that is no real parameter.
     """
     if level is not None and not 0.0 < level < math.inf:
         raise ValueError(f"level is {level}, must be positive")
@@ -141,7 +146,7 @@ def certify_lft(
         wanted = candidates[-1] if wanted is None else wanted
     claim = "is not bounded by these multipliers" if wanted is None else f"is below {wanted:.6g}"
     return Certificate(
-        statement=f"the L2 gain from w to z {claim} for every Delta(t) of the envelope",
+        statement=f"the L2 gain {signals} {claim} {scope}",
         gain=wanted,
         lower_bound=(worst_schedule(loop) if speeds is None else worst_triangle_schedule(loop, bounds)).gain,
         proven=proven,
@@ -154,7 +159,7 @@ def certify_lft(
 def attitude_loop(
     problem: Interconnection, controller: LinearSystem, envelope: Envelope, *, scheduled: bool
 ) -> Uncertain:
-    """Return the loop of a design problem and a controller, (w) to (z), with exact rotation over the envelope."""
+    """Return the loop of a design problem and a controller, from w to z, with exact rotation over the envelope."""
     leak, damping, inertia_B = _airframe(problem)
     dynamics = rotation(inertia_B, envelope)
     P = connect(problem, {"airframe": uncertain_airframe(dynamics, leak=leak, rate_damping=damping)})
@@ -171,12 +176,12 @@ def _airframe(problem: Interconnection) -> tuple[float, float, list[float]]:
     """Return leak [1/s], damping [1/s] and inertia [kg*m^2] of the diagram's airframe, whose states are (E, omega)."""
     bodies = [as_lti(block.system) for block in problem.blocks if block.name == "airframe"]
     if not bodies:
-        raise ValueError("the diagram has no block 'airframe': a gain is proved of designs that command torque")
+        raise ValueError("certify supports torque designs only: the diagram has no block 'airframe'")
     if "reference" in problem.y:
-        raise ValueError("a gain is proved of designs that hold level, not of one with a reference, W_r")
+        raise ValueError("certify supports designs that hold level only: this one has a reference, W_r")
     A: Matrix = bodies[0].A
     if not A[0, 0] == A[1, 1] == A[2, 2]:
-        raise ValueError("the leak is not the same in all axes: no gain is proved of a design with an accelerometer")
+        raise ValueError("certify supports gyro-only designs: the leak differs between axes, as with an accelerometer")
     return float(-A[0, 0]), float(-A[3, 3]), [float(1.0 / bodies[0].B[3 + k, k]) for k in range(3)]
 
 
@@ -212,7 +217,7 @@ def _is_proven(level: float, evidence: dict[str, Any]) -> bool:
 
 
 def _residual(level: float, evidence: dict[str, Any]) -> float:
-    """Return the least eigenvalue of the inequalities in the coordinates of their Lyapunov matrix."""
+    """Return the least eigenvalue of the inequalities, in the coordinates of their Lyapunov matrix."""
     exact_level = Fraction(level)
     forms = (
         [gain_inequality(exact_level, evidence)]

@@ -1,4 +1,4 @@
-"""Lower bounds of a gain over parameters in motion: schedules that a simulation shows, switching or swinging."""
+"""Lower bounds of a gain over varying parameters: simulated schedules, switching or in triangle waves."""
 
 import itertools
 import math
@@ -16,16 +16,16 @@ Order = NDArray[np.int64]
 Systems = tuple[Matrix, Matrix, Matrix, Matrix]
 
 _STEP = 0.02
-"""[s] time that a vertex of Delta is held at least; input constant in it."""
+"""[s] least time for which a vertex of Delta is held; the input is constant in it."""
 _SWEEPS = 3
-"""[-] power iterations for the input between two improvements of the schedule."""
+"""[-] power iterations of the input between two improvements of the schedule."""
 _CONVERGENCE = 1e-4
 """[-] relative growth of the gain below which the search ends."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Schedule:
-    """A history of Delta with the gain that it reaches from rest."""
+    """A history of Delta and the gain that it reaches from rest."""
 
     gain: float
     """[-] L2 norm of z divided by that of w, in simulation."""
@@ -36,21 +36,21 @@ class Schedule:
 
 
 def worst_schedule(loop: Uncertain, *, duration: float = 60.0, rounds: int = 24, seed: int = 0) -> Schedule:
-    """Return a schedule of vertices of Delta, and by it a lower bound of the loop's gain over parameters of any speed.
+    """Return a bad schedule of vertices of Delta; its gain is a lower bound over parameters of any speed.
 
-    Ascent from a random start: the input is the power iteration of the loop and its adjoint, and at each step the
-    vertex is taken that raises the adjoint's product with the next state most. Cost `rounds` * 6 simulations.
+    Ascent from a random start. The input comes from power iteration of the loop and its adjoint. Each step takes the
+    vertex with the largest product of the adjoint and the next state. Cost `rounds` * 6 simulations.
 
     Parameters
     ----------
     loop
         Continuous, with real parameters only.
     duration
-        [s] length of the schedule; what comes after it is not counted, which can only lower the gain.
+        [s] length of the schedule; ignoring the response after it can only lower the gain.
     rounds
         Largest number of improvements of the schedule.
     seed
-        Of the random start.
+        Seed of the random start.
     """
     corners = np.array(list(_signs(len(loop.blocks))))
     A, B, C, D = _systems(loop, corners)
@@ -76,11 +76,11 @@ def worst_schedule(loop: Uncertain, *, duration: float = 60.0, rounds: int = 24,
 def worst_triangle_schedule(
     loop: Uncertain, speeds: Sequence[float | None], *, duration: float = 60.0, seed: int = 0
 ) -> Schedule:
-    """Return the worst of some histories of Delta that keep `speeds`, and by it a lower bound of the gain.
+    """Return the worst of some histories of Delta that keep `speeds`; its gain is a lower bound.
 
-    Each parameter with a bound in `speeds` [1/s] rests at a corner, or swings in triangles from -1 to 1 at the least of
-    the speeds or slower, in step with the first or a quarter turn late; the others rest at 0. Ramps are taken at the
-    middle of each step. Cost 100 simulations for two slow parameters.
+    Each parameter with a bound in `speeds` [1/s] stays at a corner, or follows a triangle wave from -1 to 1. Waves run
+    at the least of the speeds or slower, in phase with the first one or a quarter period late. The others stay at 0.
+    Ramps are sampled at the middle of each step. Cost 100 simulations for two slow parameters.
     """
     slow = [i for i, speed in enumerate(speeds) if speed is not None]
     fastest = min(speed for speed in speeds if speed is not None)
@@ -105,7 +105,7 @@ def worst_triangle_schedule(
 
 
 def _power_iterate(systems: Systems, order: Order, w: Matrix, *, rounds: int) -> tuple[float, Matrix]:
-    """Return the gain that power iteration of the loop and its adjoint reaches from the input `w`, and its input."""
+    """Return the gain and the input that power iteration of the loop and its adjoint reaches from the input `w`."""
     gain = 0.0
     for _ in range(rounds):
         _, z = _simulate_forward(*systems, order, w)
@@ -116,7 +116,7 @@ def _power_iterate(systems: Systems, order: Order, w: Matrix, *, rounds: int) ->
 
 
 def _systems(loop: Uncertain, deltas: Matrix) -> Systems:
-    """Return the loop at each of `deltas`, (k, blocks), over a step: A, B, C and D, each k of them."""
+    """Return A, B, C and D, each (k, ...), of the loop over a step at each of `deltas` (k, blocks)."""
     names = [block.name for block in loop.blocks]
     held = [_discretize(loop, dict(zip(names, delta, strict=True))) for delta in deltas]
     A, B, C, D = (np.array(matrices) for matrices in zip(*held, strict=True))
@@ -128,7 +128,7 @@ def _signs(blocks: int) -> "itertools.product[tuple[float, ...]]":
 
 
 def _discretize(loop: Uncertain, vertex: dict[str, float]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Return the loop at a vertex over a step with its input held."""
+    """Return the loop at a vertex over a step with held input."""
     system = loop.substitute(vertex)
     n, m = system.order, system.n_inputs
     exponential = scipy.linalg.expm(np.block([[system.A, system.B], [np.zeros((m, n + m))]]) * _STEP)
@@ -145,7 +145,7 @@ def _simulate_forward(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, 
 
 
 def _simulate_adjoint(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, z: Matrix) -> tuple[Matrix, Matrix]:
-    """Return the adjoint (k, n) of each step's next state, and the adjoint's output (k, m)."""
+    """Return the adjoint (k, n) of each step's next state and the adjoint's output (k, m)."""
     adjoint = np.zeros((len(order) + 1, A.shape[1]))
     read = np.einsum("kij,ki->kj", C[order], z)
     for k in range(len(order) - 1, -1, -1):
