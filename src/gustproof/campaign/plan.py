@@ -20,10 +20,10 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.spreads import Spread
 from firmware_model.config.uncertainty import VehicleSet, make_vehicle_set
 from firmware_model.errors import ConfigError
-from gustproof import __version__
 from gustproof.campaign.sampling import Array, Sampling, draw_deltas, flight_seeds
 from gustproof.law.form import Law, parse_law
 from gustproof.simulate.batch import Case
+from gustproof.version import __version__
 
 FORMAT = "gustproof-campaign-1"
 _GUST = "gust_scale"

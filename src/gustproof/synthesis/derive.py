@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-import gustproof
 from firmware_model.config.vehicle import Vehicle, load_vehicle
 from gustproof.errors import DesignError
 from gustproof.law.discretize import central_law
@@ -20,6 +19,7 @@ from gustproof.performance.step_response import StepResponse, step_response
 from gustproof.synthesis.designs import Design, design_problem
 from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
 from gustproof.synthesis.structured.hinfstruct import StructResult
+from gustproof.version import __version__
 
 _AXES = ("roll", "pitch", "yaw")
 
@@ -170,7 +170,7 @@ def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | Stru
         design=f"{design.name}: {design.description}",
         vehicle=vehicle.name,
         parameters=parameters,
-        version=gustproof.__version__,
+        version=__version__,
     )
 
 

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.files import write_text
-from gustproof import __version__
 from gustproof.law.form import Law, Output
 from gustproof.law.step import step
+from gustproof.version import __version__
 
 _FOLDER = Path(__file__).parent
 _FORCE = ";\n *          specific force x, y, z [m/s^2], (0, 0, -9.81) at rest"

@@ -19,13 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-import gustproof
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.errors import DesignError
 from gustproof.law.cascade import Gains, cascade_law, gain_parameters, plain_axis
 from gustproof.law.form import Law, Matrix, Output, Provenance
 from gustproof.simulate.direct import fly_direct
+from gustproof.version import __version__
 
 RATIOS = (1 / 10, 1 / 3, 1.0, 3.0, 10.0)
 """[-] frequencies of the experiment over the target bandwidth."""
@@ -189,7 +189,7 @@ def autotune_pid(
             "seed": float(seed),
             **gain_parameters(gains),
         },
-        version=gustproof.__version__,
+        version=__version__,
     )
     axes = [plain_axis(g, inertia, dt) for g, inertia in zip(gains, vehicle.inertia_B, strict=True)]
     return cascade_law(name, axes, vehicle, dt, provenance)
