@@ -2,7 +2,17 @@
 
 
 class ConfigError(Exception):
-    """A vehicle, scenario or command line is wrong; the text is one line: where, what, what is allowed."""
+    """A vehicle, scenario or command line is wrong; the text is one line: where, what, what is allowed.
+
+    Examples
+    --------
+    >>> from gustproof import ConfigError, load_law
+    >>> try:
+    ...     load_law("no-such-law")
+    ... except ConfigError as error:
+    ...     print(str(error).partition(":")[0])
+    no law named 'no-such-law'
+    """
 
 
 class RecordingError(Exception):

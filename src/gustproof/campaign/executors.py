@@ -60,7 +60,15 @@ class _ProcessPool:
 
 @contextmanager
 def process_pool(workers: int) -> Iterator[Pool]:
-    """Give processes of this machine; they end with the block, at once if it is left by an error or Ctrl-C."""
+    """Give processes of this machine; they end with the block, at once if it is left by an error or Ctrl-C.
+
+    Examples
+    --------
+    >>> from gustproof import process_pool
+    >>> with process_pool(2) as pool:
+    ...     pool.submit(sum, [1, 2]).result()
+    3
+    """
     pool = _ProcessPool(workers)
     try:
         yield pool

@@ -31,7 +31,14 @@ _ATTITUDE = ("initial_roll_deg", "initial_pitch_deg", "initial_yaw_deg")
 
 
 class DispersionKind(Enum):
-    """What may be drawn anew."""
+    """What may be drawn anew.
+
+    Examples
+    --------
+    >>> from gustproof import DispersionKind
+    >>> [kind.value for kind in DispersionKind]
+    ['vehicle', 'gyro', 'gust', 'attitude']
+    """
 
     VEHICLE = "vehicle"
     """Numbers with a spread in the vehicle file, but for the gyro's."""
@@ -51,6 +58,16 @@ class Campaign:
     ------
     ConfigError
         If two laws have one name, or one steps at another rate than the scenario.
+
+    Examples
+    --------
+    >>> from gustproof import Campaign, DispersionKind, load_law, load_scenario, load_vehicle_set, select_spreads
+    >>> scenario, vehicles = load_scenario("paper-turbulence"), load_vehicle_set("paper")
+    >>> spreads = select_spreads(vehicles, scenario, [DispersionKind.GUST], gust=0.5, attitude_deg=0.0)
+    >>> laws = (load_law("pid-fair"), load_law("flagship"))
+    >>> campaign = Campaign(scenario=scenario, laws=laws, vehicles=vehicles, spreads=spreads, cases=1000)
+    >>> campaign.runs
+    2000
     """
 
     scenario: Scenario
@@ -146,6 +163,14 @@ def select_spreads(
     ------
     ConfigError
         If the vehicle file has no spread of what is wanted.
+
+    Examples
+    --------
+    >>> from gustproof import DispersionKind, load_scenario, load_vehicle_set, select_spreads
+    >>> vehicles, scenario = load_vehicle_set("paper"), load_scenario("paper-turbulence")
+    >>> spreads = select_spreads(vehicles, scenario, [DispersionKind.GUST], gust=0.5, attitude_deg=0.0)
+    >>> spreads["gust_scale"].high
+    1.5
     """
     found: dict[str, Spread] = {}
     for kind in dict.fromkeys(wanted):

@@ -18,7 +18,14 @@ _ROUNDS = 6
 
 
 class Sampling(Enum):
-    """How deltas are drawn."""
+    """How deltas are drawn.
+
+    Examples
+    --------
+    >>> from gustproof import Sampling
+    >>> [kind.value for kind in Sampling]
+    ['uniform', 'normal', 'latin', 'sobol']
+    """
 
     UNIFORM = "uniform"
     """Independent, all of [-1, 1] alike."""

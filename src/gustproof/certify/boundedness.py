@@ -73,6 +73,14 @@ def certify_boundedness(
     ------
     ValueError
         If the law is of another form, or a number is out of range.
+
+    Examples
+    --------
+    >>> from gustproof import certify_boundedness, load_law, load_vehicle
+    >>> law, vehicle = load_law("hinf-scheduled"), load_vehicle("paper")
+    >>> certificate = certify_boundedness(law, vehicle, moment=(0.65, 0.65, 0.3), horizon=0.2)
+    >>> (certificate.proven, certificate.gain)
+    (True, 1.0)
     """
     if law.order != 9 or law.output is not Output.TORQUE:
         raise ValueError(

@@ -11,7 +11,16 @@ from gustproof.certify.check import FORMAT, seal
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Certificate:
-    """A claim about a closed loop; `proven` is what the check found in exact arithmetic, never what a solver said."""
+    """A claim about a closed loop; `proven` is what the check found in exact arithmetic, never what a solver said.
+
+    Examples
+    --------
+    >>> from gustproof import certify_boundedness, load_law, load_vehicle
+    >>> law, vehicle = load_law("hinf-d1"), load_vehicle("paper")
+    >>> certificate = certify_boundedness(law, vehicle, moment=(0.5, 0.5, 0.2), horizon=0.1)
+    >>> (certificate.proven, certificate.assumes["delay_samples"])
+    (True, 1)
+    """
 
     statement: str
     """What is claimed, in words."""
@@ -45,6 +54,19 @@ def load_certificate(path: str | Path) -> Certificate:
     ------
     ValueError
         If it is not JSON, or a key is missing or unknown.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import certify_boundedness, load_certificate, load_law, load_vehicle
+    >>> law, vehicle = load_law("hinf-d1"), load_vehicle("paper")
+    >>> made = certify_boundedness(law, vehicle, moment=(0.5, 0.5, 0.2), horizon=0.1)
+    >>> with TemporaryDirectory() as folder:
+    ...     made.save(Path(folder) / "proof.json")
+    ...     read = load_certificate(Path(folder) / "proof.json")
+    >>> read == made
+    True
     """
     document = parse_json(read_text(Path(path)))
     if not isinstance(document, dict) or document.pop("format", None) != FORMAT:

@@ -99,6 +99,13 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
         of the law unstable.
     ConfigError
         If there is no such vehicle.
+
+    Examples
+    --------
+    >>> from gustproof import derive, load_design
+    >>> law, report = derive(load_design("D1"))
+    >>> f"{law.name}: level {report.result.gamma:.2f}, {law.order} states"
+    'hinf-d1: level 0.25, 9 states'
     """
     vehicle = load_vehicle(design.vehicle) if vehicle is None else vehicle
     problem = design_problem(design, vehicle)

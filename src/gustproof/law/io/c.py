@@ -35,7 +35,18 @@ _NBSP = "\u00a0"
 
 
 def save_c(law: Law, path: Path) -> None:
-    """Write the law as C source, and its header beside it."""
+    """Write the law as C source, and its header beside it.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import load_law, save_c
+    >>> with TemporaryDirectory() as folder:
+    ...     save_c(load_law("pid-fair"), Path(folder) / "law.c")
+    ...     sorted(file.name for file in Path(folder).iterdir())
+    ['law.c', 'law.h']
+    """
     header = path.with_suffix(".h")
     write_text(path, c_code(law, header.name))
     write_text(header, c_header(law))

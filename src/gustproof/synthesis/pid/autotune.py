@@ -172,6 +172,13 @@ def autotune_pid(
     ------
     DesignError
         If the experiment can't be flown, or no gains reach the targets.
+
+    Examples
+    --------
+    >>> from gustproof import autotune_pid, load_vehicle
+    >>> law = autotune_pid(load_vehicle("iris"), bandwidth=1.0)
+    >>> (law.order, law.dt)
+    (6, 0.004)
     """
     dt, gains = 1.0 / control_rate, []
     for axis, inertia in enumerate(vehicle.inertia_B):
