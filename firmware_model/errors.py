@@ -4,7 +4,17 @@ from collections.abc import Sequence
 
 
 class ConfigError(Exception):
-    """Wrong vehicle, scenario or command line; the text is one line: where, what, what is allowed."""
+    """Wrong vehicle, scenario or command line; the text is one line: where, what, what is allowed.
+
+    Examples
+    --------
+    >>> from gustproof import ConfigError, load_law
+    >>> try:
+    ...     load_law("no-such-law")
+    ... except ConfigError as error:
+    ...     print(str(error).partition(":")[0])
+    no law named 'no-such-law'
+    """
 
 
 class ConfigErrors(ConfigError):

@@ -61,7 +61,16 @@ class AccelerometerFault:
 
 @strict_dataclass
 class Scenario:
-    """Scripted flight; times are multiples of the sample time."""
+    """Scripted flight; times are multiples of the sample time.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gustproof import load_scenario
+    >>> day = replace(load_scenario("paper-turbulence"), duration_s=20.0, delay_samples=2)
+    >>> (day.samples, day.dt)
+    (5000, 0.004)
+    """
 
     name: Name
     """Short name, part of file names; the file's by default."""
@@ -250,10 +259,23 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     ------
     ConfigError
         If there is no such file, or a key or value is not allowed.
+
+    Examples
+    --------
+    >>> from gustproof import load_scenario
+    >>> load_scenario("paper-turbulence").duration_s
+    60.0
     """
     return read_toml(Scenario, name_or_path, SCENARIOS, fill_replay_rows)
 
 
 def list_scenarios() -> tuple[str, ...]:
-    """Return the names of the shipped scenarios."""
+    """Return the names of the shipped scenarios.
+
+    Examples
+    --------
+    >>> from gustproof import list_scenarios
+    >>> "paper-turbulence" in list_scenarios()
+    True
+    """
     return list_shipped(SCENARIOS)

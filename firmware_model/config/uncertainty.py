@@ -13,7 +13,15 @@ from firmware_model.config.vehicle import VEHICLES, Vehicle, check_body, load_ve
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleSet:
-    """Vehicle file with its spreads."""
+    """Vehicle file with its spreads.
+
+    Examples
+    --------
+    >>> from gustproof import load_vehicle_set
+    >>> vehicles = load_vehicle_set("paper")
+    >>> list(vehicles.spreads)[:2]
+    ['inertia_B.x', 'inertia_B.y']
+    """
 
     document: Mapping[str, Any]
     """Content of the file, with its units."""
@@ -89,6 +97,12 @@ def load_vehicle_set(name_or_path: str | Path) -> VehicleSet:
     ------
     ConfigError
         If there is no such file, or a key, a value or an end of a spread is not allowed.
+
+    Examples
+    --------
+    >>> from gustproof import load_vehicle_set
+    >>> load_vehicle_set("paper").nominal.mass
+    10.0
     """
     name = load_vehicle(name_or_path).name
     path = Path(name_or_path) if Path(name_or_path).suffix == ".toml" else VEHICLES / f"{name_or_path}.toml"

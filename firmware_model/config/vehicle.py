@@ -171,7 +171,16 @@ class PositionLoop:
 
 @strict_dataclass
 class Vehicle:
-    """Multirotor as a rigid body with torque actuators."""
+    """Multirotor as a rigid body with torque actuators.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gustproof import load_vehicle
+    >>> heavy = replace(load_vehicle("iris"), name="heavy-iris", mass=1.8)
+    >>> (heavy.mass, heavy.actuator_lag)
+    (1.8, 0.025)
+    """
 
     name: Name
     """Short name; the file's by default."""
@@ -233,6 +242,12 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
     ------
     ConfigError
         If there is no such file, or a key or value is not allowed.
+
+    Examples
+    --------
+    >>> from gustproof import load_vehicle
+    >>> load_vehicle("iris").inertia_B
+    (0.029125, 0.029125, 0.055225)
     """
     vehicle = read_toml(Vehicle, name_or_path, VEHICLES, lambda document, path: take_nominal(document, str(path)))
     check_body(vehicle.inertia_B, vehicle.inertia_B, str(name_or_path))
@@ -261,5 +276,12 @@ def check_body(low: Vector, high: Vector, source: str) -> None:
 
 
 def list_vehicles() -> tuple[str, ...]:
-    """Return the names of the shipped vehicles."""
+    """Return the names of the shipped vehicles.
+
+    Examples
+    --------
+    >>> from gustproof import list_vehicles
+    >>> list_vehicles()
+    ('iris', 'paper')
+    """
     return list_shipped(VEHICLES)

@@ -4,7 +4,18 @@ from firmware_model.errors import ConfigError
 
 
 class DesignError(Exception):
-    """No controller exists at this level, or the problem is ill posed; the text names the failed condition."""
+    """No controller exists at this level, or the problem is ill posed; the text names the failed condition.
+
+    Examples
+    --------
+    >>> from control import ss
+    >>> from gustproof import DesignError, hinfsyn
+    >>> try:
+    ...     hinfsyn(ss([[1.0]], [[1.0, 1.0]], [[1.0], [1.0]], [[0.0, 0.0], [0.0, 0.0]]), n_meas=1, n_con=1)
+    ... except DesignError as error:
+    ...     print(error)
+    D12 lacks full column rank: a control is not weighted in z
+    """
 
 
 class LawFileError(ConfigError):

@@ -100,6 +100,14 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
     ------
     ValueError
         If the law's sample time is not the scenario's.
+
+    Examples
+    --------
+    >>> from gustproof import analyse, load_law, load_scenario, load_vehicle
+    >>> analysis = analyse(load_law("hinf-d1"), load_vehicle("paper"), load_scenario("gust-roll"))
+    >>> margins = analysis.hover.margins
+    >>> [round(axis.Ms, 2) for axis in margins.input]
+    [1.28, 1.3, 1.35]
     """
     roll, pitch, yaw = vehicle.torque_limit
     step_moment = (_STEP_SHARE * roll, _STEP_SHARE * pitch, _STEP_SHARE * yaw)

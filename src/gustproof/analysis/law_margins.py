@@ -32,6 +32,13 @@ def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargin
     """Return the margins of a torque law at the sample time and delay of `scenario`; `None` for an unstable loop.
 
     Rate laws give `None` too: they drive the autopilot's own loop, whose margins are not those of the law.
+
+    Examples
+    --------
+    >>> from gustproof import hover_margins, load_law, load_scenario, load_vehicle
+    >>> found = hover_margins(load_law("pid-fair"), load_vehicle("paper"), load_scenario("paper-turbulence"))
+    >>> f"Ms {found.Ms:.2f}, {found.phase_margin_deg:.0f} deg"
+    'Ms 1.36, 44 deg'
     """
     if not is_stable_at_hover(law, vehicle, scenario):
         return None

@@ -63,6 +63,13 @@ def process_pool(workers: int) -> Iterator[Pool]:
     """Yield a pool of processes of this machine.
 
     The processes end with the block: after their tasks, or at once on an error or Ctrl-C.
+
+    Examples
+    --------
+    >>> from gustproof import process_pool
+    >>> with process_pool(2) as pool:
+    ...     pool.submit(sum, [1, 2]).result()
+    3
     """
     pool = _ProcessPool(workers)
     try:

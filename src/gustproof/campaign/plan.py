@@ -20,10 +20,10 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.spreads import Spread
 from firmware_model.config.uncertainty import VehicleSet, make_vehicle_set
 from firmware_model.errors import ConfigError
-from gustproof import __version__
 from gustproof.campaign.sampling import Array, Sampling, draw_deltas, flight_seeds
 from gustproof.law.form import Law, parse_law
 from gustproof.simulate.batch import Case
+from gustproof.version import __version__
 
 FORMAT = "gustproof-campaign-1"
 _GUST = "gust_scale"
@@ -31,7 +31,14 @@ _ATTITUDE = ("initial_roll_deg", "initial_pitch_deg", "initial_yaw_deg")
 
 
 class DispersionKind(Enum):
-    """Groups of dispersions that a campaign can draw."""
+    """Groups of dispersions that a campaign can draw.
+
+    Examples
+    --------
+    >>> from gustproof import DispersionKind
+    >>> [kind.value for kind in DispersionKind]
+    ['vehicle', 'gyro', 'gust', 'attitude']
+    """
 
     VEHICLE = "vehicle"
     """Numbers with a spread in the vehicle file, except those of the gyro."""
@@ -51,6 +58,16 @@ class Campaign:
     ------
     ConfigError
         If two laws have the same name, or the rate of a law is not the scenario's.
+
+    Examples
+    --------
+    >>> from gustproof import Campaign, DispersionKind, load_law, load_scenario, load_vehicle_set, select_spreads
+    >>> scenario, vehicles = load_scenario("paper-turbulence"), load_vehicle_set("paper")
+    >>> spreads = select_spreads(vehicles, scenario, [DispersionKind.GUST], gust=0.5, attitude_deg=0.0)
+    >>> laws = (load_law("pid-fair"), load_law("flagship"))
+    >>> campaign = Campaign(scenario=scenario, laws=laws, vehicles=vehicles, spreads=spreads, cases=1000)
+    >>> campaign.runs
+    2000
     """
 
     scenario: Scenario
@@ -150,6 +167,14 @@ def select_spreads(
     ------
     ConfigError
         If the vehicle file has no spread of a wanted kind.
+
+    Examples
+    --------
+    >>> from gustproof import DispersionKind, load_scenario, load_vehicle_set, select_spreads
+    >>> vehicles, scenario = load_vehicle_set("paper"), load_scenario("paper-turbulence")
+    >>> spreads = select_spreads(vehicles, scenario, [DispersionKind.GUST], gust=0.5, attitude_deg=0.0)
+    >>> spreads["gust_scale"].high
+    1.5
     """
     found: dict[str, Spread] = {}
     for kind in dict.fromkeys(wanted):

@@ -42,6 +42,23 @@ def fly_campaign(
         If the output can't be written, or its parts belong to another campaign.
     FlightError
         If the disk is full; finished runs stay.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import Campaign, compute_statistics, fly_campaign, process_pool
+    >>> from gustproof import load_law, load_scenario, load_vehicle_set
+    >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=0.5)
+    >>> plan = Campaign(
+    ...     scenario=scenario, laws=(load_law("pid-fair"),), vehicles=load_vehicle_set("paper"), spreads={}, cases=64
+    ... )
+    >>> with TemporaryDirectory() as folder, process_pool(1) as pool:
+    ...     fly_campaign(plan, Path(folder) / "mc.parquet", pool)
+    ...     found = compute_statistics(Path(folder) / "mc.parquet")
+    >>> found.laws[0].figures["rmse_deg"].flown
+    64
     """
     with Store(output, campaign) as store:
         _Runner(campaign, store, pool, chunk_runs, progress or (lambda *_: None), task).run()

@@ -18,7 +18,14 @@ _ROUNDS = 6
 
 
 class Sampling(Enum):
-    """Sampling method of the deltas."""
+    """Sampling method of the deltas.
+
+    Examples
+    --------
+    >>> from gustproof import Sampling
+    >>> [kind.value for kind in Sampling]
+    ['uniform', 'normal', 'latin', 'sobol']
+    """
 
     UNIFORM = "uniform"
     """Independent, uniform on [-1, 1]."""

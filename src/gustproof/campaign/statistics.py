@@ -181,6 +181,23 @@ def compute_statistics(path: Path) -> CampaignStatistics:
     ------
     ConfigError
         If the file is no campaign's table.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import Campaign, compute_statistics, fly_campaign, process_pool
+    >>> from gustproof import load_law, load_scenario, load_vehicle_set
+    >>> plan = Campaign(
+    ...     scenario=replace(load_scenario("paper-turbulence"), duration_s=0.5), laws=(load_law("pid-fair"),),
+    ...     vehicles=load_vehicle_set("paper"), spreads={}, cases=64,
+    ... )
+    >>> with TemporaryDirectory() as folder, process_pool(1) as pool:
+    ...     fly_campaign(plan, Path(folder) / "mc.parquet", pool)
+    ...     found = compute_statistics(Path(folder) / "mc.parquet")
+    >>> found.laws[0].failed
+    0
     """
     campaign, table = read_campaign(path), open_table(path)
     laws = tuple(_summarize_law(table, campaign, number) for number in range(len(campaign.laws)))

@@ -67,6 +67,14 @@ def certify_boundedness(
     ------
     ValueError
         If the law has another form, or a number is out of range.
+
+    Examples
+    --------
+    >>> from gustproof import certify_boundedness, load_law, load_vehicle
+    >>> law, vehicle = load_law("hinf-scheduled"), load_vehicle("paper")
+    >>> certificate = certify_boundedness(law, vehicle, moment=(0.65, 0.65, 0.3), horizon=0.2)
+    >>> (certificate.proven, certificate.gain)
+    (True, 1.0)
     """
     _check_law(law)
     if not (all(0.0 <= limit < math.inf for limit in moment) and max(moment) > 0.0):

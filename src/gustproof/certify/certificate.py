@@ -14,6 +14,14 @@ class Certificate:
     """A claim about a closed loop, with the evidence for it.
 
     `proven` is the verdict of the exact check, never that of a solver.
+
+    Examples
+    --------
+    >>> from gustproof import certify_boundedness, load_law, load_vehicle
+    >>> law, vehicle = load_law("hinf-d1"), load_vehicle("paper")
+    >>> certificate = certify_boundedness(law, vehicle, moment=(0.5, 0.5, 0.2), horizon=0.1)
+    >>> (certificate.proven, certificate.assumes["delay_samples"])
+    (True, 1)
     """
 
     statement: str
@@ -49,6 +57,19 @@ def load_certificate(path: str | Path) -> Certificate:
     ------
     ValueError
         If the file is not JSON, or a key is missing or unknown.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import certify_boundedness, load_certificate, load_law, load_vehicle
+    >>> law, vehicle = load_law("hinf-d1"), load_vehicle("paper")
+    >>> made = certify_boundedness(law, vehicle, moment=(0.5, 0.5, 0.2), horizon=0.1)
+    >>> with TemporaryDirectory() as folder:
+    ...     made.save(Path(folder) / "proof.json")
+    ...     read = load_certificate(Path(folder) / "proof.json")
+    >>> read == made
+    True
     """
     document = parse_json(read_text(Path(path)))
     if not isinstance(document, dict) or document.pop("format", None) != FORMAT:

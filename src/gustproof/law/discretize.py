@@ -77,6 +77,19 @@ def central_law(
         If `K` is discrete.
     DesignError
         If `K` has a pole at 2/dt.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from gustproof import Lti, Output, Provenance, central_law
+    >>> I, O = np.eye(3), np.zeros((3, 3))
+    >>> K = Lti(A=np.block([[O, I], [-4.0 * I, -4.0 * I]]), B=np.vstack([O, I]), C=np.hstack([-I, -I]), D=O)
+    >>> law = central_law(
+    ...     "mine", K, scheduled=False, dt=0.004, limits=np.array([1.0, 1.0, 0.5]), output=Output.TORQUE,
+    ...     provenance=Provenance(design="by hand", vehicle="paper"),
+    ... )
+    >>> law.order
+    6
     """
     K = as_continuous("K", K)
     n, measured = K.order, K.n_inputs

@@ -38,7 +38,14 @@ Matrix = NDArray[np.float64]
 
 
 class Output(Enum):
-    """What a law commands."""
+    """What a law commands.
+
+    Examples
+    --------
+    >>> from gustproof import load_law
+    >>> load_law("hinf-rates").output
+    <Output.RATES: 'rates'>
+    """
 
     TORQUE = "torque"
     """[N*m] B, flown by SET_ACTUATOR_CONTROL_TARGET."""
@@ -48,7 +55,14 @@ class Output(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """Where a law comes from: enough to derive it again."""
+    """Where a law comes from: enough to derive it again.
+
+    Examples
+    --------
+    >>> from gustproof import load_law
+    >>> load_law("hinf-d1").provenance.vehicle
+    'paper'
+    """
 
     design: str
     """Design or method, in words."""
@@ -80,6 +94,15 @@ class Law:
     ValueError
         If the name can be part of no file's, a shape does not fit, a number is not finite, or a limit or the sample
         time is not positive.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gustproof import load_law
+    >>> law = load_law("pid-default")
+    >>> weaker = replace(law, name="weaker", C=0.9 * law.C)
+    >>> (weaker.order, weaker.dt)
+    (6, 0.004)
     """
 
     name: str
@@ -177,6 +200,12 @@ def load_law(name_or_path: str | Path) -> Law:
     ------
     LawFileError
         If there is no such law, it is not JSON, or a key, shape or value is not allowed.
+
+    Examples
+    --------
+    >>> from gustproof import load_law
+    >>> load_law("hinf-d1").A.shape
+    (9, 9)
     """
     path = Path(name_or_path)
     if path.suffix != ".json":
@@ -210,7 +239,14 @@ def parse_law(document: Any, source: str) -> Law:
 
 
 def shipped_laws() -> tuple[str, ...]:
-    """Return the names of the shipped laws."""
+    """Return the names of the shipped laws.
+
+    Examples
+    --------
+    >>> from gustproof import shipped_laws
+    >>> "flagship" in shipped_laws()
+    True
+    """
     return tuple(sorted(path.stem for path in LAWS.glob("*.json")))
 
 

@@ -116,6 +116,14 @@ class LawStepper:
 
     Its steps give the bits of `step`; everything is in three arrays that stay, as Python hands them over fastest.
     `scale` (3,) [N*m or rad/s] B is what 1.0 on the wire means.
+
+    Examples
+    --------
+    >>> from gustproof import LawStepper, load_law
+    >>> flying = LawStepper(load_law("hinf-d1"), scale=(1.0, 1.0, 1.0))
+    >>> command = flying.step((0.1, 0.0, 0.0), (0.0, 0.0, -9.81))
+    >>> command[0] < 0.0  # against the rate
+    True
     """
 
     def __init__(self, law: Law, scale: Vector) -> None:

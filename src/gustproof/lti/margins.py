@@ -53,6 +53,14 @@ def margins(G: LinearSystem, K: LinearSystem) -> Margins:
     ------
     ValueError
         If sizes or sample times do not fit, or the loop is unstable.
+
+    Examples
+    --------
+    >>> from control import ss
+    >>> from gustproof import margins
+    >>> found = margins(ss(0.0, 1.0, 1.0, 0.0), ss(-10.0, 1.0, -20.0, 0.0)).input[0]
+    >>> f"crossover {found.crossover:.2f} rad/s, Ms {found.Ms:.2f}"
+    'crossover 1.96 rad/s, Ms 1.13'
     """
     plant, controller = as_lti(G), as_lti(K)
     at_input, at_output = _negate(series(plant, controller)), _negate(series(controller, plant))

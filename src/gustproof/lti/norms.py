@@ -59,6 +59,14 @@ def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
     ----------
     N. A. Bruinsma, M. Steinbuch, A fast algorithm to compute the H-infinity-norm of a transfer function matrix,
     Systems & Control Letters 14 (1990), 287-293.
+
+    Examples
+    --------
+    >>> from control import ss
+    >>> from gustproof import hinf_norm
+    >>> peak = hinf_norm(ss([[0.0, 1.0], [-1.0, -0.2]], [[0.0], [1.0]], [[1.0, 0.0]], 0.0))
+    >>> f"{peak.gain:.3f} at {peak.omega:.3f} rad/s"
+    '5.025 at 0.990 rad/s'
     """
     G = as_lti(system)
     poles = G.poles()
@@ -80,6 +88,13 @@ def h2_norm(system: LinearSystem) -> float:
     References
     ----------
     K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control, Prentice Hall 1996, Lemma 4.6.
+
+    Examples
+    --------
+    >>> from control import ss
+    >>> from gustproof import h2_norm
+    >>> round(h2_norm(ss(-2.0, 2.0, 1.0, 0.0)), 6)
+    1.0
     """
     G = as_lti(system)
     if not G.is_stable() or (not G.dt and np.any(G.D)):

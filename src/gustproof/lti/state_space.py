@@ -53,6 +53,13 @@ class Lti:
     ------
     ValueError
         If a shape does not fit, a number is not finite, or `dt` is negative.
+
+    Examples
+    --------
+    >>> from gustproof import Lti
+    >>> lag = Lti(A=[[-2.0]], B=[[2.0]], C=[[1.0]], D=[[0.0]])
+    >>> (lag.order, lag.is_stable())
+    (1, True)
     """
 
     A: Matrix

@@ -32,6 +32,14 @@ class Uncertain:
     ------
     ValueError
         If two blocks have one name, or `M` has fewer channels than Delta.
+
+    Examples
+    --------
+    >>> from control import ss
+    >>> from gustproof import ureal
+    >>> plant = ureal("gain", low=0.8, high=1.2) @ ss(-2.0, 2.0, 1.0, 0.0)
+    >>> [block.name for block in plant.blocks]
+    ['gain']
     """
 
     M: Lti
@@ -175,14 +183,29 @@ class Uncertain:
 
 
 def ureal(name: str, *, low: float, high: float, nominal: float | None = None) -> Uncertain:
-    """Return an uncertain real number as a 1 x 1 system (MATLAB: `ureal`); nominal is the middle unless given."""
+    """Return an uncertain real number as a 1 x 1 system (MATLAB: `ureal`); nominal is the middle unless given.
+
+    Examples
+    --------
+    >>> from gustproof import ureal
+    >>> gain = ureal("gain", low=0.8, high=1.2)
+    >>> (gain @ gain).blocks[0].repeats
+    2
+    """
     block = RealBlock(name=name, low=low, high=high, nominal=0.5 * (low + high) if nominal is None else nominal)
     b, c = block.coefficients
     return Uncertain(M=gain([[-c, 1.0], [b, block.nominal]]), blocks=(block,))
 
 
 def ultidyn(name: str, n_outputs: int = 1, n_inputs: int = 1) -> Uncertain:
-    """Return a stable unknown system of H-infinity norm <= 1 (MATLAB: `ultidyn`)."""
+    """Return a stable unknown system of H-infinity norm <= 1 (MATLAB: `ultidyn`).
+
+    Examples
+    --------
+    >>> from gustproof import ultidyn
+    >>> ultidyn("unmodelled", 2, 1).n_outputs
+    2
+    """
     block = FullBlock(name=name, n_outputs=n_outputs, n_inputs=n_inputs)
     passed = np.block([[np.zeros((n_inputs, n_outputs)), np.eye(n_inputs)], [np.eye(n_outputs), np.zeros(block.shape)]])
     return Uncertain(M=gain(passed), blocks=(block,))
@@ -242,7 +265,16 @@ def star(P: "Uncertain | LinearSystem", Q: "Uncertain | LinearSystem", n_y: int,
 
 
 def close_loop(P: Uncertain, K: LinearSystem) -> Uncertain:
-    """Return the uncertain loop `F_l(P, K)`: `K` reads the last outputs of `P` and drives its last inputs."""
+    """Return the uncertain loop `F_l(P, K)`: `K` reads the last outputs of `P` and drives its last inputs.
+
+    Examples
+    --------
+    >>> from control import ss
+    >>> from gustproof import close_loop, ureal
+    >>> plant = ureal("gain", low=0.8, high=1.2) @ ss(-1.0, 1.0, 1.0, 0.0)
+    >>> close_loop(plant, ss([], [], [], -4.0)).M.poles().real
+    array([-5.])
+    """
     return Uncertain(M=lft(P.M, as_lti(K)), blocks=P.blocks)
 
 

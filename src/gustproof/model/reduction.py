@@ -29,6 +29,13 @@ def simplify(system: Uncertain, *, accuracy: float = 1e-10) -> Uncertain:
     ----------
     R. D'Andrea, S. Khatri, Kalman decomposition of linear fractional transformation representations and minimality,
     American Control Conference 1997, 3557-3561.
+
+    Examples
+    --------
+    >>> from gustproof import simplify, ureal
+    >>> gain = ureal("gain", low=0.8, high=1.2)
+    >>> ((gain + gain).n_w, simplify(gain + gain).n_w)
+    (2, 1)
     """
     reached = _restrict(system, accuracy, dual=False)
     return _restrict(reached, accuracy, dual=True)

@@ -115,6 +115,13 @@ def uncertain_actuators(vehicle: Vehicle, *, lag: Uncertain | None = None, gain_
     """Return the first-order actuators, torque command (3,) to moment (3,) [N*m] B, of uncertain lag [s] and gain [-].
 
     All three share the two parameters; the defaults are the vehicle's lag and 1.
+
+    Examples
+    --------
+    >>> from gustproof import load_vehicle, uncertain_actuators, ureal
+    >>> actuators = uncertain_actuators(load_vehicle("paper"), lag=ureal("lag", low=0.07, high=0.13))
+    >>> (actuators.n_inputs, actuators.M.order)
+    (3, 3)
     """
     rate = as_uncertain(vehicle.actuator_lag if lag is None else lag).inverse()
     drive = as_uncertain(1.0 if gain_ is None else gain_)
@@ -130,6 +137,13 @@ def uncertain_delay(delay: Uncertain, *, order: int = 2) -> Uncertain:
     References
     ----------
     G. H. Golub, C. F. Van Loan, Matrix Computations, 4th edition 2013, Eq. 9.3.1 (coefficients).
+
+    Examples
+    --------
+    >>> from gustproof import uncertain_delay, ureal
+    >>> link = uncertain_delay(ureal("delay", low=0.01, high=0.05))
+    >>> (link.M.order, link.blocks[0].repeats)
+    (2, 2)
     """
     n = order
     falling = [math.factorial(2 * n - k) // (math.factorial(k) * math.factorial(n - k)) for k in range(n + 1)]

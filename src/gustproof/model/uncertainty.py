@@ -152,6 +152,12 @@ class Spreads:
     ------
     ValueError
         If a spread is not in [0, 1).
+
+    Examples
+    --------
+    >>> from gustproof import Spreads
+    >>> Spreads(inertia=0.2, actuator_lag=0.3).inertia
+    0.2
     """
 
     inertia: float = 0.0

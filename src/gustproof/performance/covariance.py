@@ -62,6 +62,13 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
     ------
     ValueError
         If the scenario has no Dryden turbulence.
+
+    Examples
+    --------
+    >>> from gustproof import axis_models, load_scenario, load_vehicle
+    >>> roll, pitch, yaw = axis_models(load_vehicle("paper"), load_scenario("paper-turbulence"))
+    >>> roll.plant.order
+    3
     """
     dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
     if dryden is None:

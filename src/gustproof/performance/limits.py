@@ -47,6 +47,14 @@ def output_feedback_limit(models: Sequence[AxisModel], slew: float) -> LeastErro
     ------
     DesignError
         If the slew is too small to hold attitude.
+
+    Examples
+    --------
+    >>> import math
+    >>> from gustproof import axis_models, load_scenario, load_vehicle, output_feedback_limit
+    >>> models = axis_models(load_vehicle("paper"), load_scenario("paper-turbulence"))
+    >>> f"{math.degrees(output_feedback_limit(models, slew=20.0).rmse):.3f} deg"
+    '0.071 deg'
     """
 
     def output_moments(model: AxisModel, weight: float) -> Matrix:
@@ -65,6 +73,13 @@ def full_information_limit(models: Sequence[AxisModel], slew: float) -> LeastErr
     ------
     DesignError
         See `output_feedback_limit`.
+
+    Examples
+    --------
+    >>> from gustproof import axis_models, full_information_limit, load_scenario, load_vehicle, output_feedback_limit
+    >>> models = axis_models(load_vehicle("paper"), load_scenario("paper-turbulence"))
+    >>> full_information_limit(models, slew=20.0).rmse < output_feedback_limit(models, slew=20.0).rmse
+    True
     """
 
     def output_moments(model: AxisModel, weight: float) -> Matrix:

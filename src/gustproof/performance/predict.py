@@ -35,6 +35,14 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
     ------
     ValueError
         If the scenario has no Dryden turbulence.
+
+    Examples
+    --------
+    >>> import math
+    >>> from gustproof import load_law, load_scenario, load_vehicle, predict
+    >>> found = predict(load_law("pid-fair"), load_vehicle("paper"), load_scenario("paper-turbulence"))
+    >>> f"{math.degrees(found.rmse):.2f} deg, {found.slew:.0f} N m/s"
+    '0.11 deg, 20 N m/s'
     """
     if law.output is not Output.TORQUE:
         return None

@@ -47,6 +47,19 @@ def write_bag(path: Path, records: Records, flight: Mapping[str, Any]) -> None:
     ------
     ConfigError
         If `path` exists: a bag is never overwritten.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import fly_direct, load_law, load_scenario, load_vehicle, read_bag, write_bag
+    >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=0.1)
+    >>> records = fly_direct(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper"))
+    >>> with TemporaryDirectory() as folder:
+    ...     write_bag(Path(folder) / "flight", records, {"pilot": "nobody"})
+    ...     read_bag(Path(folder) / "flight")[0]
+    {'pilot': 'nobody'}
     """
     if path.exists():
         raise ConfigError(f"{path}: exists already; a bag is never overwritten")
@@ -67,6 +80,20 @@ def read_bag(path: Path) -> tuple[dict[str, Any], Records]:
     ------
     ConfigError
         If the bag can't be read, or lacks one of the topics.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import fly_direct, load_law, load_scenario, load_vehicle, read_bag, write_bag
+    >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=0.1)
+    >>> records = fly_direct(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper"))
+    >>> with TemporaryDirectory() as folder:
+    ...     write_bag(Path(folder) / "flight", records, {})
+    ...     _, read = read_bag(Path(folder) / "flight")
+    >>> read.tobytes() == records.tobytes()
+    True
     """
     try:
         return _read(path)

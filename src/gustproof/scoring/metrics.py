@@ -26,7 +26,16 @@ _TWO_PI, _DEGREES = 2.0 * math.pi, 180.0 / math.pi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Metrics:
-    """Figures of one flight, or their medians over seeds; over the three axes at once unless one is named."""
+    """Figures of one flight, or their medians over seeds; over the three axes at once unless one is named.
+
+    Examples
+    --------
+    >>> from gustproof import fly_direct, load_law, load_scenario, load_vehicle, measure
+    >>> vehicle, scenario = load_vehicle("paper"), load_scenario("gust-roll")
+    >>> figures = measure(fly_direct(scenario, load_law("hinf-d1"), vehicle=vehicle), vehicle, scenario, 0.0)
+    >>> figures.peak_roll_deg > figures.peak_pitch_deg
+    True
+    """
 
     peak_deg: float
     """[deg] largest magnitude of the Euler angles."""
@@ -169,6 +178,14 @@ def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_fac
     ------
     ValueError
         If there are fewer than two records: a change from sample to sample needs both.
+
+    Examples
+    --------
+    >>> from gustproof import fly_direct, load_law, load_scenario, load_vehicle, measure
+    >>> vehicle, scenario = load_vehicle("paper"), load_scenario("gust-roll")
+    >>> records = fly_direct(scenario, load_law("hinf-d1"), vehicle=vehicle)
+    >>> f"{measure(records, vehicle, scenario, realtime_factor=0.0).peak_deg:.1f} deg"
+    '3.3 deg'
     """
     if len(records) < 2:
         raise ValueError(f"{len(records)} records, at least 2 are needed")
@@ -204,7 +221,17 @@ def metrics_from_tally(tally: Tally, samples: int, dt: float, realtime_factor: f
 
 
 def median_metrics(flights: Sequence[Metrics]) -> Metrics:
-    """Return each figure's median over `flights`; rho is in bounds if it was in every one of them."""
+    """Return each figure's median over `flights`; rho is in bounds if it was in every one of them.
+
+    Examples
+    --------
+    >>> from gustproof import fly_direct, load_law, load_scenario, load_vehicle, measure, median_metrics
+    >>> vehicle, scenario, law = load_vehicle("paper"), load_scenario("paper-turbulence"), load_law("hinf-d1")
+    >>> flights = (fly_direct(scenario, law, vehicle=vehicle, seed=seed) for seed in (1, 2, 3))
+    >>> figures = median_metrics([measure(records, vehicle, scenario, 0.0) for records in flights])
+    >>> f"{figures.rmse_deg:.2f} deg"
+    '2.17 deg'
+    """
     medians: dict[str, Any] = {
         field.name: median(getattr(flight, field.name) for flight in flights) for field in fields(Metrics)
     }

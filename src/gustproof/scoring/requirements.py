@@ -36,7 +36,16 @@ _LABELS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RequirementResult:
-    """What became of one requirement."""
+    """What became of one requirement.
+
+    Examples
+    --------
+    >>> from gustproof import fly_direct, judge, load_law, load_scenario, load_vehicle
+    >>> vehicle, scenario = load_vehicle("paper"), load_scenario("gust-roll")
+    >>> results = judge(fly_direct(scenario, load_law("flagship"), vehicle=vehicle), scenario, vehicle)
+    >>> all(result.margin >= 0.0 for result in results)
+    True
+    """
 
     requirement: Requirement
     """What had to hold."""
@@ -107,7 +116,18 @@ def requirement_limits(requirement: Requirement) -> str:
 
 
 def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[RequirementResult, ...]:
-    """Return what became of each requirement of `scenario` in a flight, (n,) of `firmware_model.recording.journal.RECORD`."""
+    """Return what became of each requirement of `scenario` in a flight, (n,) of `firmware_model.recording.journal.RECORD`.
+
+    Examples
+    --------
+    >>> from gustproof import fly_direct, judge, load_law, load_scenario, load_vehicle
+    >>> vehicle, scenario = load_vehicle("paper"), load_scenario("gust-roll")
+    >>> for result in judge(fly_direct(scenario, load_law("flagship"), vehicle=vehicle), scenario, vehicle):
+    ...     print(result.requirement.metric.value, round(result.margin, 2))
+    peak_deg 0.61
+    recovery_s 1.09
+    saturated_s 0.0
+    """
     readings, limit, tally = initial_readings(scenario, 1), np.array(vehicle.torque_limit), np.zeros(TALLY_SIZE)
     _read(
         as_rows(records[: scenario.samples]),

@@ -27,7 +27,15 @@ from gustproof.simulate.kernels import LANES, Batch, BatchSetup, allocate_batch,
 
 @checked_dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """What makes a flight of a scenario differ from the others."""
+    """What makes a flight of a scenario differ from the others.
+
+    Examples
+    --------
+    >>> from gustproof import Case, load_vehicle
+    >>> calm = Case(vehicle=load_vehicle("paper"), seed=7, gust_scale=0.5)
+    >>> calm.gust_scale
+    0.5
+    """
 
     vehicle: SkipValidation[Vehicle]
     """Vehicle."""
@@ -70,6 +78,15 @@ def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[CaseRe
     ------
     ValueError
         As `fly_direct`.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gustproof import Case, fly_many, load_law, load_scenario, load_vehicle
+    >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=1.0)
+    >>> cases = [Case(vehicle=load_vehicle("paper"), seed=seed) for seed in range(100)]
+    >>> len(fly_many(scenario, load_law("hinf-d1"), cases))
+    100
     """
     return make_batch_simulator(scenario, law)(cases)
 

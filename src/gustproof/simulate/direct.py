@@ -31,6 +31,13 @@ def fly_direct(
     ------
     ValueError
         If the law's sample time is not the scenario's, the reference has another shape, or the script is of messages.
+
+    Examples
+    --------
+    >>> from gustproof import fly_direct, load_law, load_scenario, load_vehicle
+    >>> records = fly_direct(load_scenario("gust-roll"), load_law("hinf-d1"), vehicle=load_vehicle("paper"))
+    >>> (records["q_NB"].shape, float(records["time_us"][1]))
+    ((2500, 4), 4000.0)
     """
     check_compatible(scenario, law)
     reference = references(scenario) if reference is None else np.ascontiguousarray(reference)

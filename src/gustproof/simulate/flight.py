@@ -19,7 +19,6 @@ from firmware_model.errors import ConfigError
 from firmware_model.recording.durable_file import is_growing
 from firmware_model.recording.journal import read_journal
 from firmware_model.sim.fault_schedule import fault_schedule
-from gustproof import __version__
 from gustproof.controller.core import reference_excess
 from gustproof.errors import FlightError
 from gustproof.law.form import Law, parse_law
@@ -29,6 +28,7 @@ from gustproof.scoring.metrics import Metrics, measure, peak_rate
 from gustproof.scoring.requirements import RequirementResult, judge
 from gustproof.simulate.outcome import FlightOutcome, describe, infer_outcome
 from gustproof.simulate.processes import WORKING_PREFIX, fly
+from gustproof.version import __version__
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -16,7 +16,14 @@ _Change = tuple[int, int]  # sample, and the mode from there on
 
 
 class FlightOutcome(Enum):
-    """How a flight ended."""
+    """How a flight ended.
+
+    Examples
+    --------
+    >>> from gustproof import FlightOutcome
+    >>> FlightOutcome.DONE.value
+    'flown to the end'
+    """
 
     DONE = "flown to the end"
     """The law flew the whole scenario."""

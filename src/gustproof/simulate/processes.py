@@ -113,6 +113,18 @@ def fly(
     ------
     ConfigError
         If the law steps at another rate than the scenario, a port is in use, or the journal or log exists already.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import fly, load_law, load_scenario, load_vehicle
+    >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=0.1)
+    >>> with TemporaryDirectory() as folder:
+    ...     flight = fly(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper"), out=Path(folder))
+    >>> (flight.outcome.name, len(flight.records))
+    ('DONE', 25)
     """
     if law.dt != scenario.dt:
         raise ConfigError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
@@ -148,6 +160,15 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
     """Fly a scenario in lockstep over datagrams that never leave this process, on a virtual clock.
 
     Returns the journal's records (n,); the protocol cores are those of the two processes.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gustproof import fly_direct, fly_loopback, load_law, load_scenario, load_vehicle
+    >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=0.1)
+    >>> law, vehicle = load_law("hinf-d1"), load_vehicle("paper")
+    >>> fly_loopback(scenario, law, vehicle=vehicle).tobytes() == fly_direct(scenario, law, vehicle=vehicle).tobytes()
+    True
     """
     rows: list[NDArray[np.float64]] = []
     autopilot = VehicleEndpoint(vehicle, scenario, seed, lambda row: rows.append(row.copy()), lockstep=True)

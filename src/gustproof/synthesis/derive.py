@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-import gustproof
 from firmware_model.config.vehicle import Vehicle, load_vehicle
 from gustproof.errors import DesignError
 from gustproof.law.discretize import central_law
@@ -20,6 +19,7 @@ from gustproof.performance.step_response import StepResponse, step_response
 from gustproof.synthesis.designs import Design, design_problem
 from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
 from gustproof.synthesis.structured.hinfstruct import StructResult
+from gustproof.version import __version__
 
 _AXES = ("roll", "pitch", "yaw")
 
@@ -99,6 +99,13 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
         of the law unstable.
     ConfigError
         If there is no such vehicle.
+
+    Examples
+    --------
+    >>> from gustproof import derive, load_design
+    >>> law, report = derive(load_design("D1"))
+    >>> f"{law.name}: level {report.result.gamma:.2f}, {law.order} states"
+    'hinf-d1: level 0.25, 9 states'
     """
     vehicle = load_vehicle(design.vehicle) if vehicle is None else vehicle
     problem = design_problem(design, vehicle)
@@ -170,7 +177,7 @@ def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | Stru
         design=f"{design.name}: {design.description}",
         vehicle=vehicle.name,
         parameters=parameters,
-        version=gustproof.__version__,
+        version=__version__,
     )
 
 

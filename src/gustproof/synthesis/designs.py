@@ -46,7 +46,16 @@ WeightField = Annotated[Weight, BeforeValidator(_from_list)]
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
 class Design:
-    """Specification of a controller: model, weights, level."""
+    """Specification of a controller: model, weights, level.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gustproof import derive, load_design
+    >>> calmer = replace(load_design("D1"), name="calmer", law="calmer", gamma=0.3)
+    >>> derive(calmer)[0].name
+    'calmer'
+    """
 
     name: Name
     """Short name; defaults to the file's."""
@@ -100,17 +109,38 @@ def load_design(name_or_path: str | Path) -> Design:
     ------
     ConfigError
         If there is no such file, or a key or value is not allowed.
+
+    Examples
+    --------
+    >>> from gustproof import load_design
+    >>> load_design("D1").law
+    'hinf-d1'
     """
     return read_toml(Design, name_or_path, DESIGNS)
 
 
 def shipped_designs() -> tuple[str, ...]:
-    """Return the names of the shipped designs."""
+    """Return the names of the shipped designs.
+
+    Examples
+    --------
+    >>> from gustproof import shipped_designs
+    >>> "D1" in shipped_designs()
+    True
+    """
     return list_shipped(DESIGNS)
 
 
 def design_problem(design: Design, vehicle: Vehicle) -> Interconnection:
-    """Return the labelled diagram of `design` for `vehicle`, for synthesis and for the figure."""
+    """Return the labelled diagram of `design` for `vehicle`, for synthesis and for the figure.
+
+    Examples
+    --------
+    >>> from gustproof import design_problem, load_design, load_vehicle
+    >>> problem = design_problem(load_design("D1"), load_vehicle("paper"))
+    >>> (problem.plant().order, problem.n_meas, problem.n_con)
+    (9, 3, 3)
+    """
     weights = Weights(
         W_d=design.W_d.system(),
         W_n=design.W_n.system(),

@@ -47,6 +47,12 @@ def check(certificate_json: str) -> CheckResult:
 
     The seal must fit: one changed digit anywhere is refused, even one that would leave the proof valid. Any text gets a
     verdict; nothing is raised.
+
+    Examples
+    --------
+    >>> from gustproof import check_certificate
+    >>> check_certificate('{"format": "gustproof-certificate-1", "seal": "none"}').accepted
+    False
     """
     try:
         document = json.loads(certificate_json)

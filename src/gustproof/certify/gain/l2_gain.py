@@ -62,6 +62,16 @@ def certify_gain(
     ValueError
         If the envelope is invalid, the design commands rates, has a reference or an accelerometer, the controller is
         discrete, or the loop is unstable at hover.
+
+    Examples
+    --------
+    >>> from gustproof import certify_gain, derive, design_problem, load_design, load_vehicle
+    >>> design = load_design("D1")
+    >>> problem = design_problem(design, load_vehicle("paper"))
+    >>> controller = derive(design)[1].result.controller
+    >>> certificate = certify_gain(problem, controller, angle=0.01, rate=0.05)
+    >>> f"proven {certificate.proven}, gain {certificate.gain:.2f}"
+    'proven True, gain 0.41'
     """
     loop = attitude_loop(problem, controller, Envelope(angle=angle, rate=rate), scheduled=scheduled)
     leak, damping, _ = _airframe(problem)

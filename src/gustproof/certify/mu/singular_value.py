@@ -39,6 +39,16 @@ def mu(system: Uncertain, *, accuracy: float = 0.02) -> Bracket:
     References
     ----------
     A. Packard, J. C. Doyle, The complex structured singular value, Automatica 29 (1993), 71-109.
+
+    Examples
+    --------
+    >>> from control import ss
+    >>> from gustproof import close_loop, mu, ureal
+    >>> third_order = ss([[0, 1, 0], [0, 0, 1], [-1, -3, -3]], [[0], [0], [1]], [1, 0, 0], 0)
+    >>> plant = ureal("gain", low=0.5, high=1.5) @ third_order
+    >>> found = mu(close_loop(plant, ss([], [], [], -4.0)))
+    >>> f"{1.0 / found.lower:.2f}"  # times the spread, the gain is unstable
+    '2.00'
     """
     blocks = add_performance_block(system) if system.n_inputs else system.blocks
     M = to_continuous(system)
@@ -63,6 +73,14 @@ def disk_margin_bounds(L: LinearSystem, *, accuracy: float = 1e-3) -> tuple[floa
     References
     ----------
     P. Seiler, A. Packard, P. Gahinet, An introduction to disk margins, IEEE Control Systems Magazine 40 (2020), 78-95.
+
+    Examples
+    --------
+    >>> from control import ss
+    >>> from gustproof import disk_margin_bounds
+    >>> lower, upper = disk_margin_bounds(ss([[0, 1], [0, -2]], [[0], [1]], [[2, 0]], 0))
+    >>> f"{lower:.2f} to {upper:.2f}"
+    '1.15 to 1.15'
     """
     S = sensitivity(as_lti(L))
     M = Lti(A=S.A, B=S.B, C=S.C, D=S.D - 0.5 * np.eye(S.n_outputs), dt=S.dt)

@@ -39,6 +39,14 @@ def worst_gain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> 
     ----------
     M. P. Newlin, P. M. Young, Mixed mu problems and branch and bound techniques, Int. J. of Robust and Nonlinear
     Control 7 (1997), 145-164.
+
+    Examples
+    --------
+    >>> from control import ss
+    >>> from gustproof import ureal, worst_gain
+    >>> found = worst_gain(ureal("gain", low=0.8, high=1.2) @ ss(-1.0, 1.0, 1.0, 0.0))
+    >>> f"{found.lower:.2f} at {found.delta}"
+    "1.20 at {'gain': 1.0}"
     """
     if not (system.blocks and system.n_inputs and system.n_outputs):
         raise ValueError("the system has no worst gain: no blocks, no inputs or no outputs")

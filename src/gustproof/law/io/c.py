@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.files import write_text
-from gustproof import __version__
 from gustproof.law.form import Law, Output
 from gustproof.law.step import step
+from gustproof.version import __version__
 
 _FOLDER = Path(__file__).parent
 _FORCE = ";\n *          specific force x, y, z [m/s^2], (0, 0, -9.81) at rest"
@@ -35,7 +35,18 @@ _NBSP = "\u00a0"
 
 
 def save_c(law: Law, path: Path) -> None:
-    """Write the law as C source, and its header beside it."""
+    """Write the law as C source, and its header beside it.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import load_law, save_c
+    >>> with TemporaryDirectory() as folder:
+    ...     save_c(load_law("pid-fair"), Path(folder) / "law.c")
+    ...     sorted(file.name for file in Path(folder).iterdir())
+    ['law.c', 'law.h']
+    """
     header = path.with_suffix(".h")
     write_text(path, c_code(law, header.name))
     write_text(header, c_header(law))

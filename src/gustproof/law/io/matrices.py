@@ -60,6 +60,16 @@ def save_mat(law: Law, path: Path) -> None:
     """Write a law as a MATLAB file; there `ss(A, B, C, D, dt)` is a linear law, from `y` to command.
 
     A scheduled law has its kinematics in G: what is linear at level attitude has `A(:, 4:6) + G` in A.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import load_law, load_mat, save_mat
+    >>> with TemporaryDirectory() as folder:
+    ...     save_mat(load_law("pid-fair"), Path(folder) / "law.mat")
+    ...     load_mat(Path(folder) / "law.mat").name
+    'pid-fair'
     """
     scipy.io.savemat(path, {name: getattr(law, name) for name in _TABLES} | _metadata(law), appendmat=False)
 
@@ -71,6 +81,16 @@ def load_mat(path: Path) -> Law:
     ------
     LawFileError
         If the file can't be read, a variable is missing, or a shape or value is not allowed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import load_law, load_mat, save_mat
+    >>> with TemporaryDirectory() as folder:
+    ...     save_mat(load_law("hinf-d1"), Path(folder) / "law.mat")
+    ...     load_mat(Path(folder) / "law.mat").order
+    9
     """
     try:
         file: Any = BytesIO(_unpacked(read_bytes(path, TEXT)))

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gustproof import __version__
 from gustproof.campaign.intervals import CONFIDENCE, Importance, IntervalEstimate
 from gustproof.campaign.reader import open_table, read_campaign_metadata, read_column
 from gustproof.campaign.statistics import COMPARED_FIGURES, CampaignStatistics, LawStatistics, compute_statistics
@@ -21,6 +20,7 @@ from gustproof.report.html.campaign_charts import draw_distributions, draw_excee
 from gustproof.report.html.markup import render_table
 from gustproof.report.terminal import FIGURES
 from gustproof.scoring.requirements import requirement_label, requirement_limits
+from gustproof.version import __version__
 
 _ASSETS = files("gustproof.report") / "assets"
 _COLUMNS = ("mean", "median", "95th percentile", "99th percentile")

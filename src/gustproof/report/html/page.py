@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gustproof import __version__
 from gustproof.recording.folder import write_atomic
 from gustproof.report.html.charts import MAX_SAMPLES, ChartGroup, Curve, spectra, time_histories
 from gustproof.report.html.loops import collect_laws, frequency_charts, pole_charts
 from gustproof.report.html.runs import ReportRun
 from gustproof.report.html.tables import render_flights, render_margins, render_requirements
+from gustproof.version import __version__
 
 _ASSETS = files("gustproof.report") / "assets"
 _SCRIPTS = ("uPlot.min.js", "numbers.js", "charts.js", "attitude.js", "replay.js", "page.js")

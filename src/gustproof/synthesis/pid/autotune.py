@@ -19,13 +19,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-import gustproof
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.errors import DesignError
 from gustproof.law.cascade import Gains, cascade_law, gain_parameters, plain_axis
 from gustproof.law.form import Law, Matrix, Provenance
 from gustproof.simulate.direct import fly_direct
+from gustproof.version import __version__
 
 RATIOS = (1 / 10, 1 / 3, 1.0, 3.0, 10.0)
 """[-] frequencies of the experiment over the target bandwidth."""
@@ -172,6 +172,13 @@ def autotune_pid(
     ------
     DesignError
         If the experiment cannot be flown, or no gains reach the targets.
+
+    Examples
+    --------
+    >>> from gustproof import autotune_pid, load_vehicle
+    >>> law = autotune_pid(load_vehicle("iris"), bandwidth=1.0)
+    >>> (law.order, law.dt)
+    (6, 0.004)
     """
     dt, gains = 1.0 / control_rate, []
     for axis, inertia in enumerate(vehicle.inertia_B):
@@ -189,7 +196,7 @@ def autotune_pid(
             "seed": float(seed),
             **gain_parameters(gains),
         },
-        version=gustproof.__version__,
+        version=__version__,
     )
     axes = [plain_axis(g, inertia, dt) for g, inertia in zip(gains, vehicle.inertia_B, strict=True)]
     return cascade_law(name, axes, vehicle, dt, provenance)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-import gustproof
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.errors import DesignError
@@ -21,6 +20,7 @@ from gustproof.model.uncertainty import Spreads
 from gustproof.performance.covariance import AxisModel, AxisPerformance, axis_models, axis_performance
 from gustproof.synthesis.pid.biquad_search import AxisSearch
 from gustproof.synthesis.pid.pid_biquad import BiquadGains, biquad_axis
+from gustproof.version import __version__
 
 _AXES = ("roll", "pitch", "yaw")
 _WEIGHT = 1e-9
@@ -79,7 +79,7 @@ def flagship_law(
         design=f"strapdown cascade with a biquad, of least attitude error in scenario '{scenario.name}'",
         vehicle=vehicle.name,
         parameters=parameters,
-        version=gustproof.__version__,
+        version=__version__,
     )
     return cascade_law(name, axes, vehicle, scenario.dt, provenance)
 

@@ -38,6 +38,13 @@ def identify_rate_loop(vehicle: Vehicle, *, amplitude: float = 0.05, seed: int =
         [rad/s] of each sine.
     seed
         Seed of the gyro noise.
+
+    Examples
+    --------
+    >>> from gustproof import identify_rate_loop, load_vehicle
+    >>> found = identify_rate_loop(load_vehicle("paper"))
+    >>> [round(float(tau), 2) for tau in found.tau]
+    [0.13, 0.13, 0.13]
     """
     responses = [_measure_response(vehicle, axis, amplitude, seed) for axis in range(3)]
     tau = np.array([_fit_lag(G) for G in responses])

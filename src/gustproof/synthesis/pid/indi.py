@@ -19,7 +19,6 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-import gustproof
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.law.cascade import AxisLaw, cascade_law
@@ -28,6 +27,7 @@ from gustproof.law.form import Law, Provenance
 from gustproof.lti.state_space import Lti
 from gustproof.performance.covariance import AxisModel, axis_models
 from gustproof.synthesis.pid.tuning import tune
+from gustproof.version import __version__
 
 _START = (4.0, 8.0, 8.0, 0.7)
 """Start of the search: low gains, stable for an actuator lag up to .05 s."""
@@ -162,7 +162,7 @@ def indi_law(
                 for key, value in asdict(each).items()
             },
         },
-        version=gustproof.__version__,
+        version=__version__,
     )
     return cascade_law(name, axes, vehicle, scenario.dt, provenance)
 

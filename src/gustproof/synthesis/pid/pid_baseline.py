@@ -1,12 +1,12 @@
 """The baseline PID: the strapdown cascade of least attitude error in turbulence, at given sensitivity and slew."""
 
-import gustproof
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.law.cascade import AxisLaw, Gains, cascade_law, gain_parameters, strapdown_axis
 from gustproof.law.form import Law, Provenance
 from gustproof.performance.covariance import AxisModel, axis_models
 from gustproof.synthesis.pid.tuning import tune
+from gustproof.version import __version__
 
 _START = (4.0, 8.0, 16.0, 0.3, 30.0)
 """Start of the search: low gains, stable for an actuator lag up to .05 s."""
@@ -55,7 +55,7 @@ def baseline_pid(
         design=f"strapdown cascade, gains of least attitude error in scenario '{scenario.name}'",
         vehicle=vehicle.name,
         parameters={"sensitivity_peak": sensitivity_peak, "slew_nm_per_s": slew, **gain_parameters(gains)},
-        version=gustproof.__version__,
+        version=__version__,
     )
     return cascade_law(name, axes, vehicle, scenario.dt, provenance)
 

@@ -63,6 +63,14 @@ class Structure:
     ------
     ValueError
         If a name occurs twice, or a block names a measurement or control that does not exist.
+
+    Examples
+    --------
+    >>> from gustproof import Structure, tunable_pid
+    >>> pid = tunable_pid("roll", input=0, output=0, cutoff=50.0)
+    >>> structure = Structure(n_meas=1, n_con=1, blocks=(pid,))
+    >>> (structure.order, structure.size)
+    (2, 3)
     """
 
     blocks: tuple[TunableBlock, ...]
@@ -161,14 +169,28 @@ def decoupled_structure(order: int, n_meas: int, n_con: int) -> Structure:
 
 
 def tunable_gain(name: str, *, inputs: tuple[int, ...], outputs: tuple[int, ...]) -> TunableBlock:
-    """Return a static gain matrix with every entry free."""
+    """Return a static gain matrix with every entry free.
+
+    Examples
+    --------
+    >>> from gustproof import tunable_gain
+    >>> tunable_gain("mix", inputs=(0, 1, 2), outputs=(0,)).order
+    0
+    """
     return tunable_ss(name, 0, inputs=inputs, outputs=outputs)
 
 
 def tunable_ss(
     name: str, order: int, *, inputs: tuple[int, ...], outputs: tuple[int, ...], strictly_proper: bool = False
 ) -> TunableBlock:
-    """Return a system with every entry of A, B, C and D free; D = 0 if `strictly_proper`."""
+    """Return a system with every entry of A, B, C and D free; D = 0 if `strictly_proper`.
+
+    Examples
+    --------
+    >>> from gustproof import tunable_ss
+    >>> tunable_ss("filter", 2, inputs=(0,), outputs=(0,)).size
+    9
+    """
     if order < 0:
         raise ValueError(f"order is {order}, must be 0 or more")
     p, m = len(outputs), len(inputs)
@@ -191,7 +213,14 @@ def tunable_ss(
 
 
 def tunable_pid(name: str, *, input: int, output: int, cutoff: float) -> TunableBlock:
-    """Return `k_p + k_i / s + k_d s / (s / cutoff + 1)`, parameters `(k_p, k_i, k_d)`; `cutoff` [rad/s] is fixed."""
+    """Return `k_p + k_i / s + k_d s / (s / cutoff + 1)`, parameters `(k_p, k_i, k_d)`; `cutoff` [rad/s] is fixed.
+
+    Examples
+    --------
+    >>> from gustproof import tunable_pid
+    >>> tunable_pid("roll", input=0, output=0, cutoff=50.0).order
+    2
+    """
     if not (np.isfinite(cutoff) and cutoff > 0.0):
         raise ValueError(f"cutoff is {cutoff!r}, must be positive")
     offset, basis = np.zeros((3, 3)), np.zeros((3, 3, 3))

@@ -148,6 +148,15 @@ def hinfstruct(
     ----------
     P. Apkarian, D. Noll, Nonsmooth H-infinity synthesis, IEEE TAC 51 (2006), 71-86. J. V. Burke, D. Henrion,
     A. S. Lewis, M. L. Overton, HIFOO, ROCOND 2006.
+
+    Examples
+    --------
+    >>> from control import ss
+    >>> from gustproof import hinfstruct
+    >>> plant = ss([[1.0]], [[1.0, 0.0, 1.0]], [[1.0], [0.0], [1.0]], [[0, 0, 0], [0, 0, 0.1], [0, 0.1, 0]])
+    >>> result = hinfstruct(plant, n_meas=1, n_con=1, order=0, starts=1)
+    >>> f"{result.norm:.2f}, least of any order {result.gamma_opt:.2f}"
+    '0.15, least of any order 0.15'
     """
     models = tuple(as_lti(model) for model in P) if isinstance(P, Sequence) else (as_lti(P),)
     structure = full_structure(order, n_meas, n_con) if structure is None else structure
