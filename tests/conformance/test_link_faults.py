@@ -19,8 +19,9 @@ from gustproof.controller.endpoint import ControllerEndpoint
 from gustproof.law.form import load_law
 from gustproof.law.step import LawStepper
 from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.loopback import fly_loopback
 from gustproof.simulate.outcome import FlightOutcome, describe, infer_outcome
-from gustproof.simulate.processes import fly, fly_loopback
+from gustproof.simulate.processes import fly
 
 VEHICLE = load_vehicle("paper")
 GUSTY = replace(load_scenario("paper-turbulence"), duration_s=4.0)

@@ -132,11 +132,11 @@ def test_scripted_flight_in_real_time_is_flown_to_the_end_and_tells_its_delays(t
     assert flight.outcome is FlightOutcome.DONE
     assert len(flight.records) == scenario.samples
     assert set(flight.records["mode"]) == {Mode.OFFBOARD.value}
-    assert flight.pace is not None
-    assert 0 <= flight.pace["late_p50_us"] <= flight.pace["late_p99_us"] <= flight.pace["late_worst_us"]
-    assert (flight.pace["missed"] == 0) is (flight.pace["late_worst_us"] <= scenario.sample_us)
-    assert flight.pace["fifo"] in (True, False)
-    assert flight.pace["missed_samples"] == 0
+    assert flight.timing is not None
+    assert 0 <= flight.timing["late_p50_us"] <= flight.timing["late_p99_us"] <= flight.timing["late_worst_us"]
+    assert (flight.timing["missed"] == 0) is (flight.timing["late_worst_us"] <= scenario.sample_us)
+    assert flight.timing["fifo"] in (True, False)
+    assert flight.timing["missed_samples"] == 0
 
 
 def test_law_that_hangs_for_a_moment_steps_all_that_waited_and_keeps_its_attitude(tmp_path):

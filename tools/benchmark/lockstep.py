@@ -10,7 +10,8 @@ from flights import LAW, VEHICLE, scenario
 from table import Bench
 
 from firmware_model.mavlink import messages
-from gustproof.simulate.processes import Outcome, fly
+from gustproof.simulate.outcome import FlightOutcome
+from gustproof.simulate.processes import fly
 
 _SAMPLE = messages.imu_template(1).make(0, 4000, 0.1, 0.2, -9.8, 0.1, 0.2, 0.3)
 _COMMAND = messages.torque_template(1).make(0, 4000, 0.1, 0.2, 0.3, float("nan"))
@@ -25,7 +26,7 @@ def measure(bench: Bench) -> None:
         before = _bare_rate(exchanges)
         with TemporaryDirectory() as folder:
             flight = fly(script, LAW, vehicle=VEHICLE, seed=turn + 1, out=Path(folder))
-        if flight.outcome is not Outcome.DONE:
+        if flight.outcome is not FlightOutcome.DONE:
             raise RuntimeError(flight.message)
         bare.append(0.5 * (before + _bare_rate(exchanges)))
         factors.append(flight.realtime_factor)

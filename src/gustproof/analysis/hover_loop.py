@@ -42,7 +42,7 @@ def hover_loop(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverLoop:
             margins=None, law_poles=_continuous_poles(controller), loop_poles=np.empty(0, dtype=np.complex128),
             omega=omega, loop=np.empty((0, 3), dtype=np.complex128), sensitivities={},
         )  # fmt: skip
-    plant = hover_plant(vehicle, scenario, levelled=law.uses_accelerometer)
+    plant = hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer)
     loop = _input_loop(plant, controller)
     S = sensitivity(loop)
     return HoverLoop(

@@ -4,12 +4,9 @@ Each law flies the same cases, so that they can be compared case by case. Run `k
 law `k // cases`: the first law's runs come first.
 """
 
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +17,10 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.spreads import Spread
 from firmware_model.config.uncertainty import VehicleSet, make_vehicle_set
 from firmware_model.errors import ConfigError
-from gustproof import __version__
 from gustproof.campaign.sampling import Array, Sampling, draw_deltas, flight_seeds
 from gustproof.law.form import Law, parse_law
 from gustproof.simulate.batch import Case
+from gustproof.versions import software_versions
 
 FORMAT = "gustproof-campaign-1"
 _GUST = "gust_scale"
@@ -121,7 +118,7 @@ class Campaign:
             "format": FORMAT,
             "scenario": to_jsonable_python(self.scenario),
             "vehicle": self.vehicles.document,
-            "laws": [law.document() for law in self.laws],
+            "laws": [law.to_dict() for law in self.laws],
             "spreads": to_jsonable_python(self.spreads),
             "runs": self.cases,
             "sampling": self.sampling.value,
@@ -188,14 +185,3 @@ def parse_campaign(note: Any, source: Path | str) -> Campaign:
         )  # fmt: skip
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ConfigError(f"{source}: does not say what was flown") from None
-
-
-@cache
-def software_versions() -> dict[str, str]:
-    """Return what can change the bits of a campaign."""
-    return {
-        "gustproof": __version__,
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        **{name: version(name) for name in ("numpy", "scipy", "numba", "llvmlite")},
-    }

@@ -12,7 +12,7 @@ from gustproof.campaign.plan import Campaign
 from gustproof.campaign.reader import read_campaign, read_run
 from gustproof.campaign.worker import FIGURES, delta_column, requirement_columns
 from gustproof.law.form import load_law
-from gustproof.simulate.flight import FlightPlan, RecordedFlight
+from gustproof.simulate.flight import Flight, FlightPlan
 
 
 class CampaignRun(NamedTuple):
@@ -31,7 +31,7 @@ class CampaignRun(NamedTuple):
         delta = [self.row[delta_column(name)] for name in self.campaign.spreads]
         case = self.campaign.flown(delta, self.row["seed"])
         law = self.campaign.law_of(self.row["run"])
-        return FlightPlan(case.of(self.campaign.scenario), law, case.vehicle, case.seed, real_time=False)
+        return FlightPlan(case.apply_to(self.campaign.scenario), law, case.vehicle, case.seed, real_time=False)
 
     def check(self, scenario: str | None, law: str | None) -> None:
         """Refuse another scenario or law than those of the run, `None` is any.
@@ -52,7 +52,7 @@ class CampaignRun(NamedTuple):
             given, ours = load_law(law), flown.law_of(self.row["run"])
             if given.name != ours.name:
                 raise ConfigError(f"{told}: flown by '{ours.name}', not '{given.name}'{self._same_case(given.name)}")
-            if given.document() != ours.document():
+            if given.to_dict() != ours.to_dict():
                 raise ConfigError(f"{told}: flown by a law '{given.name}' that is not this one")
 
     def _same_case(self, law: str) -> str:
@@ -61,7 +61,7 @@ class CampaignRun(NamedTuple):
             return ""
         return f", which flew this case in run {names.index(law) * self.campaign.cases + self.row['case']}"
 
-    def differences(self, flight: RecordedFlight) -> list[str]:
+    def differences(self, flight: Flight) -> list[str]:
         """Return the names of the figures in which a flight is not the run to the bit."""
         figures = {name: getattr(flight.metrics, name, None) for name in (*FIGURES, "rho_in_bounds")}
         names = requirement_columns(self.campaign.scenario.require)

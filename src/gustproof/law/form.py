@@ -144,11 +144,11 @@ class Law:
         return self.provenance.parameters.get(REFERENCE_LIMIT, math.inf)
 
     @property
-    def scheduled(self) -> bool:
+    def is_scheduled(self) -> bool:
         """Whether the law carries the exact kinematics of its own attitude estimate."""
         return bool(np.any(self.G))
 
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the law as JSON has it, from which `parse_law` makes it again; every number is kept to the bit."""
         return {
             "format": FORMAT,
@@ -167,7 +167,7 @@ class Law:
 
     def save(self, path: str | Path) -> None:
         """Write the law as JSON; every number is kept to the bit."""
-        write_text(Path(path), _format_document(self.document()))
+        write_text(Path(path), _format_document(self.to_dict()))
 
 
 def load_law(name_or_path: str | Path) -> Law:

@@ -12,14 +12,14 @@ FORCE_PER_TILT = GRAVITY * np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])
 """[m/s^2 per rad] what a little roll and pitch change of the specific force at hover."""
 
 
-def hover_plant(vehicle: Vehicle, scenario: Scenario, *, levelled: bool = False) -> Lti:
+def hover_plant(vehicle: Vehicle, scenario: Scenario, *, with_attitude: bool = False) -> Lti:
     """Return torque command (3,) [N*m] to gyro (3,) [rad/s] at hover, sampled and delayed as `scenario` has it.
 
-    A `levelled` one gives roll and pitch (2,) [rad] too, as gravity tells them to an accelerometer on the test stand.
+    A `with_attitude` one gives roll and pitch (2,) [rad] too, as gravity tells them to an accelerometer on the test stand.
     The attitude that is not seen is left out: the rest, damping, actuators and commands on their way are the states.
     """
     full = linear_plant(vehicle)
-    seen = [0, 1] if levelled else []
+    seen = [0, 1] if with_attitude else []
     states, outputs = [*seen, *range(3, full.order)], [3, 4, 5, *seen]
     system = Lti(A=full.A[np.ix_(states, states)], B=full.B[states, :3], C=full.C[np.ix_(outputs, states)],
                  D=full.D[outputs, :3])  # fmt: skip
@@ -51,4 +51,4 @@ def is_stable_at_hover(law: Law, vehicle: Vehicle, scenario: Scenario) -> bool |
     """Return whether the linear loop is stable; `None` for a law of rates, whose loop is the autopilot's own."""
     if law.output is not Output.TORQUE:
         return None
-    return lft(hover_plant(vehicle, scenario, levelled=law.uses_accelerometer), loop_law(law)).is_stable()
+    return lft(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law)).is_stable()

@@ -29,7 +29,7 @@ class SparseLaw(NamedTuple):
     """(3 + n,) one after the last term of each command and each next state."""
     terms: Matrix
     """(m, 2) place in the vector, coefficient; 0 times the vector's 0 where a sum has no terms left."""
-    scheduled: bool
+    is_scheduled: bool
     """Whether there are Euler rates among the terms."""
     limits: Matrix
     """(3,) [N*m or rad/s] B."""
@@ -47,7 +47,7 @@ def sparse_law(law: Law) -> SparseLaw:
         terms = [(float(place), row[place]) for place in np.flatnonzero(row)]
         filled.append(terms + [(float(n + ZERO), 0.0)] * (-len(terms) % TERM_BLOCK if terms else TERM_BLOCK))
     ends = np.cumsum([len(terms) for terms in filled])
-    return SparseLaw(ends, np.array([term for terms in filled for term in terms]), law.scheduled, law.limits)
+    return SparseLaw(ends, np.array([term for terms in filled for term in terms]), law.is_scheduled, law.limits)
 
 
 @kernel
@@ -73,7 +73,7 @@ def law_kernel(law: SparseLaw, z: Matrix, command: Matrix, work: Matrix) -> None
         command[i] = min(max(u, -law.limits[i]), law.limits[i])
         z[n + SATURATION + i] = command[i] - u
         begin = law.ends[i]
-    if law.scheduled:
+    if law.is_scheduled:
         z[n + RATES], z[n + RATES + 1], z[n + RATES + 2] = euler_rates((z[0], z[1], z[2]), (z[3], z[4], z[5]))
     for i in range(n):
         work[i] = _sum(law.terms, begin, law.ends[3 + i], z)
@@ -120,7 +120,7 @@ class LawStepper:
 
     def __init__(self, law: Law, scale: Vector) -> None:
         n, summed = law.order, sparse_law(law)
-        self._ends, self._terms, self._scheduled = summed.ends, summed.terms, summed.scheduled
+        self._ends, self._terms, self._scheduled = summed.ends, summed.terms, summed.is_scheduled
         self._memory = np.concatenate([np.zeros(2 * n + EXTRA_SIZE + 3), law.limits, scale])
         self._order = n
 

@@ -22,7 +22,7 @@ def requirement_status(
     if len(records) < 2:
         values = [(requirement, math.nan, False) for requirement in scenario.require]
     else:
-        values = [(each.requirement, each.value, each.held) for each in judge(records, scenario, vehicle)]
+        values = [(each.requirement, each.value, each.is_met) for each in judge(records, scenario, vehicle)]
     return [
         {
             "text": _text(requirement),

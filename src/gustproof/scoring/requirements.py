@@ -54,15 +54,15 @@ class RequirementResult:
         return math.nan if math.isnan(self.value) else min(below, above)
 
     @property
-    def held(self) -> bool:
+    def is_met(self) -> bool:
         """Whether the value is between the limits."""
         return self.margin >= 0.0
 
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the result as JSON has it; what is not a number, or without bound, is null."""
         figures = {"value": self.value, "margin": self.margin}
         told = {name: figure if math.isfinite(figure) else None for name, figure in figures.items()}
-        return {**to_jsonable_python(self.requirement), **told, "judged": self.judged, "held": self.held}
+        return {**to_jsonable_python(self.requirement), **told, "judged": self.judged, "held": self.is_met}
 
 
 # A rule says what a requirement measures: metric, first axis and the one after the last, first sample and the one after
@@ -148,7 +148,7 @@ def verdict(result: RequirementResult) -> tuple[str, str]:
     """Return what became of a requirement in a word or two, and its colour."""
     if not result.judged:
         return "not judged", "yellow"
-    return ("held", "green") if result.held else ("FAILED", "red")
+    return ("held", "green") if result.is_met else ("FAILED", "red")
 
 
 def _rule(scenario: Scenario, requirement: Requirement) -> tuple[float, ...]:

@@ -37,12 +37,12 @@ class Case:
     initial_attitude_deg: tuple[Angle, Angle, Angle] | None = None
     """[deg] roll, pitch, yaw in which the flight begins; the scenario's by default."""
 
-    def of(self, scenario: Scenario) -> Scenario:
+    def apply_to(self, scenario: Scenario) -> Scenario:
         """Return the scenario that this flight flies."""
         begins = scenario.initial_attitude_deg if self.initial_attitude_deg is None else self.initial_attitude_deg
         return replace(scenario, gust_scale=self.gust_scale * scenario.gust_scale, initial_attitude_deg=begins)
 
-    def start(self, scenario: Scenario) -> VehicleInitial:
+    def make_initial(self, scenario: Scenario) -> VehicleInitial:
         """Return what `new_world` begins with in the scenario `of` this flight, which takes long to be made."""
         scale = self.gust_scale * scenario.gust_scale
         return initial_vehicle_state(
@@ -99,7 +99,7 @@ def _fly_batches(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequen
 def _fly_batch(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly up to `LANES` cases; empty lanes repeat the last."""
     filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
-    params, states, changes = zip(*(case.start(scenario) for case in filled), strict=True)
+    params, states, changes = zip(*(case.make_initial(scenario) for case in filled), strict=True)
     vehicles, torque = [case.vehicle for case in filled], law.output is Output.TORQUE
     batch = Batch(
         params=_stack_lanes(params), state=_stack_lanes(states), changes=_merge_changes(changes),

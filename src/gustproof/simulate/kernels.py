@@ -232,7 +232,7 @@ def _step_law(law: SparseLaw, z: Array, asked: Array, work: Array) -> None:
             z[n + SATURATION + i, w] = within - asked[i, w]
             asked[i, w] = within
         begin = law.ends[i]
-    if law.scheduled:
+    if law.is_scheduled:
         for w in range(LANES):
             rates = euler_rates((z[0, w], z[1, w], z[2, w]), (z[3, w], z[4, w], z[5, w]))
             z[n + RATES, w], z[n + RATES + 1, w], z[n + RATES + 2, w] = rates

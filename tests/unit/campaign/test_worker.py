@@ -25,13 +25,13 @@ def test_a_row_is_what_the_flight_alone_leaves(planned):
     row = flown(campaign, first=7, runs=2)[1]
     assert (row["run"], row["case"], row["law"], row["failure"]) == (8, 3, "pid-fair", None)
     case = campaign.flown(campaign.deltas(3, 1)[0].tolist(), campaign.flight_seeds(3, 1)[0])
-    scenario = case.of(campaign.scenario)
+    scenario = case.apply_to(campaign.scenario)
     records = fly_direct(scenario, campaign.laws[1], vehicle=case.vehicle, seed=case.seed)
     figures = measure(records, case.vehicle, scenario, 0.0)
     assert [row[name] for name in FIGURES] == [getattr(figures, name) for name in FIGURES]
     required = judge(records, scenario, case.vehicle)
     assert [row["require_0_rho_share"], row["require_1_saturated_s"]] == [result.value for result in required]
-    assert row["held"] == all(result.held for result in required)
+    assert row["held"] == all(result.is_met for result in required)
 
 
 def test_a_case_that_can_t_be_flown_costs_the_others_nothing(planned):

@@ -47,9 +47,9 @@ def c_code(law: Law, header: str = "law.h") -> str:
     On a machine with IEEE doubles it gives the bits of `law_step.step`, for attitude estimates up to 1e5 rad. With
     `<name>_SELF_TEST` defined `<name>_self_test` compares them over some steps, the last of them at the limits.
     """
-    kind = "Scheduled with the exact kinematics of its own attitude estimate." if law.scheduled else "Linear."
+    kind = "Scheduled with the exact kinematics of its own attitude estimate." if law.is_scheduled else "Linear."
     made = f"{kind} Designed for vehicle '{law.provenance.vehicle}': {law.provenance.design}."
-    kinematics = (_FOLDER / "euler_rates.c").read_text(encoding="utf-8") + "\n" if law.scheduled else ""
+    kinematics = (_FOLDER / "euler_rates.c").read_text(encoding="utf-8") + "\n" if law.is_scheduled else ""
     return _filled(
         "law.c.in", law, header=header, summary="\n * ".join(wrap(_comment(made), _WIDTH - 3)), kinematics=kinematics,
         body=_body(law), **_self_test(law),
@@ -59,14 +59,14 @@ def c_code(law: Law, header: str = "law.h") -> str:
 def c_header(law: Law) -> str:
     """Return the header of `c_code`: prototypes, sizes and sample time, names of states, units and signs."""
     prefix, states = c_name(law.name), ""
-    if law.scheduled:
+    if law.is_scheduled:
         names = [f"    {prefix}_{name} = {i}," for i, name in enumerate(_STATES)]
         for i, what in sorted(_ESTIMATES.items(), reverse=True)[1:]:
             names.insert(i, f"    /* {what} */")
         states = "\n/* Where the states that have names stand in x. */\nenum {\n" + "\n".join(names)[:-1] + "\n};\n"
     return _filled(
         "law.h.in", law, dt=repr(law.dt), command=_COMMANDS[law.output], force=_FORCE if law.uses_accelerometer else "",
-        states=states, start=_START if law.scheduled else "",
+        states=states, start=_START if law.is_scheduled else "",
     )  # fmt: skip
 
 
@@ -128,12 +128,12 @@ def _body(law: Law) -> str:
     ]
     if np.any(law.H):
         parts.append("const double cut[3] = {command[0] - u[0], command[1] - u[1], command[2] - u[2]};")
-    if law.scheduled:
+    if law.is_scheduled:
         parts.append("\ndouble rates[3];\neuler_rates(x, rates);")
     if n:
         parts.append(f"\ndouble next[{n}];")
         for i, line in enumerate(_sums("next", np.hstack([law.A, law.B, law.G, law.H]), names)):
-            parts += [f"/* {_ESTIMATES[i]} */"] if law.scheduled and i in _ESTIMATES else []
+            parts += [f"/* {_ESTIMATES[i]} */"] if law.is_scheduled and i in _ESTIMATES else []
             parts.append(line)
         parts.append(f"for (int i = 0; i < {n}; i++)\n    x[i] = next[i];")
     unread = [f"(void){array};" for array in ("x", "y") if not any(f"{array}[" in part for part in parts)]

@@ -170,7 +170,7 @@ def _parse_design(law: Law) -> Design:
         W_d=_parse_weight("W_d", known), W_n=_parse_weight("W_n", known), W_e=_parse_weight("W_e", known), W_u=_parse_weight("W_u", known),
         W_r=_parse_weight("W_r", known) if {"W_r_roll", "W_r_low_roll"} & set(known) else None,
         leak=known["leak_per_s"], gamma=known["gamma"], rate_damping=known.get("rate_damping_per_s"),
-        rate_loop_lag=known.get("rate_loop_lag_s"), scheduled=law.scheduled,
+        rate_loop_lag=known.get("rate_loop_lag_s"), scheduled=law.is_scheduled,
     )  # fmt: skip
 
 

@@ -180,7 +180,7 @@ def test_only_what_a_law_computes_is_written(name):
     terms = re.findall(r"[+-] [^;+-]*?(?:e-\d+[^;+-]*?)?\b(?:x|y|rates|cut)\[\d+\]", function)
     parts = (law.A, law.B, law.C, law.D, law.G, law.H)
     assert len(terms) == sum(np.count_nonzero(part) for part in parts)
-    assert ("sin_cos" in code) == law.scheduled
+    assert ("sin_cos" in code) == law.is_scheduled
     assert ("cut" in function) == np.any(law.H)
     assert max(map(len, code.splitlines())) <= 120
 
