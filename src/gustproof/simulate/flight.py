@@ -180,7 +180,9 @@ def warnings(scenario: Scenario, law: Law, vehicle: Vehicle) -> tuple[str, ...]:
     if law.provenance.vehicle not in ("", vehicle.name):
         lines.append(f"law '{law.name}' was designed for vehicle '{law.provenance.vehicle}', not '{vehicle.name}'")
     if scenario.references and not law.takes_references:
-        lines.append(f"law '{law.name}' has no reference input: it ignores the attitude references of '{scenario.name}'")
+        lines.append(
+            f"law '{law.name}' has no reference input: it ignores the attitude references of '{scenario.name}'"
+        )
     return tuple(lines)
 
 

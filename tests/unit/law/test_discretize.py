@@ -12,7 +12,7 @@ from gustproof.law.step import step
 from gustproof.lti.state_space import Lti, discretize_zoh
 from gustproof.model.lpv import linear_plant
 from gustproof.synthesis.designs import design_problem, load_design
-from gustproof.synthesis.hinf import hinfsyn
+from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 
 DT = 0.004
 ROUNDING = 1e-12
