@@ -206,7 +206,7 @@ def test_pause_and_gusts_act_in_mid_flight(browser, tmp_path):
         (journal,) = tmp_path.glob("*.journal")
         stands = count_records(journal)
         until(lambda: browser.run("gustproof.rows.wind.length") == -(-stands // 5), "what stands is shown")
-        assert text(browser, "pause") == "Go on"
+        assert text(browser, "pause") == "Resume"
         assert browser.run("Math.max(...gustproof.rows.wind.slice(1).flatMap((row) => row.slice(1)))") == 0.0
         browser.run(DRAGGED)
         until(lambda: text(browser, "scale") == "× 3.00", "the last of many wishes holds")

@@ -87,14 +87,13 @@ def fly_direct(
     scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
     ring = np.zeros((scenario.delay_samples + 1, inner_loop.SETPOINT_WIDTH))
     ring[:, inner_loop.THRUST] = np.nan
-    _fly(
-        _DirectFlight(
-            sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.seed, scenario.sample_us,
-            law=sparse_law(law), reference=reference, scale=scale, thrust=np.nan if torque else published_hover(vehicle),
-            kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
-            z=np.zeros(law.order + EXTRA_SIZE), command=np.zeros(3), work=np.zeros(law.order), ring=ring, records=records,
-        )
+    flight = _DirectFlight(
+        sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.seed, scenario.sample_us, sparse_law(law),
+        reference=reference, scale=scale, thrust=np.nan if torque else published_hover(vehicle),
+        kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
+        z=np.zeros(law.order + EXTRA_SIZE), command=np.zeros(3), work=np.zeros(law.order), ring=ring, records=records,
     )  # fmt: skip
+    _fly(flight)
     return records.view(RECORD)[:, 0]
 
 

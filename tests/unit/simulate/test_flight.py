@@ -103,7 +103,7 @@ def test_a_flight_whose_modes_the_script_changed_is_recovered_as_what_it_was(tmp
     write_journal(tmp_path, held, {"note": json.loads(json.dumps(plan.metadata()))})
     (recovered,) = recover(tmp_path)
     assert (recovered.outcome, recovered.has_expected_outcome) == (FlightOutcome.LEFT_OFFBOARD, True)
-    assert recovered.message.endswith("flown as the script asked: HOLD from 1 s, 500 of 500 samples")
+    assert recovered.message.endswith("flown as scripted: HOLD from 1 s, 500 of 500 samples")
     assert read_bag(tmp_path / NAME)[0]["outcome"] == "left_offboard"
 
 
