@@ -136,7 +136,7 @@ class Pair:
     def figures(self) -> tuple:
         return (
             self.vehicle.links,
-            self.controller.traffic.figures(),
+            self.controller.channel.figures(),
             self.vehicle.counters,
             self.vehicle.flight.counters,
         )

@@ -72,7 +72,8 @@ class LivePage:
     def watch(self, port: int, journal: Path) -> None:
         """Show the flight of the vehicle that listens on `port` and writes `journal`.
 
-        This is the `on_listening` of `processes.fly`. Parameters that the page has set already reach the vehicle before the flight begins.
+        This is the `on_listening` of `processes.fly`. Parameters that the page has set already reach the vehicle before
+        the flight begins.
         """
         station = GroundStation(
             (0, (LOOPBACK, port)), self._buffer, published_limit(self._vehicle), streams=self._real_time
