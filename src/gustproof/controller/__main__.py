@@ -68,18 +68,22 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
         udp.connect(bound, vehicle)
         udp.serve_lockstep(endpoint, bound)
     outcome = endpoint.outcome or ControllerOutcome.INTERRUPTED
-    if options.json:
+    _print_summary(law, endpoint, outcome, as_json=options.json)
+    return _EXIT.get(outcome, _EXIT_BROKEN_OFF)
+
+
+def _print_summary(law: Law, endpoint: ControllerEndpoint, outcome: ControllerOutcome, *, as_json: bool) -> None:
+    if as_json:
         counters = {cause.value: count for cause, count in endpoint.counters.items()}
         summary = {"outcome": outcome.value, "message": endpoint.message, "counters": counters}
         samples_lost = {"late_samples": endpoint.late, "missed_samples": endpoint.missed}
         print(json.dumps({**summary, **samples_lost, "link": endpoint.channel.figures()}))
+        return
+    samples = f"{endpoint.late} samples late, {endpoint.missed} missed"
+    if outcome is ControllerOutcome.DONE:
+        print(f"law '{law.name}': flown to the end, {samples}")
     else:
-        samples = f"{endpoint.late} samples late, {endpoint.missed} missed"
-        if outcome is ControllerOutcome.DONE:
-            print(f"law '{law.name}': flown to the end, {samples}")
-        else:
-            _report(f"{endpoint.message}{f'; {samples}' if endpoint.late or endpoint.missed else ''}")
-    return _EXIT.get(outcome, _EXIT_BROKEN_OFF)
+        _report(f"{endpoint.message}{f'; {samples}' if endpoint.late or endpoint.missed else ''}")
 
 
 def _report(text: str) -> None:

@@ -196,7 +196,7 @@ def parse_plan(metadata: Any, source: Path) -> FlightPlan:
     """
     scenario, law, vehicle, seed, real_time = parse_metadata(metadata, source)
     if law is None:
-        raise ConfigError(f"{source}: flown by a foreign controller, whose law it does not contain")
+        raise ConfigError(f"{source}: flown by a controller of its own, whose law is not in it")
     return FlightPlan(scenario, law, vehicle, seed, real_time)
 
 
