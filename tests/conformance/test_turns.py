@@ -150,7 +150,7 @@ def test_turns_leave_every_datagram_record_and_figure_as_they_are_step_by_step(l
     monkeypatch.setattr(FastPath, "take", lambda *arguments: taken.append(take(*arguments)) or taken[-1])
     at_once = Pair(law, watched=watched)
     monkeypatch.setattr(FastPath, "take", lambda *_: None)
-    monkeypatch.setattr(ControllerEndpoint, "_bfgs", lambda *_: False)
+    monkeypatch.setattr(ControllerEndpoint, "_answer_fast", lambda *_: False)
     step_by_step = Pair(law, watched=watched)
     assert at_once.vehicle.outcome is step_by_step.vehicle.outcome is VehicleOutcome.DONE
     assert at_once.rows == step_by_step.rows

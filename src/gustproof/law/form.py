@@ -3,8 +3,8 @@
     u  = C x + D y,      command = sat(u),
     x+ = A x + B y + G f(x) + H (sat(u) - u),
 
-with `y` = (gyro p, q, r [rad/s]; reference phi, theta, psi [rad]; specific force x, y, z [m/s^2] B) and `f(x) = T(E)
-omega`, the exact Euler kinematics at the law's own estimates `E = x[0:3]` [rad] and `omega = x[3:6]` [rad/s]. With
+with `y` = (gyro p, q, r [rad/s]; reference phi, theta, psi [rad]; specific force x, y, z [m/s^2] B). `f(x) = T(E)
+omega` are the exact Euler kinematics at the law's own estimates `E = x[0:3]` [rad] and `omega = x[3:6]` [rad/s]. With
 `G = 0` a law is linear; `H` is its anti-windup. A law without accelerometer has no columns for it in B and D. PID,
 H-infinity and self-scheduled laws differ in these numbers only, so a comparison compares gains.
 """
@@ -78,8 +78,8 @@ class Law:
     Raises
     ------
     ValueError
-        If the name cannot be part of a file name, a shape does not fit, a number is not finite, or a limit or the
-        sample time is not positive.
+        If the name is not allowed in a file name, a shape does not fit, a number is not finite, or a limit or `dt` is
+        not positive.
     """
 
     name: str

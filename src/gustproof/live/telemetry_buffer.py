@@ -7,8 +7,9 @@ from typing import Any
 Row = Sequence[float | None]
 """Model time [s], then the numbers of a series at that time."""
 SERIES = ("attitude", "wind", "torque", "age")
-"""attitude: q_NB [-], omega_B [rad/s]; wind: velocity of the air [m/s] N; torque: commanded [N*m] B; age: age of
-the command in effect [ms], from its timestamp, or `None`."""
+"""attitude: q_NB [-], omega_B [rad/s]; wind: velocity of the air [m/s] N; torque: commanded [N*m] B.
+
+age: that of the command in effect [ms], from its timestamp, or `None`."""
 _MAX_ROWS = 60_000  # of a series, 20 minutes at 50 Hz; beyond that the oldest half is dropped
 
 

@@ -25,9 +25,9 @@ class KillSchedule(NamedTuple):
     """Time of a scripted controller kill, in samples flown."""
 
     sample: int
-    """Samples flown when the controller is killed."""
+    """[samples] flown when the controller is killed."""
     restart_sample: float
-    """Samples flown when a spare one takes over; infinite if none does."""
+    """[samples] flown when a spare one takes over; infinite if none does."""
 
 
 def kill_schedule(scenario: Scenario) -> KillSchedule | None:
