@@ -50,8 +50,9 @@ if TYPE_CHECKING:
     from gustproof.scoring.requirements import RequirementResult, judge
     from gustproof.simulate.batch import Case, fly_many
     from gustproof.simulate.direct import fly_direct
+    from gustproof.simulate.loopback import fly_loopback
     from gustproof.simulate.outcome import FlightOutcome
-    from gustproof.simulate.processes import fly, fly_loopback
+    from gustproof.simulate.processes import fly
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import Design, design_problem, load_design, shipped_designs
     from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
@@ -188,8 +189,9 @@ _SOURCES = {
     "gustproof.scoring.requirements": "RequirementResult judge",
     "gustproof.simulate.batch": "Case fly_many",
     "gustproof.simulate.direct": "fly_direct",
+    "gustproof.simulate.loopback": "fly_loopback",
     "gustproof.simulate.outcome": "FlightOutcome",
-    "gustproof.simulate.processes": "fly fly_loopback",
+    "gustproof.simulate.processes": "fly",
     "gustproof.synthesis.derive": "derive",
     "gustproof.synthesis.designs": "Design design_problem load_design shipped_designs",
     "gustproof.synthesis.hinf.hinfsyn": "HinfResult hinfsyn",

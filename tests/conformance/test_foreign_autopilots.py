@@ -187,7 +187,7 @@ def test_port_that_another_program_holds_is_told_and_another_one_is_used(px4_por
     lines = [line.removeprefix("gustproof controller: ") for line in err.splitlines()]
     assert lines[0].startswith(f"can't listen on UDP port {remote}: Address already in use; a free port is used")
     assert lines[1:3] == [
-        f"waits for an autopilot at 127.0.0.1:{link.getsockname()[1]}",
-        "found PX4, system 1: reads MPC_THR_HOVER, IMU_INTEG_RATE, asks for HIGHRES_IMU at 250 Hz",
+        f"waiting for an autopilot at 127.0.0.1:{link.getsockname()[1]}",
+        "found PX4, system 1: reading MPC_THR_HOVER, IMU_INTEG_RATE, requesting HIGHRES_IMU at 250 Hz",
     ]
-    assert lines[3] == "law 'hinf-rates' stands by, and flies when OFFBOARD is set"
+    assert lines[3] == "hinf-rates standing by: in control once OFFBOARD is set"

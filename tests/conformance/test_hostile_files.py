@@ -278,7 +278,7 @@ def _record() -> Any:
     return RECORD
 
 
-NOTE = json.loads(json.dumps(TURBULENT.note()))
+NOTE = json.loads(json.dumps(TURBULENT.metadata()))
 flown("law's name is a path", {**NOTE, "law": {**NOTE["law"], "name": "x/../../../evil"}})
 flown("scenario's name is a path", {**NOTE, "scenario": {**NOTE["scenario"], "name": "/tmp/evil"}})
 flown("vehicle's name commands", {**NOTE, "vehicle": {**NOTE["vehicle"], "name": "\x1b[2J"}})

@@ -19,8 +19,9 @@ from gustproof.controller.endpoint import ControllerEndpoint
 from gustproof.law.form import load_law
 from gustproof.law.step import LawStepper
 from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.loopback import fly_loopback
 from gustproof.simulate.outcome import FlightOutcome, describe, infer_outcome
-from gustproof.simulate.processes import fly, fly_loopback
+from gustproof.simulate.processes import fly
 
 VEHICLE = load_vehicle("paper")
 GUSTY = replace(load_scenario("paper-turbulence"), duration_s=4.0)
@@ -265,7 +266,7 @@ def test_free_vehicle_lands_by_script_and_ends_before_it():
     assert len(flown) < scenario.samples
     # A journal shows it too: this was its end.
     assert infer_outcome(flown, scenario) is FlightOutcome.LEFT_OFFBOARD
-    assert describe(FlightOutcome.LEFT_OFFBOARD, scenario, flown) == "flown as the script asked: LAND from 0.5 s"
+    assert describe(FlightOutcome.LEFT_OFFBOARD, scenario, flown) == "flown as scripted: LAND from 0.5 s"
     assert infer_outcome(flown[:-1], scenario) is FlightOutcome.CUT_OFF
 
 

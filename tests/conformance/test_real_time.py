@@ -132,11 +132,11 @@ def test_scripted_flight_in_real_time_is_flown_to_the_end_and_tells_its_delays(t
     assert flight.outcome is FlightOutcome.DONE
     assert len(flight.records) == scenario.samples
     assert set(flight.records["mode"]) == {Mode.OFFBOARD.value}
-    assert flight.pace is not None
-    assert 0 <= flight.pace["late_p50_us"] <= flight.pace["late_p99_us"] <= flight.pace["late_worst_us"]
-    assert (flight.pace["missed"] == 0) is (flight.pace["late_worst_us"] <= scenario.sample_us)
-    assert flight.pace["fifo"] in (True, False)
-    assert flight.pace["missed_samples"] == 0
+    assert flight.timing is not None
+    assert 0 <= flight.timing["late_p50_us"] <= flight.timing["late_p99_us"] <= flight.timing["late_worst_us"]
+    assert (flight.timing["missed"] == 0) is (flight.timing["late_worst_us"] <= scenario.sample_us)
+    assert flight.timing["fifo"] in (True, False)
+    assert flight.timing["missed_samples"] == 0
 
 
 def test_law_that_hangs_for_a_moment_steps_all_that_waited_and_keeps_its_attitude(tmp_path):
@@ -178,11 +178,11 @@ def test_pilot_flies_a_standing_vehicle_gives_it_to_a_law_takes_it_back_and_land
         pilot.until(lambda: pilot.mode == Mode.HOLD.value, "take-off")
         with process("gustproof.controller", "--law", "hinf-scheduled", "--connect", f"127.0.0.1:{port}") as law:
             pilot.until(lambda: pilot.mode == Mode.OFFBOARD.value, "the law takes the vehicle")
-            pilot.until(lambda: "law 'hinf-scheduled' flies" in pilot.texts, "the law says so")
+            pilot.until(lambda: "hinf-scheduled in control" in pilot.texts, "the law says so")
             pilot.set_mode(*HOLD)
-            pilot.until(lambda: "law 'hinf-scheduled' stands by" in pilot.texts, "the law gives way")
+            pilot.until(lambda: "hinf-scheduled standing by" in pilot.texts, "the law gives way")
             pilot.set_mode(*OFFBOARD)
-            pilot.until(lambda: pilot.texts.count("law 'hinf-scheduled' flies") == 2, "the law flies again")
+            pilot.until(lambda: pilot.texts.count("hinf-scheduled in control") == 2, "the law flies again")
             pilot.until(lambda: 191 in pilot.components, "the controller's own heartbeat")
             pilot.order(wire.MAV_CMD_NAV_LAND)
             pilot.until(lambda: not pilot.armed, "landing")

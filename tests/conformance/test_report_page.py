@@ -33,7 +33,7 @@ def runs(tmp_path_factory):
     for name in LAWS:
         plan = FlightPlan(scenario, load_law(name), vehicle, 1, False)
         records = fly_direct(scenario, plan.law, vehicle=vehicle, seed=1)
-        write_bag(folder / name / plan.name, records, {**plan.note(), "outcome": "done"})
+        write_bag(folder / name / plan.name, records, {**plan.metadata(), "outcome": "done"})
     return [folder / name for name in LAWS]
 
 

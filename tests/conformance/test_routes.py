@@ -19,8 +19,9 @@ from firmware_model.config.waveforms import Constant, GustReplay, GustStep, Shea
 from firmware_model.numerics.rotations import euler_angles
 from gustproof.law.form import load_law
 from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.loopback import fly_loopback
 from gustproof.simulate.outcome import FlightOutcome
-from gustproof.simulate.processes import fly, fly_loopback
+from gustproof.simulate.processes import fly
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 
@@ -120,7 +121,7 @@ def test_at_1_khz_two_processes_equal_direct_to_the_bit(tmp_path):
     scenario, airframe = replace(TWO_SECONDS, control_rate_hz=1000), load_vehicle("paper")
     law, _ = derive(replace(load_design("D1"), dt=scenario.dt))
     flight = fly(scenario, law, vehicle=airframe, seed=7, out=tmp_path)
-    assert (flight.outcome, flight.counters, flight.pace) == (FlightOutcome.DONE, {}, None)
+    assert (flight.outcome, flight.counters, flight.timing) == (FlightOutcome.DONE, {}, None)
     assert flight.records.tobytes() == fly_direct(scenario, law, vehicle=airframe, seed=7).tobytes()
 
 

@@ -200,7 +200,7 @@ def test_disarming_in_the_air_is_refused_with_a_text_and_by_force_it_falls(field
 
 
 def test_law_takes_a_hovering_vehicle_and_is_announced_to_the_pilot(flown):
-    assert "law 'hinf-scheduled' flies" in flown.texts
+    assert "hinf-scheduled in control" in flown.texts
     seen = {(m.get_srcComponent(), m.type) for m in flown.heard if m.get_type() == "HEARTBEAT"}
     assert seen == {(1, 2), (191, 18)}
     flown.run(5.0)
@@ -227,7 +227,7 @@ def test_pilot_takes_the_vehicle_from_the_law_and_gives_it_back(flown):
     flown.run(2.0)
     assert flown.autopilot.mode is Mode.OFFBOARD
     assert flown.controller.phase is Phase.FLYING
-    assert flown.texts.count("law 'hinf-scheduled' flies") == 2
+    assert flown.texts.count("hinf-scheduled in control") == 2
     assert flown.height == pytest.approx(10.0, abs=0.5)
 
 

@@ -20,8 +20,10 @@ from firmware_model.numerics.rotations import euler_angles
 from firmware_model.recording.journal import count_records
 from gustproof.law.form import load_law
 from gustproof.live.live import LivePage
+from gustproof.simulate.flight import Flight
+from gustproof.simulate.loopback import fly_loopback
 from gustproof.simulate.outcome import FlightOutcome
-from gustproof.simulate.processes import FlightResult, fly, fly_loopback
+from gustproof.simulate.processes import fly
 
 LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")
 PATIENCE_S = 200.0  # kernels may have to be compiled first
@@ -49,12 +51,18 @@ class Watched:
     def _fly(self, script: Scenario, out: Path, real_time: bool) -> None:
         self.page.wait()
         flight = fly(
-            script, LAW, vehicle=VEHICLE, out=out, real_time=real_time, default_ports=False, watched=self.page.watch
+            script,
+            LAW,
+            vehicle=VEHICLE,
+            out=out,
+            real_time=real_time,
+            default_ports=False,
+            on_listening=self.page.watch,
         )
         self.page.end(flight.message, flight.records)
         self.flight = flight
 
-    def flown(self) -> FlightResult:
+    def flown(self) -> Flight:
         self._thread.join(PATIENCE_S)
         assert self.flight is not None, "the flight did not end"
         return self.flight
@@ -123,7 +131,7 @@ def assert_clean(browser, page: LivePage) -> None:
     assert [request for request in browser.requests if not request.startswith((page.address, "data:"))] == []
 
 
-def assert_attitude_is_the_recordings(browser, flight: FlightResult) -> None:
+def assert_attitude_is_the_recordings(browser, flight: Flight) -> None:
     """All rows of the page are those of the journal, and the last one is drawn at the end of the flight.
 
     In real time the page may also have the state after the last sample, which no record has.
@@ -141,7 +149,7 @@ def assert_attitude_is_the_recordings(browser, flight: FlightResult) -> None:
     until(lambda: abs(told_angles(browser) - np.degrees(euler_angles(last[np.newaxis])[0])).max() < 0.0051, "angles")
 
 
-def assert_age_is_the_recordings(browser, flight: FlightResult) -> None:
+def assert_age_is_the_recordings(browser, flight: Flight) -> None:
     """Each row has the oldest command since the row before; that of the last row is shown as text."""
     age_ms = flight.scenario.sample_us / 1000 * flight.records["command_age"][:, 0]
     last = range(0, len(age_ms), 5)
@@ -198,7 +206,7 @@ def test_pause_and_gusts_act_in_mid_flight(browser, tmp_path):
         (journal,) = tmp_path.glob("*.journal")
         stands = count_records(journal)
         until(lambda: browser.run("gustproof.rows.wind.length") == -(-stands // 5), "what stands is shown")
-        assert text(browser, "pause") == "Go on"
+        assert text(browser, "pause") == "Resume"
         assert browser.run("Math.max(...gustproof.rows.wind.slice(1).flatMap((row) => row.slice(1)))") == 0.0
         browser.run(DRAGGED)
         until(lambda: text(browser, "scale") == "× 3.00", "the last of many wishes holds")

@@ -13,7 +13,7 @@ from gustproof.law.form import load_law
 from gustproof.scoring.metrics import attitude
 from gustproof.scoring.requirements import judge
 from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.processes import fly_loopback
+from gustproof.simulate.loopback import fly_loopback
 
 pytestmark = pytest.mark.compiled
 
@@ -32,7 +32,7 @@ def flown(name: str, law: str | None = None, seed: int = 1):
 
 def failures(name: str, law: str | None = None) -> list[str]:
     results = judge(flown(name, law), load_scenario(name), VEHICLE)
-    return [result.requirement.metric.value for result in results if not result.held]
+    return [result.requirement.metric.value for result in results if not result.is_met]
 
 
 def peak_deg(name: str, begin_s: float, end_s: float, law: str | None = None) -> float:

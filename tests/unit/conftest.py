@@ -72,7 +72,7 @@ def recorded(tmp_path):
         records["omega_command_B"] = np.nan
         for name, values in fields.items():
             records[name] = values
-        write_bag(tmp_path / folder / plan.name, records, {**plan.note(), "outcome": "done"})
+        write_bag(tmp_path / folder / plan.name, records, {**plan.metadata(), "outcome": "done"})
         return tmp_path / folder
 
     return make

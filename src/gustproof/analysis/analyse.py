@@ -69,7 +69,7 @@ class Analysis:
             "order": self.law.order,
             "dt_s": self.law.dt,
             "output": self.law.output.value,
-            "scheduled": self.law.scheduled,
+            "scheduled": self.law.is_scheduled,
             "takes_references": self.law.takes_references,
             "reference_limit_deg": limit if math.isfinite(limit := self.law.reference_limit_deg) else None,
             "design": self.law.provenance.design,

@@ -46,7 +46,7 @@ def hover_loop(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverLoop:
             loop=np.empty((0, 3), dtype=np.complex128),
             sensitivities={},
         )
-    plant = hover_plant(vehicle, scenario, levelled=law.uses_accelerometer)
+    plant = hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer)
     loop = _input_loop(plant, controller)
     S = sensitivity(loop)
     return HoverLoop(

@@ -42,7 +42,7 @@ def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargin
     """
     if not is_stable_at_hover(law, vehicle, scenario):
         return None
-    axes = margins(hover_plant(vehicle, scenario, levelled=law.uses_accelerometer), loop_law(law)).input
+    axes = margins(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law)).input
     return HoverMargins(
         Ms=max(axis.Ms for axis in axes),
         phase_margin_deg=math.degrees(min(axis.phase_margin for axis in axes)),

@@ -4,12 +4,9 @@ Each law flies the same cases, so laws can be compared case by case. Run `k` of 
 `k // cases`: the first law's runs come first.
 """
 
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +20,7 @@ from firmware_model.errors import ConfigError
 from gustproof.campaign.sampling import Array, Sampling, draw_deltas, flight_seeds
 from gustproof.law.form import Law, parse_law
 from gustproof.simulate.batch import Case
-from gustproof.version import __version__
+from gustproof.version import software_versions
 
 FORMAT = "gustproof-campaign-1"
 _GUST = "gust_scale"
@@ -140,7 +137,7 @@ class Campaign:
             "format": FORMAT,
             "scenario": to_jsonable_python(self.scenario),
             "vehicle": self.vehicles.document,
-            "laws": [law.document() for law in self.laws],
+            "laws": [law.to_dict() for law in self.laws],
             "spreads": to_jsonable_python(self.spreads),
             "runs": self.cases,
             "sampling": self.sampling.value,
@@ -219,14 +216,3 @@ def parse_campaign(metadata: Any, source: Path | str) -> Campaign:
         )
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ConfigError(f"{source}: no description of a campaign") from None
-
-
-@cache
-def software_versions() -> dict[str, str]:
-    """Return the software versions that can change a campaign's bits."""
-    return {
-        "gustproof": __version__,
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        **{name: version(name) for name in ("numpy", "scipy", "numba", "llvmlite")},
-    }

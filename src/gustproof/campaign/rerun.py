@@ -12,7 +12,7 @@ from gustproof.campaign.plan import Campaign
 from gustproof.campaign.reader import read_campaign, read_run
 from gustproof.campaign.worker import FIGURES, delta_column, requirement_columns
 from gustproof.law.form import load_law
-from gustproof.simulate.flight import FlightPlan, RecordedFlight
+from gustproof.simulate.flight import Flight, FlightPlan
 
 
 class CampaignRun(NamedTuple):
@@ -31,7 +31,7 @@ class CampaignRun(NamedTuple):
         delta = [self.row[delta_column(name)] for name in self.campaign.spreads]
         case = self.campaign.make_case(delta, self.row["seed"])
         law = self.campaign.law_of(self.row["run"])
-        return FlightPlan(case.of(self.campaign.scenario), law, case.vehicle, case.seed, real_time=False)
+        return FlightPlan(case.apply_to(self.campaign.scenario), law, case.vehicle, case.seed, real_time=False)
 
     def check(self, scenario: str | None, law: str | None) -> None:
         """Check that scenario and law are those of the run; `None` matches any.
@@ -52,7 +52,7 @@ class CampaignRun(NamedTuple):
             other, ours = load_law(law), campaign.law_of(self.row["run"])
             if other.name != ours.name:
                 raise ConfigError(f"{run}: flown by '{ours.name}', not '{other.name}'{self._same_case(other.name)}")
-            if other.document() != ours.document():
+            if other.to_dict() != ours.to_dict():
                 raise ConfigError(f"{run}: flown by a different law '{other.name}'")
 
     def _same_case(self, law: str) -> str:
@@ -61,7 +61,7 @@ class CampaignRun(NamedTuple):
             return ""
         return f", which flew the same case in run {names.index(law) * self.campaign.cases + self.row['case']}"
 
-    def differences(self, flight: RecordedFlight) -> list[str]:
+    def differences(self, flight: Flight) -> list[str]:
         """Return the names of the figures in which a flight differs from the run by any bit."""
         figures = {name: getattr(flight.metrics, name, None) for name in (*FIGURES, "rho_in_bounds")}
         names = requirement_columns(self.campaign.scenario.require)

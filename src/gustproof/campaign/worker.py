@@ -17,7 +17,7 @@ from firmware_model.config.requirement import Requirement
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
-from gustproof.campaign.plan import Campaign, parse_campaign, software_versions
+from gustproof.campaign.plan import Campaign, parse_campaign
 from gustproof.campaign.sampling import Array
 from gustproof.law.form import Law
 from gustproof.scoring.metrics import Metrics, measure
@@ -25,7 +25,8 @@ from gustproof.scoring.requirements import judge
 from gustproof.simulate.batch import Case, CaseResult, make_batch_simulator
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.kernels import LANES
-from gustproof.simulate.processes import fly_loopback
+from gustproof.simulate.loopback import fly_loopback
+from gustproof.version import software_versions
 
 FIGURES = tuple(field.name for field in fields(Metrics) if field.type is float and field.name != "realtime_factor")
 """Names of a run's numeric figures, units as in `Metrics`."""
@@ -115,7 +116,7 @@ def _fly_bisecting(fly: Simulator, cases: list[Case]) -> list[CaseResult | str]:
 
 def _make_simulator(scenario: Scenario, law: Law) -> Simulator:
     if scenario.has_link_script:
-        return lambda cases: [_fly_by_message(case.of(scenario), law, case) for case in cases]
+        return lambda cases: [_fly_by_message(case.apply_to(scenario), law, case) for case in cases]
     return make_batch_simulator(scenario, law)
 
 
@@ -132,7 +133,7 @@ def _check_diverged(campaign: Campaign, law: Law, case: Case, judged: CaseResult
         return judged
     if campaign.scenario.has_link_script:
         return "diverged"
-    records = fly_direct(case.of(campaign.scenario), law, vehicle=case.vehicle, seed=case.seed)
+    records = fly_direct(case.apply_to(campaign.scenario), law, vehicle=case.vehicle, seed=case.seed)
     numbers = np.column_stack([records["q_NB"], records["omega_B"], records["torque_command_B"]])
     lost = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
     return f"diverged at {records['time_us'][lost[0]] * 1e-6:g} s" if len(lost) else "diverged"
@@ -172,7 +173,7 @@ def _make_row(scenario: Scenario, judged: CaseResult | str) -> Row:
     """Return a run's row, from the figures' columns of `schema` on."""
     if isinstance(judged, str):
         return (*[None] * (len(FIGURES) + 1), *[None, False] * len(scenario.require), False, judged)
-    required = [(None if math.isnan(each.value) else each.value, each.held) for each in judged.requirements]
+    required = [(None if math.isnan(each.value) else each.value, each.is_met) for each in judged.requirements]
     figures = (*_get_figures(judged.metrics), judged.metrics.rho_in_bounds)
     return (*figures, *chain.from_iterable(required), all(held for _, held in required), None)
 

@@ -14,7 +14,7 @@ from gustproof.cli.progress import progress
 
 if TYPE_CHECKING:
     from gustproof.campaign.rerun import CampaignRun
-    from gustproof.simulate.flight import FlightPlan, RecordedFlight
+    from gustproof.simulate.flight import Flight, FlightPlan
 
 
 _BAG_OPTIONS = ("scenario", "law", "vehicle", "seed", "real_time", "run")
@@ -92,16 +92,16 @@ def fly(
     interrupted = result.outcome is FlightOutcome.INTERRUPTED
     comparison = None if interrupted else _compare(result, plan, repeat, table_run)
     if as_json:
-        print(json.dumps(result.document() | (comparison.document() if comparison else {}), indent=2))
+        print(json.dumps(result.to_dict() | (comparison.document() if comparison else {}), indent=2))
     else:
-        document = (result.message, result.metrics, result.bag, result.requirements, result.pace, result.warnings)
+        document = (result.message, result.metrics, result.bag, result.requirements, result.timing, result.warnings)
         show(render_flight(*document))
     if interrupted:
         raise exit_with(f"interrupted; the recording so far is in {folder}", ExitStatus.INTERRUPTED)
     _report_failures(result, comparison, folder)
 
 
-def _report_failures(result: "RecordedFlight", comparison: "_Comparison | None", folder: Path) -> None:
+def _report_failures(result: "Flight", comparison: "_Comparison | None", folder: Path) -> None:
     """Print how a flight compares with its original, and exit if it differs, broke off or failed a requirement."""
     if comparison and comparison.equal is False:
         raise exit_with(comparison.line, ExitStatus.REQUIREMENT_FAILED)
@@ -109,14 +109,15 @@ def _report_failures(result: "RecordedFlight", comparison: "_Comparison | None",
         print(f"gustproof: {comparison.line}", file=sys.stderr)
     if not result.has_expected_outcome:
         raise exit_with(f"{result.message}; the recording so far is in {folder}", ExitStatus.FLIGHT_BROKE_OFF)
-    failed = sum(not each.held for each in result.requirements)
+    failed = sum(not each.is_met for each in result.requirements)
     if failed:
         raise exit_with(f"{failed} of {len(result.requirements)} requirements failed", ExitStatus.REQUIREMENT_FAILED)
 
 
-def _fly(plan: "FlightPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "RecordedFlight":
+def _fly(plan: "FlightPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "Flight":
     """Fly with progress on standard error and, if `view`, on a page that starts the flight."""
-    from gustproof.simulate.flight import fly_and_record, warnings
+    from gustproof.simulate.flight import warnings
+    from gustproof.simulate.recorder import fly_and_record
 
     for warning in () if quiet else warnings(plan.scenario, plan.law, plan.vehicle):
         print(f"gustproof: warning: {warning}", file=sys.stderr)
@@ -132,7 +133,7 @@ def _fly(plan: "FlightPlan", folder: Path, *, tlog: bool, view: bool, quiet: boo
         shown = stack.enter_context(progress(title, quiet=quiet))
         result = fly_and_record(
             plan.scenario, plan.law, vehicle=plan.vehicle, seed=plan.seed, out=folder, real_time=plan.real_time,
-            tlog=tlog, progress=lambda fraction: shown(fraction, title), watched=page.watch if page else None,
+            tlog=tlog, progress=lambda fraction: shown(fraction, title), on_listening=page.watch if page else None,
         )  # fmt: skip
         if page:
             page.end(result.message, result.records)
@@ -204,7 +205,7 @@ class _Comparison(NamedTuple):
 
 
 def _compare(
-    result: "RecordedFlight", plan: "FlightPlan", repeat: Path | None, table_run: "CampaignRun | None"
+    result: "Flight", plan: "FlightPlan", repeat: Path | None, table_run: "CampaignRun | None"
 ) -> _Comparison | None:
     """Compare a flight with the one that it repeats; `None` if it repeats none."""
     if table_run:
@@ -214,7 +215,7 @@ def _compare(
     return _compare_records(result, repeat) if repeat else None
 
 
-def _compare_records(result: "RecordedFlight", run: Path) -> _Comparison:
+def _compare_records(result: "Flight", run: Path) -> _Comparison:
     """Compare every bit of every sample."""
     from gustproof.recording.bag import read_bag
     from gustproof.simulate.flight import first_difference_s
@@ -227,7 +228,7 @@ def _compare_records(result: "RecordedFlight", run: Path) -> _Comparison:
     return _Comparison(True, f"equal to {run} in every bit of its {len(records)} samples")
 
 
-def _compare_figures(result: "RecordedFlight", run: "CampaignRun") -> _Comparison:
+def _compare_figures(result: "Flight", run: "CampaignRun") -> _Comparison:
     """Compare every bit of the figures with those of the run in the campaign's table."""
     name = f"run {run.row['run']} of {run.table}"
     if run.row["failure"] is not None:

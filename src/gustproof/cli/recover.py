@@ -18,11 +18,11 @@ def recover(
         gustproof recover runs/fly-003
     """
     from gustproof.report.terminal import render_flight, show
-    from gustproof.simulate.flight import recover as recovered
+    from gustproof.simulate.recorder import recover as recovered
 
     flights = recovered(run)
     if as_json:
-        print(json.dumps([flight.document() for flight in flights], indent=2))
+        print(json.dumps([flight.to_dict() for flight in flights], indent=2))
         return
     for flight in flights:
         show(render_flight(flight.message, flight.metrics, flight.bag, flight.requirements))

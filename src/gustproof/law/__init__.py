@@ -1,1 +1,1 @@
-"""Define the one law form: its file, its step, discretisation, cascades, other formats."""
+"""The one law form: file, step, discretisation, cascades, other formats."""

@@ -1,6 +1,6 @@
-"""Cascaded PID in the one law form: angle P outside, rate PI or PID inside, for each axis on its own.
+"""Cascaded PID in the one law form: angle P outside, rate PI or PID inside, each axis on its own.
 
-Gains are angular acceleration per error, so that they do not depend on the inertia; a law's matrices are torque.
+Gains are angular acceleration per error, independent of the inertia. A law's matrices command torque.
 """
 
 import math
@@ -27,13 +27,13 @@ class Gains:
     """
 
     angle_p: float
-    """[1/s] rate asked for per attitude error."""
+    """[1/s] rate command per attitude error."""
     rate_p: float
     """[1/s] angular acceleration per rate error."""
     rate_i: float
     """[1/s^2] angular acceleration per integrated rate error."""
     rate_d: float = 0.0
-    """[-] angular acceleration per filtered derivative of the rate error, the reference left out."""
+    """[-] angular acceleration per filtered derivative of the rate error, without the reference."""
     derivative_cutoff: float = 30.0
     """[Hz] corner of the first-order filter on the derivative."""
 
@@ -60,22 +60,22 @@ class AxisLaw:
     G: Matrix
     """(n, 1) Euler rate of the law's own estimate to next state."""
     H: Matrix
-    """(n, 1) what the limit cut off to next state."""
+    """(n, 1) saturation excess to next state."""
 
     @property
     def A_linear(self) -> Matrix:
-        """(n, n) `A` with the kinematics linearised at level attitude and rest, where the Euler rate is state 1."""
+        """(n, n) `A` with the kinematics linearised at level attitude and rest; state 1 is the Euler rate."""
         return self.A + self.G @ np.eye(2, self.A.shape[0])[1:]
 
     def controller(self, dt: float) -> Lti:
-        """Return the law from the gyro [rad/s] to the command [N*m], linear at level attitude, at the sample time."""
+        """Return the law from gyro [rad/s] to command [N*m], linear at level attitude, with sample time `dt` [s]."""
         return Lti(A=self.A_linear, B=self.B[:, :1], C=self.C, D=self.D[:, :1], dt=dt)
 
 
 def plain_axis(gains: Gains, inertia: float, dt: float) -> AxisLaw:
-    """Return the two-state cascade: states are the plain integral of the gyro [rad] and of the rate error [rad].
+    """Return the two-state cascade; states are the integrals of the gyro [rad] and of the rate error [rad].
 
-    The attitude at a sample is the integral before it and half of the newest step, the trapezoidal rule.
+    The attitude at a sample is the integral before it plus half of the newest step: the trapezoidal rule.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def plain_axis(gains: Gains, inertia: float, dt: float) -> AxisLaw:
         If there is a derivative gain: its filter would be a third state.
     """
     if gains.rate_d:
-        raise ValueError(f"rate_d is {gains.rate_d}, must be 0: two states have no room for a derivative filter")
+        raise ValueError(f"rate_d is {gains.rate_d}, must be 0: two states leave none for a derivative filter")
     attitude, integral = np.eye(2)
     rate, angle_reference = np.eye(2)
     error = _rate_error(gains, attitude, 0.5 * dt * rate, rate, angle_reference)
@@ -100,23 +100,23 @@ def plain_axis(gains: Gains, inertia: float, dt: float) -> AxisLaw:
 def strapdown_axis(gains: Gains, inertia: float, dt: float) -> AxisLaw:
     """Return the cascade on strapdown attitude with a filtered rate derivative.
 
-    States: Euler angle `E` at the sample before [rad], rate of the sample before [rad/s], integral of the rate error
-    [rad], low-passed rate error [rad/s]. With `g` the new gyro sample and `omega` the one before,
+    States: Euler angle `E` at the previous sample [rad], rate of the previous sample [rad/s], integral of the rate
+    error [rad], low-passed rate error [rad/s]. With `g` the new gyro sample and `omega` the previous one,
 
         E+ = E + dt T(E) omega + dt/2 (g - omega)
 
-    is the trapezoidal rule: the sum telescopes, so `E` and `omega` always belong to the same instant and the kinematics
-    are taken where they hold. No error of first order in dt accumulates, as a forward step's `dt/2 q r` does; what is
-    left of that order, the newest half step without its kinematics, is bounded. The attitude that the law acts on,
-    `E + dt/2 (omega + g)`, has no phase lag.
+    is the trapezoidal rule. The sum telescopes: `E` and `omega` always belong to the same instant, and the kinematics
+    are evaluated there. Errors of first order in dt do not accumulate, as `dt/2 q r` does in a forward step. One
+    first-order term is left and bounded: the newest half step has no kinematics. The law acts on the attitude
+    `E + dt/2 (omega + g)`, which has no phase lag.
     """
     E, omega, integral, smooth = np.eye(4)
     rate, angle_reference = np.eye(2)
     error = _rate_error(gains, E + 0.5 * dt * omega, 0.5 * dt * rate, rate, angle_reference)
-    felt = np.concatenate([error[:5], [0.0]])  # a step of the reference has no slope that means anything
+    smoothed = np.concatenate([error[:5], [0.0]])  # without the reference: the slope of a step has no meaning
     smoothing = -math.expm1(-2.0 * math.pi * gains.derivative_cutoff * dt)
-    low_passed = (1.0 - smoothing) * np.append(smooth, [0.0, 0.0]) + smoothing * felt
-    # The slope over the step that the new sample makes: it answers at once.
+    low_passed = (1.0 - smoothing) * np.append(smooth, [0.0, 0.0]) + smoothing * smoothed
+    # The slope over the newest step: the answer has no delay.
     slope = (low_passed - np.append(smooth, [0.0, 0.0])) / dt
     command = inertia * (gains.rate_p * error + gains.rate_i * np.append(integral, [0.0, 0.0]) + gains.rate_d * slope)
     A = np.vstack([E - 0.5 * dt * omega, 0.0 * omega, integral + dt * error[:4], low_passed[:4]])
@@ -140,13 +140,13 @@ def cascade_law(name: str, axes: Sequence[AxisLaw], vehicle: Vehicle, dt: float,
     if len(axes) != 3 or len(orders) != 1:
         raise ValueError(f"{len(axes)} axes of orders {sorted(orders)}, must be three of one order")
 
-    def placed(matrix: str) -> Matrix:
+    def assemble(matrix: str) -> Matrix:
         return np.asarray(
             sum(np.kron(getattr(axis, matrix), np.diag(unit)) for axis, unit in zip(axes, np.eye(3), strict=True))
         )
 
     return Law(
-        name=name, A=placed("A"), B=placed("B"), C=placed("C"), D=placed("D"), G=placed("G"), H=placed("H"),
+        name=name, A=assemble("A"), B=assemble("B"), C=assemble("C"), D=assemble("D"), G=assemble("G"), H=assemble("H"),
         dt=dt, limits=np.array(vehicle.torque_limit), output=Output.TORQUE, provenance=provenance,
     )  # fmt: skip
 
@@ -162,12 +162,12 @@ def gain_parameters(gains: Sequence[Gains]) -> dict[str, float]:
 
 
 def _rate_error(gains: Gains, attitude: Matrix, newest: Matrix, rate: Matrix, reference: Matrix) -> Matrix:
-    """Return the row that gives rate asked for less rate, of (states, rate, reference)."""
+    """Return the row of (states, rate, reference) that gives rate command minus rate."""
     return np.concatenate([-gains.angle_p * attitude, gains.angle_p * (reference - newest) - rate])
 
 
 def _back_calculation(gains: Gains, inertia: float, dt: float) -> float:
-    """Return what the integral takes back per torque cut off, so that it empties with the PI's own time constant.
+    """Return the back-calculation gain per saturated torque; the integral then empties with the PI's time constant.
 
     References
     ----------

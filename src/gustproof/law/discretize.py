@@ -1,4 +1,4 @@
-"""From a continuous controller to a flying law: Tustin's rule, and the form of `gustproof.law.form`."""
+"""Discretisation of continuous controllers: Tustin's rule, and the law form of `gustproof.law.form`."""
 
 import numpy as np
 
@@ -12,13 +12,13 @@ from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_continuous
 def tustin(K: Lti, dt: float) -> Lti:
     """Return the controller at the sample time `dt` [s] by the trapezoidal rule.
 
-    The state is `x - dt/2 x'`: equal to that of `K` at rest and half a sample older in motion, so states keep their
-    meaning and an input matrix becomes `dt (I - A dt/2)^-1 B`.
+    The state is `x - dt/2 x'`: equal to that of `K` at rest, half a sample older in motion. So states keep their
+    meaning, and an input matrix becomes `dt (I - A dt/2)^-1 B`.
 
     Raises
     ------
     DesignError
-        If `K` has a pole at 2/dt, where the rule has none.
+        If `K` has a pole at 2/dt, where the rule is singular.
     """
     n = K.order
     implicit = np.eye(n) - 0.5 * dt * K.A
@@ -44,14 +44,14 @@ def central_law(
     output: Output,
     provenance: Provenance,
 ) -> Law:
-    """Return the law of a central controller, whose states are estimates of the plant's.
+    """Return the law of a central controller; its states estimate those of the plant.
 
-    With `scheduled`, the estimate's kinematics `E' = omega` become `E' = T(E) omega`; at level attitude the law is the
-    linear one exactly.
+    With `scheduled`, the estimate's kinematics `E' = omega` become `E' = T(E) omega`. At level attitude the law equals
+    the linear one exactly.
 
-    `H` is 0. A central controller is driven by measurements alone, so if it is stable (all shipped ones are) it cannot
-    wind up; and its estimate expects a worst-case disturbance that only the full command opposes, so to tell it what
-    the limit left was tried and spoils the attitude estimate two to twenty times as much.
+    `H` is 0. Measurements alone drive a central controller, so a stable one (all shipped ones are) cannot wind up. Its
+    estimate expects a worst-case disturbance that only the full command opposes. Feeding back the saturated command
+    was tried: it spoils the attitude estimate two to twenty times as much.
 
     Parameters
     ----------
@@ -59,17 +59,17 @@ def central_law(
         Name of the law.
     K
         Continuous central controller of order n, as `hinfsyn` returns it; 3 inputs (gyro) or 6 (gyro, reference), and 2
-        more if it is told roll and pitch; 3 outputs. Its states begin with Euler angles and body rates.
+        more for measured roll and pitch; 3 outputs. Its states begin with Euler angles and body rates.
     scheduled
-        Whether the kinematics of the estimate are exact.
+        True for exact kinematics of the estimate.
     dt
         [s] sample time.
     limits
         (3,) [N*m or rad/s] B, largest command.
     output
-        What is commanded.
+        Commanded quantity.
     provenance
-        Where it comes from.
+        Origin of the law.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def central_law(
     """
     K = as_continuous("K", K)
     n, measured = K.order, K.n_inputs
-    # the attitude rows get an input of their own, whose sampled input matrix is G
+    # an input of its own for the attitude rows; its sampled input matrix is G
     entries = np.hstack([K.B, np.eye(n, 3)])
     sampled = tustin(Lti(A=K.A, B=entries, C=K.C, D=np.hstack([K.D, np.zeros((3, 3))])), dt)
     B, G = np.split(sampled.B, [measured], axis=1)
@@ -115,9 +115,9 @@ def central_law(
 
 
 def _measurement_columns(matrix: Matrix) -> Matrix:
-    """Return the columns for `y` of a controller's for (gyro, reference if it has one, roll and pitch if told)."""
-    levelled = matrix.shape[1] % 3 == 2
-    told = np.split(matrix, [matrix.shape[1] - 2 * levelled], axis=1)
-    first = np.pad(told[0], ((0, 0), (0, 6 - told[0].shape[1])))
-    # as the specific force tells them: roll is -f_y / g, pitch f_x / g
-    return np.hstack([first, told[1] @ FORCE_PER_TILT.T / GRAVITY**2]) if levelled else first
+    """Return the columns for `y` from a controller's: gyro, then reference and measured roll and pitch if present."""
+    has_tilt = matrix.shape[1] % 3 == 2
+    rates_reference, tilt = np.split(matrix, [matrix.shape[1] - 2 * has_tilt], axis=1)
+    first = np.pad(rates_reference, ((0, 0), (0, 6 - rates_reference.shape[1])))
+    # tilt from the specific force: roll is -f_y / g, pitch f_x / g
+    return np.hstack([first, tilt @ FORCE_PER_TILT.T / GRAVITY**2]) if has_tilt else first

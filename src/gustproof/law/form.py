@@ -1,12 +1,12 @@
-"""The one form that every flying law has, and its file.
+"""The one form of every flying law, and its file.
 
     u  = C x + D y,      command = sat(u),
     x+ = A x + B y + G f(x) + H (sat(u) - u),
 
-with `y` = (gyro p, q, r [rad/s]; reference phi, theta, psi [rad]; specific force x, y, z [m/s^2] B) and `f(x) = T(E)
-omega`, the exact Euler kinematics at the law's own estimates `E = x[0:3]` [rad] and `omega = x[3:6]` [rad/s]. With
-`G = 0` a law is linear; `H` is its anti-windup. A law that has no use for the accelerometer leaves its three columns
-out of B and D. PID, H-infinity and self-scheduled laws differ in these numbers only, so a comparison compares gains.
+with `y` = (gyro p, q, r [rad/s]; reference phi, theta, psi [rad]; specific force x, y, z [m/s^2] B). `f(x) = T(E)
+omega` are the exact Euler kinematics at the law's own estimates `E = x[0:3]` [rad] and `omega = x[3:6]` [rad/s]. With
+`G = 0` a law is linear; `H` is its anti-windup. A law without accelerometer has no columns for it in B and D. PID,
+H-infinity and self-scheduled laws differ in these numbers only, so a comparison compares gains.
 """
 
 import json
@@ -30,7 +30,7 @@ FORMAT = "gustproof-law-1"
 MEASUREMENT_SIZE = 9
 """Numbers in `y`: gyro, reference, specific force."""
 REFERENCE_LIMIT = "reference_limit_deg"
-"""Parameter of a law's provenance that says which references it holds."""
+"""Provenance parameter of the largest reference that a law holds."""
 _MATRICES = ("A", "B", "C", "D", "G", "H")
 _GYRO_REFERENCE_SIZE = 6
 
@@ -38,7 +38,7 @@ Matrix = NDArray[np.float64]
 
 
 class Output(Enum):
-    """What a law commands.
+    """Commanded quantity of a law.
 
     Examples
     --------
@@ -48,14 +48,14 @@ class Output(Enum):
     """
 
     TORQUE = "torque"
-    """[N*m] B, flown by SET_ACTUATOR_CONTROL_TARGET."""
+    """[N*m] B, sent as SET_ACTUATOR_CONTROL_TARGET."""
     RATES = "rates"
-    """[rad/s] B, flown by SET_ATTITUDE_TARGET and tracked by the autopilot's own loop."""
+    """[rad/s] B, sent as SET_ATTITUDE_TARGET and tracked by the autopilot's own loop."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """Where a law comes from: enough to derive it again.
+    """Origin of a law: enough to derive it again.
 
     Examples
     --------
@@ -67,14 +67,14 @@ class Provenance:
     design: str
     """Design or method, in words."""
     vehicle: str
-    """Vehicle that it was designed for."""
+    """Vehicle of the design."""
     parameters: dict[str, float] = field(default_factory=dict)
-    """Figures of the design by name: weights, levels, margins; units in the names where not SI."""
+    """Figures of the design by name: weights, levels, margins; names carry units other than SI."""
     version: str = ""
-    """Version of gustproof that made it."""
+    """Version of gustproof that made the law."""
 
     def __post_init__(self) -> None:
-        """Check that texts are texts, and figures numbers."""
+        """Check that texts are texts and figures are numbers."""
         for key in ("design", "vehicle", "version"):
             if not isinstance(getattr(self, key), str):
                 raise ValueError(f"provenance.{key}: is {getattr(self, key)!r}, must be a text")
@@ -87,13 +87,13 @@ class Provenance:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Law:
-    """A discrete law of n states; matrices are checked on construction and read-only after it.
+    """A discrete law of n states; matrices are checked on construction, then read-only.
 
     Raises
     ------
     ValueError
-        If the name can be part of no file's, a shape does not fit, a number is not finite, or a limit or the sample
-        time is not positive.
+        If the name is not allowed in a file name, a shape does not fit, a number is not finite, or a limit or `dt` is
+        not positive.
 
     Examples
     --------
@@ -106,7 +106,7 @@ class Law:
     """
 
     name: str
-    """Short name, part of the names of files."""
+    """Short name, part of file names."""
     A: Matrix
     """(n, n) state to next state."""
     B: Matrix
@@ -118,18 +118,18 @@ class Law:
     G: Matrix
     """(n, 3) Euler rates of the law's own estimates to next state; 0 for a linear law."""
     H: Matrix
-    """(n, 3) what the limit cut off to next state."""
+    """(n, 3) saturation excess to next state."""
     dt: float
     """[s] sample time."""
     limits: Matrix
     """(3,) [N*m or rad/s] B, largest command about each axis."""
     output: Output
-    """What is commanded."""
+    """Commanded quantity."""
     provenance: Provenance
-    """Where it comes from."""
+    """Origin of the law."""
 
     def __post_init__(self) -> None:
-        """Check name, shapes and values, and set the arrays read-only."""
+        """Check name, shapes and values; set the arrays read-only."""
         try:
             checked_name(self.name)
         except ValueError as error:
@@ -153,26 +153,26 @@ class Law:
 
     @property
     def uses_accelerometer(self) -> bool:
-        """Whether the law reads the accelerometer."""
+        """True if the law reads the accelerometer."""
         return bool(self.D.shape[1] == MEASUREMENT_SIZE)
 
     @property
     def takes_references(self) -> bool:
-        """Whether the law reads the attitude that it is asked to hold; one that does not holds level."""
+        """True if the law reads an attitude reference; any other holds level."""
         return bool(self.B[:, 3:6].any() or self.D[:, 3:6].any())
 
     @property
     def reference_limit_deg(self) -> float:
-        """[deg] references this far from level about each axis are held, as simulation shows; infinite if unknown."""
+        """[deg] largest reference about each axis that the law holds in simulation; infinite if unknown."""
         return self.provenance.parameters.get(REFERENCE_LIMIT, math.inf)
 
     @property
-    def scheduled(self) -> bool:
-        """Whether the law carries the exact kinematics of its own attitude estimate."""
+    def is_scheduled(self) -> bool:
+        """True if the law carries the exact kinematics of its own attitude estimate."""
         return bool(np.any(self.G))
 
-    def document(self) -> dict[str, Any]:
-        """Return the law as JSON has it, from which `parse_law` makes it again; every number is kept to the bit."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return the law as JSON for `parse_law`; every number is kept to the bit."""
         return {
             "format": FORMAT,
             "name": self.name,
@@ -190,7 +190,7 @@ class Law:
 
     def save(self, path: str | Path) -> None:
         """Write the law as JSON; every number is kept to the bit."""
-        write_text(Path(path), _format_document(self.document()))
+        write_text(Path(path), _format_document(self.to_dict()))
 
 
 def load_law(name_or_path: str | Path) -> Law:
@@ -225,7 +225,7 @@ def load_law(name_or_path: str | Path) -> Law:
 
 
 def parse_law(document: Any, source: str) -> Law:
-    """Return the law that a document says; `source` stands in front of each mistake.
+    """Return the law in a JSON document; error texts begin with `source`.
 
     Raises
     ------
@@ -279,7 +279,7 @@ def _parse_law(document: Any) -> Law:
 
 
 def _format_document(document: dict[str, Any]) -> str:
-    """Return JSON with one matrix row a line, so that a person can read it and a diff shows what changed."""
+    """Return JSON with one matrix row a line, for readers and diffs."""
     lines = []
     for key, value in document.items():
         if key in _MATRICES:

@@ -1,4 +1,4 @@
-"""The loop of a law at hover: the law as it flies, sampled and late, on the vehicle's linear model."""
+"""The loop at hover: the law as flown, sampled and delayed, on the vehicle's linear model."""
 
 import numpy as np
 
@@ -9,20 +9,20 @@ from gustproof.lti.state_space import Lti, delay, discretize_zoh, lft, series
 from gustproof.model.lpv import linear_plant
 
 FORCE_PER_TILT = GRAVITY * np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])
-"""[m/s^2 per rad] what a little roll and pitch change of the specific force at hover."""
+"""[m/s^2 per rad] specific force per small roll and pitch at hover."""
 
 
-def hover_plant(vehicle: Vehicle, scenario: Scenario, *, levelled: bool = False) -> Lti:
-    """Return torque command (3,) [N*m] to gyro (3,) [rad/s] at hover, sampled and delayed as `scenario` has it.
+def hover_plant(vehicle: Vehicle, scenario: Scenario, *, with_attitude: bool = False) -> Lti:
+    """Return torque command (3,) [N*m] to gyro (3,) [rad/s] at hover, sampled and delayed as in `scenario`.
 
-    A `levelled` one gives roll and pitch (2,) [rad] too, as gravity tells them to an accelerometer on the test stand.
-    The attitude that is not seen is left out: the rest, damping, actuators and commands on their way are the states.
+    With `with_attitude` the outputs include roll and pitch (2,) [rad], as an accelerometer on the test stand measures
+    them by gravity. Unmeasured attitudes are no states; rates, actuators and delayed commands are.
     """
     full = linear_plant(vehicle)
-    seen = [0, 1] if levelled else []
-    states, outputs = [*seen, *range(3, full.order)], [3, 4, 5, *seen]
-    system = Lti(A=full.A[np.ix_(states, states)], B=full.B[states, :3], C=full.C[np.ix_(outputs, states)],
-                 D=full.D[outputs, :3])  # fmt: skip
+    angles = [0, 1] if with_attitude else []
+    states, outputs = [*angles, *range(3, full.order)], [3, 4, 5, *angles]
+    A, C = full.A[np.ix_(states, states)], full.C[np.ix_(outputs, states)]
+    system = Lti(A=A, B=full.B[states, :3], C=C, D=full.D[outputs, :3])
     plant = discretize_zoh(system, scenario.dt)
     for _ in range(scenario.delay_samples):
         plant = series(delay(3, scenario.dt), plant)
@@ -30,15 +30,15 @@ def hover_plant(vehicle: Vehicle, scenario: Scenario, *, levelled: bool = False)
 
 
 def linear_law(law: Law, inputs: int = 3) -> Lti:
-    """Return the law linearised at level attitude within its limits, from its first `inputs` inputs to the command."""
+    """Return the law within its limits, linear at level attitude, from its first `inputs` inputs to the command."""
     rates = np.eye(3, law.order, 3)
     return Lti(A=law.A + law.G @ rates, B=law.B[:, :inputs], C=law.C, D=law.D[:, :inputs], dt=law.dt)
 
 
 def loop_law(law: Law) -> Lti:
-    """Return the law linearised at hover within its limits, from what closes its loop to the command.
+    """Return the law within its limits, linear at hover, from the measurements that close its loop to the command.
 
-    That is the gyro (3,), and roll and pitch (2,) [rad] as the specific force tells them, if the law feels that.
+    These are the gyro (3,), and roll and pitch (2,) [rad] by the specific force if the law reads the accelerometer.
     """
     if not law.uses_accelerometer:
         return linear_law(law)
@@ -48,7 +48,7 @@ def loop_law(law: Law) -> Lti:
 
 
 def is_stable_at_hover(law: Law, vehicle: Vehicle, scenario: Scenario) -> bool | None:
-    """Return whether the linear loop is stable; `None` for a law of rates, whose loop is the autopilot's own."""
+    """Return whether the linear loop is stable; `None` for a rates law, whose loop is the autopilot's own."""
     if law.output is not Output.TORQUE:
         return None
-    return lft(hover_plant(vehicle, scenario, levelled=law.uses_accelerometer), loop_law(law)).is_stable()
+    return lft(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law)).is_stable()

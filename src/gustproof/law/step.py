@@ -1,8 +1,8 @@
-"""The compiled step of a law: sums of a few terms each, as most coefficients of most laws are 0.
+"""The compiled step of a law, as sparse sums: most coefficients of most laws are 0.
 
-All numbers that a step adds up are one vector: the law's states, what is measured and asked for, the Euler rates of
-its own estimates, and what the limits cut off. Its sums are the three commands and the next states; each takes its
-terms in the order of that vector, on every route, and leaves out those whose coefficient is 0.
+One vector holds all summands of a step: states, measurements and references, Euler rates of the law's own estimates,
+and saturation excess. The sums are the three commands and the next states. On every route each sum takes its terms in
+the order of that vector, without those whose coefficient is 0.
 """
 
 from typing import Any, NamedTuple
@@ -17,26 +17,26 @@ from firmware_model.types import Vector
 from gustproof.law.form import MEASUREMENT_SIZE, Law, Matrix
 
 RATES, SATURATION, ZERO, EXTRA_SIZE = MEASUREMENT_SIZE, MEASUREMENT_SIZE + 3, MEASUREMENT_SIZE + 6, MEASUREMENT_SIZE + 7
-"""Where after the states Euler rates, what was cut off and a 0 stand in the vector; how many numbers follow states."""
+"""Offsets after the states of Euler rates, saturation excess and a 0; count of the numbers after the states."""
 TERM_BLOCK = 4
-"""Of so many terms, times a whole number, consists each sum, so that four can be added at once."""
+"""Each sum has a multiple of this many terms, so that four are added at once."""
 
 
 class SparseLaw(NamedTuple):
-    """What a law adds up."""
+    """Nonzero terms of a law."""
 
     ends: NDArray[np.int64]
-    """(3 + n,) one after the last term of each command and each next state."""
+    """(3 + n,) end of the terms of each command and each next state."""
     terms: Matrix
-    """(m, 2) place in the vector, coefficient; 0 times the vector's 0 where a sum has no terms left."""
-    scheduled: bool
-    """Whether there are Euler rates among the terms."""
+    """(m, 2) offset in the vector, coefficient; sums are padded with 0 times the vector's 0."""
+    is_scheduled: bool
+    """True if Euler rates are among the terms."""
     limits: Matrix
     """(3,) [N*m or rad/s] B."""
 
 
 def sparse_law(law: Law) -> SparseLaw:
-    """Return the terms of a law whose coefficient is not 0, filled up to fours."""
+    """Return the terms of a law whose coefficient is not 0, padded to blocks of `TERM_BLOCK`."""
     n, measured = law.order, law.D.shape[1]
     whole = np.zeros((3 + n, n + EXTRA_SIZE))
     whole[:3, :n], whole[3:, :n] = law.C, law.A
@@ -44,17 +44,17 @@ def sparse_law(law: Law) -> SparseLaw:
     whole[3:, n + RATES : n + SATURATION], whole[3:, n + SATURATION : n + ZERO] = law.G, law.H
     filled = []
     for row in whole:
-        terms = [(float(place), row[place]) for place in np.flatnonzero(row)]
+        terms = [(float(i), row[i]) for i in np.flatnonzero(row)]
         filled.append(terms + [(float(n + ZERO), 0.0)] * (-len(terms) % TERM_BLOCK if terms else TERM_BLOCK))
     ends = np.cumsum([len(terms) for terms in filled])
-    return SparseLaw(ends, np.array([term for terms in filled for term in terms]), law.scheduled, law.limits)
+    return SparseLaw(ends, np.array([term for terms in filled for term in terms]), law.is_scheduled, law.limits)
 
 
 @kernel
 def euler_rates(E: Any, omega: Any) -> tuple[float, float, float]:
     """Return `T(E) omega` [rad/s], the exact ZYX Euler kinematics; `cos(theta)` is kept above 0.05 in magnitude.
 
-    The floor bounds the law where the kinematics are singular; within |theta| < 87 deg they are exact.
+    The floor bounds the law near the singularity; within |theta| < 87 deg the kinematics are exact.
     """
     sin_phi, cos_phi = sin_cos(E[0])
     sin_theta, cos_theta = sin_cos(E[1])
@@ -66,14 +66,14 @@ def euler_rates(E: Any, omega: Any) -> tuple[float, float, float]:
 
 @kernel
 def law_kernel(law: SparseLaw, z: Matrix, command: Matrix, work: Matrix) -> None:
-    """Write the command for the vector `z` (n + EXTRA,) and move its states on by a sample; `work` is (n,)."""
+    """Write the command for the vector `z` (n + EXTRA_SIZE,) and advance its states by a sample; `work` is (n,)."""
     n, begin = work.size, 0
     for i in range(3):
         u = _sum(law.terms, begin, law.ends[i], z)
         command[i] = min(max(u, -law.limits[i]), law.limits[i])
         z[n + SATURATION + i] = command[i] - u
         begin = law.ends[i]
-    if law.scheduled:
+    if law.is_scheduled:
         z[n + RATES], z[n + RATES + 1], z[n + RATES + 2] = euler_rates((z[0], z[1], z[2]), (z[3], z[4], z[5]))
     for i in range(n):
         work[i] = _sum(law.terms, begin, law.ends[3 + i], z)
@@ -101,7 +101,7 @@ def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
     Raises
     ------
     ValueError
-        If `y` is neither, or lacks the specific force that the law reads.
+        If `y` has another shape, or lacks the specific force for a law that reads it.
     """
     if y.shape not in ((law.D.shape[1],), (MEASUREMENT_SIZE,)):
         raise ValueError(f"y has shape {y.shape}, must be {(law.D.shape[1],)}")
@@ -112,10 +112,10 @@ def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
 
 
 class LawStepper:
-    """A law in flight, asked to hold level at first, from its stated initial state: all states 0.
+    """A law in flight, from its initial state with all states 0 and a level reference.
 
-    Its steps give the bits of `step`; everything is in three arrays that stay, as Python hands them over fastest.
-    `scale` (3,) [N*m or rad/s] B is what 1.0 on the wire means.
+    Its steps give the bits of `step`. Everything is in three arrays that stay: Python passes these fastest.
+    `scale` (3,) [N*m or rad/s] B is the command that is 1.0 on the wire.
 
     Examples
     --------
@@ -128,20 +128,20 @@ class LawStepper:
 
     def __init__(self, law: Law, scale: Vector) -> None:
         n, summed = law.order, sparse_law(law)
-        self._ends, self._terms, self._scheduled = summed.ends, summed.terms, summed.scheduled
+        self._ends, self._terms, self._scheduled = summed.ends, summed.terms, summed.is_scheduled
         self._memory = np.concatenate([np.zeros(2 * n + EXTRA_SIZE + 3), law.limits, scale])
         self._order = n
 
     def restart(self) -> None:
-        """Go back to the initial state; the reference stays."""
+        """Return to the initial state; the reference stays."""
         self._memory[: self._order] = 0.0
 
     def set_reference(self, euler: Vector) -> None:
-        """Ask for another attitude from the next step on: roll, pitch, yaw [rad]."""
+        """Set the attitude to hold from the next step on: roll, pitch, yaw [rad]."""
         self._memory[self._order + 3 : self._order + 6] = euler
 
     def step(self, gyro_B: Vector, force_B: Vector) -> Vector:
-        """Return the command for rates [rad/s] and specific force [m/s^2] as float32 fractions of `scale`; move on."""
+        """Step with rates [rad/s] and specific force [m/s^2]; return the command as float32 fractions of `scale`."""
         fractions: Vector = _step_packed(self._ends, self._terms, self._scheduled, self._memory, *gyro_B, *force_B)
         return fractions
 

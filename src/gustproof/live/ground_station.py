@@ -1,8 +1,8 @@
-"""A ground station without a window: listens to the vehicle as any client does, and sets two of its parameters.
+"""Ground station of the live page: receives telemetry as any client does, and sets two parameters.
 
-A sans-I/O peer like the vehicle itself, so that `firmware_model.process.udp.serve` carries its datagrams. It asks for the
-streams that it shows; what else it is sent it asks not to be. In lockstep it shows no stream at all: each message
-would cost the flight time, and the journal has it all.
+It is a sans-I/O peer like the vehicle itself; `firmware_model.process.udp.serve` carries its datagrams. It requests the
+streams that the page shows and stops all others. In lockstep it shows no stream: each message would cost the flight
+time, and the journal has the same data.
 
 References
 ----------
@@ -27,13 +27,13 @@ from firmware_model.types import Vector
 from gustproof.live.telemetry_buffer import TelemetryBuffer
 
 HEARTBEAT_US = 1_000_000
-"""[us] wall time from heartbeat to heartbeat."""
+"""[us] wall time between heartbeats."""
 RETRY_US = 200_000
-"""[us] wall time after which a parameter is set again that has not been told back."""
+"""[us] wall time after which an unconfirmed parameter is set again."""
 STREAM_US = 20_000
-"""[us] time between two messages of a stream that is shown."""
-_POLL_US = 20_000  # a person's wish waits no longer
-_SYSTEM, _COMPONENT = 255, wire.MAV_COMP_ID_MISSIONPLANNER  # MAVLink's usual numbers of a ground station
+"""[us] time between two messages of a shown stream."""
+_POLL_US = 20_000  # longest delay of a user's request
+_SYSTEM, _COMPONENT = 255, wire.MAV_COMP_ID_MISSIONPLANNER  # MAVLink's usual ids of a ground station
 _TEXTS = 6
 _DIGITS = 6
 _MODES = {mode.value: mode.name for mode in Mode}
@@ -47,18 +47,18 @@ _INTEGER_PARAMETERS = (PAUSE_NAME,)
 
 
 class GroundStation:
-    """One watcher of one vehicle; give it datagrams and the time, send what it returns."""
+    """Ground station of one vehicle; pass it datagrams and the time, send the datagrams it returns."""
 
-    def __init__(self, vehicle: Address, feed: TelemetryBuffer, torque_limit: Vector, *, streams: bool) -> None:
+    def __init__(self, vehicle: Address, buffer: TelemetryBuffer, torque_limit: Vector, *, streams: bool) -> None:
         self.finished = False
-        self.settled = Event()
+        self.parameters_confirmed = Event()
         self._end_requested = Event()
-        self._heard = self._final_poll = False
-        self.traffic = Channel(_SYSTEM, _COMPONENT)
-        self._vehicle, self._buffer, self._torque_limit = vehicle, feed, torque_limit
+        self._has_received = self._final_poll = False
+        self.channel = Channel(_SYSTEM, _COMPONENT)
+        self._vehicle, self._buffer, self._torque_limit = vehicle, buffer, torque_limit
         self._requests: SimpleQueue[tuple[str, float]] = SimpleQueue()
         self._pending: dict[str, float] = {}
-        self._shown = _STREAMS if streams else ()
+        self._streams = _STREAMS if streams else ()
         self._missing_streams: set[int] = set()
         self._stop_request_us: dict[int, int] = {}
         self._outbox: list[tuple[bytes, Address]] = []
@@ -86,40 +86,40 @@ class GroundStation:
             ),
         }
 
-    def wish(self, name: str, value: float) -> None:
-        """Set a parameter, from whatever thread."""
-        self.settled.clear()
+    def set_parameter(self, name: str, value: float) -> None:
+        """Set a parameter; safe from any thread."""
+        self.parameters_confirmed.clear()
         self._requests.put((name, value))
 
     def end(self) -> None:
-        """Finish when all that was sent until now has been heard; from whatever thread."""
+        """Finish once everything sent until now has been received; safe from any thread."""
         self._end_requested.set()
 
     def receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
-        """Take a datagram; never raises, what can't be used is counted by its cause."""
-        self._now_us, self._heard = now_us, True
+        """Process a datagram; never raises: unusable input is counted by its cause."""
+        self._now_us, self._has_received = now_us, True
         for item in parse(datagram):
             if peer != self._vehicle:
                 self.drop(RejectReason.OTHER_TARGET, peer)
             elif isinstance(item, RejectReason):
                 self.drop(item, peer)
             else:
-                self._take(item)
+                self._dispatch(item)
 
     def drop(self, cause: RejectReason, peer: Address) -> None:
-        """Count something that has no effect."""
-        self.traffic.dropped[cause] += 1
+        """Count a message without effect."""
+        self.channel.dropped[cause] += 1
 
     def poll(self, now_us: int) -> list[tuple[bytes, Address]]:
-        """Do what is due and return the datagrams to send."""
+        """Do the work that is due and return the datagrams to send."""
         self._now_us = now_us
         if self._end_requested.is_set():
-            self.finished, self._final_poll = self._final_poll and not self._heard, True
-            self._heard = False
+            self.finished, self._final_poll = self._final_poll and not self._has_received, True
+            self._has_received = False
         self._take_requests()
         if now_us >= self._next_heartbeat_us:
             self._next_heartbeat_us = now_us + HEARTBEAT_US
-            self._beat()
+            self._send_heartbeat()
         if self._pending and now_us >= self._retry_at_us and self._system is not None:
             self._retry_at_us = now_us + RETRY_US
             for name, value in self._pending.items():
@@ -128,7 +128,7 @@ class GroundStation:
         return outbox
 
     def deadline_us(self) -> int:
-        """Return the wall time at which `poll` is to be called at the latest."""
+        """Return the latest wall time of the next call of `poll`."""
         return self._now_us + _POLL_US
 
     def _take_requests(self) -> None:
@@ -140,8 +140,8 @@ class GroundStation:
             self._pending[name] = value
             self._retry_at_us = self._now_us
 
-    def _beat(self) -> None:
-        """Send a heartbeat and ask how long the way is; ask for streams that have not come since the last one."""
+    def _send_heartbeat(self) -> None:
+        """Send a heartbeat and a time request; request streams that have not come since the last heartbeat."""
         self._send(
             wire.MAVLink_heartbeat_message(
                 wire.MAV_TYPE_GCS, wire.MAV_AUTOPILOT_INVALID, 0, 0, wire.MAV_STATE_ACTIVE, 3
@@ -152,11 +152,11 @@ class GroundStation:
             return
         self._timesync_ns = 1000 * self._now_us
         self._send(wire.MAVLink_timesync_message(0, self._timesync_ns))
-        self._ask(self._missing_streams)
-        self._missing_streams = set(self._shown)
+        self._request_streams(self._missing_streams)
+        self._missing_streams = set(self._streams)
 
-    def _take(self, frame: Frame) -> None:
-        self.traffic.count(frame)
+    def _dispatch(self, frame: Frame) -> None:
+        self.channel.count(frame)
         number = frame.message_id
         if frame.component != AUTOPILOT and number != wire.MAVLINK_MSG_ID_STATUSTEXT:
             return
@@ -171,7 +171,7 @@ class GroundStation:
     def _on_heartbeat(self, message: Message) -> None:
         first = self._system is None
         self._system = message.get_srcSystem()
-        self._buffer.tell(
+        self._buffer.update(
             mode=_MODES.get(message.custom_mode, str(message.custom_mode)),
             armed=bool(message.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED),
         )
@@ -179,7 +179,7 @@ class GroundStation:
             self._next_heartbeat_us = self._now_us
             for name in _PARAMETER_FACTS:
                 self._send(wire.MAVLink_param_request_read_message(self._system, AUTOPILOT, name.encode(), -1))
-            self._ask(self._shown)
+            self._request_streams(self._streams)
             self._signal_if_confirmed()
 
     def _on_parameter(self, message: Message) -> None:
@@ -187,7 +187,7 @@ class GroundStation:
         if name not in _PARAMETER_FACTS:
             return
         value = messages.parse_parameter(message)
-        self._buffer.tell(
+        self._buffer.update(
             **{_PARAMETER_FACTS[name]: bool(value) if name in _INTEGER_PARAMETERS else round(value, _DIGITS)}
         )
         if name in self._pending and abs(value - self._pending[name]) < 1e-6:
@@ -200,15 +200,15 @@ class GroundStation:
 
     def _signal_if_confirmed(self) -> None:
         if not self._pending and self._requests.empty():
-            self.settled.set()
+            self.parameters_confirmed.set()
 
     def _on_text(self, message: Message) -> None:
-        self._buffer.tell(texts=[*self._buffer["texts"], message.text][-_TEXTS:])
+        self._buffer.update(texts=[*self._buffer["texts"], message.text][-_TEXTS:])
 
     def _on_timesync(self, message: Message) -> None:
         if message.ts1 == self._timesync_ns:
             self._round_trip_ms = (self._now_us - self._timesync_ns // 1000) / 1000
-        else:  # a question of the vehicle's
+        else:  # a time request of the vehicle
             self._set_message_interval(wire.MAVLINK_MSG_ID_TIMESYNC, -1)
 
     def _on_state(self, message: Message) -> None:
@@ -219,41 +219,38 @@ class GroundStation:
         self._add("wind", message.time_usec, message.wind_x, message.wind_y, message.wind_z)
 
     def _on_torque(self, message: Message) -> None:
-        asked = zip(message.controls, self._torque_limit, strict=False)
-        # The stamp is that of the command, which is held where no newer one comes.
+        pairs = zip(message.controls, self._torque_limit, strict=False)
+        # The stamp is the command's; the vehicle holds a command until a newer one comes.
         time_us = max(message.time_usec, self._newest_us.get("attitude", 0))
-        self._add("torque", time_us, *(control * limit for control, limit in asked))
+        self._add("torque", time_us, *(control * limit for control, limit in pairs))
 
     def _add(self, name: str, time_us: int, *numbers: float) -> None:
-        if time_us <= self._newest_us.get(name, -1):  # before t = 0 the same sample is told again
+        if time_us <= self._newest_us.get(name, -1):  # before t = 0 the same sample repeats
             return
         self._newest_us[name] = time_us
         self._buffer.add(name, [[time_us * 1e-6, *(round(number, _DIGITS) for number in numbers)]])
 
     def _publish_link(self) -> None:
-        figures: dict[str, Any] = self.traffic.stats()
+        figures: dict[str, Any] = self.channel.stats()
         rate, self._received = figures["in"] - self._received, figures["in"]
-        self._buffer.tell(
+        self._buffer.update(
             link={"rate": rate, "lost": figures["lost"], "bad": figures["bad"], "round_trip_ms": self._round_trip_ms}
         )
 
     def _set(self, name: str, value: float) -> None:
         kind = wire.MAV_PARAM_TYPE_REAL32
-        if name in _INTEGER_PARAMETERS:  # an integer travels bytewise, as PX4 has it
+        if name in _INTEGER_PARAMETERS:  # integers travel bytewise, as in PX4
             value, kind = struct.unpack("<f", struct.pack("<i", int(value)))[0], wire.MAV_PARAM_TYPE_INT32
         self._send(wire.MAVLink_param_set_message(self._system, AUTOPILOT, name.encode(), value, kind))
 
-    def _ask(self, numbers: Iterable[int]) -> None:
+    def _request_streams(self, numbers: Iterable[int]) -> None:
         for number in numbers:
             self._set_message_interval(number, STREAM_US)
 
     def _set_message_interval(self, number: int, interval_us: int) -> None:
-        self._send(
-            wire.MAVLink_command_long_message(
-                self._system or 0, AUTOPILOT, wire.MAV_CMD_SET_MESSAGE_INTERVAL, 0,
-                float(number), float(interval_us), 0.0, 0.0, 0.0, 0.0, 0.0,
-            )
-        )  # fmt: skip
+        numbers = float(number), float(interval_us), 0.0, 0.0, 0.0, 0.0, 0.0
+        command = wire.MAV_CMD_SET_MESSAGE_INTERVAL
+        self._send(wire.MAVLink_command_long_message(self._system or 0, AUTOPILOT, command, 0, *numbers))
 
     def _send(self, message: Message) -> None:
-        self._outbox.append((self.traffic.pack(message), self._vehicle))
+        self._outbox.append((self.channel.pack(message), self._vehicle))

@@ -1,4 +1,4 @@
-"""The rows of a journal while it is written: what the page shows of it, at no cost to the flight."""
+"""Series of the live page from a journal while it is written, at no cost to the flight."""
 
 import math
 from collections.abc import Iterable
@@ -14,13 +14,13 @@ from gustproof.live.telemetry_buffer import SERIES, Row, TelemetryBuffer
 
 Array = NDArray[np.float64]
 _POLL_S = 0.02
-_DIGITS = 6  # decimals: a millionth of the units shown
+_DIGITS = 6  # decimals
 
 
 def follow_journal(
-    path: Path, every: int, sample_us: int, feed: TelemetryBuffer, done: Event, names: Iterable[str] = SERIES
+    path: Path, every: int, sample_us: int, buffer: TelemetryBuffer, done: Event, names: Iterable[str] = SERIES
 ) -> None:
-    """Feed the series `names` with each `every`th record of the journal at `path`, the first among them, until `done`.
+    """Add each `every`th record of the journal at `path`, from the first on, to the series `names` until `done`.
 
     A record is a sample of `sample_us` [us].
     """
@@ -32,15 +32,15 @@ def follow_journal(
         ended = False
         while not ended:
             ended = done.wait(_POLL_S)
-            rows = series_rows(groups.take(), sample_us)
+            rows = series_rows(groups.read(), sample_us)
             for name in names:
-                feed.add(name, rows[name])
+                buffer.add(name, rows[name])
 
 
 def series_rows(groups: NDArray[np.void], sample_us: int) -> dict[str, list[Row]]:
-    """Return the rows of each series that groups of journal records (n, every) hold: those of the last of each group.
+    """Return the rows of each series from groups of journal records (n, every): the last record of each group.
 
-    The age is the largest of the group, so that no single late command is missed.
+    The age is the largest of the group: no late command is missed.
     """
     records = groups[:, -1]
     time_s = records["time_us"][:, np.newaxis] * 1e-6
@@ -58,29 +58,29 @@ def series_rows(groups: NDArray[np.void], sample_us: int) -> dict[str, list[Row]
 
 
 def rotate_rows(q_NB: Array, v_B: Array) -> Array:
-    """Return vectors (n, 3) given in B in N, by the attitudes (n, 4)."""
+    """Return the vectors `v_B` (n, 3) in N, by the attitudes (n, 4)."""
     w, axis = q_NB[:, :1], q_NB[:, 1:]
-    turned = 2.0 * np.cross(axis, v_B)
-    return np.asarray(v_B + w * turned + np.cross(axis, turned))
+    twice = 2.0 * np.cross(axis, v_B)
+    return np.asarray(v_B + w * twice + np.cross(axis, twice))
 
 
 class _GroupReader:
-    """The records of a growing journal in groups: each `every`th, and before it those since the one before."""
+    """Reader of a growing journal in groups of `every` records; the first record is a group of its own."""
 
     def __init__(self, file: BufferedReader, every: int) -> None:
         self._file, self._every = file, every
-        self._rest = b""
-        self._begun = False
+        self._remainder = b""
+        self._has_first = False
 
-    def take(self) -> NDArray[np.void]:
-        """Return the groups (n, every) that became whole since the last call."""
-        self._rest += self._file.read()
-        if not self._begun:
-            first = self._rest.partition(b"\n")[2]
-            if len(first) >= RECORD.itemsize:  # a group of its own
-                self._begun, self._rest = True, first[: RECORD.itemsize] * (self._every - 1) + first
+    def read(self) -> NDArray[np.void]:
+        """Return the groups (n, every) completed since the last call."""
+        self._remainder += self._file.read()
+        if not self._has_first:
+            first = self._remainder.partition(b"\n")[2]
+            if len(first) >= RECORD.itemsize:  # repeated to a group of its own
+                self._has_first, self._remainder = True, first[: RECORD.itemsize] * (self._every - 1) + first
         size = RECORD.itemsize * self._every
-        whole = len(self._rest) // size * size if self._begun else 0
-        groups = np.frombuffer(self._rest[:whole], dtype=RECORD).reshape(-1, self._every)
-        self._rest = self._rest[whole:]
+        whole = len(self._remainder) // size * size if self._has_first else 0
+        groups = np.frombuffer(self._remainder[:whole], dtype=RECORD).reshape(-1, self._every)
+        self._remainder = self._remainder[whole:]
         return groups

@@ -1,10 +1,11 @@
-"""The live page of one flight: it starts when the page says so, and is watched to its end.
+"""The live page of one flight: the page starts the flight and shows it to the end.
 
-    real time   vehicle --telemetry--> Station --> Feed --> page
-    lockstep    vehicle --> journal --> tail --> Feed --> page;  Station: mode, link, parameters
-    both        vehicle --> journal --> lights, age of the command --> Feed --> page
+    real time   vehicle --telemetry--> GroundStation --> TelemetryBuffer --> page
+    lockstep    vehicle --> journal --> follow_journal --> TelemetryBuffer --> page
+    both        vehicle --> journal --> requirement status, command age --> TelemetryBuffer --> page
 
-What the page does to the flight are two parameters, set by MAVLink: the gusts' scale and, in lockstep, the pause.
+In lockstep the ground station provides mode, link and parameters only.
+The page changes two parameters of the flight over MAVLink: the scale of the gusts and, in lockstep, the pause.
 """
 
 import time
@@ -29,14 +30,14 @@ from gustproof.live.requirement_status import requirement_status
 from gustproof.live.server import LOOPBACK, PageServer, parse_bool, parse_number
 from gustproof.live.telemetry_buffer import SERIES, TelemetryBuffer
 
-_JOIN_TIMEOUT_S = 30.0  # with threads that have next to nothing left to do, on a machine that may be busy
+_JOIN_TIMEOUT_S = 30.0  # for threads with little left to do, on a machine that may be busy
 _JUDGE_S = 0.5
-_JUDGE_SHARE = 0.05  # of a core: a long flight takes long to judge
+_JUDGE_SHARE = 0.05  # of a core: judging takes longer as the flight grows
 _NO_RECORDS = np.empty(0, dtype=RECORD)
 
 
 class LivePage:
-    """The page and who gathers what it shows; a context manager that leaves no thread and no socket behind."""
+    """The page and its data sources; a context manager that leaves no thread and no socket behind."""
 
     def __init__(self, scenario: Scenario, law: Law, vehicle: Vehicle, *, real_time: bool) -> None:
         self._scenario, self._vehicle, self._real_time = scenario, vehicle, real_time
@@ -53,10 +54,10 @@ class LivePage:
         self._requests: dict[str, float] = {}
         self._station: GroundStation | None = None
         self._threads: list[Thread] = []
-        wishes: dict[str, Callable[[Any], None]] = {"start": self._start, "gust": self._set_gust}
+        handlers: dict[str, Callable[[Any], None]] = {"start": self._start, "gust": self._set_gust}
         if not real_time:
-            wishes["pause"] = self._pause
-        self._server = PageServer(self._buffer, wishes)
+            handlers["pause"] = self._pause
+        self._server = PageServer(self._buffer, handlers)
 
     @property
     def address(self) -> str:
@@ -64,37 +65,38 @@ class LivePage:
         return self._server.address
 
     def wait(self) -> None:
-        """Return when the page has said start; Ctrl-C ends this."""
+        """Wait until the page starts the flight; Ctrl-C ends this."""
         while not self._started.wait(0.2):
             pass
 
     def watch(self, port: int, journal: Path) -> None:
-        """Watch the flight of the vehicle that listens on `port` and writes `journal`; for `sitl.fly`.
+        """Show the flight of the vehicle that listens on `port` and writes `journal`.
 
-        What the page has wished before is told to the vehicle before the flight begins.
+        This is the `on_listening` of `processes.fly`. Parameters that the page has set already reach the vehicle before
+        the flight begins.
         """
         station = GroundStation(
             (0, (LOOPBACK, port)), self._buffer, published_limit(self._vehicle), streams=self._real_time
         )
         for name, value in self._requests.items():
-            station.wish(name, value)
+            station.set_parameter(name, value)
         self._station = station
         self._run(_serve, station)
-        names = ("age",) if self._real_time else SERIES  # no message tells the age
+        names = ("age",) if self._real_time else SERIES  # no message has the age
         self._run(follow_journal, journal, self._every, self._scenario.sample_us, self._buffer, self._done, names)
         if self._scenario.require:
             self._run(self._judge, journal)
-        station.settled.wait(_JOIN_TIMEOUT_S)
-        self._buffer.tell(phase="flying")
+        station.parameters_confirmed.wait(_JOIN_TIMEOUT_S)
+        self._buffer.update(phase="flying")
 
     def end(self, message: str, records: NDArray[np.void] = _NO_RECORDS) -> None:
-        """Show how the flight ended, and what its journal records (n,) held."""
+        """Show the end of the flight and the requirement status of its journal records (n,)."""
         self._done.set()
         if self._station is not None:
             self._station.end()
         for thread in self._threads:
             thread.join(_JOIN_TIMEOUT_S)
-        self._buffer.tell(
+        self._buffer.update(
             phase="over", message=message, lights=requirement_status(records, self._scenario, self._vehicle, over=True)
         )
 
@@ -118,12 +120,12 @@ class LivePage:
         while not self._done.wait(max(_JUDGE_S, spent_s / _JUDGE_SHARE)):
             begun_s = time.thread_time()
             _, records = read_journal(journal)
-            self._buffer.tell(lights=requirement_status(records, self._scenario, self._vehicle, over=False))
+            self._buffer.update(lights=requirement_status(records, self._scenario, self._vehicle, over=False))
             spent_s = time.thread_time() - begun_s
 
     def _start(self, value: Any) -> None:
         if parse_bool(value) and not self._started.is_set():
-            self._buffer.tell(phase="starting")
+            self._buffer.update(phase="starting")
             self._started.set()
 
     def _pause(self, value: Any) -> None:
@@ -132,13 +134,13 @@ class LivePage:
     def _set_gust(self, value: Any) -> None:
         scale = parse_number(value, self._gust.minimum, self._gust.maximum)
         if not self._started.is_set():
-            self._buffer.tell(gust_scale=scale)
+            self._buffer.update(gust_scale=scale)
         self._request(GUST_SCALE_NAME, scale)
 
     def _request(self, name: str, value: float) -> None:
         self._requests[name] = value
         if self._station is not None:
-            self._station.wish(name, value)
+            self._station.set_parameter(name, value)
 
 
 def _serve(station: GroundStation) -> None:

@@ -1,13 +1,13 @@
-"""The page's web server: on loopback alone, behind a token, for pages of its own only.
+"""Web server of the live page: on loopback alone, behind a token, for its own page only.
 
     GET  /TOKEN/           page, script, style
-    GET  /TOKEN/events     what is new, as server-sent events
+    GET  /TOKEN/events     updates, as server-sent events
     POST /TOKEN/start      JSON true
     POST /TOKEN/pause      JSON true or false
     POST /TOKEN/gust       JSON number
 
-The token keeps out others on this machine, the Host that a request names keeps out names that were made to point
-here, and the Origin keeps out pages from elsewhere.
+The token keeps out other users of this machine. The Host check stops DNS rebinding, the Origin check pages from
+elsewhere.
 """
 
 import json
@@ -29,9 +29,9 @@ _FILES = {
     "picture.js": ("picture.js", "text/javascript"),
     "style.css": ("style.css", "text/css"),
 }
-_UPDATE_S = 1 / 30  # the page draws what lies between two
+_UPDATE_S = 1 / 30  # the page interpolates between two updates
 _KEEPALIVE_S = 5.0
-_MAX_BODY = 64  # bytes of a wish
+_MAX_BODY = 64  # bytes of a request
 _CLOSE_TIMEOUT_S = 5.0
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
@@ -43,17 +43,17 @@ _HEADERS = {
 
 
 class PageServer(ThreadingHTTPServer):
-    """Serve the page of a feed from threads of its own; a context manager that tells the last news before it ends.
+    """Server of the page of a buffer, in threads of its own; a context manager that sends the last update at its end.
 
-    `wishes` are called with what the page sends, by name, and raise `ValueError` at what they can't take.
+    `handlers` are called by name with the values that the page sends, and raise `ValueError` at bad ones.
     """
 
     daemon_threads = True
     allow_reuse_address = False
 
-    def __init__(self, feed: TelemetryBuffer, wishes: Mapping[str, Callable[[Any], None]]) -> None:
+    def __init__(self, buffer: TelemetryBuffer, handlers: Mapping[str, Callable[[Any], None]]) -> None:
         super().__init__((LOOPBACK, 0), _Handler)
-        self.feed, self.wishes = feed, wishes
+        self.buffer, self.handlers = buffer, handlers
         self.token = secrets.token_urlsafe(24)
         self.closing = Event()
         self.readers: set[Event] = set()
@@ -66,16 +66,16 @@ class PageServer(ThreadingHTTPServer):
         return f"http://{LOOPBACK}:{self.server_port}/{self.token}/"
 
     def server_close(self) -> None:
-        """Let every page that is open read to the end, and end."""
+        """Send the last update to every open page, and close."""
         self.closing.set()
-        for told in list(self.readers):
-            told.wait(_CLOSE_TIMEOUT_S)
+        for sent in list(self.readers):
+            sent.wait(_CLOSE_TIMEOUT_S)
         self.shutdown()
         self._thread.join()
         super().server_close()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing: a page that goes away in the middle of an answer is no error."""
+        """Ignore errors: a page that closes in the middle of an answer is none."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -83,10 +83,10 @@ class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing: standard error is for the flight."""
+        """Log nothing: standard error is for the flight."""
 
     def do_GET(self) -> None:
-        """Send a file or the news."""
+        """Send a file or the updates."""
         name = self._name()
         if name == "events":
             self._send_events()
@@ -98,12 +98,12 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(HTTPStatus.NOT_FOUND)
 
     def do_POST(self) -> None:
-        """Take a wish."""
+        """Pass a value to its handler."""
         name = self._name()
         if name is None:
             return
-        wish = self.server.wishes.get(name)
-        if wish is None:
+        handle = self.server.handlers.get(name)
+        if handle is None:
             self._answer(HTTPStatus.NOT_FOUND)
             return
         length = self.headers.get("Content-Length", "")
@@ -111,14 +111,14 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(HTTPStatus.BAD_REQUEST)
             return
         try:
-            wish(json.loads(self.rfile.read(int(length))))
+            handle(json.loads(self.rfile.read(int(length))))
         except ValueError as error:
             self._answer(HTTPStatus.BAD_REQUEST, f"{error}\n".encode())
         else:
             self._answer(HTTPStatus.NO_CONTENT)
 
     def _name(self) -> str | None:
-        """Return what is asked for behind the token; answer the request and return `None` if it may not be."""
+        """Return the path behind the token; refuse a request that is not allowed, and return `None`."""
         hosts = [f"{host}:{self.server.server_port}" for host in (LOOPBACK, "localhost")]
         origin = self.headers.get("Origin")
         if self.headers.get("Host") not in hosts or origin not in (None, *(f"http://{host}" for host in hosts)):
@@ -131,7 +131,7 @@ class _Handler(BaseHTTPRequestHandler):
         return name
 
     def _answer(self, status: HTTPStatus, body: bytes = b"", kind: str = "text/plain; charset=utf-8") -> None:
-        self.close_connection = True  # an unread body is not the next request
+        self.close_connection = True  # an unread body must not become the next request
         self.send_response(status)
         for name, value in {**_HEADERS, "Content-Type": kind, "Content-Length": len(body)}.items():
             self.send_header(name, str(value))
@@ -140,37 +140,37 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def _send_events(self) -> None:
-        """Send what is new until the server closes or the page does."""
+        """Send updates until the server or the page closes."""
         self.close_connection = True
         self.send_response(HTTPStatus.OK)
         for name, value in {**_HEADERS, "Content-Type": "text/event-stream", "Connection": "close"}.items():
             self.send_header(name, value)
         self.end_headers()
-        told, reader, silent_s = Event(), self.server.feed.reader(), 0.0
-        self.server.readers.add(told)
+        sent, reader, silent_s = Event(), self.server.buffer.reader(), 0.0
+        self.server.readers.add(sent)
         try:
             closing = False
             while not closing:
                 closing = self.server.closing.wait(_UPDATE_S)
-                news = reader.news()
-                silent_s = 0.0 if news else silent_s + _UPDATE_S
-                if news:
-                    self.wfile.write(f"data: {json.dumps(news, separators=(',', ':'))}\n\n".encode())
-                elif silent_s > _KEEPALIVE_S:  # a page that has gone is found out by this
+                update = reader.read()
+                silent_s = 0.0 if update else silent_s + _UPDATE_S
+                if update:
+                    self.wfile.write(f"data: {json.dumps(update, separators=(',', ':'))}\n\n".encode())
+                elif silent_s > _KEEPALIVE_S:  # detects a page that has closed
                     silent_s = 0.0
                     self.wfile.write(b":\n\n")
         finally:
-            told.set()
-            self.server.readers.discard(told)
+            sent.set()
+            self.server.readers.discard(sent)
 
 
 def parse_number(value: Any, lowest: float, highest: float) -> float:
-    """Return a number that a page sent.
+    """Return a number from a page.
 
     Raises
     ------
     ValueError
-        If it is none, or outside `lowest` to `highest`.
+        If it is not a number, or outside `lowest` to `highest`.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise ValueError(f"{value!r} is not a number")
@@ -180,7 +180,7 @@ def parse_number(value: Any, lowest: float, highest: float) -> float:
 
 
 def parse_bool(value: Any) -> bool:
-    """Return true or false that a page sent.
+    """Return a boolean from a page.
 
     Raises
     ------

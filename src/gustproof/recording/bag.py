@@ -1,8 +1,8 @@
-"""Journal records to a rosbag2 bag in MCAP, and back.
+"""Write journal records as a rosbag2 bag in MCAP, and read them back.
 
-A bag is made in a folder beside its place and moved there when it is whole: whoever finds a bag can
-read it, and an interrupted writer leaves none. It is stored compressed: zstd on chunks, never on
-messages, which other readers refuse.
+A bag is made in a temporary folder beside its destination and moved there when it is whole. So every bag is readable,
+and an interrupted writer leaves none. Chunks are compressed with zstd; compressed messages would be refused by other
+readers.
 """
 
 import json
@@ -27,7 +27,7 @@ from gustproof.recording.topics import BASE_LINK_FRD, TOPICS, decode, encode, na
 
 FLIGHT_TOPIC, MODE_TOPIC = "/flight", "/mode"
 UNFINISHED_PREFIX = ".bag-"
-"""How the folder of a bag in the making begins; a writer that was killed leaves it behind."""
+"""Prefix of the folder of an unfinished bag; a killed writer leaves it behind."""
 _FOREVER = QosTime(sec=9223372036, nsec=854775807)  # ROS 2's "no deadline"
 _LATCHED = Qos(
     QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, _FOREVER, _FOREVER,
@@ -40,8 +40,8 @@ Records = NDArray[np.void]
 def write_bag(path: Path, records: Records, flight: Mapping[str, Any]) -> None:
     """Write the journal `records` (n,) as a bag, the folder `path`, with `flight` as JSON on /flight.
 
-    Equal records and an equal `flight` give equal bytes of every message. Stamps are model time. The topic
-    /command/rates is left out if no rates were commanded.
+    Equal records and an equal `flight` give equal bytes of every message. Stamps are model time. Without commanded
+    rates there is no topic /command/rates.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def write_bag(path: Path, records: Records, flight: Mapping[str, Any]) -> None:
 
 
 def read_bag(path: Path) -> tuple[dict[str, Any], Records]:
-    """Return what /flight says and the journal records (n,) that `write_bag` wrote, to the bit.
+    """Return the metadata on /flight and the journal records (n,) from `write_bag`, to the bit.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def read_bag(path: Path) -> tuple[dict[str, Any], Records]:
         return _read(path)
     except ConfigError:
         raise
-    except Exception as error:  # a damaged file makes its readers raise whatever there is
+    except Exception as error:  # readers raise anything at a damaged file
         reason = sanitize_line(" ".join(str(error).split())) or type(error).__name__
         raise ConfigError(f"{path}: {reason}") from None
 
@@ -117,13 +117,13 @@ def _read(path: Path) -> tuple[dict[str, Any], Records]:
     if missing := known - {"/command/rates"} - set(payloads):
         raise ConfigError(f"{path}: no topic {min(missing)}: not a bag of a gustproof flight")
     if len(payloads[FLIGHT_TOPIC]) > TEXT:
-        raise ConfigError(f"{path}: what {FLIGHT_TOPIC} says is longer than {TEXT:,} bytes")
+        raise ConfigError(f"{path}: the message on {FLIGHT_TOPIC} is longer than {TEXT:,} bytes")
     records = nan_records(len(payloads[TOPICS[0].name]) // TOPICS[0].layout.itemsize)
     for topic in TOPICS:
         if topic.name in payloads:
-            told: NDArray[np.void] = np.frombuffer(payloads[topic.name], dtype=topic.layout)
-            decode(topic, told, records)
-            records["time_us"] = times_us(told)
+            rows: NDArray[np.void] = np.frombuffer(payloads[topic.name], dtype=topic.layout)
+            decode(topic, rows, records)
+            records["time_us"] = times_us(rows)
     modes = np.frombuffer(payloads[MODE_TOPIC], dtype="<u4").reshape(len(changed_us), -1)[:, -1]
     latest = np.searchsorted(changed_us, records["time_us"], side="right") - 1
     records["mode"][latest >= 0] = modes[latest[latest >= 0]]

@@ -1,4 +1,4 @@
-"""Where a run's files go: never over another run's."""
+"""Folders of runs; no run overwrites another."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ RUNS = Path("runs")
 
 
 def make_run_folder(out: Path | None, name: str) -> Path:
-    """Make and return `out`, or the next free `runs/<name>-001`, -002, … if none is asked for.
+    """Make and return `out`, or by default the next free `runs/<name>-001`, -002, ….
 
     Raises
     ------
@@ -26,7 +26,7 @@ def make_run_folder(out: Path | None, name: str) -> Path:
     while True:
         folder = RUNS / f"{name}-{number:03d}"
         try:
-            folder.mkdir()  # fails if someone else took the number in the meantime
+            folder.mkdir()  # fails if another process took the number in the meantime
         except FileExistsError:
             number += 1
         else:
@@ -34,7 +34,7 @@ def make_run_folder(out: Path | None, name: str) -> Path:
 
 
 def write_atomic(path: Path, text: str) -> None:
-    """Write a file, or leave what is there as it is.
+    """Write a file whole, or leave an existing one unchanged.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def write_atomic(path: Path, text: str) -> None:
 
 
 def find_bags(run: Path) -> list[Path]:
-    """Return the bags of a run's folder in the order of their names; a bag is its own.
+    """Return the bags in a run's folder by name; for a bag, return itself.
 
     Raises
     ------

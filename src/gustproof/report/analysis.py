@@ -17,7 +17,7 @@ def render_analysis(analysis: Analysis) -> Renderable:
     facts.add_row("states", str(law.order))
     facts.add_row("sample time", f"{law.dt:g} s")
     facts.add_row("commands", law.output.value)
-    facts.add_row("exact kinematics in its attitude estimate", "yes" if law.scheduled else "no")
+    facts.add_row("exact kinematics in its attitude estimate", "yes" if law.is_scheduled else "no")
     parts: list[Renderable] = [facts]
     if analysis.hover.margins is not None:
         parts.append(margins_table("at hover, sampled and delayed", margins_to_dict(analysis.hover.margins)))

@@ -27,8 +27,9 @@ from gustproof.report.terminal import Renderable, save_text
 from gustproof.reproduce.claims import PAPER_LAWS, Claim, judge_claims
 from gustproof.reproduce.paper_tables import render_reproduction
 from gustproof.scoring.metrics import Metrics, median_metrics
-from gustproof.simulate.flight import RecordedFlight, fly_and_record, objections, warnings
+from gustproof.simulate.flight import Flight, objections, warnings
 from gustproof.simulate.outcome import FlightOutcome
+from gustproof.simulate.recorder import fly_and_record
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 
@@ -176,7 +177,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         performance=found,
         claims=judge_claims(
             medians, laws, norm=solved.result.norm, gamma_opt=design_d1.provenance.parameters["gamma_opt"],
-            peak_rate=max(flight.peak_rate for flight in flights if flight.named("paper", "hinf-d1")),
+            peak_rate=max(flight.peak_rate for flight in flights if flight.matches("paper", "hinf-d1")),
         ),
     )  # fmt: skip
     (out / "summary.json").write_text(json.dumps(reproduction.to_dict(), indent=2) + "\n", encoding="utf-8")
@@ -186,12 +187,12 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     return reproduction
 
 
-def _fly_all(cases: Sequence[PaperCase], vehicle: Vehicle, out: Path, progress: Progress) -> list[RecordedFlight]:
+def _fly_all(cases: Sequence[PaperCase], vehicle: Vehicle, out: Path, progress: Progress) -> list[Flight]:
     """Return the flights of `cases`, flown side by side. The first failure ends the others."""
     out.mkdir()
     shares, stop = [0.0] * len(cases), Event()
 
-    def fly(index: int, case: PaperCase) -> RecordedFlight:
+    def fly(index: int, case: PaperCase) -> Flight:
         name = f"{case.scenario.name}, {case.law.name}, seed {case.seed}"
 
         def show(share: float) -> None:
@@ -220,17 +221,17 @@ def _stability_factor(law: Law, vehicle: Vehicle, scenario: Scenario) -> float |
     return 1.0 / max(axis.upper for axis in axes) if axes else None
 
 
-def _median_of(flights: Sequence[RecordedFlight], scenario: str, law: str) -> Metrics:
-    return median_metrics([f.metrics for f in flights if f.named(scenario, law) and f.metrics is not None])
+def _median_of(flights: Sequence[Flight], scenario: str, law: str) -> Metrics:
+    return median_metrics([f.metrics for f in flights if f.matches(scenario, law) and f.metrics is not None])
 
 
-def _draw(flights: Sequence[RecordedFlight], seed: int, problem: Interconnection, vehicle: Vehicle, out: Path) -> None:
+def _draw(flights: Sequence[Flight], seed: int, problem: Interconnection, vehicle: Vehicle, out: Path) -> None:
     """Draw the paper's figures for one seed: its two laws in its flight, all laws but the first in turbulence."""
     from gustproof.report import diagrams, figures
 
     out.mkdir()
     for scenario, names in (("paper", PAPER_LAWS), ("paper-turbulence", LAWS[1:])):
-        records = {name: f.records for f in flights for name in LAWS if f.named(scenario, name) and f.seed == seed}
+        records = {name: f.records for f in flights for name in LAWS if f.matches(scenario, name) and f.seed == seed}
         shown = {name: records[name] for name in names}
         figures.save_moments(records["hinf-d1"], out / f"{scenario}-moments.png")
         figures.save_euler_angles(shown, scenario, out / f"{scenario}-euler-angles.png")

@@ -1,4 +1,4 @@
-"""The one record of figures that every flight is judged by, and how it is measured."""
+"""The one record of figures of every flight, and its measurement."""
 
 import math
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ _TWO_PI, _DEGREES = 2.0 * math.pi, 180.0 / math.pi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Metrics:
-    """Figures of one flight, or their medians over seeds; over the three axes at once unless one is named.
+    """Figures of one flight, or medians over seeds; over all three axes unless one is named.
 
     Examples
     --------
@@ -58,33 +58,33 @@ class Metrics:
     torque_peak_nm: float
     """[N*m] largest magnitude of the commanded torque."""
     torque_slew_rms: float
-    """[N*m/s] rms of the commanded torque's difference from sample to sample over the sample time."""
+    """[N*m/s] rms of the commanded torque's change from sample to sample over the sample time."""
     saturated_s: float
-    """[s] time with a commanded torque at the vehicle's limit, on any axis."""
+    """[s] time with a commanded torque at the vehicle's limit on any axis."""
     rho_in_bounds: bool
-    """Whether rho stayed inside Table II: rates within 1.5 rad/s, roll and pitch within 90 deg."""
+    """True if rho stayed inside the paper's Table II: rates within 1.5 rad/s, roll and pitch within 90 deg."""
     realtime_factor: float
     """[-] simulated time over wall time; the only figure that does not repeat."""
 
 
 class Tally(NamedTuple):
-    """What is known of a flight at a sample: what it is doing, then sums and extremes so far."""
+    """Running figures of a flight: the values at a sample, then sums and extremes so far."""
 
-    phi: float  # [rad] as `to_euler` has it
+    phi: float  # [rad] as `to_euler` returns it
     theta: float
     psi: float
-    phi_wraps: float  # [rad] of full turns before
+    phi_wraps: float  # [rad] full turns so far
     psi_wraps: float
-    roll: float  # [deg] with all turns
+    roll: float  # [deg] with full turns
     pitch: float
     yaw: float
     L: float  # [N*m] B, commanded
     M: float
     N: float
-    slew_L: float  # [N*m/s] B, since the sample before
+    slew_L: float  # [N*m/s] B, since the previous sample
     slew_M: float
     slew_N: float
-    share: float  # [-] of the way from hover to the bounds of Table II, see `share_of_bounds`
+    share: float  # [-] of the envelope of Table II, see `_share`
     peak_roll: float  # [deg]
     peak_pitch: float
     peak_yaw: float
@@ -105,7 +105,7 @@ load_tally, store_tally = loader(Tally), storer(Tally)
 
 @kernel
 def maximum(a: float, b: float) -> float:
-    """Return the larger number; NaN if one is."""
+    """Return the larger number; NaN if either is."""
     return a if a > b or a != a else b
 
 
@@ -117,7 +117,7 @@ def _unwrap(turns: float, before: float, now: float) -> float:
 
 @kernel
 def _share(phi: float, theta: float, omega_B: Vector) -> float:
-    """Return how much of the way from hover to a bound of Table II is used: inside up to 1."""
+    """Return the used share of the envelope: 0 at hover, 1 at the nearest bound of Table II."""
     sin_phi, cos_phi = sin_cos(phi)
     sin_theta, cos_theta = sin_cos(theta)
     angles = maximum(maximum(abs(sin_phi), 1.0 - cos_phi), maximum(abs(sin_theta), 1.0 - cos_theta))
@@ -135,9 +135,10 @@ def _squared_norm(v: Vector) -> float:
 
 
 @kernel
-def update_tally(x: Tally, first: bool, limit: Vector, q_NB: Quaternion, omega_B: Vector, torque: Vector,
-            dt: float) -> Tally:  # fmt: skip
-    """Return the tally after a sample: attitude, rates [rad/s], commanded torque [N*m] and its limit, sample time."""
+def update_tally(
+    x: Tally, first: bool, limit: Vector, q_NB: Quaternion, omega_B: Vector, torque: Vector, dt: float
+) -> Tally:
+    """Return the tally after a sample of attitude, rates [rad/s] and commanded torque [N*m], `limit` likewise."""
     phi, theta, psi = to_euler(q_NB)
     phi_wraps = 0.0 if first else _unwrap(x.phi_wraps, x.phi, phi)
     psi_wraps = 0.0 if first else _unwrap(x.psi_wraps, x.psi, psi)
@@ -152,14 +153,15 @@ def update_tally(x: Tally, first: bool, limit: Vector, q_NB: Quaternion, omega_B
         slew[0], slew[1], slew[2], share,
         maximum(x.peak_roll, abs(roll)), maximum(x.peak_pitch, abs(pitch)), maximum(x.peak_yaw, abs(yaw)),
         x.square_roll + roll * roll, x.square_pitch + pitch * pitch, x.square_yaw + yaw * yaw,
-        maximum(x.peak_torque, _maximum_of(size)), x.square_torque + _squared_norm(size), x.square_slew + _squared_norm(slew),
+        maximum(x.peak_torque, _maximum_of(size)),
+        x.square_torque + _squared_norm(size), x.square_slew + _squared_norm(slew),
         x.saturated + (1.0 if saturated else 0.0), maximum(x.peak_share, share),
     )  # fmt: skip
 
 
 @kernel
 def tally_kernel(tally: Lane, first: bool, limit: Lane, record: Lane, dt: float) -> None:
-    """Move a tally on by a journal's record."""
+    """Update a tally with a journal record."""
     q_NB = (get(record, Q_NB), get(record, Q_NB + 1), get(record, Q_NB + 2), get(record, Q_NB + 3))
     omega_B, torque = get_vector(record, OMEGA), get_vector(record, TORQUE_COMMAND)
     store_tally(tally, 0, update_tally(load_tally(tally, 0), first, get_vector(limit, 0), q_NB, omega_B, torque, dt))
@@ -172,12 +174,12 @@ def _tally(rows: Array, limit: Array, dt: float, tally: Array) -> None:
 
 
 def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_factor: float) -> Metrics:
-    """Return the figures of one flight from its journal `records`, (n,) of `firmware_model.recording.journal.RECORD`.
+    """Return the figures of one flight from its journal `records` (n,).
 
     Raises
     ------
     ValueError
-        If there are fewer than two records: a change from sample to sample needs both.
+        If there are fewer than two records: a change from sample to sample needs two.
 
     Examples
     --------
@@ -195,7 +197,7 @@ def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_fac
 
 
 def as_rows(records: Records) -> Array:
-    """Return a copy (n, WIDTH) of journal records as plain numbers, in the order of `firmware_model.recording.journal.RECORD`."""
+    """Return a copy (n, WIDTH) of journal records as plain numbers, in the journal's order."""
     return np.array(records).view(np.float64).reshape(len(records), WIDTH)
 
 
@@ -221,7 +223,7 @@ def metrics_from_tally(tally: Tally, samples: int, dt: float, realtime_factor: f
 
 
 def median_metrics(flights: Sequence[Metrics]) -> Metrics:
-    """Return each figure's median over `flights`; rho is in bounds if it was in every one of them.
+    """Return each figure's median over `flights`; rho is in bounds if it is in all of them.
 
     Examples
     --------
@@ -239,10 +241,10 @@ def median_metrics(flights: Sequence[Metrics]) -> Metrics:
 
 
 def attitude(records: Records) -> Array:
-    """Return phi, theta, psi (n, 3) [rad]; roll and yaw go on beyond pi, so that a turn counts as a turn."""
+    """Return phi, theta, psi (n, 3) [rad]; roll and yaw continue beyond pi, so full turns count."""
     return np.unwrap(euler_angles(records["q_NB"]), axis=0)
 
 
 def peak_rate(records: Records) -> float:
-    """Return the largest magnitude [rad/s] of p, q, r: what bounds on rho_5, rho_6, rho_7 limit."""
+    """Return the largest magnitude [rad/s] of p, q, r, to compare with the bounds of rho_5, rho_6, rho_7."""
     return float(np.max(np.abs(records["omega_B"])))

@@ -1,4 +1,4 @@
-"""Whether a flight kept what its scenario requires, and by what margin."""
+"""Results of a flight's requirements, with their margins."""
 
 import math
 from dataclasses import dataclass
@@ -28,15 +28,15 @@ _LABELS = {
     Metric.TORQUE_PEAK: ("torque peak", "N m"),
     Metric.TORQUE_SLEW: ("torque slew rms", "N m/s"),
     Metric.SATURATED: ("at a torque limit", "s"),
-    Metric.RHO: ("ρ, share of Table II", "-"),
+    Metric.RHO: ("envelope used", "-"),
     Metric.DRIFT: ("drift", "m"),
 }
-"""What a metric is called, and its unit."""
+"""Name and unit of each metric."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RequirementResult:
-    """What became of one requirement.
+    """Result of one requirement.
 
     Examples
     --------
@@ -48,56 +48,51 @@ class RequirementResult:
     """
 
     requirement: Requirement
-    """What had to hold."""
+    """Metric, window and limits."""
     value: float
-    """[unit of the metric] what was flown; NaN if the window was not flown to its end."""
+    """[unit of the metric] measured value; NaN if the window was not flown to its end."""
     judged: bool = True
-    """Whether the window was flown to its end."""
+    """True if the window was flown to its end."""
 
     @property
     def margin(self) -> float:
-        """[unit of the metric] from the value to the nearer limit; negative beyond it, NaN with the value."""
+        """[unit of the metric] distance from the value to the nearer limit; negative beyond it, NaN if the value is."""
         limits = self.requirement
         below = math.inf if limits.at_most is None else limits.at_most - self.value
         above = math.inf if limits.at_least is None else self.value - limits.at_least
         return math.nan if math.isnan(self.value) else min(below, above)
 
     @property
-    def held(self) -> bool:
-        """Whether the value is between the limits."""
+    def is_met(self) -> bool:
+        """True if the value is between the limits."""
         return self.margin >= 0.0
 
-    def document(self) -> dict[str, Any]:
-        """Return the result as JSON has it; what is not a number, or without bound, is null."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as JSON; NaN and infinite numbers become null."""
         figures = {"value": self.value, "margin": self.margin}
-        told = {name: figure if math.isfinite(figure) else None for name, figure in figures.items()}
-        return {**to_jsonable_python(self.requirement), **told, "judged": self.judged, "held": self.held}
+        finite = {name: figure if math.isfinite(figure) else None for name, figure in figures.items()}
+        return {**to_jsonable_python(self.requirement), **finite, "judged": self.judged, "held": self.is_met}
 
 
-# A rule says what a requirement measures: metric, first axis and the one after the last, first sample and the one after
-# the last, half the band's width [deg] (NaN without one), reference before the window and at its end [deg].
+# A rule states a requirement's measurement: metric; first axis and one after the last; first sample and one after the
+# last; half the band's width [deg] (NaN without one); reference before the window and at its end [deg].
 _KIND, _AXIS, _AXES_END, _FROM, _UNTIL, _WITHIN, _BEFORE, _AFTER, _RULE_SIZE = range(9)
 _METRICS = tuple(Metric)
-_PEAK, _RMSE, _SETTLING, _OVERSHOOT, _RECOVERY = (
-    _METRICS.index(metric) for metric in (Metric.PEAK, Metric.RMSE, Metric.SETTLING, Metric.OVERSHOOT, Metric.RECOVERY)
-)
-_TORQUE_RMS, _TORQUE_PEAK, _SLEW, _SATURATED, _RHO, _DRIFT = (
-    _METRICS.index(metric)
-    for metric in (
-        Metric.TORQUE_RMS, Metric.TORQUE_PEAK, Metric.TORQUE_SLEW, Metric.SATURATED, Metric.RHO, Metric.DRIFT
-    )
-)  # fmt: skip
+_PEAK, _RMSE, _SETTLING = map(_METRICS.index, (Metric.PEAK, Metric.RMSE, Metric.SETTLING))
+_OVERSHOOT, _RECOVERY, _SATURATED = map(_METRICS.index, (Metric.OVERSHOOT, Metric.RECOVERY, Metric.SATURATED))
+_TORQUE_RMS, _TORQUE_PEAK, _SLEW = map(_METRICS.index, (Metric.TORQUE_RMS, Metric.TORQUE_PEAK, Metric.TORQUE_SLEW))
+_RHO, _DRIFT = map(_METRICS.index, (Metric.RHO, Metric.DRIFT))
 _ROLL, _L, _SLEW_L, _SHARE = (Tally._fields.index(name) for name in ("roll", "L", "slew_L", "share"))
 
-# A reading is what has been measured so far: a sum or an extreme, first and last sample that counted or -1, and where
-# the vehicle was at the window's begin [m] N.
+# A reading is a measurement so far: a sum or an extreme; first and last sample that counted, or -1; position at the
+# begin of the window [m] N.
 READING_SIZE = 6
 """Numbers in a reading."""
 _FIRST, _LAST, _ORIGIN = 1, 2, 3
 
 
 def requirement_label(requirement: Requirement) -> str:
-    """Return what is measured, with its unit, axis and band."""
+    """Return the name of a requirement's measurement, with unit, axis and band."""
     label, unit = _LABELS[requirement.metric]
     axis = "" if requirement.axis is None else f", {requirement.axis}"
     band = "" if requirement.within_deg is None else f" within {requirement.within_deg:g} deg"
@@ -105,18 +100,18 @@ def requirement_label(requirement: Requirement) -> str:
 
 
 def requirement_window(requirement: Requirement) -> str:
-    """Return from when to when [s] it must hold."""
+    """Return the window [s] of a requirement as text."""
     return f"{requirement.from_s:g} .. {'end' if requirement.to_s is None else f'{requirement.to_s:g}'}"
 
 
 def requirement_limits(requirement: Requirement) -> str:
-    """Return between which limits it must lie."""
-    told = (("≥", requirement.at_least), ("≤", requirement.at_most))
-    return " ".join(f"{sign} {limit:g}" for sign, limit in told if limit is not None)
+    """Return the limits of a requirement as text."""
+    limits = (("≥", requirement.at_least), ("≤", requirement.at_most))
+    return " ".join(f"{sign} {limit:g}" for sign, limit in limits if limit is not None)
 
 
 def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[RequirementResult, ...]:
-    """Return what became of each requirement of `scenario` in a flight, (n,) of `firmware_model.recording.journal.RECORD`.
+    """Return the result of each requirement of `scenario` in a flight's journal `records` (n,).
 
     Examples
     --------
@@ -129,15 +124,8 @@ def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[Requi
     saturated_s 0.0
     """
     readings, limit, tally = initial_readings(scenario, 1), np.array(vehicle.torque_limit), np.zeros(TALLY_SIZE)
-    _read(
-        as_rows(records[: scenario.samples]),
-        rules(scenario),
-        limit,
-        references(scenario),
-        scenario.dt,
-        tally,
-        readings,
-    )
+    rows = as_rows(records[: scenario.samples])
+    _read(rows, rules(scenario), limit, references(scenario), scenario.dt, tally, readings)
     return results_from_readings(scenario, readings[:, :, 0], len(records))
 
 
@@ -147,13 +135,13 @@ def rules(scenario: Scenario) -> Array:
 
 
 def initial_readings(scenario: Scenario, width: int) -> Array:
-    """Return readings (n, READING, width), each a column of its flight, before a flight of a scenario begins."""
+    """Return the initial readings (n, READING_SIZE, width) of a scenario, a column for each flight."""
     reading = np.array([[0.0], [-1.0], [-1.0], [0.0], [0.0], [0.0]])
     return np.tile(reading, (len(scenario.require), 1, width))
 
 
 def results_from_readings(scenario: Scenario, readings: Array, samples: int) -> tuple[RequirementResult, ...]:
-    """Return what became of each requirement in a flight of so many samples, from its readings (n, READING)."""
+    """Return the result of each requirement after `samples` samples, from the readings (n, READING_SIZE)."""
     return tuple(
         RequirementResult(
             requirement=requirement,
@@ -165,10 +153,10 @@ def results_from_readings(scenario: Scenario, readings: Array, samples: int) -> 
 
 
 def verdict(result: RequirementResult) -> tuple[str, str]:
-    """Return what became of a requirement in a word or two, and its colour."""
+    """Return a result in a word or two, and its colour."""
     if not result.judged:
         return "not judged", "yellow"
-    return ("held", "green") if result.held else ("FAILED", "red")
+    return ("held", "green") if result.is_met else ("FAILED", "red")
 
 
 def _rule(scenario: Scenario, requirement: Requirement) -> tuple[float, ...]:
@@ -186,7 +174,7 @@ def _axes(requirement: Requirement) -> tuple[int, int]:
 
 
 def _value(scenario: Scenario, requirement: Requirement, reading: list[float], samples: int) -> float:
-    """Return what was flown [unit of the metric]; NaN if the window was not flown to its end."""
+    """Return the measured value [unit of the metric]; NaN if the window was not flown to its end."""
     (begin, end), (low, high) = scenario.window(requirement), _axes(requirement)
     value, first, last = reading[0], reading[_FIRST], reading[_LAST]
     if end > samples:
@@ -212,8 +200,7 @@ def _value(scenario: Scenario, requirement: Requirement, reading: list[float], s
 
 
 @compiled
-def _read(rows: Array, rules: Array, limit: Array, reference: Array, dt: float, tally: Array,
-          readings: Array) -> None:  # fmt: skip
+def _read(rows: Array, rules: Array, limit: Array, reference: Array, dt: float, tally: Array, readings: Array) -> None:
     tallies, limits = tally.reshape(TALLY_SIZE, 1), limit.reshape(3, 1)
     for k in range(rows.shape[0]):
         tally_kernel(single(tally), k == 0, single(limit), single(rows[k]), dt)
@@ -221,12 +208,13 @@ def _read(rows: Array, rules: Array, limit: Array, reference: Array, dt: float, 
 
 
 @kernel
-def read_kernel(rules: Array, readings: Array, sample: int, reference: Array, tallies: Array, records: Array,
-                limits: Array) -> None:  # fmt: skip
-    """Move the readings (n, READING, width) of all flights on by a sample.
+def read_kernel(
+    rules: Array, readings: Array, sample: int, reference: Array, tallies: Array, records: Array, limits: Array
+) -> None:
+    """Update the readings (n, READING_SIZE, width) of all flights with a sample.
 
-    The reference (3,) [rad] is that of all flights; tallies (TALLY, width), records, flat, and torque limits
-    (3, width) [N*m] are theirs. What a rule says is the same for all: branches stand outside of the loops over them.
+    Each flight has its tally (TALLY_SIZE, width), record, flat, and torque limits (3, width) [N*m]. Rules and the
+    reference (3,) [rad] are common to all flights, so branches stand outside of the loops over flights.
     """
     for i in range(rules.shape[0]):
         metric = int(rules[i, _KIND])
@@ -247,14 +235,11 @@ def read_kernel(rules: Array, readings: Array, sample: int, reference: Array, ta
 
 
 @kernel
-def _read_axis(metric: int, rules: Array, i: int, readings: Array, sample: int, axis: int, reference: float,
-               tallies: Array) -> None:  # fmt: skip
-    angle, torque, slew, width = (
-        np.uint64(_ROLL + axis),
-        np.uint64(_L + axis),
-        np.uint64(_SLEW_L + axis),
-        tallies.shape[1],
-    )
+def _read_axis(
+    metric: int, rules: Array, i: int, readings: Array, sample: int, axis: int, reference: float, tallies: Array
+) -> None:
+    angle, torque, slew = np.uint64(_ROLL + axis), np.uint64(_L + axis), np.uint64(_SLEW_L + axis)
+    width = tallies.shape[1]
     if metric == _PEAK:
         for w in range(width):
             readings[i, 0, w] = maximum(readings[i, 0, w], abs(tallies[angle, w] - reference))
@@ -280,7 +265,7 @@ def _read_axis(metric: int, rules: Array, i: int, readings: Array, sample: int, 
 
 @kernel
 def _read_saturated(rules: Array, i: int, readings: Array, tallies: Array, limits: Array) -> None:
-    """Count a sample once, on however many axes the torque is at its limit."""
+    """Count a sample once if the torque is at its limit on any axis."""
     a, c = np.uint64(rules[i, _AXIS]), np.uint64(rules[i, _AXES_END] - 1.0)
     b = np.uint64(0.5 * (rules[i, _AXIS] + rules[i, _AXES_END] - 1.0))
     at, bt, ct = np.uint64(_L) + a, np.uint64(_L) + b, np.uint64(_L) + c
@@ -304,14 +289,11 @@ def _read_overshoot(rules: Array, i: int, readings: Array, tallies: Array) -> No
 def _read_drift(readings: Array, i: int, records: Array, begins: bool) -> None:
     width = readings.shape[2]
     for w in range(width):
-        place = get_vector(Lane(records, width, w), POSITION)
+        position = get_vector(Lane(records, width, w), POSITION)
         if begins:
             for axis in range(3):
-                readings[i, _ORIGIN + axis, w] = place[axis]
-        north, east, down = (
-            place[0] - readings[i, _ORIGIN, w],
-            place[1] - readings[i, _ORIGIN + 1, w],
-            place[2] - readings[i, _ORIGIN + 2, w],
-        )
+                readings[i, _ORIGIN + axis, w] = position[axis]
+        north, east = position[0] - readings[i, _ORIGIN, w], position[1] - readings[i, _ORIGIN + 1, w]
+        down = position[2] - readings[i, _ORIGIN + 2, w]
         drift = math.sqrt(north * north + east * east + down * down)
         readings[i, 0, w] = maximum(readings[i, 0, w], drift)

@@ -1,4 +1,4 @@
-"""Many flights of one scenario: vehicles, seeds, gusts and initial attitudes differ, and each is judged as it flies."""
+"""Many flights of one scenario with other vehicles, seeds, gusts and initial attitudes, each judged as it flies."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ from gustproof.simulate.kernels import LANES, Batch, BatchSetup, allocate_batch,
 
 @checked_dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """What makes a flight of a scenario differ from the others.
+    """Variation of a flight within a scenario.
 
     Examples
     --------
@@ -42,17 +42,17 @@ class Case:
     seed: int
     """Seed of gusts and noise."""
     gust_scale: NonNegative = 1.0
-    """[-] the scenario's gusts times this."""
+    """[-] factor on the scenario's gusts."""
     initial_attitude_deg: tuple[Angle, Angle, Angle] | None = None
-    """[deg] roll, pitch, yaw in which the flight begins; the scenario's by default."""
+    """[deg] initial roll, pitch, yaw; the scenario's by default."""
 
-    def of(self, scenario: Scenario) -> Scenario:
-        """Return the scenario that this flight flies."""
+    def apply_to(self, scenario: Scenario) -> Scenario:
+        """Return the scenario with this variation."""
         begins = scenario.initial_attitude_deg if self.initial_attitude_deg is None else self.initial_attitude_deg
         return replace(scenario, gust_scale=self.gust_scale * scenario.gust_scale, initial_attitude_deg=begins)
 
-    def start(self, scenario: Scenario) -> VehicleInitial:
-        """Return what `new_world` begins with in the scenario `of` this flight, which takes long to be made."""
+    def make_initial(self, scenario: Scenario) -> VehicleInitial:
+        """Return the vehicle's initial state in the varied scenario, without the cost of making that."""
         scale = self.gust_scale * scenario.gust_scale
         return initial_vehicle_state(
             self.vehicle, scenario, self.seed, gust_scale=scale, attitude_deg=self.initial_attitude_deg
@@ -61,18 +61,18 @@ class Case:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaseResult:
-    """What is kept of a flight."""
+    """Result of one case."""
 
     metrics: Metrics
     """Figures."""
     requirements: tuple[RequirementResult, ...]
-    """What became of each requirement of the scenario."""
+    """Result of each requirement of the scenario."""
 
 
 def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[CaseResult]:
-    """Fly a scenario once for each of `cases`, without messages, and return what became of each.
+    """Fly a scenario once for each of `cases`, without messages, and return their results.
 
-    Figures and readings are those of the flights' records to the bit, in whatever batches they are flown.
+    Figures and readings equal those of the flights' records to the bit, however flights are batched.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[CaseRe
 
 
 def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Case]], list[CaseResult]]:
-    """Return what flies any number of cases as `fly_many` does, however often; what they share has been made.
+    """Return a function that flies cases as `fly_many` does, with their common data made once.
 
     Raises
     ------
@@ -111,13 +111,13 @@ def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Cas
 
 def _fly_batches(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
     parts = [cases[i : i + LANES] for i in range(0, len(cases), LANES)]
-    return [flown for part in parts for flown in _fly_batch(scenario, law, shared, part)]
+    return [result for part in parts for result in _fly_batch(scenario, law, shared, part)]
 
 
 def _fly_batch(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly up to `LANES` cases; empty lanes repeat the last."""
     filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
-    params, states, changes = zip(*(case.start(scenario) for case in filled), strict=True)
+    params, states, changes = zip(*(case.make_initial(scenario) for case in filled), strict=True)
     vehicles, torque = [case.vehicle for case in filled], law.output is Output.TORQUE
     batch = Batch(
         params=_stack_lanes(params), state=_stack_lanes(states), changes=_merge_changes(changes),
@@ -140,17 +140,17 @@ def _fly_batch(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence
 
 
 def _stack_lanes(rows: Sequence[Sequence[float] | Array]) -> Array:
-    """Return the numbers of all flights, flat, each flight a column."""
+    """Return the numbers of all flights as a flat array with a column for each flight."""
     block = aligned_zeros(len(rows) * len(rows[0]))
     np.stack(rows, axis=1, out=block.reshape(-1, len(rows)))
     return block
 
 
 def _merge_changes(changes: Sequence[Array]) -> Array:
-    """Return what events change in all flights, in order of time: sample, place among all constants, value."""
+    """Return the scripted changes of all flights in order of time: sample, offset among all constants, value."""
     rows = [
-        (sample, place * LANES + lane, value)
-        for lane, turns in enumerate(changes)
-        for sample, place, value in turns.tolist()
+        (sample, offset * LANES + lane, value)
+        for lane, rows_of_lane in enumerate(changes)
+        for sample, offset, value in rows_of_lane.tolist()
     ]
     return np.array(sorted(rows, key=lambda row: row[0])).reshape(-1, 3)

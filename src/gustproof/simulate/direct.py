@@ -1,4 +1,6 @@
-"""The direct route: plant kernel and law kernel in one compiled loop, no messages; equal to the bit to UDP."""
+"""The direct route: plant kernel and law kernel in one compiled loop, without messages; equal to the bit to UDP."""
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +22,58 @@ from gustproof.law.step import EXTRA_SIZE, SparseLaw, law_kernel, sparse_law
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
 
 
+class _DirectFlight(NamedTuple):
+    """Everything that the loop of a flight reads and writes."""
+
+    params: Array
+    """(n,) constants, see `sim.layout`, units there."""
+    state: Array
+    """(n,) state, see `sim.layout`, units there."""
+    waves: Array
+    """(n, WAVE) see `physics.disturbances`, units there."""
+    replay: Array
+    """(samples or 0, 3 * TARGETS) see `physics.disturbances`, units there."""
+    changes: Array
+    """(n, 3) scripted changes: sample, offset among the constants, value."""
+    seed: int
+    """Seed of gusts and noise."""
+    sample_us: int
+    """[us] sample time."""
+    law: SparseLaw
+    """Terms of the law."""
+    reference: Array
+    """(samples, 3) [rad] phi, theta, psi."""
+    scale: Array
+    """(3,) [N*m or rad/s] B, command that is 1.0 on the wire."""
+    thrust: float
+    """[-] thrust beside rates; NaN beside torques."""
+    kind: float
+    """[-] kind of set-point, see `sim.inner_loop`."""
+    bound: float
+    """[-] largest magnitude of the command on the wire."""
+    z: Array
+    """(n + EXTRA_SIZE,) vector that the law sums, see `law.step`."""
+    command: Array
+    """(3,) [N*m or rad/s] B."""
+    work: Array
+    """(n,) next states of the law."""
+    ring: Array
+    """(delay + 1, SETPOINT_WIDTH) latest set-points."""
+    records: Array
+    """(samples, WIDTH) journal records."""
+
+
 def fly_direct(
     scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1, reference: Array | None = None
 ) -> NDArray[np.void]:
     """Fly a scenario without messages and return the journal's records (samples,) of `RECORD`.
 
-    `reference` (samples, 3) [rad] is what the law is asked to hold, phi, theta, psi; the scenario's by default.
+    `reference` (samples, 3) [rad] is the attitude phi, theta, psi to hold; the scenario's by default.
 
     Raises
     ------
     ValueError
-        If the law's sample time is not the scenario's, the reference has another shape, or the script is of messages.
+        If the law's sample time is not the scenario's, the reference has another shape, or the script needs messages.
 
     Examples
     --------
@@ -43,7 +86,7 @@ def fly_direct(
     reference = references(scenario) if reference is None else np.ascontiguousarray(reference)
     if reference.shape != (scenario.samples, 3):
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
-    world = initial_state(vehicle, scenario, seed)
+    sim = initial_state(vehicle, scenario, seed)
     records = np.empty((scenario.samples, WIDTH))
     records[: scenario.delay_samples, _AGE], records[scenario.delay_samples :, _AGE] = np.nan, scenario.delay_samples
     records[:, _MODE] = Mode.OFFBOARD.value
@@ -51,12 +94,13 @@ def fly_direct(
     scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
     ring = np.zeros((scenario.delay_samples + 1, inner_loop.SETPOINT_WIDTH))
     ring[:, inner_loop.THRUST] = np.nan
-    _fly(
-        world.params, world.state, world.waves, world.replay, world.changes, world.seed, scenario.sample_us,
-        sparse_law(law), reference, scale, inner_loop.TORQUE if torque else inner_loop.RATES, 1.0 if torque else np.inf,
-        np.nan if torque else published_hover(vehicle), np.zeros(law.order + EXTRA_SIZE), np.zeros(3), np.zeros(law.order),
-        ring, records,
+    flight = _DirectFlight(
+        sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.seed, scenario.sample_us, sparse_law(law),
+        reference=reference, scale=scale, thrust=np.nan if torque else published_hover(vehicle),
+        kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
+        z=np.zeros(law.order + EXTRA_SIZE), command=np.zeros(3), work=np.zeros(law.order), ring=ring, records=records,
     )  # fmt: skip
+    _fly(flight)
     return records.view(RECORD)[:, 0]
 
 
@@ -66,7 +110,7 @@ def check_compatible(scenario: Scenario, law: Law) -> None:
     Raises
     ------
     ValueError
-        If the law's sample time is not the scenario's, or the script is of messages.
+        If the law's sample time is not the scenario's, or the script needs messages.
     """
     if scenario.has_link_script:
         raise ValueError(f"scenario '{scenario.name}' scripts link, controller or modes, must be flown with messages")
@@ -75,20 +119,20 @@ def check_compatible(scenario: Scenario, law: Law) -> None:
 
 
 @compiled
-def _fly(params: Array, state: Array, waves: Array, replay: Array, changes: Array, seed: int, sample_us: int,
-         law: SparseLaw, reference: Array, scale: Array, kind: float, bound: float, thrust: float, z: Array,
-         command: Array, work: Array, ring: Array, records: Array) -> None:  # fmt: skip
-    n, late = work.size, ring.shape[0]
+def _fly(flight: _DirectFlight) -> None:
+    params, state, records, ring, z = flight.params, flight.state, flight.records, flight.ring, flight.z
+    command, seed, sample_us = flight.command, flight.seed, flight.sample_us
+    n, late = flight.work.size, ring.shape[0]
     for k in range(records.shape[0]):
         record = records[k]
-        observe_kernel(params, state, waves, replay, changes, seed, k, sample_us, record)
+        observe_kernel(params, state, flight.waves, flight.replay, flight.changes, seed, k, sample_us, record)
         for i in range(3):
             z[n + i] = record[GYRO_B + i]
-            z[n + 3 + i] = reference[k, i]
+            z[n + 3 + i] = flight.reference[k, i]
             z[n + 6 + i] = record[FORCE_B + i]
-        law_kernel(law, z, command, work)
+        law_kernel(flight.law, z, command, flight.work)
         slot = ring[k % late]
-        slot[0], slot[inner_loop.THRUST] = kind, thrust
+        slot[0], slot[inner_loop.THRUST] = flight.kind, flight.thrust
         for i in range(3):
-            slot[1 + i] = min(max(float32(command[i] / scale[i]), -bound), bound)
+            slot[1 + i] = min(max(float32(command[i] / flight.scale[i]), -flight.bound), flight.bound)
         advance_kernel(params, state, seed, k, sample_us, ring[(k + 1) % late], record)

@@ -1,7 +1,7 @@
-"""The direct route for `LANES` flights at once: the kernels of `closed_loop`, each in a loop over flights side by side.
+"""The direct route for `LANES` flights at once: the kernels of `simulate.direct`, each in a loop over flights.
 
-The compiler makes SIMD of a loop over a constant number of flights, if nothing inside it loops or branches and all
-arrays are flat. So each stage of a sample is a loop of its own, and what is the same for all flights stands outside.
+The compiler vectorises a loop over a constant number of flights if its body has no loop and no branch, and all arrays
+are flat. So each stage of a sample is a loop of its own; anything common to all flights stands outside.
 """
 
 from typing import Any, NamedTuple
@@ -26,74 +26,74 @@ from gustproof.scoring.metrics import TALLY_SIZE, tally_kernel
 from gustproof.scoring.requirements import read_kernel
 
 LANES = 32
-"""Flights in a batch: four registers of eight numbers, which hide each other's latency."""
+"""Flights in a batch: four registers of eight numbers hide each other's latency."""
 _GYRO, _GUST, _ACCELEROMETER, _NOISE_ROWS = 0, 4, 12, 16  # rows of random numbers
 
 
 class BatchSetup(NamedTuple):
-    """What is the same for all flights of a scenario and a law."""
+    """Data common to all flights of a scenario and a law."""
 
     sample_us: int
-    """[us] from sample to sample."""
+    """[us] sample time."""
     dt: float
-    """[s] the same."""
+    """[s] sample time."""
     waves: Array
-    """(n, WAVE) see `disturbances`."""
+    """(n, WAVE) see `physics.disturbances`, units there."""
     replay: Array
-    """(samples or 0, 3 * TARGETS) see `disturbances`."""
+    """(samples or 0, 3 * TARGETS) see `physics.disturbances`, units there."""
     reference: Array
-    """(samples, 3) [rad] phi, theta, psi that the law is asked to hold."""
+    """(samples, 3) [rad] attitude to hold: phi, theta, psi."""
     rules: Array
-    """(n, 8) what is required, see `requirements`."""
+    """(n, 8) rules, see `scoring.requirements`."""
     law: SparseLaw
-    """What the law adds up."""
+    """Terms of the law."""
     kind: float
-    """[-] kind of its set-points, see `commands`."""
+    """[-] kind of its set-points, see `sim.inner_loop`."""
     bound: float
     """[-] largest magnitude of its command on the wire."""
 
 
 class Batch(NamedTuple):
-    """What flights have for themselves; a flat array consists of rows of `LANES`."""
+    """Data of each flight; flat arrays consist of rows of `LANES`."""
 
     params: Array
-    """(constants * LANES,) see `world`, units there."""
+    """(constants * LANES,) see `sim.layout`, units there."""
     state: Array
-    """(states * LANES,) see `world`, units there."""
+    """(states * LANES,) see `sim.layout`, units there."""
     changes: Array
-    """(n, 3) what events change: sample, place among all constants, value."""
+    """(n, 3) scripted changes: sample, offset among all constants, value."""
     seeds: NDArray[np.int64]
-    """(LANES,)"""
+    """(LANES,) seeds of gusts and noise."""
     scale: Array
-    """(3 * LANES,) [N*m or rad/s] B, what 1.0 on the wire means."""
+    """(3 * LANES,) [N*m or rad/s] B, command that is 1.0 on the wire."""
     thrust: Array
-    """(LANES,) [-] what is asked for beside rates; NaN beside torques."""
+    """(LANES,) [-] thrust beside rates; NaN beside torques."""
     torque_limit: Array
     """(3 * LANES,) [N*m] B."""
     z: Array
-    """(n + EXTRA, LANES) what the law adds up, see `law_step`."""
+    """(n + EXTRA_SIZE, LANES) vectors that the law sums, see `law.step`."""
     work: Array
-    """(n, LANES) its next states."""
-    asked: Array
-    """(3, LANES) its commands [N*m or rad/s] B."""
+    """(n, LANES) next states of the law."""
+    commands: Array
+    """(3, LANES) [N*m or rad/s] B."""
     ring: Array
-    """(delay + 1, SETPOINT * LANES) the last set-points, see `commands`."""
+    """(delay + 1, SETPOINT_WIDTH * LANES) latest set-points, see `sim.inner_loop`."""
     kinds: Array
-    """(delay + 1,) and what they are of."""
+    """(delay + 1,) their kinds."""
     record: Array
-    """(WIDTH * LANES,) record of the sample, see `journal`."""
+    """(WIDTH * LANES,) records of the sample, see `recording.journal`."""
     uniform: Array
-    """(12 or 16 * LANES,) random numbers: gyro, gust, and accelerometer if the law reads it."""
+    """(12 or 16 * LANES,) uniform random numbers: gyro, gust, and accelerometer if the law reads it."""
     noise: Array
-    """(16 * LANES,) the same, standard normal."""
+    """(16 * LANES,) standard normal random numbers, in the same order."""
     outer: Array
-    """(12 or 16 * LANES + BLOCK,) room for `inverse_normals`."""
+    """(12 or 16 * LANES + BLOCK,) work space of `inverse_normals`."""
     places: NDArray[np.int64]
-    """(12 or 16 * LANES,) room for `inverse_normals`."""
+    """(12 or 16 * LANES,) work space of `inverse_normals`."""
     tallies: Array
-    """(TALLY, LANES) see `metrics`."""
+    """(TALLY_SIZE, LANES) see `scoring.metrics`."""
     readings: Array
-    """(rules, READING, LANES) see `requirements`."""
+    """(rules, READING_SIZE, LANES) see `scoring.requirements`."""
 
 
 def _zeros(count: int) -> Array:
@@ -101,16 +101,23 @@ def _zeros(count: int) -> Array:
 
 
 def allocate_batch(law: Law, delay: int) -> dict[str, Any]:
-    """Return the fields of a `Batch` that flights of a law begin with, whose commands act `delay` samples late."""
+    """Return the initial fields of a `Batch` for a law whose commands act `delay` samples late."""
     drawn = (_NOISE_ROWS if law.uses_accelerometer else _ACCELEROMETER) * LANES
     ring = _zeros((delay + 1) * SETPOINT_WIDTH).reshape(delay + 1, SETPOINT_WIDTH * LANES)
     ring[:, inner_loop.THRUST * LANES :] = np.nan
     return {
-        "z": _zeros(law.order + EXTRA_SIZE), "work": _zeros(law.order), "asked": _zeros(3), "ring": ring,
-        "kinds": np.zeros(delay + 1), "record": aligned_zeros(WIDTH * LANES), "uniform": aligned_zeros(drawn),
-        "noise": aligned_zeros(_NOISE_ROWS * LANES), "outer": aligned_zeros(drawn + BLOCK), "places": np.zeros(drawn, dtype=np.int64),
+        "z": _zeros(law.order + EXTRA_SIZE),
+        "work": _zeros(law.order),
+        "commands": _zeros(3),
+        "ring": ring,
+        "kinds": np.zeros(delay + 1),
+        "record": aligned_zeros(WIDTH * LANES),
+        "uniform": aligned_zeros(drawn),
+        "noise": aligned_zeros(_NOISE_ROWS * LANES),
+        "outer": aligned_zeros(drawn + BLOCK),
+        "places": np.zeros(drawn, dtype=np.int64),
         "tallies": _zeros(TALLY_SIZE),
-    }  # fmt: skip
+    }
 
 
 @compiled
@@ -129,7 +136,7 @@ def fly_free(shared: BatchSetup, batch: Batch) -> None:
 
 @kernel
 def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
-    """Fly a batch and judge it: `closed_loop.fly_direct`, and what measures its records, of which one is kept."""
+    """Fly a batch and judge it, as `fly_direct` and the scoring of its records do; only the latest record is kept."""
     params, state, record, noise, ring = batch.params, batch.state, batch.record, batch.noise, batch.ring
     tallies, torque_limit = batch.tallies.reshape(TALLY_SIZE * LANES), batch.torque_limit
     limits, late = torque_limit.reshape(3, LANES), batch.kinds.size
@@ -140,7 +147,7 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
         inverse_normals(batch.uniform, noise, batch.outer, batch.places)
         _observe(free, shared, batch, k)
         _write_measurements(record, reference, batch.z, batch.work.shape[0])
-        _step_law(shared.law, batch.z, batch.asked, batch.work)
+        _step_law(shared.law, batch.z, batch.commands, batch.work)
         _write_setpoint(batch, shared.bound, ring[now])
         batch.kinds[now] = shared.kind
         _command(free, params, state, batch.kinds[acts], ring[acts], record)
@@ -155,7 +162,7 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
 
 @kernel
 def _draw(seeds: NDArray[np.int64], sample: int, u: Array) -> None:
-    """Draw all uniform numbers of a sample, as many as there is room for."""
+    """Draw the uniform numbers of a sample; those of the accelerometer if `u` has space for them."""
     _draw_block(seeds, random.GYRO_STREAM, sample, 0, u, _GYRO)
     _draw_block(seeds, random.GUST_STREAM, sample, 0, u, _GUST)
     _draw_block(seeds, random.GUST_STREAM, sample, 1, u, _GUST + 4)
@@ -179,7 +186,7 @@ def _noise_block(noise: Array, row: int, w: int) -> tuple[float, float, float, f
 
 @kernel
 def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
-    """Do what `plant.observe_kernel` does."""
+    """Do the work of `sim.step.observe_kernel`."""
     params, state, noise, record = batch.params, batch.state, batch.noise, batch.record
     step.apply_changes(params, Lane(state, LANES, 0), batch.changes, sample)
     time_us = sample * shared.sample_us
@@ -196,13 +203,13 @@ def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
 def _sense(free: bool, low: bool, params: Array, state: Array, scripted: Disturbance, noise: Array, time_us: int,
            record: Array, w: int) -> None:  # fmt: skip
     p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
-    turning, felt = _noise_block(noise, _GYRO, w), _noise_block(noise, _ACCELEROMETER, w)
-    step.measure(p, x, free, low, False, scripted, turning, felt, time_us, row)
+    gyro_noise, force_noise = _noise_block(noise, _GYRO, w), _noise_block(noise, _ACCELEROMETER, w)
+    step.measure(p, x, free, low, False, scripted, gyro_noise, force_noise, time_us, row)
 
 
 @kernel
 def _is_near_ground(free: bool, params: Array, state: Array, dt: float) -> bool:
-    """Whether one of them may touch the ground within `dt` [s]; if not, nothing is asked about it: most of the time."""
+    """Return whether any flight may touch the ground within `dt` [s]; mostly none may, and its cost is saved."""
     low = False
     if free:
         for w in range(LANES):
@@ -212,7 +219,7 @@ def _is_near_ground(free: bool, params: Array, state: Array, dt: float) -> bool:
 
 @kernel
 def _write_measurements(record: Array, reference: Array, z: Array, n: int) -> None:
-    """Write what a law reads: rates, reference, specific force."""
+    """Write the inputs of a law: rates, reference, specific force."""
     for i in range(3):
         for w in range(LANES):
             z[n + i, w] = record[(journal.GYRO_B + i) * LANES + w]
@@ -221,18 +228,18 @@ def _write_measurements(record: Array, reference: Array, z: Array, n: int) -> No
 
 
 @kernel
-def _step_law(law: SparseLaw, z: Array, asked: Array, work: Array) -> None:
-    """Do what `law_kernel` does; each flight's sums in the same order."""
+def _step_law(law: SparseLaw, z: Array, commands: Array, work: Array) -> None:
+    """Do the work of `law_kernel`, each flight's sums in the same order."""
     n, begin = law.ends.size - 3, 0
     for i in range(3):
-        _sum(law.terms, begin, law.ends[i], z, asked[i])
+        _sum(law.terms, begin, law.ends[i], z, commands[i])
         limit = law.limits[i]
         for w in range(LANES):
-            within = min(max(asked[i, w], -limit), limit)
-            z[n + SATURATION + i, w] = within - asked[i, w]
-            asked[i, w] = within
+            within = min(max(commands[i, w], -limit), limit)
+            z[n + SATURATION + i, w] = within - commands[i, w]
+            commands[i, w] = within
         begin = law.ends[i]
-    if law.scheduled:
+    if law.is_scheduled:
         for w in range(LANES):
             rates = euler_rates((z[0, w], z[1, w], z[2, w]), (z[3, w], z[4, w], z[5, w]))
             z[n + RATES, w], z[n + RATES + 1, w], z[n + RATES + 2, w] = rates
@@ -246,7 +253,7 @@ def _step_law(law: SparseLaw, z: Array, asked: Array, work: Array) -> None:
 
 @kernel
 def _sum(terms: Array, begin: int, end: int, z: Array, total: Array) -> None:
-    """Write the sum of some terms; four at a time, as to load and store the sum takes most of the time."""
+    """Write the sum of some terms, four at a time: loading and storing the sum takes most of the time."""
     for t in range(begin, end, TERM_BLOCK):
         a, b, c, d = terms[t, 1], terms[t + 1, 1], terms[t + 2, 1], terms[t + 3, 1]
         i, j, k, m = z[int(terms[t, 0])], z[int(terms[t + 1, 0])], z[int(terms[t + 2, 0])], z[int(terms[t + 3, 0])]
@@ -263,14 +270,14 @@ def _write_setpoint(batch: Batch, bound: float, setpoint: Array) -> None:
     for i in range(3):
         for w in range(LANES):
             at = i * LANES + w
-            setpoint[LANES + at] = min(max(float32(batch.asked[i, w] / batch.scale[at]), -bound), bound)
+            setpoint[LANES + at] = min(max(float32(batch.commands[i, w] / batch.scale[at]), -bound), bound)
     for w in range(LANES):
         setpoint[inner_loop.THRUST * LANES + w] = batch.thrust[w]
 
 
 @kernel
 def _command(free: bool, params: Array, state: Array, kind: float, setpoint: Array, record: Array) -> None:
-    """Write what is asked of the actuators; a loop for each kind of set-point, as kinds branch."""
+    """Write the actuator commands, in a loop for each kind of set-point, as kinds branch."""
     if kind == inner_loop.TORQUE:
         for w in range(LANES):
             _command_lane(free, params, state, inner_loop.TORQUE, setpoint, record, w)

@@ -1,4 +1,4 @@
-"""How a flight ended."""
+"""Outcomes of flights."""
 
 from enum import Enum
 
@@ -16,7 +16,7 @@ _Change = tuple[int, int]  # sample, and the mode from there on
 
 
 class FlightOutcome(Enum):
-    """How a flight ended.
+    """End of a flight.
 
     Examples
     --------
@@ -28,9 +28,9 @@ class FlightOutcome(Enum):
     DONE = "flown to the end"
     """The law flew the whole scenario."""
     CONTROLLER_LOST = "the set-points stopped, at the controller or on the link; the fail-safe took the vehicle"
-    """Set-points stopped in mid-flight; the on-board loop flew, until OFFBOARD was set again or to the end."""
-    LEFT_OFFBOARD = "the vehicle was taken out of OFFBOARD; its on-board loop flew until it was given back"
-    """Another client or the script asked for another mode; given back or not, the law has not flown it all."""
+    """Set-points stopped in mid-flight; the on-board loop flew until OFFBOARD was set again, or to the end."""
+    LEFT_OFFBOARD = "the vehicle left OFFBOARD; its on-board loop flew until OFFBOARD was set again"
+    """Another client or the script set another mode; the law has not flown all of the scenario."""
     AUTOPILOT_LOST = "the autopilot's process ended in mid-flight"
     """The vehicle's process died."""
     NOT_STARTED = "the flight did not begin"
@@ -42,22 +42,22 @@ class FlightOutcome(Enum):
 
 
 def describe(outcome: FlightOutcome, scenario: Scenario, records: Records) -> str:
-    """Return an outcome in words; where the script alone took the vehicle out of OFFBOARD, what it asked for."""
+    """Return an outcome in words; if the script alone ended OFFBOARD, name the scripted modes."""
     changes, scripted = _mode_changes(records), _scripted_changes(scenario)
     left = _offboard_exits(changes)
     if outcome is not FlightOutcome.LEFT_OFFBOARD or not left or left - scripted:
         return outcome.value
-    asked = (
+    modes = (
         f"{Mode(mode).name} from {sample * scenario.dt:g} s" for sample, mode in changes if (sample, mode) in scripted
     )
-    return f"flown as the script asked: {', '.join(asked)}"
+    return f"flown as scripted: {', '.join(modes)}"
 
 
 def infer_outcome(records: Records, scenario: Scenario) -> FlightOutcome:
-    """Return how a flight ended of which nothing but its records (n,) is left.
+    """Return the outcome of a flight from its records (n,) alone.
 
-    It was flown to its end if no sample is missing, or if a landing ended it: then its motors are off. A change from
-    OFFBOARD to the mode of the fail-safe that the script does not ask for is taken for one.
+    It was flown to its end if no sample is missing, or if a landing ended it: then its motors are off. An unscripted
+    change from OFFBOARD to the mode of the fail-safe counts as a fail-safe.
     """
     landed = len(records) and records["mode"][-1] != _OFFBOARD and not records["thrust_z_command"][-1].any()
     if len(records) < scenario.samples and not landed:
@@ -70,13 +70,13 @@ def infer_outcome(records: Records, scenario: Scenario) -> FlightOutcome:
 
 
 def _mode_changes(records: Records) -> list[_Change]:
-    """Return each mode that was flown after OFFBOARD, in which a flight begins, and the sample from which it was."""
+    """Return the first sample and the mode of each mode change; a flight begins in OFFBOARD."""
     modes = np.concatenate(([_OFFBOARD], records["mode"])).astype(np.int64)
     return [(sample, int(modes[sample + 1])) for sample in np.flatnonzero(np.diff(modes)).tolist()]
 
 
 def _offboard_exits(changes: list[_Change]) -> set[_Change]:
-    """Return the changes that took the vehicle out of OFFBOARD."""
+    """Return the changes out of OFFBOARD."""
     before = [_OFFBOARD, *(mode for _, mode in changes)]
     return {change for was, change in zip(before, changes, strict=False) if was == _OFFBOARD}
 

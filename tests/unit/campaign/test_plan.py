@@ -13,7 +13,7 @@ def test_the_nominal_case_is_the_scenario_with_its_vehicle(planned):
     campaign = planned()
     case = campaign.make_case([0.0] * len(campaign.spreads), 7)
     assert case.vehicle == load_vehicle("paper")
-    assert case.of(campaign.scenario) == campaign.scenario
+    assert case.apply_to(campaign.scenario) == campaign.scenario
 
 
 def test_the_edges_are_what_the_files_and_options_say(planned):

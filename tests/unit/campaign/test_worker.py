@@ -31,7 +31,7 @@ def test_a_row_is_what_the_flight_alone_leaves(planned):
     assert [row[name] for name in FIGURES] == [getattr(figures, name) for name in FIGURES]
     required = judge(records, scenario, case.vehicle)
     assert [row["require_0_rho_share"], row["require_1_saturated_s"]] == [result.value for result in required]
-    assert row["held"] == all(result.held for result in required)
+    assert row["held"] == all(result.is_met for result in required)
 
 
 def test_a_case_that_can_t_be_flown_costs_the_others_nothing(planned):

@@ -4,7 +4,6 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag
 from gustproof.scoring.metrics import Metrics
 from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.flight import Flight
 from gustproof.simulate.outcome import FlightOutcome
 
 
@@ -150,7 +150,7 @@ def test_the_flagship_flies_unless_another_law_is_asked_for(tmp_path, monkeypatc
     def fly(scenario, law, *, out, **_):
         raise FlightError(f"{law.name} was asked to fly {scenario.name}")
 
-    monkeypatch.setattr("gustproof.simulate.flight.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
     result = run("fly", "calm", "--out", str(tmp_path / "out"))
     assert "flagship was asked to fly calm" in one_line(result)
     assert "[flagship" in run("controller", "--help").stdout
@@ -166,11 +166,20 @@ def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outc
         journal.touch()
         short = replace(scenario, duration_s=1.0)
         records = fly_direct(short, law, vehicle=vehicle, seed=seed)
-        return SimpleNamespace(
-            records=records, outcome=outcome, message="it ended", realtime_factor=9.0, pace=None, journal=journal
+        return Flight(
+            scenario=scenario,
+            law=law,
+            vehicle=vehicle,
+            seed=seed,
+            records=records,
+            outcome=outcome,
+            message="it ended",
+            realtime_factor=9.0,
+            timing=None,
+            journal=journal,
         )
 
-    monkeypatch.setattr("gustproof.simulate.flight.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
     result = run("fly", "calm", "--law", "hinf-d1", "--seed", "5", "--json", "--out", str(tmp_path / "out"))
     assert result.exit_code == status
     told = json.loads(result.stdout)
@@ -194,12 +203,12 @@ def direct(monkeypatch):
     def fly(scenario, law, *, vehicle, seed, out, **_):
         (out / "journal").touch()
         records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
-        return SimpleNamespace(
-            records=records, outcome=FlightOutcome.DONE, message="it ended", realtime_factor=9.0, pace=None,
+        return Flight(scenario=scenario, law=law, vehicle=vehicle, seed=seed,
+            records=records, outcome=FlightOutcome.DONE, message="it ended", realtime_factor=9.0, timing=None,
             journal=out / "journal",
         )  # fmt: skip
 
-    monkeypatch.setattr("gustproof.simulate.flight.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
 
 
 def test_a_step_that_the_flagship_does_not_hold_is_refused_wherever_it_is_asked_for(tmp_path):
@@ -277,18 +286,22 @@ def test_a_report_is_not_written_over_another_file(tmp_path, direct):
 def test_references_that_a_law_ignores_are_warned_of_once(law, tmp_path, monkeypatch):
     def fly(scenario, law, *, vehicle, seed, out, **_):
         records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
-        return SimpleNamespace(
+        return Flight(
+            scenario=scenario,
+            law=law,
+            vehicle=vehicle,
+            seed=seed,
             records=records,
             outcome=FlightOutcome.DONE,
             message="it ended",
             realtime_factor=9.0,
-            pace=None,
+            timing=None,
             journal=out / "journal",
         )
 
     turn = 'kind = "attitude"\nat_s = 0.5\neuler_deg = [5.0, 0.0, 0.0]\n'
     (tmp_path / "turn.toml").write_text(f'description = "turn"\nduration_s = 1.0\n[[event]]\n{turn}')
-    monkeypatch.setattr("gustproof.simulate.flight.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
     plain, json_ = (
         run("fly", str(tmp_path / "turn.toml"), "--law", law, "--out", str(tmp_path / str(i)), *form)
         for i, form in enumerate(((), ("--json",)))
@@ -304,20 +317,24 @@ def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(t
         journal = out / "calm.journal"
         journal.touch()
         records = fly_direct(replace(scenario, duration_s=1.0), law, vehicle=vehicle, seed=seed)
-        return SimpleNamespace(
+        return Flight(
+            scenario=scenario,
+            law=law,
+            vehicle=vehicle,
+            seed=seed,
             records=records,
             outcome=FlightOutcome.DONE,
             message="it ended",
             realtime_factor=9.0,
-            pace=None,
+            timing=None,
             journal=journal,
         )
 
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gustproof.simulate.flight.fly", fly)
-    monkeypatch.setattr("gustproof.simulate.flight.write_bag", interrupted)
+    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.recorder.write_bag", interrupted)
     out = tmp_path / "out"
     result = run("fly", "calm", "--law", "hinf-d1", "--out", str(out))
     assert result.exit_code == 130

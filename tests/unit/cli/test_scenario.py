@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner
@@ -10,6 +9,7 @@ from typer.testing import CliRunner
 from firmware_model.config.scenario import SCENARIOS, list_scenarios
 from gustproof.cli.app import app
 from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.flight import Flight
 from gustproof.simulate.outcome import FlightOutcome
 
 HEAD = 'description = "x"\nduration_s = 1.0\n'
@@ -78,16 +78,20 @@ def flown(tmp_path, monkeypatch):
         def fly(scenario, law, *, vehicle, seed, out, **_):
             (out / "journal").touch()
             records = fly_direct(replace(scenario, event=()), law, vehicle=vehicle, seed=seed)[:samples]
-            return SimpleNamespace(
+            return Flight(
+                scenario=scenario,
+                law=law,
+                vehicle=vehicle,
+                seed=seed,
                 records=records,
                 outcome=outcome,
                 message="it ended",
                 realtime_factor=9.0,
-                pace=None,
+                timing=None,
                 journal=out / "journal",
             )
 
-        monkeypatch.setattr("gustproof.simulate.flight.fly", fly)
+        monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
         (tmp_path / "mine.toml").write_text(text)
         return run("fly", str(tmp_path / "mine.toml"), "--law", "hinf-d1", "--out", str(tmp_path / "out"), *options)
 

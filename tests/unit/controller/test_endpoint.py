@@ -229,7 +229,7 @@ def test_autopilot_that_declines_the_rate_is_named_with_its_answer(autopilot):
     autopilot.reach(Phase.READING)
     autopilot.say(accepted(INTERVAL, wire.MAV_RESULT_DENIED), *(imu(20_000 * k) for k in range(1, 12)))
     assert autopilot.endpoint.outcome is ControllerOutcome.WRONG_RATE
-    assert autopilot.endpoint.message.endswith("MAV_CMD_SET_MESSAGE_INTERVAL is answered by MAV_RESULT_DENIED")
+    assert autopilot.endpoint.message.endswith("the answer to MAV_CMD_SET_MESSAGE_INTERVAL is MAV_RESULT_DENIED")
 
 
 def test_samples_that_come_at_the_rate_are_flown_whatever_the_autopilot_says(autopilot):
@@ -275,7 +275,7 @@ def test_missing_parameters_are_named():
     autopilot = Autopilot("hinf-rates")
     autopilot.reach(Phase.READING)
     autopilot.say(*list(parameters())[-1:])
-    assert give_up(autopilot, 4000) == "the autopilot does not tell its parameters: MPC_THR_HOVER"
+    assert give_up(autopilot, 4000) == "the autopilot does not report its parameters: MPC_THR_HOVER"
 
 
 def test_autopilot_that_takes_no_torques_is_told_what_it_needs(autopilot):
@@ -309,16 +309,16 @@ def test_standing_by_sends_nothing_to_another_autopilot_than_px4(autopilot):
 def test_people_are_told_what_the_controller_does():
     told: list[str] = []
     autopilot = Autopilot()
-    autopilot.endpoint = ControllerEndpoint(load_law("hinf-d1"), VEHICLE, tell=told.append)
+    autopilot.endpoint = ControllerEndpoint(load_law("hinf-d1"), VEHICLE, report=told.append)
     autopilot.reach(Phase.FLYING)
     autopilot.say(beat(HOLD))
     reads = "GP_TRQ_MAX_R, GP_TRQ_MAX_P, GP_TRQ_MAX_Y, MPC_THR_HOVER, IMU_INTEG_RATE"
     assert told == [
-        f"found PX4, system 3: reads {reads}, asks for HIGHRES_IMU at 250 Hz",
-        "arms the vehicle",
-        "asks for OFFBOARD",
-        "law 'hinf-d1' flies",
-        "law 'hinf-d1' stands by, and flies when OFFBOARD is set",
+        f"found PX4, system 3: reading {reads}, requesting HIGHRES_IMU at 250 Hz",
+        "arming the vehicle",
+        "requesting OFFBOARD",
+        "hinf-d1 in control",
+        "hinf-d1 standing by: in control once OFFBOARD is set",
     ]
 
 
@@ -442,7 +442,7 @@ def test_people_are_told_which_law_flies():
     autopilot = join(HOLD)
     autopilot.say(accepted(MODE), beat(HOLD), beat(OFFBOARD))
     texts = [message.text for message in autopilot.hear() if message.get_type() == "STATUSTEXT"]
-    assert texts == ["law 'hinf-d1' flies", "law 'hinf-d1' stands by", "law 'hinf-d1' flies"]
+    assert texts == ["hinf-d1 in control", "hinf-d1 standing by", "hinf-d1 in control"]
 
 
 def test_silent_autopilot_is_lost(autopilot):

@@ -22,7 +22,7 @@ from gustproof.model.lpv import linear_plant
 from gustproof.model.uncertainty import Spreads
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.processes import fly_loopback
+from gustproof.simulate.loopback import fly_loopback
 
 pytestmark = pytest.mark.compiled
 VEHICLE = load_vehicle("paper")

@@ -54,8 +54,8 @@ def test_far_below_the_sample_rate_it_is_the_continuous_cascade() -> None:
 
 def test_the_paper_counts_six_states_and_strapdown_needs_twelve() -> None:
     plain, strapdown = law_of([plain_axis(PI, 1.0, DT)] * 3), law_of([strapdown_axis(PID, 1.0, DT)] * 3)
-    assert (plain.order, plain.scheduled) == (6, False)
-    assert (strapdown.order, strapdown.scheduled) == (12, True)
+    assert (plain.order, plain.is_scheduled) == (6, False)
+    assert (strapdown.order, strapdown.is_scheduled) == (12, True)
 
 
 def test_each_axis_answers_to_its_own_gyro_reference_and_gains_only() -> None:

@@ -59,7 +59,7 @@ def test_central_law_refuses_a_discrete_controller(dt):
 def test_the_linear_law_is_tustins():
     K = central("D1")
     law, sampled = law_of(K, scheduled=False), tustin(K, DT)
-    assert not law.scheduled
+    assert not law.is_scheduled
     assert np.allclose(law.A, sampled.A, rtol=ROUNDING, atol=1e-15)
     assert np.array_equal(law.B[:, 3:], np.zeros((9, 3)))
 
@@ -67,7 +67,7 @@ def test_the_linear_law_is_tustins():
 def test_the_self_scheduled_law_is_the_linear_one_at_level_attitude():
     K = central("D5")
     scheduled, linear = law_of(K, scheduled=True), law_of(K, scheduled=False)
-    assert scheduled.scheduled
+    assert scheduled.is_scheduled
     assert np.allclose(linear_law(scheduled).A, linear.A, rtol=ROUNDING, atol=1e-15)
     x = np.zeros(9)
     x[3:] = np.random.default_rng(0).normal(size=6)  # level, but turning

@@ -50,10 +50,10 @@ def watched() -> Watched:
 
 def test_station_is_told_attitude_and_wind_fifty_times_a_second_and_little_else(watched):
     watched.run(3_000_000)
-    watched.reader.news()
+    watched.reader.read()
     watched.heard.clear()
     watched.run(2_000_000)
-    news = watched.reader.news()
+    news = watched.reader.read()
     assert len(news["attitude"]) == pytest.approx(100, abs=2)
     assert len(news["wind"]) == pytest.approx(100, abs=2)
     unwanted = [number for number in watched.heard if number in (30, 31, 36, 83, 105, 375)]
@@ -78,7 +78,7 @@ def test_what_was_sent_before_the_end_is_heard_before_it_finishes(watched):
 
 def test_rows_are_the_truth_at_their_time(watched):
     watched.run(1_500_000)
-    time_s, *numbers = watched.reader.news()["attitude"][-1]
+    time_s, *numbers = watched.reader.read()["attitude"][-1]
     assert time_s == pytest.approx(watched.vehicle.loop.time_us * 1e-6, abs=0.03)
     assert numbers[:4] == pytest.approx(watched.vehicle.loop.q_NB, abs=1e-4)
 
@@ -94,13 +94,13 @@ def test_torque_that_is_held_is_told_as_held(watched):
     tell(20_000, 20_000, 0.25)
     tell(40_000, 20_000, 0.25)
     tell(60_000, 60_000, 0.5)
-    rows = watched.reader.news()["torque"]
+    rows = watched.reader.read()["torque"]
     assert [row[:2] for row in rows] == [[0.02, 2.5], [0.04, 2.5], [0.06, 5.0]]
 
 
 def test_mode_and_link_are_told(watched):
     watched.run(2_500_000)
-    facts = watched.reader.news()["facts"]
+    facts = watched.reader.read()["facts"]
     assert (facts["mode"], facts["armed"]) == ("STABILIZED", False)
     assert (facts["gust_scale"], facts["paused"]) == (1.0, False)
     assert (facts["link"]["lost"], facts["link"]["bad"]) == (0, 0)
@@ -110,23 +110,23 @@ def test_mode_and_link_are_told(watched):
 
 def test_wishes_are_repeated_until_the_vehicle_has_taken_them(watched):
     watched.run(1_000_000)
-    assert watched.station.settled.is_set()
+    assert watched.station.parameters_confirmed.is_set()
     watched.deaf = True
-    watched.station.wish(GUST_SCALE_NAME, 2.5)
+    watched.station.set_parameter(GUST_SCALE_NAME, 2.5)
     watched.run(1_000_000)
-    assert not watched.station.settled.is_set()
+    assert not watched.station.parameters_confirmed.is_set()
     assert watched.vehicle.parameters[GUST_SCALE_NAME] == 1.0
     watched.deaf = False
     watched.run(500_000)
-    assert watched.station.settled.is_set()
+    assert watched.station.parameters_confirmed.is_set()
     assert watched.vehicle.parameters[GUST_SCALE_NAME] == 2.5
-    assert watched.reader.news()["facts"]["gust_scale"] == 2.5
+    assert watched.reader.read()["facts"]["gust_scale"] == 2.5
 
 
 def test_pause_stands_and_goes_on(watched):
     watched.run(1_000_000)
     for paused in (1.0, 0.0):
-        watched.station.wish(PAUSE_NAME, paused)
+        watched.station.set_parameter(PAUSE_NAME, paused)
         watched.run(200_000)
         assert watched.feed["paused"] is bool(paused)
         before = watched.vehicle.loop.sample
@@ -136,9 +136,9 @@ def test_pause_stands_and_goes_on(watched):
 
 def test_refused_wish_is_given_up(watched):
     watched.run(1_000_000)
-    watched.station.wish(GUST_SCALE_NAME, 7.0)
+    watched.station.set_parameter(GUST_SCALE_NAME, 7.0)
     watched.run(500_000)
-    assert watched.station.settled.is_set()
+    assert watched.station.parameters_confirmed.is_set()
     assert watched.vehicle.parameters[GUST_SCALE_NAME] == 1.0
     assert any("out of range" in text for text in watched.feed["texts"])
 
@@ -148,7 +148,7 @@ def test_in_lockstep_it_asks_for_no_stream_at_all():
     watched.run(4_000_000)
     watched.heard.clear()
     watched.run(3_000_000)
-    assert "attitude" not in watched.reader.news()
+    assert "attitude" not in watched.reader.read()
     kept = {wire.MAVLINK_MSG_ID_HEARTBEAT, wire.MAVLINK_MSG_ID_TIMESYNC, wire.MAVLINK_MSG_ID_COMMAND_ACK}
     assert set(watched.heard) <= kept
     assert len(watched.heard) < 12
@@ -159,7 +159,7 @@ def test_rubbish_is_counted_and_nothing_else(watched, datagram):
     watched.run(500_000)
     watched.station.receive(datagram, VEHICLE, watched.now_us)
     watched.station.receive(datagram, (0, ("stranger", 3)), watched.now_us)
-    assert sum(watched.station.traffic.dropped.values()) == (2 if datagram else 0)
+    assert sum(watched.station.channel.dropped.values()) == (2 if datagram else 0)
 
 
 def test_stranger_is_not_listened_to(watched):

@@ -62,7 +62,7 @@ def test_each_fifth_record_is_fed_however_the_journal_grows(records, tmp_path, m
     done.set()
     thread.join(60.0)
     assert not thread.is_alive()
-    news = reader.news()
+    news = reader.read()
     for name, rows in series_rows(records[::5, np.newaxis], 4000).items():
         assert name == "age" or news[name] == rows
     age = records["command_age"][:, 0]

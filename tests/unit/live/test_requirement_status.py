@@ -50,6 +50,12 @@ def test_light_says_what_is_required(scenario):
     assert [light["text"] for light in shown] == [
         "torque peak [N m] ≤ 1, 0 s to 0.4 s",
         "torque peak, roll [N m] ≤ 0.1, 0 s to 0.4 s",
-        "peak [deg] ≥ 0 ≤ 1, 0 s to end",
+        "peak [deg] ≥ 0 ≤ 1, whole flight",
     ]
     assert [light["value"] for light in shown] == [0.5, 0.5, 0.0]
+
+
+def test_used_envelope_is_shown_in_percent(scenario):
+    required = (Requirement(metric=Metric.RHO, at_most=1.0),)
+    (shown,) = requirement_status(flown(250), replace(scenario, require=required), VEHICLE, over=True)
+    assert shown == {"text": "envelope used ≤ 100 %, whole flight", "value": 0.0, "held": True}

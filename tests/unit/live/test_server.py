@@ -98,7 +98,7 @@ def test_news_come_as_events_and_the_last_before_the_server_closes():
         assert answer.headers["Content-Type"] == "text/event-stream"
         first = answer.readline()
         feed.add("wind", [[0.0, 1.0, 2.0, 3.0]])
-        feed.tell(phase="over")
+        feed.update(phase="over")
     events = [line for line in [first, *answer.read().split(b"\n")] if line.startswith(b"data: ")]
     news = [json.loads(event.removeprefix(b"data: ")) for event in events]
     assert news[0] == {"facts": {"phase": "ready"}}

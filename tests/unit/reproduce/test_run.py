@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 
@@ -13,8 +12,9 @@ from gustproof.errors import FlightError
 from gustproof.recording.bag import read_bag
 from gustproof.reproduce import run
 from gustproof.scoring.metrics import Metrics
-from gustproof.simulate import flight
+from gustproof.simulate import recorder
 from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.flight import Flight
 from gustproof.simulate.outcome import FlightOutcome
 
 pytestmark = pytest.mark.compiled
@@ -31,12 +31,16 @@ def direct(lost: str = ""):
         journal = out / f"{scenario.name}-{law.name}-seed{seed}.journal"
         journal.touch()
         progress(1.0)
-        return SimpleNamespace(
+        return Flight(
+            scenario=scenario,
+            law=law,
+            vehicle=vehicle,
+            seed=seed,
             records=fly_direct(scenario, law, vehicle=vehicle, seed=seed),
             outcome=FlightOutcome.CONTROLLER_LOST if law.name == lost else FlightOutcome.DONE,
             message=f"{law.name} ended",
             realtime_factor=50.0,
-            pace=None,
+            timing=None,
             journal=journal,
         )
 
@@ -48,7 +52,7 @@ def campaign(tmp_path_factory):
     """One campaign of a second each with two seeds: its result, its folder, and the progress that was told."""
     out, told = tmp_path_factory.mktemp("campaign"), []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(flight, "fly", direct())
+        patch.setattr(recorder, "fly", direct())
         patch.setattr(run, "load_scenario", shortened)
         patch.setattr(placement, "PEAKS", (1.36,))
         patch.setattr(placement, "SLEWS", (20.0,))
@@ -93,7 +97,7 @@ def test_a_bag_names_its_flight_and_holds_what_was_flown(campaign):
 
 
 def test_a_flight_that_breaks_off_ends_the_campaign_and_says_which(tmp_path, monkeypatch):
-    monkeypatch.setattr(flight, "fly", direct(lost="hinf-d2"))
+    monkeypatch.setattr(recorder, "fly", direct(lost="hinf-d2"))
     monkeypatch.setattr(run, "load_scenario", shortened)
     monkeypatch.setattr(run, "performance_limits", lambda *_: None)
     monkeypatch.setattr(run, "axis_robustness", lambda *_: ())

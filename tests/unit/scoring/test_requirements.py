@@ -88,19 +88,19 @@ def test_the_margin_is_to_the_nearer_limit(limits, margin, held):
     turn(records, 1, 3.0)
     result = judged(records, metric="peak_deg", **limits)
     assert result.margin == pytest.approx(margin, rel=1e-9)
-    assert result.held is held
+    assert result.is_met is held
 
 
 def test_a_window_that_was_not_flown_to_its_end_holds_nothing():
     whole, cut_off = flight(500), flight(499)
-    assert judged(whole, metric="peak_deg", to_s=2.0).held
+    assert judged(whole, metric="peak_deg", to_s=2.0).is_met
     result = judged(cut_off, metric="peak_deg", to_s=2.0)
     assert math.isnan(result.value)
-    assert not result.held
-    assert not judged(cut_off, metric="peak_deg", to_s=2.0, at_least=0.0).held
+    assert not result.is_met
+    assert not judged(cut_off, metric="peak_deg", to_s=2.0, at_least=0.0).is_met
     assert not result.judged
     assert verdict(result)[0] == "not judged"
-    assert result.document()["judged"] is False
+    assert result.to_dict()["judged"] is False
 
 
 def test_verdict_says_failed_of_what_was_flown_alone():
@@ -132,7 +132,7 @@ def test_what_is_outside_at_the_end_never_settles_nor_recovers():
     for metric in ("recovery_s", "settling_s"):
         result = judged(records, metric=metric, within_deg=1.0)
         assert result.value == math.inf
-        assert not result.held
+        assert not result.is_met
 
 
 def test_rho_uses_up_its_room_where_the_flight_leaves_table_ii():
@@ -155,7 +155,7 @@ def test_drift_is_the_distance_from_where_the_window_begins():
 
 
 def test_a_result_is_json_even_where_it_is_no_number():
-    told = judged(excursion(300, 1000), metric="recovery_s", within_deg=1.0, at_most=0.5).document()
+    told = judged(excursion(300, 1000), metric="recovery_s", within_deg=1.0, at_most=0.5).to_dict()
     assert told == {
         "metric": "recovery_s", "axis": None, "from_s": 0.0, "to_s": None, "within_deg": 1.0,
         "at_most": 0.5, "at_least": None, "value": None, "margin": None, "judged": True, "held": False,
@@ -186,7 +186,7 @@ def test_overshoot_is_the_part_of_the_step_beyond_the_new_reference(furthest, pe
     scenario = replace(SCENARIO, event=(replace(STEP, at_s=at_s),))
     result = judged(records, scenario, metric="overshoot_percent", axis="pitch", from_s=at_s, at_most=20.0)
     assert result.value == pytest.approx(percent, abs=1e-9)
-    assert result.held == (percent <= 20.0)
+    assert result.is_met == (percent <= 20.0)
 
 
 @pytest.mark.parametrize("metric", Metric)

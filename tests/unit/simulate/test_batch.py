@@ -73,7 +73,7 @@ def touches(case, scenario):
 
 def one_by_one(scenario, law, many):
     for case in many:
-        flown = case.of(scenario)
+        flown = case.apply_to(scenario)
         records = fly_direct(flown, law, vehicle=case.vehicle, seed=case.seed)
         yield measure(records, case.vehicle, flown, 0.0), judge(records, flown, case.vehicle)
 
@@ -89,11 +89,11 @@ def assert_same(scenario, law, many):
 
 def test_a_case_scales_the_gusts_and_begins_in_its_attitude():
     case = Case(vehicle=VEHICLE, seed=3, gust_scale=2.0, initial_attitude_deg=(5.0, -3.0, 120.0))
-    flown = fly_direct(case.of(SHORT), LAW, vehicle=VEHICLE, seed=3)
+    flown = fly_direct(case.apply_to(SHORT), LAW, vehicle=VEHICLE, seed=3)
     plain = fly_direct(SHORT, LAW, vehicle=VEHICLE, seed=3)
     np.testing.assert_allclose(np.degrees(euler_angles(flown["q_NB"][:1]))[0], (5.0, -3.0, 120.0), rtol=1e-12)
     np.testing.assert_array_equal(flown["gust_B"], 2.0 * plain["gust_B"])
-    assert Case(vehicle=VEHICLE, seed=3).of(SHORT) == SHORT
+    assert Case(vehicle=VEHICLE, seed=3).apply_to(SHORT) == SHORT
 
 
 @pytest.mark.compiled
@@ -114,7 +114,7 @@ def test_free_flights_of_a_law_of_rates_are_the_same_side_by_side(name):
 def test_flights_that_touch_the_ground_are_the_same_beside_those_that_do_not(law):
     scenario = replace(SHORT, translation="free", altitude_m=0.32, duration_s=2.0)
     many = cases(LANES + 3)
-    touching = [touches(case, case.of(scenario)) for case in many]
+    touching = [touches(case, case.apply_to(scenario)) for case in many]
     assert 8 < sum(touching) < LANES - 8
     assert_same(scenario, load_law(law), many)
 

@@ -17,18 +17,18 @@ from gustproof.errors import FlightError
 from gustproof.law.form import load_law, shipped_laws
 from gustproof.recording.bag import read_bag, write_bag
 from gustproof.recording.folder import find_bags
-from gustproof.simulate import flight
+from gustproof.simulate import recorder
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.flight import (
+    Flight,
     FlightPlan,
-    RecordedFlight,
     check,
     first_difference_s,
     parse_plan,
-    recover,
     warnings,
 )
 from gustproof.simulate.outcome import FlightOutcome
+from gustproof.simulate.recorder import recover
 
 PAPER, IRIS = load_vehicle("paper"), load_vehicle("iris")
 SHORT = replace(load_scenario("paper"), duration_s=2.0)
@@ -45,16 +45,16 @@ def records():
 
 
 def write_journal(folder, records, header=None):
-    header = {"note": json.loads(json.dumps(PLAN.note()))} if header is None else header
+    header = {"note": json.loads(json.dumps(PLAN.metadata()))} if header is None else header
     with JournalWriter(folder / f"{NAME}.journal", header) as journal:
         for row in records.copy().view(np.float64).reshape(len(records), WIDTH):
             journal.append(row)
 
 
 def test_a_plan_goes_through_json_and_back_without_a_bit_lost():
-    back = parse_plan(json.loads(json.dumps(PLAN.note())), "here")
+    back = parse_plan(json.loads(json.dumps(PLAN.metadata())), "here")
     assert (back.scenario, back.vehicle, back.seed, back.real_time) == (SHORT, PLAN.vehicle, 7, False)
-    assert back.law.document() == PLAN.law.document()
+    assert back.law.to_dict() == PLAN.law.to_dict()
 
 
 @pytest.mark.parametrize(
@@ -68,14 +68,14 @@ def test_a_plan_goes_through_json_and_back_without_a_bit_lost():
 )
 def test_a_note_that_says_too_little_is_refused_in_one_line(change, words):
     with pytest.raises(ConfigError, match=f"^here: {words}"):
-        parse_plan({**PLAN.note(), **change}, "here")
+        parse_plan({**PLAN.metadata(), **change}, "here")
 
 
 def test_a_flight_that_was_whole_gives_the_bag_that_it_would_have_left(tmp_path, records):
     write_journal(tmp_path, records)
     (recovered,) = recover(tmp_path)
     assert recovered.outcome is FlightOutcome.DONE
-    write_bag(tmp_path / "undisturbed" / NAME, records, {**PLAN.note(), "outcome": "done"})
+    write_bag(tmp_path / "undisturbed" / NAME, records, {**PLAN.metadata(), "outcome": "done"})
     ours, theirs = (folder / NAME / f"{NAME}.mcap" for folder in (tmp_path, tmp_path / "undisturbed"))
     assert ours.read_bytes() == theirs.read_bytes()
 
@@ -99,10 +99,10 @@ def test_a_flight_whose_modes_the_script_changed_is_recovered_as_what_it_was(tmp
     plan = PLAN._replace(scenario=replace(SHORT, event=HOLD))
     held = records.copy()
     held["mode"][250:] = Mode.HOLD.value
-    write_journal(tmp_path, held, {"note": json.loads(json.dumps(plan.note()))})
+    write_journal(tmp_path, held, {"note": json.loads(json.dumps(plan.metadata()))})
     (recovered,) = recover(tmp_path)
     assert (recovered.outcome, recovered.has_expected_outcome) == (FlightOutcome.LEFT_OFFBOARD, True)
-    assert recovered.message.endswith("flown as the script asked: HOLD from 1 s, 500 of 500 samples")
+    assert recovered.message.endswith("flown as scripted: HOLD from 1 s, 500 of 500 samples")
     assert read_bag(tmp_path / NAME)[0]["outcome"] == "left_offboard"
 
 
@@ -112,7 +112,7 @@ def test_laws_without_a_reference_input_are_warned_of_where_the_script_gives_ref
     assert {"hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-scheduled", "hinf-rates"} <= deaf
     assert deaf.isdisjoint({"hinf-reference", "pid-default", "pid-fair"})
     (line,) = warnings(steps, load_law("hinf-d1"), PAPER)
-    assert line == "law 'hinf-d1' has no reference input: it ignores the attitudes that 'attitude-steps' asks for"
+    assert line == "law 'hinf-d1' has no reference input: it ignores the attitude references of 'attitude-steps'"
     assert warnings(SHORT, load_law("hinf-d1"), PAPER) == ()
 
 
@@ -165,11 +165,11 @@ def test_check_names_payload_and_mass_that_do_not_fit():
 
 @pytest.mark.parametrize(("missed", "event", "warned"), [(3, (), True), (0, (), False), (3, HOLD, False)])
 def test_samples_that_never_came_are_warned_of_unless_the_script_is_of_such(records, missed, event, warned):
-    flown = RecordedFlight(
+    flown = Flight(
         scenario=replace(SHORT, event=event), law=PLAN.law, vehicle=PLAN.vehicle, seed=7, outcome=FlightOutcome.DONE,
-        message="", records=records, bag=None, metrics=None, pace={"missed_samples": missed},
+        message="", records=records, timing={"missed_samples": missed},
     )  # fmt: skip
-    assert any("3 samples never came to law 'hinf-d1'" in line for line in flown.document()["warnings"]) is warned
+    assert any("3 samples never came to law 'hinf-d1'" in line for line in flown.to_dict()["warnings"]) is warned
 
 
 def test_a_journal_without_one_record_leaves_nothing(tmp_path, records):
@@ -181,7 +181,7 @@ def test_a_journal_without_one_record_leaves_nothing(tmp_path, records):
 
 def test_a_bag_that_is_there_already_is_kept_and_its_journal_removed(tmp_path, records):
     write_journal(tmp_path, records)
-    write_bag(tmp_path / NAME, records, {**PLAN.note(), "outcome": "interrupted"})
+    write_bag(tmp_path / NAME, records, {**PLAN.metadata(), "outcome": "interrupted"})
     recover(tmp_path)
     assert read_bag(tmp_path / NAME)[0]["outcome"] == "interrupted"
     assert [path.name for path in tmp_path.iterdir()] == [NAME]
@@ -189,7 +189,7 @@ def test_a_bag_that_is_there_already_is_kept_and_its_journal_removed(tmp_path, r
 
 def test_another_flight_s_bag_is_never_overwritten(tmp_path, records):
     write_journal(tmp_path, records)
-    write_bag(tmp_path / NAME, records[:100], {**PLAN.note(), "outcome": "interrupted"})
+    write_bag(tmp_path / NAME, records[:100], {**PLAN.metadata(), "outcome": "interrupted"})
     with pytest.raises(ConfigError, match="never overwritten"):
         recover(tmp_path)
     assert (tmp_path / f"{NAME}.journal").exists()
@@ -217,7 +217,7 @@ def test_no_room_for_the_bag_keeps_the_journal_and_says_what_to_do(tmp_path, rec
         raise OSError(errno.ENOSPC, "No space left on device")
 
     write_journal(tmp_path, records)
-    monkeypatch.setattr(flight, "write_bag", full)
+    monkeypatch.setattr(recorder, "write_bag", full)
     with pytest.raises(FlightError, match=r"No space left on device; what was flown is in .*then gustproof recover"):
         recover(tmp_path)
     assert (tmp_path / f"{NAME}.journal").exists()

@@ -62,7 +62,7 @@ def test_motors_off_are_the_end_of_a_flight_that_landed():
 
 def test_modes_that_the_script_asked_for_are_named():
     told = describe(FlightOutcome.LEFT_OFFBOARD, SCRIPTED, AS_ASKED)
-    assert told == "flown as the script asked: HOLD from 1 s, OFFBOARD from 1.5 s, HOLD from 2 s"
+    assert told == "flown as scripted: HOLD from 1 s, OFFBOARD from 1.5 s, HOLD from 2 s"
 
 
 @pytest.mark.parametrize("records", [TAKEN_LATER, LOST, WHOLE])

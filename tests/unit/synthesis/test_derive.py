@@ -31,7 +31,7 @@ def test_the_shipped_law_is_the_one_derived_from_the_design(derived):
         assert np.array_equal(ours != 0.0, theirs != 0.0), name
     assert shipped.provenance.parameters == pytest.approx(law.provenance.parameters, rel=1e-6)  # gamma_opt: 1e-7
     assert (shipped.name, shipped.dt, shipped.output) == (law.name, law.dt, law.output)
-    assert (shipped.scheduled, shipped.provenance.design) == (law.scheduled, law.provenance.design)
+    assert (shipped.is_scheduled, shipped.provenance.design) == (law.is_scheduled, law.provenance.design)
 
 
 @pytest.mark.parametrize("name", shipped_laws())
@@ -60,7 +60,7 @@ def test_a_law_has_no_more_coefficients_than_its_axes_need(name, states):
     law = load_law(name)
     assert np.count_nonzero(law.A) == sum(n**2 for n in states)
     assert np.count_nonzero(law.C) == sum(states)
-    assert np.count_nonzero(law.G) == sum(states) * law.scheduled
+    assert np.count_nonzero(law.G) == sum(states) * law.is_scheduled
 
 
 def test_every_shipped_law_meets_its_level_and_survives_its_sample_time_and_delay(derived):

@@ -1,8 +1,8 @@
-"""Laws as MATLAB files and as folders of tables, both ways.
+"""Read and write laws as MATLAB files and as folders of tables.
 
-Either holds A, B, C, D, G, H, limits, and the facts dt, name, output, provenance; to read one, A, B, C, D and dt are
-enough. B and D may have the gyro's three columns alone, or six with the reference's, or nine with the specific
-force's; what else is missing is G = 0, H = 0, no limits, torque.
+Either holds A, B, C, D, G, H, limits, and the metadata dt, name, output, provenance. To read one, A, B, C, D and dt
+are enough. B and D may have the gyro's three columns alone, six with the reference, or nine with the specific force.
+Defaults are G = 0, H = 0, no limits, torque.
 """
 
 import json
@@ -57,9 +57,9 @@ def read_law(name_or_path: str) -> Law:
 
 
 def save_mat(law: Law, path: Path) -> None:
-    """Write a law as a MATLAB file; there `ss(A, B, C, D, dt)` is a linear law, from `y` to command.
+    """Write a law as a MATLAB file; there `ss(A, B, C, D, dt)` is a linear law from `y` to command.
 
-    A scheduled law has its kinematics in G: what is linear at level attitude has `A(:, 4:6) + G` in A.
+    A scheduled law has its kinematics in G: linear at level attitude, it has `A(:, 4:6) + G` in A.
 
     Examples
     --------
@@ -100,19 +100,19 @@ def load_mat(path: Path) -> Law:
         content = scipy.io.loadmat(file, variable_names=_IN_MAT)
     except OSError as error:
         raise LawFileError(f"{path}: {error.strerror or error}") from None
-    except Exception as error:  # scipy raises whatever the damaged bytes lead it to
+    except Exception as error:  # scipy raises anything at damaged bytes
         raise LawFileError(f"{path}: not a MATLAB file of version 5 to 7.2: {sanitize_line(str(error))}") from None
-    facts = {name: content[name].reshape(-1) for name in ("dt", "name", "output", "provenance") if name in content}
-    return _build_law(path, content, {name: values[0].item() for name, values in facts.items() if len(values)})
+    metadata = {name: content[name].reshape(-1) for name in ("dt", "name", "output", "provenance") if name in content}
+    return _build_law(path, content, {name: values[0].item() for name, values in metadata.items() if len(values)})
 
 
 def _unpacked(content: bytes) -> bytes:
-    """Return a MATLAB file of level 5 with no element compressed; another as it is.
+    """Return a MATLAB file of level 5 with all elements decompressed; any other unchanged.
 
     Raises
     ------
     ValueError
-        If that unfolds to more than a file may have.
+        If it decompresses to more than a file may have.
     """
     order = {b"IM": "<", b"MI": ">"}.get(content[_MAT_HEADER - 2 : _MAT_HEADER])
     if order is None:
@@ -123,12 +123,12 @@ def _unpacked(content: bytes) -> bytes:
         element, at = content[at : at + 8 + size], at + 8 + size
         unpacked += zlib.decompressobj().decompress(element[8:], TEXT) if kind == _COMPRESSED else element
         if len(unpacked) >= TEXT:
-            raise ValueError(f"it unfolds to more than {TEXT:,} bytes")
+            raise ValueError(f"it decompresses to more than {TEXT:,} bytes")
     return bytes(unpacked)
 
 
 def save_csv(law: Law, folder: Path) -> None:
-    """Write a law as a new folder with one table a matrix and the facts as JSON; numbers are kept to the bit."""
+    """Write a law as a new folder: a table for each matrix, metadata as JSON; numbers are kept to the bit."""
     folder.mkdir(parents=True)
     for name in _TABLES:
         rows = np.atleast_2d(getattr(law, name)).tolist()
@@ -152,12 +152,12 @@ def load_csv(folder: Path) -> Law:
                 rows = [line.split(",") for line in read_text(path, _CSV).splitlines()]
                 tables[path.stem] = np.array([[float(cell) for cell in row] for row in rows])
         path = folder / _METADATA_FILE
-        facts = parse_json(read_text(path))
+        metadata = parse_json(read_text(path))
     except OSError as error:
         raise LawFileError(f"{path}: {error.strerror}") from None
     except ValueError as error:
         raise LawFileError(f"{path}: {sanitize_line(str(error))}") from None
-    return _build_law(folder, tables, facts if isinstance(facts, dict) else {})
+    return _build_law(folder, tables, metadata if isinstance(metadata, dict) else {})
 
 
 def _metadata(law: Law) -> dict[str, Any]:
@@ -165,22 +165,27 @@ def _metadata(law: Law) -> dict[str, Any]:
     return {"dt": law.dt, "name": law.name, "output": law.output.value, "provenance": provenance}
 
 
-def _build_law(path: Path, tables: Mapping[str, Any], facts: Mapping[str, Any]) -> Law:
-    if missing := [name for name in _REQUIRED if name not in tables] + [name for name in ("dt",) if name not in facts]:
+def _build_law(path: Path, tables: Mapping[str, Any], metadata: Mapping[str, Any]) -> Law:
+    if missing := [name for name in _REQUIRED if name not in tables] + [
+        name for name in ("dt",) if name not in metadata
+    ]:
         raise LawFileError(f"{path}: {missing[0]}: missing")
     try:
         if complex_ := [name for name in _TABLES if np.iscomplexobj(tables.get(name, 0.0))]:
             raise ValueError(f"{complex_[0]} is complex")
         matrices = {name: np.asarray(tables[name], dtype=np.float64) for name in _TABLES if name in tables}
         n = len(matrices["A"])
-        provenance = parse_json(facts.get("provenance", "null")) or {"design": f"read from {path.name}", "vehicle": ""}
+        provenance = parse_json(metadata.get("provenance", "null")) or {
+            "design": f"read from {path.name}",
+            "vehicle": "",
+        }
         return Law(
-            name=str(facts.get("name", path.stem)),
+            name=str(metadata.get("name", path.stem)),
             A=matrices["A"], B=_pad_reference(matrices["B"]), C=matrices["C"], D=_pad_reference(matrices["D"]),
             G=matrices.get("G", np.zeros((n, 3))), H=matrices.get("H", np.zeros((n, 3))),
-            dt=float(facts["dt"]),
+            dt=float(metadata["dt"]),
             limits=matrices.get("limits", np.full(3, _NO_LIMIT)).reshape(-1),
-            output=Output(facts.get("output", Output.TORQUE.value)),
+            output=Output(metadata.get("output", Output.TORQUE.value)),
             provenance=Provenance(**provenance),
         )  # fmt: skip
     except (ValueError, TypeError) as error:
@@ -188,5 +193,5 @@ def _build_law(path: Path, tables: Mapping[str, Any], facts: Mapping[str, Any]) 
 
 
 def _pad_reference(matrix: Matrix) -> Matrix:
-    """Return a matrix of six columns; of three, the gyro's, the reference has no effect."""
+    """Return a matrix with a reference's columns of 0 where only the gyro's three are given."""
     return np.hstack([matrix, np.zeros_like(matrix)]) if matrix.ndim == 2 and matrix.shape[1] == 3 else matrix

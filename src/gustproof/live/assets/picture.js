@@ -1,4 +1,4 @@
-// The vehicle in 3D and an artificial horizon, drawn on canvases. Axes are north-east-down and forward-right-down.
+// Draw the vehicle in 3D and an artificial horizon on canvases. Axes are north-east-down and forward-right-down.
 
 export const colours = {};
 
@@ -22,7 +22,7 @@ export function fresh(canvas) {
   return [context, width, height];
 }
 
-// Euler angles phi, theta, psi [rad], ZYX, of q_NB = [w, x, y, z].
+// Return the Euler angles phi, theta, psi [rad], ZYX, of q_NB = [w, x, y, z].
 export function euler([w, x, y, z]) {
   return [
     Math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
@@ -31,7 +31,7 @@ export function euler([w, x, y, z]) {
   ];
 }
 
-function rotated([w, x, y, z], [a, b, c]) {
+function rotate([w, x, y, z], [a, b, c]) {
   const u = 2 * (y * c - z * b), v = 2 * (z * a - x * c), s = 2 * (x * b - y * a);
   return [a + w * u + y * s - z * v, b + w * v + z * u - x * s, c + w * s + x * v - y * u];
 }
@@ -71,8 +71,8 @@ export function drawVehicle(canvas, q, wind_N) {
   g.textAlign = "center";
   g.textBaseline = "middle";
   for (const [letter, n, e] of [["N", 1.55, 0], ["E", 0, 1.55], ["S", -1.55, 0], ["W", 0, -1.55]]) g.fillText(letter, ...place([n, e, FLOOR]));
-  const turned = (point) => rotated(q, point);
-  const discs = ROTORS.map(([x, y, z]) => CIRCLE.map(([c, s]) => turned([x + PROP * c, y + PROP * s, z])));
+  const toNorth = (point) => rotate(q, point);
+  const discs = ROTORS.map(([x, y, z]) => CIRCLE.map(([c, s]) => toNorth([x + PROP * c, y + PROP * s, z])));
   g.globalAlpha = 0.16;
   g.fillStyle = colours.ink;
   for (const disc of discs) {
@@ -80,8 +80,8 @@ export function drawVehicle(canvas, q, wind_N) {
     g.fill();
   }
   g.globalAlpha = 1;
-  for (const rotor of ROTORS) line([turned([0, 0, 0]), turned([rotor[0], rotor[1], 0])], rotor[0] > 0 ? colours.c1 : colours.ink, 5);
-  line([turned([0, 0, 0]), turned([0.42, 0, 0])], colours.c1, 3);
+  for (const rotor of ROTORS) line([toNorth([0, 0, 0]), toNorth([rotor[0], rotor[1], 0])], rotor[0] > 0 ? colours.c1 : colours.ink, 5);
+  line([toNorth([0, 0, 0]), toNorth([0.42, 0, 0])], colours.c1, 3);
   discs.forEach((disc, i) => {
     path(disc, true);
     g.fillStyle = g.strokeStyle = ROTORS[i][0] > 0 ? colours.c1 : colours.accent;
@@ -94,7 +94,7 @@ export function drawVehicle(canvas, q, wind_N) {
   if (wind_N) drawArrow(g, place, wind_N);
 }
 
-// The arrow ends at the vehicle and comes from where the air does; its length grows with the root of the speed.
+// Draw an arrow along the wind that ends at the vehicle; its length grows with the root of the speed.
 function drawArrow(g, place, wind_N) {
   const speed = Math.hypot(...wind_N);
   if (speed < 0.05) return;
@@ -131,7 +131,7 @@ export function drawHorizon(canvas, q) {
   const middle = Math.round((theta * 18) / Math.PI) * 10, radius = height * 0.44, clear = radius - 26;
   for (let angle = Math.max(middle - 30, -90); angle <= Math.min(middle + 30, 90); angle += 5) {
     const half = height * (angle % 10 ? 0.08 : 0.16), y = level - angle * degree;
-    if (!angle || Math.abs(y) > clear) continue; // the scales of roll and heading stay legible
+    if (!angle || Math.abs(y) > clear) continue; // keep the scales of roll and heading legible
     stroke(g, [[-half, y], [half, y]]);
     if (angle % 10 === 0) {
       g.textAlign = "left";

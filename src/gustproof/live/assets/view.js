@@ -1,21 +1,21 @@
-// The page: reads the news, keeps a clock of its own between two of them, draws a frame whenever the screen takes one.
+// The live page: read updates, keep a clock between them, draw at the rate of the screen.
 import { camera, colours, drawHorizon, drawVehicle, euler, fresh, readColours } from "./picture.js";
 
 const WINDOW_S = 20, DEGREES = 180 / Math.PI;
 const byId = (id) => document.getElementById(id);
 const rows = { attitude: [], wind: [], torque: [], age: [], angles: [], rates: [] }; // each row: time [s], then its numbers
 const facts = {};
-const clock = { t: 0, rate: 0, latest: 0, heard: 0 };
-// What is drawn at this moment, for whoever tests the page.
-const shown = { frames: 0, t: 0, q: null, wind_N: null, news: 0, changed: true };
+const clock = { t: 0, rate: 0, latest: 0, received: 0 };
+// State that is drawn now, for tests of the page.
+const shown = { frames: 0, t: 0, q: null, wind_N: null, updates: 0, changed: true };
 globalThis.gustproof = { rows, facts, shown };
 
 const CHARTS = [
   { title: "attitude [deg]", rows: rows.angles, names: ["roll φ", "pitch θ", "yaw ψ"], least: 1 },
   { title: "rates [deg/s]", rows: rows.rates, names: ["p", "q", "r"], least: 2 },
-  { title: "torque asked for [N·m]", rows: rows.torque, names: ["roll", "pitch", "yaw"], least: 0.05 },
-  { title: "wind at the vehicle, blowing toward [m/s]", rows: rows.wind, names: ["north", "east", "down"], least: 0.5 },
-  { title: "age of the command that acts [ms]", rows: rows.age, names: ["by its stamp"], least: 8, positive: true },
+  { title: "commanded torque [N·m]", rows: rows.torque, names: ["roll", "pitch", "yaw"], least: 0.05 },
+  { title: "wind velocity at the vehicle [m/s]", rows: rows.wind, names: ["north", "east", "down"], least: 0.5 },
+  { title: "command age [ms]", rows: rows.age, names: ["from its timestamp"], least: 8, positive: true },
 ].map((chart) => {
   const figure = byId("charts").appendChild(document.createElement("figure"));
   const caption = figure.appendChild(document.createElement("figcaption"));
@@ -33,8 +33,8 @@ const CHARTS = [
   return { ...chart, canvas, span: chart.least, stale: true };
 });
 
-// Index of the first row at or after time t.
-function place(list, t) {
+// Return the index of the first row at or after time t.
+function indexAt(list, t) {
   let low = 0, high = list.length;
   while (low < high) {
     const middle = (low + high) >> 1;
@@ -44,59 +44,59 @@ function place(list, t) {
   return low;
 }
 
-// Numbers of a series at time t, on the line between two rows; null if there are none.
-function at(list, t) {
+// Return the numbers of a series at time t, interpolated between two rows; null if there are none.
+function valueAt(list, t) {
   if (!list.length) return null;
-  const after = Math.min(place(list, t), list.length - 1), b = list[after], a = list[Math.max(after - 1, 0)];
+  const after = Math.min(indexAt(list, t), list.length - 1), b = list[after], a = list[Math.max(after - 1, 0)];
   const share = b[0] > a[0] ? Math.min(1, Math.max(0, (t - a[0]) / (b[0] - a[0]))) : 1;
   return a.slice(1).map((value, i) => value + share * (b[i + 1] - value));
 }
 
 function attitudeAt(t) {
-  const numbers = at(rows.attitude, t);
+  const numbers = valueAt(rows.attitude, t);
   if (!numbers) return null;
   const length = Math.hypot(...numbers.slice(0, 4));
   return numbers.slice(0, 4).map((part) => part / length);
 }
 
-function take(news) {
-  shown.news += 1;
-  for (const name of ["attitude", "wind", "torque", "age"]) for (const row of news[name] ?? []) rows[name].push(row);
+function applyUpdate(update) {
+  shown.updates += 1;
+  for (const name of ["attitude", "wind", "torque", "age"]) for (const row of update[name] ?? []) rows[name].push(row);
   let last = rows.angles.at(-1);
-  for (const [t, w, x, y, z, p, q, r] of news.attitude ?? []) {
+  for (const [t, w, x, y, z, p, q, r] of update.attitude ?? []) {
     const angles = euler([w, x, y, z]).map((angle) => angle * DEGREES);
-    if (last) for (const i of [0, 2]) angles[i] += 360 * Math.round((last[i + 1] - angles[i]) / 360); // a turn counts as a turn
+    if (last) for (const i of [0, 2]) angles[i] += 360 * Math.round((last[i + 1] - angles[i]) / 360); // full turns count
     last = [t, ...angles];
     rows.angles.push(last);
     rows.rates.push([t, p * DEGREES, q * DEGREES, r * DEGREES]);
   }
-  if (news.attitude) {
+  if (update.attitude) {
     const now = performance.now() / 1000, latest = rows.attitude.at(-1)[0];
-    if (clock.heard) clock.rate += 0.15 * ((latest - clock.latest) / Math.max(now - clock.heard, 0.005) - clock.rate);
+    if (clock.received) clock.rate += 0.15 * ((latest - clock.latest) / Math.max(now - clock.received, 0.005) - clock.rate);
     clock.latest = latest;
-    clock.heard = now;
+    clock.received = now;
   }
-  if (news.facts) {
-    Object.assign(facts, news.facts);
+  if (update.facts) {
+    Object.assign(facts, update.facts);
     showFacts();
   }
   shown.changed = true;
 }
 
-// The clock of what is drawn follows the newest sample at the flight's own pace, a little behind.
+// Advance the clock of the picture: it follows the newest sample at the flight's own speed, slightly delayed.
 function tick(now, dt) {
-  const stands = facts.phase === "over" || facts.paused || now - clock.heard > 0.5;
-  if (stands) clock.rate = 0;
+  const stopped = facts.phase === "over" || facts.paused || now - clock.received > 0.5;
+  if (stopped) clock.rate = 0;
   const behind = clock.latest - 0.08 * clock.rate - clock.t;
-  clock.t = stands && Math.abs(behind) < 0.02 ? clock.latest : Math.min(clock.latest, clock.t + (clock.rate + 8 * behind) * Math.min(dt, 0.12));
+  clock.t = stopped && Math.abs(behind) < 0.02 ? clock.latest : Math.min(clock.latest, clock.t + (clock.rate + 8 * behind) * Math.min(dt, 0.12));
 }
 
-function nice(value) {
+function niceStep(value) {
   const decade = 10 ** Math.floor(Math.log10(value));
   return decade * ([1, 2, 5].find((step) => step * decade >= value * 0.999) ?? 10);
 }
 
-// Draw column k of rows: of each `every` rows the lowest and the highest, so that no peak is lost; null leaves a gap.
+// Draw column k of rows. Of each `every` rows draw the lowest and the highest, so no peak is lost; null leaves a gap.
 function trace(g, list, k, first, last, every, x, y) {
   let gap = true;
   const point = (row) => {
@@ -120,14 +120,14 @@ function trace(g, list, k, first, last, every, x, y) {
 
 function drawStrip(chart, from, to) {
   const [g, width, height] = fresh(chart.canvas), list = chart.rows, left = 42, bottom = height - 16;
-  const first = Math.max(place(list, from) - 1, 0), last = Math.min(place(list, to) + 1, list.length);
+  const first = Math.max(indexAt(list, from) - 1, 0), last = Math.min(indexAt(list, to) + 1, list.length);
   const every = Math.max(1, Math.ceil((last - first) / ((width - left) / 2)));
   const columns = chart.names.map((_, i) => i + 1);
   let largest = chart.least;
   for (let i = first; i < last; i++) for (const k of columns) largest = Math.max(largest, Math.abs(list[i][k]));
   chart.span = largest > chart.span ? largest : Math.max(largest, chart.span * 0.995);
   const span = 1.08 * chart.span, low = chart.positive ? 0 : -span;
-  const y = (value) => (bottom * (span - value)) / (span - low), step = nice((span - low) / (chart.positive ? 2.2 : 4.4));
+  const y = (value) => (bottom * (span - value)) / (span - low), step = niceStep((span - low) / (chart.positive ? 2.2 : 4.4));
   const x = (t) => left + ((t - from) / (to - from)) * (width - left);
   g.font = "11px system-ui, sans-serif";
   g.textBaseline = "middle";
@@ -141,7 +141,7 @@ function drawStrip(chart, from, to) {
     g.lineTo(width, y(value));
     g.fillText(+value.toPrecision(6), left - 5, Math.min(Math.max(y(value), 6), bottom - 5));
   }
-  const ticks = nice((to - from) / 6);
+  const ticks = niceStep((to - from) / 6);
   g.textAlign = "center";
   for (let t = Math.ceil(Math.max(from, 0) / ticks) * ticks; t <= to; t += ticks) {
     g.moveTo(x(t), 0);
@@ -161,7 +161,7 @@ function drawStrip(chart, from, to) {
   g.restore();
 }
 
-const sizes = { told: 0, frames: 0, since: 0 };
+const counters = { numbersAt: 0, frames: 0, since: 0 };
 
 function draw(milliseconds) {
   const now = milliseconds / 1000, dt = Math.max(now - (draw.last ?? now), 0);
@@ -173,26 +173,26 @@ function draw(milliseconds) {
     shown.changed = false;
     shown.t = clock.t;
     shown.q = attitudeAt(clock.t) ?? [1, 0, 0, 0];
-    shown.wind_N = at(rows.wind, clock.t);
+    shown.wind_N = valueAt(rows.wind, clock.t);
     drawVehicle(byId("vehicle"), shown.q, shown.wind_N);
     drawHorizon(byId("horizon"), shown.q);
     for (const chart of CHARTS) chart.stale = true;
   }
-  // A strip moves a few pixels while each of the others has its turn: one a frame costs a quarter.
+  // Draw one chart a frame: it moves a few pixels until its next turn, at a fraction of the cost.
   const chart = CHARTS[shown.frames % CHARTS.length];
   if (chart.stale) {
     chart.stale = false;
     const over = facts.phase === "over", to = over ? Math.max(clock.latest, 1) : Math.max(clock.t, WINDOW_S);
     drawStrip(chart, over ? 0 : to - WINDOW_S, to);
   }
-  if (now - sizes.told > 0.1) {
-    sizes.told = now;
+  if (now - counters.numbersAt > 0.1) {
+    counters.numbersAt = now;
     showNumbers();
   }
-  if (now - sizes.since > 1) {
-    byId("drawn").textContent = `${Math.round((shown.frames - sizes.frames) / (now - sizes.since))} frames/s`;
-    sizes.since = now;
-    sizes.frames = shown.frames;
+  if (now - counters.since > 1) {
+    byId("drawn").textContent = `${Math.round((shown.frames - counters.frames) / (now - counters.since))} frames/s`;
+    counters.since = now;
+    counters.frames = shown.frames;
   }
   requestAnimationFrame(draw);
 }
@@ -206,8 +206,8 @@ function showNumbers() {
     byId("clock").textContent = `${clock.t.toFixed(2)} s of ${facts.duration_s} s`;
   }
   if (rows.age.length) {
-    const [, age] = rows.age[Math.min(place(rows.age, clock.t), rows.age.length - 1)];
-    byId("age").textContent = age === null ? "none acts" : `${age} ms old`;
+    const [, age] = rows.age[Math.min(indexAt(rows.age, clock.t), rows.age.length - 1)];
+    byId("age").textContent = age === null ? "no command in effect" : `${age} ms old`;
   }
   if (shown.wind_N) {
     const [north, east, down] = shown.wind_N, from = (Math.atan2(-east, -north) * DEGREES + 360) % 360;
@@ -217,7 +217,7 @@ function showNumbers() {
   }
 }
 
-const PHASES = { ready: "ready: press Start", starting: "the vehicle starts", flying: "flying", over: "over" };
+const PHASES = { ready: "ready: press Start", starting: "starting the vehicle", flying: "flying", over: "over" };
 
 function showFacts() {
   const { phase, link } = facts, ready = phase === "ready", over = phase === "over";
@@ -226,7 +226,7 @@ function showFacts() {
   byId("start").disabled = !ready;
   byId("pause").hidden = facts.real_time;
   byId("pause").disabled = phase !== "flying";
-  byId("pause").textContent = facts.paused ? "Go on" : "Pause";
+  byId("pause").textContent = facts.paused ? "Resume" : "Pause";
   const slider = byId("gust");
   slider.disabled = over;
   [slider.min, slider.max] = facts.gust_scale_limits;
@@ -250,30 +250,30 @@ function showFacts() {
   );
 }
 
-const wished = new Map(), underWay = new Set();
+const pending = new Map(), inFlight = new Set();
 
-// One wish of a kind is under way at a time, and then the newest: a slider sends many, and none may overtake another.
-async function wish(name, value) {
-  wished.set(name, value);
-  if (underWay.has(name)) return;
-  underWay.add(name);
+// Send one value of a kind at a time, then the newest: a slider sends many, and none may overtake another.
+async function send(name, value) {
+  pending.set(name, value);
+  if (inFlight.has(name)) return;
+  inFlight.add(name);
   try {
-    while (wished.has(name)) {
-      const body = JSON.stringify(wished.get(name));
-      wished.delete(name);
-      const answer = await fetch(name, { method: "POST", body });
-      if (!answer.ok) byId("phase").textContent = await answer.text();
+    while (pending.has(name)) {
+      const body = JSON.stringify(pending.get(name));
+      pending.delete(name);
+      const response = await fetch(name, { method: "POST", body });
+      if (!response.ok) byId("phase").textContent = await response.text();
     }
   } catch {
-    // the program has gone, as the news say
+    // the program has ended; the event source reports it
   } finally {
-    underWay.delete(name);
+    inFlight.delete(name);
   }
 }
 
-byId("start").addEventListener("click", () => wish("start", true));
-byId("pause").addEventListener("click", () => wish("pause", !facts.paused));
-byId("gust").addEventListener("input", () => wish("gust", Number(byId("gust").value)));
+byId("start").addEventListener("click", () => send("start", true));
+byId("pause").addEventListener("click", () => send("pause", !facts.paused));
+byId("gust").addEventListener("input", () => send("gust", Number(byId("gust").value)));
 byId("vehicle").addEventListener("pointermove", (event) => {
   if (!event.buttons) return;
   camera.azimuth -= event.movementX * 0.01;
@@ -286,14 +286,14 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
 });
 addEventListener("resize", () => (shown.changed = true));
 
-const news = new EventSource("events");
-news.onmessage = (event) => {
-  take(JSON.parse(event.data));
-  if (facts.phase === "over") news.close();
+const updates = new EventSource("events");
+updates.onmessage = (event) => {
+  applyUpdate(JSON.parse(event.data));
+  if (facts.phase === "over") updates.close();
 };
-news.onerror = () => {
-  news.close();
-  byId("phase").textContent = "the program that flies has gone";
+updates.onerror = () => {
+  updates.close();
+  byId("phase").textContent = "connection to gustproof lost";
 };
 readColours();
 requestAnimationFrame(draw);

@@ -190,7 +190,7 @@ def _parse_design(law: Law) -> Design:
         gamma=known["gamma"],
         rate_damping=known.get("rate_damping_per_s"),
         rate_loop_lag=known.get("rate_loop_lag_s"),
-        scheduled=law.scheduled,
+        scheduled=law.is_scheduled,
     )
 
 

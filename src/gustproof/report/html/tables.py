@@ -53,9 +53,9 @@ def render_requirements(runs: Sequence[ReportRun]) -> str:
     for run in runs:
         for result in run.requirements:
             required = result.requirement
-            mark = "good" if result.held else "bad" if result.judged else "interval"
+            mark = "good" if result.is_met else "bad" if result.judged else "interval"
             outcome = (
-                f"{'held' if result.held else 'not held'}, {_format_value(result.margin)}"
+                f"{'held' if result.is_met else 'not held'}, {_format_value(result.margin)}"
                 if result.judged
                 else "not judged"
             )

@@ -177,11 +177,11 @@ def test_c_whose_constants_would_be_floats_is_refused(tmp_path):
 def test_only_what_a_law_computes_is_written(name):
     law, code = load_law(name), c_code(load_law(name))
     function = code[code.index("_step(double") :]
-    terms = re.findall(r"[+-] [^;+-]*?(?:e-\d+[^;+-]*?)?\b(?:x|y|rates|cut)\[\d+\]", function)
+    terms = re.findall(r"[+-] [^;+-]*?(?:e-\d+[^;+-]*?)?\b(?:x|y|rates|excess)\[\d+\]", function)
     parts = (law.A, law.B, law.C, law.D, law.G, law.H)
     assert len(terms) == sum(np.count_nonzero(part) for part in parts)
-    assert ("sin_cos" in code) == law.scheduled
-    assert ("cut" in function) == np.any(law.H)
+    assert ("sin_cos" in code) == law.is_scheduled
+    assert ("excess" in function) == np.any(law.H)
     assert max(map(len, code.splitlines())) <= 120
 
 

@@ -39,7 +39,7 @@ def test_four_matrices_of_the_gyro_and_a_sample_time_are_enough(tmp_path):
     read = load_mat(tmp_path / "mine.mat")
     assert read.B.tolist() == np.hstack([law.B[:, :3], np.zeros((law.order, 3))]).tolist()
     assert (read.name, read.output) == ("mine", Output.TORQUE)
-    assert not read.scheduled
+    assert not read.is_scheduled
     assert np.all(np.isfinite(read.limits))
 
 

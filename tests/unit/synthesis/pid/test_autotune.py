@@ -55,7 +55,7 @@ def test_the_loops_have_the_bandwidth_and_margin_asked_for(bandwidth: float) -> 
 
 def test_the_tuned_law_has_two_states_an_axis_and_says_how_it_was_made() -> None:
     law = autotune_pid(load_vehicle("paper"), bandwidth=2.0, phase_margin=math.radians(55.0))
-    assert (law.order, law.scheduled) == (6, False)
+    assert (law.order, law.is_scheduled) == (6, False)
     assert law.provenance.parameters["bandwidth_rad_s"] == 2.0
     assert law.provenance.parameters["phase_margin_rad"] == math.radians(55.0)
 

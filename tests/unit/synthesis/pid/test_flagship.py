@@ -127,5 +127,5 @@ def test_coning_does_not_turn_it(vehicle):
 def test_it_follows_steps_of_the_reference_without_reaching_its_limits(vehicle):
     scenario = load_scenario("attitude-steps")
     records = fly_direct(scenario, load_law("flagship"), vehicle=vehicle)
-    assert all(result.held for result in judge(records, scenario, vehicle))
+    assert all(result.is_met for result in judge(records, scenario, vehicle))
     assert np.max(np.abs(records["torque_command_B"])) <= 5.0

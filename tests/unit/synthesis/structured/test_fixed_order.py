@@ -38,7 +38,7 @@ def test_a_self_scheduled_law_keeps_attitudes_and_rates_first_and_the_linear_law
     design = replace(load_design("D2"), scheduled=True)
     law, report = derive(design, solve=solver(6))
     K = report.result.controller
-    assert law.scheduled
+    assert law.is_scheduled
     assert np.array_equal(K.A[:3, 3:6], np.eye(3))
     assert np.array_equal(K.A[:3, :3], -design.leak * np.eye(3))
     sampled = tustin(K, design.dt)
