@@ -135,7 +135,7 @@ class Pair:
     def figures(self) -> tuple:
         return (
             self.vehicle.links,
-            self.controller.traffic.stats(),
+            self.controller.channel.stats(),
             self.vehicle.counters,
             self.vehicle.flight.counters,
         )
@@ -151,7 +151,7 @@ def test_turns_leave_every_datagram_record_and_figure_as_they_are_step_by_step(l
     )
     at_once = Pair(law, watched=watched)
     monkeypatch.setattr(VehicleEndpoint, "_step_lockstep", lambda *_: False)
-    monkeypatch.setattr(ControllerEndpoint, "_turn", lambda *_: False)
+    monkeypatch.setattr(ControllerEndpoint, "_answer_fast", lambda *_: False)
     step_by_step = Pair(law, watched=watched)
     assert at_once.vehicle.outcome is step_by_step.vehicle.outcome is VehicleOutcome.DONE
     assert at_once.rows == step_by_step.rows

@@ -17,7 +17,7 @@ from gustproof.law.form import LAWS, load_law, shipped_laws
 from gustproof.law.io.c import c_code
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.processes import fly_loopback
+from gustproof.simulate.loopback import fly_loopback
 
 PINNED = Path(__file__).with_name("digests.json")
 VEHICLE = load_vehicle("paper")
