@@ -63,8 +63,8 @@ def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, 
     """Return INDI on strapdown attitude for one axis.
 
     The first two states are Euler angle [rad] and rate [rad/s] at the previous sample, as in `strapdown_axis`. Then
-    follow the filter of the gyro (2), the filter of the torque (2), the torque of the actuator's model [N*m], and the
-    delayed commands [N*m], the newest first.
+    follow the filters of gyro (2) and torque (2), the torque of the actuator's model [N*m], and the delayed commands
+    [N*m], the newest first.
 
     The filters are trapezoidal, so the newest sample acts at once; the actuator is exact for a held command. The model
     receives the command after the torque limit, so it does not wind up.
