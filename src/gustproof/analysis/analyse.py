@@ -145,6 +145,21 @@ def _describe_limits(analysis: Analysis) -> list[str]:
         lines.append("the flight diverges: no figures")
     elif not unstable:
         lines += _price(analysis)
+    lines += _describe_robustness(analysis)
+    lines.append(f"references: {_references(analysis.law)}")
+    if analysis.metrics.saturated_s:
+        lines.append(f"torque limit: reached for {analysis.metrics.saturated_s:.3g} s")
+    if analysis.law.uses_accelerometer:
+        lines.append(
+            "gyro bias: observable in roll and pitch; in yaw a constant bias gives an error of bias times time"
+        )
+    else:
+        lines.append("gyro bias: a constant bias gives an error of bias times time, as gyros do not measure attitude")
+    return lines
+
+
+def _describe_robustness(analysis: Analysis) -> list[str]:
+    lines = []
     if analysis.hover.margins is not None:
         loops = analysis.hover.margins.input
         worst = max(range(3), key=lambda axis: loops[axis].Ms)
@@ -159,15 +174,6 @@ def _describe_limits(analysis: Analysis) -> list[str]:
         room = 100.0 / max(axis.upper for axis in analysis.stability)
         inertia, lag = room * SPREADS.inertia, room * SPREADS.actuator_lag
         lines.append(f"vehicle: stable for inertia ±{int(inertia)} % and lag ±{int(lag)} % together (mu, at hover)")
-    lines.append(f"references: {_references(analysis.law)}")
-    if analysis.metrics.saturated_s:
-        lines.append(f"torque limit: reached for {analysis.metrics.saturated_s:.3g} s")
-    if analysis.law.uses_accelerometer:
-        lines.append(
-            "gyro bias: observable in roll and pitch; in yaw a constant bias gives an error of bias times time"
-        )
-    else:
-        lines.append("gyro bias: a constant bias gives an error of bias times time, as gyros do not measure attitude")
     return lines
 
 

@@ -77,17 +77,7 @@ def certify_boundedness(
     (True, 1.0)
     """
     _check_law(law)
-    if not (all(0.0 <= limit < math.inf for limit in moment) and max(moment) > 0.0):
-        raise ValueError(f"moment is {moment}, must be positive")
-    if not _RAREST <= risk < 1.0:
-        raise ValueError(f"risk is {risk}, must be a probability, {_RAREST} or more")
-    if not (0.0 <= leak < math.inf and 0.0 <= noise < math.inf):
-        raise ValueError(f"leak is {leak} and noise {noise}, must not be negative")
-    if not law.dt <= horizon <= LONGEST * law.dt:
-        raise ValueError(
-            f"horizon is {horizon:g} s, must be positive, from {law.dt:g} to {LONGEST * law.dt:g} s: every sample is "
-            "simulated"
-        )
+    _check_numbers(law.dt, moment, horizon, leak, noise, risk)
     evidence = _evidence(law, vehicle, moment, horizon, leak, noise, risk)
     norms = [axis_norms(evidence, axis) for axis in range(3)]
     level, box = _largest_level(evidence, norms)
@@ -112,6 +102,21 @@ def _check_law(law: Law) -> None:
         )
     if law.uses_accelerometer:
         raise ValueError(f"law '{law.name}' uses the accelerometer, must measure rates alone")
+
+
+def _check_numbers(
+    dt: float, moment: tuple[float, float, float], horizon: float, leak: float, noise: float, risk: float
+) -> None:
+    if not (all(0.0 <= limit < math.inf for limit in moment) and max(moment) > 0.0):
+        raise ValueError(f"moment is {moment}, must be positive")
+    if not _RAREST <= risk < 1.0:
+        raise ValueError(f"risk is {risk}, must be a probability, {_RAREST} or more")
+    if not (0.0 <= leak < math.inf and 0.0 <= noise < math.inf):
+        raise ValueError(f"leak is {leak} and noise {noise}, must not be negative")
+    if not dt <= horizon <= LONGEST * dt:
+        raise ValueError(
+            f"horizon is {horizon:g} s, must be positive, from {dt:g} to {LONGEST * dt:g} s: every sample is simulated"
+        )
 
 
 def _evidence(
@@ -208,17 +213,18 @@ def _grow_box(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction,
             return []
         if any(row[SIGNALS.index("command")] > limit for row, limit in zip(box, limits, strict=True)):
             return []
-        if all(
-            value <= bound
-            for row, inside in zip(follows, box, strict=True)
-            for value, bound in zip(row, inside, strict=True)
-        ):
+        if _is_inside(follows, box):
             return box
         box = [[Fraction(float(value * (1 + _GROWTH))) for value in row] for row in follows]
         sizes.append(sum(map(sum, box)))
         if len(sizes) > _MIN_ROUNDS and sizes[-1] - sizes[-2] > sizes[-2] - sizes[-3]:
             return []
     return []
+
+
+def _is_inside(inner: Box, outer: Box) -> bool:
+    pairs = (pair for rows in zip(inner, outer, strict=True) for pair in zip(*rows, strict=True))
+    return all(value <= bound for value, bound in pairs)
 
 
 def _is_invariant(level: Fraction, evidence: dict[str, Any], norms: list[AxisNorms]) -> bool:

@@ -268,22 +268,35 @@ def _simulate(
     # at this size the defects of all steps add up to 1/2; beyond it numbers would only grow longer
     most = math.floor(one * (Fraction(1, 28 * samples) - Fraction(16, one)) / (7 * _ENTRY_ERROR))
     for column in columns:
-        state = [round(value * one) for value in column]
-        total, square = [0] * (_LATE_OMEGA + 1), [0] * (_LATE_OMEGA + 1)
-        for _ in range(samples):
-            after = [sum([value * state[k] for k, value in row]) >> _BITS for row in rows]
-            x0, x1 = state[3], state[4]
-            seen = (*state, state[0] - x0, state[1] - x1, after[0] - x0, after[1] - x1)
-            total = [a + abs(b) for a, b in zip(total, seen, strict=True)]
-            square = [a + ((b * b) >> _BITS) + 1 for a, b in zip(square, seen, strict=True)]
-            largest = max(largest, *state, -min(state))
-            if largest > most:
-                raise ValueError("rounding spoils the norms: the loop is unstable or the horizon too long")
-            state = after
-        sums.append([Fraction(value, one) for value in total])
-        squares.append([Fraction(value, one) for value in square])
+        total, square, peak = _accumulate(rows, [round(value * one) for value in column], samples, most)
+        sums.append(total)
+        squares.append(square)
+        largest = max(largest, peak)
     defect = 7 * _ENTRY_ERROR * Fraction(largest, one) + Fraction(16, one)
     reach = max([Fraction(samples), *(value for column in (0, *range(2, 7)) for value in sums[column][:7])])
     error = 2 * samples * 14 * defect * reach
     above = [[value + error for value in row] for row in sums]
     return above, [[sqrt_upper_bound(value) + error for value in row] for row in squares]
+
+
+def _accumulate(
+    rows: list[list[tuple[int, int]]], state: list[int], samples: int, most: int
+) -> tuple[list[Fraction], list[Fraction], int]:
+    """Return sums of moduli and of squares of the signals from one initial state, and the state's largest modulus.
+
+    `rows`, `state`, `most` and the modulus are scaled by 2^`_BITS`.
+    """
+    total, square = [0] * (_LATE_OMEGA + 1), [0] * (_LATE_OMEGA + 1)
+    largest = 1
+    for _ in range(samples):
+        after = [sum([value * state[k] for k, value in row]) >> _BITS for row in rows]
+        x0, x1 = state[3], state[4]
+        signals = (*state, state[0] - x0, state[1] - x1, after[0] - x0, after[1] - x1)
+        total = [a + abs(b) for a, b in zip(total, signals, strict=True)]
+        square = [a + ((b * b) >> _BITS) + 1 for a, b in zip(square, signals, strict=True)]
+        largest = max(largest, *state, -min(state))
+        if largest > most:
+            raise ValueError("rounding spoils the norms: the loop is unstable or the horizon too long")
+        state = after
+    one = 1 << _BITS
+    return [Fraction(value, one) for value in total], [Fraction(value, one) for value in square], largest

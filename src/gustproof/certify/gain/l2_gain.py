@@ -141,19 +141,14 @@ def certify_lft(
     """
     if level is not None and not 0.0 < level < math.inf:
         raise ValueError(f"level is {level}, must be positive")
-    names = [block.name for block in loop.blocks]
-    if unknown := sorted(set(speeds or ()) - set(names)):
-        raise ValueError(f"speeds name '{unknown[0]}', there are {', '.join(names)}")
-    bounds = [None if speeds is None else speeds.get(name) for name in names]
+    bounds = _speed_bounds(loop, speeds)
     multipliers = best_multipliers(loop) if speeds is None else rate_bounded_multipliers(loop, bounds)
     wanted, proven = level, False
     evidence: dict[str, Any] = {}
     if multipliers is not None:
         evidence = _evidence(loop, multipliers, bounds)
         candidates = [multipliers.level * (1.0 + margin) for margin in _MARGINS] if level is None else [level]
-        wanted = next((candidate for candidate in candidates if _is_proven(candidate, evidence)), None)
-        proven = wanted is not None
-        wanted = candidates[-1] if wanted is None else wanted
+        wanted, proven = _first_proven(candidates, evidence)
     claim = "is not bounded by these multipliers" if wanted is None else f"is below {wanted:.6g}"
     return Certificate(
         statement=f"the L2 gain {signals} {claim} {scope}",
@@ -164,6 +159,22 @@ def certify_lft(
         evidence=evidence,
         residual=None if wanted is None or not evidence else _residual(wanted, evidence),
     )
+
+
+def _speed_bounds(loop: Uncertain, speeds: Mapping[str, float] | None) -> list[float | None]:
+    """Return the bound on the speed of each block; `None` without one."""
+    names, bounds = [block.name for block in loop.blocks], speeds or {}
+    if unknown := sorted(set(bounds) - set(names)):
+        raise ValueError(f"speeds name '{unknown[0]}', there are {', '.join(names)}")
+    return [bounds.get(name) for name in names]
+
+
+def _first_proven(candidates: Sequence[float], evidence: dict[str, Any]) -> tuple[float, bool]:
+    """Return the first proven candidate and True, or the last one and False."""
+    for candidate in candidates:
+        if _is_proven(candidate, evidence):
+            return candidate, True
+    return candidates[-1], False
 
 
 def attitude_loop(

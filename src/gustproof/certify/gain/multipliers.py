@@ -54,10 +54,8 @@ def best_multipliers(loop: Uncertain) -> Multipliers | None:
         raise ValueError("the loop must be continuous and stable at Delta = 0")
     if full := [block.name for block in loop.blocks if not isinstance(block, RealBlock)]:
         raise ValueError(f"block '{full[0]}' is no real parameter")
-    T = balancing_transform(loop.M)
-    inverse: Matrix = np.asarray(np.linalg.inv(T), dtype=np.float64)
-    M = Lti(A=inverse @ loop.M.A @ T, B=inverse @ loop.M.B, C=loop.M.C @ T, D=loop.M.D)
-    inequality = _Inequality(Uncertain(M=M, blocks=loop.blocks))
+    inverse, balanced = balance(loop)
+    inequality = _Inequality(balanced)
     at_least = _solve_sdp(inequality, None)
     inside = _solve_sdp(inequality, _BACKOFF**2 * abs(float(at_least[-1])))
     for unknowns in (inside, at_least):
@@ -66,6 +64,17 @@ def best_multipliers(loop: Uncertain) -> Multipliers | None:
             P, D, G = inequality.split(unknowns)
             return Multipliers(coordinates=inverse, P=P, D=D, G=G, level=level)
     return None
+
+
+def balance(loop: Uncertain, classes: Sequence[Hashable] | None = None) -> tuple[Matrix, Uncertain]:
+    """Return the transformation from the loop's states to balanced ones, and the loop in balanced states.
+
+    See `balancing_transform` for `classes`.
+    """
+    T = balancing_transform(loop.M, classes)
+    inverse: Matrix = np.asarray(np.linalg.inv(T), dtype=np.float64)
+    M = Lti(A=inverse @ loop.M.A @ T, B=inverse @ loop.M.B, C=loop.M.C @ T, D=loop.M.D)
+    return inverse, Uncertain(M=M, blocks=loop.blocks)
 
 
 def balancing_transform(M: Lti, classes: Sequence[Hashable] | None = None) -> Matrix:

@@ -8,9 +8,9 @@ import numpy as np
 import scipy.linalg
 
 from gustproof.certify.check.dissipation import Vertex, sign_product, vertices
-from gustproof.certify.gain.multipliers import add_transpose, balancing_transform, basis, least_level, minimize, svec
+from gustproof.certify.gain.multipliers import add_transpose, balance, basis, least_level, minimize, svec
 from gustproof.certify.gain.symmetry import Mirror, mirror_group
-from gustproof.lti.state_space import Lti, Matrix
+from gustproof.lti.state_space import Matrix
 from gustproof.model.lft import Uncertain
 
 _STRICTNESS = 1e-6
@@ -52,10 +52,8 @@ def rate_bounded_multipliers(loop: Uncertain, speeds: Sequence[float | None]) ->
     if len(speeds) != len(loop.blocks) or all(speed is None for speed in speeds):
         raise ValueError(f"speeds are {list(speeds)}, must be one a block, not all None")
     group = mirror_group(loop)
-    T = balancing_transform(loop.M, [tuple(mirror.x[i] for mirror in group) for i in range(loop.M.order)])
-    inverse: Matrix = np.asarray(np.linalg.inv(T), dtype=np.float64)
-    M = Lti(A=inverse @ loop.M.A @ T, B=inverse @ loop.M.B, C=loop.M.C @ T, D=loop.M.D)
-    program = _Program(Uncertain(M=M, blocks=loop.blocks), speeds, group)
+    inverse, balanced = balance(loop, list(zip(*(mirror.x for mirror in group), strict=True)))
+    program = _Program(balanced, speeds, group)
     unknowns = program.solve()
     levels = [least_level(program.form(unknowns, vertex), program.m) for vertex in program.leaders]
     known = [level for level in levels if level is not None]
@@ -84,26 +82,37 @@ class _Program:
         self.unit, output = np.eye(self.n + k + self.m), np.hstack([M.C, M.D])
         self.derivative, self.q, self.z = np.hstack([M.A, M.B]), output[:k], output[k:]
         self.x, self.p, self.w = np.split(self.unit, [self.n, self.n + k])
-        self.P = [
+        self.channels = [row for block in self.slow for row in range(starts[block], starts[block + 1])]
+        self.P, self.Y = self._entries_of_P(), self._entries_of_Y()
+        self.leaders: list[Vertex] = []
+        self.image: dict[Vertex, tuple[int, Mirror]] = {}
+        self._choose_leaders()
+        self.shared = len(self.P) + len(self.Y)
+        self.own = sum(size**2 for size in self.repeats)  # symmetric and skew together
+
+    def _entries_of_P(self) -> list[tuple[int, int, int]]:
+        """Return set, row and column of each unknown of P: the entries that every mirror leaves unchanged."""
+        return [
             (S, i, j)
             for S in range(1 << self.count)
             for j in range(self.n)
             for i in range(j + 1)
             if self._is_symmetric(S, i, j)
         ]
-        channels = [row for block in self.slow for row in range(starts[block], starts[block + 1])]
-        signs = [(np.concatenate([mirror.x, mirror.p, mirror.w]), mirror.p) for mirror in group]
-        self.Y = [(a, j) for j in channels for a in range(len(self.unit)) if all(s[a] == p[j] for s, p in signs)]
-        self.channels = channels
-        self.leaders: list[Vertex] = []
-        self.image: dict[Vertex, tuple[int, Mirror]] = {}
+
+    def _entries_of_Y(self) -> list[tuple[int, int]]:
+        """Return column and channel of each unknown of Y: the entries that every mirror leaves unchanged."""
+        signs = [(np.concatenate([mirror.x, mirror.p, mirror.w]), mirror.p) for mirror in self.group]
+        columns = range(len(self.unit))
+        return [(a, j) for j in self.channels for a in columns if all(s[a] == p[j] for s, p in signs)]
+
+    def _choose_leaders(self) -> None:
+        """Choose a leading corner for each set of mirror images, and a mirror from it to each corner."""
         for vertex in vertices(self.count):
             if vertex not in self.image:
-                for mirror in group:
+                for mirror in self.group:
                     self.image.setdefault(self._mirror_vertex(vertex, mirror), (len(self.leaders), mirror))
                 self.leaders.append(vertex)
-        self.shared = len(self.P) + len(self.Y)
-        self.own = sum(size**2 for size in self.repeats)  # symmetric and skew together
 
     def _is_symmetric(self, S: int, i: int, j: int) -> bool:
         """Return whether every mirror leaves the entry (i, j) of the term of set `S` unchanged."""

@@ -99,8 +99,7 @@ def _mu_lower_bound(
     """
     last = max(k for k, block in enumerate(blocks) if isinstance(block, FullBlock))
     order = [*(k for k in range(len(blocks)) if k != last), last]
-    z = [i for k in order for i in range(columns(blocks)[k].start, columns(blocks)[k].stop)]
-    w = [i for k in order for i in range(rows(blocks)[k].start, rows(blocks)[k].stop)]
+    z, w = (np.concatenate([np.r_[parts[k]] for k in order]) for parts in (columns(blocks), rows(blocks)))
     swapped, others = M[np.ix_(z, w)], tuple(blocks[k] for k in order[:-1])
     beta = upper if math.isfinite(upper) else float(np.linalg.norm(M, 2))
     best, delta = 0.0, dict[str, ArrayLike]()
