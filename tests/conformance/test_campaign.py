@@ -36,7 +36,7 @@ KILLED = """
 import json, os, signal, sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from gustproof.campaign.plan import noted
+from gustproof.campaign.plan import parse_campaign
 from gustproof.campaign.runner import fly_campaign
 
 class Pool(ThreadPoolExecutor):
@@ -46,7 +46,7 @@ def kill(flown, of):
     if flown:
         os.kill(os.getpid(), signal.SIGKILL)
 
-campaign = noted(json.loads(Path(sys.argv[1]).read_text()), "note")
+campaign = parse_campaign(json.loads(Path(sys.argv[1]).read_text()), "note")
 fly_campaign(campaign, Path(sys.argv[2]), Pool(1), chunk_runs=5, progress=kill)
 """
 
