@@ -141,7 +141,7 @@ def test_a_campaign_without_requirements_or_dispersions_is_told_too(planned, tmp
     found = compute_statistics(path)
     save_text(render_campaign(found), tmp_path / "mc.txt")
     assert "3 runs without figures" in (tmp_path / "mc.txt").read_text(encoding="utf-8")
-    assert "Nothing was drawn" in render_campaign_page(path)
+    assert "Only gusts and noise varied" in render_campaign_page(path)
 
 
 def test_what_is_no_campaign_is_told_in_a_line(tmp_path):
