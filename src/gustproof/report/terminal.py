@@ -36,7 +36,7 @@ FIGURES = {
     "torque_peak_nm": ("torque peak", "N m"),
     "torque_slew_rms": ("torque slew rms", "N m/s"),
     "saturated_s": ("at a torque limit", "s"),
-    "rho_in_bounds": ("within the envelope (|p|,|q|,|r| ≤ 1.5 rad/s, Table II)", ""),
+    "rho_in_bounds": ("within the envelope (|p|,|q|,|r| ≤ 1.5 rad/s)", ""),
     "realtime_factor": ("speed", "x real time"),
 }
 
