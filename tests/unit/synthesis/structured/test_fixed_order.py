@@ -63,7 +63,7 @@ def test_a_self_scheduled_law_needs_an_attitude_and_a_rate():
         (("--method", "hinfstruct"), "go together"),
         (("--order", "6"), "go together"),
         (("--method", "hinfstruct", "--order", "7"), "can't be shared out among 3 axes"),
-        (("--method", "hinfstruct", "--order", "6", "--gamma", "0.3"), "--gamma and --backoff set none"),
+        (("--method", "hinfstruct", "--order", "6", "--gamma", "0.3"), "--gamma and --backoff cannot set it"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(options, words):
