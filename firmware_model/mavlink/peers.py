@@ -93,7 +93,8 @@ class Peer:
     def set_interval(self, message_id: int, interval_us: int | None, clock_us: int) -> None:
         """Set the time [us] between two messages of a stream: 0 for the default, `None` for off.
 
-        No stream is faster than the samples, so that no sample is sent twice.
+        No stream is faster than the samples, and a stream that is on keeps its next time, so that no sample is sent
+        twice.
         """
         if interval_us == 0:
             interval_us = self._defaults_us.get(message_id, self._vehicle_intervals_us.get(message_id))
@@ -101,8 +102,9 @@ class Peer:
             self._intervals_us.pop(message_id, None)
             self._due_us.pop(message_id, None)
         else:
-            self._intervals_us[message_id] = min(max(interval_us, self._fastest_us), _MAX_INTERVAL_US)
-            self._due_us[message_id] = clock_us
+            interval_us = min(max(interval_us, self._fastest_us), _MAX_INTERVAL_US)
+            self._intervals_us[message_id] = interval_us
+            self._due_us[message_id] = min(self._due_us.get(message_id, clock_us), clock_us + interval_us)
         self.next_us = min(self._due_us.values(), default=NEVER_US)
 
     def take_due(self, clock_us: int) -> list[int]:

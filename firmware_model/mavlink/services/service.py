@@ -102,7 +102,7 @@ class VehicleCommand(NamedTuple):
     command: int
     """MAV_CMD."""
     params: tuple[float | None, ...]
-    """Parameters 1 to 7 in the command's units, positions in degrees and metres; `None` for an absent one."""
+    """[units of the command] Parameters 1 to 7, positions in degrees and metres; `None` for an absent one."""
     relative: bool
     """True if the altitude in parameter 7 is above home, not above the sea."""
 

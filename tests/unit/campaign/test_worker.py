@@ -25,7 +25,7 @@ def test_a_row_is_what_the_flight_alone_leaves(planned):
     row = flown(campaign, first=7, runs=2)[1]
     assert (row["run"], row["case"], row["law"], row["failure"]) == (8, 3, "pid-fair", None)
     case = campaign.make_case(campaign.draw_deltas(3, 1)[0].tolist(), campaign.flight_seeds(3, 1)[0])
-    scenario = case.of(campaign.scenario)
+    scenario = case.apply_to(campaign.scenario)
     records = fly_direct(scenario, campaign.laws[1], vehicle=case.vehicle, seed=case.seed)
     figures = measure(records, case.vehicle, scenario, 0.0)
     assert [row[name] for name in FIGURES] == [getattr(figures, name) for name in FIGURES]
