@@ -227,6 +227,7 @@ def test_a_step_that_the_flagship_does_not_hold_is_refused_wherever_it_is_asked_
     assert [path.name for path in tmp_path.iterdir()] == ["step.toml"]
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("scenario", ["calm", "step"])
 def test_anyway_flies_what_is_refused_and_warns_of_it(scenario, tmp_path, direct):
     (tmp_path / "step.toml").write_text(STEP)
@@ -243,6 +244,7 @@ def test_anyway_flies_what_is_refused_and_warns_of_it(scenario, tmp_path, direct
     assert all(f"warning: {line}" in " ".join(plain.stdout.split()) for line in told)
 
 
+@pytest.mark.compiled
 def test_a_repetition_says_whether_it_is_equal(tmp_path, direct):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
     assert run("fly", "calm", "--law", "pid-fair", "--out", first).exit_code == 0
@@ -252,6 +254,7 @@ def test_a_repetition_says_whether_it_is_equal(tmp_path, direct):
     assert again.stderr == f"gustproof: equal to {first} in every bit of its 15000 samples\n"
 
 
+@pytest.mark.compiled
 def test_a_repetition_of_a_flight_that_now_differs_says_so_in_json(tmp_path, direct, monkeypatch):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
     assert run("fly", "calm", "--law", "pid-fair", "--out", first).exit_code == 0
@@ -262,6 +265,7 @@ def test_a_repetition_of_a_flight_that_now_differs_says_so_in_json(tmp_path, dir
     assert "differs from" in one_line(again)
 
 
+@pytest.mark.compiled
 def test_a_repetition_of_a_real_time_flight_says_that_nothing_is_compared(tmp_path, direct):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
     assert run("fly", "calm", "--law", "pid-fair", "--real-time", "--out", first).exit_code == 0
@@ -273,6 +277,7 @@ def test_a_repetition_of_a_real_time_flight_says_that_nothing_is_compared(tmp_pa
     )
 
 
+@pytest.mark.compiled
 def test_a_report_is_not_written_over_another_file(tmp_path, direct):
     page = tmp_path / "report.html"
     page.write_text("mine")
