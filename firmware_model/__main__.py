@@ -1,6 +1,6 @@
 """`python -m firmware_model`: a simulated vehicle with its autopilot, on UDP.
 
-without --scenario   a standing vehicle: real time, disarmed, until Ctrl-C
+without --scenario   interactive vehicle: real time, disarmed, until Ctrl-C
 --scenario           one scripted flight: clamped until a controller flies it, ends with the scenario
 """
 
@@ -12,125 +12,147 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from socket import socket
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
-from firmware_model import access, status, udp, undisturbed
-from firmware_model.attended import ATTENDED, attend
-from firmware_model.autopilot import Mode
-from firmware_model.endpoint import VehicleEndpoint
+from firmware_model.autopilot.modes import Mode
+from firmware_model.autopilot.parameters import Parameters
+from firmware_model.config.files import parse_json, read_json, read_text
+from firmware_model.config.scenario import Scenario, list_scenarios, load_scenario
+from firmware_model.config.validation import Parser, printable
+from firmware_model.config.vehicle import Vehicle, list_vehicles, load_vehicle
 from firmware_model.errors import ConfigError, RecordingError
-from firmware_model.files import parse_json, read_json, read_text
-from firmware_model.flight import Flight, Hitch
-from firmware_model.frames import Peer
-from firmware_model.journal import JournalWriter
-from firmware_model.loop import VehicleLoop
-from firmware_model.mistakes import Parser, printable
-from firmware_model.outcome import Outcome
-from firmware_model.params import Parameters
-from firmware_model.scenario import Scenario, load_scenario, shipped_scenarios
-from firmware_model.signals import Level
-from firmware_model.tlog import Tlog
-from firmware_model.vehicle import Vehicle, load_vehicle, shipped_vehicles
+from firmware_model.process import access, realtime, status_line, udp
+from firmware_model.process.exit_on_eof import exit_on_stdin_eof
+from firmware_model.process.tlog import Tlog
+from firmware_model.recording.journal import JournalWriter
+from firmware_model.session.outcome import VehicleOutcome
+from firmware_model.session.pacing import FlightClock, TimingFault
+from firmware_model.session.vehicle_endpoint import VehicleEndpoint
+from firmware_model.sim.vehicle_loop import VehicleLoop
+from firmware_model.types import LevelFlight
 
-# PX4's ports in simulation, so that its clients find us: (ours, theirs) for ground stations and for off-board control.
+# PX4's ports in simulation, where its clients look: (own, remote) for ground stations and for off-board control.
 _PORTS = ((18570, 14550), (14580, 14540))
-_RANGES = {"instance": (0, 253), "seed": (0, 2**32 - 1)}  # the system id is one more; 255 is that of ground stations
-_EXIT = {Outcome.DONE: 0, Outcome.INTERRUPTED: 130}
-_BROKEN = 3
+_RANGES = {"instance": (0, 253), "seed": (0, 2**32 - 1)}  # system id is instance + 1; 255 is that of ground stations
+_EXIT_STATUS: dict[VehicleOutcome | None, int] = {VehicleOutcome.DONE: 0, VehicleOutcome.INTERRUPTED: 130}
+_EXIT_FAILED = 3
 
 
 def main(arguments: Sequence[str] | None = None, *, program: str = "firmware_model") -> int:
-    """Run the vehicle until it is interrupted, or its scenario has ended; return the exit status.
+    """Run the vehicle until it is interrupted or its scenario has ended; return the exit status.
 
-    `program` is the name that help and errors begin with.
+    `program` is the name at the start of help and errors.
     """
-    options = _parser(program).parse_args(arguments)
-    standing = options.scenario is None and not options.lockstep
+    options = _make_parser(program).parse_args(arguments)
     try:
-        for name, (least, most) in _RANGES.items():
-            if not least <= (value := getattr(options, name)) <= most:
-                raise ConfigError(f"--{name} is {value}, must be {least} to {most}")
-        if not standing and (options.held or options.air):
-            raise ConfigError("--held and --air are for a vehicle without --scenario and --lockstep")
-        return _fly(options, standing)
-    except ConfigError as error:
+        _check_options(options)
+        return _run(options)
+    except (ConfigError, RecordingError) as error:
         print(f"{program}: {printable(str(error))}", file=sys.stderr)
-        return 2
-    except RecordingError as error:
-        print(f"{program}: {printable(str(error))}", file=sys.stderr)
-        return _BROKEN
+        return 2 if isinstance(error, ConfigError) else _EXIT_FAILED
 
 
-def _fly(options: argparse.Namespace, standing: bool) -> int:
-    name = options.scenario or options.air or "calm"
-    scenario = read_json(Scenario, name) or load_scenario(name)
-    if standing:
-        scenario = replace(scenario, translation="held" if options.held else "free")
-    vehicle = read_json(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
-    generic = options.autopilot == "generic"
+def _check_options(options: argparse.Namespace) -> None:
+    for name, (least, most) in _RANGES.items():
+        if not least <= (value := getattr(options, name)) <= most:
+            raise ConfigError(f"--{name} is {value}, must be {least} to {most}")
+    if not _is_interactive(options) and (options.held or options.air):
+        raise ConfigError("--held and --air need a vehicle without --scenario and --lockstep")
+
+
+def _is_interactive(options: argparse.Namespace) -> bool:
+    return options.scenario is None and not options.lockstep
+
+
+def _run(options: argparse.Namespace) -> int:
+    interactive, generic = _is_interactive(options), options.autopilot == "generic"
+    scenario, vehicle = _load(options)
     if options.params:
-        _say_parameters(options, Parameters(vehicle, scenario, bytewise=not generic))
+        _print_parameters(options, Parameters(vehicle, scenario, bytewise=not generic))
         return 0
-    header = {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
     with ExitStack() as stack:
-        ports = [pair[0] + options.instance for pair in _PORTS] if options.bind_port is None else [options.bind_port]
         host, _ = udp.resolve(options.bind, 0)
-        signing = access.signing(options, host)
+        signing = access.make_signing(options, host)
+        ports, remote_ports = _choose_ports(options)
         sockets = [stack.enter_context(udp.bind(port, host)) for port in ports]
-        journal = _journal(stack, options, _heading(options, scenario, vehicle), scenario) if options.journal else None
-        expected: list[Peer] = []
-        if options.bind_port is None:
-            expected = [(index, ("127.0.0.1", pair[1] + options.instance)) for index, pair in enumerate(_PORTS)]
+        journal = _open_journal(stack, options, scenario, vehicle) if options.journal else None
         endpoint = VehicleEndpoint(
             vehicle,
             scenario,
             options.seed,
-            journal.append if journal else _no_record,
+            journal.append if journal else _discard_record,
             lockstep=options.lockstep,
-            standing=standing,
+            interactive=interactive,
             system=options.instance + 1,
-            expected=expected,
+            expected=[(index, ("127.0.0.1", port)) for index, port in enumerate(remote_ports)],
             signing=signing,
             generic=generic,
-            flush=journal.flush if journal else lambda: None,
         )
+        if journal:
+            endpoint.flush = journal.flush
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
-        # The machine code is loaded, or made, before anybody waits for it.
-        VehicleLoop(vehicle, scenario, options.seed).advance(Level(), Mode.STABILIZED.value)
-        undisturbed.hold_collector(off=not standing)
-        listening = [bound.getsockname()[1] for bound in sockets]
-        if standing and not options.json:
-            place = "on the test stand" if options.held else "on the ground"
-            stands = f"vehicle '{vehicle.name}' {place} in the air of '{scenario.name}'"
-            print(greeting(stands, listening, [peer[1][1] for peer in expected]), flush=True)
-            if sys.stderr.isatty():
-                stack.enter_context(status.shown(lambda: endpoint.links))
-        else:
-            script = ", ".join(f"{name} {value}" for name, value in header.items())
-            ears = ", ".join(map(str, listening))
-            _say(options, {"listening": listening, **header}, f"{script}; listening on UDP port {ears}")
-        if options.attended:
-            attend(endpoint.interrupt)
-        fifo = not options.lockstep and undisturbed.go_first()
-        served = _logged(stack, options, endpoint) if options.tlog else endpoint
-        if options.lockstep and len(sockets) == 1:
-            udp.converse(served, sockets[0])
-        else:
-            udp.serve(served, sockets, punctual=not options.lockstep)
-    facts = summary(endpoint, None if standing else scenario.samples, fifo=fifo)
-    _say(options, facts, status.ending(facts))
-    return _EXIT.get(endpoint.outcome, _BROKEN) if endpoint.outcome else _BROKEN
+        # Load or compile the machine code before a peer waits for it.
+        VehicleLoop(vehicle, scenario, options.seed).advance(LevelFlight(), Mode.STABILIZED.value)
+        realtime.freeze_gc(off=not interactive)
+        _announce(options, _names(options, scenario, vehicle), sockets, remote_ports)
+        if interactive and not options.json and sys.stderr.isatty():
+            stack.enter_context(status_line.show_status_line(lambda: endpoint.links))
+        if options.exit_on_stdin_eof:
+            exit_on_stdin_eof(endpoint.interrupt)
+        fifo = not options.lockstep and realtime.request_fifo_scheduling()
+        _serve(_open_tlog(stack, options, endpoint) if options.tlog else endpoint, sockets, lockstep=options.lockstep)
+    facts = summarize(endpoint, None if interactive else scenario.samples, fifo=fifo)
+    _print_facts(options, facts, status_line.format_summary(facts))
+    return _EXIT_STATUS.get(endpoint.outcome, _EXIT_FAILED)
 
 
-def greeting(stands: str, listening: Sequence[int], told: Sequence[int]) -> str:
-    """Return what stands there and how to connect to it; `told` are the ports that it speaks to unasked, if any."""
-    if told:
-        ground, offboard = told
+def _load(options: argparse.Namespace) -> tuple[Scenario, Vehicle]:
+    name = options.scenario or options.air or "calm"
+    scenario = read_json(Scenario, name) or load_scenario(name)
+    if _is_interactive(options):
+        scenario = replace(scenario, translation="held" if options.held else "free")
+    return scenario, read_json(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
+
+
+def _choose_ports(options: argparse.Namespace) -> tuple[list[int], list[int]]:
+    """Return the local ports, and the remote ports that receive data unasked."""
+    if options.bind_port is not None:
+        return [options.bind_port], []
+    return [own + options.instance for own, _ in _PORTS], [remote + options.instance for _, remote in _PORTS]
+
+
+def _serve(endpoint: udp.Endpoint, sockets: Sequence[socket], *, lockstep: bool) -> None:
+    if lockstep and len(sockets) == 1:
+        udp.serve_lockstep(endpoint, sockets[0])
+    else:
+        udp.serve(endpoint, sockets, real_time=not lockstep)
+
+
+def _announce(
+    options: argparse.Namespace, names: dict[str, Any], sockets: Sequence[socket], remote_ports: Sequence[int]
+) -> None:
+    """Print vehicle, scenario and ports; for users of an interactive vehicle, also how to connect clients."""
+    listening = [bound.getsockname()[1] for bound in sockets]
+    if _is_interactive(options) and not options.json:
+        place = "on the test stand" if options.held else "on the ground"
+        headline = f"vehicle '{names['vehicle']}' {place} in the air of '{names['scenario']}'"
+        print(format_greeting(headline, listening, remote_ports), flush=True)
+    else:
+        script = ", ".join(f"{name} {value}" for name, value in names.items())
+        text = f"{script}; listening on UDP port {', '.join(map(str, listening))}"
+        _print_facts(options, {"listening": listening, **names}, text)
+
+
+def format_greeting(headline: str, listening: Sequence[int], remote_ports: Sequence[int]) -> str:
+    """Return the headline and the connection of each client; `remote_ports` receive data unasked, if there are any."""
+    if remote_ports:
+        ground, offboard = remote_ports
         ways = {
             "QGroundControl": f"finds it by itself (UDP port {ground})",
             "MAVProxy": f"mavproxy.py --master udp:127.0.0.1:{ground}",
@@ -147,17 +169,17 @@ def greeting(stands: str, listening: Sequence[int], told: Sequence[int]) -> str:
     ways["a law"] = f"gustproof controller --law hinf-scheduled --connect 127.0.0.1:{listening[-1]}"
     return "\n".join(
         (
-            f"{stands}, disarmed; speaks MAVLink as PX4 does, and is not PX4",
+            f"{headline}, disarmed; its MAVLink is like that of PX4, but it is not PX4",
             *(f"  {client:<15} {way}" for client, way in ways.items()),
             "Ctrl-C ends it.",
         )
     )
 
 
-def summary(endpoint: VehicleEndpoint, samples: int | None, *, fifo: bool = False) -> dict[str, Any]:
-    """Return what is to be said in the end: outcome, samples flown, wall time from t = 0, pace, counters, links.
+def summarize(endpoint: VehicleEndpoint, samples: int | None, *, fifo: bool = False) -> dict[str, Any]:
+    """Return the facts of a run: outcome, samples flown, wall time from t = 0, timing, counters, links.
 
-    `fifo` says whether the system ran the process before usual ones.
+    `fifo` is True if the process ran with SCHED_FIFO.
     """
     flight = endpoint.flight
     flown_s = flight.wall_us * 1e-6
@@ -169,93 +191,96 @@ def summary(endpoint: VehicleEndpoint, samples: int | None, *, fifo: bool = Fals
         "wall_s": flown_s,
         "slipped_s": flight.slipped_us * 1e-6,
         "realtime_factor": flight.loop.time_us * 1e-6 / flown_s if flown_s else 0.0,
-        "pace": None if flight.lockstep else _pace(flight, fifo),
+        "pace": None if flight.lockstep else _summarize_timing(flight, fifo),
         "counters": counters,
         "links": endpoint.links,
-        "link_faults": endpoint.exchange.figures() if endpoint.exchange else {},
+        "link_faults": endpoint.scripted_link.stats() if endpoint.scripted_link else {},
     }
 
 
-def _pace(flight: Flight, fifo: bool) -> dict[str, Any]:
-    """Return how well the samples were flown on time: what a missed deadline is, `Hitch.OVERRUN` says."""
-    late = {f"late_{name}": value for name, value in flight.lateness.figures().items()}
-    return {"missed": flight.counters[Hitch.OVERRUN], "held": flight.counters[Hitch.HELD], **late, "fifo": fifo}
+def _summarize_timing(flight: FlightClock, fifo: bool) -> dict[str, Any]:
+    """Return the delays of the samples; `TimingFault.OVERRUN` defines a missed deadline."""
+    late = {f"late_{name}": value for name, value in flight.latency.stats().items()}
+    return {
+        "missed": flight.counters[TimingFault.OVERRUN],
+        "held": flight.counters[TimingFault.HELD],
+        **late,
+        "fifo": fifo,
+    }
 
 
-def _parser(program: str) -> argparse.ArgumentParser:
+def _make_parser(program: str) -> argparse.ArgumentParser:
     parser = Parser(
         prog=program,
-        description="A simulated multirotor with its autopilot. Speaks MAVLink over UDP on this machine, as PX4's "
-        "simulation does, and is not PX4. It stands on the ground in real time until Ctrl-C. With --scenario it is "
-        "clamped until it is armed and in OFFBOARD; then the scenario is flown, and the process ends with it.",
+        description="Simulate a multirotor with its autopilot. It speaks MAVLink over UDP like PX4's simulation, but "
+        "is not PX4. Without --scenario it stands on the ground in real time until Ctrl-C. With --scenario it is "
+        "clamped until it is armed and in OFFBOARD, then flies the scenario and exits.",
         epilog="Exit status: 0 flown in OFFBOARD to the end, 2 bad input, 3 the flight broke off, 130 interrupted.",
     )
     add = parser.add_argument
-    shipped = f"a .toml file, or one of {', '.join(shipped_scenarios())}"
-    add("--scenario", help=f"fly this script and end: {shipped}")
-    add("--air", help=f"scenario in whose air the vehicle stands, from the start on: {shipped} [calm]")
-    add("--held", action="store_true", help="hold the vehicle in its place, free in attitude while armed: a test stand")
-    add("--vehicle", default="paper", help=f"a .toml file, or one of {', '.join(shipped_vehicles())} [paper]")
+    shipped = f"a .toml file, or one of {', '.join(list_scenarios())}"
+    add("--scenario", help=f"fly this scenario and exit: {shipped}")
+    add("--air", help=f"scenario that gives wind and moments, from its start: {shipped} [calm]")
+    add("--held", action="store_true", help="test stand: hold the vehicle in place, free in attitude while armed")
+    add("--vehicle", default="paper", help=f"a .toml file, or one of {', '.join(list_vehicles())} [paper]")
     add("--seed", type=int, default=1, help="seed of gusts and noise [1]")
-    add("--lockstep", action="store_true", help="fly the script, by default calm, as fast as its samples are answered")
+    add("--lockstep", action="store_true", help="fly the scenario [calm] as fast as its samples are answered")
     add(
         "--instance",
         type=int,
         default=0,
-        help="number of this vehicle, 0 to 253: added to all ports, system id N + 1 [0]",
+        help="number N of this vehicle, 0 to 253: added to all ports; the system id is N + 1 [0]",
     )
-    add("--bind-port", type=int, help="listen on this port alone, 0 for a free one [18570 and 14580]")
+    add("--bind-port", type=int, help="listen on this port only, 0 for a free one [18570 and 14580]")
     add(
         "--bind",
         default=access.LOOPBACK,
         metavar="HOST",
-        help="address to be reached at, 0.0.0.0 for all [%(default)s]",
+        help="local address to listen on, 0.0.0.0 for all [%(default)s]",
     )
     access.add_options(parser)
-    add("--journal", type=Path, help="new file for the flight's records")
-    add("--note", type=Path, help="JSON file whose content heads the journal: all that a recording of the flight says")
-    add("--tlog", type=Path, help="new file for the MAVLink traffic, which ground stations open")
-    add("--attended", action="store_true", help=ATTENDED)
-    add("--autopilot", choices=("px4", "generic"), default="px4", help="whose MAVLink it speaks [%(default)s]")
-    add("--params", action="store_true", help="print all parameters with units, ranges and meanings, and end")
+    add("--journal", type=Path, help="new file for the records of the flight")
+    add("--metadata", type=Path, help=argparse.SUPPRESS)  # JSON file with the metadata for the journal's header
+    add("--tlog", type=Path, help="new telemetry log of the MAVLink traffic, a format of ground stations")
+    add("--exit-on-stdin-eof", action="store_true", help=argparse.SUPPRESS)
+    add("--autopilot", choices=("px4", "generic"), default="px4", help="MAVLink dialect [%(default)s]")
+    add("--params", action="store_true", help="print all parameters with units, ranges and meanings, and exit")
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser
 
 
-def _heading(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> dict[str, Any]:
-    """Return what heads a journal: of a scripted flight all but the law, as who flies is not known here."""
-    names = {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
-    if options.scenario is None and not options.lockstep:
-        return names
-    flown = {**names, "scenario": scenario, "vehicle": vehicle, "law": None, "real_time": not options.lockstep}
-    return {**names, "note": to_jsonable_python(flown)}
+def _names(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> dict[str, Any]:
+    return {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
 
 
-def _journal(
-    stack: ExitStack, options: argparse.Namespace, header: dict[str, Any], scenario: Scenario
-) -> JournalWriter:
+def _open_journal(stack: ExitStack, options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> JournalWriter:
+    header = names = _names(options, scenario, vehicle)
     try:
-        note = {"note": parse_json(read_text(options.note))} if options.note else {}
-        writer = JournalWriter(options.journal, {**header, **note}, scenario.control_rate_hz)
+        if options.metadata:
+            header = {**names, "note": parse_json(read_text(options.metadata))}
+        elif not _is_interactive(options):  # the law is not known here
+            note = {**names, "scenario": scenario, "vehicle": vehicle, "law": None, "real_time": not options.lockstep}
+            header = {**names, "note": to_jsonable_python(note)}
+        writer = JournalWriter(options.journal, header, scenario.control_rate_hz)
     except OSError as error:
         raise ConfigError(f"{error.filename}: {error.strerror}") from None
     return stack.enter_context(writer)
 
 
-def _logged(stack: ExitStack, options: argparse.Namespace, endpoint: VehicleEndpoint) -> udp.Endpoint:
-    unix_us = udp.unix_us()
-    flight = endpoint.flight
+def _open_tlog(stack: ExitStack, options: argparse.Namespace, endpoint: VehicleEndpoint) -> udp.Endpoint:
+    unix_us, flight = udp.unix_us(), endpoint.flight
+
+    def stamp_us(now_us: int) -> int:
+        return unix_us + (flight.clock_us(now_us) if flight.lockstep else now_us)
+
     try:
-        log = Tlog(
-            options.tlog, endpoint, lambda now_us: unix_us + (flight.clock_us(now_us) if flight.lockstep else now_us)
-        )
+        return stack.enter_context(Tlog(options.tlog, endpoint, stamp_us))
     except OSError as error:
         raise ConfigError(f"{options.tlog}: {error.strerror}") from None
-    return stack.enter_context(log)
 
 
-def _say_parameters(options: argparse.Namespace, parameters: Parameters) -> None:
-    for row in parameters.reference():
+def _print_parameters(options: argparse.Namespace, parameters: Parameters) -> None:
+    for row in parameters.describe():
         if options.json:
             print(json.dumps(row))
         else:
@@ -263,11 +288,11 @@ def _say_parameters(options: argparse.Namespace, parameters: Parameters) -> None
             print(f"{row['name']:<17} {row['type']:<7} {value:<16} {row['allowed']:<16} {row['meaning']}")
 
 
-def _no_record(_: NDArray[np.float64]) -> None:
+def _discard_record(_: NDArray[np.float64]) -> None:
     pass
 
 
-def _say(options: argparse.Namespace, facts: dict[str, Any], text: str) -> None:
+def _print_facts(options: argparse.Namespace, facts: dict[str, Any], text: str) -> None:
     print(json.dumps(facts) if options.json else text, flush=True)
 
 

@@ -1,9 +1,33 @@
-"""Errors that a person can mend: what is wrong, in one line."""
+"""Errors that a user can fix, each with its cause in one line."""
+
+from collections.abc import Sequence
 
 
 class ConfigError(Exception):
-    """A vehicle, scenario or command line is wrong; the text is one line: where, what, what is allowed."""
+    """Wrong vehicle, scenario or command line; the text is one line: where, what, what is allowed.
+
+    Examples
+    --------
+    >>> from gustproof import ConfigError, load_law
+    >>> try:
+    ...     load_law("no-such-law")
+    ... except ConfigError as error:
+    ...     print(str(error).partition(":")[0])
+    no law named 'no-such-law'
+    """
+
+
+class ConfigErrors(ConfigError):
+    """Several errors in one file; the text joins them in one line, `lines` holds one line for each."""
+
+    def __init__(self, source: str, errors: Sequence[str]) -> None:
+        super().__init__(source, errors)
+        self.lines = [f"{source}: {error}" for error in errors]
+        self._text = f"{source}: {'; '.join(errors)}"
+
+    def __str__(self) -> str:
+        return self._text
 
 
 class RecordingError(Exception):
-    """What is flown can't be written down, as on a full disk; the text is one line: where, what."""
+    """Failure to write a recording, such as a full disk; the text is one line: where, what."""

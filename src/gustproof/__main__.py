@@ -1,12 +1,15 @@
-"""`python -m gustproof` and the command `gustproof`."""
+"""The command `gustproof`, also run as `python -m gustproof`."""
 
 import os
 import signal
 
 
 def main() -> None:
-    """Run the command line; being ended from outside is Ctrl-C, so that nothing is left running or half written."""
-    # Matrices here are small: threads of BLAS would wait for each other, on a busy machine longer than they compute.
+    """Run the command line.
+
+    SIGTERM acts as Ctrl-C: no process stays behind, and no file is left half written.
+    """
+    # Matrices here are small: BLAS threads would wait for each other longer than they compute.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from gustproof.cli.app import app
 

@@ -23,7 +23,7 @@ _PATIENCE_S = 60.0
 
 
 class Browser:
-    """A browser with one page; everything that the page logs, throws or asks the network for is kept."""
+    """Browser with one page. It keeps everything that the page logs, throws or requests from the network."""
 
     def __init__(self, program: str, profile: Path) -> None:
         self.complaints: list[str] = []
@@ -32,7 +32,7 @@ class Browser:
         self._session: str | None = None
         inward, self._to = os.pipe()
         self._from, outward = os.pipe()
-        # The browser reads on 3 and writes on 4; where these are taken, the pipes are first moved out of the way.
+        # The browser reads on 3 and writes on 4; if these are taken, the pipes are moved first.
         ends = tuple(fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in (inward, outward))
         self._process = subprocess.Popen(
             [program, *_FLAGS, f"--user-data-dir={profile}", "about:blank"],
@@ -79,14 +79,14 @@ class Browser:
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=phone)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
-        for heard in (self.complaints, self.requests, self._events):  # from the page before, to its last word
+        for heard in (self.complaints, self.requests, self._events):  # of the page before, up to its last message
             heard.clear()
         self.call("Page.navigate", url=address)
         while not any(event["method"] == "Page.loadEventFired" for event in self._events):
             self._note(self._read())
 
     def run(self, script: str) -> Any:
-        """Return the value of a JavaScript expression; a promise is waited for."""
+        """Return the value of a JavaScript expression, after its promise if it is one."""
         answer = self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
@@ -122,7 +122,7 @@ class Browser:
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """Give a browser; a test that needs one is skipped, and counted, where there is none."""
+    """Yield a browser; without one the test is skipped, and counted."""
     program = shutil.which("chromium")
     if program is None:
         pytest.skip("chromium is not installed")

@@ -12,7 +12,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from firmware_model.errors import ConfigError
-from firmware_model.journal import RECORD
+from firmware_model.recording.journal import RECORD
 from gustproof.recording.bag import read_bag, write_bag
 from gustproof.recording.definitions import TYPES
 from gustproof.recording.topics import TOPICS, encode
@@ -104,7 +104,7 @@ def test_the_definitions_of_our_own_messages_say_units_and_frames(bag):
         own[f"gustproof_msgs/msg/{name}"] for name in ("CommandAge", "Mode", "Rotors", "Flight")
     )
     assert "# [N] thrust against the z axis, up: front right, rear left, front left, rear right." in rotors
-    assert "# [samples] whole, from the sample that the command answers by its stamp to this one" in age
+    assert "# [samples] whole, from the sample of the command's timestamp to this one" in age
     for text in (age, rotors, mode):
         assert "frame_id: the body, forward-right-down" in text
     assert "_N is north-east-down, _B is forward-right-down" in flown

@@ -1,4 +1,4 @@
-"""Campaigns on real processes and a real cluster, killed and interrupted: the same bytes whatever happens."""
+"""Campaigns on real processes and a real cluster, killed and interrupted, give the same bytes."""
 
 import gc
 import json
@@ -18,15 +18,15 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from firmware_model.files import write_toml
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle_set import load_vehicle_set
-from gustproof.campaign.flights import Stretch, lost
-from gustproof.campaign.plan import Campaign, Dispersed, dispersions
-from gustproof.campaign.pools import cluster, processes
-from gustproof.campaign.run import fly_campaign
+from firmware_model.config.files import write_toml
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.uncertainty import load_vehicle_set
+from gustproof.campaign.executors import dask_pool, process_pool
+from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads
+from gustproof.campaign.runner import fly_campaign
+from gustproof.campaign.worker import Chunk, failed_rows
 from gustproof.cli.app import app
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 
 LAWS = ("hinf-d1", "hinf-rates")
 CASES = 12
@@ -36,18 +36,18 @@ KILLED = """
 import json, os, signal, sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from gustproof.campaign.plan import noted
-from gustproof.campaign.run import fly_campaign
+from gustproof.campaign.plan import parse_campaign
+from gustproof.campaign.runner import fly_campaign
 
 class Pool(ThreadPoolExecutor):
-    deaths, width = (), 2
+    death_errors, max_pending = (), 2
 
 def kill(flown, of):
     if flown:
         os.kill(os.getpid(), signal.SIGKILL)
 
-campaign = noted(json.loads(Path(sys.argv[1]).read_text()), "note")
-fly_campaign(campaign, Path(sys.argv[2]), Pool(1), stretch_runs=5, progress=kill)
+campaign = parse_campaign(json.loads(Path(sys.argv[1]).read_text()), "note")
+fly_campaign(campaign, Path(sys.argv[2]), Pool(1), chunk_runs=5, progress=kill)
 """
 
 CLUSTER = """
@@ -65,8 +65,8 @@ if __name__ == "__main__":
 class Here:
     """This process as the only worker."""
 
-    deaths = ()
-    width = 1
+    death_errors = ()
+    max_pending = 1
 
     def submit(self, function, *arguments):
         future = Future()
@@ -85,28 +85,28 @@ def script(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def campaign(script) -> Campaign:
     scenario, vehicles = load_scenario(script), load_vehicle_set("paper")
-    spreads = dispersions(vehicles, scenario, list(Dispersed), gust=0.5, attitude_deg=5.0)
+    spreads = select_spreads(vehicles, scenario, list(DispersionKind), gust=0.5, attitude_deg=5.0)
     laws = tuple(map(load_law, LAWS))
     return Campaign(scenario=scenario, laws=laws, vehicles=vehicles, spreads=spreads, cases=CASES)
 
 
 @pytest.fixture(scope="module")
 def table(campaign, script) -> Path:
-    """Return the campaign's file, flown here one run at a time: from then on all processes find its kernel compiled."""
+    """Return the campaign's file, flown here one run at a time, which compiles the kernel for all processes."""
     path = script.with_name("mc.parquet")
-    fly_campaign(campaign, path, Here(), stretch_runs=1)
+    fly_campaign(campaign, path, Here(), chunk_runs=1)
     return path
 
 
 def test_a_campaign_that_was_killed_goes_on_with_two_workers_to_the_same_bytes(campaign, table, tmp_path) -> None:
     note, output = tmp_path / "note.json", tmp_path / "mc.parquet"
-    note.write_text(json.dumps(campaign.note()), encoding="utf-8")
+    note.write_text(json.dumps(campaign.metadata()), encoding="utf-8")
     killed = subprocess.run([sys.executable, "-c", KILLED, str(note), str(output)], timeout=PATIENCE_S, check=False)
     assert killed.returncode == -signal.SIGKILL
     assert len(list(tmp_path.glob("*.parts/0*.arrow"))) == 1
     told: list[tuple[int, int]] = []
-    with processes(2) as pool:
-        fly_campaign(campaign, output, pool, stretch_runs=3, progress=lambda *numbers: told.append(numbers))
+    with process_pool(2) as pool:
+        fly_campaign(campaign, output, pool, chunk_runs=3, progress=lambda *numbers: told.append(numbers))
     assert told[0] == (0, RUNS - 5)
     assert output.read_bytes() == table.read_bytes()
 
@@ -131,15 +131,15 @@ def test_ctrl_c_leaves_the_parts_one_line_and_no_process(table, script, tmp_path
     assert process.returncode == 130
     assert told == ""
     assert complaint == (
-        "gustproof: interrupted; what was flown is in mc.parquet.parts, and the same command goes on from there\n"
+        "gustproof: interrupted; finished runs are in mc.parquet.parts, and the same command resumes from there\n"
     )
     assert psutil.wait_procs(family, PATIENCE_S)[1] == []
 
 
 def test_a_run_that_kills_its_process_is_found_and_the_others_are_flown(campaign, tmp_path) -> None:
     poison = 7
-    stretches = [Stretch(first, runs) for first in range(RUNS) for runs in (1, 2) if first + runs <= RUNS]
-    rows = {tuple(each): lost(campaign, each, "not flown") for each in stretches}
+    stretches = [Chunk(first, runs) for first in range(RUNS) for runs in (1, 2) if first + runs <= RUNS]
+    rows = {tuple(each): failed_rows(campaign, each, "not flown") for each in stretches}
 
     def fly(first: int, runs: int) -> SimpleNamespace:
         if first <= poison < first + runs:
@@ -147,29 +147,29 @@ def test_a_run_that_kills_its_process_is_found_and_the_others_are_flown(campaign
         return SimpleNamespace(table=rows[first, runs], wall_s=1.0)
 
     class Light:
-        """Processes that need not load the project, so that they are soon replaced."""
+        """Processes that do not load the project, so that they start fast."""
 
-        deaths, width = (BrokenExecutor,), 3
+        death_errors, max_pending = (BrokenExecutor,), 3
 
         def submit(self, function, note, *stretch):
             return pool.submit(fly, *stretch[0]) if stretch else pool.submit(os.getpid)
 
-    with processes(1) as pool:
-        fly_campaign(campaign, tmp_path / "mc.parquet", Light(), stretch_runs=2)
+    with process_pool(1) as pool:
+        fly_campaign(campaign, tmp_path / "mc.parquet", Light(), chunk_runs=2)
     failures = pq.read_table(tmp_path / "mc.parquet", columns=["run", "failure"]).to_pylist()
     assert [row["run"] for row in failures] == list(range(RUNS))
     assert [row["run"] for row in failures if row["failure"] != "not flown"] == [poison]
 
 
 def test_a_worker_that_has_done_a_task_has_nothing_old_to_be_looked_through_for_garbage() -> None:
-    with processes(1) as pool:
+    with process_pool(1) as pool:
         pool.submit(os.getpid).result()
         assert pool.submit(gc.get_freeze_count).result() > 0
 
 
 @pytest.fixture
 def dask(tmp_path) -> Iterator[tuple[str, list[int]]]:
-    """Start a dask cluster of two workers; give its scheduler's address and the processes of the workers."""
+    """Start a dask cluster of two workers; yield its scheduler's address and the workers' processes."""
     pytest.importorskip("distributed")
     process = subprocess.Popen(
         [sys.executable, "-c", CLUSTER, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
@@ -190,8 +190,8 @@ def test_a_dask_cluster_that_loses_a_worker_leaves_the_same_bytes(dask, campaign
         if flown and len(workers) == 2:
             os.kill(workers.pop(), signal.SIGKILL)
 
-    with cluster(f"dask://{address}") as pool:
-        fly_campaign(campaign, tmp_path / "mc.parquet", pool, stretch_runs=2, progress=kill)
+    with dask_pool(f"dask://{address}") as pool:
+        fly_campaign(campaign, tmp_path / "mc.parquet", pool, chunk_runs=2, progress=kill)
     assert len(workers) == 1
     assert (tmp_path / "mc.parquet").read_bytes() == table.read_bytes()
 
@@ -211,7 +211,7 @@ def test_a_run_is_flown_again_over_udp_to_the_same_bits(table, script, tmp_path)
     ]
     other = CliRunner().invoke(app, ["fly", "--law", LAWS[0], "--run", f"{table}:{run}"])
     assert other.exit_code == 2
-    assert "flown by 'hinf-rates', not 'hinf-d1', which flew this case in run 5" in other.stderr
+    assert "flown by 'hinf-rates', not 'hinf-d1', which flew the same case in run 5" in other.stderr
 
 
 @pytest.mark.parametrize("window", [{}, {"width": 390, "height": 800, "dark": True}])

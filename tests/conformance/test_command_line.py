@@ -1,4 +1,4 @@
-"""The command `gustproof fly` as a shell runs it, ended by others than itself."""
+"""The command `gustproof fly` as a shell runs it, ended from outside."""
 
 import json
 import signal
@@ -22,7 +22,7 @@ def start(tmp_path: Path, *, duration_s: float) -> subprocess.Popen[str]:
     process = subprocess.Popen(
         [sys.executable, "-m", "gustproof", *arguments],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        # A shell ignores Ctrl-C for what it starts in the background, and all that comes of it does.
+        # Background processes of a shell ignore Ctrl-C, and so do their children.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     deadline = time.monotonic() + ENOUGH_S
@@ -49,7 +49,7 @@ def test_an_interrupted_flight_leaves_a_whole_bag_one_line_and_no_process(
     process = start(tmp_path, duration_s=3600.0)
     output, errors = end_by(process, number)
     assert process.returncode == 130
-    assert errors.strip().splitlines() == ["gustproof: interrupted; what was flown is in run"]
+    assert errors.strip().splitlines() == ["gustproof: interrupted; the recording so far is in run"]
     told = json.loads(output)
     _, records = read_bag(tmp_path / told["bag"])
     assert told["outcome"] == "interrupted"

@@ -1,4 +1,4 @@
-"""Flights that are killed, and disks that are full: what was flown is there, and `recover` makes it a recording."""
+"""Killed flights and full disks: the journal survives, and `recover` makes a recording of it."""
 
 import json
 import os
@@ -12,12 +12,12 @@ from pathlib import Path
 import psutil
 import pytest
 
-from firmware_model.autopilot import Mode
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.closed_loop import fly_direct
-from gustproof.law import load_law
+from firmware_model.autopilot.modes import Mode
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag
+from gustproof.simulate.direct import fly_direct
 
 SCRIPT = 'description = "cut off"\nduration_s = 20.0\n[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 15.4\n'
 NAME = "gusty-hinf-d1-seed3"
@@ -42,7 +42,7 @@ def fly(tmp_path: Path, *arguments: str, **options: object) -> subprocess.Comple
 
 
 def wait_for_the_processes_of(run: Path) -> None:
-    """Wait until no process of a flight is left: those whose starter was killed end in order."""
+    """Wait until no process of a flight is left: without their parent they end in order."""
     deadline = time.monotonic() + ENOUGH_S
     while any(str(run) in " ".join(process.info["cmdline"] or ()) for process in psutil.process_iter(["cmdline"])):
         assert time.monotonic() < deadline

@@ -13,9 +13,9 @@ from contextlib import closing, contextmanager, suppress
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.frames import parse
-from firmware_model.messages import imu_message
-from firmware_model.signals import ImuSample
+from firmware_model.mavlink.frames import parse
+from firmware_model.mavlink.messages import imu_message
+from firmware_model.types import ImuSample
 
 PATIENCE_S = 60.0
 HOLD, GUIDED = 4 << 16 | 3 << 24, 4
@@ -23,7 +23,7 @@ SETPOINTS = {"SET_ATTITUDE_TARGET", "SET_ACTUATOR_CONTROL_TARGET"}
 
 
 class Foreign:
-    """An autopilot that stands in a mode, tells its parameters, and sends samples as it likes."""
+    """Scripted autopilot with a fixed mode, its own parameters, and any stream of samples."""
 
     def __init__(self, link: socket.socket, *, kind: int = wire.MAV_AUTOPILOT_PX4, mode: int = HOLD, hz: int = 250,
                  grants: bool = True, faithful: bool = False) -> None:  # fmt: skip
@@ -37,7 +37,7 @@ class Foreign:
         link.settimeout(0.002)
 
     def serve(self, ended: Callable[[], bool]) -> None:
-        """Live until something has ended."""
+        """Run until something has ended."""
         patience = time.monotonic() + PATIENCE_S
         while not ended():
             assert time.monotonic() < patience, f"heard only {set(self.names())}"
@@ -46,7 +46,7 @@ class Foreign:
                 self._speak(self.peer)
 
     def forget(self) -> None:
-        """Forget what it was told so far, and what it has not read of that."""
+        """Discard all messages so far, read or unread."""
         with suppress(TimeoutError):
             while True:
                 self.link.recv(2048)
@@ -60,7 +60,7 @@ class Foreign:
             datagram, address = self.link.recvfrom(2048)
         except (TimeoutError, ConnectionRefusedError):
             return
-        # PX4 answers whoever spoke first, until it ends.
+        # PX4 answers its first peer only, until it ends.
         self.peer = address if self.peer is None or not self.faithful else self.peer
         for message in (frame.message() for frame in parse(datagram)):
             self.heard.append(message)
@@ -109,7 +109,7 @@ def link() -> Iterator[socket.socket]:
 
 @pytest.fixture
 def px4_ports() -> Iterator[tuple[socket.socket, int]]:
-    """Give a socket on a port of PX4's simulation, and the port that it speaks to unasked."""
+    """Yield a socket on a port of PX4's simulation, and the port that it sends to first."""
     for instance in range(10):
         with (
             closing(socket.socket(type=socket.SOCK_DGRAM)) as bound,
@@ -187,7 +187,7 @@ def test_port_that_another_program_holds_is_told_and_another_one_is_used(px4_por
     lines = [line.removeprefix("gustproof controller: ") for line in err.splitlines()]
     assert lines[0].startswith(f"can't listen on UDP port {remote}: Address already in use; a free port is used")
     assert lines[1:3] == [
-        f"waits for an autopilot at 127.0.0.1:{link.getsockname()[1]}",
-        "found PX4, system 1: reads MPC_THR_HOVER, IMU_INTEG_RATE, asks for HIGHRES_IMU at 250 Hz",
+        f"waiting for an autopilot at 127.0.0.1:{link.getsockname()[1]}",
+        "found PX4, system 1: reading MPC_THR_HOVER, IMU_INTEG_RATE, requesting HIGHRES_IMU at 250 Hz",
     ]
-    assert lines[3] == "law 'hinf-rates' stands by, and flies when OFFBOARD is set"
+    assert lines[3] == "hinf-rates standing by: in control once OFFBOARD is set"

@@ -6,21 +6,22 @@ from itertools import groupby
 import numpy as np
 import pytest
 
-from firmware_model.autopilot import Mode
-from firmware_model.endpoint import VehicleEndpoint
-from firmware_model.events import ControllerHung, ControllerKilled, ModeChange
-from firmware_model.flight import Hitch
-from firmware_model.link import Bandwidth, BurstLoss, Delay, Duplication, Jitter, Loss, Reordering
-from firmware_model.outcome import Outcome as VehicleOutcome
-from firmware_model.params import published_limit
-from firmware_model.scenario import Scenario, load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.closed_loop import fly_direct
+from firmware_model.autopilot.modes import Mode
+from firmware_model.autopilot.parameters import published_limit
+from firmware_model.config.events import ControllerHang, ControllerKill, ModeChange
+from firmware_model.config.link_faults import Bandwidth, BurstLoss, Delay, Duplication, Jitter, Loss, Reordering
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
+from firmware_model.session.pacing import TimingFault
+from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from gustproof.controller.endpoint import ControllerEndpoint
-from gustproof.law import load_law
-from gustproof.law_step import FlyingLaw
-from gustproof.outcome import Outcome, in_words, outcome_of
-from gustproof.sitl import fly, fly_loopback
+from gustproof.law.form import load_law
+from gustproof.law.step import LawStepper
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.loopback import fly_loopback
+from gustproof.simulate.outcome import FlightOutcome, describe, infer_outcome
+from gustproof.simulate.processes import fly
 
 VEHICLE = load_vehicle("paper")
 GUSTY = replace(load_scenario("paper-turbulence"), duration_s=4.0)
@@ -40,14 +41,14 @@ FOUL = (
     Reordering(kind="reordering", probability=0.05, by_s=0.01, **UP),
     Bandwidth(kind="bandwidth", rate_bit_s=120_000.0, start_s=1.0, stop_s=1.5, **DOWN),
 )
-KILLED_FOR_LONG = ControllerKilled(kind="controller_killed", at_s=0.5, recovers_after_s=1.8)
-KILLED_FOR_A_MOMENT = ControllerKilled(kind="controller_killed", at_s=0.5, recovers_after_s=0.1)
+KILLED_FOR_LONG = ControllerKill(kind="controller_killed", at_s=0.5, recovers_after_s=1.8)
+KILLED_FOR_A_MOMENT = ControllerKill(kind="controller_killed", at_s=0.5, recovers_after_s=0.1)
 SCRIPTS = {
     "foul, hung, modes": replace(
         GUSTY,
         link=FOUL,
         event=(
-            ControllerHung(kind="controller_hung", at_s=0.5, for_s=0.1),
+            ControllerHang(kind="controller_hung", at_s=0.5, for_s=0.1),
             ModeChange(kind="mode", at_s=1.6, mode="hold"),
             ModeChange(kind="mode", at_s=2.0, mode="offboard"),
         ),
@@ -62,13 +63,13 @@ def loopback(scenario: Scenario, law: str = "hinf-scheduled", seed: int = 7) -> 
 
 
 def phases(records: np.ndarray) -> list[tuple[Mode, float]]:
-    """Return each mode that was flown and when [s] it began."""
+    """Return each flown mode with its start [s]."""
     begun = [next(group) for _, group in groupby(enumerate(records["mode"]), key=lambda item: item[1])]
     return [(Mode(int(mode)), round(sample * SAMPLE_S, 3)) for sample, mode in begun]
 
 
 class RealTime:
-    """A flight in real time, on a virtual clock that both sides are served on to the microsecond."""
+    """A flight in real time, on a virtual clock that serves both sides to the microsecond."""
 
     def __init__(self, scenario: Scenario, seed: int = 7) -> None:
         self.rows: list[bytes] = []
@@ -116,8 +117,8 @@ def test_delay_of_n_samples_is_n_delay_samples_more_between_two_processes(tmp_pa
     direct = fly_direct(replace(GUSTY, delay_samples=4), law, vehicle=VEHICLE, seed=7)
     flight = fly(delayed(GUSTY, 1, 2), law, vehicle=VEHICLE, seed=7, out=tmp_path)
     assert flight.records.tobytes() == direct.tobytes()
-    assert (flight.outcome, flight.counters["held"]) == (Outcome.DONE, 3)
-    # What is sent in the end arrives after it.
+    assert (flight.outcome, flight.counters["held"]) == (FlightOutcome.DONE, 3)
+    # The last datagrams arrive after the end.
     assert flight.link["to_controller"] == {"sent": GUSTY.samples, "arrived": GUSTY.samples - 1}
     assert flight.link["to_vehicle"] == {"sent": GUSTY.samples - 1, "arrived": GUSTY.samples - 3}
 
@@ -138,12 +139,12 @@ def test_two_processes_equal_loopback_to_the_bit(script, tmp_path):
     assert len(looped) == GUSTY.samples
     assert flight.records.tobytes() == looped.tobytes()
     expected = {
-        "foul, hung, modes": Outcome.LEFT_OFFBOARD,
-        "killed for long": Outcome.CONTROLLER_LOST,
-        "killed for a moment": Outcome.DONE,
+        "foul, hung, modes": FlightOutcome.LEFT_OFFBOARD,
+        "killed for long": FlightOutcome.CONTROLLER_LOST,
+        "killed for a moment": FlightOutcome.DONE,
     }
     assert flight.outcome is expected[script]
-    assert outcome_of(flight.records, SCRIPTS[script]) is flight.outcome
+    assert infer_outcome(flight.records, SCRIPTS[script]) is flight.outcome
 
 
 def test_foul_link_in_real_time_equals_lockstep_to_the_bit():
@@ -187,11 +188,11 @@ def test_lost_link_is_a_lost_stream_after_its_time_out(direction):
     cut = Loss(kind="loss", direction=direction, probability=1.0, start_s=1.0, stop_s=3.0)
     flight = RealTime(replace(GUSTY, link=(cut,)))
     looped = loopback(replace(GUSTY, link=(cut,)))
-    # The last set-point was heard at .996 s.
+    # The last set-point arrived at .996 s.
     assert phases(looped) == [(OFFBOARD, 0.0), (STABILIZED, 1.996)]
     assert b"".join(flight.rows) == looped.tobytes()
     assert flight.vehicle.outcome is VehicleOutcome.STREAM_LOST
-    assert flight.vehicle.flight.counters[Hitch.HELD] == 250
+    assert flight.vehicle.flight.counters[TimingFault.HELD] == 250
 
 
 def test_outage_shorter_than_the_time_out_is_flown_through_with_the_last_command():
@@ -204,10 +205,10 @@ def test_outage_shorter_than_the_time_out_is_flown_through_with_the_last_command
 
 
 def test_hung_controller_loses_the_vehicle_and_gets_it_back_when_offboard_is_set():
-    hang = ControllerHung(kind="controller_hung", at_s=0.5, for_s=1.5)
+    hang = ControllerHang(kind="controller_hung", at_s=0.5, for_s=1.5)
     early, back = (ModeChange(kind="mode", at_s=at_s, mode="offboard") for at_s in (1.8, 2.4))
     flown = loopback(replace(GUSTY, event=(hang, early, back)))
-    # Without living set-points it is refused.
+    # Without current set-points it is refused.
     assert phases(flown) == [(OFFBOARD, 0.0), (STABILIZED, 1.496), (OFFBOARD, 2.4)]
 
 
@@ -225,7 +226,7 @@ def test_what_was_on_its_way_to_a_killed_controller_is_not_asked_of_the_next_one
 def test_controller_that_takes_over_within_the_time_out_begins_afresh():
     killed, hung = (
         loopback(replace(GUSTY, event=(item,)))
-        for item in (KILLED_FOR_A_MOMENT, ControllerHung(kind="controller_hung", at_s=0.5, for_s=0.1))
+        for item in (KILLED_FOR_A_MOMENT, ControllerHang(kind="controller_hung", at_s=0.5, for_s=0.1))
     )
     assert phases(killed) == phases(hung) == [(OFFBOARD, 0.0)]
     back = 150 + GUSTY.delay_samples
@@ -233,12 +234,12 @@ def test_controller_that_takes_over_within_the_time_out_begins_afresh():
     assert killed[back]["torque_command_B"].tolist() != hung[back]["torque_command_B"].tolist()
     limit = published_limit(VEHICLE)
     gyro_B, force_B = (tuple(killed[150][name].tolist()) for name in ("gyro_B", "specific_force_B"))
-    first = FlyingLaw(load_law("hinf-scheduled"), limit).step(gyro_B, force_B)
+    first = LawStepper(load_law("hinf-scheduled"), limit).step(gyro_B, force_B)
     assert killed[back]["torque_command_B"] == pytest.approx(np.multiply(first, limit), rel=1e-12)
 
 
 def test_killed_controller_without_another_is_not_waited_for():
-    killed = ControllerKilled(kind="controller_killed", at_s=0.5)
+    killed = ControllerKill(kind="controller_killed", at_s=0.5)
     flown = loopback(replace(GUSTY, event=(killed,)))
     assert phases(flown) == [(OFFBOARD, 0.0), (STABILIZED, 1.496)]
     assert len(flown) == GUSTY.samples
@@ -253,7 +254,7 @@ def test_modes_are_set_as_a_ground_station_would():
 def test_mode_that_the_vehicle_refuses_is_counted():
     event = (ModeChange(kind="mode", at_s=1.0, mode="return"),)  # held on the stand
     flight = RealTime(replace(GUSTY, event=event))
-    assert flight.vehicle.flight.counters[Hitch.REFUSED] == 1
+    assert flight.vehicle.flight.counters[TimingFault.REFUSED] == 1
     assert flight.vehicle.outcome is VehicleOutcome.DONE
 
 
@@ -264,9 +265,9 @@ def test_free_vehicle_lands_by_script_and_ends_before_it():
     assert [mode for mode, _ in phases(flown)[:2]] == [OFFBOARD, Mode.LAND]
     assert len(flown) < scenario.samples
     # A journal shows it too: this was its end.
-    assert outcome_of(flown, scenario) is Outcome.LEFT_OFFBOARD
-    assert in_words(Outcome.LEFT_OFFBOARD, scenario, flown) == "flown as the script asked: LAND from 0.5 s"
-    assert outcome_of(flown[:-1], scenario) is Outcome.CUT_OFF
+    assert infer_outcome(flown, scenario) is FlightOutcome.LEFT_OFFBOARD
+    assert describe(FlightOutcome.LEFT_OFFBOARD, scenario, flown) == "flown as scripted: LAND from 0.5 s"
+    assert infer_outcome(flown[:-1], scenario) is FlightOutcome.CUT_OFF
 
 
 def test_messages_are_needed():

@@ -8,16 +8,16 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot import FailSafe, Mode
-from firmware_model.endpoint import START_TIMEOUT_US, VehicleEndpoint
-from firmware_model.flight import RESEND_US, RESENDS, Hitch
-from firmware_model.frames import Dropped, parse
-from firmware_model.outcome import Outcome
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
+from firmware_model.autopilot.modes import FailSafe, Mode
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink.frames import RejectReason, parse
+from firmware_model.session.outcome import VehicleOutcome
+from firmware_model.session.pacing import MAX_RESENDS, RESEND_US, TimingFault
+from firmware_model.session.vehicle_endpoint import START_TIMEOUT_US, VehicleEndpoint
 from gustproof.controller.endpoint import ControllerEndpoint
-from gustproof.controller.endpoint import Outcome as ControllerOutcome
-from gustproof.law import load_law
+from gustproof.controller.endpoint import ControllerOutcome as ControllerOutcome
+from gustproof.law.form import load_law
 
 VEHICLE, CONTROLLER = (0, ("vehicle", 1)), (0, ("controller", 1))
 SETPOINT, IMU = 139, 105
@@ -75,7 +75,7 @@ def clean() -> Flight:
 
 
 def test_clean_flight_is_flown_to_the_end_by_the_law(clean):
-    assert clean.vehicle.outcome is Outcome.DONE
+    assert clean.vehicle.outcome is VehicleOutcome.DONE
     assert clean.controller.outcome is ControllerOutcome.DONE
     assert len(clean.rows) == 125
     assert set(clean.modes) == {Mode.OFFBOARD.value}
@@ -103,9 +103,9 @@ def test_lost_samples_are_sent_again_and_change_no_bit(clean):
         return [] if len(sent) % 3 == 0 else [datagram]
 
     flight.run(down=lose_every_third_sample)
-    assert flight.vehicle.outcome is Outcome.DONE
+    assert flight.vehicle.outcome is VehicleOutcome.DONE
     assert flight.rows == clean.rows
-    assert flight.counters[Hitch.RESENT] > 30
+    assert flight.counters[TimingFault.RESENT] > 30
 
 
 def test_lost_answers_are_repeated_by_the_law_without_a_step(clean):
@@ -118,7 +118,7 @@ def test_lost_answers_are_repeated_by_the_law_without_a_step(clean):
         return [] if len(sent) % 3 == 0 else [datagram]
 
     flight.run(up=lose_every_third_answer)
-    assert flight.vehicle.outcome is Outcome.DONE
+    assert flight.vehicle.outcome is VehicleOutcome.DONE
     assert flight.rows == clean.rows
 
 
@@ -126,7 +126,7 @@ def test_doubled_answers_are_counted_and_change_no_bit(clean):
     flight = Flight()
     flight.run(up=lambda datagram, _: [datagram, datagram] if kind(datagram) == SETPOINT else [datagram])
     assert flight.rows == clean.rows
-    assert flight.counters[Dropped.DUPLICATE] >= 124
+    assert flight.counters[RejectReason.DUPLICATE] >= 124
 
 
 def test_late_answers_are_stale_and_change_no_bit(clean):
@@ -140,7 +140,7 @@ def test_late_answers_are_stale_and_change_no_bit(clean):
 
     flight.run(up=and_the_one_of_two_before)
     assert flight.rows == clean.rows
-    assert flight.counters[Dropped.STALE] > 100
+    assert flight.counters[RejectReason.STALE] > 100
 
 
 def test_answer_to_a_sample_that_was_not_sent_is_early(clean):
@@ -149,19 +149,19 @@ def test_answer_to_a_sample_that_was_not_sent_is_early(clean):
     future = [datagram for datagram in answers if kind(datagram) == SETPOINT][-1]
     flight.run(up=lambda datagram, _: [future, datagram] if kind(datagram) == SETPOINT else [datagram])
     assert flight.rows == clean.rows
-    assert flight.counters[Dropped.EARLY] > 100
+    assert flight.counters[RejectReason.EARLY] > 100
 
 
 def test_dead_controller_ends_in_the_fail_safe_after_the_stated_resends(clean):
     flight = Flight()
     flight.run(up=lambda datagram, flown: [datagram] if flown < 50 else [])
-    assert flight.vehicle.outcome is Outcome.STREAM_LOST
-    assert flight.counters[Hitch.RESENT] == RESENDS
+    assert flight.vehicle.outcome is VehicleOutcome.STREAM_LOST
+    assert flight.counters[TimingFault.RESENT] == MAX_RESENDS
     assert len(flight.rows) == 125
     assert flight.rows[:50] == clean.rows[:50]
     assert flight.modes == [Mode.OFFBOARD.value] * 50 + [Mode.STABILIZED.value] * 75
     # One waiting time for the first sending and one for each repetition; the margin covers a heartbeat.
-    assert flight.now_us < (RESENDS + 1) * RESEND_US + 2_000_000
+    assert flight.now_us < (MAX_RESENDS + 1) * RESEND_US + 2_000_000
 
 
 def test_controller_hears_that_offboard_is_lost():
@@ -179,15 +179,15 @@ def test_damaged_answers_are_counted_and_asked_for_again(clean):
         return [datagram[:-1] + bytes([datagram[-1] ^ 1])] if len(sent) % 4 == 0 else [datagram]
 
     flight.run(up=damage_every_fourth)
-    assert flight.vehicle.outcome is Outcome.DONE
+    assert flight.vehicle.outcome is VehicleOutcome.DONE
     assert flight.rows == clean.rows
-    assert flight.counters[Dropped.BAD_CHECKSUM] > 30
+    assert flight.counters[RejectReason.BAD_CHECKSUM] > 30
 
 
 def test_flight_that_nobody_begins_ends_with_a_name():
     flight = Flight()
     flight.run(up=lambda *_: [])
-    assert flight.vehicle.outcome is Outcome.NO_CONTROLLER
+    assert flight.vehicle.outcome is VehicleOutcome.NO_CONTROLLER
     assert flight.rows == []
     assert flight.now_us <= START_TIMEOUT_US + 2_000_000
 
@@ -195,7 +195,7 @@ def test_flight_that_nobody_begins_ends_with_a_name():
 def test_dead_autopilot_is_noticed_by_the_controller():
     flight = Flight()
     flight.run(down=lambda datagram, flown: [datagram] if flown < 50 else [])
-    assert flight.vehicle.outcome is Outcome.STREAM_LOST  # it can't hear that it is not heard
+    assert flight.vehicle.outcome is VehicleOutcome.STREAM_LOST  # it cannot know that its datagrams are lost
     while not flight.controller.finished:
         flight.now_us = max(flight.now_us + 1, flight.controller.deadline_us())
         flight.controller.poll(flight.now_us)
@@ -205,7 +205,7 @@ def test_dead_autopilot_is_noticed_by_the_controller():
 def test_real_time_on_a_virtual_clock_flies_the_same_bits(clean):
     flight = Flight(lockstep=False)
     flight.run()
-    assert flight.vehicle.outcome is Outcome.DONE
+    assert flight.vehicle.outcome is VehicleOutcome.DONE
     assert flight.rows == clean.rows
 
 
@@ -221,7 +221,7 @@ def test_flight_that_was_taken_and_given_back_is_not_called_the_laws_own():
     flight.run(up=ask_for_another_mode_and_back)
     assert set(flight.modes[:30] + flight.modes[61:]) == {Mode.OFFBOARD.value}
     assert set(flight.modes[31:60]) == {Mode.HOLD.value}
-    assert flight.vehicle.outcome is Outcome.LEFT_OFFBOARD
+    assert flight.vehicle.outcome is VehicleOutcome.LEFT_OFFBOARD
     assert flight.controller.outcome is ControllerOutcome.DONE
 
 
@@ -230,7 +230,7 @@ def test_flood_of_answers_changes_no_bit(clean, lockstep):
     flight = Flight(lockstep=lockstep)
     flight.run(up=lambda datagram, _: [datagram] * 40 if kind(datagram) == SETPOINT else [datagram])
     assert flight.rows == clean.rows
-    assert flight.counters.get(Dropped.DUPLICATE, 0) >= (39 * 124 if lockstep else 0)
+    assert flight.counters.get(RejectReason.DUPLICATE, 0) >= (39 * 124 if lockstep else 0)
 
 
 def test_hung_controller_is_waited_for_in_lockstep(clean):
@@ -243,16 +243,16 @@ def test_hung_controller_is_waited_for_in_lockstep(clean):
         return [] if flight.now_us < silent_until_us else [datagram]
 
     flight.run(up=hang_for_two_seconds)
-    assert flight.vehicle.outcome is Outcome.DONE
+    assert flight.vehicle.outcome is VehicleOutcome.DONE
     assert flight.rows == clean.rows
-    assert flight.counters[Hitch.RESENT] == 2_000_000 // RESEND_US
+    assert flight.counters[TimingFault.RESENT] == 2_000_000 // RESEND_US
 
 
 def test_free_flight_whose_law_dies_lands_if_so_set_and_ends_before_its_script():
     flight = Flight(lockstep=False, duration_s=120.0, translation="free", altitude_m=3.0, wind=())
     flight.vehicle.autopilot.settings = replace(flight.vehicle.autopilot.settings, fail_safe=FailSafe.LAND)
     flight.run(up=lambda datagram, flown: [datagram] if flown < 250 else [])
-    assert flight.vehicle.outcome is Outcome.STREAM_LOST
+    assert flight.vehicle.outcome is VehicleOutcome.STREAM_LOST
     assert set(flight.modes[:499]) == {Mode.OFFBOARD.value}
     assert set(flight.modes[500:-1]) == {Mode.LAND.value}
     assert len(flight.rows) < 30 * 250

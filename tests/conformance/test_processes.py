@@ -1,4 +1,4 @@
-"""Real processes over real sockets: what a user, a ground station and a killer may do to them."""
+"""Real processes over real sockets, with actions of a user, a ground station and a killer."""
 
 import json
 import os
@@ -14,15 +14,15 @@ from dataclasses import replace
 import psutil
 import pytest
 
-from firmware_model import udp
-from firmware_model.autopilot import Mode
+from firmware_model.autopilot.modes import Mode
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.journal import read_journal
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.law import load_law
-from gustproof.outcome import Outcome
-from gustproof.sitl import fly
+from firmware_model.process import udp
+from firmware_model.recording.journal import read_journal
+from gustproof.law.form import load_law
+from gustproof.simulate.outcome import FlightOutcome
+from gustproof.simulate.processes import fly
 
 LONG = replace(load_scenario("paper"), duration_s=3600.0)  # nobody waits for its end
 MINUTES = replace(load_scenario("paper"), duration_s=300.0)
@@ -38,7 +38,7 @@ def child(module: str) -> psutil.Process:
 
 
 class AtFirstProgress:
-    """Does something once as soon as records of the flight have been seen."""
+    """Performs an action once, after the first records of the flight."""
 
     def __init__(self, action: Callable[[], None]) -> None:
         self.action: Callable[[], None] | None = action
@@ -68,7 +68,7 @@ def _no_process_is_left_behind() -> Iterator[None]:
 
 def test_killed_controller_is_named_and_the_fail_safe_flies_to_the_end(tmp_path):
     flight = fly_and(lambda: child("gustproof.controller").kill(), tmp_path, MINUTES)
-    assert flight.outcome is Outcome.CONTROLLER_LOST
+    assert flight.outcome is FlightOutcome.CONTROLLER_LOST
     assert "fail-safe" in flight.message
     assert len(flight.records) == MINUTES.samples
     modes = flight.records["mode"]
@@ -78,7 +78,7 @@ def test_killed_controller_is_named_and_the_fail_safe_flies_to_the_end(tmp_path)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_killed_autopilot_is_named_and_its_journal_is_readable(tmp_path, number):
     flight = fly_and(lambda: child("firmware_model").send_signal(number), tmp_path)
-    assert flight.outcome is Outcome.AUTOPILOT_LOST
+    assert flight.outcome is FlightOutcome.AUTOPILOT_LOST
     assert 0 < len(flight.records) < LONG.samples
     header, records = read_journal(flight.journal)
     assert header["scenario"] == LONG.name
@@ -90,7 +90,7 @@ def test_ctrl_c_ends_both_processes_and_keeps_what_was_flown(tmp_path):
         raise KeyboardInterrupt
 
     flight = fly_and(interrupt, tmp_path)
-    assert flight.outcome is Outcome.INTERRUPTED
+    assert flight.outcome is FlightOutcome.INTERRUPTED
     assert len(flight.records) > 0
 
 
@@ -193,7 +193,16 @@ def test_controller_tells_bad_input_in_one_line(arguments, words):
 
 @pytest.mark.parametrize("address", ["", "127.0.0.1:9\n"])
 def test_attended_controller_ends_when_who_started_it_has(address):
-    command = [sys.executable, "-m", "gustproof.controller", "--law", "hinf-d1", "--connect", "-", "--attended"]
+    command = [
+        sys.executable,
+        "-m",
+        "gustproof.controller",
+        "--law",
+        "hinf-d1",
+        "--connect",
+        "-",
+        "--exit-on-stdin-eof",
+    ]
     ended = subprocess.run(command, input=address, capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == (130 if address else 2)
     assert len(ended.stderr.splitlines()) == 1

@@ -1,4 +1,4 @@
-"""Real processes at the pace of the clock, on free ports; nothing here asks how fast the machine is."""
+"""Real processes at the pace of the clock, on free ports. No test depends on the machine's speed."""
 
 import json
 import math
@@ -16,16 +16,16 @@ import pytest
 from pydantic_core import to_jsonable_python
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.__main__ import greeting
-from firmware_model.autopilot import Mode
-from firmware_model.frames import parse
-from firmware_model.journal import read_journal, records_in
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.closed_loop import fly_direct
-from gustproof.law import load_law
-from gustproof.outcome import Outcome
-from gustproof.sitl import fly
+from firmware_model.__main__ import format_greeting
+from firmware_model.autopilot.modes import Mode
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink.frames import parse
+from firmware_model.recording.journal import count_records, read_journal
+from gustproof.law.form import load_law
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.outcome import FlightOutcome
+from gustproof.simulate.processes import fly
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 
@@ -116,7 +116,7 @@ class Pilot:
     ],
 )
 def test_standing_vehicle_says_how_each_client_connects(told, ways):
-    lines = greeting("vehicle", [18573, 14583], told).splitlines()
+    lines = format_greeting("vehicle", [18573, 14583], told).splitlines()
     clients = dict(zip(("QGroundControl", "MAVProxy", "MAVSDK", "pymavlink"), ways, strict=True))
     for client, way in clients.items():
         (line,) = [line for line in lines if line.startswith(f"  {client}")]
@@ -128,15 +128,15 @@ def test_standing_vehicle_says_how_each_client_connects(told, ways):
 def test_scripted_flight_in_real_time_is_flown_to_the_end_and_tells_its_delays(tmp_path, rate_hz):
     scenario = replace(load_scenario("paper-turbulence"), duration_s=2.0, control_rate_hz=rate_hz)
     law, _ = derive(replace(load_design("D1"), dt=scenario.dt))
-    flight = fly(scenario, law, vehicle=load_vehicle("paper"), out=tmp_path, real_time=True, usual_ports=False)
-    assert flight.outcome is Outcome.DONE
+    flight = fly(scenario, law, vehicle=load_vehicle("paper"), out=tmp_path, real_time=True, default_ports=False)
+    assert flight.outcome is FlightOutcome.DONE
     assert len(flight.records) == scenario.samples
     assert set(flight.records["mode"]) == {Mode.OFFBOARD.value}
-    assert flight.pace is not None
-    assert 0 <= flight.pace["late_p50_us"] <= flight.pace["late_p99_us"] <= flight.pace["late_worst_us"]
-    assert (flight.pace["missed"] == 0) is (flight.pace["late_worst_us"] <= scenario.sample_us)
-    assert flight.pace["fifo"] in (True, False)
-    assert flight.pace["missed_samples"] == 0
+    assert flight.timing is not None
+    assert 0 <= flight.timing["late_p50_us"] <= flight.timing["late_p99_us"] <= flight.timing["late_worst_us"]
+    assert (flight.timing["missed"] == 0) is (flight.timing["late_worst_us"] <= scenario.sample_us)
+    assert flight.timing["fifo"] in (True, False)
+    assert flight.timing["missed_samples"] == 0
 
 
 def test_law_that_hangs_for_a_moment_steps_all_that_waited_and_keeps_its_attitude(tmp_path):
@@ -149,7 +149,7 @@ def test_law_that_hangs_for_a_moment_steps_all_that_waited_and_keeps_its_attitud
         address = f"127.0.0.1:{port}"
         with process("gustproof.controller", "--law", "pid-fair", "--real-time", "--connect", address, *flown) as law:
             end = time.monotonic() + PATIENCE_S
-            while records_in(journal) < 250:
+            while count_records(journal) < 250:
                 assert time.monotonic() < end
                 time.sleep(0.01)
             law.send_signal(signal.SIGSTOP)
@@ -159,7 +159,7 @@ def test_law_that_hangs_for_a_moment_steps_all_that_waited_and_keeps_its_attitud
     assert [each["outcome"] for each in told] == ["done", "done"]
     assert told[1]["missed_samples"] == 0
     assert told[1]["late_samples"] > 80
-    assert "too_much" not in told[0]["counters"] | told[1]["counters"]
+    assert "rate_limited" not in told[0]["counters"] | told[1]["counters"]
     _, records = read_journal(journal)
     unstopped = fly_direct(scenario, load_law("pid-fair"), vehicle=load_vehicle("paper"))
     # Small angles: q is 1 and half of roll, pitch, yaw.
@@ -178,11 +178,11 @@ def test_pilot_flies_a_standing_vehicle_gives_it_to_a_law_takes_it_back_and_land
         pilot.until(lambda: pilot.mode == Mode.HOLD.value, "take-off")
         with process("gustproof.controller", "--law", "hinf-scheduled", "--connect", f"127.0.0.1:{port}") as law:
             pilot.until(lambda: pilot.mode == Mode.OFFBOARD.value, "the law takes the vehicle")
-            pilot.until(lambda: "law 'hinf-scheduled' flies" in pilot.texts, "the law says so")
+            pilot.until(lambda: "hinf-scheduled in control" in pilot.texts, "the law says so")
             pilot.set_mode(*HOLD)
-            pilot.until(lambda: "law 'hinf-scheduled' stands by" in pilot.texts, "the law gives way")
+            pilot.until(lambda: "hinf-scheduled standing by" in pilot.texts, "the law gives way")
             pilot.set_mode(*OFFBOARD)
-            pilot.until(lambda: pilot.texts.count("law 'hinf-scheduled' flies") == 2, "the law flies again")
+            pilot.until(lambda: pilot.texts.count("hinf-scheduled in control") == 2, "the law flies again")
             pilot.until(lambda: 191 in pilot.components, "the controller's own heartbeat")
             pilot.order(wire.MAV_CMD_NAV_LAND)
             pilot.until(lambda: not pilot.armed, "landing")

@@ -1,4 +1,4 @@
-"""What one flight leaves behind, read by programs of others, and the flight flown again from its bag alone."""
+"""Recordings of one flight, read by foreign programs, and the flight repeated from its bag alone."""
 
 import json
 import math
@@ -15,7 +15,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag
 
 SCRIPT = 'description = "short"\nduration_s = 2.0\n[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 15.4\n'
@@ -34,7 +34,7 @@ def run(tmp_path_factory):
     """A flight whose scenario and law are gone."""
     folder = tmp_path_factory.mktemp("recordings")
     (folder / "short.toml").write_text(SCRIPT)
-    law = json.loads(Path(sys.modules["gustproof.law"].LAWS / "hinf-scheduled.json").read_text())
+    law = json.loads(Path(sys.modules["gustproof.law.form"].LAWS / "hinf-scheduled.json").read_text())
     (folder / "mine.json").write_text(json.dumps({**law, "name": "mine"}))
     ended = fly(
         folder, "short.toml", "--law", "mine.json", "--vehicle", "iris", "--anyway", "--seed", "5", "--out", "run1",
@@ -60,8 +60,8 @@ def test_a_flight_is_flown_again_from_its_bag_alone_byte_for_byte(run):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--repeat", "run1", "--law", "hinf-d1"), "'law' can't be given with it"),
-        (("--repeat", "run1", "--seed", "1"), "'seed' can't be given with it"),
+        (("--repeat", "run1", "--law", "hinf-d1"), "'law' cannot be given with it"),
+        (("--repeat", "run1", "--seed", "1"), "'seed' cannot be given with it"),
         (("--repeat", "."), "no bag in it"),
     ],
 )

@@ -1,4 +1,4 @@
-"""`gustproof report` in Debian's Chromium: what a colleague sees who opens the file."""
+"""`gustproof report` in Debian's Chromium, as a colleague opens the file."""
 
 import base64
 import io
@@ -12,13 +12,13 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.closed_loop import fly_direct
-from gustproof.flight import Plan
-from gustproof.law import load_law
-from gustproof.metrics import attitude
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag, write_bag
+from gustproof.scoring.metrics import attitude
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.flight import FlightPlan
 
 LAWS = ("hinf-d1", "pid-fair")
 DURATION = 12.0
@@ -31,9 +31,9 @@ def runs(tmp_path_factory):
     folder, vehicle = tmp_path_factory.mktemp("flights"), load_vehicle("paper")
     scenario = replace(load_scenario("paper-turbulence"), duration_s=DURATION)
     for name in LAWS:
-        plan = Plan(scenario, load_law(name), vehicle, 1, False)
+        plan = FlightPlan(scenario, load_law(name), vehicle, 1, False)
         records = fly_direct(scenario, plan.law, vehicle=vehicle, seed=1)
-        write_bag(folder / name / plan.name, records, {**plan.note(), "outcome": "done"})
+        write_bag(folder / name / plan.name, records, {**plan.metadata(), "outcome": "done"})
     return [folder / name for name in LAWS]
 
 
@@ -49,13 +49,13 @@ def page(runs):
 
 @pytest.fixture(scope="module")
 def flights(runs):
-    """What the bags hold, read back."""
+    """The contents of the bags."""
     return [read_bag(next(run.iterdir()))[1] for run in runs]
 
 
 @pytest.fixture
 def opened(browser, page):
-    """Open the page, and see at the end that nothing was complained of and nobody else was asked for anything."""
+    """Open the page, and check at the end that it logged no complaint and requested nothing else."""
 
     def see(**window):
         browser.open(page.as_uri(), **window)
@@ -124,7 +124,7 @@ def test_the_attitude_shown_is_that_of_the_bag(opened, flights):
 
 
 def test_the_vehicle_is_drawn_as_the_bag_has_it_turned(opened, flights):
-    """Rotor hubs against the rotation matrix and a camera of its own: not the script's way of either."""
+    """Compare rotor hubs with an independent rotation matrix and camera."""
     browser = opened()
     azimuth, elevation = browser.run("[camera.azimuth, camera.elevation]")
     ahead = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])

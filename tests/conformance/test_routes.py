@@ -5,15 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.plant_events import ActuatorEffect, ActuatorLag, AttitudeReference, GyroBias, GyroNoise, Payload
-from firmware_model.rotations import euler_angles
-from firmware_model.scenario import AccelerometerFault, load_scenario
-from firmware_model.vehicle import load_vehicle
-from firmware_model.wind import Constant, GustReplay, GustStep, Shear
-from gustproof.closed_loop import fly_direct
-from gustproof.law import load_law
-from gustproof.outcome import Outcome
-from gustproof.sitl import fly, fly_loopback
+from firmware_model.config.events import (
+    ActuatorEffect,
+    ActuatorLag,
+    AttitudeReference,
+    GyroBias,
+    GyroNoise,
+    Payload,
+)
+from firmware_model.config.scenario import AccelerometerFault, load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.waveforms import Constant, GustReplay, GustStep, Shear
+from firmware_model.numerics.rotations import euler_angles
+from gustproof.law.form import load_law
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.loopback import fly_loopback
+from gustproof.simulate.outcome import FlightOutcome
+from gustproof.simulate.processes import fly
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 
@@ -70,7 +78,7 @@ def test_a_law_turns_to_the_reference_of_the_scenario(law):
     records = fly_direct(scenario, load_law(law), vehicle=load_vehicle("paper"))
     angles = np.degrees(euler_angles(records["q_NB"]))
     assert np.max(np.abs(angles[:125])) < 0.1
-    # A linear law takes the integrals of rates for angles: an error of the second order, 4 deg times 6 deg.
+    # A linear law integrates rates as angles, which is an error of second order: 4 deg times 6 deg.
     np.testing.assert_allclose(angles[-1], turn.euler_deg, atol=0.5)
 
 
@@ -102,7 +110,7 @@ def test_two_processes_equal_direct_to_the_bit(law, scenario, tmp_path):
     flown, airframe = load_law(law), load_vehicle("paper")
     told: list[float] = []
     flight = fly(scenario, flown, vehicle=airframe, seed=7, out=tmp_path, progress=told.append)
-    assert (flight.outcome, flight.counters) == (Outcome.DONE, {})
+    assert (flight.outcome, flight.counters) == (FlightOutcome.DONE, {})
     assert flight.records.tobytes() == fly_direct(scenario, flown, vehicle=airframe, seed=7).tobytes()
     assert flight.realtime_factor > 0.0
     assert told == sorted(told)
@@ -113,7 +121,7 @@ def test_at_1_khz_two_processes_equal_direct_to_the_bit(tmp_path):
     scenario, airframe = replace(TWO_SECONDS, control_rate_hz=1000), load_vehicle("paper")
     law, _ = derive(replace(load_design("D1"), dt=scenario.dt))
     flight = fly(scenario, law, vehicle=airframe, seed=7, out=tmp_path)
-    assert (flight.outcome, flight.counters, flight.pace) == (Outcome.DONE, {}, None)
+    assert (flight.outcome, flight.counters, flight.timing) == (FlightOutcome.DONE, {}, None)
     assert flight.records.tobytes() == fly_direct(scenario, law, vehicle=airframe, seed=7).tobytes()
 
 

@@ -1,4 +1,4 @@
-"""Signing between processes: the vehicle's on one side, on the other pymavlink's `mavutil` as its users write it."""
+"""Signing between the vehicle's process and pymavlink's `mavutil`, written as its users do."""
 
 import json
 import signal
@@ -13,14 +13,14 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model import udp
-from firmware_model.endpoint import VehicleEndpoint
-from firmware_model.frames import Dropped, parse
-from firmware_model.scenario import load_scenario
-from firmware_model.signing import Signing
-from firmware_model.vehicle import load_vehicle
-from gustproof.controller.endpoint import ControllerEndpoint, Outcome
-from gustproof.law import load_law
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink.frames import RejectReason, parse
+from firmware_model.mavlink.signing import Signing
+from firmware_model.process import udp
+from firmware_model.session.vehicle_endpoint import VehicleEndpoint
+from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
+from gustproof.law.form import load_law
 
 KEY = bytes(range(32))
 UNIX_US = 1_700_000_000_000_000
@@ -50,7 +50,7 @@ print(json.dumps({
 
 
 class Vehicle:
-    """A standing vehicle's process on a free port, and what it says in the end."""
+    """Process of a vehicle on the ground at a free port, with its last output."""
 
     def __init__(self, *options: str) -> None:
         self.process = subprocess.Popen(
@@ -112,7 +112,7 @@ def test_overheard_frame_is_refused_from_another_address(key):
             for datagram in datagrams:
                 end.sendto(datagram, ("127.0.0.1", vehicle.port))
             (frame, *_) = parse(end.recv(2048))
-            assert frame.signed
+            assert frame.is_signed
         told = vehicle.last_words()
     assert told["counters"]["replayed"] == 2
     assert [link["in"] for link in told["links"].values()] == [1, 1]
@@ -144,6 +144,6 @@ def test_controller_flies_with_the_key_of_its_vehicle_alone(key):
         for datagram, _ in vehicle.poll(now_us):
             controller.receive(datagram, vehicle_at, now_us)
         now_us += 1_000
-    assert controller.outcome is (Outcome.DONE if key == KEY else Outcome.NOT_STARTED)
-    refusals = {Dropped.NOT_SIGNED: key is None, Dropped.WRONG_SIGNATURE: key == bytes(32)}
+    assert controller.outcome is (ControllerOutcome.DONE if key == KEY else ControllerOutcome.NOT_STARTED)
+    refusals = {RejectReason.NOT_SIGNED: key is None, RejectReason.WRONG_SIGNATURE: key == bytes(32)}
     assert {cause: cause in vehicle.counters for cause in refusals} == refusals

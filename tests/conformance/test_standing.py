@@ -1,4 +1,4 @@
-"""A standing vehicle, a pilot at a ground station and a law, on one virtual clock: who flies, and how that changes."""
+"""A vehicle on the ground, a pilot at a ground station and a law, on one virtual clock: control and its transfer."""
 
 import math
 import struct
@@ -8,15 +8,15 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot import Landed, Mode
-from firmware_model.endpoint import VehicleEndpoint
-from firmware_model.flight import Hitch
-from firmware_model.frames import Dropped, parse
-from firmware_model.scenario import Scenario, load_scenario
-from firmware_model.vehicle import load_vehicle
-from firmware_model.wind import Constant
+from firmware_model.autopilot.modes import LandedState, Mode
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.waveforms import Constant
+from firmware_model.mavlink.frames import RejectReason, parse
+from firmware_model.session.pacing import TimingFault
+from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from gustproof.controller.endpoint import ControllerEndpoint, Phase
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 
 VEHICLE, CONTROLLER, PILOT = (1, ("vehicle", 1)), (1, ("controller", 1)), (0, ("pilot", 1))
 ARM, TAKEOFF, LAND = wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_CMD_NAV_TAKEOFF, wire.MAV_CMD_NAV_LAND
@@ -32,13 +32,13 @@ def untouched(datagram: bytes) -> list[bytes]:
 
 
 class Airfield:
-    """The vehicle in real time, a pilot, and a controller that may join; `up` tampers with what the controller says."""
+    """The vehicle in real time, a pilot, and a controller that may join; `up` alters the controller's datagrams."""
 
     def __init__(self, *, air: Scenario = CALM, free: bool = True) -> None:
         scenario = replace(air, translation="free" if free else "held")
         self.modes: list[float] = []
         self.vehicle = VehicleEndpoint(
-            load_vehicle("paper"), scenario, 1, lambda row: self.modes.append(row[-1]), lockstep=False, standing=True
+            load_vehicle("paper"), scenario, 1, lambda row: self.modes.append(row[-1]), lockstep=False, interactive=True
         )
         self.controller: ControllerEndpoint | None = None
         self.up: Tamper = untouched
@@ -59,7 +59,7 @@ class Airfield:
     @property
     def height(self) -> float:
         """[m] Above home."""
-        return self.autopilot.home_N[2] - self.loop.truth("position_N")[2]
+        return self.autopilot.home_N[2] - self.loop.true_vector("position_N")[2]
 
     @property
     def texts(self) -> list[str]:
@@ -131,7 +131,7 @@ def field() -> Airfield:
 
 @pytest.fixture
 def flown(field) -> Airfield:
-    """A law that was given a vehicle in hover, and has flown it for a second."""
+    """A law one second after it took over a vehicle in hover."""
     field.take_off()
     field.join()
     field.until(lambda: field.autopilot.mode is Mode.OFFBOARD, 3.0)
@@ -142,16 +142,16 @@ def flown(field) -> Airfield:
 
 def test_vehicle_takes_off_to_10_m_holds_lands_and_disarms(field):
     field.run(2.0)
-    assert (field.autopilot.landed, field.height) == (Landed.ON_GROUND, pytest.approx(0.0, abs=1e-6))
+    assert (field.autopilot.landed_state, field.height) == (LandedState.ON_GROUND, pytest.approx(0.0, abs=1e-6))
     field.take_off()
     assert field.height == pytest.approx(10.0, abs=0.3)
-    assert field.autopilot.landed is Landed.IN_AIR
+    assert field.autopilot.landed_state is LandedState.IN_AIR
     field.run(5.0)
-    assert math.dist(field.loop.truth("position_N"), (0.0, 0.0, field.autopilot.home_N[2] - 10.0)) < 0.3
+    assert math.dist(field.loop.true_vector("position_N"), (0.0, 0.0, field.autopilot.home_N[2] - 10.0)) < 0.3
     assert field.order(LAND) == wire.MAV_RESULT_ACCEPTED
-    assert field.autopilot.landed is Landed.LANDING
+    assert field.autopilot.landed_state is LandedState.LANDING
     field.until(lambda: not field.autopilot.armed, 40.0)
-    assert field.autopilot.landed is Landed.ON_GROUND
+    assert field.autopilot.landed_state is LandedState.ON_GROUND
     assert field.height == pytest.approx(0.0, abs=0.05)
     assert field.texts[-2:] == ["take-off height reached: HOLD", "landed: disarmed"]
 
@@ -165,29 +165,29 @@ def test_vehicle_takes_off_again_after_it_has_landed(field):
 
 def test_return_comes_home_and_lands(field):
     field.take_off(5.0)
-    field.order(SET_MODE, 1.0, 7.0)  # level: it drifts with what it has
+    field.order(SET_MODE, 1.0, 7.0)  # level: it keeps its drift
     field.run(5.0)
     assert field.order(SET_MODE, 1.0, AUTO, RETURN) == wire.MAV_RESULT_ACCEPTED
     field.until(lambda: not field.autopilot.armed, 90.0)
-    north, east, _ = field.loop.truth("position_N")
+    north, east, _ = field.loop.true_vector("position_N")
     assert math.hypot(north, east) < 1.0
 
 
 def test_level_flight_drifts_with_the_wind_and_hold_does_not():
     field = Airfield(air=replace(CALM, wind=(Constant(kind="constant", velocity_mps=(0.0, 4.0, 0.0)),)))
     field.take_off()
-    assert abs(field.loop.truth("velocity_N")[1]) < 0.1
+    assert abs(field.loop.true_vector("velocity_N")[1]) < 0.1
     field.order(SET_MODE, 1.0, 7.0)
     field.run(20.0)
-    north, east, _ = field.loop.truth("position_N")
+    north, east, _ = field.loop.true_vector("position_N")
     assert east > 5.0  # blowing toward the east
     assert abs(north) < 0.5
     assert field.height == pytest.approx(10.0, abs=0.3)
     field.order(SET_MODE, 1.0, AUTO, HOLD)
     field.run(10.0)
-    held = field.loop.truth("position_N")
+    held = field.loop.true_vector("position_N")
     field.run(10.0)
-    assert math.dist(field.loop.truth("position_N"), held) < 0.2
+    assert math.dist(field.loop.true_vector("position_N"), held) < 0.2
 
 
 def test_disarming_in_the_air_is_refused_with_a_text_and_by_force_it_falls(field):
@@ -200,7 +200,7 @@ def test_disarming_in_the_air_is_refused_with_a_text_and_by_force_it_falls(field
 
 
 def test_law_takes_a_hovering_vehicle_and_is_announced_to_the_pilot(flown):
-    assert "law 'hinf-scheduled' flies" in flown.texts
+    assert "hinf-scheduled in control" in flown.texts
     seen = {(m.get_srcComponent(), m.type) for m in flown.heard if m.get_type() == "HEARTBEAT"}
     assert seen == {(1, 2), (191, 18)}
     flown.run(5.0)
@@ -222,12 +222,12 @@ def test_pilot_takes_the_vehicle_from_the_law_and_gives_it_back(flown):
     flown.run(30.0)
     assert flown.autopilot.mode is Mode.HOLD
     assert flown.controller.phase is Phase.STANDING_BY
-    assert flown.autopilot.stream_alive
+    assert flown.autopilot.is_stream_alive
     assert flown.order(SET_MODE, 1.0, OFFBOARD) == wire.MAV_RESULT_ACCEPTED
     flown.run(2.0)
     assert flown.autopilot.mode is Mode.OFFBOARD
     assert flown.controller.phase is Phase.FLYING
-    assert flown.texts.count("law 'hinf-scheduled' flies") == 2
+    assert flown.texts.count("hinf-scheduled in control") == 2
     assert flown.height == pytest.approx(10.0, abs=0.5)
 
 
@@ -256,7 +256,7 @@ def test_dead_law_leads_to_the_fail_safe_that_was_set(flown, action, mode, text)
     flown.run(1.2)
     assert flown.autopilot.mode is mode
     assert f"set-points stopped: fail-safe to {text}" in flown.texts
-    # The stream comes back and is told of, but only the pilot can give the vehicle back.
+    # The stream comes back and is announced, but only the pilot can return control.
     flown.up = untouched
     flown.run(3.0)
     assert flown.autopilot.mode is mode
@@ -272,13 +272,13 @@ def kind(datagram: bytes) -> int:
 
 
 def test_law_that_hangs_for_less_than_the_time_out_is_held_and_flies_on(flown):
-    held = flown.vehicle.flight.counters[Hitch.HELD]
+    held = flown.vehicle.flight.counters[TimingFault.HELD]
     flown.up = lambda _: []
     flown.run(0.8)
     flown.up = untouched
     flown.run(1.0)
     assert flown.autopilot.mode is Mode.OFFBOARD
-    assert 195 <= flown.vehicle.flight.counters[Hitch.HELD] - held <= 205
+    assert 195 <= flown.vehicle.flight.counters[TimingFault.HELD] - held <= 205
 
 
 def test_law_that_floods_flies_and_no_sample_is_late(flown):
@@ -286,7 +286,7 @@ def test_law_that_floods_flies_and_no_sample_is_late(flown):
     flown.run(1.0)
     assert flown.autopilot.mode is Mode.OFFBOARD
     assert flown.height == pytest.approx(10.0, abs=0.5)
-    assert not flown.vehicle.flight.counters[Hitch.OVERRUN]
+    assert not flown.vehicle.flight.counters[TimingFault.OVERRUN]
 
 
 def test_late_answers_fly_as_they_come(flown):
@@ -316,7 +316,7 @@ def test_stale_stamps_are_counted_and_not_flown(flown):
     flown.up = old_one_after_each
     flown.run(1.0)
     assert flown.autopilot.mode is Mode.OFFBOARD
-    assert 245 <= flown.vehicle.counters[Dropped.STALE] <= 255
+    assert 245 <= flown.vehicle.counters[RejectReason.STALE] <= 255
 
 
 def test_stamps_that_stay_behind_are_a_dead_stream(flown):
@@ -333,27 +333,27 @@ def test_stamps_that_stay_behind_are_a_dead_stream(flown):
     assert flown.autopilot.mode is Mode.OFFBOARD
     flown.run(0.2)
     assert flown.autopilot.mode is Mode.STABILIZED
-    assert flown.vehicle.counters[Dropped.STALE] > 240
+    assert flown.vehicle.counters[RejectReason.STALE] > 240
 
 
 def test_stand_is_clamped_until_armed_and_lands_by_levelling():
     stand = Airfield(air=load_scenario("paper"), free=False)
     stand.run(2.0)
     assert stand.loop.q_NB == (1.0, 0.0, 0.0, 0.0)
-    assert stand.autopilot.landed is Landed.ON_GROUND
+    assert stand.autopilot.landed_state is LandedState.ON_GROUND
     stand.join()
     stand.run(2.0)
     assert stand.order(ARM, 1.0) == wire.MAV_RESULT_ACCEPTED
     assert stand.order(SET_MODE, 1.0, OFFBOARD) == wire.MAV_RESULT_ACCEPTED
     stand.run(2.0)
-    assert stand.autopilot.landed is Landed.IN_AIR
+    assert stand.autopilot.landed_state is LandedState.IN_AIR
     assert stand.loop.q_NB != (1.0, 0.0, 0.0, 0.0)
-    assert stand.loop.truth("position_N") == (0.0, 0.0, -10.0)
+    assert stand.loop.true_vector("position_N") == (0.0, 0.0, -10.0)
     assert stand.order(SET_MODE, 1.0, AUTO, RETURN) == wire.MAV_RESULT_DENIED
     assert stand.texts[-1] == "held on the test stand: refused"
     stand.order(LAND)
     stand.until(lambda: not stand.autopilot.armed, 20.0)
-    assert stand.autopilot.landed is Landed.ON_GROUND
+    assert stand.autopilot.landed_state is LandedState.ON_GROUND
 
 
 @pytest.mark.parametrize(
@@ -377,7 +377,7 @@ def test_set_points_of_the_pilots_own_program_are_flown(field, mask, q_NB, rates
     assert field.order(SET_MODE, 1.0, OFFBOARD) == wire.MAV_RESULT_ACCEPTED
     stream(3.0)
     assert field.autopilot.mode is Mode.OFFBOARD
-    assert field.loop.truth("omega_B") == pytest.approx(gyro, abs=0.02)
+    assert field.loop.true_vector("omega_B") == pytest.approx(gyro, abs=0.02)
     if mask != 128:
         assert field.loop.q_NB == pytest.approx(q_NB, abs=0.01)
     field.run(1.5)
@@ -391,9 +391,9 @@ def test_second_stream_is_refused_while_the_first_is_alive_and_flies_after_it(fl
             flown.run(0.05)
 
     stream()
-    assert flown.vehicle.counters[Dropped.NOT_IN_COMMAND] == 10
+    assert flown.vehicle.counters[RejectReason.NOT_IN_COMMAND] == 10
     flown.up = lambda _: []
     flown.run(1.2)
     stream()
     assert flown.order(SET_MODE, 1.0, OFFBOARD) == wire.MAV_RESULT_ACCEPTED
-    assert flown.vehicle.counters[Dropped.NOT_IN_COMMAND] == 10
+    assert flown.vehicle.counters[RejectReason.NOT_IN_COMMAND] == 10

@@ -1,4 +1,4 @@
-"""What vehicle and controller do at once in lockstep is, to the byte, what they do step by step."""
+"""The fast path of lockstep sends the same bytes as the step-by-step path."""
 
 import math
 from dataclasses import replace
@@ -8,16 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model import messages
-from firmware_model.endpoint import VehicleEndpoint
-from firmware_model.frames import parse
-from firmware_model.outcome import Outcome
-from firmware_model.scenario import load_scenario
-from firmware_model.signals import AttitudeTarget, ImuSample, TorqueCommand
-from firmware_model.turns import Turns
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink import messages
+from firmware_model.mavlink.frames import parse
+from firmware_model.session.outcome import VehicleOutcome
+from firmware_model.session.vehicle_endpoint import VehicleEndpoint
+from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
 from gustproof.controller.endpoint import ControllerEndpoint
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 
 VEHICLE, CONTROLLER, STATION = (0, ("vehicle", 1)), (0, ("controller", 1)), (0, ("station", 1))
 float32 = st.floats(-1.0, 1.0, width=32)
@@ -33,36 +32,37 @@ def packer(component: int, sequence: int) -> wire.MAVLink:
 
 @given(st.integers(0, 2**62), vectors, vectors, sequences)
 def test_sample_made_at_once_is_the_one_of_pymavlink_and_read_as_usual(time_us, force, rate, sequence):
-    datagram = messages.samples(1).make(sequence, time_us, *force, *rate)
+    datagram = messages.imu_template(1).make(sequence, time_us, *force, *rate)
     unmeasured = [0.0] * 7
     message = wire.MAVLink_highres_imu_message(time_us, *force, *rate, *unmeasured, 0x3F)
     assert datagram == message.pack(packer(1, sequence))
-    assert messages.samples(1).read(datagram, sequence) == (time_us, *force, *rate)
-    assert messages.imu_sample(parse(datagram)[0]) == ImuSample(time_us, rate, force)
+    assert messages.imu_template(1).read(datagram, sequence) == (time_us, *force, *rate)
+    assert messages.parse_imu(parse(datagram)[0]) == ImuSample(time_us, rate, force)
 
 
 @given(st.integers(0, 2**62), vectors, sequences)
 def test_torques_made_at_once_are_those_of_pymavlink_and_read_as_usual(time_us, torque, sequence):
-    datagram = messages.torques(1).make(sequence, time_us, *torque, math.nan)
+    datagram = messages.torque_template(1).make(sequence, time_us, *torque, math.nan)
     message = wire.MAVLink_set_actuator_control_target_message(
         time_us, 0, 1, 1, (*torque, math.nan, 0.0, 0.0, 0.0, 0.0)
     )
     assert datagram == message.pack(packer(191, sequence))
-    assert messages.torques(1).read(datagram, sequence)[:4] == (time_us, *torque)
-    assert messages.command(parse(datagram)[0], 1) == TorqueCommand(time_us, torque, None)
+    assert messages.torque_template(1).read(datagram, sequence)[:4] == (time_us, *torque)
+    assert messages.parse_command(parse(datagram)[0], 1) == TorqueCommand(time_us, torque, None)
 
 
 @given(st.integers(0, 2**32 - 1), vectors, st.floats(0.0, 1.0, width=32), sequences)
 def test_rates_made_at_once_are_those_of_pymavlink_and_read_as_usual(time_ms, rate, thrust, sequence):
-    datagram = messages.rates(1).make(sequence, time_ms, *rate, thrust)
+    datagram = messages.rate_template(1).make(sequence, time_ms, *rate, thrust)
     message = wire.MAVLink_set_attitude_target_message(time_ms, 1, 1, 128, (0.0, 0.0, 0.0, 0.0), *rate, thrust)
     assert datagram == message.pack(packer(191, sequence))
-    assert messages.rates(1).read(datagram, sequence) == (time_ms, *rate, thrust)
-    assert messages.command(parse(datagram)[0], 1) == AttitudeTarget(time_ms * 1000, None, rate, thrust)
+    assert messages.rate_template(1).read(datagram, sequence) == (time_ms, *rate, thrust)
+    assert messages.parse_command(parse(datagram)[0], 1) == AttitudeTarget(time_ms * 1000, None, rate, thrust)
 
 
 @pytest.mark.parametrize(
-    ("series", "changing"), [(messages.samples(1), 6), (messages.torques(1), 4), (messages.rates(1), 4)]
+    ("series", "changing"),
+    [(messages.imu_template(1), 6), (messages.torque_template(1), 4), (messages.rate_template(1), 4)],
 )
 def test_what_differs_by_a_bit_or_a_byte_or_in_its_number_is_not_read_at_once(series, changing):
     datagram = series.make(7, 4000, *[0.5] * changing)
@@ -81,9 +81,9 @@ ALTERED = {60: (1.5, (0,)), 80: (-0.5, (3,)), 120: (math.nan, (1,))}
 
 
 def altered(datagram: bytes, value: float, fields: tuple[int, ...]) -> bytes:
-    """Return a set-point with another value of the fields behind its stamp; anything else as it is."""
+    """Return a set-point with other fields behind its stamp, and anything else unchanged."""
     (frame,) = parse(datagram)
-    series = {139: messages.torques(1), 82: messages.rates(1)}.get(frame.message_id)
+    series = {139: messages.torque_template(1), 82: messages.rate_template(1)}.get(frame.message_id)
     values = series.read(datagram, frame.sequence) if series else None
     if values is None:
         return datagram
@@ -135,7 +135,7 @@ class Pair:
     def figures(self) -> tuple:
         return (
             self.vehicle.links,
-            self.controller.traffic.figures(),
+            self.controller.channel.stats(),
             self.vehicle.counters,
             self.vehicle.flight.counters,
         )
@@ -145,15 +145,17 @@ class Pair:
 @pytest.mark.parametrize("law", ["hinf-scheduled", "hinf-rates"])
 def test_turns_leave_every_datagram_record_and_figure_as_they_are_step_by_step(law, watched, monkeypatch):
     taken = []
-    take = Turns.take
-    monkeypatch.setattr(Turns, "take", lambda *arguments: taken.append(take(*arguments)) or taken[-1])
+    step = VehicleEndpoint._step_lockstep
+    monkeypatch.setattr(
+        VehicleEndpoint, "_step_lockstep", lambda *arguments: taken.append(step(*arguments)) or taken[-1]
+    )
     at_once = Pair(law, watched=watched)
-    monkeypatch.setattr(Turns, "take", lambda *_: None)
-    monkeypatch.setattr(ControllerEndpoint, "_turn", lambda *_: False)
+    monkeypatch.setattr(VehicleEndpoint, "_step_lockstep", lambda *_: False)
+    monkeypatch.setattr(ControllerEndpoint, "_answer_fast", lambda *_: False)
     step_by_step = Pair(law, watched=watched)
-    assert at_once.vehicle.outcome is step_by_step.vehicle.outcome is Outcome.DONE
+    assert at_once.vehicle.outcome is step_by_step.vehicle.outcome is VehicleOutcome.DONE
     assert at_once.rows == step_by_step.rows
     assert at_once.said == step_by_step.said
     assert at_once.figures == step_by_step.figures
-    turns = sum(datagram is not None for datagram in taken)
+    turns = sum(taken)
     assert turns > 100 if watched else turns > 240

@@ -1,4 +1,4 @@
-"""The live page in Debian's Chromium, with flights by real processes; nothing here asks how fast the machine is."""
+"""The live page in Debian's Chromium, with flights by real processes. No test depends on the machine's speed."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -11,17 +11,19 @@ import numpy as np
 import psutil
 import pytest
 
-from firmware_model.journal import records_in
-from firmware_model.link import Delay
-from firmware_model.params import PAUSE_NAME
-from firmware_model.requirement import Metric, Requirement
-from firmware_model.rotations import euler_angles
-from firmware_model.scenario import Scenario, load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.law import load_law
-from gustproof.outcome import Outcome
-from gustproof.sitl import Flight, fly, fly_loopback
-from gustproof.view.live import LivePage
+from firmware_model.autopilot.parameters import PAUSE_NAME
+from firmware_model.config.link_faults import Delay
+from firmware_model.config.requirement import Metric, Requirement
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.numerics.rotations import euler_angles
+from firmware_model.recording.journal import count_records
+from gustproof.law.form import load_law
+from gustproof.live.live import LivePage
+from gustproof.simulate.flight import Flight
+from gustproof.simulate.loopback import fly_loopback
+from gustproof.simulate.outcome import FlightOutcome
+from gustproof.simulate.processes import fly
 
 LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")
 PATIENCE_S = 200.0  # kernels may have to be compiled first
@@ -49,7 +51,13 @@ class Watched:
     def _fly(self, script: Scenario, out: Path, real_time: bool) -> None:
         self.page.wait()
         flight = fly(
-            script, LAW, vehicle=VEHICLE, out=out, real_time=real_time, usual_ports=False, watched=self.page.watch
+            script,
+            LAW,
+            vehicle=VEHICLE,
+            out=out,
+            real_time=real_time,
+            default_ports=False,
+            on_listening=self.page.watch,
         )
         self.page.end(flight.message, flight.records)
         self.flight = flight
@@ -68,7 +76,7 @@ def watched(script: Scenario, out: Path, *, real_time: bool) -> Iterator[Watched
             yield flight
         finally:
             page._start(True)
-            page._wish(PAUSE_NAME, 0.0)
+            page._request(PAUSE_NAME, 0.0)
             flight._thread.join(PATIENCE_S)
 
 
@@ -117,16 +125,16 @@ def text(browser, name: str) -> str:
 
 
 def assert_clean(browser, page: LivePage) -> None:
-    browser.run("0")  # all that was said before is read with the answer
+    browser.run("0")  # all earlier messages are read with the answer
     assert browser.complaints == []
     assert browser.requests
     assert [request for request in browser.requests if not request.startswith((page.address, "data:"))] == []
 
 
 def assert_attitude_is_the_recordings(browser, flight: Flight) -> None:
-    """All rows that the page has are those of the journal, and the last is what it draws when the flight is over.
+    """All rows of the page are those of the journal, and the last one is drawn at the end of the flight.
 
-    In real time the state after the last sample may be told too, which no record has.
+    In real time the page may also have the state after the last sample, which no record has.
     """
     rows = np.array(browser.run("gustproof.rows.attitude"))
     sample = np.rint(rows[:, 0] / flight.scenario.dt).astype(int)
@@ -142,7 +150,7 @@ def assert_attitude_is_the_recordings(browser, flight: Flight) -> None:
 
 
 def assert_age_is_the_recordings(browser, flight: Flight) -> None:
-    """Each row has the oldest command since the row before; that of the last row is told in words."""
+    """Each row has the oldest command since the row before; that of the last row is shown as text."""
     age_ms = flight.scenario.sample_us / 1000 * flight.records["command_age"][:, 0]
     last = range(0, len(age_ms), 5)
     oldest = [age_ms[max(sample - 4, 0) : sample + 1].max() for sample in last]
@@ -167,7 +175,7 @@ def test_lockstep_flight_is_started_paused_and_shown_and_is_the_same_to_the_bit(
         click(browser, "start")
         until(lambda: phase(browser) == "over", "the flight is over")
         flown = flight.flown()
-        assert flown.outcome is Outcome.DONE
+        assert flown.outcome is FlightOutcome.DONE
         assert len(browser.run("gustproof.rows.attitude")) == 200
         assert_attitude_is_the_recordings(browser, flown)
         assert_age_is_the_recordings(browser, flown)
@@ -196,23 +204,23 @@ def test_pause_and_gusts_act_in_mid_flight(browser, tmp_path):
         click(browser, "pause")
         until(lambda: browser.run("gustproof.facts.paused"), "pause")
         (journal,) = tmp_path.glob("*.journal")
-        stands = records_in(journal)
+        stands = count_records(journal)
         until(lambda: browser.run("gustproof.rows.wind.length") == -(-stands // 5), "what stands is shown")
-        assert text(browser, "pause") == "Go on"
+        assert text(browser, "pause") == "Resume"
         assert browser.run("Math.max(...gustproof.rows.wind.slice(1).flatMap((row) => row.slice(1)))") == 0.0
         browser.run(DRAGGED)
         until(lambda: text(browser, "scale") == "× 3.00", "the last of many wishes holds")
         slide(browser, 0.5)
         until(lambda: text(browser, "scale") == "× 1.50", "the gusts' scale is told back")
-        assert records_in(journal) == stands
+        assert count_records(journal) == stands
         click(browser, "pause")
-        until(lambda: records_in(journal) > stands + 500, "the flight goes on")
+        until(lambda: count_records(journal) > stands + 500, "the flight goes on")
         assert_clean(browser, flight.page)
         vehicle_process().terminate()
         flown = flight.flown()
-    assert flown.outcome is Outcome.AUTOPILOT_LOST
+    assert flown.outcome is FlightOutcome.AUTOPILOT_LOST
     gust = np.linalg.norm(flown.records["gust_B"], axis=1)
-    assert np.all(gust[1:stands] == 0.0)  # sample 0 was taken before anybody could wish
+    assert np.all(gust[1:stands] == 0.0)  # sample 0 was taken before any request
     assert np.all(gust[-250:] > 0.0)
 
 
@@ -229,7 +237,7 @@ def test_page_that_is_closed_in_mid_flight_changes_nothing(browser, tmp_path):
         until(lambda: not flight.page._server.readers, "the page is gone")
         flight.page._pause(False)
         flown = flight.flown()
-    assert flown.outcome is Outcome.DONE
+    assert flown.outcome is FlightOutcome.DONE
     assert flown.records.tobytes() == fly_loopback(script, LAW, vehicle=VEHICLE).tobytes()
 
 
@@ -242,7 +250,7 @@ def test_real_time_flight_is_watched_by_telemetry_at_phone_width(browser, tmp_pa
         click(browser, "start")
         until(lambda: phase(browser) == "over", "the flight is over")
         flown = flight.flown()
-        assert flown.outcome is Outcome.DONE
+        assert flown.outcome is FlightOutcome.DONE
         assert browser.run("gustproof.rows.attitude.length") > 10  # of 150, where this process is kept waiting
         assert browser.run("gustproof.rows.torque.length") > 10
         assert_attitude_is_the_recordings(browser, flown)

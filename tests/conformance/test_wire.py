@@ -1,4 +1,4 @@
-"""Bytes on the wire, worked out by hand from the message definitions, and what pymavlink's own parser reads in them."""
+"""Bytes on the wire, derived by hand from the message definitions and read by pymavlink's own parser."""
 
 import math
 import struct
@@ -6,9 +6,9 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.frames import Dropped, Frame, parse
-from firmware_model.messages import command, command_message, imu_message, imu_sample
-from firmware_model.signals import AttitudeTarget, ImuSample, TorqueCommand
+from firmware_model.mavlink.frames import Frame, RejectReason, parse
+from firmware_model.mavlink.messages import command_message, imu_message, parse_command, parse_imu
+from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
 
 SAMPLE = ImuSample(time_us=4000, gyro_B=(0.5, -0.25, 2.0), specific_force_B=(0.0, 1.0, -9.75))
 
@@ -52,7 +52,7 @@ def test_imu_sample_has_the_bytes_of_highres_imu():
 
 
 def test_imu_sample_is_read_from_the_bytes():
-    assert imu_sample(only(imu_message(SAMPLE).pack(sender()))) == SAMPLE
+    assert parse_imu(only(imu_message(SAMPLE).pack(sender()))) == SAMPLE
 
 
 def test_level_rest_reads_minus_g_on_the_z_axis_in_pymavlink():
@@ -66,13 +66,13 @@ def test_level_rest_reads_minus_g_on_the_z_axis_in_pymavlink():
 def test_imu_that_is_not_finite_is_dropped(field):
     (message,) = sender().parse_buffer(imu_message(SAMPLE).pack(sender()))
     setattr(message, field, math.nan)
-    assert imu_sample(only(message.pack(sender()))) is Dropped.NOT_FINITE
+    assert parse_imu(only(message.pack(sender()))) is RejectReason.NOT_FINITE
 
 
 def test_imu_without_gyro_bits_is_no_sample():
     (message,) = sender().parse_buffer(imu_message(SAMPLE).pack(sender()))
     message.fields_updated = 0x7
-    assert imu_sample(only(message.pack(sender()))) is Dropped.NOT_FINITE
+    assert parse_imu(only(message.pack(sender()))) is RejectReason.NOT_FINITE
 
 
 def test_torque_command_has_the_bytes_of_group_0():
@@ -85,7 +85,7 @@ def test_torque_command_has_the_bytes_of_group_0():
     )
     datagram = command_message(torque, 3).pack(sender(191))
     assert datagram == frame(139, 168, payload, component=191)
-    assert command(only(datagram), 3) == torque
+    assert parse_command(only(datagram), 3) == torque
 
 
 def test_rates_travel_with_mask_128_and_an_empty_quaternion():
@@ -99,7 +99,7 @@ def test_rates_travel_with_mask_128_and_an_empty_quaternion():
     )
     datagram = command_message(rates, 1).pack(sender(191))
     assert datagram == frame(82, 49, payload, component=191)
-    assert command(only(datagram), 1) == rates
+    assert parse_command(only(datagram), 1) == rates
 
 
 def test_attitude_travels_scalar_first_with_the_rates_masked():
@@ -109,7 +109,7 @@ def test_attitude_travels_scalar_first_with_the_rates_masked():
     (message,) = sender().parse_buffer(datagram)
     assert (message.time_boot_ms, message.type_mask, message.thrust) == (4, 7, 0.5)
     assert tuple(message.q) == quarter_roll
-    assert command(only(datagram), 1) == target
+    assert parse_command(only(datagram), 1) == target
 
 
 def attitude_target(mask, q=(1.0, 0.0, 0.0, 0.0), rates=(1.0, 2.0, 3.0), thrust=0.5, system=1, component=1) -> Frame:
@@ -128,31 +128,31 @@ def attitude_target(mask, q=(1.0, 0.0, 0.0, 0.0), rates=(1.0, 2.0, 3.0), thrust=
     ],
 )
 def test_type_mask_says_what_is_tracked(mask, q_NB, omega_B):
-    found = command(attitude_target(mask), 1)
+    found = parse_command(attitude_target(mask), 1)
     assert found == AttitudeTarget(time_us=4000, q_NB=q_NB, omega_B=omega_B, thrust=0.5)
 
 
 @pytest.mark.parametrize(
     ("fields", "cause"),
     [
-        ({"mask": 64}, Dropped.NO_SETPOINT),  # no thrust is no set-point
-        ({"mask": 32}, Dropped.NO_SETPOINT),
-        ({"mask": 128 | 1}, Dropped.NO_SETPOINT),
-        ({"mask": 128 | 2}, Dropped.NO_SETPOINT),
-        ({"mask": 7, "thrust": math.nan}, Dropped.NO_SETPOINT),
-        ({"mask": 7, "q": (0.0, 0.0, 0.0, 0.0)}, Dropped.NOT_FINITE),
-        ({"mask": 7, "q": (math.nan, 0.0, 0.0, 0.0)}, Dropped.NOT_FINITE),
-        ({"mask": 128, "rates": (math.inf, 0.0, 0.0)}, Dropped.NOT_FINITE),
-        ({"mask": 7, "system": 9}, Dropped.OTHER_TARGET),
-        ({"mask": 7, "component": 2}, Dropped.OTHER_TARGET),
+        ({"mask": 64}, RejectReason.NO_SETPOINT),  # no thrust is no set-point
+        ({"mask": 32}, RejectReason.NO_SETPOINT),
+        ({"mask": 128 | 1}, RejectReason.NO_SETPOINT),
+        ({"mask": 128 | 2}, RejectReason.NO_SETPOINT),
+        ({"mask": 7, "thrust": math.nan}, RejectReason.NO_SETPOINT),
+        ({"mask": 7, "q": (0.0, 0.0, 0.0, 0.0)}, RejectReason.NOT_FINITE),
+        ({"mask": 7, "q": (math.nan, 0.0, 0.0, 0.0)}, RejectReason.NOT_FINITE),
+        ({"mask": 128, "rates": (math.inf, 0.0, 0.0)}, RejectReason.NOT_FINITE),
+        ({"mask": 7, "system": 9}, RejectReason.OTHER_TARGET),
+        ({"mask": 7, "component": 2}, RejectReason.OTHER_TARGET),
     ],
 )
 def test_attitude_target_that_cannot_be_flown_is_dropped_with_its_cause(fields, cause):
-    assert command(attitude_target(**fields), 1) is cause
+    assert parse_command(attitude_target(**fields), 1) is cause
 
 
 def test_masked_numbers_may_be_nan():
-    found = command(attitude_target(7, rates=(math.nan, math.nan, math.nan)), 1)
+    found = parse_command(attitude_target(7, rates=(math.nan, math.nan, math.nan)), 1)
     assert found == AttitudeTarget(time_us=4000, q_NB=(1.0, 0.0, 0.0, 0.0), omega_B=None, thrust=0.5)
 
 
@@ -160,10 +160,10 @@ def test_masked_numbers_may_be_nan():
     ("controls", "group", "expected"),
     [
         ((3.0, -3.0, 0.5, 2.0), 0, TorqueCommand(time_us=4, torque_B=(1.0, -1.0, 0.5), throttle=1.0)),
-        ((0.0, 0.0, math.nan, 0.5), 0, Dropped.NOT_FINITE),
-        ((0.0, 0.0, 0.0, 0.5), 1, Dropped.NO_SETPOINT),
+        ((0.0, 0.0, math.nan, 0.5), 0, RejectReason.NOT_FINITE),
+        ((0.0, 0.0, 0.0, 0.5), 1, RejectReason.NO_SETPOINT),
     ],
 )
 def test_torques_are_clipped_and_only_group_0_is_flown(controls, group, expected):
     message = wire.MAVLink_set_actuator_control_target_message(4, group, 1, 1, (*controls, 0.0, 0.0, 0.0, 0.0))
-    assert command(only(message.pack(sender(191))), 1) == expected
+    assert parse_command(only(message.pack(sender(191))), 1) == expected

@@ -6,9 +6,9 @@ from pathlib import Path
 import control
 import pytest
 
+from gustproof.lti.state_space import Lti, gain
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
-from gustproof.numerics.lti import Lti, gain
-from gustproof.synthesis import hinfsyn
+from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 
 GOLDEN = json.loads((Path(__file__).parent / "hinfsyn.json").read_text(encoding="utf-8"))
 PRINTED = 0.005

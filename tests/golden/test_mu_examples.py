@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gustproof.certify.mu import mu
+from gustproof.certify.mu.singular_value import mu
+from gustproof.lti.norms import hinf_norm
+from gustproof.lti.state_space import Lti, Matrix
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
 from gustproof.model.lft import Uncertain
 from gustproof.model.uncertainty import FullBlock
-from gustproof.numerics.lti import Lti, Matrix
-from gustproof.numerics.norms import hinf_norm
 
 EXAMPLE = json.loads((Path(__file__).parent / "mu.json").read_text(encoding="utf-8"))["distillation"]
 PRINTED = 0.005
@@ -67,9 +67,9 @@ def test_distillation_with_an_inverse_has_no_robust_performance():
 
 def test_distillation_with_an_inverse_is_robustly_stable_and_nominally_good():
     M = distillation()
-    stability = mu(Uncertain(M=M.part(slice(0, 2), slice(0, 2)), blocks=CHANNELS), accuracy=0.004)
+    stability = mu(Uncertain(M=M.subsystem(slice(0, 2), slice(0, 2)), blocks=CHANNELS), accuracy=0.004)
     assert stability.lower == pytest.approx(EXAMPLE["robust_stability"], abs=PRINTED)
     assert stability.upper == pytest.approx(EXAMPLE["robust_stability"], abs=PRINTED)
-    assert hinf_norm(M.part(slice(2, 4), slice(2, 4))).gain == pytest.approx(
+    assert hinf_norm(M.subsystem(slice(2, 4), slice(2, 4))).gain == pytest.approx(
         EXAMPLE["nominal_performance"], abs=PRINTED
     )

@@ -22,10 +22,9 @@ import scipy.sparse
 import slycot
 
 from gustproof.errors import DesignError
-from gustproof.numerics.lti import Lti, copied, lft
-from gustproof.numerics.norms import hinf_norm
-from gustproof.synthesis import hinfsyn
-from gustproof.synthesis.hinfsyn import HinfResult
+from gustproof.lti.norms import hinf_norm
+from gustproof.lti.state_space import Lti, as_lti, lft
+from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
 
 SAVED = Path(__file__).parent / "random_plants.json"
 GOLDEN = json.loads(SAVED.read_text(encoding="utf-8")) if SAVED.exists() else {"plants": []}
@@ -74,7 +73,7 @@ def theirs(seed: int) -> dict[str, float | None]:
     """Return slycot's level and the norm, by two programs, of the loop that its controller closes; None: unstable."""
     P, n_meas, n_con = random_plant(seed)
     K, _, level, _ = control.hinfsyn(P.to_control(), n_meas, n_con)
-    loop = lft(P, copied(K))
+    loop = lft(P, as_lti(K))
     norms = {
         "its_loop_hinf_norm": hinf_norm(loop).gain,
         "its_loop_ab13dd": float(control.norm(loop.to_control(), "inf")),

@@ -1,4 +1,4 @@
-"""The benchmark works and writes what it says; how fast anything is, no test judges."""
+"""The benchmark works and writes its table and file; no test judges speed."""
 
 import importlib
 import json
@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.law import load_law
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.law.form import load_law
 
 BENCHMARK = Path(__file__).parents[2] / "tools" / "benchmark"
 
@@ -65,7 +65,7 @@ def started(peer, folder, text):
     return peer.Program([sys.executable, str(program)], folder / "errors.log")
 
 
-# Its clock ticks once a reading: a flight takes a second, and the k-th simulates k of them.
+# Its clock ticks once a reading: a flight takes a second, and the k-th flight simulates k seconds.
 COUNTS = """
 import itertools, turns
 ticks, flights = itertools.count(), itertools.count(1)
@@ -103,7 +103,7 @@ def test_environment_of_the_same_packages_serves_again_and_none_is_made_in_a_hur
     python.touch()
     (tmp_path / "installed").write_text("one==1 two==2", encoding="utf-8")
     assert peer.environment(tmp_path, ["one==1", "two==2"], new=True) == python
-    with pytest.raises(peer.PeerError, match="--quick makes none"):
+    with pytest.raises(peer.PeerError, match="--quick does not make one"):
         peer.environment(tmp_path, ["one==1", "two==3"], new=False)
 
 

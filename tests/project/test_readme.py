@@ -1,4 +1,4 @@
-"""What the README shows can be typed: commands, options, and the names of laws and scenarios exist."""
+"""The README's commands, options, laws and scenarios exist, and its examples run."""
 
 import os
 import re
@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from firmware_model.scenario import load_scenario, shipped_scenarios
+from firmware_model.config.scenario import list_scenarios, load_scenario
 from gustproof.cli.app import app
-from gustproof.law import shipped_laws
+from gustproof.law.form import shipped_laws
 
 ROOT = Path(__file__).parents[2]
 
@@ -66,7 +66,7 @@ def test_a_command_of_the_readme_has_these_options_and_names(line: str) -> None:
         law = arguments[arguments.index("--law") + 1]
         assert law.endswith(".json") or law in shipped_laws()
     if command == "fly" and "--repeat" not in arguments:
-        assert arguments[0].endswith(".toml") or arguments[0] in shipped_scenarios()
+        assert arguments[0].endswith(".toml") or arguments[0] in list_scenarios()
 
 
 def test_the_readme_shows_every_command() -> None:

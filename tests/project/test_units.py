@@ -1,4 +1,4 @@
-"""Every field of every dataclass and NamedTuple says what it is, and every number in which unit."""
+"""Every field of every dataclass and NamedTuple has a docstring, and every number a unit."""
 
 import ast
 import re
@@ -19,7 +19,7 @@ SHAPE = re.compile(r"\([\w +*-]+,[\w +*,-]*\)")
 
 
 def is_record(node: ast.ClassDef) -> bool:
-    """Whether a class is a dataclass or a public NamedTuple, other than a kernel's row of floats."""
+    """Return whether a class is a dataclass or a public NamedTuple, other than a kernel's row of floats."""
     types = {ast.unparse(item.annotation) for item in node.body if isinstance(item, ast.AnnAssign)}
     named_tuple = any("NamedTuple" in ast.unparse(base) for base in node.bases)
     public = named_tuple and types != {"float"} and not node.name.startswith("_")

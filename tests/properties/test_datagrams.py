@@ -17,17 +17,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.endpoint import VehicleEndpoint
-from firmware_model.frames import DAMAGE, Dropped, Frame, Outgoing, parse
-from firmware_model.listener import MAX_PEERS
-from firmware_model.messages import CONTROLLER, heartbeat_message, imu_message
-from firmware_model.scenario import load_scenario
-from firmware_model.signals import ImuSample
-from firmware_model.signing import Signing
-from firmware_model.traffic import Traffic
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink.channel import Channel
+from firmware_model.mavlink.frames import DAMAGE_REASONS, EncodedMessage, Frame, RejectReason, parse
+from firmware_model.mavlink.messages import CONTROLLER, heartbeat_message, imu_message
+from firmware_model.mavlink.peers import MAX_PEERS
+from firmware_model.mavlink.signing import Signing
+from firmware_model.session.vehicle_endpoint import VehicleEndpoint
+from firmware_model.types import ImuSample
 from gustproof.controller.endpoint import ControllerEndpoint
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 
 KEY = bytes(range(32))
 NOW = 1_700_000_000_000_000  # [us] Unix time at the start of the virtual clock
@@ -67,9 +67,9 @@ class Generator:
         signings = [Signing(bytes(32), NOW), Signing(key, NOW) if key else None]
         for signing in filter(None, signings):
             signing.tick(0)
-        self.senders = [Traffic(1, CONTROLLER, signings[1])] * 3
-        self.senders += [Traffic(1, 1, signings[1]), Traffic(255, 190, signings[1]), Traffic(9, 9, signings[0])]
-        self.senders += [Traffic(9, 8)] if key else []
+        self.senders = [Channel(1, CONTROLLER, signings[1])] * 3
+        self.senders += [Channel(1, 1, signings[1]), Channel(255, 190, signings[1]), Channel(9, 9, signings[0])]
+        self.senders += [Channel(9, 8)] if key else []
 
     def whole(self) -> bytes:
         """A frame that passes every check of its form."""
@@ -82,7 +82,7 @@ class Generator:
         for at, size, values in self.fields[number]:
             if chance.random() < 0.9:
                 payload[at : at + size] = chance.choice(values)[:size].ljust(size, b"\0")
-        return chance.choice(self.senders).pack(Outgoing(number, bytes(payload)))
+        return chance.choice(self.senders).pack(EncodedMessage(number, bytes(payload)))
 
     def damaged(self) -> bytes:
         datagram = bytearray(self.whole())
@@ -142,7 +142,7 @@ class Ground:
     """A ground station that talks sense."""
 
     def __init__(self, endpoint: VehicleEndpoint, now_us: int, signing: Signing | None = None) -> None:
-        self.endpoint, self.now_us, self.traffic = endpoint, now_us, Traffic(255, 190, signing, 7)
+        self.endpoint, self.now_us, self.traffic = endpoint, now_us, Channel(255, 190, signing, 7)
         if signing is not None:
             signing.tick(now_us)
 
@@ -172,10 +172,10 @@ class Ground:
 
 
 KINDS = {
-    "standing": {"lockstep": False, "standing": True},
+    "standing": {"lockstep": False, "interactive": True},
     "scripted": {"lockstep": False},
     "lockstep": {"lockstep": True},
-    "signed": {"lockstep": False, "standing": True},
+    "signed": {"lockstep": False, "interactive": True},
 }
 
 
@@ -194,8 +194,12 @@ def test_a_quarter_of_a_million_datagrams_leave_the_vehicle_as_good_as_before(ki
             endpoint.poll(now_us)
 
     assert feed(take, iter(generator), 250_000) < _GROWTH
-    causes = {*DAMAGE, Dropped.OTHER_TARGET, Dropped.UNUSED_MESSAGE, Dropped.TOO_MANY_PEERS}
-    causes |= {Dropped.NOT_SIGNED, Dropped.WRONG_SIGNATURE, Dropped.REPLAYED} if signed else {Dropped.NO_SETPOINT}
+    causes = {*DAMAGE_REASONS, RejectReason.OTHER_TARGET, RejectReason.UNUSED_MESSAGE, RejectReason.TOO_MANY_PEERS}
+    causes |= (
+        {RejectReason.NOT_SIGNED, RejectReason.WRONG_SIGNATURE, RejectReason.REPLAYED}
+        if signed
+        else {RejectReason.NO_SETPOINT}
+    )
     assert causes <= endpoint.counters.keys()
     assert len(endpoint.links) <= MAX_PEERS + 1
     Ground(endpoint, latest_us, Signing(KEY, NOW) if signed else None).is_obeyed()
@@ -219,7 +223,7 @@ class Autopilot:
     """A vehicle that talks sense to a controller until it answers samples."""
 
     def __init__(self, endpoint: ControllerEndpoint) -> None:
-        self.endpoint, self.traffic = endpoint, Traffic(1, 1)
+        self.endpoint, self.traffic = endpoint, Channel(1, 1)
 
     def is_obeyed(self, time_us: int, now_us: int) -> None:
         values = [(name, 10.0, 9) for name in (b"GP_TRQ_MAX_R", b"GP_TRQ_MAX_P", b"GP_TRQ_MAX_Y")]
@@ -286,7 +290,7 @@ frames = st.builds(
 def _frame(number: int, payload: bytes, sequence: int) -> bytes:
     packer = wire.MAVLink(None, 1, 1)
     packer.seq = sequence
-    return Outgoing(number, payload).pack(packer)
+    return EncodedMessage(number, payload).pack(packer)
 
 
 @given(st.lists(st.binary(max_size=300) | frames, max_size=5))
@@ -332,5 +336,7 @@ def test_datagrams_that_were_trouble_are_none(entry, kind):
 
 @pytest.mark.parametrize("entry", CORPUS, ids=[entry["what"] for entry in CORPUS])
 def test_datagrams_of_the_corpus_are_read_as_noted(entry):
-    read = [item.value if isinstance(item, Dropped) else item.message_id for item in parse(bytes.fromhex(entry["hex"]))]
+    read = [
+        item.value if isinstance(item, RejectReason) else item.message_id for item in parse(bytes.fromhex(entry["hex"]))
+    ]
     assert read == entry["read"]

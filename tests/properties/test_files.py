@@ -7,11 +7,10 @@ from tempfile import TemporaryDirectory
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_model.files import write_toml
-from firmware_model.moments import Sine, Square, Step
-from firmware_model.scenario import AccelerometerFault, GyroFault, Scenario, load_scenario, shipped_scenarios
-from firmware_model.vehicle import load_vehicle, shipped_vehicles
-from firmware_model.wind import Dryden, GustReplay, OneMinusCosine
+from firmware_model.config.files import write_toml
+from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario, list_scenarios, load_scenario
+from firmware_model.config.vehicle import list_vehicles, load_vehicle
+from firmware_model.config.waveforms import Dryden, GustCosine, GustReplay, MomentSine, MomentSquare, MomentStep
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 positive = st.floats(min_value=0.0, exclude_min=True, allow_infinity=False)
@@ -23,7 +22,7 @@ dryden = st.builds(
     Dryden, kind=st.just("dryden"), wind_speed_20ft_mps=positive, airspeed_mps=st.none() | st.floats(1.0, 1e9)
 )
 gust = st.builds(
-    OneMinusCosine, kind=st.just("one_minus_cosine"), amplitude_mps=vector, start_s=positive, length_s=positive
+    GustCosine, kind=st.just("one_minus_cosine"), amplitude_mps=vector, start_s=positive, length_s=positive
 )
 replay = st.builds(
     GustReplay,
@@ -33,10 +32,10 @@ replay = st.builds(
     .map(tuple),
 )
 moment = st.one_of(
-    st.builds(Step, kind=st.just("step"), amplitude_nm=vector, start_s=positive),
+    st.builds(MomentStep, kind=st.just("step"), amplitude_nm=vector, start_s=positive),
     *(
         st.builds(kind, kind=st.just(word), amplitude_nm=vector, rate_rad_s=rate, phase_rad=phase)
-        for kind, word in ((Sine, "sine"), (Square, "square"))
+        for kind, word in ((MomentSine, "sine"), (MomentSquare, "square"))
     ),
 )
 scenario = st.builds(
@@ -63,14 +62,14 @@ def test_a_written_scenario_is_read_back_equal(scenario: Scenario) -> None:
 
 
 def test_a_shipped_scenario_is_read_back_equal_with_its_events_and_requirements(tmp_path: Path) -> None:
-    for name in shipped_scenarios():
+    for name in list_scenarios():
         path = tmp_path / f"{name}.toml"
         write_toml(load_scenario(name), path)
         assert load_scenario(path) == load_scenario(name)
 
 
 def test_a_written_vehicle_is_read_back_equal(tmp_path: Path) -> None:
-    for name in shipped_vehicles():
+    for name in list_vehicles():
         vehicle = replace(load_vehicle(name), actuator_lag=0.1 + 0.2)
         write_toml(vehicle, tmp_path / "written.toml")
         assert load_vehicle(tmp_path / "written.toml") == vehicle

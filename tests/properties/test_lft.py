@@ -4,10 +4,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gustproof.model.lft import Uncertain, appended, closed, star, uncertain
-from gustproof.model.reduction import reduced
+from gustproof.lti.state_space import Lti
+from gustproof.model.lft import Uncertain, append, as_uncertain, close_loop, star
+from gustproof.model.reduction import simplify
 from gustproof.model.uncertainty import FullBlock, RealBlock
-from gustproof.numerics.lti import Lti
 
 ROUNDING = 1e-8
 """Relative to the largest entry; loops are kept well posed, with a condition below some 1e4."""
@@ -32,12 +32,12 @@ def systems(draw: st.DrawFn, size: int = 2, full: str = "") -> Uncertain:
 
 
 def deltas(*of: Uncertain) -> dict[str, object]:
-    return dict(appended(*of).samples(1, 11)[0])
+    return dict(append(*of).samples(1, 11)[0])
 
 
 def value(system: Uncertain, delta: dict[str, object]) -> np.ndarray:
     names = {block.name for block in system.blocks}
-    return system.at({name: part for name, part in delta.items() if name in names}).response(WHERE)[0]
+    return system.substitute({name: part for name, part in delta.items() if name in names}).response(WHERE)[0]
 
 
 def same(ours: np.ndarray, expected: np.ndarray) -> bool:
@@ -52,7 +52,7 @@ def test_sum_product_and_append_are_those_of_the_members(X, Y):
     assert same(value(X + Y, delta), x + y)
     assert same(value(X - Y, delta), x - y)
     assert same(value(X @ Y, delta), x @ y)
-    assert same(value(appended(X, Y), delta), np.block([[x, np.zeros((2, 2))], [np.zeros((2, 2)), y]]))
+    assert same(value(append(X, Y), delta), np.block([[x, np.zeros((2, 2))], [np.zeros((2, 2)), y]]))
 
 
 @settings(deadline=None, max_examples=40)
@@ -79,15 +79,15 @@ def test_a_star_product_is_the_closed_loop_formula(P, Q):
     loop = np.eye(2) - 0.02 * q @ p22
     expected = p11 + 0.02 * p12 @ np.linalg.solve(loop, q @ p21)
     assert same(value(star(P, 0.02 * np.eye(2) @ Q, 2, 2), delta), expected)
-    known = Q.nominal()
-    scaled = uncertain(0.02 * np.eye(2)) @ known
-    assert same(value(closed(P, scaled.M), delta), value(star(P, scaled, 2, 2), delta))
+    known = Q.nominal_system()
+    scaled = as_uncertain(0.02 * np.eye(2)) @ known
+    assert same(value(close_loop(P, scaled.M), delta), value(star(P, scaled, 2, 2), delta))
 
 
 @settings(deadline=None, max_examples=40)
 @given(systems(full="F"), systems())
 def test_reduction_changes_no_member_and_removes_what_cancels(X, Y):
-    small = reduced(X + Y - Y)
+    small = simplify(X + Y - Y)
     assert same(value(small, deltas(X, Y)), value(X, deltas(X, Y)))
     assert small.n_w <= X.n_w
     assert small.M.order <= X.M.order

@@ -1,25 +1,21 @@
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from gustproof.law import Law, Output, Provenance
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.recording.journal import RECORD
+from gustproof.law.form import Law, Output, Provenance, load_law
+from gustproof.recording.bag import write_bag
+from gustproof.simulate.flight import FlightPlan
 
 UNITS = Path(__file__).parent
-WITHOUT_KERNELS = {
-    "campaign",
-    "certify",
-    "cli",
-    "exchange",
-    "model",
-    "numerics",
-    "recording",
-    "report",
-    "synthesis",
-    "view",
-}
+WITH_KERNELS = {"controller", "firmware_model", "law", "scoring", "simulate"}
 
 
 def pytest_collection_modifyitems(items):
@@ -27,7 +23,8 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if not item.path.is_relative_to(UNITS) or item.get_closest_marker("compiled"):
             continue
-        if item.path.relative_to(UNITS).parts[0] in WITHOUT_KERNELS:
+        room = item.path.relative_to(UNITS).parent
+        if room.parts[:1] and (room.parts[0] not in WITH_KERNELS or room.parts == ("law", "io")):
             item.add_marker("plain")
 
 
@@ -52,3 +49,30 @@ def _law(n: int = 7, *, scheduled: bool = True, seed: int = 1, measured: int = 6
         output=Output.TORQUE,
         provenance=Provenance(design="random", vehicle="none", parameters={"gamma": 0.25}),
     )
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Catch figures when they are saved, so that what they show can be asked."""
+    caught: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: caught.append(self))
+    return caught
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """Record flights that nobody flew: what stands in the journal is given by field."""
+
+    def make(folder, *, scenario="coning", law="hinf-d1", seed=1, n=500, require=(), **fields):
+        script = replace(load_scenario(scenario), duration_s=n / 250, require=require)
+        plan = FlightPlan(script, load_law(law), load_vehicle("paper"), seed, False)
+        records = np.zeros(n, dtype=RECORD)
+        records["time_us"] = 4000.0 * np.arange(n)
+        records["q_NB"][:, 0] = 1.0
+        records["omega_command_B"] = np.nan
+        for name, values in fields.items():
+            records[name] = values
+        write_bag(tmp_path / folder / plan.name, records, {**plan.metadata(), "outcome": "done"})
+        return tmp_path / folder
+
+    return make

@@ -1,4 +1,4 @@
-"""`tools/bench`: the table of ratios."""
+"""The command `tools/bench`: a table of ratios."""
 
 import argparse
 import time
@@ -8,20 +8,24 @@ from pathlib import Path
 from table import Bench
 
 _PARTS = ("flights", "campaigns", "lockstep", "codec", "solver", "starts", "peers")
-"""Modules, each with a `measure`."""
+"""Modules, each with a function `measure`."""
 
 
 def main() -> None:
     """Measure, print and save."""
     parser = argparse.ArgumentParser(
         prog="tools/bench",
-        description="Ratios to limits and peers, measured in turns, for a machine with nothing else to do.",
-        epilog="Peers are installed once, into .venv/peers: 1.7 GB. The table tells which are left out, and why.",
+        description="Measure ratios to limits and peers in turns, on an otherwise idle machine.",
+        epilog="Peers are installed once, into .venv/peers: 1.7 GB. The table lists the peers left out, with reasons.",
     )
     add = parser.add_argument
-    add("parts", nargs="*", metavar="PART", help=f"only these: {', '.join(_PARTS)} [all]")
-    add("--quick", action="store_true", help="seconds instead of minutes, for the form alone: no figure means anything")
-    add("--output", type=Path, default=Path("bench.json"), help="file to be written [%(default)s]")
+    add("parts", nargs="*", metavar="PART", help=f"parts to measure: {', '.join(_PARTS)} [all]")
+    add(
+        "--quick",
+        action="store_true",
+        help="take seconds instead of minutes, to check the form: its figures mean nothing",
+    )
+    add("--output", type=Path, default=Path("bench.json"), help="file to write [%(default)s]")
     options = parser.parse_args()
     if unknown := sorted(set(options.parts) - set(_PARTS)):
         parser.error(f"no part '{unknown[0]}': one of {', '.join(_PARTS)}")

@@ -14,27 +14,27 @@ from tempfile import TemporaryDirectory
 from table import Bench, in_turns
 from twins import Twin, difference
 
-from firmware_model.scenario import Scenario, load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.batch import LANES
-from gustproof.closed_loop import fly_direct
-from gustproof.lanes import Case, fly_many
-from gustproof.law import Law, load_law
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.law.form import Law, load_law
+from gustproof.simulate.batch import Case, fly_many
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.kernels import LANES
 
 LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")
-"""The self-scheduled law of order 9, and the vehicle that it was made for."""
+"""The self-scheduled law of order 9, and its vehicle."""
 CORES = len(os.sched_getaffinity(0))
-"""How many cores there are to be used."""
+"""Number of cores that this process may use."""
 
 
 def scenario(bench: Bench) -> Scenario:
-    """Return a minute of turbulence, or the beginning of it."""
+    """Return a minute of turbulence, or its first second."""
     script = load_scenario("paper-turbulence")
     return replace(script, duration_s=1.0) if bench.quick else script
 
 
 def measure(bench: Bench) -> None:
-    """Measure lanes, one flight, two workers, and both C programs."""
+    """Measure a batch, one flight, two workers, and both C programs."""
     script = scenario(bench)
     flights, rounds = (2, 1) if bench.quick else (4 * LANES, 5)
     simulated_s = flights * script.duration_s
@@ -51,13 +51,13 @@ def measure(bench: Bench) -> None:
                 bench.leave_out(name, str(error))
                 continue
             if off := difference(twin, script, LAW, VEHICLE):
-                bench.leave_out(name, f"differs from our flight by {off:.1g}: not the same flight")
+                bench.leave_out(name, f"differs from our flight by {off:.1g}")
                 continue
-            actions[name] = twin.prepared(seeds)
+            actions[name] = twin.prepare(seeds)
         times = in_turns(actions, rounds)
     for name, seconds in times.items():
         amount = script.duration_s if name == "one flight" else simulated_s
-        note = "our bits, without sensors that the law does not use, records and metrics" if name[0] == "C" else ""
+        note = "our bits, without unused sensors, records and metrics" if name[0] == "C" else ""
         bench.row(name, "simulated s/s", [amount / value for value in seconds], note)
     lanes, simd = times["many flights at once, judged"], times.get(f"C, SIMD, {LANES} flights at once")
     if simd:
@@ -73,7 +73,7 @@ def _fly(script: Scenario, law: Law, seeds: list[int]) -> int:
 
 @contextmanager
 def fleet(workers: int) -> Iterator[Callable[[Scenario, list[list[int]]], None]]:
-    """Yield what flies lists of seeds, each in another process, and waits for all; the first time makes them ready."""
+    """Yield a function that flies each list of seeds in a process of its own; its first call starts the processes."""
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
 
         def fly(script: Scenario, parts: list[list[int]]) -> None:
@@ -85,11 +85,11 @@ def fleet(workers: int) -> Iterator[Callable[[Scenario, list[list[int]]], None]]
 
 
 def _workers(bench: Bench, script: Scenario, rounds: int) -> None:
-    """Measure a second's flights by one process, and the same by two."""
+    """Measure the same flights, a second's work, by one process and by two."""
     seeds = list(range(1, 32 * LANES + 1))
     halves = [seeds[::2], seeds[1::2]]
     with fleet(2) as fly:
         actions = {"one": lambda: fly(script, [seeds]), "two": lambda: fly(script, halves)}
         times = in_turns(actions, rounds, time.perf_counter)
     ratios = [one / two for one, two in zip(times["one"], times["two"], strict=True)]
-    bench.ratio("two_workers_vs_one", ratios, ">= 1.8", "on two cores with nothing else to do")
+    bench.ratio("two_workers_vs_one", ratios, ">= 1.8", "on two idle cores")

@@ -9,11 +9,12 @@ from tempfile import TemporaryDirectory
 from flights import LAW, VEHICLE, scenario
 from table import Bench
 
-from firmware_model import messages
-from gustproof.sitl import Outcome, fly
+from firmware_model.mavlink import messages
+from gustproof.simulate.outcome import FlightOutcome
+from gustproof.simulate.processes import fly
 
-_SAMPLE = messages.samples(1).make(0, 4000, 0.1, 0.2, -9.8, 0.1, 0.2, 0.3)
-_COMMAND = messages.torques(1).make(0, 4000, 0.1, 0.2, 0.3, float("nan"))
+_SAMPLE = messages.imu_template(1).make(0, 4000, 0.1, 0.2, -9.8, 0.1, 0.2, 0.3)
+_COMMAND = messages.torque_template(1).make(0, 4000, 0.1, 0.2, 0.3, float("nan"))
 
 
 def measure(bench: Bench) -> None:
@@ -25,7 +26,7 @@ def measure(bench: Bench) -> None:
         before = _bare_rate(exchanges)
         with TemporaryDirectory() as folder:
             flight = fly(script, LAW, vehicle=VEHICLE, seed=turn + 1, out=Path(folder))
-        if flight.outcome is not Outcome.DONE:
+        if flight.outcome is not FlightOutcome.DONE:
             raise RuntimeError(flight.message)
         bare.append(0.5 * (before + _bare_rate(exchanges)))
         factors.append(flight.realtime_factor)
@@ -38,7 +39,7 @@ def measure(bench: Bench) -> None:
 
 
 def _bare_rate(exchanges: int) -> float:
-    """Return how many times a second two processes on one core send each other a sample and a command."""
+    """Return the rate [1/s] at which two processes on one core exchange a sample and a command."""
     allowed = os.sched_getaffinity(0)
     here, there = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
     with here, there:

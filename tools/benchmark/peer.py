@@ -1,4 +1,4 @@
-"""Another simulator: an environment of its own, made once, and a program that flies there when it is asked to."""
+"""Another simulator: its environment, made once, and its program, which flies on request."""
 
 import json
 import shutil
@@ -12,20 +12,20 @@ from threading import Timer
 from typing import Self
 
 INSTALL_S, START_S, FLIGHT_S = 900.0, 300.0, 120.0
-"""How long an installation may take, a program until it has flown once, and each flight after that."""
+"""Time limits [s] of an installation, of a program's start with its first flight, and of each later flight."""
 
 
 class PeerError(Exception):
-    """A peer that can't be measured; the message is the reason, in one line."""
+    """A peer cannot be measured; the message is the reason, in one line."""
 
 
 def environment(folder: Path, packages: Sequence[str], *, new: bool) -> Path:
-    """Return the interpreter of the environment with exactly these packages, which is made if `new` allows it."""
+    """Return the interpreter of the environment with exactly these packages, and make it if `new` allows."""
     python, made, wanted = folder / "bin" / "python", folder / "installed", " ".join(packages)
     if python.exists() and made.exists() and made.read_text(encoding="utf-8") == wanted:
         return python
     if not new:
-        raise PeerError("no environment, and --quick makes none")
+        raise PeerError("no environment, and --quick does not make one")
     print(f"tools/bench: installing {wanted}, once; at most {INSTALL_S / 60.0:.0f} minutes", flush=True)
     begun = time.perf_counter()
     shutil.rmtree(folder, ignore_errors=True)
@@ -53,14 +53,14 @@ def _run(command: list[str], limit_s: float) -> None:
 
 
 class Program:
-    """A peer's program, started; it answers the rate of one flight when it is ready, and of one more for each line."""
+    """Running program of a peer. It answers the rate of its first flight, and of one more for each input line."""
 
     def __init__(self, command: list[str], errors: Path) -> None:
         self._errors = errors
-        with errors.open("w", encoding="utf-8") as told:
-            # Some leave logs where they run.
+        with errors.open("w", encoding="utf-8") as log:
+            # Some write logs to their working folder.
             self._process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=told, text=True, cwd=errors.parent
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, cwd=errors.parent
             )
 
     def __enter__(self) -> Self:
@@ -71,21 +71,21 @@ class Program:
         self._process.communicate()
 
     def ready(self, limit_s: float = START_S) -> None:
-        """Wait until it has flown once: machine code is made, and nothing of that is measured."""
+        """Wait for the first flight, so that compilation is not measured."""
         self._answer(limit_s)
 
     def fly(self, limit_s: float = FLIGHT_S) -> float:
-        """Return the simulated seconds per second of a flight that begins now."""
+        """Fly once, and return the simulated seconds per second."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write("\n")
             self._process.stdin.flush()
         except BrokenPipeError:
-            pass  # it has ended, and has told why
+            pass  # it has ended; `_answer` gives the reason
         return self._answer(limit_s)
 
     def _answer(self, limit_s: float) -> float:
-        """Return the next rate; other lines are what libraries print."""
+        """Return the next rate; skip the lines that libraries print."""
         assert self._process.stdout is not None
         timer = Timer(limit_s, self._process.kill)
         timer.start()

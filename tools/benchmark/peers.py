@@ -1,4 +1,4 @@
-"""What other simulators do in the same time, each in an environment of its own under .venv that is made once."""
+"""Speed of other simulators, each in an environment of its own under .venv that is made once."""
 
 import sys
 import time
@@ -12,8 +12,8 @@ from flights import CORES, fleet, scenario
 from peer import PeerError, Program, environment
 from table import Bench
 
-from firmware_model.scenario import Scenario
-from gustproof.batch import LANES
+from firmware_model.config.scenario import Scenario
+from gustproof.simulate.kernels import LANES
 
 _ENVIRONMENTS = Path(sys.prefix) / "peers"
 _PROGRAMS = Path(__file__).parent / "peers"
@@ -23,54 +23,70 @@ _OURS = "RK4; turbulence, sensors, law; judged"
 _NOTES = {
     ONE: f"held as in the paper; {_OURS}",
     ALL: f"held as in the paper; {_OURS}",
-    FREE: f"it moves as peers do; {_OURS}",
+    FREE: f"translation free, as with the peers; {_OURS}",
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class Peer:
-    """Another simulator, and how it flies: always 1 kHz, at the best that its own interface offers for that."""
+    """Another simulator at 1 kHz, with the best settings that its interface offers."""
 
     environment: str
     """Name of its environment, and of its program."""
     packages: tuple[str, ...]
-    """What is installed."""
+    """Packages to install."""
     flight_s: float
-    """[s] duration of its flights, which makes a turn one of about a second."""
+    """[s] duration of its flights, so that a turn takes about a second."""
     what: str
-    """What it flies."""
+    """Description of its flights."""
     options: tuple[str, ...] = ()
-    """What its program wants to know besides."""
+    """Other arguments of its program."""
     all_cores: bool = False
-    """True if it uses every core; it is set beside ours on as many."""
+    """True if it uses every core; it is compared with ours on all cores."""
     lower_order: bool = False
-    """True if its steps are of lower order than ours: sooner done, and not the same work."""
+    """True if its integrator is of lower order than ours, which is less work."""
 
 
 _CRAZYFLOW = ("crazyflow==0.4.0", "jax==0.10.1", "jaxlib==0.10.1", "mujoco==4.0.0", "mujoco-mjx==3.17.0")
 _DRONES = "2,000 a core with attitude control, float32, without turbulence and sensors"
 PEERS = {
     "crazyflow, RK4": Peer(
-        environment="crazyflow", packages=_CRAZYFLOW, flight_s=1.5, options=("rk4",), all_cores=True,
+        environment="crazyflow",
+        packages=_CRAZYFLOW,
+        flight_s=1.5,
+        options=("rk4",),
+        all_cores=True,
         what=f"{CORES} cores; {_DRONES}",
     ),
     "crazyflow, Euler": Peer(
-        environment="crazyflow", packages=_CRAZYFLOW, flight_s=3.0, options=("euler",), all_cores=True,
-        lower_order=True, what=f"{CORES} cores; the same by steps of first order, its default",
+        environment="crazyflow",
+        packages=_CRAZYFLOW,
+        flight_s=3.0,
+        options=("euler",),
+        all_cores=True,
+        lower_order=True,
+        what=f"{CORES} cores; the same with first-order steps, its default",
     ),
     "jsbsim": Peer(
-        environment="jsbsim", packages=("jsbsim==1.3.3",), flight_s=20.0,
+        environment="jsbsim",
+        packages=("jsbsim==1.3.3",),
+        flight_s=20.0,
         what="one core; turbulence of type 4, without a controller",
     ),
     "mujoco, RK4": Peer(
-        environment="mujoco", packages=("mujoco==4.0.0",), flight_s=20.0, all_cores=True,
+        environment="mujoco",
+        packages=("mujoco==4.0.0",),
+        flight_s=20.0,
+        all_cores=True,
         what=f"{CORES} cores; rollout of rigid bodies, without turbulence, sensors and controller",
     ),
     "rotorpy, RK45": Peer(
-        environment="rotorpy", packages=("rotorpy==3.0.0",), flight_s=0.5,
-        what="one core; Dryden gusts, sensors and its own controller; one flight, as its batches want torch",
+        environment="rotorpy",
+        packages=("rotorpy==3.0.0",),
+        flight_s=0.5,
+        what="one core; Dryden gusts, sensors and its own controller; one flight, as its batches need torch",
     ),
-}  # fmt: skip
+}
 
 
 def measure(bench: Bench) -> None:
@@ -80,7 +96,7 @@ def measure(bench: Bench) -> None:
     flights, rounds = (2, 1) if bench.quick else (16 * LANES, 5)
     parts = [list(range(k * flights + 1, (k + 1) * flights + 1)) for k in range(CORES)]
     with ExitStack() as stack:
-        programs = _ready(bench, _started(bench, stack))
+        programs = _wait_ready(bench, _start(bench, stack))
         fly = stack.enter_context(fleet(CORES))
         for script in (held, free):
             fly(script, parts)
@@ -99,7 +115,7 @@ def measure(bench: Bench) -> None:
 
 
 def alternate(actions: Mapping[str, Callable[[], float]], rounds: int, bench: Bench) -> dict[str, list[float]]:
-    """Return what each action returns, one of each in every round; a peer that fails is left out."""
+    """Return the results of each action, one of each in every round; leave out a peer that fails."""
     rates: dict[str, list[float]] = {name: [] for name in actions}
     for _ in range(rounds):
         for name in list(rates):
@@ -112,7 +128,7 @@ def alternate(actions: Mapping[str, Callable[[], float]], rounds: int, bench: Be
 
 
 def compare(bench: Bench, rates: Mapping[str, list[float]]) -> None:
-    """Note how many times as fast we are as the best peer, turn by turn, on as many cores as it uses."""
+    """Record our speed relative to the best peer, turn by turn, on as many cores as it uses."""
     leads = {
         name: _ratios(rates[ALL if PEERS[name].all_cores else ONE], rates[name]) for name in rates if name in PEERS
     }
@@ -123,7 +139,7 @@ def compare(bench: Bench, rates: Mapping[str, list[float]]) -> None:
         if PEERS[best].all_cores:
             bench.row(f"free flight vs {best}", "-", _ratios(rates[FREE], rates[best]), "on as many cores")
     for name in [name for name in leads if PEERS[name].lower_order]:
-        note = "on as many cores, which take steps of lower order than ours"
+        note = "on as many cores; its steps are of lower order than ours"
         bench.row(f"lanes vs {name}", "-", leads[name], note)
 
 
@@ -131,8 +147,8 @@ def _ratios(ours: list[float], theirs: list[float]) -> list[float]:
     return [mine / its for mine, its in zip(ours, theirs, strict=True)]
 
 
-def _started(bench: Bench, stack: ExitStack) -> dict[str, Program]:
-    """Return the peers' programs under way, whose environments are made if they are not there."""
+def _start(bench: Bench, stack: ExitStack) -> dict[str, Program]:
+    """Start the peers' programs, and make missing environments first."""
     programs: dict[str, Program] = {}
     failed: dict[str, PeerError] = {}
     for name, peer in PEERS.items():
@@ -152,9 +168,9 @@ def _started(bench: Bench, stack: ExitStack) -> dict[str, Program]:
     return programs
 
 
-def _ready(bench: Bench, programs: dict[str, Program]) -> dict[str, Program]:
-    """Return those that have flown once."""
-    print("tools/bench: the peers load, and make their machine code", flush=True)
+def _wait_ready(bench: Bench, programs: dict[str, Program]) -> dict[str, Program]:
+    """Return the programs that complete their first flight."""
+    print("tools/bench: the peers load and compile", flush=True)
     ready = {}
     for name, program in programs.items():
         try:

@@ -1,19 +1,19 @@
-"""H-infinity synthesis for the paper's plant: ours beside python-control with slycot."""
+"""H-infinity synthesis for the paper's plant by us and by python-control with slycot."""
 
 import warnings
 
 import control
 from table import Bench, in_turns
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.synthesis.designs import design_problem, load_design
-from gustproof.synthesis.hinfsyn import hinfsyn
+from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 
-_CALLS = 5  # a turn, of either: one call alone is timed with the caches that the other has left
+_CALLS = 5  # of each solver in a turn: a single call would run with the caches of the other
 
 
 def measure(bench: Bench) -> None:
-    """Measure both, and see that they agree on the least level."""
+    """Measure both solvers, and check that they agree on the least level."""
     design = load_design("D1")
     problem = design_problem(design, load_vehicle(design.vehicle))
     plant = problem.plant()

@@ -1,4 +1,4 @@
-"""How long it takes until there is an answer: help, and a controller that speaks."""
+"""Start-up times of the help and of a controller."""
 
 import socket
 import subprocess
@@ -9,7 +9,7 @@ from table import Bench, in_turns
 
 
 def measure(bench: Bench) -> None:
-    """Measure the help, the controller from its start to its first heartbeat, and Python itself."""
+    """Measure the help, the controller up to its first heartbeat, and Python itself."""
     rounds = 1 if bench.quick else 7
     actions = {
         "Python": lambda: _run("-c", "pass"),
@@ -18,7 +18,7 @@ def measure(bench: Bench) -> None:
     }
     times = in_turns(actions, rounds, time.perf_counter)
     bench.row("Python alone", "s", times["Python"])
-    bench.row("controller ready, machine code kept from before", "s", times["controller ready"], "target < 1.5")
+    bench.row("controller ready, kernels compiled before", "s", times["controller ready"], "target < 1.5")
     bench.ratio("help_s", times["gustproof --help"], "< .3", "seconds")
 
 
@@ -27,7 +27,7 @@ def _run(*arguments: str) -> None:
 
 
 def _controller() -> None:
-    """Start a controller, and wait for its first heartbeat."""
+    """Start a controller and wait for its first heartbeat."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
         vehicle.bind(("127.0.0.1", 0))
         vehicle.settimeout(60.0)

@@ -1,4 +1,4 @@
-"""What is measured, side by side: in turns, so that a machine that changes its speed changes it for all."""
+"""Measurements taken in turns, so that a change of the machine's speed affects all of them."""
 
 import json
 import time
@@ -16,10 +16,10 @@ Action = Callable[[], object]
 def in_turns(
     actions: Mapping[str, Action], rounds: int, clock: Callable[[], float] = time.process_time
 ) -> dict[str, list[float]]:
-    """Return the times [s] of each action, one of each in every round, after one that does not count.
+    """Return the times [s] of each action, one of each in every round, after a first round that does not count.
 
-    They are what this process has used, which other work on the machine changes least; an action that waits for others
-    wants the wall's `clock`.
+    The default clock is this process' CPU time, which depends least on other work of the machine. An action that waits
+    for other processes needs a wall `clock`.
     """
     times: dict[str, list[float]] = {name: [] for name in actions}
     for turn in range(rounds + 1):
@@ -32,7 +32,7 @@ def in_turns(
 
 
 class Bench:
-    """Rows, ratios, and what was left out."""
+    """Rows, ratios, and omissions of a benchmark."""
 
     def __init__(self, *, quick: bool) -> None:
         self.quick = quick
@@ -41,28 +41,28 @@ class Bench:
         self.left_out: dict[str, str] = {}
 
     def row(self, name: str, unit: str, values: list[float], note: str = "") -> float:
-        """Note what was measured in each round, and return the median."""
+        """Record the values of all rounds, and return their median."""
         middle = median(values)
         figures = {"min": min(values), "median": middle, "max": max(values), "rounds": len(values)}
         self.rows.append({"name": name, "unit": unit, **figures, "note": note})
         return middle
 
     def ratio(self, name: str, values: list[float], target: str, note: str = "") -> None:
-        """Note a ratio taken in each round; the median counts."""
+        """Record a ratio by its median over the rounds."""
         self.ratios[name] = self.row(name, "-", values, f"target {target}; {note}" if note else f"target {target}")
 
     def leave_out(self, name: str, why: str) -> None:
-        """Note that something could not be measured."""
+        """Record that something could not be measured."""
         self.left_out[name] = why
 
     def save(self, path: Path, seconds: float) -> None:
-        """Write ratios, rows and what was left out as JSON."""
+        """Write ratios, rows and omissions as JSON."""
         document = {"quick": self.quick, "seconds": seconds, "ratios": self.ratios, "rows": self.rows}
         path.write_text(json.dumps({**document, "left_out": self.left_out}, indent=1) + "\n", encoding="utf-8")
 
     def show(self, seconds: float) -> None:
         """Print the table."""
-        table = Table(title="ratios stand for themselves; the other figures are of this machine, now")
+        table = Table(title="ratios hold anywhere; the other figures are of this machine, now")
         for heading in ("", "median", "min", "max", "unit", ""):
             table.add_column(heading, justify="right" if heading in ("median", "min", "max") else "left")
         for row in self.rows:

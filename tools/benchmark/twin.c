@@ -1,7 +1,7 @@
-/* The held vehicle in Dryden turbulence under a law of order ORDER, for W flights at once: what the compiled loops of
- * Python are measured against. The arithmetic is theirs, operation by operation, so that the results are equal to the
- * bit; built without contraction of products and sums. W = 1 is a plain scalar program, W = 32 lets the compiler use
- * SIMD. Constants and states are rows of W numbers in the order of firmware_model.world.
+/* The held vehicle in Dryden turbulence under a law of order ORDER, for W flights at once: the yardstick of the compiled
+ * Python loops. The arithmetic is theirs, operation by operation, so that all bits are equal. It is built without
+ * contraction of products and sums. W = 1 is a plain scalar program; W = 32 lets the compiler use SIMD. Constants and
+ * states are rows of W numbers in the order of firmware_model.sim.layout.
  */
 #include <math.h>
 #include <stdint.h>
@@ -12,7 +12,7 @@
 
 enum { GUST_STREAM = 1, GYRO_STREAM = 2 };
 
-/* Philox4x32-10 (Salmon, Moraes, Dror, Shaw 2011); a double below 2^52 is made from its bits, as SIMD can. */
+/* Philox4x32-10 (Salmon, Moraes, Dror, Shaw 2011); a double below 2^52 is made from its bits, which SIMD can do. */
 static inline void philox(uint32_t sample, uint32_t block, uint32_t seed, uint32_t stream, uint32_t out[4])
 {
     uint32_t a = sample, b = block, c = 0, d = 0, j = seed, k = stream;
@@ -103,7 +103,7 @@ static void draw(const uint32_t *seed, uint32_t sample, double u[12][W])
         }
 }
 
-/* One number in seven lies outside of the centre; several flights set these side by side. */
+/* One number in seven lies outside the centre; several flights place these side by side. */
 static void normals(const double *u, double *n)
 {
 #if W == 1
@@ -195,7 +195,7 @@ static inline double clamped(double x, double limit)
     return low > limit ? limit : low;
 }
 
-/* States, measured and asked for, Euler rates, what was cut off, a zero. */
+/* States, measurements and references, Euler rates, torque excess, a zero. */
 enum { RATES = ORDER + 9, CUT = ORDER + 12, NUMBERS = ORDER + 16 };
 static double z[NUMBERS][W] ALIGNED, next[ORDER][W] ALIGNED;
 
@@ -209,7 +209,7 @@ static inline void sum(const double *terms, int begin, int end, double *total)
     }
 }
 
-/* The one law form with its exact kinematics, as sums of the terms that are not 0. */
+/* A law with its exact kinematics, as sums of its nonzero terms. */
 static void law_step(const int64_t *ends, const double *terms, const double *limits, double u[3][W])
 {
     int begin = 0;
@@ -236,7 +236,7 @@ static void law_step(const int64_t *ends, const double *terms, const double *lim
 }
 
 /* Flies W flights: `params` and `state` hold rows of W, `last` (7, W) becomes attitude and rates at the last sample,
- * `torque` (W) the sum of the squares of the torques asked for. */
+ * `torque` (W) the sum of the squares of the commanded torques. */
 void fly(int samples, int substeps, double dt, const double *params, double *state, const uint32_t *seed,
          const int64_t *ends, const double *terms, const double *limits, const double *limit, double *last,
          double *torque)
@@ -263,10 +263,10 @@ void fly(int samples, int substeps, double dt, const double *params, double *sta
         law_step(ends, terms, limits, u);
         for (int i = 0; i < 3; i++)
             LANES {
-                double asked = late[i][w] * limit[i];
+                double command = late[i][w] * limit[i];
                 late[i][w] = clamped((float)(u[i][w] / limit[i]), 1.0);
-                u[i][w] = asked;
-                torque[w] += asked * asked;
+                u[i][w] = command;
+                torque[w] += command * command;
             }
         LANES {
             double v = DRY(16) * air[1][w] + DRY(17) * air[2][w], vertical = DRY(31) * air[4][w] + DRY(32) * air[5][w];

@@ -1,4 +1,4 @@
-"""The same flight as a C program, scalar and SIMD: built here, and worth its figure only if its result is ours."""
+"""The same flight as a C program, scalar and SIMD, which counts only if its result is ours."""
 
 import ctypes
 import shutil
@@ -9,45 +9,52 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model import world
-from firmware_model.free_flight import AirParams
-from firmware_model.params import published_limit
-from firmware_model.scenario import Scenario
-from firmware_model.vehicle import Vehicle
-from gustproof.closed_loop import fly_direct
-from gustproof.law import Law
-from gustproof.law_step import sums
+from firmware_model.autopilot.parameters import published_limit
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.physics.aerodynamics import AirParams
+from firmware_model.sim import layout
+from firmware_model.sim.state import initial_state
+from gustproof.law.form import Law
+from gustproof.law.step import sparse_law
+from gustproof.simulate.direct import fly_direct
 
 Array = NDArray[np.float64]
-_SUMMATION = 1e-12  # [-] relative, what another order of summation does to a sum of squares
+_SUMMATION = 1e-12  # [-] relative effect of another order of summation on a sum of squares
 _SOURCE = Path(__file__).parent / "twin.c"
 _OPTIONS = ("-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC")
 
 
 class Twin:
-    """The C program for `width` flights at once; `fly` takes their number from the seeds."""
+    """The C program for `width` flights at once."""
 
     def __init__(self, folder: Path, scenario: Scenario, law: Law, vehicle: Vehicle, width: int) -> None:
         compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
         if compiler is None:
             raise FileNotFoundError("no C compiler")
         self.width, self._scenario, self._law, self._vehicle = width, scenario, law, vehicle
-        gust_gain = world.AIR + AirParams._fields.index("gust_gain")
+        gust_gain = layout.AIR + AirParams._fields.index("gust_gain")
         defined = {
-            "W": width, "ORDER": law.order, "BODY": world.BODY, "DRYDEN": world.DRYDEN, "GYRO": world.GYRO,
-            "GUST_GAIN": gust_gain, "X_BODY": world.X_BODY, "X_DRYDEN": world.X_DRYDEN,
-        }  # fmt: skip
+            "W": width,
+            "ORDER": law.order,
+            "BODY": layout.BODY,
+            "DRYDEN": layout.DRYDEN,
+            "GYRO": layout.GYRO,
+            "GUST_GAIN": gust_gain,
+            "X_BODY": layout.X_BODY,
+            "X_DRYDEN": layout.X_DRYDEN,
+        }
         library = folder / f"twin{width}.so"
         options = [*_OPTIONS, *(f"-D{name}={value}" for name, value in defined.items())]
         subprocess.run([compiler, *options, str(_SOURCE), "-o", str(library), "-lm"], check=True, capture_output=True)
         self._fly = ctypes.CDLL(str(library)).fly
-        self._sums = sums(law)
+        self._sums = sparse_law(law)
         self._limit = np.array(published_limit(vehicle))
 
-    def prepared(self, seeds: list[int]) -> Callable[[], tuple[Array, Array]]:
-        """Return the flights alone, whose worlds are made here, not timed.
+    def prepare(self, seeds: list[int]) -> Callable[[], tuple[Array, Array]]:
+        """Return a function that flies, with initial states made here, outside the measurement.
 
-        They return attitude and rates (7, n) at the last sample, and the sum of the squares of the torques (n,).
+        It returns attitude and rates (7, n) at the last sample, and the sum of the squares of the torques (n,).
         """
         batches = [self._batch(seeds[i : i + self.width]) for i in range(0, len(seeds), self.width)]
 
@@ -59,8 +66,8 @@ class Twin:
 
     def _batch(self, seeds: list[int]) -> Callable[[], tuple[Array, Array]]:
         full = seeds + seeds[-1:] * (self.width - len(seeds))
-        worlds = [world.new_world(self._vehicle, self._scenario, seed) for seed in full]
-        params, start = (np.array([getattr(one, name) for one in worlds]).T.copy() for name in ("params", "state"))
+        states = [initial_state(self._vehicle, self._scenario, seed) for seed in full]
+        params, start = (np.array([getattr(one, name) for one in states]).T.copy() for name in ("params", "state"))
         drawn, last, torque = np.array(full, dtype=np.uint32), np.empty((7, self.width)), np.empty(self.width)
         scenario = self._scenario
         substeps = scenario.physics_rate_hz // scenario.control_rate_hz
@@ -76,9 +83,9 @@ class Twin:
 
 
 def difference(twin: Twin, scenario: Scenario, law: Law, vehicle: Vehicle) -> float:
-    """Return the largest relative difference between the twin's flights and ours: 0 if they are equal to the bit."""
+    """Return the largest relative difference between the twin's flights and ours: 0 if all bits are equal."""
     seeds = [1, 2, 3]
-    last, torque = twin.prepared(seeds)()
+    last, torque = twin.prepare(seeds)()
     worst = 0.0
     for i, seed in enumerate(seeds):
         records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)

@@ -1,1 +1,1 @@
-"""Campaigns: one scenario flown many times with what is uncertain drawn anew, on many cores, and what comes of it."""
+"""Fly one scenario thousands of times and draw statistics from it."""

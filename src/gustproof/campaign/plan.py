@@ -1,79 +1,93 @@
-"""What a campaign flies: a scenario, laws, and what is drawn anew for each case.
+"""Plan of a campaign: a scenario, laws, and the dispersions drawn for each case.
 
-Each law flies the same cases, so that they can be compared case by case. Run `k` of `runs` is case `k % cases` with
-law `k // cases`: the first law's runs come first.
+Each law flies the same cases, so laws can be compared case by case. Run `k` of `runs` is case `k % cases` with law
+`k // cases`: the first law's runs come first.
 """
 
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from pydantic_core import to_jsonable_python
 
+from firmware_model.config.files import validate
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.spreads import Spread
+from firmware_model.config.uncertainty import VehicleSet, make_vehicle_set
 from firmware_model.errors import ConfigError
-from firmware_model.files import parse
-from firmware_model.scenario import Scenario
-from firmware_model.spreads import Spread
-from firmware_model.vehicle_set import VehicleSet, vehicle_set
-from gustproof import __version__
-from gustproof.campaign.draws import Array, Sampling, deltas, flight_seeds
-from gustproof.lanes import Case
-from gustproof.law import Law, law_from
+from gustproof.campaign.sampling import Array, Sampling, draw_deltas, flight_seeds
+from gustproof.law.form import Law, parse_law
+from gustproof.simulate.batch import Case
+from gustproof.version import software_versions
 
 FORMAT = "gustproof-campaign-1"
 _GUST = "gust_scale"
 _ATTITUDE = ("initial_roll_deg", "initial_pitch_deg", "initial_yaw_deg")
 
 
-class Dispersed(Enum):
-    """What may be drawn anew."""
+class DispersionKind(Enum):
+    """Groups of dispersions that a campaign can draw.
+
+    Examples
+    --------
+    >>> from gustproof import DispersionKind
+    >>> [kind.value for kind in DispersionKind]
+    ['vehicle', 'gyro', 'gust', 'attitude']
+    """
 
     VEHICLE = "vehicle"
-    """Numbers with a spread in the vehicle file, but for the gyro's."""
+    """Numbers with a spread in the vehicle file, except those of the gyro."""
     GYRO = "gyro"
     """Numbers of the gyro with a spread in the vehicle file."""
     GUST = "gust"
-    """How strong the gusts are."""
+    """Strength of the gusts."""
     ATTITUDE = "attitude"
-    """In which attitude the flight begins."""
+    """Initial attitude."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Campaign:
-    """All that is needed to fly a campaign, or any run of it, again.
+    """Complete description of a campaign, enough to repeat it or any of its runs.
 
     Raises
     ------
     ConfigError
-        If two laws have one name, or one steps at another rate than the scenario.
+        If two laws have the same name, or the rate of a law is not the scenario's.
+
+    Examples
+    --------
+    >>> from gustproof import Campaign, DispersionKind, load_law, load_scenario, load_vehicle_set, select_spreads
+    >>> scenario, vehicles = load_scenario("paper-turbulence"), load_vehicle_set("paper")
+    >>> spreads = select_spreads(vehicles, scenario, [DispersionKind.GUST], gust=0.5, attitude_deg=0.0)
+    >>> laws = (load_law("pid-fair"), load_law("flagship"))
+    >>> campaign = Campaign(scenario=scenario, laws=laws, vehicles=vehicles, spreads=spreads, cases=1000)
+    >>> campaign.runs
+    2000
     """
 
     scenario: Scenario
     """Script."""
     laws: tuple[Law, ...]
-    """Laws, each with a name of its own."""
+    """Laws with distinct names."""
     vehicles: VehicleSet
     """Vehicle with its spreads."""
     spreads: Mapping[str, Spread]
-    """What is drawn, by name, each with its own unit."""
+    """Dispersions by name, each with its own unit."""
     cases: int
-    """Cases: runs of each law."""
+    """Number of cases: runs of each law."""
     sampling: Sampling = Sampling.UNIFORM
-    """How it is drawn."""
+    """Sampling method of the dispersions."""
     seed: int = 1
-    """Seed of all draws; gusts and noise of each case have a seed of their own, made from it."""
+    """Seed of all draws; each case derives its own seed of gusts and noise from it."""
 
     def __post_init__(self) -> None:
-        """Check that the laws can fly it."""
+        """Check names and rates of the laws."""
         names = [law.name for law in self.laws]
         for name in names:
             if names.count(name) > 1:
-                raise ConfigError(f"law '{name}': given {names.count(name)} times; each needs a name of its own")
+                raise ConfigError(f"law '{name}': given {names.count(name)} times; names must be distinct")
         for law in self.laws:
             if law.dt != self.scenario.dt:
                 every = f"scenario '{self.scenario.name}' every {self.scenario.dt} s"
@@ -88,74 +102,86 @@ class Campaign:
         """Return the law that flies a run."""
         return self.laws[run // self.cases]
 
-    def deltas(self, first: int, count: int) -> Array:
-        """Return what is drawn for the cases from `first` on, (count, spreads), normalised."""
-        return deltas(self.sampling, self.seed, self.cases, len(self.spreads), first, count)
+    def draw_deltas(self, first: int, count: int) -> Array:
+        """Return the normalised deltas of the cases from `first` on, (count, spreads)."""
+        return draw_deltas(self.sampling, self.seed, self.cases, len(self.spreads), first, count)
 
     def flight_seeds(self, first: int, count: int) -> list[int]:
         """Return the seeds of gusts and noise of the cases from `first` on."""
         return flight_seeds(self.seed, first, count)
 
-    def flown(self, delta: Sequence[float], seed: int) -> Case:
-        """Return what is flown at the normalised `delta` of each spread.
+    def make_case(self, delta: Sequence[float], seed: int) -> Case:
+        """Return the case at the normalised `delta` of each spread.
 
         Raises
         ------
         ConfigError
-            If there can be no such vehicle, or no flight begins so.
+            If no such vehicle can exist, or no flight can start in this attitude.
         """
         drawn = dict(zip(self.spreads, delta, strict=True))
         attitude = self.scenario.initial_attitude_deg
-        roll, pitch, yaw = (self._value(name, drawn, usual) for name, usual in zip(_ATTITUDE, attitude, strict=True))
-        vehicle = self.vehicles.at({name: value for name, value in drawn.items() if name in self.vehicles.spreads})
+        roll, pitch, yaw = (self._value(name, drawn, angle) for name, angle in zip(_ATTITUDE, attitude, strict=True))
+        vehicle = self.vehicles.vehicle_at(
+            {name: value for name, value in drawn.items() if name in self.vehicles.spreads}
+        )
         gust_scale = self._value(_GUST, drawn, 1.0)
         case = {"vehicle": vehicle, "seed": seed, "gust_scale": gust_scale, "initial_attitude_deg": (roll, pitch, yaw)}
-        return parse(Case, case, "case")
+        return validate(Case, case, "case")
 
-    def _value(self, name: str, drawn: Mapping[str, float], usual: float) -> float:
-        return self.spreads[name].value(drawn[name]) if name in drawn else usual
+    def _value(self, name: str, drawn: Mapping[str, float], default: float) -> float:
+        return self.spreads[name].value(drawn[name]) if name in drawn else default
 
-    def note(self) -> dict[str, Any]:
-        """Return the campaign as JSON has it, from which `noted` makes it again, and the versions that fly it."""
+    def metadata(self) -> dict[str, Any]:
+        """Return the campaign and its software versions as JSON values, input of `parse_campaign`."""
         return {
             "format": FORMAT,
             "scenario": to_jsonable_python(self.scenario),
             "vehicle": self.vehicles.document,
-            "laws": [law.document() for law in self.laws],
+            "laws": [law.to_dict() for law in self.laws],
             "spreads": to_jsonable_python(self.spreads),
             "runs": self.cases,
             "sampling": self.sampling.value,
             "seed": self.seed,
-            "versions": versions(),
+            "versions": software_versions(),
         }
 
 
-def usual_dispersions(vehicles: VehicleSet) -> list[Dispersed]:
-    """Return what is drawn unless something else is asked for: gusts, and whatever the vehicle file has a spread of."""
+def usual_dispersions(vehicles: VehicleSet) -> list[DispersionKind]:
+    """Return the default dispersions: gusts, and each kind with a spread in the vehicle file."""
     of_gyro = {name.startswith("gyro.") for name in vehicles.spreads}
-    found = {Dispersed.VEHICLE: False in of_gyro, Dispersed.GUST: True, Dispersed.GYRO: True in of_gyro}
+    found = {DispersionKind.VEHICLE: False in of_gyro, DispersionKind.GUST: True, DispersionKind.GYRO: True in of_gyro}
     return [kind for kind, there in found.items() if there]
 
 
-def dispersions(
-    vehicles: VehicleSet, scenario: Scenario, wanted: Sequence[Dispersed], *, gust: float, attitude_deg: float
+def select_spreads(
+    vehicles: VehicleSet, scenario: Scenario, wanted: Sequence[DispersionKind], *, gust: float, attitude_deg: float
 ) -> dict[str, Spread]:
-    """Return what is drawn: gusts 1 - `gust` to 1 + `gust` times as strong, angles within `attitude_deg` of the script.
+    """Return the spreads of the `wanted` kinds, by name.
+
+    Gusts are scaled by 1 - `gust` to 1 + `gust`; initial angles are within `attitude_deg` of the script's.
 
     Raises
     ------
     ConfigError
-        If the vehicle file has no spread of what is wanted.
+        If the vehicle file has no spread of a wanted kind.
+
+    Examples
+    --------
+    >>> from gustproof import DispersionKind, load_scenario, load_vehicle_set, select_spreads
+    >>> vehicles, scenario = load_vehicle_set("paper"), load_scenario("paper-turbulence")
+    >>> spreads = select_spreads(vehicles, scenario, [DispersionKind.GUST], gust=0.5, attitude_deg=0.0)
+    >>> spreads["gust_scale"].high
+    1.5
     """
     found: dict[str, Spread] = {}
     for kind in dict.fromkeys(wanted):
-        if kind is Dispersed.GUST:
+        if kind is DispersionKind.GUST:
             found[_GUST] = Spread(nominal=1.0, low=1.0 - gust, high=1.0 + gust)
-        elif kind is Dispersed.ATTITUDE:
+        elif kind is DispersionKind.ATTITUDE:
             for name, angle in zip(_ATTITUDE, scenario.initial_attitude_deg, strict=True):
                 found[name] = Spread(nominal=angle, low=angle - attitude_deg, high=angle + attitude_deg)
         else:
-            of_gyro = kind is Dispersed.GYRO
+            of_gyro = kind is DispersionKind.GYRO
             theirs = {n: each for n, each in vehicles.spreads.items() if n.startswith("gyro.") is of_gyro}
             if not theirs:
                 name = vehicles.document["name"]
@@ -168,34 +194,25 @@ def dispersions(
     return found
 
 
-def noted(note: Any, source: Path | str) -> Campaign:
-    """Return the campaign that a note says.
+def parse_campaign(metadata: Any, source: Path | str) -> Campaign:
+    """Return the campaign described by `metadata`.
 
     Raises
     ------
     ConfigError
-        If it says none.
+        If `metadata` describes no campaign.
     """
     try:
-        if note["format"] != FORMAT:
-            raise ConfigError(f"{source}: its format is {note['format']!r}, not {FORMAT!r}")
+        if metadata["format"] != FORMAT:
+            raise ConfigError(f"{source}: its format is {metadata['format']!r}, not {FORMAT!r}")
         return Campaign(
-            scenario=parse(Scenario, note["scenario"], f"{source}: scenario"),
-            laws=tuple(law_from(law, f"{source}: law") for law in note["laws"]),
-            vehicles=vehicle_set(note["vehicle"], f"{source}: vehicle"),
-            spreads={name: Spread(**spread) for name, spread in note["spreads"].items()},
-            cases=int(note["runs"]), sampling=Sampling(note["sampling"]), seed=int(note["seed"]),
-        )  # fmt: skip
+            scenario=validate(Scenario, metadata["scenario"], f"{source}: scenario"),
+            laws=tuple(parse_law(law, f"{source}: law") for law in metadata["laws"]),
+            vehicles=make_vehicle_set(metadata["vehicle"], f"{source}: vehicle"),
+            spreads={name: Spread(**spread) for name, spread in metadata["spreads"].items()},
+            cases=int(metadata["runs"]),
+            sampling=Sampling(metadata["sampling"]),
+            seed=int(metadata["seed"]),
+        )
     except (AttributeError, KeyError, TypeError, ValueError):
-        raise ConfigError(f"{source}: does not say what was flown") from None
-
-
-@cache
-def versions() -> dict[str, str]:
-    """Return what can change the bits of a campaign."""
-    return {
-        "gustproof": __version__,
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        **{name: version(name) for name in ("numpy", "scipy", "numba", "llvmlite")},
-    }
+        raise ConfigError(f"{source}: no description of a campaign") from None

@@ -1,1 +1,1 @@
-"""What holds for a closed loop over its whole uncertainty: mu, worst cases, certificates; blind to a law's making."""
+"""Prove bounds on closed loops: gain, mu, boundedness; check certificates."""

@@ -1,4 +1,4 @@
-"""The command line: one file a subcommand, which parses, calls and prints.
+"""Command line: one module for each subcommand, which parses, calls and prints.
 
-Modules here import nothing heavy at their top; `gustproof --help` answers at once.
+Modules here import nothing heavy at their top, so that `gustproof --help` answers at once.
 """

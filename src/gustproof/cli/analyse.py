@@ -1,4 +1,4 @@
-"""`gustproof analyse`: what a law is worth, and what limits it."""
+"""The command `gustproof analyse`: performance and limits of a law."""
 
 import json
 from pathlib import Path
@@ -11,26 +11,29 @@ from firmware_model.errors import ConfigError
 
 def analyse(
     law: Annotated[str, typer.Argument(help="Name of a shipped law, a .json or .mat file, or a folder of tables.")],
-    scenario: Annotated[str, typer.Option(help="Air and rates of the flights.")] = "paper-turbulence",
+    scenario: Annotated[
+        str, typer.Option(help="Scenario that gives the wind and the sample rate.")
+    ] = "paper-turbulence",
     vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")] = 1,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Draw Bode, sensitivities, step and gust here (.png).")
+        Path | None,
+        typer.Option("-o", "--output", help="Write Bode plot, sensitivities, step and gust response here (.png)."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
 ) -> None:
-    """Print a law's margins, poles, flown figures, what its error is made of, and what limits it.
+    """Print a law's margins, poles, flown figures, error budget and limits.
 
     gustproof analyse hinf-scheduled -o hinf-scheduled.png
 
     gustproof analyse mine.mat --vehicle iris --json
     """
-    from firmware_model.scenario import load_scenario
-    from firmware_model.vehicle import load_vehicle
-    from gustproof.exchange.matrices import read_law
-    from gustproof.report.analysis import analyse as analysed
-    from gustproof.report.analysis import analysis_document
-    from gustproof.report.document import show
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.analysis.analyse import analyse as analysed
+    from gustproof.law.io.matrices import read_law
+    from gustproof.report.analysis import render_analysis
+    from gustproof.report.terminal import show
 
     if output is not None and output.suffix != ".png":
         raise ConfigError(f"{output}: the figure's file must end in .png")
@@ -44,11 +47,11 @@ def analyse(
             from gustproof.report.figures import save_analysis
 
             save_analysis(analysis, output)
-    except (ValueError, OverflowError) as error:  # numbers that no matrix routine and no axis takes
-        raise ConfigError(f"law '{read.name}' can't be analysed on vehicle '{airframe.name}': {error}") from None
+    except (ValueError, OverflowError) as error:  # numbers beyond a matrix routine or an axis
+        raise ConfigError(f"law '{read.name}' cannot be analysed on vehicle '{airframe.name}': {error}") from None
     if as_json:
-        print(json.dumps(analysis.document(), indent=2))
+        print(json.dumps(analysis.to_dict(), indent=2))
         return
-    show(analysis_document(analysis))
+    show(render_analysis(analysis))
     if output is not None:
-        print(f"drawn in {output}")
+        print(f"figure in {output}")

@@ -1,4 +1,4 @@
-"""The command line, put together from one file a subcommand."""
+"""The command line, assembled from one module for each subcommand."""
 
 import typer
 
@@ -17,7 +17,7 @@ from gustproof.cli.reproduce import reproduce
 from gustproof.cli.scenario import scenario
 from gustproof.cli.worst_case import worst_case
 
-PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+PASS_THROUGH = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
 
 app = typer.Typer(
     cls=OneLineErrors,
@@ -42,5 +42,5 @@ app.command()(worst_case)
 app.command()(report)
 app.command()(analyse)
 app.command()(export)
-app.command(context_settings=PASSED_ON)(autopilot)
-app.command(context_settings=PASSED_ON)(controller)
+app.command(context_settings=PASS_THROUGH)(autopilot)
+app.command(context_settings=PASS_THROUGH)(controller)

@@ -1,15 +1,15 @@
-"""`gustproof autopilot`: the vehicle's process."""
+"""The command `gustproof autopilot`: the vehicle's process."""
 
 import typer
 
-from gustproof.cli.failures import Status
+from gustproof.cli.failures import ExitStatus
 
 
 def autopilot(ctx: typer.Context) -> None:
     """Run the simulated autopilot and its vehicle; `gustproof autopilot --help` shows its options.
 
-    The same as `python -m firmware_model`: it stands on the ground in real time, speaks MAVLink over UDP on the
-    ports that ground stations and off-board programs look at, and prints how to connect each.
+    The same as `python -m firmware_model`. The vehicle stands on the ground in real time and speaks MAVLink over UDP.
+    It uses the ports that ground stations and off-board programs expect, and prints how to connect each.
 
         gustproof autopilot
 
@@ -19,4 +19,4 @@ def autopilot(ctx: typer.Context) -> None:
     """
     from firmware_model.__main__ import main
 
-    raise typer.Exit(main(ctx.args, program="gustproof autopilot") or Status.DONE.value)
+    raise typer.Exit(main(ctx.args, program="gustproof autopilot") or ExitStatus.DONE.value)

@@ -1,4 +1,4 @@
-"""`gustproof campaign`: one scenario, many times."""
+"""The command `gustproof campaign`: one scenario, flown many times."""
 
 import json
 import sys
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.failures import ANYWAY, Status, stop
+from gustproof.cli.failures import ANYWAY, ExitStatus, exit_with
 from gustproof.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -21,39 +21,38 @@ Choice = TypeVar("Choice", bound=Enum)
 def campaign(
     scenario: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a .toml file.")],
     law: Annotated[
-        list[str], typer.Option(help="Name of a shipped law, or a .json file; repeat it to compare laws case by case.")
+        list[str], typer.Option(help="Name of a shipped law, or a .json file. Repeat it to compare laws case by case.")
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Write the table here (.parquet).")],
     runs: Annotated[int, typer.Option(min=1, help="Flights of each law.")] = 1000,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes that fly [default: one on each core].", show_default=False)
+        int | None, typer.Option(min=1, help="Worker processes [default: one for each core].", show_default=False)
     ] = None,
     spread: Annotated[
         str | None,
-        typer.Option(
-            help="What is drawn anew: of vehicle, gust, gyro, attitude [default: gust, and what the file has]."
-        ),
+        typer.Option(help="Quantities to vary: vehicle, gust, gyro, attitude [default: gust, and the file's spreads]."),
     ] = None,
-    sampling: Annotated[str, typer.Option(help="How: uniform, normal, latin or sobol.")] = "uniform",
+    sampling: Annotated[str, typer.Option(help="Sampling method: uniform, normal, latin or sobol.")] = "uniform",
     gust_spread: Annotated[
-        float, typer.Option(min=0.01, max=1.0, help="Gusts are 1 - this to 1 + this times the scenario's.")
+        float, typer.Option(min=0.01, max=1.0, help="Scale the gusts by 1 - this to 1 + this.")
     ] = 0.5,
     attitude_spread: Annotated[
-        float, typer.Option(min=0.01, max=60.0, help="The flight begins within this of the scenario's attitude [deg].")
+        float, typer.Option(min=0.01, max=60.0, help="Start within this angle of the scenario's attitude [deg].")
     ] = 5.0,
     vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
-    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of all draws.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of all random draws.")] = 1,
     executor: Annotated[
         str | None, typer.Option(help="Fly on a dask cluster: dask://tcp://HOST:PORT.", show_default=False)
     ] = None,
     anyway: Annotated[bool, typer.Option("--anyway", help=ANYWAY)] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
 ) -> None:
-    """Fly one scenario many times, with what is uncertain drawn anew, and say what came of it and how sure that is.
+    """Fly one scenario many times with varied parameters, and print statistics with confidence intervals.
 
-    The vehicle's and the gyro's spreads stand in the vehicle file; each flight has gusts and noise of its own, the
-    same for every law. Leaves one Parquet table, a row a run; the same command goes on where it was interrupted, and
-    the table does not depend on workers, executor or interruptions. A requirement that a run fails is a result.
+    The vehicle file holds the spreads of vehicle and gyro. Each flight has gusts and noise of its own, the same for
+    every law. The result is one Parquet table with a row for each run. The same command resumes an interrupted
+    campaign. The table does not depend on workers, executor or interruptions. A failed requirement is a result, not
+    an error.
 
         gustproof campaign paper --law hinf-scheduled --law pid-fair --runs 1000 -o mc.parquet
 
@@ -61,83 +60,96 @@ def campaign(
 
         gustproof fly --run mc.parquet:471
     """
-    from gustproof.campaign.findings import findings
-    from gustproof.flight import check
-    from gustproof.report.campaign import campaign_document
-    from gustproof.report.document import show
+    from gustproof.campaign.statistics import compute_statistics
+    from gustproof.report.campaign import render_campaign
+    from gustproof.report.terminal import show
+    from gustproof.simulate.flight import check
 
-    plan = _plan(scenario, law, vehicle, spread, sampling, gust_spread, attitude_spread, runs, seed)
+    plan = _make_plan(scenario, law, vehicle, spread, sampling, gust_spread, attitude_spread, runs, seed)
     if not anyway:
-        for each in plan.laws:
-            check(plan.scenario, each, plan.vehicles.nominal)
+        for flown in plan.laws:
+            check(plan.scenario, flown, plan.vehicles.nominal)
     _fly(plan, output, workers, executor, quiet=as_json)
-    found = findings(output)
+    found = compute_statistics(output)
     if as_json:
-        print(json.dumps(found.document(), indent=2))
+        print(json.dumps(found.to_dict(), indent=2))
     else:
-        show(campaign_document(found))
+        show(render_campaign(found))
 
 
-def _plan(
-    scenario: str, laws: list[str], vehicle: str, spread: str | None, sampling: str, gust: float, attitude_deg: float,
-    runs: int, seed: int,
-) -> "Campaign":  # fmt: skip
-    from firmware_model.scenario import load_scenario
-    from firmware_model.vehicle_set import load_vehicle_set
-    from gustproof.campaign.draws import Sampling
-    from gustproof.campaign.plan import Campaign, Dispersed, dispersions, usual_dispersions
-    from gustproof.law import load_law
+def _make_plan(
+    scenario: str,
+    laws: list[str],
+    vehicle: str,
+    spread: str | None,
+    sampling: str,
+    gust: float,
+    attitude_deg: float,
+    runs: int,
+    seed: int,
+) -> "Campaign":
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.uncertainty import load_vehicle_set
+    from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads, usual_dispersions
+    from gustproof.campaign.sampling import Sampling
+    from gustproof.law.form import load_law
 
     script, vehicles = load_scenario(scenario), load_vehicle_set(vehicle)
     if spread is None:
         wanted = usual_dispersions(vehicles)
     else:
-        wanted = [_choice(Dispersed, "--spread", word.strip()) for word in spread.split(",")]
+        wanted = [_parse_choice(DispersionKind, "--spread", word.strip()) for word in spread.split(",")]
     return Campaign(
-        scenario=script, laws=tuple(load_law(name) for name in laws), vehicles=vehicles,
-        spreads=dispersions(vehicles, script, wanted, gust=gust, attitude_deg=attitude_deg),
-        cases=runs, sampling=_choice(Sampling, "--sampling", sampling), seed=seed,
-    )  # fmt: skip
+        scenario=script,
+        laws=tuple(load_law(name) for name in laws),
+        vehicles=vehicles,
+        spreads=select_spreads(vehicles, script, wanted, gust=gust, attitude_deg=attitude_deg),
+        cases=runs,
+        sampling=_parse_choice(Sampling, "--sampling", sampling),
+        seed=seed,
+    )
 
 
 def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | None, *, quiet: bool) -> None:
-    """Fly what is not flown yet, shown on standard error."""
-    from gustproof.campaign.pools import cluster, processes, usable_cores
-    from gustproof.campaign.run import fly_campaign
-    from gustproof.campaign.store import check_same
-    from gustproof.campaign.table import read_note
+    """Fly the missing runs, with progress on standard error."""
+    from gustproof.campaign.executors import count_cores, dask_pool, process_pool
+    from gustproof.campaign.reader import read_campaign_metadata
+    from gustproof.campaign.runner import fly_campaign
+    from gustproof.campaign.store import check_same_campaign
 
     if output.suffix != ".parquet":
         raise ConfigError(f"{output}: a campaign's table ends in .parquet")
     if output.exists():
-        check_same(read_note(output), plan.note(), f"{output}: holds another campaign")
-        _tell(f"{output}: all {plan.runs:,} runs are there", quiet=quiet)
+        check_same_campaign(read_campaign_metadata(output), plan.metadata(), f"{output}: holds another campaign")
+        _print_status(f"{output}: all {plan.runs:,} runs are there", quiet=quiet)
         return
-    if plan.scenario.scripts_controller:
-        why = "its script has link, mode or controller events"
-        _tell(f"{plan.scenario.name} is flown with messages, which takes longer: {why}", quiet=quiet)
+    if plan.scenario.has_link_script:
+        why = f"{plan.scenario.name} has link, mode or controller events"
+        _print_status(f"{why}, so each run goes over UDP (about 1 s a run instead of 5 ms)", quiet=quiet)
     title = f"{plan.scenario.name}, {', '.join(law.name for law in plan.laws)}"
     try:
         with (
-            cluster(executor) if executor else processes(workers or usable_cores()) as pool,
+            dask_pool(executor) if executor else process_pool(workers or count_cores()) as pool,
             progress(title, quiet=quiet) as shown,
         ):
             fly_campaign(
-                plan, output, pool,
+                plan,
+                output,
+                pool,
                 progress=lambda flown, of: shown(flown / max(of, 1), f"{title}: {plan.runs - of + flown:,} runs"),
-            )  # fmt: skip
+            )
     except KeyboardInterrupt:
-        line = f"interrupted; what was flown is in {output}.parts, and the same command goes on from there"
-        raise stop(line, Status.INTERRUPTED) from None
+        line = f"interrupted; finished runs are in {output}.parts, and the same command resumes from there"
+        raise exit_with(line, ExitStatus.INTERRUPTED) from None
 
 
-def _tell(line: str, *, quiet: bool) -> None:
+def _print_status(line: str, *, quiet: bool) -> None:
     if not quiet:
         print(f"gustproof: {line}", file=sys.stderr)
 
 
-def _choice(kind: type[Choice], option: str, word: str) -> Choice:
+def _parse_choice(kind: type[Choice], option: str, word: str) -> Choice:
     try:
         return kind(word)
     except ValueError:
-        raise ConfigError(f"{option}: '{word}' is none of {', '.join(each.value for each in kind)}") from None
+        raise ConfigError(f"{option}: '{word}' is none of {', '.join(choice.value for choice in kind)}") from None

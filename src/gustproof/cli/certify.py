@@ -1,4 +1,4 @@
-"""`gustproof certify`: what can be proved of a loop, and whether a proof holds."""
+"""The command `gustproof certify`: prove a bound, or check a certificate."""
 
 import json
 import math
@@ -9,12 +9,31 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.failures import Status, say
-from gustproof.cli.vectors import three_positive
+from gustproof.cli.failures import ExitStatus, say
+from gustproof.cli.vectors import parse_positive_vector
 
 if TYPE_CHECKING:
     from gustproof.certify.certificate import Certificate
     from gustproof.synthesis.designs import Design
+
+
+_USAGE = "give a design with --angle-rad and --rate-rad-s, a law with --closure, or --check with a certificate"
+_ASSUMPTIONS = {
+    "leak_per_s": "leak [1/s]",
+    "rate_damping_per_s": "rate damping [1/s]",
+    "angle_rad": "angles up to [rad]",
+    "rate_rad_s": "rates up to [rad/s]",
+    "sample_time_s": "sample time [s]",
+    "moment_N_m": "moment up to [N m]",
+    "noise_rad_s": "gyro noise rms [rad/s]",
+    "rho": "attitude and rates",
+    "horizon_s": "duration [s]",
+    "delay_samples": "delay [samples]",
+    "noise_probability": "risk from noise",
+}
+"""Label of each assumption on a terminal; others keep their key."""
+_UNBOUNDED = {"rho": "no assumption", "horizon_s": "unlimited", "delay_samples": "none"}
+"""Text of an assumption that is `None`, "nothing" or 0."""
 
 
 def certify(
@@ -25,30 +44,33 @@ def certify(
         float | None, typer.Option("--angle-rad", help="Envelope: largest roll and pitch [rad], below pi/2.")
     ] = None,
     rate: Annotated[float | None, typer.Option("--rate-rad-s", help="Envelope: largest rates p, q, r [rad/s].")] = None,
-    level: Annotated[float | None, typer.Option(help="Gain to prove [default: the least that can be proved].")] = None,
+    level: Annotated[float | None, typer.Option(help="Gain to prove [default: the least provable one].")] = None,
     closure: Annotated[
-        bool, typer.Option("--closure", help="Prove that the nonlinear flight stays in a box under the moments below.")
+        bool,
+        typer.Option(
+            "--closure", help="Prove that the nonlinear flight stays in a box, under the moments of --moment."
+        ),
     ] = False,
     moment: Annotated[
         str, typer.Option(help="Closure: largest moment about each axis, L,M,N [N m].")
     ] = "0.65,0.65,0.3",
     horizon: Annotated[float, typer.Option(help="Closure: length of the flight [s].")] = 60.0,
     exact_rho: Annotated[
-        bool, typer.Option("--exact-rho", help="The controller carries the airframe's A(rho), and knows rho exactly.")
+        bool, typer.Option("--exact-rho", help="Controller with the airframe's A(rho) and exact knowledge of rho.")
     ] = False,
     slow: Annotated[
-        bool, typer.Option("--slow", help="Roll and pitch turn no faster than the envelope's rates turn them.")
+        bool, typer.Option("--slow", help="Bound the speeds of roll and pitch by the envelope's rates.")
     ] = False,
     leak: Annotated[
         float | None,
         typer.Option(
-            help="Leak of the plant's Euler kinematics [1/s] [default: the design's; closure: none, the truth]."
+            help="Leak of the plant's Euler kinematics [1/s] [default: the design's; closure: 0, as in the vehicle]."
         ),
     ] = None,
-    noise: Annotated[float, typer.Option(help="Closure: rms of a gyro sample's white noise [rad/s].")] = 0.0,
+    noise: Annotated[float, typer.Option(help="Closure: rms of the gyro's white noise in a sample [rad/s].")] = 0.0,
     risk: Annotated[float, typer.Option(help="Closure: probability that the noise leaves its bounds.")] = 1e-3,
     check_file: Annotated[
-        Path | None, typer.Option("--check", help="Check a certificate again: exact arithmetic, no solver.")
+        Path | None, typer.Option("--check", help="Check a certificate in exact arithmetic, without a solver.")
     ] = None,
     vehicle: Annotated[
         str | None, typer.Option(help="Name of a shipped vehicle, or a .toml file [default: the design's, or paper].")
@@ -56,22 +78,25 @@ def certify(
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the certificate here (.json).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
 ) -> None:
-    """Prove a bound on what disturbances and noise do to a loop.
+    """Prove a bound on the effect of disturbances and noise on a loop.
 
-    With an envelope: the L2 gain from the design's weighted inputs (moment, gyro noise) to its weighted outputs
-    (attitude error, command), for every motion within the envelope, however fast. Gain 1 means that a disturbance as
-    large as its weight costs no more than the weights allow. At hover it is the design's H-infinity norm; off hover
-    the rotation couples the axes. A lower bound from simulation shows how much of the gain is real. A solver only
-    proposes the evidence: what is called proven was checked in exact rational arithmetic. The statement is about the
-    design's own plant, or one with the leak that you give, and its continuous controller. With `--exact-rho` that
-    controller is scheduled: it turns its own estimates by the airframe's A(rho). With `--slow` the proof uses that roll
-    and pitch cannot jump: their speeds follow from the envelope's rates. It is tighter and takes half a minute.
+    With an envelope, the bound is the L2 gain from the design's weighted inputs (moment, gyro noise) to its weighted
+    outputs (attitude error, command). It holds for every motion within the envelope, however fast. Gain 1 means that a
+    disturbance as large as its weight costs no more than the weights allow. At hover the gain is the design's
+    H-infinity norm; off hover the rotation couples the axes. A lower bound from simulation shows how tight the gain is.
+
+    A solver only proposes the evidence. A result is called proven only after a check in exact rational arithmetic. The
+    statement is about the design's own plant, or one with the given leak, and its continuous controller. With
+    `--exact-rho` that controller is scheduled: it rotates its own estimates by the airframe's A(rho). With `--slow` the
+    proof uses bounds on the speeds of roll and pitch, which follow from the envelope's rates. It is tighter and takes
+    half a minute.
 
     With `--closure` the statement is about the law file that flies, sampled and one sample late, on the nonlinear
-    vehicle: from rest, within the horizon, under any moment within the certified part of the budget, angles, rates and
-    commands stay in a box. Nothing is assumed of the motion; the gain is the part of the budget, at most 1.
+    vehicle. The flight starts from rest and ends within the horizon. Under any moment within the certified part of the
+    budget, angles, rates and commands stay in a box. Nothing is assumed of the motion. The gain is the certified part
+    of the budget, at most 1.
 
-    What each statement rests on is listed under "assumes". Exit status: 0 proven, 1 not proven, 2 bad input.
+    The output lists the assumptions of each statement. Exit status: 0 proven, 1 not proven, 2 bad input.
 
         gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 -o certificate.json
 
@@ -87,30 +112,42 @@ def certify(
     """
     if check_file is not None:
         if name is not None:
-            raise ConfigError("--check needs the certificate's file alone")
+            raise ConfigError("--check takes the certificate's file alone")
         raise typer.Exit(_check(check_file, as_json=as_json).value)
-    if name is None or closure == (angle is not None or rate is not None) or (angle is None) != (rate is None):
-        raise ConfigError(
-            "give a design with --angle-rad and --rate-rad-s, a law with --closure, or --check with a certificate"
-        )
+    envelope = _parse_envelope(angle, rate)
+    if name is None or closure == (envelope is not None):
+        raise ConfigError(_USAGE)
     if closure and (exact_rho or slow or level is not None):
-        raise ConfigError("--exact-rho, --slow and --level are of a gain; a closure flies the law file as it is")
+        raise ConfigError("--exact-rho, --slow and --level are for a gain; a closure takes the law file as it is")
     if output is not None and output.suffix != ".json":
         raise ConfigError(f"{output}: a certificate ends in .json")
-    if angle is not None and rate is not None:
-        certificate = _gain(_design(name), vehicle, angle, rate, level=level, leak=leak, exact_rho=exact_rho, slow=slow)
+    if envelope is not None:
+        certificate = _certify_gain(
+            _find_design(name), vehicle, *envelope, level=level, leak=leak, exact_rho=exact_rho, slow=slow
+        )
     else:
-        bound = three_positive("--moment", moment)
-        certificate = _closure(name, vehicle or "paper", bound, horizon, leak=leak or 0.0, noise=noise, risk=risk)
+        bound = parse_positive_vector("--moment", moment)
+        certificate = _certify_boundedness(
+            name, vehicle or "paper", bound, horizon, leak=leak or 0.0, noise=noise, risk=risk
+        )
     if output is not None and certificate.proven:
         certificate.save(output)
     _show(name, certificate, output, as_json=as_json)
-    raise typer.Exit((Status.DONE if certificate.proven else Status.REQUIREMENT_FAILED).value)
+    raise typer.Exit((ExitStatus.DONE if certificate.proven else ExitStatus.REQUIREMENT_FAILED).value)
 
 
-def _design(name: str) -> "Design":
-    """Return the design that `name` names, or that the shipped law of that name was made from."""
-    from gustproof.law import shipped_laws
+def _parse_envelope(angle: float | None, rate: float | None) -> tuple[float, float] | None:
+    """Return largest angle [rad] and rate [rad/s]; `None` without them."""
+    if angle is None and rate is None:
+        return None
+    if angle is None or rate is None:
+        raise ConfigError(_USAGE)
+    return angle, rate
+
+
+def _find_design(name: str) -> "Design":
+    """Return the design of that name, or the design of the shipped law of that name."""
+    from gustproof.law.form import shipped_laws
     from gustproof.synthesis.designs import load_design, shipped_designs
 
     if name not in shipped_laws():
@@ -118,16 +155,18 @@ def _design(name: str) -> "Design":
     made_from = {design.law: design for design in map(load_design, shipped_designs())}
     if name not in made_from:
         allowed = ", ".join(law for law, design in made_from.items() if _has_gain(design))
-        raise ConfigError(f"law '{name}' was made from no design, whose weights a gain needs; give one of {allowed}")
+        raise ConfigError(
+            f"law '{name}' was made from no design, and a gain needs the weights of one; give one of {allowed}"
+        )
     return made_from[name]
 
 
 def _has_gain(design: "Design") -> bool:
-    """Return whether a gain can be proved of a design: torque from gyros alone, to hold level."""
+    """Return whether a gain can be proved for a design: torque from gyros alone, to hold level."""
     return design.rate_loop_lag is None and design.W_l is None and design.W_r is None
 
 
-def _gain(
+def _certify_gain(
     design: "Design",
     vehicle: str | None,
     angle: float,
@@ -138,8 +177,8 @@ def _gain(
     exact_rho: bool,
     slow: bool,
 ) -> "Certificate":
-    from firmware_model.vehicle import load_vehicle
-    from gustproof.certify.gain import certify_gain
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.certify.gain.l2_gain import certify_gain
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import design_problem
 
@@ -147,19 +186,25 @@ def _gain(
     _, report = derive(design, airframe)
     if leak is not None and not 0.0 < leak < math.inf:
         raise ConfigError(
-            f"--leak: is {leak}, must be positive: without leak the attitude integrates, no gain is finite"
+            f"--leak: is {leak}, must be positive: without leak the attitude integrates and no gain is finite"
         )
     try:
         problem = report.problem if leak is None else design_problem(replace(design, leak=leak), airframe)
         scheduled = exact_rho or design.scheduled
         return certify_gain(
-            problem, report.result.controller, angle=angle, rate=rate, scheduled=scheduled, slow=slow, level=level
+            problem,
+            report.result.controller,
+            angle=angle,
+            rate=rate,
+            scheduled=scheduled,
+            rate_bounded=slow,
+            level=level,
         )
     except ValueError as error:
         raise ConfigError(f"design {design.name}: {error}") from None
 
 
-def _closure(
+def _certify_boundedness(
     law: str,
     vehicle: str,
     moment: tuple[float, float, float],
@@ -169,20 +214,30 @@ def _closure(
     noise: float,
     risk: float,
 ) -> "Certificate":
-    from firmware_model.vehicle import load_vehicle
-    from gustproof.certify.closure import certify_closure
-    from gustproof.law import load_law
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.certify.boundedness import certify_boundedness
+    from gustproof.certify.check.invariant_box import SIGNALS
+    from gustproof.falsify.worst_case import reached_share
+    from gustproof.law.form import load_law
 
     flown, airframe = load_law(law), load_vehicle(vehicle)
     try:
-        return certify_closure(flown, airframe, moment=moment, horizon=horizon, leak=leak, noise=noise, risk=risk)
+        certificate = certify_boundedness(
+            flown, airframe, moment=moment, horizon=horizon, leak=leak, noise=noise, risk=risk
+        )
+        if not certificate.proven or certificate.gain is None or leak:  # a vehicle with a leak cannot be flown
+            return certificate
+        L, M, N = (certificate.gain * limit for limit in moment)
+        angles_rad = [row[SIGNALS.index("E")] for row in certificate.evidence["box"]]
+        share = reached_share(flown, airframe, angles_rad=angles_rad, budget=(L, M, N), duration_s=horizon)
+        return replace(certificate, lower_bound=share)
     except ValueError as error:
         raise ConfigError(str(error)) from None
 
 
-def _check(path: Path, *, as_json: bool) -> Status:
-    from firmware_model.files import parse_json, read_text
-    from gustproof.certify.check import FORMAT, check
+def _check(path: Path, *, as_json: bool) -> ExitStatus:
+    from firmware_model.config.files import parse_json, read_text
+    from gustproof.certify.check.evidence import FORMAT, check
 
     try:
         text = read_text(path)
@@ -202,27 +257,39 @@ def _check(path: Path, *, as_json: bool) -> Status:
         _show_assumptions(claimed["assumes"])
     else:
         say(f"refused: {verdict.reason}")
-    return Status.DONE if verdict.accepted else Status.REQUIREMENT_FAILED
+    return ExitStatus.DONE if verdict.accepted else ExitStatus.REQUIREMENT_FAILED
 
 
 def _show(name: str, certificate: "Certificate", output: Path | None, *, as_json: bool) -> None:
     gain = certificate.gain
     if as_json:
-        told = {"gain": gain, "lower_bound": certificate.lower_bound, "proven": certificate.proven}
-        print(json.dumps({**told, "assumes": certificate.assumes, "statement": certificate.statement}, indent=2))
+        figures = {"gain": gain, "lower_bound": certificate.lower_bound, "proven": certificate.proven}
+        print(json.dumps({**figures, "assumes": certificate.assumes, "statement": certificate.statement}, indent=2))
         return
     print(f"{name}: {'proven' if certificate.proven else 'NOT proven'}: {certificate.statement}")
-    if certificate.lower_bound:  # 0 where nothing was tried
-        closure = certificate.evidence.get("kind") == "closure"
-        unit, claimed = (" of these angles", 1.0) if closure else ("", gain)
-        beyond = ", so that it is not so" if claimed is not None and certificate.lower_bound > claimed else ""
-        print(f"reached for certain, in simulation: {certificate.lower_bound:.4g}{unit}{beyond}")
+    if certificate.lower_bound:  # 0 if nothing was simulated
+        print(_describe_lower_bound(certificate))
     _show_assumptions(certificate.assumes)
     if output is not None:
-        print(f"certificate in {output}" if certificate.proven else "nothing is written: there is no proof to check")
+        print(
+            f"certificate in {output}"
+            if certificate.proven
+            else "no certificate is written: there is no proof to check"
+        )
+
+
+def _describe_lower_bound(certificate: "Certificate") -> str:
+    reached, gain = certificate.lower_bound, certificate.gain
+    if certificate.evidence.get("kind") == "closure":
+        line = f"the worst simulated flight used {100.0 * reached:.2g} % of the angles of this box"
+        return f"{line}, so the claimed box is false" if reached > 1.0 else line
+    line = f"a simulation reached {reached:.4g}"
+    return f"{line}, so the claimed bound {gain:.4g} is false" if gain is not None and reached > gain else line
 
 
 def _show_assumptions(assumes: dict[str, Any]) -> None:
-    print("assumes")
+    print("assumptions")
     for key, value in assumes.items():
-        say(f"  {key:20} {'-' if value is None else value}")
+        unbounded = key in _UNBOUNDED and value in (None, 0, "nothing")
+        text = _UNBOUNDED[key] if unbounded else "none" if value is None else value
+        say(f"  {_ASSUMPTIONS.get(key, key):22} {text}")

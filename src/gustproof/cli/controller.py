@@ -1,8 +1,8 @@
-"""`gustproof controller`: the controller's process."""
+"""The command `gustproof controller`: the controller's process."""
 
 import typer
 
-from gustproof.cli.failures import Status
+from gustproof.cli.failures import ExitStatus
 
 
 def controller(ctx: typer.Context) -> None:
@@ -12,4 +12,4 @@ def controller(ctx: typer.Context) -> None:
     """
     from gustproof.controller.__main__ import main
 
-    raise typer.Exit(main(ctx.args) or Status.DONE.value)
+    raise typer.Exit(main(ctx.args) or ExitStatus.DONE.value)

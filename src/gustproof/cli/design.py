@@ -1,4 +1,4 @@
-"""`gustproof design`: from weights to a law file."""
+"""The command `gustproof design`: from weights to a law file."""
 
 import json
 from collections.abc import Callable
@@ -15,39 +15,41 @@ from gustproof.cli.progress import progress
 if TYPE_CHECKING:
     from gustproof.model.interconnection import Interconnection
     from gustproof.synthesis.designs import Design
-    from gustproof.synthesis.structured import StructResult
+    from gustproof.synthesis.structured.hinfstruct import StructResult
 
 
 class Method(Enum):
-    """How a design is solved."""
+    """Synthesis method of a design."""
 
     HINFSYN = "hinfsyn"
-    """By two Riccati equations: the central controller, of the plant's order."""
+    """Two Riccati equations: the central controller, of the plant's order."""
     HINFSTRUCT = "hinfstruct"
-    """By nonsmooth optimisation: any order, each axis on its own."""
+    """Nonsmooth optimisation: any order, each axis on its own."""
 
 
 def design(
     name: Annotated[str, typer.Argument(help="Name of a shipped design, such as D1, or a .toml file.")],
     gamma: Annotated[float | None, typer.Option(help="Level to design for.")] = None,
-    backoff: Annotated[float | None, typer.Option(help="Level as a multiple (> 1) of the least possible.")] = None,
+    backoff: Annotated[
+        float | None, typer.Option(help="Level as a multiple (> 1) of the least possible level.")
+    ] = None,
     vehicle: Annotated[
         str | None, typer.Option(help="Name of a shipped vehicle, or a .toml file [default: the design's].")
     ] = None,
     method: Annotated[
-        Method, typer.Option(help="hinfsyn: a controller of the plant's order; hinfstruct: of the order asked for.")
+        Method, typer.Option(help="hinfsyn: a controller of the plant's order; hinfstruct: one of the given --order.")
     ] = Method.HINFSYN,
     order: Annotated[
         int | None, typer.Option(help="hinfstruct: states of the controller, the same number for each axis: 3, 6, 9...")
     ] = None,
-    starts: Annotated[int, typer.Option(min=1, help="hinfstruct: how often the search starts.")] = 5,
+    starts: Annotated[int, typer.Option(min=1, help="hinfstruct: number of starts of the search.")] = 5,
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="hinfstruct: seed of random starts.")] = 1,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Write the law here (.json), its singular values beside it.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
 ) -> None:
-    """Solve an H-infinity design; print its level, norm, order, margins and poles, and save the law.
+    """Solve an H-infinity design, print its level, norm, order, margins and poles, and save the law.
 
     gustproof design D1
 
@@ -55,48 +57,56 @@ def design(
 
     gustproof design D2 --method hinfstruct --order 6 -o reduced.json
     """
-    from firmware_model.vehicle import load_vehicle
-    from gustproof.report.design import design_document, save_design_figure
-    from gustproof.report.document import show
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.report.design import render_design, save_design_figure
+    from gustproof.report.terminal import show
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import load_design
 
-    if gamma is not None and backoff is not None:
-        raise ConfigError("--gamma and --backoff both set the level: give one of them")
-    if (gamma is not None and not gamma > 0.0) or (backoff is not None and not backoff > 1.0):
-        raise ConfigError("--gamma must be above 0, --backoff above 1")
+    _check_level(gamma, backoff)
+    _check_method(method, order, sets_level=gamma is not None or backoff is not None)
     if output is not None and output.suffix != ".json":
         raise ConfigError(f"{output}: a law file ends in .json")
-    if (method is Method.HINFSTRUCT) != (order is not None):
-        raise ConfigError("--method hinfstruct and --order go together")
-    if method is Method.HINFSTRUCT and (gamma is not None or backoff is not None):
-        raise ConfigError("--method hinfstruct finds the least level that it can: --gamma and --backoff set none")
-    asked = load_design(name)
+    wanted = load_design(name)
     if gamma is not None:
-        asked = replace(asked, gamma=gamma)
+        wanted = replace(wanted, gamma=gamma)
     elif backoff is not None:
-        asked = replace(asked, gamma=None, backoff=backoff)
-    solve = None if order is None else _structured(order, starts, seed, quiet=as_json)
-    law, report = derive(asked, None if vehicle is None else load_vehicle(vehicle), solve=solve)
+        wanted = replace(wanted, gamma=None, backoff=backoff)
+    solve = None if order is None else _make_solver(order, starts, seed, quiet=as_json)
+    law, report = derive(wanted, None if vehicle is None else load_vehicle(vehicle), solve=solve)
     if output is not None:
         law.save(output)
         save_design_figure(report, output.with_suffix(".png"))
     if as_json:
-        print(json.dumps(report.document(), indent=2))
+        print(json.dumps(report.to_dict(), indent=2))
     else:
-        show(design_document(report))
+        show(render_design(report))
         if output is not None:
             print(f"law in {output}, singular values in {output.with_suffix('.png')}")
 
 
-def _structured(
+def _check_level(gamma: float | None, backoff: float | None) -> None:
+    if gamma is not None and backoff is not None:
+        raise ConfigError("--gamma and --backoff both set the level: give one of them")
+    if (gamma is not None and not gamma > 0.0) or (backoff is not None and not backoff > 1.0):
+        raise ConfigError("--gamma must be above 0, --backoff above 1")
+
+
+def _check_method(method: Method, order: int | None, *, sets_level: bool) -> None:
+    if (method is Method.HINFSTRUCT) != (order is not None):
+        raise ConfigError("--method hinfstruct and --order go together")
+    if method is Method.HINFSTRUCT and sets_level:
+        raise ConfigError("--method hinfstruct minimises the level: --gamma and --backoff cannot set it")
+
+
+def _make_solver(
     order: int, starts: int, seed: int, *, quiet: bool
 ) -> "Callable[[Design, Interconnection], StructResult]":
-    """Return what solves a design by `hinfstruct`, with its progress shown."""
-    from gustproof.synthesis.structured_design import structured_controller
+    """Return a function that solves a design by `hinfstruct` and shows its progress."""
+    from gustproof.synthesis.structured.fixed_order import solve_structured
 
     def solve(design: "Design", problem: "Interconnection") -> "StructResult":
         with progress(f"searching, {design.name}", quiet=quiet) as shown:
-            return structured_controller(design, problem, order=order, starts=starts, seed=seed, progress=shown)
+            return solve_structured(design, problem, order=order, starts=starts, seed=seed, progress=shown)
 
     return solve

@@ -1,4 +1,4 @@
-"""`gustproof export`: a law for other tools."""
+"""The command `gustproof export`: a law for other tools."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,28 +12,23 @@ def export(
     law: Annotated[str, typer.Argument(help="Name of a shipped law, a .json or .mat file, or a folder of tables.")],
     c: Annotated[Path | None, typer.Option("--c", help="Write C code here, and its header beside it.")] = None,
     mat: Annotated[Path | None, typer.Option("--mat", help="Write a MATLAB file here.")] = None,
-    csv: Annotated[Path | None, typer.Option("--csv", help="Write tables of numbers into this new folder.")] = None,
-    as_law: Annotated[Path | None, typer.Option("--law", help="Write a law file (.json) here, to be flown.")] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", help="Write tables of numbers to this new folder.")] = None,
+    as_law: Annotated[
+        Path | None, typer.Option("--law", help="Write a law file (.json) that can be flown here.")
+    ] = None,
 ) -> None:
-    """Take a law elsewhere: as C code that gives the same bits, as a MATLAB file, as tables; or bring one in.
+    """Export a law as C code with the same bits, as a MATLAB file or as tables, or import one.
 
     gustproof export hinf-scheduled --c law.c
 
     gustproof export mine.mat --law mine.json && gustproof fly paper-turbulence --law mine.json
     """
-    from firmware_model.files import naming
-    from gustproof.exchange.c_code import save_c
-    from gustproof.exchange.matrices import read_law, save_csv, save_mat
+    from firmware_model.config.files import naming
+    from gustproof.law.io.c import save_c
+    from gustproof.law.io.matrices import read_law, save_csv, save_mat
 
     wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
-    if not wanted:
-        raise ConfigError("nothing to write: give --c, --mat, --csv or --law")
-    for path, suffix in wanted.items():
-        if path.suffix != suffix:
-            raise ConfigError(f"{path}: must end in {suffix}" if suffix else f"{path}: a folder has no suffix")
-    for path in (*wanted, *([c.with_suffix(".h")] if c else [])):
-        if path.exists():
-            raise ConfigError(f"{path}: exists already")
+    _check_outputs(wanted, [c.with_suffix(".h")] if c else [])
     read = read_law(law)
     if c is not None:
         save_c(read, c)
@@ -47,3 +42,15 @@ def export(
     for path in wanted:
         header = f" and {path.with_suffix('.h').name}" if path == c else ""
         print(f"law '{read.name}' in {path}{header}")
+
+
+def _check_outputs(suffixes: dict[Path, str], others: list[Path]) -> None:
+    """Refuse files with a wrong suffix, and files that exist."""
+    if not suffixes:
+        raise ConfigError("nothing to write: give --c, --mat, --csv or --law")
+    for path, suffix in suffixes.items():
+        if path.suffix != suffix:
+            raise ConfigError(f"{path}: must end in {suffix}" if suffix else f"{path}: a folder has no suffix")
+    for path in (*suffixes, *others):
+        if path.exists():
+            raise ConfigError(f"{path}: exists already")

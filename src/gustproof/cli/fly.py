@@ -1,4 +1,4 @@
-"""`gustproof fly`: one flight, new or again."""
+"""The command `gustproof fly`: one flight, new or repeated."""
 
 import json
 import sys
@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from gustproof.cli.failures import ANYWAY, Status, stop
+from gustproof.cli.failures import ANYWAY, ExitStatus, exit_with
 from gustproof.cli.progress import progress
 
 if TYPE_CHECKING:
-    from gustproof.campaign.again import Run
-    from gustproof.flight import Plan, RecordedFlight
+    from gustproof.campaign.rerun import CampaignRun
+    from gustproof.simulate.flight import Flight, FlightPlan
 
 
-_SAID_BY_THE_BAG = ("scenario", "law", "vehicle", "seed", "real_time", "run")
-_SAID_BY_THE_TABLE = ("vehicle", "seed", "real_time")
+_BAG_OPTIONS = ("scenario", "law", "vehicle", "seed", "real_time", "run")
+_TABLE_OPTIONS = ("vehicle", "seed", "real_time")
 
 
 def fly(
@@ -33,29 +33,32 @@ def fly(
     vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")] = 1,
     real_time: Annotated[
-        bool, typer.Option("--real-time", help="At the pace of the clock, on the usual ports.")
+        bool, typer.Option("--real-time", help="Fly at the pace of the clock, on the usual ports.")
     ] = False,
     repeat: Annotated[
         Path | None,
-        typer.Option(help="Fly a recorded flight again, from its bag alone; compare every bit if it was in lockstep."),
+        typer.Option(
+            help="Fly a recorded flight again from its bag alone, and compare every bit if it was in lockstep."
+        ),
     ] = None,
     run: Annotated[
         str | None,
         typer.Option(help="Fly a run of a campaign again, as mc.parquet:4711, and compare its figures to the bit."),
     ] = None,
     view: Annotated[
-        bool, typer.Option("--view", help="Watch on a page in a browser of this machine; the page starts the flight.")
+        bool,
+        typer.Option("--view", help="Watch the flight on a page in a browser of this machine; the page starts it."),
     ] = False,
-    tlog: Annotated[bool, typer.Option(help="Leave the MAVLink traffic as .tlog beside the bag.")] = True,
+    tlog: Annotated[bool, typer.Option(help="Write the MAVLink traffic as .tlog beside the bag.")] = True,
     anyway: Annotated[bool, typer.Option("--anyway", help=ANYWAY)] = False,
     out: Annotated[
         Path | None, typer.Option(help="New folder for the recording [default: a fresh one in runs/].")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
 ) -> None:
-    """Fly one scenario: autopilot and controller as two processes that speak MAVLink over UDP.
+    """Fly one scenario with autopilot and controller as two processes that speak MAVLink over UDP.
 
-    Leaves a rosbag2 bag (MCAP) and the traffic (.tlog) in the output folder and prints the flight's figures.
+    Write a rosbag2 bag (MCAP) and the traffic (.tlog) to the output folder, and print the flight's figures.
 
         gustproof fly paper
 
@@ -69,46 +72,52 @@ def fly(
 
         gustproof fly --run mc.parquet:4711
     """
-    from gustproof.outcome import Outcome
-    from gustproof.recording.folder import fresh_folder
-    from gustproof.report.document import flight_document, show
+    from gustproof.recording.folder import make_run_folder
+    from gustproof.report.terminal import render_flight, show
+    from gustproof.simulate.outcome import FlightOutcome
 
-    of_table = _run(context, run, scenario, law) if run and not repeat else None
-    if of_table:
-        plan = of_table.plan
+    table_run = _find_run(context, run, scenario, law) if run and not repeat else None
+    if table_run:
+        plan = table_run.plan
     else:
-        plan = _recorded_plan(context, repeat) if repeat else _plan(scenario, law, vehicle, seed, real_time, anyway)
-    folder = fresh_folder(out, "fly")
+        plan = _load_plan(context, repeat) if repeat else _make_plan(scenario, law, vehicle, seed, real_time, anyway)
+    folder = make_run_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
     except KeyboardInterrupt:
         if not any(folder.glob("*.journal")):
             raise
-        line = f"interrupted while the bag was written; all is there for gustproof recover {folder}"
-        raise stop(line, Status.INTERRUPTED) from None
-    interrupted = result.outcome is Outcome.INTERRUPTED
-    comparison = None if interrupted else _comparison(result, plan, repeat, of_table)
+        line = f"interrupted while the bag was written; restore it by gustproof recover {folder}"
+        raise exit_with(line, ExitStatus.INTERRUPTED) from None
+    interrupted = result.outcome is FlightOutcome.INTERRUPTED
+    comparison = None if interrupted else _compare(result, plan, repeat, table_run)
     if as_json:
-        print(json.dumps(result.document() | (comparison.document() if comparison else {}), indent=2))
+        print(json.dumps(result.to_dict() | (comparison.document() if comparison else {}), indent=2))
     else:
-        document = (result.message, result.metrics, result.bag, result.requirements, result.pace, result.warnings)
-        show(flight_document(*document))
+        document = (result.message, result.metrics, result.bag, result.requirements, result.timing, result.warnings)
+        show(render_flight(*document))
     if interrupted:
-        raise stop(f"interrupted; what was flown is in {folder}", Status.INTERRUPTED)
+        raise exit_with(f"interrupted; the recording so far is in {folder}", ExitStatus.INTERRUPTED)
+    _report_failures(result, comparison, folder)
+
+
+def _report_failures(result: "Flight", comparison: "_Comparison | None", folder: Path) -> None:
+    """Print how a flight compares with its original, and exit if it differs, broke off or failed a requirement."""
     if comparison and comparison.equal is False:
-        raise stop(comparison.line, Status.REQUIREMENT_FAILED)
+        raise exit_with(comparison.line, ExitStatus.REQUIREMENT_FAILED)
     if comparison:
         print(f"gustproof: {comparison.line}", file=sys.stderr)
-    if not result.as_scripted:
-        raise stop(f"{result.message}; what was flown is in {folder}", Status.FLIGHT_BROKE_OFF)
-    failed = sum(not each.held for each in result.requirements)
+    if not result.has_expected_outcome:
+        raise exit_with(f"{result.message}; the recording so far is in {folder}", ExitStatus.FLIGHT_BROKE_OFF)
+    failed = sum(not each.is_met for each in result.requirements)
     if failed:
-        raise stop(f"{failed} of {len(result.requirements)} requirements failed", Status.REQUIREMENT_FAILED)
+        raise exit_with(f"{failed} of {len(result.requirements)} requirements failed", ExitStatus.REQUIREMENT_FAILED)
 
 
-def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "RecordedFlight":
-    """Fly, shown on standard error and, if `view`, on a page that starts it."""
-    from gustproof.flight import fly_and_record, warnings
+def _fly(plan: "FlightPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "Flight":
+    """Fly with progress on standard error and, if `view`, on a page that starts the flight."""
+    from gustproof.simulate.flight import warnings
+    from gustproof.simulate.recorder import fly_and_record
 
     for warning in () if quiet else warnings(plan.scenario, plan.law, plan.vehicle):
         print(f"gustproof: warning: {warning}", file=sys.stderr)
@@ -116,7 +125,7 @@ def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> 
     with ExitStack() as stack:
         page = None
         if view:
-            from gustproof.view.live import LivePage
+            from gustproof.live.live import LivePage
 
             page = stack.enter_context(LivePage(plan.scenario, plan.law, plan.vehicle, real_time=plan.real_time))
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
@@ -124,20 +133,22 @@ def _fly(plan: "Plan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> 
         shown = stack.enter_context(progress(title, quiet=quiet))
         result = fly_and_record(
             plan.scenario, plan.law, vehicle=plan.vehicle, seed=plan.seed, out=folder, real_time=plan.real_time,
-            tlog=tlog, progress=lambda fraction: shown(fraction, title), watched=page.watch if page else None,
+            tlog=tlog, progress=lambda fraction: shown(fraction, title), on_listening=page.watch if page else None,
         )  # fmt: skip
         if page:
             page.end(result.message, result.records)
     return result
 
 
-def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_time: bool, anyway: bool) -> "Plan":
+def _make_plan(
+    scenario: str | None, law: str | None, vehicle: str, seed: int, real_time: bool, anyway: bool
+) -> "FlightPlan":
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.vehicle import load_vehicle
     from firmware_model.errors import ConfigError
-    from firmware_model.scenario import load_scenario
-    from firmware_model.vehicle import load_vehicle
     from gustproof.controller import DEFAULT_LAW
-    from gustproof.flight import Plan, check
-    from gustproof.law import load_law
+    from gustproof.law.form import load_law
+    from gustproof.simulate.flight import FlightPlan, check
 
     if scenario is None:
         raise ConfigError("give a scenario, or --repeat, or --run")
@@ -149,76 +160,76 @@ def _plan(scenario: str | None, law: str | None, vehicle: str, seed: int, real_t
         )
     if not anyway:
         check(script, flown, airframe)
-    return Plan(script, flown, airframe, seed, real_time)
+    return FlightPlan(script, flown, airframe, seed, real_time)
 
 
-def _recorded_plan(context: typer.Context, run: Path) -> "Plan":
-    from gustproof.flight import noted
+def _load_plan(context: typer.Context, run: Path) -> "FlightPlan":
     from gustproof.recording.bag import read_bag
+    from gustproof.simulate.flight import parse_plan
 
-    _refuse(context, _SAID_BY_THE_BAG, "--repeat flies what the bag says")
-    bag = _bag(run)
-    return noted(read_bag(bag)[0], bag)
+    _refuse(context, _BAG_OPTIONS, "--repeat flies the plan in the bag")
+    bag = _find_bag(run)
+    return parse_plan(read_bag(bag)[0], bag)
 
 
-def _run(context: typer.Context, run: str, scenario: str | None, law: str | None) -> "Run":
-    from gustproof.campaign.again import read
+def _find_run(context: typer.Context, run: str, scenario: str | None, law: str | None) -> "CampaignRun":
+    from gustproof.campaign.rerun import find_run
 
-    _refuse(context, _SAID_BY_THE_TABLE, "--run flies what the table says")
-    found = read(run)
+    _refuse(context, _TABLE_OPTIONS, "--run flies the plan in the table")
+    found = find_run(run)
     found.check(scenario, law)
     return found
 
 
 def _refuse(context: typer.Context, names: Iterable[str], why: str) -> None:
-    """Refuse options that are said elsewhere."""
+    """Refuse options whose values are given elsewhere."""
     from firmware_model.errors import ConfigError
 
     for name in names:
         source = context.get_parameter_source(name)
         if source is not None and source.name == "COMMANDLINE":
-            raise ConfigError(f"{why}; '{name.replace('_', '-')}' can't be given with it")
+            raise ConfigError(f"{why}; '{name.replace('_', '-')}' cannot be given with it")
 
 
 class _Comparison(NamedTuple):
-    """Whether a flight is the one that it repeats, to the bit."""
+    """Comparison of a flight with the one that it repeats, bit by bit."""
 
     equal: bool | None
-    """`None` if that can't be said."""
+    """True if all bits are equal, `None` if they cannot be compared."""
     line: str
-    """The same in words."""
+    """The result in words."""
 
     def document(self) -> dict[str, Any]:
-        """Return it as JSON has it."""
+        """Return the comparison for JSON."""
         return {"equal": self.equal, "comparison": self.line}
 
 
-def _comparison(
-    result: "RecordedFlight", plan: "Plan", repeat: Path | None, of_table: "Run | None"
+def _compare(
+    result: "Flight", plan: "FlightPlan", repeat: Path | None, table_run: "CampaignRun | None"
 ) -> _Comparison | None:
     """Compare a flight with the one that it repeats; `None` if it repeats none."""
-    if of_table:
-        return _compare_figures(result, of_table)
+    if table_run:
+        return _compare_figures(result, table_run)
     if repeat and plan.real_time:
         return _Comparison(None, f"{repeat} was flown in real time, where no two flights share all bits: not compared")
-    return _compare(result, repeat) if repeat else None
+    return _compare_records(result, repeat) if repeat else None
 
 
-def _compare(result: "RecordedFlight", run: Path) -> _Comparison:
+def _compare_records(result: "Flight", run: Path) -> _Comparison:
     """Compare every bit of every sample."""
-    from gustproof.flight import differs_from_s
     from gustproof.recording.bag import read_bag
+    from gustproof.simulate.flight import first_difference_s
 
-    about, records = read_bag(_bag(run))
-    begin_s = differs_from_s(result.records, records)
+    about, records = read_bag(_find_bag(run))
+    begin_s = first_difference_s(result.records, records)
     if begin_s is not None:
         line = f"differs from {run} from {begin_s:.3f} s on, which ended as '{about['outcome']}'"
         return _Comparison(False, f"{line}, flown by {about['versions']}")
     return _Comparison(True, f"equal to {run} in every bit of its {len(records)} samples")
 
 
-def _compare_figures(result: "RecordedFlight", run: "Run") -> _Comparison:
-    """Compare every bit of the figures with those of the campaign's run."""
+def _compare_figures(result: "Flight", run: "CampaignRun") -> _Comparison:
+    """Compare every bit of the figures with those of the run in the campaign's table."""
     name = f"run {run.row['run']} of {run.table}"
     if run.row["failure"] is not None:
         return _Comparison(None, f"{name} left no figures: not compared")
@@ -227,11 +238,11 @@ def _compare_figures(result: "RecordedFlight", run: "Run") -> _Comparison:
     return _Comparison(True, f"equal to {name} in every bit of its figures")
 
 
-def _bag(run: Path) -> Path:
+def _find_bag(run: Path) -> Path:
     from firmware_model.errors import ConfigError
-    from gustproof.recording.folder import bags_in
+    from gustproof.recording.folder import find_bags
 
-    bags = bags_in(run)
+    bags = find_bags(run)
     if len(bags) > 1:
-        raise ConfigError(f"{run}: {len(bags)} bags in it; name one, as {bags[0]}")
+        raise ConfigError(f"{run}: holds {len(bags)} bags; name one, such as {bags[0]}")
     return bags[0]

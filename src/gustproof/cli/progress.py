@@ -1,4 +1,4 @@
-"""Progress on stderr, for people only."""
+"""Progress on stderr, shown only on a terminal."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def progress(title: str, *, quiet: bool) -> Iterator[Callable[[float, str], None]]:
-    """Give a function that shows a fraction [0..1] and a text; silent if `quiet` or where nobody watches."""
+    """Yield a function that shows a fraction [0..1] and a text; silent if `quiet` or if stderr is no terminal."""
     if quiet or not sys.stderr.isatty():
         yield lambda _fraction, _text: None
         return

@@ -1,4 +1,4 @@
-"""`gustproof recover`: recordings of flights that were cut off."""
+"""The command `gustproof recover`: bags of interrupted flights."""
 
 import json
 from pathlib import Path
@@ -8,21 +8,21 @@ import typer
 
 
 def recover(
-    run: Annotated[Path, typer.Argument(help="Output folder of a flight that was cut off.", show_default=False)],
+    run: Annotated[Path, typer.Argument(help="Output folder of an interrupted flight.", show_default=False)],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
 ) -> None:
-    """Make a run whole that was cut off by a power loss, a kill or a full disk: its bag, from its journal.
+    """Write the bag of a flight that a power loss, a kill or a full disk interrupted, from its journal.
 
-    At most one second of the flight is lost to a kill; the journal is removed once its bag is whole.
+    A kill loses at most one second of the flight. The journal is removed once the bag is complete.
 
         gustproof recover runs/fly-003
     """
-    from gustproof.flight import recover as recovered
-    from gustproof.report.document import flight_document, show
+    from gustproof.report.terminal import render_flight, show
+    from gustproof.simulate.recorder import recover as recovered
 
     flights = recovered(run)
     if as_json:
-        print(json.dumps([flight.document() for flight in flights], indent=2))
+        print(json.dumps([flight.to_dict() for flight in flights], indent=2))
         return
     for flight in flights:
-        show(flight_document(flight.message, flight.metrics, flight.bag, flight.requirements))
+        show(render_flight(flight.message, flight.metrics, flight.bag, flight.requirements))

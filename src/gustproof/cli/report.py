@@ -1,4 +1,4 @@
-"""`gustproof report`: what was flown, as a page."""
+"""The command `gustproof report`: flights or a campaign as an HTML page."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,13 +10,13 @@ from firmware_model.errors import ConfigError
 
 def report(
     runs: Annotated[
-        list[Path], typer.Argument(help="Folders of `gustproof fly --out`, or bags; or the table of one campaign.")
+        list[Path], typer.Argument(help="Folders of `gustproof fly --out` or bags, or the table of one campaign.")
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Write the page here (.html).")] = Path("report.html"),
 ) -> None:
-    """Put flights on one page that opens anywhere: figures, linked time histories, margins, spectra, a 3D replay.
+    """Write one page on some flights: figures, linked time histories, margins, spectra, a 3D replay.
 
-    One HTML file that asks nobody for anything; every group of charts can be saved as PNG.
+    The page is one HTML file that opens without a network. Every group of charts can be saved as PNG.
 
         gustproof fly paper --law hinf-d1 --out run1
 
@@ -24,7 +24,7 @@ def report(
 
         gustproof report run1 run2 -o report.html
 
-    Of a campaign's table: distributions of all figures, laws overlaid, what they depend on, and the worst runs.
+    For a campaign's table the page shows the distributions of all figures by law, their causes, and the worst runs.
 
         gustproof report mc.parquet -o mc.html
     """
@@ -37,8 +37,8 @@ def report(
     if any(run.suffix == ".parquet" for run in runs):
         _report_campaign(runs, output)
         return
-    from gustproof.report.html import write_report
-    from gustproof.report.html_runs import read_runs
+    from gustproof.report.html.page import write_report
+    from gustproof.report.html.runs import read_runs
 
     flights = read_runs(runs)
     write_report(flights, output)
@@ -46,7 +46,7 @@ def report(
 
 
 def _report_campaign(tables: list[Path], output: Path) -> None:
-    from gustproof.report.campaign_page import write_campaign_report
+    from gustproof.report.html.campaign_page import write_campaign_report
 
     if len(tables) > 1:
         raise ConfigError(f"{', '.join(map(str, tables))}: a page shows one campaign, or flights")

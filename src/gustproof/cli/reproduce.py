@@ -1,4 +1,4 @@
-"""`gustproof reproduce`: the paper."""
+"""The command `gustproof reproduce`: flights and claims of the paper."""
 
 import json
 from pathlib import Path
@@ -12,32 +12,34 @@ from gustproof.cli.progress import progress
 
 def reproduce(
     out: Annotated[Path | None, typer.Option(help="New folder for results [default: a fresh one in runs/].")] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Fly with the seeds 1 to this number; figures are medians.")] = 3,
+    seeds: Annotated[
+        int, typer.Option(min=1, help="Fly with the seeds 1 to this number; figures are medians over them.")
+    ] = 3,
     vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
     anyway: Annotated[bool, typer.Option("--anyway", help=ANYWAY)] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print summary.json on stdout, and nothing else.")] = False,
 ) -> None:
-    """Fly the paper: all scenarios with all shipped laws, over UDP in lockstep, and judge its claims.
+    """Fly the paper's scenarios with all shipped laws, over UDP in lockstep, and judge its claims.
 
-    Leaves summary.json, report.txt, figures, the laws and one bag per flight in the output folder.
+    Write summary.json, report.txt, figures, the laws and one bag for each flight to the output folder.
 
         gustproof reproduce
 
         gustproof reproduce --seeds 1 --out /tmp/paper --json
     """
-    from firmware_model.vehicle import load_vehicle
-    from gustproof import reproduce as paper
-    from gustproof.recording.folder import fresh_folder
-    from gustproof.report.document import show
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.recording.folder import make_run_folder
+    from gustproof.report.terminal import show
+    from gustproof.reproduce import run as paper
 
     airframe = load_vehicle(vehicle)
     if not anyway:
         paper.check(airframe)
-    folder = fresh_folder(out, "reproduce")
-    with progress("starting", quiet=as_json) as shown:
-        result = paper.reproduce(airframe, range(1, seeds + 1), folder, shown)
+    folder = make_run_folder(out, "reproduce")
+    with progress("starting", quiet=as_json) as show_progress:
+        result = paper.reproduce(airframe, range(1, seeds + 1), folder, show_progress)
     if as_json:
-        print(json.dumps(result.summary(), indent=2))
+        print(json.dumps(result.to_dict(), indent=2))
     else:
-        show(result.document())
-        print(f"Everything is in {folder}: summary.json, report.txt, figures, bags, laws.")
+        show(result.render())
+        print(f"results in {folder}: summary.json, report.txt, figures, bags, laws")

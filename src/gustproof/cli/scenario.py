@@ -1,4 +1,4 @@
-"""`gustproof scenario`: which flights are shipped, what stands in one, and whether a file is sound."""
+"""The command `gustproof scenario`: list, show, check and extract scenarios."""
 
 import json
 from pathlib import Path
@@ -6,29 +6,28 @@ from typing import Annotated
 
 import typer
 
-from firmware_model.errors import ConfigError
+from firmware_model.errors import ConfigError, ConfigErrors
+from gustproof.cli.failures import ExitStatus, exit_with
 
-scenario = typer.Typer(
-    no_args_is_help=True, help="Scenarios: the shipped ones, what stands in one, whether a file of your own is sound."
-)
+scenario = typer.Typer(no_args_is_help=True, help="List, show and check scenarios, and extract the wind of a flight.")
 
 
 @scenario.command("list")
 def list_shipped(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
 ) -> None:
-    """Name the shipped scenarios, and say what each shows.
+    """List the shipped scenarios, with the subject of each.
 
     gustproof scenario list
     """
-    from firmware_model.scenario import load_scenario, shipped_scenarios
-    from gustproof.report.scenarios import scenario_summary, scenarios_table
+    from firmware_model.config.scenario import list_scenarios, load_scenario
+    from gustproof.report.scenarios import scenarios_table, summarize_scenario
 
-    scenarios = [load_scenario(name) for name in shipped_scenarios()]
+    scenarios = [load_scenario(name) for name in list_scenarios()]
     if as_json:
-        print(json.dumps([scenario_summary(each) for each in scenarios], indent=2))
+        print(json.dumps([summarize_scenario(each) for each in scenarios], indent=2))
         return
-    from gustproof.report.document import show
+    from gustproof.report.terminal import show
 
     show(scenarios_table(scenarios))
 
@@ -37,15 +36,15 @@ def list_shipped(
 def show_text(
     name: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a .toml file.", show_default=False)],
 ) -> None:
-    """Print a scenario's file, to read or to begin one of your own with.
+    """Print a scenario's file, to read or to start your own from.
 
     gustproof scenario show paper > mine.toml
     """
-    from firmware_model.files import read_text
-    from firmware_model.mistakes import printable
-    from firmware_model.scenario import SCENARIOS, load_scenario
+    from firmware_model.config.files import read_text
+    from firmware_model.config.scenario import SCENARIOS, load_scenario
+    from firmware_model.config.validation import printable
 
-    load_scenario(name)  # says so if there is none, or if it is not sound
+    load_scenario(name)  # raises if it is missing or invalid
     path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
     print(printable(read_text(path), keep="\n\r\t"), end="")
 
@@ -54,40 +53,44 @@ def show_text(
 def check(
     file: Annotated[str, typer.Argument(help="A .toml file, or the name of a shipped one.", show_default=False)],
 ) -> None:
-    """Say whether a scenario is sound; if not, every mistake with its key and what is allowed, and exit status 2.
+    """Validate a scenario; print one line for each error, with its key and what is allowed, and exit with status 2.
 
-    What would never be flown is a mistake too: an event after the end, the drift of a vehicle that is held.
+    A table without effect is an error too: an event after the end, the drift of a vehicle that is held.
 
     gustproof scenario check mine.toml
     """
-    from firmware_model.scenario import load_scenario
-    from gustproof.report.scenarios import scenario_line
+    from firmware_model.config.scenario import load_scenario
+    from gustproof.report.scenarios import describe_scenario
 
-    script = load_scenario(file)
-    if script.unflown:
-        raise ConfigError(f"{file}: {'; '.join(script.unflown)}")
-    print(scenario_line(script))
+    try:
+        script = load_scenario(file)
+        if script.unflown:
+            raise ConfigErrors(file, script.unflown)
+    except ConfigErrors as errors:
+        exits = [exit_with(line, ExitStatus.BAD_INPUT) for line in errors.lines]
+        raise exits[-1] from None
+    print(describe_scenario(script))
 
 
 @scenario.command()
 def extract(
     run: Annotated[Path, typer.Argument(help="Output folder of a flight, or its bag.", show_default=False)],
-    output: Annotated[Path, typer.Option("-o", "--output", help="New file (.csv) for a scenario's `replay`.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="New file (.csv) for `replay` in a scenario.")],
     moment: Annotated[
-        bool, typer.Option("--moment", help="The whole disturbance moment in the place of the gusts.")
+        bool, typer.Option("--moment", help="Write the whole disturbance moment instead of the gusts.")
     ] = False,
 ) -> None:
-    """Write the gusts of a recorded flight as CSV, to be replayed in a scenario of your own.
+    """Write the gusts of a recorded flight as CSV, for a replay in your own scenario.
 
         gustproof scenario extract runs/fly-001 -o wind.csv
 
-    In the scenario: [[wind]] with kind = "replay" and file = "wind.csv".
+    In the scenario, use [[wind]] with kind = "replay" and file = "wind.csv".
     """
     from gustproof.recording.bag import read_bag
-    from gustproof.recording.folder import bags_in
+    from gustproof.recording.folder import find_bags
     from gustproof.recording.replay import save_replay
 
-    bag, *others = bags_in(run)
+    bag, *others = find_bags(run)
     if others:
         raise ConfigError(f"{run}: holds {1 + len(others)} bags; name one of them")
     if output.suffix != ".csv":

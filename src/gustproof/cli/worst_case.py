@@ -1,4 +1,4 @@
-"""`gustproof worst-case`: the disturbance that does most harm."""
+"""The command `gustproof worst-case`: the most harmful disturbance."""
 
 import json
 import math
@@ -9,7 +9,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.progress import progress
-from gustproof.cli.vectors import three_positive
+from gustproof.cli.vectors import parse_positive_vector
 
 
 def worst_case(
@@ -19,24 +19,24 @@ def worst_case(
     ] = "0.65,0.65,0.3",
     horizon: Annotated[float, typer.Option(min=1.0, max=3600.0, help="Length of a flight [s].")] = 60.0,
     inertia_spread: Annotated[
-        float, typer.Option(min=0.0, max=0.9, help="Inertias may be off by this fraction; the worst are found.")
+        float, typer.Option(min=0.0, max=0.9, help="Search inertias within this fraction of their nominal values.")
     ] = 0.0,
     lag_spread: Annotated[
-        float, typer.Option(min=0.0, max=0.9, help="The actuators' lag may be off by this fraction.")
+        float, typer.Option(min=0.0, max=0.9, help="Search the actuator lag within this fraction of its nominal value.")
     ] = 0.0,
     vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
-    flights: Annotated[int, typer.Option(min=100, help="Flights to search with.")] = 500,
+    flights: Annotated[int, typer.Option(min=100, help="Flights of the search.")] = 500,
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of the search.")] = 1,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Write the worst flight here (.toml), to be flown.")
+        Path | None, typer.Option("-o", "--output", help="Write the worst flight as a scenario here (.toml).")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
 ) -> None:
-    """Search for the disturbance within a budget that does most harm to a law in the nonlinear simulation.
+    """Search a moment budget for the disturbance with the largest attitude error in the nonlinear simulation.
 
-    Sines, square waves, held moments and turbulence, started from what the loop itself shows to be its weak
-    directions and at random. What is found is a lower bound: the law does at least this badly. For an upper bound
-    see `gustproof certify`.
+    The search covers sines, square waves, held moments and turbulence. It starts from the weak directions of the
+    linear loop and at random. The result is a lower bound: the true worst case is at least as bad. For an upper
+    bound see `gustproof certify`.
 
         gustproof worst-case hinf-d1 -o worst.toml && gustproof fly worst.toml --law hinf-d1
 
@@ -44,13 +44,13 @@ def worst_case(
     """
     from pydantic_core import to_jsonable_python
 
-    from firmware_model.files import write_toml
-    from firmware_model.vehicle import load_vehicle
-    from gustproof.certify.worst_case import Spreads
-    from gustproof.certify.worst_case import worst_case as search
-    from gustproof.law import load_law
+    from firmware_model.config.files import write_toml
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.falsify.worst_case import worst_case as search
+    from gustproof.law.form import load_law
+    from gustproof.model.uncertainty import Spreads
 
-    moment = three_positive("--moment", budget)
+    moment = parse_positive_vector("--moment", budget)
     if output is not None and output.suffix != ".toml":
         raise ConfigError(f"{output}: a scenario file ends in .toml")
     if output is not None and not output.parent.is_dir():
@@ -59,10 +59,15 @@ def worst_case(
     try:
         with progress(f"searching, {flown.name}", quiet=as_json) as shown:
             found = search(
-                flown, vehicle=airframe, budget=moment, duration_s=horizon, flights=flights, seed=seed,
+                flown,
+                vehicle=airframe,
+                budget=moment,
+                duration_s=horizon,
+                flights=flights,
+                seed=seed,
                 spreads=Spreads(inertia=inertia_spread, actuator_lag=lag_spread),
                 progress=lambda fraction: shown(fraction, f"searching, {flown.name}"),
-            )  # fmt: skip
+            )
     except ValueError as error:
         raise ConfigError(str(error)) from None
     files = [] if output is None else [output]
@@ -72,8 +77,8 @@ def worst_case(
             files.append(output.with_name(f"{output.stem}-vehicle.toml"))
             write_toml(found.vehicle, files[1])
     if as_json:
-        told = {"law": flown.name, "moment_nm": moment, "files": files, **to_jsonable_python(found)}
-        print(json.dumps(to_jsonable_python(told, inf_nan_mode="null"), indent=2))
+        document = {"law": flown.name, "moment_nm": moment, "files": files, **to_jsonable_python(found)}
+        print(json.dumps(to_jsonable_python(document, inf_nan_mode="null"), indent=2))
         return
     if math.isinf(found.peak_deg):
         print(f"{flown.name}: diverges within {horizon:g} s; found in {found.flights} flights, from: {found.start}")
@@ -82,7 +87,7 @@ def worst_case(
         peaks = f"phi {phi:.2f}, theta {theta:.2f}, psi {psi:.2f}"
         print(f"{flown.name}: {found.peak_deg:.2f} deg ({peaks}) in {horizon:g} s")
         print(f"found in {found.flights} flights, from: {found.start} ({found.start_deg:.2f} deg there)")
-        print(f"the linear loop of this vehicle fears at most {found.linear_deg:.2f} deg from any moment in the budget")
+        print(f"linear theory for the nominal vehicle predicts at most {found.linear_deg:.2f} deg in the budget")
     if files:
         other = f" --vehicle {files[1] if files[1:] else vehicle}" if files[1:] or vehicle != "paper" else ""
-        print(f"written; fly it: gustproof fly {output} --law {law}{other} --seed {found.seed}")
+        print(f"fly it: gustproof fly {output} --law {law}{other} --seed {found.seed}")

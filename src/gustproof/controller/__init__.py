@@ -1,4 +1,4 @@
-"""The controller's process: a law file that flies a vehicle over MAVLink."""
+"""The controller's process: fly a vehicle with a law file over MAVLink."""
 
 DEFAULT_LAW = "flagship"
-"""Name of the law that is flown unless another is asked for."""
+"""Name of the default law."""

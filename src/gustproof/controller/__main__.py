@@ -7,22 +7,27 @@ import socket
 import sys
 from collections.abc import Sequence
 
-from firmware_model import access, udp, undisturbed
-from firmware_model.attended import ATTENDED, attend
+from firmware_model.config.files import read_json
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.validation import Parser, printable
 from firmware_model.errors import ConfigError
-from firmware_model.files import read_json
-from firmware_model.mistakes import Parser, printable
-from firmware_model.scenario import Scenario, load_scenario
+from firmware_model.process import access, realtime, udp
+from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from gustproof.controller import DEFAULT_LAW
 from gustproof.controller.core import reference_excess
-from gustproof.controller.endpoint import ControllerEndpoint, Outcome
-from gustproof.law import Law, Output, load_law, shipped_laws
-from gustproof.law_step import FlyingLaw
+from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
+from gustproof.law.form import Law, Output, load_law, shipped_laws
+from gustproof.law.step import LawStepper
 
-_EXIT = {Outcome.DONE: 0, Outcome.WRONG_RATE: 2, Outcome.NOT_SUPPORTED: 2, Outcome.INTERRUPTED: 130}
-_BROKEN = 3
-# PX4's simulation hears on 14580 + instance. It speaks to 14540 + instance unless another port speaks to it first, and
-# then to that one until it ends.
+_EXIT = {
+    ControllerOutcome.DONE: 0,
+    ControllerOutcome.WRONG_RATE: 2,
+    ControllerOutcome.NOT_SUPPORTED: 2,
+    ControllerOutcome.INTERRUPTED: 130,
+}
+_EXIT_BROKEN_OFF = 3
+# PX4's simulation listens on 14580 + instance. It sends to 14540 + instance unless another port sends to it first; then
+# it sends to that one until it ends.
 _PX4_PORTS, _PX4_OFFSET = range(14580, 14590), -40
 
 
@@ -40,44 +45,48 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _fly(law: Law, options: argparse.Namespace) -> int:
-    # The machine code is loaded, or made, before anybody waits for it.
-    FlyingLaw(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    undisturbed.hold_collector(off=True)
+    # Load or compile the machine code before the flight.
+    LawStepper(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    realtime.freeze_gc(off=True)
     name = options.scenario
     references = (read_json(Scenario, name) or load_scenario(name)).references if name else ()
     if not options.anyway and (excess := reference_excess(law, references)):
         raise ConfigError(f"{excess}; --anyway flies it all the same")
     vehicle = _address(options.connect)
-    signing = access.signing(options, vehicle[0], strict=True)
-    quiet = options.json or options.attended
+    signing = access.make_signing(options, vehicle[0], strict=True)
+    quiet = options.json or options.exit_on_stdin_eof
     with _bind(options, vehicle) as bound:
-        tell = _mute if quiet else _tell
-        endpoint = ControllerEndpoint(law, (0, vehicle), signing, references, tell)
-        tell(f"waits for an autopilot at {vehicle[0]}:{vehicle[1]}")
+        report = _mute if quiet else _report
+        endpoint = ControllerEndpoint(law, (0, vehicle), signing, references, report)
+        report(f"waiting for an autopilot at {vehicle[0]}:{vehicle[1]}")
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: endpoint.interrupt())
-        if options.attended:
-            attend(endpoint.interrupt)
+        if options.exit_on_stdin_eof:
+            exit_on_stdin_eof(endpoint.interrupt)
         if options.real_time:
-            undisturbed.go_first()
+            realtime.request_fifo_scheduling()
         udp.connect(bound, vehicle)
-        udp.converse(endpoint, bound)
-    outcome = endpoint.outcome or Outcome.INTERRUPTED
-    if options.json:
+        udp.serve_lockstep(endpoint, bound)
+    outcome = endpoint.outcome or ControllerOutcome.INTERRUPTED
+    _print_summary(law, endpoint, outcome, as_json=options.json)
+    return _EXIT.get(outcome, _EXIT_BROKEN_OFF)
+
+
+def _print_summary(law: Law, endpoint: ControllerEndpoint, outcome: ControllerOutcome, *, as_json: bool) -> None:
+    if as_json:
         counters = {cause.value: count for cause, count in endpoint.counters.items()}
-        told = {"outcome": outcome.value, "message": endpoint.message, "counters": counters}
-        counted = {"late_samples": endpoint.late, "missed_samples": endpoint.missed}
-        print(json.dumps({**told, **counted, "link": endpoint.traffic.figures()}))
+        summary = {"outcome": outcome.value, "message": endpoint.message, "counters": counters}
+        samples_lost = {"late_samples": endpoint.late, "missed_samples": endpoint.missed}
+        print(json.dumps({**summary, **samples_lost, "link": endpoint.channel.stats()}))
+        return
+    samples = f"{endpoint.late} samples late, {endpoint.missed} missed"
+    if outcome is ControllerOutcome.DONE:
+        print(f"law '{law.name}': flown to the end, {samples}")
     else:
-        samples = f"{endpoint.late} samples late, {endpoint.missed} missed"
-        if outcome is Outcome.DONE:
-            print(f"law '{law.name}': flown to the end, {samples}")
-        else:
-            _tell(f"{endpoint.message}{f'; {samples}' if endpoint.late or endpoint.missed else ''}")
-    return _EXIT.get(outcome, _BROKEN)
+        _report(f"{endpoint.message}{f'; {samples}' if endpoint.late or endpoint.missed else ''}")
 
 
-def _tell(text: str) -> None:
+def _report(text: str) -> None:
     print(f"gustproof controller: {printable(text)}", file=sys.stderr, flush=True)
 
 
@@ -86,7 +95,7 @@ def _mute(_: str) -> None:
 
 
 def _bind(options: argparse.Namespace, vehicle: tuple[str, int]) -> socket.socket:
-    """Return the socket to speak from; to PX4, if that is free, the port that it speaks to before it hears of any."""
+    """Return the socket to send from; for PX4 its default peer port, if that is free."""
     host, port = access.LOOPBACK if udp.is_loopback(vehicle[0]) else "0.0.0.0", vehicle[1]
     if options.bind_port is not None:
         return udp.bind(options.bind_port, host)
@@ -94,12 +103,12 @@ def _bind(options: argparse.Namespace, vehicle: tuple[str, int]) -> socket.socke
         try:
             return udp.bind(port + _PX4_OFFSET, host)
         except ConfigError as error:
-            _tell(f"{error}; a free port is used, which PX4 hears if it has heard no other since its start")
+            _report(f"{error}; a free port is used, which PX4 accepts only as its first peer since its start")
     return udp.bind(0, host)
 
 
 def _address(text: str) -> tuple[str, int]:
-    """Return host and port; `-` reads them from the first line of standard input, when they are known."""
+    """Return host and port; `-` waits for them in the first line of standard input."""
     host, _, port = (sys.stdin.readline().strip() if text == "-" else text).rpartition(":")
     if not (host and not set(host) & set("/:") and port.isdecimal() and 0 < int(port) < 65536):
         raise ConfigError(f"--connect is '{text}', must be HOST:PORT, as 127.0.0.1:14580")
@@ -110,25 +119,25 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="gustproof controller",
         description="Fly a law: find the autopilot, read its limits, answer every sample. A vehicle that waits for its "
-        "script is armed and flown in OFFBOARD to the end. One that a pilot flies is taken once, if it is in the air; "
-        "after another mode was set it is flown again when OFFBOARD is.",
+        "script is armed and flown in OFFBOARD to the end. If a pilot is flying, take over once; yield on any mode "
+        "change, and fly again when OFFBOARD is set.",
         epilog="Exit status: 0 flown to the end, 2 bad input, 3 the flight broke off, 130 interrupted.",
     )
     add = parser.add_argument
     names = ", ".join(shipped_laws())
     add("--law", default=DEFAULT_LAW, help=f"a .json file, or one of {names} [%(default)s, for the vehicle 'paper']")
-    add("--via", choices=[output.value for output in Output], help="how commands travel [what the law commands]")
+    add("--via", choices=[output.value for output in Output], help="command message [the law's output]")
     add("--connect", default="127.0.0.1:14580", help="HOST:PORT of the autopilot, - reads it from stdin [%(default)s]")
     add(
         "--bind-port",
         type=int,
-        help="port to speak from, 0 for a free one [14540 + N to 14580 + N, as PX4's simulation has them, else free]",
+        help="port to send from, 0 for a free one [14540 + N for PX4's simulation at 14580 + N, else free]",
     )
-    add("--scenario", help="file whose attitude references the law is asked to hold, else level")
-    add("--anyway", action="store_true", help="fly references, too, that the law is known not to hold")
-    add("--real-time", action="store_true", help="run before usual processes, if the system allows it: not in lockstep")
+    add("--scenario", help="file with the attitude references to hold [level]")
+    add("--anyway", action="store_true", help="fly references that the law is known not to hold, too")
+    add("--real-time", action="store_true", help="request real-time scheduling (SCHED_FIFO); not for lockstep")
     access.add_options(parser)
-    add("--attended", action="store_true", help=ATTENDED)
+    add("--exit-on-stdin-eof", action="store_true", help=argparse.SUPPRESS)
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser
 

@@ -1,88 +1,87 @@
-"""Samples in, commands out: a law that steps once a sample, and answers a repeated sample as it did before."""
+"""Samples in, commands out: a law steps once a sample; a repeated sample gets the same command again."""
 
 import math
 from collections import deque
 from collections.abc import Sequence
 
-from firmware_model.frames import Dropped
-from firmware_model.signals import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
-from gustproof.law import Law, Output
-from gustproof.law_step import FlyingLaw
+from firmware_model.mavlink.frames import RejectReason
+from firmware_model.types import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
+from gustproof.law.form import Law, Output
+from gustproof.law.step import LawStepper
 
 References = Sequence[tuple[int, Vector]]
 
 _HOLDS_MORE, _MORE_DEG = "indi", (60.0, 60.0, 180.0)
-"""Shipped law, and the roll, pitch and yaw of the largest step from level that it holds in simulation."""
+"""Shipped law for large references, and the largest step from level it holds in simulation: roll, pitch, yaw."""
 
 
 def reference_excess(law: Law, references: References) -> str:
-    """Return in a line which of the references the law does not hold, and who does; empty if it holds all of them.
+    """Return a line on references that the law does not hold, with a law that does; empty if it holds all of them.
 
-    A step of the reference that asks for more rate than the actuators can stop again tumbles a law that has no limit
-    on the rate.
+    A reference step can demand more rate than the actuators can stop again; a law without a rate limit then tumbles.
     """
     largest = tuple(math.degrees(max((abs(euler[axis]) for _, euler in references), default=0.0)) for axis in range(3))
     if max(largest) <= law.reference_limit_deg:
         return ""
     held = all(angle <= most for angle, most in zip(largest, _MORE_DEG, strict=True))
     advice = f"--law {_HOLDS_MORE} holds that" if held else "no shipped law is known to hold that"
-    asked = ", ".join(f"{angle:.3g}" for angle in largest)
+    angles = ", ".join(f"{angle:.3g}" for angle in largest)
     limit = f"law '{law.name}' holds references within {law.reference_limit_deg:g} deg of level about each axis"
-    return f"{limit}, not of up to {asked} deg: {advice}"
+    return f"{limit}, not of up to {angles} deg: {advice}"
 
 
 class Controller:
-    """A law in flight, from its stated initial state: all states 0.
+    """A law in flight, from its initial state with all states 0.
 
-    A law knows no attitude but the one that it integrates: what it holds as level is the attitude it begins in.
+    A law knows no attitude but the one that it integrates: its level is the attitude in which it begins.
 
-    `scale` is what 1.0 on the wire means: the published torque limits [N*m] B for torques, 1 rad/s for rates. The
-    command is divided by it and rounded to float32, here as in every other route. `hover` is the published thrust
-    that goes with rates; beside torques the vehicle is asked to hold its height.
+    `scale` is the command that is 1.0 on the wire: the published torque limits [N*m] B for torques, 1 rad/s for rates.
+    The command is divided by it and rounded to float32, as on every other route. `hover` is the published thrust sent
+    beside rates; beside torques the vehicle holds its height.
 
-    `missed` counts the samples that were taken between two that it stepped, and never came: what the vehicle turned in
-    that time stands in no attitude of the law.
+    `missed` counts samples that the vehicle took between two steps of the law and that never came. The law's attitude
+    lacks the rotation in that time.
 
-    `references` are stamps [us], rising, and the attitude to be held from the sample with this stamp on, as roll,
-    pitch, yaw [rad]; level before.
+    `references` are rising stamps [us], each with the attitude to hold from that sample on: roll, pitch, yaw [rad];
+    level before the first.
     """
 
     def __init__(self, law: Law, scale: Vector, hover: float, references: References = ()) -> None:
         self.hover = hover
-        self._law = FlyingLaw(law, scale)
+        self._law = LawStepper(law, scale)
         self.torque = law.output is Output.TORQUE
-        self.answered_us = -1
+        self.last_sample_us = -1
         self.missed = 0
         self._sample_us = round(law.dt * 1e6)
         self.fractions: Vector = (0.0, 0.0, 0.0)
         self._references = deque(references)
 
-    def answer(self, sample: ImuSample, *, afresh: bool = False) -> Command | Dropped:
-        """Return the command for a sample; the law steps if it is newer than the last one.
+    def answer(self, sample: ImuSample, *, reset: bool = False) -> Command | RejectReason:
+        """Return the command for a sample; the law steps if the sample is newer than the last one.
 
-        It does so `afresh` from its initial state, if the vehicle was flown by another until now.
+        With `reset` the law restarts from its initial state first: another flew the vehicle until now.
         """
         time_us = sample.time_us
-        if time_us < self.answered_us:
-            return Dropped.STALE
-        if time_us > self.answered_us:
-            if afresh:
+        if time_us < self.last_sample_us:
+            return RejectReason.STALE
+        if time_us > self.last_sample_us:
+            if reset:
                 self._law.restart()
-                self.answered_us = -1
+                self.last_sample_us = -1
             self.step(time_us, sample.gyro_B, sample.specific_force_B)
         return self.command(time_us, self.fractions)
 
     def command(self, time_us: int, fractions: Vector) -> Command:
-        """Return `fractions` of `scale` as the command that answers the sample with this stamp."""
+        """Return `fractions` of `scale` as the command for the sample with this stamp."""
         if self.torque:
             return TorqueCommand(time_us=time_us, torque_B=fractions, throttle=None)
         return AttitudeTarget(time_us=time_us, q_NB=None, omega_B=fractions, thrust=self.hover)
 
     def step(self, time_us: int, gyro_B: Vector, force_B: Vector) -> None:
-        """Step the law with a sample newer than the last one: `fractions` of `scale` are its command."""
+        """Step the law with a newer sample; its command is `fractions` of `scale`."""
         while self._references and self._references[0][0] <= time_us:
             self._law.set_reference(self._references.popleft()[1])
-        if time_us - self.answered_us != self._sample_us and self.answered_us >= 0:
-            self.missed += max(round((time_us - self.answered_us) / self._sample_us) - 1, 0)
-        self.answered_us = time_us
+        if time_us - self.last_sample_us != self._sample_us and self.last_sample_us >= 0:
+            self.missed += max(round((time_us - self.last_sample_us) / self._sample_us) - 1, 0)
+        self.last_sample_us = time_us
         self.fractions = self._law.step(gyro_B, force_B)

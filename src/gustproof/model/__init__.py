@@ -1,1 +1,1 @@
-"""Design models: the paper's parameter-varying airframe, weights, and the generalised plant as a labelled diagram."""
+"""Build design models: LFT, LPV airframe, weights, generalised plant."""

@@ -1,19 +1,19 @@
-"""The attitude design problem as a labelled diagram, and the LFT that it is a slice of."""
+"""The attitude design problem as a labelled diagram, and its LFT over the whole envelope."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_model.vehicle import Vehicle
+from firmware_model.config.vehicle import Vehicle
+from gustproof.lti.state_space import Lti, Matrix, gain
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
 from gustproof.model.lft import Uncertain
 from gustproof.model.lpv import PARAMETERS, actuators, airframe, rate_loop
-from gustproof.numerics.lti import Lti, Matrix, gain
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Weights:
-    """The weights of the diagram, each (3, 3)."""
+    """Weights of the diagram, each (3, 3) unless stated."""
 
     W_d: Lti
     """[N*m] disturbance moment for a unit exogenous input."""
@@ -26,23 +26,23 @@ class Weights:
     W_r: Lti | None = None
     """[rad] attitude reference for a unit exogenous input; `None` for a regulator."""
     W_l: Lti | None = None
-    """[rad] (2, 2) error of roll and pitch as the accelerometer tells them; `None` for a law of gyros alone."""
+    """[rad] (2, 2) error of roll and pitch measured by the accelerometer; `None` for a gyro-only law."""
     W_m: Lti | None = None
-    """[1/(N*m)] on the moment that is left, disturbance and torque together; `None` does not weight it."""
+    """[1/(N*m)] on the residual moment, disturbance plus torque; `None` does not weight it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LftStructure:
-    """The figure of the closed LFT: the parameters above, the generalised plant between, the controller below."""
+    """Labels for the figure of the closed LFT: parameters above, generalised plant between, controller below."""
 
     parameters: tuple[tuple[str, int], ...]
-    """Blocks of Delta: label of the parameter, and how often the model repeats it."""
+    """Blocks of Delta: label of the parameter, and its number of repetitions in the model."""
     delta_label: str
-    """What stands in the uppermost box."""
+    """Text of the uppermost box."""
     plant_label: str
-    """What stands in the middle box."""
+    """Text of the middle box."""
     controller_label: str
-    """What stands in the lowest box."""
+    """Text of the lowest box."""
     delta_signals: tuple[str, str]
     """Labels of output and input of Delta."""
     w: tuple[Signal, ...]
@@ -58,10 +58,13 @@ class LftStructure:
 def torque_problem(vehicle: Vehicle, weights: Weights, *, leak: float, rate_damping: float) -> Interconnection:
     """Return the design problem of a torque law: actuators, airframe, gyro, and the weights.
 
-    `w` = (disturbance, gyro noise, reference if `W_r`, levelling error if `W_l`), `z` = (weighted attitude error,
-    weighted command, weighted moment if `W_m`), `y` = (gyro, reference if `W_r`, roll and pitch if `W_l`), `u` = torque
-    command [N*m] B. With a reference the leak pulls towards it, so that holding an attitude asks for no rate in the
-    model, as in the vehicle, which has no leak. With `W_l` roll and pitch are seen, and the leak is on yaw alone.
+    - `w` = (disturbance, gyro noise, reference if `W_r`, levelling error if `W_l`).
+    - `z` = (weighted attitude error, weighted command, weighted moment if `W_m`).
+    - `y` = (gyro, reference if `W_r`, roll and pitch if `W_l`).
+    - `u` = torque command [N*m] B.
+
+    With a reference the leak pulls towards it. Holding an attitude then needs no rate in the model, as in the vehicle,
+    which has no leak. With `W_l` roll and pitch are measured, and the leak is on yaw alone.
     """
     leaks = _leaks(leak, weights)
     body = airframe(vehicle, leak=leaks, rate_damping=rate_damping)
@@ -78,14 +81,14 @@ def torque_problem(vehicle: Vehicle, weights: Weights, *, leak: float, rate_damp
 
 
 def rates_problem(vehicle: Vehicle, weights: Weights, *, leak: float, tau: float) -> Interconnection:
-    """Return the design problem of a law that commands rates: the autopilot's rate loop in place of the actuators.
+    """Return the design problem of a law that commands rates: the autopilot's rate loop replaces the actuators.
 
-    Signals as in `torque_problem`; `u` = rate command [rad/s] B, tracked with the lag `tau` [s].
+    Signals as in `torque_problem`, but `u` = rate command [rad/s] B, tracked with the lag `tau` [s].
 
     Raises
     ------
     ValueError
-        If there is a `W_m`: the autopilot's torque is no signal of the diagram.
+        If there is a `W_m`: the diagram has no signal for the autopilot's torque.
     """
     leaks = _leaks(leak, weights)
     body = rate_loop(vehicle, leak=leaks, tau=tau)
@@ -94,7 +97,7 @@ def rates_problem(vehicle: Vehicle, weights: Weights, *, leak: float, tau: float
 
 
 def lft_structure(problem: Interconnection, dynamics: Uncertain) -> LftStructure:
-    """Return the LFT of which `problem` is the slice at hover: Delta of the airframe's `dynamics` around P and K."""
+    """Return the LFT whose slice at hover is `problem`: Delta of the airframe's `dynamics` around P and K."""
     by_name = {signal.name: signal for signal in problem.signals}
     labels = {parameter.name: parameter.label for parameter in PARAMETERS}
     return LftStructure(
@@ -111,7 +114,7 @@ def lft_structure(problem: Interconnection, dynamics: Uncertain) -> LftStructure
 
 
 def _leaks(leak: float, weights: Weights) -> Matrix:
-    """Return the leak [1/s] of each axis: what is seen needs none."""
+    """Return the leak [1/s] of each axis: a measured angle needs none."""
     return np.full(3, leak) if weights.W_l is None else np.array([0.0, 0.0, leak])
 
 
@@ -176,6 +179,11 @@ def _problem(
         blocks.append(Block(name="W_m", label="$W_m$", system=weights.W_m, inputs=("moment",), outputs=("z_m",)))
         z = [*z, "z_m"]
     return Interconnection(
-        signals=tuple(signals), blocks=tuple(blocks), sums=tuple(junctions),
-        w=tuple(w), u=("u",), z=tuple(z), y=tuple(y),
-    )  # fmt: skip
+        signals=tuple(signals),
+        blocks=tuple(blocks),
+        sums=tuple(junctions),
+        w=tuple(w),
+        u=("u",),
+        z=tuple(z),
+        y=tuple(y),
+    )

@@ -1,11 +1,11 @@
-"""A block diagram as an object: what the generalised plant is assembled from and what the figure is drawn from."""
+"""A block diagram as an object, the source of both the generalised plant and its figure."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 
-from gustproof.numerics.lti import LinearSystem, Lti, Matrix, copied, copied_continuous
+from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_continuous, as_lti
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -15,7 +15,7 @@ class Signal:
     name: str
     """Short name, unique in the diagram."""
     label: str
-    """What stands beside the line, in mathematical type."""
+    """Text beside the line, in mathematical type."""
     width: int
     """Number of components."""
     unit: str = ""
@@ -29,13 +29,13 @@ class Block:
     name: str
     """Short name, unique in the diagram."""
     label: str
-    """What stands in the box, in mathematical type."""
+    """Text in the box, in mathematical type."""
     system: LinearSystem
-    """Continuous system; its inputs are those of `inputs` one after the other, and so its outputs."""
+    """Continuous system; its inputs and outputs are the components of `inputs` and `outputs` in order."""
     inputs: tuple[str, ...]
-    """Names of the signals that it reads."""
+    """Names of its input signals."""
     outputs: tuple[str, ...]
-    """Names of the signals that it makes."""
+    """Names of its output signals."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,22 +43,22 @@ class Sum:
     """A summing junction of the diagram."""
 
     output: str
-    """Name of the signal that it makes."""
+    """Name of the output signal."""
     terms: tuple[tuple[int, str], ...]
-    """Sign, +1 or -1, and name of each signal that it adds; all have the same width."""
+    """Sign, +1 or -1, and name of each input signal; all have the same width."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Interconnection:
     """Blocks and sums joined by the names of signals, with the four groups of signals of a design problem.
 
-    Every signal is made exactly once: by a block, by a sum, or outside (`w` and `u`). States of `P` are those of the
-    blocks in the order of `blocks`. The diagram may be any user's; nothing here knows of flight.
+    Every signal has exactly one source: a block, a sum, or the outside (`w` and `u`). States of `P` are those of the
+    blocks in the order of `blocks`. The class is not specific to flight.
 
     Raises
     ------
     ValueError
-        If a signal is unknown, made twice or never, a width does not fit, or a block is discrete.
+        If a signal is unknown or has no or several sources, a width does not fit, or a block is discrete.
     """
 
     signals: tuple[Signal, ...]
@@ -77,7 +77,7 @@ class Interconnection:
     """Measurements."""
 
     def __post_init__(self) -> None:
-        """Check that every signal is made once and every width fits."""
+        """Check that every signal has one source and every width fits."""
         made = [*self.w, *self.u, *(name for block in self.blocks for name in block.outputs)]
         made += [junction.output for junction in self.sums]
         known = [signal.name for signal in self.signals]
@@ -89,7 +89,7 @@ class Interconnection:
             if made.count(name) != 1 or known.count(name) != 1:
                 raise ValueError(f"signal '{name}' is made {made.count(name)} times, must be once")
         for block in self.blocks:
-            system = copied_continuous(f"block '{block.name}'", block.system)
+            system = as_continuous(f"block '{block.name}'", block.system)
             shape, wires = (system.n_outputs, system.n_inputs), (self.width(block.outputs), self.width(block.inputs))
             if shape != wires:
                 raise ValueError(
@@ -120,31 +120,35 @@ class Interconnection:
     def system(self, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Lti:
         """Return the system from external signals `inputs` (other external signals are 0) to any signals `outputs`.
 
-        With `s` all signals: `s = N s + E e + S (C x + D R s)`, solved once for `s`, then `x' = A x + B R s`.
+        The vector `s` of all signals satisfies `s = N s + E e + S (C x + D R s)`. It is solved once for `s`; then
+        `x' = A x + B R s`.
 
         Raises
         ------
         ValueError
-            If an input is not external, or blocks without lag form a loop that has no unique solution.
+            If an input is not external, or a loop of blocks without lag has no unique solution.
         """
         if inner := [name for name in inputs if name not in (*self.w, *self.u)]:
             raise ValueError(f"signal '{inner[0]}' is made inside the diagram")
-        systems = [copied(block.system) for block in self.blocks]
+        systems = [as_lti(block.system) for block in self.blocks]
         A, B, C, D = (
             scipy.linalg.block_diag(*(getattr(system, name) for system in systems)) for name in ("A", "B", "C", "D")
         )
-        read = self._picked(tuple(name for block in self.blocks for name in block.inputs))
-        write = self._picked(tuple(name for block in self.blocks for name in block.outputs)).T
+        read = self._selection_matrix(tuple(name for block in self.blocks for name in block.inputs))
+        write = self._selection_matrix(tuple(name for block in self.blocks for name in block.outputs)).T
         total = self.width(tuple(signal.name for signal in self.signals))
         junctions = np.zeros((total, total))
         for junction in self.sums:
             for sign, name in junction.terms:
-                junctions += sign * self._picked((junction.output,)).T @ self._picked((name,))
+                junctions += sign * self._selection_matrix((junction.output,)).T @ self._selection_matrix((name,))
         loop = np.eye(total) - junctions - write @ D @ read
         if np.linalg.cond(loop) > 1e12:
             raise ValueError("blocks without lag form a loop that has no unique solution")
-        from_state, from_input = np.linalg.solve(loop, write @ C), np.linalg.solve(loop, self._picked(inputs).T)
-        select = self._picked(outputs)
+        from_state, from_input = (
+            np.linalg.solve(loop, write @ C),
+            np.linalg.solve(loop, self._selection_matrix(inputs).T),
+        )
+        select = self._selection_matrix(outputs)
         return Lti(
             A=A + B @ read @ from_state,
             B=B @ read @ from_input,
@@ -152,8 +156,8 @@ class Interconnection:
             D=select @ from_input,
         )
 
-    def _picked(self, names: tuple[str, ...]) -> Matrix:
-        """Return the matrix that takes the named signals, one after the other, out of the vector of all signals."""
+    def _selection_matrix(self, names: tuple[str, ...]) -> Matrix:
+        """Return the matrix that selects the named signals, in order, from the vector of all signals."""
         start, offset = {}, 0
         for signal in self.signals:
             start[signal.name] = offset

@@ -1,9 +1,9 @@
 """The paper's attitude model, linear in the state and rational in seven parameters, and its design plant at hover.
 
 `d/dt (E, omega_B) = A(rho) (E, omega_B) + B moment_B` with `rho = (sin phi, cos phi, sin theta, cos theta, p, q, r)`
-(Kumar and Bhattacharya, Eq. 3 to 5) equals the rigid body exactly. Two slips of the paper are repaired: r-dot has
-N / I_z, and the second rate row is `rho7/2 p + rho5/2 r` (in print `rho7/2 p + rho7/2 r`, which is not q-dot).
-`cos(theta)` may not reach 0, where the kinematics are singular, though Table II allows it.
+(Kumar and Bhattacharya, Eq. 3 to 5) equals the rigid body exactly. Two slips of the paper are corrected. The equation
+of r-dot has N / I_z. The second rate row is `rho7/2 p + rho5/2 r`; in print it is `rho7/2 p + rho7/2 r`, which is not
+q-dot. `cos(theta)` must not be 0, where the kinematics are singular, though Table II allows it.
 """
 
 import math
@@ -12,20 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from firmware_model.vehicle import Vehicle
-from gustproof.numerics.lti import Lti, Matrix
+from firmware_model.config.vehicle import Vehicle
+from gustproof.lti.state_space import Lti, Matrix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Parameter:
-    """One scheduling parameter and the bounds that the paper gives it."""
+class SchedulingParameter:
+    """One scheduling parameter and its bounds in the paper."""
 
     name: str
     """Short name."""
     label: str
     """Name in mathematical type."""
     meaning: str
-    """What it is in mathematical type."""
+    """Definition in mathematical type."""
     low: float
     """[-, or rad/s] Table II, least value."""
     high: float
@@ -38,7 +38,7 @@ RATE_BOUND_IN_TEXT = 1.5 * math.pi
 """[rad/s] bound on the rates in section IV-C of the paper."""
 
 PARAMETERS = tuple(
-    Parameter(name=f"rho{k}", label=rf"$\rho_{k}$", meaning=meaning, low=low, high=high)
+    SchedulingParameter(name=f"rho{k}", label=rf"$\rho_{k}$", meaning=meaning, low=low, high=high)
     for k, (meaning, low, high) in enumerate(
         (
             (r"$\sin\phi$", -1.0, 1.0),
@@ -58,7 +58,7 @@ HOVER = (0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 """[-, rad/s] the parameters at level rest."""
 
 
-def scheduling(E: ArrayLike, omega_B: ArrayLike) -> Matrix:
+def scheduling_parameters(E: ArrayLike, omega_B: ArrayLike) -> Matrix:
     """Return the parameters, (..., 7), of Euler angles `E` (..., 3) [rad] and rates `omega_B` (..., 3) [rad/s] B."""
     angles, rates = np.asarray(E, dtype=np.float64), np.asarray(omega_B, dtype=np.float64)
     phi, theta = angles[..., 0], angles[..., 1]
@@ -66,25 +66,28 @@ def scheduling(E: ArrayLike, omega_B: ArrayLike) -> Matrix:
     return np.concatenate([trigonometric, rates], axis=-1)
 
 
-def within_bounds(rho: ArrayLike) -> bool:
-    """Return whether every `rho` (..., 7) keeps Table II."""
+def is_within_bounds(rho: ArrayLike) -> bool:
+    """Return whether every `rho` (..., 7) is within the bounds of Table II."""
     low, high = _bounds()
     values = np.asarray(rho, dtype=np.float64)
     return bool(np.all((low <= values) & (values <= high)))
 
 
 def share_of_bounds(rho: ArrayLike) -> float:
-    """Return how much of the way from hover to its bound in Table II any of `rho` (..., 7) uses: inside up to 1."""
+    """Return the largest share [-] that any of `rho` (..., 7) uses of the way from hover to its bound in Table II.
+
+    Values up to 1 are within the bounds.
+    """
     low, high = _bounds()
     hover = np.array(HOVER)
     values = np.asarray(rho, dtype=np.float64) - hover
-    # No cosine is above that of hover, which is its upper bound.
+    # no cosine exceeds its value at hover, which is the upper bound
     room = np.where((values > 0.0) & (high > hover), high - hover, hover - low)
     return float(np.max(np.abs(values) / room))
 
 
 def _bounds() -> tuple[Matrix, Matrix]:
-    """Return the least and the largest values (7,) of Table II."""
+    """Return the lower and the upper bounds (7,) of Table II."""
     return np.array([parameter.low for parameter in PARAMETERS]), np.array([parameter.high for parameter in PARAMETERS])
 
 
@@ -94,7 +97,7 @@ def lpv_matrix(rho: ArrayLike, inertia_B: ArrayLike) -> Matrix:
     Parameters
     ----------
     rho
-        (7,) [-, rad/s] the parameters; rho4 = cos(theta) may not be 0.
+        (7,) [-, rad/s] the parameters; rho4 = cos(theta) must not be 0.
     inertia_B
         (3,) [kg*m^2] B, principal moments of inertia.
 
@@ -106,7 +109,7 @@ def lpv_matrix(rho: ArrayLike, inertia_B: ArrayLike) -> Matrix:
     References
     ----------
     T. Kumar, R. Bhattacharya, Robust Attitude Control of Nonlinear UAV Dynamics with LFT Models and H-infinity
-    Performance, Eq. 3 to 5, errata repaired as this module says.
+    Performance, Eq. 3 to 5, corrected as described at the top of this module.
     """
     s_phi, c_phi, s_theta, c_theta, p, q, r = np.asarray(rho, dtype=np.float64)
     I_x, I_y, I_z = np.asarray(inertia_B, dtype=np.float64)
@@ -124,15 +127,15 @@ def lpv_matrix(rho: ArrayLike, inertia_B: ArrayLike) -> Matrix:
 
 
 def airframe(vehicle: Vehicle, *, leak: ArrayLike, rate_damping: float) -> Lti:
-    """Return the airframe at hover: moment (3,) [N*m] B to (phi, theta, psi, p, q, r), which are its states.
+    """Return the airframe at hover: moment (3,) [N*m] B to its states (phi, theta, psi, p, q, r).
 
     Parameters
     ----------
     vehicle
         Gives the inertia.
     leak
-        [1/s] `-leak E` added to the Euler kinematics, the paper's stability augmentation, alike or (3,) by axis.
-        Without it the attitude cannot be detected from rates and no H-infinity problem is solvable; no vehicle has it.
+        [1/s] `-leak E` added to the Euler kinematics, the paper's stability augmentation; a scalar or (3,) by axis.
+        Without it the attitude is not detectable from rates and no H-infinity problem is solvable. No vehicle has it.
     rate_damping
         [1/s] `-rate_damping omega_B` in the rate equations.
     """
@@ -144,8 +147,8 @@ def airframe(vehicle: Vehicle, *, leak: ArrayLike, rate_damping: float) -> Lti:
 def rate_loop(vehicle: Vehicle, *, leak: ArrayLike, tau: float) -> Lti:
     """Return an airframe whose autopilot tracks rates: rate command and disturbance moment to the six states.
 
-    Each rate follows its command as a first-order lag of `tau` [s], and the moment (3,) [N*m] B enters as angular
-    acceleration: what is left of a rate loop seen from outside. Inputs are rates (3,) [rad/s] B, then the moment.
+    Each rate follows its command with a first-order lag of `tau` [s], a rate loop seen from outside. The disturbance
+    moment (3,) [N*m] B enters as angular acceleration. Inputs are rates (3,) [rad/s] B, then the moment.
     """
     A = lpv_matrix(HOVER, vehicle.inertia_B) - np.diag([*np.broadcast_to(leak, 3), *[1.0 / tau] * 3])
     B_rates = np.vstack([np.zeros((3, 3)), np.eye(3) / tau])
@@ -154,7 +157,7 @@ def rate_loop(vehicle: Vehicle, *, leak: ArrayLike, tau: float) -> Lti:
 
 
 def actuators(vehicle: Vehicle) -> Lti:
-    """Return the first-order torque actuators: command (3,) [N*m] B to moment (3,) [N*m] B, which is their state."""
+    """Return the first-order torque actuators: command (3,) [N*m] B to moment (3,) [N*m] B, their state."""
     rate = np.eye(3) / vehicle.actuator_lag
     return Lti(A=-rate, B=rate, C=np.eye(3), D=np.zeros((3, 3)))
 

@@ -1,67 +1,70 @@
-"""One axis as the law sees it, sampled, with inertia and actuator lag uncertain: an exact covering, no rational fit."""
+"""Sampled model of one axis with uncertain inertia and actuator lag: an exact covering, no rational fit."""
 
 import math
 
 import numpy as np
 
-from firmware_model.scenario import Scenario
-from firmware_model.vehicle import Vehicle
-from gustproof.model.lft import Uncertain, appended, real
-from gustproof.numerics.lti import Lti, delay
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from gustproof.lti.state_space import Lti, delay
+from gustproof.model.lft import Uncertain, append, ureal
 
-INVERSE_INERTIA, DECAY, CARRIED = "inverse inertia", "decay", "carried"
+INVERSE_INERTIA, DECAY, CARRYOVER = "inverse inertia", "decay", "carried"
 
 
 def sampled_axis(vehicle: Vehicle, scenario: Scenario, axis: int, *, inertia: float, actuator_lag: float) -> Uncertain:
-    """Return torque command [N*m] to gyro [rad/s] about one axis at hover, sampled and delayed as `scenario` has it.
+    """Return torque command [N*m] to gyro [rad/s] about one axis at hover, sampled and delayed as in `scenario`.
 
-    With the lag tau and the damping d, the moment lags and the rate gathers what it carries within a sample,
+    With the lag tau and the damping d, exactly,
 
         moment+ = u + alpha (moment - u),    rate+ = exp(-d dt) rate + (b u + c (moment - u)) / inertia,
 
-    with `alpha = exp(-dt / tau)`, `b = (1 - exp(-d dt)) / d` and `c = (exp(-d dt) - alpha) / (1 / tau - d)`. That is
-    exact; 1 / inertia, alpha and c are the parameters. One lag makes both alpha and c; here each has its range of its
-    own, so that the family holds every axis with inertia and lag in their ranges, and a few more.
+    with `alpha = exp(-dt / tau)`, `b = (1 - exp(-d dt)) / d` and `c = (exp(-d dt) - alpha) / (1 / tau - d)`.
+
+    The parameters are 1 / inertia, alpha and c. One lag fixes both alpha and c; here each has a range of its own. The
+    family therefore contains every axis with inertia and lag in their ranges, and a few more.
 
     Parameters
     ----------
     vehicle
-        Nominal one.
+        Nominal vehicle.
     scenario
         Sample time and delay.
     axis
         0, 1, 2 for roll, pitch, yaw.
     inertia, actuator_lag
-        [-] how far, as a share of the vehicle's, each may be off; in (0, 1).
+        [-] largest relative deviation of each from the vehicle's value; in (0, 1).
     """
     dt, tau, J = scenario.dt, vehicle.actuator_lag, vehicle.inertia_B[axis]
-    kept = math.exp(-vehicle.rate_damping * dt)
-    gathered = -math.expm1(-vehicle.rate_damping * dt) / vehicle.rate_damping if vehicle.rate_damping else dt
+    rate_decay = math.exp(-vehicle.rate_damping * dt)
+    held_gain = -math.expm1(-vehicle.rate_damping * dt) / vehicle.rate_damping if vehicle.rate_damping else dt
     low, nominal, high = (
-        _lagging(share * tau, vehicle.rate_damping, dt) for share in (1.0 - actuator_lag, 1.0, 1.0 + actuator_lag)
+        _lag_coefficients(share * tau, vehicle.rate_damping, dt)
+        for share in (1.0 - actuator_lag, 1.0, 1.0 + actuator_lag)
     )
-    decay, carried = (
-        real(name, low=low[k], nominal=nominal[k], high=high[k]) for k, name in enumerate((DECAY, CARRIED))
+    decay, carryover = (
+        ureal(name, low=low[k], nominal=nominal[k], high=high[k]) for k, name in enumerate((DECAY, CARRYOVER))
     )
-    inverse = real(INVERSE_INERTIA, low=1.0 / (J * (1.0 + inertia)), nominal=1.0 / J, high=1.0 / (J * (1.0 - inertia)))
+    inverse = ureal(INVERSE_INERTIA, low=1.0 / (J * (1.0 + inertia)), nominal=1.0 / J, high=1.0 / (J * (1.0 - inertia)))
     # columns: rate, moment, command
     rate, _, command = np.eye(3)[:, None]
     behind = np.array([[0.0, 1.0, -1.0]])
-    moved = appended(kept * rate + inverse @ (gathered * command + carried @ behind), command + decay @ behind, rate)
-    plant = _with_states(moved @ np.vstack([np.eye(3)] * 3), 2, dt)
+    next_rate = rate_decay * rate + inverse @ (held_gain * command + carryover @ behind)
+    step = append(next_rate, command + decay @ behind, rate)
+    plant = _system_from_step(step @ np.vstack([np.eye(3)] * 3), 2, dt)
     for _ in range(scenario.delay_samples):
         plant = plant @ delay(1, dt)
     return plant
 
 
-def _lagging(tau: float, damping: float, dt: float) -> tuple[float, float]:
+def _lag_coefficients(tau: float, damping: float, dt: float) -> tuple[float, float]:
     """Return alpha [-] and c [s]; both grow with the lag."""
     alpha = math.exp(-dt / tau)
     return alpha, (math.exp(-damping * dt) - alpha) / (1.0 / tau - damping)
 
 
-def _with_states(step: Uncertain, n: int, dt: float) -> Uncertain:
-    """Return the system whose n states, and then its inputs, `step` maps to the next states, and then its outputs."""
+def _system_from_step(step: Uncertain, n: int, dt: float) -> Uncertain:
+    """Return the system of n states for a `step` from (states, inputs) to (next states, outputs)."""
     z, w, D = step.n_z, step.n_w, step.M.D
     outputs, inputs = np.r_[:z, z + n : D.shape[0]], np.r_[:w, w + n : D.shape[1]]
     states, held = slice(z, z + n), slice(w, w + n)

@@ -1,4 +1,4 @@
-"""The blocks of Delta: what an uncertain model does not know, normalised so that 0 is nominal and 1 the edge."""
+"""Blocks of Delta, the unknowns of an uncertain model, normalised: 0 is nominal and 1 the edge of the range."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,20 +8,20 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from firmware_model.spreads import normalisation
-from gustproof.numerics.lti import Matrix
+from firmware_model.config.spreads import normalisation
+from gustproof.lti.state_space import Matrix
 
 Delta = Mapping[str, ArrayLike]
-"""A value for each named block: a number in [-1, 1] for a real parameter, a matrix of norm <= 1 for a full block. Names
-that are left out are 0, nominal."""
+"""A value for each named block: a number in [-1, 1] for a real parameter, a matrix of norm <= 1 for a full block.
+Omitted names are 0, nominal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RealBlock:
-    """A real parameter that stands `repeats` times on the diagonal of Delta (MATLAB: `ureal`).
+    """A real parameter repeated `repeats` times on the diagonal of Delta (MATLAB: `ureal`).
 
-    Its normalised value is delta in [-1, 1] with `value = nominal + b delta / (1 + c delta)`: low at -1, nominal at 0,
-    high at 1, and linear when nominal is the middle. The form is rational, so it costs no further repetition.
+    Its normalised value is delta in [-1, 1] with `value = nominal + b delta / (1 + c delta)`. This gives low at -1,
+    nominal at 0 and high at 1, and is linear when nominal is the middle. The form is rational: no further repetition.
 
     Raises
     ------
@@ -30,7 +30,7 @@ class RealBlock:
     """
 
     name: str
-    """Unique in the model: blocks of one name are one parameter."""
+    """Name, unique in the model: blocks of one name are one parameter."""
     low: float
     """[as the parameter] least value."""
     high: float
@@ -38,7 +38,7 @@ class RealBlock:
     nominal: float
     """[as the parameter] value at delta = 0."""
     repeats: int = 1
-    """How often the parameter stands on the diagonal, a count."""
+    """Number of occurrences on the diagonal."""
 
     def __post_init__(self) -> None:
         """Check the range."""
@@ -74,7 +74,7 @@ class RealBlock:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FullBlock:
-    """A complex full block of norm <= 1: neglected dynamics (MATLAB: `ultidyn`, `ucomplexm`) or a performance channel.
+    """A complex full block of norm <= 1: unmodelled dynamics (MATLAB: `ultidyn`, `ucomplexm`) or performance channel.
 
     Raises
     ------
@@ -83,11 +83,11 @@ class FullBlock:
     """
 
     name: str
-    """Unique in the model."""
+    """Name, unique in the model."""
     n_outputs: int = 1
-    """Rows of the block: signals that it drives."""
+    """Number of rows."""
     n_inputs: int = 1
-    """Columns of the block: signals that it reads."""
+    """Number of columns."""
 
     def __post_init__(self) -> None:
         """Check the size."""
@@ -100,24 +100,24 @@ class FullBlock:
         return (self.n_outputs, self.n_inputs)
 
 
-Block = RealBlock | FullBlock
+DeltaBlock = RealBlock | FullBlock
 """One block of Delta."""
 
 
-def rows(blocks: tuple[Block, ...]) -> tuple[slice, ...]:
-    """Return for each block its rows in Delta: the inputs of M that it drives."""
+def rows(blocks: tuple[DeltaBlock, ...]) -> tuple[slice, ...]:
+    """Return the rows of each block in Delta, which are inputs of M."""
     return _slices([block.shape[0] for block in blocks])
 
 
-def columns(blocks: tuple[Block, ...]) -> tuple[slice, ...]:
-    """Return for each block its columns in Delta: the outputs of M that it reads."""
+def columns(blocks: tuple[DeltaBlock, ...]) -> tuple[slice, ...]:
+    """Return the columns of each block in Delta, which are outputs of M."""
     return _slices([block.shape[1] for block in blocks])
 
 
-def delta_matrix(blocks: tuple[Block, ...], delta: Delta) -> Matrix:
+def delta_matrix(blocks: tuple[DeltaBlock, ...], delta: Delta) -> Matrix:
     """Return the real block-diagonal matrix Delta at `delta`.
 
-    Values outside the unit ball are allowed: they are outside the model's claim, not outside its arithmetic.
+    Values outside the unit ball are allowed: the model does not claim to cover them, but its arithmetic holds.
 
     Raises
     ------
@@ -142,3 +142,31 @@ def delta_matrix(blocks: tuple[Block, ...], delta: Delta) -> Matrix:
 def _slices(sizes: list[int]) -> tuple[slice, ...]:
     ends = np.cumsum([0, *sizes]).tolist()
     return tuple(slice(start, end) for start, end in pairwise(ends))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spreads:
+    """Relative deviations of the vehicle from its file; 0 is the nominal vehicle.
+
+    Raises
+    ------
+    ValueError
+        If a spread is not in [0, 1).
+
+    Examples
+    --------
+    >>> from gustproof import Spreads
+    >>> Spreads(inertia=0.2, actuator_lag=0.3).inertia
+    0.2
+    """
+
+    inertia: float = 0.0
+    """[-] each moment of inertia is between 1 - spread and 1 + spread times the file's."""
+    actuator_lag: float = 0.0
+    """[-] likewise for the actuator lag."""
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        for name, value in (("inertia", self.inertia), ("actuator_lag", self.actuator_lag)):
+            if not 0.0 <= value < 1.0:
+                raise ValueError(f"{name} spread is {value!r}, must be in [0, 1)")

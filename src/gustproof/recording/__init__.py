@@ -1,1 +1,1 @@
-"""What a flight leaves behind for other programs: bags made from the journal."""
+"""Write and read rosbag2 recordings made from the journal."""

@@ -1,8 +1,8 @@
-"""Journal records to a rosbag2 bag in MCAP, and back.
+"""Write journal records as a rosbag2 bag in MCAP, and read them back.
 
-A bag is made in a folder beside its place and moved there when it is whole: whoever finds a bag can
-read it, and an interrupted writer leaves none. It is stored compressed: zstd on chunks, never on
-messages, which other readers refuse.
+A bag is made in a temporary folder beside its destination and moved there when it is whole. So every bag is readable,
+and an interrupted writer leaves none. Chunks are compressed with zstd; compressed messages would be refused by other
+readers.
 """
 
 import json
@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+from firmware_model.config.files import TEXT, parse_json
+from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
-from firmware_model.files import TEXT, parse_json
-from firmware_model.mistakes import one_line
 from gustproof.recording import definitions
 from gustproof.recording.definitions import TYPES, definition
 from gustproof.recording.mcap import messages
-from gustproof.recording.topics import BASE_LINK_FRD, TOPICS, blank, decode, encode, times_us
+from gustproof.recording.topics import BASE_LINK_FRD, TOPICS, decode, encode, nan_records, times_us
 
-FLIGHT, MODE = "/flight", "/mode"
-UNFINISHED = ".bag-"
-"""How the folder of a bag in the making begins; a writer that was killed leaves it behind."""
+FLIGHT_TOPIC, MODE_TOPIC = "/flight", "/mode"
+UNFINISHED_PREFIX = ".bag-"
+"""Prefix of the folder of an unfinished bag; a killed writer leaves it behind."""
 _FOREVER = QosTime(sec=9223372036, nsec=854775807)  # ROS 2's "no deadline"
 _LATCHED = Qos(
     QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, _FOREVER, _FOREVER,
@@ -40,18 +40,31 @@ Records = NDArray[np.void]
 def write_bag(path: Path, records: Records, flight: Mapping[str, Any]) -> None:
     """Write the journal `records` (n,) as a bag, the folder `path`, with `flight` as JSON on /flight.
 
-    Equal records and an equal `flight` give equal bytes of every message. Stamps are model time. The topic
-    /command/rates is left out if no rates were commanded.
+    Equal records and an equal `flight` give equal bytes of every message. Stamps are model time. Without commanded
+    rates there is no topic /command/rates.
 
     Raises
     ------
     ConfigError
         If `path` exists: a bag is never overwritten.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import fly_direct, load_law, load_scenario, load_vehicle, read_bag, write_bag
+    >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=0.1)
+    >>> records = fly_direct(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper"))
+    >>> with TemporaryDirectory() as folder:
+    ...     write_bag(Path(folder) / "flight", records, {"pilot": "nobody"})
+    ...     read_bag(Path(folder) / "flight")[0]
+    {'pilot': 'nobody'}
     """
     if path.exists():
         raise ConfigError(f"{path}: exists already; a bag is never overwritten")
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=UNFINISHED) as unfinished:
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=UNFINISHED_PREFIX) as unfinished:
         staged = Path(unfinished) / path.name  # rosbag2 names the file inside after the folder
         writer = Writer(staged, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
@@ -61,78 +74,92 @@ def write_bag(path: Path, records: Records, flight: Mapping[str, Any]) -> None:
 
 
 def read_bag(path: Path) -> tuple[dict[str, Any], Records]:
-    """Return what /flight says and the journal records (n,) that `write_bag` wrote, to the bit.
+    """Return the metadata on /flight and the journal records (n,) from `write_bag`, to the bit.
 
     Raises
     ------
     ConfigError
         If the bag can't be read, or lacks one of the topics.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import fly_direct, load_law, load_scenario, load_vehicle, read_bag, write_bag
+    >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=0.1)
+    >>> records = fly_direct(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper"))
+    >>> with TemporaryDirectory() as folder:
+    ...     write_bag(Path(folder) / "flight", records, {})
+    ...     _, read = read_bag(Path(folder) / "flight")
+    >>> read.tobytes() == records.tobytes()
+    True
     """
     try:
         return _read(path)
     except ConfigError:
         raise
-    except Exception as error:  # a damaged file makes its readers raise whatever there is
-        reason = one_line(" ".join(str(error).split())) or type(error).__name__
+    except Exception as error:  # readers raise anything at a damaged file
+        reason = sanitize_line(" ".join(str(error).split())) or type(error).__name__
         raise ConfigError(f"{path}: {reason}") from None
 
 
 def _read(path: Path) -> tuple[dict[str, Any], Records]:
-    known = {FLIGHT, MODE, *(topic.name for topic in TOPICS)}
+    known = {FLIGHT_TOPIC, MODE_TOPIC, *(topic.name for topic in TOPICS)}
     payloads: dict[str, bytearray] = defaultdict(bytearray)
     changed_us: list[int] = []
     for file in sorted(path.glob("*.mcap")):
         for name, time_ns, payload in messages(file):
-            if name in known and not (name == FLIGHT and FLIGHT in payloads):
+            if name in known and not (name == FLIGHT_TOPIC and FLIGHT_TOPIC in payloads):
                 payloads[name] += payload
-            if name == MODE:
+            if name == MODE_TOPIC:
                 changed_us.append(time_ns // 1000)
     if missing := known - {"/command/rates"} - set(payloads):
         raise ConfigError(f"{path}: no topic {min(missing)}: not a bag of a gustproof flight")
-    if len(payloads[FLIGHT]) > TEXT:
-        raise ConfigError(f"{path}: what {FLIGHT} says is longer than {TEXT:,} bytes")
-    records = blank(len(payloads[TOPICS[0].name]) // TOPICS[0].layout.itemsize)
+    if len(payloads[FLIGHT_TOPIC]) > TEXT:
+        raise ConfigError(f"{path}: the message on {FLIGHT_TOPIC} is longer than {TEXT:,} bytes")
+    records = nan_records(len(payloads[TOPICS[0].name]) // TOPICS[0].layout.itemsize)
     for topic in TOPICS:
         if topic.name in payloads:
-            told: NDArray[np.void] = np.frombuffer(payloads[topic.name], dtype=topic.layout)
-            decode(topic, told, records)
-            records["time_us"] = times_us(told)
-    modes = np.frombuffer(payloads[MODE], dtype="<u4").reshape(len(changed_us), -1)[:, -1]
+            rows: NDArray[np.void] = np.frombuffer(payloads[topic.name], dtype=topic.layout)
+            decode(topic, rows, records)
+            records["time_us"] = times_us(rows)
+    modes = np.frombuffer(payloads[MODE_TOPIC], dtype="<u4").reshape(len(changed_us), -1)[:, -1]
     latest = np.searchsorted(changed_us, records["time_us"], side="right") - 1
     records["mode"][latest >= 0] = modes[latest[latest >= 0]]
-    flight: dict[str, Any] = parse_json(TYPES.deserialize_cdr(payloads[FLIGHT], definitions.FLIGHT).document)
+    flight: dict[str, Any] = parse_json(TYPES.deserialize_cdr(payloads[FLIGHT_TOPIC], definitions.FLIGHT).document)
     if not isinstance(flight, dict):
         raise ConfigError(f"{path}: does not say what was flown")
     return flight, records
 
 
 def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
-    topics = [topic for topic in TOPICS if topic.name != "/command/rates" or not _unasked(records)]
+    topics = [topic for topic in TOPICS if topic.name != "/command/rates" or not _has_no_rates(records)]
     start_ns = int(records["time_us"][0]) * 1000
     text = json.dumps(flight, sort_keys=True)
-    about = _add(writer, FLIGHT, definitions.FLIGHT, latched=True)
-    mode = _add(writer, MODE, definitions.MODE, latched=True)
-    writer.write(about, start_ns, _serialised(definitions.FLIGHT, text))
+    about = _add_topic(writer, FLIGHT_TOPIC, definitions.FLIGHT, latched=True)
+    mode = _add_topic(writer, MODE_TOPIC, definitions.MODE, latched=True)
+    writer.write(about, start_ns, _serialize(definitions.FLIGHT, text))
     streams = []
     for topic in topics:
-        connection = _add(writer, topic.name, topic.message)
+        connection = _add_topic(writer, topic.name, topic.message)
         streams.append((connection, encode(topic, records).tobytes(), topic.layout.itemsize))
     modes = records["mode"].astype(np.int64)
     changed = {0, *(np.flatnonzero(np.diff(modes)) + 1).tolist()}
     for i, time_us in enumerate(records["time_us"].astype(np.int64).tolist()):
         if i in changed:
-            writer.write(mode, time_us * 1000, _serialised(definitions.MODE, _header(time_us), int(modes[i])))
+            writer.write(mode, time_us * 1000, _serialize(definitions.MODE, _header(time_us), int(modes[i])))
         for connection, payload, size in streams:
             writer.write(connection, time_us * 1000, payload[i * size : (i + 1) * size])
 
 
-def _add(writer: Writer, topic: str, message: str, *, latched: bool = False) -> Any:
+def _add_topic(writer: Writer, topic: str, message: str, *, latched: bool = False) -> Any:
     text, digest = definition(message)
     qos = [_LATCHED] if latched else []
     return writer.add_connection(topic, message, msgdef=text, rihs01=digest, offered_qos_profiles=qos)
 
 
-def _serialised(message: str, *fields: Any) -> memoryview:
+def _serialize(message: str, *fields: Any) -> memoryview:
     payload: memoryview = TYPES.serialize_cdr(TYPES.types[message](*fields), message)
     return payload
 
@@ -142,5 +169,5 @@ def _header(time_us: int) -> Any:
     return TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id=BASE_LINK_FRD)
 
 
-def _unasked(records: Records) -> bool:
+def _has_no_rates(records: Records) -> bool:
     return bool(np.all(np.isnan(records["omega_command_B"])))

@@ -1,25 +1,25 @@
-"""Our own ROS messages, for what no standard type says; units and frames stand in their comments.
+"""Our own ROS messages, for data without a standard type; their comments state units and frames.
 
-A bag carries these texts, so that readers need nothing else to decode the messages, or to know what they mean.
+A bag carries these texts: readers need nothing else to decode and understand the messages.
 """
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from firmware_model.autopilot import Mode
+from firmware_model.autopilot.modes import Mode
 
 FLIGHT, MODE, ROTORS, COMMAND_AGE = (
     f"gustproof_msgs/msg/{name}" for name in ("Flight", "Mode", "Rotors", "CommandAge")
 )
 
-_OWN = {
-    FLIGHT: """# What was flown, once, at the flight's first sample: all that is needed to fly it again.
+_OWN_MESSAGES = {
+    FLIGHT: """# Metadata of the flight, once, at its first sample: all that is needed to repeat it.
 
-# JSON: scenario, vehicle, law with its matrices, seed, whether in real time, versions; and how it ended.
-# Units: those of its keys (_s, _m, _mps, _deg, _nm, _us), SI and radians where a key names none.
+# JSON: scenario, vehicle, law with its matrices, seed, real time or not, versions, outcome.
+# Units: named by the keys (_s, _m, _mps, _deg, _nm, _us), otherwise SI and radians.
 # Frames: _N is north-east-down, _B is forward-right-down.
 string document
 """,
-    MODE: """# The autopilot's mode, at the first sample and whenever it changes.
+    MODE: """# Mode of the autopilot, at the first sample and at each change.
 
 # stamp: model time from the flight's first commanded sample. frame_id: the body, forward-right-down.
 std_msgs/Header header
@@ -29,7 +29,7 @@ uint32 custom_mode
 
 """
     + "".join(f"uint32 {mode.name}={mode.value}\n" for mode in Mode),
-    ROTORS: """# What each rotor gives, the lag of the motors included.
+    ROTORS: """# Thrust of each rotor, with the lag of the motors.
 
 # stamp: model time from the flight's first commanded sample. frame_id: the body, forward-right-down.
 std_msgs/Header header
@@ -37,27 +37,27 @@ std_msgs/Header header
 # [N] thrust against the z axis, up: front right, rear left, front left, rear right.
 float64[4] thrust
 """,
-    COMMAND_AGE: """# How old the command is that acts: what the link, the controller and the vehicle's own delay take.
+    COMMAND_AGE: """# Age of the command in effect: delay by link, controller and vehicle.
 
 # stamp: model time from the flight's first commanded sample. frame_id: the body, forward-right-down.
 std_msgs/Header header
 
-# [samples] whole, from the sample that the command answers by its stamp to this one: the scenario's delay_samples if it
-# came in time. NaN while no command acts: on-board loops fly, or none has come.
+# [samples] whole, from the sample of the command's timestamp to this one: the scenario's delay_samples if the command
+# came in time. NaN without a command in effect: on-board loops fly, or none has come.
 float64 age
 """,
 }
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
-"""The standard types, and ours."""
-for _name, _text in _OWN.items():
+"""The standard types and ours."""
+for _name, _text in _OWN_MESSAGES.items():
     TYPES.register(get_types_from_msg(_text, _name))
 
 
 def definition(message: str) -> tuple[str, str]:
-    """Return the definition of a type as a bag carries it, ours with its comments, and its hash."""
+    """Return the definition of a type for a bag, ours with comments, and its hash."""
     text, _ = TYPES.generate_msgdef(message, ros_version=2)
-    if message in _OWN:
+    if message in _OWN_MESSAGES:
         _, rule, others = text.partition("=" * 80)
-        text = _OWN[message] + rule + others
+        text = _OWN_MESSAGES[message] + rule + others
     return text, TYPES.hash_rihs01(message)

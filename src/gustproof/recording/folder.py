@@ -1,15 +1,15 @@
-"""Where a run's files go: never over another run's."""
+"""Folders of runs; no run overwrites another."""
 
 from pathlib import Path
 
+from firmware_model.config.files import naming
 from firmware_model.errors import ConfigError
-from firmware_model.files import naming
 
 RUNS = Path("runs")
 
 
-def fresh_folder(out: Path | None, name: str) -> Path:
-    """Make and return `out`, or the next free `runs/<name>-001`, -002, … if none is asked for.
+def make_run_folder(out: Path | None, name: str) -> Path:
+    """Make and return `out`, or by default the next free `runs/<name>-001`, -002, ….
 
     Raises
     ------
@@ -26,15 +26,15 @@ def fresh_folder(out: Path | None, name: str) -> Path:
     while True:
         folder = RUNS / f"{name}-{number:03d}"
         try:
-            folder.mkdir()  # fails if someone else took the number in the meantime
+            folder.mkdir()  # fails if another process took the number in the meantime
         except FileExistsError:
             number += 1
         else:
             return folder
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a file, or leave what is there as it is.
+def write_atomic(path: Path, text: str) -> None:
+    """Write a file whole, or leave an existing one unchanged.
 
     Raises
     ------
@@ -51,8 +51,8 @@ def write_whole(path: Path, text: str) -> None:
         raise
 
 
-def bags_in(run: Path) -> list[Path]:
-    """Return the bags of a run's folder in the order of their names; a bag is its own.
+def find_bags(run: Path) -> list[Path]:
+    """Return the bags in a run's folder by name; for a bag, return itself.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""The messages of an MCAP file that may come from anywhere.
+"""Read the messages of an untrusted MCAP file.
 
-It is read from its begin, chunk by chunk, and its index is not believed: no size that it states is more than a claim.
-What chunks unfold to is bounded before the first is unfolded, by a multiple of the file's own size.
+The file is read from its begin, chunk by chunk, without its index; every stated size is only a claim. The size of all
+decompressed chunks is bounded by a multiple of the file's own size before the first is decompressed.
 
 References
 ----------
@@ -16,15 +16,15 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, NamedTuple
 
-from firmware_model.files import MIB, TEXT, open_regular
+from firmware_model.config.files import MIB, TEXT, open_regular
 
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # operation, length
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_CHUNK = struct.Struct("<QQQII")  # start time, end time, size unfolded, checksum, length of the compression's name
+_CHUNK = struct.Struct("<QQQII")  # start time, end time, decompressed size, checksum, length of the compression's name
 _CHANNEL_OP, _MESSAGE_OP, _CHUNK_OP, _END_OP = 0x04, 0x05, 0x06, 0x0F
 _LARGEST = TEXT + 4 * MIB  # of a record; writers begin a new chunk at one MiB
-_UNFOLDS = 20  # times the file's size; flights do three to six times
+_MAX_RATIO = 20  # decompressed size over the file's size; flights have three to six
 
 
 class Message(NamedTuple):
@@ -33,20 +33,20 @@ class Message(NamedTuple):
     topic: str
     """Topic."""
     time_ns: int
-    """[ns] when it was logged."""
+    """[ns] log time."""
     payload: bytes
-    """What it says, serialised."""
+    """Serialised content."""
 
 
 def messages(path: Path) -> Iterator[Message]:
-    """Yield the messages of a file in the order in which they stand there.
+    """Yield the messages of a file in file order.
 
     Raises
     ------
     OSError
         If there is no such file, or it can't be read.
     ValueError
-        If it is no whole MCAP file, or unfolds to more than its size allows.
+        If it is no whole MCAP file, or decompresses to more than its size allows.
     """
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
@@ -59,21 +59,21 @@ def messages(path: Path) -> Iterator[Message]:
         topics: dict[int, str] = {}
         for operation, body in _records(file, len(_MAGIC), size):
             if operation == _CHUNK_OP:
-                unfolded = _unfolded(body)
-                for inner, content in _records(BytesIO(unfolded), 0, len(unfolded)):
+                records = _decompress(body)
+                for inner, content in _records(BytesIO(records), 0, len(records)):
                     yield from _message(inner, content, topics)
             yield from _message(operation, body, topics)
 
 
 def _bound(file: IO[bytes], size: int) -> None:
-    """Refuse a file whose chunks claim to unfold to more than one of its size may."""
-    most = _LARGEST + _UNFOLDS * size
+    """Refuse a file whose chunks claim more decompressed bytes than its size allows."""
+    most = _LARGEST + _MAX_RATIO * size
     if sum(_claimed(body) for operation, body in _records(file, len(_MAGIC), size) if operation == _CHUNK_OP) > most:
-        raise ValueError(f"a file of {size:,} bytes that claims to unfold to more than {most / MIB:,.0f} MiB")
+        raise ValueError(f"a file of {size:,} bytes that claims to decompress to more than {most / MIB:,.0f} MiB")
 
 
 def _records(file: IO[bytes], begin: int, size: int) -> Iterator[tuple[int, bytes]]:
-    """Yield operation and content of each record from `begin` to that which ends the data, or to `size`."""
+    """Yield operation and content of each record from `begin` to the end of data, or to `size`."""
     file.seek(begin)
     operation = -1
     while begin < size and operation != _END_OP:
@@ -85,28 +85,28 @@ def _records(file: IO[bytes], begin: int, size: int) -> Iterator[tuple[int, byte
 
 
 def _claimed(chunk: bytes) -> int:
-    """Return how many bytes a chunk claims to unfold to."""
+    """Return the decompressed size [bytes] that a chunk claims."""
     claimed: int = _CHUNK.unpack_from(chunk)[2]
     if claimed > _LARGEST:
-        raise ValueError(f"a chunk that claims to unfold to {claimed:,} bytes; {_LARGEST:,} are the most")
+        raise ValueError(f"a chunk that claims to decompress to {claimed:,} bytes; at most {_LARGEST:,} are allowed")
     return claimed
 
 
-def _unfolded(chunk: bytes) -> bytes:
+def _decompress(chunk: bytes) -> bytes:
     """Return the records of a chunk."""
-    import pyarrow  # unfolds into as much memory as it is given, and no more
+    import pyarrow  # decompresses into a buffer of fixed size
 
     claimed, (checksum, name_length) = _claimed(chunk), _CHUNK.unpack_from(chunk)[3:]
     name = chunk[_CHUNK.size :][:name_length].decode()
     content = chunk[_CHUNK.size + name_length + 8 :]
-    unfolded: bytes = pyarrow.decompress(content, claimed, name, asbytes=True) if name else content
-    if len(unfolded) != claimed or (checksum and crc32(unfolded) != checksum):
-        raise ValueError("a chunk that is not what it claims to be")
-    return unfolded
+    records: bytes = pyarrow.decompress(content, claimed, name, asbytes=True) if name else content
+    if len(records) != claimed or (checksum and crc32(records) != checksum):
+        raise ValueError("a chunk whose size or checksum is wrong")
+    return records
 
 
 def _message(operation: int, body: bytes, topics: dict[int, str]) -> Iterator[Message]:
-    """Yield the message of a record if it is one; note the topic of a channel."""
+    """Yield the message of a message record; store the topic of a channel record."""
     if operation == _CHANNEL_OP:
         channel, _, length = struct.unpack_from("<HHI", body)
         topics[channel] = body[8:][:length].decode()

@@ -1,4 +1,4 @@
-"""What the air did in a recorded flight, as CSV that a scenario's `replay` reads."""
+"""Wind or moments of a recorded flight, as CSV for a scenario's `replay`."""
 
 import csv
 from pathlib import Path
@@ -10,13 +10,13 @@ _COLUMNS = {
     "moment": ("moment_B", ("L_nm", "M_nm", "N_nm")),
 }
 KINDS = tuple(_COLUMNS)
-"""What can be replayed: the gusts, or the whole disturbance moment, theirs and the scripted one."""
+"""Kinds of replay: the gusts, or the whole disturbance moment, of gusts and script."""
 
 
 def save_replay(records: Records, kind: str, path: Path) -> None:
     """Write the gusts [m/s] or the disturbance moment [N*m] of a flight, both in B, to a new file, kept to the bit.
 
-    Angular gusts are not among them, nor is the mean wind.
+    Angular gusts and the mean wind are not included.
 
     Raises
     ------

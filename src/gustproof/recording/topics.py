@@ -1,9 +1,8 @@
-"""Which field of the journal stands in which ROS message, and the bytes of those messages.
+"""ROS messages of the journal's fields, and the bytes of those messages.
 
-Axes are those of the journal, north-east-down and forward-right-down, and the frame names say so as
-MAVROS's do: `map_ned` and `base_link_frd`. Every message here is a stamped header and then float64
-numbers, so that all messages of a topic are rows of one array whose dtype is the message's layout in
-CDR, little-endian.
+Axes are the journal's, north-east-down and forward-right-down. Frame names are those of MAVROS: `map_ned` and
+`base_link_frd`. Every message here is a stamped header followed by float64 numbers. So the messages of a topic are the
+rows of one array, with the message's layout in little-endian CDR as dtype.
 """
 
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.journal import RECORD
+from firmware_model.recording.journal import RECORD
 from gustproof.recording.definitions import COMMAND_AGE, ROTORS
 
 MAP_NED = "map_ned"
@@ -21,20 +20,20 @@ _LITTLE_ENDIAN_CDR = 0x0100  # the encapsulation header 00 01 00 00 read as a li
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topic:
-    """One stamped topic and where its numbers come from."""
+    """One stamped topic and the source of its numbers."""
 
     name: str
     """Topic."""
     message: str
     """ROS 2 type."""
     frame_id: str
-    """Frame in which the numbers are expressed."""
+    """Frame of the numbers."""
     numbers: int
-    """How many float64 follow the header."""
+    """Count of float64 after the header."""
     fields: tuple[tuple[str, tuple[int, ...]], ...]
-    """Field of the journal, and the place of each of its components among the numbers."""
+    """Journal field, and the offset of each component among the numbers."""
     constants: tuple[tuple[int, float], ...] = ()
-    """Place and value [of the message's field] of what is not 0 and not from the journal."""
+    """Offset and value [of the message's field] of nonzero numbers that are not from the journal."""
 
     @property
     def layout(self) -> np.dtype[np.void]:
@@ -67,7 +66,7 @@ TOPICS = (
         frame_id=BASE_LINK_FRD,
         numbers=37,
         fields=(("gyro_B", (13, 14, 15)), ("specific_force_B", (25, 26, 27))),
-        constants=((4, -1.0),),  # no attitude is measured: the message's convention is a covariance of -1
+        constants=((4, -1.0),),  # no measured attitude: by the message's convention a covariance of -1
     ),
     Topic(
         name="/command/torque",
@@ -135,7 +134,7 @@ TOPICS = (
     Topic(name="/wind", message=_VECTOR, frame_id=MAP_NED, numbers=3, fields=(("wind_N", _LINEAR),)),
     Topic(name="/moment", message=_WRENCH, frame_id=BASE_LINK_FRD, numbers=6, fields=(("moment_B", _ANGULAR),)),
 )
-"""Every field of the journal but its mode, which is written when it changes."""
+"""All fields of the journal but the mode, which is written when it changes."""
 
 
 def encode(topic: Topic, records: NDArray[np.void]) -> NDArray[np.void]:
@@ -146,17 +145,17 @@ def encode(topic: Topic, records: NDArray[np.void]) -> NDArray[np.void]:
     messages["sec"], messages["nanosec"] = time_us // 1_000_000, time_us % 1_000_000 * 1000
     messages["length"] = len(topic.frame_id) + 1
     messages["frame_id"] = topic.frame_id.encode()
-    for place, value in topic.constants:
-        messages["numbers"][:, place] = value
-    for field, places in topic.fields:
-        messages["numbers"][:, places] = records[field]
+    for offset, value in topic.constants:
+        messages["numbers"][:, offset] = value
+    for field, offsets in topic.fields:
+        messages["numbers"][:, offsets] = records[field]
     return messages
 
 
 def decode(topic: Topic, messages: NDArray[np.void], records: NDArray[np.void]) -> None:
     """Write the fields of `topic` from its `messages` (n,) into the journal `records` (n,)."""
-    for field, places in topic.fields:
-        records[field] = messages["numbers"][:, places]
+    for field, offsets in topic.fields:
+        records[field] = messages["numbers"][:, offsets]
 
 
 def times_us(messages: NDArray[np.void]) -> NDArray[np.float64]:
@@ -164,6 +163,6 @@ def times_us(messages: NDArray[np.void]) -> NDArray[np.float64]:
     return messages["sec"] * 1e6 + messages["nanosec"] / 1000.0
 
 
-def blank(n: int) -> NDArray[np.void]:
-    """Return `n` records in which every number is NaN: what a bag does not hold is not known."""
+def nan_records(n: int) -> NDArray[np.void]:
+    """Return `n` records of NaN: numbers that a bag does not hold are unknown."""
     return np.full(n * (RECORD.itemsize // 8), np.nan).view(RECORD)

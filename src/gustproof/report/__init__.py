@@ -1,1 +1,1 @@
-"""What a person looks at after flying: figures, tables, verdicts."""
+"""Results as text, figures and pages."""

@@ -1,4 +1,4 @@
-"""What came of a campaign, as text."""
+"""Results of a campaign as text."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -7,150 +7,153 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from gustproof.campaign.confidence import LEVEL, Estimate
-from gustproof.campaign.findings import Findings
+from gustproof.campaign.intervals import CONFIDENCE, IntervalEstimate
 from gustproof.campaign.plan import Campaign
-from gustproof.report.document import FIGURES, Document
-from gustproof.requirements import requirement_label, requirement_limits
+from gustproof.campaign.statistics import CampaignStatistics
+from gustproof.report.terminal import FIGURES, Renderable
+from gustproof.scoring.requirements import requirement_label, requirement_limits
 
-SHOWN = ("rmse_deg", "peak_deg", "torque_rms_nm", "torque_slew_rms", "saturated_s")
-"""Figures that a terminal has room for; the others stand in the table, in the JSON and on the page."""
+TERMINAL_FIGURES = ("rmse_deg", "peak_deg", "torque_rms_nm", "torque_slew_rms", "saturated_s")
+"""Figures that fit on a terminal. The table, the JSON and the page hold all of them."""
 _NAME, _INTERVAL = 16, 18
-"""Columns of a terminal that a law's name and an interval have at least."""
-EXPLAINED = "rmse_deg"
-"""Figure whose dispersions are told there."""
+"""Least width of a law's name and of an interval [characters]."""
+IMPORTANCE_FIGURE = "rmse_deg"
+"""Figure whose dependence on the dispersions is shown."""
 
 
-def campaign_document(found: Findings) -> Document:
-    """Return figures with confidence, pass rates, what matters, who is better, and how to fly a run again."""
-    parts: list[Document] = [_figures(found)]
+def render_campaign(found: CampaignStatistics) -> Renderable:
+    """Return figures with confidence, pass rates, importances, comparisons, and how to fly a run again."""
+    parts: list[Renderable] = [_figures_table(found)]
     if found.campaign.scenario.require:
-        parts.append(_passed(found))
+        parts.append(_requirements_table(found))
     if found.campaign.spreads:
-        parts.append(_importance(found))
+        parts.append(_importance_table(found))
     warned = (f"warning: {line}" for line in found.warnings)
-    lines = [*duel_lines(found), *_failures(found), *warned, _last_line(found)]
+    lines = [*format_comparisons(found), *_format_failures(found), *warned, _rerun_hint(found)]
     return Group(*parts, Text("\n".join(lines)))
 
 
-def headline(campaign: Campaign) -> str:
-    """Return what was flown, in a line."""
+def describe_campaign(campaign: Campaign) -> str:
+    """Return scenario, vehicle, laws and dispersions in a line."""
     drawn = ", ".join(campaign.spreads)
     laws = ", ".join(law.name for law in campaign.laws)
     vehicle, how = campaign.vehicles.document["name"], f"{campaign.sampling.value}, seed {campaign.seed}"
     return f"{campaign.scenario.name}, vehicle {vehicle}: {campaign.cases:,} cases with {laws}; drawn {how}: {drawn}"
 
 
-def estimate_text(estimate: Estimate) -> tuple[str, str]:
-    """Return a figure, and its interval."""
-    return number(estimate.value), f"{number(estimate.low)} .. {number(estimate.high)}"
+def format_estimate(estimate: IntervalEstimate) -> tuple[str, str]:
+    """Return a figure and its interval."""
+    return format_value(estimate.value), f"{format_value(estimate.low)} .. {format_value(estimate.high)}"
 
 
-def share_text(estimate: Estimate) -> tuple[str, str]:
-    """Return a share in percent, and its interval."""
+def format_share(estimate: IntervalEstimate) -> tuple[str, str]:
+    """Return a share in percent and its interval."""
     value, low, high = (f"{100.0 * each:.4g}" for each in estimate)
     return f"{value} %", f"{low} .. {high}"
 
 
-def number(value: float) -> str:
-    """Return four digits of a figure; a dash if the runs do not say it."""
+def format_value(value: float) -> str:
+    """Return a figure with four digits; a dash if it is unknown."""
     return f"{value:.4g}" if math.isfinite(value) else "∞" if value > 0.0 else "–"
 
 
-def duel_lines(found: Findings) -> Iterator[str]:
-    """Yield which of two laws is better how often."""
+def format_comparisons(found: CampaignStatistics) -> Iterator[str]:
+    """Yield a line for each pair of laws and figure: the share of cases in which one law is lower."""
     for duel in found.duels:
-        label, (value, interval) = FIGURES[duel.figure][0], share_text(duel.lower)
+        label, (value, interval) = FIGURES[duel.figure][0], format_share(duel.lower)
         yield f"{label}: {duel.law} is below {duel.other} in {value} ({interval}) of the cases"
 
 
-def _figures(found: Findings) -> Table:
-    level = f"{100.0 * LEVEL:g} %"
-    table = _table(f"{headline(found.campaign)}", "law, figure", f"Behind each figure: where it is, {level} sure.")
-    for column in ("median", "95 % below"):
+def _figures_table(found: CampaignStatistics) -> Table:
+    level = f"{100.0 * CONFIDENCE:g} %"
+    caption = f"Right of each value: its {level} confidence interval"
+    table = _table(f"{describe_campaign(found.campaign)}", "law, figure", caption)
+    for column in ("median", "95th percentile"):
         table.add_column(column, justify="right", overflow="fold", min_width=_INTERVAL)
     for column in ("worst", "run"):
         table.add_column(column, justify="right", no_wrap=True)
     for law in found.laws:
         table.add_row(Text(law.law, style="bold"))
-        for name in SHOWN:
+        for name in TERMINAL_FIGURES:
             label, unit = FIGURES[name]
             figure = law.figures[name]
             worst = figure.worst[0] if figure.worst else None
-            quantiles = (estimate_text(figure.quantiles[each]) for each in ("median", "p95"))
-            last = ("", "") if worst is None else (number(worst.value), str(worst.run))
+            quantiles = (format_estimate(figure.quantiles[each]) for each in ("median", "p95"))
+            last = ("", "") if worst is None else (format_value(worst.value), str(worst.run))
             table.add_row(f"{label} [{unit}]", *map(_one_cell, quantiles), *last)
         table.add_section()
     return table
 
 
-def _passed(found: Findings) -> Table:
-    table = _table("What had to hold, and in how many runs it did", "law, required", None)
+def _requirements_table(found: CampaignStatistics) -> Table:
+    table = _table("Requirements, and the share of runs that met them", "law, requirement", None)
     table.add_column("limit", justify="right", overflow="fold")
-    table.add_column("held", justify="right", overflow="fold", min_width=_INTERVAL)
+    table.add_column("met", justify="right", overflow="fold", min_width=_INTERVAL)
     for column in ("worst", "run"):
         table.add_column(column, justify="right", no_wrap=True)
     for law in found.laws:
         table.add_row(Text(law.law, style="bold"))
         for each in law.passed:
-            last = (number(each.worst[0].value), str(each.worst[0].run)) if each.worst else ("", "")
+            last = (format_value(each.worst[0].value), str(each.worst[0].run)) if each.worst else ("", "")
             table.add_row(
-                requirement_label(each.requirement), requirement_limits(each.requirement),
-                _one_cell(share_text(each.rate)), *last,
-            )  # fmt: skip
-        table.add_row("all of them", "", _one_cell(share_text(law.all_held)))
+                requirement_label(each.requirement),
+                requirement_limits(each.requirement),
+                _one_cell(format_share(each.rate)),
+                *last,
+            )
+        table.add_row("all requirements", "", _one_cell(format_share(law.all_held)))
         table.add_section()
     return table
 
 
 def _table(title: str, first: str, caption: str | None) -> Table:
-    """Return a table whose first column names laws, and under each what is told of it: 80 columns are enough."""
+    """Return a table whose first column holds each law and, below it, its rows; it fits 80 columns."""
     table = Table(title=title, caption=caption)
     table.add_column(first, overflow="fold", min_width=_NAME)
     return table
 
 
 def _one_cell(estimate: tuple[str, str]) -> str:
-    """Return a figure and its interval, which is not broken where the line is."""
+    """Return a figure and its interval, without spaces in the interval, so that it stays on one line."""
     value, interval = estimate
     return f"{value} {interval.replace(' .. ', '..')}"
 
 
-def _importance(found: Findings) -> Table:
+def _importance_table(found: CampaignStatistics) -> Table:
     caption = (
-        "Share of its variance that each explains by itself (Sobol' index by binning), rank correlation; the rest: "
-        "gusts and noise, drawn anew for each case, and what acts together."
+        "Share of the variance explained by each quantity alone (Sobol' index by binning), rank correlation ρ; "
+        "remainder: gusts and noise of each run, and interactions"
     )
-    label = FIGURES[EXPLAINED][0]
-    table = _table(f"What {label} depends on", "law, drawn", caption)
+    label = FIGURES[IMPORTANCE_FIGURE][0]
+    table = _table(f"Causes of {label}", "law, quantity", caption)
     table.add_column("from .. to", overflow="fold")
     table.add_column("explains", justify="right", overflow="fold")
     for law in found.laws:
         table.add_row(Text(law.law, style="bold"))
         for name, spread in found.campaign.spreads.items():
-            explained = importance_text(law.figures[EXPLAINED].importance.get(name))
+            explained = format_importance(law.figures[IMPORTANCE_FIGURE].importance.get(name))
             table.add_row(name, f"{spread.low:g} .. {spread.high:g}", explained)
         table.add_section()
     return table
 
 
-def importance_text(importance: Sequence[float] | None) -> str:
-    """Return what a dispersion does to a figure; what chance alone may do is called not seen."""
+def format_importance(importance: Sequence[float] | None) -> str:
+    """Return the importance of a dispersion; an index within the noise of the estimate counts as no effect."""
     if importance is None:
         return "too few runs"
     correlation, first_order, noise = importance
-    seen = f"{100.0 * first_order:.0f} %" if first_order > noise else "not seen"
-    return f"{seen}, {correlation:+.2f}"
+    effect = f"{100.0 * first_order:.0f} %" if first_order > noise else "no effect found"
+    return f"{effect} (ρ = {correlation:+.2f})"
 
 
-def _failures(found: Findings) -> Iterator[str]:
+def _format_failures(found: CampaignStatistics) -> Iterator[str]:
     for law in found.laws:
         if law.failed:
-            shown = "; ".join(f"run {failure.run}: {failure.reason}" for failure in law.failures)
-            yield f"{law.law}: {law.failed} run{'s' if law.failed > 1 else ''} left no figures: {shown}"
+            reasons = "; ".join(f"run {failure.run}: {failure.reason}" for failure in law.failures)
+            yield f"{law.law}: {law.failed} run{'s' if law.failed > 1 else ''} without figures: {reasons}"
 
 
-def _last_line(found: Findings) -> str:
-    worst = found.laws[0].figures[EXPLAINED].worst
+def _rerun_hint(found: CampaignStatistics) -> str:
+    worst = found.laws[0].figures[IMPORTANCE_FIGURE].worst
     run = worst[0].run if worst else 0
-    return f"all runs are in {found.table}; any of them again, over UDP: gustproof fly --run {found.table}:{run}"
+    return f"all runs are in {found.table}; fly one again over UDP: gustproof fly --run {found.table}:{run}"

@@ -1,4 +1,4 @@
-"""What a design achieved, as tables and as the figure of its singular values."""
+"""Results of a design as tables, and the figure of its singular values."""
 
 from pathlib import Path
 
@@ -7,31 +7,31 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from gustproof.report.document import Document
-from gustproof.report.loop_tables import margin_cell, margins_table, poles_text
+from gustproof.report.loop_tables import format_margin, format_poles, margins_table
+from gustproof.report.terminal import Renderable
 from gustproof.synthesis.derive import DesignReport
 
 _FREQUENCIES = np.geomspace(1e-3, 1e3, 600)
 
 
-def design_document(report: DesignReport) -> Document:
+def render_design(report: DesignReport) -> Renderable:
     """Return levels, order, margins and controller poles of a design."""
-    figures = report.document()
+    figures = report.to_dict()
     levels = Table("", "", title=f"Design {figures['design']}: {figures['description']}", show_header=False)
     least = figures["gamma_opt"]
     levels.add_row("least level, gamma_opt", "not solvable" if least is None else f"{least:.5f}")
     levels.add_row("level designed for, gamma", f"{figures['gamma']:.5f}")
-    levels.add_row("norm achieved", f"{figures['norm']:.5f} at {margin_cell(figures['norm_omega_rad_s'])} rad/s")
+    levels.add_row("norm achieved", f"{figures['norm']:.5f} at {format_margin(figures['norm_omega_rad_s'])} rad/s")
     levels.add_row("controller states", str(figures["order"]))
     levels.add_row("stability augmentation in the model, leak", f"{figures['leak_per_s']:g} 1/s")
     levels.add_row("exact kinematics in the law", "yes" if figures["scheduled"] else "no")
     for name, value in figures.get("step", {}).items():
-        levels.add_row(f"step of the reference: {name}", margin_cell(value))
+        levels.add_row(f"step of the reference: {name}", format_margin(value))
     return Group(
         levels,
         margins_table("as designed, continuous", figures["continuous"]),
-        margins_table(f"as it flies, every {figures['dt_s']:g} s and one sample late", figures["sampled"]),
-        Text(f"controller poles [rad/s]: {poles_text(figures['poles_rad_s'])}"),
+        margins_table(f"as flown, sampled every {figures['dt_s']:g} s, one sample of delay", figures["sampled"]),
+        Text(f"controller poles [rad/s]: {format_poles(figures['poles_rad_s'])}"),
     )
 
 

@@ -1,148 +1,176 @@
-"""The design problem and its LFT as figures, drawn from the labelled objects that the plant is made from."""
+"""Block diagrams of the design problem and of its LFT."""
 
-from collections import Counter
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
+from typing import NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch
 
-from firmware_model.files import naming
+from firmware_model.config.files import naming
 from gustproof.model.generalized import LftStructure
 from gustproof.model.interconnection import Interconnection, Signal
-from gustproof.report.layout import HEIGHT, RADIUS, WIDTH, Node, Place, Shape, Wire, laid_out, ports_of
 
 _INK, _FILL, _ACCENT = "#222222", "#eef3f8", "#fdf0e6"
+_WIDTH, _HEIGHT, _RADIUS = 0.72, 0.36, 0.2
+"""Half width and half height of a block, radius of a sum."""
+_PORT, _BEND = 0.16, 0.75
+"""Distance between two ports of a block, and from a block to the bends of the wires that enter it."""
+_INPUT_X, _OUTPUT_X = 0.8, 14.2
+_PLACES = {
+    "K": (0.0, 2.0),
+    "W_u": (3.0, 3.0), "actuators": (3.0, 1.0),
+    "W_d": (3.0, 0.0), "W_n": (3.0, -1.0), "W_r": (3.0, -2.0), "W_l": (3.0, -3.0),
+    "moment": (5.3, 1.0), "airframe": (7.8, 1.0), "rate_loop": (7.8, 1.0), "W_m": (7.8, 2.0),
+    "gyro": (9.7, -1.0), "error": (10.5, 1.0), "W_e": (12.2, 1.0),
+    "gravity": (11.6, 0.0), "level": (13.2, 0.0),
+}  # fmt: skip
+"""Centre of each block, by its name, and of each sum, by the name of its output."""
+
+Point = tuple[float, float]
+
+
+class Wire(NamedTuple):
+    """Signal drawn from its source to one of its readers."""
+
+    signal: str
+    """Name of the signal."""
+    points: tuple[Point, ...]
+    """Corners, from the source to the tip of the arrow."""
+    sign: int = 1
+    """Sign of the signal at a sum."""
 
 
 def save_interconnection(problem: Interconnection, title: str, path: Path) -> None:
-    """Draw a design problem with its controller.
+    """Draw an attitude design problem with its controller.
 
     Raises
     ------
     ValueError
-        If there is a loop that the controller does not close.
+        If a block or sum is none of an attitude design problem.
     """
-    nodes, wires = _graph(problem)
-    shapes = {node.name: node.shape for node in nodes}
-    backward = [wire for wire in wires if shapes[wire.target] is Shape.FEEDBACK]
-    forward = [wire for wire in wires if shapes[wire.target] is not Shape.FEEDBACK]
-    places, chains = laid_out(nodes, forward, [wire.source for wire in backward])
+    boxes, sums = place_nodes(problem)
+    wires = route_wires(problem)
+    labels = {signal.name: signal.label for signal in problem.signals}
     figure = Figure(layout="constrained")
     axes = figure.subplots()
     axes.set_aspect("equal")
     axes.axis("off")
-    _draw_forward(axes, places, chains)
-    lowest = _draw_backward(axes, places, backward)
-    for place in places.values():
-        _draw_node(axes, place)
-    left = -WIDTH - 0.9
-    right, top = max(place.x for place in places.values()) + 0.8, max(place.y for place in places.values()) + 0.7
+    for label, centre in boxes.items():
+        _draw_box(axes, *centre, (_WIDTH, _HEIGHT), _ACCENT if label == "$K$" else _FILL)
+        axes.text(*centre, label, ha="center", va="center", fontsize=10, color=_INK, zorder=4)
+    for centre in sums:
+        axes.add_patch(Circle(centre, _RADIUS, facecolor="white", edgecolor=_INK, linewidth=1.2, zorder=3))
+        axes.text(*centre, "+", ha="center", va="center", fontsize=10, color=_INK, zorder=4)
+    for wire in wires:
+        _draw_wire(axes, wire.points)
+        if wire.sign < 0:
+            x, y = wire.points[-1]
+            axes.text(x + 0.1, y - 0.04, "−", ha="left", va="top", fontsize=10, color=_INK)
+    for signal, group in groupby(wires, key=lambda wire: wire.signal):
+        _draw_signal(axes, labels[signal], [wire.points for wire in group], signal in problem.w, signal in problem.z)
+    corners = [point for wire in wires for point in wire.points]
+    left, right = min(x for x, _ in corners) - 0.3, max(x for x, _ in corners) + 0.8
+    low, high = min(y for _, y in corners) - 0.2, max(y for _, y in corners) + 0.7
     axes.set_xlim(left, right)
-    axes.set_ylim(lowest - 0.2, top)
-    figure.set_size_inches(0.62 * (right - left), 0.62 * (top - lowest) + 0.5)
+    axes.set_ylim(low, high)
+    figure.set_size_inches(0.62 * (right - left), 0.62 * (high - low) + 0.5)
     figure.suptitle(title, fontsize=12, color=_INK)
     save_figure(figure, path)
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as its file's suffix says."""
+    """Write a figure in the format of the file's suffix."""
     with naming(path):
         figure.savefig(path, dpi=150)
 
 
-def _graph(problem: Interconnection) -> tuple[list[Node], list[Wire]]:
-    """Return the diagram as nodes and wires; a signal is drawn from its maker to each of its readers."""
-    labels = {signal.name: signal.label for signal in problem.signals}
-    nodes = [Node(name="K", label="$K$", shape=Shape.FEEDBACK)]
-    nodes += [Node(name=block.name, label=block.label, shape=Shape.BLOCK) for block in problem.blocks]
-    nodes += [Node(name=f"+{junction.output}", label="+", shape=Shape.SUM) for junction in problem.sums]
-    nodes += [Node(name=f":{name}", label=labels[name], shape=Shape.TERMINAL) for name in (*problem.w, *problem.z)]
-    makers = {name: f":{name}" for name in problem.w} | dict.fromkeys(problem.u, "K")
-    makers |= {name: block.name for block in problem.blocks for name in block.outputs}
-    makers |= {junction.output: f"+{junction.output}" for junction in problem.sums}
-    readers = [(name, block.name, "") for block in problem.blocks for name in block.inputs]
-    readers += [(name, f"+{s.output}", "−" if sign < 0 else "") for s in problem.sums for sign, name in s.terms]
-    readers += [(name, "K", "") for name in problem.y]
-    wires = [
-        Wire(source=makers[name], target=reader, label=sign + ("" if name in problem.w else labels[name]))
-        for name, reader, sign in readers
-    ]
-    wires += [Wire(source=makers[name], target=f":{name}") for name in problem.z]
-    return nodes, wires
+def place_nodes(problem: Interconnection) -> tuple[dict[str, Point], list[Point]]:
+    """Return the centre of each box, by its label, and of each sum.
+
+    Raises
+    ------
+    ValueError
+        If a block or sum has no place.
+    """
+    names = [*(block.name for block in problem.blocks), *(junction.output for junction in problem.sums)]
+    if unknown := [name for name in names if name not in _PLACES]:
+        raise ValueError(f"'{unknown[0]}' has no place in the diagram: only attitude design problems are drawn")
+    boxes = {"$K$": _PLACES["K"]} | {block.label: _PLACES[block.name] for block in problem.blocks}
+    return boxes, [_PLACES[junction.output] for junction in problem.sums]
 
 
-def _draw_forward(axes: Axes, places: dict[str, Place], chains: Sequence[tuple[Wire, list[str]]]) -> None:
-    ports = ports_of(places, chains)
-    leaving = Counter(a for a, _ in {link for _, chain in chains for link in pairwise(chain)})
-    for wire, chain in chains:
-        for a, b in pairwise(chain):
-            start, end = places[a], places[b]
-            x0, x1 = start.x + start.half_width, end.x - end.half_width
-            y0, y1 = start.y, ports[a, b]
-            bend = _bend(places, start)
-            points = [(x0, y0), (bend, y0), (bend, y1), (x1, y1)]
-            axes.plot(*zip(*points, strict=True), color=_INK, linewidth=1.1, solid_joinstyle="round")
-            if b == wire.target:
-                _arrow(axes, (bend, y1), (x1, y1))
-            if y0 != y1 and leaving[a] > 1:
-                axes.plot(bend, y0, ".", color=_INK, markersize=6)
-        target, entry = places[wire.target], ports[chain[-2], wire.target]
-        below = entry < target.y
-        x, y = target.x - target.half_width - 0.24, entry + (-0.07 if below else 0.07)
-        axes.text(x, y, wire.label, fontsize=9, color=_INK, ha="right", va="top" if below else "bottom")
+def route_wires(problem: Interconnection) -> list[Wire]:
+    """Return a wire from each signal to each of its readers; the wires of one signal follow each other."""
+    sources = dict(_iter_sources(problem))
+    wires = []
+    for block in problem.blocks:
+        x, y = _PLACES[block.name]
+        for port, name in enumerate(block.inputs):
+            end, bend = (x - _WIDTH, y - _PORT * port), x - _WIDTH - _BEND + 0.2 * port
+            x0, y0 = sources[name]
+            bends = () if y0 == end[1] else ((bend, y0), (bend, end[1]))
+            wires.append(Wire(name, ((x0, y0), *bends, end)))
+    for junction in problem.sums:
+        x, y = _PLACES[junction.output]
+        for sign, name in junction.terms:
+            x0, y0 = sources[name]
+            # Straight in from the left, or around one corner from above or below.
+            edge = y - _RADIUS if y0 < y else y + _RADIUS
+            ends = ((x - _RADIUS, y),) if y0 == y else ((x, y0), (x, edge))
+            wires.append(Wire(name, ((x0, y0), *ends), sign))
+    wires += [Wire(name, (sources[name], (_OUTPUT_X, sources[name][1]))) for name in problem.z]
+    wires += _route_feedback(problem.y, sources, low=min(y for wire in wires for _, y in wire.points) - 0.6)
+    return sorted(wires, key=lambda wire: wire.signal)
 
 
-def _bend(places: dict[str, Place], start: Place) -> float:
-    """Return where the wires that leave `start` turn: each node of a layer has its own track."""
-    row = sorted((place for place in places.values() if place.layer == start.layer), key=lambda place: place.y)
-    return start.x + WIDTH + 0.2 + 0.5 * row.index(start) / len(row)
+def _route_feedback(names: Sequence[str], sources: Mapping[str, Point], *, low: float) -> Iterator[Wire]:
+    """Yield the wires of the measurements, back to the left below everything else."""
+    x1, y1 = _PLACES["K"][0] - _WIDTH, _PLACES["K"][1]
+    for i, name in enumerate(sorted(names, key=lambda name: sources[name])):
+        x0, y0 = sources[name]
+        right, left, down, entry = x0 + 0.5, x1 - 0.5 - 0.25 * i, low - 0.4 * i, y1 + _PORT * i
+        yield Wire(name, ((x0, y0), (right, y0), (right, down), (left, down), (left, entry), (x1, entry)))
 
 
-def _draw_backward(axes: Axes, places: dict[str, Place], wires: Sequence[Wire]) -> float:
-    """Draw what runs back to the left, below everything else; return the lowest height used."""
-    lowest = min(place.y for place in places.values()) - 0.6
-    for i, wire in enumerate(wires):
-        source, target = places[wire.source], places[wire.target]
-        x0, x1 = source.x + source.half_width, target.x - target.half_width
-        y1 = target.y + 0.3 * ((len(wires) - 1) / 2.0 - i)
-        right, left = x0 + 0.5, x1 - 0.7 + 0.25 * (len(wires) - 1 - i)
-        lowest -= 0.4
-        points = [(x0, source.y), (right, source.y), (right, lowest), (left, lowest), (left, y1), (x1, y1)]
-        axes.plot(*zip(*points, strict=True), color=_INK, linewidth=1.1, solid_joinstyle="round")
-        _arrow(axes, (left, y1), (x1, y1))
-        axes.text((x0 + x1) / 2.0, lowest + 0.08, wire.label, fontsize=9, color=_INK, ha="center", va="bottom")
-    return lowest
+def _iter_sources(problem: Interconnection) -> Iterator[tuple[str, Point]]:
+    """Yield each signal with the point where its wires begin; an exogenous one begins beside its first reader."""
+    for name in problem.u:
+        yield name, (_PLACES["K"][0] + _WIDTH, _PLACES["K"][1])
+    for block in problem.blocks:
+        x, y = _PLACES[block.name]
+        yield from ((name, (_INPUT_X, y)) for name in block.inputs if name in problem.w)
+        yield from ((name, (x + _WIDTH, y - _PORT * port)) for port, name in enumerate(block.outputs))
+    for junction in problem.sums:
+        x, y = _PLACES[junction.output]
+        yield junction.output, (x + _RADIUS, y)
 
 
-def _draw_node(axes: Axes, place: Place) -> None:
-    node, x, y = place.node, place.x, place.y
-    if node.shape in (Shape.BLOCK, Shape.FEEDBACK):
-        fill = _FILL if node.shape is Shape.BLOCK else _ACCENT
-        _box(axes, x, y, (WIDTH, HEIGHT), fill)
-    elif node.shape is Shape.SUM:
-        axes.add_patch(Circle((x, y), RADIUS, facecolor="white", edgecolor=_INK, linewidth=1.2, zorder=3))
-    if node.shape is not Shape.PASS:
-        axes.text(x, y, node.label, ha="center", va="center", fontsize=10, color=_INK, zorder=4)
+def _draw_signal(axes: Axes, label: str, wires: Sequence[tuple[Point, ...]], is_input: bool, is_output: bool) -> None:
+    """Write a signal's label beside its source, or at the end of the diagram, and mark its branches with dots."""
+    x, y = wires[0][0]
+    if is_output:
+        axes.text(_OUTPUT_X + 0.3, y, label, fontsize=10, color=_INK, ha="center", va="center")
+    elif is_input:
+        axes.text(x - 0.3, y, label, fontsize=10, color=_INK, ha="center", va="center")
+    else:
+        # Every first port is at a whole height: labels of the others go below their wires.
+        height, side = (y + 0.07, "bottom") if y == round(y) else (y - 0.08, "top")
+        axes.text(x + 0.12, height, label, fontsize=9, color=_INK, ha="left", va=side)
+    ends = [wire[1][0] for wire in wires]
+    for end in {end for end in ends if end < max(ends) or ends.count(end) > 1}:
+        axes.plot(end, y, ".", color=_INK, markersize=6)
 
 
-def _box(axes: Axes, x: float, y: float, half: tuple[float, float], fill: str) -> None:
-    box = FancyBboxPatch(
-        (x - half[0], y - half[1]), 2.0 * half[0], 2.0 * half[1], boxstyle="round,pad=0,rounding_size=0.06",
-        facecolor=fill, edgecolor=_INK, linewidth=1.2, zorder=3,
-    )  # fmt: skip
-    axes.add_patch(box)
-
-
-def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
-    style = {"arrowstyle": "-|>", "color": _INK, "linewidth": 1.1, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 11}
-    axes.annotate("", xy=end, xytext=start, arrowprops=style)
+def _draw_wire(axes: Axes, points: Sequence[Point]) -> None:
+    axes.plot(*zip(*points, strict=True), color=_INK, linewidth=1.1, solid_joinstyle="round")
+    _draw_arrow(axes, points[-2], points[-1])
 
 
 def save_lft(structure: LftStructure, title: str, path: Path) -> None:
-    """Draw the closed LFT: Delta of the parameters above, the generalised plant between, the controller below."""
+    """Draw the closed LFT, from top to bottom: Delta of the parameters, generalised plant, controller."""
     figure = Figure(figsize=(7.6, 5.4), layout="constrained")
     axes = figure.subplots()
     axes.set_aspect("equal")
@@ -154,31 +182,49 @@ def save_lft(structure: LftStructure, title: str, path: Path) -> None:
         (structure.plant_label, 0.0, (1.5, 0.75), _FILL),
         (structure.controller_label, -2.0, (0.9, 0.45), _ACCENT),
     ):
-        _box(axes, 0.0, y, half, fill)
+        _draw_box(axes, 0.0, y, half, fill)
         axes.text(0.0, y, label, ha="center", va="center", fontsize=11, color=_INK, zorder=4)
     made, read = structure.delta_signals
-    _around(axes, (2.2, 2.2), (1.5, 0.45), made, 1.0)
-    _around(axes, (-1.5, 0.45), (-2.2, 2.2), read, -1.0)
-    _around(axes, (0.9, -2.0), (1.5, -0.45), _listed(structure.u), 1.0)
-    _around(axes, (-1.5, -0.45), (-0.9, -2.0), _listed(structure.y), -1.0)
+    _draw_around(axes, (2.2, 2.2), (1.5, 0.45), made, 1.0)
+    _draw_around(axes, (-1.5, 0.45), (-2.2, 2.2), read, -1.0)
+    _draw_around(axes, (0.9, -2.0), (1.5, -0.45), _list_signals(structure.u), 1.0)
+    _draw_around(axes, (-1.5, -0.45), (-0.9, -2.0), _list_signals(structure.y), -1.0)
     for start, signals in ((4.3, structure.w), (-1.5, structure.z)):
-        _arrow(axes, (start, 0.0), (start - 2.8, 0.0))
-        axes.text(start - 1.4, 0.1, _listed(signals), ha="center", va="bottom", fontsize=10, color=_INK)
+        _draw_arrow(axes, (start, 0.0), (start - 2.8, 0.0))
+        axes.text(start - 1.4, 0.1, _list_signals(signals), ha="center", va="bottom", fontsize=10, color=_INK)
     axes.set_xlim(-4.6, 4.6)
     axes.set_ylim(-2.7, 3.0)
     figure.suptitle(title, fontsize=12, color=_INK)
     save_figure(figure, path)
 
 
-def _around(axes: Axes, start: tuple[float, float], end: tuple[float, float], label: str, side: float) -> None:
-    """Draw a wire from one box to another around the side: +1 right, -1 left."""
+def _draw_box(axes: Axes, x: float, y: float, half: tuple[float, float], fill: str) -> None:
+    box = FancyBboxPatch(
+        (x - half[0], y - half[1]),
+        2.0 * half[0],
+        2.0 * half[1],
+        boxstyle="round,pad=0,rounding_size=0.06",
+        facecolor=fill,
+        edgecolor=_INK,
+        linewidth=1.2,
+        zorder=3,
+    )
+    axes.add_patch(box)
+
+
+def _draw_arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
+    style = {"arrowstyle": "-|>", "color": _INK, "linewidth": 1.1, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 11}
+    axes.annotate("", xy=end, xytext=start, arrowprops=style)
+
+
+def _draw_around(axes: Axes, start: tuple[float, float], end: tuple[float, float], label: str, side: float) -> None:
+    """Draw a wire from one box to another around one side: +1 right, -1 left."""
     x = side * 3.0
     points = [start, (x, start[1]), (x, end[1]), end]
-    axes.plot(*zip(*points, strict=True), color=_INK, linewidth=1.1, solid_joinstyle="round")
-    _arrow(axes, (x, end[1]), end)
+    _draw_wire(axes, points)
     text = "left" if side > 0.0 else "right"
     axes.text(x + 0.1 * side, (start[1] + end[1]) / 2.0, label, ha=text, va="center", fontsize=10, color=_INK)
 
 
-def _listed(signals: Sequence[Signal]) -> str:
+def _list_signals(signals: Sequence[Signal]) -> str:
     return ", ".join(f"{signal.label} ({signal.width})" for signal in signals)

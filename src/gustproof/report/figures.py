@@ -1,4 +1,4 @@
-"""Time histories and singular values as PNG, each law in its own colour in every figure."""
+"""Time histories, loops and trade-offs as PNG. A law keeps its colour in every figure."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -10,17 +10,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from gustproof.metrics import Metrics, attitude
-from gustproof.model.lpv import PARAMETERS, scheduling
-from gustproof.report.analysis import Analysis
+from gustproof.analysis.analyse import Analysis
+from gustproof.analysis.hover_loop import HoverLoop
+from gustproof.analysis.placement import PerformanceLimits
+from gustproof.model.lpv import PARAMETERS, scheduling_parameters
 from gustproof.report.diagrams import save_figure
-from gustproof.report.limits import Standing
+from gustproof.scoring.metrics import Metrics, attitude
 
 Records = NDArray[np.void]
 Array = NDArray[np.float64]
 Flights = Mapping[str, Records]
 
-# Okabe and Ito's palette, told apart by colour-blind readers and on grey paper.
+# Okabe and Ito's palette: colour-blind readers can tell it apart, also on grey paper.
 _COLOURS = {
     "pid-default": "#999999",
     "hinf-d1": "#0072b2",
@@ -33,49 +34,51 @@ _COLOURS = {
     "flagship": "#882255",
     "aided": "#117733",
 }
-_SPARE = "#e69f00"
-_SHADES = ("#c9b8e8", "#7b5cc4", "#3d1f8f")  # of limits, darker where more slew is allowed
+_DEFAULT_COLOUR = "#e69f00"
+_SHADES = ("#c9b8e8", "#7b5cc4", "#3d1f8f")  # of limits: darker for more slew
 _INK, _GRID = "#333333", "#dddddd"
 _AXES = ("roll", "pitch", "yaw")
 _AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73")
 _GAINS = (1e-4, 1e15)
-"""[-] gains between which curves are drawn."""
+"""[-] range of the drawn gains."""
 _ROUNDING = 1e-6
-"""[-] a singular value never above this part of its transfer's largest is 0 but for rounding."""
+"""[-] singular values that stay below this share of the transfer's largest are rounding errors of 0."""
 
 
 def save_moments(records: Records, path: Path) -> None:
     """Draw the disturbance moments of one flight."""
-    _stacked({"": records}, lambda r: r["moment_B"], _units("{} moment [N m]"), "Disturbance moments", path)
+    _draw_stacked({"": records}, lambda r: r["moment_B"], _axis_labels("{} moment [N m]"), "Disturbance moments", path)
 
 
 def save_euler_angles(flights: Flights, title: str, path: Path) -> None:
     """Draw the Euler angles of several laws in the same air."""
     labels = ("roll φ [deg]", "pitch θ [deg]", "yaw ψ [deg]")
-    _stacked(flights, lambda r: np.degrees(attitude(r)), labels, f"Euler angles: {title}", path)
+    _draw_stacked(flights, lambda r: np.degrees(attitude(r)), labels, f"Euler angles: {title}", path)
 
 
 def save_body_rates(flights: Flights, title: str, path: Path) -> None:
     """Draw the body rates of several laws in the same air."""
     labels = ("p [rad/s]", "q [rad/s]", "r [rad/s]")
-    _stacked(flights, lambda r: r["omega_B"], labels, f"Body rates: {title}", path)
+    _draw_stacked(flights, lambda r: r["omega_B"], labels, f"Body rates: {title}", path)
 
 
 def save_torques(flights: Flights, title: str, path: Path) -> None:
     """Draw the commanded torques of several laws in the same air."""
-    labels = _units("{} torque [N m]")
-    _stacked(flights, lambda r: r["torque_command_B"], labels, f"Commanded torques: {title}", path)
+    labels = _axis_labels("{} torque [N m]")
+    _draw_stacked(flights, lambda r: r["torque_command_B"], labels, f"Commanded torques: {title}", path)
 
 
 def save_scheduling(records: Records, law: str, path: Path) -> None:
-    """Draw rho(t) of one flight against the bounds of the paper's Table II."""
-    rho = scheduling(attitude(records), records["omega_B"])
-    figure, time = _figure((9.0, 7.2), f"Scheduling parameters against Table II: {law}"), _time(records)
+    """Draw rho(t) of one flight with the bounds of the paper's Table II."""
+    rho = scheduling_parameters(attitude(records), records["omega_B"])
+    figure, time = _new_figure((9.0, 7.2), f"Scheduling parameters against Table II: {law}"), _time(records)
     grid = figure.subplots(4, 2, sharex=True)
-    # Trigonometric ones on the left, rates on the right, below the legend.
+    # Trigonometric parameters on the left, rates on the right, below the legend.
     places = [*grid[:, 0], *grid[1:, 1]]
     for axes, parameter, values in zip(places, PARAMETERS, rho.T, strict=True):
-        _bounded(axes, time, values, f"{parameter.label} = {parameter.meaning}", (parameter.low, parameter.high), law)
+        _draw_bounded(
+            axes, time, values, f"{parameter.label} = {parameter.meaning}", (parameter.low, parameter.high), law
+        )
     grid[0, 1].axis("off")
     lines = [Line2D([], [], color=_colour(law)), Line2D([], [], color="#d55e00", linestyle="--")]
     grid[0, 1].legend(lines, [law, "bounds of Table II"], loc="center", frameon=False)
@@ -85,17 +88,17 @@ def save_scheduling(records: Records, law: str, path: Path) -> None:
 
 
 def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: float, title: str, path: Path) -> None:
-    """Draw singular values (n, k) over `frequency` (n,) [rad/s] by name, but for those that are 0, and their bound."""
-    figure = _figure((7.5, 4.8), title)
+    """Draw singular values (n, k) over `frequency` (n,) [rad/s] by name, and their bound. Zeros are left out."""
+    figure = _new_figure((7.5, 4.8), title)
     axes = figure.subplots()
-    colours = ("#0072b2", "#009e73", "#cc79a7", _SPARE)
+    colours = ("#0072b2", "#009e73", "#cc79a7", _DEFAULT_COLOUR)
     for (name, values), colour in zip(curves.items(), colours, strict=False):
         real = values[:, np.max(values, axis=0) > _ROUNDING * np.max(values)]
-        lines = axes.loglog(frequency, _drawn(real), color=colour, linewidth=1.3)
+        lines = axes.loglog(frequency, _clip_gains(real), color=colour, linewidth=1.3)
         lines[0].set_label(name)
-    _floor(axes)
+    _limit_floor(axes)
     axes.axhline(level, color="#d55e00", linestyle="--", label=f"γ = {level:.4g}")
-    _dress(axes, "singular values [-]")
+    _style_axes(axes, "singular values [-]")
     axes.grid(visible=True, which="minor", color=_GRID, linewidth=0.3)
     axes.set_xlabel("frequency [rad/s]")
     axes.set_xlim(frequency[0], frequency[-1])
@@ -103,13 +106,14 @@ def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: f
     save_figure(figure, path)
 
 
-def save_trade_off(standing: Standing, flown: Mapping[str, Metrics], path: Path) -> None:
-    """Draw error against sensitivity peak: the limits, and each law as foretold (ring) and as `flown` (disc).
+def save_trade_off(performance: PerformanceLimits, flown: Mapping[str, Metrics], path: Path) -> None:
+    """Draw error against sensitivity peak: the limits, and each law as predicted (ring) and as `flown` (disc).
 
-    All laws on the left; on the right, closer, what is near the limit.
+    The left panel shows all laws, the right panel those near the limit.
     """
-    limits, places = standing.limits, {name: place for name, place in standing.places.items() if place is not None}
-    figure = _figure((11.0, 5.6), f"Least attitude error against robustness: {limits.scenario}")
+    limits = performance.limits
+    places = {name: place for name, place in performance.places.items() if place is not None}
+    figure = _new_figure((11.0, 5.6), f"Least attitude error against robustness: {limits.scenario}")
     whole, near = figure.subplots(1, 2)
     for axes in (whole, near):
         for curve, shade in zip(limits.curves, _SHADES, strict=False):
@@ -121,7 +125,7 @@ def save_trade_off(standing: Standing, flown: Mapping[str, Metrics], path: Path)
             axes.plot([place.Ms, place.Ms], ends, color=_colour(law), linewidth=0.8)
             axes.plot(place.Ms, ends[0], "o", color=_colour(law), fillstyle="none")
             axes.plot(place.Ms, ends[1], "o", color=_colour(law), label=f"{law}, slew {place.slew:.3g} N m/s")
-        _dress(axes, "RMSE, three axes [deg]")
+        _style_axes(axes, "RMSE, three axes [deg]")
         axes.set_xlabel("sensitivity peak Ms, the worst axis [-]")
     whole.set_yscale("log")
     near.set_xlim(1.1, 2.0)
@@ -131,39 +135,35 @@ def save_trade_off(standing: Standing, flown: Mapping[str, Metrics], path: Path)
     near.text(0.98, 0.95, known, transform=near.transAxes, ha="right", fontsize=9, color=_INK)
     handles, labels = whole.get_legend_handles_labels()
     handles.append(Line2D([], [], color=_INK, marker="o", fillstyle="none", linewidth=0.0))
-    labels.append("foretold, of all flights; discs are what flew")
+    labels.append("ring: predicted average over many flights; disc: flown")
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     save_figure(figure, path)
 
 
 def save_analysis(analysis: Analysis, path: Path) -> None:
-    """Draw the loop's Bode plot, its sensitivities, and the flights through a step and through the air."""
-    figure = _figure((11.0, 8.0), f"{analysis.law.name}: {analysis.scenario.name}")
+    """Draw Bode plot, sensitivities, and the flights through a moment step and through the scenario."""
+    figure = _new_figure((11.0, 8.0), f"{analysis.law.name}: {analysis.scenario.name}")
     ((gain, S), (phase, step), (torque, air)) = figure.subplots(3, 2)
     if len(analysis.hover.loop):
-        for axis, values, colour in zip(_AXES, analysis.hover.loop.T, _AXIS_COLOURS, strict=True):
-            gain.loglog(analysis.hover.omega, _drawn(np.abs(values)), color=colour, linewidth=1.2, label=axis)
-            angles = np.degrees(np.unwrap(np.angle(values)))
-            phase.semilogx(
-                analysis.hover.omega, angles - 360.0 * np.ceil(angles[0] / 360.0), color=colour, linewidth=1.2
-            )
-        gain.axhline(1.0, color=_INK, linestyle="--", linewidth=0.8)
-        for (name, values), colour in zip(analysis.hover.sensitivities.items(), _AXIS_COLOURS, strict=False):
-            S.loglog(analysis.hover.omega, _drawn(values), color=colour, linewidth=1.2, label=f"largest of {name}")
-        for axes in (gain, S):
-            _floor(axes)
+        _draw_loop(analysis.hover, gain, phase, S)
     else:
         for axes in (gain, phase, S):
             axes.text(0.5, 0.5, "no torque loop: it commands rates", transform=axes.transAxes, ha="center", color=_INK)
     height = ", ".join(f"{value:g}" for value in analysis.step_moment)
     for axes, records, values, label, title in (
-        (step, analysis.step, np.degrees(attitude(analysis.step)), "angles [deg]", f"moment step, {height} N m"),
-        (air, analysis.flown, np.degrees(attitude(analysis.flown)), "angles [deg]", "flown"),
-        (torque, analysis.flown, analysis.flown["torque_command_B"], "torque command [N m]", "flown"),
+        (
+            step,
+            analysis.step_records,
+            np.degrees(attitude(analysis.step_records)),
+            "angles [deg]",
+            f"moment step, {height} N m",
+        ),
+        (air, analysis.records, np.degrees(attitude(analysis.records)), "angles [deg]", "flown"),
+        (torque, analysis.records, analysis.records["torque_command_B"], "torque command [N m]", "flown"),
     ):
         for column, axis, colour in zip(values.T, _AXES, _AXIS_COLOURS, strict=True):
             axes.plot(_time(records), column, color=colour, linewidth=1.0, label=axis)
-        _dress(axes, label)
+        _style_axes(axes, label)
         axes.set_title(title, fontsize=10, color=_INK)
         axes.set_xlabel("time [s]")
     for axes, label, title in (
@@ -171,7 +171,7 @@ def save_analysis(analysis: Analysis, path: Path) -> None:
         (phase, "arg L [deg]", "loop at the plant's input"),
         (S, "singular value [-]", "sensitivity at the plant's input"),
     ):
-        _dress(axes, label)
+        _style_axes(axes, label)
         axes.set_title(title, fontsize=10, color=_INK)
         axes.set_xlabel("frequency [rad/s]")
     for axes in (gain, S, step):
@@ -180,19 +180,32 @@ def save_analysis(analysis: Analysis, path: Path) -> None:
     save_figure(figure, path)
 
 
-def _stacked(
+def _draw_loop(hover: HoverLoop, gain: Axes, phase: Axes, S: Axes) -> None:
+    """Draw gain and phase of the loop at the plant's input axis by axis, and the sensitivities."""
+    for axis, values, colour in zip(_AXES, hover.loop.T, _AXIS_COLOURS, strict=True):
+        gain.loglog(hover.omega, _clip_gains(np.abs(values)), color=colour, linewidth=1.2, label=axis)
+        angles = np.degrees(np.unwrap(np.angle(values)))
+        phase.semilogx(hover.omega, angles - 360.0 * np.ceil(angles[0] / 360.0), color=colour, linewidth=1.2)
+    gain.axhline(1.0, color=_INK, linestyle="--", linewidth=0.8)
+    for (name, values), colour in zip(hover.sensitivities.items(), _AXIS_COLOURS, strict=False):
+        S.loglog(hover.omega, _clip_gains(values), color=colour, linewidth=1.2, label=f"largest of {name}")
+    for axes in (gain, S):
+        _limit_floor(axes)
+
+
+def _draw_stacked(
     flights: Flights, values: Callable[[Records], Array], labels: tuple[str, ...], title: str, path: Path
 ) -> None:
-    figure = _figure((8.0, 6.4), title)
+    figure = _new_figure((8.0, 6.4), title)
     rows = figure.subplots(3, 1, sharex=True)
     curves = {law: values(records) for law, records in flights.items()}
-    # The most agitated curve goes below the others, which would not be seen under it.
+    # The most agitated curve is drawn first, as it would hide the others.
     for law in sorted(flights, key=lambda law: -float(np.sum(np.abs(np.diff(curves[law], axis=0))))):
         time, columns = _time(flights[law]), curves[law]
         for i, axes in enumerate(rows):
             axes.plot(time, columns[:, i], color=_colour(law), linewidth=1.0, label=law)
     for axes, label in zip(rows, labels, strict=True):
-        _dress(axes, label)
+        _style_axes(axes, label)
     rows[-1].set_xlabel("time [s]")
     rows[-1].set_xlim(0.0, max(_time(records)[-1] for records in flights.values()))
     if any(flights):
@@ -201,46 +214,46 @@ def _stacked(
     save_figure(figure, path)
 
 
-def _bounded(axes: Axes, time: Array, values: Array, label: str, bounds: tuple[float, float], law: str) -> None:
+def _draw_bounded(axes: Axes, time: Array, values: Array, label: str, bounds: tuple[float, float], law: str) -> None:
     axes.plot(time, values, color=_colour(law), linewidth=1.0)
     for bound in bounds:
         axes.axhline(bound, color="#d55e00", linestyle="--", linewidth=1.0)
     margin = 0.12 * (bounds[1] - bounds[0])
     axes.set_ylim(min(bounds[0], values.min()) - margin, max(bounds[1], values.max()) + margin)
     axes.set_xlim(0.0, time[-1])
-    _dress(axes, label)
+    _style_axes(axes, label)
 
 
-def _drawn(gains: Array) -> Array:
-    """Return gains that a logarithmic axis can take: 0 and what is too small lie below its end."""
+def _clip_gains(gains: Array) -> Array:
+    """Return gains for a logarithmic axis: 0 and smaller gains than drawn lie below its end."""
     least, most = _GAINS
     return np.clip(gains, 0.1 * least, most)
 
 
-def _floor(axes: Axes) -> None:
-    """Cut a logarithmic axis below what matters."""
+def _limit_floor(axes: Axes) -> None:
+    """Cut a logarithmic axis below the least drawn gain."""
     axes.set_ylim(bottom=max(axes.get_ylim()[0], _GAINS[0]))
 
 
-def _figure(size: tuple[float, float], title: str) -> Figure:
+def _new_figure(size: tuple[float, float], title: str) -> Figure:
     figure = Figure(figsize=size, layout="constrained")
     figure.suptitle(title, fontsize=12, color=_INK)
     return figure
 
 
-def _dress(axes: Axes, label: str) -> None:
+def _style_axes(axes: Axes, label: str) -> None:
     axes.set_ylabel(label)
     axes.grid(visible=True, color=_GRID, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _units(label: str) -> tuple[str, ...]:
+def _axis_labels(label: str) -> tuple[str, ...]:
     return tuple(label.format(axis) for axis in _AXES)
 
 
 def _colour(law: str) -> Any:
-    return _COLOURS.get(law, _SPARE if law else "#0072b2")
+    return _COLOURS.get(law, _DEFAULT_COLOUR if law else "#0072b2")
 
 
 def _time(records: Records) -> Array:

@@ -1,22 +1,22 @@
-"""Tables of what is possible in turbulence."""
+"""Tables of the performance limits in turbulence."""
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gustproof.report.limits import Limits
+from gustproof.analysis.placement import ErrorLimits
 
 _NOTE = (
-    "All of them are of small angles and of all flights: in a few, luck weighs more. A gyro-only attitude walks at "
-    "random by the gyro's noise, whatever the law: only what is above 'any slew' is the law's. The second table is of "
-    "linear laws, each of them had, so it lies above the limit: by 1 % at Ms 1.15, .2 % from 1.36 on. At any Ms and in "
-    "the first table, no law is better, linear or not."
+    "Limits are small-angle averages over many flights; few flights scatter. Gyro noise alone makes the attitude "
+    "drift, whatever the law; only the part above 'any slew' can be tuned away. The second table holds linear laws "
+    "that were found, so it lies above the limit: by 1 % at Ms 1.15, .2 % from 1.36 on. In the first table and in the "
+    "column 'any', no law is better, linear or not."
 )
 
 
-def limits_document(limits: Limits) -> RenderableType:
-    """Return the limits by what a law knows, and the trade-off with the sensitivity peak."""
-    known = Table("what the law knows", title=f"What is possible in '{limits.scenario}': least RMSE [deg]")
+def render_limits(limits: ErrorLimits) -> RenderableType:
+    """Return the limits by the information of a law, and the trade-off with the sensitivity peak."""
+    known = Table("known to the law", title=f"Least possible RMSE in '{limits.scenario}' [deg]")
     known.add_column(f"slew {limits.slew:g} N m/s", justify="right")
     known.add_column("any slew", justify="right")
     known.add_row("gyros, the true spectra", f"{limits.gyro_deg:.4f}", f"{limits.gyro_any_slew_deg:.4f}")

@@ -13,28 +13,28 @@ MARGINS = {
     "delay_margin_s": "delay\n[s]",
     "Ms": "Ms\n[-]",
 }
-"""Name and heading of each margin of an axis."""
+"""Key and heading of each margin of an axis."""
 
 
 def margins_table(title: str, places: dict[str, Any]) -> Table:
-    """Return margins, as `margins_document` has them, by the plant's side and axis."""
+    """Return the margins of `margins_to_dict` by the plant's side and axis."""
     table = Table("plant's", "axis", *MARGINS.values(), "disk\n[-]", title=f"Margins {title}")
     for place, figures in places.items():
         for axis in ("roll", "pitch", "yaw"):
-            cells = (margin_cell(figures[axis][name]) for name in MARGINS)
-            table.add_row(place, axis, *cells, margin_cell(figures["disk_margin"]) if axis == "roll" else "")
+            cells = (format_margin(figures[axis][name]) for name in MARGINS)
+            table.add_row(place, axis, *cells, format_margin(figures["disk_margin"]) if axis == "roll" else "")
     return table
 
 
-def margin_cell(value: float | None) -> str:
-    """Return a margin for people; `None` is infinite."""
+def format_margin(value: float | None) -> str:
+    """Return a margin as text; `None` is infinite."""
     return "∞" if value is None else f"{value:.3g}"
 
 
-def poles_text(poles: Iterable[tuple[float, float]]) -> str:
-    """Return poles, real and imaginary part, one of each pair."""
-    return ", ".join(_pole(re, im) for re, im in poles if im >= 0.0)
+def format_poles(poles: Iterable[tuple[float, float]]) -> str:
+    """Return poles as text, one of each conjugate pair."""
+    return ", ".join(_format_pole(re, im) for re, im in poles if im >= 0.0)
 
 
-def _pole(real: float, imaginary: float) -> str:
+def _format_pole(real: float, imaginary: float) -> str:
     return f"{real:.4g}" if imaginary == 0.0 else f"{real:.4g} ± {imaginary:.4g}j"

@@ -1,4 +1,4 @@
-"""What a scenario is about, in a line, in a table, as JSON."""
+"""Scenarios as a line, a table and JSON."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -7,13 +7,13 @@ from rich.box import SIMPLE
 from rich.table import Table
 from rich.text import Text
 
-from firmware_model.scenario import Scenario
+from firmware_model.config.scenario import Scenario
 
 _PARTS = ("wind", "moment", "link", "event", "require")
 
 
 def scenarios_table(scenarios: Iterable[Scenario]) -> Table:
-    """Return what each scenario shows and how long it takes."""
+    """Return the subject and the duration of each scenario."""
     table = Table("scenario", "shows", box=SIMPLE, padding=(0, 1), pad_edge=False)
     table.add_column("[s]", justify="right")
     for each in scenarios:
@@ -21,8 +21,8 @@ def scenarios_table(scenarios: Iterable[Scenario]) -> Table:
     return table
 
 
-def scenario_summary(scenario: Scenario) -> dict[str, Any]:
-    """Return what a scenario shows, as JSON has it, and how many tables of each kind it has."""
+def summarize_scenario(scenario: Scenario) -> dict[str, Any]:
+    """Return name, subject and duration of a scenario for JSON, and its number of tables of each kind."""
     return {
         "name": scenario.name,
         "description": scenario.description,
@@ -32,8 +32,8 @@ def scenario_summary(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def scenario_line(scenario: Scenario) -> str:
-    """Return in one line how long a scenario takes and what is in it."""
+def describe_scenario(scenario: Scenario) -> str:
+    """Return the duration and the contents of a scenario in one line."""
     counts = [f"{len(getattr(scenario, part))} [[{part}]]" for part in _PARTS if getattr(scenario, part)]
     where = "in free flight" if scenario.free else "on the test stand"
     return f"{scenario.name}: sound; {', '.join([f'{scenario.duration_s:g} s {where}', *counts])}"

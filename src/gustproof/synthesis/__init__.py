@@ -1,34 +1,34 @@
-"""Controllers from design models, as a `gustproof.law.Law`: H-infinity, PID, INDI; and what no law can beat."""
+"""Synthesise controllers as a `gustproof.law.form.Law`: H-infinity, PID, INDI; and bounds that hold for all laws."""
 
-from gustproof.synthesis.autotune import autotuned_pid
+from gustproof.law.discretize import central_law
+from gustproof.performance.covariance import axis_models
+from gustproof.performance.limits import full_information_limit, output_feedback_limit
+from gustproof.performance.predict import predict
+from gustproof.performance.tradeoff import linear_laws
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
-from gustproof.synthesis.discretize import central_law
-from gustproof.synthesis.fair import fair_pid
-from gustproof.synthesis.flagship import flagship
-from gustproof.synthesis.foretold import foretell
-from gustproof.synthesis.hinfsyn import HinfResult, hinfsyn
-from gustproof.synthesis.indi import indi
-from gustproof.synthesis.limits import clairvoyant_limit, gyro_limit
-from gustproof.synthesis.structured import StructResult, hinfstruct
-from gustproof.synthesis.tradeoff import linear_laws
-from gustproof.synthesis.turbulence import axis_models
+from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
+from gustproof.synthesis.pid.autotune import autotune_pid
+from gustproof.synthesis.pid.flagship import flagship_law
+from gustproof.synthesis.pid.indi import indi_law
+from gustproof.synthesis.pid.pid_baseline import baseline_pid
+from gustproof.synthesis.structured.hinfstruct import StructResult, hinfstruct
 
 __all__ = [
     "HinfResult",
     "StructResult",
-    "autotuned_pid",
+    "autotune_pid",
     "axis_models",
+    "baseline_pid",
     "central_law",
-    "clairvoyant_limit",
     "derive",
-    "fair_pid",
-    "flagship",
-    "foretell",
-    "gyro_limit",
+    "flagship_law",
+    "full_information_limit",
     "hinfstruct",
     "hinfsyn",
-    "indi",
+    "indi_law",
     "linear_laws",
     "load_design",
+    "output_feedback_limit",
+    "predict",
 ]

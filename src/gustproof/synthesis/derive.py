@@ -1,4 +1,4 @@
-"""From a design to a law that flies, and to the figures that say how good it is."""
+"""Derive a flyable law from a design, with a report of its figures."""
 
 import math
 from collections.abc import Callable
@@ -7,36 +7,36 @@ from typing import Any
 
 import numpy as np
 
-import gustproof
-from firmware_model.vehicle import Vehicle, load_vehicle
+from firmware_model.config.vehicle import Vehicle, load_vehicle
 from gustproof.errors import DesignError
-from gustproof.law import Law, Output, Provenance
-from gustproof.model.hover import loop_law
+from gustproof.law.discretize import central_law
+from gustproof.law.form import Law, Output, Provenance
+from gustproof.law.hover import loop_law
+from gustproof.lti.margins import Margins, margins
+from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, delay, discretize_zoh, lft, sensitivity, series
 from gustproof.model.interconnection import Interconnection
-from gustproof.numerics.lti import ComplexMatrix, Lti, Matrix, delay, hold_discretized, lft, sensitivity, series
-from gustproof.numerics.margins import Margins, margins
+from gustproof.performance.step_response import StepResponse, step_response
 from gustproof.synthesis.designs import Design, design_problem
-from gustproof.synthesis.discretize import central_law
-from gustproof.synthesis.hinfsyn import HinfResult, hinfsyn
-from gustproof.synthesis.structured import StructResult
-from gustproof.synthesis.tracking import StepResponse, reference_step
+from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
+from gustproof.synthesis.structured.hinfstruct import StructResult
+from gustproof.version import __version__
 
 _AXES = ("roll", "pitch", "yaw")
 
 Solver = Callable[[Design, Interconnection], HinfResult | StructResult]
-"""What finds the controller of a design's labelled diagram."""
+"""Function that returns the controller for a design's labelled diagram."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DesignReport:
-    """What is known of a design once it is solved."""
+    """Results of a solved design."""
 
     design: Design
-    """What was asked for."""
+    """The design."""
     vehicle: str
-    """Vehicle that it was designed for."""
+    """Name of the vehicle."""
     problem: Interconnection
-    """The labelled diagram that was solved."""
+    """Labelled diagram of the problem."""
     result: HinfResult | StructResult
     """Controller, levels and achieved norm."""
     continuous: Margins
@@ -44,7 +44,7 @@ class DesignReport:
     sampled: Margins
     """Margins of the law at its sample time, the plant's input held and one sample late."""
     step: StepResponse | None
-    """Response to a step of the reference, of the vehicle without leak; `None` for a regulator."""
+    """Response of the vehicle without leak to a step of the reference; `None` for a regulator."""
 
     def poles(self) -> ComplexMatrix:
         """Return the controller's poles, (n,) [rad/s], slowest first."""
@@ -52,7 +52,7 @@ class DesignReport:
         return poles[np.argsort(np.abs(poles), kind="stable")]
 
     def singular_values(self, omega: Matrix) -> dict[str, Matrix]:
-        """Return singular values (k, j) at the frequencies `omega` (k,) [rad/s] by the name of the transfer."""
+        """Return singular values (k, j) at the frequencies `omega` (k,) [rad/s], keyed by the name of the transfer."""
         controller = self.result.controller
         G, K = _loop(self.problem, controller)
         L = series(G, Lti(A=K.A, B=K.B, C=-K.C, D=-K.D))
@@ -63,8 +63,8 @@ class DesignReport:
             for name, system in transfers.items()
         }
 
-    def document(self) -> dict[str, Any]:
-        """Return the report as values of JSON; what is not finite is `None`."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as JSON values; numbers that are not finite become `None`."""
         figures = {
             "design": self.design.name,
             "description": self.design.description,
@@ -74,23 +74,23 @@ class DesignReport:
             "gamma_opt": self.result.gamma_opt,
             "gamma": self.result.gamma,
             "norm": self.result.norm,
-            "norm_omega_rad_s": _finite({"": self.result.omega})[""],
+            "norm_omega_rad_s": _nonfinite_to_none({"": self.result.omega})[""],
             "leak_per_s": self.design.leak,
             "scheduled": self.design.scheduled,
             "dt_s": self.design.dt,
-            "continuous": margins_document(self.continuous),
-            "sampled": margins_document(self.sampled),
+            "continuous": margins_to_dict(self.continuous),
+            "sampled": margins_to_dict(self.sampled),
             "poles_rad_s": [[float(pole.real), float(pole.imag)] for pole in self.poles()],
         }
         if self.step is not None:
-            figures["step"] = _finite(asdict(self.step.figures()))
+            figures["step"] = _nonfinite_to_none(asdict(self.step.step_info()))
         return figures
 
 
 def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | None = None) -> tuple[Law, DesignReport]:
-    """Return the law of a design, and its report; the vehicle is the one that the design names unless given.
+    """Return the law of a design, and its report; `vehicle` defaults to the one named in the design.
 
-    `solve` finds the controller; the central one of `hinfsyn` at the design's level unless given.
+    `solve` returns the controller. It defaults to the central controller of `hinfsyn` at the design's level.
 
     Raises
     ------
@@ -99,10 +99,17 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
         of the law unstable.
     ConfigError
         If there is no such vehicle.
+
+    Examples
+    --------
+    >>> from gustproof import derive, load_design
+    >>> law, report = derive(load_design("D1"))
+    >>> f"{law.name}: level {report.result.gamma:.2f}, {law.order} states"
+    'hinf-d1: level 0.25, 9 states'
     """
     vehicle = load_vehicle(design.vehicle) if vehicle is None else vehicle
     problem = design_problem(design, vehicle)
-    result = _central(design, problem) if solve is None else solve(design, problem)
+    result = _solve_central(design, problem) if solve is None else solve(design, problem)
     rates = design.rate_loop_lag is not None
     law = central_law(
         design.law or design.name,
@@ -111,11 +118,11 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
         dt=design.dt,
         limits=np.array([vehicle.stabilizer.rate_limit] * 3 if rates else vehicle.torque_limit),
         output=Output.RATES if rates else Output.TORQUE,
-        provenance=_provenance(design, vehicle, result),
+        provenance=_make_provenance(design, vehicle, result),
     )
     G, K = _loop(problem, result.controller)
     try:
-        sampled = margins(hold_discretized(G, design.dt), series(loop_law(law), delay(3, design.dt)))
+        sampled = margins(discretize_zoh(G, design.dt), series(loop_law(law), delay(3, design.dt)))
     except ValueError as error:
         raise DesignError(f"design {design.name}, sampled every {design.dt} s and one sample late: {error}") from None
     report = DesignReport(
@@ -125,24 +132,24 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
         result=result,
         continuous=margins(G, K),
         sampled=sampled,
-        step=None if design.W_r is None else reference_step(law, vehicle, tau=design.rate_loop_lag),
+        step=None if design.W_r is None else step_response(law, vehicle, tau=design.rate_loop_lag),
     )
     return law, report
 
 
-def _central(design: Design, problem: Interconnection) -> HinfResult:
+def _solve_central(design: Design, problem: Interconnection) -> HinfResult:
     return hinfsyn(problem.plant(), problem.n_meas, problem.n_con, gamma=design.gamma, backoff=design.backoff)
 
 
 def _loop(problem: Interconnection, controller: Lti) -> tuple[Lti, Lti]:
-    """Return plant and controller of the feedback loop, from the command to the sensors and back."""
+    """Return plant, from the command to the sensors, and controller of the feedback loop."""
     fed_back = tuple(name for name in problem.y if name != "reference")
     inputs = [k for k in range(controller.n_inputs) if "reference" not in problem.y or not 3 <= k < 6]
     K = Lti(A=controller.A, B=controller.B[:, inputs], C=controller.C, D=controller.D[:, inputs], dt=controller.dt)
     return problem.system(("u",), fed_back), K
 
 
-def _provenance(design: Design, vehicle: Vehicle, result: HinfResult | StructResult) -> Provenance:
+def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | StructResult) -> Provenance:
     parameters = {"gamma": result.gamma, "norm": result.norm, "leak_per_s": design.leak}
     if result.gamma_opt is not None:
         parameters["gamma_opt"] = result.gamma_opt
@@ -170,21 +177,21 @@ def _provenance(design: Design, vehicle: Vehicle, result: HinfResult | StructRes
         design=f"{design.name}: {design.description}",
         vehicle=vehicle.name,
         parameters=parameters,
-        version=gustproof.__version__,
+        version=__version__,
     )
 
 
-def margins_document(margins_: Margins) -> dict[str, Any]:
-    """Return margins as JSON has them, by the plant's side and axis; what is infinite is `None`."""
+def margins_to_dict(margins_: Margins) -> dict[str, Any]:
+    """Return margins as JSON values, by the plant's side and axis; infinite numbers become `None`."""
     figures: dict[str, Any] = {}
     for place, loops, disk in (
         ("input", margins_.input, margins_.input_disk),
         ("output", margins_.output, margins_.output_disk),
     ):
         figures[place] = {"disk_margin": disk}
-        # the gyro comes first of what is measured
+        # the gyro's are the first measurements
         for axis, loop in zip(_AXES, loops[:3], strict=True):
-            figures[place][axis] = _finite(
+            figures[place][axis] = _nonfinite_to_none(
                 {
                     "crossover_rad_s": loop.crossover,
                     "phase_margin_deg": math.degrees(loop.phase_margin),
@@ -197,5 +204,5 @@ def margins_document(margins_: Margins) -> dict[str, Any]:
     return figures
 
 
-def _finite(figures: dict[str, float]) -> dict[str, float | None]:
+def _nonfinite_to_none(figures: dict[str, float]) -> dict[str, float | None]:
     return {name: value if math.isfinite(value) else None for name, value in figures.items()}

@@ -1,4 +1,4 @@
-"""The designs: files that say what is weighted how, and the shipped ones by name."""
+"""Design files with the weights of an H-infinity problem, and the shipped designs by name."""
 
 from dataclasses import field
 from pathlib import Path
@@ -7,33 +7,34 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from firmware_model.files import Name, read_toml, shipped
-from firmware_model.vehicle import NonNegative, Positive, PositiveVector, Vehicle
+from firmware_model.config.fields import NonNegative, Positive, PositiveVector
+from firmware_model.config.files import Name, list_shipped, read_toml
+from firmware_model.config.vehicle import Vehicle
+from gustproof.lti.state_space import Lti
 from gustproof.model.generalized import Weights, rates_problem, torque_problem
 from gustproof.model.interconnection import Interconnection
-from gustproof.model.weights import constant, first_order
-from gustproof.numerics.lti import Lti
+from gustproof.model.weights import constant_weight, first_order_weight
 
-DESIGNS = Path(__file__).parents[1] / "designs"
+DESIGNS = Path(__file__).parent / "data"
 _STRICT = ConfigDict(extra="forbid")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
 class Weight:
-    """A weight on each axis that goes from one gain to another with frequency; in a file, a plain list is constant."""
+    """A weight on each axis with different gains at low and high frequency; in a file, a plain list is constant."""
 
     low: PositiveVector
-    """[1/unit of what it weights] gain at low frequency, roll, pitch, yaw."""
+    """[1/unit of the weighted signal] gain at low frequency, roll, pitch, yaw."""
     high: PositiveVector
-    """[1/unit of what it weights] gain at high frequency."""
+    """[1/unit of the weighted signal] gain at high frequency."""
     corner: Positive
     """[rad/s] pole between the two."""
 
     def system(self) -> Lti:
-        """Return the weight as a system, without states if it is constant."""
+        """Return the weight as a system; a constant weight has no states."""
         if self.low == self.high:
-            return constant(self.low)
-        return first_order(self.low, self.corner, self.high)
+            return constant_weight(self.low)
+        return first_order_weight(self.low, self.corner, self.high)
 
 
 def _from_list(value: Any) -> Any:
@@ -45,14 +46,23 @@ WeightField = Annotated[Weight, BeforeValidator(_from_list)]
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
 class Design:
-    """What a controller is made for: the model, the weights, the level."""
+    """Specification of a controller: model, weights, level.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gustproof import derive, load_design
+    >>> calmer = replace(load_design("D1"), name="calmer", law="calmer", gamma=0.3)
+    >>> derive(calmer)[0].name
+    'calmer'
+    """
 
     name: Name
-    """Short name; the file's by default."""
+    """Short name; defaults to the file's."""
     description: str
-    """One line for people."""
+    """Description in one line."""
     leak: Positive
-    """[1/s] the model's stability augmentation on the Euler kinematics, with `W_l` of yaw alone; no level is below
+    """[1/s] the model's stability augmentation on the Euler kinematics; with `W_l` of yaw alone. No level is below
     W_e W_n / leak."""
     W_d: WeightField
     """[N*m] disturbance moment."""
@@ -65,28 +75,28 @@ class Design:
     W_r: WeightField | None = None
     """[rad] attitude reference; without it the law regulates to level."""
     W_l: tuple[Positive, Positive] | None = None
-    """[rad] error of roll and pitch as the accelerometer tells them; without it the law has gyros alone."""
+    """[rad] error of roll and pitch measured by the accelerometer; without it the law is gyro-only."""
     W_m: tuple[NonNegative, NonNegative, NonNegative] | None = None
-    """[1/(N*m)] on what a disturbance moment and its answer leave of each other; bounds the sensitivity of the loop."""
+    """[1/(N*m)] on the residual moment, disturbance plus torque; bounds the sensitivity of the loop."""
     rate_damping: NonNegative | None = None
-    """[1/s] the model's damping of rates; the vehicle's own if not given."""
+    """[1/s] the model's damping of rates; defaults to the vehicle's."""
     rate_loop_lag: Positive | None = None
-    """[s] lag of the autopilot's rate loop: given, the law commands rates instead of torque."""
+    """[s] lag of the autopilot's rate loop; if given, the law commands rates instead of torque."""
     gamma: Positive | None = None
-    """[-] level to design for; if not given, `backoff` times the least."""
+    """[-] level to design for; defaults to `backoff` times the least."""
     backoff: Annotated[float, Field(gt=1.0, allow_inf_nan=False)] = 1.05
     """[-] level as a multiple of the least."""
     scheduled: bool = False
-    """Whether the law carries the exact kinematics of its own attitude estimate."""
+    """True if the law uses the exact kinematics at its own attitude estimate."""
     dt: Positive = 0.004
     """[s] sample time of the law."""
     vehicle: str = "paper"
     """Vehicle to design for: a shipped name or a file."""
     law: Name | Literal[""] = field(default="")
-    """Name of the law; the design's by default."""
+    """Name of the law; defaults to the design's."""
 
     @model_validator(mode="after")
-    def _moment_is_known(self) -> Self:
+    def _check_moment_weight(self) -> Self:
         if self.W_m is not None and self.rate_loop_lag is not None:
             raise ValueError("W_m weights the moment of a law that commands torque, not rates")
         return self
@@ -99,25 +109,46 @@ def load_design(name_or_path: str | Path) -> Design:
     ------
     ConfigError
         If there is no such file, or a key or value is not allowed.
+
+    Examples
+    --------
+    >>> from gustproof import load_design
+    >>> load_design("D1").law
+    'hinf-d1'
     """
     return read_toml(Design, name_or_path, DESIGNS)
 
 
 def shipped_designs() -> tuple[str, ...]:
-    """Return the names of the shipped designs."""
-    return shipped(DESIGNS)
+    """Return the names of the shipped designs.
+
+    Examples
+    --------
+    >>> from gustproof import shipped_designs
+    >>> "D1" in shipped_designs()
+    True
+    """
+    return list_shipped(DESIGNS)
 
 
 def design_problem(design: Design, vehicle: Vehicle) -> Interconnection:
-    """Return the labelled diagram of `design` for `vehicle`: what is solved, and what is drawn."""
+    """Return the labelled diagram of `design` for `vehicle`, for synthesis and for the figure.
+
+    Examples
+    --------
+    >>> from gustproof import design_problem, load_design, load_vehicle
+    >>> problem = design_problem(load_design("D1"), load_vehicle("paper"))
+    >>> (problem.plant().order, problem.n_meas, problem.n_con)
+    (9, 3, 3)
+    """
     weights = Weights(
         W_d=design.W_d.system(),
         W_n=design.W_n.system(),
         W_e=design.W_e.system(),
         W_u=design.W_u.system(),
         W_r=None if design.W_r is None else design.W_r.system(),
-        W_l=None if design.W_l is None else constant(design.W_l),
-        W_m=None if design.W_m is None else constant(design.W_m),
+        W_l=None if design.W_l is None else constant_weight(design.W_l),
+        W_m=None if design.W_m is None else constant_weight(design.W_m),
     )
     if design.rate_loop_lag is not None:
         return rates_problem(vehicle, weights, leak=design.leak, tau=design.rate_loop_lag)

@@ -45,16 +45,16 @@ class Vehicle:
 
     @property
     def ground_station_door(self) -> int:
-        """Port to which one more ground station speaks first."""
+        """Port for one more ground station, which sends first."""
         return 18570 + self.instance
 
     @property
     def off_board_door(self) -> int:
-        """Port to which a controller speaks first."""
+        """Port for a controller, which sends first."""
         return 14580 + self.instance
 
     def stop(self) -> dict[str, Any]:
-        """End the vehicle as Ctrl-C does, and return its last words."""
+        """End the vehicle as Ctrl-C does, and return its last output."""
         self.process.terminate()
         out, err = self.process.communicate(timeout=60)
         assert err == ""
@@ -63,7 +63,7 @@ class Vehicle:
 
 
 def free_instance(first: int) -> int:
-    """Return the number of a vehicle none of whose ports is in use; workers with other numbers find others."""
+    """Return the number of a vehicle whose ports are free; workers with other numbers find others."""
     for instance in range(first, 250, 9):  # 10 would make one vehicle's port for programs another's for ground stations
         with ExitStack() as stack:
             try:
@@ -77,7 +77,7 @@ def free_instance(first: int) -> int:
 
 @pytest.fixture
 def stand(worker_id: str) -> Callable[..., Any]:
-    """Return what starts a vehicle that stands on the ground, with options of its own, and ends it."""
+    """Return a context manager that starts a vehicle on the ground with the given options, and ends it."""
 
     @contextmanager
     def started(*options: str) -> Iterator[Vehicle]:
@@ -111,7 +111,7 @@ def programs() -> Path:
 
 @pytest.fixture
 def run_program() -> Callable[..., dict[str, Any]]:
-    """Return what runs a program of this folder to its end and returns the facts that it prints, one JSON object."""
+    """Return a function that runs a program of this folder and returns the JSON object that it prints."""
 
     def run(name: str, *arguments: object, timeout_s: float = 60.0) -> dict[str, Any]:
         interpreter = sys.executable if name.endswith(".py") else "node"

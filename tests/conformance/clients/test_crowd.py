@@ -1,4 +1,4 @@
-"""Three ground stations and a controller at once, in real time: each is told everything, and nobody counts a loss."""
+"""Three ground stations and a controller at once, in real time: each receives everything, and none counts a loss."""
 
 import json
 import select
@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import pytest
 
-from firmware_model.frames import Frame, parse
+from firmware_model.mavlink.frames import Frame, parse
 
 pytestmark = pytest.mark.clients
 HOST = "127.0.0.1"
@@ -26,7 +26,7 @@ class Relay:
     def __init__(self, vehicle_port: int) -> None:
         self.sent: list[tuple[float, bytes]] = []
         self._front, self._back = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
-        for end in (self._front, self._back):  # what waits for a busy machine is to wait here
+        for end in (self._front, self._back):  # datagrams must wait here while the machine is busy
             end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         self._front.bind((HOST, 0))
         self._back.connect((HOST, vehicle_port))
@@ -118,7 +118,7 @@ def test_half_a_minute_without_a_gap_and_each_sample_once(stand, programs):
     samples = [(at, frame.message().time_usec) for at, frame in frames if frame.message_id == IMU]
     assert len(samples) > 30 * 250
     assert {later - sooner for (_, sooner), (_, later) in pairwise(samples)} == {SAMPLE_US}
-    # 250 Hz on the wall clock too, but for what the vehicle itself says that it let slip on a busy machine.
+    # 250 Hz on the wall clock too, apart from the slips that the vehicle itself reports on a busy machine.
     passed_s = samples[-1][0] - samples[0][0]
     model_s = (samples[-1][1] - samples[0][1]) * 1e-6
     assert model_s == pytest.approx(passed_s, abs=0.01 * passed_s + last_words["slipped_s"])

@@ -1,4 +1,4 @@
-"""dronekit 2.9 in a program of its own; needs what tools/test installs beside pyproject.toml's packages."""
+"""dronekit 2.9 in a program of its own; needs the packages that tools/test adds to pyproject.toml's."""
 
 from importlib.util import find_spec
 

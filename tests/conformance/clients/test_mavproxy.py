@@ -1,4 +1,4 @@
-"""MAVProxy 1.8, typed into as its user does."""
+"""MAVProxy 1.8, operated through its keyboard."""
 
 import hashlib
 import os
@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from firmware_model.params import Parameters
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
+from firmware_model.autopilot.parameters import Parameters
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
 
 pytestmark = pytest.mark.clients
 PATIENCE_S = 30.0
@@ -44,7 +44,7 @@ class Console:
         return found
 
     def type_until(self, line: str, pattern: str) -> None:
-        """Type a line again until its answer is this one, as what was typed before acts in its own time."""
+        """Type a line until its answer is this one: earlier lines take effect with a delay."""
         for _ in range(int(PATIENCE_S)):
             self.type(line)
             if self._find(pattern, 1.0):
@@ -52,7 +52,7 @@ class Console:
         raise AssertionError(f"no {pattern!r} in:\n{self.screen}")
 
     def leave(self) -> None:
-        self.process.kill()  # told to end, it does not always
+        self.process.kill()  # it does not always end on request
         self._reader.join()
 
     def _find(self, pattern: str, timeout_s: float) -> re.Match[str] | None:

@@ -1,12 +1,12 @@
-"""MAVSDK 4 in a program of its own: what its user does with a vehicle, and what he is told."""
+"""MAVSDK 4 in a program of its own: a user's actions with a vehicle, and their results."""
 
 import math
 
 import pytest
 
-from firmware_model.params import Parameters
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
+from firmware_model.autopilot.parameters import Parameters
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
 
 pytestmark = pytest.mark.clients
 PROGRAM = "mavsdk_client.py"
@@ -35,14 +35,14 @@ def test_all_parameters_are_listed_set_echoed_and_refused_by_name(vehicle, run_p
     assert listed == pytest.approx({parameter.name: parameter.default for parameter in table}, rel=1e-6)
     assert set(facts["int"]) == {parameter.name for parameter in table if isinstance(parameter.default, int)}
     assert facts["set"] == [2.5, 4]
-    assert facts["unknown"] == ["DOES_NOT_EXIST", "DOES_NOT_EXIST"]  # an answer; to wait for none would be TIMEOUT
+    assert facts["unknown"] == ["DOES_NOT_EXIST", "DOES_NOT_EXIST"]  # an answer; without one it would be TIMEOUT
     assert facts["range"] == "VALUE_OUT_OF_RANGE"
     assert vehicle.stop()["links"][f"127.0.0.1:{vehicle.off_board}"]["rejected"] == {}
 
 
 def test_telemetry_comes_at_the_rates_that_are_set(vehicle, run_program):
     facts = run_program(PROGRAM, "set_rates", vehicle.off_board)
-    # A late sample is made up for; only what an overloaded machine lets slip makes an interval longer.
+    # The vehicle catches up after a late sample; only slips on an overloaded machine make an interval longer.
     assert facts == pytest.approx(
         {"quaternion 10 Hz": 100_000, "quaternion 50 Hz": 20_000, "quaternion 100 Hz": 10_000, "imu 250 Hz": 4_000},
         rel=0.05,
@@ -92,16 +92,16 @@ def test_what_is_not_there_is_refused_by_name(vehicle, run_program):
     texts = facts["texts"]
     for kind in ("position", "velocity", "acceleration"):
         assert facts[kind] == "COMMAND_DENIED"
-        assert f"{kind} set-points refused: send attitude" in texts
+        assert f"{kind} set-points rejected: send attitude" in texts
     assert facts["sticks"] == ["COMMAND_DENIED", "COMMAND_DENIED"]
     assert "sticks are not flown: mode refused" in texts
     assert (facts["winch"], facts["gimbal"]) == ("UNSUPPORTED", "UNSUPPORTED")
     assert {"this vehicle has no winch", "this vehicle has no gimbal"} <= set(texts)
-    # Two of the protocols have no refusal that MAVSDK waits for: the text says it.
+    # Two of the protocols have no refusal that MAVSDK reads: the text gives it.
     assert facts["custom"] == ["TIMEOUT", "FAILED"]
     assert "no extended parameters: use PARAM_*" in texts
     assert (facts["origin"], facts["same origin"]) == ("TIMEOUT", None)
-    assert "the origin is fixed: not set" in texts
+    assert "origin is fixed: request ignored" in texts
     said = vehicle.stop()
     assert set(said["links"][f"127.0.0.1:{vehicle.off_board}"]["rejected"]) == {"refused"}
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from firmware_model.params import Parameters
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
+from firmware_model.autopilot.parameters import Parameters
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
 
 pytestmark = pytest.mark.clients
 PROGRAM = "mavutil_client.py"

@@ -1,4 +1,4 @@
-"""node-mavlink in a program of its own; needs Node, and what tools/test has npm install."""
+"""node-mavlink in a program of its own; needs Node and the packages that tools/test installs by npm."""
 
 import shutil
 import sys
@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from firmware_model.params import Parameters
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
+from firmware_model.autopilot.parameters import Parameters
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
 
 MODULES = Path(sys.prefix) / "node" / "node_modules"
 

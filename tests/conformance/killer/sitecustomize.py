@@ -1,6 +1,6 @@
 """Kills processes of a flight after an exact number of samples: KILL="controller fly vehicle 1234" in the environment.
 
-Python runs this file at its start where its folder is on PYTHONPATH; only the vehicle's process heeds it.
+Python runs this file at its start if its folder is on PYTHONPATH; it acts in the vehicle's process only.
 """
 
 import os
@@ -10,7 +10,7 @@ import sys
 if "KILL" in os.environ and "firmware_model" in sys.orig_argv:
     import psutil
 
-    from firmware_model.journal import JournalWriter
+    from firmware_model.recording.journal import JournalWriter
 
     *_victims, _moment = os.environ["KILL"].split()
     _append, _flown = JournalWriter.append, 0

@@ -4,22 +4,22 @@ from types import SimpleNamespace
 
 import pytest
 
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle_set import load_vehicle_set
-from gustproof.campaign.draws import Sampling
-from gustproof.campaign.plan import Campaign, Dispersed, dispersions
-from gustproof.law import load_law
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.uncertainty import load_vehicle_set
+from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads
+from gustproof.campaign.sampling import Sampling
+from gustproof.law.form import load_law
 
 
 @pytest.fixture
 def planned():
     """Return a function that plans a campaign of short flights, with what is asked for changed."""
 
-    def plan(wanted=tuple(Dispersed), laws=("hinf-d1", "pid-fair"), cases=40, **changes):
+    def plan(wanted=tuple(DispersionKind), laws=("hinf-d1", "pid-fair"), cases=40, **changes):
         vehicles = load_vehicle_set("paper")
         scenario = replace(load_scenario("paper-turbulence"), duration_s=0.2)
         values = {"cases": cases, "sampling": Sampling.UNIFORM, "seed": 1, "scenario": scenario, **changes}
-        spreads = dispersions(vehicles, values["scenario"], wanted, gust=0.5, attitude_deg=2.0)
+        spreads = select_spreads(vehicles, values["scenario"], wanted, gust=0.5, attitude_deg=2.0)
         return Campaign(laws=tuple(map(load_law, laws)), vehicles=vehicles, spreads=spreads, **values)
 
     return plan
@@ -34,4 +34,4 @@ def here():
         future.set_result(function(*arguments))
         return future
 
-    return SimpleNamespace(deaths=(), width=1, submit=submit)
+    return SimpleNamespace(death_errors=(), max_pending=1, submit=submit)

@@ -15,13 +15,13 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from firmware_model.vehicle import VEHICLES
-from gustproof.campaign.findings import findings
-from gustproof.campaign.flights import Flown, lost
-from gustproof.campaign.plan import noted
+from firmware_model.config.vehicle import VEHICLES
+from gustproof.campaign.plan import parse_campaign
+from gustproof.campaign.statistics import compute_statistics
+from gustproof.campaign.worker import ChunkResult, failed_rows
 from gustproof.cli.app import app
-from gustproof.report.campaign import campaign_document
-from gustproof.report.campaign_page import campaign_page
+from gustproof.report.campaign import render_campaign
+from gustproof.report.html.campaign_page import render_campaign_page
 
 
 @pytest.fixture
@@ -31,15 +31,15 @@ def command(tmp_path, monkeypatch):
 
     def submit(_, note, stretch):
         future = Future()
-        future.set_result(Flown(lost(noted(json.loads(note), "note"), stretch, "not flown"), 1.0))
+        future.set_result(ChunkResult(failed_rows(parse_campaign(json.loads(note), "note"), stretch, "not flown"), 1.0))
         return future
 
     @contextmanager
     def pool(_):
-        yield SimpleNamespace(deaths=(), width=2, submit=submit)
+        yield SimpleNamespace(death_errors=(), max_pending=2, submit=submit)
 
-    monkeypatch.setattr("gustproof.campaign.pools.processes", pool)
-    monkeypatch.setattr("gustproof.campaign.pools.cluster", pool)
+    monkeypatch.setattr("gustproof.campaign.executors.process_pool", pool)
+    monkeypatch.setattr("gustproof.campaign.executors.dask_pool", pool)
 
     def run(*options):
         return CliRunner().invoke(app, ["campaign", "paper", "--law", "hinf-d1", "--runs", "5", *options])
@@ -54,7 +54,7 @@ def command(tmp_path, monkeypatch):
         (("-o", "nowhere/mc.parquet"), "nowhere: no such folder"),
         (("-o", "mc.parquet", "--spread", "wind"), "--spread: 'wind' is none of vehicle, gyro, gust, attitude"),
         (("-o", "mc.parquet", "--sampling", "grid"), "--sampling: 'grid' is none of uniform, normal, latin, sobol"),
-        (("-o", "mc.parquet", "--law", "hinf-d1"), "law 'hinf-d1': given 2 times; each needs a name of its own"),
+        (("-o", "mc.parquet", "--law", "hinf-d1"), "law 'hinf-d1': given 2 times; names must be distinct"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(command, tmp_path, options, complaint):
@@ -67,7 +67,7 @@ def test_a_mistake_is_one_line_and_status_2(command, tmp_path, options, complain
 def test_it_tells_what_came_of_it_as_text_or_json(command):
     told = command("-o", "mc.parquet")
     assert told.exit_code == 0, told.stderr
-    assert "5 runs left no figures: run 0: not flown" in told.stdout
+    assert "5 runs without figures: run 0: not flown" in told.stdout
     assert "gustproof fly --run mc.parquet:" in told.stdout
     again = command("-o", "mc.parquet", "--executor", "dask://tcp://anywhere:1", "--workers", "7", "--json")
     assert again.exit_code == 0
@@ -110,7 +110,7 @@ def test_an_unstable_law_is_refused_and_another_vehicles_law_named(command):
     again = command("-o", "mc.parquet", "--law", "pid-fair", "--vehicle", "iris", "--anyway", "--json")
     lines = json.loads(again.stdout)["warnings"]
     assert len(lines) == 3
-    page = campaign_page(Path("mc.parquet"))
+    page = render_campaign_page(Path("mc.parquet"))
     assert all(escape(line) in page for line in lines)
 
 
@@ -119,7 +119,7 @@ def test_eighty_columns_are_enough_for_names_and_figures(command):
     options = [word for law in laws for word in ("--law", law)]
     assert command("-o", "mc.parquet", *options).exit_code == 0
     shown = StringIO()
-    Console(file=shown, width=80).print(campaign_document(findings(Path("mc.parquet"))))
+    Console(file=shown, width=80).print(render_campaign(compute_statistics(Path("mc.parquet"))))
     lines = shown.getvalue().splitlines()
     assert max(map(len, lines)) <= 80
     assert "…" not in shown.getvalue()
@@ -137,9 +137,7 @@ def test_what_answers_in_the_place_of_a_dask_scheduler_is_told_in_one_line(tmp_p
             check=False,
         )  # fmt: skip
     assert done.returncode == 2
-    assert done.stderr == (
-        f"gustproof: --executor: no dask scheduler answers at {address}: what answers is something else\n"
-    )
+    assert done.stderr == (f"gustproof: --executor: no dask scheduler answers at {address}: another program answers\n")
 
 
 def _answer_nonsense(server: socket.socket) -> None:

@@ -8,25 +8,25 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate, load_certificate
-from gustproof.certify.check import check, seal
-from gustproof.certify.gain import attitude_loop, certify_gain, certify_lft
-from gustproof.certify.switching import worst_schedule
-from gustproof.model.lft import Uncertain, neglected, real, with_states
+from gustproof.certify.check.evidence import check, seal
+from gustproof.certify.gain.l2_gain import attitude_loop, certify_gain, certify_lft
+from gustproof.certify.gain.worst_schedule import worst_schedule
+from gustproof.lti.state_space import Lti
+from gustproof.model.lft import Uncertain, system_from_matrix, ultidyn, ureal
 from gustproof.model.rotational import Envelope
-from gustproof.numerics.lti import Lti
-from gustproof.synthesis import hinfsyn
 from gustproof.synthesis.designs import design_problem, load_design
+from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 
 VEHICLE = load_vehicle("paper")
 
 
 def lag(spread: float) -> Uncertain:
     """Return `x' = -(1 + spread delta) x + w`, z = x: its gain is 1 / (1 - spread) at worst, delta resting at -1."""
-    rate = real("rate", low=1.0 - spread, high=1.0 + spread)
+    rate = ureal("rate", low=1.0 - spread, high=1.0 + spread)
     pole = np.array([[1.0], [0.0]]) @ rate @ np.array([[-1.0, 0.0]])
-    return with_states(pole + np.array([[0.0, 1.0], [1.0, 0.0]]), 1)
+    return system_from_matrix(pole + np.array([[0.0, 1.0], [1.0, 0.0]]), 1)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_the_gain_of_an_uncertain_lag_is_that_of_its_slowest_member(certificate)
 def test_a_level_below_the_gain_is_not_proven():
     certificate = certify_lft(lag(0.5), assumes={}, level=1.99)
     assert not certificate.proven
-    assert not check(json.dumps(certificate.document())).accepted
+    assert not check(json.dumps(certificate.to_dict())).accepted
 
 
 def test_a_loop_that_some_parameter_destabilises_is_not_proven():
@@ -66,10 +66,10 @@ def test_a_loop_that_some_parameter_destabilises_is_not_proven():
 
 
 def test_neglected_dynamics_are_no_real_parameter():
-    loop = Uncertain(M=neglected("n").M, blocks=neglected("n").blocks)
+    loop = Uncertain(M=ultidyn("n").M, blocks=ultidyn("n").blocks)
     with pytest.raises(ValueError, match="no real parameter"):
         certify_lft(
-            with_states(np.array([[-1.0, 1.0], [1.0, 0.0]]) + np.diag([0.0, 1.0]) @ loop_of(loop), 1), assumes={}
+            system_from_matrix(np.array([[-1.0, 1.0], [1.0, 0.0]]) + np.diag([0.0, 1.0]) @ loop_of(loop), 1), assumes={}
         )
 
 
@@ -109,7 +109,7 @@ def changed(document, path):
 
 
 def test_one_changed_bit_anywhere_is_refused(certificate):
-    document = certificate.document()
+    document = certificate.to_dict()
     paths = list(leaves(document))
     assert len(paths) > 20
     for path in paths:
@@ -131,7 +131,7 @@ def test_one_changed_bit_anywhere_is_refused(certificate):
     ],
 )
 def test_a_false_proof_is_refused_even_with_a_new_seal(certificate, path, value, reason):
-    document = json.loads(json.dumps(certificate.document()))
+    document = json.loads(json.dumps(certificate.to_dict()))
     del document["seal"]
     place = document
     for key in path[:-1]:
@@ -150,7 +150,7 @@ def test_any_text_gets_a_verdict(text):
 def test_the_papers_law_has_a_proven_gain_near_its_lower_bound_and_far_above_its_level():
     problem, K = design_problem(load_design("D2"), VEHICLE), controller("D2")
     certificate = certify_gain(problem, K, angle=0.1, rate=0.5)
-    assert check(json.dumps(certificate.document())).accepted
+    assert check(json.dumps(certificate.to_dict())).accepted
     assert certificate.gain <= 2.61
     assert 1.5 <= certificate.lower_bound <= certificate.gain
     assert certificate.assumes["leak_per_s"] == 0.05
@@ -165,7 +165,7 @@ def test_the_exact_schedule_gives_most_of_the_level_back(name, published):
     """Both on the plant of leak and damping .05: D1's own has .02, where its gain is .308."""
     design = replace(load_design(name), leak=0.05, rate_damping=0.05)
     certificate = certify_gain(design_problem(design, VEHICLE), controller(name), angle=0.3, rate=0.5, scheduled=True)
-    assert check(json.dumps(certificate.document())).accepted
+    assert check(json.dumps(certificate.to_dict())).accepted
     assert certificate.assumes["leak_per_s"] == 0.05
     assert certificate.lower_bound <= certificate.gain <= published
 
@@ -179,7 +179,7 @@ def test_no_simulation_of_ten_thousand_exceeds_the_certified_gain():
     corners = [dict(zip("tvrq", signs, strict=True)) for signs in product((-1.0, 1.0), repeat=4)]
     systems = []
     for corner in corners:
-        M = loop.at(corner)
+        M = loop.substitute(corner)
         n, m = M.order, M.n_inputs
         held = scipy.linalg.expm(np.block([[M.A, M.B], [np.zeros((m, n + m))]]) * dt)[:n]
         systems.append(np.vstack([held, np.hstack([M.C, M.D])]).T)

@@ -5,19 +5,19 @@ import math
 import numpy as np
 import pytest
 
-from firmware_model.vehicle import load_vehicle
-from gustproof.certify.mu import disk_margin, mu
-from gustproof.certify.scalings import best_scalings
-from gustproof.certify.sweep import with_performance
-from gustproof.certify.worst_gain import restricted, worst_gain
-from gustproof.model.lft import Uncertain, closed, connected, real, with_states
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.certify.mu.scalings import best_scalings
+from gustproof.certify.mu.singular_value import disk_margin_bounds, mu
+from gustproof.certify.mu.sweep import add_performance_block
+from gustproof.certify.mu.worst_gain import restrict, worst_gain
+from gustproof.lti import margins
+from gustproof.lti.norms import hinf_norm
+from gustproof.lti.state_space import Lti, discretize_zoh, gain
+from gustproof.model.lft import Uncertain, close_loop, connect, system_from_matrix, ureal
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
 from gustproof.model.uncertainty import FullBlock, RealBlock
-from gustproof.numerics import margins
-from gustproof.numerics.lti import Lti, gain, hold_discretized
-from gustproof.numerics.norms import hinf_norm
-from gustproof.synthesis import hinfsyn
 from gustproof.synthesis.designs import design_problem, load_design
+from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 
 TIGHT = 1e-3
 """Relative; the accuracy that the scalings are asked for."""
@@ -30,7 +30,7 @@ def oscillator(stiffness: Uncertain | float, damping: Uncertain | float) -> Unce
         real_or(stiffness) @ np.array([[1.0, 0.0, 0.0]]) + real_or(damping) @ np.array([[0.0, 1.0, 0.0]])
     )
     rest = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    return with_states(np.array([[0.0], [1.0], [0.0]]) @ row + rest, 2)
+    return system_from_matrix(np.array([[0.0], [1.0], [0.0]]) @ row + rest, 2)
 
 
 def real_or(value: Uncertain | float) -> Uncertain:
@@ -43,7 +43,7 @@ def attitude_loop(angle: float, rate: float) -> Uncertain:
     result = hinfsyn(problem.plant(), problem.n_meas, problem.n_con, gamma=design.gamma)
     dynamics = rotation(vehicle.inertia_B, Envelope(angle=angle, rate=rate))
     airframe = uncertain_airframe(dynamics, leak=design.leak, rate_damping=0.05)
-    return closed(connected(problem, {"airframe": airframe}), result.controller)
+    return close_loop(connect(problem, {"airframe": airframe}), result.controller)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -97,21 +97,21 @@ def test_scalings_are_judged_by_what_they_prove_not_by_who_made_them():
 
 def test_real_parameters_alone_are_bracketed_even_where_mu_jumps():
     for stiffness, damping, name, edge in (
-        (real("k", low=-1.0, high=3.0), 0.2, "k", -0.5),
-        (4.0, real("c", low=-0.3, high=0.7), "c", -0.4),
+        (ureal("k", low=-1.0, high=3.0), 0.2, "k", -0.5),
+        (4.0, ureal("c", low=-0.3, high=0.7), "c", -0.4),
     ):
         loop = oscillator(stiffness, damping)
-        alone = Uncertain(M=loop.M.part(slice(0, loop.n_z), slice(0, loop.n_w)), blocks=loop.blocks)
+        alone = Uncertain(M=loop.M.subsystem(slice(0, loop.n_z), slice(0, loop.n_w)), blocks=loop.blocks)
         found = mu(alone)
         assert found.delta[name] == pytest.approx(edge, rel=0.01)
         assert found.lower <= 1.0 / abs(edge) <= found.upper
         assert found.gap < 0.05
-        sampled = mu(Uncertain(M=hold_discretized(alone.M, 0.01), blocks=alone.blocks))
+        sampled = mu(Uncertain(M=discretize_zoh(alone.M, 0.01), blocks=alone.blocks))
         assert sampled.upper == pytest.approx(found.upper, rel=0.05)  # the hold is a little delay
 
 
 def test_the_worst_gain_of_a_resonance_is_at_the_least_damping():
-    found = worst_gain(oscillator(1.0, real("c", low=0.1, high=0.3)))
+    found = worst_gain(oscillator(1.0, ureal("c", low=0.1, high=0.3)))
     assert found.lower == pytest.approx(1.0 / (0.1 * math.sqrt(1.0 - 0.1**2 / 4.0)), rel=1e-6)
     assert found.delta == {"c": -1.0}
     assert found.lower <= found.upper <= 1.03 * found.lower
@@ -123,13 +123,13 @@ def test_no_member_of_the_family_exceeds_the_worst_gain_and_the_bracket_is_withi
     found = worst_gain(system)
     assert found.lower == pytest.approx(lower, rel=0.005)
     assert found.gap < 0.05
-    assert hinf_norm(system.at(found.delta)).gain == pytest.approx(found.lower, rel=1e-9)
-    assert all(hinf_norm(system.at(delta)).gain <= found.upper for delta in system.samples(50, 1))
+    assert hinf_norm(system.substitute(found.delta)).gain == pytest.approx(found.lower, rel=1e-9)
+    assert all(hinf_norm(system.substitute(delta)).gain <= found.upper for delta in system.samples(50, 1))
 
 
 def test_a_band_holds_everywhere_inside_and_ends_where_the_level_is_met():
     system = attitude_loop(0.1, 0.5)
-    blocks = with_performance(system)
+    blocks = add_performance_block(system)
     scalings = best_scalings(system.M.response(2.0)[0], blocks, gain=True)
     low, high = scalings.band(system.M, 0.255, 2.0)
     assert 0.0 < low < 2.0 < high < math.inf
@@ -140,7 +140,7 @@ def test_a_band_holds_everywhere_inside_and_ends_where_the_level_is_met():
 
 
 def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
-    stiffness, damping = real("k", low=0.3, high=1.7), real("c", low=0.05, high=0.35)
+    stiffness, damping = ureal("k", low=0.3, high=1.7), ureal("c", low=0.05, high=0.35)
     system = oscillator(stiffness, damping)
     truth = 1.0 / (0.05 * math.sqrt(0.3 - 0.05**2 / 4.0))
     one, many = worst_gain(system, accuracy=1e-3), worst_gain(system, accuracy=1e-3, boxes=3)
@@ -151,15 +151,15 @@ def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
 
 def test_a_box_of_parameters_is_a_family_of_the_same_members():
     system = attitude_loop(0.3, 0.5)
-    inner = restricted(system, {"t": (0.0, 1.0), "v": (-0.5, 0.5), "r": (-1.0, -0.5), "q": (-1.0, 1.0)})
-    expected = system.at({"t": 0.75, "v": 0.25, "r": -0.75, "q": 0.1}).response(3.0)
-    assert inner.at({"t": 0.5, "v": 0.5, "r": 0.0, "q": 0.1}).response(3.0) == pytest.approx(expected, rel=1e-9)
+    inner = restrict(system, {"t": (0.0, 1.0), "v": (-0.5, 0.5), "r": (-1.0, -0.5), "q": (-1.0, 1.0)})
+    expected = system.substitute({"t": 0.75, "v": 0.25, "r": -0.75, "q": 0.1}).response(3.0)
+    assert inner.substitute({"t": 0.5, "v": 0.5, "r": 0.0, "q": 0.1}).response(3.0) == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_spinning_satellite_has_a_tenth_of_a_disk_margin():
     # Zhou, Doyle and Glover, section 9.6: 1 / |1 + a j| for complex perturbations at a = 10, here in symmetric form
     loop = Lti(A=[[0.0, 10.0], [-10.0, 0.0]], B=np.eye(2), C=[[1.0, 10.0], [-10.0, 1.0]], D=np.zeros((2, 2)))
-    low, high = disk_margin(loop)
+    low, high = disk_margin_bounds(loop)
     assert low <= high <= 1.002 * low
     assert low == pytest.approx(0.0997, rel=0.002)
 
@@ -175,7 +175,7 @@ def test_the_disk_margin_of_one_loop_is_its_distance_from_the_critical_point():
     s = 1j * np.geomspace(0.01, 100.0, 200_000)
     L = 8.0 / (s * (s + 1.0) * (s + 4.0))
     distance = np.min(np.abs(2.0 * (1.0 + L) / (1.0 - L)))  # one over |S - 1/2|
-    low, high = disk_margin(loop)
+    low, high = disk_margin_bounds(loop)
     assert low <= distance * (1.0 + 1e-6)
     assert distance <= high * (1.0 + 1e-6)
     assert low >= high / (1.0 + 2.0 * TIGHT)
@@ -190,11 +190,11 @@ def test_what_has_no_mu_is_refused():
     with pytest.raises(ValueError, match="nothing uncertain"):
         mu(Uncertain(M=gain(np.zeros((0, 0)))))
     with pytest.raises(ValueError, match="unstable at Delta = 0"):
-        mu(oscillator(real("k", low=-3.0, high=1.0), 0.2))
+        mu(oscillator(ureal("k", low=-3.0, high=1.0), 0.2))
     with pytest.raises(ValueError, match="no worst gain"):
         worst_gain(Uncertain(M=gain([[1.0]]), blocks=()))
 
 
 def test_an_unstable_member_makes_the_worst_gain_infinite():
-    found = worst_gain(oscillator(1.0, real("c", low=-0.1, high=0.3)), boxes=2)
+    found = worst_gain(oscillator(1.0, ureal("c", low=-0.1, high=0.3)), boxes=2)
     assert math.isinf(found.upper)

@@ -7,29 +7,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate, load_certificate
-from gustproof.certify.check import check, seal
-from gustproof.certify.gain import attitude_loop, attitude_speeds, certify_lft
-from gustproof.certify.mirrors import mirrors
-from gustproof.certify.switching import worst_schedule, worst_swing
-from gustproof.model.lft import Uncertain, appended, real, with_states
+from gustproof.certify.check.evidence import check, seal
+from gustproof.certify.gain.l2_gain import attitude_loop, attitude_speeds, certify_lft
+from gustproof.certify.gain.symmetry import mirror_group
+from gustproof.certify.gain.worst_schedule import worst_schedule, worst_triangle_schedule
+from gustproof.model.lft import Uncertain, append, system_from_matrix, ureal
 from gustproof.model.rotational import Envelope
-from gustproof.synthesis import hinfsyn
 from gustproof.synthesis.designs import design_problem, load_design
+from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "slow_gain_d2.json"
 
 
 def spring(spread: float = 0.9) -> Uncertain:
     """Return `x'' + .2 x' + (1 + spread delta) x = w`, z = x: each frozen member is stable, switching destabilises."""
-    stiffness = real("stiffness", low=1.0 - spread, high=1.0 + spread)
+    stiffness = ureal("stiffness", low=1.0 - spread, high=1.0 + spread)
     force = np.array([[0.0], [1.0], [0.0]]) @ stiffness @ np.array([[-1.0, 0.0, 0.0]])
-    return with_states(force + np.array([[0.0, 1.0, 0.0], [0.0, -0.2, 1.0], [1.0, 0.0, 0.0]]), 2)
+    return system_from_matrix(force + np.array([[0.0, 1.0, 0.0], [0.0, -0.2, 1.0], [1.0, 0.0, 0.0]]), 2)
 
 
 def frozen(loop: Uncertain, delta: float) -> float:
-    system = loop.at({"stiffness": delta})
+    system = loop.substitute({"stiffness": delta})
     responses = system.response(np.linspace(1e-3, 3.0, 4000))
     return float(np.max(np.abs(responses)))
 
@@ -43,7 +43,7 @@ def test_a_slow_spring_has_a_bound_where_a_fast_one_has_none(certificate):
     assert not certify_lft(spring(), assumes={}).proven
     assert worst_schedule(spring()).gain > 1e3  # it is unstable: no proof could be had
     assert certificate.proven
-    assert check(json.dumps(certificate.document())).accepted
+    assert check(json.dumps(certificate.to_dict())).accepted
     softest = frozen(spring(), -1.0)
     assert softest * 0.9 < certificate.lower_bound <= certificate.gain
     assert softest <= certificate.gain
@@ -108,7 +108,7 @@ def changed(document, path, value=None):
 
 
 def test_one_changed_bit_anywhere_is_refused(certificate):
-    document = certificate.document()
+    document = certificate.to_dict()
     paths = list(leaves(document))
     assert len(paths) > 40
     for path in paths:
@@ -132,7 +132,7 @@ def test_one_changed_bit_anywhere_is_refused(certificate):
     ],
 )
 def test_a_false_proof_is_refused_even_with_a_new_seal(certificate, path, value, reason):
-    document = changed(certificate.document(), path, value)
+    document = changed(certificate.to_dict(), path, value)
     del document["seal"]
     verdict = check(json.dumps({**document, "seal": seal(document)}))
     assert not verdict.accepted
@@ -140,14 +140,14 @@ def test_a_false_proof_is_refused_even_with_a_new_seal(certificate, path, value,
 
 
 def test_a_proof_for_every_corner_is_asked_for(certificate):
-    document = certificate.document()
+    document = certificate.to_dict()
     document["evidence"]["vertices"] = document["evidence"]["vertices"][:2]
     del document["seal"]
     assert not check(json.dumps({**document, "seal": seal(document)})).accepted
 
 
 def test_a_loop_that_is_unstable_at_rest_has_no_multipliers():
-    unstable = with_states(np.diag([1.0, 1.0]) @ appended(real("rate", low=0.5, high=1.5), 1.0), 1)
+    unstable = system_from_matrix(np.diag([1.0, 1.0]) @ append(ureal("rate", low=0.5, high=1.5), 1.0), 1)
     with pytest.raises(ValueError, match="continuous and stable"):
         certify_lft(unstable, assumes={}, speeds={"rate": 1.0})
 
@@ -178,7 +178,7 @@ def test_the_papers_law_gains_a_quarter_from_what_the_kinematics_allow_roll_and_
     speeds = [turn * (1.0 + edge**2) / (2.0 * edge) for turn in attitude_speeds(0.1, 0.5, leak=0.05)]
     told = {block["name"]: block["speed"] for block in certificate.evidence["blocks"]}
     assert told == {"t": pytest.approx(speeds[0]), "v": pytest.approx(speeds[1]), "r": None, "q": None}
-    assert worst_swing(loop, list(told.values()), duration=20.0).gain <= certificate.lower_bound * 1.01
+    assert worst_triangle_schedule(loop, list(told.values()), duration=20.0).gain <= certificate.lower_bound * 1.01
 
 
 def test_the_attitude_turns_no_faster_than_its_bound():
@@ -193,17 +193,19 @@ def test_the_attitude_turns_no_faster_than_its_bound():
 
 def test_the_mirrors_of_a_loop_leave_it_as_it_is():
     loop = paper_loop()
-    group = mirrors(loop)
+    group = mirror_group(loop)
     assert {mirror.delta for mirror in group} == {
         (1, 1, 1, 1),
         (-1, 1, -1, 1),
     }  # left for right: roll and yaw rate turn
     for mirror in group:
-        turned = loop.at({block.name: 0.5 * sign for block, sign in zip(loop.blocks, mirror.delta, strict=True)})
-        held = loop.at({block.name: 0.5 for block in loop.blocks})
+        turned = loop.substitute(
+            {block.name: 0.5 * sign for block, sign in zip(loop.blocks, mirror.delta, strict=True)}
+        )
+        held = loop.substitute({block.name: 0.5 for block in loop.blocks})
         np.testing.assert_allclose(turned.A * np.outer(mirror.x, mirror.x), held.A, atol=1e-8)
         np.testing.assert_allclose(turned.B * np.outer(mirror.x, mirror.w), held.B, atol=1e-8)
 
 
 def test_parts_that_do_not_meet_are_mirrored_apart():
-    assert len(mirrors(appended(spring(), 1.0))) == 4
+    assert len(mirror_group(append(spring(), 1.0))) == 4

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate
-from gustproof.certify.gain import attitude_loop
+from gustproof.certify.gain.l2_gain import attitude_loop
 from gustproof.cli.app import app
+from gustproof.lti.state_space import gain
 from gustproof.model.rotational import Envelope
-from gustproof.numerics.lti import gain
 from gustproof.synthesis.designs import design_problem, load_design, shipped_designs
 
 ENVELOPE = ("--angle-rad", "0.01", "--rate-rad-s", "0.01")
@@ -29,7 +29,7 @@ def answer(monkeypatch: pytest.MonkeyPatch, *, gain: float | None, lower_bound: 
         statement=f"the gain is below {gain}", gain=gain, lower_bound=lower_bound, proven=proven,
         assumes={"leak_per_s": 0.05, "horizon_s": None}, evidence={}, residual=0.0,
     )  # fmt: skip
-    monkeypatch.setattr("gustproof.certify.gain.certify_gain", lambda *_, **__: certificate)
+    monkeypatch.setattr("gustproof.certify.gain.l2_gain.certify_gain", lambda *_, **__: certificate)
 
 
 def test_help_says_what_a_gain_is_and_shows_examples():
@@ -83,6 +83,16 @@ def test_the_law_that_flies_is_proved_to_stay_in_a_box(tmp_path: Path):
     assert run("--check", str(path)).exit_code == 0
 
 
+def test_a_vehicle_with_a_leak_is_proved_of_and_not_flown():
+    leaking = run(
+        "hinf-scheduled", "--closure", "--moment", "0.65,0.65,0.3", "--horizon", "1", "--leak", "0.05", "--json"
+    )
+    assert leaking.exit_code == 0
+    told = json.loads(leaking.stdout)
+    assert told["proven"] is True
+    assert told["lower_bound"] == 0.0
+
+
 def test_what_is_asked_of_a_gain_is_handed_on(monkeypatch: pytest.MonkeyPatch):
     asked: dict[str, object] = {}
 
@@ -92,11 +102,11 @@ def test_what_is_asked_of_a_gain_is_handed_on(monkeypatch: pytest.MonkeyPatch):
             statement="", gain=0.3, lower_bound=0.2, proven=True, assumes={}, evidence={}, residual=0.0
         )  # fmt: skip
 
-    monkeypatch.setattr("gustproof.certify.gain.certify_gain", certify_gain)
+    monkeypatch.setattr("gustproof.certify.gain.l2_gain.certify_gain", certify_gain)
     assert run("D2", *ENVELOPE, "--slow", "--level", "0.3").exit_code == 0
-    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": False, "slow": True, "level": 0.3}
+    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": False, "rate_bounded": True, "level": 0.3}
     assert run("D2", *ENVELOPE, "--exact-rho").exit_code == 0
-    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": True, "slow": False, "level": None}
+    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": True, "rate_bounded": False, "level": None}
 
 
 def test_what_is_not_proved_has_status_1_and_leaves_no_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
@@ -104,7 +114,7 @@ def test_what_is_not_proved_has_status_1_and_leaves_no_file(monkeypatch: pytest.
     result = run("D2", *ENVELOPE, "--level", "0.25", "-o", str(tmp_path / "c.json"))
     assert result.exit_code == 1
     assert "NOT proven" in result.stdout
-    assert "1.72, so that it is not so" in result.stdout
+    assert "a simulation reached 1.72, so the claimed bound 0.25 is false" in result.stdout
     assert list(tmp_path.iterdir()) == []
 
 
@@ -121,21 +131,21 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
         ((), "give a design with --angle-rad and --rate-rad-s"),
         (("D2", "--angle-rad", "0.1"), "give a design with --angle-rad and --rate-rad-s"),
         (("D2", *ENVELOPE, "--leak", "0"), "--leak: is 0.0, must be positive"),
-        (("hinf-d2", "--closure", "--slow"), "a closure flies the law file as it is"),
+        (("hinf-d2", "--closure", "--slow"), "a closure takes the law file as it is"),
         (("hinf-d2", "--closure", *ENVELOPE), "a law with --closure"),
         (("hinf-d2", "--closure", "--moment", "1,2"), "--moment: is '1,2', must be three numbers"),
         (("D2", *ENVELOPE, "--leak", "inf"), "--leak: is inf, must be positive"),
         (("D2", *ENVELOPE, "--level", "inf"), "level is inf, must be positive"),
         (("D2", *ENVELOPE, "--level", "nan"), "level is nan, must be positive"),
-        (("hinf-rates", *ENVELOPE), "design R1: the diagram has no block 'airframe': a gain is proved of designs that"),
-        (("hinf-reference", *ENVELOPE), "design reference: a gain is proved of designs that hold level"),
+        (("hinf-rates", *ENVELOPE), "design R1: certify supports torque designs only: the diagram has no block"),
+        (("hinf-reference", *ENVELOPE), "design reference: certify supports designs that hold level only"),
         (("hinf-d2", "--closure", "--horizon", "-1"), "horizon"),
         (("hinf-d2", "--closure", "--horizon", "1e9"), "horizon is 1e+09 s, must be positive, from 0.004 to 360 s"),
         (("hinf-d2", "--closure", "--horizon", "inf"), "horizon is inf s"),
         (("hinf-d2", "--closure", "--leak", "inf"), "leak is inf"),
         (("hinf-d2", "--closure", "--noise", "1e-3", "--risk", "1e-320"), "risk is 1e-320, must be a probability"),
         (("pid-fair", "--closure"), "law 'pid-fair' has"),
-        (("D2", "--check", "c.json"), "--check needs the certificate's file alone"),
+        (("D2", "--check", "c.json"), "--check takes the certificate's file alone"),
         (("--check", "/nowhere.json"), "/nowhere.json: No such file"),
         (("nothing", *ENVELOPE), "no design named 'nothing'"),
         (("pid-fair", *ENVELOPE), "law 'pid-fair' was made from no design"),
@@ -155,6 +165,6 @@ def test_what_the_hint_names_is_what_a_gain_can_be_proved_of():
     hint = run("pid-fair", *ENVELOPE).stderr.strip()
     assert hint.endswith("give one of hinf-d1, hinf-d1-noise, hinf-d2, hinf-scheduled")
     for design in map(load_design, shipped_designs()):
-        with nullcontext() if f" {design.law}," in f"{hint}," else pytest.raises(ValueError, match="gain is proved"):
+        with nullcontext() if f" {design.law}," in f"{hint}," else pytest.raises(ValueError, match="certify supports"):
             problem = design_problem(design, vehicle)
             attitude_loop(problem, gain(np.zeros((problem.n_con, problem.n_meas))), envelope, scheduled=False)

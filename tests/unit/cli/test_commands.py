@@ -1,22 +1,22 @@
-"""What a person gets from the command line: help that answers at once, one line a mistake, the right exit status."""
+"""Command line: immediate help, one line for each mistake, the right exit status."""
 
 import json
 import subprocess
 import sys
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from gustproof.cli.app import app
-from gustproof.closed_loop import fly_direct
 from gustproof.errors import DesignError, FlightError
-from gustproof.law import load_law
-from gustproof.metrics import Metrics
-from gustproof.outcome import Outcome
+from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag
+from gustproof.scoring.metrics import Metrics
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.flight import Flight
+from gustproof.simulate.outcome import FlightOutcome
 
 
 def run(*arguments: str):
@@ -150,14 +150,15 @@ def test_the_flagship_flies_unless_another_law_is_asked_for(tmp_path, monkeypatc
     def fly(scenario, law, *, out, **_):
         raise FlightError(f"{law.name} was asked to fly {scenario.name}")
 
-    monkeypatch.setattr("gustproof.flight.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
     result = run("fly", "calm", "--out", str(tmp_path / "out"))
     assert "flagship was asked to fly calm" in one_line(result)
     assert "[flagship" in run("controller", "--help").stdout
 
 
 @pytest.mark.parametrize(
-    ("outcome", "status"), [(Outcome.DONE, 0), (Outcome.CONTROLLER_LOST, 3), (Outcome.INTERRUPTED, 130)]
+    ("outcome", "status"),
+    [(FlightOutcome.DONE, 0), (FlightOutcome.CONTROLLER_LOST, 3), (FlightOutcome.INTERRUPTED, 130)],
 )
 def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outcome, status, tmp_path, monkeypatch):
     def fly(scenario, law, *, vehicle, seed, out, **_):
@@ -165,11 +166,20 @@ def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outc
         journal.touch()
         short = replace(scenario, duration_s=1.0)
         records = fly_direct(short, law, vehicle=vehicle, seed=seed)
-        return SimpleNamespace(
-            records=records, outcome=outcome, message="it ended", realtime_factor=9.0, pace=None, journal=journal
+        return Flight(
+            scenario=scenario,
+            law=law,
+            vehicle=vehicle,
+            seed=seed,
+            records=records,
+            outcome=outcome,
+            message="it ended",
+            realtime_factor=9.0,
+            timing=None,
+            journal=journal,
         )
 
-    monkeypatch.setattr("gustproof.flight.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
     result = run("fly", "calm", "--law", "hinf-d1", "--seed", "5", "--json", "--out", str(tmp_path / "out"))
     assert result.exit_code == status
     told = json.loads(result.stdout)
@@ -193,12 +203,12 @@ def direct(monkeypatch):
     def fly(scenario, law, *, vehicle, seed, out, **_):
         (out / "journal").touch()
         records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
-        return SimpleNamespace(
-            records=records, outcome=Outcome.DONE, message="it ended", realtime_factor=9.0, pace=None,
+        return Flight(scenario=scenario, law=law, vehicle=vehicle, seed=seed,
+            records=records, outcome=FlightOutcome.DONE, message="it ended", realtime_factor=9.0, timing=None,
             journal=out / "journal",
         )  # fmt: skip
 
-    monkeypatch.setattr("gustproof.flight.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
 
 
 def test_a_step_that_the_flagship_does_not_hold_is_refused_wherever_it_is_asked_for(tmp_path):
@@ -217,6 +227,7 @@ def test_a_step_that_the_flagship_does_not_hold_is_refused_wherever_it_is_asked_
     assert [path.name for path in tmp_path.iterdir()] == ["step.toml"]
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("scenario", ["calm", "step"])
 def test_anyway_flies_what_is_refused_and_warns_of_it(scenario, tmp_path, direct):
     (tmp_path / "step.toml").write_text(STEP)
@@ -233,6 +244,7 @@ def test_anyway_flies_what_is_refused_and_warns_of_it(scenario, tmp_path, direct
     assert all(f"warning: {line}" in " ".join(plain.stdout.split()) for line in told)
 
 
+@pytest.mark.compiled
 def test_a_repetition_says_whether_it_is_equal(tmp_path, direct):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
     assert run("fly", "calm", "--law", "pid-fair", "--out", first).exit_code == 0
@@ -242,16 +254,18 @@ def test_a_repetition_says_whether_it_is_equal(tmp_path, direct):
     assert again.stderr == f"gustproof: equal to {first} in every bit of its 15000 samples\n"
 
 
+@pytest.mark.compiled
 def test_a_repetition_of_a_flight_that_now_differs_says_so_in_json(tmp_path, direct, monkeypatch):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
     assert run("fly", "calm", "--law", "pid-fair", "--out", first).exit_code == 0
-    monkeypatch.setattr("gustproof.flight.differs_from_s", lambda *_: 0.5)
+    monkeypatch.setattr("gustproof.simulate.flight.first_difference_s", lambda *_: 0.5)
     again = run("fly", "--repeat", first, "--json", "--out", second)
     assert again.exit_code == 1
     assert json.loads(again.stdout)["equal"] is False
     assert "differs from" in one_line(again)
 
 
+@pytest.mark.compiled
 def test_a_repetition_of_a_real_time_flight_says_that_nothing_is_compared(tmp_path, direct):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
     assert run("fly", "calm", "--law", "pid-fair", "--real-time", "--out", first).exit_code == 0
@@ -263,6 +277,7 @@ def test_a_repetition_of_a_real_time_flight_says_that_nothing_is_compared(tmp_pa
     )
 
 
+@pytest.mark.compiled
 def test_a_report_is_not_written_over_another_file(tmp_path, direct):
     page = tmp_path / "report.html"
     page.write_text("mine")
@@ -276,18 +291,22 @@ def test_a_report_is_not_written_over_another_file(tmp_path, direct):
 def test_references_that_a_law_ignores_are_warned_of_once(law, tmp_path, monkeypatch):
     def fly(scenario, law, *, vehicle, seed, out, **_):
         records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
-        return SimpleNamespace(
+        return Flight(
+            scenario=scenario,
+            law=law,
+            vehicle=vehicle,
+            seed=seed,
             records=records,
-            outcome=Outcome.DONE,
+            outcome=FlightOutcome.DONE,
             message="it ended",
             realtime_factor=9.0,
-            pace=None,
+            timing=None,
             journal=out / "journal",
         )
 
     turn = 'kind = "attitude"\nat_s = 0.5\neuler_deg = [5.0, 0.0, 0.0]\n'
     (tmp_path / "turn.toml").write_text(f'description = "turn"\nduration_s = 1.0\n[[event]]\n{turn}')
-    monkeypatch.setattr("gustproof.flight.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
     plain, json_ = (
         run("fly", str(tmp_path / "turn.toml"), "--law", law, "--out", str(tmp_path / str(i)), *form)
         for i, form in enumerate(((), ("--json",)))
@@ -303,19 +322,28 @@ def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(t
         journal = out / "calm.journal"
         journal.touch()
         records = fly_direct(replace(scenario, duration_s=1.0), law, vehicle=vehicle, seed=seed)
-        return SimpleNamespace(
-            records=records, outcome=Outcome.DONE, message="it ended", realtime_factor=9.0, pace=None, journal=journal
+        return Flight(
+            scenario=scenario,
+            law=law,
+            vehicle=vehicle,
+            seed=seed,
+            records=records,
+            outcome=FlightOutcome.DONE,
+            message="it ended",
+            realtime_factor=9.0,
+            timing=None,
+            journal=journal,
         )
 
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gustproof.flight.fly", fly)
-    monkeypatch.setattr("gustproof.flight.write_bag", interrupted)
+    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.recorder.write_bag", interrupted)
     out = tmp_path / "out"
     result = run("fly", "calm", "--law", "hinf-d1", "--out", str(out))
     assert result.exit_code == 130
-    assert result.stderr.strip().endswith(f"all is there for gustproof recover {out}")
+    assert result.stderr.strip().endswith(f"restore it by gustproof recover {out}")
     assert [path.name for path in out.iterdir()] == ["calm.journal"]
 
 
@@ -341,4 +369,4 @@ def test_analyse_of_numbers_beyond_all_routines_is_one_clear_line(tmp_path):
     replace(load_law("hinf-d1"), name="huge", C=np.full((3, 9), 1e307)).save(tmp_path / "huge.json")
     result = run("analyse", str(tmp_path / "huge.json"), "-o", str(tmp_path / "huge.png"))
     assert result.exit_code == 2
-    assert "law 'huge' can't be analysed on vehicle 'paper'" in one_line(result)
+    assert "law 'huge' cannot be analysed on vehicle 'paper'" in one_line(result)

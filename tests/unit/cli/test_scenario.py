@@ -2,15 +2,15 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner
 
-from firmware_model.scenario import SCENARIOS, shipped_scenarios
+from firmware_model.config.scenario import SCENARIOS, list_scenarios
 from gustproof.cli.app import app
-from gustproof.closed_loop import fly_direct
-from gustproof.outcome import Outcome
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.flight import Flight
+from gustproof.simulate.outcome import FlightOutcome
 
 HEAD = 'description = "x"\nduration_s = 1.0\n'
 LEVEL = '[[require]]\nmetric = "peak_deg"\nat_most = 5.0\n'
@@ -23,7 +23,7 @@ def run(*arguments: str):
 
 def test_the_list_names_every_shipped_scenario_and_what_it_shows():
     told = json.loads(run("scenario", "list", "--json").stdout)
-    assert [each["name"] for each in told] == list(shipped_scenarios())
+    assert [each["name"] for each in told] == list(list_scenarios())
     shown = run("scenario", "list").stdout
     assert all(each["name"] in shown and each["description"][:20] in shown for each in told)
 
@@ -60,6 +60,7 @@ def test_every_mistake_of_a_file_is_told_in_one_go_and_the_status_is_2(text, wor
     assert result.exit_code == 2
     assert "Traceback" not in result.stderr
     assert all(word in result.stderr for word in [str(mine), *words])
+    assert len(result.stderr.splitlines()) == len(words)
 
 
 def test_no_such_scenario_is_one_line():
@@ -73,20 +74,24 @@ def test_no_such_scenario_is_one_line():
 def flown(tmp_path, monkeypatch):
     """Fly a scenario's text without processes; `samples` of it if it breaks off."""
 
-    def run_it(text: str, *options: str, outcome: Outcome = Outcome.DONE, samples: int | None = None):
+    def run_it(text: str, *options: str, outcome: FlightOutcome = FlightOutcome.DONE, samples: int | None = None):
         def fly(scenario, law, *, vehicle, seed, out, **_):
             (out / "journal").touch()
             records = fly_direct(replace(scenario, event=()), law, vehicle=vehicle, seed=seed)[:samples]
-            return SimpleNamespace(
+            return Flight(
+                scenario=scenario,
+                law=law,
+                vehicle=vehicle,
+                seed=seed,
                 records=records,
                 outcome=outcome,
                 message="it ended",
                 realtime_factor=9.0,
-                pace=None,
+                timing=None,
                 journal=out / "journal",
             )
 
-        monkeypatch.setattr("gustproof.flight.fly", fly)
+        monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
         (tmp_path / "mine.toml").write_text(text)
         return run("fly", str(tmp_path / "mine.toml"), "--law", "hinf-d1", "--out", str(tmp_path / "out"), *options)
 
@@ -120,7 +125,7 @@ def test_json_has_each_requirement_and_the_status_is_the_same(flown):
 
 
 def test_a_flight_that_broke_off_says_so_first_and_its_open_windows_hold_nothing(flown):
-    result = flown(HEAD + LEVEL + STILL, "--json", outcome=Outcome.AUTOPILOT_LOST, samples=200)
+    result = flown(HEAD + LEVEL + STILL, "--json", outcome=FlightOutcome.AUTOPILOT_LOST, samples=200)
     assert result.exit_code == 3
     level, still = json.loads(result.stdout)["requirements"]
     assert (level["value"], level["held"]) == (None, False)
@@ -128,7 +133,7 @@ def test_a_flight_that_broke_off_says_so_first_and_its_open_windows_hold_nothing
 
 
 def test_where_nothing_was_flown_nothing_holds(flown):
-    result = flown(HEAD + LEVEL, outcome=Outcome.NOT_STARTED, samples=0)
+    result = flown(HEAD + LEVEL, outcome=FlightOutcome.NOT_STARTED, samples=0)
     assert result.exit_code == 3
     assert "not flown" in result.stdout
 
@@ -138,8 +143,8 @@ SCRIPTED = '[[event]]\nkind = "controller_killed"\nat_s = 0.5\n'
 
 @pytest.mark.parametrize(("script", "status"), [("", 3), (SCRIPTED, 0)])
 def test_a_controller_that_dies_by_the_script_breaks_nothing_off(flown, script, status):
-    assert flown(HEAD + script + LEVEL, outcome=Outcome.CONTROLLER_LOST).exit_code == status
+    assert flown(HEAD + script + LEVEL, outcome=FlightOutcome.CONTROLLER_LOST).exit_code == status
 
 
 def test_a_vehicle_that_dies_breaks_a_flight_off_whatever_the_script_says(flown):
-    assert flown(HEAD + SCRIPTED + LEVEL, outcome=Outcome.AUTOPILOT_LOST).exit_code == 3
+    assert flown(HEAD + SCRIPTED + LEVEL, outcome=FlightOutcome.AUTOPILOT_LOST).exit_code == 3

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 
 SHORT = ("worst-case", "hinf-d1", "--flights", "100", "--horizon", "2")
 

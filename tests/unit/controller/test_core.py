@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.frames import Dropped
-from firmware_model.signals import AttitudeTarget, ImuSample, TorqueCommand
+from firmware_model.mavlink.frames import RejectReason
+from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
 from gustproof.controller.core import Controller
-from gustproof.law import Law, Output, Provenance
+from gustproof.law.form import Law, Output, Provenance
 
 
 def integrator(output: Output = Output.TORQUE) -> Law:
@@ -38,15 +38,15 @@ def test_first_answer_comes_from_the_stated_initial_state():
 def test_law_that_begins_afresh_answers_as_at_first():
     controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
     before = [controller.answer(sample(time_us)).torque_B for time_us in (0, 4000, 8000)]
-    first = controller.answer(sample(12_000), afresh=True).torque_B
+    first = controller.answer(sample(12_000), reset=True).torque_B
     assert [first, *(controller.answer(sample(time_us)).torque_B for time_us in (16_000, 20_000))] == before
     assert before[2] != before[0]
 
 
 def test_repeated_sample_does_not_begin_the_law_afresh():
     controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
-    controller.answer(sample(0), afresh=True)
-    controller.answer(sample(0), afresh=True)
+    controller.answer(sample(0), reset=True)
+    controller.answer(sample(0), reset=True)
     assert controller.answer(sample(4000)).torque_B == (np.float32(0.1), 0.0, 0.0)
 
 
@@ -62,7 +62,7 @@ def test_law_steps_once_a_stamp_and_repeats_its_answer():
 def test_sample_from_the_past_is_stale():
     controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
     controller.answer(sample(4000))
-    assert controller.answer(sample(0)) is Dropped.STALE
+    assert controller.answer(sample(0)) is RejectReason.STALE
 
 
 @pytest.mark.parametrize("limit", [0.35, 1.5, 10.0])
@@ -104,5 +104,5 @@ def test_the_reference_is_that_of_the_newest_stamp_that_has_come():
     references = [(4000, (0.25, 0.0, 0.0)), (6000, (0.5, 0.0, 0.0)), (16_000, (0.75, 0.0, 0.0))]
     controller = Controller(law, (1.0, 1.0, 1.0), 0.5, references)
     asked = [controller.answer(sample(time_us)).torque_B[0] for time_us in (0, 4000, 8000)]
-    asked += [controller.answer(sample(time_us), afresh=True).torque_B[0] for time_us in (12_000, 16_000)]
+    asked += [controller.answer(sample(time_us), reset=True).torque_B[0] for time_us in (12_000, 16_000)]
     assert asked == [0.0, 0.25, 0.5, 0.5, 0.75]

@@ -6,11 +6,18 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.frames import Dropped, Outgoing, parse
-from firmware_model.messages import heartbeat_message, imu_message
-from firmware_model.signals import ImuSample
-from gustproof.controller.endpoint import RETRIES, RETRY_US, SILENCE_US, ControllerEndpoint, Outcome, Phase
-from gustproof.law import load_law
+from firmware_model.mavlink.frames import EncodedMessage, RejectReason, parse
+from firmware_model.mavlink.messages import heartbeat_message, imu_message
+from firmware_model.types import ImuSample
+from gustproof.controller.endpoint import (
+    RETRIES,
+    RETRY_US,
+    VEHICLE_TIMEOUT_US,
+    ControllerEndpoint,
+    ControllerOutcome,
+    Phase,
+)
+from gustproof.law.form import load_law
 
 VEHICLE = (0, ("vehicle", 14580))
 OFFBOARD, STABILIZED, HOLD = 6 << 16, 7 << 16, 4 << 16 | 3 << 24
@@ -172,7 +179,7 @@ def test_it_repeats_a_request_and_then_gives_up_with_a_name(autopilot, phase):
         autopilot.now_us += RETRY_US
         polls += 1
     assert polls == RETRIES + 1
-    assert autopilot.endpoint.outcome is Outcome.NOT_STARTED
+    assert autopilot.endpoint.outcome is ControllerOutcome.NOT_STARTED
     assert autopilot.endpoint.message.startswith(phase.value)
 
 
@@ -180,7 +187,7 @@ def test_refused_arming_ends_with_the_autopilots_words(autopilot):
     autopilot.reach(Phase.ARMING)
     autopilot.say(wire.MAVLink_statustext_message(4, b"battery empty"))
     autopilot.say(accepted(wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_RESULT_DENIED))
-    assert autopilot.endpoint.outcome is Outcome.NOT_STARTED
+    assert autopilot.endpoint.outcome is ControllerOutcome.NOT_STARTED
     assert "battery empty" in autopilot.endpoint.message
 
 
@@ -195,7 +202,7 @@ def test_temporary_rejection_is_tried_again(autopilot):
 def test_vehicle_of_another_rate_is_not_flown(autopilot):
     autopilot.reach(Phase.READING)
     autopilot.say(*parameters(rate_hz=400))
-    assert autopilot.endpoint.outcome is Outcome.WRONG_RATE
+    assert autopilot.endpoint.outcome is ControllerOutcome.WRONG_RATE
     assert "400 Hz: set IMU_INTEG_RATE to 250" in autopilot.endpoint.message
 
 
@@ -215,14 +222,14 @@ def test_samples_at_another_rate_than_asked_for_are_not_flown(autopilot):
     autopilot.reach(Phase.READING)
     autopilot.say(accepted(INTERVAL), *parameters())
     assert give_up(autopilot, 20_000).startswith("HIGHRES_IMU arrives at 50 Hz, law 'hinf-d1' needs 250 Hz: ")
-    assert autopilot.endpoint.outcome is Outcome.WRONG_RATE
+    assert autopilot.endpoint.outcome is ControllerOutcome.WRONG_RATE
 
 
 def test_autopilot_that_declines_the_rate_is_named_with_its_answer(autopilot):
     autopilot.reach(Phase.READING)
     autopilot.say(accepted(INTERVAL, wire.MAV_RESULT_DENIED), *(imu(20_000 * k) for k in range(1, 12)))
-    assert autopilot.endpoint.outcome is Outcome.WRONG_RATE
-    assert autopilot.endpoint.message.endswith("MAV_CMD_SET_MESSAGE_INTERVAL is answered by MAV_RESULT_DENIED")
+    assert autopilot.endpoint.outcome is ControllerOutcome.WRONG_RATE
+    assert autopilot.endpoint.message.endswith("the answer to MAV_CMD_SET_MESSAGE_INTERVAL is MAV_RESULT_DENIED")
 
 
 def test_samples_that_come_at_the_rate_are_flown_whatever_the_autopilot_says(autopilot):
@@ -261,14 +268,14 @@ def test_no_samples_are_told_so(autopilot):
     autopilot.reach(Phase.READING)
     autopilot.say(*parameters())
     assert give_up(autopilot) == "no samples: the autopilot sends no HIGHRES_IMU on this link"
-    assert autopilot.endpoint.outcome is Outcome.NOT_STARTED
+    assert autopilot.endpoint.outcome is ControllerOutcome.NOT_STARTED
 
 
 def test_missing_parameters_are_named():
     autopilot = Autopilot("hinf-rates")
     autopilot.reach(Phase.READING)
     autopilot.say(*list(parameters())[-1:])
-    assert give_up(autopilot, 4000) == "the autopilot does not tell its parameters: MPC_THR_HOVER"
+    assert give_up(autopilot, 4000) == "the autopilot does not report its parameters: MPC_THR_HOVER"
 
 
 def test_autopilot_that_takes_no_torques_is_told_what_it_needs(autopilot):
@@ -285,7 +292,7 @@ def test_autopilot_that_takes_no_torques_is_told_what_it_needs(autopilot):
 )
 def test_autopilot_of_another_kind_is_refused_and_sent_no_set_point(autopilot, kind, words):
     autopilot.say(wire.MAVLink_heartbeat_message(2, kind, 209, 4, 4, 3), *parameters(), imu(0), imu(4000))
-    assert autopilot.endpoint.outcome is Outcome.NOT_SUPPORTED
+    assert autopilot.endpoint.outcome is ControllerOutcome.NOT_SUPPORTED
     assert words in autopilot.endpoint.message
     assert autopilot.names() == ["HEARTBEAT"]
 
@@ -302,22 +309,22 @@ def test_standing_by_sends_nothing_to_another_autopilot_than_px4(autopilot):
 def test_people_are_told_what_the_controller_does():
     told: list[str] = []
     autopilot = Autopilot()
-    autopilot.endpoint = ControllerEndpoint(load_law("hinf-d1"), VEHICLE, tell=told.append)
+    autopilot.endpoint = ControllerEndpoint(load_law("hinf-d1"), VEHICLE, report=told.append)
     autopilot.reach(Phase.FLYING)
     autopilot.say(beat(HOLD))
     reads = "GP_TRQ_MAX_R, GP_TRQ_MAX_P, GP_TRQ_MAX_Y, MPC_THR_HOVER, IMU_INTEG_RATE"
     assert told == [
-        f"found PX4, system 3: reads {reads}, asks for HIGHRES_IMU at 250 Hz",
-        "arms the vehicle",
-        "asks for OFFBOARD",
-        "law 'hinf-d1' flies",
-        "law 'hinf-d1' stands by, and flies when OFFBOARD is set",
+        f"found PX4, system 3: reading {reads}, requesting HIGHRES_IMU at 250 Hz",
+        "arming the vehicle",
+        "requesting OFFBOARD",
+        "hinf-d1 in control",
+        "hinf-d1 standing by: in control once OFFBOARD is set",
     ]
 
 
 @pytest.mark.parametrize(
     ("mode", "armed", "outcome"),
-    [(OFFBOARD, True, None), (OFFBOARD, False, Outcome.DONE), (STABILIZED, True, None)],
+    [(OFFBOARD, True, None), (OFFBOARD, False, ControllerOutcome.DONE), (STABILIZED, True, None)],
 )
 def test_heartbeat_in_flight_tells_how_it_goes(autopilot, mode, armed, outcome):
     autopilot.reach(Phase.FLYING)
@@ -328,7 +335,7 @@ def test_heartbeat_in_flight_tells_how_it_goes(autopilot, mode, armed, outcome):
 def test_flight_that_is_landed_out_of_offboard_is_named(autopilot):
     autopilot.reach(Phase.FLYING)
     autopilot.say(beat(STABILIZED), beat(STABILIZED, armed=False))
-    assert autopilot.endpoint.outcome is Outcome.MODE_LOST
+    assert autopilot.endpoint.outcome is ControllerOutcome.MODE_LOST
 
 
 def beat(mode: int, *, armed: bool = True):
@@ -435,20 +442,20 @@ def test_people_are_told_which_law_flies():
     autopilot = join(HOLD)
     autopilot.say(accepted(MODE), beat(HOLD), beat(OFFBOARD))
     texts = [message.text for message in autopilot.hear() if message.get_type() == "STATUSTEXT"]
-    assert texts == ["law 'hinf-d1' flies", "law 'hinf-d1' stands by", "law 'hinf-d1' flies"]
+    assert texts == ["hinf-d1 in control", "hinf-d1 standing by", "hinf-d1 in control"]
 
 
 def test_silent_autopilot_is_lost(autopilot):
     autopilot.reach(Phase.FLYING)
-    autopilot.now_us += SILENCE_US + 1
+    autopilot.now_us += VEHICLE_TIMEOUT_US + 1
     autopilot.hear()
-    assert autopilot.endpoint.outcome is Outcome.AUTOPILOT_LOST
+    assert autopilot.endpoint.outcome is ControllerOutcome.AUTOPILOT_LOST
 
 
 def test_strangers_are_not_listened_to(autopilot):
     autopilot.say(heartbeat_message(OFFBOARD, True, critical=False), peer=(0, ("stranger", 1)))
     assert autopilot.endpoint.phase is Phase.SEEKING
-    assert autopilot.endpoint.counters[Dropped.OTHER_TARGET] == 1
+    assert autopilot.endpoint.counters[RejectReason.OTHER_TARGET] == 1
 
 
 def test_any_datagram_is_survived(autopilot):
@@ -458,8 +465,8 @@ def test_any_datagram_is_survived(autopilot):
     kinds = [getattr(wire, f"MAVLink_{name}_message") for name in names]
     for _ in range(5_000):
         kind = chance.choice(kinds)
-        datagram = Outgoing(kind.id, chance.randbytes(kind.unpacker.size)).pack(autopilot.packer)
+        datagram = EncodedMessage(kind.id, chance.randbytes(kind.unpacker.size)).pack(autopilot.packer)
         cut = chance.randrange(len(datagram)) if chance.random() < 0.3 else len(datagram)
         autopilot.endpoint.receive(datagram[:cut], VEHICLE, 0)
         autopilot.endpoint.poll(0)
-    assert autopilot.endpoint.counters[Dropped.TRUNCATED] > 100
+    assert autopilot.endpoint.counters[RejectReason.TRUNCATED] > 100

@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.model.generalized import Weights, lft_structure, rates_problem, torque_problem
 from gustproof.model.rotational import Envelope, paper_rotation
-from gustproof.model.weights import constant, first_order
+from gustproof.model.weights import constant_weight, first_order_weight
 
 PAPER = load_vehicle("paper")
 WEIGHTS = Weights(
-    W_d=constant((0.65, 0.65, 0.3)),
-    W_n=constant((0.0036,) * 3),
-    W_e=constant((2.0,) * 3),
-    W_u=constant((0.3,) * 3),
+    W_d=constant_weight((0.65, 0.65, 0.3)),
+    W_n=constant_weight((0.0036,) * 3),
+    W_e=constant_weight((2.0,) * 3),
+    W_u=constant_weight((0.3,) * 3),
 )
 
 
@@ -28,14 +28,18 @@ def test_the_plant_is_that_of_the_equations():
 
 
 def test_states_of_a_frequency_dependent_weight_stand_after_those_of_the_vehicle():
-    shaped = Weights(W_d=first_order((0.65,) * 3, 1.0, (0.1,) * 3), W_n=WEIGHTS.W_n, W_e=WEIGHTS.W_e, W_u=WEIGHTS.W_u)
+    shaped = Weights(
+        W_d=first_order_weight((0.65,) * 3, 1.0, (0.1,) * 3), W_n=WEIGHTS.W_n, W_e=WEIGHTS.W_e, W_u=WEIGHTS.W_u
+    )
     P = torque_problem(PAPER, shaped, leak=0.05, rate_damping=0.02).plant()
     assert P.order == 12
     assert np.array_equal(P.A[:9, :9], torque_problem(PAPER, WEIGHTS, leak=0.05, rate_damping=0.02).plant().A)
 
 
 def test_holding_a_reference_asks_for_no_rate_in_the_model():
-    tracking = Weights(W_d=WEIGHTS.W_d, W_n=WEIGHTS.W_n, W_e=WEIGHTS.W_e, W_u=WEIGHTS.W_u, W_r=constant((0.3,) * 3))
+    tracking = Weights(
+        W_d=WEIGHTS.W_d, W_n=WEIGHTS.W_n, W_e=WEIGHTS.W_e, W_u=WEIGHTS.W_u, W_r=constant_weight((0.3,) * 3)
+    )
     problem = torque_problem(PAPER, tracking, leak=0.05, rate_damping=0.02)
     held = problem.system(problem.w, ("attitude", "rates")).response(0.0)[0, :, 6:]
     assert np.allclose(held[:3], 0.3 * np.eye(3), rtol=1e-12)

@@ -3,8 +3,16 @@
 import numpy as np
 import pytest
 
-from firmware_model.vehicle import load_vehicle
-from gustproof.model.lpv import HOVER, PARAMETERS, linear_plant, lpv_matrix, rate_loop, scheduling, within_bounds
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.model.lpv import (
+    HOVER,
+    PARAMETERS,
+    is_within_bounds,
+    linear_plant,
+    lpv_matrix,
+    rate_loop,
+    scheduling_parameters,
+)
 
 PAPER = load_vehicle("paper")
 INERTIA = np.array(PAPER.inertia_B)
@@ -23,7 +31,7 @@ def rotation(E):
 def test_a_of_rho_times_the_state_is_the_rigid_body(seed):
     rng = np.random.default_rng(seed)
     E, omega = rng.uniform(-1.2, 1.2, 3), rng.uniform(-3.0, 3.0, 3)
-    derivative = lpv_matrix(scheduling(E, omega), INERTIA) @ np.concatenate([E, omega])
+    derivative = lpv_matrix(scheduling_parameters(E, omega), INERTIA) @ np.concatenate([E, omega])
     # Euler: I omega' = -omega x I omega
     assert np.allclose(derivative[3:], -np.cross(omega, INERTIA * omega) / INERTIA, rtol=1e-12)
     # R_NB' = R_NB [omega x], the left side by a central difference along the claimed angle rates
@@ -35,7 +43,7 @@ def test_a_of_rho_times_the_state_is_the_rigid_body(seed):
 
 def test_the_row_as_printed_in_the_paper_is_not_the_rigid_body():
     omega = np.array([0.4, -0.2, 1.1])
-    rho = scheduling(np.zeros(3), omega)
+    rho = scheduling_parameters(np.zeros(3), omega)
     printed = lpv_matrix(rho, INERTIA)
     printed[4, 5] = (INERTIA[2] - INERTIA[0]) / INERTIA[1] * omega[2] / 2.0
     truth = -np.cross(omega, INERTIA * omega) / INERTIA
@@ -53,11 +61,11 @@ def test_the_edge_that_table_two_allows_is_refused():
 
 
 def test_parameters_keep_the_table_inside_it_and_not_outside():
-    inside = scheduling([[0.1, -0.2, 3.0]], [[1.4, 0.0, -1.4]])
-    fast = scheduling([0.0, 0.0, 0.0], [0.0, 2.0, 0.0])
+    inside = scheduling_parameters([[0.1, -0.2, 3.0]], [[1.4, 0.0, -1.4]])
+    fast = scheduling_parameters([0.0, 0.0, 0.0], [0.0, 2.0, 0.0])
     assert inside.shape == (1, len(PARAMETERS))
-    assert within_bounds(inside)
-    assert not within_bounds(fast)
+    assert is_within_bounds(inside)
+    assert not is_within_bounds(fast)
 
 
 def test_a_yaw_torque_turns_about_yaw_by_its_own_inertia():

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from firmware_model.vehicle import load_vehicle
-from gustproof.model.lft import connected, real
-from gustproof.model.lpv import actuators, airframe, lpv_matrix, scheduling
-from gustproof.model.reduction import reduced
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.model.lft import connect, ureal
+from gustproof.model.lpv import actuators, airframe, lpv_matrix, scheduling_parameters
+from gustproof.model.reduction import simplify
 from gustproof.model.rotational import (
     Envelope,
     half_angles,
@@ -64,13 +64,13 @@ def test_no_fewer_channels_do():
         difference = (F[:, None] - G[None]) / (left[:, None] - right[None])[:, :, None, None]
         loewner = difference.transpose(0, 2, 1, 3).reshape(4 * 6, 4 * 9)
         assert np.linalg.matrix_rank(loewner, tol=1e-9) == block.repeats
-    assert reduced(model).n_w == 7
+    assert simplify(model).n_w == 7
 
 
 def test_the_papers_twelve_channels_give_its_matrix_and_the_same_derivative():
     model, small, (E, omega) = paper_rotation(PAPER.inertia_B, WIDE), rotation(PAPER.inertia_B, WIDE), states(4)
-    assert (model.n_w, reduced(model).n_w) == (12, 12)
-    rho = scheduling(E, omega)
+    assert (model.n_w, simplify(model).n_w) == (12, 12)
+    rho = scheduling_parameters(E, omega)
     values = model.matrices(model.delta({f"rho{k + 1}": rho[:, k] for k in range(7)}))
     for k in range(0, POINTS, 500):
         assert np.allclose(values[k, :, :6], lpv_matrix(rho[k], PAPER.inertia_B), rtol=0.0, atol=EXACT * 100)
@@ -81,12 +81,12 @@ def test_the_papers_twelve_channels_give_its_matrix_and_the_same_derivative():
 
 
 def test_uncertain_inertia_keeps_eulers_equation():
-    I_x = real("I_x", low=0.2, high=0.35)
-    model = rotation((I_x, 0.2, real("I_z", low=0.08, high=0.1, nominal=0.09)), Envelope(angle=0.5, rate=1.0))
+    I_x = ureal("I_x", low=0.2, high=0.35)
+    model = rotation((I_x, 0.2, ureal("I_z", low=0.08, high=0.1, nominal=0.09)), Envelope(angle=0.5, rate=1.0))
     E, omega, moment = np.array([[0.2, -0.4, 1.0]]), np.array([[0.5, -0.3, 0.8]]), np.array([[0.1, 0.2, -0.3]])
     for x, z in ((0.2, 0.1), (0.31, 0.085)):
         delta = model.delta({**half_angles(E[0], omega[0]), "I_x": x, "I_z": z})
-        ours = model.at(delta).D @ np.hstack([E, omega, moment])[0]
+        ours = model.substitute(delta).D @ np.hstack([E, omega, moment])[0]
         assert ours == pytest.approx(rigid_body(E, omega, moment, np.array([x, 0.2, z]))[0], rel=EXACT)
 
 
@@ -94,24 +94,26 @@ def test_at_the_middle_of_the_envelope_the_airframe_is_the_one_at_hover():
     model = uncertain_airframe(rotation(PAPER.inertia_B, WIDE), leak=0.05, rate_damping=0.02)
     hover = airframe(PAPER, leak=0.05, rate_damping=0.02)
     for name in "ABCD":
-        assert getattr(model.nominal(), name) == pytest.approx(getattr(hover, name), rel=EXACT)
+        assert getattr(model.nominal_system(), name) == pytest.approx(getattr(hover, name), rel=EXACT)
 
 
 def test_actuators_share_one_lag_and_one_gain():
     model = uncertain_actuators(
-        PAPER, lag=real("lag", low=0.03, high=0.08, nominal=0.05), gain_=real("gain", low=0.7, high=1.2)
+        PAPER, lag=ureal("lag", low=0.03, high=0.08, nominal=0.05), gain_=ureal("gain", low=0.7, high=1.2)
     )
-    member = model.at(model.delta({"lag": 0.04, "gain": 0.7})).response(12.0)[0]
+    member = model.substitute(model.delta({"lag": 0.04, "gain": 0.7})).response(12.0)[0]
     assert member == pytest.approx(np.eye(3) * 0.7 / (1.0 + 12.0j * 0.04), rel=EXACT)
-    assert uncertain_actuators(PAPER).at({}).response(3.0)[0] == pytest.approx(actuators(PAPER).response(3.0)[0])
+    assert uncertain_actuators(PAPER).substitute({}).response(3.0)[0] == pytest.approx(
+        actuators(PAPER).response(3.0)[0]
+    )
 
 
 @pytest.mark.parametrize(("order", "phase"), [(1, 0.6), (2, 1.7)])
 def test_an_uncertain_delay_has_unit_gain_and_the_phase_it_should(order, phase):
-    model = uncertain_delay(real("T", low=0.002, high=0.01), order=order)
+    model = uncertain_delay(ureal("T", low=0.002, high=0.01), order=order)
     assert model.n_w == order
     for T in (0.002, 0.007):
-        response = model.at(model.delta({"T": T})).response(phase / T)[0, 0, 0]
+        response = model.substitute(model.delta({"T": T})).response(phase / T)[0, 0, 0]
         assert abs(response) == pytest.approx(1.0, rel=EXACT)
         assert -np.angle(response) == pytest.approx(phase, abs=math.radians(1.2))
 
@@ -124,8 +126,8 @@ def test_an_envelope_with_a_singularity_or_no_inside_is_refused(angle, rate, nam
 
 def test_a_design_problem_takes_the_uncertain_airframe_by_its_label():
     problem = design_problem(load_design("D2"), PAPER)
-    P = connected(
+    P = connect(
         problem, {"airframe": uncertain_airframe(rotation(PAPER.inertia_B, WIDE), leak=0.05, rate_damping=0.05)}
     )
     assert (P.n_inputs, P.n_outputs, P.M.order) == (9, 9, 9)
-    assert P.nominal().response(3.0)[0] == pytest.approx(problem.plant().response(3.0)[0], rel=1e-10, abs=1e-12)
+    assert P.nominal_system().response(3.0)[0] == pytest.approx(problem.plant().response(3.0)[0], rel=1e-10, abs=1e-12)

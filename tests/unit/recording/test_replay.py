@@ -1,12 +1,12 @@
 import pytest
 from typer.testing import CliRunner
 
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
-from gustproof.closed_loop import fly_direct
-from gustproof.law import load_law
+from gustproof.law.form import load_law
 from gustproof.recording.bag import write_bag
+from gustproof.simulate.direct import fly_direct
 
 pytestmark = pytest.mark.compiled
 

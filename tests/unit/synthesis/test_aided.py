@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.rotations import euler_angles
-from firmware_model.scenario import AccelerometerFault, Scenario, load_scenario
-from firmware_model.vehicle import GRAVITY, load_vehicle
-from gustproof.closed_loop import fly_direct
-from gustproof.law import load_law
-from gustproof.metrics import Metrics, measure
-from gustproof.model.hover import FORCE, loop_law
-from gustproof.report.hover import hover_loop
+from firmware_model.config.scenario import AccelerometerFault, Scenario, load_scenario
+from firmware_model.config.vehicle import GRAVITY, load_vehicle
+from firmware_model.numerics.rotations import euler_angles
+from gustproof.analysis.hover_loop import hover_loop
+from gustproof.law.form import load_law
+from gustproof.law.hover import FORCE_PER_TILT, loop_law
+from gustproof.scoring.metrics import Metrics, measure
+from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import design_problem, load_design
 
@@ -109,7 +109,7 @@ def test_what_is_left_of_the_moment_is_weighted_by_the_sensitivity():
 
 def test_the_law_takes_roll_and_pitch_from_the_specific_force_as_the_controller_is_told_them():
     law, report = derive(load_design("aided"))
-    np.testing.assert_allclose(law.B[:, 6:] @ FORCE, loop_law(law).B[:, 3:], rtol=1e-12)
+    np.testing.assert_allclose(law.B[:, 6:] @ FORCE_PER_TILT, loop_law(law).B[:, 3:], rtol=1e-12)
     slow = np.array([1e-3, 0.1])
     np.testing.assert_allclose(
         loop_law(law).response(slow), report.result.controller.response(slow), rtol=1e-3, atol=1e-2

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import connected_components
 
-from gustproof.law import Law, Output, load_law, shipped_laws
+from gustproof.law.form import Law, Output, load_law, shipped_laws
 from gustproof.synthesis.derive import DesignReport, derive
 from gustproof.synthesis.designs import Design, load_design, shipped_designs
 
@@ -31,7 +31,7 @@ def test_the_shipped_law_is_the_one_derived_from_the_design(derived):
         assert np.array_equal(ours != 0.0, theirs != 0.0), name
     assert shipped.provenance.parameters == pytest.approx(law.provenance.parameters, rel=1e-6)  # gamma_opt: 1e-7
     assert (shipped.name, shipped.dt, shipped.output) == (law.name, law.dt, law.output)
-    assert (shipped.scheduled, shipped.provenance.design) == (law.scheduled, law.provenance.design)
+    assert (shipped.is_scheduled, shipped.provenance.design) == (law.is_scheduled, law.provenance.design)
 
 
 @pytest.mark.parametrize("name", shipped_laws())
@@ -60,7 +60,7 @@ def test_a_law_has_no_more_coefficients_than_its_axes_need(name, states):
     law = load_law(name)
     assert np.count_nonzero(law.A) == sum(n**2 for n in states)
     assert np.count_nonzero(law.C) == sum(states)
-    assert np.count_nonzero(law.G) == sum(states) * law.scheduled
+    assert np.count_nonzero(law.G) == sum(states) * law.is_scheduled
 
 
 def test_every_shipped_law_meets_its_level_and_survives_its_sample_time_and_delay(derived):
@@ -87,7 +87,7 @@ def test_the_roll_loop_has_the_known_margins(name, crossover, phase_deg, delay_m
 
 def test_the_report_is_json_and_says_what_a_designer_asks(derived):
     _, _, report = derived
-    document = json.loads(json.dumps(report.document(), allow_nan=False))
+    document = json.loads(json.dumps(report.to_dict(), allow_nan=False))
     assert document["norm"] < document["gamma"]
     assert document["gamma_opt"] < document["gamma"]
     assert len(document["poles_rad_s"]) == document["order"]
@@ -111,7 +111,7 @@ def test_a_law_for_rates_commands_rates():
 def test_a_reference_is_followed_quickly_and_held_by_a_vehicle_without_leak():
     _, report = derive(load_design("reference"))
     assert report.step is not None
-    figures = report.step.figures()
+    figures = report.step.step_info()
     assert figures.rise_time_s < 0.5
     assert figures.overshoot < 0.02
     assert figures.settling_time_s < 0.7
@@ -120,7 +120,7 @@ def test_a_reference_is_followed_quickly_and_held_by_a_vehicle_without_leak():
 
 def test_the_step_is_part_of_the_report():
     _, report = derive(load_design("reference"))
-    assert set(report.document()["step"]) == {"rise_time_s", "overshoot", "settling_time_s", "final_error"}
+    assert set(report.to_dict()["step"]) == {"rise_time_s", "overshoot", "settling_time_s", "final_error"}
 
 
 def test_another_vehicle_gives_another_law():

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.scenario import load_scenario
-from firmware_model.vehicle import load_vehicle
-from gustproof.closed_loop import fly_direct
-from gustproof.law import Law, load_law, shipped_laws
-from gustproof.metrics import Metrics, attitude, measure
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.law.form import Law, load_law, shipped_laws
+from gustproof.scoring.metrics import Metrics, attitude, measure
+from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.shipped import DERIVATIONS
 
 pytestmark = pytest.mark.compiled

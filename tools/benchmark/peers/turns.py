@@ -1,4 +1,4 @@
-"""What the programs of all peers share: they fly when they are asked to, and tell how fast that was."""
+"""Common part of the peers' programs: fly on request, and answer the speed."""
 
 import json
 import os
@@ -7,13 +7,13 @@ import time
 from collections.abc import Callable
 
 CORES = len(os.sched_getaffinity(0))
-"""How many cores there are to be used."""
+"""Number of cores that this process may use."""
 
 
 def serve(fly: Callable[[], float]) -> None:
-    """Fly once to make ready, and once more for each line that comes, and answer the simulated seconds per second.
+    """Fly once at the start and once for each input line, and answer the simulated seconds per second.
 
-    `fly` returns how many seconds it has simulated. The first answer tells that all is loaded and compiled.
+    `fly` returns the simulated seconds. The first answer means that everything is loaded and compiled.
     """
     _answer(fly)
     for _ in sys.stdin:

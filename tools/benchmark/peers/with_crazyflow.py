@@ -9,8 +9,8 @@ from crazyflow.sim.sharding import world_mesh
 from turns import CORES, serve
 
 seconds, integrator = float(sys.argv[1]), sys.argv[2]
-flights = 2000 * CORES  # of 64 to 10,000 about the fastest, for either integrator
-jax.config.update("jax_num_cpu_devices", CORES)  # each flies its share: with one device for all, cores stand idle
+flights = 2000 * CORES  # about the fastest of 64 to 10,000, for either integrator
+jax.config.update("jax_num_cpu_devices", CORES)  # one device for each core: a single device leaves cores idle
 simulator = Sim(
     n_worlds=flights,
     control="attitude",
@@ -25,7 +25,7 @@ command[..., 3] = 0.5  # [N] a little more than the weight
 
 
 def fly() -> float:
-    """Fly on from where they are, and wait for all."""
+    """Continue all flights, and wait for them."""
     simulator.attitude_control(command)
     simulator.step(int(seconds * 1000))
     simulator.data.states.pos.block_until_ready()

@@ -17,7 +17,7 @@ simulator["atmosphere/turbulence/milspec/severity"] = 6
 
 
 def fly() -> float:
-    """Fly one after the other."""
+    """Fly one flight after the other."""
     for _ in range(flights):
         simulator.run_ic()
         for _ in range(int(seconds * 1000)):

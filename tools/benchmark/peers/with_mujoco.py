@@ -22,7 +22,7 @@ thrust = np.full((flights, steps, 4), 1.5 * 9.81 / 4)
 
 
 def fly() -> float:
-    """Fly all, shared out among threads that are there already."""
+    """Fly all flights on a pool of threads that persists."""
     rollout.rollout(model, data, start, thrust, persistent_pool=True)
     return flights * steps * 1e-3
 

@@ -1,4 +1,4 @@
-"""RotorPy: a Crazyflie hovers in Dryden gusts, one RK45 step a millisecond, one flight."""
+"""RotorPy: one Crazyflie hovers in Dryden gusts, with one RK45 step a millisecond."""
 
 import sys
 from unittest.mock import MagicMock
@@ -8,7 +8,7 @@ from turns import serve
 
 
 def main(seconds: float) -> None:
-    """Fly with RotorPy's own controller; torch, 2 GB that it imports for its batches alone, is left out."""
+    """Fly with RotorPy's own controller, without torch: 2 GB that only its batches need."""
     sys.modules["torch"] = MagicMock(Tensor=type("Tensor", (), {}))
     from rotorpy.controllers.quadrotor_control import SE3Control
     from rotorpy.environments import Environment
@@ -18,7 +18,7 @@ def main(seconds: float) -> None:
     from rotorpy.wind.dryden_winds import DrydenGust
 
     simulator = Environment(
-        # Left to itself, the integrator calls the model twice more to choose its first step.
+        # Without `first_step` the integrator calls the model twice more to choose it.
         vehicle=Multirotor(quad_params, integrator_kwargs={"method": "RK45", "first_step": 0.001}),
         controller=SE3Control(quad_params),
         trajectory=HoverTraj(np.zeros(3)),

@@ -1,4 +1,4 @@
-"""What a dronekit user's program does: `dronekit_client.py ADDRESS` prints what it saw as one JSON object."""
+"""A dronekit user's program: `dronekit_client.py ADDRESS` prints its observations as one JSON object."""
 
 import collections
 import collections.abc

@@ -1,4 +1,4 @@
-"""What a MAVSDK user's program does: `mavsdk_client.py SESSION PORT` prints what it saw as one JSON object."""
+"""A MAVSDK user's program: `mavsdk_client.py SESSION PORT` prints its observations as one JSON object."""
 
 import asyncio
 import json
@@ -56,7 +56,7 @@ async def take(stream: AsyncGenerator, count: int, timeout_s: float = 40.0) -> l
 
 
 def keep(stream: AsyncGenerator, values: list) -> asyncio.Task:
-    """Append to `values` what a stream brings, until it is cancelled."""
+    """Append the values of a stream to `values`, until it is cancelled."""
     return asyncio.create_task(until(stream, values.append, timeout_s=600.0))
 
 
@@ -203,7 +203,7 @@ async def alternate_setpoints(system: System) -> dict:
     ]
     for setpoint in (level, turn, quarter):
         await (offboard.set_actuator_control if setpoint is turn else offboard.set_attitude)(setpoint)
-        await asyncio.sleep(1.0)  # what is told until then may be of the one before
+        await asyncio.sleep(1.0)  # until then, values may belong to the one before
         for heard in (modes, *echoes.values()):
             heard.clear()
         await asyncio.sleep(PHASE_S - 1.0)

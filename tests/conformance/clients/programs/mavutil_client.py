@@ -1,4 +1,4 @@
-"""What a user of pymavlink writes: `mavutil_client.py SESSION ADDRESS` prints what it saw as one JSON object."""
+"""A pymavlink user's program: `mavutil_client.py SESSION ADDRESS` prints its observations as one JSON object."""
 
 import json
 import os
@@ -15,7 +15,7 @@ REQUEST_MESSAGE = wire.MAV_CMD_REQUEST_MESSAGE
 
 
 class Link:
-    """A connection that asks everything once."""
+    """Connection that sends every request once."""
 
     def __init__(self, address: str) -> None:
         self.link = mavutil.mavlink_connection(address, source_system=255, source_component=190, dialect="all")
@@ -81,7 +81,7 @@ def fly(link: Link) -> dict:
 
 
 def download(link: Link) -> dict:
-    """Ask for missions, fences, rally points and logs."""
+    """Request missions, fences, rally points and logs."""
     link.meet()
     counts, mav = [], link.link.mav
     for kind in (wire.MAV_MISSION_TYPE_MISSION, wire.MAV_MISSION_TYPE_FENCE, wire.MAV_MISSION_TYPE_RALLY):
@@ -95,7 +95,7 @@ def download(link: Link) -> dict:
 
 
 def connect_as_qgroundcontrol(link: Link) -> dict:
-    """Ask in the order in which QGroundControl does, everything once."""
+    """Send QGroundControl's requests once, in its order."""
     beat = link.meet()
     versions = link.command(REQUEST_MESSAGE, wire.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
     metadata = [link.command(REQUEST_MESSAGE, message_id) for message_id in (397.0, 395.0)]
@@ -123,8 +123,8 @@ def connect_as_qgroundcontrol(link: Link) -> dict:
 
 
 def listen(link: Link) -> dict:
-    """Listen for half a minute of the vehicle's time, with the requests of a user in between; count what is lost."""
-    link.link.port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)  # what waits for a busy machine waits here
+    """Listen for half a minute of the vehicle's time, send a user's requests meanwhile, and count losses."""
+    link.link.port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)  # for a busy machine
     link.meet()
     start_us = stamp_us = link.next("HIGHRES_IMU").time_usec
     beats = 0

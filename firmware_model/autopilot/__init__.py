@@ -1,0 +1,1 @@
+"""Control and guide the vehicle on board: modes, loops, gains, parameters."""

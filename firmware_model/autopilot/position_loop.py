@@ -1,0 +1,166 @@
+"""On-board altitude and position loops: P to velocity, PI to acceleration, acceleration to attitude and thrust.
+
+Navigation is ideal: position and velocity are the true ones.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_model.config.vehicle import GRAVITY, PositionLoop, Vehicle
+from firmware_model.numerics.compiled import kernel
+from firmware_model.numerics.elementary import arctan2, sin_cos
+from firmware_model.numerics.rotations import from_euler, rotate, to_euler
+from firmware_model.physics.rigid_body import Body
+from firmware_model.types import Quaternion, Vector
+
+_THRUST_MIN, _THRUST_MAX = 0.1, 0.9  # [-] of the weight, of the largest thrust; the margins are for torques
+_MIN_TILT_COSINE = 0.5  # [-] cosine of the tilt above which thrust compensates no further
+_MAX_HEADING_STEP = 0.2  # [rad] largest difference between heading command and present heading
+
+
+class PositionState(NamedTuple):
+    """State of the altitude and position loops."""
+
+    i_north: float  # [m/s^2] integrated velocity errors
+    i_east: float
+    i_down: float
+    down: float  # [m] N, latched height of altitude hold; NaN: none
+    yaw: float  # [rad] latched heading; NaN: none
+
+
+class PositionParams(NamedTuple):
+    """Gains, limits, sample time."""
+
+    xy_p: float  # [1/s]
+    xy_velocity_p: float  # [1/s]
+    xy_velocity_i: float  # [1/s^2]
+    xy_velocity_max: float  # [m/s]
+    z_p: float  # [1/s]
+    z_velocity_p: float  # [1/s]
+    z_velocity_i: float  # [1/s^2]
+    z_velocity_max_up: float  # [m/s]
+    z_velocity_max_down: float  # [m/s]
+    slope_max: float  # [-] tangent of the largest tilt
+    mass: float  # [kg]
+    thrust_min: float  # [N]
+    thrust_max: float  # [N]
+    dt: float  # [s]
+
+
+def position_params(vehicle: Vehicle, gains: PositionLoop, dt: float) -> PositionParams:
+    """Return gains for a vehicle and the sample time `dt` [s]."""
+    return PositionParams(
+        xy_p=gains.xy_p,
+        xy_velocity_p=gains.xy_velocity_p,
+        xy_velocity_i=gains.xy_velocity_i,
+        xy_velocity_max=gains.xy_velocity_max,
+        z_p=gains.z_p,
+        z_velocity_p=gains.z_velocity_p,
+        z_velocity_i=gains.z_velocity_i,
+        z_velocity_max_up=gains.z_velocity_max_up,
+        z_velocity_max_down=gains.z_velocity_max_down,
+        slope_max=math.tan(gains.tilt_max),
+        mass=vehicle.mass,
+        thrust_min=_THRUST_MIN * vehicle.mass * GRAVITY,
+        thrust_max=_THRUST_MAX * 4.0 * vehicle.rotors.thrust_max,
+        dt=dt,
+    )
+
+
+@kernel
+def initial_position_state() -> PositionState:
+    """Return the state with no height and no heading latched, and empty integrals."""
+    return PositionState(0.0, 0.0, 0.0, math.nan, math.nan)
+
+
+@kernel
+def climb_thrust(params: PositionParams, x: PositionState, body: Body, v_down: float) -> tuple[PositionState, float]:
+    """Return the next state and the thrust [N] for a vertical velocity [m/s] down, compensated for tilt."""
+    wanted = min(max(v_down, -params.z_velocity_max_up), params.z_velocity_max_down)
+    error = wanted - body.v_down
+    up = -rotate((body.qw, body.qx, body.qy, body.qz), (0.0, 0.0, -1.0))[2]
+    thrust = params.mass * (GRAVITY - params.z_velocity_p * error - x.i_down) / max(up, _MIN_TILT_COSINE)
+    within = min(max(thrust, params.thrust_min), params.thrust_max)
+    # Anti-windup: at a limit the integral may only move back.
+    holds = (thrust > within and error < 0.0) or (thrust < within and error > 0.0)
+    i_down = x.i_down if holds else x.i_down + params.dt * params.z_velocity_i * error
+    return PositionState(x.i_north, x.i_east, i_down, x.down, x.yaw), within
+
+
+@kernel
+def _horizontal_acceleration(
+    params: PositionParams, x: PositionState, body: Body, north: float, east: float
+) -> tuple[PositionState, Vector]:
+    """Return the next state and the horizontal acceleration [m/s^2] N toward a position [m] N."""
+    v_north, v_east = params.xy_p * (north - body.north), params.xy_p * (east - body.east)
+    slow = params.xy_velocity_max / max(math.sqrt(v_north * v_north + v_east * v_east), params.xy_velocity_max)
+    e_north, e_east = slow * v_north - body.v_north, slow * v_east - body.v_east
+    a_north = params.xy_velocity_p * e_north + x.i_north
+    a_east = params.xy_velocity_p * e_east + x.i_east
+    size, most = math.sqrt(a_north * a_north + a_east * a_east), GRAVITY * params.slope_max
+    i_north, i_east = x.i_north, x.i_east
+    if size <= most:
+        i_north += params.dt * params.xy_velocity_i * e_north
+        i_east += params.dt * params.xy_velocity_i * e_east
+    fit = most / max(size, most)
+    return PositionState(i_north, i_east, x.i_down, x.down, x.yaw), (fit * a_north, fit * a_east, 0.0)
+
+
+@kernel
+def attitude_for_acceleration(acceleration_N: Vector, yaw: float) -> Quaternion:
+    """Return the attitude for a horizontal acceleration [m/s^2] N at a heading [rad], if thrust carries the weight."""
+    sine, cosine = sin_cos(yaw)
+    ahead = acceleration_N[0] * cosine + acceleration_N[1] * sine
+    right = acceleration_N[1] * cosine - acceleration_N[0] * sine
+    theta = arctan2(-ahead, GRAVITY)
+    phi = arctan2(right, math.sqrt(GRAVITY * GRAVITY + ahead * ahead))
+    return from_euler(phi, theta, yaw)
+
+
+@kernel
+def position_hold(
+    params: PositionParams, x: PositionState, body: Body, position_N: Vector, v_down: float
+) -> tuple[PositionState, Vector, float]:
+    """Return the next state, the acceleration [m/s^2] N and the thrust [N] toward a position [m] N.
+
+    A `v_down` [m/s] other than NaN is the vertical velocity, and the height of the position is unused.
+    """
+    x = PositionState(x.i_north, x.i_east, x.i_down, math.nan, math.nan)
+    x, acceleration_N = _horizontal_acceleration(params, x, body, position_N[0], position_N[1])
+    sink = params.z_p * (position_N[2] - body.down) if math.isnan(v_down) else v_down
+    x, thrust = climb_thrust(params, x, body, sink)
+    return x, acceleration_N, thrust
+
+
+@kernel
+def altitude_hold(params: PositionParams, x: PositionState, body: Body, thrust: float) -> tuple[PositionState, float]:
+    """Return the next state and the thrust [N]: as commanded, or for NaN altitude hold at the height of entry."""
+    if not math.isnan(thrust):
+        return PositionState(0.0, 0.0, 0.0, math.nan, x.yaw), thrust
+    fresh = math.isnan(x.down)
+    x = PositionState(0.0, 0.0, 0.0 if fresh else x.i_down, body.down if fresh else x.down, x.yaw)
+    return climb_thrust(params, x, body, params.z_p * (x.down - body.down))
+
+
+@kernel
+def slew_heading(q_NB: Quaternion, yaw: float) -> float:
+    """Return the next heading command [rad] from the heading of `q_NB` toward `yaw`, by the shorter way.
+
+    It stays near the present heading, because a large step in heading would also swing the tilt about.
+    """
+    present = to_euler(q_NB)[2]
+    sine, cosine = sin_cos(yaw - present)
+    return present + min(max(arctan2(sine, cosine), -_MAX_HEADING_STEP), _MAX_HEADING_STEP)
+
+
+@kernel
+def latch_heading(x: PositionState, q_NB: Quaternion) -> PositionState:
+    """Return the state with the heading of `q_NB` latched, unless one is latched already."""
+    yaw = to_euler(q_NB)[2] if math.isnan(x.yaw) else x.yaw
+    return PositionState(x.i_north, x.i_east, x.i_down, x.down, yaw)
+
+
+@kernel
+def clear_heading(x: PositionState) -> PositionState:
+    """Return the state with no heading latched."""
+    return PositionState(x.i_north, x.i_east, x.i_down, x.down, math.nan)

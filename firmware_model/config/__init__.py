@@ -1,0 +1,1 @@
+"""Read and validate vehicle, scenario and wind files."""

@@ -1,0 +1,262 @@
+"""Read a TOML or JSON file into a validated dataclass and report all its errors at once; write TOML.
+
+Files may come from anywhere: only regular files are read, with limits on size, number of keys and depth.
+"""
+
+import errno
+import json
+import re
+import stat
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import IO, Annotated, Any, TypeVar, cast
+
+from pydantic import AfterValidator, TypeAdapter, ValidationError
+from pydantic_core import from_json, to_jsonable_python
+
+from firmware_model.config.validation import list_errors, sanitize_line
+from firmware_model.errors import ConfigError, ConfigErrors
+
+Parsed = TypeVar("Parsed")
+MIB = 1 << 20
+TEXT = 16 * MIB
+"""[bytes] limit of a JSON or CSV file; a hostile one of this size takes less than a gigabyte of memory."""
+_TOML = 2 * MIB  # [bytes] the parser takes seconds for this much
+_LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){32}""")  # the parser's time grows with its square
+_KEYS = 50_000  # of a document: each unknown key is an error and takes a kilobyte until it is reported
+_LONGEST_NAME = 100  # [bytes] two names, a seed and a suffix make a file name
+
+
+def checked_name(name: str) -> str:
+    """Return the name of a scenario, law or vehicle if it can be part of a file name and of a printed line.
+
+    Raises
+    ------
+    ValueError
+        If it is empty, too long, begins with a dot, or has an unprintable character, a slash, a backslash or a dollar
+        sign, which starts a formula in figures.
+    """
+    if not (isinstance(name, str) and name.isprintable() and name.strip() and len(name.encode()) <= _LONGEST_NAME):
+        raise ValueError(f"a name has 1 to {_LONGEST_NAME} bytes of printable characters")
+    if name.startswith(".") or set("/\\$") & set(name):
+        raise ValueError("a name begins with no dot and has no slash, backslash or dollar sign")
+    return name
+
+
+Name = Annotated[str, AfterValidator(checked_name)]
+
+
+def open_regular(path: Path) -> IO[bytes]:
+    """Open a regular file to read. Folders are rejected, and devices and pipes, which may have no end.
+
+    Raises
+    ------
+    OSError
+        If there is no such file, or it can't be read.
+    """
+    try:
+        mode = path.stat().st_mode
+    except ValueError:  # a character that no path can have
+        raise FileNotFoundError(errno.ENOENT, "No such file", str(path)) from None
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, "Is a directory", str(path))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "is a device or a pipe, must be a file", str(path))
+    return path.open("rb")
+
+
+def read_bytes(path: Path, at_most: int) -> bytes:
+    """Return the content of a regular file of at most `at_most` bytes.
+
+    Raises
+    ------
+    OSError
+        If there is none, it can't be read, or it is larger.
+    """
+    with open_regular(path) as file:
+        content = file.read(at_most + 1)
+    if len(content) > at_most:
+        raise OSError(errno.EFBIG, f"is larger than {at_most / MIB:g} MiB", str(path))
+    return content
+
+
+def read_text(path: Path, at_most: int = TEXT) -> str:
+    """Return the text of a regular file of at most `at_most` bytes.
+
+    Raises
+    ------
+    OSError
+        If there is none, it can't be read, or it is larger.
+    ValueError
+        If it is not UTF-8, or begins with a byte order mark.
+    """
+    content = read_bytes(path, at_most)
+    if content.startswith(b"\xef\xbb\xbf"):
+        raise ValueError("it begins with a byte order mark: save it as UTF-8 without one")
+    try:
+        return content.decode()
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise ValueError(f"byte 0x{content[error.start]:02x} in line {line} is not UTF-8: save it as UTF-8") from None
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Parse JSON: numbers exact to the bit, no incomplete surrogate pairs, nesting at most 200 deep.
+
+    Raises
+    ------
+    ValueError
+        If it is not JSON, has too many keys, or an integer beyond the range of a float.
+    """
+    return _check_bounds(from_json(text))
+
+
+def _check_bounds(value: Any) -> Any:
+    """Return a document; reject too many keys and too large integers."""
+    waiting, keys = [value], 0
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, dict):
+            keys += len(item)
+            waiting.extend(item.values())
+        elif isinstance(item, list):
+            waiting.extend(item)
+        elif isinstance(item, int) and item.bit_length() > 1024:
+            raise ValueError("an integer is beyond 1.8e308")
+        if keys > _KEYS:
+            raise ValueError(f"it has more than {_KEYS:,} keys")
+    return value
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """Return the content of a TOML file, not validated.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, or it is not TOML.
+    """
+    try:
+        text = read_text(path, _TOML)
+        if _LONG_KEY.search(text):
+            raise ValueError("a key has more than 32 parts")
+        document: dict[str, Any] = _check_bounds(tomllib.loads(text))
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: not TOML: {sanitize_line(str(error))}") from None
+    return document
+
+
+def list_shipped(folder: Path) -> tuple[str, ...]:
+    """Return the names of the files shipped in `folder`."""
+    return tuple(sorted(path.stem for path in folder.glob("*.toml")))
+
+
+def read_toml(
+    kind: type[Parsed],
+    name_or_path: str | Path,
+    folder: Path,
+    complete: Callable[[dict[str, Any], Path], dict[str, Any]] = lambda document, _: document,
+) -> Parsed:
+    """Read `name_or_path`, a file or the name of one shipped in `folder`, as a `kind`.
+
+    `complete` takes the document and its path and fills in the content of other files.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, it is not TOML, or a key or value is not allowed.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".toml":
+        path = folder / f"{name_or_path}.toml"
+        if str(name_or_path) not in (shipped := list_shipped(folder)):
+            name, known = sanitize_line(str(name_or_path)), ", ".join(shipped)
+            raise ConfigError(f"no {kind.__name__.lower()} named '{name}': give a .toml file or one of {known}")
+    return validate(kind, {"name": path.stem, **complete(read_document(path), path)}, str(path))
+
+
+def read_json(kind: type[Parsed], name: str) -> Parsed | None:
+    """Return the content of a .json file, as other processes of the project write it; `None` for another suffix.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, it is not JSON, or a key or value is not allowed.
+    """
+    path = Path(name)
+    if path.suffix != ".json":
+        return None
+    try:
+        return validate(kind, parse_json(read_text(path)), name)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(f"{path}: not JSON: {sanitize_line(str(error))}") from None
+
+
+def validate(kind: type[Parsed], document: dict[str, Any], source: str) -> Parsed:
+    """Return `document` as a validated `kind`.
+
+    Raises
+    ------
+    ConfigErrors
+        If keys or values are not allowed; it names `source` and holds all errors.
+    """
+    try:
+        parsed: Parsed = _type_adapter(cast(Any, kind)).validate_python(document)
+    except ValidationError as error:
+        raise ConfigErrors(source, list_errors(kind, error.errors())) from None
+    return parsed
+
+
+@cache
+def _type_adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name `path` in an OSError raised while it is written; a full disk does not name it by itself."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text as UTF-8.
+
+    Raises
+    ------
+    OSError
+        If the file can't be written; the error names it.
+    """
+    with naming(path):
+        path.write_text(text, encoding="utf-8")
+
+
+def write_toml(value: Any, path: Path) -> None:
+    """Write a validated dataclass as TOML; `read_toml` reads it back equal, every number to the bit."""
+    write_text(path, "\n".join(_toml_lines(to_jsonable_python(value), "")) + "\n")
+
+
+def _toml_lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
+    """Yield a table's own keys, then its sub-tables with headers; `None` and empty lists are omitted."""
+    below = {key: value for key, value in table.items() if isinstance(value, dict) or _is_tables(value)}
+    for key, value in table.items():
+        if key not in below and value is not None and value != []:
+            # JSON numbers, strings and lists of numbers are TOML, except for DEL, which only JSON allows unescaped.
+            yield f"{key} = {json.dumps(value, ensure_ascii=False, allow_nan=False)}".replace("\x7f", "\\u007f")
+    for key, value in below.items():
+        header = f"[[{path}{key}]]" if _is_tables(value) else f"[{path}{key}]"
+        for item in value if _is_tables(value) else [value]:
+            yield from ("", header, *_toml_lines(item, f"{path}{key}."))
+
+
+def _is_tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)

@@ -1,0 +1,122 @@
+"""Faults of the link between vehicle and controller: the `[[link]]` tables of a scenario."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from firmware_model.config.fields import Fraction, NonNegative, Positive, strict_dataclass
+
+
+@strict_dataclass
+class _LinkFault:
+    """Direction of a link fault, and the time in which it acts."""
+
+    direction: Literal["to_controller", "to_vehicle"]
+    """Samples travel to the controller, set-points to the vehicle."""
+    start_s: NonNegative = 0.0
+    """[s] begin."""
+    stop_s: Positive | None = None
+    """[s] end; to the end of the flight by default."""
+
+    @model_validator(mode="after")
+    def _check_interval(self) -> Self:
+        if self.stop_s is not None and self.stop_s <= self.start_s:
+            raise ValueError("stop_s must be later than start_s")
+        return self
+
+
+@strict_dataclass
+class Delay(_LinkFault):
+    """Constant delay of every datagram."""
+
+    kind: Literal["delay"]
+    """Names this fault."""
+    delay_s: Positive
+    """[s] from sending to arrival."""
+
+
+@strict_dataclass
+class Jitter(_LinkFault):
+    """Random delay of each datagram, uniform in [0, most]; none overtakes another."""
+
+    kind: Literal["jitter"]
+    """Names this fault."""
+    most_s: Positive
+    """[s] largest delay."""
+
+
+@strict_dataclass
+class Loss(_LinkFault):
+    """Independent loss of each datagram with the same probability."""
+
+    kind: Literal["loss"]
+    """Names this fault."""
+    probability: Fraction
+    """[-] of a loss."""
+
+
+@strict_dataclass
+class BurstLoss(_LinkFault):
+    """Loss in bursts: a two-state Markov chain that starts in the good state and may change at each datagram.
+
+    The share of the bad state is `to_bad / (to_bad + to_good)`, its mean length `1 / to_good` datagrams.
+
+    References
+    ----------
+    E. N. Gilbert, Capacity of a burst-noise channel, Bell System Technical Journal 39, 1960.
+    E. O. Elliott, Estimates of error rates for codes on burst-noise channels, Bell System Technical Journal 42, 1963.
+    """
+
+    kind: Literal["burst_loss"]
+    """Names this fault."""
+    to_bad: Fraction
+    """[-] probability that a good state turns bad, at each datagram."""
+    to_good: Fraction
+    """[-] probability that a bad state turns good, at each datagram."""
+    loss_in_bad: Fraction = 1.0
+    """[-] probability of a loss in the bad state."""
+    loss_in_good: Fraction = 0.0
+    """[-] probability of a loss in the good state."""
+
+
+@strict_dataclass
+class Duplication(_LinkFault):
+    """Duplication of some datagrams; each copy has its own jitter."""
+
+    kind: Literal["duplication"]
+    """Names this fault."""
+    probability: Fraction
+    """[-] of a second copy."""
+
+
+@strict_dataclass
+class Reordering(_LinkFault):
+    """Extra delay of some datagrams, so that later ones overtake them."""
+
+    kind: Literal["reordering"]
+    """Names this fault."""
+    probability: Fraction
+    """[-] of the extra delay."""
+    by_s: Positive
+    """[s] extra delay."""
+
+
+@strict_dataclass
+class Bandwidth(_LinkFault):
+    """Limited bit rate: datagrams queue for transmission, and those beyond the queue are lost.
+
+    A sample takes 73 bytes, torques 55, rates and attitudes 51. At 250 Hz that is 146, 110 and 102 kbit/s.
+    """
+
+    kind: Literal["bandwidth"]
+    """Names this fault."""
+    rate_bit_s: Positive
+    """[bit/s] of MAVLink frames."""
+    queue: Annotated[int, Field(ge=0, le=10_000)] = 10
+    """Datagrams that may wait while one is in transmission."""
+
+
+LinkFault = Annotated[
+    Delay | Jitter | Loss | BurstLoss | Duplication | Reordering | Bandwidth, Field(discriminator="kind")
+]
+AnyFault = Delay | Jitter | Loss | BurstLoss | Duplication | Reordering | Bandwidth

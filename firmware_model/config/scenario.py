@@ -1,0 +1,281 @@
+"""Scripted flight: duration, rates, air, faults and requirements. A TOML file with units in its keys."""
+
+import math
+from dataclasses import field
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from firmware_model.config.events import (
+    ActuatorLag,
+    AttitudeReference,
+    ControllerHang,
+    ControllerKill,
+    Event,
+    GyroBias,
+    ModeChange,
+    PlantEvent,
+)
+from firmware_model.config.fields import NonNegative, Vector, strict_dataclass
+from firmware_model.config.files import Name, list_shipped, read_toml
+from firmware_model.config.link_faults import LinkFault
+from firmware_model.config.requirement import AXES, Metric, Requirement
+from firmware_model.config.waveforms import Dryden, Moment, Shear, Wind
+from firmware_model.config.wind_table import fill_replay_rows
+
+SCENARIOS = Path(__file__).parent / "data" / "scenarios"
+Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
+
+
+def _limit_count(tables: Any) -> Any:
+    """Reject more tables than any script needs, before each of them is validated."""
+    if isinstance(tables, list) and len(tables) > 1000:
+        raise ValueError(f"there are {len(tables):,} of them, 1,000 are allowed")
+    return tables
+
+
+_MANY = BeforeValidator(_limit_count)
+
+
+@strict_dataclass
+class GyroFault:
+    """Gyro errors on top of those of the vehicle."""
+
+    bias_rad_s: Vector = (0.0, 0.0, 0.0)
+    """[rad/s] B, added to the vehicle's bias."""
+    noise: bool = True
+    """False switches the noise off."""
+
+
+@strict_dataclass
+class AccelerometerFault:
+    """Accelerometer errors on top of those of the vehicle."""
+
+    bias_mps2: Vector = (0.0, 0.0, 0.0)
+    """[m/s^2] B, added to the vehicle's bias."""
+    noise: bool = True
+    """False switches the noise off."""
+
+
+@strict_dataclass
+class Scenario:
+    """Scripted flight; times are multiples of the sample time.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gustproof import load_scenario
+    >>> day = replace(load_scenario("paper-turbulence"), duration_s=20.0, delay_samples=2)
+    >>> (day.samples, day.dt)
+    (5000, 0.004)
+    """
+
+    name: Name
+    """Short name, part of file names; the file's by default."""
+    description: str
+    """One line that describes the scenario to users."""
+    duration_s: Annotated[float, Field(gt=0.0, le=86_400.0)]
+    """[s] simulated time from the first commanded sample, up to a day."""
+    translation: Literal["held", "free"] = "held"
+    """Held on a test stand, as in the paper, free in attitude only; or in free flight."""
+    altitude_m: Annotated[float, Field(gt=0.0, le=10_000.0)] = 10.0
+    """[m] height above ground: of the air model, and of the vehicle on the stand or at the start of free flight."""
+    control_rate_hz: Annotated[int, Field(ge=10, le=1000)] = 250
+    """[Hz] samples and commands."""
+    physics_rate_hz: Annotated[int, Field(ge=100, le=10000)] = 1000
+    """[Hz] integration steps, a multiple of `control_rate_hz`."""
+    delay_samples: Annotated[int, Field(ge=0, le=50)] = 1
+    """[samples] from a sample until its command acts."""
+    initial_attitude_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    """[deg] initial roll, pitch, yaw, at rest; a vehicle on the ground stands level."""
+    gust_scale: NonNegative = 1.0
+    """[-] factor on all gusts; the mean wind stays."""
+    wind: Annotated[tuple[Wind, ...], _MANY] = ()
+    """Winds; they add up."""
+    moment: Annotated[tuple[Moment, ...], _MANY] = ()
+    """Direct moments; they add up."""
+    gyro: GyroFault = field(default_factory=GyroFault)
+    """Gyro faults."""
+    accelerometer: AccelerometerFault = field(default_factory=AccelerometerFault)
+    """Accelerometer faults."""
+    link: Annotated[tuple[LinkFault, ...], _MANY] = ()
+    """Faults of the link to and from the controller."""
+    event: Annotated[tuple[Event, ...], _MANY] = ()
+    """Events at stated times."""
+    require: Annotated[tuple[Requirement, ...], _MANY] = ()
+    """Requirements."""
+
+    @model_validator(mode="after")
+    def _check_rates(self) -> Self:
+        if self.physics_rate_hz % self.control_rate_hz:
+            raise ValueError("physics_rate_hz must be a multiple of control_rate_hz")
+        if 1_000_000 % self.control_rate_hz:
+            raise ValueError("control_rate_hz must divide 1,000,000, so that stamps are whole microseconds")
+        if not self.samples:
+            raise ValueError(f"duration_s must be at least a sample, {self.dt} s")
+        return self
+
+    @model_validator(mode="after")
+    def _check_phase_range(self) -> Self:
+        for key, item in [*(("wind", item) for item in self.wind), *(("moment", item) for item in self.moment)]:
+            rates = [getattr(item, name, 0.0) for name in ("rate_rad_s", "rate_from_rad_s", "rate_to_rad_s")]
+            if max(rates) * self.duration_s + abs(getattr(item, "phase_rad", 0.0)) > 1e5:
+                raise ValueError(f"{key}: a '{item.kind}' may turn through 1e5 rad in duration_s at most")
+        return self
+
+    @model_validator(mode="after")
+    def _check_single_field(self) -> Self:
+        if sum(isinstance(item, Dryden) for item in self.wind) > 1:
+            raise ValueError("wind: at most one 'dryden', a second one would not be independent of it")
+        if sum(isinstance(item, Shear) for item in self.wind) > 1:
+            raise ValueError("wind: at most one 'shear', there is one ground")
+        return self
+
+    @model_validator(mode="after")
+    def _check_ground_rate(self) -> Self:
+        if self.translation == "free" and self.physics_rate_hz < 500:
+            raise ValueError("physics_rate_hz must be at least 500 in free flight, for the feet on the ground")
+        return self
+
+    @model_validator(mode="after")
+    def _check_single_kill(self) -> Self:
+        killed = [item for item in self.event if isinstance(item, ControllerKill)]
+        if len(killed) > 1:
+            raise ValueError("event: at most one 'controller_killed', there is one spare controller")
+        return self
+
+    @model_validator(mode="after")
+    def _check_windows(self) -> Self:
+        for number, item in enumerate(self.require):
+            begin, end = self.window(item)
+            if end > self.samples:
+                raise ValueError(f"require.{number}: to_s must not be later than the end, {self.duration_s} s")
+            if end - begin < 2:
+                raise ValueError(f"require.{number}: a window has at least two samples of {self.dt} s")
+            if item.metric is Metric.OVERSHOOT and not self._reference_step(item):
+                raise ValueError(f"require.{number}: the window has no step of the reference in {item.axis}")
+        return self
+
+    @property
+    def unflown(self) -> tuple[str, ...]:
+        """One line for each table that no flight shows: one after the end, or the drift of a held vehicle."""
+        late = f"not before the end, {self.duration_s} s: it is never flown"
+        begins = [
+            *((f"event.{i}: at_s {each.at_s} is", each.at_s) for i, each in enumerate(self.event)),
+            *(
+                (f"{key}.{i}: start_s {each.start_s} is", each.start_s)
+                for key in ("wind", "moment", "link")
+                for i, each in enumerate(getattr(self, key))
+                if hasattr(each, "start_s")
+            ),
+        ]
+        drifts = [i for i, each in enumerate(self.require) if each.metric is Metric.DRIFT and not self.free]
+        return (
+            *(f"{what} {late}" for what, begin_s in begins if self.sample_at(begin_s) >= self.samples),
+            *(f"require.{i}: drift_m of a vehicle that is held is 0: give translation = 'free'" for i in drifts),
+        )
+
+    @property
+    def has_link_script(self) -> bool:
+        """True if the script involves modes, the controller or its link, and so needs a flight over messages."""
+        return bool(self.link) or any(
+            isinstance(item, (ModeChange, ControllerHang, ControllerKill)) for item in self.event
+        )
+
+    @property
+    def free(self) -> bool:
+        """True in free flight, False on the stand."""
+        return self.translation == "free"
+
+    @model_validator(mode="after")
+    def _check_events(self) -> Self:
+        drifts = sorted((item for item in self.event if isinstance(item, GyroBias)), key=lambda item: item.at_s)
+        for earlier, later in pairwise(drifts):
+            if later.at_s < earlier.at_s + earlier.over_s:
+                raise ValueError(f"event: a 'gyro_bias' at {later.at_s} s begins before the one before it ends")
+        for item in self.event:
+            if isinstance(item, ActuatorLag) and item.lag_s * self.physics_rate_hz < 1.0:
+                raise ValueError("event: lag_s of 'actuator_lag' must be at least a step, 1 / physics_rate_hz")
+        return self
+
+    @property
+    def plant_events(self) -> tuple[PlantEvent, ...]:
+        """Events of the plant and the reference."""
+        return tuple(item for item in self.event if isinstance(item, PlantEvent))
+
+    @property
+    def references(self) -> tuple[tuple[int, Vector], ...]:
+        """Attitude references of the law: stamp [us] of the first sample, and roll, pitch, yaw [rad]."""
+        changes = sorted(
+            (item for item in self.event if isinstance(item, AttitudeReference)), key=lambda item: item.at_s
+        )
+        return tuple((self.sample_at(item.at_s) * self.sample_us, item.euler) for item in changes)
+
+    def sample_at(self, time_s: float) -> int:
+        """Return the first sample at or after a time [s], with a tolerance of half a microsecond."""
+        return math.ceil((time_s * 1e6 - 0.5) / self.sample_us)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of the flight."""
+        return round(self.duration_s * self.control_rate_hz)
+
+    def window(self, requirement: Requirement) -> tuple[int, int]:
+        """Return the first sample of a requirement's window, and the first after it."""
+        end = self.samples if requirement.to_s is None else self.sample_at(requirement.to_s)
+        return self.sample_at(requirement.from_s), end
+
+    def _reference_step(self, requirement: Requirement) -> float:
+        """Return the change [rad] of the reference of a requirement's axis, from before its window to its end."""
+        begin, end = self.window(requirement)
+        axis = AXES.index(requirement.axis or "roll")
+        before, after = self.reference_at(begin - 1), self.reference_at(end - 1)
+        return after[axis] - before[axis]
+
+    def reference_at(self, sample: int) -> Vector:
+        """Return the attitude reference at a sample as roll, pitch, yaw [rad]; level before the first."""
+        held = (0.0, 0.0, 0.0)
+        for time_us, euler in self.references:
+            held = euler if time_us <= sample * self.sample_us else held
+        return held
+
+    @property
+    def sample_us(self) -> int:
+        """[us] from sample to sample."""
+        return 1_000_000 // self.control_rate_hz
+
+    @property
+    def dt(self) -> float:
+        """[s] from sample to sample."""
+        return 1.0 / self.control_rate_hz
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """Return a scenario from a file, or a shipped one by its name.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, or a key or value is not allowed.
+
+    Examples
+    --------
+    >>> from gustproof import load_scenario
+    >>> load_scenario("paper-turbulence").duration_s
+    60.0
+    """
+    return read_toml(Scenario, name_or_path, SCENARIOS, fill_replay_rows)
+
+
+def list_scenarios() -> tuple[str, ...]:
+    """Return the names of the shipped scenarios.
+
+    Examples
+    --------
+    >>> from gustproof import list_scenarios
+    >>> "paper-turbulence" in list_scenarios()
+    True
+    """
+    return list_shipped(SCENARIOS)

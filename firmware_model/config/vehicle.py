@@ -1,0 +1,287 @@
+"""Airframe data of a vehicle file (TOML): the numbers behind simulation and design models."""
+
+from dataclasses import field
+from enum import Enum
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from firmware_model.config.fields import Finite, NonNegative, Positive, PositiveVector, Vector, strict_dataclass
+from firmware_model.config.files import Name, list_shipped, read_toml
+from firmware_model.config.spreads import take_nominal
+from firmware_model.errors import ConfigError
+
+GRAVITY = 9.80665
+"""[m/s^2] standard gravity (3rd CGPM, 1901), down."""
+VEHICLES = Path(__file__).parent / "data" / "vehicles"
+
+Spin = Literal[1, -1]
+
+
+class NoiseModel(Enum):
+    """Meaning of the gyro's signal-to-noise ratio."""
+
+    CONSTANT = "constant"
+    """White noise of one strength: the ratio holds at the reference rate."""
+    STATE_DEPENDENT = "state-dependent"
+    """White noise in proportion to the rate of each axis (the paper's wording)."""
+
+
+@strict_dataclass
+class Gyro:
+    """Three-axis rate gyro."""
+
+    snr_db: Finite
+    """[dB] ratio of the rms of `reference_rate` to the rms of the noise of one 250 Hz sample."""
+    reference_rate: Positive
+    """[rad/s] rms rate at which `snr_db` is stated."""
+    range: Positive
+    """[rad/s] largest measured magnitude; beyond it the output is clipped."""
+    noise_model: NoiseModel = NoiseModel.CONSTANT
+    """Constant noise, or noise in proportion to the rate."""
+    bias_B: Vector = (0.0, 0.0, 0.0)
+    """[rad/s] B, constant error."""
+
+    @property
+    def noise_ratio(self) -> float:
+        """[-] rms of the noise divided by the rms of the rate."""
+        return float(10.0 ** (-self.snr_db / 20.0))
+
+    @property
+    def noise_density(self) -> float:
+        """[rad/s/sqrt(Hz)] one-sided: rms of a 250 Hz sample, spread over its bandwidth of 125 Hz."""
+        return float(self.noise_ratio * self.reference_rate / 125.0**0.5)
+
+
+@strict_dataclass
+class Accelerometer:
+    """Three-axis accelerometer at the centre of mass; without entries in the file, an ideal one."""
+
+    noise_density: NonNegative = 0.0
+    """[m/s^2/sqrt(Hz)] one-sided, of white noise."""
+    range: Positive = 16.0 * GRAVITY
+    """[m/s^2] largest measured magnitude; beyond it the output is clipped."""
+    bias_B: Vector = (0.0, 0.0, 0.0)
+    """[m/s^2] B, constant error."""
+
+
+@strict_dataclass
+class Stabilizer:
+    """Gains of the on-board cascade, as angular acceleration and so independent of the inertia."""
+
+    angle_p: Positive
+    """[1/s] commanded rate per radian of attitude error."""
+    rate_p: PositiveVector
+    """[1/s] B, angular acceleration per rate error."""
+    rate_i: tuple[NonNegative, NonNegative, NonNegative]
+    """[1/s^2] B, angular acceleration per integrated rate error."""
+    rate_d: tuple[NonNegative, NonNegative, NonNegative]
+    """[-] B, angular acceleration per filtered derivative of the rate."""
+    derivative_cutoff: Positive
+    """[Hz] corner of the first-order filter on the derivative."""
+    rate_limit: Positive
+    """[rad/s] largest rate that the attitude loop commands, each axis."""
+
+
+@strict_dataclass
+class Rotors:
+    """Four rotors, in PX4's order for a quadrotor X: front right, rear left, front left, rear right."""
+
+    position_B: tuple[Vector, Vector, Vector, Vector]
+    """[m] B, hubs from the centre of mass."""
+    spin: tuple[Spin, Spin, Spin, Spin]
+    """[-] 1 counter-clockwise seen from above (drag turns the nose right), -1 clockwise."""
+    thrust_max: Positive
+    """[N] largest thrust of one rotor; a thrust command of 1.0 means four times that."""
+    drag_ratio: Positive
+    """[m] drag torque per thrust."""
+
+    @property
+    def height(self) -> float:
+        """[m] of the rotor plane above the centre of mass."""
+        return -sum(z for _, _, z in self.position_B) / 4.0
+
+    @property
+    def wrench(self) -> NDArray[np.float64]:
+        """(4, 4) roll, pitch, yaw torque [N*m] and thrust [N] per thrust [N] of each rotor."""
+        x, y, _ = np.array(self.position_B).T
+        return np.array([-y, x, self.drag_ratio * np.array(self.spin), np.ones(4)])
+
+    @model_validator(mode="after")
+    def _check_authority(self) -> Self:
+        if error := _find_rotor_error(self):
+            raise ValueError(error)
+        return self
+
+
+@lru_cache(maxsize=64)  # a campaign makes many vehicles with the same rotors
+def _find_rotor_error(rotors: Rotors) -> str:
+    if np.linalg.cond(rotors.wrench) > 1e6:
+        return "position_B and spin don't give each torque by itself"
+    if np.min(np.linalg.inv(rotors.wrench)[:, 3]) <= 0.0:
+        return "position_B: the centre of mass is not between the rotors"
+    return ""
+
+
+@strict_dataclass
+class Gear:
+    """Four feet at the corners of a rectangle."""
+
+    half_length: Positive
+    """[m] from the centre of mass to the feet, forward and backward."""
+    half_width: Positive
+    """[m] from the centre of mass to the feet, right and left."""
+    height: Positive
+    """[m] from the centre of mass down to the feet, without load."""
+    sag: Positive
+    """[m] deflection under the weight."""
+    friction: Positive
+    """[-] friction force per load."""
+
+
+@strict_dataclass
+class PositionLoop:
+    """Gains and limits of the on-board height and position loops in free flight."""
+
+    xy_p: Positive
+    """[1/s] commanded horizontal velocity per position error."""
+    xy_velocity_p: Positive
+    """[1/s] acceleration per velocity error."""
+    xy_velocity_i: NonNegative
+    """[1/s^2] acceleration per integrated velocity error."""
+    xy_velocity_max: Positive
+    """[m/s] largest commanded horizontal velocity."""
+    z_p: Positive
+    """[1/s] commanded vertical velocity per height error."""
+    z_velocity_p: Positive
+    """[1/s] acceleration per velocity error."""
+    z_velocity_i: NonNegative
+    """[1/s^2] acceleration per integrated velocity error."""
+    z_velocity_max_up: Positive
+    """[m/s] fastest climb."""
+    z_velocity_max_down: Positive
+    """[m/s] fastest descent."""
+    tilt_max: Annotated[float, Field(gt=0.0, lt=1.2)]
+    """[rad] largest commanded tilt."""
+
+
+@strict_dataclass
+class Vehicle:
+    """Multirotor as a rigid body with torque actuators.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gustproof import load_vehicle
+    >>> heavy = replace(load_vehicle("iris"), name="heavy-iris", mass=1.8)
+    >>> (heavy.mass, heavy.actuator_lag)
+    (1.8, 0.025)
+    """
+
+    name: Name
+    """Short name; the file's by default."""
+    source: str
+    """Publication that the numbers are from."""
+    mass: Positive
+    """[kg]."""
+    inertia_B: PositiveVector
+    """[kg*m^2] B, principal moments of inertia I_x, I_y, I_z."""
+    rate_damping: NonNegative
+    """[1/s] damping moment per rate relative to the air, divided by the inertia."""
+    actuator_lag: Positive
+    """[s] time constant of the torque response."""
+    torque_limit: PositiveVector
+    """[N*m] B, largest torque about each axis; a normalised command of 1.0 means this."""
+    span: Positive
+    """[m] rotor tip to rotor tip: the wing span b in the Dryden model's angular gusts."""
+    gust_gain: NonNegative
+    """[N*m/(m/s)] roll moment per lateral gust: rotor drag times height of the rotor plane above the centre of mass."""
+    gust_yaw_ratio: NonNegative
+    """[-] yaw moment per vertical gust, divided by `gust_gain`."""
+    heave_drag: NonNegative
+    """[N/(m/s)] force of all rotors in hover per velocity of the air along their axis."""
+    drag_area: NonNegative
+    """[m^2] drag coefficient times area of the body."""
+    gyro: Gyro
+    """Rate gyro."""
+    stabilizer: Stabilizer
+    """On-board cascade."""
+    rotors: Rotors
+    """Rotors."""
+    gear: Gear
+    """Feet."""
+    position: PositionLoop
+    """On-board loops of height and position."""
+    accelerometer: Accelerometer = field(default_factory=Accelerometer)
+    """Accelerometer."""
+    description: str = field(default="")
+    """One line that describes the vehicle to users."""
+
+    @property
+    def rotor_drag(self) -> float:
+        """[N/(m/s)] force of all rotors in hover per velocity of the air in their plane, the cause of `gust_gain`."""
+        return self.gust_gain / self.rotors.height
+
+    @model_validator(mode="after")
+    def _check_thrust(self) -> Self:
+        if self.rotors.height <= 0.0:
+            raise ValueError("rotors.position_B: the rotors must be above the centre of mass, z < 0 on average")
+        if 4.0 * self.rotors.thrust_max <= 1.2 * GRAVITY * self.mass:
+            raise ValueError("rotors.thrust_max: four rotors must lift 1.2 times the weight")
+        return self
+
+
+def load_vehicle(name_or_path: str | Path) -> Vehicle:
+    """Return a vehicle from a file, or a shipped one by its name; a number with a spread takes its nominal value.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, or a key or value is not allowed.
+
+    Examples
+    --------
+    >>> from gustproof import load_vehicle
+    >>> load_vehicle("iris").inertia_B
+    (0.029125, 0.029125, 0.055225)
+    """
+    vehicle = read_toml(Vehicle, name_or_path, VEHICLES, lambda document, path: take_nominal(document, str(path)))
+    check_body(vehicle.inertia_B, vehicle.inertia_B, str(name_or_path))
+    return vehicle
+
+
+def check_body(low: Vector, high: Vector, source: str) -> None:
+    """Reject an end `low` or `high` [kg*m^2] of an inertia that no rigid body has, whatever the other two are.
+
+    No moment of inertia of a rigid body is larger than the sum of the other two. A flat plate reaches that sum.
+
+    Raises
+    ------
+    ConfigError
+        If there is one; the error names `source`.
+    """
+    for i, axis in enumerate("xyz"):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        apart = max(low[j] - high[k], low[k] - high[j], 0.0)
+        for value in (low[i], high[i]):
+            if not apart * (1.0 - 1e-9) <= value <= (high[j] + high[k]) * (1.0 + 1e-9):
+                raise ConfigError(
+                    f"{source}: inertia_B: no rigid body has {value:g} about {axis}: each moment of inertia is at most "
+                    "the sum of the other two"
+                )
+
+
+def list_vehicles() -> tuple[str, ...]:
+    """Return the names of the shipped vehicles.
+
+    Examples
+    --------
+    >>> from gustproof import list_vehicles
+    >>> list_vehicles()
+    ('iris', 'paper')
+    """
+    return list_shipped(VEHICLES)

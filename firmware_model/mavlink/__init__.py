@@ -1,0 +1,1 @@
+"""Speak MAVLink without sockets: frames, messages, peers, signing, services."""

@@ -1,0 +1,88 @@
+"""One peer's share of a link: sequence numbers, signatures and packet counters."""
+
+from collections import Counter
+from typing import Any
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink.frames import DAMAGE_REASONS, EncodedMessage, Frame, FrameTemplate, Message, RejectReason
+from firmware_model.mavlink.signing import Signing
+
+MAX_SOURCES = 16
+"""Senders behind one address whose sequence gaps are counted; further senders are received without gap counts."""
+_LATE_GAP = 128  # a sequence number ahead by at least half the range comes from an older frame
+
+
+class Channel:
+    """Packer for one peer, with packet counters of both directions."""
+
+    def __init__(self, system: int, component: int, signing: Signing | None = None, link: int = 0) -> None:
+        self.sent = self.received = self.lost = 0
+        self.dropped: Counter[RejectReason] = Counter()
+        self.packer = wire.MAVLink(None, system, component)
+        self._expected: dict[tuple[int, int], int] = {}
+        self._signing = signing
+        if signing is not None:
+            self.packer.signing.secret_key, self.packer.signing.link_id = signing.key, link
+            self.packer.signing.sign_outgoing = True
+
+    def pack(self, message: Message | EncodedMessage) -> bytes:
+        """Return the message as a datagram to this peer, with the next sequence number."""
+        if self._signing is not None:
+            self.packer.signing.timestamp = self._signing.next_stamp()
+        datagram: bytes = message.pack(self.packer)
+        self.packer.seq = (self.packer.seq + 1) & 255
+        self.sent += 1
+        return datagram
+
+    def count(self, frame: Frame) -> None:
+        """Count a received frame and the frames lost before it."""
+        self.received += 1
+        source, sequence = (frame.system, frame.component), frame.sequence
+        expected = self._expected.get(source)
+        if expected != sequence:
+            if expected is None:
+                if len(self._expected) >= MAX_SOURCES:
+                    return
+            elif (gap := (sequence - expected) & 255) < _LATE_GAP:
+                self.lost += gap
+            else:  # a duplicate or overtaken frame: the expected number stays
+                return
+        self._expected[source] = (sequence + 1) & 255
+
+    def read(self, template: FrameTemplate, source: tuple[int, int], datagram: bytes) -> tuple[Any, ...] | None:
+        """Return the fields of the next frame from a source, without counting it; `None` for any other datagram."""
+        return template.read(datagram, self._expected.get(source, 0))
+
+    def count_read(self, source: tuple[int, int]) -> None:
+        """Count the frame that `read` returned."""
+        self.received += 1
+        self._expected[source] = (self._expected.get(source, 0) + 1) & 255
+
+    def make(self, template: FrameTemplate, *fields: float) -> bytes:
+        """Return a message as a datagram to this peer, with the next sequence number."""
+        if self._signing is not None:
+            return self.pack(template.encode(*fields))
+        packer = self.packer
+        datagram = template.make(packer.seq, *fields)
+        packer.seq = (packer.seq + 1) & 255
+        self.sent += 1
+        return datagram
+
+    def merge(self, other: "Channel") -> None:
+        """Add the counters of a removed peer."""
+        self.sent += other.sent
+        self.received += other.received
+        self.lost += other.lost
+        self.dropped.update(other.dropped)
+
+    def stats(self) -> dict[str, Any]:
+        """Return the packet counters: in, out, lost on the way here, damaged, and rejected by cause."""
+        rejected = {cause.value: count for cause, count in self.dropped.items() if cause not in DAMAGE_REASONS}
+        return {
+            "in": self.received,
+            "out": self.sent,
+            "lost": self.lost,
+            "bad": sum(self.dropped[cause] for cause in DAMAGE_REASONS),
+            "rejected": dict(sorted(rejected.items())),
+        }

@@ -1,0 +1,230 @@
+"""Convert samples and set-points to and from messages; no other module knows their wire fields, units and signs.
+
+The wire uses the project's axes and units: N north-east-down, B forward-right-down, quaternions w, x, y, z from B to N.
+One exception: SET_ATTITUDE_TARGET is stamped in whole milliseconds.
+
+References
+----------
+MAVLink, common message set, messages 0, 82, 83, 105, 139, 140.
+"""
+
+import math
+import struct
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink.channel import Channel
+from firmware_model.mavlink.frames import EncodedMessage, Frame, FrameTemplate, Message, RejectReason
+from firmware_model.types import AttitudeTarget, Command, ImuSample, Quaternion, TorqueCommand, Vector
+
+AUTOPILOT = 1
+"""Component id of the autopilot."""
+CONTROLLER = 191
+"""Component id of an on-board controller (MAV_COMP_ID_ONBOARD_COMPUTER)."""
+ABSENT = {wire.MAV_COMP_ID_GIMBAL: "gimbal", wire.MAV_COMP_ID_WINCH: "winch"}
+"""Absent components that clients send commands to, by id; the autopilot rejects on their behalf."""
+
+# Layouts of the per-sample messages; fields in wire order, largest first.
+_IMU = wire.MAVLink_highres_imu_message.unpacker
+_TORQUE = wire.MAVLink_set_actuator_control_target_message.unpacker
+_TARGET = wire.MAVLink_set_attitude_target_message.unpacker
+_GYRO = 0x38  # HIGHRES_IMU_UPDATED_FLAGS: bits of the fields that carry a measurement
+_ACCELERATION_AND_GYRO = 0x7 | _GYRO
+# HIGHRES_IMU of this vehicle: stamp, specific force and rates change; magnetic field, pressures, altitude and
+# temperature are zero and not marked as measured.
+_IMU_LAYOUT, _IMU_REST = "<Q6f", struct.pack("<7fB", *[0.0] * 7, _ACCELERATION_AND_GYRO)
+_IMU_FIELDS = struct.Struct(_IMU_LAYOUT)
+_IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE = 1, 2, 4  # ATTITUDE_TARGET_TYPEMASK
+_THRUST_BODY_SET, _IGNORE_THROTTLE, _IGNORE_ATTITUDE = 32, 64, 128
+_UNIT_TOLERANCE = 1e-3  # [-] on a quaternion's length: far above float32 rounding, far below a mistake
+
+
+def imu_message(sample: ImuSample) -> EncodedMessage:
+    """Return HIGHRES_IMU; magnetometer and barometer are marked as not measured."""
+    fields = _IMU_FIELDS.pack(sample.time_us, *sample.specific_force_B, *sample.gyro_B)
+    return EncodedMessage(wire.MAVLINK_MSG_ID_HIGHRES_IMU, fields + _IMU_REST)
+
+
+def parse_imu(frame: Frame) -> ImuSample | RejectReason:
+    """Return the sample in a HIGHRES_IMU, or a reason if it has no gyro measurement or a number that is not finite."""
+    time_us, x, y, z, p, q, r, _, _, _, _, _, _, _, updated, _ = _IMU.unpack(frame.payload)
+    if updated & _GYRO != _GYRO or not math.isfinite(x + y + z + p + q + r):
+        return RejectReason.NOT_FINITE
+    return ImuSample(time_us=time_us, gyro_B=(p, q, r), specific_force_B=(x, y, z))
+
+
+def imu_template(system: int) -> FrameTemplate:
+    """Return the template of the autopilot's samples: stamp [us], specific force [m/s^2], rates [rad/s]."""
+    return FrameTemplate(wire.MAVLINK_MSG_ID_HIGHRES_IMU, system, AUTOPILOT, _IMU_LAYOUT, _IMU_REST)
+
+
+def torque_template(system: int) -> FrameTemplate:
+    """Return the template of a controller's torque commands: stamp [us], roll, pitch, yaw, throttle or NaN."""
+    rest = struct.pack("<4fBBB", 0.0, 0.0, 0.0, 0.0, 0, system, AUTOPILOT)
+    return FrameTemplate(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, system, CONTROLLER, "<Q4f", rest)
+
+
+def rate_template(system: int) -> FrameTemplate:
+    """Return the template of a controller's rate commands: stamp [ms], roll, pitch, yaw [rad/s], thrust."""
+    rest = struct.pack("<BBB", system, AUTOPILOT, _IGNORE_ATTITUDE)
+    return FrameTemplate(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, system, CONTROLLER, "<I16x4f", rest)
+
+
+class SetpointReader:
+    """Fast reader of the set-point that answers a sample, from the on-board controller of `system`."""
+
+    def __init__(self, system: int) -> None:
+        self.source = system, CONTROLLER
+        self._torques, self._rates = torque_template(system), rate_template(system)
+
+    def read(self, datagram: bytes, channel: Channel, time_us: int, *, torque: bool) -> Command | None:
+        """Return the torques or rates for the sample at `time_us`, not counted; `None` for any other datagram.
+
+        The result equals that of `parse_command`; a set-point with anything to clip or reject gives `None`.
+        """
+        if torque:
+            fields = channel.read(self._torques, self.source, datagram)
+            if fields is None:
+                return None
+            stamp_us, roll, pitch, yaw, throttle = fields
+            fits = -1.0 <= roll <= 1.0 and -1.0 <= pitch <= 1.0 and -1.0 <= yaw <= 1.0 and math.isnan(throttle)
+            return TorqueCommand(stamp_us, (roll, pitch, yaw), None) if fits and stamp_us == time_us else None
+        fields = channel.read(self._rates, self.source, datagram)
+        if fields is None:
+            return None
+        stamp_ms, p, q, r, thrust = fields
+        if stamp_ms != boot_ms(time_us) or not (math.isfinite(p + q + r) and 0.0 <= thrust <= 1.0):
+            return None
+        return AttitudeTarget(stamp_ms * 1000, None, (p, q, r), thrust)
+
+
+def command_message(command: Command, target_system: int) -> EncodedMessage:
+    """Return the set-point message of a command.
+
+    Raises
+    ------
+    ValueError
+        If an attitude target has neither attitude nor rates.
+    """
+    if isinstance(command, TorqueCommand):
+        controls = (*command.torque_B, _thrust_field(command.throttle), 0.0, 0.0, 0.0, 0.0)
+        payload = _TORQUE.pack(command.time_us, *controls, 0, target_system, AUTOPILOT)
+        return EncodedMessage(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, payload)
+    mask, q_NB, omega_B = _target_fields(command)
+    payload = _TARGET.pack(
+        boot_ms(command.time_us), *q_NB, *omega_B, _thrust_field(command.thrust), target_system, AUTOPILOT, mask
+    )
+    return EncodedMessage(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, payload)
+
+
+def parse_command(frame: Frame, system: int) -> Command | RejectReason:
+    """Return the command in a SET_ATTITUDE_TARGET or SET_ACTUATOR_CONTROL_TARGET to the autopilot of `system`.
+
+    An attitude is tracked unless its mask bit is set, with the yaw rate as feed-forward. Otherwise rates are tracked,
+    if roll and pitch rates are both given (PX4's rule). Torques are clipped to -1..1 and thrust to 0..1. Beside
+    torques, a throttle of NaN requests the on-board altitude hold.
+    """
+    if frame.message_id == wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET:
+        return _parse_torque_command(frame, system)
+    time_ms, w, x, y, z, p, q, r, thrust, target_system, component, mask = _TARGET.unpack(frame.payload)
+    if not is_addressed_to(system, target_system, component):
+        return RejectReason.OTHER_TARGET
+    if mask & (_IGNORE_THROTTLE | _THRUST_BODY_SET) or not math.isfinite(thrust):
+        return RejectReason.NO_SETPOINT
+    tracked = _parse_target(mask, (w, x, y, z), (p, q, 0.0 if mask & _IGNORE_YAW_RATE else r))
+    if isinstance(tracked, RejectReason):
+        return tracked
+    q_NB, omega_B = tracked
+    return AttitudeTarget(time_us=time_ms * 1000, q_NB=q_NB, omega_B=omega_B, thrust=_clip(thrust, 0.0))
+
+
+def _parse_torque_command(frame: Frame, system: int) -> TorqueCommand | RejectReason:
+    time_us, roll, pitch, yaw, throttle, _, _, _, _, group, target, component = _TORQUE.unpack(frame.payload)
+    if not is_addressed_to(system, target, component):
+        return RejectReason.OTHER_TARGET
+    if group != 0:
+        return RejectReason.NO_SETPOINT
+    if not math.isfinite(roll + pitch + yaw):
+        return RejectReason.NOT_FINITE
+    torque_B = (_clip(roll, -1.0), _clip(pitch, -1.0), _clip(yaw, -1.0))
+    return TorqueCommand(
+        time_us=time_us, torque_B=torque_B, throttle=None if math.isnan(throttle) else _clip(throttle, 0.0)
+    )
+
+
+def _parse_target(
+    mask: int, q_NB: Quaternion, omega_B: Vector
+) -> tuple[Quaternion | None, Vector | None] | RejectReason:
+    """Return attitude and rates to track from the fields of a SET_ATTITUDE_TARGET."""
+    if mask & _IGNORE_ATTITUDE:
+        if mask & (_IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE):
+            return RejectReason.NO_SETPOINT
+        return (None, omega_B) if math.isfinite(sum(omega_B)) else RejectReason.NOT_FINITE
+    # NaN fails the comparison too.
+    if not (abs(math.hypot(*q_NB) - 1.0) < _UNIT_TOLERANCE and math.isfinite(omega_B[2])):
+        return RejectReason.NOT_FINITE
+    return q_NB, None if mask & _IGNORE_YAW_RATE else (0.0, 0.0, omega_B[2])
+
+
+def is_addressed_to(system: int, target_system: int, target_component: int) -> bool:
+    """Return whether a message is addressed to the autopilot of `system`; 0 addresses all."""
+    return target_system in (0, system) and target_component in (0, AUTOPILOT)
+
+
+def boot_ms(time_us: int) -> int:
+    """Return a time as the field `time_boot_ms`, which wraps after 49 days."""
+    return time_us // 1000 & 0xFFFF_FFFF
+
+
+def stamp_difference(command: Command, time_us: int) -> int:
+    """Return how much newer the command's stamp is than `time_us`, at the resolution of its message.
+
+    The unit is ms for an attitude target and us for torques; 0 means that the command answers that sample.
+    """
+    if isinstance(command, AttitudeTarget):
+        return command.time_us // 1000 - boot_ms(time_us)
+    return command.time_us - time_us
+
+
+def heartbeat_message(custom_mode: int, armed: bool, *, critical: bool, generic: bool = False) -> Message:
+    """Return the HEARTBEAT of a quadrotor with PX4, or with a `generic` autopilot."""
+    base_mode = wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (wire.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
+    flying = wire.MAV_STATE_CRITICAL if critical else wire.MAV_STATE_ACTIVE
+    state = flying if armed else wire.MAV_STATE_STANDBY
+    autopilot = wire.MAV_AUTOPILOT_GENERIC if generic else wire.MAV_AUTOPILOT_PX4
+    return wire.MAVLink_heartbeat_message(wire.MAV_TYPE_QUADROTOR, autopilot, base_mode, custom_mode, state, 3)
+
+
+def parse_parameter(message: Message) -> float:
+    """Return the value in a PARAM_VALUE; integers are encoded bytewise in the float field."""
+    if message.param_type == wire.MAV_PARAM_TYPE_REAL32:
+        return float(message.param_value)
+    return float(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
+
+
+def echo_message(command: Command) -> Message:
+    """Return ATTITUDE_TARGET or ACTUATOR_CONTROL_TARGET: the set-point that the vehicle tracks."""
+    if isinstance(command, TorqueCommand):
+        controls = (*command.torque_B, _thrust_field(command.throttle), 0.0, 0.0, 0.0, 0.0)
+        return wire.MAVLink_actuator_control_target_message(command.time_us, 0, controls)
+    mask, q_NB, omega_B = _target_fields(command)
+    return wire.MAVLink_attitude_target_message(
+        boot_ms(command.time_us), mask, q_NB, *omega_B, _thrust_field(command.thrust)
+    )
+
+
+def _target_fields(target: AttitudeTarget) -> tuple[int, Quaternion, Vector]:
+    if target.q_NB is not None:
+        mask = _IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE | (_IGNORE_YAW_RATE if target.omega_B is None else 0)
+        return mask, target.q_NB, target.omega_B or (0.0, 0.0, 0.0)
+    if target.omega_B is None:
+        raise ValueError("an attitude target needs q_NB, omega_B or both, got neither")
+    return _IGNORE_ATTITUDE, (0.0, 0.0, 0.0, 0.0), target.omega_B
+
+
+def _thrust_field(thrust: float | None) -> float:
+    return math.nan if thrust is None else thrust
+
+
+def _clip(value: float, low: float) -> float:
+    return low if value < low else 1.0 if value > 1.0 else value

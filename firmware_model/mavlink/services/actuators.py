@@ -1,0 +1,37 @@
+"""Rotor outputs: the thrust of each rotor as a fraction, and as the pulse width for a real vehicle's motors.
+
+References
+----------
+MAVLink, messages 36, 375.
+"""
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink.frames import Message
+from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
+
+_ROTORS = 4
+_OUTPUTS, _SERVOS = 32, 16  # capacity of the messages
+_PULSE_US = (1000, 1000)  # [us] width at zero thrust, and its increase at full thrust
+
+
+def make_service(context: VehicleContext) -> Service:
+    """Return the service of the rotors' outputs."""
+    loop = context.loop
+
+    def servos() -> Message:
+        time_us = loop.observe().time_us % 2**32
+        pulses = (_PULSE_US[0] + round(_PULSE_US[1] * min(max(thrust, 0.0), 1.0)) for thrust in loop.rotors)
+        return wire.MAVLink_servo_output_raw_message(time_us, 0, *pulses, *[0] * (_SERVOS - _ROTORS))
+
+    def outputs() -> Message:
+        time_us = loop.observe().time_us
+        thrusts = (*loop.rotors, *[0.0] * (_OUTPUTS - _ROTORS))
+        return wire.MAVLink_actuator_output_status_message(time_us, 2**_ROTORS - 1, thrusts)
+
+    return Service(
+        streams={
+            wire.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: Stream(servos, 100_000),
+            wire.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS: Stream(outputs, 100_000),
+        }
+    )

@@ -1,0 +1,324 @@
+"""Elementary functions and random numbers that give the same bits on every route.
+
+A call into the C library inside a loop over flights keeps the compiler from SIMD, and its result differs between
+machines. These functions are polynomials and integer arithmetic: without branches inside hot loops, and repeatable to
+the bit.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.numerics.compiled import kernel
+
+Array = NDArray[np.float64]
+BLOCK = 32
+"""Length of the inner loop of `inverse_normals`, constant so that the compiler finds SIMD."""
+
+# pi/2 in three parts, each but the last with trailing zeros, so that n * part is exact for |n| < 2^20
+# (W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980; parts as in Sun's fdlibm e_rem_pio2.c).
+_PIO2_1 = 1.57079632673412561417e00
+_PIO2_2 = 6.07710050630396597660e-11
+_PIO2_3 = 2.02226624879595063154e-21
+
+Word = np.uint64
+"""A number below 2^32, held in 64 bits so that products fit."""
+Words = tuple[Word, Word, Word, Word]
+
+_U32 = np.uint64(0xFFFFFFFF)
+_32 = np.uint64(32)
+_1 = np.uint64(1)
+
+
+@kernel
+def sin_cos(x: float) -> tuple[float, float]:
+    """Return sine and cosine of `x` [rad] within 1 ulp of 1, for `|x|` up to 1e5.
+
+    References
+    ----------
+    Sun Microsystems, fdlibm, k_sin.c and k_cos.c (minimax coefficients).
+    """
+    n = math.floor(x * (2.0 / math.pi) + 0.5)
+    r = ((x - n * _PIO2_1) - n * _PIO2_2) - n * _PIO2_3
+    z = r * r
+    s = r + r * z * (
+        -1.66666666666666324348e-01
+        + z
+        * (
+            8.33333333332248946124e-03
+            + z
+            * (
+                -1.98412698298579493134e-04
+                + z * (2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10))
+            )
+        )
+    )
+    c = (
+        1.0
+        - 0.5 * z
+        + z
+        * z
+        * (
+            4.16666666666666019037e-02
+            + z
+            * (
+                -1.38888888888741095749e-03
+                + z
+                * (
+                    2.48015872894767294178e-05
+                    + z
+                    * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 - z * 1.13596475577881948265e-11))
+                )
+            )
+        )
+    )
+    quadrant = n - 4.0 * math.floor(0.25 * n)
+    odd = quadrant == 1.0 or quadrant == 3.0
+    sine = c if odd else s
+    cosine = s if odd else c
+    return (-sine if quadrant >= 2.0 else sine), (-cosine if quadrant == 1.0 or quadrant == 2.0 else cosine)
+
+
+@kernel
+def arctan2(y: float, x: float) -> float:
+    """Return the angle of (`x`, `y`) in [-pi, pi] [rad], within 2 ulp of pi; 0 where both are 0.
+
+    References
+    ----------
+    S. L. Moshier, Cephes, atan.c (rational approximation on |t| <= 0.66).
+    """
+    larger = max(abs(x), abs(y))
+    smaller = min(abs(x), abs(y))
+    upper = smaller > 0.66 * larger
+    # arctan(r) = pi/4 + arctan((r - 1) / (r + 1)), with the ratio r as numerator and denominator: one division.
+    t = (smaller - larger if upper else smaller) / (smaller + larger if upper else (larger if larger > 0.0 else 1.0))
+    z = t * t
+    p = (
+        ((-8.750608600031904122785e-1 * z - 1.615753718733365076637e1) * z - 7.500855792314704667340e1) * z
+        - 1.228866684490136173410e2
+    ) * z - 6.485021904942025371773e1
+    q = (
+        (((z + 2.485846490142306297962e1) * z + 1.650270098316988542046e2) * z + 4.328810604912902668951e2) * z
+        + 4.853903996359136964868e2
+    ) * z + 1.945506571482613964425e2
+    angle = t + t * z * p / q + (0.25 * math.pi if upper else 0.0)
+    angle = 0.5 * math.pi - angle if abs(y) > abs(x) else angle
+    angle = math.pi - angle if x < 0.0 else angle
+    return -angle if y < 0.0 else angle
+
+
+@kernel
+def log(x: float) -> float:
+    """Return the natural logarithm of a normal positive number within 1 ulp.
+
+    References
+    ----------
+    Sun Microsystems, fdlibm, e_log.c (minimax coefficients).
+    """
+    bits = np.float64(x).view(np.int64)
+    # Exponent and mantissa such that the mantissa lies in [sqrt(1/2), sqrt(2)).
+    k = (bits - np.int64(0x3FE6A09E667F3BCD)) >> np.int64(52)
+    f = np.int64(bits - (k << np.int64(52))).view(np.float64) - 1.0
+    s = f / (2.0 + f)
+    z = s * s
+    r = z * (
+        6.666666666666735130e-01
+        + z
+        * (
+            3.999999999940941908e-01
+            + z
+            * (
+                2.857142874366239149e-01
+                + z
+                * (
+                    2.222219843214978396e-01
+                    + z * (1.818357216161805012e-01 + z * (1.531383769920937332e-01 + z * 1.479819860511658591e-01))
+                )
+            )
+        )
+    )
+    half = 0.5 * f * f
+    return k * 6.93147180369123816490e-01 - ((half - (s * (half + r) + k * 1.90821492927058770002e-10)) - f)
+
+
+@kernel
+def inverse_normal(u: float) -> float:
+    """Return the standard normal quantile of `u` in [1e-10, 1 - 1e-10], relative error below 1e-15.
+
+    References
+    ----------
+    M. J. Wichura, Algorithm AS 241: The percentage points of the normal distribution, Applied Statistics 37, 1988,
+    PPND16, without its far tail, which 32-bit uniforms never reach.
+    """
+    return _tail_quantile(u) if _is_tail(u) else _central_quantile(u)
+
+
+@kernel
+def inverse_normals(u: Array, quantiles: Array, tail: Array, indices: NDArray[np.int64]) -> None:
+    """Write the `inverse_normal` of each number in `u` to `quantiles`.
+
+    `indices` is scratch of the size of `u`, `tail` is `BLOCK` longer. One number in seven lies in the tails. Those are
+    packed side by side, because SIMD that followed both paths for every number would take twice the time.
+    """
+    count = 0
+    for i in range(u.size):
+        quantiles[i] = _central_quantile(u[i])
+    for i in range(u.size):
+        tail[count], indices[count] = u[i], i
+        count += _is_tail(u[i])
+    for i in range(BLOCK):
+        tail[count + i] = 0.5
+    for start in range(0, count, BLOCK):
+        for i in range(start, start + BLOCK):
+            tail[i] = _tail_quantile(tail[i])
+    for i in range(count):
+        quantiles[indices[i]] = tail[i]
+
+
+@kernel
+def _is_tail(u: float) -> bool:
+    return abs(u - 0.5) > 0.425
+
+
+@kernel
+def _central_quantile(u: float) -> float:
+    q = u - 0.5
+    r = 0.180625 - q * q
+    return (
+        q
+        * (
+            (
+                (
+                    (
+                        (
+                            ((2.5090809287301226727e3 * r + 3.3430575583588128105e4) * r + 6.7265770927008700853e4) * r
+                            + 4.5921953931549871457e4
+                        )
+                        * r
+                        + 1.3731693765509461125e4
+                    )
+                    * r
+                    + 1.9715909503065514427e3
+                )
+                * r
+                + 1.3314166789178437745e2
+            )
+            * r
+            + 3.3871328727963666080e0
+        )
+        / (
+            (
+                (
+                    (
+                        (
+                            ((5.2264952788528545610e3 * r + 2.8729085735721942674e4) * r + 3.9307895800092710610e4) * r
+                            + 2.1213794301586595867e4
+                        )
+                        * r
+                        + 5.3941960214247511077e3
+                    )
+                    * r
+                    + 6.8718700749205790830e2
+                )
+                * r
+                + 4.2313330701600911252e1
+            )
+            * r
+            + 1.0
+        )
+    )
+
+
+@kernel
+def _tail_quantile(u: float) -> float:
+    t = math.sqrt(-log(min(u, 1.0 - u))) - 1.6
+    tail = (
+        (
+            (
+                (
+                    (
+                        ((7.74545014278341407640e-4 * t + 2.27238449892691845833e-2) * t + 2.41780725177450611770e-1)
+                        * t
+                        + 1.27045825245236838258e0
+                    )
+                    * t
+                    + 3.64784832476320460504e0
+                )
+                * t
+                + 5.76949722146069140550e0
+            )
+            * t
+            + 4.63033784615654529590e0
+        )
+        * t
+        + 1.42343711074968357734e0
+    ) / (
+        (
+            (
+                (
+                    (
+                        ((1.05075007164441684324e-9 * t + 5.47593808499534494600e-4) * t + 1.51986665636164571966e-2)
+                        * t
+                        + 1.48103976427480074590e-1
+                    )
+                    * t
+                    + 6.89767334985100004550e-1
+                )
+                * t
+                + 1.67638483018380384940e0
+            )
+            * t
+            + 2.05319162663775882187e0
+        )
+        * t
+        + 1.0
+    )
+    return -tail if u < 0.5 else tail
+
+
+@kernel
+def philox(counter: Words, key: tuple[Word, Word]) -> Words:
+    """Return four 32-bit random integers, a pure function of `counter` and `key`.
+
+    References
+    ----------
+    J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, Parallel random numbers: as easy as 1, 2, 3, SC11, 2011:
+    Philox4x32-10.
+    """
+    a, b, c, d = counter
+    j, k = key
+    for _ in range(10):
+        low = np.uint64(0xD2511F53) * a
+        high = np.uint64(0xCD9E8D57) * c
+        a, b, c, d = (high >> _32) ^ b ^ j, high & _U32, (low >> _32) ^ d ^ k, low & _U32
+        j = (j + np.uint64(0x9E3779B9)) & _U32
+        k = (k + np.uint64(0xBB67AE85)) & _U32
+    return a, b, c, d
+
+
+@kernel
+def uniforms(seed: int, stream: int, sample: int, block: int) -> tuple[float, float, float, float]:
+    """Return four independent numbers, uniform in (0, 1), of one block of one sample of a stream under a seed.
+
+    A pure function of its arguments: no flight, sensor or step changes the numbers of another. Each argument is below
+    2^32. The numbers lie on a grid of 2^32 steps.
+    """
+    a, b, c, d = philox(
+        (np.uint64(sample), np.uint64(block), np.uint64(0), np.uint64(0)),
+        (np.uint64(seed), np.uint64(stream)),
+    )
+    scale = 2.0**-32
+    return (
+        (np.float64(a) + 0.5) * scale,
+        (np.float64(b) + 0.5) * scale,
+        (np.float64(c) + 0.5) * scale,
+        (np.float64(d) + 0.5) * scale,
+    )
+
+
+@kernel
+def normals(seed: int, stream: int, sample: int, block: int) -> tuple[float, float, float, float]:
+    """Return four standard normal numbers made of `uniforms`; `|n|` stays below 6.34."""
+    a, b, c, d = uniforms(seed, stream, sample, block)
+    return inverse_normal(a), inverse_normal(b), inverse_normal(c), inverse_normal(d)

@@ -1,0 +1,98 @@
+"""Rotations: unit quaternions (Hamilton, scalar first, B to N), ZYX Euler angles, and their kinematics.
+
+References
+----------
+J. Diebel, Representing Attitude: Euler Angles, Unit Quaternions, and Rotation Vectors, 2006. Its formulas are for the
+inverse rotation and are transposed here: `q_NB` takes components in B to N.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.numerics.compiled import kernel
+from firmware_model.numerics.elementary import arctan2, sin_cos
+from firmware_model.types import Quaternion, Vector
+
+
+@kernel
+def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the Hamilton product `a b`: the rotation `b` followed by `a`."""
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )
+
+
+@kernel
+def conjugate(q: Quaternion) -> Quaternion:
+    """Return the inverse rotation of a unit quaternion."""
+    return q[0], -q[1], -q[2], -q[3]
+
+
+@kernel
+def normalize(q: Quaternion) -> Quaternion:
+    """Return `q` at unit length."""
+    scale = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return scale * q[0], scale * q[1], scale * q[2], scale * q[3]
+
+
+@kernel
+def rotate(q_NB: Quaternion, v_B: Vector) -> Vector:
+    """Return the components in N of a vector given in B; with the conjugate of `q_NB`, from N to B."""
+    w, x, y, z = q_NB
+    t0 = 2.0 * (y * v_B[2] - z * v_B[1])
+    t1 = 2.0 * (z * v_B[0] - x * v_B[2])
+    t2 = 2.0 * (x * v_B[1] - y * v_B[0])
+    return (
+        v_B[0] + w * t0 + y * t2 - z * t1,
+        v_B[1] + w * t1 + z * t0 - x * t2,
+        v_B[2] + w * t2 + x * t1 - y * t0,
+    )
+
+
+@kernel
+def from_rotation_vector(v_B: Vector) -> Quaternion:
+    """Return the quaternion of the rotation about `v_B` by its length [rad]."""
+    angle = math.sqrt(v_B[0] * v_B[0] + v_B[1] * v_B[1] + v_B[2] * v_B[2])
+    sine, cosine = sin_cos(0.5 * angle)
+    scale = sine / angle if angle > 1e-12 else 0.5
+    return cosine, scale * v_B[0], scale * v_B[1], scale * v_B[2]
+
+
+@kernel
+def to_euler(q_NB: Quaternion) -> Vector:
+    """Return ZYX Euler angles phi, theta, psi [rad]; theta in [-pi/2, pi/2]."""
+    w, x, y, z = q_NB
+    sin_theta = min(max(2.0 * (w * y - z * x), -1.0), 1.0)
+    return (
+        arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        arctan2(sin_theta, math.sqrt((1.0 - sin_theta) * (1.0 + sin_theta))),
+        arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+    )
+
+
+@kernel
+def from_euler(phi: float, theta: float, psi: float) -> Quaternion:
+    """Return the quaternion of ZYX Euler angles [rad]."""
+    s1, c1 = sin_cos(0.5 * phi)
+    s2, c2 = sin_cos(0.5 * theta)
+    s3, c3 = sin_cos(0.5 * psi)
+    return (
+        c1 * c2 * c3 + s1 * s2 * s3,
+        s1 * c2 * c3 - c1 * s2 * s3,
+        c1 * s2 * c3 + s1 * c2 * s3,
+        c1 * c2 * s3 - s1 * s2 * c3,
+    )
+
+
+def euler_angles(q_NB: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ZYX Euler angles (n, 3) [rad] of quaternions (n, 4), with yaw unwrapped."""
+    w, x, y, z = q_NB.T
+    theta = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    phi = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    psi = np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+    return np.column_stack([phi, theta, psi])

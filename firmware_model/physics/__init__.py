@@ -1,0 +1,1 @@
+"""Model airframe, actuators, rotors, air, ground and sensors."""

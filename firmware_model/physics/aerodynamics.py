@@ -1,0 +1,170 @@
+"""Free flight: the rigid body in moving air, with drag, and on the ground.
+
+Force and moment of the air have one cause, the air's velocity relative to the vehicle. Each rotor drags along with the
+air through its plane, at a height above the centre of mass (see `gust_moment`), and so does the body.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_model.config.vehicle import GRAVITY, Vehicle
+from firmware_model.numerics.compiled import kernel
+from firmware_model.numerics.rotations import conjugate, rotate
+from firmware_model.physics.dryden import gust_moment
+from firmware_model.physics.ground import GroundParams, can_touch_ground, ground_params, ground_wrench, is_at_rest
+from firmware_model.physics.rigid_body import (
+    Body,
+    BodyInputs,
+    BodyParams,
+    at_rest,
+    body_params,
+    derivative,
+    runge_kutta,
+    specific_force,
+)
+from firmware_model.types import Vector
+
+AIR_DENSITY = 1.225
+"""[kg/m^3] ICAO standard atmosphere at sea level."""
+
+
+class AirParams(NamedTuple):
+    """Drag and moment coefficients of a vehicle."""
+
+    inverse_weight: float  # [1/N]
+    rotor_drag: float  # [N/(m/s)] all rotors in hover, in their plane
+    heave_drag: float  # [N/(m/s)] all rotors in hover, along their axis
+    body_drag: float  # [N/(m/s)^2]
+    gust_gain: float  # [N*m/(m/s)]
+    gust_yaw_ratio: float  # [-]
+
+
+class Air(NamedTuple):
+    """Motion of the air, constant over a sample."""
+
+    u: float  # [m/s] B, gust, blowing toward
+    v: float
+    w: float
+    north: float  # [m/s] N, mean wind, blowing toward
+    east: float
+    down: float
+
+
+class FreeParams(NamedTuple):
+    """Constants of a vehicle in free flight."""
+
+    body: BodyParams
+    """Airframe, its units beside each number."""
+    air: AirParams
+    """Drag, its units beside each number."""
+    ground: GroundParams
+    """Feet, their units beside each number."""
+
+
+class FreeInputs(NamedTuple):
+    """External inputs, constant over a sample."""
+
+    body: BodyInputs
+    """Commands, direct moments, angular gusts, units beside each number; no forces."""
+    air: Air
+    """Gust and wind, units beside each number."""
+    near_ground: bool
+    """True if the ground may be near; otherwise contact is skipped."""
+
+
+def air_params(vehicle: Vehicle) -> AirParams:
+    """Return a vehicle's coefficients in the air."""
+    return AirParams(
+        inverse_weight=1.0 / (vehicle.mass * GRAVITY),
+        rotor_drag=vehicle.rotor_drag,
+        heave_drag=vehicle.heave_drag,
+        body_drag=0.5 * AIR_DENSITY * vehicle.drag_area,
+        gust_gain=vehicle.gust_gain,
+        gust_yaw_ratio=vehicle.gust_yaw_ratio,
+    )
+
+
+def free_params(vehicle: Vehicle) -> FreeParams:
+    """Return the constants of a vehicle in free flight."""
+    return FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))
+
+
+@kernel
+def air_wrench(params: AirParams, body: Body, air: Air) -> tuple[Vector, Vector]:
+    """Return force [N] B and moment [N*m] B of the air.
+
+    Rotor drag is proportional to the relative air velocity and to rotor speed, which goes with the root of the thrust
+    and is 1 in hover. Body drag is quadratic, the same in all directions. Only gusts yaw the vehicle: a uniform
+    stream acts on all rotors equally.
+    """
+    past = (air.north - body.v_north, air.east - body.v_east, air.down - body.v_down)
+    mean = rotate(conjugate((body.qw, body.qx, body.qy, body.qz)), past)
+    v_B = (air.u + mean[0], air.v + mean[1], air.w + mean[2])
+    spin = math.sqrt(max(body.thrust, 0.0) * params.inverse_weight)
+    square = params.body_drag * math.sqrt(v_B[0] * v_B[0] + v_B[1] * v_B[1] + v_B[2] * v_B[2])
+    plane, axis = spin * params.rotor_drag + square, spin * params.heave_drag + square
+    moment = gust_moment(spin * params.gust_gain, params.gust_yaw_ratio, (v_B[0], v_B[1], air.w))
+    return (plane * v_B[0], plane * v_B[1], axis * v_B[2]), moment
+
+
+@kernel
+def sum_inputs(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[BodyInputs, bool, float]:
+    """Return the inputs with all forces and moments but gravity, whether the vehicle rests, and the ground's load [N].
+
+    At rest the ground's force balances all others; the springs' force among those returned is then not the real one.
+    """
+    outside = inputs.body
+    force, moment = air_wrench(params.air, body, inputs.air)
+    L, M, N = moment[0] + outside.L, moment[1] + outside.M, moment[2] + outside.N
+    ground_force, ground_moment, load, resting = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, False
+    if inputs.near_ground:
+        ground_force, ground_moment, load = ground_wrench(params.ground, body)
+        push, twist = (force[0], force[1], force[2] - body.thrust), (L + body.roll, M + body.pitch, N + body.yaw)
+        resting = (load > 0.0) & is_at_rest(params.ground, body, push, twist)
+    forces = BodyInputs(
+        roll_command=outside.roll_command,
+        pitch_command=outside.pitch_command,
+        yaw_command=outside.yaw_command,
+        L=L + ground_moment[0],
+        M=M + ground_moment[1],
+        N=N + ground_moment[2],
+        p_gust=outside.p_gust,
+        q_gust=outside.q_gust,
+        r_gust=outside.r_gust,
+        F_x=force[0] + ground_force[0],
+        F_y=force[1] + ground_force[1],
+        F_z=force[2] + ground_force[2],
+        thrust_command=outside.thrust_command,
+    )
+    return forces, resting, load
+
+
+@kernel
+def _derivative(params: FreeParams, body: Body, inputs: FreeInputs) -> Body:
+    return derivative(params.body, body, sum_inputs(params, body, inputs)[0])
+
+
+_integrate = runge_kutta(_derivative)
+
+
+@kernel
+def step(params: FreeParams, body: Body, inputs: FreeInputs, dt: float) -> Body:
+    """Return the state after `dt` [s]: a Runge-Kutta step; at rest only the actuators move."""
+    inputs = FreeInputs(inputs.body, inputs.air, inputs.near_ground and can_touch_ground(params.ground, body, dt))
+    next_body = _integrate(params, body, inputs, dt)
+    return at_rest(body, next_body) if sum_inputs(params, body, inputs)[1] else next_body
+
+
+@kernel
+def sensor_wrench(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[Vector, Vector, float]:
+    """Return specific force [m/s^2] B, the moment of the air [N*m] B, and the load on the ground [N].
+
+    Specific force is acceleration less gravity, the reading of an accelerometer at the centre of mass.
+    """
+    inputs = FreeInputs(inputs.body, inputs.air, inputs.near_ground and can_touch_ground(params.ground, body, 0.0))
+    forces, resting, load = sum_inputs(params, body, inputs)
+    moment = air_wrench(params.air, body, inputs.air)[1]
+    if resting:
+        up = rotate(conjugate((body.qw, body.qx, body.qy, body.qz)), (0.0, 0.0, -GRAVITY))
+        return up, moment, load
+    return specific_force(params.body, body, forces), moment, load

@@ -1,0 +1,230 @@
+"""Dryden turbulence, discretised exactly, and the moment of a gust.
+
+References
+----------
+MIL-F-8785C, Military Specification: Flying Qualities of Piloted Airplanes, 1980, section 3.7 (low-altitude model).
+MIL-HDBK-1797, Flying Qualities of Piloted Aircraft, 1997, section 4.9 (low-altitude model).
+"""
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from firmware_model.config.waveforms import Dryden
+from firmware_model.numerics.compiled import kernel
+from firmware_model.types import Vector
+
+FOOT = 0.3048
+"""[m]."""
+Array = NDArray[np.float64]
+
+
+class DrydenState(NamedTuple):
+    """State of the six shaping filters: `u` and `p` of first order, (v, r) and (w, q) of third order each.
+
+    `u` [m/s] and `p` [rad/s] are the gusts themselves; the others combine to them, see `dryden_gust`.
+    """
+
+    u: float
+    v1: float
+    v2: float
+    v3: float
+    w1: float
+    w2: float
+    w3: float
+    p: float
+
+
+class DrydenParams(NamedTuple):
+    """Discrete filters: scalar ones for u and p, third-order ones for (v, r) and (w, q).
+
+    `x+ = A x + B n` with A and B lower triangular, `n` standard normal. Outputs are v (or w) and its filtered
+    derivative.
+    """
+
+    u_a: float
+    u_b: float
+    p_a: float
+    p_b: float
+    v_a11: float
+    v_a21: float
+    v_a22: float
+    v_a31: float
+    v_a32: float
+    v_a33: float
+    v_b11: float
+    v_b21: float
+    v_b22: float
+    v_b31: float
+    v_b32: float
+    v_b33: float
+    v_c1: float
+    v_c2: float
+    r_c: float  # [1/m] r_gust = r_c (v - x3)
+    w_a11: float
+    w_a21: float
+    w_a22: float
+    w_a31: float
+    w_a32: float
+    w_a33: float
+    w_b11: float
+    w_b21: float
+    w_b22: float
+    w_b31: float
+    w_b32: float
+    w_b33: float
+    w_c1: float
+    w_c2: float
+    q_c: float  # [1/m] q_gust = q_c (w - x3)
+
+
+class DrydenSpectrum(NamedTuple):
+    """Intensities and lengths of the low-altitude model at one height, as the specification states them."""
+
+    sigma_u: float  # [m/s] along the mean wind
+    sigma_v: float  # [m/s] across
+    sigma_w: float  # [m/s] vertical
+    L_u: float  # [m]
+    L_v: float  # [m]
+    L_w: float  # [m]
+    sigma_p: float  # [rad/s] roll gust
+    airspeed: float  # [m/s] at which the frozen field passes
+    transverse: float  # [-] L_v and L_w times this, by the airspeed, are the time constants of v and w
+
+
+def dryden_spectrum(dryden: Dryden, altitude: float, span: float) -> DrydenSpectrum:
+    """Return intensities and lengths at `altitude` [m], for a `span` [m], MIL-F-8785C below 1000 ft (3.7.3.4).
+
+    The roll gust's variance is the integral of its spectrum (3.7.1.2). The airspeed defaults to the mean wind: past a
+    hovering vehicle the field moves at that speed. Heights below 10 ft count as 10 ft, the model's own floor.
+
+    MIL-HDBK-1797 halves the transverse lengths and writes twice them where MIL-F-8785C writes them once. So below
+    1000 ft the gusts are the same, in all spectra.
+    """
+    height = max(altitude / FOOT, 10.0)
+    shear = 0.177 + 0.000823 * height
+    sigma_w = 0.1 * dryden.wind_speed_20ft
+    sigma_u = sigma_w / shear**0.4
+    transverse = 2.0 if dryden.specification == "MIL-HDBK-1797" else 1.0
+    L_u = height / shear**1.2 * FOOT
+    whole_L_w = height * FOOT
+    variance_p = (
+        sigma_w**2 / whole_L_w * 0.8 * (math.pi * whole_L_w / (4.0 * span)) ** (1.0 / 3.0) * math.pi**2 / (8.0 * span)
+    )
+    return DrydenSpectrum(
+        sigma_u=sigma_u,
+        sigma_v=sigma_u,
+        sigma_w=sigma_w,
+        L_u=L_u,
+        L_v=L_u / transverse,
+        L_w=whole_L_w / transverse,
+        sigma_p=math.sqrt(variance_p),
+        airspeed=dryden.airspeed,
+        transverse=transverse,
+    )
+
+
+@lru_cache(maxsize=256)
+def dryden_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[DrydenParams, Array]:
+    """Return the exactly discretised filters for the step `dt` [s] and the factor (8, 8) of the stationary covariance.
+
+    At each sample the joint distribution is that of the continuous filters: `A = exp(F dt)` and `B B^T = P - A P A^T`.
+    P is the stationary covariance; the difference equals van Loan's integral of the noise over a step. An initial state
+    `factor n` with n standard normal is stationary.
+    """
+    V = spectrum.airspeed
+    v = _transverse(spectrum.sigma_v, spectrum.transverse * spectrum.L_v / V, 3.0 * span / (math.pi * V), dt)
+    w = _transverse(spectrum.sigma_w, spectrum.transverse * spectrum.L_w / V, 4.0 * span / (math.pi * V), dt)
+    u_a, p_a = math.exp(-dt * V / spectrum.L_u), math.exp(-dt * math.pi * V / (4.0 * span))
+    # A gust field w(x) turns the air nose down where w grows ahead: q_gust = -dw/dx, and r_gust = +dv/dx.
+    u = (u_a, spectrum.sigma_u * math.sqrt(1.0 - u_a * u_a))
+    p = (p_a, spectrum.sigma_p * math.sqrt(1.0 - p_a * p_a))
+    numbers = (*u, *p, *v.numbers, math.pi / (3.0 * span), *w.numbers, -math.pi / (4.0 * span))
+    factor = np.zeros((8, 8))
+    factor[0, 0], factor[7, 7] = spectrum.sigma_u, spectrum.sigma_p
+    factor[1:4, 1:4], factor[4:7, 4:7] = v.stationary, w.stationary
+    factor.flags.writeable = False
+    return DrydenParams._make(numbers), factor
+
+
+class _Transverse(NamedTuple):
+    numbers: tuple[float, ...]
+    stationary: Array
+
+
+def _transverse(sigma: float, tau: float, lag: float, dt: float) -> _Transverse:
+    """Return the filter of v or w and of the angular gust that it drives.
+
+    v(s) / n(s) = sigma sqrt(tau) (1 + sqrt(3) tau s) / (1 + tau s)^2 gives variance sigma^2 for unit white noise. The
+    angular gust is (s / V) / (1 + lag s) v(s). States: two first-order lags in a chain, then v low-passed by `lag`.
+    """
+    root = math.sqrt(3.0)
+    gain = sigma / math.sqrt(tau)
+    c = np.array([gain * root, gain * (1.0 - root)])
+    F = np.array([[-1.0 / tau, 0.0, 0.0], [1.0 / tau, -1.0 / tau, 0.0], [c[0] / lag, c[1] / lag, -1.0 / lag]])
+    b = np.array([[1.0], [0.0], [0.0]])
+    A = scipy.linalg.expm(F * dt)
+    P = scipy.linalg.solve_continuous_lyapunov(F, -b @ b.T)
+    Q = P - A @ P @ A.T
+    lower = np.tril_indices(3)
+    numbers = (*A[lower].tolist(), *_factorize(Q)[lower].tolist(), *c.tolist())
+    return _Transverse(numbers, _factorize(P))
+
+
+def _factorize(Q: Array) -> Array:
+    """Return lower-triangular B with `B B^T = Q`; unlike Cholesky, Q may be singular to rounding."""
+    values, vectors = np.linalg.eigh(0.5 * (Q + Q.T))
+    B = np.asarray(np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T, mode="r")).T
+    return B * np.where(np.diag(B) < 0.0, -1.0, 1.0)
+
+
+Float8 = tuple[float, float, float, float, float, float, float, float]
+
+
+@kernel
+def dryden_step(params: DrydenParams, x: DrydenState, n: Float8) -> DrydenState:
+    """Return the next filter state for eight standard normal numbers."""
+    return DrydenState(
+        u=params.u_a * x.u + params.u_b * n[0],
+        v1=params.v_a11 * x.v1 + params.v_b11 * n[1],
+        v2=params.v_a21 * x.v1 + params.v_a22 * x.v2 + params.v_b21 * n[1] + params.v_b22 * n[2],
+        v3=params.v_a31 * x.v1
+        + params.v_a32 * x.v2
+        + params.v_a33 * x.v3
+        + params.v_b31 * n[1]
+        + params.v_b32 * n[2]
+        + params.v_b33 * n[3],
+        w1=params.w_a11 * x.w1 + params.w_b11 * n[4],
+        w2=params.w_a21 * x.w1 + params.w_a22 * x.w2 + params.w_b21 * n[4] + params.w_b22 * n[5],
+        w3=params.w_a31 * x.w1
+        + params.w_a32 * x.w2
+        + params.w_a33 * x.w3
+        + params.w_b31 * n[4]
+        + params.w_b32 * n[5]
+        + params.w_b33 * n[6],
+        p=params.p_a * x.p + params.p_b * n[7],
+    )
+
+
+@kernel
+def dryden_gust(params: DrydenParams, x: DrydenState) -> tuple[Vector, Vector]:
+    """Return the gust [m/s] B and the angular gust [rad/s] B of a filter state."""
+    v = params.v_c1 * x.v1 + params.v_c2 * x.v2
+    w = params.w_c1 * x.w1 + params.w_c2 * x.w2
+    return (x.u, v, w), (x.p, params.q_c * (w - x.w3), params.r_c * (v - x.v3))
+
+
+@kernel
+def gust_moment(gain: float, yaw_ratio: float, gust_B: Vector) -> Vector:
+    """Return the moment [N*m] B of a gust [m/s] B.
+
+    Each rotor drags along with the air through its plane, F = c (gust), at a height h above the centre of mass.
+    With r = (0, 0, -h), r x F = (h c v, -h c u, 0), so `gain` = h c [N*m/(m/s)]. Yaw comes from the rotors' unequal
+    response to vertical gusts, `yaw_ratio` times that. On the stand mean wind is trimmed out and gives no moment. In
+    free flight all relative air rolls and pitches the vehicle, and its own loop trims out the steady part.
+    """
+    return gain * gust_B[1], -gain * gust_B[0], yaw_ratio * gain * gust_B[2]

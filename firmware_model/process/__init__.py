@@ -1,0 +1,1 @@
+"""Sockets, clock and process: UDP loop, access control, real-time hints, logs."""

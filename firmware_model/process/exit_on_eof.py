@@ -1,0 +1,23 @@
+"""End of a process when its parent is gone."""
+
+import os
+import sys
+from collections.abc import Callable
+from threading import Thread
+
+EXIT_ON_STDIN_EOF = "exit cleanly when standard input ends, as when the parent process is gone"
+"""Help of the option."""
+
+
+def exit_on_stdin_eof(interrupt: Callable[[], None]) -> None:
+    """Call `interrupt` when standard input ends.
+
+    Its other end belongs to the parent process, and even a kill closes it.
+    """
+
+    def wait() -> None:
+        while os.read(sys.stdin.fileno(), 4096):
+            pass
+        interrupt()
+
+    Thread(target=wait, daemon=True).start()

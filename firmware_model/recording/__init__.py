@@ -1,0 +1,1 @@
+"""Recordings of a flight, in files that survive a crash."""

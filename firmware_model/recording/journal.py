@@ -1,0 +1,149 @@
+"""Journal of a flight: one record of fixed size per sample, appended in flight. All recordings are made from it.
+
+The file starts with one line of JSON: scenario, vehicle and seed by name, and the metadata to make a recording or to
+repeat the flight. Records of little-endian float64 follow. A flight that is cut off leaves a journal that is intact up
+to its last record.
+"""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.config.files import TEXT, open_regular, parse_json
+from firmware_model.errors import ConfigError
+from firmware_model.recording.durable_file import AppendOnlyFile
+
+RECORD = np.dtype(
+    [
+        ("time_us", "<f8"),  # [us] model time of the sample
+        ("gyro_B", "<f8", 3),  # [rad/s] measured rate, a float32
+        ("specific_force_B", "<f8", 3),  # [m/s^2] measured, a float32
+        ("torque_command_B", "<f8", 3),  # [N*m] actuator command from this sample to the next
+        ("omega_command_B", "<f8", 3),  # [rad/s] command of the on-board rate loop; NaN without one
+        ("torque_B", "<f8", 3),  # [N*m] actual torque of the actuators
+        ("position_N", "<f8", 3),  # [m] north, east, down
+        ("velocity_N", "<f8", 3),  # [m/s]
+        ("q_NB", "<f8", 4),  # attitude B to N, Hamilton, scalar first
+        ("omega_B", "<f8", 3),  # [rad/s]
+        ("gust_B", "<f8", 3),  # [m/s] gust, blowing toward, from this sample to the next
+        ("gust_omega_B", "<f8", 3),  # [rad/s] angular gust
+        ("moment_B", "<f8", 3),  # [N*m] disturbance moment from this sample to the next; in free flight at this sample
+        ("thrust_z_command", "<f8", (1,)),  # [N] B, z: minus the collective thrust command
+        ("thrust_z", "<f8", (1,)),  # [N] B, z: minus the actual thrust; on the test stand it only turns the rotors
+        ("rotors", "<f8", 4),  # [N] thrust of each rotor
+        ("wind_N", "<f8", 3),  # [m/s] mean wind, blowing toward
+        ("command_age", "<f8", (1,)),  # [samples] age of the acting command, by its stamp; NaN without one
+        ("mode", "<f8"),  # autopilot mode, firmware_model.autopilot.modes.Mode
+    ]
+)
+WIDTH = RECORD.itemsize // 8
+_BLOCK = 1 << 16  # records per read
+
+# Offset of each field, in numbers.
+_OFFSETS = {name: RECORD.fields[name][1] // 8 for name in RECORD.names or ()}  # type: ignore[index]
+TIME, GYRO_B, FORCE_B = _OFFSETS["time_us"], _OFFSETS["gyro_B"], _OFFSETS["specific_force_B"]
+TORQUE_COMMAND, TORQUE_B = _OFFSETS["torque_command_B"], _OFFSETS["torque_B"]
+OMEGA_COMMAND = _OFFSETS["omega_command_B"]
+POSITION, VELOCITY, Q_NB, OMEGA = _OFFSETS["position_N"], _OFFSETS["velocity_N"], _OFFSETS["q_NB"], _OFFSETS["omega_B"]
+GUST, GUST_OMEGA, MOMENT, WIND = _OFFSETS["gust_B"], _OFFSETS["gust_omega_B"], _OFFSETS["moment_B"], _OFFSETS["wind_N"]
+THRUST_COMMAND, THRUST, ROTORS = _OFFSETS["thrust_z_command"], _OFFSETS["thrust_z"], _OFFSETS["rotors"]
+
+
+class JournalWriter:
+    """Writer of a new journal file; as a context manager it leaves the file complete.
+
+    A crash of the process can lose `buffer_records`: by default a second at 250 Hz.
+
+    Raises
+    ------
+    OSError
+        If the file can't be created.
+    RecordingError
+        If the disk is full; earlier records stay readable.
+    """
+
+    def __init__(self, path: Path, header: Mapping[str, Any], buffer_records: int = 250) -> None:
+        self._file = AppendOnlyFile(path)
+        self._file.write(json.dumps(header, separators=(",", ":")).encode() + b"\n")
+        self._block = np.empty((buffer_records, WIDTH))
+        self._used = 0
+
+    def append(self, record: NDArray[np.float64]) -> None:
+        """Append one record (WIDTH,)."""
+        self._block[self._used] = record
+        self._used += 1
+        if self._used == len(self._block):
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand all records so far to the operating system."""
+        used, self._used = self._used, 0  # records that a full disk has rejected are not written again
+        self._file.write(self._block[:used].tobytes())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self.flush()
+        finally:
+            self._file.close()
+
+
+def read_journal(path: Path, *, sound: bool = False) -> tuple[dict[str, Any], NDArray[np.void]]:
+    """Return a journal's header and its complete records, (n,) of `RECORD`, without a cut-off last one.
+
+    If `sound`, the records end where time no longer increases: a lost disk cache leaves zeros.
+
+    Raises
+    ------
+    ConfigError
+        If the file can't be read or is not a journal.
+    """
+    header, blocks = None, list[NDArray[np.void]]()
+    try:
+        with open_regular(path) as file:
+            header = parse_json(file.readline(TEXT))
+            while len(block := _read_block(file)):
+                blocks.append(block)
+                if sound and (cut := _end_of_time(blocks)) is not None:
+                    blocks[-1] = block[:cut]
+                    break
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    except ValueError:
+        header = None
+    if not isinstance(header, dict):
+        raise ConfigError(f"{path}: not a journal")
+    return header, np.concatenate(blocks) if blocks else np.empty(0, dtype=RECORD)
+
+
+def _read_block(file: IO[bytes]) -> NDArray[np.void]:
+    content = file.read(_BLOCK * RECORD.itemsize)
+    return np.frombuffer(content, dtype=RECORD, count=len(content) // RECORD.itemsize)
+
+
+def _end_of_time(blocks: Sequence[NDArray[np.void]]) -> int | None:
+    """Return the first record of the last block at which time does not increase, `None` if it always does."""
+    before = blocks[-2]["time_us"][-1:] if len(blocks) > 1 else [-np.inf]
+    breaks = np.flatnonzero(~(np.diff(blocks[-1]["time_us"], prepend=before) > 0.0))
+    return int(breaks[0]) if len(breaks) else None
+
+
+def count_records(path: Path) -> int:
+    """Return the number of complete records in a journal that may still grow or not exist yet."""
+    try:
+        with path.open("rb") as file:
+            header = file.readline()
+            size = os.fstat(file.fileno()).st_size
+    except FileNotFoundError:
+        return 0
+    return (size - len(header)) // RECORD.itemsize if header.endswith(b"\n") else 0

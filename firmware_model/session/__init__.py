@@ -1,0 +1,1 @@
+"""Conduct a flight without I/O: pacing, lockstep, link faults, outcome."""

@@ -1,0 +1,1 @@
+"""Step the simulated world: state, sample step, inner loop, faults."""

@@ -1,0 +1,228 @@
+"""Constants and state of vehicle, air and on-board loops, packed into arrays for the kernels."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.autopilot.attitude_loop import StabilizerState, stabilizer_params
+from firmware_model.autopilot.position_loop import initial_position_state, position_params
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
+from firmware_model.config.waveforms import Dryden
+from firmware_model.numerics.compiled import compiled
+from firmware_model.numerics.elementary import normals
+from firmware_model.numerics.random import GUST_STREAM
+from firmware_model.numerics.rotations import from_euler
+from firmware_model.physics.actuators import ActuatorParams
+from firmware_model.physics.aerodynamics import air_params
+from firmware_model.physics.disturbances import make_replay, make_waves
+from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_filters, dryden_spectrum
+from firmware_model.physics.ground import GroundParams, ground_params, standing_height
+from firmware_model.physics.mean_wind import mean_wind_params
+from firmware_model.physics.rigid_body import Body, body_params
+from firmware_model.physics.rotors import rotor_params
+from firmware_model.physics.sensors import AccelerometerParams, GyroParams
+from firmware_model.sim.fault_schedule import Plant, fault_schedule, initial_plant
+from firmware_model.sim.layout import ACTUATORS, BODY, GROUND, GUST_SCALE, GYRO, POSITION, ROTORS, STABILIZER
+from firmware_model.types import Quaternion, Vector
+
+Array = NDArray[np.float64]
+
+
+class VehicleInitial(NamedTuple):
+    """Per-vehicle part of the simulation state. Wind and moment profiles belong to the scenario."""
+
+    params: Array
+    """(n,) constants, each NamedTuple in a row with its own units."""
+    state: Array
+    """(n,) body, air and on-board loop, each NamedTuple in a row with its own units."""
+    changes: Array
+    """(n, 3) changes by events: sample, index in the constants, value from then on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SimState:
+    """Arrays of a flight for the kernels, and the facts that they were made of."""
+
+    params: Array
+    """(n,) constants, see `VehicleInitial`."""
+    state: Array
+    """(n,) state, see `VehicleInitial`; stepped by the kernels."""
+    waves: Array
+    """(n, WAVE) gusts and direct moments by formula, see `disturbances`; units there."""
+    replay: Array
+    """(samples or 0, 3 * TARGETS) replayed gusts [m/s] and direct moments [N*m], see `disturbances`."""
+    changes: Array
+    """(n, 3) changes by events, see `VehicleInitial`."""
+    seed: int
+    """Seed of all random streams."""
+    vehicle: Vehicle
+    """Vehicle of the constants."""
+    gust_scale: float
+    """[-] gust scale of the scenario."""
+    dt: float
+    """[s] sample time."""
+
+    def set_gust_scale(self, scale: float) -> None:
+        """Scale all gusts from now on by `scale` [-], on top of the scenario's scale; the mean wind stays."""
+        self.params[GUST_SCALE] = self.gust_scale * scale
+
+    def set_stabilizer(self, gains: Stabilizer) -> None:
+        """Change the gains of the attitude and rate loops."""
+        self.params[STABILIZER:POSITION] = stabilizer_params(self.vehicle, gains, self.dt)
+
+    def set_position_loop(self, gains: PositionLoop) -> None:
+        """Change gains and limits of the height and position loops."""
+        self.params[POSITION:ROTORS] = position_params(self.vehicle, gains, self.dt)
+
+
+def initial_state(vehicle: Vehicle, scenario: Scenario, seed: int, *, interactive: bool = False) -> SimState:
+    """Return a vehicle at rest in the scenario's attitude and height, in trimmed hover, in stationary turbulence.
+
+    An `interactive` one has its motors off. It stands level on the ground, or is clamped on the test stand.
+
+    Raises
+    ------
+    ValueError
+        If the seed is not in [0, 2^32).
+    """
+    params, state, changes = initial_vehicle_state(vehicle, scenario, seed, interactive=interactive)
+    return SimState(
+        params=params,
+        state=state,
+        waves=make_waves(scenario),
+        replay=make_replay(scenario),
+        changes=changes,
+        seed=seed,
+        vehicle=vehicle,
+        gust_scale=scenario.gust_scale,
+        dt=scenario.dt,
+    )
+
+
+def initial_vehicle_state(
+    vehicle: Vehicle,
+    scenario: Scenario,
+    seed: int,
+    *,
+    interactive: bool = False,
+    gust_scale: float | None = None,
+    attitude_deg: Vector | None = None,
+) -> VehicleInitial:
+    """Return the per-vehicle part of `initial_state`.
+
+    `gust_scale` and `attitude_deg` replace the scenario's `gust_scale` and `initial_attitude_deg`.
+
+    Raises
+    ------
+    ValueError
+        If the seed is not in [0, 2^32).
+    """
+    if not 0 <= seed < 2**32:
+        raise ValueError(f"seed is {seed}, must be in [0, 2^32)")
+    dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
+    dryden_params, dryden_state = _initial_turbulence(vehicle, scenario, dryden, seed)
+    grounded = interactive and scenario.free
+    phi, theta, psi = scenario.initial_attitude_deg if attitude_deg is None else attitude_deg
+    euler = (0.0, 0.0, 0.0) if grounded else (math.radians(phi), math.radians(theta), math.radians(psi))
+    q_NB = _from_euler(*euler)
+    estimate = StabilizerState(*q_NB, *[0.0] * 9)
+    height = standing_height(vehicle) if grounded else scenario.altitude_m
+    thrust = 0.0 if interactive else vehicle.mass * GRAVITY
+    body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, *q_NB, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, thrust)
+    scale = scenario.gust_scale if gust_scale is None else gust_scale
+    return VehicleInitial(
+        params=_pack_params(vehicle, scenario, dryden_params, scale),
+        state=np.array([*body, *dryden_state, *estimate, *initial_position_state(), *[0.0] * 5]),
+        changes=_list_changes(vehicle, scenario),
+    )
+
+
+def _pack_params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams, gust_scale: float) -> Array:
+    return np.array(
+        [
+            *body_params(vehicle, free=scenario.free),
+            *dryden_params,
+            *_gyro_params(initial_plant(vehicle, scenario), scenario),
+            *stabilizer_params(vehicle, vehicle.stabilizer, scenario.dt),
+            *position_params(vehicle, vehicle.position, scenario.dt),
+            *rotor_params(vehicle),
+            *air_params(vehicle),
+            *ground_params(vehicle),
+            *mean_wind_params(scenario.wind),
+            *ActuatorParams(),
+            *_accelerometer_params(vehicle, scenario),
+            scenario.free,
+            scenario.physics_rate_hz // scenario.control_rate_hz,
+            gust_scale,
+            vehicle.mass * GRAVITY,
+        ],
+        dtype=np.float64,
+    )
+
+
+def _list_changes(vehicle: Vehicle, scenario: Scenario) -> Array:
+    """Return a row (sample, index, value) for each constant that an event changes."""
+    plants = list(fault_schedule(vehicle, scenario))
+    if not plants:
+        return np.empty((0, 3))
+    rows: list[tuple[int, int, float]] = []
+    before = _changeable_params(initial_plant(vehicle, scenario), scenario)
+    for sample, plant in plants:
+        now = _changeable_params(plant, scenario)
+        rows += [(sample, at, value) for at, value in now.items() if value != before[at]]
+        before = now
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def _changeable_params(plant: Plant, scenario: Scenario) -> dict[int, float]:
+    """Return the constants that events may change, by index.
+
+    Springs of the feet, hover thrust and all gains stay as built.
+    """
+    weight = GROUND + GroundParams._fields.index("weight")
+    body, gyro = body_params(plant.vehicle, free=scenario.free), _gyro_params(plant, scenario)
+    rows = [(BODY, body), (GYRO, gyro), (ACTUATORS, plant.actuators), (weight, (plant.vehicle.mass * GRAVITY,))]
+    return {start + i: value for start, row in rows for i, value in enumerate(row)}
+
+
+def _gyro_params(plant: Plant, scenario: Scenario) -> GyroParams:
+    """Return the gyro's constants; noise is stated for 250 Hz and, as a density, grows with the root of the rate."""
+    instrument = plant.vehicle.gyro
+    ratio = instrument.noise_ratio * math.sqrt(scenario.control_rate_hz / 250.0) * plant.noise
+    constant = instrument.noise_model is NoiseModel.CONSTANT
+    b_x, b_y, b_z = (b + fault for b, fault in zip(instrument.bias_B, plant.bias, strict=True))
+    sigma = ratio * instrument.reference_rate if constant else 0.0
+    return GyroParams(sigma, 0.0 if constant else ratio, b_x, b_y, b_z, instrument.range, *plant.drift, plant.since_s)
+
+
+def _accelerometer_params(vehicle: Vehicle, scenario: Scenario) -> AccelerometerParams:
+    instrument, fault = vehicle.accelerometer, scenario.accelerometer
+    sigma = instrument.noise_density * math.sqrt(0.5 * scenario.control_rate_hz) if fault.noise else 0.0
+    b_x, b_y, b_z = (b + extra for b, extra in zip(instrument.bias_B, fault.bias_mps2, strict=True))
+    return AccelerometerParams(sigma, b_x, b_y, b_z, instrument.range)
+
+
+def _initial_turbulence(
+    vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int
+) -> tuple[DrydenParams, DrydenState]:
+    if dryden is None:
+        return DrydenParams(*[0.0] * len(DrydenParams._fields)), DrydenState(*[0.0] * 8)
+    spectrum = dryden_spectrum(dryden, scenario.altitude_m, vehicle.span)
+    params, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
+    # Blocks 0 and 1 of sample 0 drive its step, 2 and 3 are its initial state.
+    draw = np.array([*_normals(seed, GUST_STREAM, 0, 2), *_normals(seed, GUST_STREAM, 0, 3)])
+    return params, DrydenState(*(factor @ draw).tolist())
+
+
+@compiled
+def _from_euler(phi: float, theta: float, psi: float) -> Quaternion:
+    return from_euler(phi, theta, psi)
+
+
+@compiled
+def _normals(seed: int, stream: int, sample: int, block: int) -> tuple[float, float, float, float]:
+    return normals(seed, stream, sample, block)

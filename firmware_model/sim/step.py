@@ -1,0 +1,281 @@
+"""Step the simulation by one sample: air and sensors at the sample rate, the rigid body at the physics rate.
+
+The gust is sampled with the gyro and held until the next sample, so that one journal record holds all inputs.
+"""
+
+from typing import Any
+
+from firmware_model.autopilot.attitude_loop import (
+    StabilizerParams,
+    StabilizerState,
+    align_attitude,
+    set_attitude,
+    update_attitude,
+    update_rates,
+)
+from firmware_model.numerics.compiled import compiled, kernel
+from firmware_model.numerics.elementary import normals
+from firmware_model.numerics.random import ACCELEROMETER_STREAM, GUST_STREAM, GYRO_STREAM
+from firmware_model.numerics.rotations import conjugate, rotate
+from firmware_model.numerics.soa import Lane, get, get_vector, loader, put, put_vector, single, storer
+from firmware_model.physics import aerodynamics, rigid_body
+from firmware_model.physics.actuators import ActuatorParams, apply_actuator_faults
+from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams
+from firmware_model.physics.disturbances import Disturbance, disturbance
+from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
+from firmware_model.physics.ground import GroundParams, can_touch_ground
+from firmware_model.physics.mean_wind import MeanWindParams, mean_wind
+from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, at_rest
+from firmware_model.physics.rotors import Float4, RotorParams, allocate, rotor_thrusts
+from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
+from firmware_model.recording import journal
+from firmware_model.sim import layout
+from firmware_model.sim.inner_loop import OFF, track_setpoint
+from firmware_model.sim.layout import (
+    FREE,
+    GUST_SCALE,
+    STEPS,
+    X_BODY,
+    X_DIRECT,
+    X_DRYDEN,
+    X_LOAD,
+    X_NEXT_CHANGE,
+    X_STABILIZER,
+)
+from firmware_model.sim.state import Array
+from firmware_model.types import Quaternion, Vector
+
+_load_body_params, _load_dryden_params = loader(BodyParams), loader(DrydenParams)
+_load_gyro_params, _load_stabilizer_params = loader(GyroParams), loader(StabilizerParams)
+_load_rotor_params = loader(RotorParams)
+_load_air_params, _load_ground_params = loader(AirParams), loader(GroundParams)
+_load_mean_wind_params, _load_actuator_params = loader(MeanWindParams), loader(ActuatorParams)
+_load_accelerometer_params = loader(AccelerometerParams)
+_load_body, _load_dryden = loader(Body), loader(DrydenState)
+_load_stabilizer_state, _store_stabilizer_state = loader(StabilizerState), storer(StabilizerState)
+_store_body, _store_dryden = storer(Body), storer(DrydenState)
+
+
+@kernel
+def observe_kernel(
+    params: Array,
+    state: Array,
+    waves: Array,
+    replay: Array,
+    changes: Array,
+    seed: int,
+    sample: int,
+    sample_us: int,
+    record: Array,
+) -> None:
+    """Write to `record` the true state at a sample, the inputs from then on, and the measurements; once a sample."""
+    one, x = single(params), single(state)
+    apply_changes(params, x, changes, sample)
+    time_us = sample * sample_us
+    scripted, free = disturbance(waves, replay, sample, time_us * 1e-6), get(one, FREE) != 0.0
+    gyro_noise, force_noise = normals(seed, GYRO_STREAM, sample, 0), normals(seed, ACCELEROMETER_STREAM, sample, 0)
+    measure(one, x, free, True, True, scripted, gyro_noise, force_noise, time_us, single(record))
+    _write_rotors(one, x, free, single(record))
+
+
+@kernel
+def advance_kernel(
+    params: Array, state: Array, seed: int, sample: int, sample_us: int, setpoint: Array, record: Array
+) -> None:
+    """Step from a sample to the next under `setpoint`, and write the actuator command to `record`."""
+    one, x, row = single(params), single(state), single(record)
+    kind, free, steps = setpoint[0], get(one, FREE) != 0.0, int(get(one, STEPS))
+    dt = sample_us * 1e-6 / steps
+    track_setpoint(one, x, free, kind, single(setpoint), row)
+    start = _load_body(x, X_BODY)
+    body = start
+    for _ in range(steps):
+        body = integrate_body(one, x, free, True, body, dt, row)
+    if kind == OFF and not free:
+        body = at_rest(start, body)
+        _store_stabilizer_state(x, X_STABILIZER, set_attitude(_load_stabilizer_state(x, X_STABILIZER), _q_NB(body)))
+    _store_body(x, X_BODY, body)
+    step_turbulence(one, x, normals(seed, GUST_STREAM, sample, 0), normals(seed, GUST_STREAM, sample, 1))
+
+
+@kernel
+def apply_changes(params: Array, state: Lane, changes: Array, sample: int) -> None:
+    """Apply the changes by events that are due at a sample and not applied yet."""
+    i = int(get(state, X_NEXT_CHANGE))
+    while i < changes.shape[0] and changes[i, 0] <= sample:
+        params[int(changes[i, 1])] = changes[i, 2]
+        i += 1
+    put(state, X_NEXT_CHANGE, i)
+
+
+@kernel
+def measure(
+    params: Lane,
+    state: Lane,
+    free: bool,
+    near_ground: bool,
+    full: bool,
+    scripted: Disturbance,
+    gyro_noise: Float4,
+    force_noise: Float4,
+    time_us: int,
+    record: Lane,
+) -> None:
+    """Write to `record` the fields of `observe_kernel` except the rotors, with standard normal numbers for the sensors.
+
+    Unless `full`, leave out the on-board attitude, fields that are only recorded and, on the stand, the wind. Torque
+    and rate laws and the metrics need none of them. Unless `near_ground`, skip contact.
+    """
+    body, time = _load_body(state, X_BODY), time_us * 1e-6
+    direct = _write_air(params, state, full or free, scripted, record)
+    force, moment, load = _sensor_wrench(params, body, free, near_ground, direct, record)
+    rate = measure_gyro(_load_gyro_params(params, layout.GYRO), (body.p, body.q, body.r), gyro_noise, time)
+    put_vector(record, journal.GYRO_B, rate)
+    accelerometer = _load_accelerometer_params(params, layout.ACCELEROMETER)
+    put_vector(record, journal.FORCE_B, measure_accelerometer(accelerometer, force, force_noise))
+    put_vector(record, journal.MOMENT, (moment[0] + direct[0], moment[1] + direct[1], moment[2] + direct[2]))
+    put_vector(record, journal.OMEGA, (body.p, body.q, body.r))
+    _put_float4(record, journal.Q_NB, _q_NB(body))
+    stabilizer = _load_stabilizer_params(params, layout.STABILIZER)
+    estimate = _load_stabilizer_state(state, X_STABILIZER)
+    estimate = update_attitude(stabilizer, estimate, rate) if full else update_rates(stabilizer, estimate, rate)
+    if free and full:
+        estimate = align_attitude(stabilizer, estimate, _q_NB(body))
+    _store_stabilizer_state(state, X_STABILIZER, estimate)
+    if full or free:
+        put_vector(state, X_DIRECT, direct)
+        put_vector(record, journal.POSITION, (body.north, body.east, body.down))
+    if full:
+        put(state, X_LOAD, load)
+        put(record, journal.TIME, time_us)
+        put_vector(record, journal.VELOCITY, (body.v_north, body.v_east, body.v_down))
+        put_vector(record, journal.TORQUE_B, (body.roll, body.pitch, body.yaw))
+        put(record, journal.THRUST, -body.thrust)
+
+
+@kernel
+def _q_NB(body: Body) -> Quaternion:
+    return body.qw, body.qx, body.qy, body.qz
+
+
+@kernel
+def _put_float4(lane: Lane, row: int, value: Quaternion) -> None:
+    for i in range(4):
+        put(lane, row + i, value[i])
+
+
+@kernel
+def _free_params(params: Lane) -> FreeParams:
+    return FreeParams(
+        _load_body_params(params, layout.BODY),
+        _load_air_params(params, layout.AIR),
+        _load_ground_params(params, layout.GROUND),
+    )
+
+
+@kernel
+def _write_air(params: Lane, state: Lane, windy: bool, scripted: Disturbance, record: Lane) -> Vector:
+    """Write gust and wind, and return the direct moment [N*m] B; scripted vectors in N are rotated into B."""
+    body = _load_body(state, X_BODY)
+    gust_B, gust_N, moment_B, moment_N = scripted
+    to_B = conjugate(_q_NB(body))
+    rotated_gust, rotated_moment = rotate(to_B, gust_N), rotate(to_B, moment_N)
+    turbulence, angular_gust = dryden_gust(_load_dryden_params(params, layout.DRYDEN), _load_dryden(state, X_DRYDEN))
+    scale = get(params, GUST_SCALE)
+    for i in range(3):
+        put(record, journal.GUST + i, scale * (turbulence[i] + gust_B[i] + rotated_gust[i]))
+        put(record, journal.GUST_OMEGA + i, scale * angular_gust[i])
+    if windy:
+        put_vector(record, journal.WIND, mean_wind(_load_mean_wind_params(params, layout.MEAN_WIND), -body.down))
+    return moment_B[0] + rotated_moment[0], moment_B[1] + rotated_moment[1], moment_B[2] + rotated_moment[2]
+
+
+@kernel
+def _sensor_wrench(
+    params: Lane, body: Body, free: bool, near_ground: bool, direct: Vector, record: Lane
+) -> tuple[Vector, Vector, float]:
+    """Return specific force [m/s^2] B, the air's moment [N*m] B, and the load on the ground [N]."""
+    if not free:
+        no_inputs = BodyInputs(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        force = rigid_body.specific_force(_load_body_params(params, layout.BODY), body, no_inputs)
+        air = _load_air_params(params, layout.AIR)
+        return force, gust_moment(air.gust_gain, air.gust_yaw_ratio, get_vector(record, journal.GUST)), 0.0
+    inputs = FreeInputs(_body_inputs(record, direct, (0.0, 0.0, 0.0), 0.0), _read_air(record), near_ground)
+    return aerodynamics.sensor_wrench(_free_params(params), body, inputs)
+
+
+@kernel
+def _body_inputs(record: Lane, moment: Vector, torque: Vector, thrust: float) -> BodyInputs:
+    """Return the inputs of the body from the record's sample on, under commands [N*m] B and [N]."""
+    p_gust, q_gust, r_gust = get_vector(record, journal.GUST_OMEGA)
+    return BodyInputs(
+        torque[0], torque[1], torque[2], moment[0], moment[1], moment[2], p_gust, q_gust, r_gust, 0.0, 0.0, 0.0, thrust
+    )
+
+
+@kernel
+def _read_air(record: Lane) -> Air:
+    u, v, w = get_vector(record, journal.GUST)
+    north, east, down = get_vector(record, journal.WIND)
+    return Air(u, v, w, north, east, down)
+
+
+@kernel
+def _write_rotors(params: Lane, state: Lane, free: bool, record: Lane) -> None:
+    """Write the rotor thrusts; on the stand they are those that the allocation gives at that thrust."""
+    body = _load_body(state, X_BODY)
+    torque = (body.roll, body.pitch, body.yaw)
+    rotors = _load_rotor_params(params, layout.ROTORS)
+    thrust = body.thrust
+    if not free:
+        torque, thrust = allocate(rotors, torque, thrust)
+    _put_float4(record, journal.ROTORS, rotor_thrusts(rotors, torque, thrust))
+
+
+@kernel
+def integrate_body(
+    params: Lane, state: Lane, free: bool, near_ground: bool, body: Body, dt: float, record: Lane
+) -> Body:
+    """Return the body after a step of `dt` [s] under the inputs and commands of the record's sample.
+
+    Unless `near_ground`, contact is skipped.
+    """
+    actuators = _load_actuator_params(params, layout.ACTUATORS)
+    torque = apply_actuator_faults(actuators, get_vector(record, journal.TORQUE_COMMAND))
+    thrust = -get(record, journal.THRUST_COMMAND)
+    if free:
+        forces = _body_inputs(record, get_vector(state, X_DIRECT), torque, thrust)
+        inputs = FreeInputs(forces, _read_air(record), near_ground)
+        return aerodynamics.step(_free_params(params), body, inputs, dt)
+    held = _body_inputs(record, get_vector(record, journal.MOMENT), torque, thrust)
+    return rigid_body.step_attitude(_load_body_params(params, layout.BODY), body, held, dt)
+
+
+@kernel
+def step_body(params: Lane, state: Lane, free: bool, near_ground: bool, dt: float, record: Lane) -> None:
+    """Step the body once, see `integrate_body`."""
+    body = integrate_body(params, state, free, near_ground, _load_body(state, X_BODY), dt, record)
+    _store_body(state, X_BODY, body)
+
+
+@kernel
+def is_near_ground(params: Lane, state: Lane, dt: float) -> bool:
+    """Return whether a vehicle in free flight may touch the ground within a step of `dt` [s]."""
+    return can_touch_ground(_load_ground_params(params, layout.GROUND), _load_body(state, X_BODY), dt)
+
+
+@kernel
+def step_turbulence(params: Lane, state: Lane, a: Float4, b: Float4) -> None:
+    """Step the turbulence to the next sample with eight standard normal numbers."""
+    noise = (a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3])
+    turbulence = dryden_step(_load_dryden_params(params, layout.DRYDEN), _load_dryden(state, X_DRYDEN), noise)
+    _store_dryden(state, X_DRYDEN, turbulence)
+
+
+observe, advance = compiled(observe_kernel), compiled(advance_kernel)
+"""The same for calls from Python."""
+
+
+def estimate_q_NB(state: Array) -> Any:
+    """Return the on-board strapdown attitude (4,) of a state."""
+    return state[X_STABILIZER : X_STABILIZER + 4]

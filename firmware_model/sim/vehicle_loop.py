@@ -1,0 +1,165 @@
+"""Plant and on-board loops at their rates: the one place that delays commands and packs them as set-points."""
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
+from firmware_model.recording.journal import FORCE_B, GYRO_B, RECORD, WIDTH
+from firmware_model.sim import inner_loop, step
+from firmware_model.sim.layout import X_LOAD
+from firmware_model.sim.state import initial_state
+from firmware_model.types import (
+    AttitudeTarget,
+    ImuSample,
+    LevelFlight,
+    PositionTarget,
+    Quaternion,
+    Setpoint,
+    TorqueCommand,
+    Trim,
+    Vector,
+)
+
+Array = NDArray[np.float64]
+_AGE, _MODE = WIDTH - 2, WIDTH - 1
+_IMU = slice(GYRO_B, FORCE_B + 3)  # gyro and specific force are neighbours
+_UNUSED_FIELDS = (math.nan,) * (inner_loop.SETPOINT_WIDTH - 1)
+_TRIM = np.array((inner_loop.TRIM, *_UNUSED_FIELDS))
+_LEVEL = np.array((inner_loop.LEVEL, *_UNUSED_FIELDS))
+_OFF = np.array((inner_loop.OFF, *_UNUSED_FIELDS))
+_GROUND_LOAD_SHARE = 0.1  # [-] of the weight on the ground, above which the vehicle is on it
+
+
+class VehicleLoop:
+    """A vehicle that flies a scenario sample by sample: `observe`, then `advance`, until `finished`.
+
+    `sample` is the number of the current one, `time_us` [us] its model time. An `interactive` vehicle begins with its
+    motors off, on the ground or clamped on the stand, and never finishes. Any other begins in trimmed hover.
+    """
+
+    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, *, interactive: bool = False) -> None:
+        self._state = initial_state(vehicle, scenario, seed, interactive=interactive)
+        self._free, self._interactive, self._clamped = scenario.free, interactive, interactive
+        self._thrust_max = 4.0 * vehicle.rotors.thrust_max
+        self._on_ground_load = _GROUND_LOAD_SHARE * vehicle.mass * GRAVITY
+        self._sample_us, self._samples = scenario.sample_us, scenario.samples
+        self._record = np.empty(WIDTH)
+        self._fields = self._record.view(RECORD)[0]
+        self._imu: ImuSample | None = None
+        self._pending: deque[tuple[Array, int | None]] = deque([(_TRIM, None)] * scenario.delay_samples)
+        self.sample = 0
+        self.time_us = 0
+
+    @property
+    def finished(self) -> bool:
+        """True if all samples of the scenario are flown."""
+        return self.sample >= self._samples and not self._interactive
+
+    def observe(self) -> ImuSample:
+        """Return the measurements at this sample; the same object until `advance`."""
+        if self._imu is None:
+            x = self._state
+            sample, sample_us, record = self.sample, self._sample_us, self._record
+            step.observe(x.params, x.state, x.waves, x.replay, x.changes, x.seed, sample, sample_us, record)
+            p, q, r, f_x, f_y, f_z = record[_IMU].tolist()
+            self._imu = ImuSample(time_us=self.time_us, gyro_B=(p, q, r), specific_force_B=(f_x, f_y, f_z))
+        return self._imu
+
+    def advance(self, setpoint: Setpoint, mode: int) -> Array:
+        """Step to the next sample and return the journal record (WIDTH,) of this one, valid until the next call.
+
+        A controller's command, and the trim before the first one, act `delay_samples` later. The autopilot's own
+        set-points act at once and drop the commands still on their way.
+
+        The recorded age is that of the acting command by its stamp, `delay_samples` if it came in time. It counts whole
+        samples, so the whole milliseconds of an attitude target's stamp do not show.
+        """
+        self.observe()
+        row = pack_setpoint(setpoint)
+        stamp_us = setpoint.time_us if isinstance(setpoint, (TorqueCommand, AttitudeTarget)) else None
+        if isinstance(setpoint, (TorqueCommand, AttitudeTarget, Trim)):
+            self._pending.append((row, stamp_us))
+            row, stamp_us = self._pending.popleft()
+            self._clamped = False
+        else:
+            self._pending = deque([(row, None)] * len(self._pending))
+            self._clamped = row is _OFF
+        x = self._state
+        step.advance(x.params, x.state, x.seed, self.sample, self._sample_us, row, self._record)
+        self._record[_AGE] = math.nan if stamp_us is None else (self.time_us - stamp_us) // self._sample_us
+        self._record[_MODE] = mode
+        self.sample += 1
+        self.time_us += self._sample_us
+        self._imu = None
+        return self._record
+
+    @property
+    def q_NB(self) -> Quaternion:
+        """True attitude at the sample."""
+        w, x, y, z = self._fields["q_NB"].tolist()
+        return w, x, y, z
+
+    @property
+    def estimate_q_NB(self) -> Quaternion:
+        """On-board strapdown attitude at the sample."""
+        w, x, y, z = step.estimate_q_NB(self._state.state).tolist()
+        return w, x, y, z
+
+    @property
+    def on_ground(self) -> bool:
+        """True if the ground carries a tenth of the weight at the sample, or the vehicle is clamped on the stand."""
+        self.observe()
+        return bool(self._state.state[X_LOAD] >= self._on_ground_load) if self._free else self._clamped
+
+    @property
+    def thrust(self) -> float:
+        """[-] Collective thrust at the sample, as a fraction of the largest."""
+        return -float(self._fields["thrust_z"][0]) / self._thrust_max
+
+    @property
+    def rotors(self) -> tuple[float, float, float, float]:
+        """[-] Thrust of each rotor at the sample, as a fraction of its largest."""
+        a, b, c, d = (self._fields["rotors"] * (4.0 / self._thrust_max)).tolist()
+        return a, b, c, d
+
+    def set_gust_scale(self, scale: float) -> None:
+        """Scale all gusts from the next sample on by `scale` [-], on top of the scenario's; the mean wind stays."""
+        self._state.set_gust_scale(scale)
+
+    def set_stabilizer(self, gains: Stabilizer) -> None:
+        """Change the gains of the on-board attitude and rate loops."""
+        self._state.set_stabilizer(gains)
+
+    def set_position_loop(self, gains: PositionLoop) -> None:
+        """Change gains and limits of the on-board height and position loops."""
+        self._state.set_position_loop(gains)
+
+    def true_vector(self, name: str) -> Vector:
+        """Return a vector of the journal's record at the sample by its name, such as `omega_B` or `gust_B`."""
+        a, b, c = self._fields[name].tolist()
+        return a, b, c
+
+
+def pack_setpoint(setpoint: Setpoint) -> Array:
+    """Return a set-point as the row (SETPOINT_WIDTH,) that the kernels take."""
+    if isinstance(setpoint, TorqueCommand):
+        throttle = math.nan if setpoint.throttle is None else setpoint.throttle
+        return np.array((inner_loop.TORQUE, *setpoint.torque_B, 0.0, 0.0, 0.0, 0.0, throttle))
+    if isinstance(setpoint, AttitudeTarget):
+        return _pack_attitude_target(setpoint)
+    if isinstance(setpoint, PositionTarget):
+        v_down = math.nan if setpoint.v_down is None else setpoint.v_down
+        return np.array((inner_loop.POSITION_TARGET, *setpoint.position_N, setpoint.yaw, v_down, 0.0, 0.0, math.nan))
+    return _LEVEL if isinstance(setpoint, LevelFlight) else _TRIM if isinstance(setpoint, Trim) else _OFF
+
+
+def _pack_attitude_target(target: AttitudeTarget) -> Array:
+    rates = target.omega_B or (0.0, 0.0, 0.0)
+    thrust = math.nan if target.thrust is None else target.thrust
+    if target.q_NB is None:
+        return np.array((inner_loop.RATES, *rates, 0.0, 0.0, 0.0, 0.0, thrust))
+    return np.array((inner_loop.ATTITUDE, *target.q_NB, *rates, thrust))

@@ -1,0 +1,1 @@
+"""Analyse a law on a vehicle: margins, robustness, limits, responses."""

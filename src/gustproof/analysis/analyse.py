@@ -1,0 +1,220 @@
+"""Analysis of a law on a vehicle: margins, poles, responses, and the causes of its error."""
+
+import math
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic_core import to_jsonable_python
+
+from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.config.waveforms import MomentStep
+from gustproof.analysis.hover_loop import HoverLoop, hover_loop
+from gustproof.analysis.law_margins import SPREADS, axis_robustness
+from gustproof.analysis.placement import Placement, locate
+from gustproof.certify.mu.sweep import Bracket
+from gustproof.law.form import Law
+from gustproof.lti.state_space import ComplexMatrix
+from gustproof.scoring.metrics import Metrics, measure
+from gustproof.simulate.direct import fly_direct
+from gustproof.synthesis.derive import margins_to_dict
+
+_AXES = ("roll", "pitch", "yaw")
+_STEP_S = 5.0
+_STEP_SHARE = 0.03  # [-] of the torque limit: small enough for every stable law to stay near level
+
+Records = NDArray[np.void]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Analysis:
+    """Linear figures of the loop at hover, and flights on the direct route."""
+
+    law: Law
+    """Analysed law."""
+    scenario: Scenario
+    """Air and rates of the flights."""
+    seed: int
+    """Seed of gusts and noise."""
+    hover: HoverLoop
+    """Linear loop at hover."""
+    stability: tuple[Bracket, ...]
+    """mu of roll, pitch, yaw for inertia off by 20 % and lag off by 30 %; empty if the law couples axes or has no
+    margins."""
+    placement: Placement | None
+    """Predicted error and the least of linear gyro-only laws at the same Ms and slew; `None` without such a limit."""
+    step_records: Records
+    """Flight under a moment step about each axis, without wind or noise."""
+    step_moment: tuple[float, float, float]
+    """[N*m] B, height of the step."""
+    records: Records
+    """Flight through the scenario."""
+    metrics: Metrics
+    """Figures of that flight."""
+    gust_alone: Metrics
+    """Figures of the same flight with a noiseless gyro."""
+    noise_alone: Metrics
+    """Figures of the same flight in still air."""
+
+    def limits(self) -> tuple[str, ...]:
+        """Return the limits of the law, in words, the largest share of the error first."""
+        return tuple(_describe_limits(self))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the analysis as JSON values; numbers that are not finite become `None`."""
+        document = {
+            "law": self.law.name,
+            "order": self.law.order,
+            "dt_s": self.law.dt,
+            "output": self.law.output.value,
+            "scheduled": self.law.is_scheduled,
+            "takes_references": self.law.takes_references,
+            "reference_limit_deg": limit if math.isfinite(limit := self.law.reference_limit_deg) else None,
+            "design": self.law.provenance.design,
+            "scenario": self.scenario.name,
+            "seed": self.seed,
+            "margins": None if self.hover.margins is None else margins_to_dict(self.hover.margins),
+            "off_nominal": {
+                "inertia_spread": SPREADS.inertia,
+                "actuator_lag_spread": SPREADS.actuator_lag,
+                "stable_up_to_times": [1.0 / axis.upper for axis in self.stability],
+            },
+            "place": None if self.placement is None else asdict(self.placement),
+            "law_poles_rad_s": pole_pairs(self.hover.law_poles),
+            "loop_poles_rad_s": pole_pairs(self.hover.loop_poles),
+            "flown": asdict(self.metrics),
+            "gust_alone": asdict(self.gust_alone),
+            "noise_alone": asdict(self.noise_alone),
+            "limits": list(self.limits()),
+        }
+        finite: dict[str, Any] = to_jsonable_python(document, inf_nan_mode="null")
+        return finite
+
+
+def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) -> Analysis:
+    """Analyse a law on a vehicle, at the sample time and delay of `scenario` and in its air.
+
+    Raises
+    ------
+    ValueError
+        If the law's sample time is not the scenario's.
+
+    Examples
+    --------
+    >>> from gustproof import analyse, load_law, load_scenario, load_vehicle
+    >>> analysis = analyse(load_law("hinf-d1"), load_vehicle("paper"), load_scenario("gust-roll"))
+    >>> margins = analysis.hover.margins
+    >>> [round(axis.Ms, 2) for axis in margins.input]
+    [1.28, 1.3, 1.35]
+    """
+    roll, pitch, yaw = vehicle.torque_limit
+    step_moment = (_STEP_SHARE * roll, _STEP_SHARE * pitch, _STEP_SHARE * yaw)
+    gyro, accelerometer = GyroFault(noise=False), AccelerometerFault(noise=False)
+    still = replace(scenario, wind=(), moment=(), duration_s=_STEP_S, gyro=gyro, accelerometer=accelerometer)
+    stepped = replace(still, moment=(MomentStep(kind="step", amplitude_nm=step_moment, start_s=0.5),))
+    quiet = replace(
+        scenario, gyro=replace(scenario.gyro, noise=False), accelerometer=replace(scenario.accelerometer, noise=False)
+    )
+    records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
+    hover = hover_loop(law, vehicle, scenario)
+    Ms = None if hover.margins is None else max(axis.Ms for axis in hover.margins.input)
+    return Analysis(
+        law=law,
+        scenario=scenario,
+        seed=seed,
+        hover=hover,
+        stability=axis_robustness(law, vehicle, scenario),
+        placement=None if Ms is None else locate(law, Ms, vehicle, scenario),
+        step_records=fly_direct(stepped, law, vehicle=vehicle, seed=seed),
+        step_moment=step_moment,
+        records=records,
+        metrics=measure(records, vehicle, scenario, 0.0),
+        gust_alone=_measure_flight(quiet, law, vehicle, seed),
+        noise_alone=_measure_flight(replace(scenario, wind=(), moment=()), law, vehicle, seed),
+    )
+
+
+def _describe_limits(analysis: Analysis) -> list[str]:
+    flights = (analysis.metrics, analysis.gust_alone, analysis.noise_alone)
+    lines = []
+    if unstable := bool(np.any(analysis.hover.loop_poles.real >= 0.0)):
+        lines.append("the loop is unstable at hover")
+    if not all(math.isfinite(flight.rmse_deg) and math.isfinite(flight.torque_slew_rms) for flight in flights):
+        lines.append("the flight diverges: no figures")
+    elif not unstable:
+        lines += _price(analysis)
+    lines += _describe_robustness(analysis)
+    lines.append(f"references: {_references(analysis.law)}")
+    if analysis.metrics.saturated_s:
+        lines.append(f"torque limit: reached for {analysis.metrics.saturated_s:.3g} s")
+    if analysis.law.uses_accelerometer:
+        lines.append(
+            "gyro bias: observable in roll and pitch; in yaw a constant bias gives an error of bias times time"
+        )
+    else:
+        lines.append("gyro bias: a constant bias gives an error of bias times time, as gyros do not measure attitude")
+    return lines
+
+
+def _describe_robustness(analysis: Analysis) -> list[str]:
+    lines = []
+    if analysis.hover.margins is not None:
+        loops = analysis.hover.margins.input
+        worst = max(range(3), key=lambda axis: loops[axis].Ms)
+        least = min(range(3), key=lambda axis: loops[axis].delay_margin)
+        samples = loops[least].delay_margin / analysis.law.dt
+        lines.append(
+            f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {_peak_frequency(analysis):.3g} rad/s"
+        )
+        if math.isfinite(samples):
+            lines.append(f"delay: {samples:.3g} more samples make {_AXES[least]} unstable")
+    if analysis.stability:
+        room = 100.0 / max(axis.upper for axis in analysis.stability)
+        inertia, lag = room * SPREADS.inertia, room * SPREADS.actuator_lag
+        lines.append(f"vehicle: stable for inertia ±{int(inertia)} % and lag ±{int(lag)} % together (mu, at hover)")
+    return lines
+
+
+def _price(analysis: Analysis) -> list[str]:
+    """Return error and slew by cause, and the mean error."""
+    whole, gust, noise = (
+        (m.rmse_deg, m.torque_slew_rms) for m in (analysis.metrics, analysis.gust_alone, analysis.noise_alone)
+    )
+    shares = sorted((("gusts", gust[0]), ("gyro noise", noise[0])), key=lambda share: -share[1])
+    causes = ", ".join(f"{name} alone {rmse:.3g} deg" for name, rmse in shares)
+    room = "more bandwidth costs slew" if noise[1] > gust[1] else "more bandwidth is possible"
+    lines = [
+        f"error: {whole[0]:.3g} deg RMSE in this flight; {causes}",
+        f"torque slew: {whole[1]:.3g} N m/s, of which {noise[1]:.3g} from gyro noise alone: {room}",
+    ]
+    placement = analysis.placement
+    if placement is not None and placement.least_rmse_deg is not None:
+        lines.append(
+            f"average over many flights: this law {placement.rmse_deg:.3g} deg expected, best linear gyro-only law at "
+            f"the same Ms and slew {placement.least_rmse_deg:.3g} deg (this flight: {whole[0]:.3g}, seed "
+            f"{analysis.seed})"
+        )
+    return lines
+
+
+def _references(law: Law) -> str:
+    if not law.takes_references:
+        return "not supported, the law holds level"
+    if math.isinf(law.reference_limit_deg):
+        return "no known limit"
+    return f"limited to {law.reference_limit_deg:g} deg of level about each axis; larger ones may tumble the vehicle"
+
+
+def _peak_frequency(analysis: Analysis) -> float:
+    return float(analysis.hover.omega[int(np.argmax(analysis.hover.sensitivities["S"]))])
+
+
+def _measure_flight(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int) -> Metrics:
+    return measure(fly_direct(scenario, law, vehicle=vehicle, seed=seed), vehicle, scenario, 0.0)
+
+
+def pole_pairs(poles: ComplexMatrix) -> list[tuple[float, float]]:
+    """Return poles as pairs of real and imaginary part [rad/s], in order of modulus."""
+    return [(float(pole.real), float(pole.imag)) for pole in sorted(poles, key=abs)]

@@ -1,0 +1,76 @@
+"""Linear loop of a flying law at hover, sampled and delayed: poles, loop transfer, sensitivities, margins."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from gustproof.law.form import Law, Output
+from gustproof.law.hover import hover_plant, loop_law
+from gustproof.lti.margins import Margins, margins
+from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, sensitivity, series
+
+_POINTS = 400
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HoverLoop:
+    """Linear figures of a law on a vehicle at hover, at the sample time and delay of a scenario."""
+
+    margins: Margins | None
+    """Margins, sampled and delayed; `None` for a rate law or an unstable loop."""
+    law_poles: ComplexMatrix
+    """(n,) [rad/s] poles of the law at level attitude, `log(z) / dt`."""
+    loop_poles: ComplexMatrix
+    """(m,) [rad/s] poles of the loop, `log(z) / dt`; empty for a rate law."""
+    omega: Matrix
+    """(k,) [rad/s] frequencies below half the sample rate, where a held plant has zero gain and no phase."""
+    loop: ComplexMatrix
+    """(k, 3) loop transfer of each axis at the plant's input, negative feedback; empty for a rate law."""
+    sensitivities: dict[str, Matrix]
+    """(k,) largest singular values of S and T at the plant's input; empty for a rate law."""
+
+
+def hover_loop(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverLoop:
+    """Return the loop of `law`; for a rate law only its poles, as it drives the autopilot's own loop."""
+    controller = loop_law(law)
+    omega = np.geomspace(1e-2, math.pi / law.dt, _POINTS)[:-1]
+    if law.output is not Output.TORQUE:
+        return HoverLoop(
+            margins=None,
+            law_poles=_continuous_poles(controller),
+            loop_poles=np.empty(0, dtype=np.complex128),
+            omega=omega,
+            loop=np.empty((0, 3), dtype=np.complex128),
+            sensitivities={},
+        )
+    plant = hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer)
+    loop = _input_loop(plant, controller)
+    S = sensitivity(loop)
+    return HoverLoop(
+        margins=margins(plant, controller) if S.is_stable() else None,
+        law_poles=_continuous_poles(controller),
+        loop_poles=_continuous_poles(S),
+        omega=omega,
+        loop=np.diagonal(loop.response(omega), 0, 1, 2),
+        sensitivities=_largest_gains(S.response(omega)),
+    )
+
+
+def _input_loop(plant: Lti, controller: Lti) -> Lti:
+    """Return the loop transfer at the plant's input, for negative feedback."""
+    loop = series(plant, controller)
+    return Lti(A=loop.A, B=loop.B, C=-loop.C, D=-loop.D, dt=loop.dt)
+
+
+def _largest_gains(S: ComplexMatrix) -> dict[str, Matrix]:
+    both = {"S": S, "T": np.eye(3) - S}
+    return {name: np.linalg.norm(values, ord=2, axis=(1, 2)).astype(np.float64) for name, values in both.items()}
+
+
+def _continuous_poles(system: Lti) -> ComplexMatrix:
+    """Return the poles of the equivalent continuous system, without poles at 0, which are pure delays."""
+    poles = system.poles()
+    return np.asarray(np.log(poles[np.abs(poles) > 1e-9]) / system.dt, dtype=np.complex128)

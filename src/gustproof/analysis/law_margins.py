@@ -1,0 +1,61 @@
+"""Margins of a law at hover: the law as it flies, sampled and delayed, on the vehicle's linear model."""
+
+import math
+from dataclasses import dataclass
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from gustproof.analysis.robustness import robust_stability
+from gustproof.certify.mu.sweep import Bracket
+from gustproof.law.form import Law
+from gustproof.law.hover import hover_plant, is_stable_at_hover, loop_law
+from gustproof.lti.margins import margins
+from gustproof.model.uncertainty import Spreads
+
+SPREADS = Spreads(inertia=0.2, actuator_lag=0.3)
+"""Spreads of the vehicle for `axis_robustness`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HoverMargins:
+    """Worst margins of roll, pitch and yaw, with the loop opened at the plant's input and the other axes closed."""
+
+    Ms: float
+    """[-] largest sensitivity."""
+    phase_margin_deg: float
+    """[deg] least destabilising change of phase."""
+    delay_margin: float
+    """[s] least destabilising additional delay."""
+
+
+def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargins | None:
+    """Return the margins of a torque law at the sample time and delay of `scenario`; `None` for an unstable loop.
+
+    Rate laws give `None` too: they drive the autopilot's own loop, whose margins are not those of the law.
+
+    Examples
+    --------
+    >>> from gustproof import hover_margins, load_law, load_scenario, load_vehicle
+    >>> found = hover_margins(load_law("pid-fair"), load_vehicle("paper"), load_scenario("paper-turbulence"))
+    >>> f"Ms {found.Ms:.2f}, {found.phase_margin_deg:.0f} deg"
+    'Ms 1.36, 44 deg'
+    """
+    if not is_stable_at_hover(law, vehicle, scenario):
+        return None
+    axes = margins(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law)).input
+    return HoverMargins(
+        Ms=max(axis.Ms for axis in axes),
+        phase_margin_deg=math.degrees(min(axis.phase_margin for axis in axes)),
+        delay_margin=min(axis.delay_margin for axis in axes),
+    )
+
+
+def axis_robustness(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[Bracket, ...]:
+    """Return mu of roll, pitch and yaw with inertia and actuator lag off by `SPREADS`: stable up to 1 / mu times that.
+
+    The result is empty for a law other than three loops of one gyro each.
+    """
+    try:
+        return tuple(robust_stability(law, vehicle, scenario, SPREADS, axis) for axis in range(3))
+    except ValueError:
+        return ()

@@ -1,0 +1,86 @@
+"""Repeat any run of a campaign from its table alone."""
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic_core import to_jsonable_python
+
+from firmware_model.config.scenario import load_scenario
+from firmware_model.errors import ConfigError
+from gustproof.campaign.plan import Campaign
+from gustproof.campaign.reader import read_campaign, read_run
+from gustproof.campaign.worker import FIGURES, delta_column, requirement_columns
+from gustproof.law.form import load_law
+from gustproof.simulate.flight import Flight, FlightPlan
+
+
+class CampaignRun(NamedTuple):
+    """A run of a campaign."""
+
+    table: Path
+    """File of the campaign."""
+    campaign: Campaign
+    """Scenario, laws and dispersions."""
+    row: dict[str, Any]
+    """Results by column."""
+
+    @property
+    def plan(self) -> FlightPlan:
+        """Plan of a flight that repeats the run."""
+        delta = [self.row[delta_column(name)] for name in self.campaign.spreads]
+        case = self.campaign.make_case(delta, self.row["seed"])
+        law = self.campaign.law_of(self.row["run"])
+        return FlightPlan(case.apply_to(self.campaign.scenario), law, case.vehicle, case.seed, real_time=False)
+
+    def check(self, scenario: str | None, law: str | None) -> None:
+        """Check that scenario and law are those of the run; `None` matches any.
+
+        Raises
+        ------
+        ConfigError
+            If they differ in name or content.
+        """
+        run, campaign = f"{self.table}, run {self.row['run']}", self.campaign
+        if scenario is not None:
+            given, flown = load_scenario(scenario), campaign.scenario
+            if given.name != flown.name:
+                raise ConfigError(f"{run}: flown in scenario '{flown.name}', not '{given.name}'")
+            if to_jsonable_python(given) != to_jsonable_python(flown):
+                raise ConfigError(f"{run}: flown in a different scenario '{given.name}'")
+        if law is not None:
+            other, ours = load_law(law), campaign.law_of(self.row["run"])
+            if other.name != ours.name:
+                raise ConfigError(f"{run}: flown by '{ours.name}', not '{other.name}'{self._same_case(other.name)}")
+            if other.to_dict() != ours.to_dict():
+                raise ConfigError(f"{run}: flown by a different law '{other.name}'")
+
+    def _same_case(self, law: str) -> str:
+        names = [each.name for each in self.campaign.laws]
+        if law not in names:
+            return ""
+        return f", which flew the same case in run {names.index(law) * self.campaign.cases + self.row['case']}"
+
+    def differences(self, flight: Flight) -> list[str]:
+        """Return the names of the figures in which a flight differs from the run by any bit."""
+        figures = {name: getattr(flight.metrics, name, None) for name in (*FIGURES, "rho_in_bounds")}
+        names = requirement_columns(self.campaign.scenario.require)
+        figures |= {name: result.value for name, result in zip(names, flight.requirements, strict=True)}
+        missing = {name: None if value is None or math.isnan(value) else value for name, value in figures.items()}
+        return [name for name, value in missing.items() if self.row[name] != value]
+
+
+def find_run(run: str) -> CampaignRun:
+    """Return a run by table name and run number, e.g. `mc.parquet:4711`.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such table, or no such run in it.
+    """
+    name, _, number = run.rpartition(":")
+    if not name or not number.isdecimal():
+        raise ConfigError(f"--run '{run}': give a table and a run's number, e.g. mc.parquet:4711")
+    table = Path(name)
+    campaign = read_campaign(table)
+    return CampaignRun(table, campaign, read_run(table, int(number)))

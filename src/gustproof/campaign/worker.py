@@ -1,0 +1,187 @@
+"""Worker tasks: fly a chunk of a campaign's runs and return them as rows of its table."""
+
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from functools import lru_cache
+from itertools import chain
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from firmware_model.config.requirement import Requirement
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.validation import sanitize_line
+from firmware_model.errors import ConfigError
+from gustproof.campaign.plan import Campaign, parse_campaign
+from gustproof.campaign.sampling import Array
+from gustproof.law.form import Law
+from gustproof.scoring.metrics import Metrics, measure
+from gustproof.scoring.requirements import judge
+from gustproof.simulate.batch import Case, CaseResult, make_batch_simulator
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.kernels import LANES
+from gustproof.simulate.loopback import fly_loopback
+from gustproof.version import software_versions
+
+FIGURES = tuple(field.name for field in fields(Metrics) if field.type is float and field.name != "realtime_factor")
+"""Names of a run's numeric figures, units as in `Metrics`."""
+Simulator = Callable[[Sequence[Case]], list[CaseResult]]
+Row = tuple[Any, ...]
+_get_figures = attrgetter(*FIGURES)
+
+
+class Chunk(NamedTuple):
+    """Consecutive runs of one law."""
+
+    first: int
+    """Number of the first run."""
+    runs: int
+    """Number of runs."""
+
+
+class ChunkResult(NamedTuple):
+    """Rows of a chunk of runs."""
+
+    table: Any
+    """`pyarrow.Table` of `schema`."""
+    wall_s: float
+    """[s] wall time of the flights."""
+
+
+def fly_chunk(metadata: str, chunk: Chunk) -> ChunkResult:
+    """Fly a chunk of the campaign in `metadata` (JSON) and return its rows, equal on all machines of one kind.
+
+    Raises
+    ------
+    ConfigError
+        If this process has other software versions than the campaign.
+    """
+    begin = time.perf_counter()
+    campaign = _load_campaign(metadata)
+    first, count = chunk.first % campaign.cases, chunk.runs
+    delta, seeds = campaign.draw_deltas(first, count), campaign.flight_seeds(first, count)
+    law = campaign.law_of(chunk.first)
+    fly, rows = _make_simulator(campaign.scenario, law), []
+    for at in range(0, count, LANES):  # one batch at a time: its states are freed before the next
+        results = _fly_cases(campaign, law, fly, delta[at : at + LANES], seeds[at : at + LANES])
+        rows += [_make_row(campaign.scenario, result) for result in results]
+    return ChunkResult(_make_table(campaign, chunk, delta, seeds, rows), time.perf_counter() - begin)
+
+
+def check_worker(metadata: str) -> int:
+    """Load the campaign in `metadata` (JSON) without flying and return its number of runs."""
+    return _load_campaign(metadata).runs
+
+
+@lru_cache(maxsize=1)
+def _load_campaign(metadata: str) -> Campaign:
+    document = json.loads(metadata)
+    if document["versions"] != software_versions():
+        raise ConfigError(
+            f"a worker has other versions than the campaign: {software_versions()}, not {document['versions']}"
+        )
+    return parse_campaign(document, "campaign")
+
+
+def _fly_cases(
+    campaign: Campaign, law: Law, fly: Simulator, delta: Array, seeds: Sequence[int]
+) -> list[CaseResult | str]:
+    """Return the result of each case, or the reason why it has none."""
+    cases: list[Case | str] = []
+    for row, seed in zip(delta.tolist(), seeds, strict=True):
+        try:
+            cases.append(campaign.make_case(row, seed))
+        except ConfigError as error:
+            cases.append(sanitize_line(str(error)))
+    with np.errstate(all="ignore"):  # a flight that diverges is a result
+        flown = iter(_fly_bisecting(fly, [case for case in cases if isinstance(case, Case)]))
+        return [case if isinstance(case, str) else _check_diverged(campaign, law, case, next(flown)) for case in cases]
+
+
+def _fly_bisecting(fly: Simulator, cases: list[Case]) -> list[CaseResult | str]:
+    """Return the result of each of `cases`; bisect to isolate a case that raises."""
+    try:
+        return list(fly(cases))
+    except (ConfigError, ValueError) as error:
+        if len(cases) == 1:
+            return [sanitize_line(str(error))]
+        half = len(cases) // 2
+        return _fly_bisecting(fly, cases[:half]) + _fly_bisecting(fly, cases[half:])
+
+
+def _make_simulator(scenario: Scenario, law: Law) -> Simulator:
+    if scenario.has_link_script:
+        return lambda cases: [_fly_by_message(case.apply_to(scenario), law, case) for case in cases]
+    return make_batch_simulator(scenario, law)
+
+
+def _fly_by_message(scenario: Scenario, law: Law, case: Case) -> CaseResult:
+    records = fly_loopback(scenario, law, vehicle=case.vehicle, seed=case.seed)
+    return CaseResult(
+        metrics=measure(records, case.vehicle, scenario, 0.0), requirements=judge(records, scenario, case.vehicle)
+    )
+
+
+def _check_diverged(campaign: Campaign, law: Law, case: Case, judged: CaseResult | str) -> CaseResult | str:
+    """Return the result, or the time of divergence if the flight diverged."""
+    if isinstance(judged, str) or all(map(math.isfinite, _get_figures(judged.metrics))):
+        return judged
+    if campaign.scenario.has_link_script:
+        return "diverged"
+    records = fly_direct(case.apply_to(campaign.scenario), law, vehicle=case.vehicle, seed=case.seed)
+    numbers = np.column_stack([records["q_NB"], records["omega_B"], records["torque_command_B"]])
+    lost = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
+    return f"diverged at {records['time_us'][lost[0]] * 1e-6:g} s" if len(lost) else "diverged"
+
+
+def requirement_columns(requirements: Sequence[Requirement]) -> list[str]:
+    """Return a short unique name for each requirement."""
+    return [
+        "_".join(filter(None, ("require", str(number), required.metric.value, required.axis)))
+        for number, required in enumerate(requirements)
+    ]
+
+
+def delta_column(spread: str) -> str:
+    """Return the column name of a spread's normalised delta."""
+    return f"delta_{spread.replace('.', '_')}"
+
+
+def schema(campaign: Campaign) -> Any:
+    """Return the table's columns as a `pyarrow.Schema`."""
+    numbers = [*map(delta_column, campaign.spreads), *FIGURES]
+    required = requirement_columns(campaign.scenario.require)
+    identity = [("run", pa.int64()), ("case", pa.int64()), ("law", pa.string()), ("seed", pa.int64())]
+    figures = [*((name, pa.float64()) for name in numbers), ("rho_in_bounds", pa.bool_())]
+    results = chain.from_iterable(((name, pa.float64()), (f"{name}_held", pa.bool_())) for name in required)
+    return pa.schema([*identity, *figures, *results, ("held", pa.bool_()), ("failure", pa.string())])
+
+
+def failed_rows(campaign: Campaign, chunk: Chunk, failure: str) -> Any:
+    """Return the rows of runs without results, with the reason of the failure."""
+    first, runs = chunk.first % campaign.cases, chunk.runs
+    rows = [_make_row(campaign.scenario, failure)] * runs
+    return _make_table(campaign, chunk, campaign.draw_deltas(first, runs), campaign.flight_seeds(first, runs), rows)
+
+
+def _make_row(scenario: Scenario, judged: CaseResult | str) -> Row:
+    """Return a run's row, from the figures' columns of `schema` on."""
+    if isinstance(judged, str):
+        return (*[None] * (len(FIGURES) + 1), *[None, False] * len(scenario.require), False, judged)
+    required = [(None if math.isnan(each.value) else each.value, each.is_met) for each in judged.requirements]
+    figures = (*_get_figures(judged.metrics), judged.metrics.rho_in_bounds)
+    return (*figures, *chain.from_iterable(required), all(held for _, held in required), None)
+
+
+def _make_table(campaign: Campaign, chunk: Chunk, delta: Array, seeds: Sequence[int], rows: Sequence[Row]) -> Any:
+    first, case = chunk.first, chunk.first % campaign.cases
+    runs, cases = range(first, first + chunk.runs), range(case, case + chunk.runs)
+    laws = [campaign.law_of(first).name] * chunk.runs
+    arrays: list[Any] = [runs, cases, laws, seeds, *delta.T, *zip(*rows, strict=True)]
+    kinds = schema(campaign)
+    return pa.Table.from_arrays([pa.array(a, kind.type) for a, kind in zip(arrays, kinds, strict=True)], schema=kinds)

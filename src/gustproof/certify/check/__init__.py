@@ -1,0 +1,1 @@
+"""Check certificates in exact arithmetic, with the standard library only."""

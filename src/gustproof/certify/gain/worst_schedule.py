@@ -1,0 +1,154 @@
+"""Lower bounds of a gain over varying parameters: simulated schedules, switching or in triangle waves."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from gustproof.lti.state_space import Matrix
+from gustproof.model.lft import Uncertain
+
+Order = NDArray[np.int64]
+Systems = tuple[Matrix, Matrix, Matrix, Matrix]
+
+_STEP = 0.02
+"""[s] least time for which a vertex of Delta is held; the input is constant in it."""
+_SWEEPS = 3
+"""[-] power iterations of the input between two improvements of the schedule."""
+_CONVERGENCE = 1e-4
+"""[-] relative growth of the gain below which the search ends."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Schedule:
+    """A history of Delta and the gain that it reaches from rest."""
+
+    gain: float
+    """[-] L2 norm of z divided by that of w, in simulation."""
+    delta: Matrix
+    """(k, blocks) [-] normalised parameters, held over each step of `dt`."""
+    dt: float
+    """[s] step."""
+
+
+def worst_schedule(loop: Uncertain, *, duration: float = 60.0, rounds: int = 24, seed: int = 0) -> Schedule:
+    """Return a bad schedule of vertices of Delta; its gain is a lower bound over parameters of any speed.
+
+    Ascent from a random start. The input comes from power iteration of the loop and its adjoint. Each step takes the
+    vertex with the largest product of the adjoint and the next state. Cost `rounds` * 6 simulations.
+
+    Parameters
+    ----------
+    loop
+        Continuous, with real parameters only.
+    duration
+        [s] length of the schedule; ignoring the response after it can only lower the gain.
+    rounds
+        Largest number of improvements of the schedule.
+    seed
+        Seed of the random start.
+    """
+    corners = np.array(list(_signs(len(loop.blocks))))
+    A, B, C, D = _systems(loop, corners)
+    steps = round(duration / _STEP)
+    rng = np.random.default_rng(seed)
+    order = np.repeat(rng.integers(len(corners), size=steps // 25 + 1), 25)[:steps]  # half a second each, to start
+    w = rng.normal(size=(steps, B.shape[2]))
+    best, best_order = 0.0, order
+    for _ in range(rounds):
+        for _ in range(_SWEEPS):
+            x, z = _simulate_forward(A, B, C, D, order, w)
+            gain = float(np.linalg.norm(z) / np.linalg.norm(w))
+            adjoint, w_next = _simulate_adjoint(A, B, C, D, order, z)
+            played, w = w, w_next / np.linalg.norm(w_next)
+        if gain < (1.0 + _CONVERGENCE) * best:
+            break
+        best, best_order = gain, order
+        ahead = np.einsum("vij,kj->kvi", A, x[:-1]) + np.einsum("vij,kj->kvi", B, played)
+        order = np.argmax(np.einsum("ki,kvi->kv", adjoint, ahead), axis=1)
+    return Schedule(gain=best, delta=corners[best_order], dt=_STEP)
+
+
+def worst_triangle_schedule(
+    loop: Uncertain, speeds: Sequence[float | None], *, duration: float = 60.0, seed: int = 0
+) -> Schedule:
+    """Return the worst of some histories of Delta that keep `speeds`; its gain is a lower bound.
+
+    Each parameter with a bound in `speeds` [1/s] stays at a corner, or follows a triangle wave from -1 to 1. Waves run
+    at the least of the speeds or slower, in phase with the first one or a quarter period late. The others stay at 0.
+    Ramps are sampled at the middle of each step. Cost 100 simulations for two slow parameters.
+    """
+    slow = [i for i, speed in enumerate(speeds) if speed is not None]
+    fastest = min(speed for speed in speeds if speed is not None)
+    steps = round(duration / _STEP)
+    start = np.random.default_rng(seed).normal(size=(steps, loop.n_inputs))
+    histories = [np.array([signs]) for signs in _signs(len(slow))]
+    for slower, *late in itertools.product((1.0, 2.0, 4.0), *[(0.0, 0.25)] * (len(slow) - 1)):
+        period = math.ceil(4.0 * slower / fastest / _STEP)
+        turns = (np.arange(min(period, steps)) + 0.5)[:, None] / period + np.array([0.0, *late])
+        histories.append(1.0 - 4.0 * np.abs((turns + 0.25) % 1.0 - 0.5))
+    found = []
+    for history in histories:
+        delta = np.zeros((len(history), len(loop.blocks)))
+        delta[:, slow] = history
+        found.append(
+            (*_power_iterate(_systems(loop, delta), np.arange(steps) % len(delta), start, rounds=_SWEEPS), delta)
+        )
+    _, w, delta = max(found, key=lambda one: one[0])
+    order = np.arange(steps) % len(delta)
+    gain, _ = _power_iterate(_systems(loop, delta), order, w, rounds=4 * _SWEEPS)
+    return Schedule(gain=gain, delta=delta[order], dt=_STEP)
+
+
+def _power_iterate(systems: Systems, order: Order, w: Matrix, *, rounds: int) -> tuple[float, Matrix]:
+    """Return the gain and the input that power iteration of the loop and its adjoint reaches from the input `w`."""
+    gain = 0.0
+    for _ in range(rounds):
+        _, z = _simulate_forward(*systems, order, w)
+        gain = float(np.linalg.norm(z) / np.linalg.norm(w))
+        _, played = _simulate_adjoint(*systems, order, z)
+        w = played / np.linalg.norm(played)
+    return gain, w
+
+
+def _systems(loop: Uncertain, deltas: Matrix) -> Systems:
+    """Return A, B, C and D, each (k, ...), of the loop over a step at each of `deltas` (k, blocks)."""
+    names = [block.name for block in loop.blocks]
+    held = [_discretize(loop, dict(zip(names, delta, strict=True))) for delta in deltas]
+    A, B, C, D = (np.array(matrices) for matrices in zip(*held, strict=True))
+    return A, B, C, D
+
+
+def _signs(blocks: int) -> "itertools.product[tuple[float, ...]]":
+    return itertools.product((-1.0, 1.0), repeat=blocks)
+
+
+def _discretize(loop: Uncertain, vertex: dict[str, float]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """Return the loop at a vertex over a step with held input."""
+    system = loop.substitute(vertex)
+    n, m = system.order, system.n_inputs
+    exponential = scipy.linalg.expm(np.block([[system.A, system.B], [np.zeros((m, n + m))]]) * _STEP)
+    return exponential[:n, :n], exponential[:n, n:], system.C, system.D
+
+
+def _simulate_forward(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, w: Matrix) -> tuple[Matrix, Matrix]:
+    """Return the states (k + 1, n) and outputs (k, p) of the schedule `order` (k,) from rest."""
+    x = np.zeros((len(order) + 1, A.shape[1]))
+    driven = np.einsum("kij,kj->ki", B[order], w)
+    for k, v in enumerate(order):
+        x[k + 1] = A[v] @ x[k] + driven[k]
+    return x, np.einsum("kij,kj->ki", C[order], x[:-1]) + np.einsum("kij,kj->ki", D[order], w)
+
+
+def _simulate_adjoint(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, z: Matrix) -> tuple[Matrix, Matrix]:
+    """Return the adjoint (k, n) of each step's next state and the adjoint's output (k, m)."""
+    adjoint = np.zeros((len(order) + 1, A.shape[1]))
+    read = np.einsum("kij,ki->kj", C[order], z)
+    for k in range(len(order) - 1, -1, -1):
+        adjoint[k] = A[order[k]].T @ adjoint[k + 1] + read[k]
+    after = adjoint[1:]
+    return after, np.einsum("kij,ki->kj", B[order], after) + np.einsum("kij,ki->kj", D[order], z)

@@ -1,0 +1,1 @@
+"""Bound mu and the worst-case gain of loops with constant uncertainty."""

@@ -1,0 +1,144 @@
+"""Bounds on the structured singular value of an uncertain system over all frequencies.
+
+The upper bound holds between frequencies too; the lower bound is a Delta that makes the loop singular. Parameters are
+constant in time; certificates cover varying ones.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gustproof.certify.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
+from gustproof.certify.mu.worst_delta import most_unstable_delta, worst_delta
+from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, as_lti, sensitivity
+from gustproof.model.lft import Uncertain
+from gustproof.model.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
+
+
+def mu(system: Uncertain, *, accuracy: float = 0.02) -> Bracket:
+    """Return the peak of mu of `M` with respect to `Delta` over all frequencies (MATLAB: `mussv`, `robstab`).
+
+    The system is stable for every Delta of norm below 1 / upper. The returned Delta, of norm 1 / lower, makes it
+    singular at `omega`. A full block named "performance" closes inputs and outputs, if any. The result is then robust
+    performance: below 1, the gain stays below 1 over the unit ball.
+
+    Parameters
+    ----------
+    system
+        Stable at Delta = 0.
+    accuracy
+        [-] relative distance of the upper bound from the least one of D-G scalings.
+
+    Raises
+    ------
+    ValueError
+        If the system is not stable at Delta = 0, or has no blocks.
+
+    References
+    ----------
+    A. Packard, J. C. Doyle, The complex structured singular value, Automatica 29 (1993), 71-109.
+
+    Examples
+    --------
+    >>> from control import ss
+    >>> from gustproof import close_loop, mu, ureal
+    >>> third_order = ss([[0, 1, 0], [0, 0, 1], [-1, -3, -3]], [[0], [0], [1]], [1, 0, 0], 0)
+    >>> plant = ureal("gain", low=0.5, high=1.5) @ third_order
+    >>> found = mu(close_loop(plant, ss([], [], [], -4.0)))
+    >>> f"{1.0 / found.lower:.2f}"  # times the spread, the gain is unstable
+    '2.00'
+    """
+    blocks = add_performance_block(system) if system.n_inputs else system.blocks
+    M = to_continuous(system)
+    upper, grid = sweep(M, blocks, gain=False, accuracy=accuracy)
+    if all(isinstance(block, RealBlock) for block in blocks):
+        found = _real_mu_lower_bound(M, blocks, upper)
+        return replace(found, omega=unwarp_frequency(found.omega, system))
+    best = Bracket(lower=0.0, upper=upper, omega=0.0, delta={})
+    for omega in grid:
+        lower, delta = _mu_lower_bound(M.response(omega)[0], blocks, upper)
+        if lower > best.lower:
+            best = Bracket(lower=lower, upper=upper, omega=unwarp_frequency(omega, system), delta=delta)
+    return best
+
+
+def disk_margin_bounds(L: LinearSystem, *, accuracy: float = 1e-3) -> tuple[float, float]:
+    """Return the lower and upper bound on the multi-loop disk margin of the negative-feedback loop `L`.
+
+    The margin is 1 / mu of `S - I/2` with one complex block per channel (MATLAB: `diskmargin`). Scalings are free at
+    each frequency. Up to `accuracy`, the bound is never below `lti.margins.disk_margin`, whose scaling is constant.
+
+    References
+    ----------
+    P. Seiler, A. Packard, P. Gahinet, An introduction to disk margins, IEEE Control Systems Magazine 40 (2020), 78-95.
+
+    Examples
+    --------
+    >>> from control import ss
+    >>> from gustproof import disk_margin_bounds
+    >>> lower, upper = disk_margin_bounds(ss([[0, 1], [0, -2]], [[0], [1]], [[2, 0]], 0))
+    >>> f"{lower:.2f} to {upper:.2f}"
+    '1.15 to 1.15'
+    """
+    S = sensitivity(as_lti(L))
+    M = Lti(A=S.A, B=S.B, C=S.C, D=S.D - 0.5 * np.eye(S.n_outputs), dt=S.dt)
+    channels = tuple(FullBlock(name=f"channel {k}") for k in range(S.n_outputs))
+    found = mu(Uncertain(M=M, blocks=channels), accuracy=accuracy)
+    return 1.0 / found.upper, 1.0 / found.lower
+
+
+def _mu_lower_bound(
+    M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], upper: float
+) -> tuple[float, dict[str, ArrayLike]]:
+    """Return a lower bound on mu of a matrix with a full block, and a Delta of norm 1 / bound that makes it singular.
+
+    The gain at the last full block falls as the ball of the others shrinks. At gain 1 / radius, both norms are as small
+    as possible.
+    """
+    last = max(k for k, block in enumerate(blocks) if isinstance(block, FullBlock))
+    order = [*(k for k in range(len(blocks)) if k != last), last]
+    z, w = (np.concatenate([np.r_[parts[k]] for k in order]) for parts in (columns(blocks), rows(blocks)))
+    swapped, others = M[np.ix_(z, w)], tuple(blocks[k] for k in order[:-1])
+    beta = upper if math.isfinite(upper) else float(np.linalg.norm(M, 2))
+    best, delta = 0.0, dict[str, ArrayLike]()
+    for _ in range(8):
+        found = worst_delta(swapped, others, radius=1.0 / beta)
+        if min(beta, found.gain) > best:
+            best = min(beta, found.gain)
+            delta = {**found.parts(others), blocks[last].name: _closing_matrix(swapped, found.Delta)}
+        if found.gain <= 0.0 or abs(found.gain - beta) <= 1e-3 * beta:
+            break
+        beta = math.sqrt(beta * min(found.gain, 100.0 * beta))
+    return best, delta
+
+
+def _closing_matrix(M: ComplexMatrix, Delta: ComplexMatrix) -> ComplexMatrix:
+    """Return the smallest matrix that makes `F_u(M, Delta)` singular in feedback."""
+    n_w, n_z = Delta.shape
+    loop = np.eye(n_z) - M[:n_z, :n_w] @ Delta
+    seen = M[n_z:, n_w:] + M[n_z:, :n_w] @ Delta @ np.linalg.solve(loop, M[:n_z, n_w:])
+    U, s, Vh = np.linalg.svd(seen)
+    return np.asarray(np.outer(Vh[0].conj(), U[:, 0].conj()) / s[0])
+
+
+def _real_mu_lower_bound(M: Lti, blocks: tuple[DeltaBlock, ...], upper: float) -> Bracket:
+    """Return a lower bound on mu of real parameters, from the smallest ball found in which a pole crosses the axis."""
+    inside, outside = 0.0, math.inf
+    best = Bracket(lower=0.0, upper=upper, omega=0.0, delta={})
+    radius = 1.0 / upper if 0.0 < upper < math.inf else 1.0
+    while outside > 1.001 * inside and radius < 1e3:
+        found, pole = most_unstable_delta(M, blocks, radius=radius)
+        if found.gain >= 0.0:
+            outside = radius
+            best = Bracket(lower=1.0 / radius, upper=upper, omega=abs(pole.imag), delta=found.parts(blocks))
+        else:
+            inside = radius
+        if math.isinf(outside):
+            radius *= 1.3
+        else:
+            radius = math.sqrt(inside * outside) if inside else 0.5 * outside
+        if outside < 1e-6:
+            break
+    return best

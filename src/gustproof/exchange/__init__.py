@@ -1,1 +1,0 @@
-"""Laws for other tools: C code, MATLAB and SciPy files, tables of numbers."""

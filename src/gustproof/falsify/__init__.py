@@ -1,0 +1,1 @@
+"""Search for the worst disturbance of a law."""

@@ -1,0 +1,1 @@
+"""The one law form: file, step, discretisation, cascades, other formats."""

@@ -1,0 +1,1 @@
+"""Read and write laws in other formats: C, MATLAB, CSV."""

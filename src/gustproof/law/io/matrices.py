@@ -1,0 +1,197 @@
+"""Read and write laws as MATLAB files and as folders of tables.
+
+Either holds A, B, C, D, G, H, limits, and the metadata dt, name, output, provenance. To read one, A, B, C, D and dt
+are enough. B and D may have the gyro's three columns alone, six with the reference, or nine with the specific force.
+Defaults are G = 0, H = 0, no limits, torque.
+"""
+
+import json
+import math
+import struct
+import zlib
+from collections.abc import Mapping
+from dataclasses import asdict
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+from numpy.typing import NDArray
+
+from firmware_model.config.files import TEXT, parse_json, read_bytes, read_text
+from firmware_model.config.validation import sanitize_line
+from gustproof.errors import LawFileError
+from gustproof.law.form import Law, Output, Provenance, load_law
+
+_REQUIRED = ("A", "B", "C", "D")
+_TABLES = (*_REQUIRED, "G", "H", "limits")
+_METADATA_FILE = "facts.json"
+_IN_MAT = (*_TABLES, "dt", "name", "output", "provenance")
+_CLASSES = {
+    "double",
+    "single",
+    "char",
+    "logical",
+    *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
+}
+_CSV = 4 << 20  # [bytes] of a table
+_MAT_HEADER, _COMPRESSED = 128, 15  # MAT-file format, level 5: bytes before the first element, type of one in zlib
+_NO_LIMIT = float(np.finfo(np.float64).max)
+
+Matrix = NDArray[np.float64]
+
+
+def read_law(name_or_path: str) -> Law:
+    """Read a law: a shipped one by its name, a law file (.json), a MATLAB file (.mat), or a folder of tables.
+
+    Raises
+    ------
+    LawFileError
+        If there is no such law, a part is missing, or a shape or value is not allowed.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".mat":
+        return load_mat(path)
+    return load_csv(path) if path.is_dir() else load_law(name_or_path)
+
+
+def save_mat(law: Law, path: Path) -> None:
+    """Write a law as a MATLAB file; there `ss(A, B, C, D, dt)` is a linear law from `y` to command.
+
+    A scheduled law has its kinematics in G: linear at level attitude, it has `A(:, 4:6) + G` in A.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import load_law, load_mat, save_mat
+    >>> with TemporaryDirectory() as folder:
+    ...     save_mat(load_law("pid-fair"), Path(folder) / "law.mat")
+    ...     load_mat(Path(folder) / "law.mat").name
+    'pid-fair'
+    """
+    scipy.io.savemat(path, {name: getattr(law, name) for name in _TABLES} | _metadata(law), appendmat=False)
+
+
+def load_mat(path: Path) -> Law:
+    """Read a law from a MATLAB file of version 5 to 7.2.
+
+    Raises
+    ------
+    LawFileError
+        If the file can't be read, a variable is missing, or a shape or value is not allowed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import load_law, load_mat, save_mat
+    >>> with TemporaryDirectory() as folder:
+    ...     save_mat(load_law("hinf-d1"), Path(folder) / "law.mat")
+    ...     load_mat(Path(folder) / "law.mat").order
+    9
+    """
+    try:
+        file: Any = BytesIO(_unpacked(read_bytes(path, TEXT)))
+        for name, shape, kind in scipy.io.whosmat(file):
+            if name in _IN_MAT and (kind not in _CLASSES or math.prod(shape) > TEXT):
+                raise ValueError(f"{name} is {' x '.join(map(str, shape))} of {kind}")
+        content = scipy.io.loadmat(file, variable_names=_IN_MAT)
+    except OSError as error:
+        raise LawFileError(f"{path}: {error.strerror or error}") from None
+    except Exception as error:  # scipy raises anything at damaged bytes
+        raise LawFileError(f"{path}: not a MATLAB file of version 5 to 7.2: {sanitize_line(str(error))}") from None
+    metadata = {name: content[name].reshape(-1) for name in ("dt", "name", "output", "provenance") if name in content}
+    return _build_law(path, content, {name: values[0].item() for name, values in metadata.items() if len(values)})
+
+
+def _unpacked(content: bytes) -> bytes:
+    """Return a MATLAB file of level 5 with all elements decompressed; any other unchanged.
+
+    Raises
+    ------
+    ValueError
+        If it decompresses to more than a file may have.
+    """
+    order = {b"IM": "<", b"MI": ">"}.get(content[_MAT_HEADER - 2 : _MAT_HEADER])
+    if order is None:
+        return content
+    unpacked, at = bytearray(content[:_MAT_HEADER]), _MAT_HEADER
+    while at + 8 <= len(content):
+        kind, size = struct.unpack_from(f"{order}II", content, at)
+        element, at = content[at : at + 8 + size], at + 8 + size
+        unpacked += zlib.decompressobj().decompress(element[8:], TEXT) if kind == _COMPRESSED else element
+        if len(unpacked) >= TEXT:
+            raise ValueError(f"it decompresses to more than {TEXT:,} bytes")
+    return bytes(unpacked)
+
+
+def save_csv(law: Law, folder: Path) -> None:
+    """Write a law as a new folder: a table for each matrix, metadata as JSON; numbers are kept to the bit."""
+    folder.mkdir(parents=True)
+    for name in _TABLES:
+        rows = np.atleast_2d(getattr(law, name)).tolist()
+        lines = "".join(",".join(map(repr, row)) + "\n" for row in rows)
+        (folder / f"{name}.csv").write_text(lines, encoding="utf-8")
+    (folder / _METADATA_FILE).write_text(json.dumps(_metadata(law), indent=2) + "\n", encoding="utf-8")
+
+
+def load_csv(folder: Path) -> Law:
+    """Read a law from a folder of tables.
+
+    Raises
+    ------
+    LawFileError
+        If a file can't be read, one is missing, or a shape or value is not allowed.
+    """
+    tables, path = {}, folder
+    try:
+        for path in (folder / f"{name}.csv" for name in _TABLES):
+            if path.exists():
+                rows = [line.split(",") for line in read_text(path, _CSV).splitlines()]
+                tables[path.stem] = np.array([[float(cell) for cell in row] for row in rows])
+        path = folder / _METADATA_FILE
+        metadata = parse_json(read_text(path))
+    except OSError as error:
+        raise LawFileError(f"{path}: {error.strerror}") from None
+    except ValueError as error:
+        raise LawFileError(f"{path}: {sanitize_line(str(error))}") from None
+    return _build_law(folder, tables, metadata if isinstance(metadata, dict) else {})
+
+
+def _metadata(law: Law) -> dict[str, Any]:
+    provenance = json.dumps(asdict(law.provenance), ensure_ascii=False)
+    return {"dt": law.dt, "name": law.name, "output": law.output.value, "provenance": provenance}
+
+
+def _build_law(path: Path, tables: Mapping[str, Any], metadata: Mapping[str, Any]) -> Law:
+    if missing := [name for name in _REQUIRED if name not in tables] + [
+        name for name in ("dt",) if name not in metadata
+    ]:
+        raise LawFileError(f"{path}: {missing[0]}: missing")
+    try:
+        if complex_ := [name for name in _TABLES if np.iscomplexobj(tables.get(name, 0.0))]:
+            raise ValueError(f"{complex_[0]} is complex")
+        matrices = {name: np.asarray(tables[name], dtype=np.float64) for name in _TABLES if name in tables}
+        n = len(matrices["A"])
+        provenance = parse_json(metadata.get("provenance", "null")) or {
+            "design": f"read from {path.name}",
+            "vehicle": "",
+        }
+        return Law(
+            name=str(metadata.get("name", path.stem)),
+            A=matrices["A"], B=_pad_reference(matrices["B"]), C=matrices["C"], D=_pad_reference(matrices["D"]),
+            G=matrices.get("G", np.zeros((n, 3))), H=matrices.get("H", np.zeros((n, 3))),
+            dt=float(metadata["dt"]),
+            limits=matrices.get("limits", np.full(3, _NO_LIMIT)).reshape(-1),
+            output=Output(metadata.get("output", Output.TORQUE.value)),
+            provenance=Provenance(**provenance),
+        )  # fmt: skip
+    except (ValueError, TypeError) as error:
+        raise LawFileError(f"{path}: {sanitize_line(str(error))}") from None
+
+
+def _pad_reference(matrix: Matrix) -> Matrix:
+    """Return a matrix with a reference's columns of 0 where only the gyro's three are given."""
+    return np.hstack([matrix, np.zeros_like(matrix)]) if matrix.ndim == 2 and matrix.shape[1] == 3 else matrix

@@ -1,0 +1,1 @@
+"""Serve a live page of a flight on loopback."""

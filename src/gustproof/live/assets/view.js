@@ -1,0 +1,299 @@
+// The live page: read updates, keep a clock between them, draw at the rate of the screen.
+import { camera, colours, drawHorizon, drawVehicle, euler, fresh, readColours } from "./picture.js";
+
+const WINDOW_S = 20, DEGREES = 180 / Math.PI;
+const byId = (id) => document.getElementById(id);
+const rows = { attitude: [], wind: [], torque: [], age: [], angles: [], rates: [] }; // each row: time [s], then its numbers
+const facts = {};
+const clock = { t: 0, rate: 0, latest: 0, received: 0 };
+// State that is drawn now, for tests of the page.
+const shown = { frames: 0, t: 0, q: null, wind_N: null, updates: 0, changed: true };
+globalThis.gustproof = { rows, facts, shown };
+
+const CHARTS = [
+  { title: "attitude [deg]", rows: rows.angles, names: ["roll φ", "pitch θ", "yaw ψ"], least: 1 },
+  { title: "rates [deg/s]", rows: rows.rates, names: ["p", "q", "r"], least: 2 },
+  { title: "commanded torque [N·m]", rows: rows.torque, names: ["roll", "pitch", "yaw"], least: 0.05 },
+  { title: "wind velocity at the vehicle [m/s]", rows: rows.wind, names: ["north", "east", "down"], least: 0.5 },
+  { title: "command age [ms]", rows: rows.age, names: ["from its timestamp"], least: 8, positive: true },
+].map((chart) => {
+  const figure = byId("charts").appendChild(document.createElement("figure"));
+  const caption = figure.appendChild(document.createElement("figcaption"));
+  caption.append(chart.title);
+  chart.names.forEach((name, i) => {
+    const item = caption.appendChild(document.createElement("span"));
+    item.appendChild(document.createElement("i")).className = `k${i}`;
+    item.append(name);
+    caption.append(" ");
+  });
+  const canvas = figure.appendChild(document.createElement("canvas"));
+  canvas.className = chart.positive ? "low strip" : "strip";
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", `${chart.title} over time`);
+  return { ...chart, canvas, span: chart.least, stale: true };
+});
+
+// Return the index of the first row at or after time t.
+function indexAt(list, t) {
+  let low = 0, high = list.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (list[middle][0] < t) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+// Return the numbers of a series at time t, interpolated between two rows; null if there are none.
+function valueAt(list, t) {
+  if (!list.length) return null;
+  const after = Math.min(indexAt(list, t), list.length - 1), b = list[after], a = list[Math.max(after - 1, 0)];
+  const share = b[0] > a[0] ? Math.min(1, Math.max(0, (t - a[0]) / (b[0] - a[0]))) : 1;
+  return a.slice(1).map((value, i) => value + share * (b[i + 1] - value));
+}
+
+function attitudeAt(t) {
+  const numbers = valueAt(rows.attitude, t);
+  if (!numbers) return null;
+  const length = Math.hypot(...numbers.slice(0, 4));
+  return numbers.slice(0, 4).map((part) => part / length);
+}
+
+function applyUpdate(update) {
+  shown.updates += 1;
+  for (const name of ["attitude", "wind", "torque", "age"]) for (const row of update[name] ?? []) rows[name].push(row);
+  let last = rows.angles.at(-1);
+  for (const [t, w, x, y, z, p, q, r] of update.attitude ?? []) {
+    const angles = euler([w, x, y, z]).map((angle) => angle * DEGREES);
+    if (last) for (const i of [0, 2]) angles[i] += 360 * Math.round((last[i + 1] - angles[i]) / 360); // full turns count
+    last = [t, ...angles];
+    rows.angles.push(last);
+    rows.rates.push([t, p * DEGREES, q * DEGREES, r * DEGREES]);
+  }
+  if (update.attitude) {
+    const now = performance.now() / 1000, latest = rows.attitude.at(-1)[0];
+    if (clock.received) clock.rate += 0.15 * ((latest - clock.latest) / Math.max(now - clock.received, 0.005) - clock.rate);
+    clock.latest = latest;
+    clock.received = now;
+  }
+  if (update.facts) {
+    Object.assign(facts, update.facts);
+    showFacts();
+  }
+  shown.changed = true;
+}
+
+// Advance the clock of the picture: it follows the newest sample at the flight's own speed, slightly delayed.
+function tick(now, dt) {
+  const stopped = facts.phase === "over" || facts.paused || now - clock.received > 0.5;
+  if (stopped) clock.rate = 0;
+  const behind = clock.latest - 0.08 * clock.rate - clock.t;
+  clock.t = stopped && Math.abs(behind) < 0.02 ? clock.latest : Math.min(clock.latest, clock.t + (clock.rate + 8 * behind) * Math.min(dt, 0.12));
+}
+
+function niceStep(value) {
+  const decade = 10 ** Math.floor(Math.log10(value));
+  return decade * ([1, 2, 5].find((step) => step * decade >= value * 0.999) ?? 10);
+}
+
+// Draw column k of rows. Of each `every` rows draw the lowest and the highest, so no peak is lost; null leaves a gap.
+function trace(g, list, k, first, last, every, x, y) {
+  let gap = true;
+  const point = (row) => {
+    if (row[k] !== null) g[gap ? "moveTo" : "lineTo"](x(row[0]), y(row[k]));
+    gap = row[k] === null;
+  };
+  g.beginPath();
+  for (let i = first - (first % every); i < last; i += every) {
+    const end = Math.min(i + every, last);
+    let low = i, high = i;
+    for (let j = i + 1; j < end; j++) {
+      if (list[j][k] < list[low][k]) low = j;
+      if (list[j][k] > list[high][k]) high = j;
+    }
+    point(list[Math.min(low, high)]);
+    if (low !== high) point(list[Math.max(low, high)]);
+  }
+  if (last > first) point(list[last - 1]);
+  g.stroke();
+}
+
+function drawStrip(chart, from, to) {
+  const [g, width, height] = fresh(chart.canvas), list = chart.rows, left = 42, bottom = height - 16;
+  const first = Math.max(indexAt(list, from) - 1, 0), last = Math.min(indexAt(list, to) + 1, list.length);
+  const every = Math.max(1, Math.ceil((last - first) / ((width - left) / 2)));
+  const columns = chart.names.map((_, i) => i + 1);
+  let largest = chart.least;
+  for (let i = first; i < last; i++) for (const k of columns) largest = Math.max(largest, Math.abs(list[i][k]));
+  chart.span = largest > chart.span ? largest : Math.max(largest, chart.span * 0.995);
+  const span = 1.08 * chart.span, low = chart.positive ? 0 : -span;
+  const y = (value) => (bottom * (span - value)) / (span - low), step = niceStep((span - low) / (chart.positive ? 2.2 : 4.4));
+  const x = (t) => left + ((t - from) / (to - from)) * (width - left);
+  g.font = "11px system-ui, sans-serif";
+  g.textBaseline = "middle";
+  g.lineWidth = 1;
+  g.strokeStyle = colours.grid;
+  g.fillStyle = colours.muted;
+  g.beginPath();
+  g.textAlign = "right";
+  for (let value = Math.ceil(low / step) * step; value <= span; value += step) {
+    g.moveTo(left, y(value));
+    g.lineTo(width, y(value));
+    g.fillText(+value.toPrecision(6), left - 5, Math.min(Math.max(y(value), 6), bottom - 5));
+  }
+  const ticks = niceStep((to - from) / 6);
+  g.textAlign = "center";
+  for (let t = Math.ceil(Math.max(from, 0) / ticks) * ticks; t <= to; t += ticks) {
+    g.moveTo(x(t), 0);
+    g.lineTo(x(t), bottom);
+    g.fillText(`${+t.toPrecision(6)} s`, Math.min(Math.max(x(t), left + 8), width - 14), height - 6);
+  }
+  g.stroke();
+  g.save();
+  g.beginPath();
+  g.rect(left, 0, width - left, bottom);
+  g.clip();
+  g.lineWidth = 1;
+  for (const k of columns) {
+    g.strokeStyle = colours[`c${k - 1}`];
+    trace(g, list, k, first, last, every, x, y);
+  }
+  g.restore();
+}
+
+const counters = { numbersAt: 0, frames: 0, since: 0 };
+
+function draw(milliseconds) {
+  const now = milliseconds / 1000, dt = Math.max(now - (draw.last ?? now), 0);
+  draw.last = now;
+  shown.frames += 1;
+  const before = clock.t;
+  tick(performance.now() / 1000, dt);
+  if (clock.t !== before || shown.changed) {
+    shown.changed = false;
+    shown.t = clock.t;
+    shown.q = attitudeAt(clock.t) ?? [1, 0, 0, 0];
+    shown.wind_N = valueAt(rows.wind, clock.t);
+    drawVehicle(byId("vehicle"), shown.q, shown.wind_N);
+    drawHorizon(byId("horizon"), shown.q);
+    for (const chart of CHARTS) chart.stale = true;
+  }
+  // Draw one chart a frame: it moves a few pixels until its next turn, at a fraction of the cost.
+  const chart = CHARTS[shown.frames % CHARTS.length];
+  if (chart.stale) {
+    chart.stale = false;
+    const over = facts.phase === "over", to = over ? Math.max(clock.latest, 1) : Math.max(clock.t, WINDOW_S);
+    drawStrip(chart, over ? 0 : to - WINDOW_S, to);
+  }
+  if (now - counters.numbersAt > 0.1) {
+    counters.numbersAt = now;
+    showNumbers();
+  }
+  if (now - counters.since > 1) {
+    byId("drawn").textContent = `${Math.round((shown.frames - counters.frames) / (now - counters.since))} frames/s`;
+    counters.since = now;
+    counters.frames = shown.frames;
+  }
+  requestAnimationFrame(draw);
+}
+
+const signed = (value, digits) => (value < 0 ? "−" : "+") + Math.abs(value).toFixed(digits);
+
+function showNumbers() {
+  if (rows.attitude.length) {
+    const [phi, theta, psi] = euler(shown.q).map((angle) => signed(angle * DEGREES, 2));
+    byId("angles").textContent = `roll ${phi}°  pitch ${theta}°  yaw ${psi}°`;
+    byId("clock").textContent = `${clock.t.toFixed(2)} s of ${facts.duration_s} s`;
+  }
+  if (rows.age.length) {
+    const [, age] = rows.age[Math.min(indexAt(rows.age, clock.t), rows.age.length - 1)];
+    byId("age").textContent = age === null ? "no command in effect" : `${age} ms old`;
+  }
+  if (shown.wind_N) {
+    const [north, east, down] = shown.wind_N, from = (Math.atan2(-east, -north) * DEGREES + 360) % 360;
+    const level = Math.hypot(north, east), whence = level < 0.05 ? "" : ` from ${Math.round(from) % 360}°`;
+    const vertical = Math.abs(down) < 0.05 ? "" : `, ${Math.abs(down).toFixed(1)} m/s ${down > 0 ? "down" : "up"}`;
+    byId("wind").textContent = `wind ${level.toFixed(1)} m/s${whence}${vertical}`;
+  }
+}
+
+const PHASES = { ready: "ready: press Start", starting: "starting the vehicle", flying: "flying", over: "over" };
+
+function showFacts() {
+  const { phase, link } = facts, ready = phase === "ready", over = phase === "over";
+  byId("title").textContent = document.title = `${facts.scenario} · ${facts.law}`;
+  byId("phase").textContent = over ? facts.message : facts.paused ? "paused" : PHASES[phase];
+  byId("start").disabled = !ready;
+  byId("pause").hidden = facts.real_time;
+  byId("pause").disabled = phase !== "flying";
+  byId("pause").textContent = facts.paused ? "Resume" : "Pause";
+  const slider = byId("gust");
+  slider.disabled = over;
+  [slider.min, slider.max] = facts.gust_scale_limits;
+  if (document.activeElement !== slider) slider.value = facts.gust_scale;
+  byId("scale").textContent = `× ${facts.gust_scale.toFixed(2)}`;
+  byId("mode").textContent = facts.mode ? `${facts.mode}${facts.armed ? ", armed" : ""}` : "–";
+  byId("law").textContent = `${facts.law} on vehicle ${facts.vehicle}`;
+  byId("link").textContent = link
+    ? `${link.rate} messages/s, ${link.lost} lost, ${link.bad} damaged${link.round_trip_ms === null ? "" : `, ${link.round_trip_ms.toFixed(1)} ms round trip`}`
+    : "–";
+  byId("lights").replaceChildren(
+    ...facts.lights.map(({ text, value, held }) =>
+      Object.assign(document.createElement("li"), {
+        textContent: value === null ? text : `${text}: ${+value.toPrecision(3)}`,
+        className: held === null ? "dark" : held ? "held" : "failed",
+      }),
+    ),
+  );
+  byId("texts").replaceChildren(
+    ...facts.texts.map((text) => Object.assign(document.createElement("li"), { textContent: text })),
+  );
+}
+
+const pending = new Map(), inFlight = new Set();
+
+// Send one value of a kind at a time, then the newest: a slider sends many, and none may overtake another.
+async function send(name, value) {
+  pending.set(name, value);
+  if (inFlight.has(name)) return;
+  inFlight.add(name);
+  try {
+    while (pending.has(name)) {
+      const body = JSON.stringify(pending.get(name));
+      pending.delete(name);
+      const response = await fetch(name, { method: "POST", body });
+      if (!response.ok) byId("phase").textContent = await response.text();
+    }
+  } catch {
+    // the program has ended; the event source reports it
+  } finally {
+    inFlight.delete(name);
+  }
+}
+
+byId("start").addEventListener("click", () => send("start", true));
+byId("pause").addEventListener("click", () => send("pause", !facts.paused));
+byId("gust").addEventListener("input", () => send("gust", Number(byId("gust").value)));
+byId("vehicle").addEventListener("pointermove", (event) => {
+  if (!event.buttons) return;
+  camera.azimuth -= event.movementX * 0.01;
+  camera.elevation = Math.min(1.4, Math.max(0.05, camera.elevation + event.movementY * 0.01));
+  shown.changed = true;
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  readColours();
+  shown.changed = true;
+});
+addEventListener("resize", () => (shown.changed = true));
+
+const updates = new EventSource("events");
+updates.onmessage = (event) => {
+  applyUpdate(JSON.parse(event.data));
+  if (facts.phase === "over") updates.close();
+};
+updates.onerror = () => {
+  updates.close();
+  byId("phase").textContent = "connection to gustproof lost";
+};
+readColours();
+requestAnimationFrame(draw);

@@ -1,0 +1,148 @@
+"""The live page of one flight: the page starts the flight and shows it to the end.
+
+    real time   vehicle --telemetry--> GroundStation --> TelemetryBuffer --> page
+    lockstep    vehicle --> journal --> follow_journal --> TelemetryBuffer --> page
+    both        vehicle --> journal --> requirement status, command age --> TelemetryBuffer --> page
+
+In lockstep the ground station provides mode, link and parameters only.
+The page changes two parameters of the flight over MAVLink: the scale of the gusts and, in lockstep, the pause.
+"""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from threading import Event, Thread
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.autopilot.parameters import GUST_SCALE_NAME, PAUSE_NAME, Parameters, published_limit
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.process import udp
+from firmware_model.recording.journal import RECORD, read_journal
+from gustproof.law.form import Law
+from gustproof.live.ground_station import STREAM_US, GroundStation
+from gustproof.live.journal_follower import follow_journal
+from gustproof.live.requirement_status import requirement_status
+from gustproof.live.server import LOOPBACK, PageServer, parse_bool, parse_number
+from gustproof.live.telemetry_buffer import SERIES, TelemetryBuffer
+
+_JOIN_TIMEOUT_S = 30.0  # for threads with little left to do, on a machine that may be busy
+_JUDGE_S = 0.5
+_JUDGE_SHARE = 0.05  # of a core: judging takes longer as the flight grows
+_NO_RECORDS = np.empty(0, dtype=RECORD)
+
+
+class LivePage:
+    """The page and its data sources; a context manager that leaves no thread and no socket behind."""
+
+    def __init__(self, scenario: Scenario, law: Law, vehicle: Vehicle, *, real_time: bool) -> None:
+        self._scenario, self._vehicle, self._real_time = scenario, vehicle, real_time
+        self._every = max(round(STREAM_US / scenario.sample_us), 1)
+        parameters = Parameters(vehicle, scenario)
+        self._gust = parameters.table[parameters.index(GUST_SCALE_NAME) or 0]
+        self._buffer = TelemetryBuffer(
+            scenario=scenario.name, law=law.name, vehicle=vehicle.name, duration_s=scenario.duration_s,
+            real_time=real_time, phase="ready", message="", mode="", armed=False, paused=False, texts=[], link=None,
+            gust_scale=self._gust.default, gust_scale_limits=[self._gust.minimum, self._gust.maximum],
+            lights=requirement_status(_NO_RECORDS, scenario, vehicle, over=False),
+        )  # fmt: skip
+        self._started, self._done = Event(), Event()
+        self._requests: dict[str, float] = {}
+        self._station: GroundStation | None = None
+        self._threads: list[Thread] = []
+        handlers: dict[str, Callable[[Any], None]] = {"start": self._start, "gust": self._set_gust}
+        if not real_time:
+            handlers["pause"] = self._pause
+        self._server = PageServer(self._buffer, handlers)
+
+    @property
+    def address(self) -> str:
+        """Address of the page."""
+        return self._server.address
+
+    def wait(self) -> None:
+        """Wait until the page starts the flight; Ctrl-C ends this."""
+        while not self._started.wait(0.2):
+            pass
+
+    def watch(self, port: int, journal: Path) -> None:
+        """Show the flight of the vehicle that listens on `port` and writes `journal`.
+
+        This is the `on_listening` of `processes.fly`. Parameters that the page has set already reach the vehicle before
+        the flight begins.
+        """
+        station = GroundStation(
+            (0, (LOOPBACK, port)), self._buffer, published_limit(self._vehicle), streams=self._real_time
+        )
+        for name, value in self._requests.items():
+            station.set_parameter(name, value)
+        self._station = station
+        self._run(_serve, station)
+        names = ("age",) if self._real_time else SERIES  # no message has the age
+        self._run(follow_journal, journal, self._every, self._scenario.sample_us, self._buffer, self._done, names)
+        if self._scenario.require:
+            self._run(self._judge, journal)
+        station.parameters_confirmed.wait(_JOIN_TIMEOUT_S)
+        self._buffer.update(phase="flying")
+
+    def end(self, message: str, records: NDArray[np.void] = _NO_RECORDS) -> None:
+        """Show the end of the flight and the requirement status of its journal records (n,)."""
+        self._done.set()
+        if self._station is not None:
+            self._station.end()
+        for thread in self._threads:
+            thread.join(_JOIN_TIMEOUT_S)
+        self._buffer.update(
+            phase="over", message=message, lights=requirement_status(records, self._scenario, self._vehicle, over=True)
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._buffer["phase"] != "over":
+            self.end("the flight broke off")
+        self._server.server_close()
+
+    def _run(self, function: Callable[..., None], *arguments: Any) -> None:
+        thread = Thread(target=function, args=arguments, daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def _judge(self, journal: Path) -> None:
+        spent_s = 0.0
+        while not self._done.wait(max(_JUDGE_S, spent_s / _JUDGE_SHARE)):
+            begun_s = time.thread_time()
+            _, records = read_journal(journal)
+            self._buffer.update(lights=requirement_status(records, self._scenario, self._vehicle, over=False))
+            spent_s = time.thread_time() - begun_s
+
+    def _start(self, value: Any) -> None:
+        if parse_bool(value) and not self._started.is_set():
+            self._buffer.update(phase="starting")
+            self._started.set()
+
+    def _pause(self, value: Any) -> None:
+        self._request(PAUSE_NAME, float(parse_bool(value)))
+
+    def _set_gust(self, value: Any) -> None:
+        scale = parse_number(value, self._gust.minimum, self._gust.maximum)
+        if not self._started.is_set():
+            self._buffer.update(gust_scale=scale)
+        self._request(GUST_SCALE_NAME, scale)
+
+    def _request(self, name: str, value: float) -> None:
+        self._requests[name] = value
+        if self._station is not None:
+            self._station.set_parameter(name, value)
+
+
+def _serve(station: GroundStation) -> None:
+    with udp.bind(0, LOOPBACK) as bound:
+        udp.serve(station, [bound])

@@ -1,0 +1,1 @@
+"""Analyse linear systems: state space, norms, margins, Riccati equations, exact rationals."""

@@ -1,0 +1,268 @@
+"""Linear systems as read-only arrays, and the border to python-control.
+
+Users plot and check with `control.StateSpace`. It is mutable, drops states on request of a global setting, and spells
+"continuous" as 0 or `None`. So functions take any object with `A, B, C, D, dt` and copy it into an `Lti`;
+`Lti.to_control` alone makes a `control.StateSpace`.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from gustproof.types import readonly_copy
+
+if TYPE_CHECKING:
+    import control
+
+Matrix = NDArray[np.float64]
+ComplexMatrix = NDArray[np.complex128]
+
+
+class LinearSystem(Protocol):
+    """Attributes read from a linear system: an `Lti` or a `control.StateSpace`."""
+
+    @property
+    def A(self) -> Any:
+        """State matrix."""
+
+    @property
+    def B(self) -> Any:
+        """Input matrix."""
+
+    @property
+    def C(self) -> Any:
+        """Output matrix."""
+
+    @property
+    def D(self) -> Any:
+        """Feedthrough matrix."""
+
+    @property
+    def dt(self) -> Any:
+        """Sample time; 0 or `None` for continuous time."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Lti:
+    """A linear system of n states, m inputs and p outputs; arrays are checked on construction, then read-only.
+
+    Raises
+    ------
+    ValueError
+        If a shape does not fit, a number is not finite, or `dt` is negative.
+
+    Examples
+    --------
+    >>> from gustproof import Lti
+    >>> lag = Lti(A=[[-2.0]], B=[[2.0]], C=[[1.0]], D=[[0.0]])
+    >>> (lag.order, lag.is_stable())
+    (1, True)
+    """
+
+    A: Matrix
+    """(n, n) state to derivative, or to next state."""
+    B: Matrix
+    """(n, m) input to derivative, or to next state."""
+    C: Matrix
+    """(p, n) state to output."""
+    D: Matrix
+    """(p, m) input to output."""
+    dt: float = 0.0
+    """[s] sample time; 0 for continuous time."""
+
+    def __post_init__(self) -> None:
+        """Check shapes and values, and set the arrays read-only."""
+        D = np.atleast_2d(np.asarray(self.D, dtype=np.float64))
+        p, m = D.shape
+        n = np.atleast_2d(np.asarray(self.A, dtype=np.float64)).shape[0] if np.size(self.A) else 0
+        for name, shape in {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m)}.items():
+            object.__setattr__(self, name, readonly_copy(name, _as_matrix(getattr(self, name), shape), shape))
+        if not (np.isfinite(self.dt) and self.dt >= 0.0):
+            raise ValueError(f"dt is {self.dt!r}, must be 0 (continuous) or positive")
+
+    @property
+    def order(self) -> int:
+        """Number of states."""
+        return int(self.A.shape[0])
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs."""
+        return int(self.D.shape[1])
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of outputs."""
+        return int(self.D.shape[0])
+
+    def poles(self) -> ComplexMatrix:
+        """Return the eigenvalues of `A`, (n,) [rad/s], or [-] in discrete time."""
+        return np.asarray(scipy.linalg.eigvals(self.A) if self.order else np.empty(0), dtype=np.complex128)
+
+    def is_stable(self) -> bool:
+        """Return whether every pole is strictly inside the stability region."""
+        poles = self.poles()
+        return bool(np.all(np.abs(poles) < 1.0) if self.dt else np.all(poles.real < 0.0))
+
+    def response(self, omega: ArrayLike) -> ComplexMatrix:
+        """Return the frequency response, (k, p, m), at the k frequencies `omega` [rad/s]."""
+        frequencies = np.atleast_1d(np.asarray(omega, dtype=np.float64))
+        points = np.exp(1j * frequencies * self.dt) if self.dt else 1j * frequencies
+        if not self.order:
+            return np.broadcast_to(self.D.astype(np.complex128), (points.size, *self.D.shape)).copy()
+        pencil = points[:, None, None] * np.eye(self.order) - self.A
+        return np.asarray(self.C @ np.linalg.solve(pencil, self.B[None].astype(np.complex128)) + self.D)
+
+    def subsystem(self, outputs: slice, inputs: slice) -> "Lti":
+        """Return the system from the selected inputs to the selected outputs, with all its states."""
+        return Lti(A=self.A, B=self.B[:, inputs], C=self.C[outputs], D=self.D[outputs, inputs], dt=self.dt)
+
+    def to_control(self, **names: list[str]) -> "control.StateSpace":
+        """Return a `control.StateSpace` copy; `names` are its `inputs`, `outputs` and `states`."""
+        import control  # takes seconds and loads matplotlib: imported on use only
+
+        return control.StateSpace(
+            self.A.copy(), self.B.copy(), self.C.copy(), self.D.copy(), self.dt, remove_useless_states=False, **names
+        )
+
+
+def as_lti(system: LinearSystem) -> Lti:
+    """Return a read-only copy of `system`; an unspecified time base counts as continuous.
+
+    Raises
+    ------
+    ValueError
+        If the system is discrete with no sample time (python-control's `dt=True`), or its arrays are not sound.
+    """
+    if isinstance(system, Lti):
+        return system
+    if system.dt is True:
+        raise ValueError("the system is discrete without a sample time; give dt in seconds")
+    return Lti(A=system.A, B=system.B, C=system.C, D=system.D, dt=0.0 if system.dt is None else float(system.dt))
+
+
+def as_continuous(name: str, system: LinearSystem) -> Lti:
+    """Return a read-only copy of a continuous `system`.
+
+    Raises
+    ------
+    ValueError
+        If the system is discrete, or its arrays are not sound.
+    """
+    copy = as_lti(system)
+    if copy.dt:
+        raise ValueError(f"{name} is discrete, dt = {copy.dt} s, must be continuous")
+    return copy
+
+
+def gain(D: ArrayLike, dt: float = 0.0) -> Lti:
+    """Return the static gain `D` as a system without states."""
+    matrix = np.atleast_2d(np.asarray(D, dtype=np.float64))
+    p, m = matrix.shape
+    return Lti(A=np.zeros((0, 0)), B=np.zeros((0, m)), C=np.zeros((p, 0)), D=matrix, dt=dt)
+
+
+def series(first: Lti, second: Lti) -> Lti:
+    """Return the series connection, `first` feeding `second`; states of `first` come first."""
+    _check_sample_times(first, second)
+    return Lti(
+        A=np.block([[first.A, np.zeros((first.order, second.order))], [second.B @ first.C, second.A]]),
+        B=np.vstack([first.B, second.B @ first.D]),
+        C=np.hstack([second.D @ first.C, second.C]),
+        D=second.D @ first.D,
+        dt=first.dt,
+    )
+
+
+def sensitivity(L: Lti) -> Lti:
+    """Return the sensitivity `(I + L)^-1` of the negative-feedback loop with the loop transfer `L`.
+
+    Raises
+    ------
+    ValueError
+        If the loop is not well posed: `I + L` is singular at infinite frequency.
+    """
+    K = gain(-np.eye(L.n_inputs), L.dt)
+    n = L.n_outputs
+    B, D = np.hstack([np.zeros((L.order, n)), L.B]), np.block([[np.eye(n), L.D], [np.eye(n), L.D]])
+    return lft(Lti(A=L.A, B=B, C=np.vstack([L.C, L.C]), D=D, dt=L.dt), K)
+
+
+def largest_gain(M: Matrix) -> float:
+    """Return the largest singular value of a matrix, to the bit that of `numpy.linalg.norm(M, 2)`."""
+    return float(np.linalg.svd(M, compute_uv=False)[0])
+
+
+def lft(P: Lti, K: Lti) -> Lti:
+    """Return the lower linear fractional transformation `F_l(P, K)`: `K` closes the last inputs and outputs of `P`.
+
+    `K` reads the last `K.n_inputs` outputs of `P` and drives its last `K.n_outputs` inputs with positive feedback,
+    `u = K y`. States of `P` come first.
+
+    Raises
+    ------
+    ValueError
+        If sizes or sample times do not fit, or the loop is not well posed.
+
+    References
+    ----------
+    K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control, Prentice Hall 1996, section 10.1.
+    """
+    _check_sample_times(P, K)
+    p1, m1 = P.n_outputs - K.n_inputs, P.n_inputs - K.n_outputs
+    if p1 < 0 or m1 < 0:
+        raise ValueError(f"K is {K.n_outputs} x {K.n_inputs}, larger than P, {P.n_outputs} x {P.n_inputs}")
+    B1, B2, C1, C2 = P.B[:, :m1], P.B[:, m1:], P.C[:p1], P.C[p1:]
+    D11, D12, D21, D22 = P.D[:p1, :m1], P.D[:p1, m1:], P.D[p1:, :m1], P.D[p1:, m1:]
+    return_difference = np.eye(K.n_outputs) - K.D @ D22
+    if K.n_outputs and np.linalg.cond(return_difference) > 1e12:
+        raise ValueError("the loop of P and K is not well posed: I - D_K D22 is singular")
+    # u = E_x x + E_k x_k + E_w w, with the feedthrough loop solved once
+    E = np.linalg.solve(return_difference, np.hstack([K.D @ C2, K.C, K.D @ D21]))
+    n = P.order
+    E_x, E_k, E_w = E[:, :n], E[:, n : n + K.order], E[:, n + K.order :]
+    return Lti(
+        A=np.vstack(
+            [np.hstack([P.A + B2 @ E_x, B2 @ E_k]), np.hstack([K.B @ (C2 + D22 @ E_x), K.A + K.B @ D22 @ E_k])]
+        ),
+        B=np.vstack([B1 + B2 @ E_w, K.B @ (D21 + D22 @ E_w)]),
+        C=np.hstack([C1 + D12 @ E_x, D12 @ E_k]),
+        D=D11 + D12 @ E_w,
+        dt=P.dt,
+    )
+
+
+def discretize_zoh(system: LinearSystem, dt: float) -> Lti:
+    """Return the system sampled at multiples of `dt` [s], its input held between them; exact.
+
+    References
+    ----------
+    C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE TAC 23 (1978), 395-404.
+    """
+    G = as_lti(system)
+    if G.dt:
+        raise ValueError(f"the system is discrete already, dt = {G.dt} s")
+    n, m = G.order, G.n_inputs
+    exponential = scipy.linalg.expm(np.block([[G.A, G.B], [np.zeros((m, n + m))]]) * dt)
+    return Lti(A=exponential[:n, :n], B=exponential[:n, n:], C=G.C, D=G.D, dt=dt)
+
+
+def delay(width: int, dt: float) -> Lti:
+    """Return a delay of one sample `dt` [s] on each of `width` channels."""
+    identity, zero = np.eye(width), np.zeros((width, width))
+    return Lti(A=zero, B=identity, C=identity, D=zero, dt=dt)
+
+
+def _check_sample_times(first: Lti, second: Lti) -> None:
+    if first.dt != second.dt:
+        raise ValueError(f"sample times differ: {first.dt} s and {second.dt} s")
+
+
+def _as_matrix(value: ArrayLike, shape: tuple[int, int]) -> Matrix:
+    """Return `value` as a matrix; a row, a column or an empty matrix may lack axes."""
+    array = np.asarray(value, dtype=np.float64)
+    lacks_axes = array.ndim < 2 or 0 in shape
+    return array.reshape(shape) if lacks_axes and array.size == shape[0] * shape[1] else array

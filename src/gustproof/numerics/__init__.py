@@ -1,1 +1,0 @@
-"""Linear systems, their norms, margins and Riccati equations."""

@@ -1,0 +1,1 @@
+"""Predict error and slew in turbulence, and bound them for all laws."""

@@ -1,0 +1,86 @@
+"""Predict a complete law in turbulence, without a flight, on the model of `gustproof.performance.covariance`."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import GRAVITY, Vehicle
+from gustproof.law.form import Law, Matrix, Output
+from gustproof.law.hover import linear_law
+from gustproof.lti.state_space import Lti, lft
+from gustproof.performance.covariance import AxisModel, augmented_axis, axis_models, mean_second_moments
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """Predicted performance of three axes at once."""
+
+    rmse: float
+    """[rad] root mean square of the Euler angles over the scenario, of all flights."""
+    slew: float
+    """[N*m/s] root mean square of the commands' change from sample to sample, divided by the sample time."""
+
+
+def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None:
+    """Return error and slew of a torque law in the scenario's turbulence, vehicle held; `None` for a law of rates.
+
+    The result is exact for small angles and a law within its limits, linear at level attitude. The loop must be stable,
+    except for the attitude itself.
+
+    Raises
+    ------
+    ValueError
+        If the scenario has no Dryden turbulence.
+
+    Examples
+    --------
+    >>> import math
+    >>> from gustproof import load_law, load_scenario, load_vehicle, predict
+    >>> found = predict(load_law("pid-fair"), load_vehicle("paper"), load_scenario("paper-turbulence"))
+    >>> f"{math.degrees(found.rmse):.2f} deg, {found.slew:.0f} N m/s"
+    '0.11 deg, 20 N m/s'
+    """
+    if law.output is not Output.TORQUE:
+        return None
+    models = axis_models(vehicle, scenario)
+    moments = mean_second_moments(models, lft(_augmented_vehicle(models, vehicle, scenario), _controller(law)))
+    pooled = np.sqrt(np.mean(np.diag(moments).reshape(2, 3), axis=1))
+    return Prediction(rmse=float(pooled[0]), slew=float(pooled[1]) / scenario.dt)
+
+
+def _augmented_vehicle(models: Sequence[AxisModel], vehicle: Vehicle, scenario: Scenario) -> Lti:
+    """Return three axes as one: noises and commands in; attitudes, command changes, gyro and specific force out."""
+    axes = [augmented_axis(model) for model in models]
+    A, B, C, D = (scipy.linalg.block_diag(*(getattr(axis, name) for axis in axes)) for name in "ABCD")
+    last = np.cumsum([axis.n_inputs for axis in axes]) - 1
+    noises = [i for i in range(B.shape[1]) if i not in last]
+    attitudes, changes, gyros = ([3 * axis + output for axis in range(3)] for output in range(3))
+    # level and held, f_z = -g: nose up gives f_x > 0, roll to the right gives f_y < 0
+    specific_force = GRAVITY * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) @ C[attitudes]
+    density = vehicle.accelerometer.noise_density if scenario.accelerometer.noise else 0.0
+    noise = density * math.sqrt(0.5 * scenario.control_rate_hz) * np.eye(3)
+    outputs, order = [*attitudes, *changes, *gyros], [*noises, *last]
+    B, D = B[:, order], D[np.ix_(outputs, order)]
+    return Lti(
+        A=A,
+        B=np.hstack([np.zeros((A.shape[0], 3)), B]),
+        C=np.vstack([C[outputs], specific_force]),
+        D=np.block([[np.zeros((9, 3)), D], [noise, np.zeros((3, B.shape[1]))]]),
+        dt=scenario.dt,
+    )
+
+
+def _controller(law: Law) -> Lti:
+    """Return the linear law from gyro and specific force (6,) to the command (3,)."""
+    whole = linear_law(law, 9)
+    return Lti(A=whole.A, B=_force_columns(whole.B), C=whole.C, D=_force_columns(whole.D), dt=law.dt)
+
+
+def _force_columns(columns: Matrix) -> Matrix:
+    """Return the columns of gyro and specific force; the latter are 0 for a law that does not use it."""
+    rows, width = columns.shape
+    return np.hstack([columns[:, :3], columns[:, 6:], np.zeros((rows, 9 - width))])

@@ -1,0 +1,217 @@
+"use strict";
+// Charts by uPlot in the colours of the page's theme. Charts of time share zoom and cursor; groups export as PNG.
+const charts = {
+  drawn: [],  // {chart, plot, marker}
+  start: 0, end: 1,  // [s] the longest flight
+  onZoom() {},
+  onPick() {},
+  ofTime() { return this.drawn.filter(({ chart }) => chart.kind === "time"); },
+};
+
+function themed(name) { return getComputedStyle(document.documentElement).getPropertyValue(name).trim(); }
+function colourOf(curve) { return themed(curve.colour === null ? "--c6" : `--c${curve.colour % 7}`); }
+function format(value) { return value == null ? "–" : Number(value).toPrecision(4).replace("-", "−"); }
+
+// uPlot takes one x for all curves of a chart, and null for missing values.
+function tableOf(chart) {
+  const holes = (values) => (values.some(Number.isNaN) ? Array.from(values, (v) => (Number.isNaN(v) ? null : v)) : values);
+  const curves = chart.curves.map((curve) => [numbers.at(curve.x), holes(numbers.at(curve.y))]);
+  if (chart.kind === "plane") {  // poles may share a real part: joining would keep only one of them
+    const all = curves.flatMap(([x, y], i) => Array.from(x, (value, k) => [value, i, y[k]])).sort((a, b) => a[0] - b[0]);
+    return [all.map(([x]) => x), ...curves.map((_, i) => all.map(([, j, y]) => (i === j ? y : null)))];
+  }
+  const same = chart.curves.every((curve) => String(curve.x) === String(chart.curves[0].x));
+  return same ? [curves[0][0], ...curves.map(([, y]) => y)] : uPlot.join(curves.map(([x, y]) => [x, y]));
+}
+
+function seriesOf(curve, kind, k) {
+  const series = { label: curve.label, stroke: () => colourOf(curve), width: 1.3 * k, value: (_, v) => format(v), points: { show: false }, spanGaps: true };
+  if (curve.style === "dashed") series.dash = [7 * k, 5 * k];
+  else if (curve.colour >= 7) series.dash = [3 * k, 2 * k];  // the palette a second time
+  if (kind === "time") series.spanGaps = false;
+  if (kind === "plane") {
+    series.paths = () => null;
+    const ring = curve.style === "hollow";
+    series.points = { show: true, size: (ring ? 11 : 6) * k, width: 1.6 * k, stroke: () => colourOf(curve), fill: () => (ring ? "transparent" : colourOf(curve)) };
+  }
+  return series;
+}
+
+function axisOf(label, k, side) {
+  const axis = {
+    stroke: () => themed("--muted"), font: `${11 * k}px system-ui, sans-serif`, labelFont: `${11 * k}px system-ui, sans-serif`,
+    grid: { stroke: () => themed("--grid"), width: k }, ticks: { stroke: () => themed("--line"), width: k, size: 5 * k }, gap: 3 * k,
+  };
+  return side === "x" ? { ...axis, label, labelSize: 17 * k, size: 24 * k, space: 60 * k } : { ...axis, size: 58 * k, space: 26 * k };
+}
+
+// k scales everything, for a picture of higher resolution.
+function optionsOf(chart, width, height, k = 1) {
+  const distr = { time: 1, frequency: 3, plane: 4 }[chart.kind];
+  const values = (_, splits) => (chart.kind === "time" ? splits.map(plain) : decades(splits));
+  const range = rangesOf(chart), splits = chart.kind === "frequency" && { splits: (_, __, low, high) => lines(low, high) };
+  return {
+    width, height, padding: [8 * k, 16 * k, 0, 0],
+    scales: { x: { time: false, distr, asinh: 0.1, ...range.x }, y: { distr, asinh: 0.1, ...range.y } },
+    axes: [{ ...axisOf(chart.x, k, "x"), values, ...splits }, { ...axisOf("", k, "y"), values, ...splits }],
+    series: [{ label: chart.x.split(" [")[0], value: (_, v) => format(v) }, ...chart.curves.map((curve) => seriesOf(curve, chart.kind, k))],
+    legend: { live: true, markers: { width: 2, stroke: (_, i) => colourOf(chart.curves[i - 1]), dash: (_, i) => (chart.curves[i - 1].style === "dashed" ? "dashed" : "solid") } },
+    cursor: {
+      y: false, points: { size: 6 }, drag: { x: chart.kind === "time", y: false, setScale: chart.kind === "time" },
+      ...(chart.kind === "time" && { sync: { key: "time", scales: ["x", null], setSeries: false, filters: { pub: (type) => type === "mousemove" || type === "mouseleave" } } }),
+    },
+  };
+}
+
+// Frequency charts show six decades at most. Poles keep clear of the edges. A flat curve gets an axis of height 2.
+function rangesOf(chart) {
+  if (chart.kind === "time") return { y: { range: (_, low, high) => (low === high ? [low - 1, high + 1] : uPlot.rangeNum(low, high, 0.08, true)) } };
+  if (chart.kind === "frequency") return { y: { range: (_, low, high) => [Math.max(low, high * 1e-6) / 1.4, high * 1.4] } };
+  const widest = (_, low, high) => 3 * Math.max(-low, high, 1);
+  return { x: { range: (_, low, high) => [-widest(_, low, high), Math.max(3 * high, 0.1)] }, y: { range: (...all) => [-widest(...all), widest(...all)] } };
+}
+
+// Grid of a logarithmic axis: 1 to 9 times each power of ten. uPlot's own loops for ever on a range just below a power.
+function lines(low, high) {
+  const found = [];
+  for (let power = Math.floor(Math.log10(low)); power <= Math.log10(high); power++) {
+    for (let digit = 1; digit < 10; digit++) found.push(Number(`${digit}e${power}`));
+  }
+  return found.filter((value) => value >= low && value <= high);
+}
+
+function plain(value) { return value === null ? value : String(Number(value.toPrecision(5))).replace("-", "−"); }
+
+// Labels of a logarithmic axis: powers of ten, and the values between them if powers are few.
+function decades(splits) {
+  const decade = (value) => value === 0 || Math.abs(Math.log10(Math.abs(value)) % 1) < 1e-6;
+  const few = splits.filter((value) => value !== null && decade(value)).length < 2;
+  return splits.map((value) => {
+    if (value === null || !(few || decade(value))) return null;
+    const power = Math.round(Math.log10(Math.abs(value)));
+    if (value === 0 || Math.abs(power) < 3 || !decade(value)) return plain(value);
+    return `${value < 0 ? "−" : ""}10${String(power).replace(/./g, (c) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[c] ?? "⁻")}`;
+  });
+}
+
+function addGroup(section, group) {
+  const article = section.appendChild(document.createElement("article"));
+  article.className = "group";
+  const header = article.appendChild(document.createElement("header"));
+  header.appendChild(document.createElement("h3")).textContent = group.title;
+  const button = header.appendChild(document.createElement("button"));
+  Object.assign(button, { type: "button", textContent: "PNG", title: `Save '${group.title}' as a picture` });
+  button.addEventListener("click", () => save(group));
+  if (group.note) Object.assign(article.appendChild(document.createElement("p")), { className: "note", textContent: group.note });
+  const row = article.appendChild(document.createElement("div"));
+  row.className = `charts of${group.charts.length}`;
+  for (const chart of group.charts) addChart(row, chart);
+}
+
+function addChart(row, chart) {
+  const place = row.appendChild(document.createElement("div"));
+  place.className = "chart";
+  place.appendChild(document.createElement("h4")).textContent = chart.title;
+  const height = chart.kind === "time" ? 170 : 230;
+  const plot = new uPlot(optionsOf(chart, Math.max(place.clientWidth, 200), height), tableOf(chart), place);
+  const drawn = { chart, plot, marker: null };
+  charts.drawn.push(drawn);
+  new ResizeObserver(() => {
+    if (place.clientWidth && place.clientWidth !== plot.width) plot.setSize({ width: place.clientWidth, height });
+  }).observe(place);
+  if (chart.kind === "time") joinTime(drawn);
+}
+
+function joinTime(drawn) {
+  const { plot } = drawn;
+  drawn.marker = plot.over.appendChild(document.createElement("div"));
+  drawn.marker.className = "now";
+  let pressed = 0;
+  plot.over.addEventListener("mousedown", (event) => { pressed = event.clientX; });
+  plot.over.addEventListener("click", (event) => {
+    if (Math.abs(event.clientX - pressed) < 3) charts.onPick(plot.posToVal(event.clientX - plot.over.getBoundingClientRect().left, "x"));
+  });
+  plot.over.addEventListener("dblclick", () => zoom(charts.start, charts.end));
+  (plot.hooks.setScale ??= []).push((_, key) => {
+    const { min, max } = plot.scales.x;
+    if (key === "x" && min != null && plot.status === 1) zoom(min, max);
+  });
+}
+
+// Zoom all charts to the same time. A chart that shows it already is skipped, which ends the recursion.
+function zoom(min, max) {
+  if (!(max > min)) return;
+  for (const { plot } of charts.ofTime()) {
+    if (plot.scales.x.min !== min || plot.scales.x.max !== max) plot.setScale("x", { min, max });
+  }
+  charts.onZoom(min, max);
+}
+
+function markTime(time) {
+  for (const { plot, marker } of charts.ofTime()) {
+    const inside = time >= plot.scales.x.min && time <= plot.scales.x.max;
+    marker.style.display = inside ? "" : "none";
+    if (inside) marker.style.transform = `translateX(${plot.valToPos(time, "x")}px)`;
+  }
+}
+
+// A group as one picture for print: always light, charts below each other, each with its legend.
+async function picture(group, k = 2.5) {
+  const width = 760 * k, height = 250 * k, top = 46 * k, head = 34 * k;
+  const canvas = Object.assign(document.createElement("canvas"), { width, height: head + group.charts.length * (height + top) });
+  document.documentElement.dataset.theme = "paper";
+  try {
+    const ink = canvas.getContext("2d");
+    ink.fillStyle = themed("--card");
+    ink.fillRect(0, 0, canvas.width, canvas.height);
+    write(ink, group.title, 12 * k, 22 * k, `600 ${15 * k}px system-ui, sans-serif`, themed("--ink"));
+    for (const [i, chart] of group.charts.entries()) {
+      const y = head + i * (height + top), ratio = window.devicePixelRatio;
+      const options = optionsOf(chart, width / ratio, height / ratio, k / ratio);
+      options.legend = { show: false };
+      delete options.cursor.sync;
+      const plot = new uPlot(options, tableOf(chart), document.createElement("div"));
+      const shown = charts.drawn.find((drawn) => drawn.chart === chart)?.plot.scales.x;
+      if (shown) plot.setScale("x", { min: shown.min, max: shown.max });
+      await new Promise((done) => queueMicrotask(() => queueMicrotask(done)));  // uPlot draws in a microtask
+      write(ink, chart.title, 12 * k, y + 16 * k, `600 ${12 * k}px system-ui, sans-serif`, themed("--ink"));
+      legend(ink, chart, 12 * k, y + 36 * k, k);
+      ink.drawImage(plot.ctx.canvas, 0, y + top);
+      plot.destroy();
+    }
+  } finally {
+    delete document.documentElement.dataset.theme;
+  }
+  return canvas;
+}
+
+function legend(ink, chart, x, y, k) {
+  for (const curve of chart.curves) {
+    ink.strokeStyle = colourOf(curve);
+    ink.lineWidth = 2.5 * k;
+    ink.setLineDash(curve.style === "dashed" ? [5 * k, 3 * k] : []);
+    ink.beginPath();
+    ink.moveTo(x, y - 4 * k);
+    ink.lineTo(x + 20 * k, y - 4 * k);
+    ink.stroke();
+    ink.setLineDash([]);
+    x += 26 * k + write(ink, curve.label, x + 26 * k, y, `${11 * k}px system-ui, sans-serif`, themed("--ink")) + 16 * k;
+  }
+}
+
+function write(ink, text, x, y, font, colour) {
+  Object.assign(ink, { font, fillStyle: colour });
+  ink.fillText(text, x, y);
+  return ink.measureText(text).width;
+}
+
+async function save(group) {
+  const canvas = await picture(group);
+  canvas.toBlob((blob) => {
+    const link = document.createElement("a");
+    link.download = `${charts.name}-${group.title.toLowerCase().replace(/[^\w]+/g, "-")}.png`;
+    link.href = URL.createObjectURL(blob);
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  });
+}

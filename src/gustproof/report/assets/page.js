@@ -1,0 +1,28 @@
+"use strict";
+// Unpack and draw. The promise `ready` tells a driver of the page that it is done.
+const page = JSON.parse(document.getElementById("page-data").textContent);
+const ready = (async () => {
+  await numbers.unpack(document.getElementById("page-numbers").textContent);
+  charts.name = page.name;
+  for (const [name, groups] of Object.entries(page.sections)) {
+    const section = document.getElementById(name);
+    for (const group of groups) addGroup(section, group);
+    if (!groups.length && name !== "poles") section.hidden = true;
+  }
+  const times = page.runs.map((run) => numbers.at(run.time));
+  charts.start = Math.min(...times.map((time) => time[0]));
+  charts.end = Math.max(...times.map((time) => time[time.length - 1]));
+  const from = document.getElementById("from"), to = document.getElementById("to");
+  charts.onZoom = (min, max) => {
+    from.value = Number(min.toFixed(3));
+    to.value = Number(max.toFixed(3));
+    requestAnimationFrame(() => markTime(replay.time));
+  };
+  for (const input of [from, to]) input.addEventListener("change", () => zoom(Number(from.value), Number(to.value)));
+  document.getElementById("whole").addEventListener("click", () => zoom(charts.start, charts.end));
+  zoom(charts.start, charts.end);
+  startReplay(page.runs);
+  const redraw = () => charts.drawn.forEach(({ plot }) => plot.redraw(false));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+  addEventListener("resize", () => requestAnimationFrame(() => markTime(replay.time)));
+})();

@@ -1,0 +1,1 @@
+"""Flights and campaigns as one offline HTML page."""

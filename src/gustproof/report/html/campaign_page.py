@@ -1,0 +1,217 @@
+"""One HTML file on a campaign, which needs neither a network nor a script."""
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from gustproof.campaign.intervals import CONFIDENCE, Importance, IntervalEstimate
+from gustproof.campaign.reader import open_table, read_campaign_metadata, read_column
+from gustproof.campaign.statistics import COMPARED_FIGURES, CampaignStatistics, LawStatistics, compute_statistics
+from gustproof.campaign.worker import FIGURES as FLOWN
+from gustproof.campaign.worker import delta_column
+from gustproof.recording.folder import write_atomic
+from gustproof.report.campaign import describe_campaign, format_comparisons, format_share, format_value
+from gustproof.report.html.campaign_charts import draw_distributions, draw_exceedances, draw_responses
+from gustproof.report.html.markup import render_table
+from gustproof.report.terminal import FIGURES
+from gustproof.scoring.requirements import requirement_label, requirement_limits
+from gustproof.version import __version__
+
+_ASSETS = files("gustproof.report") / "assets"
+_COLUMNS = ("mean", "median", "95th percentile", "99th percentile")
+_IMPORTANCE_FIGURE = "rmse_deg"
+
+
+def write_campaign_report(path: Path, output: Path) -> None:
+    """Write the page on the campaign in `path`; the same campaign gives the same bytes."""
+    write_atomic(output, render_campaign_page(path))
+
+
+def render_campaign_page(path: Path) -> str:
+    """Return the page as HTML.
+
+    Raises
+    ------
+    ConfigError
+        If the file is no campaign's table.
+    """
+    found = compute_statistics(path)
+    flown = read_campaign_metadata(path)["versions"]["gustproof"]
+    parts = {
+        "title": escape(f"{found.campaign.scenario.name}: {', '.join(law.law for law in found.laws)}"),
+        "styles": (_ASSETS / "page.css").read_text(encoding="utf-8"),
+        "about": _render_about(found),
+        "figures": _render_figures(found),
+        "requirements": _render_requirements(found),
+        "legend": _render_legend(found),
+        "distributions": _render_distributions(found),
+        "dispersions": _render_dispersions(found),
+        "worst": _render_worst(found),
+        "footer": f"Flown by gustproof {escape(flown)}, drawn by gustproof {__version__}.",
+    }
+    template = (_ASSETS / "campaign.html").read_text(encoding="utf-8")
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
+
+
+def _render_about(found: CampaignStatistics) -> str:
+    lines = (found.campaign.scenario.description, describe_campaign(found.campaign))
+    about = "".join(f"<p>{escape(line)}</p>" for line in lines)
+    return about + "".join(f"<p class='bad'>{escape(line)}</p>" for line in found.warnings)
+
+
+def _render_figures(found: CampaignStatistics) -> str:
+    rows = []
+    for name in FLOWN:
+        label = _figure_label(name)
+        for first, law in enumerate(found.laws):
+            figure = law.figures[name]
+            estimates = (figure.mean, *figure.quantiles.values())
+            worst = format_value(figure.worst[0].value) if figure.worst else "–"
+            rows.append(
+                ["" if first else escape(label), _render_law(found, law), *map(_format_estimate, estimates), worst]
+            )
+    duels = "".join(f"<p>{escape(line)}</p>" for line in format_comparisons(found))
+    note = (
+        f"<p class='note'>Right of each value: its {100.0 * CONFIDENCE:g} % confidence interval. Methods: Student's t "
+        "for means, order statistics for quantiles, Clopper and Pearson for shares.</p>"
+    )
+    return note + render_table(["", "law", *_COLUMNS, "worst"], rows) + duels
+
+
+def _render_requirements(found: CampaignStatistics) -> str:
+    rows = []
+    for law in found.laws:
+        for each in law.passed:
+            last = f"{format_value(each.worst[0].value)} in run {each.worst[0].run}" if each.worst else "–"
+            required = each.requirement
+            rows.append(
+                [
+                    _render_law(found, law),
+                    requirement_label(required),
+                    requirement_limits(required),
+                    _format_share(each.rate),
+                    escape(last),
+                ]
+            )
+        rows.append(
+            [_render_law(found, law), "all requirements, and flown to the end", "", _format_share(law.all_held), ""]
+        )
+    return render_table(["law", "requirement", "limit", "runs that met it", "worst"], rows)
+
+
+def _render_distributions(found: CampaignStatistics) -> str:
+    file, charts, alike = open_table(found.table), list[str](), list[str]()
+    for name in FLOWN:
+        values, label = read_column(file, name, found.campaign), _figure_label(name)
+        least, largest = np.nanmin(values, initial=math.inf), np.nanmax(values, initial=-math.inf)
+        if least < largest:
+            charts += [draw_distributions(label, list(values)), draw_exceedances(label, list(values))]
+        elif least == largest:
+            alike.append(f"<p>{escape(label)}: {format_value(float(least))} in every run.</p>")
+    return _render_group("Distributions, and shares of the runs above a value", charts) + "".join(alike)
+
+
+def _render_dispersions(found: CampaignStatistics) -> str:
+    if not found.campaign.spreads:
+        return "<p>Only gusts and noise varied.</p>"
+    file, charts = open_table(found.table), []
+    values, label = list(read_column(file, _IMPORTANCE_FIGURE, found.campaign)), _figure_label(_IMPORTANCE_FIGURE)
+    for name, spread in found.campaign.spreads.items():
+        delta = read_column(file, delta_column(name), found.campaign)[0]
+        charts.append(draw_responses(label, name, values, delta, spread.value))
+    note = (
+        "<p class='note'>Share of a figure's variance explained by each quantity alone (first-order Sobol' index by "
+        "binning), and rank correlation ρ (Spearman). 'No effect found' means an index within the noise of its "
+        "estimate. Remainder: gusts and noise of each run, and interactions. Units are those of the vehicle file.</p>"
+    )
+    return note + _render_importance(found) + _render_group(f"mean {label} against each", charts)
+
+
+def _render_importance(found: CampaignStatistics) -> str:
+    heads = [
+        "quantity",
+        "from .. to",
+        *(f"{_render_law(found, law)} {escape(_figure_label(n))}" for n in COMPARED_FIGURES for law in found.laws),
+    ]
+    rows = []
+    for name, spread in found.campaign.spreads.items():
+        cells = [
+            _render_bar(law.figures[figure].importance.get(name)) for figure in COMPARED_FIGURES for law in found.laws
+        ]
+        drawn = f'<span class="interval">{spread.low:g} .. {spread.high:g}</span>'
+        rows.append([escape(name), drawn, *cells])
+    return render_table(heads, rows)
+
+
+def _render_bar(importance: Importance | None) -> str:
+    if importance is None:
+        return "too few runs"
+    if importance.first_order <= importance.noise:
+        return f'<span class="interval">no effect found (ρ = {importance.rank_correlation:+.2f})</span>'
+    share = 100.0 * importance.first_order
+    bar = f'<span class="share" style="width: {0.6 * share:.1f}px"></span>'
+    return f"{bar}{share:.0f} % (ρ = {importance.rank_correlation:+.2f})"
+
+
+def _render_worst(found: CampaignStatistics) -> str:
+    rows = []
+    for law in found.laws:
+        rows += [
+            [_render_law(found, law), escape(what), value, _rerun_command(found, run)]
+            for what, value, run in _notable_runs(law)
+        ]
+    return render_table(["law", "", "", "command that repeats it over UDP, with the same bits"], rows)
+
+
+def _notable_runs(law: LawStatistics) -> Iterator[tuple[str, str, int]]:
+    """Yield the remark, the value and the number of each notable run of a law."""
+    for failure in law.failures:
+        yield f"no figures: {failure.reason}", "", failure.run
+    for name in COMPARED_FIGURES:
+        for each in law.figures[name].worst:
+            yield _figure_label(name), format_value(each.value), each.run
+    for passed in law.passed:
+        label = requirement_label(passed.requirement)
+        for each in passed.worst[:1]:
+            yield f"requirement: {label} {requirement_limits(passed.requirement)}", format_value(each.value), each.run
+
+
+def _rerun_command(found: CampaignStatistics, run: int) -> str:
+    return f"<code>gustproof fly --run {escape(str(found.table))}:{run}</code>"
+
+
+def _render_group(title: str, charts: Sequence[str]) -> str:
+    cells = "".join(f'<div class="chart">{each}</div>' for each in charts if each)
+    return cells and f'<article class="group"><h3>{escape(title)}</h3><div class="charts of4">{cells}</div></article>'
+
+
+def _render_legend(found: CampaignStatistics) -> str:
+    return f'<p class="legend">{"".join(f"<span>{_render_law(found, law)}</span>" for law in found.laws)}</p>'
+
+
+def _render_law(found: CampaignStatistics, law: LawStatistics) -> str:
+    colour = found.laws.index(law) % 7
+    return f'<i class="chip" style="--chip: var(--c{colour})"></i>{escape(law.law)}'
+
+
+def _figure_label(name: str) -> str:
+    label, unit = FIGURES[name]
+    return f"{label} [{unit}]"
+
+
+def _format_estimate(estimate: IntervalEstimate) -> str:
+    return f"{format_value(estimate.value)} {_format_interval(map(format_value, estimate[1:]))}"
+
+
+def _format_share(estimate: IntervalEstimate) -> str:
+    value, interval = format_share(estimate)
+    return f"{value} {_format_interval(interval.split(' .. '))}"
+
+
+def _format_interval(ends: Iterable[str]) -> str:
+    return f'<span class="interval">{" .. ".join(ends)}</span>'

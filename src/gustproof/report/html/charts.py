@@ -1,0 +1,233 @@
+"""Charts of the page as groups of curves, and those of time histories and spectra."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from gustproof.report.html.runs import Records, ReportRun
+from gustproof.scoring.metrics import attitude
+
+MAX_SAMPLES = 20_000
+"""Samples of a curve that are drawn unchanged; a longer curve is reduced to the extremes of each section."""
+_SEGMENTS = 4  # without overlap; Welch's method overlaps them by half and averages seven spectra
+
+Array = NDArray[np.float64]
+Values = Callable[[ReportRun], Array]
+
+
+class ChartKind(Enum):
+    """Axes of a chart."""
+
+    TIME = "time"
+    """Time and a value; all charts of time share zoom and cursor."""
+    FREQUENCY = "frequency"
+    """Both logarithmic."""
+    PLANE = "plane"
+    """The complex plane, both axes logarithmic away from 0; points without lines."""
+
+
+class CurveStyle(Enum):
+    """Style of a curve."""
+
+    SOLID = "solid"
+    """A line."""
+    DASHED = "dashed"
+    """A dashed line: a bound or a reference."""
+    HOLLOW = "hollow"
+    """Rings instead of dots, in the complex plane."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curve:
+    """One curve."""
+
+    label: str
+    """Name in the legend."""
+    colour: int | None
+    """Index in the palette; `None` is the colour of text."""
+    x: Array
+    """(n,) ascending [unit of the chart's x]; in the plane in any order."""
+    y: Array
+    """(n,) [unit of the chart's y]."""
+    style: CurveStyle = CurveStyle.SOLID
+    """Line style."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Chart:
+    """One pair of axes."""
+
+    title: str
+    """Quantity and unit of y."""
+    x_label: str
+    """Quantity and unit of x."""
+    kind: ChartKind
+    """Axes."""
+    curves: tuple[Curve, ...]
+    """Curves, the lowest first."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ChartGroup:
+    """Charts side by side, exported as one picture."""
+
+    title: str
+    """Heading."""
+    charts: tuple[Chart, ...]
+    """The charts."""
+    note: str = ""
+    """Explanation below the heading."""
+
+
+def _get_field(name: str) -> Callable[[Records], Array]:
+    return lambda records: np.asarray(records[name])
+
+
+def _from_records(values: Callable[[Records], Array]) -> Values:
+    return lambda run: values(run.records)
+
+
+def _torque_share(run: ReportRun) -> Array:
+    share = np.abs(run.records["torque_command_B"]) / np.array(run.vehicle.torque_limit)
+    return np.asarray(np.max(share, axis=1, keepdims=True))
+
+
+_HISTORIES: tuple[tuple[str, tuple[str, ...], Values], ...] = (
+    ("Attitude", ("roll φ [deg]", "pitch θ [deg]", "yaw ψ [deg]"), _from_records(lambda r: np.degrees(attitude(r)))),
+    ("Body rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _from_records(_get_field("omega_B"))),
+    ("Commanded rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _from_records(_get_field("omega_command_B"))),
+    ("Commanded torque", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _from_records(_get_field("torque_command_B"))),
+    ("Torque of the actuators", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _from_records(_get_field("torque_B"))),
+    ("Saturation", ("largest share of a torque limit [-]; 1 is saturated",), _torque_share),
+    ("Gust, blowing toward", ("forward u [m/s]", "right v [m/s]", "down w [m/s]"), _from_records(_get_field("gust_B"))),
+    ("Angular gust", ("roll [rad/s]", "pitch [rad/s]", "yaw [rad/s]"), _from_records(_get_field("gust_omega_B"))),
+    ("Mean wind, blowing toward", ("north [m/s]", "east [m/s]", "down [m/s]"), _from_records(_get_field("wind_N"))),
+    ("Disturbance moment", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _from_records(_get_field("moment_B"))),
+    ("Thrust of the rotors", tuple(f"rotor {i} [N]" for i in range(1, 5)), _from_records(_get_field("rotors"))),
+    ("Position", ("north [m]", "east [m]", "down [m]"), _from_records(_get_field("position_N"))),
+    ("Velocity", ("north [m/s]", "east [m/s]", "down [m/s]"), _from_records(_get_field("velocity_N"))),
+    ("Link", ("age of the acting command [samples]",), _from_records(_get_field("command_age"))),
+    ("Autopilot", ("mode [number]",), _from_records(lambda r: np.asarray(r["mode"])[:, None])),
+)
+"""Title, axes and values (n, k) of each group of time histories; constant groups are left out."""
+
+_SPECTRA = ("Attitude", "Gust, blowing toward", "Disturbance moment")
+
+
+def time_histories(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
+    """Return the time histories that are not constant in every run."""
+    groups = []
+    for title, axes, values in _HISTORIES:
+        columns = [values(run) for run in runs]
+        if not any(np.any(np.ptp(np.nan_to_num(column), axis=0) > 0.0) for column in columns):
+            continue
+        # The most agitated flight is drawn first, as it would hide the others.
+        agitation = [float(np.nansum(np.abs(np.diff(column, axis=0)))) for column in columns]
+        order = sorted(range(len(runs)), key=lambda i: -agitation[i])
+        charts = []
+        for k, axis in enumerate(axes):
+            known = [i for i in order if not np.all(np.isnan(columns[i][:, k]))]
+            curves = merge_curves([_history_curve(runs[i], columns[i][:, k], i) for i in known], "all runs")
+            references = _reference_curves(runs, k) if title == "Attitude" else ()
+            charts.append(Chart(title=axis, x_label="time [s]", kind=ChartKind.TIME, curves=(*curves, *references)))
+        groups.append(ChartGroup(title=title, charts=tuple(charts)))
+    return tuple(groups)
+
+
+def spectra(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
+    """Return power spectral densities, one-sided over the angular frequency, by Welch's method.
+
+    References
+    ----------
+    P. Welch, The use of fast Fourier transform for the estimation of power spectra, IEEE Transactions on Audio and
+    Electroacoustics 15, 1967.
+    """
+    groups = []
+    for title, axes, values in (history for history in _HISTORIES if history[0] in _SPECTRA):
+        found = [_spectrum(values(run), run.scenario.dt) for run in runs]
+        charts = []
+        for k, axis in enumerate(axes):
+            name, unit = axis.rstrip("]").split(" [")
+            curves = [
+                Curve(label=run.label, colour=i, x=omega, y=density[:, k])
+                for i, (run, (omega, density)) in enumerate(zip(runs, found, strict=True))
+                if np.all(density[:, k] > 0.0)
+            ]
+            label = f"{name} [{bracket_unit(unit)}²/(rad/s)]"
+            charts.append(
+                Chart(
+                    title=label,
+                    x_label="frequency [rad/s]",
+                    kind=ChartKind.FREQUENCY,
+                    curves=merge_curves(curves, "all runs"),
+                )
+            )
+        if any(chart.curves for chart in charts):
+            groups.append(ChartGroup(title=f"Spectrum: {title.partition(',')[0].lower()}", charts=tuple(charts)))
+    return tuple(groups)
+
+
+def bracket_unit(unit: str) -> str:
+    """Return a unit for use in a product: in brackets if it is a product itself."""
+    return f"({unit})" if set(unit) & {"/", " "} else unit
+
+
+def merge_curves(curves: Iterable[Curve], label: str) -> tuple[Curve, ...]:
+    """Return the curves, or a single one named `label` if they are equal and would hide each other."""
+    found = tuple(curves)
+    if len(found) < 2 or not all(_is_same(found[0], curve) for curve in found[1:]):
+        return found
+    return (replace(found[0], label=label, colour=None),)
+
+
+def _is_same(one: Curve, other: Curve) -> bool:
+    return np.array_equal(one.x, other.x) and np.array_equal(one.y, other.y, equal_nan=True)
+
+
+def decimate(time: Array, values: Array, most: int = MAX_SAMPLES) -> tuple[Array, Array]:
+    """Return a curve of at most `most` samples: the lowest and the highest of each section, in order.
+
+    No peak is lost, and the times are those of the kept samples.
+    """
+    n = len(time)
+    if n <= most:
+        return time, values
+    edges = np.linspace(0, n, most // 2 + 1).astype(np.int64)
+    kept = []
+    for start, stop in pairwise(edges.tolist()):
+        part = values[start:stop]
+        if np.all(np.isnan(part)):
+            kept.append(int(start))
+        else:
+            kept += sorted({int(start + np.nanargmin(part)), int(start + np.nanargmax(part))})
+    return time[kept], values[kept]
+
+
+def _history_curve(run: ReportRun, column: Array, colour: int) -> Curve:
+    time, values = decimate(run.records["time_us"] * 1e-6, column)
+    return Curve(label=run.label, colour=colour, x=time, y=values)
+
+
+def _reference_curves(runs: Sequence[ReportRun], axis: int) -> tuple[Curve, ...]:
+    """Return the reference angles [deg] about an axis; references common to all runs become one curve."""
+    curves = []
+    for i, run in enumerate(runs):
+        if references := run.scenario.references:
+            stamps, angles = zip((-1, (0.0, 0.0, 0.0)), *references, strict=True)
+            held = np.degrees(angles)[np.searchsorted(stamps, run.records["time_us"], side="right") - 1, axis]
+            dashed = replace(_history_curve(run, held, i), style=CurveStyle.DASHED)
+            curves.append(replace(dashed, label=f"reference of {run.label}"))
+    if all(_is_same(curves[0], curve) for curve in curves[1:]):
+        return tuple(replace(curve, label="reference", colour=None) for curve in curves[:1])
+    return tuple(curves)
+
+
+def _spectrum(values: Array, dt: float) -> tuple[Array, Array]:
+    """Return angular frequencies (m,) [rad/s] above 0 and densities (m, k) of `values` (n, k)."""
+    frequency, density = welch(values, fs=1.0 / dt, nperseg=max(len(values) // _SEGMENTS, 2), axis=0)
+    return 2.0 * np.pi * frequency[1:], density[1:] / (2.0 * np.pi)

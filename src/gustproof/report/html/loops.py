@@ -1,0 +1,208 @@
+"""Laws of a report in the frequency domain: sensitivities, singular values against the weights, poles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.errors import ConfigError
+from gustproof.analysis.hover_loop import HoverLoop, hover_loop
+from gustproof.errors import DesignError
+from gustproof.law.form import Law
+from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, lft
+from gustproof.report.html.charts import Chart, ChartGroup, ChartKind, Curve, CurveStyle, bracket_unit, merge_curves
+from gustproof.report.html.runs import ReportRun
+from gustproof.synthesis.derive import DesignReport, derive
+from gustproof.synthesis.designs import Design, Weight
+
+_AXES = ("roll", "pitch", "yaw")
+_OMEGA = np.geomspace(1e-3, 1e3, 400)
+_SAME_TOLERANCE = 1e-6  # [-] relative difference allowed between a law and its new derivation on another machine
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReportLaw:
+    """Law of a report with the loop that it flew in."""
+
+    label: str
+    """Label of its first run."""
+    colour: int
+    """Index of its first run in the palette."""
+    law: Law
+    """The law."""
+    hover: HoverLoop
+    """Its loop at hover, sampled and delayed."""
+    design: DesignReport | None
+    """Its design; `None` if it has none, or if the design does not give this law again."""
+
+
+def collect_laws(runs: Sequence[ReportRun]) -> tuple[ReportLaw, ...]:
+    """Return each law of the runs, once for each vehicle, sample rate and delay."""
+    found: dict[tuple[object, ...], ReportLaw] = {}
+    for i, run in enumerate(runs):
+        key = (run.law.name, run.vehicle, run.scenario.dt, run.scenario.delay_samples)
+        if key not in found:
+            hover = hover_loop(run.law, run.vehicle, run.scenario)
+            found[key] = ReportLaw(label=run.label, colour=i, law=run.law, hover=hover, design=_rederive(run.law))
+    return tuple(found.values())
+
+
+def frequency_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
+    """Return the sensitivities of all laws, and the singular values of each designed law against its weights."""
+    sensitivities = [
+        Chart(
+            title=f"largest singular value of {name} [-]",
+            x_label="frequency [rad/s]",
+            kind=ChartKind.FREQUENCY,
+            curves=tuple(
+                Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=law.hover.sensitivities[name])
+                for law in laws
+                if law.hover.sensitivities
+            ),
+        )
+        for name in ("S", "T")
+    ]
+    groups = []
+    if sensitivities[0].curves:
+        note = "At the plant's input, sampled and delayed as flown. A rate law has no torque loop of its own."
+        title = "Sensitivity S and complementary sensitivity T"
+        groups.append(ChartGroup(title=title, charts=tuple(sensitivities), note=note))
+    return (*groups, *(_weight_charts(law.label, law.design) for law in laws if law.design is not None))
+
+
+def pole_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
+    """Return the poles of each law and of its closed loop in the complex plane."""
+    charts = []
+    for law in laws:
+        curves = (
+            [_pole_curve("loop", None, law.hover.loop_poles, CurveStyle.HOLLOW)] if len(law.hover.loop_poles) else []
+        )
+        curves.append(_pole_curve("law", law.colour, law.hover.law_poles, CurveStyle.SOLID))
+        title = f"{law.label}: imaginary part [rad/s]"
+        charts.append(Chart(title=title, x_label="real part [rad/s]", kind=ChartKind.PLANE, curves=tuple(curves)))
+    note = "log(z)/dt of the law at level attitude and of the loop at hover. Axes are logarithmic away from 0."
+    return (ChartGroup(title="Poles", charts=tuple(charts), note=note),) if charts else ()
+
+
+def _pole_curve(label: str, colour: int | None, poles: ComplexMatrix, style: CurveStyle) -> Curve:
+    ordered = poles[np.lexsort((poles.imag, poles.real))]
+    return Curve(label=label, colour=colour, x=ordered.real, y=ordered.imag, style=style)
+
+
+def _weight_charts(label: str, report: DesignReport) -> ChartGroup:
+    """Return the unweighted transfers of a design by axis, with the bounds set by its weights and level."""
+    design, problem = report.design, report.problem
+    response = lft(problem.plant(), report.result.controller).response(_OMEGA)
+    level = report.result.gamma
+    command = "rad/s" if design.rate_loop_lag is not None else "N m"
+    inputs = [("w_d", "moment", "N m", design.W_d), ("w_n", "gyro noise", "rad/s", design.W_n)]
+    if design.W_r is not None:
+        inputs.append(("w_r", "reference", "rad", design.W_r))
+    charts = []
+    for w, cause, cause_unit, W_in in inputs:
+        for z, effect, effect_unit, W_out in (
+            ("z_e", "attitude error", "rad", design.W_e),
+            ("z_u", "command", command, design.W_u),
+        ):
+            rows, columns = _component_slice(problem.z, z), _component_slice(problem.w, w)
+            scale = _weight_gains(W_out.system()) * _weight_gains(W_in.system())
+            gains = np.abs(np.diagonal(response[:, rows, columns], 0, 1, 2)) / scale
+            title = f"{cause} to {effect} [{bracket_unit(effect_unit)}/{bracket_unit(cause_unit)}]"
+            charts.append(_bounded_chart(title, gains, level / scale))
+    weighted = np.linalg.norm(response, ord=2, axis=(1, 2))
+    allowed = np.full(len(_OMEGA), level)
+    bound = Curve(label=f"γ = {level:.4g}", colour=None, x=_OMEGA, y=allowed, style=CurveStyle.DASHED)
+    largest = Curve(label="w to z", colour=0, x=_OMEGA, y=weighted)
+    charts.append(
+        Chart(
+            title="weighted: largest singular value [-]",
+            x_label="frequency [rad/s]",
+            kind=ChartKind.FREQUENCY,
+            curves=(bound, largest),
+        )
+    )
+    note = (
+        f"Design {design.name}, in its own continuous model with its leak. Solid: the gain of each axis, a singular "
+        "value at hover, where the axes do not couple. Dashed: the bound set by the weights and the level γ."
+    )
+    return ChartGroup(title=f"Singular values against the weights: {label}", charts=tuple(charts), note=note)
+
+
+def _bounded_chart(title: str, gains: Matrix, bounds: Matrix) -> Chart:
+    curves = [
+        Curve(label=f"bound, {axis}", colour=k, x=_OMEGA, y=bounds[:, k], style=CurveStyle.DASHED)
+        for k, axis in enumerate(_AXES)
+    ]
+    curves = [
+        *merge_curves(curves, "bound, all axes"),
+        *(Curve(label=axis, colour=k, x=_OMEGA, y=gains[:, k]) for k, axis in enumerate(_AXES)),
+    ]
+    return Chart(title=title, x_label="frequency [rad/s]", kind=ChartKind.FREQUENCY, curves=tuple(curves))
+
+
+def _component_slice(names: tuple[str, ...], name: str) -> slice:
+    """Return the slice of a signal of three components in a vector of such signals."""
+    start = 3 * names.index(name)
+    return slice(start, start + 3)
+
+
+def _weight_gains(weight: Lti) -> Matrix:
+    """Return the gains (k, 3) of a diagonal weight."""
+    return np.abs(np.diagonal(weight.response(_OMEGA), 0, 1, 2))
+
+
+def _rederive(law: Law) -> DesignReport | None:
+    """Return the design that a law's provenance names, if it gives the same law again."""
+    if "leak_per_s" not in law.provenance.parameters:  # not made from weights
+        return None
+    try:
+        design = _parse_design(law)
+        again, report = derive(design, load_vehicle(design.vehicle))
+    except (ConfigError, DesignError, ValueError, KeyError):  # a user's own: a vehicle or a weight is missing
+        return None
+    same = again.order == law.order and again.output is law.output
+    return report if same and all(_is_close(getattr(again, name), getattr(law, name)) for name in "ABCDG") else None
+
+
+def _is_close(one: Matrix, other: Matrix) -> bool:
+    return bool(np.allclose(one, other, rtol=0.0, atol=_SAME_TOLERANCE * max(float(np.max(np.abs(other))), 1.0)))
+
+
+def _parse_design(law: Law) -> Design:
+    """Return the design with the weights and the level in a law's provenance."""
+    known = law.provenance.parameters
+    title, _, description = law.provenance.design.partition(": ")
+    W_d, W_n, W_e, W_u = (_parse_weight(name, known) for name in ("W_d", "W_n", "W_e", "W_u"))
+    has_reference = bool({"W_r_roll", "W_r_low_roll"} & set(known))
+    return Design(
+        name=title,
+        description=description,
+        law=law.name,
+        vehicle=law.provenance.vehicle,
+        dt=law.dt,
+        W_d=W_d,
+        W_n=W_n,
+        W_e=W_e,
+        W_u=W_u,
+        W_r=_parse_weight("W_r", known) if has_reference else None,
+        leak=known["leak_per_s"],
+        gamma=known["gamma"],
+        rate_damping=known.get("rate_damping_per_s"),
+        rate_loop_lag=known.get("rate_loop_lag_s"),
+        scheduled=law.is_scheduled,
+    )
+
+
+def _parse_weight(name: str, known: dict[str, float]) -> Weight:
+    corner = known.get(f"{name}_corner_rad_s")
+    low, high = ("", "") if corner is None else ("_low", "_high")
+    return Weight(
+        low=_axis_values(f"{name}{low}", known),
+        high=_axis_values(f"{name}{high}", known),
+        corner=1.0 if corner is None else corner,
+    )
+
+
+def _axis_values(name: str, known: dict[str, float]) -> tuple[float, float, float]:
+    return known[f"{name}_roll"], known[f"{name}_pitch"], known[f"{name}_yaw"]

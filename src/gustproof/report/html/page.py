@@ -1,0 +1,137 @@
+"""One HTML file on some flights, which needs no network.
+
+Tables are plain HTML. Curves are float32 numbers in one block, which the page's script unpacks and draws. The block
+holds their bytes in four planes, first bytes with first bytes, which compresses best.
+"""
+
+import base64
+import json
+import re
+import zlib
+from collections.abc import Iterable, Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gustproof.recording.folder import write_atomic
+from gustproof.report.html.charts import MAX_SAMPLES, ChartGroup, Curve, spectra, time_histories
+from gustproof.report.html.loops import collect_laws, frequency_charts, pole_charts
+from gustproof.report.html.runs import ReportRun
+from gustproof.report.html.tables import render_flights, render_margins, render_requirements
+from gustproof.version import __version__
+
+_ASSETS = files("gustproof.report") / "assets"
+_SCRIPTS = ("uPlot.min.js", "numbers.js", "charts.js", "attitude.js", "replay.js", "page.js")
+_STYLES = ("uPlot.min.css", "page.css")
+
+Array = NDArray[np.float64]
+
+
+def write_report(runs: Sequence[ReportRun], path: Path) -> None:
+    """Write the page on some flights; the same flights give the same bytes."""
+    write_atomic(path, render_page(runs))
+
+
+def render_page(runs: Sequence[ReportRun]) -> str:
+    """Return the page as HTML."""
+    laws, numbers = collect_laws(runs), _NumberBlock()
+    scenarios = ", ".join(dict.fromkeys(run.scenario.name for run in runs))
+    sections = {
+        "time": numbers.encode_groups(time_histories(runs)),
+        "frequency": numbers.encode_groups(frequency_charts(laws)),
+        "poles": numbers.encode_groups(pole_charts(laws)),
+        "spectra": numbers.encode_groups(spectra(runs)),
+    }
+    page = {
+        "runs": [{"label": run.label, **numbers.encode_replay(run)} for run in runs],
+        "sections": sections,
+        "name": re.sub(r"[^\w.-]+", "-", scenarios),
+    }
+    parts = {
+        "title": escape(f"{scenarios}: {', '.join(run.label for run in runs)}"),
+        "scenarios": "".join(f"<p>{escape(text)}</p>" for text in _describe_scenarios(runs)),
+        "flights": render_flights(runs) + render_requirements(runs),
+        "margins": render_margins(laws),
+        "footer": escape(_render_footer(runs)),
+        "licence": escape(_read_asset("uPlot.LICENSE")),
+        "styles": "\n".join(_read_asset(name) for name in _STYLES),
+        # no text in the JSON may end the script
+        "page": json.dumps(page, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
+        "numbers": numbers.encode(),
+        "scripts": "\n".join(f"<script>\n{_read_asset(name)}\n</script>" for name in _SCRIPTS),
+    }
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _read_asset("page.html"))
+
+
+def _read_asset(name: str) -> str:
+    return (_ASSETS / name).read_text(encoding="utf-8")
+
+
+def _describe_scenarios(runs: Iterable[ReportRun]) -> list[str]:
+    return list(dict.fromkeys(f"{run.scenario.name}: {run.scenario.description}" for run in runs))
+
+
+def _render_footer(runs: Sequence[ReportRun]) -> str:
+    flown = ", ".join(dict.fromkeys(run.versions["gustproof"] for run in runs))
+    thinned = max(len(run.records) for run in runs) > MAX_SAMPLES
+    shown = f" Curves of long flights show the extremes of {MAX_SAMPLES // 2} sections." if thinned else ""
+    return f"Flown by gustproof {flown}, drawn by gustproof {__version__}.{shown}"
+
+
+class _NumberBlock:
+    """All numbers of the page, each array once, referred to by offset and length."""
+
+    def __init__(self) -> None:
+        self._arrays: list[bytes] = []
+        self._offsets: dict[bytes, tuple[int, int]] = {}
+        self._used = 0
+
+    def add(self, values: Array) -> tuple[int, int]:
+        """Return offset and length of `values` (n,), added if they are new."""
+        content = np.ascontiguousarray(values, dtype="<f4").tobytes()
+        if content not in self._offsets:
+            self._offsets[content] = (self._used, len(values))
+            self._arrays.append(content)
+            self._used += len(values)
+        return self._offsets[content]
+
+    def encode(self) -> str:
+        """Return the numbers as base64 of zlib of the four planes of their bytes."""
+        words = np.frombuffer(b"".join(self._arrays), dtype=np.uint8).reshape(-1, 4)
+        return base64.b64encode(zlib.compress(words.T.tobytes(), 9)).decode()
+
+    def encode_groups(self, groups: Iterable[ChartGroup]) -> list[dict[str, Any]]:
+        """Return groups of charts in the form that the page's script reads."""
+        return [
+            {
+                "title": group.title,
+                "note": group.note,
+                "charts": [
+                    {
+                        "title": chart.title,
+                        "x": chart.x_label,
+                        "kind": chart.kind.value,
+                        "curves": [self._encode_curve(curve) for curve in chart.curves],
+                    }
+                    for chart in group.charts
+                ],
+            }
+            for group in groups
+        ]
+
+    def encode_replay(self, run: ReportRun) -> dict[str, Any]:
+        """Return time [s], q_NB and gust_B [m/s] of a run by component, for the 3D replay."""
+        records = run.records[:: -(-len(run.records) // MAX_SAMPLES)]
+        return {
+            "time": self.add(records["time_us"] * 1e-6),
+            "q_NB": [self.add(column) for column in records["q_NB"].T],
+            "gust_B": [self.add(column) for column in records["gust_B"].T],
+        }
+
+    def _encode_curve(self, curve: Curve) -> dict[str, Any]:
+        offsets = {"x": self.add(curve.x), "y": self.add(curve.y)}
+        return {"label": curve.label, "colour": curve.colour, "style": curve.style.value, **offsets}

@@ -1,0 +1,118 @@
+"""Flights of a report, read from their bags."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.config.files import validate
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.errors import ConfigError
+from gustproof.law.form import Law, parse_law
+from gustproof.recording.bag import read_bag
+from gustproof.recording.folder import find_bags
+from gustproof.scoring.metrics import Metrics, measure
+from gustproof.scoring.requirements import RequirementResult, judge
+
+MAX_RUNS = 12
+"""Most flights on a page: more curves cannot be told apart."""
+
+Records = NDArray[np.void]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReportRun:
+    """One recorded flight."""
+
+    label: str
+    """Name beside the other runs."""
+    bag: Path
+    """Folder of the bag."""
+    scenario: Scenario
+    """Scenario of the flight."""
+    vehicle: Vehicle
+    """Vehicle of the flight."""
+    law: Law
+    """Law of the flight."""
+    seed: int
+    """Seed of gusts and noise."""
+    outcome: str
+    """End of the flight, a value of `FlightOutcome`."""
+    versions: Mapping[str, str]
+    """Versions of the software that flew it."""
+    pace: Mapping[str, int] | None
+    """Missed deadlines and lateness in real time, as in `Flight`; `None` in lockstep."""
+    records: Records
+    """(n,) the journal's records."""
+    metrics: Metrics
+    """Figures of the flight."""
+    requirements: tuple[RequirementResult, ...]
+    """Verdict on each requirement of the scenario."""
+
+
+def read_runs(paths: Iterable[Path]) -> tuple[ReportRun, ...]:
+    """Return the flights in `paths`: folders of `gustproof fly`, or bags.
+
+    Raises
+    ------
+    ConfigError
+        If a folder holds no bag, a bag is unreadable or has less than two samples, or there are more than `MAX_RUNS`.
+    """
+    bags = [bag for path in paths for bag in find_bags(path)]
+    if len(bags) > MAX_RUNS:
+        raise ConfigError(f"{len(bags)} flights, a report shows at most {MAX_RUNS}")
+    read = [(bag, *read_bag(bag)) for bag in bags]
+    labels = _unique_labels([about for _, about, _ in read])
+    return tuple(_make_run(label, *flight) for label, flight in zip(labels, read, strict=True))
+
+
+def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) -> ReportRun:
+    if len(records) < 2:
+        raise ConfigError(f"{bag}: {len(records)} samples, a report needs at least 2")
+    if about.get("law", ...) is None:
+        raise ConfigError(f"{bag}: flown by a controller of its own; a page needs its law")
+    try:
+        law = {key: value for key, value in about["law"].items() if key != "order"}
+        scenario, vehicle = about["scenario"], about["vehicle"]
+        seed, outcome, versions = int(about["seed"]), str(about["outcome"]), dict(about["versions"])
+        pace = {name: int(value) for name, value in about["pace"].items()} if "pace" in about else None
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
+        raise ConfigError(f"{bag}: does not say what was flown") from None
+    script, airframe = validate(Scenario, scenario, f"{bag}: scenario"), validate(Vehicle, vehicle, f"{bag}: vehicle")
+    return ReportRun(
+        label=label,
+        bag=bag,
+        scenario=script,
+        vehicle=airframe,
+        law=parse_law(law, f"{bag}: law"),
+        seed=seed,
+        outcome=outcome,
+        versions=versions,
+        pace=pace,
+        records=records,
+        metrics=measure(records, airframe, script, 0.0),
+        requirements=judge(records, script, airframe),
+    )
+
+
+def _unique_labels(flights: list[dict[str, Any]]) -> list[str]:
+    """Return the law of each flight, with scenario, vehicle and seed where they differ."""
+    parts = [[_name_of(about, "law")] for about in flights]
+    for key in ("scenario", "vehicle", "seed"):
+        values = [_name_of(about, key) for about in flights]
+        if len(set(values)) > 1:
+            for part, value in zip(parts, values, strict=True):
+                part.append(value)
+    labels = [", ".join(part) for part in parts]
+    repeats = [labels[: i + 1].count(label) for i, label in enumerate(labels)]
+    return [f"{label} ({n})" if n > 1 else label for label, n in zip(labels, repeats, strict=True)]
+
+
+def _name_of(about: dict[str, Any], key: str) -> str:
+    """Return the name of a flight's law, scenario or vehicle, or its seed, if the bag has it."""
+    value = about.get(key)
+    return str(value.get("name")) if isinstance(value, dict) else f"{key} {value}"

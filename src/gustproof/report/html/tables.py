@@ -1,0 +1,94 @@
+"""Tables of the page: flights, figures, requirements, margins."""
+
+import math
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from gustproof.report.html.loops import ReportLaw
+from gustproof.report.html.markup import render_table
+from gustproof.report.html.runs import ReportRun
+from gustproof.report.loop_tables import MARGINS, format_margin, format_poles
+from gustproof.report.terminal import figure_rows
+from gustproof.scoring.requirements import requirement_label, requirement_limits, requirement_window
+from gustproof.simulate.flight import warnings
+from gustproof.synthesis.derive import margins_to_dict
+
+_AXES = ("roll", "pitch", "yaw")
+_PACE = {
+    "missed": "missed deadlines",
+    "held": "repeated set-points",
+    "late_samples": "samples late at the law",
+    "missed_samples": "samples missed by the law",
+}
+
+
+def render_flights(runs: Sequence[ReportRun]) -> str:
+    """Return laws, flights and figures, one column for each flight."""
+    head = ["", *(f'<i class="chip" style="--chip: var(--c{i % 7})"></i>{escape(r.label)}' for i, r in enumerate(runs))]
+    facts: dict[str, list[str]] = {
+        "law": [f"{run.law.name}, {run.law.order} states" for run in runs],
+        "made by": [run.law.provenance.design for run in runs],
+        "scenario": [run.scenario.name for run in runs],
+        "vehicle": [run.vehicle.name for run in runs],
+        "seed": [str(run.seed) for run in runs],
+        "outcome": [run.outcome for run in runs],
+        "flown": [f"{len(run.records) * run.scenario.dt:g} s of {run.scenario.duration_s:g} s" for run in runs],
+    }
+    if any(lines := ["; ".join(warnings(run.scenario, run.law, run.vehicle)) for run in runs]):
+        facts["warning"] = lines
+    rows = [[escape(name), *map(escape, cells)] for name, cells in facts.items()]
+    for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs)}):
+        rows.append([escape(f"{label} [{unit}]" if unit else label), *cells])
+    for name, label in _PACE.items():
+        cells = tuple(str((run.pace or {}).get(name, "")) for run in runs)
+        if any(cells):
+            rows.append([label, *cells])
+    return render_table(head, rows)
+
+
+def render_requirements(runs: Sequence[ReportRun]) -> str:
+    """Return each flight's requirements with values and margins, a row each; empty without requirements."""
+    head = ["requirement", "from .. to [s]", "limit", "flight", "flown", "margin"]
+    rows = []
+    for run in runs:
+        for result in run.requirements:
+            required = result.requirement
+            mark = "good" if result.is_met else "bad" if result.judged else "interval"
+            outcome = (
+                f"{'held' if result.is_met else 'not held'}, {_format_value(result.margin)}"
+                if result.judged
+                else "not judged"
+            )
+            texts = (
+                requirement_label(required),
+                requirement_window(required),
+                requirement_limits(required),
+                run.label,
+                _format_value(result.value),
+            )
+            rows.append([*map(escape, texts), f'<span class="{mark}">{outcome}</span>'])
+    return f"<h3>Requirements</h3>{render_table(head, rows)}" if rows else ""
+
+
+def _format_value(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "not flown" if math.isnan(value) else "∞"
+
+
+def render_margins(laws: Iterable[ReportLaw]) -> str:
+    """Return the margins at the plant's input, one row for each axis, and the poles of each law."""
+    heads = ["law", "axis", *(name.replace("\n", " ") for name in MARGINS.values()), "disk [-]"]
+    rows, poles = [], []
+    for law in laws:
+        pairs = [(float(pole.real), float(pole.imag)) for pole in sorted(law.hover.law_poles, key=abs)]
+        poles.append(f"<p>Poles of {escape(law.label)} [rad/s]: {escape(format_poles(pairs))}</p>")
+        if law.hover.margins is None:
+            reason = "no torque loop or an unstable one: no margins"
+            rows.append([escape(law.label), reason, *[""] * (len(heads) - 2)])
+            continue
+        figures = margins_to_dict(law.hover.margins)["input"]
+        for axis in _AXES:
+            cells = [format_margin(figures[axis][name]) for name in MARGINS]
+            first = axis == "roll"
+            disk = format_margin(figures["disk_margin"]) if first else ""
+            rows.append([escape(law.label) if first else "", axis, *cells, disk])
+    return render_table([escape(head) for head in heads], rows) + "".join(poles)

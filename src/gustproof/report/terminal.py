@@ -1,0 +1,146 @@
+"""Results as tables and text, for a terminal or a text file."""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console, ConsoleOptions, Group, RenderableType
+from rich.segment import Segment
+from rich.table import Table
+from rich.text import Text
+
+from firmware_model.config.validation import printable
+from gustproof.scoring.metrics import Metrics
+from gustproof.scoring.requirements import (
+    RequirementResult,
+    requirement_label,
+    requirement_limits,
+    requirement_window,
+    verdict,
+)
+
+Renderable = RenderableType
+_WIDTH = 118
+_PLAIN: dict[str, Any] = {"highlight": False, "markup": False}  # units stand in brackets
+FIGURES = {
+    "peak_deg": ("peak", "deg"),
+    "rmse_deg": ("RMSE", "deg"),
+    "peak_roll_deg": ("peak, roll", "deg"),
+    "peak_pitch_deg": ("peak, pitch", "deg"),
+    "peak_yaw_deg": ("peak, yaw", "deg"),
+    "rmse_roll_deg": ("RMSE, roll", "deg"),
+    "rmse_pitch_deg": ("RMSE, pitch", "deg"),
+    "rmse_yaw_deg": ("RMSE, yaw", "deg"),
+    "torque_rms_nm": ("torque rms", "N m"),
+    "torque_peak_nm": ("torque peak", "N m"),
+    "torque_slew_rms": ("torque slew rms", "N m/s"),
+    "saturated_s": ("at a torque limit", "s"),
+    "rho_in_bounds": ("within the envelope (|p|,|q|,|r| ≤ 1.5 rad/s)", ""),
+    "realtime_factor": ("speed", "x real time"),
+}
+
+_TIMING_TEXT = (
+    "timing: missed deadlines {missed}, repeated set-points {held}; lateness median {late_p50_us} us, "
+    "p99 {late_p99_us} us, max {late_worst_us} us"
+)
+_SAMPLES = "samples at the law: {late_samples} late, {missed_samples} missed"
+
+
+def show(document: Renderable) -> None:
+    """Print on stdout."""
+    terminal = Console(**_PLAIN)
+    (terminal if terminal.is_terminal else Console(width=_WIDTH, **_PLAIN)).print(_Printable(document))
+
+
+class _Printable:
+    """Document without control characters: its text may come from foreign files."""
+
+    def __init__(self, document: Renderable) -> None:
+        self._document = document
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Segment]:
+        for text, style, control in console.render(self._document, options):
+            yield Segment(printable(text, keep="\n"), style, control)
+
+
+def save_text(document: Renderable, path: Path) -> None:
+    """Write a document as plain text."""
+    with path.open("w", encoding="utf-8") as stream:
+        Console(file=stream, width=_WIDTH, color_system=None, **_PLAIN).print(document)
+
+
+def render_flight(
+    title: str,
+    metrics: Metrics | None,
+    bag: Path | None,
+    requirements: Sequence[RequirementResult] = (),
+    timing: Mapping[str, Any] | None = None,
+    warnings: Sequence[str] = (),
+) -> Renderable:
+    """Return figures, requirements, timing, warnings and the bag of one flight."""
+    # The title of a table would be broken to its narrow width.
+    parts: list[RenderableType] = [Text(title, style="bold")]
+    if metrics:
+        parts.append(figures_table("", {"": metrics}))
+    if requirements:
+        parts.append(requirements_table(requirements))
+    if timing:
+        parts.extend(map(Text, timing_lines(timing)))
+    parts += [Text(f"warning: {line}", style="yellow") for line in warnings]
+    return Group(*parts, Text(f"recorded in {bag}" if bag else "no samples were flown or recorded"))
+
+
+def timing_lines(timing: Mapping[str, Any]) -> Iterable[str]:
+    """Yield the timing of a flight in real time, and the late samples at its law if the controller reported them."""
+    yield _TIMING_TEXT.format_map(timing)
+    if "late_samples" in timing:
+        yield _SAMPLES.format_map(timing)
+
+
+def requirements_table(requirements: Iterable[RequirementResult]) -> Table:
+    """Return the requirements with values, margins and verdicts."""
+    table = Table("requirement", "from .. to [s]", title="Requirements")
+    for column in ("limit", "flown", "margin", ""):
+        table.add_column(column, justify="right")
+    for result in requirements:
+        required = result.requirement
+        table.add_row(
+            requirement_label(required),
+            requirement_window(required),
+            requirement_limits(required),
+            *map(_format_figure, (result.value, result.margin)),
+            Text(*verdict(result)),
+        )
+    return table
+
+
+def _format_figure(value: float) -> str:
+    return "not flown" if math.isnan(value) else format_number(value)
+
+
+def figures_table(title: str, flights: Mapping[str, Metrics]) -> Table:
+    """Return the figures of flights side by side, by name; a single flight without a name has no heading."""
+    table = Table("", *flights, "", title=title or None, show_header=any(flights))
+    for label, cells, unit in figure_rows(flights):
+        table.add_row(label, *cells, unit)
+    return table
+
+
+def figure_rows(flights: Mapping[str, Metrics]) -> list[tuple[str, tuple[str, ...], str]]:
+    """Return label, a text for each flight, and unit of each figure; the speed only if it is known."""
+    rows = []
+    for key, (label, unit) in FIGURES.items():
+        values = [getattr(metrics, key) for metrics in flights.values()]
+        if values and not (key == "realtime_factor" and not any(values)):
+            rows.append((label, tuple(map(format_number, values)), unit))
+    return rows
+
+
+def format_number(value: float | bool) -> str:
+    """Return a figure with three digits after the point, with one from 10 on; a truth value as yes or no."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.3f}" if abs(value) < 10.0 else f"{value:.1f}"

@@ -1,0 +1,1 @@
+"""Reproduction of the paper: flights, verdicts on its claims, its errata."""

@@ -1,0 +1,1 @@
+"""Measure flights: one record of figures, and requirements with their margins."""

@@ -1,0 +1,1 @@
+"""Fly laws: directly, in batches, over loopback, over UDP."""

@@ -1,0 +1,156 @@
+"""Many flights of one scenario with other vehicles, seeds, gusts and initial attitudes, each judged as it flies."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from pydantic import SkipValidation
+from pydantic.dataclasses import dataclass as checked_dataclass
+
+from firmware_model.autopilot.parameters import published_hover, published_limit
+from firmware_model.config.fields import NonNegative
+from firmware_model.config.scenario import Angle, Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.numerics.soa import aligned_zeros
+from firmware_model.physics.disturbances import make_replay, make_waves
+from firmware_model.sim import inner_loop
+from firmware_model.sim.state import Array, VehicleInitial, initial_vehicle_state
+from gustproof.law.form import Law, Output
+from gustproof.law.references import references
+from gustproof.law.step import sparse_law
+from gustproof.scoring.metrics import Metrics, Tally, metrics_from_tally
+from gustproof.scoring.requirements import RequirementResult, initial_readings, results_from_readings, rules
+from gustproof.simulate.direct import check_compatible
+from gustproof.simulate.kernels import LANES, Batch, BatchSetup, allocate_batch, fly_free, fly_on_stand
+
+
+@checked_dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """Variation of a flight within a scenario.
+
+    Examples
+    --------
+    >>> from gustproof import Case, load_vehicle
+    >>> calm = Case(vehicle=load_vehicle("paper"), seed=7, gust_scale=0.5)
+    >>> calm.gust_scale
+    0.5
+    """
+
+    vehicle: SkipValidation[Vehicle]
+    """Vehicle."""
+    seed: int
+    """Seed of gusts and noise."""
+    gust_scale: NonNegative = 1.0
+    """[-] factor on the scenario's gusts."""
+    initial_attitude_deg: tuple[Angle, Angle, Angle] | None = None
+    """[deg] initial roll, pitch, yaw; the scenario's by default."""
+
+    def apply_to(self, scenario: Scenario) -> Scenario:
+        """Return the scenario with this variation."""
+        begins = scenario.initial_attitude_deg if self.initial_attitude_deg is None else self.initial_attitude_deg
+        return replace(scenario, gust_scale=self.gust_scale * scenario.gust_scale, initial_attitude_deg=begins)
+
+    def make_initial(self, scenario: Scenario) -> VehicleInitial:
+        """Return the vehicle's initial state in the varied scenario, without the cost of making that."""
+        scale = self.gust_scale * scenario.gust_scale
+        return initial_vehicle_state(
+            self.vehicle, scenario, self.seed, gust_scale=scale, attitude_deg=self.initial_attitude_deg
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CaseResult:
+    """Result of one case."""
+
+    metrics: Metrics
+    """Figures."""
+    requirements: tuple[RequirementResult, ...]
+    """Result of each requirement of the scenario."""
+
+
+def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[CaseResult]:
+    """Fly a scenario once for each of `cases`, without messages, and return their results.
+
+    Figures and readings equal those of the flights' records to the bit, however flights are batched.
+
+    Raises
+    ------
+    ValueError
+        As `fly_direct`.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gustproof import Case, fly_many, load_law, load_scenario, load_vehicle
+    >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=1.0)
+    >>> cases = [Case(vehicle=load_vehicle("paper"), seed=seed) for seed in range(100)]
+    >>> len(fly_many(scenario, load_law("hinf-d1"), cases))
+    100
+    """
+    return make_batch_simulator(scenario, law)(cases)
+
+
+def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Case]], list[CaseResult]]:
+    """Return a function that flies cases as `fly_many` does, with their common data made once.
+
+    Raises
+    ------
+    ValueError
+        As `fly_direct`.
+    """
+    check_compatible(scenario, law)
+    torque = law.output is Output.TORQUE
+    shared = BatchSetup(
+        sample_us=scenario.sample_us, dt=scenario.dt, waves=make_waves(scenario), replay=make_replay(scenario),
+        reference=references(scenario), rules=rules(scenario), law=sparse_law(law),
+        kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
+    )  # fmt: skip
+    return partial(_fly_batches, scenario, law, shared)
+
+
+def _fly_batches(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
+    parts = [cases[i : i + LANES] for i in range(0, len(cases), LANES)]
+    return [result for part in parts for result in _fly_batch(scenario, law, shared, part)]
+
+
+def _fly_batch(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
+    """Fly up to `LANES` cases; empty lanes repeat the last."""
+    filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
+    params, states, changes = zip(*(case.make_initial(scenario) for case in filled), strict=True)
+    vehicles, torque = [case.vehicle for case in filled], law.output is Output.TORQUE
+    batch = Batch(
+        params=_stack_lanes(params), state=_stack_lanes(states), changes=_merge_changes(changes),
+        seeds=np.array([case.seed for case in filled]),
+        scale=_stack_lanes([published_limit(each) for each in vehicles]) if torque else np.ones(3 * LANES),
+        thrust=np.array([np.nan if torque else published_hover(each) for each in vehicles]),
+        torque_limit=_stack_lanes([each.torque_limit for each in vehicles]),
+        readings=initial_readings(scenario, LANES), **allocate_batch(law, scenario.delay_samples),
+    )  # fmt: skip
+    fly = fly_free if scenario.free else fly_on_stand
+    fly(shared, batch)
+    columns = batch.tallies.T.tolist()
+    return [
+        CaseResult(
+            metrics=metrics_from_tally(Tally._make(columns[w]), scenario.samples, scenario.dt, 0.0),
+            requirements=results_from_readings(scenario, batch.readings[:, :, w], scenario.samples),
+        )
+        for w in range(len(cases))
+    ]
+
+
+def _stack_lanes(rows: Sequence[Sequence[float] | Array]) -> Array:
+    """Return the numbers of all flights as a flat array with a column for each flight."""
+    block = aligned_zeros(len(rows) * len(rows[0]))
+    np.stack(rows, axis=1, out=block.reshape(-1, len(rows)))
+    return block
+
+
+def _merge_changes(changes: Sequence[Array]) -> Array:
+    """Return the scripted changes of all flights in order of time: sample, offset among all constants, value."""
+    rows = [
+        (sample, offset * LANES + lane, value)
+        for lane, rows_of_lane in enumerate(changes)
+        for sample, offset, value in rows_of_lane.tolist()
+    ]
+    return np.array(sorted(rows, key=lambda row: row[0])).reshape(-1, 3)

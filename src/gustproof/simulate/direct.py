@@ -1,0 +1,138 @@
+"""The direct route: plant kernel and law kernel in one compiled loop, without messages; equal to the bit to UDP."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.autopilot.modes import Mode
+from firmware_model.autopilot.parameters import published_hover, published_limit
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.numerics.compiled import compiled
+from firmware_model.physics.sensors import float32
+from firmware_model.recording.journal import FORCE_B, GYRO_B, RECORD, WIDTH
+from firmware_model.sim import inner_loop
+from firmware_model.sim.state import Array, initial_state
+from firmware_model.sim.step import advance_kernel, observe_kernel
+from gustproof.law.form import Law, Output
+from gustproof.law.references import references
+from gustproof.law.step import EXTRA_SIZE, SparseLaw, law_kernel, sparse_law
+
+_AGE, _MODE = WIDTH - 2, WIDTH - 1
+
+
+class _DirectFlight(NamedTuple):
+    """Everything that the loop of a flight reads and writes."""
+
+    params: Array
+    """(n,) constants, see `sim.layout`, units there."""
+    state: Array
+    """(n,) state, see `sim.layout`, units there."""
+    waves: Array
+    """(n, WAVE) see `physics.disturbances`, units there."""
+    replay: Array
+    """(samples or 0, 3 * TARGETS) see `physics.disturbances`, units there."""
+    changes: Array
+    """(n, 3) scripted changes: sample, offset among the constants, value."""
+    seed: int
+    """Seed of gusts and noise."""
+    sample_us: int
+    """[us] sample time."""
+    law: SparseLaw
+    """Terms of the law."""
+    reference: Array
+    """(samples, 3) [rad] phi, theta, psi."""
+    scale: Array
+    """(3,) [N*m or rad/s] B, command that is 1.0 on the wire."""
+    thrust: float
+    """[-] thrust beside rates; NaN beside torques."""
+    kind: float
+    """[-] kind of set-point, see `sim.inner_loop`."""
+    bound: float
+    """[-] largest magnitude of the command on the wire."""
+    z: Array
+    """(n + EXTRA_SIZE,) vector that the law sums, see `law.step`."""
+    command: Array
+    """(3,) [N*m or rad/s] B."""
+    work: Array
+    """(n,) next states of the law."""
+    ring: Array
+    """(delay + 1, SETPOINT_WIDTH) latest set-points."""
+    records: Array
+    """(samples, WIDTH) journal records."""
+
+
+def fly_direct(
+    scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1, reference: Array | None = None
+) -> NDArray[np.void]:
+    """Fly a scenario without messages and return the journal's records (samples,) of `RECORD`.
+
+    `reference` (samples, 3) [rad] is the attitude phi, theta, psi to hold; the scenario's by default.
+
+    Raises
+    ------
+    ValueError
+        If the law's sample time is not the scenario's, the reference has another shape, or the script needs messages.
+
+    Examples
+    --------
+    >>> from gustproof import fly_direct, load_law, load_scenario, load_vehicle
+    >>> records = fly_direct(load_scenario("gust-roll"), load_law("hinf-d1"), vehicle=load_vehicle("paper"))
+    >>> (records["q_NB"].shape, float(records["time_us"][1]))
+    ((2500, 4), 4000.0)
+    """
+    check_compatible(scenario, law)
+    reference = references(scenario) if reference is None else np.ascontiguousarray(reference)
+    if reference.shape != (scenario.samples, 3):
+        raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
+    sim = initial_state(vehicle, scenario, seed)
+    records = np.empty((scenario.samples, WIDTH))
+    records[: scenario.delay_samples, _AGE], records[scenario.delay_samples :, _AGE] = np.nan, scenario.delay_samples
+    records[:, _MODE] = Mode.OFFBOARD.value
+    torque = law.output is Output.TORQUE
+    scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
+    ring = np.zeros((scenario.delay_samples + 1, inner_loop.SETPOINT_WIDTH))
+    ring[:, inner_loop.THRUST] = np.nan
+    flight = _DirectFlight(
+        sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.seed, scenario.sample_us, sparse_law(law),
+        reference=reference, scale=scale, thrust=np.nan if torque else published_hover(vehicle),
+        kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
+        z=np.zeros(law.order + EXTRA_SIZE), command=np.zeros(3), work=np.zeros(law.order), ring=ring, records=records,
+    )  # fmt: skip
+    _fly(flight)
+    return records.view(RECORD)[:, 0]
+
+
+def check_compatible(scenario: Scenario, law: Law) -> None:
+    """Check that a law can fly a scenario without messages.
+
+    Raises
+    ------
+    ValueError
+        If the law's sample time is not the scenario's, or the script needs messages.
+    """
+    if scenario.has_link_script:
+        raise ValueError(f"scenario '{scenario.name}' scripts link, controller or modes, must be flown with messages")
+    if law.dt != scenario.dt:
+        raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
+
+
+@compiled
+def _fly(flight: _DirectFlight) -> None:
+    params, state, records, ring, z = flight.params, flight.state, flight.records, flight.ring, flight.z
+    command, seed, sample_us = flight.command, flight.seed, flight.sample_us
+    n, late = flight.work.size, ring.shape[0]
+    for k in range(records.shape[0]):
+        record = records[k]
+        observe_kernel(params, state, flight.waves, flight.replay, flight.changes, seed, k, sample_us, record)
+        for i in range(3):
+            z[n + i] = record[GYRO_B + i]
+            z[n + 3 + i] = flight.reference[k, i]
+            z[n + 6 + i] = record[FORCE_B + i]
+        law_kernel(flight.law, z, command, flight.work)
+        slot = ring[k % late]
+        slot[0], slot[inner_loop.THRUST] = flight.kind, flight.thrust
+        for i in range(3):
+            slot[1 + i] = min(max(float32(command[i] / flight.scale[i]), -flight.bound), flight.bound)
+        advance_kernel(params, state, seed, k, sample_us, ring[(k + 1) % late], record)

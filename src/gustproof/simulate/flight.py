@@ -1,0 +1,244 @@
+"""One flight: plan, checks before it, record."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic_core import to_jsonable_python
+
+from firmware_model.config.files import validate
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.errors import ConfigError
+from firmware_model.sim.fault_schedule import fault_schedule
+from gustproof.controller.core import reference_excess
+from gustproof.law.form import Law, parse_law
+from gustproof.law.hover import is_stable_at_hover
+from gustproof.scoring.metrics import Metrics, measure, peak_rate
+from gustproof.scoring.requirements import RequirementResult, judge
+from gustproof.simulate.outcome import FlightOutcome
+from gustproof.version import software_versions
+
+Records = NDArray[np.void]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Flight:
+    """Record of one flight; figures and requirements are computed at first use."""
+
+    scenario: Scenario
+    """Script."""
+    law: Law | None
+    """Law in control; `None` for a foreign controller."""
+    vehicle: Vehicle
+    """Vehicle."""
+    seed: int
+    """Seed of gusts and noise."""
+    records: Records
+    """(n,) journal records; fewer than the scenario has samples if the flight broke off."""
+    outcome: FlightOutcome
+    """End of the flight."""
+    message: str
+    """Outcome in one line, for people."""
+    realtime_factor: float = 0.0
+    """[-] simulated time over wall time from t = 0 to landing; 0 if unknown."""
+    counters: Mapping[str, int] = field(default_factory=dict)
+    """Irregularities on the vehicle's side, by cause."""
+    timing: Mapping[str, Any] | None = None
+    """Real-time deadlines: missed ones, set-points held, delays [us]; `None` in lockstep, or if unknown.
+
+    Samples that the law stepped late or never got are included if its controller reported them.
+    """
+    link: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    """Effects of scripted link faults, by direction; empty if the script has none."""
+    journal: Path | None = None
+    """Journal file; `None` once a bag has replaced it."""
+    bag: Path | None = None
+    """Folder of the bag; `None` if no sample was flown, or nothing was recorded."""
+
+    @cached_property
+    def metrics(self) -> Metrics | None:
+        """Figures; `None` if fewer than two samples were flown."""
+        if len(self.records) < 2:
+            return None
+        return measure(self.records, self.vehicle, self.scenario, self.realtime_factor)
+
+    @cached_property
+    def requirements(self) -> tuple[RequirementResult, ...]:
+        """Result of each requirement of the scenario."""
+        return judge(self.records, self.scenario, self.vehicle)
+
+    @property
+    def peak_rate(self) -> float:
+        """[rad/s] largest magnitude of p, q, r."""
+        return peak_rate(self.records)
+
+    @property
+    def has_expected_outcome(self) -> bool:
+        """True if the law flew to the end, or left OFFBOARD where the script is about modes, controller or link."""
+        scripted = {FlightOutcome.CONTROLLER_LOST, FlightOutcome.LEFT_OFFBOARD}
+        return self.outcome is FlightOutcome.DONE or (self.scenario.has_link_script and self.outcome in scripted)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Reasons to doubt the figures, a line each."""
+        if self.law is None:
+            return ()
+        known = warnings(self.scenario, self.law, self.vehicle)
+        missed = (self.timing or {}).get("missed_samples", 0)
+        if not missed or self.scenario.has_link_script:  # losses that the script causes need no warning
+            return known
+        effect = "its attitude lacks the rotation in that time"
+        return (*known, f"{missed} samples never came to law '{self.law.name}': {effect}")
+
+    def matches(self, scenario: str, law: str) -> bool:
+        """Return whether this is a flight of `scenario` with `law`, whatever the seed."""
+        return (self.scenario.name, law_name(self.law)) == (scenario, law)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the flight as JSON; the figures stand at the top level under their names."""
+        return {
+            "scenario": self.scenario.name,
+            "law": None if self.law is None else self.law.name,
+            "vehicle": self.vehicle.name,
+            "seed": self.seed,
+            "outcome": self.outcome.name.lower(),
+            "message": self.message,
+            "bag": None if self.bag is None else str(self.bag),
+            "warnings": list(self.warnings),
+            **({} if self.metrics is None else asdict(self.metrics)),
+            "pace": None if self.timing is None else dict(self.timing),
+            "requirements": [result.to_dict() for result in self.requirements],
+        }
+
+
+class FlightPlan(NamedTuple):
+    """Everything needed to fly a flight, or to repeat it."""
+
+    scenario: Scenario
+    """Script."""
+    law: Law
+    """Law."""
+    vehicle: Vehicle
+    """Vehicle."""
+    seed: int
+    """Seed of gusts and noise."""
+    real_time: bool
+    """True at the pace of the clock; otherwise lockstep, where each repetition gives the same bits."""
+
+    @property
+    def name(self) -> str:
+        """Name of the files of this flight."""
+        return flight_name(self.scenario, self.law, self.seed)
+
+    def metadata(self) -> dict[str, Any]:
+        """Return the plan as JSON for `parse_plan`, with the versions of the software that flies it."""
+        return {
+            "scenario": to_jsonable_python(self.scenario),
+            "vehicle": to_jsonable_python(self.vehicle),
+            "law": {**self.law.to_dict(), "order": self.law.order},
+            "seed": self.seed,
+            "real_time": self.real_time,
+            "versions": software_versions(),
+        }
+
+
+def objections(scenario: Scenario, law: Law, vehicle: Vehicle) -> tuple[str, ...]:
+    """Return reasons not to fly, a line each: an unstable loop, and references that the law does not hold.
+
+    The loop is the linear one at hover. The loop of a rates law is the autopilot's own and is not judged.
+    """
+    lines = []
+    if law.dt == scenario.dt and is_stable_at_hover(law, vehicle, scenario) is False:
+        lines.append(f"law '{law.name}' is unstable on vehicle '{vehicle.name}', by the linear model at hover")
+    if excess := reference_excess(law, scenario.references):
+        lines.append(excess)
+    return tuple(lines)
+
+
+def check(scenario: Scenario, law: Law, vehicle: Vehicle) -> None:
+    """Refuse a flight that should not begin.
+
+    Raises
+    ------
+    ConfigError
+        If there are `objections` (the first is named), or an event leaves an impossible vehicle.
+    """
+    for _ in fault_schedule(vehicle, scenario):
+        pass
+    for line in objections(scenario, law, vehicle):
+        raise ConfigError(f"{line}; --anyway flies it all the same")
+
+
+def warnings(scenario: Scenario, law: Law, vehicle: Vehicle) -> tuple[str, ...]:
+    """Return reasons to doubt the figures of a flight, a line each."""
+    lines = list(objections(scenario, law, vehicle))
+    if law.provenance.vehicle not in ("", vehicle.name):
+        lines.append(f"law '{law.name}' was designed for vehicle '{law.provenance.vehicle}', not '{vehicle.name}'")
+    if scenario.references and not law.takes_references:
+        lines.append(
+            f"law '{law.name}' has no reference input: it ignores the attitude references of '{scenario.name}'"
+        )
+    return tuple(lines)
+
+
+def parse_plan(metadata: Any, source: Path) -> FlightPlan:
+    """Return the plan in the metadata of a bag or a journal.
+
+    Raises
+    ------
+    ConfigError
+        If there is none, or the law is missing.
+    """
+    scenario, law, vehicle, seed, real_time = parse_metadata(metadata, source)
+    if law is None:
+        raise ConfigError(f"{source}: flown by a controller of its own, whose law is not in it")
+    return FlightPlan(scenario, law, vehicle, seed, real_time)
+
+
+def parse_metadata(metadata: Any, source: Path) -> tuple[Scenario, Law | None, Vehicle, int, bool]:
+    """Return the fields of a `FlightPlan`; the law is `None` for a foreign controller.
+
+    Raises
+    ------
+    ConfigError
+        If a field is missing or not allowed.
+    """
+    try:
+        scenario, vehicle = metadata["scenario"], metadata["vehicle"]
+        law = metadata["law"] and {key: value for key, value in metadata["law"].items() if key != "order"}
+        seed, real_time = int(metadata["seed"]), bool(metadata["real_time"])
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise ConfigError(f"{source}: does not say what was flown") from None
+    return (
+        validate(Scenario, scenario, f"{source}: scenario"),
+        None if law is None else parse_law(law, f"{source}: law"),
+        validate(Vehicle, vehicle, f"{source}: vehicle"),
+        seed,
+        real_time,
+    )
+
+
+def first_difference_s(records: Records, others: Records) -> float | None:
+    """Return the model time [s] of the first sample in which two flights differ; `None` if no bit differs.
+
+    A flight that was cut off shares all of its samples with the whole one.
+    """
+    n = min(len(records), len(others))
+    ours, theirs = (np.frombuffer(each[:n].tobytes(), dtype=np.uint64).reshape(n, -1) for each in (records, others))
+    rows = np.flatnonzero(np.any(ours != theirs, axis=1))
+    return float(records["time_us"][rows[0]] * 1e-6) if len(rows) else None
+
+
+def flight_name(scenario: Scenario, law: Law | None, seed: int) -> str:
+    """Return the name of a flight's files."""
+    return f"{scenario.name}-{law_name(law)}-seed{seed}"
+
+
+def law_name(law: Law | None) -> str:
+    """Return the name of a law in texts and files."""
+    return "own-controller" if law is None else law.name

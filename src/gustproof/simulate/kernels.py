@@ -1,0 +1,322 @@
+"""The direct route for `LANES` flights at once: the kernels of `simulate.direct`, each in a loop over flights.
+
+The compiler vectorises a loop over a constant number of flights if its body has no loop and no branch, and all arrays
+are flat. So each stage of a sample is a loop of its own; anything common to all flights stands outside.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.numerics import random
+from firmware_model.numerics.compiled import align_stack, compiled, kernel
+from firmware_model.numerics.elementary import BLOCK, inverse_normals, uniforms
+from firmware_model.numerics.soa import Lane, aligned_zeros
+from firmware_model.physics.disturbances import Disturbance, disturbance
+from firmware_model.physics.sensors import float32
+from firmware_model.recording import journal
+from firmware_model.recording.journal import WIDTH
+from firmware_model.sim import inner_loop, layout, step
+from firmware_model.sim.inner_loop import SETPOINT_WIDTH, track_setpoint
+from firmware_model.sim.state import Array
+from gustproof.law.form import Law
+from gustproof.law.step import EXTRA_SIZE, RATES, SATURATION, TERM_BLOCK, SparseLaw, euler_rates
+from gustproof.scoring.metrics import TALLY_SIZE, tally_kernel
+from gustproof.scoring.requirements import read_kernel
+
+LANES = 32
+"""Flights in a batch: four registers of eight numbers hide each other's latency."""
+_GYRO, _GUST, _ACCELEROMETER, _NOISE_ROWS = 0, 4, 12, 16  # rows of random numbers
+
+
+class BatchSetup(NamedTuple):
+    """Data common to all flights of a scenario and a law."""
+
+    sample_us: int
+    """[us] sample time."""
+    dt: float
+    """[s] sample time."""
+    waves: Array
+    """(n, WAVE) see `physics.disturbances`, units there."""
+    replay: Array
+    """(samples or 0, 3 * TARGETS) see `physics.disturbances`, units there."""
+    reference: Array
+    """(samples, 3) [rad] attitude to hold: phi, theta, psi."""
+    rules: Array
+    """(n, 8) rules, see `scoring.requirements`."""
+    law: SparseLaw
+    """Terms of the law."""
+    kind: float
+    """[-] kind of its set-points, see `sim.inner_loop`."""
+    bound: float
+    """[-] largest magnitude of its command on the wire."""
+
+
+class Batch(NamedTuple):
+    """Data of each flight; flat arrays consist of rows of `LANES`."""
+
+    params: Array
+    """(constants * LANES,) see `sim.layout`, units there."""
+    state: Array
+    """(states * LANES,) see `sim.layout`, units there."""
+    changes: Array
+    """(n, 3) scripted changes: sample, offset among all constants, value."""
+    seeds: NDArray[np.int64]
+    """(LANES,) seeds of gusts and noise."""
+    scale: Array
+    """(3 * LANES,) [N*m or rad/s] B, command that is 1.0 on the wire."""
+    thrust: Array
+    """(LANES,) [-] thrust beside rates; NaN beside torques."""
+    torque_limit: Array
+    """(3 * LANES,) [N*m] B."""
+    z: Array
+    """(n + EXTRA_SIZE, LANES) vectors that the law sums, see `law.step`."""
+    work: Array
+    """(n, LANES) next states of the law."""
+    commands: Array
+    """(3, LANES) [N*m or rad/s] B."""
+    ring: Array
+    """(delay + 1, SETPOINT_WIDTH * LANES) latest set-points, see `sim.inner_loop`."""
+    kinds: Array
+    """(delay + 1,) their kinds."""
+    record: Array
+    """(WIDTH * LANES,) records of the sample, see `recording.journal`."""
+    uniform: Array
+    """(12 or 16 * LANES,) uniform random numbers: gyro, gust, and accelerometer if the law reads it."""
+    noise: Array
+    """(16 * LANES,) standard normal random numbers, in the same order."""
+    outer: Array
+    """(12 or 16 * LANES + BLOCK,) work space of `inverse_normals`."""
+    places: NDArray[np.int64]
+    """(12 or 16 * LANES,) work space of `inverse_normals`."""
+    tallies: Array
+    """(TALLY_SIZE, LANES) see `scoring.metrics`."""
+    readings: Array
+    """(rules, READING_SIZE, LANES) see `scoring.requirements`."""
+
+
+def _zeros(count: int) -> Array:
+    return aligned_zeros(count * LANES).reshape(count, LANES)
+
+
+def allocate_batch(law: Law, delay: int) -> dict[str, Any]:
+    """Return the initial fields of a `Batch` for a law whose commands act `delay` samples late."""
+    drawn = (_NOISE_ROWS if law.uses_accelerometer else _ACCELEROMETER) * LANES
+    ring = _zeros((delay + 1) * SETPOINT_WIDTH).reshape(delay + 1, SETPOINT_WIDTH * LANES)
+    ring[:, inner_loop.THRUST * LANES :] = np.nan
+    return {
+        "z": _zeros(law.order + EXTRA_SIZE),
+        "work": _zeros(law.order),
+        "commands": _zeros(3),
+        "ring": ring,
+        "kinds": np.zeros(delay + 1),
+        "record": aligned_zeros(WIDTH * LANES),
+        "uniform": aligned_zeros(drawn),
+        "noise": aligned_zeros(_NOISE_ROWS * LANES),
+        "outer": aligned_zeros(drawn + BLOCK),
+        "places": np.zeros(drawn, dtype=np.int64),
+        "tallies": _zeros(TALLY_SIZE),
+    }
+
+
+@compiled
+def fly_on_stand(shared: BatchSetup, batch: Batch) -> None:
+    """Fly a batch on the test stand, see `_fly`."""
+    align_stack()
+    _fly(False, shared, batch)
+
+
+@compiled
+def fly_free(shared: BatchSetup, batch: Batch) -> None:
+    """Fly a batch in free flight, see `_fly`."""
+    align_stack()
+    _fly(True, shared, batch)
+
+
+@kernel
+def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
+    """Fly a batch and judge it, as `fly_direct` and the scoring of its records do; only the latest record is kept."""
+    params, state, record, noise, ring = batch.params, batch.state, batch.record, batch.noise, batch.ring
+    tallies, torque_limit = batch.tallies.reshape(TALLY_SIZE * LANES), batch.torque_limit
+    limits, late = torque_limit.reshape(3, LANES), batch.kinds.size
+    steps, dt = int(params[layout.STEPS * LANES]), shared.sample_us * 1e-6
+    for k in range(shared.reference.shape[0]):
+        reference, now, acts = shared.reference[k], k % late, (k + 1) % late
+        _draw(batch.seeds, k, batch.uniform)
+        inverse_normals(batch.uniform, noise, batch.outer, batch.places)
+        _observe(free, shared, batch, k)
+        _write_measurements(record, reference, batch.z, batch.work.shape[0])
+        _step_law(shared.law, batch.z, batch.commands, batch.work)
+        _write_setpoint(batch, shared.bound, ring[now])
+        batch.kinds[now] = shared.kind
+        _command(free, params, state, batch.kinds[acts], ring[acts], record)
+        for _ in range(steps):
+            _integrate(free, params, state, dt / steps, record)
+        _step_turbulence(params, state, noise)
+        for w in range(LANES):
+            tally, limit = Lane(tallies, LANES, w), Lane(torque_limit, LANES, w)
+            tally_kernel(tally, k == 0, limit, Lane(record, LANES, w), shared.dt)
+        read_kernel(shared.rules, batch.readings, k, reference, batch.tallies, record, limits)
+
+
+@kernel
+def _draw(seeds: NDArray[np.int64], sample: int, u: Array) -> None:
+    """Draw the uniform numbers of a sample; those of the accelerometer if `u` has space for them."""
+    _draw_block(seeds, random.GYRO_STREAM, sample, 0, u, _GYRO)
+    _draw_block(seeds, random.GUST_STREAM, sample, 0, u, _GUST)
+    _draw_block(seeds, random.GUST_STREAM, sample, 1, u, _GUST + 4)
+    if u.size > _ACCELEROMETER * LANES:
+        _draw_block(seeds, random.ACCELEROMETER_STREAM, sample, 0, u, _ACCELEROMETER)
+
+
+@kernel
+def _draw_block(seeds: NDArray[np.int64], stream: int, sample: int, block: int, u: Array, row: int) -> None:
+    for w in range(LANES):
+        a, b, c, d = uniforms(seeds[w], stream, sample, block)
+        at = row * LANES + w
+        u[at], u[at + LANES], u[at + 2 * LANES], u[at + 3 * LANES] = a, b, c, d
+
+
+@kernel
+def _noise_block(noise: Array, row: int, w: int) -> tuple[float, float, float, float]:
+    at = row * LANES + w
+    return noise[at], noise[at + LANES], noise[at + 2 * LANES], noise[at + 3 * LANES]
+
+
+@kernel
+def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
+    """Do the work of `sim.step.observe_kernel`."""
+    params, state, noise, record = batch.params, batch.state, batch.noise, batch.record
+    step.apply_changes(params, Lane(state, LANES, 0), batch.changes, sample)
+    time_us = sample * shared.sample_us
+    scripted = disturbance(shared.waves, shared.replay, sample, time_us * 1e-6)
+    if _is_near_ground(free, params, state, 0.0):
+        for w in range(LANES):
+            _sense(free, True, params, state, scripted, noise, time_us, record, w)
+    else:
+        for w in range(LANES):
+            _sense(free, False, params, state, scripted, noise, time_us, record, w)
+
+
+@kernel
+def _sense(free: bool, low: bool, params: Array, state: Array, scripted: Disturbance, noise: Array, time_us: int,
+           record: Array, w: int) -> None:  # fmt: skip
+    p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
+    gyro_noise, force_noise = _noise_block(noise, _GYRO, w), _noise_block(noise, _ACCELEROMETER, w)
+    step.measure(p, x, free, low, False, scripted, gyro_noise, force_noise, time_us, row)
+
+
+@kernel
+def _is_near_ground(free: bool, params: Array, state: Array, dt: float) -> bool:
+    """Return whether any flight may touch the ground within `dt` [s]; mostly none may, and its cost is saved."""
+    low = False
+    if free:
+        for w in range(LANES):
+            low |= step.is_near_ground(Lane(params, LANES, w), Lane(state, LANES, w), dt)
+    return low
+
+
+@kernel
+def _write_measurements(record: Array, reference: Array, z: Array, n: int) -> None:
+    """Write the inputs of a law: rates, reference, specific force."""
+    for i in range(3):
+        for w in range(LANES):
+            z[n + i, w] = record[(journal.GYRO_B + i) * LANES + w]
+            z[n + 3 + i, w] = reference[i]
+            z[n + 6 + i, w] = record[(journal.FORCE_B + i) * LANES + w]
+
+
+@kernel
+def _step_law(law: SparseLaw, z: Array, commands: Array, work: Array) -> None:
+    """Do the work of `law_kernel`, each flight's sums in the same order."""
+    n, begin = law.ends.size - 3, 0
+    for i in range(3):
+        _sum(law.terms, begin, law.ends[i], z, commands[i])
+        limit = law.limits[i]
+        for w in range(LANES):
+            within = min(max(commands[i, w], -limit), limit)
+            z[n + SATURATION + i, w] = within - commands[i, w]
+            commands[i, w] = within
+        begin = law.ends[i]
+    if law.is_scheduled:
+        for w in range(LANES):
+            rates = euler_rates((z[0, w], z[1, w], z[2, w]), (z[3, w], z[4, w], z[5, w]))
+            z[n + RATES, w], z[n + RATES + 1, w], z[n + RATES + 2, w] = rates
+    for i in range(n):
+        _sum(law.terms, begin, law.ends[3 + i], z, work[i])
+        begin = law.ends[3 + i]
+    for i in range(n):
+        for w in range(LANES):
+            z[i, w] = work[i, w]
+
+
+@kernel
+def _sum(terms: Array, begin: int, end: int, z: Array, total: Array) -> None:
+    """Write the sum of some terms, four at a time: loading and storing the sum takes most of the time."""
+    for t in range(begin, end, TERM_BLOCK):
+        a, b, c, d = terms[t, 1], terms[t + 1, 1], terms[t + 2, 1], terms[t + 3, 1]
+        i, j, k, m = z[int(terms[t, 0])], z[int(terms[t + 1, 0])], z[int(terms[t + 2, 0])], z[int(terms[t + 3, 0])]
+        if t == begin:
+            for w in range(LANES):
+                total[w] = 0.0 + a * i[w] + b * j[w] + c * k[w] + d * m[w]
+        else:
+            for w in range(LANES):
+                total[w] = total[w] + a * i[w] + b * j[w] + c * k[w] + d * m[w]
+
+
+@kernel
+def _write_setpoint(batch: Batch, bound: float, setpoint: Array) -> None:
+    for i in range(3):
+        for w in range(LANES):
+            at = i * LANES + w
+            setpoint[LANES + at] = min(max(float32(batch.commands[i, w] / batch.scale[at]), -bound), bound)
+    for w in range(LANES):
+        setpoint[inner_loop.THRUST * LANES + w] = batch.thrust[w]
+
+
+@kernel
+def _command(free: bool, params: Array, state: Array, kind: float, setpoint: Array, record: Array) -> None:
+    """Write the actuator commands, in a loop for each kind of set-point, as kinds branch."""
+    if kind == inner_loop.TORQUE:
+        for w in range(LANES):
+            _command_lane(free, params, state, inner_loop.TORQUE, setpoint, record, w)
+    elif kind == inner_loop.RATES:
+        for w in range(LANES):
+            _command_lane(free, params, state, inner_loop.RATES, setpoint, record, w)
+    else:
+        for w in range(LANES):
+            _command_lane(free, params, state, inner_loop.TRIM, setpoint, record, w)
+
+
+@kernel
+def _command_lane(free: bool, params: Array, state: Array, kind: float, setpoint: Array, record: Array,
+                 w: int) -> None:  # fmt: skip
+    p, x = Lane(params, LANES, w), Lane(state, LANES, w)
+    track_setpoint(p, x, free, kind, Lane(setpoint, LANES, w), Lane(record, LANES, w))
+
+
+@kernel
+def _integrate(free: bool, params: Array, state: Array, dt: float, record: Array) -> None:
+    if _is_near_ground(free, params, state, dt):
+        for w in range(LANES):
+            _integrate_lane(free, True, params, state, dt, record, w)
+    else:
+        for w in range(LANES):
+            _integrate_lane(free, False, params, state, dt, record, w)
+
+
+@kernel
+def _integrate_lane(free: bool, low: bool, params: Array, state: Array, dt: float, record: Array, w: int) -> None:
+    step.step_body(Lane(params, LANES, w), Lane(state, LANES, w), free, low, dt, Lane(record, LANES, w))
+
+
+@kernel
+def _step_turbulence(params: Array, state: Array, noise: Array) -> None:
+    for w in range(LANES):
+        step.step_turbulence(
+            Lane(params, LANES, w),
+            Lane(state, LANES, w),
+            _noise_block(noise, _GUST, w),
+            _noise_block(noise, _GUST + 4, w),
+        )

@@ -1,0 +1,86 @@
+"""Outcomes of flights."""
+
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.autopilot.modes import Mode, Settings
+from firmware_model.config.events import ModeChange
+from firmware_model.config.scenario import Scenario
+
+_OFFBOARD, _FAIL_SAFE = Mode.OFFBOARD.value, Mode[Settings().fail_safe.name].value
+
+Records = NDArray[np.void]
+_Change = tuple[int, int]  # sample, and the mode from there on
+
+
+class FlightOutcome(Enum):
+    """End of a flight.
+
+    Examples
+    --------
+    >>> from gustproof import FlightOutcome
+    >>> FlightOutcome.DONE.value
+    'flown to the end'
+    """
+
+    DONE = "flown to the end"
+    """The law flew the whole scenario."""
+    CONTROLLER_LOST = "the set-points stopped, at the controller or on the link; the fail-safe took the vehicle"
+    """Set-points stopped in mid-flight; the on-board loop flew until OFFBOARD was set again, or to the end."""
+    LEFT_OFFBOARD = "the vehicle left OFFBOARD; its on-board loop flew until OFFBOARD was set again"
+    """Another client or the script set another mode; the law has not flown all of the scenario."""
+    AUTOPILOT_LOST = "the autopilot's process ended in mid-flight"
+    """The vehicle's process died."""
+    NOT_STARTED = "the flight did not begin"
+    """The controller never came to fly."""
+    INTERRUPTED = "interrupted"
+    """Ctrl-C."""
+    CUT_OFF = "cut off; what its journal held has been recovered"
+    """All of its processes were killed, or the machine was."""
+
+
+def describe(outcome: FlightOutcome, scenario: Scenario, records: Records) -> str:
+    """Return an outcome in words; if the script alone ended OFFBOARD, name the scripted modes."""
+    changes, scripted = _mode_changes(records), _scripted_changes(scenario)
+    left = _offboard_exits(changes)
+    if outcome is not FlightOutcome.LEFT_OFFBOARD or not left or left - scripted:
+        return outcome.value
+    modes = (
+        f"{Mode(mode).name} from {sample * scenario.dt:g} s" for sample, mode in changes if (sample, mode) in scripted
+    )
+    return f"flown as scripted: {', '.join(modes)}"
+
+
+def infer_outcome(records: Records, scenario: Scenario) -> FlightOutcome:
+    """Return the outcome of a flight from its records (n,) alone.
+
+    It was flown to its end if no sample is missing, or if a landing ended it: then its motors are off. An unscripted
+    change from OFFBOARD to the mode of the fail-safe counts as a fail-safe.
+    """
+    landed = len(records) and records["mode"][-1] != _OFFBOARD and not records["thrust_z_command"][-1].any()
+    if len(records) < scenario.samples and not landed:
+        return FlightOutcome.CUT_OFF
+    left = _offboard_exits(_mode_changes(records))
+    if not left:
+        return FlightOutcome.DONE
+    lost = any(mode == _FAIL_SAFE for _, mode in left - _scripted_changes(scenario))
+    return FlightOutcome.CONTROLLER_LOST if lost else FlightOutcome.LEFT_OFFBOARD
+
+
+def _mode_changes(records: Records) -> list[_Change]:
+    """Return the first sample and the mode of each mode change; a flight begins in OFFBOARD."""
+    modes = np.concatenate(([_OFFBOARD], records["mode"])).astype(np.int64)
+    return [(sample, int(modes[sample + 1])) for sample in np.flatnonzero(np.diff(modes)).tolist()]
+
+
+def _offboard_exits(changes: list[_Change]) -> set[_Change]:
+    """Return the changes out of OFFBOARD."""
+    before = [_OFFBOARD, *(mode for _, mode in changes)]
+    return {change for was, change in zip(before, changes, strict=False) if was == _OFFBOARD}
+
+
+def _scripted_changes(scenario: Scenario) -> set[_Change]:
+    changes = (item for item in scenario.event if isinstance(item, ModeChange))
+    return {(round(item.at_s * scenario.control_rate_hz), Mode[item.mode.upper()].value) for item in changes}

@@ -1,0 +1,288 @@
+"""A flight as two processes joined by UDP alone.
+
+    python -m firmware_model  <== datagrams ==>  python -m gustproof.controller
+
+The vehicle's process leaves the journal; law, scenario and seed give the same bits as `loopback.fly_loopback`.
+"""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from pydantic_core import to_jsonable_python
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.errors import ConfigError
+from firmware_model.recording.journal import RECORD, count_records, read_journal
+from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
+from gustproof.law.form import Law
+from gustproof.simulate.flight import Flight, FlightPlan
+from gustproof.simulate.loopback import KillSchedule, kill_schedule
+from gustproof.simulate.outcome import FlightOutcome, describe
+
+WORKING_PREFIX = ".flight-"
+"""Prefix of the folder of input files for the processes, inside the flight's; a killed starter leaves it behind."""
+_POLL_S = 0.02  # between two looks at the processes
+_EXIT_TIMEOUT_S = 5.0  # for a process to end by itself
+_ORPHAN_TIMEOUT_S = 10.0  # for a vehicle to begin its flight without its controller
+_OUTCOMES = {
+    VehicleOutcome.DONE: FlightOutcome.DONE,
+    VehicleOutcome.STREAM_LOST: FlightOutcome.CONTROLLER_LOST,
+    VehicleOutcome.LEFT_OFFBOARD: FlightOutcome.LEFT_OFFBOARD,
+    VehicleOutcome.NO_CONTROLLER: FlightOutcome.NOT_STARTED,
+    VehicleOutcome.INTERRUPTED: FlightOutcome.AUTOPILOT_LOST,
+}
+
+
+def fly(
+    scenario: Scenario,
+    law: Law,
+    *,
+    vehicle: Vehicle,
+    seed: int = 1,
+    out: Path,
+    real_time: bool = False,
+    default_ports: bool = True,
+    progress: Callable[[float], None] | None = None,
+    tlog: bool = False,
+    on_listening: Callable[[int, Path], None] | None = None,
+) -> Flight:
+    """Fly a scenario with two processes, leave the journal in the folder `out`, and return the flight.
+
+    The journal's header holds the plan's metadata. With `tlog` the MAVLink traffic is left beside it.
+
+    In lockstep the processes use a free port. In real time the vehicle uses its usual ones, so that ground stations can
+    watch, unless `default_ports` is false. When the vehicle listens, `on_listening` is called with the ground stations'
+    port and the journal; the flight begins after that. `progress` is called with the fraction flown, 0..1. No process
+    is left behind, whatever happens.
+
+    Raises
+    ------
+    ConfigError
+        If the law steps at another rate than the scenario, a port is in use, or the journal or log exists already.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from gustproof import fly, load_law, load_scenario, load_vehicle
+    >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=0.1)
+    >>> with TemporaryDirectory() as folder:
+    ...     flight = fly(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper"), out=Path(folder))
+    >>> (flight.outcome.name, len(flight.records))
+    ('DONE', 25)
+    """
+    if law.dt != scenario.dt:
+        raise ConfigError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
+    plan = FlightPlan(scenario, law, vehicle, seed, real_time)
+    out.mkdir(parents=True, exist_ok=True)
+    journal, log = (out / f"{plan.name}.{kind}" for kind in ("journal", "tlog"))
+    for file in (journal, log):
+        if file.exists():
+            raise ConfigError(f"{file}: exists already")
+    with TemporaryDirectory(dir=out, prefix=WORKING_PREFIX) as folder:
+        files = _write_inputs(plan, Path(folder))
+        pacing = [] if real_time else ["--lockstep"]
+        ports = [] if real_time and default_ports else ["--bind-port", "0"]
+        logged = ["--tlog", str(log)] if tlog else []
+        with _ProcessPair(files, seed, journal, [*pacing, *ports, *logged], kill_schedule(scenario)) as pair:
+            outcome = pair.fly(scenario.samples, progress or (lambda _: None), on_listening or (lambda *_: None))
+    summary = pair.summary
+    records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
+    words = describe(outcome, scenario, records)
+    reason = pair.reason if words == outcome.value else ""
+    return Flight(
+        scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
+        message=f"{scenario.name}, {law.name}, seed {seed}: {words}{reason}",
+        realtime_factor=summary.get("realtime_factor", 0.0), counters=summary.get("counters", {}),
+        timing=summary.get("pace"), link=summary.get("link_faults", {}), journal=journal,
+    )  # fmt: skip
+
+
+def _write_inputs(plan: FlightPlan, folder: Path) -> dict[str, Path]:
+    """Write the files that the processes read, and return their paths by content."""
+    files = {name: folder / f"{name}.json" for name in ("scenario", "vehicle", "law", "note")}
+    files["scenario"].write_text(json.dumps(to_jsonable_python(plan.scenario)), encoding="utf-8")
+    files["vehicle"].write_text(json.dumps(to_jsonable_python(plan.vehicle)), encoding="utf-8")
+    files["note"].write_text(json.dumps(plan.metadata()), encoding="utf-8")
+    plan.law.save(files["law"])
+    return files
+
+
+class _ProcessPair:
+    """The processes of a flight: vehicle, controller, and a spare one if the script kills that; none at the end."""
+
+    def __init__(
+        self, files: dict[str, Path], seed: int, journal: Path, options: list[str], kill: KillSchedule | None
+    ) -> None:
+        self.summary: dict[str, Any] = {}
+        self.reason = ""
+        self._gave_up = False
+        self._files, self._seed, self._journal, self._options = files, seed, journal, options
+        self._kill, self._replaced, self._address = kill, False, ""
+        self._pacing = [] if "--lockstep" in options else ["--real-time"]
+        self._processes: dict[str, subprocess.Popen[str]] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for process in self._processes.values():
+            _terminate(process)
+            for stream in (process.stdin, process.stdout, process.stderr):
+                with contextlib.suppress(BrokenPipeError):
+                    if stream:
+                        stream.close()
+
+    def fly(
+        self, samples: int, progress: Callable[[float], None], on_listening: Callable[[int, Path], None]
+    ) -> FlightOutcome:
+        """Start both processes, watch them to the end, and return the outcome."""
+        try:
+            self._start(on_listening)
+            self._watch(samples, progress)
+        except KeyboardInterrupt:
+            for process in self._processes.values():
+                _terminate(process)
+            return FlightOutcome.INTERRUPTED
+        return self._read_outcome()
+
+    def _start(self, on_listening: Callable[[int, Path], None]) -> None:
+        vehicle = self._launch(
+            "vehicle", "firmware_model", "--json", "--exit-on-stdin-eof", *self._options, "--seed", str(self._seed),
+            "--journal", str(self._journal), "--metadata", str(self._files["note"]),
+            "--scenario", str(self._files["scenario"]), "--vehicle", str(self._files["vehicle"]),
+        )  # fmt: skip
+        # The controller starts meanwhile; it gets the port once the vehicle has one.
+        self._launch_controller("controller")
+        if self._kill is not None:
+            self._launch_controller("spare")
+        greeting = vehicle.stdout.readline() if vehicle.stdout else ""
+        if not greeting:
+            raise ConfigError(self._last_stderr_line("vehicle") or "the vehicle's process did not start")
+        ports = json.loads(greeting)["listening"]
+        on_listening(ports[0], self._journal)
+        self._address = f"127.0.0.1:{ports[-1]}\n"
+        if "--lockstep" in self._options:
+            _share_core([process.pid for process in self._processes.values()])
+        self._send_address("controller")
+
+    def _launch_controller(self, name: str) -> None:
+        self._launch(
+            name, "gustproof.controller", "--json", "--exit-on-stdin-eof", "--law", str(self._files["law"]),
+            "--connect", "-", "--scenario", str(self._files["scenario"]), "--anyway", *self._pacing,
+        )  # fmt: skip
+
+    def _send_address(self, name: str) -> None:
+        """Let a controller begin; `_watch` finds one that has ended already."""
+        stdin = self._processes[name].stdin
+        with contextlib.suppress(BrokenPipeError):
+            if stdin:
+                stdin.write(self._address)
+                stdin.flush()
+
+    def _follow_script(self, flown: int) -> None:
+        """Kill the controller when the script says so, and let the spare one take its place."""
+        if self._kill is None or flown < self._kill.sample:
+            return
+        self._processes["controller"].kill()
+        if flown >= self._kill.restart_sample:
+            self._processes["dead"] = self._processes["controller"]
+            self._processes["controller"] = self._processes.pop("spare")
+            self._kill, self._replaced = None, True
+            self._send_address("controller")
+
+    def _launch(self, name: str, module: str, *arguments: str) -> subprocess.Popen[str]:
+        # A session of its own: Ctrl-C reaches this process alone, which then ends both in order. If this process is
+        # killed, their standard input ends, and so do they.
+        self._processes[name] = process = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        )  # fmt: skip
+        return process
+
+    def _watch(self, samples: int, progress: Callable[[float], None]) -> None:
+        """Wait until the vehicle has ended; end it if its controller ended before the flight began."""
+        vehicle = self._processes["vehicle"]
+        alone_since = None
+        while vehicle.poll() is None:
+            flown = count_records(self._journal)
+            self._follow_script(flown)
+            progress(min(flown / samples, 1.0))
+            if self._processes["controller"].poll() is not None:
+                alone_since = alone_since or time.monotonic()
+                if not flown and time.monotonic() > alone_since + _ORPHAN_TIMEOUT_S:
+                    self._gave_up = True
+                    _terminate(vehicle)
+            time.sleep(_POLL_S)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            # A spare controller took over a flying vehicle: it does not end with this flight.
+            ends = vehicle.returncode == 0 and not self._replaced
+            self._processes["controller"].wait(_EXIT_TIMEOUT_S if ends else 0.0)
+        progress(min(count_records(self._journal) / samples, 1.0))
+
+    def _read_outcome(self) -> FlightOutcome:
+        """Return the outcome; keep the vehicle's summary, and the reason of a flight that broke off."""
+        self.summary = self._read_summary("vehicle")
+        if not self.summary:
+            self.reason = _format_reason(self._last_stderr_line("vehicle"))
+            return FlightOutcome.AUTOPILOT_LOST
+        outcome = FlightOutcome.NOT_STARTED if self._gave_up else _OUTCOMES[VehicleOutcome(self.summary["outcome"])]
+        alone = self._processes["controller"].poll() is not None
+        reason = self._last_stderr_line("controller")
+        if summary := self._read_summary("controller"):
+            reason = f"gustproof controller: {summary['message']}"
+            if self.summary["pace"]:
+                self.summary["pace"] |= {name: summary[name] for name in ("late_samples", "missed_samples")}
+        if outcome is not FlightOutcome.DONE and alone:
+            self.reason = _format_reason(reason)
+        return outcome
+
+    def _read_summary(self, name: str) -> dict[str, Any]:
+        """Return the JSON that an ended process printed last; empty if it was killed."""
+        stdout = self._processes[name].stdout
+        lines = stdout.read().splitlines() if stdout else []
+        return json.loads(lines[-1]) if lines else {}
+
+    def _last_stderr_line(self, name: str) -> str:
+        """Return the last line that an ended process left on stderr."""
+        process = self._processes[name]
+        _terminate(process)
+        lines = process.stderr.read().strip().splitlines() if process.stderr else []
+        return lines[-1] if lines else ""
+
+
+def _format_reason(reason: str) -> str:
+    return f" ({reason})" if reason else ""
+
+
+def _share_core(pids: list[int]) -> None:
+    """Pin processes that alternate to the core of the first: to wake another core takes longer."""
+    with contextlib.suppress(OSError, AttributeError):  # a system without this call goes on without it
+        fields = Path(f"/proc/{pids[0]}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+        for pid in pids:
+            os.sched_setaffinity(pid, (int(fields[36]),))  # the core that it ran on last
+
+
+def _terminate(process: subprocess.Popen[str]) -> None:
+    """End a process, with SIGTERM first, so that it can close its files."""
+    if process.poll() is None:
+        process.terminate()
+        try:
+            process.wait(_EXIT_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

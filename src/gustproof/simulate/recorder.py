@@ -1,0 +1,110 @@
+"""Fly over UDP and leave a bag; make the bags of flights that were cut off from their journals."""
+
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.errors import ConfigError
+from firmware_model.recording.durable_file import is_growing
+from firmware_model.recording.journal import read_journal
+from gustproof.errors import FlightError
+from gustproof.law.form import Law
+from gustproof.recording.bag import UNFINISHED_PREFIX, read_bag, write_bag
+from gustproof.simulate.flight import Flight, FlightPlan, Records, flight_name, law_name, parse_metadata
+from gustproof.simulate.outcome import describe, infer_outcome
+from gustproof.simulate.processes import WORKING_PREFIX, fly
+
+
+def fly_and_record(
+    scenario: Scenario,
+    law: Law,
+    *,
+    vehicle: Vehicle,
+    seed: int,
+    out: Path,
+    real_time: bool = False,
+    tlog: bool = False,
+    progress: Callable[[float], None] | None = None,
+    on_listening: Callable[[int, Path], None] | None = None,
+) -> Flight:
+    """Fly a scenario over UDP and leave its bag in the folder `out`, named for scenario, law and seed.
+
+    `progress` and `on_listening` are those of `processes.fly`. With `tlog` the MAVLink traffic is left beside the bag.
+    The journal is removed once its bag is whole, or if it is empty.
+
+    Raises
+    ------
+    ConfigError
+        If the bag exists already, or the flight can't be started as requested.
+    FlightError
+        If the bag can't be written; the journal stays for `recover`.
+    """
+    flight = fly(
+        scenario, law, vehicle=vehicle, seed=seed, out=out, real_time=real_time, progress=progress,
+        tlog=tlog, on_listening=on_listening,
+    )  # fmt: skip
+    return _replace_journal(flight, FlightPlan(scenario, law, vehicle, seed, real_time).metadata())
+
+
+def recover(folder: Path) -> list[Flight]:
+    """Make the bags of flights that were cut off from the journals in `folder`; return the flights.
+
+    A flight to the end of its script gives the same bag as if it had not been cut off.
+
+    Raises
+    ------
+    ConfigError
+        If there is no journal, a file is no journal, lacks what was flown or still grows, or its bag exists with other
+        records.
+    FlightError
+        If a bag can't be written; its journal stays.
+    """
+    journals = sorted(folder.glob("*.journal"))
+    if not journals:
+        raise ConfigError(f"{folder}: no journal here: nothing to recover")
+    for journal in journals:
+        if is_growing(journal):
+            raise ConfigError(f"{journal}: the flight is not over")
+    for leftover in (*folder.glob(f"{UNFINISHED_PREFIX}*"), *folder.glob(f"{WORKING_PREFIX}*")):
+        shutil.rmtree(leftover, ignore_errors=True)  # a link to elsewhere stays
+    return [_recover(journal) for journal in journals]
+
+
+def _recover(journal: Path) -> Flight:
+    header, records = read_journal(journal, sound=True)
+    metadata = header.get("note", {})
+    scenario, law, vehicle, seed, _ = parse_metadata(metadata, journal)
+    outcome = infer_outcome(records, scenario)
+    ended = f"{describe(outcome, scenario, records)}, {len(records)} of {scenario.samples} samples"
+    flight = Flight(
+        scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
+        message=f"{scenario.name}, {law_name(law)}, seed {seed}: {ended}", journal=journal,
+    )  # fmt: skip
+    return _replace_journal(flight, metadata)
+
+
+def _replace_journal(flight: Flight, metadata: Mapping[str, Any]) -> Flight:
+    """Write the bag of a flight beside its journal, unless it is there already, and remove the journal."""
+    journal, bag = flight.journal, None
+    if journal is None:
+        raise ValueError("the flight has no journal")
+    if len(flight.records):
+        bag = journal.parent / flight_name(flight.scenario, flight.law, flight.seed)
+        try:
+            if not _is_bag_of(bag, flight.records):
+                timing = {} if flight.timing is None else {"pace": dict(flight.timing)}
+                write_bag(bag, flight.records, {**metadata, "outcome": flight.outcome.name.lower(), **timing})
+        except OSError as error:
+            kept = f"what was flown is in {journal}: make room, then gustproof recover {bag.parent}"
+            raise FlightError(f"{bag}: {error.strerror}; {kept}") from None
+    journal.unlink(missing_ok=True)
+    return replace(flight, bag=bag, journal=None)
+
+
+def _is_bag_of(bag: Path, records: Records) -> bool:
+    """Return whether `bag` holds these records already, as if its writer was killed before removing the journal."""
+    return bag.exists() and read_bag(bag)[1].tobytes() == records.tobytes()

@@ -1,0 +1,1 @@
+"""Synthesise H-infinity controllers by two Riccati equations."""

@@ -1,0 +1,152 @@
+"""Conditions of an H-infinity problem, checked by name, and its normal form D12 = [0; I], D21 = [0, I]."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gustproof.errors import DesignError
+from gustproof.lti.state_space import Lti, Matrix, largest_gain
+
+_RANK = 1e-10
+"""[-] singular values below this fraction of the largest count as zero."""
+_AXIS = 1e-10
+"""[-] eigenvalues with a real part below this fraction of the norm of the matrix count as on the imaginary axis."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NormalizedPlant:
+    """A generalised plant with w and z rotated, u and y scaled: D12 = [0; I] and D21 = [0, I]."""
+
+    A: Matrix
+    """(n, n)."""
+    B: Matrix
+    """(n, m1 + m2), of (w, u)."""
+    C: Matrix
+    """(p1 + p2, n), of (z, y)."""
+    D: Matrix
+    """(p1 + p2, m1 + m2), with D22 = 0."""
+    D22: Matrix
+    """(p2, m2) feedthrough from u to y in the plant's own units, restored at the end."""
+    control_scale: Matrix
+    """(m2, m2) u = control_scale u_normalised."""
+    measurement_scale: Matrix
+    """(p2, p2) y_normalised = measurement_scale y."""
+    m1: int
+    """Number of exogenous inputs w."""
+    p1: int
+    """Number of outputs z to keep small."""
+
+    @property
+    def m2(self) -> int:
+        """Number of controls."""
+        return int(self.control_scale.shape[0])
+
+    @property
+    def p2(self) -> int:
+        """Number of measurements."""
+        return int(self.measurement_scale.shape[0])
+
+    @property
+    def floor(self) -> float:
+        """[-] lower bound of the level for all controllers, from the part of D11 that no controller affects."""
+        D11 = self.D[: self.p1, : self.m1]
+        rows, columns = D11[: self.p1 - self.m2], D11[:, : self.m1 - self.p2]
+        return max(float(np.linalg.norm(part, 2)) if part.size else 0.0 for part in (rows, columns))
+
+    def to_plant_units(self, K: Lti) -> Lti:
+        """Return the controller of the plant for the controller `K` of the normal form."""
+        B, C = K.B @ self.measurement_scale, self.control_scale @ K.C
+        D = self.control_scale @ K.D @ self.measurement_scale
+        # the input of K is y - D22 u: u = C x + D (y - D22 u)
+        closing = np.eye(self.m2) + D @ self.D22
+        if np.linalg.cond(closing) > 1e12:
+            raise DesignError("the loop is not well posed: I + D_K D22 is singular")
+        C, D = np.split(np.linalg.solve(closing, np.hstack([C, D])), [K.order], axis=1)
+        return Lti(A=K.A - B @ self.D22 @ C, B=B - B @ self.D22 @ D, C=C, D=D)
+
+
+def normalize(P: Lti, n_meas: int, n_con: int) -> NormalizedPlant:
+    """Return the normal form of `P`, or raise an error that names the failed condition.
+
+    Raises
+    ------
+    ValueError
+        If sizes do not fit, or `P` is discrete or has no states.
+    DesignError
+        If D12 or D21 lacks rank, a mode cannot be stabilised or detected, or there is a zero on the imaginary axis.
+    """
+    m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
+    if P.dt or not P.order:
+        raise ValueError("P must be continuous, with at least one state")
+    if n_con < 1 or n_meas < 1 or m1 < 1 or p1 < 1:
+        raise ValueError(
+            f"P is {P.n_outputs} x {P.n_inputs}: n_meas = {n_meas} and n_con = {n_con} leave no w, z, u or y"
+        )
+    B1, B2, C1, C2 = P.B[:, :m1], P.B[:, m1:], P.C[:p1], P.C[p1:]
+    D12, D21 = P.D[:p1, m1:], P.D[p1:, :m1]
+    _require_rank(D12, "D12 lacks full column rank: a control is not weighted in z")
+    _require_rank(D21.T, "D21 lacks full row rank: a measurement has no noise in w")
+    _require_stabilizable(P.A, B2, "P is not stabilisable by u")
+    _require_stabilizable(P.A.T, C2.T, "P is not detectable from y")
+    _require_no_axis_zero(P.A, B2, C1, D12, "from u to z")
+    _require_no_axis_zero(P.A.T, C2.T, B1.T, D21.T, "from w to y")
+    Q_z, R_u = _complete_basis(D12)
+    Q_w, R_y = _complete_basis(D21.T)
+    control_scale: Matrix = np.asarray(np.linalg.inv(R_u), dtype=np.float64)
+    measurement_scale: Matrix = np.asarray(np.linalg.inv(R_y.T), dtype=np.float64)
+    rows, columns = np.zeros((P.n_outputs, P.n_outputs)), np.zeros((P.n_inputs, P.n_inputs))
+    rows[:p1, :p1], rows[p1:, p1:] = Q_z.T, measurement_scale
+    columns[:m1, :m1], columns[m1:, m1:] = Q_w, control_scale
+    D = rows @ P.D @ columns
+    D[p1:, m1:] = 0.0
+    return NormalizedPlant(
+        A=P.A,
+        B=P.B @ columns,
+        C=rows @ P.C,
+        D=D,
+        D22=P.D[p1:, m1:],
+        control_scale=control_scale,
+        measurement_scale=measurement_scale,
+        m1=m1,
+        p1=p1,
+    )
+
+
+def _complete_basis(D: Matrix) -> tuple[Matrix, Matrix]:
+    """Return an orthogonal `Q` and a square `R` with `Q^T D R^-1 = [0; I]`."""
+    Q, R = np.linalg.qr(D, mode="complete")
+    m = D.shape[1]
+    return np.hstack([Q[:, m:], Q[:, :m]]), R[:m]
+
+
+def _require_rank(D: Matrix, failure: str) -> None:
+    singular = np.linalg.svd(D, compute_uv=False)
+    if D.shape[0] < D.shape[1] or singular[-1] <= _RANK * singular[0]:
+        raise DesignError(failure)
+
+
+def _require_stabilizable(A: Matrix, B: Matrix, failure: str) -> None:
+    """Raise if an eigenvalue that is not stable fails the Popov-Belevitch-Hautus test."""
+    n, scale = A.shape[0], max(largest_gain(A), np.finfo(float).tiny)
+    for pole in np.linalg.eigvals(A):
+        if pole.real >= -_AXIS * scale:
+            pencil = np.hstack([(A - pole * np.eye(n)) / scale, B / max(np.linalg.norm(B, 2), np.finfo(float).tiny)])
+            if np.linalg.svd(pencil, compute_uv=False)[-1] <= _RANK:
+                raise DesignError(f"{failure}: mode at {_format_pole(pole)}")
+
+
+def _require_no_axis_zero(A: Matrix, B: Matrix, C: Matrix, D: Matrix, path: str) -> None:
+    """Raise if `[A - jw, B; C, D]` loses column rank: such zeros are unobservable modes of a reduced pair."""
+    F = np.linalg.lstsq(D, C, rcond=None)[0]
+    A_reduced, C_reduced = A - B @ F, C - D @ F
+    n, scale = A.shape[0], max(largest_gain(A_reduced), np.finfo(float).tiny)
+    size = max(largest_gain(C), np.finfo(float).tiny)
+    for zero in np.linalg.eigvals(A_reduced):
+        if abs(zero.real) <= _AXIS * scale:
+            pencil = np.vstack([(A_reduced - zero * np.eye(n)) / scale, C_reduced / size])
+            if np.linalg.svd(pencil, compute_uv=False)[-1] <= _RANK:
+                raise DesignError(f"P has a zero on the imaginary axis {path}: at {_format_pole(zero)}")
+
+
+def _format_pole(value: complex) -> str:
+    return f"{value.real:.3g} {value.imag:+.3g}j rad/s"

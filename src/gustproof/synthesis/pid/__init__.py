@@ -1,0 +1,1 @@
+"""Tune cascades: autotuned PID, baseline PID, flagship, INDI."""

@@ -1,0 +1,158 @@
+"""Search the gains of one axis for the least attitude error and weighted torque slew at a given sensitivity peak.
+
+Error and slew are those of `gustproof.performance.covariance`; complex steps give exact derivatives. The sensitivity is
+constrained on a grid of frequencies, for the nominal plant and, with a separate peak, for plants off nominal.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy.optimize
+
+from gustproof.law.form import Matrix
+from gustproof.lti.state_space import Lti
+from gustproof.performance.covariance import AxisModel, augmented_axis, mean_second_moments
+from gustproof.synthesis.pid.pid_biquad import BiquadGains, Values, biquad_filter, biquad_response
+
+_GRID = 120
+"""Number of frequencies, evenly spaced in the logarithm, at which the sensitivity peak is constrained."""
+_GRID_MARGIN = 1e-3
+"""[-] share of a peak reserved for a rise of the sensitivity between two frequencies of the grid."""
+_STEP = 1e-30
+"""[-] complex step: without a difference of values, a small step loses no digits."""
+_UNSTABLE_COST = 1e3
+"""Cost of a loop with an overflowing covariance; stable loops have costs below 0."""
+_SLOWEST, _FASTEST = 1.0, 1e3
+"""[rad/s] bounds of the corners: with a slower one a constant moment would disturb the attitude for seconds."""
+_LOWER = BiquadGains(_SLOWEST, 0.1, _SLOWEST, 0.1, _SLOWEST, _SLOWEST, 0.1, _SLOWEST, 0.2)
+_UPPER = BiquadGains(50.0, 1e4, _FASTEST, 5.0, _FASTEST, _FASTEST, 5.0, _FASTEST, 5.0)
+
+
+class SearchResult(NamedTuple):
+    """Optimum found by a search."""
+
+    cost: float
+    """Logarithm of the sum of mean square error [rad^2] and weighted slew."""
+    gains: BiquadGains
+    """Gains at the optimum."""
+
+
+class _Loop(NamedTuple):
+    """A closed loop in state space, or several along the first axis."""
+
+    A: Values
+    B: Values
+    C: Values
+    D: Values
+    dt: float
+
+
+class AxisSearch:
+    """Search for one axis with fixed plants, peaks and air; each call takes its own weight of slew.
+
+    Parameters
+    ----------
+    model
+        Nominal axis.
+    others
+        Axis off nominal; differs from `model` in the plant only.
+    peak, peak_of_others
+        [-] largest sensitivity peaks.
+    """
+
+    def __init__(self, model: AxisModel, others: Sequence[AxisModel], peak: float, peak_of_others: float) -> None:
+        self._model = model
+        self._flight = _add_strapdown(augmented_axis(model))
+        dt = model.plant.dt
+        omega = np.geomspace(0.5, 0.999 * math.pi / dt, _GRID)
+        z = np.exp(1j * omega * dt)
+        self._s = 2.0 / dt * (z - 1.0) / (z + 1.0)
+        delayed = z**-model.delay_samples * model.inertia
+        plants = [each.plant.response(omega)[:, 0, 0] * delayed for each in (model, *others)]
+        self._plants = np.array(plants)
+        peaks = np.array([peak] + [peak_of_others] * len(others))
+        self._log_peaks = np.log(peaks * (1.0 - _GRID_MARGIN))[:, None]
+
+    def search(self, starts: Sequence[BiquadGains], weight: float) -> SearchResult | None:
+        """Return the best local optimum over all `starts`; `None` if none is stable and within the peaks.
+
+        Sequential quadratic programming (SLSQP) on the logarithms of the values.
+
+        Parameters
+        ----------
+        starts
+            Initial gains, not necessarily stable.
+        weight
+            [s^2 rad^2/(N*m)^2] weight of mean square slew.
+        """
+        found = [each for each in (self._minimize_from(np.log(np.array(start)), weight) for start in starts) if each]
+        return min(found, key=lambda each: each.cost, default=None)
+
+    def margins(self, z: Matrix) -> tuple[Matrix, Matrix]:
+        """Return the logarithms (m,) of peak over sensitivity, at least 0 if within, and their slopes (m, 9)."""
+        response, slopes = biquad_response(np.exp(z), self._s)
+        L = self._plants * response
+        room = np.log(np.abs(1.0 + L)) + self._log_peaks
+        return room.ravel(), (L / (1.0 + L) * slopes[:, None]).real.reshape(len(z), -1).T
+
+    def cost(self, z: Matrix, weight: float) -> tuple[float, Matrix]:
+        """Return the logarithm of mean square error and weighted slew, and its slopes (9,)."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            moments = mean_second_moments([self._model], self._closed_loops(np.exp(z + 1j * _STEP * np.eye(len(z)))))
+        costs = moments[:, 0, 0] + weight / self._model.plant.dt**2 * moments[:, 1, 1]
+        value = float(costs[0].real)
+        if not (math.isfinite(value) and value > 0.0):
+            return _UNSTABLE_COST, np.zeros(len(z))
+        return math.log(value), costs.imag / (_STEP * value)
+
+    def _minimize_from(self, start: Matrix, weight: float) -> SearchResult | None:
+        def cost(z: Matrix) -> tuple[float, Matrix]:
+            return self.cost(z, weight)
+
+        constraint = scipy.optimize.NonlinearConstraint(
+            lambda z: self.margins(z)[0], 0.0, np.inf, jac=lambda z: self.margins(z)[1]
+        )
+        found = scipy.optimize.minimize(
+            cost,
+            start,
+            jac=True,
+            method="SLSQP",
+            bounds=scipy.optimize.Bounds(np.log(_LOWER), np.log(_UPPER)),
+            constraints=constraint,
+            options={"maxiter": 300, "ftol": 1e-10},
+        )
+        if not found.fun < 0.0 or np.min(self.margins(found.x)[0]) < -0.5 * _GRID_MARGIN:
+            return None
+        return SearchResult(float(found.fun), BiquadGains(*np.exp(found.x).tolist()).sort_zeros())
+
+    def _closed_loops(self, values: Values) -> _Loop:
+        """Return the loops of `values` (k, 9), from the noises to attitude and change of command."""
+        P, F, n = self._flight, biquad_filter(values, self._model.plant.dt), self._flight.order
+        # rate error by (states; noises), and the direct command of `F`
+        ratio = values[:, :1]
+        error, noise = -(ratio * P.C[2] + P.C[3]), -(ratio * P.D[2, :-1] + P.D[3, :-1])
+        J = self._model.inertia
+        direct, filtered = J * F.D[:, None] * error, J * F.C
+        upper = np.concatenate([P.A + P.B[:, -1:] * direct[:, None], P.B[:, -1:] * filtered[:, None]], axis=2)
+        lower = np.concatenate([F.B[..., None] * error[:, None], F.A], axis=2)
+        A = np.concatenate([upper, lower], axis=1)
+        noisy = J * F.D[:, None] * noise
+        B = np.concatenate([P.B[:, :-1] + P.B[:, -1:] * noisy[:, None], F.B[..., None] * noise[:, None]], axis=1)
+        C = P.D[:2, -1:] * np.concatenate([direct, filtered], axis=1)[:, None]
+        C[..., :n] += P.C[:2]
+        return _Loop(A, B, C, P.D[:2, :-1] + P.D[:2, -1:] * noisy[:, None], P.dt)
+
+
+def _add_strapdown(flight: Lti) -> Lti:
+    """Return the axis with one more output before the gyro: the law's own attitude, by the trapezoidal sum."""
+    n, dt, gyro, feedthrough = flight.order, flight.dt, flight.C[2:], flight.D[2:]
+    zero, one = np.zeros((1, 1)), np.ones((1, 1))
+    return Lti(
+        A=np.block([[flight.A, np.zeros((n, 1))], [dt * gyro, one]]),
+        B=np.vstack([flight.B, dt * feedthrough]),
+        C=np.block([[flight.C[:2], np.zeros((2, 1))], [0.5 * dt * gyro, one], [gyro, zero]]),
+        D=np.vstack([flight.D[:2], 0.5 * dt * feedthrough, feedthrough]),
+        dt=dt,
+    )

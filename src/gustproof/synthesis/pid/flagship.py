@@ -1,0 +1,177 @@
+"""The flagship: the cascade with a biquad of least attitude error in turbulence, within the limits of `pid-fair`.
+
+As for `pid-fair`, the error pooled over the axes is least at a given sensitivity peak of each axis and a given pooled
+torque slew. In addition, a peak is limited at each corner of a box of inertia and actuator lag.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from gustproof.errors import DesignError
+from gustproof.law.cascade import cascade_law
+from gustproof.law.form import Law, Provenance
+from gustproof.model.uncertainty import Spreads
+from gustproof.performance.covariance import AxisModel, AxisPerformance, axis_models, axis_performance
+from gustproof.synthesis.pid.biquad_search import AxisSearch
+from gustproof.synthesis.pid.pid_biquad import BiquadGains, biquad_axis
+from gustproof.version import __version__
+
+_AXES = ("roll", "pitch", "yaw")
+_WEIGHT = 1e-9
+"""[s^2 rad^2/(N*m)^2] initial weight of mean square slew."""
+_ROUNDS = 12
+"""Largest number of weights tried; the slew falls with about the third root of its weight, so a few suffice."""
+_SLEW_TOLERANCE = 1e-4
+"""[-] largest relative distance of the slew below its limit."""
+_NEUTRAL = (2.0, 4.0, 8.0)
+"""[-] frequency of the biquad at each start of the search, in actuator bandwidths; initially its gain is 1."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TuningLimits:
+    """Limits of sensitivity and slew, and the spread of the vehicle."""
+
+    sensitivity_peak: float = 1.36
+    """[-] largest sensitivity peak of each axis."""
+    slew: float = 19.8
+    """[N*m/s] largest rms torque slew, pooled over the axes; below 20 by twice a single flight's scatter, .1."""
+    corner_peak: float = 2.0
+    """[-] largest sensitivity peak at the corners of the box."""
+    spreads: Spreads = Spreads(inertia=0.2, actuator_lag=0.3)  # noqa: RUF009 - frozen
+    """Box of inertia and actuator lag."""
+
+
+SHIPPED_LIMITS = TuningLimits()
+"""Limits of the shipped law, comparable with those of `pid-fair`."""
+
+
+def flagship_law(
+    vehicle: Vehicle, scenario: Scenario, *, name: str = "flagship", limits: TuningLimits = SHIPPED_LIMITS
+) -> Law:
+    """Return the law with the gains of `tune_flagship`; its provenance has gains, limits and predicted performance.
+
+    Raises
+    ------
+    DesignError
+        See `tune_flagship`.
+    """
+    gains = tune_flagship(vehicle, scenario, limits)
+    axes = [biquad_axis(each, inertia, scenario.dt) for each, inertia in zip(gains, vehicle.inertia_B, strict=True)]
+    rmse, slew = _pool_axes(_axis_performances(axis_models(vehicle, scenario), gains))
+    parameters = {
+        "sensitivity_peak": limits.sensitivity_peak,
+        "slew_nm_per_s": limits.slew,
+        "off_nominal_sensitivity_peak": limits.corner_peak,
+        "inertia_spread": limits.spreads.inertia,
+        "actuator_lag_spread": limits.spreads.actuator_lag,
+        "foretold_rmse_deg": math.degrees(rmse),
+        "foretold_slew_nm_per_s": slew,
+    }
+    for axis, each in zip(_AXES, gains, strict=True):
+        parameters |= {f"{axis}_{name}": value for name, value in each._asdict().items()}
+    provenance = Provenance(
+        design=f"strapdown cascade with a biquad, of least attitude error in scenario '{scenario.name}'",
+        vehicle=vehicle.name,
+        parameters=parameters,
+        version=__version__,
+    )
+    return cascade_law(name, axes, vehicle, scenario.dt, provenance)
+
+
+def tune_flagship(
+    vehicle: Vehicle, scenario: Scenario, limits: TuningLimits
+) -> tuple[BiquadGains, BiquadGains, BiquadGains]:
+    """Return the gains of roll, pitch and yaw with the least attitude error, pooled over the axes.
+
+    All axes have the same weight of slew, which shares the slew optimally among them. It is raised until the slew is
+    within its limit. A few fixed starts are searched and the best optimum is taken: the same gains every time.
+
+    Parameters
+    ----------
+    vehicle, scenario
+        Vehicle and scenario to tune for; the scenario gives turbulence, delay, sample time and duration.
+    limits
+        Limits of sensitivity and slew, and the spread of the vehicle.
+
+    Raises
+    ------
+    DesignError
+        If no such gains are found: the limits are too tight for this vehicle.
+    """
+    models = axis_models(vehicle, scenario)
+    others = [axis_models(each, scenario) for each in corner_vehicles(vehicle, limits.spreads)]
+    axes = [
+        AxisSearch(model, [each[k] for each in others], limits.sensitivity_peak, limits.corner_peak)
+        for k, model in enumerate(models)
+    ]
+    starts: list[Sequence[BiquadGains]] = [[_initial_gains(vehicle, each) for each in _NEUTRAL]] * len(models)
+    refusal = DesignError(
+        f"no shaped cascade found at sensitivity peak {limits.sensitivity_peak}, {limits.corner_peak} off nominal, "
+        f"and slew {limits.slew} N*m/s"
+    )
+    weight = _WEIGHT
+    for _ in range(_ROUNDS):
+        gains = []
+        for axis, start in zip(axes, starts, strict=True):
+            found = axis.search(start, weight)
+            if found is None:
+                raise refusal
+            gains.append(found.gains)
+        performances = _axis_performances(models, gains)
+        excess = _pool_axes(performances)[1] / limits.slew
+        if 1.0 - _SLEW_TOLERANCE < excess <= 1.0:
+            if max(each.sensitivity_peak for each in performances) > limits.sensitivity_peak:
+                break
+            return gains[0], gains[1], gains[2]
+        weight *= (excess / (1.0 - 0.5 * _SLEW_TOLERANCE)) ** 3
+        starts = [[each] for each in gains]
+    raise refusal
+
+
+def corner_vehicles(vehicle: Vehicle, spreads: Spreads) -> list[Vehicle]:
+    """Return the vehicles with all inertias and the lag at the ends of their ranges."""
+    ends = []
+    for heavier, slower in itertools.product(
+        (-spreads.inertia, spreads.inertia), (-spreads.actuator_lag, spreads.actuator_lag)
+    ):
+        I_x, I_y, I_z = ((1.0 + heavier) * inertia for inertia in vehicle.inertia_B)
+        ends.append(replace(vehicle, inertia_B=(I_x, I_y, I_z), actuator_lag=(1.0 + slower) * vehicle.actuator_lag))
+    return ends
+
+
+def _initial_gains(vehicle: Vehicle, neutral: float) -> BiquadGains:
+    """Return a cascade as fast as the actuators permit at small delay, with a biquad of gain 1."""
+    bandwidth = 1.0 / vehicle.actuator_lag
+    corner = neutral * bandwidth
+    return BiquadGains(
+        angle_p=0.4 * bandwidth,
+        gain=3.75 * bandwidth,
+        lead_frequency=0.45 * bandwidth,
+        lead_damping=0.8,
+        cutoff=3.6 * bandwidth,
+        zero_frequency=corner,
+        zero_damping=0.7,
+        pole_frequency=corner,
+        pole_damping=0.7,
+    )
+
+
+def _axis_performances(models: Sequence[AxisModel], gains: Sequence[BiquadGains]) -> list[AxisPerformance]:
+    return [
+        axis_performance(model, biquad_axis(each, model.inertia, model.plant.dt))
+        for model, each in zip(models, gains, strict=True)
+    ]
+
+
+def _pool_axes(axes: Sequence[AxisPerformance]) -> tuple[float, float]:
+    """Return rms attitude [rad] and slew [N*m/s] of all axes."""
+    return (
+        math.sqrt(np.mean([axis.rmse**2 for axis in axes])),
+        math.sqrt(np.mean([axis.slew**2 for axis in axes])),
+    )

@@ -1,0 +1,1 @@
+"""Synthesise controllers of fixed structure by non-smooth optimisation."""

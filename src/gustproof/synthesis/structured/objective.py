@@ -1,0 +1,233 @@
+"""Functions to minimise: goals of the worst model as functions of a structured controller's parameters."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gustproof.lti.norms import Peak
+from gustproof.lti.state_space import Lti, Matrix
+from gustproof.synthesis.structured.blocks import Structure
+from gustproof.synthesis.structured.goals import GainGoal, Goal, NormKind, StabilityGoal, extract_channel
+from gustproof.synthesis.structured.loop import (
+    AugmentedPlant,
+    ClosedLoop,
+    Slope,
+    abscissa,
+    abscissa_slopes,
+    augment_plant,
+    close_loop,
+    h2_slope,
+    loop_h2_norm,
+    loop_peak,
+    peak_slopes,
+)
+from gustproof.synthesis.structured.search import Branch
+
+LIMIT_MARGIN = 1e-4
+"""[-] share of each limit reserved, because a search satisfies it to some digits only."""
+_WARM_STARTS = 3
+"""Number of recent peak frequencies to try first."""
+
+
+class NormCriterion:
+    """A norm of the closed loop divided by its limit."""
+
+    def __init__(self, goal: Goal, plant: AugmentedPlant, limit: float, measure: NormKind) -> None:
+        self.goal, self.plant, self.limit, self.measure = goal, plant, limit, measure
+        self._warm: list[float] = []
+        self._loop: ClosedLoop | None = None
+        self._peak = Peak(gain=np.inf, omega=0.0)
+        self.last = np.inf
+
+    def value(self, M: Matrix) -> float:
+        """Return the norm divided by its limit at the controller `M`; infinite if the loop is unstable."""
+        self._loop = close_loop(self.plant, M)
+        if self.measure is NormKind.RMS:
+            self.last = loop_h2_norm(self._loop) / self.limit
+            return self.last
+        self._peak = loop_peak(self._loop, self._warm)
+        if np.isfinite(self._peak.gain) and np.isfinite(self._peak.omega):
+            self._warm = [self._peak.omega, *self._warm][:_WARM_STARTS]
+        self.last = self._peak.gain / self.limit
+        return self.last
+
+    def slopes(self, near: float) -> list[Slope]:
+        """Return the branches of the last value within the fraction `near` of it."""
+        assert self._loop is not None
+        found = [h2_slope(self._loop)] if self.measure is NormKind.RMS else peak_slopes(self._loop, self._peak, near)
+        return [Slope(slope.value / self.limit, slope.gradient / self.limit) for slope in found]
+
+
+class PoleCriterion:
+    """One plus the controller's spectral abscissa plus a margin [1/s]: at most 1 if the goal is satisfied."""
+
+    def __init__(self, goal: StabilityGoal, order: int) -> None:
+        self.goal, self._order = goal, order
+        self._M: Matrix = np.zeros((0, 0))
+        self.last = np.inf
+
+    def value(self, M: Matrix) -> float:
+        """Return `1 + abscissa + margin` at the controller `M`."""
+        self._M = M
+        n = self._order
+        self.last = 1.0 + abscissa(M[:n, :n]) + self.goal.margin if n else 0.0
+        return self.last
+
+    def slopes(self, near: float) -> list[Slope]:
+        """Return the branches of the last value."""
+        n = self._order
+        rows, columns = np.eye(n, self._M.shape[0]), np.eye(self._M.shape[1], n)
+        found = abscissa_slopes(self._M[:n, :n], rows, columns, near) if n else []
+        return [Slope(1.0 + slope.value + self.goal.margin, slope.gradient) for slope in found]
+
+
+class PenaltyFunction:
+    """The target over its scale, plus a penalty times the largest excess of a hard goal; each of the worst model.
+
+    The penalty is exact: if its factor is large enough, the minimum is at the least target that satisfies the hard
+    goals. With an infinite scale only the hard goals count; this finds parameters that satisfy them.
+    """
+
+    def __init__(self, structure: Structure, target: "list[NormCriterion]", hard_goals: "list[Criterion]") -> None:
+        self.target, self.hard_goals, self.scale, self.penalty, self.evaluations = target, hard_goals, 1.0, 1.0, 0
+        self._offset, self._basis = structure.basis()
+        self._theta: Matrix | None = None
+        self._minimax = False
+        self._targets: list[float] = []
+        self._excesses: list[float] = []
+
+    def use_penalty(self, scale: float, penalty: float = 1.0) -> "PenaltyFunction":
+        """Return this function with another scale of the target and another penalty factor."""
+        self.scale, self.penalty, self._minimax = scale, penalty, False
+        return self
+
+    def use_minimax(self, scale: float) -> "PenaltyFunction":
+        """Return this function as the largest, not the sum, of target over scale and hard goals over their limits."""
+        self.scale, self.penalty, self._minimax = scale, 1.0, True
+        return self
+
+    def value(self, theta: Matrix) -> float:
+        """Return the value."""
+        if self._theta is None or not np.array_equal(theta, self._theta):
+            self._evaluate(theta)
+        target = max(self._targets) / self.scale if np.isfinite(self.scale) else 0.0
+        if self._minimax:
+            return max([target, *(1.0 + excess for excess in self._excesses)])
+        return target + self.penalty * max([0.0, *self._excesses])
+
+    def branches(self, theta: Matrix, near: float) -> list[Branch]:
+        """Return the branches within the fraction `near` of the largest, the largest first."""
+        top = self.value(theta)
+        if not np.isfinite(top):
+            return []
+        zero = Branch(0.0, np.zeros(theta.size))
+        target = [zero]
+        if np.isfinite(self.scale):
+            target = self._branches(self.target, self._targets, 1.0 / self.scale, near * top)
+        if self._minimax:
+            hard = self._branches(self.hard_goals, [1.0 + excess for excess in self._excesses], 1.0, near * top)
+            return _keep_nearest([*target, *hard], top, near)
+        excesses = [zero, *self._branches(self.hard_goals, self._excesses, self.penalty, near * top)]
+        sums = [Branch(a.value + b.value, a.gradient + b.gradient) for a in target for b in excesses]
+        return _keep_nearest(sums, top, near)
+
+    def _branches(
+        self, criteria: "Sequence[Criterion]", values: list[float], factor: float, within: float
+    ) -> list[Branch]:
+        top, found = max(values, default=0.0), []
+        for criterion, value in zip(criteria, values, strict=True):
+            if factor * (top - value) <= within:
+                share = within / (factor * abs(criterion.last)) if within else 0.0
+                found += [
+                    Branch(factor * (slope.value - criterion.last + value), factor * self._pull_back(slope.gradient))
+                    for slope in criterion.slopes(min(share, 0.5))
+                ]
+        return found
+
+    def _pull_back(self, gradient: Matrix) -> Matrix:
+        return np.asarray(np.tensordot(self._basis, gradient, axes=2))
+
+    def _evaluate(self, theta: Matrix) -> None:
+        self.evaluations += 1
+        M = self._offset + np.tensordot(theta, self._basis, axes=1)
+        self._theta = theta.copy()
+        self._targets = [criterion.value(M) for criterion in self.target]
+        self._excesses = [criterion.value(M) - 1.0 + LIMIT_MARGIN for criterion in self.hard_goals]
+
+    def goal_values(self, theta: Matrix) -> tuple[float, dict[str, float]]:
+        """Return the target, and each hard goal over its limit by its name, each of the worst model."""
+        self._evaluate(theta)
+        hard: dict[str, float] = {}
+        for criterion in self.hard_goals:
+            hard[criterion.goal.name] = max(hard.get(criterion.goal.name, -np.inf), criterion.last)
+        return max(self._targets), hard
+
+
+def _keep_nearest(branches: list[Branch], top: float, near: float) -> list[Branch]:
+    branches.sort(key=lambda branch: -branch.value)
+    return branches[:1] if near == 0.0 else [branch for branch in branches if branch.value >= (1.0 - near) * top]
+
+
+Criterion = NormCriterion | PoleCriterion
+"""One goal on one model."""
+
+
+class Stability:
+    """The largest spectral abscissa [rad/s] of the closed loops of all models."""
+
+    def __init__(self, structure: Structure, plants: list[AugmentedPlant]) -> None:
+        self._plants = plants
+        self._offset, self._basis = structure.basis()
+
+    def value(self, theta: Matrix) -> float:
+        """Return the value."""
+        M = self._offset + np.tensordot(theta, self._basis, axes=1)
+        return max(abscissa(close_loop(plant, M).A) for plant in self._plants)
+
+    def branches(self, theta: Matrix, near: float) -> list[Branch]:
+        """Return the branch of the rightmost eigenvalue; `near` is not used."""
+        M = self._offset + np.tensordot(theta, self._basis, axes=1)
+        loops = [close_loop(plant, M) for plant in self._plants]
+        worst = max(loops, key=lambda loop: abscissa(loop.A))
+        slopes = abscissa_slopes(worst.A, worst.B2, worst.C2, 0.0)[:1]
+        return [Branch(slope.value, np.tensordot(self._basis, slope.gradient, axes=2)) for slope in slopes]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Problem:
+    """A structured design problem."""
+
+    models: tuple[Lti, ...]
+    """Generalised plants; the worst counts."""
+    structure: Structure
+    """Structure of the controller."""
+    target: GainGoal
+    """Goal to minimise."""
+    hard_goals: tuple[Goal, ...]
+    """Goals to satisfy."""
+
+    def objective(self) -> PenaltyFunction:
+        """Return the function to minimise."""
+        target = [_norm_criterion(self.target, model, self.structure) for model in self.models]
+        hard: list[Criterion] = []
+        for goal in self.hard_goals:
+            if isinstance(goal, StabilityGoal):
+                hard.append(PoleCriterion(goal, self.structure.order))
+            else:
+                hard += [_norm_criterion(goal, model, self.structure) for model in self.models]
+        return PenaltyFunction(self.structure, target, hard)
+
+    def stability(self) -> Stability:
+        """Return the function that is negative if all closed loops are stable."""
+        return Stability(self.structure, [self._augment(model) for model in self.models])
+
+    def _augment(self, model: Lti) -> AugmentedPlant:
+        return augment_plant(model, self.structure.n_meas, self.structure.n_con, self.structure.order)
+
+
+def _norm_criterion(goal: Goal, model: Lti, structure: Structure) -> NormCriterion:
+    assert not isinstance(goal, StabilityGoal)
+    P, limit = extract_channel(goal, model, structure.n_meas, structure.n_con)
+    measure = goal.measure if isinstance(goal, GainGoal) else NormKind.PEAK
+    return NormCriterion(goal, augment_plant(P, structure.n_meas, structure.n_con, structure.order), limit, measure)

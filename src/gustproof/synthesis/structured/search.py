@@ -1,0 +1,181 @@
+"""Quasi-Newton search on a function with a gradient almost everywhere: BFGS with a weak Wolfe line search.
+
+Where several branches of a maximum are active, BFGS represents their crease as a large curvature and moves along it.
+Finally all nearly active branches are lowered at once, by steps from a small quadratic program in the metric of BFGS.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from gustproof.lti.state_space import Matrix
+
+_ARMIJO, _WOLFE = 1e-4, 0.5
+_WEIGHT_STEPS = 300
+_HALVINGS = 30
+"""Largest number of steps of a line search; each halves or doubles."""
+_STALL = 20
+"""Number of steps over which progress is measured."""
+_CYCLES, _JOINT_STEPS = 6, 40
+_NEAR = 0.05
+"""[-] branches within this fraction of the largest are lowered together."""
+_CYCLE_GAIN = 1e-4
+"""[-] relative progress of a cycle below which no other follows."""
+
+
+class Branch(NamedTuple):
+    """Value and gradient of one branch of a maximum."""
+
+    value: float
+    """[-] value."""
+    gradient: Matrix
+    """(size,) gradient."""
+
+
+class Function(Protocol):
+    """Function to minimise."""
+
+    def value(self, theta: Matrix) -> float:
+        """Return the value; infinite where it is not defined."""
+
+    def branches(self, theta: Matrix, near: float) -> list[Branch]:
+        """Return the branches within the fraction `near` of the largest, the largest first."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Minimum:
+    """Result of a search."""
+
+    theta: Matrix
+    """(size,) parameters."""
+    value: float
+    """[-] value of the function."""
+
+
+def minimize(
+    function: Function, theta: Matrix, *, steps: int, tolerance: float = 1e-6, stop_below: float = -np.inf
+) -> Minimum:
+    """Return a local minimum near `theta`, where the function must be finite; never a higher value.
+
+    Each cycle takes BFGS steps on the largest branch, then steps that lower all nearly active ones. Cycles repeat until
+    neither kind helps.
+
+    Parameters
+    ----------
+    function
+        Function to minimise.
+    theta
+        (size,) initial parameters.
+    steps
+        Largest number of BFGS steps in a cycle.
+    tolerance
+        [-] relative progress in 20 steps below which a series of steps ends.
+    stop_below
+        Value below which the search stops.
+
+    References
+    ----------
+    A. S. Lewis, M. L. Overton, Nonsmooth optimization via quasi-Newton methods, Mathematical Programming 141 (2013),
+    135-163. P. Apkarian, D. Noll, Nonsmooth H-infinity synthesis, IEEE TAC 51 (2006), 71-86.
+    """
+    least, value = np.inf, function.value(theta)
+    for _ in range(_CYCLES):
+        for most, near in ((steps, 0.0), (_JOINT_STEPS, _NEAR)):
+            theta, value = _bfgs(function, theta, value, most, near, tolerance, stop_below)
+        if value <= stop_below or least - value <= _CYCLE_GAIN * abs(value):
+            break
+        least = value
+    return Minimum(theta=theta, value=value)
+
+
+def _bfgs(
+    function: Function, theta: Matrix, value: float, steps: int, near: float, tolerance: float, stop_below: float
+) -> tuple[Matrix, float]:
+    """Return parameters and value after quasi-Newton steps on the branches within `near` of the largest."""
+    history, fresh, W = [value], True, np.eye(theta.size)
+    branches = function.branches(theta, near)
+    for _ in range(steps):
+        if value <= stop_below or not branches:
+            break
+        gradient = _combine_gradients(branches, W)
+        direction = -W @ gradient
+        found = _weak_wolfe(function, theta, value, direction, gradient)
+        if found is None:
+            if fresh:
+                break
+            W, fresh = np.eye(theta.size), True  # the metric is stale: restart with steepest descent
+            continue
+        length, value = found
+        theta = theta + length * direction
+        branches = function.branches(theta, near)
+        if branches:
+            W = _update_metric(W, length * direction, _combine_gradients(branches, W) - gradient, fresh=fresh)
+        fresh = False
+        history.append(value)
+        if len(history) > _STALL and history[-1 - _STALL] - value <= tolerance * abs(value):
+            break
+    return theta, value
+
+
+def _weak_wolfe(
+    function: Function, theta: Matrix, value: float, direction: Matrix, gradient: Matrix
+) -> tuple[float, float] | None:
+    """Return a step length and the value there, or `None` if none lowers the function enough."""
+    slope = float(gradient @ direction)
+    if not slope < 0.0:
+        return None
+    low, high, length = 0.0, np.inf, 1.0
+    best: tuple[float, float] | None = None
+    for _ in range(_HALVINGS):
+        trial = theta + length * direction
+        reached = function.value(trial)
+        if not reached <= value + _ARMIJO * length * slope:
+            high = length
+        else:
+            best = (length, reached)
+            branches = function.branches(trial, 0.0)
+            if not branches or float(branches[0].gradient @ direction) >= _WOLFE * slope:
+                return best
+            low = length
+        length = 0.5 * (low + high) if np.isfinite(high) else 2.0 * low
+    return best
+
+
+def _update_metric(W: Matrix, s: Matrix, y: Matrix, *, fresh: bool) -> Matrix:
+    """Return the inverse Hessian after a step `s` with a change `y` of the gradient."""
+    curvature = float(s @ y)
+    if curvature <= 1e-14 * float(np.linalg.norm(s) * np.linalg.norm(y)):
+        return W
+    if fresh:
+        W = curvature / float(y @ W @ y) * W
+    Wy = W @ y
+    parallel = (1.0 + float(y @ Wy) / curvature) * np.outer(s, s) / curvature
+    return np.asarray(W + parallel - (np.outer(s, Wy) + np.outer(Wy, s)) / curvature)
+
+
+def _combine_gradients(branches: list[Branch], W: Matrix) -> Matrix:
+    """Return the convex combination g of gradients with the steepest step `-W g` for the largest linearised branch."""
+    if len(branches) == 1:
+        return branches[0].gradient
+    values = np.array([branch.value for branch in branches])
+    G = np.stack([branch.gradient for branch in branches])
+    Q, gap = G @ W @ G.T, values[0] - values
+    return np.asarray(_simplex_minimum(Q, gap) @ G)
+
+
+def _simplex_minimum(Q: Matrix, gap: Matrix) -> Matrix:
+    """Return convex weights x that minimise `x^T Q x / 2 + gap^T x`, Q semidefinite, by pairwise Frank-Wolfe steps."""
+    x = np.zeros(gap.size)
+    x[0] = 1.0
+    for _ in range(_WEIGHT_STEPS):
+        slope = Q @ x + gap
+        towards, away = int(np.argmin(slope)), int(np.argmax(np.where(x > 0.0, slope, -np.inf)))
+        if slope[away] - slope[towards] <= 1e-9 * (abs(slope[away]) + abs(slope[towards])):
+            break
+        # weight moves from the worst vertex in use to the best one
+        curvature = Q[towards, towards] - 2.0 * Q[towards, away] + Q[away, away]
+        shift = min(x[away], (slope[away] - slope[towards]) / curvature if curvature > 0.0 else np.inf)
+        x[towards] += shift
+        x[away] -= shift
+    return x

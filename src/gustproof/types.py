@@ -1,0 +1,24 @@
+"""Read-only arrays, checked once on entry."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def readonly_copy(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return a read-only copy of `value`, in C order.
+
+    Raises
+    ------
+    ValueError
+        If it has another shape, text in the place of a number, or a number that is not finite. The message calls it
+        `name`.
+    """
+    if np.asarray(value).dtype.kind in "US":
+        raise ValueError(f"{name} has text in the place of a number")
+    array = np.array(value, dtype=np.float64, order="C")
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}, must be {shape}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} has a number that is not finite")
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,75 @@
+import json
+from dataclasses import replace
+
+import pytest
+
+from firmware_model.config.events import Payload
+from firmware_model.config.link_faults import Delay
+from firmware_model.config.uncertainty import VehicleSet
+from firmware_model.errors import ConfigError
+from gustproof.campaign.plan import DispersionKind
+from gustproof.campaign.worker import FIGURES, Chunk, fly_chunk
+from gustproof.scoring.metrics import measure
+from gustproof.scoring.requirements import judge
+from gustproof.simulate.direct import fly_direct
+
+pytestmark = pytest.mark.compiled
+
+
+def flown(campaign, first=0, runs=12):
+    return fly_chunk(json.dumps(campaign.metadata()), Chunk(first, runs)).table.to_pylist()
+
+
+def test_a_row_is_what_the_flight_alone_leaves(planned):
+    campaign = planned(cases=5)
+    row = flown(campaign, first=7, runs=2)[1]
+    assert (row["run"], row["case"], row["law"], row["failure"]) == (8, 3, "pid-fair", None)
+    case = campaign.make_case(campaign.draw_deltas(3, 1)[0].tolist(), campaign.flight_seeds(3, 1)[0])
+    scenario = case.apply_to(campaign.scenario)
+    records = fly_direct(scenario, campaign.laws[1], vehicle=case.vehicle, seed=case.seed)
+    figures = measure(records, case.vehicle, scenario, 0.0)
+    assert [row[name] for name in FIGURES] == [getattr(figures, name) for name in FIGURES]
+    required = judge(records, scenario, case.vehicle)
+    assert [row["require_0_rho_share"], row["require_1_saturated_s"]] == [result.value for result in required]
+    assert row["held"] == all(result.is_met for result in required)
+
+
+def test_a_case_that_can_t_be_flown_costs_the_others_nothing(planned):
+    heavy = Payload(kind="payload", at_s=0.1, mass_kg=0.0, inertia_kgm2=(-0.25, 0.0, 0.0))
+    campaign = planned([DispersionKind.VEHICLE], laws=("hinf-d1",), cases=12)
+    campaign = planned(
+        [DispersionKind.VEHICLE], laws=("hinf-d1",), cases=12, scenario=replace(campaign.scenario, event=(heavy,))
+    )
+    rows = flown(campaign)
+    impossible = [row["delta_inertia_B_x"] <= 0.0 for row in rows]
+    assert 0 < sum(impossible) < 12
+    assert [row["failure"] is not None for row in rows] == impossible
+    assert [row["rmse_deg"] is None for row in rows] == impossible
+    assert all("inertia_B.0" in row["failure"] for row in rows if row["failure"])
+    assert not any(row["held"] for row in rows if row["failure"])
+
+
+def test_a_flight_that_diverges_is_recorded_with_its_time(planned):
+    campaign = planned([], laws=("hinf-d1",), cases=2)
+    light = {**campaign.vehicles.document, "inertia_B": [1e-300, 1.0, 1.0], "actuator_lag": 0.05}
+    rows = flown(replace(campaign, vehicles=VehicleSet(document=light)), runs=2)
+    for row in rows:
+        assert row["failure"].startswith("diverged at 0.")
+        assert row["rmse_deg"] is None
+        assert row["held"] is False
+
+
+def test_a_scenario_with_events_of_the_link_is_flown_by_messages(planned):
+    direct = planned([DispersionKind.GUST], laws=("hinf-d1",), cases=2)
+    faults = (Delay(kind="delay", direction="to_controller", delay_s=0.008),)
+    late = planned([DispersionKind.GUST], laws=("hinf-d1",), cases=2, scenario=replace(direct.scenario, link=faults))
+    rows, others = flown(direct, runs=2), flown(late, runs=2)
+    assert all(row["failure"] is None for row in others)
+    assert all(row["rmse_deg"] != other["rmse_deg"] for row, other in zip(rows, others, strict=True))
+
+
+def test_a_worker_of_another_version_refuses(planned):
+    note = planned().metadata()
+    note["versions"] = {**note["versions"], "numpy": "1.0"}
+    with pytest.raises(ConfigError, match=r"a worker has other versions than the campaign: .*'numpy': '1\.0'"):
+        fly_chunk(json.dumps(note), Chunk(0, 1))

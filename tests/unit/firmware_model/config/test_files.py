@@ -1,0 +1,148 @@
+"""Vehicle and scenario files: what is shipped is sound, and a mistake is one clear line."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firmware_model.config.files import checked_name, parse_json
+from firmware_model.config.scenario import list_scenarios, load_scenario
+from firmware_model.config.validation import printable
+from firmware_model.config.vehicle import list_vehicles, load_vehicle
+from firmware_model.errors import ConfigError
+
+GOOD = 'description = "a test"\nduration_s = 1.0\n'
+
+
+def test_the_paper_vehicle_has_the_numbers_of_table_1() -> None:
+    vehicle = load_vehicle("paper")
+    assert (vehicle.mass, vehicle.inertia_B) == (10.0, (0.25, 0.2, 0.1))
+
+
+@pytest.mark.parametrize("name", list_vehicles())
+def test_every_shipped_vehicle_loads_and_names_its_source(name: str) -> None:
+    assert len(load_vehicle(name).source) > 20
+
+
+@pytest.mark.parametrize("name", list_scenarios())
+def test_every_shipped_scenario_loads_and_says_what_it_shows(name: str) -> None:
+    scenario = load_scenario(name)
+    assert scenario.name == name
+    assert len(scenario.description) > 20
+
+
+def test_the_shipped_scenarios_are_those_of_the_readme() -> None:
+    assert {"paper", "paper-turbulence", "coning", "bias", "calm"} <= set(list_scenarios())
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (GOOD + "durations_s = 3\n", "durations_s: unknown key"),
+        ("duration_s = 1.0\n", "description: missing"),
+        (GOOD.replace("1.0", "-1.0"), "duration_s: input should be greater than 0 (given -1.0)"),
+        (GOOD.replace("1.0", "nan"), "duration_s: input should be"),
+        (GOOD + "control_rate_hz = 300\n", "physics_rate_hz must be a multiple of control_rate_hz"),
+        (GOOD + "control_rate_hz = 600\nphysics_rate_hz = 1200\n", "must divide 1,000,000"),
+        (GOOD + '[[wind]]\nkind = "drydn"\n', "wind.0.kind: must be one of 'constant', 'step'"),
+        (GOOD + '[[wind]]\nkind = "drydn"\n', "(given 'drydn')"),
+        (GOOD + "[[wind]]\nspeed_mps = 3\n", "wind.0.kind: missing"),
+        (GOOD + '[[wind]]\nkind = "constant"\nspeed = 3\n', "known are kind, velocity_mps, speed_mps, from_deg"),
+        (GOOD + "[gyro]\nbias = 3\n", "gyro.bias: unknown key, known are bias_rad_s, noise"),
+        (GOOD + '"a\\nb" = 3\n', "a\\nb: unknown key"),
+        (GOOD + "[[event]]\nkind = 'payload'\n" * 30, "; and 70 more"),
+        (GOOD + '[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 9\nW = 3\n', "W: unknown key"),
+        (GOOD + '[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 9\n' * 2, "at most one 'dryden'"),
+        ("duration_s = \n", "not TOML"),
+    ],
+)
+def test_a_mistake_is_one_line_with_file_and_key(tmp_path: Path, content: str, message: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(content)
+    with pytest.raises(ConfigError) as caught:
+        load_scenario(path)
+    assert message in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_every_mistake_is_reported_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('duration_s = "long"\nfoo = 1\n')
+    with pytest.raises(ConfigError, match=r"duration_s.*foo|foo.*duration_s"):
+        load_scenario(path)
+
+
+def test_an_unknown_name_lists_the_known_ones_and_a_missing_file_is_said(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"no scenario named 'papers'.*paper-turbulence"):
+        load_scenario("papers")
+    with pytest.raises(ConfigError, match="No such file"):
+        load_vehicle(tmp_path / "none.toml")
+
+
+def test_a_name_is_one_part_of_a_path_in_any_script() -> None:
+    for name in ("hinf-d1", "Böe 3.5 m/s".replace("/", " per "), "突风", "v1.2_final (3)", "a" * 100):
+        assert checked_name(name) == name
+    for name in (
+        "",
+        " ",
+        ".",
+        "..",
+        ".a",
+        "a/b",
+        "a\\b",
+        "$x$",
+        "a\n",
+        "\x1b[2J",
+        "\u202e",
+        "\ud800",
+        "a" * 101,
+        "风" * 34,
+        7,
+    ):
+        with pytest.raises(ValueError, match="a name "):
+            checked_name(name)  # type: ignore[arg-type]
+
+
+def test_a_text_loses_what_a_terminal_may_obey_and_nothing_else() -> None:
+    assert printable("a\x1b[2J\nb\x9b\u202e風", keep="\n") == "a\\x1b[2J\nb\\x9b\\u202e風"
+
+
+def test_numbers_of_a_json_text_are_those_of_the_standard_library_to_the_bit() -> None:
+    numbers = np.random.default_rng(1).integers(0, 2**63, 10_000, np.uint64).view(np.float64).tolist()
+    text = f"[-0.0, 5e-324, 2.2250738585072011e-308, 123456789012345678901234.5, {json.dumps(numbers)[1:]}"
+    assert np.array(parse_json(text)).tobytes() == np.array(json.loads(text)).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"\xef\xbb\xbf" + GOOD.encode(), "not TOML: it begins with a byte order mark: save it as UTF-8 without one"),
+        (GOOD.encode() + b"# B\xf6e\n", "not TOML: byte 0xf6 in line 3 is not UTF-8: save it as UTF-8"),
+        (GOOD.encode() + b"[wind]\nkind = 'dryden'\n", "wind: there may be many: write [[wind]]"),
+    ],
+)
+def test_a_file_of_another_editor_is_told_what_to_do(content: bytes, message: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_bytes(content)
+    with pytest.raises(ConfigError) as caught:
+        load_scenario(tmp_path / "mine.toml")
+    assert str(caught.value) == f"{tmp_path / 'mine.toml'}: {message}"
+
+
+@pytest.mark.parametrize("name", list_scenarios())
+def test_all_that_a_shipped_scenario_says_is_flown(name: str) -> None:
+    assert load_scenario(name).unflown == ()
+
+
+def test_what_is_after_the_end_and_the_drift_of_a_held_vehicle_are_told(tmp_path: Path) -> None:
+    late = "[[event]]\nkind = 'mode'\nmode = 'hold'\nat_s = {0}\n[[moment]]\nkind = 'step'\namplitude_nm = [1, 0, 0]\n"
+    drift = "start_s = {0}\n[[require]]\nmetric = 'drift_m'\nat_most = 1.0\n"
+    (tmp_path / "mine.toml").write_text(GOOD + (late + drift).format("1.0"))
+    assert load_scenario(tmp_path / "mine.toml").unflown == (
+        "event.0: at_s 1.0 is not before the end, 1.0 s: it is never flown",
+        "moment.0: start_s 1.0 is not before the end, 1.0 s: it is never flown",
+        "require.0: drift_m of a vehicle that is held is 0: give translation = 'free'",
+    )
+    (tmp_path / "mine.toml").write_text("translation = 'free'\n" + GOOD + (late + drift).format("0.99"))
+    assert load_scenario(tmp_path / "mine.toml").unflown == ()

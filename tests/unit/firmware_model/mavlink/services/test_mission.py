@@ -1,0 +1,32 @@
+import pytest
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink.services import mission
+
+
+@pytest.fixture
+def service(craft):
+    return mission.make_service(craft)
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2])
+def test_every_list_is_empty(service, ask, kind):
+    (count,) = ask(service, wire.MAVLink_mission_request_list_message(1, 1, kind))
+    assert (count.get_type(), count.count, count.mission_type) == ("MISSION_COUNT", 0, kind)
+    assert (count.target_system, count.target_component) == (255, 190)
+
+
+@pytest.mark.parametrize(
+    ("message", "result"),
+    [
+        (wire.MAVLink_mission_count_message(1, 1, 5, 0), wire.MAV_MISSION_UNSUPPORTED),
+        (wire.MAVLink_mission_count_message(1, 1, 0, 1), wire.MAV_MISSION_ACCEPTED),
+        (wire.MAVLink_mission_clear_all_message(1, 1, 255), wire.MAV_MISSION_ACCEPTED),
+        (wire.MAVLink_mission_request_int_message(1, 1, 0, 0), wire.MAV_MISSION_INVALID_SEQUENCE),
+        (wire.MAVLink_mission_request_list_message(1, 1, 7), wire.MAV_MISSION_UNSUPPORTED),
+        (wire.MAVLink_mission_item_int_message(1, 1, 0, 6, 16, 2, 1, 0, 0, 0, 0, 0, 0, 9, 0), 3),
+    ],
+)
+def test_items_are_neither_taken_nor_given(service, ask, message, result):
+    (answer,) = ask(service, message)
+    assert (answer.get_type(), answer.type, answer.mission_type) == ("MISSION_ACK", result, message.mission_type)

@@ -1,0 +1,44 @@
+import math
+
+import pytest
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink.services import position
+
+QUARTER = math.radians(45.0)
+
+
+def told(craft, number: int):
+    message = position.make_service(craft).streams[number].message()
+    message.pack(wire.MAVLink(None, 1, 1))  # every number fits its field
+    return message
+
+
+def test_position_is_told_about_the_origin_ten_metres_up(craft):
+    local = told(craft, wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
+    assert (local.x, local.y, local.z) == (0.0, 0.0, -10.0)
+    place = told(craft, wire.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+    assert (place.lat, place.lon, place.alt, place.relative_alt) == (473_977_420, 85_455_940, 498_000, 10_000)
+    assert told(craft, wire.MAVLINK_MSG_ID_VFR_HUD).alt == 498.0
+    gps = told(craft, wire.MAVLINK_MSG_ID_GPS_RAW_INT)
+    assert (gps.fix_type, gps.lat, gps.alt) == (3, 473_977_420, 498_000)
+
+
+def test_home_is_where_the_vehicle_was_armed(craft, order, peer):
+    craft.autopilot.home_N = (111.19492664455873, 0.0, 0.0)  # .001 deg of a sphere of 6371 km
+    assert order(position.make_service(craft), wire.MAV_CMD_GET_HOME_POSITION)[0] == 0
+    (home,) = peer.take()
+    assert (home.latitude, home.longitude, home.altitude) == (473_987_420, 85_455_940, 488_000)
+    assert home.x == pytest.approx(111.195, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("q_NB", "course"),
+    [
+        ((1.0, 0.0, 0.0, 0.0), 0.0),
+        ((math.cos(QUARTER), 0.0, 0.0, math.sin(QUARTER)), math.pi / 2),  # east
+        ((math.cos(QUARTER), 0.0, 0.0, -math.sin(QUARTER)), 1.5 * math.pi),  # west
+    ],
+)
+def test_heading_runs_from_north_over_east(q_NB, course):
+    assert position.heading(q_NB) == pytest.approx(course)

@@ -1,0 +1,82 @@
+import math
+
+import pytest
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink.frames import RejectReason
+from firmware_model.mavlink.services import position, refusals
+
+ALL = 0o7777
+
+
+@pytest.fixture
+def service(craft):
+    craft.services = position.make_service(craft)
+    return refusals.make_service(craft)
+
+
+def local(given: int):
+    return wire.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, ALL & ~given, *[math.nan] * 11)
+
+
+def everywhere(given: int):
+    return wire.MAVLink_set_position_target_global_int_message(0, 1, 1, 6, ALL & ~given, 0, 0, *[0.0] * 9)
+
+
+STICKS = wire.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0)
+CHANNELS = wire.MAVLink_rc_channels_override_message(1, 1, *[1500] * 8)
+
+
+@pytest.mark.parametrize(
+    ("message", "text"),
+    [
+        (local(0o7), "position set-points rejected: send attitude"),
+        (local(0o77), "position set-points rejected: send attitude"),
+        (local(0o70), "velocity set-points rejected: send attitude"),
+        (local(0o400), "acceleration set-points rejected: send attitude"),
+        (local(0o2000), "yaw set-points rejected: send attitude"),
+        (everywhere(0o7), "position set-points rejected: send attitude"),
+        (STICKS, "sticks not supported: use OFFBOARD"),
+        (CHANNELS, "sticks not supported: use OFFBOARD"),
+        (
+            wire.MAVLink_gimbal_manager_set_pitchyaw_message(1, 1, 0, 0, 0.1, 0.0, 0.0, 0.0),
+            "this vehicle has no gimbal",
+        ),
+        (wire.MAVLink_param_ext_request_read_message(1, 1, b"A", -1), "no extended parameters: use PARAM_*"),
+        (wire.MAVLink_param_ext_request_list_message(1, 1), "no extended parameters: use PARAM_*"),
+    ],
+)
+def test_refusals_name_what_was_asked_for(service, craft, message, text, heard):
+    assert heard(service, message) is RejectReason.REFUSED
+    assert craft.texts == [text]
+
+
+def test_refusals_are_told_every_five_seconds(service, craft, heard):
+    for _ in range(501):  # a stream of 20 Hz, for 25 s
+        heard(service, local(0o7))
+        craft.clock_us += 50_000
+    assert craft.texts == ["position set-points rejected: send attitude"] * 6
+
+
+def test_refusals_of_two_kinds_do_not_wait_for_each_other(service, craft, heard):
+    heard(service, local(0o7))
+    heard(service, local(0o70))
+    assert len(craft.texts) == 2
+
+
+def test_refusals_acknowledge_an_extended_value_as_failed(service, craft, ask):
+    (ack,) = ask(service, wire.MAVLink_param_ext_set_message(1, 1, b"COM_OF_LOSS_T", b"2.5", 11))
+    assert (ack.param_id, ack.param_result) == ("COM_OF_LOSS_T", wire.PARAM_ACK_FAILED)
+    assert craft.parameters["COM_OF_LOSS_T"] == 1.0
+
+
+def test_refusals_answer_a_new_origin_by_the_one_that_holds(service, craft, ask):
+    (origin,) = ask(service, wire.MAVLink_set_gps_global_origin_message(1, 470_000_000, 80_000_000, 0))
+    assert (origin.latitude, origin.longitude, origin.altitude) == (473_977_420, 85_455_940, 488_000)
+    assert craft.texts == ["origin is fixed: request ignored"]
+
+
+@pytest.mark.parametrize("message", [STICKS, CHANNELS])
+def test_refusals_note_who_moves_sticks(service, peer, heard, message):
+    heard(service, message)
+    assert peer.moves_sticks

@@ -1,0 +1,98 @@
+import math
+
+import pytest
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.autopilot.modes import Mode
+from firmware_model.mavlink.services import actuators, identity, logs, motion, setpoints, status
+from firmware_model.numerics.rotations import rotate
+from firmware_model.types import AttitudeTarget, TorqueCommand
+
+
+def told(service, number: int):
+    message = service.streams[number].message()
+    if message is not None:
+        message.pack(wire.MAVLink(None, 1, 1))
+    return message
+
+
+@pytest.mark.parametrize("bit", [0x1, 0x10000000])  # gyro, ready to arm
+def test_what_works_is_present_enabled_and_healthy(craft, bit):
+    message = told(status.make_service(craft), wire.MAVLINK_MSG_ID_SYS_STATUS)
+    for field in ("present", "enabled", "health"):
+        assert getattr(message, f"onboard_control_sensors_{field}") & bit
+
+
+def test_there_is_no_fence_and_none_is_breached(craft):
+    message = told(status.make_service(craft), wire.MAVLINK_MSG_ID_SYS_STATUS)
+    fence = wire.MAV_SYS_STATUS_GEOFENCE
+    assert not message.onboard_control_sensors_present & fence
+    assert message.onboard_control_sensors_health & fence
+
+
+def test_no_battery_is_made_up(craft):
+    message = told(status.make_service(craft), wire.MAVLINK_MSG_ID_BATTERY_STATUS)
+    assert (message.battery_remaining, message.current_battery, set(message.voltages)) == (-1, -1, {65535})
+    message = told(status.make_service(craft), wire.MAVLINK_MSG_ID_SYS_STATUS)
+    assert (message.battery_remaining, message.current_battery, message.voltage_battery) == (-1, -1, 0)
+    assert not message.onboard_control_sensors_present & wire.MAV_SYS_STATUS_SENSOR_BATTERY
+
+
+def test_estimator_has_a_place_and_says_so(craft):
+    flags = told(status.make_service(craft), wire.MAVLINK_MSG_ID_EKF_STATUS_REPORT).flags
+    assert flags & wire.EKF_POS_HORIZ_ABS
+    assert flags & wire.EKF_PRED_POS_HORIZ_ABS
+    assert not flags & (wire.EKF_CONST_POS_MODE | wire.EKF_UNINITIALIZED)
+
+
+def test_landed_state_goes_with_the_flight(craft):
+    service, autopilot = status.make_service(craft), craft.autopilot
+    assert told(service, wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE).landed_state == wire.MAV_LANDED_STATE_ON_GROUND
+    autopilot.arm()
+    autopilot.set_mode(Mode.TAKEOFF)
+    assert told(service, wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE).landed_state == wire.MAV_LANDED_STATE_TAKEOFF
+
+
+@pytest.mark.parametrize(("generic", "capabilities", "autopilot"), [(False, 8286, 12), (True, 8270, 0)])
+def test_identity_says_how_integers_travel(craft, generic, capabilities, autopilot):
+    craft.generic = generic
+    service = identity.make_service(craft)
+    version = told(service, wire.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    assert version.capabilities == capabilities  # 2|4|8|64|8192, and 16: bytewise
+    assert version.flight_sw_version >> 8 >= 1 << 16 | 4 << 8 | 1
+    assert version.flight_sw_version & 0xFF == 0  # development
+    assert told(service, wire.MAVLINK_MSG_ID_HEARTBEAT).autopilot == autopilot
+
+
+def test_log_list_is_one_entry_that_says_none(craft, ask):
+    (entry,) = ask(logs.make_service(craft), wire.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
+    assert (entry.num_logs, entry.size) == (0, 0)
+
+
+def test_echo_is_of_what_is_tracked(craft):
+    service = setpoints.make_service(craft)
+    target, torque = wire.MAVLINK_MSG_ID_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET
+    assert told(service, target) is told(service, torque) is None
+    craft.setpoint = TorqueCommand(time_us=4000, torque_B=(0.1, 0.2, 0.3), throttle=None)
+    assert told(service, target) is None
+    assert math.isnan(told(service, torque).controls[3])
+    craft.setpoint = AttitudeTarget(time_us=4000, q_NB=None, omega_B=(0.1, 0.2, 0.3), thrust=0.5)
+    assert told(service, target).type_mask == 128
+
+
+def test_gust_is_told_as_wind_that_blows_toward(craft):
+    message = told(motion.make_service(craft), wire.MAVLINK_MSG_ID_WIND_COV)
+    gust_N = rotate(craft.loop.q_NB, craft.loop.true_vector("gust_B"))  # there is no mean wind in it
+    assert (message.wind_x, message.wind_y, message.wind_z) == pytest.approx(gust_N)
+    assert message.wind_alt == 498.0
+    east = motion.wind_message(0, (0.0, 5.0, 0.0), (0.0, 0.0, 0.0))
+    assert (east.wind_x, east.wind_y) == (0.0, 5.0)
+
+
+def test_rotors_are_told_as_fractions_and_as_pulses(craft):
+    service = actuators.make_service(craft)
+    outputs = told(service, wire.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS)
+    assert outputs.actuator[:5] == pytest.approx([0.5, 0.5, 0.5, 0.5, 0.0])  # hovers at half throttle
+    assert outputs.active == 0b1111
+    servos = told(service, wire.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)
+    assert [servos.servo1_raw, servos.servo4_raw, servos.servo5_raw] == [1500, 1500, 0]

@@ -1,0 +1,54 @@
+"""Numbers of many flights in one array."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from firmware_model.numerics.compiled import compiled
+from firmware_model.numerics.soa import Lane, aligned_zeros, loader, offsets, storer
+
+
+class Triple(NamedTuple):
+    """A row of three."""
+
+    a: float
+    b: float
+    c: float
+
+
+load, store = loader(Triple), storer(Triple)
+
+
+@pytest.mark.parametrize("size", [1, 8, 333])
+def test_aligned_zeros_begin_at_a_cache_line(size: int) -> None:
+    zeros = aligned_zeros(size)
+    assert zeros.shape == (size,)
+    assert (zeros == 0.0).all()
+    assert zeros.ctypes.data % 64 == 0
+
+
+@compiled
+def _exchange(lane: Lane, row: int, value: Triple) -> Triple:
+    before = load(lane, row)
+    store(lane, row, value)
+    return before
+
+
+def _exchange_in_python(lane: Lane, row: int, value: Triple) -> Triple:
+    before = load(lane, row)
+    store(lane, row, value)
+    return before
+
+
+@pytest.mark.parametrize("exchange", [_exchange, _exchange_in_python])
+def test_load_and_store_take_one_lane_from_a_row_on(exchange) -> None:
+    array = np.arange(10.0)  # five rows, two flights
+    before = exchange(Lane(array, 2, 1), 1, Triple(-1.0, -2.0, -3.0))
+    assert before == Triple(3.0, 5.0, 7.0)
+    assert isinstance(before, Triple)
+    assert array.tolist() == [0.0, 1.0, 2.0, -1.0, 4.0, -2.0, 6.0, -3.0, 8.0, 9.0]
+
+
+def test_offsets_are_the_rows_of_packed_tuples_and_the_end() -> None:
+    assert offsets([Triple, Lane, Triple]) == [0, 3, 6, 9]

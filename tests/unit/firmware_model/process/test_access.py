@@ -1,0 +1,61 @@
+import argparse
+
+import pytest
+
+from firmware_model.__main__ import main
+from firmware_model.errors import ConfigError
+from firmware_model.mavlink.channel import Channel
+from firmware_model.mavlink.frames import RejectReason, parse
+from firmware_model.process import access
+from gustproof.controller.__main__ import main as controller
+
+
+def options(*arguments: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    access.add_options(parser)
+    return parser.parse_args(arguments)
+
+
+@pytest.fixture
+def key(tmp_path) -> str:
+    path = tmp_path / "key"
+    path.write_bytes(bytes(range(32)))
+    path.chmod(0o600)
+    return str(path)
+
+
+def test_loopback_needs_no_key():
+    assert access.make_signing(options(), "127.0.0.1") is None
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.5"])
+def test_beyond_loopback_needs_a_key_or_a_word(host, key):
+    with pytest.raises(ConfigError, match="beyond this machine: give --signing-key FILE, or --unsigned"):
+        access.make_signing(options(), host)
+    assert access.make_signing(options("--unsigned"), host) is None
+    assert access.make_signing(options("--signing-key", key), host) is not None
+
+
+def test_strict_one_obeys_no_unsigned_heartbeat(key):
+    from pymavlink.dialects.v20 import all as wire
+
+    (beat,) = parse(Channel(1, 1).pack(wire.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
+    signings = [
+        access.make_signing(options("--signing-key", key), "127.0.0.1", strict=strict) for strict in (False, True)
+    ]
+    assert [signing.check(beat) for signing in signings if signing] == [None, RejectReason.NOT_SIGNED]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [lambda: main(["--bind", "0.0.0.0"]), lambda: controller(["--law", "hinf-d1", "--connect", "192.0.2.1:9"])],
+)
+def test_command_says_so_in_one_line_with_status_2(command, capsys):
+    assert command() == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_key_and_no_key_are_not_both_given(key, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        options("--signing-key", key, "--unsigned")
+    assert "not allowed with" in capsys.readouterr().err

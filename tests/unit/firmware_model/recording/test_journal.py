@@ -1,0 +1,79 @@
+"""The journal survives what happens to files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firmware_model.errors import ConfigError
+from firmware_model.recording.journal import RECORD, WIDTH, JournalWriter, count_records, read_journal
+
+
+def write(path: Path, count: int) -> np.ndarray:
+    records = np.random.default_rng(1).normal(size=(count, WIDTH))
+    with JournalWriter(path, {"seed": 7}) as journal:
+        for record in records:
+            journal.append(record)
+    return records
+
+
+@pytest.mark.parametrize("count", [0, 1, 250, 613])
+def test_what_is_appended_is_read_back_to_the_bit(tmp_path: Path, count: int) -> None:
+    records = write(tmp_path / "j", count)
+    header, back = read_journal(tmp_path / "j")
+    assert header == {"seed": 7}
+    assert back.dtype == RECORD
+    assert back.tobytes() == records.tobytes()
+
+
+def test_a_journal_cut_off_in_a_record_is_whole_up_to_the_one_before(tmp_path: Path) -> None:
+    records = write(tmp_path / "j", 10)
+    content = (tmp_path / "j").read_bytes()
+    (tmp_path / "j").write_bytes(content[:-13])
+    assert read_journal(tmp_path / "j")[1].tobytes() == records[:9].tobytes()
+
+
+def test_a_crash_of_the_flight_leaves_its_records_behind(tmp_path: Path) -> None:
+    def crash() -> None:
+        with JournalWriter(tmp_path / "j", {}) as journal:
+            journal.append(np.zeros(WIDTH))
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        crash()
+    assert len(read_journal(tmp_path / "j")[1]) == 1
+
+
+def test_a_journal_is_never_overwritten(tmp_path: Path) -> None:
+    write(tmp_path / "j", 1)
+    with pytest.raises(FileExistsError):
+        write(tmp_path / "j", 1)
+
+
+@pytest.mark.parametrize("content", [b"", b"not json\n", b"\xff\xfe\n"])
+def test_another_file_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "j").write_bytes(content)
+    with pytest.raises(ConfigError, match="not a journal"):
+        read_journal(tmp_path / "j")
+
+
+def test_a_growing_journal_counts_its_records_and_not_its_header(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    assert count_records(path) == 0
+    path.write_bytes(b'{"half": "a hea')
+    assert count_records(path) == 0
+    path.unlink()
+    with JournalWriter(path, {"note": "x" * 100_000}, buffer_records=10) as journal:
+        assert count_records(path) == 0
+        for _ in range(25):
+            journal.append(np.zeros(WIDTH))
+        assert count_records(path) == 20
+    assert count_records(path) == 25
+
+
+@pytest.mark.parametrize("rate_hz", [10, 1000])
+def test_a_crash_loses_less_than_a_second_at_any_rate(tmp_path: Path, rate_hz: int) -> None:
+    with JournalWriter(tmp_path / "j", {}, buffer_records=rate_hz) as journal:
+        for _ in range(3 * rate_hz - 1):
+            journal.append(np.zeros(WIDTH))
+        assert 3 * rate_hz - 1 - count_records(tmp_path / "j") < rate_hz

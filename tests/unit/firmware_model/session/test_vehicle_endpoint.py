@@ -1,0 +1,546 @@
+"""The vehicle's endpoint on a virtual clock, spoken to by a client of a few lines."""
+
+import math
+import random
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.autopilot.modes import Mode
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink.frames import EncodedMessage, Frame, RejectReason, parse
+from firmware_model.mavlink.messages import CONTROLLER, command_message
+from firmware_model.mavlink.peers import MAX_PEERS
+from firmware_model.mavlink.services import refusals
+from firmware_model.session.outcome import VehicleOutcome
+from firmware_model.session.pacing import TimingFault
+from firmware_model.session.vehicle_endpoint import VehicleEndpoint
+from firmware_model.types import AttitudeTarget, TorqueCommand
+
+SAMPLE_US = 4_000
+UNSUPPORTED = wire.MAV_RESULT_UNSUPPORTED
+ARM, MODE = wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_CMD_DO_SET_MODE
+
+
+class Vehicle:
+    """An endpoint, its clock, and what each peer has heard since it was last asked."""
+
+    def __init__(self, *, lockstep: bool, scenario: str = "calm", duration_s: float = 0.2, **options) -> None:
+        self.modes: list[float] = []
+        self.rates: list[list[float]] = []
+        rate_hz = options.pop("rate_hz", 250)
+        script = replace(load_scenario(scenario), duration_s=duration_s, control_rate_hz=rate_hz)
+        self.endpoint = VehicleEndpoint(load_vehicle("paper"), script, 1, self.record, lockstep=lockstep, **options)
+        self.now_us = 0
+        self.heard: dict[int, list] = {}
+        self.raw: dict[int, list[Frame]] = {}
+
+    def record(self, row) -> None:
+        self.modes.append(row[-1])
+        self.rates.append(row[1:4].tolist())
+
+    def say(self, message, *, port: int = 1, component: int = CONTROLLER, system: int = 1) -> None:
+        datagram = message.pack(wire.MAVLink(None, system, component))
+        self.endpoint.receive(datagram, (0, ("client", port)), self.now_us)
+
+    def wait(self, us: int = 0) -> None:
+        end_us = self.now_us + us
+        while True:
+            for datagram, (_, (_, port)) in self.endpoint.poll(self.now_us):
+                for frame in parse(datagram):
+                    self.raw.setdefault(port, []).append(frame)
+                    self.heard.setdefault(port, []).append(frame.message())
+            if self.endpoint.finished or self.endpoint.deadline_us() > end_us:
+                break
+            self.now_us = max(self.endpoint.deadline_us(), self.now_us)
+        self.now_us = end_us
+
+    def take(self, kind: str, port: int = 1) -> list:
+        heard = self.heard.get(port, [])
+        self.heard[port] = [message for message in heard if message.get_type() != kind]
+        return [message for message in heard if message.get_type() == kind]
+
+    def ask(self, command: int, *params: float, system: int = 1, component: int = 1, port: int = 1) -> list[int]:
+        numbers = (*params, *[math.nan] * (7 - len(params)))
+        self.say(wire.MAVLink_command_long_message(system, component, command, 0, *numbers), port=port)
+        self.wait()
+        return [message.result for message in self.take("COMMAND_ACK", port)]
+
+    def setpoint(self, time_us: int = 0, port: int = 1) -> None:
+        torque = TorqueCommand(time_us=time_us, torque_B=(0.1, 0.0, 0.0), throttle=0.5)
+        self.say(command_message(torque, 1), port=port)
+
+    def take_off(self) -> None:
+        self.say(HEARTBEAT)
+        self.setpoint()
+        assert self.ask(ARM, 1.0) == [wire.MAV_RESULT_ACCEPTED]
+        assert self.ask(MODE, 1.0, 6.0) == [wire.MAV_RESULT_ACCEPTED]
+
+
+SETPOINTS = ("set_attitude_target", "set_actuator_control_target")
+HEARTBEAT = wire.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
+
+
+@pytest.fixture
+def vehicle() -> Vehicle:
+    return Vehicle(lockstep=False)
+
+
+def test_heartbeat_comes_every_second_and_at_once_on_a_change(vehicle):
+    vehicle.say(HEARTBEAT)
+    vehicle.wait(5_500_000)
+    assert len(vehicle.take("HEARTBEAT")) == 6
+    vehicle.ask(ARM, 1.0)
+    (beat,) = vehicle.take("HEARTBEAT")
+    assert beat.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED
+
+
+def test_expected_peer_is_told_of_the_vehicle_unasked_and_of_nothing_else():
+    vehicle = Vehicle(lockstep=False, expected=[(0, ("client", 14550))])
+    vehicle.wait(2_500_000)
+    assert Counter(message.get_type() for message in vehicle.heard[14550]) == {"HEARTBEAT": 3}
+
+
+@pytest.mark.parametrize(
+    ("component", "rates"),
+    [
+        (CONTROLLER, {"HIGHRES_IMU": 250, "ATTITUDE": 100, "ATTITUDE_QUATERNION": 50, "HIL_STATE_QUATERNION": 50}),
+        (190, {"HIGHRES_IMU": 50, "ATTITUDE": 100, "ATTITUDE_QUATERNION": 50, "HIL_STATE_QUATERNION": 50}),
+    ],
+)
+def test_streams_have_their_rates_on_the_clamped_vehicle(vehicle, component, rates):
+    vehicle.say(HEARTBEAT, component=component)
+    vehicle.wait(999_999)
+    counted = Counter(message.get_type() for message in vehicle.heard[1])
+    assert {name: counted[name] for name in rates} == rates
+
+
+def test_sample_0_is_repeated_while_clamped(vehicle):
+    vehicle.say(HEARTBEAT)
+    vehicle.wait(500_000)
+    samples = vehicle.take("HIGHRES_IMU")
+    assert {message.time_usec for message in samples} == {0}
+    assert len({(m.xgyro, m.ygyro, m.zgyro) for m in samples}) == 1
+
+
+def test_message_interval_can_be_set_stopped_and_reset(vehicle):
+    vehicle.say(HEARTBEAT)
+    interval, attitude = wire.MAV_CMD_SET_MESSAGE_INTERVAL, float(wire.MAVLINK_MSG_ID_ATTITUDE)
+    for asked, expected in ((500_000.0, 2), (-1.0, 0), (0.0, 100)):
+        assert vehicle.ask(interval, attitude, asked) == [wire.MAV_RESULT_ACCEPTED]
+        vehicle.take("ATTITUDE")
+        vehicle.now_us += 1
+        vehicle.wait(999_998)
+        assert abs(len(vehicle.take("ATTITUDE")) - expected) <= 1  # the first one comes with the request
+    assert vehicle.ask(interval, 9999.0, 1000.0) == [wire.MAV_RESULT_UNSUPPORTED]
+
+
+def test_message_is_sent_once_on_request(vehicle):
+    vehicle.say(HEARTBEAT)
+    assert vehicle.ask(wire.MAV_CMD_REQUEST_MESSAGE, 148.0) == [wire.MAV_RESULT_ACCEPTED]
+    (version,) = vehicle.take("AUTOPILOT_VERSION")
+    assert version.capabilities & wire.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    assert vehicle.ask(wire.MAV_CMD_REQUEST_MESSAGE, 9999.0) == [wire.MAV_RESULT_UNSUPPORTED]
+
+
+@pytest.mark.parametrize(
+    ("command", "params", "result"),
+    [
+        (ARM, (0.0,), wire.MAV_RESULT_ACCEPTED),
+        (ARM, (math.nan,), wire.MAV_RESULT_DENIED),
+        (ARM, (2.0,), wire.MAV_RESULT_DENIED),
+        (MODE, (33.0, 7.0), wire.MAV_RESULT_ACCEPTED),  # as MAVSDK sends it
+        (MODE, (1.0, 4.0, 3.0), wire.MAV_RESULT_ACCEPTED),
+        (MODE, (1.0, 6.0), wire.MAV_RESULT_TEMPORARILY_REJECTED),  # no stream
+        (MODE, (1.0, 5.0), wire.MAV_RESULT_DENIED),
+        (MODE, (0.0, 7.0), wire.MAV_RESULT_DENIED),
+        (MODE, (1.0, math.nan), wire.MAV_RESULT_DENIED),
+        (MODE, (1.0, -7.0), wire.MAV_RESULT_DENIED),
+        (wire.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, (1.0,), wire.MAV_RESULT_ACCEPTED),
+        (wire.MAV_CMD_NAV_TAKEOFF, (), wire.MAV_RESULT_DENIED),  # on the stand
+        (wire.MAV_CMD_NAV_WAYPOINT, (), wire.MAV_RESULT_UNSUPPORTED),
+    ],
+)
+def test_every_command_is_acknowledged(vehicle, command, params, result):
+    assert vehicle.ask(command, *params) == [result]
+
+
+def test_refusal_is_explained(vehicle):
+    vehicle.ask(MODE, 1.0, 6.0)
+    (text,) = vehicle.take("STATUSTEXT")
+    assert "OFFBOARD refused" in text.text
+
+
+@pytest.mark.parametrize(("system", "component"), [(9, 1), (1, 190)])
+def test_command_for_another_is_not_executed(vehicle, system, component):
+    assert vehicle.ask(ARM, 1.0, system=system, component=component) == []
+    assert not vehicle.endpoint.autopilot.armed
+    assert vehicle.endpoint.counters[RejectReason.OTHER_TARGET] == 1
+
+
+def test_component_that_is_not_there_refuses_commands_in_its_own_name(vehicle):
+    for _ in range(3):
+        assert vehicle.ask(wire.MAV_CMD_DO_WINCH, 1.0, component=wire.MAV_COMP_ID_WINCH) == [UNSUPPORTED]
+        vehicle.wait(100_000)
+    for component, count in ((1, None), (wire.MAV_COMP_ID_WINCH, 3)):
+        numbers = [frame.raw[4] for frame in vehicle.raw[1] if frame.component == component]
+        assert numbers == [index % 256 for index in range(count or len(numbers))]
+    assert vehicle.ask(ARM, 1.0, component=wire.MAV_COMP_ID_GIMBAL) == [UNSUPPORTED]
+    assert not vehicle.endpoint.autopilot.armed
+    assert vehicle.ask(ARM, 1.0, system=9, component=wire.MAV_COMP_ID_GIMBAL) == []
+    vehicle.say(wire.MAVLink_param_request_list_message(1, wire.MAV_COMP_ID_GIMBAL))
+    vehicle.wait()
+    assert not vehicle.take("PARAM_VALUE")
+    assert vehicle.endpoint.counters == {RejectReason.OTHER_TARGET: 2}
+
+
+def test_what_is_refused_is_counted_and_told_to_all(vehicle):
+    vehicle.say(HEARTBEAT, port=2)
+    for target in (1, 1, 9):
+        vehicle.say(wire.MAVLink_manual_control_message(target, 0, 0, 500, 0, 0))
+    assert vehicle.ask(MODE, 1.0, 3.0) == [wire.MAV_RESULT_TEMPORARILY_REJECTED]
+    assert vehicle.ask(MODE, 1.0, 3.0, port=2) == [wire.MAV_RESULT_ACCEPTED]  # who sent none
+    assert vehicle.endpoint.counters == {RejectReason.REFUSED: 2, RejectReason.OTHER_TARGET: 1}
+    for port in (1, 2):
+        texts = [message.text for message in vehicle.take("STATUSTEXT", port)]
+        assert texts == ["sticks not supported: use OFFBOARD", "sticks are not flown: mode refused"]
+    vehicle.wait(10_000_000)
+    assert vehicle.ask(MODE, 1.0, 3.0) == [wire.MAV_RESULT_ACCEPTED]
+
+
+def test_each_peer_has_sequence_numbers_without_a_gap(vehicle):
+    for port in (1, 2):
+        vehicle.say(HEARTBEAT, port=port, component=190)
+    vehicle.wait(2_000_000)
+    for port in (1, 2):
+        numbers = [frame.raw[4] for frame in vehicle.raw[port]]
+        assert numbers == [index % 256 for index in range(len(numbers))]
+        assert len(numbers) > 256
+
+
+def test_three_ground_stations_and_a_controller_see_no_gap_in_a_flight():
+    vehicle = Vehicle(lockstep=False, duration_s=3.0)
+    for port in (2, 3, 4):
+        vehicle.say(HEARTBEAT, port=port, component=190)
+    vehicle.take_off()
+    for step in range(750):
+        vehicle.setpoint(step * SAMPLE_US)
+        if step % 100 == 0:
+            vehicle.say(wire.MAVLink_param_set_message(1, 1, b"COM_OF_LOSS_T", 1.0 + step, 9), port=2)
+            vehicle.ask(wire.MAV_CMD_REQUEST_MESSAGE, 148.0, port=3)
+            vehicle.say(wire.MAVLink_param_request_list_message(1, 1), port=4)
+        vehicle.wait(SAMPLE_US)
+    assert vehicle.endpoint.outcome is VehicleOutcome.DONE
+    for port in (1, 2, 3, 4):
+        for component, least in ((1, 1000), (CONTROLLER, 0)):  # what is relayed has its own numbers
+            numbers = [frame.raw[4] for frame in vehicle.raw[port] if frame.component == component]
+            assert numbers == [index % 256 for index in range(len(numbers))]
+            assert len(numbers) >= least
+    stamps = [message.time_usec for message in vehicle.take("HIGHRES_IMU") if message.time_usec]
+    assert stamps == [step * SAMPLE_US for step in range(1, 751)]  # one for each sample
+
+
+def test_what_qgroundcontrol_asks_for_on_connection_is_answered_without_a_retry(vehicle):
+    vehicle.say(HEARTBEAT, component=190, system=255)
+    request = wire.MAV_CMD_REQUEST_MESSAGE
+    assert vehicle.ask(request, 148.0) == [wire.MAV_RESULT_ACCEPTED]
+    assert len(vehicle.take("AUTOPILOT_VERSION")) == 1
+    for metadata in (397.0, 395.0):  # COMPONENT_METADATA, and COMPONENT_INFORMATION before it
+        assert vehicle.ask(request, metadata) == [wire.MAV_RESULT_UNSUPPORTED]
+    index = total = 1
+    while index <= total:
+        assert vehicle.ask(request, 435.0, float(index)) == [wire.MAV_RESULT_ACCEPTED]
+        (mode,) = vehicle.take("AVAILABLE_MODES")
+        assert mode.mode_index == index
+        index, total = index + 1, mode.number_modes
+    assert total > 4
+    vehicle.say(wire.MAVLink_param_request_list_message(1, 0))
+    vehicle.wait()
+    listed = vehicle.take("PARAM_VALUE")
+    assert {value.param_index for value in listed} == set(range(listed[0].param_count))
+    for kind in (0, 1, 2):
+        vehicle.say(wire.MAVLink_mission_request_list_message(1, 1, kind))
+        vehicle.wait()
+        (count,) = vehicle.take("MISSION_COUNT")
+        assert (count.count, count.mission_type) == (0, kind)
+    assert vehicle.endpoint.counters == {}
+
+
+def test_state_is_told_at_once_when_it_changes(vehicle):
+    vehicle.say(HEARTBEAT)
+    vehicle.wait(100_000)
+    vehicle.heard.clear()
+    assert vehicle.ask(MODE, 1.0, 3.0) == [wire.MAV_RESULT_ACCEPTED]
+    (beat,), (current,) = vehicle.take("HEARTBEAT"), vehicle.take("CURRENT_MODE")
+    assert beat.custom_mode == current.custom_mode == Mode.POSCTL.value
+    assert len(vehicle.take("EXTENDED_SYS_STATE")) == 1
+
+
+def test_stream_is_never_faster_than_the_samples_nor_its_interval_too_long_to_tell(vehicle):
+    vehicle.say(HEARTBEAT)
+    attitude = float(wire.MAVLINK_MSG_ID_ATTITUDE)
+    for asked, kept in ((1.0, SAMPLE_US), (1e30, 2**31 - 1)):
+        assert vehicle.ask(wire.MAV_CMD_SET_MESSAGE_INTERVAL, attitude, asked) == [wire.MAV_RESULT_ACCEPTED]
+        assert vehicle.ask(wire.MAV_CMD_GET_MESSAGE_INTERVAL, attitude) == [wire.MAV_RESULT_ACCEPTED]
+        assert vehicle.take("MESSAGE_INTERVAL")[0].interval_us == kept
+
+
+def test_everything_that_is_streamed_fits_its_fields_and_comes_on_request(vehicle):
+    vehicle.say(HEARTBEAT)
+    for message_id in sorted(vehicle.endpoint.services.streams):
+        result = vehicle.ask(wire.MAV_CMD_REQUEST_MESSAGE, float(message_id))
+        tracked = message_id in (wire.MAVLINK_MSG_ID_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET)
+        assert result == [wire.MAV_RESULT_TEMPORARILY_REJECTED if tracked else wire.MAV_RESULT_ACCEPTED]
+
+
+def test_generic_autopilot_tells_all_parameters_as_real_numbers():
+    vehicle = Vehicle(lockstep=False, generic=True)
+    vehicle.say(wire.MAVLink_param_request_read_message(1, 1, b"SYS_AUTOSTART", -1))
+    vehicle.wait()
+    (value,) = vehicle.take("PARAM_VALUE")
+    assert (value.param_value, value.param_type) == (4001.0, wire.MAV_PARAM_TYPE_REAL32)
+    assert vehicle.take("HEARTBEAT")[0].autopilot == wire.MAV_AUTOPILOT_GENERIC
+
+
+def test_silent_peer_is_forgotten_after_10_s(vehicle):
+    vehicle.say(HEARTBEAT)
+    vehicle.wait(20_000_000)
+    beats = len(vehicle.take("HEARTBEAT"))
+    assert 10 <= beats <= 12
+    vehicle.wait(5_000_000)
+    assert not vehicle.take("HEARTBEAT")
+
+
+def test_number_of_peers_is_bounded(vehicle):
+    for port in range(100):
+        vehicle.say(HEARTBEAT, port=port)
+    vehicle.wait()
+    assert len(vehicle.heard) == MAX_PEERS
+    assert vehicle.endpoint.counters[RejectReason.TOO_MANY_PEERS] == 100 - MAX_PEERS
+
+
+def test_parameters_are_listed_and_read_by_name_and_index(vehicle):
+    vehicle.say(wire.MAVLink_param_request_list_message(1, 1))
+    vehicle.wait()
+    listed = vehicle.take("PARAM_VALUE")
+    assert [message.param_index for message in listed] == list(range(listed[0].param_count))
+    vehicle.say(wire.MAVLink_param_request_read_message(1, 0, b"GP_TRQ_MAX_P", -1))
+    vehicle.say(wire.MAVLink_param_request_read_message(1, 1, b"", 1))
+    vehicle.wait()
+    by_name, by_index = vehicle.take("PARAM_VALUE")
+    assert (by_name.param_id, by_name.param_value) == (by_index.param_id, by_index.param_value) == ("GP_TRQ_MAX_P", 10)
+
+
+def test_set_parameter_is_told_to_all_peers(vehicle):
+    vehicle.say(HEARTBEAT, port=2)
+    vehicle.say(wire.MAVLink_param_set_message(1, 1, b"COM_OF_LOSS_T", 2.0, 9))
+    vehicle.wait()
+    for port in (1, 2):
+        (value,) = vehicle.take("PARAM_VALUE", port)
+        assert (value.param_id, value.param_value) == ("COM_OF_LOSS_T", 2.0)
+    assert vehicle.endpoint.autopilot.settings.stream_timeout_us == 2_000_000
+
+
+def test_gust_intensity_acts_in_flight():
+    vehicle = Vehicle(lockstep=False, scenario="paper-turbulence", duration_s=1.0)
+    vehicle.take_off()
+    gusts = []
+    for scale in (1.0, 0.0):
+        vehicle.say(wire.MAVLink_param_set_message(1, 1, b"GP_GUST_SCALE", scale, 9))
+        vehicle.wait(100_000)
+        vehicle.take("WIND_COV")
+        vehicle.wait(100_000)
+        (wind,) = vehicle.take("WIND_COV")
+        gusts.append(math.hypot(wind.wind_x, wind.wind_y, wind.wind_z))
+    assert gusts[0] > 0.1
+    assert gusts[1] == 0.0
+
+
+def test_gains_act_in_flight_and_to_set_them_to_what_they_are_changes_no_bit():
+    flights = []
+    for value in (None, 0.35, 0.1):  # 0.35 is the paper's vehicle
+        vehicle = Vehicle(lockstep=False, scenario="paper-turbulence", duration_s=1.0)
+        vehicle.take_off()
+        vehicle.ask(MODE, 1.0, 7.0)
+        vehicle.wait(500_000)
+        if value is not None:
+            vehicle.say(wire.MAVLink_param_set_message(1, 1, b"MC_ROLLRATE_P", value, 9))
+            (told,) = (vehicle.wait(), vehicle.take("PARAM_VALUE"))[1]
+            assert told.param_value == pytest.approx(value)
+        vehicle.wait(1_000_000)
+        flights.append(vehicle.rates)
+    plain, same, other = flights
+    assert plain[:125] == same[:125] == other[:125]
+    assert same == plain
+    assert other != plain
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "error"),
+    [
+        (b"NOPE", 1.0, wire.MAV_PARAM_ERROR_DOES_NOT_EXIST),
+        (b"COM_OF_LOSS_T", math.nan, wire.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE),
+        (b"GP_TRQ_MAX_R", 1.0, wire.MAV_PARAM_ERROR_READ_ONLY),
+    ],
+)
+def test_parameter_that_is_not_set_is_refused_with_its_cause(vehicle, name, value, error):
+    vehicle.say(wire.MAVLink_param_set_message(1, 1, name, value, 9))
+    vehicle.wait()
+    (refused,) = vehicle.take("PARAM_ERROR")
+    assert (refused.param_id.encode(), refused.error) == (name, error)
+
+
+def test_set_points_are_echoed(vehicle):
+    vehicle.say(HEARTBEAT)
+    vehicle.setpoint()
+    vehicle.wait(999_999)
+    echoes = vehicle.take("ACTUATOR_CONTROL_TARGET")
+    assert len(echoes) == 10
+    assert echoes[0].controls[0] == pytest.approx(0.1, abs=1e-8)  # a float32
+    assert not vehicle.take("ATTITUDE_TARGET")
+
+
+@pytest.mark.parametrize("rate_hz", [50, 250, 1000])
+def test_in_real_time_the_controller_is_sent_each_sample_once(rate_hz):
+    vehicle, sample_us = Vehicle(lockstep=False, rate_hz=rate_hz), 1_000_000 // rate_hz
+    vehicle.say(HEARTBEAT)
+    vehicle.wait(12_345)
+    vehicle.take_off()
+    vehicle.wait(10 * sample_us)
+    told = [message.time_usec for message in vehicle.take("HIGHRES_IMU") if message.time_usec]
+    assert told == list(range(sample_us, 11 * sample_us, sample_us))
+
+
+def test_real_time_flight_holds_a_late_set_point(vehicle):
+    vehicle.take_off()
+    vehicle.wait(SAMPLE_US * 3)
+    assert len(vehicle.modes) == 3
+    assert vehicle.endpoint.flight.counters[TimingFault.HELD] == 2  # sample 0 was answered before t = 0
+    assert set(vehicle.modes) == {Mode.OFFBOARD.value}
+
+
+def test_real_time_flight_keeps_absolute_deadlines_through_a_stall(vehicle):
+    vehicle.take_off()
+    vehicle.now_us += 10 * SAMPLE_US + 1
+    vehicle.setpoint()
+    vehicle.wait()
+    assert len(vehicle.modes) == 10
+    assert vehicle.endpoint.flight.counters[TimingFault.OVERRUN] == 9
+
+
+def test_real_time_stream_that_stops_ends_in_the_fail_safe():
+    vehicle = Vehicle(lockstep=False, duration_s=2.0)
+    vehicle.take_off()
+    vehicle.wait(3_000_000)
+    assert vehicle.endpoint.outcome is VehicleOutcome.STREAM_LOST
+    assert vehicle.modes.count(Mode.OFFBOARD.value) == 250  # one second, COM_OF_LOSS_T
+    assert vehicle.modes[-1] == Mode.STABILIZED.value
+    assert any("fail-safe" in message.text for message in vehicle.take("STATUSTEXT"))
+    assert vehicle.take("HEARTBEAT")[-1].base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED == 0
+
+
+def test_another_controller_takes_over_only_when_the_stream_is_dead():
+    vehicle = Vehicle(lockstep=False, duration_s=3.0)
+    vehicle.take_off()
+    vehicle.setpoint(port=2)
+    assert vehicle.endpoint.counters[RejectReason.NOT_IN_COMMAND] == 1
+    vehicle.wait(1_100_000)
+    vehicle.setpoint(port=2)
+    assert vehicle.ask(MODE, 1.0, 6.0, port=2) == [wire.MAV_RESULT_ACCEPTED]
+
+
+def test_real_time_set_point_older_than_the_last_is_stale(vehicle):
+    vehicle.take_off()
+    vehicle.setpoint(8_000)
+    vehicle.setpoint(4_000)
+    assert vehicle.endpoint.counters[RejectReason.STALE] == 1
+
+
+def test_setpoints_of_two_messages_pass_a_link_each_by_its_own_stamps():
+    vehicle = Vehicle(lockstep=False, scenario="link-delay", duration_s=21.0)
+    vehicle.take_off()
+    level = AttitudeTarget(time_us=5_000_000_000, q_NB=(1.0, 0.0, 0.0, 0.0), omega_B=None, thrust=0.5)
+    vehicle.say(command_message(level, 1))
+    vehicle.wait(SAMPLE_US)
+    vehicle.setpoint(5_000_100)  # MAVSDK's ms, where the message has us
+    vehicle.wait(SAMPLE_US)
+    assert isinstance(vehicle.endpoint.setpoint, TorqueCommand)
+    vehicle.say(command_message(level._replace(time_us=4_999_000_000), 1))
+    vehicle.wait(SAMPLE_US)
+    assert isinstance(vehicle.endpoint.setpoint, TorqueCommand)
+    assert vehicle.endpoint.scripted_link.stats()["to_vehicle"]["overtaken"] == 1
+
+
+def test_leaving_offboard_is_named(vehicle):
+    vehicle.take_off()
+    vehicle.wait(SAMPLE_US)
+    vehicle.ask(MODE, 1.0, 3.0)
+    vehicle.wait(1_000_000)
+    assert vehicle.endpoint.outcome is VehicleOutcome.LEFT_OFFBOARD
+
+
+def test_disarming_in_flight_is_refused(vehicle):
+    vehicle.take_off()
+    assert vehicle.ask(ARM, 0.0) == [wire.MAV_RESULT_TEMPORARILY_REJECTED]
+
+
+def test_interrupted_flight_is_named(vehicle):
+    vehicle.take_off()
+    vehicle.endpoint.interrupt()
+    assert vehicle.endpoint.finished
+    assert vehicle.endpoint.outcome is VehicleOutcome.INTERRUPTED
+
+
+def test_any_message_that_is_refused_is_survived(vehicle):
+    chance, packer = random.Random(3), wire.MAVLink(None, 1, CONTROLLER)
+    numbers = sorted(refusals.make_service(vehicle.endpoint).requests)
+    for index in range(2_000):
+        number = chance.choice(numbers)
+        length = wire.mavlink_map[number].unpacker.size
+        body = bytes(chance.choice((0, 1, chance.randrange(256))) for _ in range(length))
+        vehicle.endpoint.receive(EncodedMessage(number, body).pack(packer), (0, ("client", 1)), index)
+        vehicle.endpoint.poll(index)
+    assert vehicle.endpoint.counters.keys() == {RejectReason.REFUSED, RejectReason.OTHER_TARGET}
+    assert vehicle.endpoint.counters[RejectReason.REFUSED] > 500
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_any_datagram_is_survived_and_counted(lockstep):
+    vehicle = Vehicle(lockstep=lockstep)
+    chance = random.Random(2)
+    names = ("command_long", "param_set", "param_request_read", "param_request_list", "heartbeat")
+    kinds = [getattr(wire, f"MAVLink_{name}_message") for name in (*names, *SETPOINTS)]
+    packer = wire.MAVLink(None, 1, CONTROLLER)
+    for index in range(20_000):
+        kind = chance.choice(kinds)
+        body = bytes(chance.choice((0, 1, chance.randrange(256))) for _ in range(kind.unpacker.size))
+        datagram = bytearray(EncodedMessage(kind.id, body).pack(packer))
+        if chance.random() < 0.3:
+            datagram = datagram[: chance.randrange(len(datagram))] + chance.randbytes(chance.randrange(9))
+        vehicle.endpoint.receive(bytes(datagram), (0, ("client", chance.randrange(40))), index)
+        if index % 100 == 0:
+            vehicle.endpoint.poll(index)
+    assert vehicle.endpoint.counters[RejectReason.OTHER_TARGET] > 1000
+    assert vehicle.endpoint.counters[RejectReason.TOO_MANY_PEERS] > 1000
+
+
+@pytest.mark.parametrize("scenario", ["calm", "link-delay"])
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_every_imu_sample_leaves_through_one_function(lockstep, scenario, monkeypatch):
+    sent = []
+    send = VehicleEndpoint._send_sample
+    monkeypatch.setattr(VehicleEndpoint, "_send_sample", lambda *arguments: sent.append(send(*arguments)))
+    vehicle = Vehicle(lockstep=lockstep, scenario=scenario, duration_s=load_scenario(scenario).duration_s)
+    vehicle.take_off()
+    for port in (1, 2):
+        vehicle.say(HEARTBEAT, port=port, component=CONTROLLER if port == 1 else 190)
+    for _ in range(60):
+        samples = vehicle.take("HIGHRES_IMU")
+        for message in samples or [None]:
+            vehicle.setpoint(message.time_usec if message else 0)
+        vehicle.wait(SAMPLE_US)
+    frames = [frame for heard in vehicle.raw.values() for frame in heard]
+    assert len(sent) == sum(frame.message_id == wire.MAVLINK_MSG_ID_HIGHRES_IMU for frame in frames) > 50

@@ -1,0 +1,175 @@
+"""Plant, on-board loop and the delay between them."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firmware_model.config.scenario import GyroFault, Scenario, load_scenario
+from firmware_model.config.vehicle import GRAVITY, load_vehicle
+from firmware_model.config.waveforms import Constant, MomentSine
+from firmware_model.numerics.rotations import euler_angles, from_euler
+from firmware_model.recording.journal import RECORD
+from firmware_model.sim.vehicle_loop import VehicleLoop
+from firmware_model.types import AttitudeTarget, LevelFlight, MotorsOff, Setpoint, TorqueCommand, Trim
+
+VEHICLE = load_vehicle("paper")
+QUIET = Scenario(name="quiet", description="", duration_s=8.0, gyro=GyroFault(noise=False))
+
+
+def fly(scenario: Scenario, command: Setpoint, seed: int = 1) -> np.ndarray:
+    loop = VehicleLoop(VEHICLE, scenario, seed)
+    records = [loop.advance(command, 0).copy() for _ in range(scenario.samples)]
+    assert loop.finished
+    return np.array(records).view(RECORD)[:, 0]
+
+
+def torque(roll: float, pitch: float = 0.0, yaw: float = 0.0) -> TorqueCommand:
+    return TorqueCommand(time_us=0, torque_B=(roll, pitch, yaw), throttle=0.5)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 5])
+def test_a_command_acts_the_stated_number_of_samples_later(delay: int) -> None:
+    scenario = Scenario(name="d", description="", duration_s=0.1, delay_samples=delay)
+    acting = fly(scenario, torque(0.1))["torque_command_B"][:, 0]
+    assert not acting[:delay].any()
+    np.testing.assert_allclose(acting[delay:], 0.1 * VEHICLE.torque_limit[0])
+
+
+def test_the_age_of_a_command_is_counted_from_the_sample_that_it_answers() -> None:
+    loop = VehicleLoop(VEHICLE, replace(QUIET, delay_samples=2), 1)
+    answers = [torque(0.0)._replace(time_us=4000 * sample) for sample in (0, 1, 1, 1, 2)]
+    on_board = (Trim(), LevelFlight())
+    ages = [loop.advance(setpoint, 0).view(RECORD)["command_age"][0, 0] for setpoint in (*answers, *on_board)]
+    np.testing.assert_array_equal(ages, [math.nan, math.nan, 2.0, 2.0, 3.0, 4.0, math.nan])
+
+
+def test_whole_milliseconds_of_a_stamp_do_not_age_an_attitude_target() -> None:
+    loop = VehicleLoop(VEHICLE, replace(QUIET, control_rate_hz=400, physics_rate_hz=2000), 1)
+    rates = AttitudeTarget(time_us=0, q_NB=None, omega_B=(0.0, 0.0, 0.0), thrust=0.5)
+    targets = [rates._replace(time_us=2500 * sample // 1000 * 1000) for sample in range(9)]
+    ages = [loop.advance(target, 0).view(RECORD)["command_age"][0, 0] for target in targets]
+    assert ages[1:] == [1.0] * 8
+
+
+def test_a_sample_stays_the_same_until_the_vehicle_advances() -> None:
+    loop = VehicleLoop(VEHICLE, load_scenario("calm"), 1)
+    first = loop.observe()
+    assert loop.observe() is first
+    loop.advance(LevelFlight(), 0)
+    assert loop.observe().time_us == 4000
+
+
+def test_the_on_board_loop_turns_to_an_attitude_and_holds_it() -> None:
+    target = AttitudeTarget(time_us=0, q_NB=from_euler(0.3, -0.2, 0.5), omega_B=None, thrust=0.5)
+    angles = euler_angles(fly(QUIET, target)["q_NB"])
+    np.testing.assert_allclose(angles[-1], (0.3, -0.2, 0.5), atol=2e-3)
+
+
+def test_the_on_board_loop_tracks_body_rates() -> None:
+    target = AttitudeTarget(time_us=0, q_NB=None, omega_B=(0.2, 0.0, -0.1), thrust=0.5)
+    records = fly(QUIET, target)
+    np.testing.assert_allclose(records["omega_B"][-1], (0.2, 0.0, -0.1), atol=2e-3)
+    np.testing.assert_allclose(records["omega_command_B"][1:], [(0.2, 0.0, -0.1)] * (len(records) - 1))
+
+
+def test_without_a_controller_the_vehicle_levels_itself_in_a_steady_torque() -> None:
+    # .3 N m at 1e-6 rad/s and a quarter turn of phase: constant for the flight.
+    push = MomentSine(kind="sine", amplitude_nm=(0.3, 0.0, 0.0), rate_rad_s=1e-6, phase_rad=math.pi / 2)
+    scenario = Scenario(name="p", description="", duration_s=8.0, moment=(push,), gyro=GyroFault(noise=False))
+    records = fly(scenario, LevelFlight())
+    assert abs(euler_angles(records["q_NB"])[-1, 0]) < 2e-3  # the integral carries the torque
+    assert records["torque_command_B"][-1, 0] == pytest.approx(-0.3, rel=0.02)
+
+
+def test_lost_commands_on_their_way_are_dropped_when_the_controller_is_lost() -> None:
+    loop = VehicleLoop(VEHICLE, QUIET, 1)
+    loop.advance(torque(1.0), 0)
+    assert abs(loop.advance(LevelFlight(), 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
+    assert abs(loop.advance(LevelFlight(), 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
+
+
+def test_the_torque_stays_inside_its_limit_and_the_rate_integral_does_not_wind_up() -> None:
+    spin = AttitudeTarget(time_us=0, q_NB=None, omega_B=(30.0, 0.0, 0.0), thrust=0.5)
+    loop = VehicleLoop(VEHICLE, QUIET, 1)
+    for _ in range(100):
+        record = loop.advance(spin, 0).view(RECORD)[0]
+        assert abs(record["torque_command_B"][0]) <= VEHICLE.torque_limit[0]
+    still = AttitudeTarget(time_us=0, q_NB=None, omega_B=(0.0, 0.0, 0.0), thrust=0.5)
+    rates = [loop.advance(still, 0).view(RECORD)[0]["omega_B"][0] for _ in range(1500)]
+    assert min(rates) > -0.5 * max(rates)  # a wound-up integral would throw it far to the other side
+
+
+def test_the_strapdown_attitude_follows_the_truth() -> None:
+    loop = VehicleLoop(VEHICLE, QUIET, 1)
+    target = AttitudeTarget(time_us=0, q_NB=from_euler(0.5, 0.4, -0.8), omega_B=None, thrust=0.5)
+    for _ in range(1000):
+        loop.advance(target, 0)
+    loop.observe()
+    np.testing.assert_allclose(loop.estimate_q_NB, loop.q_NB, atol=1e-4)
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
+    scenario = Scenario(name="s", description="", duration_s=0.5, wind=load_scenario("paper").wind)
+    assert fly(scenario, LevelFlight(), 3).tobytes() == fly(scenario, LevelFlight(), 3).tobytes()
+    assert fly(scenario, LevelFlight(), 3).tobytes() != fly(scenario, LevelFlight(), 4).tobytes()
+
+
+def test_a_flight_twice_as_long_begins_identically() -> None:
+    wind = load_scenario("paper").wind
+    short = Scenario(name="s", description="", duration_s=0.5, wind=wind)
+    long = Scenario(name="s", description="", duration_s=1.0, wind=wind)
+    assert fly(long, LevelFlight())[: short.samples].tobytes() == fly(short, LevelFlight()).tobytes()
+
+
+def test_a_gyro_fault_leaves_every_gust_as_it_was() -> None:
+    wind = load_scenario("paper").wind
+    sound = fly(Scenario(name="s", description="", duration_s=0.5, wind=wind), LevelFlight())
+    faulty = fly(
+        Scenario(name="s", description="", duration_s=0.5, wind=wind, gyro=GyroFault(bias_rad_s=(0.1, 0.0, 0.0))),
+        LevelFlight(),
+    )
+    np.testing.assert_array_equal(sound["gust_B"], faulty["gust_B"])
+    np.testing.assert_allclose((faulty["gyro_B"] - sound["gyro_B"])[0], (0.1, 0.0, 0.0), atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32])
+def test_a_seed_out_of_range_is_refused(seed: int) -> None:
+    with pytest.raises(ValueError, match="seed is"):
+        VehicleLoop(VEHICLE, QUIET, seed)
+
+
+def test_off_clamps_on_the_stand_and_the_next_set_point_frees() -> None:
+    push = MomentSine(kind="sine", amplitude_nm=(0.5, 0.3, 0.1), rate_rad_s=2.0)
+    loop = VehicleLoop(VEHICLE, replace(QUIET, moment=(push,)), 1, interactive=True)
+    assert loop.on_ground
+    for _ in range(250):
+        loop.advance(LevelFlight(), 0)
+    assert not loop.on_ground
+    loop.observe()
+    caught = loop.q_NB
+    for _ in range(250):
+        record = loop.advance(MotorsOff(), 0).view(RECORD)[0]
+    loop.observe()
+    assert loop.q_NB == loop.estimate_q_NB == caught
+    assert not record["omega_B"].any()
+    assert loop.on_ground
+    assert loop.thrust == pytest.approx(0.0, abs=1e-8)  # 20 time constants
+    assert not loop.finished
+
+
+def test_on_the_stand_the_rotors_turn_as_in_hover_and_share_out_the_torque() -> None:
+    records = fly(QUIET, torque(0.2))
+    weight = VEHICLE.mass * GRAVITY
+    np.testing.assert_allclose(records["rotors"].sum(axis=1), weight)
+    arms = np.array(VEHICLE.rotors.position_B)[:, 1]
+    np.testing.assert_allclose(-records["rotors"] @ arms, records["torque_B"][:, 0], atol=1e-12)
+
+
+def test_a_steady_wind_gives_no_moment_on_the_stand() -> None:
+    wind = Constant(kind="constant", velocity_mps=(10.0, 5.0, 0.0))
+    blown, still = fly(replace(QUIET, wind=(wind,)), LevelFlight()), fly(QUIET, LevelFlight())
+    np.testing.assert_array_equal(blown["wind_N"], [(10.0, 5.0, 0.0)] * len(blown))
+    for field in set(RECORD.names or ()) - {"wind_N"}:
+        assert blown[field].tobytes() == still[field].tobytes(), field

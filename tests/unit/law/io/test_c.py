@@ -1,0 +1,219 @@
+import re
+import shutil
+import subprocess
+from ctypes import CDLL, POINTER, c_double
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gustproof.law.form import Law, load_law, shipped_laws
+from gustproof.law.io.c import c_code, c_header, c_name, save_c
+from gustproof.law.step import sparse_law, step
+
+COMPILER = shutil.which("cc") or shutil.which("gcc")
+FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-fPIC"]
+WARNINGS = ["-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Wfloat-equal",
+            "-Wmissing-prototypes", "-Wstrict-prototypes", "-Werror"]  # fmt: skip
+CPU = Path("/proc/cpuinfo")
+FUSED = ["-mfma"] if CPU.exists() and " fma " in CPU.read_text() else []
+"""Flag of a processor that multiplies and adds in one."""
+BUILDS = {
+    "gcc": (), "clang": (),
+    "gcc -fsingle-precision-constant": ("-fsingle-precision-constant",),
+    # clang says that it does not have the flag
+    "clang -fsingle-precision-constant": ("-fsingle-precision-constant", "-Wno-ignored-optimization-argument"),
+    "gcc -ffast-math": (*FUSED, "-O3", "-ffast-math", "-fsingle-precision-constant", "-ffp-contract=fast"),
+    "clang -ffp-contract=on": (*FUSED, "-O3", "-ffp-contract=on"),
+}  # fmt: skip
+"""Flags of builds that must give the bits."""
+STEPS = 100_000
+COUPLED = 12
+
+
+@pytest.fixture(autouse=True)
+def _sums_once_a_law(monkeypatch):
+    """Let `step` find a law's terms once, not at each of a hundred thousand steps."""
+    monkeypatch.setattr("gustproof.law.step.sparse_law", cache(sparse_law))
+
+
+def coupled_law() -> Law:
+    """Return a law in which all axes, the kinematics and the limits meet in every sum, but for a few coefficients."""
+    rng = np.random.default_rng(8)
+    shapes = {"A": (COUPLED, COUPLED), "B": (COUPLED, 9), "C": (3, COUPLED), "D": (3, 9), "G": (COUPLED, 3),
+              "H": (COUPLED, 3)}  # fmt: skip
+    parts = {name: rng.uniform(-0.05, 0.05, shape) for name, shape in shapes.items()}
+    parts["A"][2, 3:9], parts["B"][7], parts["C"][1, ::2] = 0.0, 0.0, 0.0
+    parts["A"][4, 4], parts["D"][2, 2], parts["C"][2, 5], parts["B"][0, 0] = 1.0 / 3.0, -1.0, 1.0, 1e-300
+    # at x = 0, y = -0.0 each product of the first command is -0.0, the command is not
+    parts["C"][0], parts["D"][0] = -np.abs(parts["C"][0]), np.abs(parts["D"][0])
+    return replace(load_law("aided"), name="coupled", limits=np.array([0.05, 0.3, 0.4]), **parts)
+
+
+def compiled(law: Law, tmp_path, *flags: str, compiler: str | None = COMPILER) -> Path:
+    source, part, library = tmp_path / "law.c", tmp_path / "law.o", tmp_path / "law.so"
+    save_c(law, source)
+    # Linked without the flags: a library linked with -ffast-math would switch this process to flush small numbers to 0.
+    for command in (
+        [compiler, *FLAGS, *WARNINGS, *flags, "-c", str(source), "-o", str(part)],
+        [compiler, "-shared", str(part), "-o", str(library)],
+    ):
+        subprocess.run(command, check=True, capture_output=True, text=True)
+    return library
+
+
+def compiled_step(law: Law, tmp_path):
+    library = compiled(law, tmp_path)
+    function = getattr(CDLL(str(library)), f"{c_name(law.name)}_step")
+    function.argtypes, function.restype = [POINTER(c_double)] * 3, None
+    return function
+
+
+def pointer(array):
+    return array.ctypes.data_as(POINTER(c_double))
+
+
+def assert_same_bits(law: Law, inputs, tmp_path) -> None:
+    function = compiled_step(law, tmp_path)
+    x, mine, command = np.zeros(law.order), np.zeros(max(law.order, 1)), np.empty(3)
+    cut = 0
+    for y in inputs:
+        x, expected = step(law, x, y)
+        function(pointer(mine), pointer(y), pointer(command))
+        assert command.tobytes() == expected.tobytes()
+        assert mine[: law.order].tobytes() == x.tobytes()
+        cut += np.count_nonzero(np.abs(command) == law.limits)
+    assert np.all(np.isfinite(x))
+    assert 0 < cut < 3 * len(inputs)  # both sides of the limit were seen
+
+
+@pytest.mark.compiled
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+def test_compiled_c_gives_the_bits_of_the_law_over_a_hundred_thousand_steps(tmp_path):
+    law = load_law("aided")  # every part of the form: exact kinematics, specific force
+    rng = np.random.default_rng(5)
+    inputs = np.hstack([rng.normal(0.0, sigma, (STEPS, 3)) for sigma in (0.3, 0.1, 1.0)])
+    assert_same_bits(law, inputs, tmp_path)
+
+
+@pytest.mark.compiled
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+@pytest.mark.parametrize("name", shipped_laws())
+def test_every_shipped_law_gives_its_bits_in_c(name, tmp_path):
+    law = load_law(name)
+    rng = np.random.default_rng(6)
+    inputs = np.hstack([rng.normal(0.0, sigma, (2000, 3)) for sigma in (0.3, 0.1, 1.0)])
+    # limits low enough to be met
+    assert_same_bits(replace(law, limits=np.full(3, 0.5)), inputs, tmp_path)
+
+
+@pytest.mark.compiled
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+def test_a_law_whose_axes_couple_gives_its_bits_in_c(tmp_path):
+    inputs = np.random.default_rng(9).normal(0.0, 1.0, (2000, 9))
+    inputs[0] = -0.0
+    assert_same_bits(coupled_law(), inputs, tmp_path)
+
+
+@pytest.mark.compiled
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+def test_a_law_without_states_is_c_too(tmp_path):
+    static = replace(
+        load_law("hinf-d1"), name="3 gains, no state",
+        A=np.zeros((0, 0)), B=np.zeros((0, 6)), C=np.zeros((3, 0)), D=np.eye(3, 6),
+        G=np.zeros((0, 3)), H=np.zeros((0, 3)), limits=np.full(3, 0.5),
+    )  # fmt: skip
+    assert c_name(static.name) == "law_3_gains__no_state"
+    assert_same_bits(static, np.random.default_rng(7).normal(0.0, 0.5, (100, 6)), tmp_path)
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+def test_a_law_that_reads_nothing_is_c_without_warnings(tmp_path):
+    law = load_law("hinf-d1")
+    compiled(replace(law, B=np.zeros((9, 6)), D=np.zeros((3, 6))), tmp_path)
+
+
+@pytest.mark.parametrize("build", BUILDS)
+@pytest.mark.parametrize("name", shipped_laws())
+def test_self_test_finds_the_bits_of_every_shipped_law_in_strict_builds(build, name, tmp_path):
+    if (compiler := shutil.which(build.split()[0])) is None:
+        pytest.skip(f"no {build.split()[0]}")
+    law = load_law(name)
+    library = compiled(law, tmp_path, f"-D{c_name(name)}_SELF_TEST", *BUILDS[build], compiler=compiler)
+    assert getattr(CDLL(str(library)), f"{c_name(name)}_self_test")() == 0
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+@pytest.mark.parametrize("place", [0, -1])
+def test_self_test_finds_a_coefficient_that_is_off(place, tmp_path, monkeypatch):
+    law = load_law("hinf-scheduled")
+    code = c_code(law, "law.h")
+    term = list(re.finditer(r"(\d\S*) \* (?:x|rates)\[\d+\]", code[: code.index("_self_test")]))[place]
+    off = float(term[1]) * (1.0 + 1e-12)
+    monkeypatch.setattr(
+        "gustproof.law.io.c.c_code",
+        lambda _law, _header: code[: term.start(1)] + repr(off) + code[term.end(1) :],
+    )
+    library = compiled(law, tmp_path, "-Dhinf_scheduled_SELF_TEST")
+    assert 0 < CDLL(str(library)).hinf_scheduled_self_test() <= 16
+
+
+@pytest.mark.skipif(not (FUSED and shutil.which("clang")), reason="no clang, or nothing to fuse")
+def test_self_test_finds_a_build_that_fuses(tmp_path):
+    library = compiled(load_law("aided"), tmp_path, "-Daided_SELF_TEST", *FUSED, "-ffp-contract=fast", compiler="clang")
+    assert CDLL(str(library)).aided_self_test() > 0
+
+
+@pytest.mark.skipif(shutil.which("clang") is None, reason="no clang")
+def test_c_whose_constants_would_be_floats_is_refused(tmp_path):
+    with pytest.raises(subprocess.CalledProcessError) as refused:
+        compiled(load_law("hinf-d1"), tmp_path, "-cl-single-precision-constant", compiler="clang")
+    assert "constants_are_double" in refused.value.stderr
+
+
+@pytest.mark.parametrize("name", shipped_laws())
+def test_only_what_a_law_computes_is_written(name):
+    law, code = load_law(name), c_code(load_law(name))
+    function = code[code.index("_step(double") :]
+    terms = re.findall(r"[+-] [^;+-]*?(?:e-\d+[^;+-]*?)?\b(?:x|y|rates|excess)\[\d+\]", function)
+    parts = (law.A, law.B, law.C, law.D, law.G, law.H)
+    assert len(terms) == sum(np.count_nonzero(part) for part in parts)
+    assert ("sin_cos" in code) == law.is_scheduled
+    assert ("excess" in function) == np.any(law.H)
+    assert max(map(len, code.splitlines())) <= 120
+
+
+def test_a_design_can_not_end_or_nest_the_comment_it_stands_in():
+    law = load_law("hinf-d1")
+    hostile = replace(law, provenance=replace(law.provenance, design="a */ int b; /*/ /*\nc"))
+    header = c_code(hostile).split("#if")[0]
+    assert header.count("*/") == 1
+    assert header.count("/*") == 1
+    header = c_header(hostile).split("#ifndef")[0]
+    assert header.count("*/") == 1
+    assert header.count("/*") == 1
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler")
+def test_header_serves_a_program_in_cpp_that_starts_at_an_attitude(tmp_path):
+    law = load_law("aided")
+    library = compiled(law, tmp_path)
+    (tmp_path / "main.cpp").write_text(
+        '#include "law.h"\n#include <cstdio>\n'
+        "int main()\n{\n"
+        "    double x[aided_STATES], y[aided_MEASURED] = {0}, command[3];\n"
+        "    for (double &state : x)\n        state = 1e9;\n"
+        "    aided_init(x);\n"
+        "    x[aided_PSI] = 0.25;\n"
+        "    aided_step(x, y, command);\n"
+        '    std::printf("%a %a %a %a", command[0], command[1], command[2], aided_DT);\n}\n'
+    )
+    program = str(tmp_path / "main")
+    strict = ["-std=c++98", "-Wall", "-Wextra", "-pedantic", "-Werror"]
+    subprocess.run(["g++", "-x", "c++", *strict, "-fsyntax-only", str(tmp_path / "law.h")], check=True)
+    subprocess.run(["g++", *strict[1:], str(tmp_path / "main.cpp"), str(library), "-o", program], check=True)
+    told = subprocess.run([program], capture_output=True, text=True, check=True).stdout.split()
+    _, command = step(law, np.eye(law.order)[2] * 0.25, np.zeros(9))
+    assert [float.fromhex(number) for number in told] == [*command, law.dt]

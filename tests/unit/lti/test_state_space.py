@@ -1,0 +1,92 @@
+"""Linear systems: what the algebra must give for systems whose answer is known, and the border to python-control."""
+
+import control
+import numpy as np
+import pytest
+
+from gustproof.lti.state_space import Lti, as_lti, delay, discretize_zoh, gain, lft, sensitivity, series
+
+EXACT = 1e-12
+"""A handful of floating-point operations on numbers near 1."""
+
+
+def lag(a: float, b: float = 1.0) -> Lti:
+    return Lti(A=[[-a]], B=[[b]], C=[[1.0]], D=[[0.0]])
+
+
+def test_a_copy_does_not_change_with_its_original():
+    original = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+    copy = as_lti(original)
+    original.A[0, 0] = 5.0
+    assert copy.A[0, 0] == -1.0
+    with pytest.raises(ValueError, match="read-only"):
+        copy.A[0, 0] = 5.0
+
+
+def test_a_state_that_python_control_might_call_useless_is_kept():
+    system = Lti(A=np.diag([-1.0, -2.0]), B=[[1.0], [0.0]], C=[[1.0, 0.0]], D=[[0.0]])
+    assert system.to_control().nstates == 2
+
+
+def test_an_unspecified_time_base_is_continuous_and_one_without_sample_time_is_refused():
+    assert as_lti(control.ss([], [], [], [[2.0]], None)).dt == 0.0
+    with pytest.raises(ValueError, match="without a sample time"):
+        as_lti(control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], True))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [("B", [[1.0, 2.0]], "B has shape"), ("A", [[np.nan]], "A has a number that is not finite")],
+)
+def test_a_system_that_is_not_sound_is_refused(field, value, message):
+    matrices = {"A": [[-1.0]], "B": [[1.0]], "C": [[1.0]], "D": [[0.0]], field: value}
+    with pytest.raises(ValueError, match=message):
+        Lti(**matrices)
+
+
+def test_series_multiplies_responses():
+    first, second = lag(1.0, 3.0), lag(2.0)
+    omega = np.array([0.0, 1.0, 10.0])
+    expected = first.response(omega) * second.response(omega)
+    assert np.allclose(series(first, second).response(omega), expected, rtol=EXACT)
+
+
+def test_sensitivity_of_an_integrator_is_a_high_pass():
+    integrator = Lti(A=[[0.0]], B=[[1.0]], C=[[1.0]], D=[[0.0]])
+    omega = np.array([0.1, 1.0, 10.0])
+    expected = 1j * omega / (1j * omega + 1.0)
+    assert np.allclose(sensitivity(integrator).response(omega)[:, 0, 0], expected, rtol=EXACT)
+
+
+def test_lft_agrees_with_python_control():
+    rng = np.random.default_rng(0)
+    P = Lti(
+        A=rng.normal(size=(3, 3)), B=rng.normal(size=(3, 4)), C=rng.normal(size=(3, 3)), D=0.1 * rng.normal(size=(3, 4))
+    )
+    K = Lti(A=rng.normal(size=(2, 2)), B=rng.normal(size=(2, 1)), C=rng.normal(size=(2, 2)), D=rng.normal(size=(2, 1)))
+    theirs = as_lti(P.to_control().lft(K.to_control(), 2, 1))
+    omega = np.array([0.3, 2.0])
+    assert np.allclose(lft(P, K).response(omega), theirs.response(omega), rtol=1e-9)
+
+
+def test_a_loop_that_is_not_well_posed_is_refused():
+    P, K = gain([[0.0, 1.0], [1.0, 1.0]]), gain([[1.0]])
+    with pytest.raises(ValueError, match="not well posed"):
+        lft(P, K)
+
+
+def test_a_held_double_integrator_is_the_textbook_one():
+    plant = Lti(A=[[0.0, 1.0], [0.0, 0.0]], B=[[0.0], [1.0]], C=np.eye(2), D=np.zeros((2, 1)))
+    sampled = discretize_zoh(plant, 0.1)
+    assert np.allclose(sampled.A, [[1.0, 0.1], [0.0, 1.0]], rtol=EXACT)
+    assert np.allclose(sampled.B, [[0.005], [0.1]], rtol=EXACT)
+
+
+def test_a_delay_turns_the_phase_by_one_sample():
+    response = delay(1, 0.1).response(3.0)[0, 0, 0]
+    assert response == pytest.approx(np.exp(-0.3j), rel=EXACT)
+
+
+def test_systems_of_different_sample_times_are_not_joined():
+    with pytest.raises(ValueError, match="sample times differ"):
+        series(delay(1, 0.1), lag(1.0))

@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.report.html.charts import CurveStyle, decimate, spectra, time_histories
+from gustproof.report.html.runs import read_runs
+
+N = 4000
+TIME = 0.004 * np.arange(N)
+
+
+def noise(seed, columns=3):
+    return np.random.default_rng(seed).standard_normal((N, columns))
+
+
+def titles(groups):
+    return [group.title for group in groups]
+
+
+def test_only_what_something_happens_in_is_shown(recorded):
+    runs = read_runs([recorded("run", n=N, omega_B=noise(1))])
+    assert titles(time_histories(runs)) == ["Body rates"]
+    limit = load_vehicle("paper").torque_limit
+    runs = read_runs([recorded("more", n=N, omega_B=noise(1), torque_command_B=noise(2), rotors=noise(3, 4))])
+    assert titles(time_histories(runs)) == ["Body rates", "Commanded torque", "Saturation", "Thrust of the rotors"]
+    share = time_histories(runs)[2].charts[0].curves[0].y
+    assert share == pytest.approx(np.max(np.abs(noise(2)) / limit, axis=1))
+
+
+def test_rates_that_were_commanded_for_a_time_are_shown_for_that_time(recorded):
+    commanded = noise(1)
+    commanded[: N // 2] = np.nan
+    runs = read_runs([recorded("asked", n=N, omega_command_B=commanded), recorded("unasked", n=N)])
+    (group,) = (group for group in time_histories(runs) if group.title == "Commanded rates")
+    for k, chart in enumerate(group.charts):
+        (curve,) = chart.curves
+        assert np.array_equal(curve.y, commanded[:, k], equal_nan=True)
+
+
+def test_the_age_of_commands_is_shown_with_its_gaps(recorded):
+    age = np.where(np.arange(N) // 1000 % 2, np.nan, 3.0)[:, np.newaxis]
+    (group,) = time_histories(read_runs([recorded("run", n=N, command_age=age)]))
+    assert group.title == "Link"
+    assert np.array_equal(group.charts[0].curves[0].y, age[:, 0], equal_nan=True)
+
+
+def test_an_attitude_that_is_asked_for_is_drawn_dashed_with_the_one_that_is_flown(recorded):
+    """The scenario asks for 10 degrees of roll from 2 s on, and of pitch instead from 9 s on."""
+    turning = np.column_stack((np.cos(0.1 * TIME), np.sin(0.1 * TIME), 0.0 * TIME, 0.0 * TIME))
+    script = {"n": N, "scenario": "attitude-steps"}
+    one, other = (recorded(law, law=law, q_NB=turning, **script) for law in ("pid-fair", "hinf-d1"))
+    for paths in ([one], [one, other]):
+        charts = time_histories(read_runs(paths))[0].charts
+        for chart, angles in zip(charts, ([0.0, 10.0, 0.0], [0.0, 0.0, 10.0], [0.0, 0.0, 0.0]), strict=True):
+            flown, asked = chart.curves
+            assert (flown.style, asked.style, asked.label) == (CurveStyle.SOLID, CurveStyle.DASHED, "reference")
+            assert asked.y == pytest.approx(np.repeat(angles, (500, 1750, N - 2250)))
+    script["n"] = N - 500
+    shorter = recorded("shorter", law="hinf-d1", q_NB=turning[:-500], **script)
+    curves = time_histories(read_runs([one, shorter]))[0].charts[0].curves
+    assert [curve.label for curve in curves[-2:]] == ["reference of pid-fair", "reference of hinf-d1"]
+
+
+def test_what_all_flights_share_is_drawn_once(recorded):
+    gust, other = noise(1), noise(2)
+    same = read_runs([recorded("a", n=N, gust_B=gust), recorded("b", n=N, law="pid-fair", gust_B=gust)])
+    assert [curve.label for curve in time_histories(same)[0].charts[0].curves] == ["all runs"]
+    apart = read_runs([recorded("c", n=N, gust_B=gust), recorded("d", n=N, law="pid-fair", gust_B=other)])
+    assert {curve.label for curve in time_histories(apart)[0].charts[0].curves} == {"hinf-d1", "pid-fair"}
+
+
+def test_the_calmest_flight_is_drawn_on_top(recorded):
+    runs = read_runs([recorded("calm", n=N, omega_B=0.1 * noise(1)), recorded("rough", n=N, seed=2, omega_B=noise(2))])
+    assert [curve.colour for curve in time_histories(runs)[0].charts[0].curves] == [1, 0]
+
+
+def test_a_thinned_curve_keeps_every_stretch_s_extremes_in_order():
+    values = np.random.default_rng(3).standard_normal(10_000)
+    time, shown = decimate(np.arange(10_000.0), values, most=100)
+    assert len(time) <= 100
+    assert np.all(np.diff(time) > 0.0)
+    assert np.array_equal(shown, values[time.astype(int)])
+    for stretch in np.split(np.arange(10_000), 50):
+        kept = shown[(time >= stretch[0]) & (time <= stretch[-1])]
+        assert (kept.min(), kept.max()) == (values[stretch].min(), values[stretch].max())
+
+
+def test_a_short_curve_is_drawn_whole():
+    time, shown = decimate(TIME, TIME**2)
+    assert time is TIME
+    assert np.array_equal(shown, TIME**2)
+
+
+def test_the_spectrum_s_area_is_the_variance_and_its_peak_the_frequency(recorded):
+    gust = noise(5) * [1.0, 2.0, 3.0]
+    gust[:, 1] += 4.0 * np.sin(50.0 * TIME)
+    (group,) = spectra(read_runs([recorded("run", n=N, gust_B=gust)]))
+    for k, chart in enumerate(group.charts):
+        (curve,) = chart.curves
+        step = curve.x[1] - curve.x[0]
+        # Welch's windows weigh the samples unevenly: seven spectra of 1000 samples
+        assert np.sum(curve.y) * step == pytest.approx(np.var(gust[:, k]), rel=0.1)
+    peak = group.charts[1].curves[0]
+    assert peak.x[np.argmax(peak.y)] == pytest.approx(50.0, abs=peak.x[1] - peak.x[0])
+    assert group.charts[0].title == "forward u [(m/s)²/(rad/s)]"

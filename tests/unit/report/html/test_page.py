@@ -1,0 +1,99 @@
+import base64
+import json
+import re
+import zlib
+from dataclasses import replace
+from html import escape
+
+import numpy as np
+import pytest
+
+from firmware_model.config.requirement import Requirement
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.report.html.page import render_page
+from gustproof.report.html.runs import read_runs
+from gustproof.scoring.requirements import judge
+
+
+@pytest.fixture
+def runs(recorded):
+    rates = np.random.default_rng(1).standard_normal((500, 3))
+    return read_runs([recorded("a", law="pid-fair", omega_B=rates), recorded("b", law="pid-default", omega_B=-rates)])
+
+
+def script(page, name):
+    (text,) = re.findall(rf'<script type="[^"]*" id="{name}">(.*?)</script>', page, flags=re.DOTALL)
+    return text
+
+
+def numbers(page):
+    planes = zlib.decompress(base64.b64decode(script(page, "page-numbers")))
+    return np.frombuffer(np.frombuffer(planes, dtype=np.uint8).reshape(4, -1).T.tobytes(), dtype="<f4")
+
+
+def test_the_curves_in_the_page_are_the_recording_s(runs):
+    page = render_page(runs)
+    values, document = numbers(page), json.loads(script(page, "page-data"))
+    (group,) = (group for group in document["sections"]["time"] if group["title"] == "Body rates")
+    for k, chart in enumerate(group["charts"]):
+        for curve in chart["curves"]:
+            (start, length) = curve["y"]
+            expected = runs[curve["colour"]].records["omega_B"][:, k]
+            assert np.array_equal(values[start : start + length], expected.astype("<f4"))
+
+
+def test_the_same_flights_give_the_same_bytes(runs):
+    assert render_page(runs) == render_page(runs)
+
+
+def test_words_of_a_user_are_words_on_the_page(runs):
+    hostile = "</script><script>alert('1 & 2')</script>{{title}}"
+    name = hostile.replace("/", "")  # a scenario's name has no slash
+    odd = replace(runs[0], label=hostile, scenario=replace(runs[0].scenario, name=name, description=hostile))
+    page = render_page([odd])
+    assert "<script>alert" not in page
+    assert json.loads(script(page, "page-data"))["runs"][0]["label"] == hostile
+    assert page.count("&lt;/script&gt;") >= 3
+
+
+def test_the_tables_hold_figures_and_margins_of_each_flight(runs):
+    page = render_page(runs)
+    assert all(f"{run.law.name}, {run.law.order} states" in page for run in runs)
+    assert re.search(r"<td>1\.36</td>", page)  # pid-fair's sensitivity peak
+    assert page.count('<th scope="col">') == 1 + len(runs) + 9
+
+
+def test_what_a_scenario_requires_is_shown_with_its_margin(recorded):
+    """Roll is 2 degrees throughout: within 3, beyond 1."""
+    turned = np.array([np.cos(np.radians(1.0)), np.sin(np.radians(1.0)), 0.0, 0.0])
+    limits = ({"at_most": 3.0}, {"at_most": 1.0})
+    require = tuple(Requirement(metric="peak_deg", axis="roll", **limit) for limit in limits)
+    page = render_page(read_runs([recorded("run", require=require, q_NB=turned)]))
+    assert re.findall(r'<span class="(good|bad)">(.*?)</span>', page) == [("good", "held, 1"), ("bad", "not held, -1")]
+    assert page.count("peak, roll [deg]") == 3  # and among the figures
+    assert "Requirements" not in render_page(read_runs([recorded("free", require=())]))
+
+
+def test_the_page_says_what_real_time_cost_the_flights_that_were_flown_in_it(runs):
+    paced = replace(runs[0], pace={"missed": 0, "held": 125, "late_samples": 124, "missed_samples": 3})
+    page = render_page([paced, runs[1]])
+    row = r"<th[^>]*>samples late at the law</th><td>124</td><td></td>"
+    assert re.search(row, page)
+    assert "late at the law" not in render_page(runs)
+
+
+def test_what_was_not_flown_to_its_end_is_not_judged(recorded):
+    whole = read_runs([recorded("run", require=(Requirement(metric="peak_deg", at_most=1.0),))])[0]
+    cut = replace(whole, requirements=judge(whole.records[:100], whole.scenario, whole.vehicle))
+    assert '<span class="interval">not judged</span>' in render_page([cut])
+    assert "not held" not in render_page([cut])
+
+
+def test_another_vehicles_law_is_named(runs):
+    assert "was designed for vehicle" not in render_page(runs)
+    page = render_page([replace(runs[0], vehicle=load_vehicle("iris"))])
+    assert escape(f"law '{runs[0].law.name}' was designed for vehicle 'paper', not 'iris'") in page
+
+
+def test_the_page_names_the_licence_of_what_it_carries(runs):
+    assert "Copyright (c) 2022 Leon Sorokin" in render_page(runs)

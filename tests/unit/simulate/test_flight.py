@@ -1,0 +1,231 @@
+"""A flight's plan survives its recording, and journals of cut-off flights become recordings."""
+
+import errno
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firmware_model.autopilot.modes import Mode
+from firmware_model.config.events import AttitudeReference, ModeChange
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.errors import ConfigError
+from firmware_model.recording.journal import WIDTH, JournalWriter
+from gustproof.errors import FlightError
+from gustproof.law.form import load_law, shipped_laws
+from gustproof.recording.bag import read_bag, write_bag
+from gustproof.recording.folder import find_bags
+from gustproof.simulate import recorder
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.flight import (
+    Flight,
+    FlightPlan,
+    check,
+    first_difference_s,
+    parse_plan,
+    warnings,
+)
+from gustproof.simulate.outcome import FlightOutcome
+from gustproof.simulate.recorder import recover
+
+PAPER, IRIS = load_vehicle("paper"), load_vehicle("iris")
+SHORT = replace(load_scenario("paper"), duration_s=2.0)
+PLAN = FlightPlan(SHORT, load_law("hinf-d1"), load_vehicle("iris"), 7, False)
+NAME = "paper-hinf-d1-seed7"
+HOLD = (ModeChange(kind="mode", at_s=1.0, mode="hold"),)
+
+
+@pytest.fixture(scope="module")
+def records():
+    flown = fly_direct(SHORT, PLAN.law, vehicle=PLAN.vehicle, seed=7).copy()
+    flown["mode"] = 6 << 16
+    return flown
+
+
+def write_journal(folder, records, header=None):
+    header = {"note": json.loads(json.dumps(PLAN.metadata()))} if header is None else header
+    with JournalWriter(folder / f"{NAME}.journal", header) as journal:
+        for row in records.copy().view(np.float64).reshape(len(records), WIDTH):
+            journal.append(row)
+
+
+def test_a_plan_goes_through_json_and_back_without_a_bit_lost():
+    back = parse_plan(json.loads(json.dumps(PLAN.metadata())), "here")
+    assert (back.scenario, back.vehicle, back.seed, back.real_time) == (SHORT, PLAN.vehicle, 7, False)
+    assert back.law.to_dict() == PLAN.law.to_dict()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"seed": None}, "does not say what was flown"),
+        ({"law": "hinf-d1"}, "does not say what was flown"),
+        ({"law": {"name": "x"}}, "law: format: must be"),
+        ({"scenario": {"name": "x"}}, "scenario: description: missing"),
+    ],
+)
+def test_a_note_that_says_too_little_is_refused_in_one_line(change, words):
+    with pytest.raises(ConfigError, match=f"^here: {words}"):
+        parse_plan({**PLAN.metadata(), **change}, "here")
+
+
+def test_a_flight_that_was_whole_gives_the_bag_that_it_would_have_left(tmp_path, records):
+    write_journal(tmp_path, records)
+    (recovered,) = recover(tmp_path)
+    assert recovered.outcome is FlightOutcome.DONE
+    write_bag(tmp_path / "undisturbed" / NAME, records, {**PLAN.metadata(), "outcome": "done"})
+    ours, theirs = (folder / NAME / f"{NAME}.mcap" for folder in (tmp_path, tmp_path / "undisturbed"))
+    assert ours.read_bytes() == theirs.read_bytes()
+
+
+def test_what_a_lost_disk_cache_leaves_is_cut_off_and_leftovers_are_removed(tmp_path, records):
+    spoiled = records.copy()
+    spoiled[300:] = np.zeros(1, dtype=records.dtype)
+    write_journal(tmp_path, spoiled)
+    for leftover in (".bag-killed", ".flight-killed"):
+        (tmp_path / leftover / NAME).mkdir(parents=True)
+    (recovered,) = recover(tmp_path)
+    assert recovered.outcome is FlightOutcome.CUT_OFF
+    assert recovered.message.endswith("300 of 500 samples")
+    about, back = read_bag(tmp_path / NAME)
+    assert about["outcome"] == "cut_off"
+    assert back.tobytes() == records[:300].tobytes()
+    assert [path.name for path in tmp_path.iterdir()] == [NAME]
+
+
+def test_a_flight_whose_modes_the_script_changed_is_recovered_as_what_it_was(tmp_path, records):
+    plan = PLAN._replace(scenario=replace(SHORT, event=HOLD))
+    held = records.copy()
+    held["mode"][250:] = Mode.HOLD.value
+    write_journal(tmp_path, held, {"note": json.loads(json.dumps(plan.metadata()))})
+    (recovered,) = recover(tmp_path)
+    assert (recovered.outcome, recovered.has_expected_outcome) == (FlightOutcome.LEFT_OFFBOARD, True)
+    assert recovered.message.endswith("flown as scripted: HOLD from 1 s, 500 of 500 samples")
+    assert read_bag(tmp_path / NAME)[0]["outcome"] == "left_offboard"
+
+
+def test_laws_without_a_reference_input_are_warned_of_where_the_script_gives_references():
+    steps = load_scenario("attitude-steps")
+    deaf = {name for name in shipped_laws() if warnings(steps, load_law(name), PAPER)}
+    assert {"hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-scheduled", "hinf-rates"} <= deaf
+    assert deaf.isdisjoint({"hinf-reference", "pid-default", "pid-fair"})
+    (line,) = warnings(steps, load_law("hinf-d1"), PAPER)
+    assert line == "law 'hinf-d1' has no reference input: it ignores the attitude references of 'attitude-steps'"
+    assert warnings(SHORT, load_law("hinf-d1"), PAPER) == ()
+
+
+def stepping(*euler_deg: float):
+    return replace(SHORT, event=(AttitudeReference(kind="attitude", at_s=1.0, euler_deg=euler_deg),))
+
+
+def test_check_takes_every_shipped_law_on_its_own_vehicle():
+    for name in shipped_laws():
+        law = load_law(name)
+        check(SHORT, law, load_vehicle(law.provenance.vehicle))
+        assert warnings(SHORT, law, PAPER) == ()
+
+
+def test_check_refuses_a_law_that_is_unstable_on_the_vehicle():
+    unstable = "law 'pid-fair' is unstable on vehicle 'iris', by the linear model at hover"
+    with pytest.raises(ConfigError, match=f"^{unstable}; --anyway flies it all the same$"):
+        check(SHORT, load_law("pid-fair"), IRIS)
+    other = "law 'pid-fair' was designed for vehicle 'paper', not 'iris'"
+    assert warnings(SHORT, load_law("pid-fair"), IRIS) == (unstable, other)
+
+
+def test_another_vehicles_law_is_named_where_it_is_stable():
+    for name in ("pid-default", "hinf-rates"):
+        check(SHORT, load_law(name), IRIS)
+        assert warnings(SHORT, load_law(name), IRIS) == (f"law '{name}' was designed for vehicle 'paper', not 'iris'",)
+
+
+@pytest.mark.parametrize(
+    ("euler_deg", "advice"),
+    [
+        ((60.0, 30.0, 0.0), "60, 30, 0 deg: --law indi holds that"),
+        ((0.0, 0.0, -16.0), "0, 0, 16 deg: --law indi holds that"),
+        ((70.0, 0.0, 0.0), "70, 0, 0 deg: no shipped law is known to hold that"),
+    ],
+)
+def test_check_refuses_references_that_the_law_does_not_hold(euler_deg, advice):
+    limit = "law 'flagship' holds references within 15 deg of level about each axis, not of up to"
+    with pytest.raises(ConfigError, match=f"^{limit} {advice}; --anyway"):
+        check(stepping(*euler_deg), load_law("flagship"), PAPER)
+    check(stepping(*euler_deg), load_law("pid-fair"), PAPER)
+    check(stepping(15.0, -15.0, 15.0), load_law("flagship"), PAPER)
+
+
+def test_check_names_payload_and_mass_that_do_not_fit():
+    dropping = "event 'payload' at 5.0 s: vehicle 'iris' of 1.5 kg can't be with -3 kg: mass"
+    with pytest.raises(ConfigError, match=f"^{dropping}"):
+        check(load_scenario("payload-drop"), load_law("pid-default"), IRIS)
+
+
+@pytest.mark.parametrize(("missed", "event", "warned"), [(3, (), True), (0, (), False), (3, HOLD, False)])
+def test_samples_that_never_came_are_warned_of_unless_the_script_is_of_such(records, missed, event, warned):
+    flown = Flight(
+        scenario=replace(SHORT, event=event), law=PLAN.law, vehicle=PLAN.vehicle, seed=7, outcome=FlightOutcome.DONE,
+        message="", records=records, timing={"missed_samples": missed},
+    )  # fmt: skip
+    assert any("3 samples never came to law 'hinf-d1'" in line for line in flown.to_dict()["warnings"]) is warned
+
+
+def test_a_journal_without_one_record_leaves_nothing(tmp_path, records):
+    write_journal(tmp_path, records[:0])
+    (recovered,) = recover(tmp_path)
+    assert (recovered.bag, recovered.metrics) == (None, None)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bag_that_is_there_already_is_kept_and_its_journal_removed(tmp_path, records):
+    write_journal(tmp_path, records)
+    write_bag(tmp_path / NAME, records, {**PLAN.metadata(), "outcome": "interrupted"})
+    recover(tmp_path)
+    assert read_bag(tmp_path / NAME)[0]["outcome"] == "interrupted"
+    assert [path.name for path in tmp_path.iterdir()] == [NAME]
+
+
+def test_another_flight_s_bag_is_never_overwritten(tmp_path, records):
+    write_journal(tmp_path, records)
+    write_bag(tmp_path / NAME, records[:100], {**PLAN.metadata(), "outcome": "interrupted"})
+    with pytest.raises(ConfigError, match="never overwritten"):
+        recover(tmp_path)
+    assert (tmp_path / f"{NAME}.journal").exists()
+
+
+def test_a_flight_that_goes_on_is_not_recovered(tmp_path):
+    (tmp_path / ".flight-on").mkdir()
+    with JournalWriter(tmp_path / f"{NAME}.journal", {}), pytest.raises(ConfigError, match="the flight is not over"):
+        recover(tmp_path)
+    assert (tmp_path / ".flight-on").exists()
+
+
+def test_a_folder_without_a_journal_and_a_journal_without_a_note_are_refused(tmp_path, records):
+    with pytest.raises(ConfigError, match="nothing to recover"):
+        recover(tmp_path)
+    write_journal(tmp_path, records, header={"scenario": "paper"})
+    with pytest.raises(ConfigError, match="does not say what was flown"):
+        recover(tmp_path)
+    with pytest.raises(ConfigError, match=f"a journal is: gustproof recover {tmp_path}$"):
+        find_bags(tmp_path)
+
+
+def test_no_room_for_the_bag_keeps_the_journal_and_says_what_to_do(tmp_path, records, monkeypatch):
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    write_journal(tmp_path, records)
+    monkeypatch.setattr(recorder, "write_bag", full)
+    with pytest.raises(FlightError, match=r"No space left on device; what was flown is in .*then gustproof recover"):
+        recover(tmp_path)
+    assert (tmp_path / f"{NAME}.journal").exists()
+
+
+def test_the_first_bit_that_differs_is_found_and_a_shorter_flight_is_no_difference(records):
+    other = records.copy()
+    assert first_difference_s(records, other) is None
+    assert first_difference_s(records, other[:20]) is None
+    other["gyro_B"][33, 1] = np.nextafter(other["gyro_B"][33, 1], 1.0)
+    assert first_difference_s(records, other) == pytest.approx(33 * 0.004)
