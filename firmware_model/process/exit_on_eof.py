@@ -5,9 +5,6 @@ import sys
 from collections.abc import Callable
 from threading import Thread
 
-EXIT_ON_STDIN_EOF = "exit cleanly when standard input ends, as when the parent process is gone"
-"""Help of the option."""
-
 
 def exit_on_stdin_eof(interrupt: Callable[[], None]) -> None:
     """Call `interrupt` when standard input ends.

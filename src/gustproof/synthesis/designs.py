@@ -4,10 +4,9 @@ from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
-from pydantic.dataclasses import dataclass
+from pydantic import BeforeValidator, Field, model_validator
 
-from firmware_model.config.fields import NonNegative, Positive, PositiveVector
+from firmware_model.config.fields import NonNegative, Positive, PositiveVector, strict_dataclass
 from firmware_model.config.files import Name, list_shipped, read_toml
 from firmware_model.config.vehicle import Vehicle
 from gustproof.lti.state_space import Lti
@@ -16,10 +15,9 @@ from gustproof.model.interconnection import Interconnection
 from gustproof.model.weights import constant_weight, first_order_weight
 
 DESIGNS = Path(__file__).parent / "data"
-_STRICT = ConfigDict(extra="forbid")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Weight:
     """A weight on each axis with different gains at low and high frequency; in a file, a plain list is constant."""
 
@@ -44,7 +42,7 @@ def _from_list(value: Any) -> Any:
 WeightField = Annotated[Weight, BeforeValidator(_from_list)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=_STRICT)
+@strict_dataclass
 class Design:
     """Specification of a controller: model, weights, level.
 
