@@ -204,6 +204,7 @@ def _summarize_timing(flight: FlightClock, fifo: bool) -> dict[str, Any]:
     return {
         "missed": flight.counters[TimingFault.OVERRUN],
         "held": flight.counters[TimingFault.HELD],
+        "stalled": flight.counters[TimingFault.STALLED],
         **late,
         "fifo": fifo,
     }

@@ -10,6 +10,8 @@ from firmware_model.types import Quaternion, Vector
 
 ALIGNMENT_TIME = 3.0
 """[s] time constant of the attitude alignment in free flight: slow beside the loops, fast beside gyro drift."""
+TRIM_TIME = 0.25
+"""[s] time constant with which the integrals follow an outside torque: of gusts; gyro noise averages out."""
 _PidGains = tuple[float, float, float, float]  # P [N*m*s/rad], I [N*m/rad], D [N*m*s^2/rad], limit [N*m]
 
 
@@ -50,6 +52,10 @@ class StabilizerParams(NamedTuple):
     limit_roll: float  # [N*m]
     limit_pitch: float
     limit_yaw: float
+    following: float  # [-] weight of a new torque in the integrals that follow it
+    per_roll: float  # [rad/(N*m)] integral per torque; 0 without an integral gain
+    per_pitch: float
+    per_yaw: float
 
 
 def stabilizer_params(vehicle: Vehicle, gains: Stabilizer, dt: float) -> StabilizerParams:
@@ -62,7 +68,11 @@ def stabilizer_params(vehicle: Vehicle, gains: Stabilizer, dt: float) -> Stabili
 
     smoothing = 1.0 - math.exp(-dt / tau)
     pid = *torque(gains.rate_p), *torque(gains.rate_i), *torque(gains.rate_d)
-    return StabilizerParams(gains.angle_p, gains.rate_limit, smoothing, dt, *pid, *vehicle.torque_limit)
+    following = 1.0 - math.exp(-dt / TRIM_TIME)
+    per_torque = (1.0 / gain if gain > 0.0 else 0.0 for gain in torque(gains.rate_i))
+    return StabilizerParams(
+        gains.angle_p, gains.rate_limit, smoothing, dt, *pid, *vehicle.torque_limit, following, *per_torque
+    )
 
 
 @kernel
@@ -141,6 +151,19 @@ def rate_torque(params: StabilizerParams, x: StabilizerState, omega_target_B: Ve
     pitch, i_pitch = _step_pid(pitch_gains, dt, omega_target_B[1] - x.q, slope[1], x.i_pitch)
     yaw, i_yaw = _step_pid(yaw_gains, dt, omega_target_B[2] - x.r, slope[2], x.i_yaw)
     return _set_integrators(x, (i_roll, i_pitch, i_yaw)), (roll, pitch, yaw)
+
+
+@kernel
+def follow_torque(params: StabilizerParams, x: StabilizerState, torque_B: Vector) -> StabilizerState:
+    """Return the state with integrals that follow the torque [N*m] B of an outside controller.
+
+    A rate PID that takes over thus begins with the moment that the air needed of late.
+    """
+    weight = params.following
+    i_roll = x.i_roll + weight * (params.per_roll * torque_B[0] - x.i_roll)
+    i_pitch = x.i_pitch + weight * (params.per_pitch * torque_B[1] - x.i_pitch)
+    i_yaw = x.i_yaw + weight * (params.per_yaw * torque_B[2] - x.i_yaw)
+    return _set_integrators(x, (i_roll, i_pitch, i_yaw))
 
 
 @kernel

@@ -113,6 +113,8 @@ class AutopilotEvent(Enum):
     """The stream stopped in OFFBOARD; the vehicle stays in place."""
     LOST_ON_GROUND = "set-points stopped on the ground: HOLD"
     """The stream stopped in OFFBOARD before take-off."""
+    STALLED = "set-points stalled: attitude held on board"
+    """Torques or rates stopped for a moment; the vehicle holds its attitude until they are back."""
     STREAM_BACK = "set-points are back: OFFBOARD may be set again"
     """The stream is alive again, and is not flown."""
     HEIGHT_REACHED = "take-off height reached: HOLD"

@@ -29,7 +29,7 @@ from firmware_model.mavlink.frames import RejectReason
 from firmware_model.mavlink.messages import stamp_difference
 from firmware_model.session.latency import Latency
 from firmware_model.sim.vehicle_loop import VehicleLoop
-from firmware_model.types import NEVER_US, Command, Setpoint, Trim
+from firmware_model.types import NEVER_US, AttitudeTarget, Command, Setpoint, TorqueCommand, Trim
 
 RESEND_US = 100_000
 """[us] Wall time after which a lockstep sample is sent again."""
@@ -37,6 +37,9 @@ MAX_RESENDS = 30
 """Most repetitions of a lockstep sample before the fail-safe."""
 MAX_CATCH_UP_US = 250_000
 """[us] Largest delay that is made up for in real time; after a longer one, model time slips."""
+STALL_US = 50_000
+"""[us] Least model time without a set-point after which the vehicle holds its attitude instead of torques or rates."""
+_STALL_INTERVALS = 3  # and so many intervals of the stream: a client that sends at 20 Hz does not stall
 _SLIP_REPORT_US = 10_000_000  # least wall time between two reports of a slip
 
 _OFFBOARD = Mode.OFFBOARD  # used several times a sample; looking up an Enum member takes .1 us
@@ -63,6 +66,8 @@ class TimingFault(Enum):
     """Lockstep: a sample was sent again for lack of an answer."""
     HELD = "held"
     """Real time or scripted link: no new set-point arrived within a sample, so the last one was held."""
+    STALLED = "stalled"
+    """Set-points of torques or rates stopped for `STALL_US`, so the vehicle held its attitude until the next one."""
     OVERRUN = "overrun"
     """Real time: a sample was flown more than one sample time late."""
     SLIPPED = "slipped"
@@ -91,6 +96,7 @@ class FlightClock:
         self.latency = Latency()
         self.setpoint: Command | None = None
         self._stamps_us: dict[type[Command], int] = {}
+        self._accepted_us, self._stalls_at_us = 0, NEVER_US
         self.started_us: int | None = None
         self.advanced_us = 0
         self.slipped_us = self.paused_us = 0
@@ -205,19 +211,22 @@ class FlightClock:
 
     def advance(self, now_us: int) -> None:
         """Fly the current sample."""
-        autopilot, command = self.autopilot, self.setpoint
+        autopilot = self.autopilot
         self.tick(now_us)
         if self.lockstep:
             self._check_lockstep()
         else:
             self._check_real_time(now_us)
+        if self._time_us >= self._stalls_at_us and autopilot.mode is _OFFBOARD:
+            self._hold_attitude()
+        command = self.setpoint
         setpoint: Setpoint
         if autopilot.mode is _OFFBOARD and not self.interactive and command is not None:
             setpoint = command  # `autopilot.setpoint` would return the same, too slowly for lockstep
         elif self._in_trim and autopilot.mode is _OFFBOARD:
             setpoint = Trim()
         else:
-            setpoint = autopilot.setpoint(self.setpoint, self._navigation_state())
+            setpoint = autopilot.setpoint(command, self._navigation_state())
             self.left_offboard = True
         self._record(self.loop.advance(setpoint, autopilot.mode.value))
         self._time_us += self._sample_us
@@ -242,6 +251,9 @@ class FlightClock:
         """Accept a set-point with any stamp."""
         self.setpoint, self.answered = command, True
         self._stamps_us[type(command)] = command.time_us
+        time_us = self._time_us
+        self._stalls_at_us = time_us + max(STALL_US, _STALL_INTERVALS * (time_us - self._accepted_us))
+        self._accepted_us = time_us
         self.autopilot.on_setpoint()
 
     @property
@@ -264,8 +276,24 @@ class FlightClock:
         """Return the wall time [us] of a model time [us], in real time."""
         return self.clock_us(0) - self._time_us + time_us + self.paused_us + self.slipped_us
 
+    def _hold_attitude(self) -> None:
+        """Replace torques or rates by the attitude estimated now, until the next set-point.
+
+        A constant torque turns the vehicle by degrees within tenths of a second, as the gust that it met goes on.
+        """
+        command, self._stalls_at_us = self.setpoint, NEVER_US
+        if command is None or (isinstance(command, AttitudeTarget) and command.q_NB is not None):
+            return
+        thrust = command.throttle if isinstance(command, TorqueCommand) else command.thrust
+        self.loop.observe()
+        attitude = self.loop.estimate_q_NB
+        self.setpoint = AttitudeTarget(time_us=command.time_us, q_NB=attitude, omega_B=None, thrust=thrust)
+        if not self.counters[TimingFault.STALLED]:
+            self.autopilot.add_event(AutopilotEvent.STALLED)
+        self.counters[TimingFault.STALLED] += 1
+
     def _forget_setpoint(self) -> None:
-        self.setpoint = None
+        self.setpoint, self._stalls_at_us = None, NEVER_US
         self._stamps_us.clear()
 
     def _sample_deadline_us(self) -> int:

@@ -6,6 +6,7 @@ from firmware_model.autopilot.attitude_loop import (
     StabilizerParams,
     StabilizerState,
     attitude_rates,
+    follow_torque,
     rate_torque,
     reset_integrators,
 )
@@ -115,7 +116,7 @@ def _track_attitude(
             share[1] * stabilizer.limit_pitch,
             share[2] * stabilizer.limit_yaw,
         )
-        estimate = reset_integrators(estimate)
+        estimate = follow_torque(stabilizer, estimate, torque)
     elif kind == RATES:
         rates = get_vector(setpoint, 1)
         estimate, torque = rate_torque(stabilizer, estimate, rates)

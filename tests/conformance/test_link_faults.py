@@ -12,6 +12,7 @@ from firmware_model.config.events import ControllerHang, ControllerKill, ModeCha
 from firmware_model.config.link_faults import Bandwidth, BurstLoss, Delay, Duplication, Jitter, Loss, Reordering
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.numerics.rotations import euler_angles
 from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
 from firmware_model.session.pacing import TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
@@ -195,13 +196,18 @@ def test_lost_link_is_a_lost_stream_after_its_time_out(direction):
     assert flight.vehicle.flight.counters[TimingFault.HELD] == 250
 
 
-def test_outage_shorter_than_the_time_out_is_flown_through_with_the_last_command():
-    cut = Loss(kind="loss", probability=1.0, start_s=1.0, stop_s=1.1, **UP)
+def test_outage_shorter_than_the_time_out_is_flown_through_at_the_attitude_of_its_beginning():
+    cut = Loss(kind="loss", probability=1.0, start_s=1.0, stop_s=1.4, **UP)
     flown = loopback(replace(GUSTY, link=(cut,)))
     assert phases(flown) == [(OFFBOARD, 0.0)]
-    held = flown["torque_command_B"][250:276]
-    assert np.all(held == held[0])
-    assert np.any(flown["torque_command_B"][276] != held[0])
+    held, stalled = flown["torque_command_B"][250:263], flown["omega_command_B"][263:350]
+    assert np.all(held == held[0])  # the last command, for 50 ms and the sample of delay
+    assert np.isfinite(stalled).all()  # the rates that the vehicle's own attitude loop wants
+    assert np.isnan(flown["omega_command_B"][[262, 352]]).all()
+    unstopped = loopback(GUSTY)
+    apart = np.degrees(euler_angles(flown["q_NB"]) - euler_angles(unstopped["q_NB"]))
+    assert np.abs(apart).max() < 1.5
+    assert np.abs(apart[-1]).max() < 0.5
 
 
 def test_hung_controller_loses_the_vehicle_and_gets_it_back_when_offboard_is_set():

@@ -17,6 +17,7 @@ _AXES = ("roll", "pitch", "yaw")
 _PACE = {
     "missed": "missed deadlines",
     "held": "repeated set-points",
+    "stalled": "stalls of the set-points",
     "late_samples": "samples late at the law",
     "missed_samples": "samples missed by the law",
 }

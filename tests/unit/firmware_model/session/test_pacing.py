@@ -5,7 +5,7 @@ import pytest
 
 from firmware_model.autopilot.modes import Autopilot, AutopilotEvent, Mode, Settings, TransitionResult
 from firmware_model.mavlink.frames import RejectReason
-from firmware_model.session.pacing import MAX_CATCH_UP_US, FlightClock, NextAction, TimingFault
+from firmware_model.session.pacing import MAX_CATCH_UP_US, STALL_US, FlightClock, NextAction, TimingFault
 from firmware_model.types import AttitudeTarget, Command, LevelFlight, MotorsOff, Setpoint, TorqueCommand
 
 SAMPLE_US = 4_000
@@ -238,3 +238,57 @@ def test_pause_before_the_first_sample_holds_it_back():
     paced.flight.pause(paced.now_us, paused=False)
     assert paced.run(40_000) == 10
     assert paced.flight.paused_us == 1_000_000
+
+
+TILTED = (0.8, 0.6, 0.0, 0.0)
+
+
+def stream(paced: Paced, every_us: int, count: int, command: Command) -> None:
+    """Send a set-point again and again."""
+    for _ in range(count):
+        paced.give(command._replace(time_us=paced.now_us))
+        paced.run(every_us)
+
+
+TORQUES = TorqueCommand(time_us=0, torque_B=(0.1, 0.0, 0.0), throttle=0.5)
+RATES = AttitudeTarget(time_us=0, q_NB=None, omega_B=(0.1, 0.0, 0.0), thrust=0.5)
+
+
+@pytest.mark.parametrize("command", [TORQUES, RATES], ids=["torques", "rates"])
+def test_stalled_stream_holds_the_attitude_until_the_next_setpoint(paced, command):
+    paced.enter_offboard()
+    stream(paced, SAMPLE_US, 10, command)
+    last, hold = (
+        paced.loop.flown[-1][0],
+        AttitudeTarget(time_us=paced.now_us - SAMPLE_US, q_NB=TILTED, omega_B=None, thrust=0.5),
+    )
+    assert last == command._replace(time_us=hold.time_us)
+    paced.loop.flown.clear()
+    paced.loop.estimate_q_NB = TILTED
+    paced.run(STALL_US + SAMPLE_US)
+    paced.loop.estimate_q_NB = (1.0, 0.0, 0.0, 0.0)  # the vehicle turns on, and is turned back
+    paced.run(2 * SAMPLE_US)
+    assert [setpoint for setpoint, _ in paced.loop.flown] == [last] * (STALL_US // SAMPLE_US) + [hold] * 3
+    assert {mode for _, mode in paced.loop.flown} == {Mode.OFFBOARD.value}
+    assert paced.flight.counters[TimingFault.STALLED] == 1
+    assert paced.autopilot.take_events() == [AutopilotEvent.STALLED]
+    stream(paced, SAMPLE_US, 3, command)
+    assert paced.loop.flown[-1][0] == command._replace(time_us=paced.now_us - SAMPLE_US)
+
+
+@pytest.mark.parametrize("every_us", [50_000, 100_000, 400_000])
+def test_slow_stream_does_not_stall(paced, every_us):
+    paced.enter_offboard()
+    stream(paced, every_us, 2, TORQUES)
+    stalls = paced.flight.counters[TimingFault.STALLED]
+    stream(paced, every_us, 10, TORQUES)
+    assert paced.flight.counters[TimingFault.STALLED] == stalls
+
+
+def test_held_attitude_setpoint_stays_as_it_is(paced):
+    paced.enter_offboard()
+    stream(paced, SAMPLE_US, 3, AttitudeTarget(time_us=0, q_NB=TILTED, omega_B=(0.1, 0.0, 0.0), thrust=0.5))
+    flown = paced.loop.flown[-1]
+    paced.run(2 * STALL_US)
+    assert paced.loop.flown[-1] == flown
+    assert not paced.flight.counters[TimingFault.STALLED]

@@ -8,7 +8,7 @@ import pytest
 
 from firmware_model.config.scenario import GyroFault, Scenario, load_scenario
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
-from firmware_model.config.waveforms import Constant, MomentSine
+from firmware_model.config.waveforms import Constant, MomentRamp, MomentSine
 from firmware_model.numerics.rotations import euler_angles, from_euler
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop
@@ -173,3 +173,18 @@ def test_a_steady_wind_gives_no_moment_on_the_stand() -> None:
     np.testing.assert_array_equal(blown["wind_N"], [(10.0, 5.0, 0.0)] * len(blown))
     for field in set(RECORD.names or ()) - {"wind_N"}:
         assert blown[field].tobytes() == still[field].tobytes(), field
+
+
+def test_on_board_loop_takes_over_with_the_moment_that_the_torque_held_against() -> None:
+    moment, rise = 4.0, 250  # [N*m], and the samples of its growth; the controller allows for lag and delay
+    late_s = VEHICLE.actuator_lag + QUIET.delay_samples * QUIET.dt
+    push = MomentRamp(kind="ramp", amplitude_nm=(moment, 0.0, 0.0), rise_s=rise * QUIET.dt, start_s=late_s)
+    scenario = replace(QUIET, moment=(push,), duration_s=4.0)
+    share = -moment / VEHICLE.torque_limit[0]
+    commands = [torque(share * min(sample / rise, 1.0)) for sample in range(2 * rise)]
+    loop = VehicleLoop(VEHICLE, scenario, 1)
+    q_NB = np.array(
+        [loop.advance(each, 0).view(RECORD)["q_NB"][0].copy() for each in (*commands, *[LevelFlight()] * 500)]
+    )
+    roll = np.degrees(euler_angles(q_NB)[:, 0])
+    assert np.abs(roll[2 * rise :] - roll[2 * rise]).max() < 2.0  # from empty integrals it is 16
