@@ -414,6 +414,27 @@ def test_in_real_time_the_controller_is_sent_each_sample_once(rate_hz):
     assert told == list(range(sample_us, 11 * sample_us, sample_us))
 
 
+@pytest.mark.parametrize(
+    ("scenario", "surplus"), [("calm", RejectReason.DUPLICATE), ("link-delay", RejectReason.STALE)]
+)
+def test_answers_to_repetitions_of_sample_0_may_come_after_the_start(scenario, surplus):
+    vehicle = Vehicle(lockstep=True, scenario=scenario, duration_s=load_scenario(scenario).duration_s)
+    vehicle.say(HEARTBEAT)
+    vehicle.wait(200_000)
+    repetitions = len(vehicle.take("HIGHRES_IMU"))
+    vehicle.take_off()
+    told = [message.time_usec for message in vehicle.take("HIGHRES_IMU")]
+    under_way = repetitions - 1 + told.count(0)
+    for _ in range(under_way):
+        vehicle.setpoint(0)
+        vehicle.wait()
+    assert under_way > 8
+    assert vehicle.endpoint.counters == {}
+    vehicle.setpoint(0)
+    vehicle.wait()
+    assert vehicle.endpoint.counters == {surplus: 1}
+
+
 def test_real_time_flight_holds_a_late_set_point(vehicle):
     vehicle.take_off()
     vehicle.wait(SAMPLE_US * 3)
