@@ -182,6 +182,7 @@ def test_of_a_moment_too_large_the_largest_part_is_found():
     assert 0.98 * law.limits[1] < part.evidence["box"][1][SIGNALS.index("command")] < law.limits[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "file", "leak", "least"),
     [("hinf-d2", "closure_d2_leak.json", 0.05, 0.1), ("hinf-scheduled", "closure_scheduled_60s.json", 0.0, 0.039)],

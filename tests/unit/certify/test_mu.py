@@ -117,6 +117,7 @@ def test_the_worst_gain_of_a_resonance_is_at_the_least_damping():
     assert found.lower <= found.upper <= 1.03 * found.lower
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("angle", "rate", "lower"), [(0.3, 0.5, 0.279), (0.5, 1.0, 0.321), (0.8, 1.5, 0.434)])
 def test_no_member_of_the_family_exceeds_the_worst_gain_and_the_bracket_is_within_five_percent(angle, rate, lower):
     system = attitude_loop(angle, rate)
@@ -139,6 +140,7 @@ def test_a_band_holds_everywhere_inside_and_ends_where_the_level_is_met():
     assert scalings.band(system.M, 0.2, 2.0) == (2.0, 2.0)
 
 
+@pytest.mark.slow
 def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
     stiffness, damping = ureal("k", low=0.3, high=1.7), ureal("c", low=0.05, high=0.35)
     system = oscillator(stiffness, damping)

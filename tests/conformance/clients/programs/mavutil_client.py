@@ -10,7 +10,7 @@ os.environ["MAVLINK20"] = "1"  # read by mavutil when it is imported
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as wire
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 REQUEST_MESSAGE = wire.MAV_CMD_REQUEST_MESSAGE
 
 

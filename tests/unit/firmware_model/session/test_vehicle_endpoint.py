@@ -221,6 +221,7 @@ def test_each_peer_has_sequence_numbers_without_a_gap(vehicle):
         assert len(numbers) > 256
 
 
+@pytest.mark.compiled
 def test_three_ground_stations_and_a_controller_see_no_gap_in_a_flight():
     vehicle = Vehicle(lockstep=False, duration_s=3.0)
     for port in (2, 3, 4):
@@ -359,6 +360,7 @@ def test_gust_intensity_acts_in_flight():
     assert gusts[1] == 0.0
 
 
+@pytest.mark.compiled
 def test_gains_act_in_flight_and_to_set_them_to_what_they_are_changes_no_bit():
     flights = []
     for value in (None, 0.35, 0.1):  # 0.35 is the paper's vehicle
@@ -528,6 +530,7 @@ def test_any_message_that_is_refused_is_survived(vehicle):
     assert vehicle.endpoint.counters[RejectReason.REFUSED] > 500
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_any_datagram_is_survived_and_counted(lockstep):
     vehicle = Vehicle(lockstep=lockstep)
