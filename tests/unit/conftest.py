@@ -15,6 +15,7 @@ from gustproof.recording.bag import write_bag
 from gustproof.simulate.flight import FlightPlan
 
 UNITS = Path(__file__).parent
+WAITING = UNITS.with_name("conformance")
 WITH_KERNELS = ("controller", "firmware_model", "law", "scoring", "simulate")
 WITHOUT_KERNELS = ("law/io", *(f"firmware_model/{room}" for room in ("config", "mavlink", "process", "recording")))
 
@@ -28,6 +29,8 @@ def pytest_collection_modifyitems(items):
         flies = any(map(room.is_relative_to, WITH_KERNELS)) and not any(map(room.is_relative_to, WITHOUT_KERNELS))
         if room.parts and not flies:
             item.add_marker("plain")
+    # Searches take a worker for a minute: they begin early, behind what waits for clocks, so that none is left alone.
+    items.sort(key=lambda item: 0 if WAITING in item.path.parents else 1 if item.get_closest_marker("slow") else 2)
 
 
 @pytest.fixture

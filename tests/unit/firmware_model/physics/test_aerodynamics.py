@@ -177,6 +177,7 @@ def test_gusts_go_with_their_scale_and_the_mean_wind_stays():
         assert halved.true_vector("wind_N") == plain.true_vector("wind_N") == (1.0, 2.0, 3.0)
 
 
+@pytest.mark.compiled
 def test_the_estimate_follows_the_truth_though_the_gyro_drifts():
     scenario = replace(CALM, gyro=GyroFault(noise=False, bias_rad_s=(0.01, 0.0, 0.0)))
     loop = VehicleLoop(VEHICLES["paper"], scenario, 1)
