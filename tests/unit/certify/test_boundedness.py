@@ -1,6 +1,7 @@
 """Boxes that flights provably keep: flown against, spoiled, and refused where they do not close."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -119,6 +120,15 @@ def test_without_leak_the_attitude_integrates_what_turns_it(certificate):
     norms = axis_norms(certificate.evidence, 2)
     assert float(norms.attitude[SIGNALS.index("E")]) == pytest.approx(HORIZON)
     assert float(norms.attitude[SIGNALS.index("omega")]) == 0.0  # no gyro sees it
+
+
+def test_with_leak_the_attitude_forgets_what_turned_it():
+    law, leak, horizon = load_law("hinf-d2"), 0.5, 1.0
+    leaky = certify_boundedness(law, VEHICLE, moment=MOMENT, horizon=horizon, leak=leak)
+    assert leaky.proven
+    assert check(json.dumps(leaky.to_dict())).accepted
+    kept = float(axis_norms(leaky.evidence, 2).attitude[SIGNALS.index("E")])
+    assert kept == pytest.approx(law.dt * math.expm1(-leak * horizon) / math.expm1(-leak * law.dt), rel=1e-9)
 
 
 def test_noise_is_covered_with_its_probability(certificate):

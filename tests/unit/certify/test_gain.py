@@ -161,8 +161,7 @@ def test_the_papers_law_has_a_proven_gain_near_its_lower_bound_and_far_above_its
     assert not refused.proven
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "published"), [("D1", 0.29), ("D2", 0.39)])
+@pytest.mark.parametrize(("name", "published"), [("D1", 0.29), pytest.param("D2", 0.39, marks=pytest.mark.slow)])
 def test_the_exact_schedule_gives_most_of_the_level_back(name, published):
     """Both on the plant of leak and damping .05: D1's own has .02, where its gain is .308."""
     design = replace(load_design(name), leak=0.05, rate_damping=0.05)

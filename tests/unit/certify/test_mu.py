@@ -140,7 +140,6 @@ def test_a_band_holds_everywhere_inside_and_ends_where_the_level_is_met():
     assert scalings.band(system.M, 0.2, 2.0) == (2.0, 2.0)
 
 
-@pytest.mark.slow
 def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
     stiffness, damping = ureal("k", low=0.3, high=1.7), ureal("c", low=0.05, high=0.35)
     system = oscillator(stiffness, damping)
