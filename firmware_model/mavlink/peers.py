@@ -53,6 +53,7 @@ class Peer:
         self.next_us = NEVER_US
         self.controller = False
         self.sticks_until_us = -NEVER_US
+        self.answers_due = 0  # at most this many to repetitions of sample 0, which may arrive after t = 0
         self._defaults_us: dict[int, int] = {}
         self._intervals_us: dict[int, int] = {}
         self._due_us: dict[int, int] = {}

@@ -301,7 +301,15 @@ class VehicleEndpoint:
             cause = self.flight.offer(command)
         if cause is None:
             self._commander = peer
-        return cause
+        awaited = cause is None and self.flight.running
+        if awaited or not self._answers_repetition(command, peer):
+            return cause
+        peer.answers_due -= 1
+        return None
+
+    def _answers_repetition(self, command: Command, peer: Peer) -> bool:
+        """Return whether a set-point may answer a repetition of sample 0 from before t = 0, in lockstep."""
+        return self.flight.lockstep and peer.answers_due > 0 and messages.stamp_difference(command, 0) == 0
 
     # Flight.
 
@@ -385,6 +393,7 @@ class VehicleEndpoint:
                 if message_id == _IMU:
                     if not (self.flight.running and self._has_sample_stream(peer)):
                         self._send_sample(self.loop.observe(), peer)
+                        peer.answers_due += self.flight.started_us is None
                 elif (message := self._streams[message_id].message()) is not None:
                     self._send(message, peer)
 

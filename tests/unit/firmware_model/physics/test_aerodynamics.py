@@ -69,6 +69,7 @@ def test_it_falls_no_faster_than_its_drag_lets_it(vehicle):
 
 
 @by_vehicle
+@pytest.mark.compiled
 def test_hover_is_trim(vehicle):
     records = fly(vehicle, CALM, torque(0.0, 0.0, 0.0, throttle=None), 5.0)
     np.testing.assert_allclose(records["position_N"], [(0.0, 0.0, -500.0)] * len(records), atol=1e-9)
@@ -114,6 +115,7 @@ def test_tilted_its_speed_through_the_air_is_where_drag_meets_thrust(vehicle):
 
 
 @by_vehicle
+@pytest.mark.compiled
 def test_balanced_rotors_do_not_turn_it(vehicle):
     records = fly(vehicle, CALM, torque(0.0, 0.0, 0.0, throttle=0.7), 2.0)
     assert np.ptp(records["rotors"], axis=1).max() < 1e-9
@@ -141,6 +143,7 @@ def test_a_gust_pushes_it_the_way_it_blows_and_turns_it_as_on_the_stand(vehicle)
 
 
 @by_vehicle
+@pytest.mark.compiled
 def test_free_and_held_turn_alike_in_still_air(vehicle):
     """A level turn moves nothing; tilted, the own speed v gives the moment gust_gain v, which the law takes out.
 
@@ -174,6 +177,7 @@ def test_gusts_go_with_their_scale_and_the_mean_wind_stays():
         assert halved.true_vector("wind_N") == plain.true_vector("wind_N") == (1.0, 2.0, 3.0)
 
 
+@pytest.mark.compiled
 def test_the_estimate_follows_the_truth_though_the_gyro_drifts():
     scenario = replace(CALM, gyro=GyroFault(noise=False, bias_rad_s=(0.01, 0.0, 0.0)))
     loop = VehicleLoop(VEHICLES["paper"], scenario, 1)

@@ -62,6 +62,7 @@ def test_the_integration_error_falls_with_the_fourth_power_of_the_step() -> None
     assert math.log2(errors[1] / errors[2]) == pytest.approx(4.0, abs=0.15)
 
 
+@pytest.mark.compiled
 def test_spin_about_the_intermediate_axis_flips_and_about_the_others_stays() -> None:
     # I_x > I_y > I_z: y is the intermediate axis (Dzhanibekov's nut).
     flips = fly(REST._replace(p=1e-3, q=3.0, r=1e-3), params(), NOTHING, 0.0, 0.001)

@@ -221,6 +221,7 @@ def test_each_peer_has_sequence_numbers_without_a_gap(vehicle):
         assert len(numbers) > 256
 
 
+@pytest.mark.compiled
 def test_three_ground_stations_and_a_controller_see_no_gap_in_a_flight():
     vehicle = Vehicle(lockstep=False, duration_s=3.0)
     for port in (2, 3, 4):
@@ -359,6 +360,7 @@ def test_gust_intensity_acts_in_flight():
     assert gusts[1] == 0.0
 
 
+@pytest.mark.compiled
 def test_gains_act_in_flight_and_to_set_them_to_what_they_are_changes_no_bit():
     flights = []
     for value in (None, 0.35, 0.1):  # 0.35 is the paper's vehicle
@@ -412,6 +414,27 @@ def test_in_real_time_the_controller_is_sent_each_sample_once(rate_hz):
     vehicle.wait(10 * sample_us)
     told = [message.time_usec for message in vehicle.take("HIGHRES_IMU") if message.time_usec]
     assert told == list(range(sample_us, 11 * sample_us, sample_us))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "surplus"), [("calm", RejectReason.DUPLICATE), ("link-delay", RejectReason.STALE)]
+)
+def test_answers_to_repetitions_of_sample_0_may_come_after_the_start(scenario, surplus):
+    vehicle = Vehicle(lockstep=True, scenario=scenario, duration_s=load_scenario(scenario).duration_s)
+    vehicle.say(HEARTBEAT)
+    vehicle.wait(200_000)
+    repetitions = len(vehicle.take("HIGHRES_IMU"))
+    vehicle.take_off()
+    told = [message.time_usec for message in vehicle.take("HIGHRES_IMU")]
+    under_way = repetitions - 1 + told.count(0)
+    for _ in range(under_way):
+        vehicle.setpoint(0)
+        vehicle.wait()
+    assert under_way > 8
+    assert vehicle.endpoint.counters == {}
+    vehicle.setpoint(0)
+    vehicle.wait()
+    assert vehicle.endpoint.counters == {surplus: 1}
 
 
 def test_real_time_flight_holds_a_late_set_point(vehicle):
@@ -507,6 +530,7 @@ def test_any_message_that_is_refused_is_survived(vehicle):
     assert vehicle.endpoint.counters[RejectReason.REFUSED] > 500
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_any_datagram_is_survived_and_counted(lockstep):
     vehicle = Vehicle(lockstep=lockstep)

@@ -67,6 +67,7 @@ def test_at_the_corners_of_inertia_and_lag_the_peaks_are_kept(vehicle, turbulenc
             assert peak <= 1.005 * SHIPPED_LIMITS.corner_peak
 
 
+@pytest.mark.slow
 def test_no_neighbour_of_the_shapes_is_better_at_the_same_price(vehicle, turbulence, shapes):
     models = axis_models(vehicle, turbulence)
     off = [axis_models(corner, turbulence) for corner in corner_vehicles(vehicle, SHIPPED_LIMITS.spreads)]
