@@ -147,12 +147,12 @@ def _parse_envelope(angle: float | None, rate: float | None) -> tuple[float, flo
 
 def _find_design(name: str) -> "Design":
     """Return the design of that name, or the design of the shipped law of that name."""
-    from gustproof.law.form import shipped_laws
-    from gustproof.synthesis.designs import load_design, shipped_designs
+    from gustproof.law.form import list_laws
+    from gustproof.synthesis.designs import list_designs, load_design
 
-    if name not in shipped_laws():
+    if name not in list_laws():
         return load_design(name)
-    made_from = {design.law: design for design in map(load_design, shipped_designs())}
+    made_from = {design.law: design for design in map(load_design, list_designs())}
     if name not in made_from:
         allowed = ", ".join(law for law, design in made_from.items() if _has_gain(design))
         raise ConfigError(

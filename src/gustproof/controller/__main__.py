@@ -16,7 +16,7 @@ from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from gustproof.controller import DEFAULT_LAW
 from gustproof.controller.core import reference_excess
 from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
-from gustproof.law.form import Law, Output, load_law, shipped_laws
+from gustproof.law.form import Law, Output, list_laws, load_law
 from gustproof.law.step import LawStepper
 
 _EXIT = {
@@ -124,7 +124,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit status: 0 flown to the end, 2 bad input, 3 the flight broke off, 130 interrupted.",
     )
     add = parser.add_argument
-    names = ", ".join(shipped_laws())
+    names = ", ".join(list_laws())
     add("--law", default=DEFAULT_LAW, help=f"a .json file, or one of {names} [%(default)s, for the vehicle 'paper']")
     add("--via", choices=[output.value for output in Output], help="command message [the law's output]")
     add("--connect", default="127.0.0.1:14580", help="HOST:PORT of the autopilot, - reads it from stdin [%(default)s]")
