@@ -24,6 +24,7 @@ from gustproof.campaign.sampling import Sampling as Sampling
 from gustproof.campaign.statistics import compute_statistics as compute_statistics
 from gustproof.certify.boundedness import certify_boundedness as certify_boundedness
 from gustproof.certify.certificate import Certificate as Certificate, load_certificate as load_certificate
+from gustproof.certify.check.evidence import check_certificate as check_certificate
 from gustproof.certify.gain.l2_gain import certify_gain as certify_gain
 from gustproof.certify.mu.singular_value import disk_margin_bounds as disk_margin_bounds, mu as mu
 from gustproof.certify.mu.worst_gain import worst_gain as worst_gain

@@ -237,7 +237,7 @@ def _certify_boundedness(
 
 def _check(path: Path, *, as_json: bool) -> ExitStatus:
     from firmware_model.config.files import parse_json, read_text
-    from gustproof.certify.check.evidence import FORMAT, check
+    from gustproof.certify.check.evidence import FORMAT, check_certificate
 
     try:
         text = read_text(path)
@@ -246,7 +246,7 @@ def _check(path: Path, *, as_json: bool) -> ExitStatus:
         raise ConfigError(f"{path}: not JSON: {error}") from None
     if not isinstance(claimed, dict) or claimed.get("format") != FORMAT:
         raise ConfigError(f"{path}: not a certificate: its format must be '{FORMAT}'")
-    verdict = check(text)
+    verdict = check_certificate(text)
     if as_json:
         keys = ("statement", "gain", "lower_bound", "assumes") if verdict.accepted else ()
         figures = {key: claimed[key] for key in keys if key in claimed}
