@@ -13,8 +13,6 @@ from firmware_model.config.validation import printable
 from firmware_model.errors import ConfigError
 from gustproof.errors import DesignError, FlightError
 
-ANYWAY = "Fly even a law that is unstable on the vehicle, or references that it does not hold."
-"""Help of `--anyway`."""
 _DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # raised by writes, without a file's name
 
 

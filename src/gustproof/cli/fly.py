@@ -1,15 +1,15 @@
 """The command `gustproof fly`: one flight, new or repeated."""
 
-import json
 import sys
 from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from gustproof.cli.failures import ANYWAY, ExitStatus, exit_with
+from gustproof.cli.failures import ExitStatus, exit_with
+from gustproof.cli.options import SEED, Anyway, AsJson, VehicleName, print_json
 from gustproof.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ def fly(
         str | None,
         typer.Option(help="Name of a shipped law, or a .json file [default: flagship, if it is for the vehicle]."),
     ] = None,
-    vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
-    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")] = 1,
+    vehicle: VehicleName = "paper",
+    seed: Annotated[int, SEED] = 1,
     real_time: Annotated[
         bool, typer.Option("--real-time", help="Fly at the pace of the clock, on the usual ports.")
     ] = False,
@@ -50,11 +50,11 @@ def fly(
         typer.Option("--view", help="Watch the flight on a page in a browser of this machine; the page starts it."),
     ] = False,
     tlog: Annotated[bool, typer.Option(help="Write the MAVLink traffic as .tlog beside the bag.")] = True,
-    anyway: Annotated[bool, typer.Option("--anyway", help=ANYWAY)] = False,
+    anyway: Anyway = False,
     out: Annotated[
         Path | None, typer.Option(help="New folder for the recording [default: a fresh one in runs/].")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Fly one scenario with autopilot and controller as two processes that speak MAVLink over UDP.
 
@@ -92,7 +92,8 @@ def fly(
     interrupted = result.outcome is FlightOutcome.INTERRUPTED
     comparison = None if interrupted else _compare(result, plan, repeat, table_run)
     if as_json:
-        print(json.dumps(result.to_dict() | (comparison.document() if comparison else {}), indent=2))
+        compared = {"equal": comparison.equal, "comparison": comparison.line} if comparison else {}
+        print_json(result.to_dict() | compared)
     else:
         document = (result.message, result.metrics, result.bag, result.requirements, result.timing, result.warnings)
         show(render_flight(*document))
@@ -198,10 +199,6 @@ class _Comparison(NamedTuple):
     """True if all bits are equal, `None` if they cannot be compared."""
     line: str
     """The result in words."""
-
-    def document(self) -> dict[str, Any]:
-        """Return the comparison for JSON."""
-        return {"equal": self.equal, "comparison": self.line}
 
 
 def _compare(

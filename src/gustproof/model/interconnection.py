@@ -149,12 +149,7 @@ class Interconnection:
             np.linalg.solve(loop, self._selection_matrix(inputs).T),
         )
         select = self._selection_matrix(outputs)
-        return Lti(
-            A=A + B @ read @ from_state,
-            B=B @ read @ from_input,
-            C=select @ from_state,
-            D=select @ from_input,
-        )
+        return Lti(A=A + B @ read @ from_state, B=B @ read @ from_input, C=select @ from_state, D=select @ from_input)
 
     def _selection_matrix(self, names: tuple[str, ...]) -> Matrix:
         """Return the matrix that selects the named signals, in order, from the vector of all signals."""

@@ -82,13 +82,7 @@ TOPICS = (
         numbers=6,
         fields=(("omega_command_B", _ANGULAR),),
     ),
-    Topic(
-        name="/command/age",
-        message=COMMAND_AGE,
-        frame_id=BASE_LINK_FRD,
-        numbers=1,
-        fields=(("command_age", (0,)),),
-    ),
+    Topic(name="/command/age", message=COMMAND_AGE, frame_id=BASE_LINK_FRD, numbers=1, fields=(("command_age", (0,)),)),
     Topic(
         name="/actuator/torque",
         message=_WRENCH,
@@ -97,11 +91,7 @@ TOPICS = (
         fields=(("torque_B", _ANGULAR), ("thrust_z", _UP)),
     ),
     Topic(
-        name="/actuator/rotors",
-        message=ROTORS,
-        frame_id=BASE_LINK_FRD,
-        numbers=4,
-        fields=(("rotors", (0, 1, 2, 3)),),
+        name="/actuator/rotors", message=ROTORS, frame_id=BASE_LINK_FRD, numbers=4, fields=(("rotors", (0, 1, 2, 3)),)
     ),
     Topic(
         name="/truth/pose",
@@ -110,20 +100,8 @@ TOPICS = (
         numbers=7,
         fields=(("position_N", (0, 1, 2)), ("q_NB", (6, 3, 4, 5))),  # ROS has the scalar last
     ),
-    Topic(
-        name="/truth/velocity",
-        message=_VECTOR,
-        frame_id=MAP_NED,
-        numbers=3,
-        fields=(("velocity_N", _LINEAR),),
-    ),
-    Topic(
-        name="/truth/rates",
-        message=_VECTOR,
-        frame_id=BASE_LINK_FRD,
-        numbers=3,
-        fields=(("omega_B", _LINEAR),),
-    ),
+    Topic(name="/truth/velocity", message=_VECTOR, frame_id=MAP_NED, numbers=3, fields=(("velocity_N", _LINEAR),)),
+    Topic(name="/truth/rates", message=_VECTOR, frame_id=BASE_LINK_FRD, numbers=3, fields=(("omega_B", _LINEAR),)),
     Topic(
         name="/gust",
         message=_TWIST,

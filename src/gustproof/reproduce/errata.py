@@ -17,34 +17,15 @@ class OpenQuestion(NamedTuple):
 
 
 ERRATA = (
+    OpenQuestion("the yaw acceleration is given as … + L/I_z", "N/I_z: the moment about the yaw axis"),
+    OpenQuestion("second rate row of the LPV matrix: ρ7/2 p + ρ7/2 r", "ρ7/2 p + ρ5/2 r, the correct form of p r"),
+    OpenQuestion("ρ4 = cos θ in [0, 1]", "the model divides by it: |θ| stays below 90 deg, and 0 itself is outside"),
     OpenQuestion(
-        "the yaw acceleration is given as … + L/I_z",
-        "N/I_z: the moment about the yaw axis",
+        "rates bounded by 1.5 rad/s (Table II) and by 1.5π (text)", "both are judged; `rho_in_bounds` is Table II"
     ),
-    OpenQuestion(
-        "second rate row of the LPV matrix: ρ7/2 p + ρ7/2 r",
-        "ρ7/2 p + ρ5/2 r, the correct form of p r",
-    ),
-    OpenQuestion(
-        "ρ4 = cos θ in [0, 1]",
-        "the model divides by it: |θ| stays below 90 deg, and 0 itself is outside",
-    ),
-    OpenQuestion(
-        "rates bounded by 1.5 rad/s (Table II) and by 1.5π (text)",
-        "both are judged; `rho_in_bounds` is Table II",
-    ),
-    OpenQuestion(
-        "‖z‖₂ = ‖T‖∞, to be minimised",
-        "‖z‖₂ ≤ ‖T‖∞ for ‖w‖₂ ≤ 1: a bound, not an equality",
-    ),
-    OpenQuestion(
-        "D_u(ρ) without u in the measurement equation",
-        "0: torque does not reach the gyro directly",
-    ),
-    OpenQuestion(
-        "W_φ, W_θ, W_ψ shape the noise of rate gyros",
-        "one weight W_n on the noise of p, q, r",
-    ),
+    OpenQuestion("‖z‖₂ = ‖T‖∞, to be minimised", "‖z‖₂ ≤ ‖T‖∞ for ‖w‖₂ ≤ 1: a bound, not an equality"),
+    OpenQuestion("D_u(ρ) without u in the measurement equation", "0: torque does not reach the gyro directly"),
+    OpenQuestion("W_φ, W_θ, W_ψ shape the noise of rate gyros", "one weight W_n on the noise of p, q, r"),
     OpenQuestion(
         "the nine controller states are three disturbance, three noise and three effort channels",
         "channels have no states: nine is the order of the plant (3 angles, 3 rates, 3 actuator lags)",

@@ -198,8 +198,4 @@ def _placement_cells(place: Placement | None) -> tuple[str, str]:
 def _margin_cells(margins: HoverMargins | None) -> tuple[str, str, str]:
     if margins is None:
         return "-", "-", "-"
-    return (
-        f"{margins.Ms:.2f}",
-        f"{margins.phase_margin_deg:.1f}",
-        f"{1000.0 * margins.delay_margin:.0f}",
-    )
+    return (f"{margins.Ms:.2f}", f"{margins.phase_margin_deg:.1f}", f"{1000.0 * margins.delay_margin:.0f}")

@@ -174,10 +174,7 @@ def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | Stru
         if not constant:
             parameters[f"{name}_corner_rad_s"] = weight.corner
     return Provenance(
-        design=f"{design.name}: {design.description}",
-        vehicle=vehicle.name,
-        parameters=parameters,
-        version=__version__,
+        design=f"{design.name}: {design.description}", vehicle=vehicle.name, parameters=parameters, version=__version__
     )
 
 

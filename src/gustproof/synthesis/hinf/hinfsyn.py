@@ -160,13 +160,7 @@ def _synthesize(plant: Lti, problem: NormalizedPlant, gamma: float | None, backo
     K = _decouple(_central_controller(problem, solution, level), plant)
     peak = _checked_norm(plant, K, level)
     return HinfResult(
-        controller=K,
-        gamma_opt=gamma_opt,
-        gamma=level,
-        norm=peak.gain,
-        omega=peak.omega,
-        X=solution.X,
-        Y=solution.Y,
+        controller=K, gamma_opt=gamma_opt, gamma=level, norm=peak.gain, omega=peak.omega, X=solution.X, Y=solution.Y
     )
 
 

@@ -171,7 +171,4 @@ def _axis_performances(models: Sequence[AxisModel], gains: Sequence[BiquadGains]
 
 def _pool_axes(axes: Sequence[AxisPerformance]) -> tuple[float, float]:
     """Return rms attitude [rad] and slew [N*m/s] of all axes."""
-    return (
-        math.sqrt(np.mean([axis.rmse**2 for axis in axes])),
-        math.sqrt(np.mean([axis.slew**2 for axis in axes])),
-    )
+    return (math.sqrt(np.mean([axis.rmse**2 for axis in axes])), math.sqrt(np.mean([axis.slew**2 for axis in axes])))

@@ -1,0 +1,60 @@
+"""Options and outputs that commands have in common."""
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from firmware_model.errors import ConfigError
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")]
+Anyway = Annotated[
+    bool,
+    typer.Option(
+        "--anyway", help="Fly even a law that is unstable on the vehicle, or references that it does not hold."
+    ),
+]
+VehicleName = Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")]
+SEED = typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")
+
+
+def print_json(document: Any) -> None:
+    """Print a document of JSON values."""
+    print(json.dumps(document, indent=2))
+
+
+def check_output(path: Path | None, suffix: str, kind: str, *, new: bool = False) -> None:
+    """Refuse an output file with another suffix, in no folder or, if it must be `new`, one that exists.
+
+    Raises
+    ------
+    ConfigError
+        If it can't be the output; `None` is no file.
+    """
+    if path is None:
+        return
+    if path.suffix != suffix:
+        raise ConfigError(f"{path}: {kind} ends in {suffix}")
+    if not path.parent.is_dir():
+        raise ConfigError(f"{path.parent}: no such folder")
+    if new and path.exists():
+        raise ConfigError(f"{path}: exists already; nothing is overwritten")
+
+
+def parse_positive_vector(option: str, text: str) -> tuple[float, float, float]:
+    """Return the three numbers of `text`, written "x,y,z".
+
+    Raises
+    ------
+    ConfigError
+        If they are not three positive, finite numbers.
+    """
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ConfigError(f"{option}: is '{text}', must be three numbers, such as 0.65,0.65,0.3") from None
+    if not all(math.isfinite(value) and value > 0.0 for value in (x, y, z)):
+        raise ConfigError(f"{option}: is '{text}', every number must be positive and finite")
+    return x, y, z
