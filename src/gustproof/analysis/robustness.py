@@ -1,4 +1,4 @@
-"""Robustness of a law's loop to inertia and actuator lag: mu and the largest sensitivity peak."""
+"""Robustness of a law's loop to inertia and actuator lag: mu, and the uncertain sensitivity."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,15 +7,11 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.certify.mu.singular_value import mu
 from gustproof.certify.mu.sweep import Bracket
-from gustproof.certify.mu.worst_gain import worst_gain
 from gustproof.law.form import Law, Matrix, Output
 from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain, as_uncertain
 from gustproof.model.sampled_axis import sampled_axis
 from gustproof.model.uncertainty import Spreads
-
-_BOXES = 8
-"""Most boxes of the parameters in the branch and bound of the peak."""
 
 
 def robust_stability(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Bracket:
@@ -37,17 +33,6 @@ def robust_stability(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Sp
     family = uncertain_sensitivity(law, vehicle, scenario, spreads, axis)
     known = family.M.subsystem(slice(0, family.n_z), slice(0, family.n_w))
     return mu(Uncertain(M=known, blocks=family.blocks))
-
-
-def robust_peak(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Bracket:
-    """Return the largest sensitivity peak [-] of the axis at hover with constant inertia and lag within `spreads`.
-
-    Raises
-    ------
-    ValueError
-        Under the conditions of `robust_stability`.
-    """
-    return worst_gain(uncertain_sensitivity(law, vehicle, scenario, spreads, axis), boxes=_BOXES)
 
 
 def uncertain_sensitivity(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int) -> Uncertain:

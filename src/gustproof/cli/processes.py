@@ -1,4 +1,4 @@
-"""The commands `gustproof autopilot` and `gustproof controller`: the processes of a flight, with options of their own."""
+"""The commands `gustproof autopilot` and `gustproof controller`: processes of a flight, with options of their own."""
 
 import typer
 

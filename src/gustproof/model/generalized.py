@@ -1,4 +1,4 @@
-"""The attitude design problem as a labelled diagram, and its LFT over the whole envelope."""
+"""The attitude design problem as a labelled diagram."""
 
 from dataclasses import dataclass
 
@@ -7,8 +7,7 @@ import numpy as np
 from firmware_model.config.vehicle import Vehicle
 from gustproof.lti.state_space import Lti, Matrix, gain
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
-from gustproof.model.lft import Uncertain
-from gustproof.model.lpv import PARAMETERS, actuators, airframe, rate_loop
+from gustproof.model.lpv import actuators, airframe, rate_loop
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,30 +28,6 @@ class Weights:
     """[rad] (2, 2) error of roll and pitch measured by the accelerometer; `None` for a gyro-only law."""
     W_m: Lti | None = None
     """[1/(N*m)] on the residual moment, disturbance plus torque; `None` does not weight it."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LftStructure:
-    """Labels for the figure of the closed LFT: parameters above, generalised plant between, controller below."""
-
-    parameters: tuple[tuple[str, int], ...]
-    """Blocks of Delta: label of the parameter, and its number of repetitions in the model."""
-    delta_label: str
-    """Text of the uppermost box."""
-    plant_label: str
-    """Text of the middle box."""
-    controller_label: str
-    """Text of the lowest box."""
-    delta_signals: tuple[str, str]
-    """Labels of output and input of Delta."""
-    w: tuple[Signal, ...]
-    """Exogenous inputs."""
-    z: tuple[Signal, ...]
-    """Outputs to keep small."""
-    u: tuple[Signal, ...]
-    """Controls."""
-    y: tuple[Signal, ...]
-    """Measurements."""
 
 
 def torque_problem(vehicle: Vehicle, weights: Weights, *, leak: float, rate_damping: float) -> Interconnection:
@@ -94,23 +69,6 @@ def rates_problem(vehicle: Vehicle, weights: Weights, *, leak: float, tau: float
     body = rate_loop(vehicle, leak=leaks, tau=tau)
     block = _body_block("rate_loop", "autopilot's\nrate loop", body, ("u", "disturbance"), leaks, weights)
     return _problem([block], (), (), weights, "rad/s")
-
-
-def lft_structure(problem: Interconnection, dynamics: Uncertain) -> LftStructure:
-    """Return the LFT whose slice at hover is `problem`: Delta of the airframe's `dynamics` around P and K."""
-    by_name = {signal.name: signal for signal in problem.signals}
-    labels = {parameter.name: parameter.label for parameter in PARAMETERS}
-    return LftStructure(
-        parameters=tuple((labels[block.name], block.shape[0]) for block in dynamics.blocks),
-        delta_label=r"$\Delta(\rho)$",
-        plant_label="$P$",
-        controller_label="$K$",
-        delta_signals=(r"$w_\Delta$", r"$z_\Delta$"),
-        w=tuple(by_name[name] for name in problem.w),
-        z=tuple(by_name[name] for name in problem.z),
-        u=tuple(by_name[name] for name in problem.u),
-        y=tuple(by_name[name] for name in problem.y),
-    )
 
 
 def _leaks(leak: float, weights: Weights) -> Matrix:

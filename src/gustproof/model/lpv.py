@@ -66,31 +66,6 @@ def scheduling_parameters(E: ArrayLike, omega_B: ArrayLike) -> Matrix:
     return np.concatenate([trigonometric, rates], axis=-1)
 
 
-def is_within_bounds(rho: ArrayLike) -> bool:
-    """Return whether every `rho` (..., 7) is within the bounds of Table II."""
-    low, high = _bounds()
-    values = np.asarray(rho, dtype=np.float64)
-    return bool(np.all((low <= values) & (values <= high)))
-
-
-def share_of_bounds(rho: ArrayLike) -> float:
-    """Return the largest share [-] that any of `rho` (..., 7) uses of the way from hover to its bound in Table II.
-
-    Values up to 1 are within the bounds.
-    """
-    low, high = _bounds()
-    hover = np.array(HOVER)
-    values = np.asarray(rho, dtype=np.float64) - hover
-    # no cosine exceeds its value at hover, which is the upper bound
-    room = np.where((values > 0.0) & (high > hover), high - hover, hover - low)
-    return float(np.max(np.abs(values) / room))
-
-
-def _bounds() -> tuple[Matrix, Matrix]:
-    """Return the lower and the upper bounds (7,) of Table II."""
-    return np.array([parameter.low for parameter in PARAMETERS]), np.array([parameter.high for parameter in PARAMETERS])
-
-
 def lpv_matrix(rho: ArrayLike, inertia_B: ArrayLike) -> Matrix:
     """Return `A(rho)`, (6, 6), of the state (phi, theta, psi, p, q, r) [rad, rad/s].
 

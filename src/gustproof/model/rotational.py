@@ -39,13 +39,6 @@ class Envelope:
             raise ValueError(f"rate is {self.rate} rad/s, must be positive")
 
 
-def half_angles(E: ArrayLike, omega_B: ArrayLike) -> dict[str, Matrix]:
-    """Return the parameters t, v, r, q of `rotation`, (...), at `E` (..., 3) [rad], `omega_B` (..., 3) [rad/s]."""
-    angles, rates = np.asarray(E, dtype=np.float64), np.asarray(omega_B, dtype=np.float64)
-    t, v = np.tan(0.5 * angles[..., 0]), np.tan(0.5 * angles[..., 1])
-    return {"t": t, "v": v, "r": rates[..., 2], "q": rates[..., 1]}
-
-
 def rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -> Uncertain:
     """Return the exact rotational dynamics, (E, omega_B, moment_B) to d/dt (E, omega_B): Delta = t I2, v I2, r I2, q.
 

@@ -147,8 +147,8 @@ def render_background(vehicle: Vehicle, scenario: Scenario) -> Renderable:
 
 def _questions_table(title: str, first: str, questions: Iterable[OpenQuestion]) -> Table:
     table = Table(first, "here", title=title, show_lines=True)
-    for question in questions:
-        table.add_row(Text(question.paper), Text(question.choice))
+    for paper, choice in questions:
+        table.add_row(Text(paper), Text(choice))
     return table
 
 

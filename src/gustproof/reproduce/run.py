@@ -19,7 +19,6 @@ from gustproof.analysis.law_margins import SPREADS, HoverMargins, axis_robustnes
 from gustproof.analysis.placement import PerformanceLimits, performance_limits
 from gustproof.errors import FlightError
 from gustproof.law.form import Law, load_law
-from gustproof.model.generalized import lft_structure
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lpv import RATE_BOUND
 from gustproof.model.rotational import Envelope, paper_rotation
@@ -242,7 +241,7 @@ def _draw(flights: Sequence[Flight], seed: int, problem: Interconnection, vehicl
     # Delta has the same blocks in every envelope.
     dynamics = paper_rotation(vehicle.inertia_B, Envelope(angle=0.5, rate=RATE_BOUND))
     title = f"LFT of the closed loop, Delta of order {dynamics.n_z}"
-    diagrams.save_lft(lft_structure(problem, dynamics), title, out / "lft.png")
+    diagrams.save_lft(problem, dynamics, title, out / "lft.png")
 
 
 def _draw_trade_off(reproduction: Reproduction, out: Path) -> None:

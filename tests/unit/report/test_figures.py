@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.journal import RECORD
-from gustproof.model.generalized import lft_structure
 from gustproof.model.rotational import Envelope, paper_rotation
 from gustproof.report import diagrams, figures
 from gustproof.synthesis.designs import design_problem, load_design
@@ -76,10 +75,11 @@ def test_the_interconnection_names_every_block_and_every_exogenous_signal(design
 def test_the_lft_names_its_three_boxes_and_the_width_of_each_signal(drawn, tmp_path):
     vehicle = load_vehicle("paper")
     dynamics = paper_rotation(vehicle.inertia_B, Envelope(angle=0.3, rate=0.5))
-    diagrams.save_lft(lft_structure(design_problem(load_design("D1"), vehicle), dynamics), "x", tmp_path / "x.png")
+    diagrams.save_lft(design_problem(load_design("D1"), vehicle), dynamics, "x", tmp_path / "x.png")
     written = " ".join(texts(drawn[0]))
     for k, repeats in zip(range(1, 8), ("$I_{2}$", "$I_{2}$", "", "", "$I_{2}$", "$I_{2}$", "$I_{2}$"), strict=True):
         assert rf"$\rho_{k}${repeats}" in written
+    assert written.count("$I_{2}$") == 5  # twelve repetitions in all
     for label in ("$P$", "$K$", "$w_d$ (3)", "$z_u$ (3)", "$u$ (3)"):
         assert label in written
 
