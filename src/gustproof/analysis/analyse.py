@@ -149,12 +149,9 @@ def _describe_limits(analysis: Analysis) -> list[str]:
     lines.append(f"references: {_references(analysis.law)}")
     if analysis.metrics.saturated_s:
         lines.append(f"torque limit: reached for {analysis.metrics.saturated_s:.3g} s")
-    if analysis.law.uses_accelerometer:
-        lines.append(
-            "gyro bias: observable in roll and pitch; in yaw a constant bias gives an error of bias times time"
-        )
-    else:
-        lines.append("gyro bias: a constant bias gives an error of bias times time, as gyros do not measure attitude")
+    observable = "observable in roll and pitch; in yaw a constant bias gives an error of bias times time"
+    lost = "a constant bias gives an error of bias times time, as gyros do not measure attitude"
+    lines.append(f"gyro bias: {observable if analysis.law.uses_accelerometer else lost}")
     return lines
 
 
@@ -165,9 +162,8 @@ def _describe_robustness(analysis: Analysis) -> list[str]:
         worst = max(range(3), key=lambda axis: loops[axis].Ms)
         least = min(range(3), key=lambda axis: loops[axis].delay_margin)
         samples = loops[least].delay_margin / analysis.law.dt
-        lines.append(
-            f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {_peak_frequency(analysis):.3g} rad/s"
-        )
+        peak_omega = analysis.hover.omega[int(np.argmax(analysis.hover.sensitivities["S"]))]
+        lines.append(f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {peak_omega:.3g} rad/s")
         if math.isfinite(samples):
             lines.append(f"delay: {samples:.3g} more samples make {_AXES[least]} unstable")
     if analysis.stability:
@@ -205,10 +201,6 @@ def _references(law: Law) -> str:
     if math.isinf(law.reference_limit_deg):
         return "no known limit"
     return f"limited to {law.reference_limit_deg:g} deg of level about each axis; larger ones may tumble the vehicle"
-
-
-def _peak_frequency(analysis: Analysis) -> float:
-    return float(analysis.hover.omega[int(np.argmax(analysis.hover.sensitivities["S"]))])
 
 
 def _measure_flight(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int) -> Metrics:

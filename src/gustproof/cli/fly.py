@@ -132,10 +132,8 @@ def _fly(plan: "FlightPlan", folder: Path, *, tlog: bool, view: bool, quiet: boo
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
             page.wait()
         shown = stack.enter_context(progress(title, quiet=quiet))
-        result = fly_and_record(
-            plan.scenario, plan.law, vehicle=plan.vehicle, seed=plan.seed, out=folder, real_time=plan.real_time,
-            tlog=tlog, progress=lambda fraction: shown(fraction, title), on_listening=page.watch if page else None,
-        )  # fmt: skip
+        watch = page.watch if page else None
+        result = fly_and_record(plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=watch)
         if page:
             page.end(result.message, result.records)
     return result

@@ -5,7 +5,7 @@ import json
 import signal
 import socket
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from firmware_model.config.files import read_json
 from firmware_model.config.scenario import Scenario, load_scenario
@@ -56,7 +56,7 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
     signing = access.make_signing(options, vehicle[0], strict=True)
     quiet = options.json or options.exit_on_stdin_eof
     with _bind(options, vehicle) as bound:
-        report = _mute if quiet else _report
+        report: Callable[[str], None] = (lambda _: None) if quiet else _report
         endpoint = ControllerEndpoint(law, (0, vehicle), signing, references, report)
         report(f"waiting for an autopilot at {vehicle[0]}:{vehicle[1]}")
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -88,10 +88,6 @@ def _print_summary(law: Law, endpoint: ControllerEndpoint, outcome: ControllerOu
 
 def _report(text: str) -> None:
     print(f"gustproof controller: {printable(text)}", file=sys.stderr, flush=True)
-
-
-def _mute(_: str) -> None:
-    pass
 
 
 def _bind(options: argparse.Namespace, vehicle: tuple[str, int]) -> socket.socket:

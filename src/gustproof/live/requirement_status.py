@@ -26,16 +26,12 @@ def requirement_status(
     return [
         {
             "text": _text(requirement),
-            "value": value * _scale(requirement) if math.isfinite(value) else None,
+            # the share of the envelope is shown in percent
+            "value": value * (100.0 if requirement.metric is Metric.RHO else 1.0) if math.isfinite(value) else None,
             "held": None if math.isnan(value) and not over else held,
         }
         for requirement, value, held in values
     ]
-
-
-def _scale(requirement: Requirement) -> float:
-    """Return the factor from the metric's unit to that of the page: 100 for the share of the envelope, in percent."""
-    return 100.0 if requirement.metric is Metric.RHO else 1.0
 
 
 def _text(requirement: Requirement) -> str:

@@ -128,7 +128,8 @@ def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:
     best = Peak(gain=at_infinity, omega=np.inf)
     if not G.order or not G.D.size:
         return best
-    best = _raise_lower_bound(G, best, _first_guesses(poles))
+    resonance = np.abs(poles) * np.sqrt(np.maximum(1.0 - 2.0 * (poles.real / np.abs(poles)) ** 2, 0.0))
+    best = _raise_lower_bound(G, best, np.unique(np.concatenate([[0.0], np.abs(poles), resonance])))
     slowest, fastest = np.min(np.abs(poles)), np.max(np.abs(poles))
     if fastest > _STIFF * slowest:
         best = _search_grid(G, best, max(slowest, 1e-9 * fastest), fastest)
@@ -158,11 +159,6 @@ def _candidates(crossings: Matrix) -> Matrix:
         return crossings
     ends = np.concatenate([[0.0], crossings, [2.0 * crossings[-1]]])
     return np.concatenate([crossings, 0.5 * (ends[:-1] + ends[1:]), np.sqrt(ends[:-1] * ends[1:])])
-
-
-def _first_guesses(poles: ComplexMatrix) -> Matrix:
-    resonance = np.abs(poles) * np.sqrt(np.maximum(1.0 - 2.0 * (poles.real / np.abs(poles)) ** 2, 0.0))
-    return np.unique(np.concatenate([[0.0], np.abs(poles), resonance]))
 
 
 def _search_grid(G: Lti, best: Peak, slowest: float, fastest: float) -> Peak:

@@ -116,9 +116,12 @@ class Lti:
         pencil = points[:, None, None] * np.eye(self.order) - self.A
         return np.asarray(self.C @ np.linalg.solve(pencil, self.B[None].astype(np.complex128)) + self.D)
 
-    def subsystem(self, outputs: slice, inputs: slice) -> "Lti":
-        """Return the system from the selected inputs to the selected outputs, with all its states."""
-        return Lti(A=self.A, B=self.B[:, inputs], C=self.C[outputs], D=self.D[outputs, inputs], dt=self.dt)
+    def subsystem(self, outputs: slice | list[int], inputs: slice | list[int]) -> "Lti":
+        """Return the system from the selected inputs to the selected outputs, in that order, with all its states."""
+        return Lti(A=self.A, B=self.B[:, inputs], C=self.C[outputs], D=self.D[outputs][:, inputs], dt=self.dt)
+
+    def __neg__(self) -> "Lti":
+        return Lti(A=self.A, B=self.B, C=-self.C, D=-self.D, dt=self.dt)
 
     def to_control(self, **names: list[str]) -> "control.StateSpace":
         """Return a `control.StateSpace` copy; `names` are its `inputs`, `outputs` and `states`."""

@@ -173,12 +173,11 @@ def mean_covariance(F: Matrix, Q: Matrix, P: Matrix, count: int) -> Matrix:
 
 def _loop(model: AxisModel, controller: Lti) -> Lti:
     """Return the loop broken at the plant's input, for negative feedback; the gyro does not measure attitude."""
-    dt, whole = model.plant.dt, model.plant
-    plant = Lti(A=whole.A[1:, 1:], B=whole.B[1:], C=whole.C[:, 1:], D=whole.D, dt=dt)
+    whole = model.plant
+    plant = Lti(A=whole.A[1:, 1:], B=whole.B[1:], C=whole.C[:, 1:], D=whole.D, dt=whole.dt)
     for _ in range(model.delay_samples):
-        plant = series(delay(1, dt), plant)
-    loop = series(plant, controller)
-    return Lti(A=loop.A, B=loop.B, C=-loop.C, D=-loop.D, dt=dt)
+        plant = series(delay(1, whole.dt), plant)
+    return -series(plant, controller)
 
 
 def _axis_model(vehicle: Vehicle, scenario: Scenario, inertia: float, moment: Lti, stationary: Matrix) -> AxisModel:

@@ -69,12 +69,18 @@ def step_response(law: Law, vehicle: Vehicle, *, tau: float | None = None, durat
     duration
         [s] length of the response.
     """
-    if tau is None:
-        plant = linear_plant(vehicle).subsystem(slice(None), slice(0, 3))
-    else:
-        plant = rate_loop(vehicle, leak=0.0, tau=tau).subsystem(slice(None), slice(0, 3))
-    sampled = series(delay(3, law.dt), discretize_zoh(plant, law.dt))
-    closed = _close_loop(sampled, linear_law(law, inputs=6))
+    plant = linear_plant(vehicle) if tau is None else rate_loop(vehicle, leak=0.0, tau=tau)
+    commanded = plant.subsystem(slice(None), slice(0, 3))
+    sampled = series(delay(3, law.dt), discretize_zoh(commanded, law.dt))
+    # inputs (reference, u), outputs (attitude; gyro, reference)
+    P = Lti(
+        A=sampled.A,
+        B=np.hstack([np.zeros((sampled.order, 3)), sampled.B]),
+        C=np.vstack([sampled.C, np.zeros((3, sampled.order))]),
+        D=np.vstack([np.hstack([np.zeros((6, 3)), sampled.D]), np.eye(3, 6)]),
+        dt=sampled.dt,
+    )
+    closed = lft(P, linear_law(law, inputs=6))
     samples = round(duration / law.dt)
     attitude = np.empty((samples, 3))
     for axis in range(3):
@@ -83,16 +89,3 @@ def step_response(law: Law, vehicle: Vehicle, *, tau: float | None = None, durat
             attitude[k, axis] = closed.C[axis] @ x + closed.D[axis, axis]
             x = closed.A @ x + closed.B[:, axis]
     return StepResponse(time=np.asarray(law.dt * np.arange(samples), dtype=np.float64), attitude=attitude)
-
-
-def _close_loop(plant: Lti, K: Lti) -> Lti:
-    """Return the loop from the reference (3,) to the attitude (3,); `plant` has attitude and rates as outputs."""
-    # inputs (reference, u), outputs (attitude; gyro, reference)
-    P = Lti(
-        A=plant.A,
-        B=np.hstack([np.zeros((plant.order, 3)), plant.B]),
-        C=np.vstack([plant.C, np.zeros((3, plant.order))]),
-        D=np.vstack([np.hstack([np.zeros((6, 3)), plant.D]), np.eye(3, 6)]),
-        dt=plant.dt,
-    )
-    return lft(P, K)

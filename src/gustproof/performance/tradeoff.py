@@ -106,7 +106,10 @@ class LinearLaws:
         limit = sensitivity_peak * (1.0 - _GRID_MARGIN)
         for _ in range(_ROUNDS):
             coefficients = _optimize(self.axes, limit, slew * self.bank.dt)
-            laws = tuple(_law(m, self.weight, self.bank, q) for m, q in zip(self.models, coefficients, strict=True))
+            laws = tuple(
+                lft(central_controller(m, self.weight), _combine(self.bank, q))
+                for m, q in zip(self.models, coefficients, strict=True)
+            )
             point = _achieved(self.models, laws)
             excess = point.sensitivity_peak / sensitivity_peak
             if excess <= 1.0 + _TOLERANCE and point.slew <= (1.0 + _TOLERANCE) * slew:
@@ -222,10 +225,7 @@ def _optimize(axes: Sequence[_Axis], peak: float, change: float) -> list[Matrix]
     settings.verbose = False
     P, q = scipy.sparse.csc_matrix((unknowns, unknowns)), np.eye(unknowns)[-1]
     A = scipy.sparse.csc_matrix(np.vstack([part for part, _ in blocks]))
-    b, cones = (
-        np.concatenate([part for _, part in blocks]),
-        [clarabel.SecondOrderConeT(part.size) for _, part in blocks],
-    )
+    b, cones = np.concatenate([part for _, part in blocks]), [clarabel.SecondOrderConeT(b.size) for _, b in blocks]
     solution = clarabel.DefaultSolver(P, q, A, b, cones, settings).solve()
     coefficients = np.array(solution.x[:-1], dtype=np.float64)
     if not np.all(np.isfinite(coefficients)):
@@ -252,10 +252,8 @@ def _root(moments: Matrix) -> Matrix:
     return np.asarray((vectors[:, kept] * np.sqrt(values[kept])).T)
 
 
-def _law(model: AxisModel, weight: float, bank: Lti, coefficients: Matrix) -> Lti:
-    row = coefficients[None]
-    Q = Lti(A=bank.A, B=bank.B, C=row @ bank.C, D=row @ bank.D, dt=bank.dt)
-    return lft(central_controller(model, weight), Q)
+def _combine(bank: Lti, q: Matrix) -> Lti:
+    return Lti(A=bank.A, B=bank.B, C=q[None] @ bank.C, D=q[None] @ bank.D, dt=bank.dt)
 
 
 def _achieved(models: Sequence[AxisModel], laws: tuple[Lti, ...]) -> TradeOff:

@@ -14,7 +14,7 @@ from binascii import crc32
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO
 
 from firmware_model.config.files import MIB, TEXT, open_regular
 
@@ -27,15 +27,8 @@ _LARGEST = TEXT + 4 * MIB  # of a record; writers begin a new chunk at one MiB
 _MAX_RATIO = 20  # decompressed size over the file's size; flights have three to six
 
 
-class Message(NamedTuple):
-    """A message of a topic."""
-
-    topic: str
-    """Topic."""
-    time_ns: int
-    """[ns] log time."""
-    payload: bytes
-    """Serialised content."""
+Message = tuple[str, int, bytes]
+"""Topic, log time [ns] and serialised content of a message."""
 
 
 def messages(path: Path) -> Iterator[Message]:
@@ -112,4 +105,4 @@ def _message(operation: int, body: bytes, topics: dict[int, str]) -> Iterator[Me
         topics[channel] = body[8:][:length].decode()
     elif operation == _MESSAGE_OP:
         channel, _, time_ns, _ = _MESSAGE.unpack_from(body)
-        yield Message(topics[channel], time_ns, body[_MESSAGE.size :])
+        yield topics[channel], time_ns, body[_MESSAGE.size :]

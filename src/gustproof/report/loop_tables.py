@@ -33,8 +33,4 @@ def format_margin(value: float | None) -> str:
 
 def format_poles(poles: Iterable[tuple[float, float]]) -> str:
     """Return poles as text, one of each conjugate pair."""
-    return ", ".join(_format_pole(re, im) for re, im in poles if im >= 0.0)
-
-
-def _format_pole(real: float, imaginary: float) -> str:
-    return f"{real:.4g}" if imaginary == 0.0 else f"{real:.4g} ± {imaginary:.4g}j"
+    return ", ".join(f"{re:.4g}" if im == 0.0 else f"{re:.4g} ± {im:.4g}j" for re, im in poles if im >= 0.0)

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Event
-from typing import Any, NamedTuple
+from typing import Any
 
 from rich.console import Group
 from rich.text import Text
@@ -26,7 +26,7 @@ from gustproof.report.terminal import Renderable, save_text
 from gustproof.reproduce.claims import PAPER_LAWS, Claim, judge_claims
 from gustproof.reproduce.paper_tables import render_reproduction
 from gustproof.scoring.metrics import Metrics, median_metrics
-from gustproof.simulate.flight import Flight, objections, warnings
+from gustproof.simulate.flight import Flight, FlightPlan, objections, warnings
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.recorder import fly_and_record
 from gustproof.synthesis.derive import derive
@@ -49,17 +49,6 @@ _PARALLEL_FLIGHTS = 2
 """Flights side by side. The two processes of a lockstep flight take turns and keep one core busy."""
 
 Progress = Callable[[float, str], None]
-
-
-class PaperCase(NamedTuple):
-    """Flight to be flown."""
-
-    scenario: Scenario
-    """Scenario."""
-    law: Law
-    """Law."""
-    seed: int
-    """Seed of gusts and noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -155,17 +144,18 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     found = performance_limits(laws, margins, vehicle, scenarios["paper-turbulence"])
     flights = _fly_all(
         [
-            PaperCase(scenario, law, seed)
+            FlightPlan(scenario, law, vehicle, seed, real_time=False)
             for scenario in scenarios.values()
             for law in laws.values()
             for seed in (_select_seeds(law.name, seeds) if _is_random(scenario) else seeds[:1])
         ],
-        vehicle,
         out / "bags",
         progress,
     )
     medians = {law: {scenario: _median_of(flights, scenario, law) for scenario in scenarios} for law in laws}
     design_d1, solved = derive(load_design("D1"), vehicle)
+    gamma_opt = design_d1.provenance.parameters["gamma_opt"]
+    peak_rate = max(flight.peak_rate for flight in flights if flight.matches("paper", "hinf-d1"))
     reproduction = Reproduction(
         vehicle=vehicle,
         laws=laws,
@@ -174,11 +164,8 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         margins=margins,
         stability_factor=stability_factor,
         performance=found,
-        claims=judge_claims(
-            medians, laws, norm=solved.result.norm, gamma_opt=design_d1.provenance.parameters["gamma_opt"],
-            peak_rate=max(flight.peak_rate for flight in flights if flight.matches("paper", "hinf-d1")),
-        ),
-    )  # fmt: skip
+        claims=judge_claims(medians, laws, norm=solved.result.norm, gamma_opt=gamma_opt, peak_rate=peak_rate),
+    )
     (out / "summary.json").write_text(json.dumps(reproduction.to_dict(), indent=2) + "\n", encoding="utf-8")
     _draw(flights, seeds[0], solved.problem, vehicle, out / "figures")
     _draw_trade_off(reproduction, out / "figures")
@@ -186,13 +173,13 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     return reproduction
 
 
-def _fly_all(cases: Sequence[PaperCase], vehicle: Vehicle, out: Path, progress: Progress) -> list[Flight]:
-    """Return the flights of `cases`, flown side by side. The first failure ends the others."""
+def _fly_all(plans: Sequence[FlightPlan], out: Path, progress: Progress) -> list[Flight]:
+    """Return the flights of `plans`, flown side by side. The first failure ends the others."""
     out.mkdir()
-    shares, stop = [0.0] * len(cases), Event()
+    shares, stop = [0.0] * len(plans), Event()
 
-    def fly(index: int, case: PaperCase) -> Flight:
-        name = f"{case.scenario.name}, {case.law.name}, seed {case.seed}"
+    def fly(index: int, plan: FlightPlan) -> Flight:
+        name = f"{plan.scenario.name}, {plan.law.name}, seed {plan.seed}"
 
         def show(share: float) -> None:
             if stop.is_set():
@@ -200,13 +187,13 @@ def _fly_all(cases: Sequence[PaperCase], vehicle: Vehicle, out: Path, progress: 
             shares[index] = share
             progress(sum(shares) / len(shares), name)
 
-        flight = fly_and_record(case.scenario, case.law, vehicle=vehicle, seed=case.seed, out=out, progress=show)
+        flight = fly_and_record(plan, out, progress=show)
         if flight.outcome is not FlightOutcome.DONE:
             raise FlightError(flight.message)
         return flight
 
     with ThreadPoolExecutor(_PARALLEL_FLIGHTS) as pool:
-        futures = [pool.submit(fly, index, case) for index, case in enumerate(cases)]
+        futures = [pool.submit(fly, index, plan) for index, plan in enumerate(plans)]
         try:
             return [future.result() for future in futures]
         except BaseException:

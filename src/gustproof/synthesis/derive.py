@@ -55,7 +55,7 @@ class DesignReport:
         """Return singular values (k, j) at the frequencies `omega` (k,) [rad/s], keyed by the name of the transfer."""
         controller = self.result.controller
         G, K = _loop(self.problem, controller)
-        L = series(G, Lti(A=K.A, B=K.B, C=-K.C, D=-K.D))
+        L = series(G, -K)
         S = sensitivity(L)
         transfers = {"w to z": lft(self.problem.plant(), controller), "S, plant input": S, "L, plant input": L}
         return {
@@ -109,7 +109,9 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
     """
     vehicle = load_vehicle(design.vehicle) if vehicle is None else vehicle
     problem = design_problem(design, vehicle)
-    result = _solve_central(design, problem) if solve is None else solve(design, problem)
+    if solve is None:
+        solve = _solve_central
+    result = solve(design, problem)
     rates = design.rate_loop_lag is not None
     law = central_law(
         design.law or design.name,
@@ -145,8 +147,7 @@ def _loop(problem: Interconnection, controller: Lti) -> tuple[Lti, Lti]:
     """Return plant, from the command to the sensors, and controller of the feedback loop."""
     fed_back = tuple(name for name in problem.y if name != "reference")
     inputs = [k for k in range(controller.n_inputs) if "reference" not in problem.y or not 3 <= k < 6]
-    K = Lti(A=controller.A, B=controller.B[:, inputs], C=controller.C, D=controller.D[:, inputs], dt=controller.dt)
-    return problem.system(("u",), fed_back), K
+    return problem.system(("u",), fed_back), controller.subsystem(slice(None), inputs)
 
 
 def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | StructResult) -> Provenance:

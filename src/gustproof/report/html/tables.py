@@ -10,7 +10,6 @@ from gustproof.report.html.runs import ReportRun
 from gustproof.report.loop_tables import MARGINS, format_margin, format_poles
 from gustproof.report.terminal import figure_rows
 from gustproof.scoring.requirements import requirement_label, requirement_limits, requirement_window
-from gustproof.simulate.flight import warnings
 from gustproof.synthesis.derive import margins_to_dict
 
 _AXES = ("roll", "pitch", "yaw")
@@ -25,25 +24,20 @@ _PACE = {
 def render_flights(runs: Sequence[ReportRun]) -> str:
     """Return laws, flights and figures, one column for each flight."""
     head = ["", *(f'<i class="chip" style="--chip: var(--c{i % 7})"></i>{escape(r.label)}' for i, r in enumerate(runs))]
-    facts: dict[str, list[str]] = {
-        "law": [f"{run.law.name}, {run.law.order} states" for run in runs],
-        "made by": [run.law.provenance.design for run in runs],
-        "scenario": [run.scenario.name for run in runs],
-        "vehicle": [run.vehicle.name for run in runs],
-        "seed": [str(run.seed) for run in runs],
-        "outcome": [run.outcome for run in runs],
-        "flown": [f"{len(run.records) * run.scenario.dt:g} s of {run.scenario.duration_s:g} s" for run in runs],
-    }
-    if any(lines := ["; ".join(warnings(run.scenario, run.law, run.vehicle)) for run in runs]):
-        facts["warning"] = lines
-    rows = [[escape(name), *map(escape, cells)] for name, cells in facts.items()]
-    for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs)}):
-        rows.append([escape(f"{label} [{unit}]" if unit else label), *cells])
-    for name, label in _PACE.items():
-        cells = tuple(str((run.pace or {}).get(name, "")) for run in runs)
-        if any(cells):
-            rows.append([label, *cells])
-    return render_table(head, rows)
+    shown: list[tuple[str, Sequence[str]]] = [
+        ("law", [f"{run.law.name}, {run.law.order} states" for run in runs]),
+        ("made by", [run.law.provenance.design for run in runs]),
+        ("scenario", [run.scenario.name for run in runs]),
+        ("vehicle", [run.vehicle.name for run in runs]),
+        ("seed", [str(run.seed) for run in runs]),
+        ("outcome", [run.outcome.name.lower() for run in runs]),
+        ("flown", [f"{len(run.records) * run.scenario.dt:g} s of {run.scenario.duration_s:g} s" for run in runs]),
+        ("warning", ["; ".join(run.warnings) for run in runs]),
+    ]
+    figures = figure_rows({str(i): run.metrics for i, run in enumerate(runs) if run.metrics})
+    shown += [(f"{label} [{unit}]" if unit else label, cells) for label, cells, unit in figures]
+    shown += [(label, [str((run.timing or {}).get(name, "")) for run in runs]) for name, label in _PACE.items()]
+    return render_table(head, [[escape(name), *map(escape, cells)] for name, cells in shown if any(cells)])
 
 
 def render_requirements(runs: Sequence[ReportRun]) -> str:
@@ -54,19 +48,11 @@ def render_requirements(runs: Sequence[ReportRun]) -> str:
         for result in run.requirements:
             required = result.requirement
             mark = "good" if result.is_met else "bad" if result.judged else "interval"
-            outcome = (
-                f"{'held' if result.is_met else 'not held'}, {_format_value(result.margin)}"
-                if result.judged
-                else "not judged"
-            )
-            texts = (
-                requirement_label(required),
-                requirement_window(required),
-                requirement_limits(required),
-                run.label,
-                _format_value(result.value),
-            )
-            rows.append([*map(escape, texts), f'<span class="{mark}">{outcome}</span>'])
+            held = f"{'held' if result.is_met else 'not held'}, {_format_value(result.margin)}"
+            window, limits = requirement_window(required), requirement_limits(required)
+            texts = (requirement_label(required), window, limits, run.label, _format_value(result.value))
+            outcome = f'<span class="{mark}">{held if result.judged else "not judged"}</span>'
+            rows.append([*map(escape, texts), outcome])
     return f"<h3>Requirements</h3>{render_table(head, rows)}" if rows else ""
 
 

@@ -156,7 +156,10 @@ def _synthesize(plant: Lti, problem: NormalizedPlant, gamma: float | None, backo
     if level <= gamma_opt:
         raise DesignError(f"no controller at gamma = {level:.6g}: the least level is {gamma_opt:.6g}")
     solution = _solve(halves, level)
-    _require_controller(solution, level)
+    if not solution.definite:
+        raise DesignError(f"no controller at gamma = {level:.6g}: a Riccati solution is not positive semidefinite")
+    if solution.margin <= 0.0:
+        raise DesignError(f"no controller at gamma = {level:.6g}: the spectral radius of XY is not below gamma^2")
     K = _decouple(_central_controller(problem, solution, level), plant)
     peak = _checked_norm(plant, K, level)
     return HinfResult(
@@ -268,13 +271,6 @@ def _solve_riccati(half: _RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bo
     eigenvalues = np.linalg.eigvalsh(X)
     definite = eigenvalues[0] >= -_SEMIDEFINITE * max(eigenvalues[-1], natural_size)
     return X, -(RS + RB @ X), bool(definite)
-
-
-def _require_controller(solution: _Solution, gamma: float) -> None:
-    if not solution.definite:
-        raise DesignError(f"no controller at gamma = {gamma:.6g}: a Riccati solution is not positive semidefinite")
-    if solution.margin <= 0.0:
-        raise DesignError(f"no controller at gamma = {gamma:.6g}: the spectral radius of XY is not below gamma^2")
 
 
 def _central_controller(problem: NormalizedPlant, solution: _Solution, gamma: float) -> Lti:

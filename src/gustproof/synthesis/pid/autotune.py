@@ -81,7 +81,7 @@ def measure_response(
         description="frequency-response experiment in still air",
         duration_s=math.ceil((_SETTLING + _PERIODS) * period),
         control_rate_hz=control_rate,
-        physics_rate_hz=_physics_rate(control_rate),
+        physics_rate_hz=control_rate * math.ceil(1000 / control_rate),  # at least 1 kHz
     )
     time = np.arange(scenario.samples) * scenario.dt
     reference = np.zeros((scenario.samples, 3))
@@ -218,8 +218,3 @@ def phasors(time: Matrix, signal: Matrix, omega: Matrix) -> ComplexVector:
     trend = np.stack([np.ones_like(time), time / time[-1]], axis=1)
     found = np.linalg.lstsq(np.hstack([np.cos(angle), np.sin(angle), trend]), signal)[0]
     return np.asarray(found[: omega.size] - 1j * found[omega.size : 2 * omega.size])
-
-
-def _physics_rate(control_rate: int) -> int:
-    """Return the least multiple [Hz] of the control rate that is at least 1 kHz."""
-    return control_rate * math.ceil(1000 / control_rate)
