@@ -5,6 +5,7 @@ Axes are the journal's, north-east-down and forward-right-down. Frame names are 
 rows of one array, with the message's layout in little-endian CDR as dtype.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +30,7 @@ class Topic(NamedTuple):
     """Frame of the numbers."""
     numbers: int
     """Count of float64 after the header."""
-    fields: dict[str, tuple[int, ...]]
+    fields: Mapping[str, tuple[int, ...]]
     """Journal fields, each with the offset of each component among the numbers."""
     constants: tuple[tuple[int, float], ...] = ()
     """Offset and value [of the message's field] of nonzero numbers that are not from the journal."""

@@ -109,9 +109,7 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
     """
     vehicle = load_vehicle(design.vehicle) if vehicle is None else vehicle
     problem = design_problem(design, vehicle)
-    if solve is None:
-        solve = _solve_central
-    result = solve(design, problem)
+    result = (solve or _solve_central)(design, problem)
     rates = design.rate_loop_lag is not None
     law = central_law(
         design.law or design.name,

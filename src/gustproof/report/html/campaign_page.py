@@ -1,27 +1,25 @@
 """One HTML file on a campaign, which needs neither a network nor a script."""
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from html import escape
-from importlib.resources import files
+from itertools import starmap
 from pathlib import Path
 
 import numpy as np
 
-from gustproof.campaign.intervals import CONFIDENCE, Importance, IntervalEstimate
+from gustproof.campaign.intervals import CONFIDENCE, Importance
 from gustproof.campaign.reader import open_table, read_campaign_metadata, read_column
 from gustproof.campaign.statistics import COMPARED_FIGURES, CampaignStatistics, LawStatistics, compute_statistics
 from gustproof.campaign.worker import FIGURES as FLOWN, delta_column
 from gustproof.recording.folder import write_atomic
-from gustproof.report.campaign import describe_campaign, format_comparisons, format_share, format_value
+from gustproof.report.campaign import describe_campaign, format_comparisons, format_estimate, format_share, format_value
 from gustproof.report.html.campaign_charts import draw_distributions, draw_exceedances, draw_responses
-from gustproof.report.html.markup import render_table
+from gustproof.report.html.markup import fill_page, read_asset, render_table
 from gustproof.report.terminal import FIGURES
 from gustproof.scoring.requirements import requirement_label, requirement_limits
 from gustproof.version import __version__
 
-_ASSETS = files("gustproof.report") / "assets"
 _COLUMNS = ("mean", "median", "95th percentile", "99th percentile")
 _IMPORTANCE_FIGURE = "rmse_deg"
 
@@ -43,18 +41,18 @@ def render_campaign_page(path: Path) -> str:
     flown = read_campaign_metadata(path)["versions"]["gustproof"]
     parts = {
         "title": escape(f"{found.campaign.scenario.name}: {', '.join(law.law for law in found.laws)}"),
-        "styles": (_ASSETS / "page.css").read_text(encoding="utf-8"),
+        "policy": "style-src 'unsafe-inline'; img-src data:",
+        "styles": read_asset("page.css") + read_asset("campaign.css"),
         "about": _render_about(found),
         "figures": _render_figures(found),
         "requirements": _render_requirements(found),
-        "legend": _render_legend(found),
+        "legend": f'<p class="legend">{"".join(f"<span>{_render_law(found, law)}</span>" for law in found.laws)}</p>',
         "distributions": _render_distributions(found),
         "dispersions": _render_dispersions(found),
         "worst": _render_worst(found),
         "footer": f"Flown by gustproof {escape(flown)}, drawn by gustproof {__version__}.",
     }
-    template = (_ASSETS / "campaign.html").read_text(encoding="utf-8")
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
+    return fill_page("campaign.html", parts)
 
 
 def _render_about(found: CampaignStatistics) -> str:
@@ -69,10 +67,10 @@ def _render_figures(found: CampaignStatistics) -> str:
         label = _figure_label(name)
         for first, law in enumerate(found.laws):
             figure = law.figures[name]
-            estimates = (figure.mean, *figure.quantiles.values())
+            estimates = [format_estimate(each) for each in (figure.mean, *figure.quantiles.values())]
             worst = format_value(figure.worst[0].value) if figure.worst else "–"
             rows.append(
-                ["" if first else escape(label), _render_law(found, law), *map(_format_estimate, estimates), worst]
+                ["" if first else escape(label), _render_law(found, law), *starmap(_format_interval, estimates), worst]
             )
     duels = "".join(f"<p>{escape(line)}</p>" for line in format_comparisons(found))
     note = (
@@ -93,13 +91,12 @@ def _render_requirements(found: CampaignStatistics) -> str:
                     _render_law(found, law),
                     requirement_label(required),
                     requirement_limits(required),
-                    _format_share(each.rate),
+                    _format_interval(*format_share(each.rate)),
                     escape(last),
                 ]
             )
-        rows.append(
-            [_render_law(found, law), "all requirements, and flown to the end", "", _format_share(law.all_held), ""]
-        )
+        rate = _format_interval(*format_share(law.all_held))
+        rows.append([_render_law(found, law), "all requirements, and flown to the end", "", rate, ""])
     return render_table(["law", "requirement", "limit", "runs that met it", "worst"], rows)
 
 
@@ -161,7 +158,12 @@ def _render_worst(found: CampaignStatistics) -> str:
     rows = []
     for law in found.laws:
         rows += [
-            [_render_law(found, law), escape(what), value, _rerun_command(found, run)]
+            [
+                _render_law(found, law),
+                escape(what),
+                value,
+                f"<code>gustproof fly --run {escape(str(found.table))}:{run}</code>",
+            ]
             for what, value, run in _notable_runs(law)
         ]
     return render_table(["law", "", "", "command that repeats it over UDP, with the same bits"], rows)
@@ -180,17 +182,9 @@ def _notable_runs(law: LawStatistics) -> Iterator[tuple[str, str, int]]:
             yield f"requirement: {label} {requirement_limits(passed.requirement)}", format_value(each.value), each.run
 
 
-def _rerun_command(found: CampaignStatistics, run: int) -> str:
-    return f"<code>gustproof fly --run {escape(str(found.table))}:{run}</code>"
-
-
 def _render_group(title: str, charts: Sequence[str]) -> str:
     cells = "".join(f'<div class="chart">{each}</div>' for each in charts if each)
     return cells and f'<article class="group"><h3>{escape(title)}</h3><div class="charts of4">{cells}</div></article>'
-
-
-def _render_legend(found: CampaignStatistics) -> str:
-    return f'<p class="legend">{"".join(f"<span>{_render_law(found, law)}</span>" for law in found.laws)}</p>'
 
 
 def _render_law(found: CampaignStatistics, law: LawStatistics) -> str:
@@ -203,14 +197,5 @@ def _figure_label(name: str) -> str:
     return f"{label} [{unit}]"
 
 
-def _format_estimate(estimate: IntervalEstimate) -> str:
-    return f"{format_value(estimate.value)} {_format_interval(map(format_value, estimate[1:]))}"
-
-
-def _format_share(estimate: IntervalEstimate) -> str:
-    value, interval = format_share(estimate)
-    return f"{value} {_format_interval(interval.split(' .. '))}"
-
-
-def _format_interval(ends: Iterable[str]) -> str:
-    return f'<span class="interval">{" .. ".join(ends)}</span>'
+def _format_interval(value: str, interval: str) -> str:
+    return f'{value} <span class="interval">{interval}</span>'

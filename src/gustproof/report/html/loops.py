@@ -11,7 +11,16 @@ from gustproof.analysis.hover_loop import HoverLoop, hover_loop
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, lft
-from gustproof.report.html.charts import Chart, ChartGroup, ChartKind, Curve, CurveStyle, bracket_unit, merge_curves
+from gustproof.report.html.charts import (
+    Chart,
+    ChartGroup,
+    ChartKind,
+    Curve,
+    CurveStyle,
+    bracket_unit,
+    frequency_chart,
+    merge_curves,
+)
 from gustproof.report.html.runs import ReportRun
 from gustproof.synthesis.derive import DesignReport, derive
 from gustproof.synthesis.designs import Design, Weight
@@ -51,11 +60,9 @@ def collect_laws(runs: Sequence[ReportRun]) -> tuple[ReportLaw, ...]:
 def frequency_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
     """Return the sensitivities of all laws, and the singular values of each designed law against its weights."""
     sensitivities = [
-        Chart(
-            title=f"largest singular value of {name} [-]",
-            x_label="frequency [rad/s]",
-            kind=ChartKind.FREQUENCY,
-            curves=tuple(
+        frequency_chart(
+            f"largest singular value of {name} [-]",
+            tuple(
                 Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=law.hover.sensitivities[name])
                 for law in laws
                 if law.hover.sensitivities
@@ -114,14 +121,7 @@ def _weight_charts(label: str, report: DesignReport) -> ChartGroup:
     allowed = np.full(len(_OMEGA), level)
     bound = Curve(label=f"γ = {level:.4g}", colour=None, x=_OMEGA, y=allowed, style=CurveStyle.DASHED)
     largest = Curve(label="w to z", colour=0, x=_OMEGA, y=weighted)
-    charts.append(
-        Chart(
-            title="weighted: largest singular value [-]",
-            x_label="frequency [rad/s]",
-            kind=ChartKind.FREQUENCY,
-            curves=(bound, largest),
-        )
-    )
+    charts.append(frequency_chart("weighted: largest singular value [-]", (bound, largest)))
     note = (
         f"Design {design.name}, in its own continuous model with its leak. Solid: the gain of each axis, a singular "
         "value at hover, where the axes do not couple. Dashed: the bound set by the weights and the level γ."
@@ -138,7 +138,7 @@ def _bounded_chart(title: str, gains: Matrix, bounds: Matrix) -> Chart:
         *merge_curves(curves, "bound, all axes"),
         *(Curve(label=axis, colour=k, x=_OMEGA, y=gains[:, k]) for k, axis in enumerate(_AXES)),
     ]
-    return Chart(title=title, x_label="frequency [rad/s]", kind=ChartKind.FREQUENCY, curves=tuple(curves))
+    return frequency_chart(title, tuple(curves))
 
 
 def _component_slice(names: tuple[str, ...], name: str) -> slice:
@@ -161,12 +161,11 @@ def _rederive(law: Law) -> DesignReport | None:
         again, report = derive(design, load_vehicle(design.vehicle))
     except (ConfigError, DesignError, ValueError, KeyError):  # a user's own: a vehicle or a weight is missing
         return None
-    same = again.order == law.order and again.output is law.output
-    return report if same and all(_is_close(getattr(again, name), getattr(law, name)) for name in "ABCDG") else None
-
-
-def _is_close(one: Matrix, other: Matrix) -> bool:
-    return bool(np.allclose(one, other, rtol=0.0, atol=_SAME_TOLERANCE * max(float(np.max(np.abs(other))), 1.0)))
+    if again.order != law.order or again.output is not law.output:
+        return None
+    pairs = [(getattr(again, name), getattr(law, name)) for name in "ABCDG"]
+    same = all(np.max(np.abs(a - b)) <= _SAME_TOLERANCE * max(float(np.max(np.abs(b))), 1.0) for a, b in pairs)
+    return report if same else None
 
 
 def _parse_design(law: Law) -> Design:

@@ -10,7 +10,6 @@ import re
 import zlib
 from collections.abc import Iterable, Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +19,12 @@ from numpy.typing import NDArray
 from gustproof.recording.folder import write_atomic
 from gustproof.report.html.charts import MAX_SAMPLES, ChartGroup, Curve, spectra, time_histories
 from gustproof.report.html.loops import collect_laws, frequency_charts, pole_charts
+from gustproof.report.html.markup import fill_page, read_asset
 from gustproof.report.html.runs import ReportRun
 from gustproof.report.html.tables import render_flights, render_margins, render_requirements
 from gustproof.version import __version__
 
-_ASSETS = files("gustproof.report") / "assets"
 _SCRIPTS = ("uPlot.min.js", "numbers.js", "charts.js", "attitude.js", "replay.js", "page.js")
-_STYLES = ("uPlot.min.css", "page.css")
 
 Array = NDArray[np.float64]
 
@@ -51,35 +49,25 @@ def render_page(runs: Sequence[ReportRun]) -> str:
         "sections": sections,
         "name": re.sub(r"[^\w.-]+", "-", scenarios),
     }
-    parts = {
-        "title": escape(f"{scenarios}: {', '.join(run.label for run in runs)}"),
-        "scenarios": "".join(f"<p>{escape(text)}</p>" for text in _describe_scenarios(runs)),
-        "flights": render_flights(runs) + render_requirements(runs),
-        "margins": render_margins(laws),
-        "footer": escape(_render_footer(runs)),
-        "licence": escape(_read_asset("uPlot.LICENSE")),
-        "styles": "\n".join(_read_asset(name) for name in _STYLES),
-        # no text in the JSON may end the script
-        "page": json.dumps(page, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
-        "numbers": numbers.encode(),
-        "scripts": "\n".join(f"<script>\n{_read_asset(name)}\n</script>" for name in _SCRIPTS),
-    }
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _read_asset("page.html"))
-
-
-def _read_asset(name: str) -> str:
-    return (_ASSETS / name).read_text(encoding="utf-8")
-
-
-def _describe_scenarios(runs: Iterable[ReportRun]) -> list[str]:
-    return list(dict.fromkeys(f"{run.scenario.name}: {run.scenario.description}" for run in runs))
-
-
-def _render_footer(runs: Sequence[ReportRun]) -> str:
+    described = [f"{run.scenario.name}: {run.scenario.description}" for run in runs]
     flown = ", ".join(dict.fromkeys(run.versions["gustproof"] for run in runs))
     thinned = max(len(run.records) for run in runs) > MAX_SAMPLES
     shown = f" Curves of long flights show the extremes of {MAX_SAMPLES // 2} sections." if thinned else ""
-    return f"Flown by gustproof {flown}, drawn by gustproof {__version__}.{shown}"
+    parts = {
+        "title": escape(f"{scenarios}: {', '.join(run.label for run in runs)}"),
+        "scenarios": "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(described)),
+        "flights": render_flights(runs) + render_requirements(runs),
+        "margins": render_margins(laws),
+        "footer": escape(f"Flown by gustproof {flown}, drawn by gustproof {__version__}.{shown}"),
+        "licence": escape(read_asset("uPlot.LICENSE")),
+        "policy": "script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:",
+        "styles": f"{read_asset('uPlot.min.css')}\n{read_asset('page.css')}",
+        # no text in the JSON may end the script
+        "page": json.dumps(page, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
+        "numbers": numbers.encode(),
+        "scripts": "\n".join(f"<script>\n{read_asset(name)}\n</script>" for name in _SCRIPTS),
+    }
+    return fill_page("page.html", parts)
 
 
 class _NumberBlock:
