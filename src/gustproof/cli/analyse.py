@@ -32,7 +32,7 @@ def analyse(
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.analysis.analyse import analyse as analysed
     from gustproof.law.io.matrices import read_law
-    from gustproof.report.analysis import render_analysis
+    from gustproof.report.laws import render_analysis
     from gustproof.report.terminal import show
 
     check_output(output, ".png", "a figure")

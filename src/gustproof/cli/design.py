@@ -53,7 +53,7 @@ def design(
     gustproof design D2 --method hinfstruct --order 6 -o reduced.json
     """
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.report.design import render_design, save_design_figure
+    from gustproof.report.laws import render_design, save_design_figure
     from gustproof.report.terminal import show
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import load_design

@@ -11,7 +11,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.analysis.law_margins import HoverMargins
 from gustproof.analysis.placement import PerformanceLimits, Placement
-from gustproof.report.limit_tables import render_limits
+from gustproof.report.laws import render_limits
 from gustproof.report.terminal import Renderable, format_number
 from gustproof.reproduce.claims import PAPER_LAWS, Claim, ClaimVerdict, Medians
 from gustproof.reproduce.errata import ERRATA, OpenQuestion, list_choices
@@ -69,8 +69,8 @@ def render_paper(medians: Medians) -> Renderable:
     for name in PAPER_LAWS:
         table.add_column(f"paper: {'PID' if 'pid' in name else 'H∞'}", justify="right")
         table.add_column(f"ours: {name}", justify="right", style="bold")
-    for key, label in (("peak_deg", "peak magnitude [deg]"), ("rmse_deg", "RMSE [deg]")):
-        cells = [(getattr(theirs, key), getattr(medians[law]["paper"], key)) for law, theirs in PAPER_LAWS.items()]
+    for i, (key, label) in enumerate((("peak_deg", "peak magnitude [deg]"), ("rmse_deg", "RMSE [deg]"))):
+        cells = [(theirs[i], getattr(medians[law]["paper"], key)) for law, theirs in PAPER_LAWS.items()]
         table.add_row(label, *(f"{value:.2f}" for pair in cells for value in pair))
     return table
 

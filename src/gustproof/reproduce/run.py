@@ -93,9 +93,7 @@ class Reproduction:
             "warnings": list(self.warnings),
             "spreads": asdict(SPREADS),
             "limits": asdict(self.performance.limits),
-            "claims": [
-                {"paper": claim.paper, "ours": claim.ours, "verdict": claim.verdict.value} for claim in self.claims
-            ],
+            "claims": [{**claim._asdict(), "verdict": claim.verdict.value} for claim in self.claims],
         }
 
     def render(self) -> Renderable:
@@ -140,7 +138,8 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         law.save(out / "laws" / f"{law.name}.json")
     progress(0.0, "performance limits")
     margins = {name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
-    stability_factor = {name: _stability_factor(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
+    robust = {name: axis_robustness(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
+    stability_factor = {name: 1.0 / max(x.upper for x in axes) if axes else None for name, axes in robust.items()}
     found = performance_limits(laws, margins, vehicle, scenarios["paper-turbulence"])
     flights = _fly_all(
         [
@@ -152,7 +151,11 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         out / "bags",
         progress,
     )
-    medians = {law: {scenario: _median_of(flights, scenario, law) for scenario in scenarios} for law in laws}
+
+    def median_of(scenario: str, law: str) -> Metrics:
+        return median_metrics([f.metrics for f in flights if f.matches(scenario, law) and f.metrics is not None])
+
+    medians = {law: {scenario: median_of(scenario, law) for scenario in scenarios} for law in laws}
     design_d1, solved = derive(load_design("D1"), vehicle)
     gamma_opt = design_d1.provenance.parameters["gamma_opt"]
     peak_rate = max(flight.peak_rate for flight in flights if flight.matches("paper", "hinf-d1"))
@@ -167,8 +170,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         claims=judge_claims(medians, laws, norm=solved.result.norm, gamma_opt=gamma_opt, peak_rate=peak_rate),
     )
     (out / "summary.json").write_text(json.dumps(reproduction.to_dict(), indent=2) + "\n", encoding="utf-8")
-    _draw(flights, seeds[0], solved.problem, vehicle, out / "figures")
-    _draw_trade_off(reproduction, out / "figures")
+    _draw(reproduction, flights, solved.problem, out / "figures")
     save_text(reproduction.render(), out / "report.txt")
     return reproduction
 
@@ -202,40 +204,26 @@ def _fly_all(plans: Sequence[FlightPlan], out: Path, progress: Progress) -> list
             raise
 
 
-def _stability_factor(law: Law, vehicle: Vehicle, scenario: Scenario) -> float | None:
-    axes = axis_robustness(law, vehicle, scenario)
-    return 1.0 / max(axis.upper for axis in axes) if axes else None
-
-
-def _median_of(flights: Sequence[Flight], scenario: str, law: str) -> Metrics:
-    return median_metrics([f.metrics for f in flights if f.matches(scenario, law) and f.metrics is not None])
-
-
-def _draw(flights: Sequence[Flight], seed: int, problem: Interconnection, vehicle: Vehicle, out: Path) -> None:
+def _draw(found: Reproduction, flights: Sequence[Flight], problem: Interconnection, out: Path) -> None:
     """Draw the paper's figures for one seed: its two laws in its flight, all laws but the first in turbulence."""
     from gustproof.report import diagrams, figures
 
+    seed = found.seeds[0]
     out.mkdir()
     for scenario, names in (("paper", PAPER_LAWS), ("paper-turbulence", LAWS[1:])):
         records = {name: f.records for f in flights for name in LAWS if f.matches(scenario, name) and f.seed == seed}
         shown = {name: records[name] for name in names}
         figures.save_moments(records["hinf-d1"], out / f"{scenario}-moments.png")
-        figures.save_euler_angles(shown, scenario, out / f"{scenario}-euler-angles.png")
-        figures.save_body_rates(shown, scenario, out / f"{scenario}-body-rates.png")
-        figures.save_torques(shown, scenario, out / f"{scenario}-torques.png")
+        for history in figures.HISTORIES:
+            figures.save_histories(history, shown, scenario, out / f"{scenario}-{history}.png")
         figures.save_scheduling(records["hinf-d1"], "hinf-d1", out / f"{scenario}-scheduling.png")
     diagrams.save_interconnection(problem, "Interconnection of design D1", out / "interconnection.png")
     # Delta has the same blocks in every envelope.
-    dynamics = paper_rotation(vehicle.inertia_B, Envelope(angle=0.5, rate=RATE_BOUND))
+    dynamics = paper_rotation(found.vehicle.inertia_B, Envelope(angle=0.5, rate=RATE_BOUND))
     title = f"LFT of the closed loop, Delta of order {dynamics.n_z}"
     diagrams.save_lft(problem, dynamics, title, out / "lft.png")
-
-
-def _draw_trade_off(reproduction: Reproduction, out: Path) -> None:
-    from gustproof.report import figures
-
-    flown = {law: scenarios["paper-turbulence"] for law, scenarios in reproduction.medians.items()}
-    figures.save_trade_off(reproduction.performance, flown, out / "trade-off.png")
+    flown = {law: scenarios["paper-turbulence"] for law, scenarios in found.medians.items()}
+    figures.save_trade_off(found.performance, flown, out / "trade-off.png")
 
 
 def _select_seeds(law: str, seeds: Sequence[int]) -> Sequence[int]:

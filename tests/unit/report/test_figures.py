@@ -29,7 +29,7 @@ def texts(figure: Figure) -> list[str]:
 
 
 def test_euler_angles_are_drawn_in_degrees_against_seconds(drawn, tmp_path):
-    figures.save_euler_angles({"hinf-d1": flight()}, "paper", tmp_path / "x.png")
+    figures.save_histories("euler-angles", {"hinf-d1": flight()}, "paper", tmp_path / "x.png")
     line = drawn[0].axes[0].lines[0]
     assert np.max(line.get_ydata()) == pytest.approx(np.degrees(0.1), rel=1e-3)
     assert line.get_xdata()[-1] == pytest.approx(249 * 0.004)
@@ -38,8 +38,8 @@ def test_euler_angles_are_drawn_in_degrees_against_seconds(drawn, tmp_path):
 
 def test_a_law_has_one_colour_in_every_figure_and_no_two_laws_share_one(drawn, tmp_path):
     flights = {"pid-default": flight(), "hinf-d1": flight(0.2), "pid-fair": flight(0.3)}
-    figures.save_euler_angles(flights, "", tmp_path / "x.png")
-    figures.save_torques(flights, "", tmp_path / "x.png")
+    figures.save_histories("euler-angles", flights, "", tmp_path / "x.png")
+    figures.save_histories("torques", flights, "", tmp_path / "x.png")
     colours = [{line.get_label(): line.get_color() for line in figure.axes[0].lines} for figure in drawn]
     assert colours[0] == colours[1]
     assert len(set(colours[0].values())) == len(flights)

@@ -12,7 +12,7 @@ from firmware_model.session.latency import Latency
 from gustproof.analysis.law_margins import HoverMargins, hover_margins
 from gustproof.analysis.placement import ErrorLimits, Placement, TradeOffCurve
 from gustproof.law.form import load_law
-from gustproof.report.limit_tables import render_limits
+from gustproof.report.laws import render_limits
 from gustproof.report.terminal import render_flight, save_text
 from gustproof.reproduce.errata import list_choices
 from gustproof.reproduce.paper_tables import render_background, render_comparison, render_paper

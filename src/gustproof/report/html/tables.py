@@ -4,10 +4,11 @@ import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
+from gustproof.analysis.analyse import pole_pairs
 from gustproof.report.html.loops import ReportLaw
 from gustproof.report.html.markup import render_table
 from gustproof.report.html.runs import ReportRun
-from gustproof.report.loop_tables import MARGINS, format_margin, format_poles
+from gustproof.report.laws import MARGINS, format_margin, format_poles
 from gustproof.report.terminal import figure_rows
 from gustproof.scoring.requirements import requirement_label, requirement_limits, requirement_window
 from gustproof.synthesis.derive import margins_to_dict
@@ -65,8 +66,8 @@ def render_margins(laws: Iterable[ReportLaw]) -> str:
     heads = ["law", "axis", *(name.replace("\n", " ") for name in MARGINS.values()), "disk [-]"]
     rows, poles = [], []
     for law in laws:
-        pairs = [(float(pole.real), float(pole.imag)) for pole in sorted(law.hover.law_poles, key=abs)]
-        poles.append(f"<p>Poles of {escape(law.label)} [rad/s]: {escape(format_poles(pairs))}</p>")
+        written = format_poles(pole_pairs(law.hover.law_poles))
+        poles.append(f"<p>Poles of {escape(law.label)} [rad/s]: {escape(written)}</p>")
         if law.hover.margins is None:
             reason = "no torque loop or an unstable one: no margins"
             rows.append([escape(law.label), reason, *[""] * (len(heads) - 2)])
