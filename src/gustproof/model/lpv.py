@@ -37,20 +37,14 @@ RATE_BOUND = 1.5
 RATE_BOUND_IN_TEXT = 1.5 * math.pi
 """[rad/s] bound on the rates in section IV-C of the paper."""
 
+_ANGLES = ((r"$\sin\phi$", -1.0), (r"$\cos\phi$", 0.0), (r"$\sin\theta$", -1.0), (r"$\cos\theta$", 0.0))
+_BOUNDS = (
+    *((meaning, low, 1.0) for meaning, low in _ANGLES),
+    *((f"${rate}$ [rad/s]", -RATE_BOUND, RATE_BOUND) for rate in "pqr"),
+)
 PARAMETERS = tuple(
     SchedulingParameter(name=f"rho{k}", label=rf"$\rho_{k}$", meaning=meaning, low=low, high=high)
-    for k, (meaning, low, high) in enumerate(
-        (
-            (r"$\sin\phi$", -1.0, 1.0),
-            (r"$\cos\phi$", 0.0, 1.0),
-            (r"$\sin\theta$", -1.0, 1.0),
-            (r"$\cos\theta$", 0.0, 1.0),
-            ("$p$ [rad/s]", -RATE_BOUND, RATE_BOUND),
-            ("$q$ [rad/s]", -RATE_BOUND, RATE_BOUND),
-            ("$r$ [rad/s]", -RATE_BOUND, RATE_BOUND),
-        ),
-        start=1,
-    )
+    for k, (meaning, low, high) in enumerate(_BOUNDS, start=1)
 )
 """The seven parameters with the bounds of Table II."""
 
@@ -69,12 +63,7 @@ def scheduling_parameters(E: ArrayLike, omega_B: ArrayLike) -> Matrix:
 def lpv_matrix(rho: ArrayLike, inertia_B: ArrayLike) -> Matrix:
     """Return `A(rho)`, (6, 6), of the state (phi, theta, psi, p, q, r) [rad, rad/s].
 
-    Parameters
-    ----------
-    rho
-        (7,) [-, rad/s] the parameters; rho4 = cos(theta) must not be 0.
-    inertia_B
-        (3,) [kg*m^2] B, principal moments of inertia.
+    `rho` (7,) [-, rad/s] are the parameters, `inertia_B` (3,) [kg*m^2] B the principal moments of inertia.
 
     Raises
     ------
@@ -104,15 +93,9 @@ def lpv_matrix(rho: ArrayLike, inertia_B: ArrayLike) -> Matrix:
 def airframe(vehicle: Vehicle, *, leak: ArrayLike, rate_damping: float) -> Lti:
     """Return the airframe at hover: moment (3,) [N*m] B to its states (phi, theta, psi, p, q, r).
 
-    Parameters
-    ----------
-    vehicle
-        Gives the inertia.
-    leak
-        [1/s] `-leak E` added to the Euler kinematics, the paper's stability augmentation; a scalar or (3,) by axis.
-        Without it the attitude is not detectable from rates and no H-infinity problem is solvable. No vehicle has it.
-    rate_damping
-        [1/s] `-rate_damping omega_B` in the rate equations.
+    The Euler kinematics have the term `-leak E`, the paper's stability augmentation: [1/s], a scalar or (3,) by axis.
+    Without it the attitude is not detectable from rates and no H-infinity problem is solvable. No vehicle has it. The
+    rate equations have the term `-rate_damping omega_B`, [1/s].
     """
     A = lpv_matrix(HOVER, vehicle.inertia_B) - np.diag([*np.broadcast_to(leak, 3), *[rate_damping] * 3])
     B = np.vstack([np.zeros((3, 3)), np.diag(1.0 / np.asarray(vehicle.inertia_B))])

@@ -144,6 +144,12 @@ def controller_performance(model: AxisModel, controller: Lti) -> AxisPerformance
     return AxisPerformance(rmse=rmse, slew=slew, sensitivity_peak=hinf_norm(sensitivity(_loop(model, controller))).gain)
 
 
+def pool_axes(axes: Sequence[AxisPerformance]) -> tuple[float, float]:
+    """Return rms attitude [rad] and slew [N*m/s] of all axes."""
+    rmse, slew = (math.sqrt(np.mean([getattr(axis, name) ** 2 for axis in axes])) for name in ("rmse", "slew"))
+    return rmse, slew
+
+
 def rms(model: AxisModel, controller: Lti) -> tuple[float, float]:
     """Return rms attitude [rad] and slew [N*m/s] of one axis, averaged over the flight."""
     moments = mean_second_moments([model], lft(augmented_axis(model), controller))

@@ -58,16 +58,8 @@ class StepResponse:
 def step_response(law: Law, vehicle: Vehicle, *, tau: float | None = None, duration: float = 15.0) -> StepResponse:
     """Return the linear response of the vehicle, without leak, to a step of each reference, command one sample late.
 
-    Parameters
-    ----------
-    law
-        Law with a reference; taken within its limits.
-    vehicle
-        Vehicle controlled by the law.
-    tau
-        [s] lag of the autopilot's rate loop, for a law that commands rates.
-    duration
-        [s] length of the response.
+    The law is taken within its limits. For a law that commands rates, `tau` [s] is the lag of the autopilot's rate
+    loop. The response is `duration` [s] long.
     """
     plant = linear_plant(vehicle) if tau is None else rate_loop(vehicle, leak=0.0, tau=tau)
     commanded = plant.subsystem(slice(None), slice(0, 3))

@@ -26,7 +26,13 @@ import scipy.sparse
 from gustproof.errors import DesignError
 from gustproof.law.form import Matrix
 from gustproof.lti.state_space import ComplexMatrix, Lti, lft, series
-from gustproof.performance.covariance import AxisModel, augmented_axis, controller_performance, mean_second_moments
+from gustproof.performance.covariance import (
+    AxisModel,
+    augmented_axis,
+    controller_performance,
+    mean_second_moments,
+    pool_axes,
+)
 from gustproof.performance.limits import central_controller, feedback_gain, output_feedback_limit
 
 _POLES = np.geomspace(1.0, 300.0, 12)
@@ -89,14 +95,8 @@ class LinearLaws:
     def minimize_error(self, sensitivity_peak: float, slew: float) -> TradeOff:
         """Return the point of least error, from one cone program that shares the slew optimally among the axes.
 
-        The figures are those of the resulting laws, not of the solver.
-
-        Parameters
-        ----------
-        sensitivity_peak
-            [-] largest sensitivity peak of each axis, above 1.
-        slew
-            [N*m/s] largest rms torque slew, pooled over the axes.
+        The sensitivity peak [-] of each axis is at most `sensitivity_peak` > 1, the rms torque slew pooled over the
+        axes at most `slew` [N*m/s]. The figures are those of the resulting laws, not of the solver.
 
         Raises
         ------
@@ -259,6 +259,5 @@ def _combine(bank: Lti, q: Matrix) -> Lti:
 def _achieved(models: Sequence[AxisModel], laws: tuple[Lti, ...]) -> TradeOff:
     """Return the point that the laws achieve, independent of the solver."""
     axes = [controller_performance(model, law) for model, law in zip(models, laws, strict=True)]
-    rmse, slew = (math.sqrt(float(np.mean([getattr(axis, name) ** 2 for axis in axes]))) for name in ("rmse", "slew"))
-    worst = max(axis.sensitivity_peak for axis in axes)
+    (rmse, slew), worst = pool_axes(axes), max(axis.sensitivity_peak for axis in axes)
     return TradeOff(sensitivity_peak=worst, rmse=rmse, slew=slew, controllers=laws)

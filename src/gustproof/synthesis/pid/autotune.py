@@ -52,20 +52,9 @@ def measure_response(
 ) -> Response:
     """Fly the experiment on one axis, direct route, with the vehicle's gyro noise, and estimate the response.
 
-    Parameters
-    ----------
-    vehicle
-        Vehicle to fly. Of its parameters the tuner uses only the inertia, for the gains of the weak stabilising law.
-    axis
-        0 roll, 1 pitch, 2 yaw.
-    bandwidth
-        [rad/s] target; the sines are at `RATIOS` times it.
-    amplitude
-        [N*m] of each of the five sines.
-    control_rate
-        [Hz] rate of samples and commands.
-    seed
-        Seed of the gyro noise.
+    Of the vehicle's parameters the tuner uses only the inertia, for the gains of the weak stabilising law. The sines
+    are at `RATIOS` times the target `bandwidth` [rad/s], each of `amplitude` [N*m]; samples and commands come at
+    `control_rate` [Hz].
 
     Raises
     ------
@@ -102,18 +91,8 @@ def tune_axis(response: Response, inertia: float, dt: float, *, phase_margin: fl
     """Return the cascade's gains: rate PI at three times the target bandwidth, then angle P at the bandwidth itself.
 
     The PI gives the inner loop unit gain and the phase margin at its frequency. The P gives the outer loop unit gain at
-    its own; the phase margin there is checked.
-
-    Parameters
-    ----------
-    response
-        Result of `measure_response`.
-    inertia
-        [kg*m^2] moment of inertia, divides the torque gains.
-    dt
-        [s] sample time.
-    phase_margin
-        [rad] margin of the inner loop, and least margin of the outer.
+    its own; the phase margin there is checked. `phase_margin` [rad] is that of the inner loop, and the least of the
+    outer. The `inertia` [kg*m^2] divides the torque gains; `dt` [s] is the sample time.
 
     Raises
     ------

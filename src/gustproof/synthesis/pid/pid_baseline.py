@@ -8,7 +8,7 @@ from gustproof.performance.covariance import AxisModel, axis_models
 from gustproof.synthesis.pid.tuning import tune
 from gustproof.version import __version__
 
-_START = (4.0, 8.0, 16.0, 0.3, 30.0)
+_START = Gains(angle_p=4.0, rate_p=8.0, rate_i=16.0, rate_d=0.3, derivative_cutoff=30.0)
 """Start of the search: low gains, stable for an actuator lag up to .05 s."""
 
 
@@ -17,26 +17,22 @@ def tune_baseline(
 ) -> tuple[Gains, Gains, Gains]:
     """Return the gains of roll, pitch and yaw with the least attitude error, pooled over the axes.
 
-    The result is a local optimum from one fixed start: the same gains every time.
-
-    Parameters
-    ----------
-    vehicle, scenario
-        Vehicle and scenario to tune for; the scenario gives turbulence, delay, sample time and duration.
-    sensitivity_peak
-        [-] largest sensitivity peak of each axis.
-    slew
-        [N*m/s] largest rms torque slew, pooled over the three axes. The default keeps single flights, with their
-        scatter, below 20.
+    The result is a local optimum from one fixed start: the same gains every time. The scenario gives turbulence, delay,
+    sample time and duration. The sensitivity peak [-] of each axis is at most `sensitivity_peak`. The rms torque slew
+    pooled over the axes is at most `slew` [N*m/s]; its default keeps single flights, with their scatter, below 20.
 
     Raises
     ------
     DesignError
         If no such gains are found: the limits are too tight for this vehicle.
     """
+
+    def axis(gains: Gains, model: AxisModel) -> AxisLaw:
+        return strapdown_axis(gains, model.inertia, scenario.dt)
+
     models = axis_models(vehicle, scenario)
-    roll, pitch, yaw = tune(models, _make_axis, _START, "cascade", sensitivity_peak=sensitivity_peak, slew=slew)
-    return _unpack_gains(roll), _unpack_gains(pitch), _unpack_gains(yaw)
+    roll, pitch, yaw = tune(models, axis, _START, "cascade", sensitivity_peak=sensitivity_peak, slew=slew)
+    return roll, pitch, yaw
 
 
 def baseline_pid(
@@ -58,12 +54,3 @@ def baseline_pid(
         version=__version__,
     )
     return cascade_law(name, axes, vehicle, scenario.dt, provenance)
-
-
-def _make_axis(values: list[float], model: AxisModel) -> AxisLaw:
-    return strapdown_axis(_unpack_gains(values), model.inertia, model.plant.dt)
-
-
-def _unpack_gains(values: list[float]) -> Gains:
-    angle_p, rate_p, rate_i, rate_d, derivative_cutoff = values
-    return Gains(angle_p=angle_p, rate_p=rate_p, rate_i=rate_i, rate_d=rate_d, derivative_cutoff=derivative_cutoff)
