@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 _BAG_OPTIONS = ("scenario", "law", "vehicle", "seed", "real_time", "run")
 _TABLE_OPTIONS = ("vehicle", "seed", "real_time")
+_Comparison = tuple[bool | None, str]
+"""True if all bits are equal, `None` if they cannot be compared; the result in words."""
 
 
 def fly(
@@ -92,7 +94,7 @@ def fly(
     interrupted = result.outcome is FlightOutcome.INTERRUPTED
     comparison = None if interrupted else _compare(result, plan, repeat, table_run)
     if as_json:
-        compared = {"equal": comparison.equal, "comparison": comparison.line} if comparison else {}
+        compared = dict(zip(("equal", "comparison"), comparison, strict=True)) if comparison else {}
         print_json(result.to_dict() | compared)
     else:
         document = (result.message, result.metrics, result.bag, result.requirements, result.timing, result.warnings)
@@ -102,12 +104,12 @@ def fly(
     _report_failures(result, comparison, folder)
 
 
-def _report_failures(result: "Flight", comparison: "_Comparison | None", folder: Path) -> None:
+def _report_failures(result: "Flight", comparison: _Comparison | None, folder: Path) -> None:
     """Print how a flight compares with its original, and exit if it differs, broke off or failed a requirement."""
-    if comparison and comparison.equal is False:
-        raise exit_with(comparison.line, ExitStatus.REQUIREMENT_FAILED)
+    if comparison and comparison[0] is False:
+        raise exit_with(comparison[1], ExitStatus.REQUIREMENT_FAILED)
     if comparison:
-        print(f"gustproof: {comparison.line}", file=sys.stderr)
+        print(f"gustproof: {comparison[1]}", file=sys.stderr)
     if not result.has_expected_outcome:
         raise exit_with(f"{result.message}; the recording so far is in {folder}", ExitStatus.FLIGHT_BROKE_OFF)
     failed = sum(not each.is_met for each in result.requirements)
@@ -164,10 +166,11 @@ def _make_plan(
 
 def _load_plan(context: typer.Context, run: Path) -> "FlightPlan":
     from gustproof.recording.bag import read_bag
+    from gustproof.recording.folder import find_bag
     from gustproof.simulate.flight import parse_plan
 
     _refuse(context, _BAG_OPTIONS, "--repeat flies the plan in the bag")
-    bag = _find_bag(run)
+    bag = find_bag(run)
     return parse_plan(read_bag(bag)[0], bag)
 
 
@@ -190,54 +193,28 @@ def _refuse(context: typer.Context, names: Iterable[str], why: str) -> None:
             raise ConfigError(f"{why}; '{name.replace('_', '-')}' cannot be given with it")
 
 
-class _Comparison(NamedTuple):
-    """Comparison of a flight with the one that it repeats, bit by bit."""
-
-    equal: bool | None
-    """True if all bits are equal, `None` if they cannot be compared."""
-    line: str
-    """The result in words."""
-
-
 def _compare(
     result: "Flight", plan: "FlightPlan", repeat: Path | None, table_run: "CampaignRun | None"
 ) -> _Comparison | None:
-    """Compare a flight with the one that it repeats; `None` if it repeats none."""
-    if table_run:
-        return _compare_figures(result, table_run)
-    if repeat and plan.real_time:
-        return _Comparison(None, f"{repeat} was flown in real time, where no two flights share all bits: not compared")
-    return _compare_records(result, repeat) if repeat else None
-
-
-def _compare_records(result: "Flight", run: Path) -> _Comparison:
-    """Compare every bit of every sample."""
+    """Compare every bit of a flight with the one that it repeats; `None` if it repeats none."""
     from gustproof.recording.bag import read_bag
+    from gustproof.recording.folder import find_bag
     from gustproof.simulate.flight import first_difference_s
 
-    about, records = read_bag(_find_bag(run))
+    if table_run:
+        name = f"run {table_run.row['run']} of {table_run.table}"
+        if table_run.row["failure"] is not None:
+            return None, f"{name} left no figures: not compared"
+        if differences := table_run.differences(result):
+            return False, f"differs from {name} in {', '.join(differences)}"
+        return True, f"equal to {name} in every bit of its figures"
+    if repeat is None:
+        return None
+    if plan.real_time:
+        return None, f"{repeat} was flown in real time, where no two flights share all bits: not compared"
+    about, records = read_bag(find_bag(repeat))
     begin_s = first_difference_s(result.records, records)
-    if begin_s is not None:
-        line = f"differs from {run} from {begin_s:.3f} s on, which ended as '{about['outcome']}'"
-        return _Comparison(False, f"{line}, flown by {about['versions']}")
-    return _Comparison(True, f"equal to {run} in every bit of its {len(records)} samples")
-
-
-def _compare_figures(result: "Flight", run: "CampaignRun") -> _Comparison:
-    """Compare every bit of the figures with those of the run in the campaign's table."""
-    name = f"run {run.row['run']} of {run.table}"
-    if run.row["failure"] is not None:
-        return _Comparison(None, f"{name} left no figures: not compared")
-    if differences := run.differences(result):
-        return _Comparison(False, f"differs from {name} in {', '.join(differences)}")
-    return _Comparison(True, f"equal to {name} in every bit of its figures")
-
-
-def _find_bag(run: Path) -> Path:
-    from firmware_model.errors import ConfigError
-    from gustproof.recording.folder import find_bags
-
-    bags = find_bags(run)
-    if len(bags) > 1:
-        raise ConfigError(f"{run}: holds {len(bags)} bags; name one, such as {bags[0]}")
-    return bags[0]
+    if begin_s is None:
+        return True, f"equal to {repeat} in every bit of its {len(records)} samples"
+    line = f"differs from {repeat} from {begin_s:.3f} s on, which ended as '{about['outcome']}'"
+    return False, f"{line}, flown by {about['versions']}"

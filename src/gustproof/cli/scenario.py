@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from firmware_model.errors import ConfigError, ConfigErrors
+from firmware_model.errors import ConfigErrors
 from gustproof.cli.failures import ExitStatus, exit_with
 from gustproof.cli.options import AsJson, check_output, print_json
 
@@ -85,13 +85,10 @@ def extract(
     In the scenario, use [[wind]] with kind = "replay" and file = "wind.csv".
     """
     from gustproof.recording.bag import read_bag
-    from gustproof.recording.folder import find_bags
+    from gustproof.recording.folder import find_bag
     from gustproof.recording.replay import save_replay
 
-    bag, *others = find_bags(run)
-    if others:
-        raise ConfigError(f"{run}: holds {1 + len(others)} bags; name one of them")
     check_output(output, ".csv", "a replay")
-    _, records = read_bag(bag)
+    _, records = read_bag(find_bag(run))
     save_replay(records, "moment" if moment else "wind", output)
     print(f"{len(records)} samples in {output}")

@@ -74,7 +74,7 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
 
 def _print_summary(law: Law, endpoint: ControllerEndpoint, outcome: ControllerOutcome, *, as_json: bool) -> None:
     if as_json:
-        counters = {cause.value: count for cause, count in endpoint.counters.items()}
+        counters = {cause.value: count for cause, count in endpoint.channel.dropped.items()}
         summary = {"outcome": outcome.value, "message": endpoint.message, "counters": counters}
         samples_lost = {"late_samples": endpoint.late, "missed_samples": endpoint.missed}
         print(json.dumps({**summary, **samples_lost, "link": endpoint.channel.stats()}))

@@ -18,7 +18,7 @@ from firmware_model.sim.fault_schedule import fault_schedule
 from gustproof.controller.core import reference_excess
 from gustproof.law.form import Law, parse_law
 from gustproof.law.hover import is_stable_at_hover
-from gustproof.scoring.metrics import Metrics, measure, peak_rate
+from gustproof.scoring.metrics import Metrics, measure
 from gustproof.scoring.requirements import RequirementResult, judge
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.version import software_versions
@@ -71,11 +71,6 @@ class Flight:
     def requirements(self) -> tuple[RequirementResult, ...]:
         """Result of each requirement of the scenario."""
         return judge(self.records, self.scenario, self.vehicle)
-
-    @property
-    def peak_rate(self) -> float:
-        """[rad/s] largest magnitude of p, q, r."""
-        return peak_rate(self.records)
 
     @property
     def has_expected_outcome(self) -> bool:

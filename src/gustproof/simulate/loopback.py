@@ -4,7 +4,6 @@ The protocol cores are those of the two processes; law, scenario and seed give t
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +20,8 @@ from gustproof.law.form import Law
 _VEHICLE, _CONTROLLER, _SPARE = (0, ("vehicle", 1)), (0, ("controller", 1)), (0, ("controller", 2))
 
 
-class KillSchedule(NamedTuple):
-    """Time of a scripted controller kill, in samples flown."""
-
-    sample: int
-    """[samples] flown when the controller is killed."""
-    restart_sample: float
-    """[samples] flown when a spare one takes over; infinite if none does."""
+KillSchedule = tuple[int, float]
+"""Samples flown when the controller is killed, and when a spare one takes over; infinite if none does."""
 
 
 def kill_schedule(scenario: Scenario) -> KillSchedule | None:
@@ -36,7 +30,7 @@ def kill_schedule(scenario: Scenario) -> KillSchedule | None:
         if isinstance(item, ControllerKill):
             away_s, rate_hz = item.recovers_after_s, scenario.control_rate_hz
             restart = math.inf if away_s is None else round((item.at_s + away_s) * rate_hz)
-            return KillSchedule(round(item.at_s * rate_hz), restart)
+            return round(item.at_s * rate_hz), restart
     return None
 
 
@@ -59,10 +53,10 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
     now_us = 0
     while not autopilot.finished:
         sent = autopilot.poll(now_us)
-        if kill is not None and len(rows) >= kill.restart_sample:
+        if kill is not None and len(rows) >= kill[1]:
             controller = ControllerEndpoint(law, _VEHICLE, references=scenario.references)
             peer, kill = _SPARE, None
-        dead = controller.finished or (kill is not None and len(rows) >= kill.sample)
+        dead = controller.finished or (kill is not None and len(rows) >= kill[0])
         answers = [] if dead else _exchange(controller, [datagram for datagram, to in sent if to == peer], now_us)
         for answer in answers:
             autopilot.receive(answer, peer, now_us)

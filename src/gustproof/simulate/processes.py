@@ -101,7 +101,7 @@ def fly(
     summary = pair.summary
     records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
     words = describe(outcome, scenario, records)
-    reason = pair.reason if words == outcome.value else ""
+    reason = f" ({pair.reason})" if pair.reason and words == outcome.value else ""
     return Flight(
         scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
         message=f"{scenario.name}, {law.name}, seed {seed}: {words}{reason}",
@@ -196,10 +196,10 @@ class _ProcessPair:
 
     def _follow_script(self, flown: int) -> None:
         """Kill the controller when the script says so, and let the spare one take its place."""
-        if self._kill is None or flown < self._kill.sample:
+        if self._kill is None or flown < self._kill[0]:
             return
         self._processes["controller"].kill()
-        if flown >= self._kill.restart_sample:
+        if flown >= self._kill[1]:
             self._processes["dead"] = self._processes["controller"]
             self._processes["controller"] = self._processes.pop("spare")
             self._kill, self._replaced = None, True
@@ -238,7 +238,7 @@ class _ProcessPair:
         """Return the outcome; keep the vehicle's summary, and the reason of a flight that broke off."""
         self.summary = self._read_summary("vehicle")
         if not self.summary:
-            self.reason = _format_reason(self._last_stderr_line("vehicle"))
+            self.reason = self._last_stderr_line("vehicle")
             return FlightOutcome.AUTOPILOT_LOST
         outcome = FlightOutcome.NOT_STARTED if self._gave_up else _OUTCOMES[VehicleOutcome(self.summary["outcome"])]
         alone = self._processes["controller"].poll() is not None
@@ -248,7 +248,7 @@ class _ProcessPair:
             if self.summary["pace"]:
                 self.summary["pace"] |= {name: summary[name] for name in ("late_samples", "missed_samples")}
         if outcome is not FlightOutcome.DONE and alone:
-            self.reason = _format_reason(reason)
+            self.reason = reason
         return outcome
 
     def _read_summary(self, name: str) -> dict[str, Any]:
@@ -263,10 +263,6 @@ class _ProcessPair:
         _terminate(process)
         lines = process.stderr.read().strip().splitlines() if process.stderr else []
         return lines[-1] if lines else ""
-
-
-def _format_reason(reason: str) -> str:
-    return f" ({reason})" if reason else ""
 
 
 def _share_core(pids: list[int]) -> None:

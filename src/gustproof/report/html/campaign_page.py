@@ -13,7 +13,15 @@ from gustproof.campaign.reader import open_table, read_campaign_metadata, read_c
 from gustproof.campaign.statistics import COMPARED_FIGURES, CampaignStatistics, LawStatistics, compute_statistics
 from gustproof.campaign.worker import FIGURES as FLOWN, delta_column
 from gustproof.recording.folder import write_atomic
-from gustproof.report.campaign import describe_campaign, format_comparisons, format_estimate, format_share, format_value
+from gustproof.report.campaign import (
+    IMPORTANCE_FIGURE,
+    describe_campaign,
+    format_comparisons,
+    format_estimate,
+    format_importance,
+    format_share,
+    format_value,
+)
 from gustproof.report.html.campaign_charts import draw_distributions, draw_exceedances, draw_responses
 from gustproof.report.html.markup import fill_page, read_asset, render_table
 from gustproof.report.terminal import FIGURES
@@ -21,7 +29,6 @@ from gustproof.scoring.requirements import requirement_label, requirement_limits
 from gustproof.version import __version__
 
 _COLUMNS = ("mean", "median", "95th percentile", "99th percentile")
-_IMPORTANCE_FIGURE = "rmse_deg"
 
 
 def write_campaign_report(path: Path, output: Path) -> None:
@@ -116,7 +123,7 @@ def _render_dispersions(found: CampaignStatistics) -> str:
     if not found.campaign.spreads:
         return "<p>Only gusts and noise varied.</p>"
     file, charts = open_table(found.table), []
-    values, label = list(read_column(file, _IMPORTANCE_FIGURE, found.campaign)), _figure_label(_IMPORTANCE_FIGURE)
+    values, label = list(read_column(file, IMPORTANCE_FIGURE, found.campaign)), _figure_label(IMPORTANCE_FIGURE)
     for name, spread in found.campaign.spreads.items():
         delta = read_column(file, delta_column(name), found.campaign)[0]
         charts.append(draw_responses(label, name, values, delta, spread.value))
@@ -145,13 +152,10 @@ def _render_importance(found: CampaignStatistics) -> str:
 
 
 def _render_bar(importance: Importance | None) -> str:
-    if importance is None:
-        return "too few runs"
-    if importance.first_order <= importance.noise:
-        return f'<span class="interval">no effect found (ρ = {importance.rank_correlation:+.2f})</span>'
-    share = 100.0 * importance.first_order
-    bar = f'<span class="share" style="width: {0.6 * share:.1f}px"></span>'
-    return f"{bar}{share:.0f} % (ρ = {importance.rank_correlation:+.2f})"
+    text = format_importance(importance)
+    if importance is None or importance.first_order <= importance.noise:
+        return f'<span class="interval">{text}</span>'
+    return f'<span class="share" style="width: {60.0 * importance.first_order:.1f}px"></span>{text}'
 
 
 def _render_worst(found: CampaignStatistics) -> str:

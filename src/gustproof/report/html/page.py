@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gustproof.recording.folder import write_atomic
-from gustproof.report.html.charts import MAX_SAMPLES, ChartGroup, Curve, spectra, time_histories
+from gustproof.report.html.charts import MAX_SAMPLES, Chart, ChartGroup, Curve, spectra, time_histories
 from gustproof.report.html.loops import collect_laws, frequency_charts, pole_charts
 from gustproof.report.html.markup import fill_page, read_asset
 from gustproof.report.html.runs import ReportRun
@@ -95,19 +95,7 @@ class _NumberBlock:
     def encode_groups(self, groups: Iterable[ChartGroup]) -> list[dict[str, Any]]:
         """Return groups of charts in the form that the page's script reads."""
         return [
-            {
-                "title": group.title,
-                "note": group.note,
-                "charts": [
-                    {
-                        "title": chart.title,
-                        "x": chart.x_label,
-                        "kind": chart.kind.value,
-                        "curves": [self._encode_curve(curve) for curve in chart.curves],
-                    }
-                    for chart in group.charts
-                ],
-            }
+            {"title": group.title, "note": group.note, "charts": [*map(self._encode_chart, group.charts)]}
             for group in groups
         ]
 
@@ -119,6 +107,10 @@ class _NumberBlock:
             "q_NB": [self.add(column) for column in records["q_NB"].T],
             "gust_B": [self.add(column) for column in records["gust_B"].T],
         }
+
+    def _encode_chart(self, chart: Chart) -> dict[str, Any]:
+        curves = [self._encode_curve(curve) for curve in chart.curves]
+        return {"title": chart.title, "x": chart.x_label, "kind": chart.kind.value, "curves": curves}
 
     def _encode_curve(self, curve: Curve) -> dict[str, Any]:
         offsets = {"x": self.add(curve.x), "y": self.add(curve.y)}
