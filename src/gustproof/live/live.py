@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from threading import Event, Thread
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -75,9 +74,8 @@ class LivePage:
         This is the `on_listening` of `processes.fly`. Parameters that the page has set already reach the vehicle before
         the flight begins.
         """
-        station = GroundStation(
-            (0, (LOOPBACK, port)), self._buffer, published_limit(self._vehicle), streams=self._real_time
-        )
+        limit, peer = published_limit(self._vehicle), (0, (LOOPBACK, port))
+        station = GroundStation(peer, self._buffer, limit, streams=self._real_time)
         for name, value in self._requests.items():
             station.set_parameter(name, value)
         self._station = station
@@ -96,16 +94,13 @@ class LivePage:
             self._station.end()
         for thread in self._threads:
             thread.join(_JOIN_TIMEOUT_S)
-        self._buffer.update(
-            phase="over", message=message, lights=requirement_status(records, self._scenario, self._vehicle, over=True)
-        )
+        status = requirement_status(records, self._scenario, self._vehicle, over=True)
+        self._buffer.update(phase="over", message=message, lights=status)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._buffer["phase"] != "over":
             self.end("the flight broke off")
         self._server.server_close()

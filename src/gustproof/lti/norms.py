@@ -41,14 +41,7 @@ def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
     is raised to the gain at the middle of these bands until no band is left; convergence is quadratic. A discrete
     system is mapped by the bilinear transformation, which keeps the norm. An unstable system has an infinite norm.
     Each round costs an eigenvalue problem of order 2n. Rounding may hide crossings of a stiff system, so its gain is
-    first searched on a grid.
-
-    Parameters
-    ----------
-    system
-        Continuous or discrete system.
-    accuracy
-        [-] relative: the norm lies between the result and (1 + 2 `accuracy`) times it, up to rounding.
+    first searched on a grid. The norm lies between the result and (1 + 2 `accuracy`) times it, up to rounding.
 
     Raises
     ------

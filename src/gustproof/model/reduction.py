@@ -16,14 +16,8 @@ def simplify(system: Uncertain, *, accuracy: float = 1e-10) -> Uncertain:
     images of the inputs and of each other. The observable part is the same for the transpose. The reduction is exact.
     It finds the least order when the parameters do not commute; for numbers, which do, a smaller model may exist.
     The input and output of a full block count as external. Cost: some n rounds of one singular value decomposition a
-    block.
-
-    Parameters
-    ----------
-    system
-        Uncertain system; scale its states first if they differ by orders of magnitude.
-    accuracy
-        [-] directions below this fraction of the largest coefficient count as absent.
+    block. Directions below the fraction `accuracy` of the largest coefficient count as absent; so scale states first
+    that differ by orders of magnitude.
 
     References
     ----------

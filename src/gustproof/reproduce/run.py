@@ -45,6 +45,8 @@ LAWS = (
     "hinf-scheduled",
     "hinf-rates",
 )
+_NOT_COMPARED = "hinf-d1-noise"
+"""Law with a frequency weight, flown once."""
 _PARALLEL_FLIGHTS = 2
 """Flights side by side. The two processes of a lockstep flight take turns and keep one core busy."""
 
@@ -84,7 +86,7 @@ class Reproduction:
             "laws": {
                 law: {
                     **{name: asdict(metrics) for name, metrics in scenarios.items()},
-                    "seeds": list(_select_seeds(law, self.seeds)),
+                    "seeds": list(self.seeds[:1] if law == _NOT_COMPARED else self.seeds),
                     "place": None if (place := self.performance.places[law]) is None else asdict(place),
                     "stable_up_to_times": self.stability_factor[law],
                 }
@@ -141,21 +143,14 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     robust = {name: axis_robustness(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
     stability_factor = {name: 1.0 / max(x.upper for x in axes) if axes else None for name, axes in robust.items()}
     found = performance_limits(laws, margins, vehicle, scenarios["paper-turbulence"])
-    flights = _fly_all(
-        [
-            FlightPlan(scenario, law, vehicle, seed, real_time=False)
-            for scenario in scenarios.values()
-            for law in laws.values()
-            for seed in (_select_seeds(law.name, seeds) if _is_random(scenario) else seeds[:1])
-        ],
-        out / "bags",
-        progress,
-    )
-
-    def median_of(scenario: str, law: str) -> Metrics:
-        return median_metrics([f.metrics for f in flights if f.matches(scenario, law) and f.metrics is not None])
-
-    medians = {law: {scenario: median_of(scenario, law) for scenario in scenarios} for law in laws}
+    plans = [
+        FlightPlan(scenario, law, vehicle, seed, real_time=False)
+        for scenario in scenarios.values()
+        for law in laws.values()
+        for seed in _select_seeds(law.name, seeds, scenario)
+    ]
+    flights = _fly_all(plans, out / "bags", progress)
+    medians = {law: {scenario: _median_of(flights, scenario, law) for scenario in scenarios} for law in laws}
     design_d1, solved = derive(load_design("D1"), vehicle)
     gamma_opt = design_d1.provenance.parameters["gamma_opt"]
     highest = max(peak_rate(flight.records) for flight in flights if flight.matches("paper", "hinf-d1"))
@@ -226,12 +221,12 @@ def _draw(found: Reproduction, flights: Sequence[Flight], problem: Interconnecti
     figures.save_trade_off(found.performance, flown, out / "trade-off.png")
 
 
-def _select_seeds(law: str, seeds: Sequence[int]) -> Sequence[int]:
-    """Return the seeds of a law: the law with a frequency weight is flown once, and not compared."""
-    return seeds[:1] if law == "hinf-d1-noise" else seeds
+def _median_of(flights: Sequence[Flight], scenario: str, law: str) -> Metrics:
+    return median_metrics([f.metrics for f in flights if f.matches(scenario, law) and f.metrics is not None])
 
 
-def _is_random(scenario: Scenario) -> bool:
-    """Return whether the seed changes anything."""
+def _select_seeds(law: str, seeds: Sequence[int], scenario: Scenario) -> Sequence[int]:
+    """Return the seeds of a law: one if it changes nothing, or if the law is not compared."""
     noisy = scenario.gyro.noise or scenario.accelerometer.noise
-    return noisy or any(isinstance(item, Dryden) for item in scenario.wind)
+    random = noisy or any(isinstance(item, Dryden) for item in scenario.wind)
+    return seeds if random and law != _NOT_COMPARED else seeds[:1]

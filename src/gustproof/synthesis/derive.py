@@ -1,7 +1,7 @@
 """Derive a flyable law from a design, with a report of its figures."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -12,11 +12,11 @@ from gustproof.errors import DesignError
 from gustproof.law.discretize import central_law
 from gustproof.law.form import Law, Output, Provenance
 from gustproof.law.hover import loop_law
-from gustproof.lti.margins import Margins, margins
+from gustproof.lti.margins import LoopMargins, Margins, margins
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, delay, discretize_zoh, lft, sensitivity, series
 from gustproof.model.interconnection import Interconnection
 from gustproof.performance.step_response import StepResponse, step_response
-from gustproof.synthesis.designs import Design, design_problem
+from gustproof.synthesis.designs import Design, Weight, design_problem
 from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
 from gustproof.synthesis.structured.hinfstruct import StructResult
 from gustproof.version import __version__
@@ -158,33 +158,33 @@ def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | Stru
         damping = vehicle.rate_damping if design.rate_damping is None else design.rate_damping
         parameters |= {"rate_damping_per_s": damping, "actuator_lag_s": vehicle.actuator_lag}
     for name in ("W_l", "W_m"):
-        values = getattr(design, name) or ()
-        parameters |= {f"{name}_{axis}": value for axis, value in zip(_AXES, values, strict=False)}
+        parameters |= _by_axis(name, getattr(design, name) or ())
     for name in ("W_d", "W_n", "W_e", "W_u", "W_r"):
-        weight = getattr(design, name)
-        if weight is None:
-            continue
-        constant = weight.low == weight.high
-        for part in ("high",) if constant else ("low", "high"):
-            suffix = "" if constant else f"_{part}"
-            parameters |= {
-                f"{name}{suffix}_{axis}": value for axis, value in zip(_AXES, getattr(weight, part), strict=True)
-            }
-        if not constant:
-            parameters[f"{name}_corner_rad_s"] = weight.corner
+        parameters |= _weight_parameters(name, getattr(design, name))
     return Provenance(
         design=f"{design.name}: {design.description}", vehicle=vehicle.name, parameters=parameters, version=__version__
     )
 
 
+def _weight_parameters(name: str, weight: Weight | None) -> dict[str, float]:
+    if weight is None:
+        return {}
+    if weight.low == weight.high:
+        return _by_axis(name, weight.high)
+    ends = _by_axis(f"{name}_low", weight.low) | _by_axis(f"{name}_high", weight.high)
+    return {**ends, f"{name}_corner_rad_s": weight.corner}
+
+
+def _by_axis(name: str, values: Sequence[float]) -> dict[str, float]:
+    return {f"{name}_{axis}": value for axis, value in zip(_AXES, values, strict=False)}
+
+
 def margins_to_dict(margins_: Margins) -> dict[str, Any]:
     """Return margins as JSON values, by the plant's side and axis; infinite numbers become `None`."""
     figures: dict[str, Any] = {}
-    for place, loops, disk in (
-        ("input", margins_.input, margins_.input_disk),
-        ("output", margins_.output, margins_.output_disk),
-    ):
-        figures[place] = {"disk_margin": disk}
+    for place in ("input", "output"):
+        loops: tuple[LoopMargins, ...] = getattr(margins_, place)
+        figures[place] = {"disk_margin": getattr(margins_, f"{place}_disk")}
         # the gyro's are the first measurements
         for axis, loop in zip(_AXES, loops[:3], strict=True):
             figures[place][axis] = _nonfinite_to_none(

@@ -1,7 +1,7 @@
 """Tables of the page: flights, figures, requirements, margins."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 
 from gustproof.analysis.analyse import pole_pairs
@@ -23,9 +23,14 @@ _PACE = {
 
 
 def render_flights(runs: Sequence[ReportRun]) -> str:
-    """Return laws, flights and figures, one column for each flight."""
+    """Return laws, flights and figures, one column for each flight; rows without content are left out."""
     head = ["", *(f'<i class="chip" style="--chip: var(--c{i % 7})"></i>{escape(r.label)}' for i, r in enumerate(runs))]
-    shown: list[tuple[str, Sequence[str]]] = [
+    shown = [*_facts(runs), *_figures(runs)]
+    return render_table(head, [[escape(name), *map(escape, cells)] for name, cells in shown if any(cells)])
+
+
+def _facts(runs: Sequence[ReportRun]) -> list[tuple[str, list[str]]]:
+    return [
         ("law", [f"{run.law.name}, {run.law.order} states" for run in runs]),
         ("made by", [run.law.provenance.design for run in runs]),
         ("scenario", [run.scenario.name for run in runs]),
@@ -35,10 +40,13 @@ def render_flights(runs: Sequence[ReportRun]) -> str:
         ("flown", [f"{len(run.records) * run.scenario.dt:g} s of {run.scenario.duration_s:g} s" for run in runs]),
         ("warning", ["; ".join(run.warnings) for run in runs]),
     ]
-    figures = figure_rows({str(i): run.metrics for i, run in enumerate(runs) if run.metrics})
-    shown += [(f"{label} [{unit}]" if unit else label, cells) for label, cells, unit in figures]
-    shown += [(label, [str((run.timing or {}).get(name, "")) for run in runs]) for name, label in _PACE.items()]
-    return render_table(head, [[escape(name), *map(escape, cells)] for name, cells in shown if any(cells)])
+
+
+def _figures(runs: Sequence[ReportRun]) -> Iterator[tuple[str, Sequence[str]]]:
+    for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs) if run.metrics}):
+        yield f"{label} [{unit}]" if unit else label, cells
+    for name, label in _PACE.items():
+        yield label, [str((run.timing or {}).get(name, "")) for run in runs]
 
 
 def render_requirements(runs: Sequence[ReportRun]) -> str:

@@ -130,22 +130,9 @@ def autotune_pid(
 ) -> Law:
     """Return the cascade of two states an axis, with gains from a flight experiment on each axis.
 
-    Parameters
-    ----------
-    vehicle
-        Vehicle to fly.
-    name
-        Name of the law.
-    bandwidth
-        [rad/s] target of the attitude loop; defaults to that of the paper's tool.
-    phase_margin
-        [rad] target; defaults to that of the paper's tool.
-    amplitude
-        [rad/s^2] of each sine, as angular acceleration.
-    control_rate
-        [Hz] rate of samples and commands.
-    seed
-        Seed of the gyro noise in the experiment.
+    `bandwidth` [rad/s] and `phase_margin` [rad] are the targets of the attitude loop; they default to those of the
+    paper's tool. Each sine of the experiment has the `amplitude` [rad/s^2], as angular acceleration. Samples and
+    commands come at `control_rate` [Hz].
 
     Raises
     ------
