@@ -227,15 +227,9 @@ def lft(P: Lti, K: Lti) -> Lti:
     E = np.linalg.solve(return_difference, np.hstack([K.D @ C2, K.C, K.D @ D21]))
     n = P.order
     E_x, E_k, E_w = E[:, :n], E[:, n : n + K.order], E[:, n + K.order :]
-    return Lti(
-        A=np.vstack(
-            [np.hstack([P.A + B2 @ E_x, B2 @ E_k]), np.hstack([K.B @ (C2 + D22 @ E_x), K.A + K.B @ D22 @ E_k])]
-        ),
-        B=np.vstack([B1 + B2 @ E_w, K.B @ (D21 + D22 @ E_w)]),
-        C=np.hstack([C1 + D12 @ E_x, D12 @ E_k]),
-        D=D11 + D12 @ E_w,
-        dt=P.dt,
-    )
+    A = np.block([[P.A + B2 @ E_x, B2 @ E_k], [K.B @ (C2 + D22 @ E_x), K.A + K.B @ D22 @ E_k]])
+    B = np.vstack([B1 + B2 @ E_w, K.B @ (D21 + D22 @ E_w)])
+    return Lti(A=A, B=B, C=np.hstack([C1 + D12 @ E_x, D12 @ E_k]), D=D11 + D12 @ E_w, dt=P.dt)
 
 
 def discretize_zoh(system: LinearSystem, dt: float) -> Lti:

@@ -143,19 +143,11 @@ class Uncertain:
         if np.linalg.cond(M.D[n_z:, n_w:]) > 1e12:
             raise ValueError("the nominal feedthrough is singular: no inverse")
         # closing u = u + (wanted - y) leaves y = wanted; the new output is u
-        opened = Lti(
-            A=M.A,
-            B=np.hstack([M.B[:, :n_w], np.zeros((M.order, n)), M.B[:, n_w:]]),
-            C=np.vstack([M.C[:n_z], np.zeros((n, M.order)), -M.C[n_z:]]),
-            D=np.block(
-                [
-                    [M.D[:n_z, :n_w], np.zeros((n_z, n)), M.D[:n_z, n_w:]],
-                    [np.zeros((n, n_w)), np.zeros((n, n)), np.eye(n)],
-                    [-M.D[n_z:, :n_w], np.eye(n), np.eye(n) - M.D[n_z:, n_w:]],
-                ]
-            ),
-            dt=M.dt,
-        )
+        D11, D12, D21, D22 = M.D[:n_z, :n_w], M.D[:n_z, n_w:], M.D[n_z:, :n_w], M.D[n_z:, n_w:]
+        zero, one, state = np.zeros((n, n)), np.eye(n), np.zeros((M.order, n))
+        inner = [[D11, np.zeros((n_z, n)), D12], [np.zeros((n, n_w)), zero, one], [-D21, one, one - D22]]
+        B, C = np.hstack([M.B[:, :n_w], state, M.B[:, n_w:]]), np.vstack([M.C[:n_z], state.T, -M.C[n_z:]])
+        opened = Lti(A=M.A, B=B, C=C, D=np.block(inner), dt=M.dt)
         return Uncertain(M=lft(opened, gain(np.eye(n), M.dt)), blocks=self.blocks)
 
     def __add__(self, other: "Uncertain | LinearSystem | ArrayLike") -> "Uncertain":

@@ -120,13 +120,13 @@ def actuators(vehicle: Vehicle) -> Lti:
     return Lti(A=-rate, B=rate, C=np.eye(3), D=np.zeros((3, 3)))
 
 
-def linear_plant(vehicle: Vehicle, *, leak: float = 0.0, rate_damping: float | None = None) -> Lti:
+def linear_plant(vehicle: Vehicle) -> Lti:
     """Return the vehicle at hover with its actuators: states (phi, theta, psi, p, q, r, T_L, T_M, T_N).
 
     Inputs are the torque command (3,) and the disturbance moment (3,) [N*m] B; outputs are the Euler angles (3,) [rad]
-    and the rates (3,) [rad/s] B. `rate_damping` [1/s] is the vehicle's own unless given.
+    and the rates (3,) [rad/s] B.
     """
-    body = airframe(vehicle, leak=leak, rate_damping=vehicle.rate_damping if rate_damping is None else rate_damping)
+    body = airframe(vehicle, leak=0.0, rate_damping=vehicle.rate_damping)
     motors = actuators(vehicle)
     return Lti(
         A=np.block([[body.A, body.B], [np.zeros((3, 6)), motors.A]]),

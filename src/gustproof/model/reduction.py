@@ -45,18 +45,11 @@ def _restrict(system: Uncertain, accuracy: float, *, dual: bool) -> Uncertain:
     bases = _invariant_subspaces(whole.T, w, z, accuracy) if dual else _invariant_subspaces(whole, z, w, accuracy)
     left, right = _projection(whole.shape[0], z, bases), _projection(whole.shape[1], w, bases)
     smaller, order = left.T @ whole @ right, bases[0].shape[1]
+    A, B, C, D = smaller[:order, :order], smaller[:order, order:], smaller[order:, :order], smaller[order:, order:]
     ranks = dict(zip(reals, (basis.shape[1] for basis in bases[1:]), strict=True))
     blocks = [_resize_block(block, ranks.get(k)) for k, block in enumerate(system.blocks)]
-    return Uncertain(
-        M=Lti(
-            A=smaller[:order, :order],
-            B=smaller[:order, order:],
-            C=smaller[order:, :order],
-            D=smaller[order:, order:],
-            dt=M.dt,
-        ),
-        blocks=tuple(block for block in blocks if block is not None),
-    )
+    kept = tuple(block for block in blocks if block is not None)
+    return Uncertain(M=Lti(A=A, B=B, C=C, D=D, dt=M.dt), blocks=kept)
 
 
 def _invariant_subspaces(whole: Matrix, z: list[slice], w: list[slice], accuracy: float) -> list[Matrix]:

@@ -11,6 +11,8 @@ from gustproof.law.hover import linear_law
 from gustproof.lti.state_space import Lti, Matrix, delay, discretize_zoh, lft, series
 from gustproof.model.lpv import linear_plant, rate_loop
 
+_DURATION_S = 15.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepInfo:
@@ -55,11 +57,11 @@ class StepResponse:
         return math.inf if outside[-1] == self.time.size - 1 else float(self.time[outside[-1] + 1])
 
 
-def step_response(law: Law, vehicle: Vehicle, *, tau: float | None = None, duration: float = 15.0) -> StepResponse:
+def step_response(law: Law, vehicle: Vehicle, *, tau: float | None = None) -> StepResponse:
     """Return the linear response of the vehicle, without leak, to a step of each reference, command one sample late.
 
     The law is taken within its limits. For a law that commands rates, `tau` [s] is the lag of the autopilot's rate
-    loop. The response is `duration` [s] long.
+    loop.
     """
     plant = linear_plant(vehicle) if tau is None else rate_loop(vehicle, leak=0.0, tau=tau)
     commanded = plant.subsystem(slice(None), slice(0, 3))
@@ -73,7 +75,7 @@ def step_response(law: Law, vehicle: Vehicle, *, tau: float | None = None, durat
         dt=sampled.dt,
     )
     closed = lft(P, linear_law(law, inputs=6))
-    samples = round(duration / law.dt)
+    samples = round(_DURATION_S / law.dt)
     attitude = np.empty((samples, 3))
     for axis in range(3):
         x = np.zeros(closed.order)

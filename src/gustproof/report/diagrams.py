@@ -201,16 +201,9 @@ def save_lft(problem: Interconnection, dynamics: Uncertain, title: str, path: Pa
 
 
 def _draw_box(axes: Axes, x: float, y: float, half: tuple[float, float], fill: str) -> None:
-    box = FancyBboxPatch(
-        (x - half[0], y - half[1]),
-        2.0 * half[0],
-        2.0 * half[1],
-        boxstyle="round,pad=0,rounding_size=0.06",
-        facecolor=fill,
-        edgecolor=_INK,
-        linewidth=1.2,
-        zorder=3,
-    )
+    corner, style = (x - half[0], y - half[1]), "round,pad=0,rounding_size=0.06"
+    box = FancyBboxPatch(corner, 2.0 * half[0], 2.0 * half[1], boxstyle=style, facecolor=fill, edgecolor=_INK, zorder=3)
+    box.set_linewidth(1.2)
     axes.add_patch(box)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.analysis.robustness import axis_controller, robust_stability, uncertain_sensitivity
+from gustproof.analysis.law_margins import axis_controller, robust_stability, uncertain_sensitivity
 from gustproof.certify.mu.worst_gain import worst_gain
 from gustproof.law.form import load_law
 from gustproof.lti.norms import hinf_norm

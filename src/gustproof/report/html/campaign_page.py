@@ -76,9 +76,8 @@ def _render_figures(found: CampaignStatistics) -> str:
             figure = law.figures[name]
             estimates = [format_estimate(each) for each in (figure.mean, *figure.quantiles.values())]
             worst = format_value(figure.worst[0].value) if figure.worst else "–"
-            rows.append(
-                ["" if first else escape(label), _render_law(found, law), *starmap(_format_interval, estimates), worst]
-            )
+            cells = starmap(_format_interval, estimates)
+            rows.append(["" if first else escape(label), _render_law(found, law), *cells, worst])
     duels = "".join(f"<p>{escape(line)}</p>" for line in format_comparisons(found))
     note = (
         f"<p class='note'>Right of each value: its {100.0 * CONFIDENCE:g} % confidence interval. Methods: Student's t "
@@ -92,16 +91,9 @@ def _render_requirements(found: CampaignStatistics) -> str:
     for law in found.laws:
         for each in law.passed:
             last = f"{format_value(each.worst[0].value)} in run {each.worst[0].run}" if each.worst else "–"
-            required = each.requirement
-            rows.append(
-                [
-                    _render_law(found, law),
-                    requirement_label(required),
-                    requirement_limits(required),
-                    _format_interval(*format_share(each.rate)),
-                    escape(last),
-                ]
-            )
+            texts = (requirement_label(each.requirement), requirement_limits(each.requirement))
+            rate = _format_interval(*format_share(each.rate))
+            rows.append([_render_law(found, law), *texts, rate, escape(last)])
         rate = _format_interval(*format_share(law.all_held))
         rows.append([_render_law(found, law), "all requirements, and flown to the end", "", rate, ""])
     return render_table(["law", "requirement", "limit", "runs that met it", "worst"], rows)
@@ -136,19 +128,14 @@ def _render_dispersions(found: CampaignStatistics) -> str:
 
 
 def _render_importance(found: CampaignStatistics) -> str:
-    heads = [
-        "quantity",
-        "from .. to",
-        *(f"{_render_law(found, law)} {escape(_figure_label(n))}" for n in COMPARED_FIGURES for law in found.laws),
-    ]
+    columns = [(figure, law) for figure in COMPARED_FIGURES for law in found.laws]
+    heads = [f"{_render_law(found, law)} {escape(_figure_label(figure))}" for figure, law in columns]
     rows = []
     for name, spread in found.campaign.spreads.items():
-        cells = [
-            _render_bar(law.figures[figure].importance.get(name)) for figure in COMPARED_FIGURES for law in found.laws
-        ]
+        cells = [_render_bar(law.figures[figure].importance.get(name)) for figure, law in columns]
         drawn = f'<span class="interval">{spread.low:g} .. {spread.high:g}</span>'
         rows.append([escape(name), drawn, *cells])
-    return render_table(heads, rows)
+    return render_table(["quantity", "from .. to", *heads], rows)
 
 
 def _render_bar(importance: Importance | None) -> str:

@@ -4,7 +4,6 @@ As for `pid-fair`, the error pooled over the axes is least at a given sensitivit
 torque slew. In addition, a peak is limited at each corner of a box of inertia and actuator lag.
 """
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -49,9 +48,7 @@ SHIPPED_LIMITS = TuningLimits()
 """Limits of the shipped law, comparable with those of `pid-fair`."""
 
 
-def flagship_law(
-    vehicle: Vehicle, scenario: Scenario, *, name: str = "flagship", limits: TuningLimits = SHIPPED_LIMITS
-) -> Law:
+def flagship_law(vehicle: Vehicle, scenario: Scenario) -> Law:
     """Return the law with the gains of `tune_flagship`; its provenance has gains, limits and predicted performance.
 
     Raises
@@ -59,6 +56,7 @@ def flagship_law(
     DesignError
         See `tune_flagship`.
     """
+    limits = SHIPPED_LIMITS
     gains = tune_flagship(vehicle, scenario, limits)
     axes = [biquad_axis(each, inertia, scenario.dt) for each, inertia in zip(gains, vehicle.inertia_B, strict=True)]
     rmse, slew = pool_axes(_axis_performances(axis_models(vehicle, scenario), gains))
@@ -78,7 +76,7 @@ def flagship_law(
         parameters=parameters,
         version=__version__,
     )
-    return cascade_law(name, axes, vehicle, scenario.dt, provenance)
+    return cascade_law("flagship", axes, vehicle, scenario.dt, provenance)
 
 
 def tune_flagship(
@@ -128,11 +126,11 @@ def tune_flagship(
 def corner_vehicles(vehicle: Vehicle, spreads: Spreads) -> list[Vehicle]:
     """Return the vehicles with all inertias and the lag at the ends of their ranges."""
     ends = []
-    for heavier, slower in itertools.product(
-        (-spreads.inertia, spreads.inertia), (-spreads.actuator_lag, spreads.actuator_lag)
-    ):
+    for heavier in (-spreads.inertia, spreads.inertia):
         I_x, I_y, I_z = ((1.0 + heavier) * inertia for inertia in vehicle.inertia_B)
-        ends.append(replace(vehicle, inertia_B=(I_x, I_y, I_z), actuator_lag=(1.0 + slower) * vehicle.actuator_lag))
+        for slower in (-spreads.actuator_lag, spreads.actuator_lag):
+            lag = (1.0 + slower) * vehicle.actuator_lag
+            ends.append(replace(vehicle, inertia_B=(I_x, I_y, I_z), actuator_lag=lag))
     return ends
 
 

@@ -26,7 +26,7 @@ from gustproof.law.discretize import tustin
 from gustproof.law.form import Law, Provenance
 from gustproof.lti.state_space import Lti
 from gustproof.performance.covariance import AxisModel, axis_models
-from gustproof.synthesis.pid.tuning import axis_parameters, tune
+from gustproof.synthesis.pid.tuning import SENSITIVITY_PEAK, SLEW, axis_parameters, tune
 from gustproof.version import __version__
 
 
@@ -102,47 +102,29 @@ def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, 
     return AxisLaw(A=step[:, :n], B=step[:, n:], C=command[None, :n], D=command[None, n:], G=dt * np.eye(n, 1), H=H)
 
 
-def tune_indi(
-    vehicle: Vehicle, scenario: Scenario, *, sensitivity_peak: float = 1.36, slew: float = 19.9
-) -> tuple[IndiGains, IndiGains, IndiGains]:
-    """Return the gains of roll, pitch and yaw with the least attitude error, by the search of the baseline PID.
+def indi_law(vehicle: Vehicle, scenario: Scenario) -> Law:
+    """Return the law with the gains of least attitude error within the limits of the baseline PID, by its search.
 
-    See `gustproof.synthesis.pid.pid_baseline.tune_baseline` for the parameters.
+    Its provenance has gains and limits.
 
     Raises
     ------
     DesignError
         If no such gains are found: the limits are too tight for this vehicle.
     """
+    lag, delay, dt = vehicle.actuator_lag, scenario.delay_samples, scenario.dt
 
     def axis(gains: IndiGains, model: AxisModel) -> AxisLaw:
-        return indi_axis(gains, model.inertia, vehicle.actuator_lag, scenario.delay_samples, scenario.dt)
+        return indi_axis(gains, model.inertia, lag, delay, dt)
 
-    models = axis_models(vehicle, scenario)
-    roll, pitch, yaw = tune(models, axis, _START, "INDI", sensitivity_peak=sensitivity_peak, slew=slew)
-    return roll, pitch, yaw
-
-
-def indi_law(
-    vehicle: Vehicle, scenario: Scenario, *, name: str = "indi", sensitivity_peak: float = 1.36, slew: float = 19.9
-) -> Law:
-    """Return the law with the gains of `tune_indi`; its provenance has gains and limits.
-
-    Raises
-    ------
-    DesignError
-        See `tune_indi`.
-    """
-    gains = tune_indi(vehicle, scenario, sensitivity_peak=sensitivity_peak, slew=slew)
-    axes = [
-        indi_axis(each, inertia, vehicle.actuator_lag, scenario.delay_samples, scenario.dt)
-        for each, inertia in zip(gains, vehicle.inertia_B, strict=True)
-    ]
+    gains = tune(axis_models(vehicle, scenario), axis, _START, "INDI", sensitivity_peak=SENSITIVITY_PEAK, slew=SLEW)
+    axes = [indi_axis(each, inertia, lag, delay, dt) for each, inertia in zip(gains, vehicle.inertia_B, strict=True)]
+    limits = {"sensitivity_peak": SENSITIVITY_PEAK, "slew_nm_per_s": SLEW}
     provenance = Provenance(
         design="incremental nonlinear dynamic inversion on strapdown attitude, "
         f"gains of least attitude error in scenario '{scenario.name}'",
         vehicle=vehicle.name,
-        parameters={"sensitivity_peak": sensitivity_peak, "slew_nm_per_s": slew, **axis_parameters(map(asdict, gains))},
+        parameters={**limits, **axis_parameters(map(asdict, gains))},
         version=__version__,
     )
-    return cascade_law(name, axes, vehicle, scenario.dt, provenance)
+    return cascade_law("indi", axes, vehicle, dt, provenance)

@@ -5,21 +5,19 @@ from firmware_model.config.vehicle import Vehicle
 from gustproof.law.cascade import AxisLaw, Gains, cascade_law, gain_parameters, strapdown_axis
 from gustproof.law.form import Law, Provenance
 from gustproof.performance.covariance import AxisModel, axis_models
-from gustproof.synthesis.pid.tuning import tune
+from gustproof.synthesis.pid.tuning import SENSITIVITY_PEAK, SLEW, tune
 from gustproof.version import __version__
 
 _START = Gains(angle_p=4.0, rate_p=8.0, rate_i=16.0, rate_d=0.3, derivative_cutoff=30.0)
 """Start of the search: low gains, stable for an actuator lag up to .05 s."""
 
 
-def tune_baseline(
-    vehicle: Vehicle, scenario: Scenario, *, sensitivity_peak: float = 1.36, slew: float = 19.9
-) -> tuple[Gains, Gains, Gains]:
+def tune_baseline(vehicle: Vehicle, scenario: Scenario, *, sensitivity_peak: float, slew: float) -> list[Gains]:
     """Return the gains of roll, pitch and yaw with the least attitude error, pooled over the axes.
 
     The result is a local optimum from one fixed start: the same gains every time. The scenario gives turbulence, delay,
     sample time and duration. The sensitivity peak [-] of each axis is at most `sensitivity_peak`. The rms torque slew
-    pooled over the axes is at most `slew` [N*m/s]; its default keeps single flights, with their scatter, below 20.
+    pooled over the axes is at most `slew` [N*m/s].
 
     Raises
     ------
@@ -31,13 +29,10 @@ def tune_baseline(
         return strapdown_axis(gains, model.inertia, scenario.dt)
 
     models = axis_models(vehicle, scenario)
-    roll, pitch, yaw = tune(models, axis, _START, "cascade", sensitivity_peak=sensitivity_peak, slew=slew)
-    return roll, pitch, yaw
+    return tune(models, axis, _START, "cascade", sensitivity_peak=sensitivity_peak, slew=slew)
 
 
-def baseline_pid(
-    vehicle: Vehicle, scenario: Scenario, *, name: str = "pid-fair", sensitivity_peak: float = 1.36, slew: float = 19.9
-) -> Law:
+def baseline_pid(vehicle: Vehicle, scenario: Scenario) -> Law:
     """Return the law with the gains of `tune_baseline`; its provenance has gains and limits.
 
     Raises
@@ -45,12 +40,12 @@ def baseline_pid(
     DesignError
         See `tune_baseline`.
     """
-    gains = tune_baseline(vehicle, scenario, sensitivity_peak=sensitivity_peak, slew=slew)
+    gains = tune_baseline(vehicle, scenario, sensitivity_peak=SENSITIVITY_PEAK, slew=SLEW)
     axes = [strapdown_axis(g, inertia, scenario.dt) for g, inertia in zip(gains, vehicle.inertia_B, strict=True)]
     provenance = Provenance(
         design=f"strapdown cascade, gains of least attitude error in scenario '{scenario.name}'",
         vehicle=vehicle.name,
-        parameters={"sensitivity_peak": sensitivity_peak, "slew_nm_per_s": slew, **gain_parameters(gains)},
+        parameters={"sensitivity_peak": SENSITIVITY_PEAK, "slew_nm_per_s": SLEW, **gain_parameters(gains)},
         version=__version__,
     )
-    return cascade_law(name, axes, vehicle, scenario.dt, provenance)
+    return cascade_law("pid-fair", axes, vehicle, scenario.dt, provenance)

@@ -20,6 +20,8 @@ from gustproof.performance.covariance import AxisModel, axis_performance, pool_a
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+SENSITIVITY_PEAK, SLEW = 1.36, 19.9
+"""[-] and [N*m/s] limits of the shipped laws. The slew keeps single flights, with their scatter, below 20."""
 _GRID = 200
 """Number of frequencies, evenly spaced in the logarithm, at which the sensitivity peak is constrained."""
 _GRID_MARGIN = 1e-3
