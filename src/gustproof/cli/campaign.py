@@ -9,8 +9,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, exit_with
-from gustproof.cli.options import Anyway, AsJson, VehicleName, check_output, print_json
-from gustproof.cli.progress import progress
+from gustproof.cli.options import Anyway, AsJson, VehicleName, check_output, print_json, progress
 
 if TYPE_CHECKING:
     from gustproof.campaign.plan import Campaign

@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.options import AsJson, check_output, print_json
-from gustproof.cli.progress import progress
+from gustproof.cli.options import AsJson, check_output, print_json, progress
 
 
 class Method(Enum):

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gustproof.cli.failures import ExitStatus, exit_with
-from gustproof.cli.options import SEED, Anyway, AsJson, VehicleName, print_json
-from gustproof.cli.progress import progress
+from gustproof.cli.options import SEED, Anyway, AsJson, VehicleName, print_json, progress
 
 if TYPE_CHECKING:
     from gustproof.campaign.rerun import CampaignRun

@@ -1,7 +1,10 @@
-"""Options and outputs that commands have in common."""
+"""Options, outputs and progress that commands have in common."""
 
 import json
 import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -58,3 +61,24 @@ def parse_positive_vector(option: str, text: str) -> tuple[float, float, float]:
     if not all(math.isfinite(value) and value > 0.0 for value in (x, y, z)):
         raise ConfigError(f"{option}: is '{text}', every number must be positive and finite")
     return x, y, z
+
+
+@contextmanager
+def progress(title: str, *, quiet: bool) -> Iterator[Callable[[float, str], None]]:
+    """Yield a function that shows a fraction [0..1] and a text; silent if `quiet` or if stderr is no terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda _fraction, _text: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as display:
+        task = display.add_task(title, total=1.0)
+        yield lambda fraction, text: display.update(task, completed=fraction, description=text)

@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from gustproof.cli.options import Anyway, VehicleName, print_json
-from gustproof.cli.progress import progress
+from gustproof.cli.options import Anyway, VehicleName, print_json, progress
 
 
 def reproduce(

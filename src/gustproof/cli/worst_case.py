@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.options import AsJson, VehicleName, check_output, parse_positive_vector, print_json
-from gustproof.cli.progress import progress
+from gustproof.cli.options import AsJson, VehicleName, check_output, parse_positive_vector, print_json, progress
 
 if TYPE_CHECKING:
     from gustproof.falsify.worst_case import WorstCase

@@ -71,12 +71,8 @@ class CaseResult:
 def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly a scenario once for each of `cases`, without messages, and return their results.
 
-    Figures and readings equal those of the flights' records to the bit, however flights are batched.
-
-    Raises
-    ------
-    ValueError
-        As `fly_direct`.
+    Figures and readings equal those of the flights' records to the bit, however flights are batched. It raises what
+    `fly_direct` raises.
 
     Examples
     --------
@@ -91,13 +87,7 @@ def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[CaseRe
 
 
 def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Case]], list[CaseResult]]:
-    """Return a function that flies cases as `fly_many` does, with their common data made once.
-
-    Raises
-    ------
-    ValueError
-        As `fly_direct`.
-    """
+    """Return a function that flies cases as `fly_many` does, with their common data made once."""
 
     def fly(cases: Sequence[Case]) -> list[CaseResult]:
         parts = [cases[i : i + LANES] for i in range(0, len(cases), LANES)]

@@ -49,13 +49,7 @@ SHIPPED_LIMITS = TuningLimits()
 
 
 def flagship_law(vehicle: Vehicle, scenario: Scenario) -> Law:
-    """Return the law with the gains of `tune_flagship`; its provenance has gains, limits and predicted performance.
-
-    Raises
-    ------
-    DesignError
-        See `tune_flagship`.
-    """
+    """Return the law with the gains of `tune_flagship`; its provenance has gains, limits and predicted performance."""
     limits = SHIPPED_LIMITS
     gains = tune_flagship(vehicle, scenario, limits)
     axes = [biquad_axis(each, inertia, scenario.dt) for each, inertia in zip(gains, vehicle.inertia_B, strict=True)]
