@@ -37,14 +37,10 @@ class DispersionKind(Enum):
     ['vehicle', 'gyro', 'gust', 'attitude']
     """
 
-    VEHICLE = "vehicle"
-    """Numbers with a spread in the vehicle file, except those of the gyro."""
-    GYRO = "gyro"
-    """Numbers of the gyro with a spread in the vehicle file."""
-    GUST = "gust"
-    """Strength of the gusts."""
-    ATTITUDE = "attitude"
-    """Initial attitude."""
+    VEHICLE = "vehicle"  # numbers with a spread in the vehicle file, except those of the gyro
+    GYRO = "gyro"  # numbers of the gyro with a spread in the vehicle file
+    GUST = "gust"  # strength of the gusts
+    ATTITUDE = "attitude"  # initial attitude
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -27,14 +27,10 @@ class Sampling(Enum):
     ['uniform', 'normal', 'latin', 'sobol']
     """
 
-    UNIFORM = "uniform"
-    """Independent, uniform on [-1, 1]."""
-    NORMAL = "normal"
-    """Independent, normal with a standard deviation of 1/3, truncated at the edges."""
-    LATIN = "latin"
-    """Latin hypercube: of n cases, one in each n-th of each dispersion's range."""
-    SOBOL = "sobol"
-    """Scrambled Sobol' points: even in all dispersions at once, best with 2^k cases."""
+    UNIFORM = "uniform"  # independent, uniform on [-1, 1]
+    NORMAL = "normal"  # independent, normal with a standard deviation of 1/3, truncated at the edges
+    LATIN = "latin"  # latin hypercube: of n cases, one in each n-th of each dispersion's range
+    SOBOL = "sobol"  # scrambled Sobol' points: even in all dispersions at once, best with 2^k cases
 
 
 def draw_deltas(sampling: Sampling, seed: int, cases: int, width: int, first: int, count: int) -> Array:

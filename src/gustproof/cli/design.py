@@ -15,10 +15,8 @@ from gustproof.cli.options import AsJson, check_output, print_json, progress
 class Method(Enum):
     """Synthesis method of a design."""
 
-    HINFSYN = "hinfsyn"
-    """Two Riccati equations: the central controller, of the plant's order."""
-    HINFSTRUCT = "hinfstruct"
-    """Nonsmooth optimisation: any order, each axis on its own."""
+    HINFSYN = "hinfsyn"  # two Riccati equations: the central controller, of the plant's order
+    HINFSTRUCT = "hinfstruct"  # nonsmooth optimisation: any order, each axis on its own
 
 
 def design(

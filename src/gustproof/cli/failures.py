@@ -19,16 +19,11 @@ _DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # raised by writes, with
 class ExitStatus(IntEnum):
     """Exit status of a command."""
 
-    DONE = 0
-    """Success."""
-    REQUIREMENT_FAILED = 1
-    """The command ran to its end, and a stated requirement failed."""
-    BAD_INPUT = 2
-    """A file, a name or an option is wrong, or the design has no controller."""
-    FLIGHT_BROKE_OFF = 3
-    """A flight did not reach its end."""
-    INTERRUPTED = 130
-    """Ctrl-C, with the number that shells use."""
+    DONE = 0  # success
+    REQUIREMENT_FAILED = 1  # the command ran to its end, and a stated requirement failed
+    BAD_INPUT = 2  # a file, a name or an option is wrong, or the design has no controller
+    FLIGHT_BROKE_OFF = 3  # a flight did not reach its end
+    INTERRUPTED = 130  # Ctrl-C, with the number that shells use
 
 
 class OneLineErrors(TyperGroup):

@@ -52,16 +52,12 @@ VEHICLE_TIMEOUT_US = 5_000_000
 class Phase(Enum):
     """Progress of the controller; each value states the failure of a flight that ends there."""
 
-    SEEKING = "no autopilot answers"
-    """Wait for the vehicle's heartbeat."""
+    SEEKING = "no autopilot answers"  # wait for the vehicle's heartbeat
     READING = "the autopilot does not report its parameters"
     """Read torque limits, hover thrust and sample rate; wait for samples at the law's rate."""
-    ARMING = "the autopilot does not arm"
-    """Request arming."""
-    ENTERING = "the autopilot does not enter OFFBOARD"
-    """Request OFFBOARD."""
-    FLYING = "the flight was left"
-    """The vehicle follows the law."""
+    ARMING = "the autopilot does not arm"  # request arming
+    ENTERING = "the autopilot does not enter OFFBOARD"  # request OFFBOARD
+    FLYING = "the flight was left"  # the vehicle follows the law
     STANDING_BY = "the vehicle left OFFBOARD"
     """Another flies; PX4 still gets set-points, so that OFFBOARD can be set at any time."""
 
@@ -88,20 +84,13 @@ _PROGRESS = {
 class ControllerOutcome(Enum):
     """End of the controller's part of a flight."""
 
-    DONE = "done"
-    """The vehicle has landed."""
-    NOT_STARTED = "not_started"
-    """The flight could not begin; the phase shows the failed step."""
-    WRONG_RATE = "wrong_rate"
-    """The vehicle takes or sends samples at another rate than the law's."""
-    NOT_SUPPORTED = "not_supported"
-    """The autopilot is of an unsupported family."""
-    AUTOPILOT_LOST = "autopilot_lost"
-    """The vehicle sends no more messages."""
-    MODE_LOST = "mode_lost"
-    """The vehicle was landed out of OFFBOARD."""
-    INTERRUPTED = "interrupted"
-    """Ctrl-C or a termination signal."""
+    DONE = "done"  # the vehicle has landed
+    NOT_STARTED = "not_started"  # the flight could not begin; the phase shows the failed step
+    WRONG_RATE = "wrong_rate"  # the vehicle takes or sends samples at another rate than the law's
+    NOT_SUPPORTED = "not_supported"  # the autopilot is of an unsupported family
+    AUTOPILOT_LOST = "autopilot_lost"  # the vehicle sends no more messages
+    MODE_LOST = "mode_lost"  # the vehicle was landed out of OFFBOARD
+    INTERRUPTED = "interrupted"  # Ctrl-C or a termination signal
 
 
 class ControllerEndpoint:

@@ -81,9 +81,13 @@ def save_scheduling(records: Records, law: str, path: Path) -> None:
     # Trigonometric parameters on the left, rates on the right, below the legend.
     places = [*grid[:, 0], *grid[1:, 1]]
     for axes, parameter, values in zip(places, PARAMETERS, rho.T, strict=True):
-        _draw_bounded(
-            axes, time, values, f"{parameter.label} = {parameter.meaning}", (parameter.low, parameter.high), law
-        )
+        axes.plot(time, values, color=_colour(law), linewidth=1.0)
+        for bound in (parameter.low, parameter.high):
+            axes.axhline(bound, color="#d55e00", linestyle="--", linewidth=1.0)
+        margin = 0.12 * (parameter.high - parameter.low)
+        axes.set_ylim(min(parameter.low, values.min()) - margin, max(parameter.high, values.max()) + margin)
+        axes.set_xlim(0.0, time[-1])
+        _style_axes(axes, f"{parameter.label} = {parameter.meaning}")
     grid[0, 1].axis("off")
     lines = [Line2D([], [], color=_colour(law)), Line2D([], [], color="#d55e00", linestyle="--")]
     grid[0, 1].legend(lines, [law, "bounds of Table II"], loc="center", frameon=False)
@@ -208,16 +212,6 @@ def _draw_stacked(
         lines = [Line2D([], [], color=_colour(law), linewidth=2.0) for law in flights]
         figure.legend(lines, list(flights), loc="outside lower center", ncols=6, frameon=False)
     save_figure(figure, path)
-
-
-def _draw_bounded(axes: Axes, time: Array, values: Array, label: str, bounds: tuple[float, float], law: str) -> None:
-    axes.plot(time, values, color=_colour(law), linewidth=1.0)
-    for bound in bounds:
-        axes.axhline(bound, color="#d55e00", linestyle="--", linewidth=1.0)
-    margin = 0.12 * (bounds[1] - bounds[0])
-    axes.set_ylim(min(bounds[0], values.min()) - margin, max(bounds[1], values.max()) + margin)
-    axes.set_xlim(0.0, time[-1])
-    _style_axes(axes, label)
 
 
 def _clip_gains(gains: Array) -> Array:

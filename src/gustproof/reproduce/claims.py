@@ -16,12 +16,9 @@ open."""
 class ClaimVerdict(Enum):
     """Verdict on a claim."""
 
-    HOLDS = "holds"
-    """Confirmed here."""
-    IN_PART = "holds in part"
-    """Holds under a condition that the paper does not state."""
-    FAILS = "does not hold"
-    """Contradicted here."""
+    HOLDS = "holds"  # confirmed here
+    IN_PART = "holds in part"  # holds under a condition that the paper does not state
+    FAILS = "does not hold"  # contradicted here
 
 
 class Claim(NamedTuple):

@@ -209,13 +209,9 @@ def parse_metadata(metadata: Any, source: Path) -> tuple[Scenario, Law | None, V
         seed, real_time = int(metadata["seed"]), bool(metadata["real_time"])
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ConfigError(f"{source}: does not say what was flown") from None
-    return (
-        validate(Scenario, scenario, f"{source}: scenario"),
-        None if law is None else parse_law(law, f"{source}: law"),
-        validate(Vehicle, vehicle, f"{source}: vehicle"),
-        seed,
-        real_time,
-    )
+    script = validate(Scenario, scenario, f"{source}: scenario")
+    parsed = None if law is None else parse_law(law, f"{source}: law")
+    return script, parsed, validate(Vehicle, vehicle, f"{source}: vehicle"), seed, real_time
 
 
 def first_difference_s(records: Records, others: Records) -> float | None:

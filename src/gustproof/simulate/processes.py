@@ -87,9 +87,8 @@ def fly(
     plan = FlightPlan(scenario, law, vehicle, seed, real_time)
     out.mkdir(parents=True, exist_ok=True)
     journal, log = (out / f"{plan.name}.{kind}" for kind in ("journal", "tlog"))
-    for file in (journal, log):
-        if file.exists():
-            raise ConfigError(f"{file}: exists already")
+    if there := [file for file in (journal, log) if file.exists()]:
+        raise ConfigError(f"{there[0]}: exists already")
     with TemporaryDirectory(dir=out, prefix=WORKING_PREFIX) as folder:
         files = _write_inputs(plan, Path(folder))
         pacing = [] if real_time else ["--lockstep"]
@@ -175,7 +174,7 @@ class _ProcessPair:
         self._address = f"127.0.0.1:{ports[-1]}\n"
         if "--lockstep" in self._options:
             _share_core([process.pid for process in self._processes.values()])
-        self._send_address("controller")
+        self._send_address()
 
     def _launch_controller(self, name: str) -> None:
         self._launch(
@@ -183,9 +182,9 @@ class _ProcessPair:
             "--connect", "-", "--scenario", str(self._files["scenario"]), "--anyway", *self._pacing,
         )  # fmt: skip
 
-    def _send_address(self, name: str) -> None:
-        """Let a controller begin; `_watch` finds one that has ended already."""
-        stdin = self._processes[name].stdin
+    def _send_address(self) -> None:
+        """Let the controller begin; `_watch` finds one that has ended already."""
+        stdin = self._processes["controller"].stdin
         with contextlib.suppress(BrokenPipeError):
             if stdin:
                 stdin.write(self._address)
@@ -200,7 +199,7 @@ class _ProcessPair:
             self._processes["dead"] = self._processes["controller"]
             self._processes["controller"] = self._processes.pop("spare")
             self._kill, self._replaced = None, True
-            self._send_address("controller")
+            self._send_address()
 
     def _launch(self, name: str, module: str, *arguments: str) -> subprocess.Popen[str]:
         # A session of its own: Ctrl-C reaches this process alone, which then ends both in order. If this process is

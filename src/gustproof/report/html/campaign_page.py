@@ -146,17 +146,11 @@ def _render_bar(importance: Importance | None) -> str:
 
 
 def _render_worst(found: CampaignStatistics) -> str:
-    rows = []
+    rows, table = [], escape(str(found.table))
     for law in found.laws:
-        rows += [
-            [
-                _render_law(found, law),
-                escape(what),
-                value,
-                f"<code>gustproof fly --run {escape(str(found.table))}:{run}</code>",
-            ]
-            for what, value, run in _notable_runs(law)
-        ]
+        for what, value, run in _notable_runs(law):
+            command = f"<code>gustproof fly --run {table}:{run}</code>"
+            rows.append([_render_law(found, law), escape(what), value, command])
     return render_table(["law", "", "", "command that repeats it over UDP, with the same bits"], rows)
 
 

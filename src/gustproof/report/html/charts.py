@@ -23,23 +23,17 @@ Values = Callable[[ReportRun], Array]
 class ChartKind(Enum):
     """Axes of a chart."""
 
-    TIME = "time"
-    """Time and a value; all charts of time share zoom and cursor."""
-    FREQUENCY = "frequency"
-    """Both logarithmic."""
-    PLANE = "plane"
-    """The complex plane, both axes logarithmic away from 0; points without lines."""
+    TIME = "time"  # time and a value; all charts of time share zoom and cursor
+    FREQUENCY = "frequency"  # both logarithmic
+    PLANE = "plane"  # the complex plane, both axes logarithmic away from 0; points without lines
 
 
 class CurveStyle(Enum):
     """Style of a curve."""
 
-    SOLID = "solid"
-    """A line."""
-    DASHED = "dashed"
-    """A dashed line: a bound or a reference."""
-    HOLLOW = "hollow"
-    """Rings instead of dots, in the complex plane."""
+    SOLID = "solid"  # a line
+    DASHED = "dashed"  # a dashed line: a bound or a reference
+    HOLLOW = "hollow"  # rings instead of dots, in the complex plane
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
