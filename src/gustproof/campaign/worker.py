@@ -115,16 +115,16 @@ def _fly_bisecting(fly: Simulator, cases: list[Case]) -> list[CaseResult | str]:
 
 
 def _make_simulator(scenario: Scenario, law: Law) -> Simulator:
-    if scenario.has_link_script:
-        return lambda cases: [_fly_by_message(case.apply_to(scenario), law, case) for case in cases]
-    return make_batch_simulator(scenario, law)
+    if not scenario.has_link_script:
+        return make_batch_simulator(scenario, law)
 
+    def fly(case: Case) -> CaseResult:
+        script = case.apply_to(scenario)
+        records = fly_loopback(script, law, vehicle=case.vehicle, seed=case.seed)
+        metrics = measure(records, case.vehicle, script, 0.0)
+        return CaseResult(metrics=metrics, requirements=judge(records, script, case.vehicle))
 
-def _fly_by_message(scenario: Scenario, law: Law, case: Case) -> CaseResult:
-    records = fly_loopback(scenario, law, vehicle=case.vehicle, seed=case.seed)
-    return CaseResult(
-        metrics=measure(records, case.vehicle, scenario, 0.0), requirements=judge(records, scenario, case.vehicle)
-    )
+    return lambda cases: [fly(case) for case in cases]
 
 
 def _check_diverged(campaign: Campaign, law: Law, case: Case, judged: CaseResult | str) -> CaseResult | str:

@@ -72,13 +72,8 @@ def progress(title: str, *, quiet: bool) -> Iterator[Callable[[float, str], None
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
+    text, percentage = TextColumn("{task.description}", markup=False), TextColumn("{task.percentage:3.0f} %")
+    columns = (text, BarColumn(), percentage, TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as display:
         task = display.add_task(title, total=1.0)
         yield lambda fraction, text: display.update(task, completed=fraction, description=text)

@@ -110,7 +110,9 @@ class LinearLaws:
                 lft(central_controller(m, self.weight), _combine(self.bank, q))
                 for m, q in zip(self.models, coefficients, strict=True)
             )
-            point = _achieved(self.models, laws)
+            axes = [controller_performance(model, law) for model, law in zip(self.models, laws, strict=True)]
+            (rmse, achieved), worst = pool_axes(axes), max(axis.sensitivity_peak for axis in axes)
+            point = TradeOff(sensitivity_peak=worst, rmse=rmse, slew=achieved, controllers=laws)
             excess = point.sensitivity_peak / sensitivity_peak
             if excess <= 1.0 + _TOLERANCE and point.slew <= (1.0 + _TOLERANCE) * slew:
                 return point
@@ -254,10 +256,3 @@ def _root(moments: Matrix) -> Matrix:
 
 def _combine(bank: Lti, q: Matrix) -> Lti:
     return Lti(A=bank.A, B=bank.B, C=q[None] @ bank.C, D=q[None] @ bank.D, dt=bank.dt)
-
-
-def _achieved(models: Sequence[AxisModel], laws: tuple[Lti, ...]) -> TradeOff:
-    """Return the point that the laws achieve, independent of the solver."""
-    axes = [controller_performance(model, law) for model, law in zip(models, laws, strict=True)]
-    (rmse, slew), worst = pool_axes(axes), max(axis.sensitivity_peak for axis in axes)
-    return TradeOff(sensitivity_peak=worst, rmse=rmse, slew=slew, controllers=laws)

@@ -48,7 +48,12 @@ def messages(path: Path) -> Iterator[Message]:
         file.seek(-len(_MAGIC), os.SEEK_END)
         if file.read() != _MAGIC:
             raise ValueError("not a whole MCAP file: its end is missing")
-        _bound(file, size)
+        most = _LARGEST + _MAX_RATIO * size
+        if (
+            sum(_claimed(body) for operation, body in _records(file, len(_MAGIC), size) if operation == _CHUNK_OP)
+            > most
+        ):
+            raise ValueError(f"a file of {size:,} bytes that claims to decompress to more than {most / MIB:,.0f} MiB")
         topics: dict[int, str] = {}
         for operation, body in _records(file, len(_MAGIC), size):
             if operation == _CHUNK_OP:
@@ -56,13 +61,6 @@ def messages(path: Path) -> Iterator[Message]:
                 for inner, content in _records(BytesIO(records), 0, len(records)):
                     yield from _message(inner, content, topics)
             yield from _message(operation, body, topics)
-
-
-def _bound(file: IO[bytes], size: int) -> None:
-    """Refuse a file whose chunks claim more decompressed bytes than its size allows."""
-    most = _LARGEST + _MAX_RATIO * size
-    if sum(_claimed(body) for operation, body in _records(file, len(_MAGIC), size) if operation == _CHUNK_OP) > most:
-        raise ValueError(f"a file of {size:,} bytes that claims to decompress to more than {most / MIB:,.0f} MiB")
 
 
 def _records(file: IO[bytes], begin: int, size: int) -> Iterator[tuple[int, bytes]]:

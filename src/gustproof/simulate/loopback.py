@@ -57,16 +57,12 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
             controller = ControllerEndpoint(law, _VEHICLE, references=scenario.references)
             peer, kill = _SPARE, None
         dead = controller.finished or (kill is not None and len(rows) >= kill[0])
-        answers = [] if dead else _exchange(controller, [datagram for datagram, to in sent if to == peer], now_us)
-        for answer in answers:
+        for datagram, to in () if dead else sent:
+            if to == peer:
+                controller.receive(datagram, _VEHICLE, now_us)
+        answers = [] if dead else controller.poll(now_us)
+        for answer, _ in answers:
             autopilot.receive(answer, peer, now_us)
         if not sent and not answers:
             now_us = max(now_us + 1, min(autopilot.deadline_us(), NEVER_US if dead else controller.deadline_us()))
     return np.array(rows).reshape(len(rows), -1).view(RECORD)[:, 0] if rows else np.empty(0, dtype=RECORD)
-
-
-def _exchange(controller: ControllerEndpoint, datagrams: list[bytes], now_us: int) -> list[bytes]:
-    """Pass the vehicle's datagrams to the controller and return the controller's."""
-    for datagram in datagrams:
-        controller.receive(datagram, _VEHICLE, now_us)
-    return [answer for answer, _ in controller.poll(now_us)]

@@ -187,15 +187,10 @@ def margins_to_dict(margins_: Margins) -> dict[str, Any]:
         figures[place] = {"disk_margin": getattr(margins_, f"{place}_disk")}
         # the gyro's are the first measurements
         for axis, loop in zip(_AXES, loops[:3], strict=True):
+            gains = {"gain_margin": loop.gain_margin, "gain_reduction_margin": loop.gain_reduction_margin}
+            phase = {"crossover_rad_s": loop.crossover, "phase_margin_deg": math.degrees(loop.phase_margin)}
             figures[place][axis] = _nonfinite_to_none(
-                {
-                    "crossover_rad_s": loop.crossover,
-                    "phase_margin_deg": math.degrees(loop.phase_margin),
-                    "gain_margin": loop.gain_margin,
-                    "gain_reduction_margin": loop.gain_reduction_margin,
-                    "delay_margin_s": loop.delay_margin,
-                    "Ms": loop.Ms,
-                }
+                {**phase, **gains, "delay_margin_s": loop.delay_margin, "Ms": loop.Ms}
             )
     return figures
 

@@ -46,11 +46,13 @@ def render_campaign_page(path: Path) -> str:
     """
     found = compute_statistics(path)
     flown = read_campaign_metadata(path)["versions"]["gustproof"]
+    about = (found.campaign.scenario.description, describe_campaign(found.campaign))
+    warned = (f"<p class='bad'>{escape(line)}</p>" for line in found.warnings)
     parts = {
         "title": escape(f"{found.campaign.scenario.name}: {', '.join(law.law for law in found.laws)}"),
         "policy": "style-src 'unsafe-inline'; img-src data:",
         "styles": read_asset("page.css") + read_asset("campaign.css"),
-        "about": _render_about(found),
+        "about": "".join(f"<p>{escape(line)}</p>" for line in about) + "".join(warned),
         "figures": _render_figures(found),
         "requirements": _render_requirements(found),
         "legend": f'<p class="legend">{"".join(f"<span>{_render_law(found, law)}</span>" for law in found.laws)}</p>',
@@ -60,12 +62,6 @@ def render_campaign_page(path: Path) -> str:
         "footer": f"Flown by gustproof {escape(flown)}, drawn by gustproof {__version__}.",
     }
     return fill_page("campaign.html", parts)
-
-
-def _render_about(found: CampaignStatistics) -> str:
-    lines = (found.campaign.scenario.description, describe_campaign(found.campaign))
-    about = "".join(f"<p>{escape(line)}</p>" for line in lines)
-    return about + "".join(f"<p class='bad'>{escape(line)}</p>" for line in found.warnings)
 
 
 def _render_figures(found: CampaignStatistics) -> str:

@@ -152,16 +152,11 @@ def autotune_pid(
             vehicle, axis, bandwidth=bandwidth, amplitude=amplitude * inertia, control_rate=control_rate, seed=seed
         )
         gains.append(tune_axis(response, inertia, dt, phase_margin=phase_margin))
+    targets = {"bandwidth_rad_s": bandwidth, "phase_margin_rad": phase_margin}
     provenance = Provenance(
         design="cascaded PID by an autotuner: frequency-response experiment flown, then bandwidth and phase margin",
         vehicle=vehicle.name,
-        parameters={
-            "bandwidth_rad_s": bandwidth,
-            "phase_margin_rad": phase_margin,
-            "amplitude_rad_s2": amplitude,
-            "seed": float(seed),
-            **gain_parameters(gains),
-        },
+        parameters={**targets, "amplitude_rad_s2": amplitude, "seed": float(seed), **gain_parameters(gains)},
         version=__version__,
     )
     axes = [plain_axis(g, inertia, dt) for g, inertia in zip(gains, vehicle.inertia_B, strict=True)]

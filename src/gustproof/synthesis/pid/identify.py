@@ -57,7 +57,7 @@ def _measure_response(vehicle: Vehicle, axis: int, amplitude: float, seed: int) 
         A=np.zeros((1, 1)),
         B=np.zeros((1, 6)),
         C=np.zeros((3, 1)),
-        D=np.hstack([np.zeros((3, 3)), np.eye(3)]),
+        D=np.eye(3, 6, 3),
         G=np.zeros((1, 3)),
         H=np.zeros((1, 3)),
         dt=scenario.dt,
