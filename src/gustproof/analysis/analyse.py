@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
@@ -20,12 +19,11 @@ from gustproof.lti.state_space import ComplexMatrix
 from gustproof.scoring.metrics import Metrics, measure
 from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.derive import margins_to_dict
+from gustproof.types import Records
 
 _AXES = ("roll", "pitch", "yaw")
 _STEP_S = 5.0
 _STEP_SHARE = 0.03  # [-] of the torque limit: small enough for every stable law to stay near level
-
-Records = NDArray[np.void]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr, betaincinv, stdtrit
 
+from gustproof.types import Array
+
 CONFIDENCE = 0.95
 """[-] probability that an interval holds the true value."""
 
-Array = NDArray[np.float64]
 _TAIL = (1.0 - CONFIDENCE) / 2.0
 _SIGMAS = 12.0  # standard deviations of a binomial count; the probability beyond is less than any tail used
 _MIN_PER_BIN = 25

@@ -9,7 +9,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gustproof.types import Array
+
 Words = NDArray[np.uint64]
 
 _EDGE_SIGMAS = 3.0  # standard deviations from nominal to edge, where the normal distribution is truncated

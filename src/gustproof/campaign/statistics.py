@@ -25,9 +25,9 @@ from gustproof.campaign.intervals import (
 )
 from gustproof.campaign.plan import Campaign
 from gustproof.campaign.reader import open_table, read_campaign, read_column
-from gustproof.campaign.sampling import Array
 from gustproof.campaign.worker import FIGURES, delta_column, requirement_columns
 from gustproof.simulate.flight import warnings
+from gustproof.types import Array
 
 QUANTILES = {"median": 0.5, "p95": 0.95, "p99": 0.99}
 """Quantiles computed for each figure, by name."""

@@ -18,7 +18,6 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
 from gustproof.campaign.plan import Campaign, parse_campaign
-from gustproof.campaign.sampling import Array
 from gustproof.law.form import Law
 from gustproof.scoring.metrics import Metrics, measure
 from gustproof.scoring.requirements import judge
@@ -26,6 +25,7 @@ from gustproof.simulate.batch import Case, CaseResult, make_batch_simulator
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.kernels import LANES
 from gustproof.simulate.loopback import fly_loopback
+from gustproof.types import Array
 from gustproof.version import software_versions
 
 FIGURES = tuple(field.name for field in fields(Metrics) if field.type is float and field.name != "realtime_factor")

@@ -15,7 +15,6 @@ from threading import Event, Thread
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_model.autopilot.parameters import GUST_SCALE_NAME, PAUSE_NAME, Parameters, published_limit
 from firmware_model.config.scenario import Scenario
@@ -28,6 +27,7 @@ from gustproof.live.journal_follower import follow_journal
 from gustproof.live.requirement_status import requirement_status
 from gustproof.live.server import LOOPBACK, PageServer, parse_bool, parse_number
 from gustproof.live.telemetry_buffer import SERIES, TelemetryBuffer
+from gustproof.types import Records
 
 _JOIN_TIMEOUT_S = 30.0  # for threads with little left to do, on a machine that may be busy
 _JUDGE_S = 0.5
@@ -87,7 +87,7 @@ class LivePage:
         station.parameters_confirmed.wait(_JOIN_TIMEOUT_S)
         self._buffer.update(phase="flying")
 
-    def end(self, message: str, records: NDArray[np.void] = _NO_RECORDS) -> None:
+    def end(self, message: str, records: Records = _NO_RECORDS) -> None:
         """Show the end of the flight and the requirement status of its journal records (n,)."""
         self._done.set()
         if self._station is not None:

@@ -3,18 +3,14 @@
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.scoring.requirements import judge, requirement_label, requirement_limits
+from gustproof.types import Records
 
 
-def requirement_status(
-    records: NDArray[np.void], scenario: Scenario, vehicle: Vehicle, *, over: bool
-) -> list[dict[str, Any]]:
+def requirement_status(records: Records, scenario: Scenario, vehicle: Vehicle, *, over: bool) -> list[dict[str, Any]]:
     """Return the status of each requirement after the journal `records` (n,); none is dark once the flight is `over`.
 
     `held` is null for a dark one. `value` has the unit of the text, and is null if it is not finite.

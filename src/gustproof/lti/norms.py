@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-from numpy.typing import NDArray
 
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti
+from gustproof.types import Array
 
 _AXIS_TOLERANCE = 1e-6
 """[-] eigenvalues with a real part below this fraction of their magnitude, or below rounding, count as crossings."""
@@ -170,7 +170,7 @@ def _search_grid(G: Lti, best: Peak, slowest: float, fastest: float) -> Peak:
     return _raise_lower_bound(G, found, found.omega * np.exp([best_shift.x]))
 
 
-def _raise_lower_bound(G: Lti, best: Peak, omega: NDArray[np.float64]) -> Peak:
+def _raise_lower_bound(G: Lti, best: Peak, omega: Array) -> Peak:
     if omega.size == 0:
         return best
     gains = np.linalg.norm(G.response(omega), 2, axis=(1, 2))

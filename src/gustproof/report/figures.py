@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from gustproof.analysis.analyse import Analysis
 from gustproof.analysis.hover_loop import HoverLoop
@@ -16,9 +15,8 @@ from gustproof.analysis.placement import PerformanceLimits
 from gustproof.model.lpv import PARAMETERS, scheduling_parameters
 from gustproof.report.diagrams import save_figure
 from gustproof.scoring.metrics import Metrics, attitude
+from gustproof.types import Array, Records
 
-Records = NDArray[np.void]
-Array = NDArray[np.float64]
 Flights = Mapping[str, Records]
 
 # Okabe and Ito's palette: colour-blind readers can tell it apart, also on grey paper.

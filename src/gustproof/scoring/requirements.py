@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
 from firmware_model.config.requirement import AXES, Metric, Requirement
@@ -15,9 +14,9 @@ from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.soa import Lane, get_vector, single
 from firmware_model.recording.journal import POSITION
 from gustproof.law.references import references
-from gustproof.scoring.metrics import TALLY_SIZE, Records, Tally, as_rows, maximum, tally_kernel
+from gustproof.scoring.metrics import TALLY_SIZE, Tally, as_rows, maximum, tally_kernel
+from gustproof.types import Array, Records
 
-Array = NDArray[np.float64]
 _LABELS = {
     Metric.PEAK: ("peak", "deg"),
     Metric.RMSE: ("RMSE", "deg"),

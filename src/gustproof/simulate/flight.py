@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
 from firmware_model.config.files import validate
@@ -21,9 +20,8 @@ from gustproof.law.hover import is_stable_at_hover
 from gustproof.scoring.metrics import Metrics, measure
 from gustproof.scoring.requirements import RequirementResult, judge
 from gustproof.simulate.outcome import FlightOutcome
+from gustproof.types import Records
 from gustproof.version import software_versions
-
-Records = NDArray[np.void]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -6,7 +6,6 @@ The protocol cores are those of the two processes; law, scenario and seed give t
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_model.config.events import ControllerKill
 from firmware_model.config.scenario import Scenario
@@ -16,6 +15,7 @@ from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.types import NEVER_US
 from gustproof.controller.endpoint import ControllerEndpoint
 from gustproof.law.form import Law
+from gustproof.types import Array, Records
 
 _VEHICLE, _CONTROLLER, _SPARE = (0, ("vehicle", 1)), (0, ("controller", 1)), (0, ("controller", 2))
 
@@ -34,7 +34,7 @@ def kill_schedule(scenario: Scenario) -> KillSchedule | None:
     return None
 
 
-def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1) -> NDArray[np.void]:
+def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1) -> Records:
     """Fly a scenario in lockstep, vehicle and controller in this process, and return the journal records (n,).
 
     Examples
@@ -46,7 +46,7 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
     >>> fly_loopback(scenario, law, vehicle=vehicle).tobytes() == fly_direct(scenario, law, vehicle=vehicle).tobytes()
     True
     """
-    rows: list[NDArray[np.float64]] = []
+    rows: list[Array] = []
     autopilot = VehicleEndpoint(vehicle, scenario, seed, lambda row: rows.append(row.copy()), lockstep=True)
     controller, peer = ControllerEndpoint(law, _VEHICLE, references=scenario.references), _CONTROLLER
     kill = kill_schedule(scenario)

@@ -6,17 +6,16 @@ from enum import Enum
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import welch
 
 from gustproof.report.html.runs import ReportRun
 from gustproof.scoring.metrics import attitude
+from gustproof.types import Array
 
 MAX_SAMPLES = 20_000
 """Samples of a curve that are drawn unchanged; a longer curve is reduced to the extremes of each section."""
 _SEGMENTS = 4  # without overlap; Welch's method overlaps them by half and averages seven spectra
 
-Array = NDArray[np.float64]
 Values = Callable[[ReportRun], Array]
 
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gustproof.recording.folder import write_atomic
 from gustproof.report.html.charts import MAX_SAMPLES, Chart, ChartGroup, Curve, spectra, time_histories
@@ -22,11 +21,10 @@ from gustproof.report.html.loops import collect_laws, frequency_charts, pole_cha
 from gustproof.report.html.markup import fill_page, read_asset
 from gustproof.report.html.runs import ReportRun
 from gustproof.report.html.tables import render_flights, render_margins, render_requirements
+from gustproof.types import Array
 from gustproof.version import __version__
 
 _SCRIPTS = ("uPlot.min.js", "numbers.js", "charts.js", "attitude.js", "replay.js", "page.js")
-
-Array = NDArray[np.float64]
 
 
 def write_report(runs: Sequence[ReportRun], path: Path) -> None:

@@ -9,8 +9,9 @@ from firmware_model.errors import ConfigError
 from gustproof.law.form import Law
 from gustproof.recording.bag import read_bag
 from gustproof.recording.folder import find_bags
-from gustproof.simulate.flight import Flight, Records, parse_plan
+from gustproof.simulate.flight import Flight, parse_plan
 from gustproof.simulate.outcome import FlightOutcome
+from gustproof.types import Records
 
 MAX_RUNS = 12
 """Most flights on a page: more curves cannot be told apart."""
