@@ -62,9 +62,7 @@ def certify(
     ] = False,
     leak: Annotated[
         float | None,
-        typer.Option(
-            help="Leak of the plant's Euler kinematics [1/s] [default: the design's; closure: 0, as in the vehicle]."
-        ),
+        typer.Option(help="Leak of the Euler kinematics [1/s] [default: the design's; closure: 0, as in the vehicle]."),
     ] = None,
     noise: Annotated[float, typer.Option(help="Closure: rms of the gyro's white noise in a sample [rad/s].")] = 0.0,
     risk: Annotated[float, typer.Option(help="Closure: probability that the noise leaves its bounds.")] = 1e-3,

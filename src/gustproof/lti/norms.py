@@ -107,13 +107,9 @@ def bilinear_transform(G: Lti) -> Lti:
     `G` must have no pole at z = -1.
     """
     n = G.order
-    M = np.linalg.inv(G.A + np.eye(n))
-    return Lti(
-        A=2.0 / G.dt * M @ (G.A - np.eye(n)),
-        B=2.0 / G.dt**0.5 * M @ G.B,
-        C=2.0 / G.dt**0.5 * G.C @ M,
-        D=G.D - G.C @ M @ G.B,
-    )
+    M, scale = np.linalg.inv(G.A + np.eye(n)), 2.0 / G.dt**0.5
+    A = 2.0 / G.dt * M @ (G.A - np.eye(n))
+    return Lti(A=A, B=scale * M @ G.B, C=scale * G.C @ M, D=G.D - G.C @ M @ G.B)
 
 
 def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:

@@ -171,13 +171,9 @@ def gain(D: ArrayLike, dt: float = 0.0) -> Lti:
 def series(first: Lti, second: Lti) -> Lti:
     """Return the series connection, `first` feeding `second`; states of `first` come first."""
     _check_sample_times(first, second)
-    return Lti(
-        A=np.block([[first.A, np.zeros((first.order, second.order))], [second.B @ first.C, second.A]]),
-        B=np.vstack([first.B, second.B @ first.D]),
-        C=np.hstack([second.D @ first.C, second.C]),
-        D=second.D @ first.D,
-        dt=first.dt,
-    )
+    A = np.block([[first.A, np.zeros((first.order, second.order))], [second.B @ first.C, second.A]])
+    B, C = np.vstack([first.B, second.B @ first.D]), np.hstack([second.D @ first.C, second.C])
+    return Lti(A=A, B=B, C=C, D=second.D @ first.D, dt=first.dt)
 
 
 def sensitivity(L: Lti) -> Lti:

@@ -322,14 +322,11 @@ def _merge_blocks(M: Lti, stacked: Sequence[DeltaBlock]) -> Uncertain:
     blocks: list[DeltaBlock] = []
     for name in names:
         same = [block for block in stacked if block.name == name]
-        first = same[0]
-        if isinstance(first, RealBlock):
-            one = replace(first, repeats=sum(block.shape[0] for block in same))
-            if any(replace(first, repeats=block.shape[0]) != block for block in same):
+        if isinstance(same[0], RealBlock):
+            if any(replace(same[0], repeats=block.shape[0]) != block for block in same):
                 raise ValueError(f"parameter '{name}' has two ranges")
-            blocks.append(one)
-        else:
-            blocks += same
+            same = [replace(same[0], repeats=sum(block.shape[0] for block in same))]
+        blocks += same
     return Uncertain(M=M.subsystem(outputs, inputs), blocks=tuple(blocks))
 
 

@@ -128,9 +128,6 @@ def linear_plant(vehicle: Vehicle) -> Lti:
     """
     body = airframe(vehicle, leak=0.0, rate_damping=vehicle.rate_damping)
     motors = actuators(vehicle)
-    return Lti(
-        A=np.block([[body.A, body.B], [np.zeros((3, 6)), motors.A]]),
-        B=np.block([[np.zeros((6, 3)), body.B], [motors.B, np.zeros((3, 3))]]),
-        C=np.eye(6, 9),
-        D=np.zeros((6, 6)),
-    )
+    A = np.block([[body.A, body.B], [np.zeros((3, 6)), motors.A]])
+    B = np.block([[np.zeros((6, 3)), body.B], [motors.B, np.zeros((3, 3))]])
+    return Lti(A=A, B=B, C=np.eye(6, 9), D=np.zeros((6, 6)))

@@ -188,13 +188,9 @@ def _loop(model: AxisModel, controller: Lti) -> Lti:
 
 def _axis_model(vehicle: Vehicle, scenario: Scenario, inertia: float, moment: Lti, stationary: Matrix) -> AxisModel:
     lag, damping = vehicle.actuator_lag, vehicle.rate_damping
-    continuous = Lti(
-        A=np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0 / inertia], [0.0, 0.0, -1.0 / lag]]),
-        B=np.array([[0.0, 0.0], [0.0, 1.0 / inertia], [1.0 / lag, 0.0]]),
-        C=np.array([[0.0, 1.0, 0.0]]),
-        D=np.zeros((1, 2)),
-    )
-    held = discretize_zoh(continuous, scenario.dt)
+    A = np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0 / inertia], [0.0, 0.0, -1.0 / lag]])
+    B = np.array([[0.0, 0.0], [0.0, 1.0 / inertia], [1.0 / lag, 0.0]])
+    held = discretize_zoh(Lti(A=A, B=B, C=np.array([[0.0, 1.0, 0.0]]), D=np.zeros((1, 2))), scenario.dt)
     noise = vehicle.gyro.noise_ratio * vehicle.gyro.reference_rate * math.sqrt(scenario.control_rate_hz / 250.0)
     return AxisModel(
         plant=held.subsystem(slice(0, 1), slice(0, 1)),

@@ -67,13 +67,9 @@ def step_response(law: Law, vehicle: Vehicle, *, tau: float | None = None) -> St
     commanded = plant.subsystem(slice(None), slice(0, 3))
     sampled = series(delay(3, law.dt), discretize_zoh(commanded, law.dt))
     # inputs (reference, u), outputs (attitude; gyro, reference)
-    P = Lti(
-        A=sampled.A,
-        B=np.hstack([np.zeros((sampled.order, 3)), sampled.B]),
-        C=np.vstack([sampled.C, np.zeros((3, sampled.order))]),
-        D=np.vstack([np.hstack([np.zeros((6, 3)), sampled.D]), np.eye(3, 6)]),
-        dt=sampled.dt,
-    )
+    zero = np.zeros((sampled.order, 3))
+    D = np.vstack([np.hstack([np.zeros((6, 3)), sampled.D]), np.eye(3, 6)])
+    P = Lti(A=sampled.A, B=np.hstack([zero, sampled.B]), C=np.vstack([sampled.C, zero.T]), D=D, dt=sampled.dt)
     closed = lft(P, linear_law(law, inputs=6))
     samples = round(_DURATION_S / law.dt)
     attitude = np.empty((samples, 3))

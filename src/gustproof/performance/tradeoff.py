@@ -173,22 +173,14 @@ def _moments(model: AxisModel, weight: float, bank: Lti, output: int) -> Matrix:
     # inputs: noises, then the controller's outputs: command and innovation
     columns = np.hstack([flight.D, np.zeros((3, 1))])[[output, 0, 2]]
     columns[1] = np.eye(1, columns.shape[1], columns.shape[1] - 1)
-    P = Lti(
-        A=flight.A,
-        B=np.hstack([flight.B, np.zeros((flight.order, 1))]),
-        C=np.vstack([flight.C[output], np.zeros(flight.order), flight.C[2]]),
-        D=columns,
-        dt=flight.dt,
-    )
+    B = np.hstack([flight.B, np.zeros((flight.order, 1))])
+    C = np.vstack([flight.C[output], np.zeros(flight.order), flight.C[2]])
+    P = Lti(A=flight.A, B=B, C=C, D=columns, dt=flight.dt)
     whole = lft(P, central.subsystem(slice(0, 2), slice(0, 1)))  # noises to output and innovation
     after = series(_command_response(flight, weight, flight.C[output], flight.D[output, -1]), bank)
-    both = Lti(
-        A=after.A,
-        B=np.hstack([np.zeros((after.order, 1)), after.B]),
-        C=np.vstack([np.zeros(after.order), after.C]),
-        D=np.block([[np.eye(1), np.zeros((1, 1))], [np.zeros((after.n_outputs, 1)), after.D]]),
-        dt=flight.dt,
-    )
+    B, C = np.hstack([np.zeros((after.order, 1)), after.B]), np.vstack([np.zeros(after.order), after.C])
+    D = np.block([[np.eye(1), np.zeros((1, 1))], [np.zeros((after.n_outputs, 1)), after.D]])
+    both = Lti(A=after.A, B=B, C=C, D=D, dt=flight.dt)
     return mean_second_moments([model], series(whole, both))
 
 

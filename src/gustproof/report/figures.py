@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from gustproof.analysis.analyse import Analysis
 from gustproof.analysis.hover_loop import HoverLoop
-from gustproof.analysis.placement import PerformanceLimits
+from gustproof.analysis.placement import ErrorLimits, Places
 from gustproof.model.lpv import PARAMETERS, scheduling_parameters
 from gustproof.report.diagrams import save_figure
 from gustproof.scoring.metrics import Metrics, attitude
@@ -113,13 +113,12 @@ def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: f
     save_figure(figure, path)
 
 
-def save_trade_off(performance: PerformanceLimits, flown: Mapping[str, Metrics], path: Path) -> None:
+def save_trade_off(limits: ErrorLimits, placed: Places, flown: Mapping[str, Metrics], path: Path) -> None:
     """Draw error against sensitivity peak: the limits, and each law as predicted (ring) and as `flown` (disc).
 
     The left panel shows all laws, the right panel those near the limit.
     """
-    limits = performance.limits
-    places = {name: place for name, place in performance.places.items() if place is not None}
+    places = {name: place for name, place in placed.items() if place is not None}
     figure = _new_figure((11.0, 5.6), f"Least attitude error against robustness: {limits.scenario}")
     whole, near = figure.subplots(1, 2)
     for axes in (whole, near):

@@ -10,7 +10,7 @@ from rich.text import Text
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.analysis.law_margins import HoverMargins
-from gustproof.analysis.placement import PerformanceLimits, Placement
+from gustproof.analysis.placement import ErrorLimits, Placement, Places
 from gustproof.report.laws import render_limits
 from gustproof.report.terminal import Renderable, format_number
 from gustproof.reproduce.claims import PAPER_LAWS, Claim, ClaimVerdict, Medians
@@ -41,7 +41,8 @@ _DIFFERENCES = (
 def render_reproduction(
     medians: Medians,
     margins: Mapping[str, HoverMargins | None],
-    performance: PerformanceLimits,
+    limits: ErrorLimits,
+    places: Places,
     claims: Iterable[Claim],
     vehicle: Vehicle,
     scenario: Scenario,
@@ -49,8 +50,8 @@ def render_reproduction(
     """Return the whole report: Table III, fair comparison, limits, verdicts, background."""
     parts = (
         render_paper(medians),
-        render_comparison(medians, margins, performance.places),
-        render_limits(performance.limits),
+        render_comparison(medians, margins, places),
+        render_limits(limits),
         render_claims(claims),
         render_background(vehicle, scenario),
     )
@@ -78,9 +79,7 @@ def render_claims(claims: Iterable[Claim]) -> Renderable:
     return verdicts
 
 
-def render_comparison(
-    medians: Medians, margins: Mapping[str, HoverMargins | None], places: Mapping[str, Placement | None]
-) -> Renderable:
+def render_comparison(medians: Medians, margins: Mapping[str, HoverMargins | None], places: Places) -> Renderable:
     """Return all laws in the same turbulence, comparisons by figure and margins, and the cost of commanding rates."""
     errors = ("peak\n\n[deg]", "RMSE\n\n[deg]", "pre-\ndicted\n[deg]", "bound\n\n[deg]")
     costs = ("torque\nrms\n[N m]", "slew\nrms\n[N m/s]", "coning\nroll\n[deg]", "bias\nroll\n[deg]")

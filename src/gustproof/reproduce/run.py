@@ -16,7 +16,7 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import Dryden
 from firmware_model.errors import ConfigError
 from gustproof.analysis.law_margins import SPREADS, HoverMargins, axis_robustness, hover_margins
-from gustproof.analysis.placement import PerformanceLimits, performance_limits
+from gustproof.analysis.placement import ErrorLimits, Places, performance_limits
 from gustproof.errors import FlightError
 from gustproof.law.form import Law, load_law
 from gustproof.model.interconnection import Interconnection
@@ -59,8 +59,10 @@ class Reproduction:
     """Margins at hover by law."""
     stability_factor: Mapping[str, float | None]
     """[-] multiple of `SPREADS` of inertia and lag that is proved stable at hover, by law; `None` if unknown."""
-    performance: PerformanceLimits
-    """Performance limits in the turbulence, and the place of each law."""
+    limits: ErrorLimits
+    """Least possible errors in the turbulence."""
+    places: Places
+    """Distance of each law from them."""
     claims: tuple[Claim, ...]
     """Verdicts on the paper's claims."""
 
@@ -77,21 +79,21 @@ class Reproduction:
                 law: {
                     **{name: asdict(metrics) for name, metrics in scenarios.items()},
                     "seeds": list(self.seeds[:1] if law == _NOT_COMPARED else self.seeds),
-                    "place": None if (place := self.performance.places[law]) is None else asdict(place),
+                    "place": None if (place := self.places[law]) is None else asdict(place),
                     "stable_up_to_times": self.stability_factor[law],
                 }
                 for law, scenarios in self.medians.items()
             },
             "warnings": list(self.warnings),
             "spreads": asdict(SPREADS),
-            "limits": asdict(self.performance.limits),
+            "limits": asdict(self.limits),
             "claims": [{**claim._asdict(), "verdict": claim.verdict.value} for claim in self.claims],
         }
 
     def render(self) -> Renderable:
         """Return the report as tables and text."""
         document = render_reproduction(
-            self.medians, self.margins, self.performance, self.claims, self.vehicle, load_scenario("paper")
+            self.medians, self.margins, self.limits, self.places, self.claims, self.vehicle, load_scenario("paper")
         )
         return Group(*(Text(f"warning: {line}") for line in self.warnings), document)
 
@@ -132,7 +134,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     margins = {name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
     robust = {name: axis_robustness(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
     stability_factor = {name: 1.0 / max(x.upper for x in axes) if axes else None for name, axes in robust.items()}
-    found = performance_limits(laws, margins, vehicle, scenarios["paper-turbulence"])
+    limits, places = performance_limits(laws, margins, vehicle, scenarios["paper-turbulence"])
     plans = [
         FlightPlan(scenario, law, vehicle, seed, real_time=False)
         for scenario in scenarios.values()
@@ -151,7 +153,8 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         medians=medians,
         margins=margins,
         stability_factor=stability_factor,
-        performance=found,
+        limits=limits,
+        places=places,
         claims=judge_claims(medians, laws, norm=solved.result.norm, gamma_opt=gamma_opt, peak_rate=highest),
     )
     (out / "summary.json").write_text(json.dumps(reproduction.to_dict(), indent=2) + "\n", encoding="utf-8")
@@ -208,7 +211,7 @@ def _draw(found: Reproduction, flights: Sequence[Flight], problem: Interconnecti
     title = f"LFT of the closed loop, Delta of order {dynamics.n_z}"
     diagrams.save_lft(problem, dynamics, title, out / "lft.png")
     flown = {law: scenarios["paper-turbulence"] for law, scenarios in found.medians.items()}
-    figures.save_trade_off(found.performance, flown, out / "trade-off.png")
+    figures.save_trade_off(found.limits, found.places, flown, out / "trade-off.png")
 
 
 def _median_of(flights: Sequence[Flight], scenario: str, law: str) -> Metrics:

@@ -141,14 +141,11 @@ def initial_readings(scenario: Scenario, width: int) -> Array:
 
 def results_from_readings(scenario: Scenario, readings: Array, samples: int) -> tuple[RequirementResult, ...]:
     """Return the result of each requirement after `samples` samples, from the readings (n, READING_SIZE)."""
-    return tuple(
-        RequirementResult(
-            requirement=requirement,
-            value=_value(scenario, requirement, reading, samples),
-            judged=scenario.window(requirement)[1] <= samples,
-        )
-        for requirement, reading in zip(scenario.require, readings.tolist(), strict=True)
-    )
+    results = []
+    for requirement, reading in zip(scenario.require, readings.tolist(), strict=True):
+        value, judged = _value(scenario, requirement, reading, samples), scenario.window(requirement)[1] <= samples
+        results.append(RequirementResult(requirement=requirement, value=value, judged=judged))
+    return tuple(results)
 
 
 def verdict(result: RequirementResult) -> tuple[str, str]:

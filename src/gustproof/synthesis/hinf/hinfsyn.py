@@ -301,9 +301,5 @@ def _decouple(K: Lti, P: Lti) -> Lti:
     for _ in range(len(joined).bit_length()):  # each product doubles the length of the paths
         joined = np.minimum(joined @ joined, 1.0)
     x, u, y = slice(n), slice(n + m - K.n_outputs, n + m), slice(n + m + p - K.n_inputs, n + m + p)
-    return Lti(
-        A=np.where(joined[x, x], K.A, 0.0),
-        B=np.where(joined[x, y], K.B, 0.0),
-        C=np.where(joined[u, x], K.C, 0.0),
-        D=np.where(joined[u, y], K.D, 0.0),
-    )
+    A, B = np.where(joined[x, x], K.A, 0.0), np.where(joined[x, y], K.B, 0.0)
+    return Lti(A=A, B=B, C=np.where(joined[u, x], K.C, 0.0), D=np.where(joined[u, y], K.D, 0.0))

@@ -135,10 +135,7 @@ def _add_strapdown(flight: Lti) -> Lti:
     """Return the axis with one more output before the gyro: the law's own attitude, by the trapezoidal sum."""
     n, dt, gyro, feedthrough = flight.order, flight.dt, flight.C[2:], flight.D[2:]
     zero, one = np.zeros((1, 1)), np.ones((1, 1))
-    return Lti(
-        A=np.block([[flight.A, np.zeros((n, 1))], [dt * gyro, one]]),
-        B=np.vstack([flight.B, dt * feedthrough]),
-        C=np.block([[flight.C[:2], np.zeros((2, 1))], [0.5 * dt * gyro, one], [gyro, zero]]),
-        D=np.vstack([flight.D[:2], 0.5 * dt * feedthrough, feedthrough]),
-        dt=dt,
-    )
+    A = np.block([[flight.A, np.zeros((n, 1))], [dt * gyro, one]])
+    C = np.block([[flight.C[:2], np.zeros((2, 1))], [0.5 * dt * gyro, one], [gyro, zero]])
+    D = np.vstack([flight.D[:2], 0.5 * dt * feedthrough, feedthrough])
+    return Lti(A=A, B=np.vstack([flight.B, dt * feedthrough]), C=C, D=D, dt=dt)
