@@ -56,19 +56,9 @@ def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) ->
         timing = {name: int(value) for name, value in about["pace"].items()} if "pace" in about else None
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise ConfigError(f"{bag}: does not say what was flown") from None
-    return ReportRun(
-        scenario=plan.scenario,
-        law=plan.law,
-        vehicle=plan.vehicle,
-        seed=plan.seed,
-        records=records,
-        outcome=outcome,
-        message=outcome.value,
-        timing=timing,
-        bag=bag,
-        label=label,
-        versions=versions,
-    )
+    flown = {name: value for name, value in plan._asdict().items() if name != "real_time"}
+    said: dict[str, Any] = {"outcome": outcome, "message": outcome.value, "timing": timing, "versions": versions}
+    return ReportRun(**flown, **said, label=label, bag=bag, records=records)
 
 
 def _unique_labels(flights: list[dict[str, Any]]) -> list[str]:
