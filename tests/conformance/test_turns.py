@@ -4,7 +4,8 @@ import math
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.config.scenario import load_scenario

@@ -13,7 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.config.scenario import load_scenario

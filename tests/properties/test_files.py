@@ -4,7 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from firmware_model.config.files import write_toml
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario, list_scenarios, load_scenario

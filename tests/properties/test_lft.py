@@ -1,7 +1,8 @@
 """Identities of the algebra of uncertain systems, on random ones."""
 
 import numpy as np
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain, append, as_uncertain, close_loop, star

@@ -1,7 +1,8 @@
 """Norms and Riccati-based synthesis on random systems: bounds that must hold whatever the numbers."""
 
 import numpy as np
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gustproof.lti.norms import h2_norm, hinf_norm
 from gustproof.lti.state_space import Lti, gain, series

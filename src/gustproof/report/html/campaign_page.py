@@ -11,7 +11,8 @@ import numpy as np
 from gustproof.campaign.intervals import CONFIDENCE, Importance
 from gustproof.campaign.reader import open_table, read_campaign_metadata, read_column
 from gustproof.campaign.statistics import COMPARED_FIGURES, CampaignStatistics, LawStatistics, compute_statistics
-from gustproof.campaign.worker import FIGURES as FLOWN, delta_column
+from gustproof.campaign.worker import FIGURES as FLOWN
+from gustproof.campaign.worker import delta_column
 from gustproof.recording.folder import write_atomic
 from gustproof.report.campaign import (
     IMPORTANCE_FIGURE,
