@@ -11,13 +11,12 @@ from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.rotations import conjugate, rotate
 from firmware_model.physics.dryden import gust_moment
-from firmware_model.physics.ground import GroundParams, can_touch_ground, ground_params, ground_wrench, is_at_rest
+from firmware_model.physics.ground import GroundParams, can_touch_ground, ground_wrench, is_at_rest
 from firmware_model.physics.rigid_body import (
     Body,
     BodyInputs,
     BodyParams,
     at_rest,
-    body_params,
     derivative,
     runge_kutta,
     specific_force,
@@ -82,11 +81,6 @@ def air_params(vehicle: Vehicle) -> AirParams:
         gust_gain=vehicle.gust_gain,
         gust_yaw_ratio=vehicle.gust_yaw_ratio,
     )
-
-
-def free_params(vehicle: Vehicle) -> FreeParams:
-    """Return the constants of a vehicle in free flight."""
-    return FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))
 
 
 @kernel

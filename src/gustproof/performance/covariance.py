@@ -144,6 +144,12 @@ def controller_performance(model: AxisModel, controller: Lti) -> AxisPerformance
     return AxisPerformance(rmse=rmse, slew=slew, sensitivity_peak=hinf_norm(sensitivity(_loop(model, controller))).gain)
 
 
+def pool_axes(axes: Sequence[AxisPerformance]) -> tuple[float, float]:
+    """Return rms attitude [rad] and slew [N*m/s] of all axes."""
+    rmse, slew = (math.sqrt(np.mean([getattr(axis, name) ** 2 for axis in axes])) for name in ("rmse", "slew"))
+    return rmse, slew
+
+
 def rms(model: AxisModel, controller: Lti) -> tuple[float, float]:
     """Return rms attitude [rad] and slew [N*m/s] of one axis, averaged over the flight."""
     moments = mean_second_moments([model], lft(augmented_axis(model), controller))
@@ -173,23 +179,18 @@ def mean_covariance(F: Matrix, Q: Matrix, P: Matrix, count: int) -> Matrix:
 
 def _loop(model: AxisModel, controller: Lti) -> Lti:
     """Return the loop broken at the plant's input, for negative feedback; the gyro does not measure attitude."""
-    dt, whole = model.plant.dt, model.plant
-    plant = Lti(A=whole.A[1:, 1:], B=whole.B[1:], C=whole.C[:, 1:], D=whole.D, dt=dt)
+    whole = model.plant
+    plant = Lti(A=whole.A[1:, 1:], B=whole.B[1:], C=whole.C[:, 1:], D=whole.D, dt=whole.dt)
     for _ in range(model.delay_samples):
-        plant = series(delay(1, dt), plant)
-    loop = series(plant, controller)
-    return Lti(A=loop.A, B=loop.B, C=-loop.C, D=-loop.D, dt=dt)
+        plant = series(delay(1, whole.dt), plant)
+    return -series(plant, controller)
 
 
 def _axis_model(vehicle: Vehicle, scenario: Scenario, inertia: float, moment: Lti, stationary: Matrix) -> AxisModel:
     lag, damping = vehicle.actuator_lag, vehicle.rate_damping
-    continuous = Lti(
-        A=np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0 / inertia], [0.0, 0.0, -1.0 / lag]]),
-        B=np.array([[0.0, 0.0], [0.0, 1.0 / inertia], [1.0 / lag, 0.0]]),
-        C=np.array([[0.0, 1.0, 0.0]]),
-        D=np.zeros((1, 2)),
-    )
-    held = discretize_zoh(continuous, scenario.dt)
+    A = np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0 / inertia], [0.0, 0.0, -1.0 / lag]])
+    B = np.array([[0.0, 0.0], [0.0, 1.0 / inertia], [1.0 / lag, 0.0]])
+    held = discretize_zoh(Lti(A=A, B=B, C=np.array([[0.0, 1.0, 0.0]]), D=np.zeros((1, 2))), scenario.dt)
     noise = vehicle.gyro.noise_ratio * vehicle.gyro.reference_rate * math.sqrt(scenario.control_rate_hz / 250.0)
     return AxisModel(
         plant=held.subsystem(slice(0, 1), slice(0, 1)),

@@ -109,14 +109,10 @@ def requirements_table(requirements: Iterable[RequirementResult]) -> Table:
             requirement_label(required),
             requirement_window(required),
             requirement_limits(required),
-            *map(_format_figure, (result.value, result.margin)),
+            *("not flown" if math.isnan(x) else format_number(x) for x in (result.value, result.margin)),
             Text(*verdict(result)),
         )
     return table
-
-
-def _format_figure(value: float) -> str:
-    return "not flown" if math.isnan(value) else format_number(value)
 
 
 def figures_table(title: str, flights: Mapping[str, Metrics]) -> Table:

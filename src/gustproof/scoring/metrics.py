@@ -7,7 +7,6 @@ from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
@@ -18,9 +17,8 @@ from firmware_model.numerics.soa import Lane, get, get_vector, loader, single, s
 from firmware_model.recording.journal import OMEGA, Q_NB, TORQUE_COMMAND, WIDTH
 from firmware_model.types import Quaternion, Vector
 from gustproof.model.lpv import RATE_BOUND
+from gustproof.types import Array, Records
 
-Records = NDArray[np.void]
-Array = NDArray[np.float64]
 _TWO_PI, _DEGREES = 2.0 * math.pi, 180.0 / math.pi
 
 

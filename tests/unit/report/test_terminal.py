@@ -12,7 +12,7 @@ from firmware_model.session.latency import Latency
 from gustproof.analysis.law_margins import HoverMargins, hover_margins
 from gustproof.analysis.placement import ErrorLimits, Placement, TradeOffCurve
 from gustproof.law.form import load_law
-from gustproof.report.limit_tables import render_limits
+from gustproof.report.laws import render_limits
 from gustproof.report.terminal import render_flight, save_text
 from gustproof.reproduce.errata import list_choices
 from gustproof.reproduce.paper_tables import render_background, render_comparison, render_paper
@@ -88,7 +88,7 @@ def test_what_rates_cost_is_told():
 def test_the_choices_are_read_from_the_files_that_were_flown():
     vehicle, scenario = load_vehicle("paper"), load_scenario("paper")
     changed = list_choices(replace(vehicle, actuator_lag=0.123), replace(scenario, delay_samples=7))
-    told = " ".join(question.choice for question in changed)
+    told = " ".join(choice for _, choice in changed)
     assert "0.123 s" in told
     assert "7 sample(s)" in told
 

@@ -15,7 +15,7 @@ from firmware_model.physics.ground import ground_params, ground_wrench
 from firmware_model.physics.rigid_body import Body
 from firmware_model.sim.layout import X_BODY
 from firmware_model.sim.state import initial_state
-from gustproof.law.form import load_law, shipped_laws
+from gustproof.law.form import list_laws, load_law
 from gustproof.scoring.metrics import measure
 from gustproof.scoring.requirements import judge
 from gustproof.simulate.batch import Case, fly_many
@@ -98,7 +98,7 @@ def test_a_case_scales_the_gusts_and_begins_in_its_attitude():
 
 @pytest.mark.compiled
 @pytest.mark.parametrize("translation", ["held", "free"])
-@pytest.mark.parametrize("law", shipped_laws())
+@pytest.mark.parametrize("law", list_laws())
 def test_flights_side_by_side_are_those_one_by_one_with_every_law(law, translation):
     assert_same(replace(SHORT, translation=translation), load_law(law), cases(3))
 

@@ -10,8 +10,17 @@ from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenar
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.config.waveforms import Constant, Dryden, GustCosine
 from firmware_model.numerics.rotations import euler_angles, from_euler
-from firmware_model.physics.aerodynamics import AIR_DENSITY, Air, FreeInputs, free_params, sensor_wrench, step
-from firmware_model.physics.rigid_body import Body, BodyInputs
+from firmware_model.physics.aerodynamics import (
+    AIR_DENSITY,
+    Air,
+    FreeInputs,
+    FreeParams,
+    air_params,
+    sensor_wrench,
+    step,
+)
+from firmware_model.physics.ground import ground_params
+from firmware_model.physics.rigid_body import Body, BodyInputs, body_params
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import AttitudeTarget, LevelFlight, Setpoint, TorqueCommand
@@ -48,7 +57,7 @@ def torque(*torque_B: float, throttle: float | None = None) -> TorqueCommand:
 
 @by_vehicle
 def test_without_thrust_it_falls_with_g_and_feels_nothing(vehicle):
-    params = free_params(vehicle)
+    params = FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))
     body = HIGH
     assert sensor_wrench(params, body, FreeInputs(NOTHING, STILL, True))[0] == (0.0, 0.0, 0.0)
     for _ in range(100):
@@ -60,7 +69,7 @@ def test_without_thrust_it_falls_with_g_and_feels_nothing(vehicle):
 
 @by_vehicle
 def test_it_falls_no_faster_than_its_drag_lets_it(vehicle):
-    params = free_params(vehicle)
+    params = FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))
     speed = math.sqrt(vehicle.mass * GRAVITY / (0.5 * AIR_DENSITY * vehicle.drag_area))
     body = HIGH._replace(down=-1e6)
     for _ in range(3000):

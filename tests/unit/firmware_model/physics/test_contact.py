@@ -5,9 +5,9 @@ import pytest
 
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.numerics.rotations import from_euler, rotate
-from firmware_model.physics.aerodynamics import Air, FreeInputs, free_params, step, sum_inputs
+from firmware_model.physics.aerodynamics import Air, FreeInputs, FreeParams, air_params, step, sum_inputs
 from firmware_model.physics.ground import can_touch_ground, ground_params, ground_wrench, is_at_rest, standing_height
-from firmware_model.physics.rigid_body import Body, BodyInputs
+from firmware_model.physics.rigid_body import Body, BodyInputs, body_params
 
 VEHICLE = load_vehicle("paper")
 PARAMS = ground_params(VEHICLE)
@@ -108,7 +108,8 @@ def test_it_rests_while_its_feet_can_carry_what_acts(body, force, moment, restin
 
 
 def test_far_from_the_ground_it_is_not_asked_about():
-    params, air = free_params(VEHICLE), Air(3.0, -1.0, 0.5, 2.0, 1.0, 0.0)
+    params = FreeParams(body_params(VEHICLE, free=True), air_params(VEHICLE), PARAMS)
+    air = Air(3.0, -1.0, 0.5, 2.0, 1.0, 0.0)
     nothing = BodyInputs(*[0.0] * 13)
     high = a_body(0.4, (0.1, -0.2, 0.3), (1.0, 2.0, -1.0), (0.1, 0.2, 0.3))._replace(thrust=90.0)
     inputs = [FreeInputs(nothing, air, low) for low in (True, False)]

@@ -11,7 +11,6 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.errors import DesignError
 from gustproof.lti.norms import h2_norm, hinf_norm
 from gustproof.lti.state_space import Lti, as_lti, lft
-from gustproof.synthesis import hinfstruct
 from gustproof.synthesis.designs import design_problem, load_design
 from gustproof.synthesis.structured.blocks import (
     Structure,
@@ -25,6 +24,7 @@ from gustproof.synthesis.structured.blocks import (
     tunable_ss,
 )
 from gustproof.synthesis.structured.goals import GainGoal, NormKind, RollOffGoal, SensitivityGoal, StabilityGoal
+from gustproof.synthesis.structured.hinfstruct import hinfstruct
 
 GOLDEN = json.loads((Path(__file__).parents[3] / "golden" / "compleib.json").read_text(encoding="utf-8"))["plants"]
 NEAR = 1.005
