@@ -13,8 +13,6 @@ from collections.abc import Iterator, Sequence
 from enum import Enum
 from typing import Generic, TypeVar
 
-import numpy as np
-
 from firmware_model.config.link_faults import (
     AnyFault,
     Bandwidth,
@@ -26,11 +24,9 @@ from firmware_model.config.link_faults import (
     Reordering,
 )
 from firmware_model.numerics.compiled import compiled
-from firmware_model.numerics.elementary import philox
+from firmware_model.numerics.elementary import uniforms
 from firmware_model.numerics.random import LINK_STREAM
 from firmware_model.types import NEVER_US
-
-_SCALE = 2.0**-32
 
 Item = TypeVar("Item")
 
@@ -169,17 +165,13 @@ class _FaultTable:
 
     def _draw(self, number: int, copy: int = 0) -> tuple[float, float]:
         """Return two uniform numbers in (0, 1), unique to this table, datagram and copy."""
-        return _uniforms(self._seed, number, self._block + copy)
+        change, loss, _, _ = _uniforms(self._seed, number, self._block + copy)
+        return change, loss
 
 
 @compiled
-def _uniforms(seed: int, sample: int, block: int) -> tuple[float, float]:
-    """Return two independent uniform numbers in (0, 1), a pure function of the arguments, each below 2^32."""
-    a, b, _, _ = philox(
-        (np.uint64(sample), np.uint64(block), np.uint64(0), np.uint64(0)),
-        (np.uint64(seed), np.uint64(LINK_STREAM)),
-    )
-    return (np.float64(a) + 0.5) * _SCALE, (np.float64(b) + 0.5) * _SCALE
+def _uniforms(seed: int, number: int, block: int) -> tuple[float, float, float, float]:
+    return uniforms(seed, LINK_STREAM, number, block)
 
 
 def _to_us(seconds: float) -> int:
