@@ -133,4 +133,5 @@ class Payload(_Event):
 PlantEvent = (
     AttitudeReference | GyroBias | GyroNoise | GyroRange | ActuatorEffect | ActuatorLag | ActuatorLimit | Payload
 )
-Event = Annotated[ModeChange | ControllerHang | ControllerKill | PlantEvent, Field(discriminator="kind")]
+ControllerEvent = ModeChange | ControllerHang | ControllerKill
+Event = Annotated[ControllerEvent | PlantEvent, Field(discriminator="kind")]
