@@ -164,9 +164,9 @@ class ControllerEndpoint:
         for item in parse(datagram):
             cause = item if isinstance(item, RejectReason) else self._dispatch(item, peer, now_us)
             if cause is not None:
-                self.drop(cause, peer)
+                self.count_reject(cause, peer)
 
-    def drop(self, cause: RejectReason, peer: Address) -> None:
+    def count_reject(self, cause: RejectReason, peer: Address) -> None:
         """Count a message without effect, whoever sent it."""
         self.channel.dropped[cause] += 1
 

@@ -93,13 +93,13 @@ class GroundStation:
         self._now_us, self._has_received = now_us, True
         for item in parse(datagram):
             if peer != self._vehicle:
-                self.drop(RejectReason.OTHER_TARGET, peer)
+                self.count_reject(RejectReason.OTHER_TARGET, peer)
             elif isinstance(item, RejectReason):
-                self.drop(item, peer)
+                self.count_reject(item, peer)
             else:
                 self._dispatch(item)
 
-    def drop(self, cause: RejectReason, peer: Address) -> None:
+    def count_reject(self, cause: RejectReason, peer: Address) -> None:
         """Count a message without effect."""
         self.channel.dropped[cause] += 1
 

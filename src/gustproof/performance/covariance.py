@@ -77,13 +77,10 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
     f, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
     covariance = factor @ factor.T
     map_B = np.array([gust_moment(vehicle.gust_gain, vehicle.gust_yaw_ratio, tuple(e)) for e in np.eye(3)]).T
-    v_A, v_B = _lower_triangle(f.v_a11, f.v_a21, f.v_a22), _lower_triangle(f.v_b11, f.v_b21, f.v_b22)
-    w_A, w_B = _lower_triangle(f.w_a11, f.w_a21, f.w_a22), _lower_triangle(f.w_b11, f.w_b21, f.w_b22)
-    filters = (
-        (np.array([[f.u_a]]), np.array([[f.u_b]]), np.array([[1.0]]), covariance[:1, :1]),
-        (v_A, v_B, np.array([[f.v_c1, f.v_c2]]), covariance[1:3, 1:3]),
-        (w_A, w_B, np.array([[f.w_c1, f.w_c2]]), covariance[4:6, 4:6]),
-    )
+    filters = [(np.array([[f.u_a]]), np.array([[f.u_b]]), np.array([[1.0]]), covariance[:1, :1])]
+    for t, at in ((f.v, slice(1, 3)), (f.w, slice(4, 6))):
+        A, B = _lower_triangle(t.a11, t.a21, t.a22), _lower_triangle(t.b11, t.b21, t.b22)
+        filters.append((A, B, np.array([[t.c1, t.c2]]), covariance[at, at]))
     models = []
     for axis, inertia in enumerate(vehicle.inertia_B):
         component = int(np.argmax(np.abs(map_B[axis])))

@@ -11,6 +11,7 @@ from firmware_model.config.scenario import list_scenarios, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.config.waveforms import GustCosine, GustReplay, GustStep
 from firmware_model.numerics.rotations import euler_angles
+from firmware_model.numerics.soa import loader, single
 from firmware_model.physics.ground import ground_params, ground_wrench
 from firmware_model.physics.rigid_body import Body
 from firmware_model.sim.layout import X_BODY
@@ -67,7 +68,7 @@ def cases(number: int, *, sway: float = 1.0):
 
 def touches(case, scenario):
     """Whether a flight begins on the ground, be it with one foot."""
-    body = Body(*initial_state(case.vehicle, scenario, case.seed).state[X_BODY : X_BODY + len(Body._fields)])
+    body = loader(Body)(single(initial_state(case.vehicle, scenario, case.seed).state), X_BODY)
     return bool(ground_wrench(ground_params(case.vehicle), body)[2] > 0.0)
 
 

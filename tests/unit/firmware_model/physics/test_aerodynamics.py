@@ -35,9 +35,10 @@ CALM = Scenario(
     gyro=GyroFault(noise=False),
     accelerometer=AccelerometerFault(noise=False),
 )
-NOTHING = BodyInputs(*[0.0] * 13)
-STILL = Air(*[0.0] * 6)
-HIGH = Body(0.0, 0.0, -500.0, 0.0, 0.0, 0.0, 1.0, *[0.0] * 10)
+ZERO = (0.0, 0.0, 0.0)
+NOTHING = BodyInputs(ZERO, ZERO, ZERO, ZERO, 0.0)
+STILL = Air(ZERO, ZERO)
+HIGH = Body((0.0, 0.0, -500.0), ZERO, (1.0, 0.0, 0.0, 0.0), ZERO, ZERO, 0.0)
 by_vehicle = pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES.keys())
 
 
@@ -64,17 +65,17 @@ def test_without_thrust_it_falls_with_g_and_feels_nothing(vehicle):
         body = step(params, body, FreeInputs(NOTHING, STILL, True), 0.001)
     # Drag at 1 m/s is 1/2 rho A v^2; over .1 s it takes less than that from the speed.
     lost = 0.5 * AIR_DENSITY * vehicle.drag_area / vehicle.mass * 0.1
-    assert GRAVITY * 0.1 - lost < body.v_down < GRAVITY * 0.1
+    assert GRAVITY * 0.1 - lost < body.velocity_N[2] < GRAVITY * 0.1
 
 
 @by_vehicle
 def test_it_falls_no_faster_than_its_drag_lets_it(vehicle):
     params = FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))
     speed = math.sqrt(vehicle.mass * GRAVITY / (0.5 * AIR_DENSITY * vehicle.drag_area))
-    body = HIGH._replace(down=-1e6)
+    body = HIGH._replace(position_N=(0.0, 0.0, -1e6))
     for _ in range(3000):
         body = step(params, body, FreeInputs(NOTHING, STILL, True), 0.01)
-    assert body.v_down == pytest.approx(speed, rel=1e-6)
+    assert body.velocity_N[2] == pytest.approx(speed, rel=1e-6)
 
 
 @by_vehicle

@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink import peers
 from firmware_model.mavlink.frames import EncodedMessage, Frame, RejectReason, parse
 from firmware_model.mavlink.messages import CONTROLLER, command_message
 from firmware_model.mavlink.peers import MAX_PEERS
@@ -555,12 +556,19 @@ def test_any_datagram_is_survived_and_counted(lockstep):
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_every_imu_sample_leaves_through_one_function(lockstep, scenario, monkeypatch):
     sent = []
-    send = VehicleEndpoint._send_sample
-    monkeypatch.setattr(VehicleEndpoint, "_send_sample", lambda *arguments: sent.append(send(*arguments)))
+    make_packer = peers.sample_packer
+
+    def make_counting_packer(*arguments):
+        pack = make_packer(*arguments)
+        return lambda sample: sent.append(sample) or pack(sample)
+
+    monkeypatch.setattr(peers, "sample_packer", make_counting_packer)
     vehicle = Vehicle(lockstep=lockstep, scenario=scenario, duration_s=load_scenario(scenario).duration_s)
     vehicle.take_off()
     for port in (1, 2):
         vehicle.say(HEARTBEAT, port=port, component=CONTROLLER if port == 1 else 190)
+    imu = float(wire.MAVLINK_MSG_ID_HIGHRES_IMU)
+    assert vehicle.ask(wire.MAV_CMD_REQUEST_MESSAGE, imu, port=2) == [wire.MAV_RESULT_ACCEPTED]
     for _ in range(60):
         samples = vehicle.take("HIGHRES_IMU")
         for message in samples or [None]:
