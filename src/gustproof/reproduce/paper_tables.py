@@ -91,6 +91,7 @@ def render_comparison(
     columns = (
         "law",
         "peak\n\n[deg]",
+        "peak\n> 2 s\n[deg]",
         "RMSE\n\n[deg]",
         "pre-\ndicted\n[deg]",
         "bound\n\n[deg]",
@@ -115,12 +116,13 @@ def render_comparison(
             scenarios["coning"].peak_roll_deg,
             scenarios["bias"].peak_roll_deg,
         )
-        errors = map(format_number, (flown.peak_deg, flown.rmse_deg))
+        errors = map(format_number, (flown.peak_deg, flown.peak_settled_deg, flown.rmse_deg))
         others = map(format_number, figures)
         table.add_row(law, *errors, *_placement_cells(places.get(law)), *others, *_margin_cells(margins.get(law)))
     lines = [_compare_laws(one, other, medians, margins) for one, other in _COMPARISONS]
     lines.append(_describe_rates_cost(medians))
     notes = (
+        "Peak: a flight begins at rest in full wind, and its first 2 s show that step. "
         "Predicted: RMSE of the linear model, average over flights. Bound: best linear gyro-only law at this Ms and "
         "slew. Margins: worst axis, at the plant's input, sampled and delayed as flown. A rate law has no torque loop."
     )
