@@ -15,7 +15,7 @@ from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import sin_cos
 from firmware_model.numerics.rotations import euler_angles, to_euler
 from firmware_model.numerics.soa import Lane, get, get_vector, loader, single, storer
-from firmware_model.recording.journal import OMEGA, Q_NB, TIME, TORQUE_COMMAND, WIDTH
+from firmware_model.recording.journal import OMEGA, Q_NB, TORQUE_COMMAND, WIDTH
 from firmware_model.types import Quaternion, Vector
 from gustproof.model.lpv import RATE_BOUND
 
@@ -167,18 +167,18 @@ def update_tally(
 
 
 @kernel
-def tally_kernel(tally: Lane, first: bool, limit: Lane, record: Lane, dt: float) -> None:
-    """Update a tally with a journal record."""
+def tally_kernel(tally: Lane, sample: int, limit: Lane, record: Lane, dt: float) -> None:
+    """Update a tally with the journal record of a sample; the first one begins anew."""
     q_NB = (get(record, Q_NB), get(record, Q_NB + 1), get(record, Q_NB + 2), get(record, Q_NB + 3))
     omega_B, torque = get_vector(record, OMEGA), get_vector(record, TORQUE_COMMAND)
-    x, settled = load_tally(tally, 0), get(record, TIME) >= 1e6 * SETTLED_S
-    store_tally(tally, 0, update_tally(x, first, settled, get_vector(limit, 0), q_NB, omega_B, torque, dt))
+    x, settled = load_tally(tally, 0), (sample + 0.5) * dt > SETTLED_S
+    store_tally(tally, 0, update_tally(x, sample == 0, settled, get_vector(limit, 0), q_NB, omega_B, torque, dt))
 
 
 @compiled
 def _tally(rows: Array, limit: Array, dt: float, tally: Array) -> None:
     for k in range(rows.shape[0]):
-        tally_kernel(single(tally), k == 0, single(limit), single(rows[k]), dt)
+        tally_kernel(single(tally), k, single(limit), single(rows[k]), dt)
 
 
 def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_factor: float) -> Metrics:
