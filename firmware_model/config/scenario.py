@@ -13,7 +13,7 @@ from firmware_model.config.fields import NonNegative, Vector, strict_dataclass
 from firmware_model.config.files import Name, list_shipped, read_toml
 from firmware_model.config.link_faults import LinkFault
 from firmware_model.config.requirement import AXES, Metric, Requirement
-from firmware_model.config.waveforms import Dryden, Moment, Shear, Wind
+from firmware_model.config.waveforms import DRYDEN_CEILING_M, Dryden, Moment, Shear, Wind
 from firmware_model.config.wind_table import fill_replay_rows
 
 SCENARIOS = Path(__file__).parent / "data" / "scenarios"
@@ -127,6 +127,9 @@ class Scenario:
         ):
             if sum(isinstance(item, kind) for item in (*self.wind, *self.event)) > 1:
                 raise ValueError(reason)
+        if self.altitude_m > DRYDEN_CEILING_M and any(isinstance(item, Dryden) for item in self.wind):
+            model = f"'dryden' is the low-altitude model, valid to {DRYDEN_CEILING_M} m (1000 ft)"
+            raise ValueError(f"altitude_m: {model}, not at {self.altitude_m:g} m")
         return self
 
     @model_validator(mode="after")

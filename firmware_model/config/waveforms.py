@@ -34,6 +34,8 @@ MAX_ROWS = 150_000
 Rows = Annotated[
     tuple[tuple[Finite, Finite, Finite, Finite], ...], FailFast(), Field(min_length=2, max_length=MAX_ROWS)
 ]
+DRYDEN_CEILING_M = 304.8
+"""[m] 1000 ft, the end of the low-altitude model (MIL-F-8785C, 3.7.3.4)."""
 _INTENSITIES = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}  # MIL-F-8785C, figure 9: W20
 
 

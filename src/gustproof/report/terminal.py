@@ -25,6 +25,7 @@ _WIDTH = 118
 _PLAIN: dict[str, Any] = {"highlight": False, "markup": False}  # units stand in brackets
 FIGURES = {
     "peak_deg": ("peak", "deg"),
+    "peak_settled_deg": ("peak after 2 s", "deg"),
     "rmse_deg": ("RMSE", "deg"),
     "peak_roll_deg": ("peak, roll", "deg"),
     "peak_pitch_deg": ("peak, pitch", "deg"),

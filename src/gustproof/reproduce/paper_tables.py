@@ -81,7 +81,7 @@ def render_claims(claims: Iterable[Claim]) -> Renderable:
 
 def render_comparison(medians: Medians, margins: Mapping[str, HoverMargins | None], places: Places) -> Renderable:
     """Return all laws in the same turbulence, comparisons by figure and margins, and the cost of commanding rates."""
-    errors = ("peak\n\n[deg]", "RMSE\n\n[deg]", "pre-\ndicted\n[deg]", "bound\n\n[deg]")
+    errors = ("peak\n\n[deg]", "peak\n> 2 s\n[deg]", "RMSE\n\n[deg]", "pre-\ndicted\n[deg]", "bound\n\n[deg]")
     costs = ("torque\nrms\n[N m]", "slew\nrms\n[N m/s]", "coning\nroll\n[deg]", "bias\nroll\n[deg]")
     columns = ("law", *errors, *costs, "Ms\n\n[-]", "phase\nmargin\n[deg]", "delay\nmargin\n[ms]")
     table = Table(
@@ -92,12 +92,13 @@ def render_comparison(medians: Medians, margins: Mapping[str, HoverMargins | Non
     for law, scenarios in medians.items():
         flown = scenarios["paper-turbulence"]
         rolled = (scenarios[name].peak_roll_deg for name in ("coning", "bias"))
-        angles = map(format_number, (flown.peak_deg, flown.rmse_deg))
+        angles = map(format_number, (flown.peak_deg, flown.peak_settled_deg, flown.rmse_deg))
         others = map(format_number, (flown.torque_rms_nm, flown.torque_slew_rms, *rolled))
         table.add_row(law, *angles, *_placement_cells(places.get(law)), *others, *_margin_cells(margins.get(law)))
     lines = [_compare_laws(one, other, medians, margins) for one, other in _COMPARISONS]
     lines.append(_describe_rates_cost(medians))
     notes = (
+        "Peak: a flight begins at rest in full wind, and its first 2 s show that step. "
         "Predicted: RMSE of the linear model, average over flights. Bound: best linear gyro-only law at this Ms and "
         "slew. Margins: worst axis, at the plant's input, sampled and delayed as flown. A rate law has no torque loop."
     )

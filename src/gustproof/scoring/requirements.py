@@ -199,7 +199,7 @@ def _value(scenario: Scenario, requirement: Requirement, reading: list[float], s
 def _read(rows: Array, rules: Array, limit: Array, reference: Array, dt: float, tally: Array, readings: Array) -> None:
     tallies, limits = tally.reshape(TALLY_SIZE, 1), limit.reshape(3, 1)
     for k in range(rows.shape[0]):
-        tally_kernel(single(tally), k == 0, single(limit), single(rows[k]), dt)
+        tally_kernel(single(tally), k, single(limit), single(rows[k]), dt)
         read_kernel(rules, readings, k, reference[k], tallies, rows[k], limits)
 
 

@@ -20,7 +20,8 @@ from gustproof.scoring.metrics import Metrics
 from gustproof.simulate.outcome import FlightOutcome
 
 FIGURES = Metrics(
-    peak_deg=1.5, rmse_deg=0.25, peak_roll_deg=1.5, peak_pitch_deg=1.0, peak_yaw_deg=1.0, rmse_roll_deg=0.1,
+    peak_deg=1.5, rmse_deg=0.25, peak_roll_deg=1.5, peak_pitch_deg=1.0,
+    peak_yaw_deg=1.0, peak_settled_deg=1.0, rmse_roll_deg=0.1,
     rmse_pitch_deg=0.1, rmse_yaw_deg=0.1, torque_rms_nm=0.2, torque_peak_nm=0.9, torque_slew_rms=20.0,
     saturated_s=0.0, rho_in_bounds=True, realtime_factor=100.0,
 )  # fmt: skip
@@ -59,7 +60,7 @@ def test_who_is_better_follows_the_figures(better):
 def test_the_least_error_at_its_price_stands_beside_each_law():
     margins = dict.fromkeys(LAWS, HoverMargins(Ms=1.3, phase_margin_deg=45.0, delay_margin=0.04))
     text = written(render_comparison(medians(), margins, PLACES))
-    assert "flagship 1.500 0.250 0.082 0.080 0.200" in text
+    assert "flagship 1.500 1.000 0.250 0.082 0.080 0.200" in text
     assert "hinf-rates 1.500 0.250 - - 0.200" in text
 
 
