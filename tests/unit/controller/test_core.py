@@ -90,8 +90,9 @@ def test_command_stays_within_the_laws_limits():
 
 
 def test_the_law_feels_the_force_of_the_sample():
-    # u = specific force
-    law = replace(integrator(), B=np.zeros((3, 9)), D=np.hstack([np.zeros((3, 6)), np.eye(3)]), limits=np.full(3, 20.0))
+    # u = roll and pitch by gravity, in yaw 1
+    D = np.vstack([np.eye(2, 8, 6), np.zeros((1, 8))])
+    law = replace(integrator(), B=np.zeros((3, 8)), D=D, limits=np.full(3, 20.0))
     answer = Controller(law, (20.0, 20.0, 20.0), 0.5).answer(sample(0))
     assert isinstance(answer, TorqueCommand)
     assert answer.torque_B == (0.0, 0.0, float(np.float32(-0.49)))

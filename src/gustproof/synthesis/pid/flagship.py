@@ -62,7 +62,10 @@ def flagship_law(
         See `tune_flagship`.
     """
     gains = tune_flagship(vehicle, scenario, limits)
-    axes = [biquad_axis(each, inertia, scenario.dt) for each, inertia in zip(gains, vehicle.inertia_B, strict=True)]
+    axes = [
+        biquad_axis(each, inertia, scenario.dt, vehicle.stabilizer.rate_limit)
+        for each, inertia in zip(gains, vehicle.inertia_B, strict=True)
+    ]
     rmse, slew = _pool_axes(_axis_performances(axis_models(vehicle, scenario), gains))
     parameters = {
         "sensitivity_peak": limits.sensitivity_peak,

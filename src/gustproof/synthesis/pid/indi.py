@@ -21,7 +21,7 @@ import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.law.cascade import AxisLaw, cascade_law
+from gustproof.law.cascade import AxisLaw, cascade_law, limit_by_reference
 from gustproof.law.discretize import tustin
 from gustproof.law.form import Law, Provenance
 from gustproof.lti.state_space import Lti
@@ -59,7 +59,9 @@ class IndiGains:
                 raise ValueError(f"{name} is {value!r}, must be positive and finite")
 
 
-def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, dt: float) -> AxisLaw:
+def indi_axis(
+    gains: IndiGains, inertia: float, lag: float, delay_samples: int, dt: float, rate_limit: float | None = None
+) -> AxisLaw:
     """Return INDI on strapdown attitude for one axis.
 
     The first two states are Euler angle [rad] and rate [rad/s] at the previous sample, as in `strapdown_axis`. Then
@@ -81,6 +83,8 @@ def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, 
         Samples from a measurement to the action of its command.
     dt
         [s] sample time.
+    rate_limit
+        [rad/s] largest rate commanded from attitude; none by default. The excess changes the reference.
     """
     n = 7 + delay_samples
     states, inputs = np.split(np.eye(n + 2), [n])  # rows over (states, rate, reference)
@@ -92,7 +96,8 @@ def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, 
     acceleration = low_pass.C[1] @ states[2:4] + low_pass.D[1, 0] * rate
     filtered_torque = low_pass.C[0] @ states[4:6] + low_pass.D[0, 0] * torque
     attitude = E + 0.5 * dt * (omega + rate)
-    nu = gains.rate_p * (gains.angle_p * (angle_reference - attitude) - rate)
+    commanded = gains.angle_p * (angle_reference - attitude)
+    nu = gains.rate_p * (commanded - rate)
     command = filtered_torque + inertia * (nu - acceleration)
     decay = math.exp(-dt / lag)
     commands = np.vstack([command, states[7:]])  # the last one acts
@@ -108,7 +113,11 @@ def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, 
     )
     H = np.zeros((n, 1))
     H[7 if delay_samples else 6] = 1.0 if delay_samples else 1.0 - decay
-    return AxisLaw(A=step[:, :n], B=step[:, n:], C=command[None, :n], D=command[None, n:], G=dt * np.eye(n, 1), H=H)
+    B, D = step[:, n:], command[None, n:]
+    return AxisLaw(
+        A=step[:, :n], B=B, C=command[None, :n], D=D, G=dt * np.eye(n, 1), H=H,
+        rate_limit=limit_by_reference(commanded, B, D, rate_limit),
+    )  # fmt: skip
 
 
 def tune_indi(
@@ -146,7 +155,9 @@ def indi_law(
     """
     gains = tune_indi(vehicle, scenario, sensitivity_peak=sensitivity_peak, slew=slew)
     axes = [
-        indi_axis(each, inertia, vehicle.actuator_lag, scenario.delay_samples, scenario.dt)
+        indi_axis(
+            each, inertia, vehicle.actuator_lag, scenario.delay_samples, scenario.dt, vehicle.stabilizer.rate_limit
+        )
         for each, inertia in zip(gains, vehicle.inertia_B, strict=True)
     ]
     provenance = Provenance(

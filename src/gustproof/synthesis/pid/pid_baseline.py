@@ -50,7 +50,10 @@ def baseline_pid(
         See `tune_baseline`.
     """
     gains = tune_baseline(vehicle, scenario, sensitivity_peak=sensitivity_peak, slew=slew)
-    axes = [strapdown_axis(g, inertia, scenario.dt) for g, inertia in zip(gains, vehicle.inertia_B, strict=True)]
+    axes = [
+        strapdown_axis(each, inertia, scenario.dt, vehicle.stabilizer.rate_limit)
+        for each, inertia in zip(gains, vehicle.inertia_B, strict=True)
+    ]
     provenance = Provenance(
         design=f"strapdown cascade, gains of least attitude error in scenario '{scenario.name}'",
         vehicle=vehicle.name,
