@@ -6,6 +6,7 @@ them, the three commands, and the next states. On every route each sum takes its
 without those whose coefficient is 0. So a limit that is not reached adds 0 at the end of a sum and changes no bit.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,15 +72,21 @@ def sparse_law(law: Law) -> SparseLaw:
 
 
 @kernel
-def tilt(force: Any) -> tuple[float, float]:
-    """Return roll and pitch [rad] of a body at rest with this specific force [m/s^2] B, 0 without force.
+def tilt(force: Any, attitude: Any) -> tuple[float, float]:
+    """Return roll and pitch [rad] of a body at rest with this specific force (3,) [m/s^2] B, 0 without force.
 
-    Roll is within pi, pitch within pi/2: whatever the accelerometer measures, the law's error is bounded. At small
-    angles they are -f_y / g and f_x / g.
+    At small angles they are -f_y / g and f_x / g. Of the angles that describe the same tilt they are those nearest to
+    `attitude`, the law's own roll and pitch [rad]. So whatever the accelerometer measures, they differ from these by
+    half a turn at most.
     """
     roll = arctan2(-force[1], -force[2])
     sine, cosine = sin_cos(roll)
-    return roll, arctan2(force[0], -(force[1] * sine + force[2] * cosine))
+    pitch = arctan2(force[0], -(force[1] * sine + force[2] * cosine))
+    half_turns = math.floor(attitude[1] * (1.0 / math.pi) + 0.5)
+    upside_down = half_turns - 2.0 * math.floor(0.5 * half_turns)  # beyond the vertical: the other description
+    roll += upside_down * math.pi
+    turns = math.floor((attitude[0] - roll) * (0.5 / math.pi) + 0.5)
+    return roll + turns * (2.0 * math.pi), half_turns * math.pi + (1.0 - 2.0 * upside_down) * pitch
 
 
 @kernel
@@ -120,7 +127,8 @@ def law_kernel(law: SparseLaw, z: Matrix, command: Matrix, work: Matrix) -> None
     """Write the command for the vector `z` (n + EXTRA_SIZE,) and advance its states by a sample; `work` is (n,)."""
     n, begin, k = work.size, 0, 0
     if law.is_levelled:
-        z[n + FORCE], z[n + FORCE + 1] = tilt((z[n + FORCE], z[n + FORCE + 1], z[n + FORCE + 2]))
+        force = (z[n + FORCE], z[n + FORCE + 1], z[n + FORCE + 2])
+        z[n + FORCE], z[n + FORCE + 1] = tilt(force, (z[0], z[1]))
     if law.ends.size > 3 + n:
         for i in range(3):
             z[n + RATE_EXCESS + i] = _sum(law.terms, begin, law.ends[i], z)

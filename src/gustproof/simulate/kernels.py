@@ -244,7 +244,8 @@ def _step_law(law: SparseLaw, z: Array, commands: Array, work: Array) -> None:
     n, begin, k = work.shape[0], 0, 0
     if law.is_levelled:
         for w in range(LANES):
-            roll, pitch = tilt((z[n + FORCE, w], z[n + FORCE + 1, w], z[n + FORCE + 2, w]))
+            force = (z[n + FORCE, w], z[n + FORCE + 1, w], z[n + FORCE + 2, w])
+            roll, pitch = tilt(force, (z[0, w], z[1, w]))
             z[n + FORCE, w], z[n + FORCE + 1, w] = roll, pitch
     if law.ends.size > 3 + n:
         k, begin = 3, _limit_rates(law, z, n)

@@ -33,6 +33,7 @@ def test_a_step_is_the_stated_form(make_law: Maker, scheduled: bool, measured: i
     x, y = rng.normal(size=7), rng.normal(size=6 if measured == 6 else 9)
     seen = y
     if measured == 8:
+        assert np.all(np.abs(x[:2]) < 1.0)  # the tilt is described as usual
         seen = np.array([*y[:6], math.atan2(-y[7], -y[8]), math.atan2(y[6], math.hypot(y[7], y[8]))])
     excess, to_command, to_state = np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3))
     if (limit := law.rate_limit) is not None:
@@ -63,19 +64,29 @@ def test_a_rate_within_its_limit_changes_no_bit(make_law: Maker) -> None:
     assert differ > 25
 
 
+def force_at_rest(phi: float, theta: float) -> np.ndarray:
+    return -9.81 * np.array([-math.sin(theta), math.sin(phi) * math.cos(theta), math.cos(phi) * math.cos(theta)])
+
+
 @pytest.mark.parametrize(("phi", "theta"), [(0.3, -0.2), (2.8, 1.2), (-3.0, -1.5), (1.5, 1.5), (0.0, 0.0)])
 def test_tilt_is_the_attitude_of_a_body_at_rest(phi: float, theta: float) -> None:
-    force = -9.81 * np.array([-math.sin(theta), math.sin(phi) * math.cos(theta), math.cos(phi) * math.cos(theta)])
-    assert tilt(force) == pytest.approx((phi, theta), abs=1e-14)
-    assert tilt(3.0 * force) == pytest.approx((phi, theta), abs=1e-14)
+    assert tilt(force_at_rest(phi, theta), (0.0, 0.0)) == pytest.approx((phi, theta), abs=1e-14)
+    assert tilt(3.0 * force_at_rest(phi, theta), (0.0, 0.0)) == pytest.approx((phi, theta), abs=1e-14)
+
+
+@pytest.mark.parametrize(("phi", "theta"), [(0.3, 2.0), (-0.4, -1.8), (4.0, 0.2), (-9.0, 3.0), (2.5, 6.0), (7.0, -4.5)])
+def test_tilt_follows_the_estimates_over_the_vertical_and_through_whole_turns(phi: float, theta: float) -> None:
+    near = (phi - 0.05, theta + 0.04)
+    assert tilt(force_at_rest(phi, theta), near) == pytest.approx((phi, theta), abs=1e-13)
 
 
 def test_tilt_stays_bounded_whatever_is_felt() -> None:
-    assert tilt((0.0, 0.0, 0.0)) == (0.0, 0.0)
-    for force in np.random.default_rng(5).normal(0.0, 100.0, (100, 3)):
-        roll, pitch = tilt(force)
-        assert abs(roll) <= math.pi
-        assert abs(pitch) <= math.pi / 2.0
+    assert tilt((0.0, 0.0, 0.0), (0.0, 0.0)) == (0.0, 0.0)
+    rng = np.random.default_rng(5)
+    for force, attitude in zip(rng.normal(0.0, 100.0, (200, 3)), rng.normal(0.0, 5.0, (200, 2)), strict=True):
+        roll, pitch = tilt(force, attitude) - attitude
+        assert abs(roll) <= math.pi + 1e-12
+        assert abs(pitch) <= math.pi + 1e-12
 
 
 def test_within_the_attitude_limits_commanded_euler_rates_are_body_rates() -> None:

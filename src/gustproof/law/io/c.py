@@ -147,7 +147,7 @@ def _body(law: Law) -> str:
     sizes = {"x": n, "y": GYRO_REFERENCE_SIZE, "tilt": 2 * law.uses_accelerometer, "rates": 3, "excess": 3, "over": 3}
     names = [f"{array}[{i}]" for array, size in sizes.items() for i in range(size)]
     none, limit = np.zeros((3, 6)), law.rate_limit
-    parts = ["/* roll and pitch by gravity */\ndouble tilt[2];\ntilt_of(y + 6, tilt);\n"] * law.uses_accelerometer
+    parts = ["/* roll and pitch by gravity */\ndouble tilt[2];\ntilt_of(y + 6, x, tilt);\n"] * law.uses_accelerometer
     if limit is not None:
         parts += [
             "/* rates commanded from attitude, and what is over their limits */",
