@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from gustproof.errors import DesignError
     from gustproof.falsify.worst_case import WorstCase, worst_case
     from gustproof.law.discretize import central_law
-    from gustproof.law.form import Law, Output, Provenance, load_law, shipped_laws
+    from gustproof.law.form import Law, Output, Provenance, RateLimit, load_law, shipped_laws
     from gustproof.law.io.c import save_c
     from gustproof.law.io.matrices import load_mat, save_mat
     from gustproof.law.step import LawStepper
@@ -77,6 +77,7 @@ __all__ = [
     "Metrics",
     "Output",
     "Provenance",
+    "RateLimit",
     "RequirementResult",
     "Sampling",
     "Scenario",
@@ -170,7 +171,7 @@ _SOURCES = {
     "gustproof.errors": "DesignError",
     "gustproof.falsify.worst_case": "WorstCase worst_case",
     "gustproof.law.discretize": "central_law",
-    "gustproof.law.form": "Law Output Provenance load_law shipped_laws",
+    "gustproof.law.form": "Law Output Provenance RateLimit load_law shipped_laws",
     "gustproof.law.io.c": "save_c",
     "gustproof.law.io.matrices": "load_mat save_mat",
     "gustproof.law.step": "LawStepper",

@@ -170,10 +170,10 @@ def cascade_law(name: str, axes: Sequence[AxisLaw], vehicle: Vehicle, dt: float,
 
     matrices = {name: assemble(getattr(axis, name) for axis in axes) for name in "ABCDGH"}
     limits = [axis.rate_limit for axis in axes if axis.rate_limit is not None]
-    rate_limit = RateLimit(
-        **{name: assemble(getattr(limit, name) for limit in limits) for name in "STUV"},
-        limits=np.concatenate([limit.limits for limit in limits]),
-    ) if limits else None  # fmt: skip
+    rate_limit = None
+    if limits:
+        parts = {name: assemble(getattr(limit, name) for limit in limits) for name in "STUV"}
+        rate_limit = RateLimit(**parts, limits=np.concatenate([limit.limits for limit in limits]))
     return Law(
         name=name, **matrices, dt=dt, limits=np.array(vehicle.torque_limit), output=Output.TORQUE,
         provenance=provenance, rate_limit=rate_limit,

@@ -60,15 +60,15 @@ def sparse_law(law: Law) -> SparseLaw:
         (n + RATE_EXCESS, (_NONE, own.U, own.V)),
     )
     for column, parts in columns:
-        for row, part in zip((0, first, first + 3), parts, strict=True):
-            whole[row : row + part.shape[0], column : column + part.shape[1]] = part
+        for top, part in zip((0, first, first + 3), parts, strict=True):
+            whole[top : top + part.shape[0], column : column + part.shape[1]] = part
     filled = []
     for row in whole:
         terms = [(float(i), row[i]) for i in np.flatnonzero(row)]
         filled.append(terms + [(float(n + ZERO), 0.0)] * (-len(terms) % TERM_BLOCK if terms else TERM_BLOCK))
     ends = np.cumsum([len(terms) for terms in filled])
-    terms = np.array([term for terms in filled for term in terms])
-    return SparseLaw(ends, terms, law.is_scheduled, law.uses_accelerometer, law.limits, own.limits, law.attitude_limits)
+    every = np.array([term for terms in filled for term in terms])
+    return SparseLaw(ends, every, law.is_scheduled, law.uses_accelerometer, law.limits, own.limits, law.attitude_limits)
 
 
 @kernel
@@ -201,7 +201,7 @@ class LawStepper:
     def __init__(self, law: Law, scale: Vector) -> None:
         n, summed = law.order, sparse_law(law)
         self._ends, self._terms = summed.ends, summed.terms
-        self._scheduled, self._levelled = summed.is_scheduled, summed.is_levelled
+        self._kind = summed.is_scheduled + 2 * summed.is_levelled
         self._memory = np.concatenate([np.zeros(2 * n + EXTRA_SIZE + 3), *summed[4:], scale])
         self._order = n
 
@@ -215,19 +215,19 @@ class LawStepper:
 
     def step(self, gyro_B: Vector, force_B: Vector) -> Vector:
         """Step with rates [rad/s] and specific force [m/s^2]; return the command as float32 fractions of `scale`."""
-        n, kinds = self._order, (self._scheduled, self._levelled)
-        fractions: Vector = _step_packed(n, self._ends, self._terms, *kinds, self._memory, *gyro_B, *force_B)
+        fractions: Vector = _step_packed(self._ends, self._terms, self._kind, self._memory, *gyro_B, *force_B)
         return fractions
 
 
 @compiled
-def _step_packed(n: int, ends: NDArray[np.int64], terms: Matrix, scheduled: bool, levelled: bool, memory: Matrix,
-         p: float, q: float, r: float, force_x: float, force_y: float, force_z: float) -> Vector:  # fmt: skip
+def _step_packed(ends: NDArray[np.int64], terms: Matrix, kind: int, memory: Matrix, p: float, q: float, r: float,
+         force_x: float, force_y: float, force_z: float) -> Vector:  # fmt: skip
+    n = (memory.size - EXTRA_SIZE - 15) // 2
     end = n + EXTRA_SIZE
-    z, work, command = memory[:end], memory[end : end + n], memory[end + n : end + n + 3]
-    rest = memory[end + n + 3 :]
+    z, work, command, rest = memory[:end], memory[end : end + n], memory[end + n : end + n + 3], memory[end + n + 3 :]
     limits, rate_limits, attitude_limits, scale = rest[:3], rest[3:6], rest[6:9], rest[9:]
     z[n], z[n + 1], z[n + 2] = p, q, r
     z[n + FORCE], z[n + FORCE + 1], z[n + FORCE + 2] = force_x, force_y, force_z
-    law_kernel(SparseLaw(ends, terms, scheduled, levelled, limits, rate_limits, attitude_limits), z, command, work)
+    law = SparseLaw(ends, terms, kind % 2 == 1, kind >= 2, limits, rate_limits, attitude_limits)
+    law_kernel(law, z, command, work)
     return float32(command[0] / scale[0]), float32(command[1] / scale[1]), float32(command[2] / scale[2])

@@ -26,8 +26,8 @@ _ESTIMATES = {0: "estimated attitude [rad]", 3: "estimated rates [rad/s]", 6: "o
 _STATES = ("PHI", "THETA", "PSI", "P", "Q", "R")
 """Names of the first states of a scheduled law."""
 _START = ": level, yaw 0, at rest. For another attitude, write it to the first three afterwards"
-_SIZES = np.concatenate([np.geomspace(0.01, 100.0, 16), np.geomspace(10.0, 0.01, 8)])
-"""Sizes of the inputs of the self-test, one a step. They grow until limits are met; then the attitude stays large."""
+_GROWING, _SHRINKING = np.geomspace(0.01, 100.0, 16), np.geomspace(10.0, 0.01, 8)
+"""Sizes of the inputs of the self-test, one a step: until limits are met, and while a limited rate turns back."""
 _WIDTH = 120
 _NBSP = "\u00a0"
 """Space without a line break."""
@@ -61,10 +61,9 @@ def c_code(law: Law, header: str = "law.h") -> str:
     if law.rate_limit is not None:
         kind += f" The rates commanded from attitude are within {_numbers(law.rate_limit.limits)} rad/s."
     made = f"{kind} Designed for vehicle '{law.provenance.vehicle}': {law.provenance.design}."
-    used = {"euler_rates.c": law.is_scheduled, "rate_excess.c": law.rate_limit is not None,
-            "tilt.c": law.uses_accelerometer}  # fmt: skip
-    files = [name for name, needed in {"sin_cos.c": any(used.values()), **used}.items() if needed]
-    functions = "".join((_FOLDER / name).read_text(encoding="utf-8") + "\n" for name in files)
+    used = {"euler_rates": law.is_scheduled, "rate_excess": law.rate_limit is not None, "tilt": law.uses_accelerometer}
+    files = [name for name, needed in {"sin_cos": any(used.values()), **used}.items() if needed]
+    functions = "".join((_FOLDER / f"{name}.c").read_text(encoding="utf-8") + "\n" for name in files)
     return _filled(
         "law.c.in", law, header=header, summary="\n * ".join(wrap(_comment(made), _WIDTH - 3)), functions=functions,
         body=_body(law), **_self_test(law),
@@ -94,9 +93,9 @@ def _filled(template: str, law: Law, **parts: str) -> str:
 
 
 def _self_test(law: Law) -> dict[str, str]:
-    """Return inputs of growing, then shrinking size, with commands and last state while these are finite."""
-    rng = np.random.default_rng(1)
-    inputs = np.round(_SIZES[:, None] * rng.normal(size=(len(_SIZES), _inputs(law))), 3)
+    """Return inputs that grow from 0, with commands and last state while these are finite."""
+    sizes = _GROWING if law.rate_limit is None else np.concatenate([_GROWING, _SHRINKING])
+    inputs = np.round(sizes[:, None] * np.random.default_rng(1).normal(size=(len(sizes), _inputs(law))), 3)
     inputs[0] = 0.0
     x, last, commands = np.zeros(law.order), np.zeros(max(law.order, 1)), []
     for y in inputs:

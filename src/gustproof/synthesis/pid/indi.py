@@ -113,11 +113,9 @@ def indi_axis(
     )
     H = np.zeros((n, 1))
     H[7 if delay_samples else 6] = 1.0 if delay_samples else 1.0 - decay
-    B, D = step[:, n:], command[None, n:]
-    return AxisLaw(
-        A=step[:, :n], B=B, C=command[None, :n], D=D, G=dt * np.eye(n, 1), H=H,
-        rate_limit=limit_by_reference(commanded, B, D, rate_limit),
-    )  # fmt: skip
+    B, D, C = step[:, n:], command[None, n:], command[None, :n]
+    limit = limit_by_reference(commanded, B, D, rate_limit)
+    return AxisLaw(A=step[:, :n], B=B, C=C, D=D, G=dt * np.eye(n, 1), H=H, rate_limit=limit)
 
 
 def tune_indi(
