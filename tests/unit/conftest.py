@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.journal import RECORD
-from gustproof.law.form import Law, Output, Provenance, load_law
+from gustproof.law.form import Law, Output, Provenance, RateLimit, load_law
 from gustproof.recording.bag import write_bag
 from gustproof.simulate.flight import FlightPlan
 
@@ -35,11 +35,11 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture
 def make_law() -> Callable[..., Law]:
-    """Return what makes a law of random numbers, of `n` states and six or nine measurements."""
+    """Return what makes a law of random numbers, of `n` states and six or eight measurements."""
     return _law
 
 
-def _law(n: int = 7, *, scheduled: bool = True, seed: int = 1, measured: int = 6) -> Law:
+def _law(n: int = 7, *, scheduled: bool = True, seed: int = 1, measured: int = 6, limited: bool = False) -> Law:
     rng = np.random.default_rng(seed)
     return Law(
         name="test",
@@ -53,6 +53,15 @@ def _law(n: int = 7, *, scheduled: bool = True, seed: int = 1, measured: int = 6
         limits=np.array([0.5, 1.0, 2.0]),
         output=Output.TORQUE,
         provenance=Provenance(design="random", vehicle="none", parameters={"gamma": 0.25}),
+        rate_limit=RateLimit(
+            S=rng.normal(size=(3, n)),
+            T=rng.normal(size=(3, measured)),
+            U=rng.normal(size=(3, 3)),
+            V=rng.normal(size=(n, 3)),
+            limits=np.array([0.4, 0.6, 0.8]),
+        )
+        if limited
+        else None,
     )
 
 

@@ -195,8 +195,8 @@ static inline double clamped(double x, double limit)
     return low > limit ? limit : low;
 }
 
-/* States, measurements and references, Euler rates, torque excess, a zero. */
-enum { RATES = ORDER + 9, CUT = ORDER + 12, NUMBERS = ORDER + 16 };
+/* States, measurements and references, Euler rates, torque excess, rate excess, a zero. */
+enum { RATES = ORDER + 9, CUT = ORDER + 12, OVER = ORDER + 15, NUMBERS = ORDER + 19 };
 static double z[NUMBERS][W] ALIGNED, next[ORDER][W] ALIGNED;
 
 static inline void sum(const double *terms, int begin, int end, double *total)
@@ -209,10 +209,38 @@ static inline void sum(const double *terms, int begin, int end, double *total)
     }
 }
 
-/* A law with its exact kinematics, as sums of its nonzero terms. */
+/* The rates commanded from attitude, less what is over their limits; returns the end of their terms. */
+static int limit_rates(const int64_t *ends, const double *terms, const double *limits, const double *angles)
+{
+    int begin = 0, over = 0;
+    for (int i = 0; i < 3; begin = ends[i++]) {
+        sum(terms, begin, ends[i], z[OVER + i]);
+        LANES over |= !(fabs(z[OVER + i][w]) <= limits[i] && fabs(z[i][w]) <= angles[i]);
+    }
+    if (!over) {
+        memset(z[OVER], 0, 3 * sizeof z[OVER]);
+        return begin;
+    }
+    LANES {
+        double *s[3] = {&z[OVER][w], &z[OVER + 1][w], &z[OVER + 2][w]};
+        double p = clamped(*s[0], limits[0]), q = clamped(*s[1], limits[1]), r = clamped(*s[2], limits[2]);
+        double sin_phi, cos_phi, sin_theta, cos_theta;
+        sin_cos(z[0][w] - clamped(z[0][w], angles[0]), &sin_phi, &cos_phi);
+        sin_cos(z[1][w] - clamped(z[1][w], angles[1]), &sin_theta, &cos_theta);
+        double across = cos_theta * r;
+        *s[0] = p - sin_theta * r - *s[0];
+        *s[1] = cos_phi * q + sin_phi * across - *s[1];
+        *s[2] = cos_phi * across - sin_phi * q - *s[2];
+    }
+    return begin;
+}
+
+/* A law with its exact kinematics and limited rates, as sums of its nonzero terms; `limits` are those of commands,
+ * rates and attitude. */
 static void law_step(const int64_t *ends, const double *terms, const double *limits, double u[3][W])
 {
-    int begin = 0;
+    int begin = limit_rates(ends, terms, limits + 3, limits + 6);
+    ends += 3;
     for (int i = 0; i < 3; begin = ends[i++]) {
         double total[W] ALIGNED;
         sum(terms, begin, ends[i], total);

@@ -69,7 +69,8 @@ class Analysis:
             "output": self.law.output.value,
             "scheduled": self.law.is_scheduled,
             "takes_references": self.law.takes_references,
-            "reference_limit_deg": limit if math.isfinite(limit := self.law.reference_limit_deg) else None,
+            "rate_limit_rad_s": None if self.law.rate_limit is None else self.law.rate_limit.limits.tolist(),
+            "attitude_limit_deg": np.degrees(self.law.attitude_limits).tolist(),
             "design": self.law.provenance.design,
             "scenario": self.scenario.name,
             "seed": self.seed,
@@ -144,7 +145,9 @@ def _describe_limits(analysis: Analysis) -> list[str]:
     elif not unstable:
         lines += _price(analysis)
     lines += _describe_robustness(analysis)
-    lines.append(f"references: {_references(analysis.law)}")
+    if not analysis.law.takes_references:
+        lines.append("references: not supported, the law holds level")
+    lines.append(_describe_rate_limit(analysis.law))
     if analysis.metrics.saturated_s:
         lines.append(f"torque limit: reached for {analysis.metrics.saturated_s:.3g} s")
     observable = "observable in roll and pitch; in yaw a constant bias gives an error of bias times time"
@@ -193,12 +196,15 @@ def _price(analysis: Analysis) -> list[str]:
     return lines
 
 
-def _references(law: Law) -> str:
-    if not law.takes_references:
-        return "not supported, the law holds level"
-    if math.isinf(law.reference_limit_deg):
-        return "no known limit"
-    return f"limited to {law.reference_limit_deg:g} deg of level about each axis; larger ones may tumble the vehicle"
+def _describe_rate_limit(law: Law) -> str:
+    if law.rate_limit is None:
+        return "rate commanded from attitude: no limit, a large attitude error may tumble the vehicle"
+    rates = ", ".join(f"{limit:.3g}" for limit in law.rate_limit.limits)
+    angles = ", ".join(f"{angle:.3g}" for angle in np.degrees(law.attitude_limits))
+    return (
+        f"rate commanded from attitude: limited to {rates} rad/s, so errors beyond {angles} deg are flown back at that "
+        "rate; margins, mu and predictions are for smaller ones"
+    )
 
 
 def _measure_flight(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int) -> Metrics:

@@ -12,7 +12,15 @@ from typing import Any
 from firmware_model.config.vehicle import Vehicle
 from gustproof.certify.certificate import Certificate
 from gustproof.certify.check.evidence import COMMAND_SHARE, Refusal, check_box
-from gustproof.certify.check.invariant_box import LONGEST, SIGNALS, AxisNorms, Box, axis_norms, map_box
+from gustproof.certify.check.invariant_box import (
+    LONGEST,
+    SIGNALS,
+    AxisNorms,
+    Box,
+    axis_norms,
+    map_box,
+    rate_shares,
+)
 from gustproof.law.form import Law, Output
 
 _ROUNDS = 400
@@ -144,6 +152,7 @@ def _evidence(
             **{name: getattr(law, name)[:, :3].tolist() for name in "BD"},
             "dt": law.dt,
             "limits": law.limits.tolist(),
+            **_rate_limit(law),
         },
         "samples": samples,
         "moment": list(moment),
@@ -152,6 +161,14 @@ def _evidence(
         "deviations": math.sqrt(2.0 * math.log(count / risk)) + 1e-6,
         "box": [],
     }
+
+
+def _rate_limit(law: Law) -> dict[str, Any]:
+    """Return the limit of the rate commanded from attitude, which the proof shows to be inactive."""
+    if law.rate_limit is None:
+        return {}
+    S, T, limits = law.rate_limit.S, law.rate_limit.T[:, :3], law.rate_limit.limits
+    return {"rate_limit": {"S": S.tolist(), "T": T.tolist(), "limits": limits.tolist()}}
 
 
 def _assumptions(
@@ -212,6 +229,8 @@ def _grow_box(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction,
         except ValueError:  # an angle is above 1 rad; later rounds only add to it
             return []
         if any(row[SIGNALS.index("command")] > limit for row, limit in zip(box, limits, strict=True)):
+            return []
+        if max(rate_shares(evidence, box)) > COMMAND_SHARE:
             return []
         if _is_inside(follows, box):
             return box

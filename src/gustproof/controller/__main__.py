@@ -14,7 +14,6 @@ from firmware_model.errors import ConfigError
 from firmware_model.process import access, realtime, udp
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from gustproof.controller import DEFAULT_LAW
-from gustproof.controller.core import reference_excess
 from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
 from gustproof.law.form import Law, Output, list_laws, load_law
 from gustproof.law.step import LawStepper
@@ -50,8 +49,6 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
     realtime.freeze_gc(off=True)
     name = options.scenario
     references = (read_json(Scenario, name) or load_scenario(name)).references if name else ()
-    if not options.anyway and (excess := reference_excess(law, references)):
-        raise ConfigError(f"{excess}; --anyway flies it all the same")
     vehicle = _address(options.connect)
     signing = access.make_signing(options, vehicle[0], strict=True)
     quiet = options.json or options.exit_on_stdin_eof
@@ -130,7 +127,6 @@ def _parser() -> argparse.ArgumentParser:
         help="port to send from, 0 for a free one [14540 + N for PX4's simulation at 14580 + N, else free]",
     )
     add("--scenario", help="file with the attitude references to hold [level]")
-    add("--anyway", action="store_true", help="fly references that the law is known not to hold, too")
     add("--real-time", action="store_true", help="request real-time scheduling (SCHED_FIFO); not for lockstep")
     access.add_options(parser)
     add("--exit-on-stdin-eof", action="store_true", help=argparse.SUPPRESS)

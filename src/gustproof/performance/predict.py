@@ -9,8 +9,8 @@ import scipy.linalg
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle
-from gustproof.law.form import Law, Matrix, Output
-from gustproof.law.hover import linear_law
+from gustproof.law.form import Law, Output
+from gustproof.law.hover import loop_law
 from gustproof.lti.state_space import Lti, lft
 from gustproof.performance.covariance import AxisModel, augmented_axis, axis_models, mean_second_moments
 
@@ -53,30 +53,27 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
 
 
 def _augmented_vehicle(models: Sequence[AxisModel], vehicle: Vehicle, scenario: Scenario) -> Lti:
-    """Return three axes as one: noises and commands in; attitudes, command changes, gyro and specific force out."""
+    """Return three axes as one: noises and commands in; attitudes, command changes, gyro, roll and pitch out.
+
+    The last two are those of the accelerometer, with its noise. At level attitude roll is -f_y / g, pitch f_x / g.
+    """
     axes = [augmented_axis(model) for model in models]
     A, B, C, D = (scipy.linalg.block_diag(*(getattr(axis, name) for axis in axes)) for name in "ABCD")
     last = np.cumsum([axis.n_inputs for axis in axes]) - 1
     noises = [i for i in range(B.shape[1]) if i not in last]
     attitudes, changes, gyros = ([3 * axis + output for axis in range(3)] for output in range(3))
-    # level and held, f_z = -g: nose up gives f_x > 0, roll to the right gives f_y < 0
-    specific_force = GRAVITY * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) @ C[attitudes]
     density = vehicle.accelerometer.noise_density if scenario.accelerometer.noise else 0.0
-    noise = density * math.sqrt(0.5 * scenario.control_rate_hz) * np.eye(3)
+    noise = density / GRAVITY * math.sqrt(0.5 * scenario.control_rate_hz) * np.eye(2)
     outputs, order = [*attitudes, *changes, *gyros], [*noises, *last]
     B, D = B[:, order], D[np.ix_(outputs, order)]
-    D = np.block([[np.zeros((9, 3)), D], [noise, np.zeros((3, B.shape[1]))]])
-    B, C = np.hstack([np.zeros((A.shape[0], 3)), B]), np.vstack([C[outputs], specific_force])
+    D = np.block([[np.zeros((9, 2)), D], [noise, np.zeros((2, B.shape[1]))]])
+    B, C = np.hstack([np.zeros((A.shape[0], 2)), B]), C[[*outputs, *attitudes[:2]]]
     return Lti(A=A, B=B, C=C, D=D, dt=scenario.dt)
 
 
 def _controller(law: Law) -> Lti:
-    """Return the linear law from gyro and specific force (6,) to the command (3,)."""
-    whole = linear_law(law, 9)
-    return Lti(A=whole.A, B=_force_columns(whole.B), C=whole.C, D=_force_columns(whole.D), dt=law.dt)
-
-
-def _force_columns(columns: Matrix) -> Matrix:
-    """Return the columns of gyro and specific force; the latter are 0 for a law that does not use it."""
-    rows, width = columns.shape
-    return np.hstack([columns[:, :3], columns[:, 6:], np.zeros((rows, 9 - width))])
+    """Return the linear law from gyro, roll and pitch (5,) to the command (3,); columns it does not use are 0."""
+    K = loop_law(law)
+    unused = 5 - K.n_inputs
+    B, D = (np.pad(matrix, ((0, 0), (0, unused))) for matrix in (K.B, K.D))
+    return Lti(A=K.A, B=B, C=K.C, D=D, dt=law.dt)

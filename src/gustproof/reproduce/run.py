@@ -26,7 +26,7 @@ from gustproof.report.terminal import Renderable, save_text
 from gustproof.reproduce.claims import PAPER_LAWS, Claim, judge_claims
 from gustproof.reproduce.paper_tables import render_reproduction
 from gustproof.scoring.metrics import Metrics, median_metrics, peak_rate
-from gustproof.simulate.flight import Flight, FlightPlan, objections, warnings
+from gustproof.simulate.flight import Flight, FlightPlan, objection, warnings
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.recorder import fly_and_record
 from gustproof.synthesis.derive import derive
@@ -108,7 +108,7 @@ def check(vehicle: Vehicle) -> None:
     """
     laws = [load_law(name) for name in LAWS]
     scenarios = [load_scenario(name) for name in SCENARIOS]
-    refused = [law.name for law in laws if any(objections(scenario, law, vehicle) for scenario in scenarios)]
+    refused = [law.name for law in laws if any(objection(scenario, law, vehicle) for scenario in scenarios)]
     if refused:
         raise ConfigError(
             f"unstable on vehicle '{vehicle.name}': {', '.join(refused)}; --anyway flies them nevertheless"

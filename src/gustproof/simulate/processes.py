@@ -179,7 +179,7 @@ class _ProcessPair:
     def _launch_controller(self, name: str) -> None:
         self._launch(
             name, "gustproof.controller", "--json", "--exit-on-stdin-eof", "--law", str(self._files["law"]),
-            "--connect", "-", "--scenario", str(self._files["scenario"]), "--anyway", *self._pacing,
+            "--connect", "-", "--scenario", str(self._files["scenario"]), *self._pacing,
         )  # fmt: skip
 
     def _send_address(self) -> None:

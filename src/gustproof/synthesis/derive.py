@@ -119,6 +119,7 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
         limits=np.array([vehicle.stabilizer.rate_limit] * 3 if rates else vehicle.torque_limit),
         output=Output.RATES if rates else Output.TORQUE,
         provenance=_make_provenance(design, vehicle, result),
+        rate_limits=None if rates or not design.scheduled else np.full(3, vehicle.stabilizer.rate_limit),
     )
     G, K = _loop(problem, result.controller)
     try:

@@ -85,7 +85,8 @@ class Design:
     backoff: Annotated[float, Field(gt=1.0, allow_inf_nan=False)] = 1.05
     """[-] level as a multiple of the least."""
     scheduled: bool = False
-    """True if the law uses the exact kinematics at its own attitude estimate."""
+    """True if the law uses the exact kinematics at its own attitude estimate, and limits the rate commanded from it to
+    that of the vehicle's own loops."""
     dt: Positive = 0.004
     """[s] sample time of the law."""
     vehicle: str = "paper"

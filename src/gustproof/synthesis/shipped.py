@@ -1,11 +1,10 @@
 """Derive the shipped laws again: `python -m gustproof.synthesis.shipped` writes their files."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.law.form import LAWS, REFERENCE_LIMIT, Law
+from gustproof.law.form import LAWS, Law
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import list_designs, load_design
 from gustproof.synthesis.pid.autotune import autotune_pid
@@ -18,18 +17,6 @@ PAPER_BANDWIDTH = 0.8
 1 rad/s. With design D1 on the scenario `paper` it comes near all four numbers of Table III."""
 
 
-FLAGSHIP_REFERENCE_LIMIT_DEG = 15.0
-"""[deg] largest angle from level about each axis. In 15 m/s of turbulence the flagship tracks any sequence of steps
-within it on the vehicle `paper`. With inertia 20 % and lag 30 % off it tracks any single step within it. In free flight
-it tumbles from 25 deg on. To be removed when the law form limits rates."""
-
-
-def _flagship() -> Law:
-    law = flagship_law(load_vehicle("paper"), load_scenario("paper-turbulence"))
-    parameters = law.provenance.parameters | {REFERENCE_LIMIT: FLAGSHIP_REFERENCE_LIMIT_DEG}
-    return replace(law, provenance=replace(law.provenance, parameters=parameters))
-
-
 def _make_derivation(name: str) -> Callable[[], Law]:
     return lambda: derive(load_design(name))[0]
 
@@ -37,7 +24,7 @@ def _make_derivation(name: str) -> Callable[[], Law]:
 DERIVATIONS: dict[str, Callable[[], Law]] = {
     "pid-default": lambda: autotune_pid(load_vehicle("paper"), bandwidth=PAPER_BANDWIDTH),
     "pid-fair": lambda: baseline_pid(load_vehicle("paper"), load_scenario("paper-turbulence")),
-    "flagship": _flagship,
+    "flagship": lambda: flagship_law(load_vehicle("paper"), load_scenario("paper-turbulence")),
     "indi": lambda: indi_law(load_vehicle("paper"), load_scenario("paper-turbulence")),
     **{load_design(name).law: _make_derivation(name) for name in list_designs()},
 }

@@ -65,7 +65,12 @@ def test_how_far_the_vehicle_may_be_off_is_told_where_axes_do_not_couple(schedul
     assert any("stable for inertia ±16 % and lag ±24 % together" in line for line in scheduled.limits())
     flagship = analyse(load_law("flagship"), VEHICLE, SHORT)
     assert max(axis.upper for axis in flagship.stability) < 0.65
-    assert any("references: limited to 15 deg of level" in line for line in flagship.limits())
+    limited = "limited to 3, 3, 3 rad/s, so errors beyond 8.01, 7.73, 9.78 deg are flown back at that rate"
+    assert any(limited in line and "margins, mu and predictions" in line for line in flagship.limits())
+    assert flagship.to_dict()["rate_limit_rad_s"] == [3.0] * 3
+    linear = analyse(load_law("hinf-d1"), VEHICLE, SHORT)
+    assert any("no limit, a large attitude error may tumble" in line for line in linear.limits())
+    assert (linear.to_dict()["rate_limit_rad_s"], linear.to_dict()["attitude_limit_deg"]) == (None, [None] * 3)
     assert any("references: not supported, the law holds level" in line for line in scheduled.limits())
     assert any("stable for inertia ±33 % and lag ±50 % together" in line for line in flagship.limits())
 

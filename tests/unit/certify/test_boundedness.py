@@ -156,7 +156,11 @@ def spoiled(certificate, path, value):
         (("gain",), 0.0, "not positive"),
         (("evidence", "box", 0, 0), 0.0, "does not close"),
         (("evidence", "box"), [[1.0]] * 3, "does not bound every signal"),
-        (("evidence", "law", "limits", 2), 1e-3, "may reach its limit"),
+        (("evidence", "law", "limits", 2), 1e-3, "the command may reach its limit"),
+        (("evidence", "law", "rate_limit", "limits", 1), 1e-3, "axis 1: the rate commanded from attitude may reach"),
+        (("evidence", "law", "rate_limit", "S", 0, 0), -1e3, "axis 0: the rate commanded from attitude may reach"),
+        (("evidence", "law", "rate_limit", "S", 0, 4), 1e3, "axis 0: the rate commanded from attitude may reach"),
+        (("evidence", "law", "rate_limit", "T", 2, 1), 1e3, "axis 2: the rate commanded from attitude may reach"),
         (("evidence", "law", "dt"), 0.2, "malformed"),
         (("evidence", "samples"), 10**12, "samples are 1000000000000, must be 1 to 90000"),
         (("evidence", "law", "A", 0, 0), 1e200, "the loop is unstable"),
@@ -210,6 +214,10 @@ def test_the_certificates_of_a_minute_are_accepted_and_of_the_shipped_laws(name,
     assert evidence["vehicle"]["inertia_B"] == list(VEHICLE.inertia_B)
     assert [evidence["law"][key] for key in "ACG"] == [getattr(law, key).tolist() for key in "ACG"]
     assert [evidence["law"][key] for key in "BD"] == [getattr(law, key)[:, :3].tolist() for key in "BD"]
+    assert ("rate_limit" in evidence["law"]) == (law.rate_limit is not None)
+    if law.rate_limit is not None:
+        assert evidence["law"]["rate_limit"]["S"] == law.rate_limit.S.tolist()
+        assert evidence["law"]["rate_limit"]["limits"] == law.rate_limit.limits.tolist()
 
 
 def leaves(value, path=()):
@@ -233,6 +241,18 @@ def test_one_changed_bit_anywhere_is_refused(certificate):
         assert not check(json.dumps(document)).accepted, path
         place[path[-1]] = old
     assert check(json.dumps(document)).accepted
+
+
+def test_an_attitude_that_may_reach_the_limit_of_its_rate_is_not_proven():
+    law = load_law("hinf-scheduled")
+    assert law.rate_limit is not None
+    tight = replace(law, rate_limit=replace(law.rate_limit, limits=np.full(3, 0.01)))
+    whole, part = (certify_boundedness(each, VEHICLE, moment=MOMENT, horizon=0.5) for each in (law, tight))
+    assert whole.gain == 1.0
+    assert part.gain is not None
+    assert part.gain < 0.5
+    for row, limit in zip(part.evidence["box"], tight.attitude_limits, strict=True):
+        assert row[SIGNALS.index("x0")] < limit
 
 
 def test_a_command_that_may_saturate_is_not_proven():

@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -90,11 +91,13 @@ def test_command_stays_within_the_laws_limits():
 
 
 def test_the_law_feels_the_force_of_the_sample():
-    # u = specific force
-    law = replace(integrator(), B=np.zeros((3, 9)), D=np.hstack([np.zeros((3, 6)), np.eye(3)]), limits=np.full(3, 20.0))
-    answer = Controller(law, (20.0, 20.0, 20.0), 0.5).answer(sample(0))
+    # u = roll and pitch by gravity
+    D = np.vstack([np.eye(2, 8, 6), np.zeros((1, 8))])
+    law = replace(integrator(), B=np.zeros((3, 8)), D=D, limits=np.full(3, 20.0))
+    tilted = sample(0)._replace(specific_force_B=(0.0, -9.8 * math.sin(0.2), -9.8 * math.cos(0.2)))
+    answer = Controller(law, (20.0, 20.0, 20.0), 0.5).answer(tilted)
     assert isinstance(answer, TorqueCommand)
-    assert answer.torque_B == (0.0, 0.0, float(np.float32(-0.49)))
+    assert answer.torque_B == pytest.approx((0.01, 0.0, 0.0), rel=1e-6)
 
 
 def test_the_reference_is_that_of_the_newest_stamp_that_has_come():

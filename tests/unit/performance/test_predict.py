@@ -32,11 +32,9 @@ def test_three_axes_at_once_are_three_axes() -> None:
 
 def levelled(law: Law) -> Law:
     """Return the law with a torque of its own against the attitude that the accelerometer tells of, at hover."""
-    # f = (g theta, -g phi, -g): roll is -f_y / g, pitch is f_x / g.
-    toward_level = np.array([[0.0, 0.3, 0.0], [-0.2, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    return replace(
-        law, B=np.hstack([law.B[:, :6], np.zeros((law.order, 3))]), D=np.hstack([law.D[:, :6], toward_level])
-    )
+    toward_level = np.array([[-2.943, 0.0], [0.0, -1.962], [0.0, 0.0]])
+    B, D = np.hstack([law.B, np.zeros((law.order, 2))]), np.hstack([law.D, toward_level])
+    return replace(law, B=B, D=D, rate_limit=None)
 
 
 @pytest.mark.compiled

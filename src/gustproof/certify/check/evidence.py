@@ -20,12 +20,12 @@ from gustproof.certify.check.dissipation import (
     rate_bounded_inequalities,
     vertices,
 )
-from gustproof.certify.check.invariant_box import SIGNALS, AxisNorms, axis_norms, map_box
+from gustproof.certify.check.invariant_box import SIGNALS, AxisNorms, axis_norms, map_box, rate_shares
 from gustproof.lti.rational import exp_lower_bound, is_positive_definite, scale, to_rational, transpose
 
 FORMAT = "gustproof-certificate-1"
 COMMAND_SHARE = Fraction(999, 1000)
-"""[-] share of its limit that a command may reach; the rest covers floating-point rounding."""
+"""[-] share of its limit that a command or a commanded rate may reach; the rest covers floating-point rounding."""
 
 
 class Refusal(Exception):
@@ -146,7 +146,7 @@ def check_box(level: Fraction, evidence: dict[str, Any], norms: list[AxisNorms])
     Raises
     ------
     Refusal
-        If a signal leaves the box, a command its limit, or the noise is not covered.
+        If a signal leaves the box, a command or a commanded rate its limit, or the noise is not covered.
     """
     if level <= 0:
         raise Refusal("the share of the moment is not positive")
@@ -165,6 +165,9 @@ def check_box(level: Fraction, evidence: dict[str, Any], norms: list[AxisNorms])
         limit = Fraction(law["limits"][axis])
         if not inside[SIGNALS.index("command")] <= limit * COMMAND_SHARE:
             raise Refusal(f"axis {axis}: the command may reach its limit")
+    for axis, share in enumerate(rate_shares(evidence, box)):
+        if not share <= COMMAND_SHARE:
+            raise Refusal(f"axis {axis}: the rate commanded from attitude may reach its limit")
     return f"{float(level):.6g} of the moment keeps every signal in the box, every command inside its limit"
 
 

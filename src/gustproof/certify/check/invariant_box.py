@@ -148,6 +148,25 @@ def map_box(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction, b
     return bounds
 
 
+def rate_shares(evidence: dict[str, Any], box: Box) -> list[Fraction]:
+    """Return bounds by axis of the rate commanded from attitude, and of roll and pitch, as shares of their limits.
+
+    Below 1 the law is that of its matrices A to G alone. A law that limits no rate has shares of 0.
+    """
+    limit = evidence["law"].get("rate_limit")
+    if limit is None:
+        return [Fraction(0)] * 3
+    measured = _measured(evidence, box)
+    shares = []
+    for i in range(3):
+        S, T, largest = limit["S"][i], limit["T"][i], Fraction(limit["limits"][i])
+        rate = sum((abs(Fraction(S[3 * m + j])) * box[j][_X0 + m] for m in range(3) for j in range(3)), Fraction(0))
+        rate += sum((abs(Fraction(T[j])) * measured[j] for j in range(3)), Fraction(0))
+        tilt = abs(Fraction(S[i])) * box[i][_X0]
+        shares.append(max(rate, tilt) / largest)
+    return shares
+
+
 def _excess(E: list[Fraction], omega: list[Fraction]) -> list[Fraction]:
     """Return bounds of `|(T(E) - I) omega|` from bounds of |E| and |omega|."""
     sin_phi, tan_theta, sec_theta = _trigonometry(E)
@@ -185,10 +204,15 @@ def _round_bounds(bounds: list[Fraction]) -> list[Fraction]:
     return [round_up(value) for value in bounds]
 
 
+def _measured(evidence: dict[str, Any], box: Box) -> list[Fraction]:
+    """Return bounds of the gyro's samples before their rounding."""
+    return [box[i][_OMEGA] + Fraction(evidence["deviations"]) * Fraction(evidence["noise"]) for i in range(3)]
+
+
 def _additions(evidence: dict[str, Any], box: Box, own: list[Fraction]) -> list[list[Fraction]]:
     """Return bounds of the additions to the law's states and command of each axis: other axes, and rounding."""
     law = evidence["law"]
-    measured = [box[i][_OMEGA] + Fraction(evidence["deviations"]) * Fraction(evidence["noise"]) for i in range(3)]
+    measured = _measured(evidence, box)
     rounding = [_FLOAT32 * value + _TINY for value in measured]
     additions = []
     for i in range(3):

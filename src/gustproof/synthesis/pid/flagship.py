@@ -52,7 +52,10 @@ def flagship_law(vehicle: Vehicle, scenario: Scenario) -> Law:
     """Return the law with the gains of `tune_flagship`; its provenance has gains, limits and predicted performance."""
     limits = SHIPPED_LIMITS
     gains = tune_flagship(vehicle, scenario, limits)
-    axes = [biquad_axis(each, inertia, scenario.dt) for each, inertia in zip(gains, vehicle.inertia_B, strict=True)]
+    axes = [
+        biquad_axis(each, inertia, scenario.dt, vehicle.stabilizer.rate_limit)
+        for each, inertia in zip(gains, vehicle.inertia_B, strict=True)
+    ]
     rmse, slew = pool_axes(_axis_performances(axis_models(vehicle, scenario), gains))
     parameters = {
         "sensitivity_peak": limits.sensitivity_peak,

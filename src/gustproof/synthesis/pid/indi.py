@@ -21,7 +21,7 @@ import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.law.cascade import AxisLaw, cascade_law
+from gustproof.law.cascade import AxisLaw, cascade_law, limit_by_reference
 from gustproof.law.discretize import tustin
 from gustproof.law.form import Law, Provenance
 from gustproof.lti.state_space import Lti
@@ -60,7 +60,9 @@ _START = IndiGains(angle_p=4.0, rate_p=8.0, cutoff=8.0, damping=0.7)
 """Start of the search: low gains, stable for an actuator lag up to .05 s."""
 
 
-def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, dt: float) -> AxisLaw:
+def indi_axis(
+    gains: IndiGains, inertia: float, lag: float, delay_samples: int, dt: float, rate_limit: float | None = None
+) -> AxisLaw:
     """Return INDI on strapdown attitude for one axis.
 
     The first two states are Euler angle [rad] and rate [rad/s] at the previous sample, as in `strapdown_axis`. Then
@@ -72,6 +74,7 @@ def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, 
 
     `inertia` is in [kg*m^2], the time constant `lag` of the actuator and the sample time `dt` in [s]. A command acts
     `delay_samples` after its measurement.
+    Beyond `rate_limit` [rad/s], if given, the excess of the rate commanded from attitude changes the reference.
     """
     n = 7 + delay_samples
     states, inputs = np.split(np.eye(n + 2), [n])  # rows over (states, rate, reference)
@@ -83,7 +86,8 @@ def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, 
     acceleration = low_pass.C[1] @ states[2:4] + low_pass.D[1, 0] * rate
     filtered_torque = low_pass.C[0] @ states[4:6] + low_pass.D[0, 0] * torque
     attitude = E + 0.5 * dt * (omega + rate)
-    nu = gains.rate_p * (gains.angle_p * (angle_reference - attitude) - rate)
+    commanded = gains.angle_p * (angle_reference - attitude)
+    nu = gains.rate_p * (commanded - rate)
     command = filtered_torque + inertia * (nu - acceleration)
     decay = math.exp(-dt / lag)
     commands = np.vstack([command, states[7:]])  # the last one acts
@@ -99,7 +103,9 @@ def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, 
     )
     H = np.zeros((n, 1))
     H[7 if delay_samples else 6] = 1.0 if delay_samples else 1.0 - decay
-    return AxisLaw(A=step[:, :n], B=step[:, n:], C=command[None, :n], D=command[None, n:], G=dt * np.eye(n, 1), H=H)
+    B, D, C = step[:, n:], command[None, n:], command[None, :n]
+    limit = limit_by_reference(commanded, B, D, rate_limit)
+    return AxisLaw(A=step[:, :n], B=B, C=C, D=D, G=dt * np.eye(n, 1), H=H, rate_limit=limit)
 
 
 def indi_law(vehicle: Vehicle, scenario: Scenario) -> Law:
@@ -118,7 +124,8 @@ def indi_law(vehicle: Vehicle, scenario: Scenario) -> Law:
         return indi_axis(gains, model.inertia, lag, delay, dt)
 
     gains = tune(axis_models(vehicle, scenario), axis, _START, "INDI", sensitivity_peak=SENSITIVITY_PEAK, slew=SLEW)
-    axes = [indi_axis(each, inertia, lag, delay, dt) for each, inertia in zip(gains, vehicle.inertia_B, strict=True)]
+    limit = vehicle.stabilizer.rate_limit
+    axes = [indi_axis(each, J, lag, delay, dt, limit) for each, J in zip(gains, vehicle.inertia_B, strict=True)]
     limits = {"sensitivity_peak": SENSITIVITY_PEAK, "slew_nm_per_s": SLEW}
     provenance = Provenance(
         design="incremental nonlinear dynamic inversion on strapdown attitude, "

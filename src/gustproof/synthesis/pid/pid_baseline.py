@@ -35,7 +35,8 @@ def tune_baseline(vehicle: Vehicle, scenario: Scenario, *, sensitivity_peak: flo
 def baseline_pid(vehicle: Vehicle, scenario: Scenario) -> Law:
     """Return the law with the gains of `tune_baseline`; its provenance has gains and limits."""
     gains = tune_baseline(vehicle, scenario, sensitivity_peak=SENSITIVITY_PEAK, slew=SLEW)
-    axes = [strapdown_axis(g, inertia, scenario.dt) for g, inertia in zip(gains, vehicle.inertia_B, strict=True)]
+    limit, dt = vehicle.stabilizer.rate_limit, scenario.dt
+    axes = [strapdown_axis(each, J, dt, limit) for each, J in zip(gains, vehicle.inertia_B, strict=True)]
     provenance = Provenance(
         design=f"strapdown cascade, gains of least attitude error in scenario '{scenario.name}'",
         vehicle=vehicle.name,
