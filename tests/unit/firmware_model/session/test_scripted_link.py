@@ -1,4 +1,4 @@
-"""The scripted link on a virtual clock, between a vehicle that only counts and a controller that answers with stamps."""
+"""The scripted link on a virtual clock, between a vehicle that only counts and a controller that answers stamps."""
 
 from collections.abc import Callable
 
