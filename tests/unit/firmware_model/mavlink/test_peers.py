@@ -2,12 +2,13 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import RejectReason, parse
 from firmware_model.mavlink.messages import CONTROLLER
-from firmware_model.mavlink.peers import MAX_PEERS, PEER_TIMEOUT_US, STICKS_US, PeerTable, RequestContext
+from firmware_model.mavlink.peers import PeerTable, RequestContext
 
 IMU, ATTITUDE = wire.MAVLINK_MSG_ID_HIGHRES_IMU, wire.MAVLINK_MSG_ID_ATTITUDE
 GROUND_STATION = 190
 ADDRESS = (0, ("127.0.0.1", 14540))
 SAMPLE_US = 4000
+MAX_PEERS, PEER_TIMEOUT_US, STICKS_US = 16, 10_000_000, 10_000_000
 HEARTBEAT = wire.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
 
 

@@ -107,9 +107,10 @@ def test_the_actuators_answer_as_a_first_order_lag() -> None:
     assert end.roll == pytest.approx(1.0 - math.exp(-1.0), rel=1e-8)  # RK4 of exp at h = 1/50
 
 
-def test_damping_takes_the_rate_to_that_of_the_air() -> None:
-    end = fly(REST, params(damping=2.0), NOTHING._replace(p_gust=0.4), 10.0, 0.01)
-    assert end.p == pytest.approx(0.4, rel=1e-8)  # 20 time constants
+@pytest.mark.parametrize(("rate", "gust"), [("p", "p_gust"), ("q", "q_gust"), ("r", "r_gust")])
+def test_damping_takes_the_rate_to_that_of_the_air(rate: str, gust: str) -> None:
+    end = fly(REST, params(damping=2.0), NOTHING._replace(**{gust: 0.4}), 10.0, 0.01)
+    assert omega(end) == pytest.approx([0.4 if name == rate else 0.0 for name in "pqr"], rel=1e-8)  # 20 time constants
 
 
 def test_a_free_body_falls_as_galileo_found() -> None:

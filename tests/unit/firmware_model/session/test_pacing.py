@@ -9,8 +9,6 @@ from firmware_model.autopilot.modes import Autopilot, AutopilotEvent, Mode, Sett
 from firmware_model.mavlink.frames import RejectReason
 from firmware_model.session.pacing import (
     MAX_CATCH_UP_US,
-    MAX_RESENDS,
-    RESEND_US,
     FlightClock,
     NextAction,
     TimingFault,
@@ -18,6 +16,7 @@ from firmware_model.session.pacing import (
 from firmware_model.types import AttitudeTarget, Command, LevelFlight, MotorsOff, Setpoint, TorqueCommand
 
 SAMPLE_US = 4_000
+RESEND_US, MAX_RESENDS = 100_000, 30
 SCRIPT = 1_000  # samples
 
 

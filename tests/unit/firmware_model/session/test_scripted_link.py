@@ -9,12 +9,13 @@ from firmware_model.autopilot.modes import Autopilot, Mode, Settings, Transition
 from firmware_model.config.files import validate
 from firmware_model.config.scenario import Scenario
 from firmware_model.mavlink.frames import RejectReason
-from firmware_model.session.pacing import MAX_RESENDS, RESEND_US, FlightClock, NextAction, TimingFault
-from firmware_model.session.scripted_link import JOIN_TIMEOUT_US, ScriptedLink
+from firmware_model.session.pacing import FlightClock, NextAction, TimingFault
+from firmware_model.session.scripted_link import ScriptedLink
 from firmware_model.types import NEVER_US, AttitudeTarget, Command, ImuSample, Setpoint, TorqueCommand, Trim
 
 SAMPLE_US, SIZE = 4_000, 43
 BEGIN_US = 7_000_000
+RESEND_US, MAX_RESENDS, JOIN_TIMEOUT_US = 100_000, 30, 60_000_000
 DELAYED = {"kind": "delay", "direction": "to_controller", "delay_s": 0.008}
 Answer = Callable[[ImuSample], Command | None]
 
