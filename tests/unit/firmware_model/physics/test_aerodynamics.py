@@ -10,7 +10,15 @@ from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenar
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.config.waveforms import Constant, Dryden, GustCosine
 from firmware_model.numerics.rotations import euler_angles, from_euler
-from firmware_model.physics.aerodynamics import AIR_DENSITY, Air, FreeInputs, free_params, sensor_wrench, step
+from firmware_model.physics.aerodynamics import (
+    AIR_DENSITY,
+    Air,
+    FreeInputs,
+    free_params,
+    sensor_wrench,
+    step,
+    sum_inputs,
+)
 from firmware_model.physics.rigid_body import Body, BodyInputs
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop
@@ -56,6 +64,20 @@ def test_without_thrust_it_falls_with_g_and_feels_nothing(vehicle):
     # Drag at 1 m/s is 1/2 rho A v^2; over .1 s it takes less than that from the speed.
     lost = 0.5 * AIR_DENSITY * vehicle.drag_area / vehicle.mass * 0.1
     assert GRAVITY * 0.1 - lost < body.v_down < GRAVITY * 0.1
+
+
+@by_vehicle
+def test_moments_from_outside_add_to_those_of_the_air_with_their_signs(vehicle):
+    params, given = free_params(vehicle), NOTHING._replace(L=0.5, M=-0.25, N=0.125, p_gust=1.0, q_gust=2.0, r_gust=3.0)
+    assert sum_inputs(params, HIGH, FreeInputs(given, STILL, False)) == (given, False, 0.0)
+    hovering = HIGH._replace(thrust=vehicle.mass * GRAVITY)
+    blown, _, _ = sum_inputs(params, hovering, FreeInputs(given, STILL._replace(u=1.0, v=2.0, w=4.0), False))
+    gain = vehicle.gust_gain
+    added = (blown.L - 0.5, blown.M + 0.25, blown.N - 0.125)
+    assert added == pytest.approx((2.0 * gain, -gain, 4.0 * vehicle.gust_yaw_ratio * gain))
+    square = 0.5 * AIR_DENSITY * vehicle.drag_area * math.sqrt(21.0)
+    plane, axis = vehicle.rotor_drag + square, vehicle.heave_drag + square
+    assert (blown.F_x, blown.F_y, blown.F_z) == pytest.approx((plane, 2.0 * plane, 4.0 * axis))
 
 
 @by_vehicle

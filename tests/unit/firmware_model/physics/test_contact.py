@@ -1,5 +1,7 @@
 """What the ground does to the points that touch it, against a plain sum over them."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -105,6 +107,32 @@ WEIGHT = VEHICLE.mass * GRAVITY
 )  # fmt: skip
 def test_it_rests_while_its_feet_can_carry_what_acts(body, force, moment, resting):
     assert is_at_rest(PARAMS, body, force, moment) is resting
+
+
+LIMITS = {
+    "speed": lambda share: ({"v_north": 0.02 * share * 0.6, "v_down": -0.02 * share * 0.8}, (0.0,) * 3, (0.0,) * 3),
+    "rate": lambda share: ({"p": 0.02 * share * 0.6, "r": -0.02 * share * 0.8}, (0.0,) * 3, (0.0,) * 3),
+    "ahead": lambda share: ({}, (0.05 * WEIGHT * share, 0.0, 0.0), (0.0,) * 3),
+    "right": lambda share: ({}, (0.0, -0.05 * WEIGHT * share, 0.0), (0.0,) * 3),
+    "aslant": lambda share: ({}, (-0.03 * WEIGHT * share, 0.04 * WEIGHT * share, 0.0), (0.0,) * 3),
+    "pressed": lambda share: ({}, (0.075 * WEIGHT * share, 0.0, 0.5 * WEIGHT), (0.0,) * 3),
+    "yaw": lambda share: (
+        {},
+        (0.0,) * 3,
+        (0.0, 0.0, -0.05 * WEIGHT * share * math.hypot(PARAMS.foot_x, PARAMS.foot_y)),
+    ),
+    "roll": lambda share: ({}, (0.0,) * 3, (-PARAMS.foot_y * WEIGHT * share, 0.0, 0.0)),
+    "pitch": lambda share: ({}, (0.0,) * 3, (0.0, PARAMS.foot_x * WEIGHT * share, 0.0)),
+    "lift": lambda share: ({}, (0.0, 0.0, -0.5 * WEIGHT * share), (0.0,) * 3),
+}
+
+
+@pytest.mark.parametrize("limit", LIMITS)
+@pytest.mark.parametrize("share", [0.99, 1.01])
+def test_each_limit_of_rest_holds_up_to_its_value(limit, share):
+    changes, force, moment = LIMITS[limit](share)
+    slippery = PARAMS._replace(friction=0.05)
+    assert is_at_rest(slippery, STANDING._replace(**changes), force, moment) is (share < 1.0)
 
 
 def test_far_from_the_ground_it_is_not_asked_about():

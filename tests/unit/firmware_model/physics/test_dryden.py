@@ -194,5 +194,5 @@ def test_the_paper_vehicle_feels_a_peak_of_065_newton_metres_in_the_median_of_10
 
 def test_a_gust_from_the_left_rolls_right_and_a_tailwind_pitches_down() -> None:
     # The rotor plane is above the centre of mass: it is blown along, and the vehicle leans that way.
-    moment_B = gust_moment(0.08, 0.3, (1.0, 1.0, 1.0))
-    assert moment_B == pytest.approx((0.08, -0.08, 0.024))
+    moment_B = gust_moment(0.08, 0.3, (1.0, 2.0, 4.0))
+    assert moment_B == pytest.approx((0.16, -0.08, 0.096))
