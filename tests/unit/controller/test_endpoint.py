@@ -93,7 +93,9 @@ def autopilot() -> Autopilot:
 def test_controller_shows_itself_as_an_on_board_computer(autopilot):
     (datagram, peer), *_ = autopilot.endpoint.poll(0)
     (frame,) = parse(datagram)
-    assert (frame.message().type, frame.component, peer) == (18, 191, VEHICLE)
+    beat = frame.message()
+    assert (beat.type, frame.component, peer) == (18, 191, VEHICLE)
+    assert (beat.autopilot, beat.base_mode, beat.custom_mode, beat.system_status) == (8, 0, 0, 4)
 
 
 def test_it_takes_the_system_id_of_its_vehicle(autopilot):

@@ -88,9 +88,11 @@ def test_rho_is_in_bounds_up_to_the_rate_of_table_ii(rate):
 
 
 @pytest.mark.parametrize("end_deg", [89.0, -89.0, 91.0, -91.0])
-def test_rolling_past_90_degrees_leaves_the_bounds(end_deg):
+@pytest.mark.parametrize("axis", [0, 1])
+def test_turning_past_90_degrees_leaves_the_bounds(axis, end_deg):
     records = flight()
-    records["q_NB"] = turned(0, np.linspace(0.0, math.radians(end_deg), len(records)))
+    records["q_NB"] = turned(axis, np.linspace(0.0, math.radians(end_deg), len(records)))
+    # Beyond 90 degrees of pitch the Euler angles tell a roll of 180.
     assert figures(records).rho_in_bounds is (abs(end_deg) < 90.0)
 
 
