@@ -7,8 +7,8 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.channel import Channel
-from firmware_model.mavlink.frames import RejectReason, parse
-from firmware_model.types import AttitudeTarget, Command, TorqueCommand
+from firmware_model.mavlink.frames import EncodedMessage, RejectReason, parse
+from firmware_model.types import AttitudeTarget, Command, ImuSample, TorqueCommand
 
 
 def test_echo_tells_what_is_tracked():
@@ -133,3 +133,35 @@ def test_fast_reader_leaves_anything_to_clip_or_refuse_to_the_parser(command):
 def test_fast_reader_leaves_the_other_message_to_the_parser():
     assert read_fast(torques(0.0, 0.0, 0.0), torque=False) is None
     assert read_fast(rates(0.0, 0.0, 0.0), torque=True) is None
+
+
+@pytest.mark.parametrize("measured", [0x3F, 0x38, 0x07, 0x1F, 0x00])
+@pytest.mark.parametrize("field", range(7))
+def test_sample_needs_a_gyro_and_finite_numbers(measured, field):
+    for broken in (math.nan, math.inf, 0.5):
+        numbers = [0.5 + k for k in range(6)]
+        if field:
+            numbers[field - 1] = broken
+        payload = wire.MAVLink_highres_imu_message.unpacker.pack(4000, *numbers, *[0.0] * 7, measured, 0)
+        packed = EncodedMessage(wire.MAVLINK_MSG_ID_HIGHRES_IMU, payload).pack(wire.MAVLink(None, 1, 1))
+        (frame,) = parse(packed)
+        force, gyro = tuple(numbers[:3]), tuple(numbers[3:])
+        usable = measured & 0x38 == 0x38 and math.isfinite(sum(numbers))
+        assert messages.parse_imu(frame) == (ImuSample(4000, gyro, force) if usable else RejectReason.NOT_FINITE)
+
+
+@pytest.mark.parametrize("length", [0.9985, 0.9995, 1.0005, 1.0015])
+def test_attitude_is_a_quaternion_of_unit_length_within_a_thousandth(length):
+    q_NB = (0.5 * length, -0.5 * length, 0.5 * length, 0.5 * length)
+    message = wire.MAVLink_set_attitude_target_message(4, 1, 1, 7, q_NB, 0.0, 0.0, 0.0, 0.5)
+    assert (read_slowly(message) is RejectReason.NOT_FINITE) is (abs(length - 1.0) > 1e-3)
+
+
+def test_commands_leave_the_unused_controls_at_zero():
+    controls = read_fields(messages.command_message(torques(0.25, -0.5, 1.0, throttle=0.75), 3)).controls
+    assert controls == [0.25, -0.5, 1.0, 0.75, 0.0, 0.0, 0.0, 0.0]
+
+
+def read_fields(message):
+    (frame,) = parse(message.pack(wire.MAVLink(None, 1, messages.CONTROLLER)))
+    return frame.message()

@@ -135,6 +135,22 @@ def test_each_limit_of_rest_holds_up_to_its_value(limit, share):
     assert is_at_rest(slippery, STANDING._replace(**changes), force, moment) is (share < 1.0)
 
 
+@pytest.mark.parametrize("share", [0.99, 1.01])
+@pytest.mark.parametrize("lift", [0.0, 0.25])
+@pytest.mark.parametrize(("ahead", "right"), [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
+def test_a_force_at_the_centre_of_mass_tips_it_over_its_feet(ahead, right, lift, share):
+    rough = PARAMS._replace(friction=10.0, foot_x=0.15)
+    most = share * (1.0 - lift) * WEIGHT * (rough.foot_x if ahead else rough.foot_y) / rough.foot_z
+    force = (ahead * most, right * most, -lift * WEIGHT)
+    assert is_at_rest(rough, STANDING, force, (0.0, 0.0, 0.0)) is (share < 1.0)
+
+
+def test_springs_carry_the_weight_at_their_sag_and_swing_no_more():
+    assert ground_wrench(PARAMS, STANDING)[2] == pytest.approx(WEIGHT)
+    # Four legs in parallel: critical damping is 2 sqrt(k m).
+    assert 4.0 * PARAMS.damping == pytest.approx(2.0 * math.sqrt(4.0 * PARAMS.stiffness * VEHICLE.mass))
+
+
 def test_far_from_the_ground_it_is_not_asked_about():
     params, air = free_params(VEHICLE), Air(3.0, -1.0, 0.5, 2.0, 1.0, 0.0)
     nothing = BodyInputs(*[0.0] * 13)
