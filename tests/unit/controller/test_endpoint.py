@@ -518,9 +518,10 @@ def test_sample_that_is_not_finite_in_flight_is_counted_and_not_answered(autopil
 
 def test_older_sample_in_flight_is_stale_and_from_a_stranger_is_not_flown(autopilot):
     autopilot.reach(Phase.FLYING)
-    autopilot.say(imu(4000), imu(8000), imu(4000))
-    assert autopilot.endpoint.counters == {RejectReason.STALE: 1}
+    autopilot.say(imu(4000), imu(8000))
     autopilot.say(imu(12_000), peer=(0, ("stranger", 1)))
+    assert autopilot.endpoint.counters == {RejectReason.OTHER_TARGET: 1}
+    autopilot.say(imu(12_000), imu(16_000), imu(4000))
     assert autopilot.endpoint.counters == {RejectReason.STALE: 1, RejectReason.OTHER_TARGET: 1}
     assert autopilot.endpoint.missed == 0
 

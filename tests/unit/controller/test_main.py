@@ -127,3 +127,22 @@ def test_law_is_flown_only_by_the_message_that_it_commands(served, capsys):
     assert main(["--law", "hinf-d1", "--via", "torque"]) == 0
     assert main(["--law", "hinf-d1", "--via", "rates"]) == 2
     assert "commands torque, it can't fly via rates" in capsys.readouterr().err
+
+
+def test_options_of_its_parent_and_of_the_machine_are_taken(served, monkeypatch):
+    asked = []
+    monkeypatch.setattr("gustproof.controller.__main__.exit_on_stdin_eof", asked.append)
+    monkeypatch.setattr(realtime, "request_fifo_scheduling", lambda: asked.append("fifo"))
+    served.outcome = None
+    assert main(["--law", "hinf-d1", "--exit-on-stdin-eof", "--real-time"]) == 130  # served no end of its own
+    interrupt, fifo = asked
+    assert fifo == "fifo"
+    interrupt()
+    assert served.endpoint.outcome is ControllerOutcome.INTERRUPTED
+
+
+@pytest.mark.parametrize("connect", ["127.0.0.1", "127.0.0.1:0", "127.0.0.1:65536", ":14580", "udp://a:1", "a:b"])
+def test_address_that_is_none_is_refused(served, connect, capsys):
+    assert main(["--law", "hinf-d1", "--connect", connect]) == 2
+    assert f"--connect is '{connect}', must be HOST:PORT" in capsys.readouterr().err
+    assert served.endpoint is None

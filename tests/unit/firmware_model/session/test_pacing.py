@@ -316,6 +316,17 @@ def test_pause_in_lockstep_sends_the_sample_again_a_full_time_out_after_it():
     assert stepped.flight.deadline_us() == stepped.now_us + RESEND_US
 
 
+def test_pause_that_ends_before_the_first_sample_leaves_no_trace():
+    paced = Paced(standing=False)
+    paced.flight.pause(paced.now_us, paused=True)
+    paced.now_us += 5_000_000
+    paced.flight.pause(paced.now_us, paused=False)
+    paced.enter_offboard()
+    paced.poll()
+    assert paced.run(40_000) == 10
+    assert (paced.flight.paused_us, paced.flight.wall_us) == (0, 40_000)
+
+
 def test_wall_time_of_a_flight_counts_from_its_first_sample_to_its_last():
     paced = Paced(standing=False)
     assert paced.flight.wall_us == 0

@@ -203,7 +203,8 @@ def test_duplicate_of_a_sample_is_answered_again():
 
 
 def test_hanging_controller_gets_no_samples_and_goes_on_with_the_next():
-    linked = Linked({"kind": "controller_hung", "at_s": 0.02, "for_s": 0.012})
+    step = {"kind": "attitude", "at_s": 0.01, "euler_deg": [1.0, 0.0, 0.0]}  # the controller's own affair
+    linked = Linked(step, {"kind": "controller_hung", "at_s": 0.02, "for_s": 0.012})
     assert stamps(linked.fly()) == [0, 1, 2, 3, 4, 4, 4, 4, *range(8, 20)]
     assert linked.events == ["controller_hung"]
     assert linked.counts("to_controller") == {"sent": 20, "arrived": 20, "unheard": 3}

@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.modes import Mode
-from firmware_model.config.events import ControllerKill, ModeChange
+from firmware_model.config.events import ControllerHang, ControllerKill, ModeChange
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.mavlink.frames import EncodedMessage, Frame, RejectReason, parse
@@ -769,6 +769,27 @@ def test_signed_lockstep_flies_like_an_unsigned_one():
         flights.append(vehicle.rates)
     assert flights[0] == flights[1]
     assert len(flights[0]) == 25
+
+
+def test_commander_that_is_silent_for_10_s_is_forgotten_and_the_next_one_heard_at_once():
+    vehicle = Vehicle(lockstep=False, interactive=True)
+    vehicle.setpoint()
+    vehicle.setpoint(port=2)
+    assert vehicle.endpoint.counters == {RejectReason.NOT_IN_COMMAND: 1}
+    vehicle.wait(11_500_000)
+    vehicle.setpoint(port=2)
+    vehicle.setpoint(port=1)
+    assert vehicle.endpoint.counters == {RejectReason.NOT_IN_COMMAND: 2}  # now the first one is the rival
+    assert [link for link in vehicle.endpoint.links if link != "gone"] == ["client:2", "client:1"]
+
+
+def test_controller_that_hangs_by_the_script_is_not_sent_its_samples():
+    hang = ControllerHang(kind="controller_hung", at_s=0.1, for_s=0.1)
+    vehicle = Controlled(duration_s=0.4, event=(hang,))
+    vehicle.fly()
+    assert vehicle.endpoint.outcome is VehicleOutcome.DONE
+    assert vehicle.flushed == [25]
+    assert vehicle.endpoint.scripted_link.stats()["to_controller"]["unheard"] == 25
 
 
 def test_message_that_nothing_reads_is_counted(vehicle):
