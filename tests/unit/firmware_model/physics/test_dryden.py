@@ -83,14 +83,14 @@ def test_the_roll_gust_has_the_variance_of_its_spectrum() -> None:
     ids=["q", "r"],
 )
 def test_pitch_and_yaw_gusts_have_the_variances_of_their_spectra(rate, gust, sigma, length, lag_spans) -> None:
-    V = SPECTRUM.airspeed
-    tau, lag = length / V, lag_spans * SPAN / (math.pi * V)
+    V, span = SPECTRUM.airspeed, 0.7
+    tau, lag = length / V, lag_spans * span / (math.pi * V)
 
     def density(omega: float) -> float:
         field = sigma**2 * tau * (1.0 + 3.0 * (tau * omega) ** 2) / (1.0 + (tau * omega) ** 2) ** 2
         return field * (omega / V) ** 2 / (1.0 + (lag * omega) ** 2) / math.pi
 
-    params, factor = dryden_filters(SPECTRUM, SPAN, 0.004)
+    params, factor = dryden_filters(SPECTRUM, span, 0.004)
     assert factor.shape == (8, 8)
     _, _, C = state_space(params)
     covariance = C @ factor @ factor.T @ C.T

@@ -654,16 +654,14 @@ def test_fast_path_leaves_room_for_heartbeats_and_the_streams_of_others():
 
 def test_heartbeat_is_sent_in_time_on_the_fast_path():
     vehicle = Controlled(duration_s=4.0)
-    vehicle.fly(0)
+    vehicle.poll()
     assert vehicle.take("HEARTBEAT")  # OFFBOARD, at 0 s
-    vehicle.now_us = 999_999
-    vehicle.answer(vehicle.endpoint.loop.time_us)
-    vehicle.poll()
-    assert not vehicle.take("HEARTBEAT")
-    vehicle.now_us = 1_000_000
-    vehicle.answer(vehicle.endpoint.loop.time_us)
-    vehicle.poll()
-    assert len(vehicle.take("HEARTBEAT")) == 1
+    for now_us, beats in ((500_000, 0), (999_999, 0), (1_000_000, 1), (1_000_001, 0)):
+        vehicle.now_us = now_us
+        vehicle.answer(vehicle.endpoint.loop.time_us)
+        vehicle.poll()
+        assert len(vehicle.take("HEARTBEAT")) == beats
+    assert len(vehicle.modes) == 5
 
 
 def test_one_poll_flies_at_most_250_samples():
@@ -685,13 +683,16 @@ def test_set_point_with_a_throttle_is_flown_off_the_fast_path():
     assert vehicle.endpoint.counters == {}
 
 
-def test_paused_lockstep_flies_no_answer():
+@pytest.mark.parametrize("polled", [False, True])
+def test_paused_lockstep_flies_no_answer(polled):
     vehicle = Controlled(duration_s=0.1)
     vehicle.poll()
     vehicle.answer(SAMPLE_US)
     vehicle.poll()
     one = struct.unpack("<f", struct.pack("<i", 1))[0]  # integers travel bytewise
     vehicle.send(wire.MAVLink_param_set_message(1, 1, b"GP_PAUSE", one, wire.MAV_PARAM_TYPE_INT32))
+    if polled:
+        vehicle.poll()
     flown = len(vehicle.modes)
     vehicle.answer(vehicle.endpoint.loop.time_us)
     vehicle.wait(50_000)
