@@ -18,6 +18,7 @@ from firmware_model.physics.aerodynamics import (
     air_params,
     sensor_wrench,
     step,
+    sum_inputs,
 )
 from firmware_model.physics.ground import ground_params
 from firmware_model.physics.rigid_body import Body, BodyInputs, body_params
@@ -66,6 +67,22 @@ def test_without_thrust_it_falls_with_g_and_feels_nothing(vehicle):
     # Drag at 1 m/s is 1/2 rho A v^2; over .1 s it takes less than that from the speed.
     lost = 0.5 * AIR_DENSITY * vehicle.drag_area / vehicle.mass * 0.1
     assert GRAVITY * 0.1 - lost < body.velocity_N[2] < GRAVITY * 0.1
+
+
+@by_vehicle
+def test_moments_from_outside_add_to_those_of_the_air_with_their_signs(vehicle):
+    params = FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))
+    given = BodyInputs((4.0, 5.0, 6.0), (0.5, -0.25, 0.125), (1.0, 2.0, 3.0), ZERO, 7.0)
+    assert sum_inputs(params, HIGH, FreeInputs(given, STILL, False)) == (given, False, 0.0)
+    hovering = HIGH._replace(thrust=vehicle.mass * GRAVITY)
+    blown, _, _ = sum_inputs(params, hovering, FreeInputs(given, STILL._replace(gust_B=(1.0, 2.0, 4.0)), False))
+    gain = vehicle.gust_gain
+    L, M, N = blown.moment_B
+    added = (L - 0.5, M + 0.25, N - 0.125)
+    assert added == pytest.approx((2.0 * gain, -gain, 4.0 * vehicle.gust_yaw_ratio * gain))
+    square = 0.5 * AIR_DENSITY * vehicle.drag_area * math.sqrt(21.0)
+    plane, axis = vehicle.rotor_drag + square, vehicle.heave_drag + square
+    assert blown.force_B == pytest.approx((plane, 2.0 * plane, 4.0 * axis))
 
 
 @by_vehicle
@@ -172,6 +189,7 @@ def test_free_and_held_turn_alike_in_still_air(vehicle):
 def test_gusts_go_with_their_scale_and_the_mean_wind_stays():
     scenario = replace(
         CALM,
+        altitude_m=100.0,  # the low-altitude model of turbulence ends at 304.8 m
         wind=(
             Constant(kind="constant", velocity_mps=(1.0, 2.0, 3.0)),
             Dryden(kind="dryden", wind_speed_20ft_mps=15.0),

@@ -1,5 +1,7 @@
 """What the ground does to the points that touch it, against a plain sum over them."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -108,6 +110,49 @@ WEIGHT = VEHICLE.mass * GRAVITY
 )  # fmt: skip
 def test_it_rests_while_its_feet_can_carry_what_acts(body, force, moment, resting):
     assert is_at_rest(PARAMS, body, force, moment) is resting
+
+
+LIMITS = {
+    "speed": lambda share: ({"velocity_N": (0.02 * share * 0.6, 0.0, -0.02 * share * 0.8)}, ZERO, ZERO),
+    "rate": lambda share: ({"omega_B": (0.02 * share * 0.6, 0.0, -0.02 * share * 0.8)}, ZERO, ZERO),
+    "ahead": lambda share: ({}, (0.05 * WEIGHT * share, 0.0, 0.0), ZERO),
+    "right": lambda share: ({}, (0.0, -0.05 * WEIGHT * share, 0.0), ZERO),
+    "aslant": lambda share: ({}, (-0.03 * WEIGHT * share, 0.04 * WEIGHT * share, 0.0), ZERO),
+    "pressed": lambda share: ({}, (0.075 * WEIGHT * share, 0.0, 0.5 * WEIGHT), ZERO),
+    "yaw": lambda share: (
+        {},
+        ZERO,
+        (0.0, 0.0, -0.05 * WEIGHT * share * math.hypot(*PARAMS.foot_B[:2])),
+    ),
+    "roll": lambda share: ({}, ZERO, (-PARAMS.foot_B[1] * WEIGHT * share, 0.0, 0.0)),
+    "pitch": lambda share: ({}, ZERO, (0.0, PARAMS.foot_B[0] * WEIGHT * share, 0.0)),
+    "lift": lambda share: ({}, (0.0, 0.0, -0.5 * WEIGHT * share), ZERO),
+}
+
+
+@pytest.mark.parametrize("limit", LIMITS)
+@pytest.mark.parametrize("share", [0.99, 1.01])
+def test_each_limit_of_rest_holds_up_to_its_value(limit, share):
+    changes, force, moment = LIMITS[limit](share)
+    slippery = PARAMS._replace(friction=0.05)
+    assert is_at_rest(slippery, STANDING._replace(**changes), force, moment) is (share < 1.0)
+
+
+@pytest.mark.parametrize("share", [0.99, 1.01])
+@pytest.mark.parametrize("lift", [0.0, 0.25])
+@pytest.mark.parametrize(("ahead", "right"), [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
+def test_a_force_at_the_centre_of_mass_tips_it_over_its_feet(ahead, right, lift, share):
+    rough = PARAMS._replace(friction=10.0, foot_B=(0.15, *PARAMS.foot_B[1:]))
+    foot_x, foot_y, foot_z = rough.foot_B
+    most = share * (1.0 - lift) * WEIGHT * (foot_x if ahead else foot_y) / foot_z
+    force = (ahead * most, right * most, -lift * WEIGHT)
+    assert is_at_rest(rough, STANDING, force, (0.0, 0.0, 0.0)) is (share < 1.0)
+
+
+def test_springs_carry_the_weight_at_their_sag_and_swing_no_more():
+    assert ground_wrench(PARAMS, STANDING)[2] == pytest.approx(WEIGHT)
+    # Four legs in parallel: critical damping is 2 sqrt(k m).
+    assert 4.0 * PARAMS.damping == pytest.approx(2.0 * math.sqrt(4.0 * PARAMS.stiffness * VEHICLE.mass))
 
 
 def test_far_from_the_ground_it_is_not_asked_about():

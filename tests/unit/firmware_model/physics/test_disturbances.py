@@ -137,6 +137,23 @@ def test_a_replay_is_linear_between_its_rows_and_calm_outside() -> None:
     assert at(scenario, 60.0) == ((0.0, 0.0, 0.0),) * 4
 
 
+def test_tables_have_a_row_for_each_wave_and_each_sample_of_a_replay() -> None:
+    assert make_replay(QUIET).shape == (0, 12)
+    assert make_waves(QUIET).shape == (0, 9)
+    replayed = replace(QUIET, wind=(GustReplay(kind="replay", rows=ROWS),))
+    assert make_replay(replayed).shape == (QUIET.samples, 12)
+    assert make_waves(replace(QUIET, wind=tuple(gust for gust, _, _ in SHAPES))).shape == (len(SHAPES), 9)
+
+
+def test_a_replay_whose_rows_begin_later_is_calm_until_then() -> None:
+    late = tuple((time + 0.5, *vector) for time, *vector in ROWS)
+    scenario = replace(QUIET, wind=(GustReplay(kind="replay", rows=late, start_s=1.0),))
+    assert at(scenario, 1.496)[1] == (0.0, 0.0, 0.0)
+    assert at(scenario, 1.5)[1] == (1.0, 0.0, 0.0)
+    assert at(scenario, 4.5)[1] == (0.0, 0.0, 2.0)
+    assert at(scenario, 4.504)[1] == (0.0, 0.0, 0.0)
+
+
 def written(folder: Path, table: str, csv: str = "time_s,north_mps,east_mps,down_mps\n0,1,2,3\n1,4,5,6\n") -> Path:
     (folder / "gusts.csv").write_text(csv)
     path = folder / "mine.toml"

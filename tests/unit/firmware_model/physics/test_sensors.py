@@ -45,6 +45,17 @@ def test_bias_is_added_and_range_clips() -> None:
     assert reading == (1.25, 2.0, -2.0)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_bias_drift_and_noise_add_up_axis_by_axis(axis: int) -> None:
+    name = "xyz"[axis]
+    params = QUIET._replace(sigma=0.5, ratio=0.25, since=2.0, **{f"b_{name}": 0.125, f"drift_{name}": 0.0625})
+    rate, noise = [0.0] * 3, [0.0] * 4
+    rate[axis], noise[axis] = -2.0, 1.5
+    # 10 s of drift; the noise has an rms of .5 + .25 * 2.
+    expected = [-2.0 + 0.125 + 0.625 + 1.5 if k == axis else 0.0 for k in range(3)]
+    assert measure_gyro(params, tuple(rate), tuple(noise), 12.0) == tuple(expected)
+
+
 def test_readings_are_float32() -> None:
     reading = measure_gyro(QUIET, (0.1, 1 / 3, math.pi), (0.0, 0.0, 0.0, 0.0), 0.0)
     assert reading == tuple(float(np.float32(value)) for value in (0.1, 1 / 3, math.pi))
