@@ -1,4 +1,10 @@
-"""Derive the shipped laws again: `python -m gustproof.synthesis.shipped` writes their files."""
+"""Derive the shipped laws again: `python -m gustproof.synthesis.shipped` writes their files.
+
+The rate commanded from attitude is limited to `rate_limit` of the vehicle's own loops, 3 rad/s for `paper`. With 2, 3
+and 4 rad/s every law with the limit recovered from each kick flown to 20 N*m and held each step to 70/40 deg. With
+6 rad/s `aided` and `hinf-reference` lost kicks, `indi` and `hinf-reference` steps. A step of the flagship to 70 deg
+overshot by 34 deg with 4 rad/s, by 12 with 3.
+"""
 
 from collections.abc import Callable
 
