@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from firmware_model.errors import ConfigError
     from gustproof.analysis.analyse import analyse
     from gustproof.analysis.law_margins import hover_margins
-    from gustproof.analysis.robustness import robust_stability
+    from gustproof.analysis.robustness import robust_peak, robust_stability
     from gustproof.campaign.executors import process_pool
     from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads
     from gustproof.campaign.runner import fly_campaign
@@ -129,6 +129,7 @@ __all__ = [
     "predict",
     "process_pool",
     "read_bag",
+    "robust_peak",
     "robust_stability",
     "save_c",
     "save_mat",
@@ -155,7 +156,7 @@ _SOURCES = {
     "firmware_model.errors": "ConfigError",
     "gustproof.analysis.analyse": "analyse",
     "gustproof.analysis.law_margins": "hover_margins",
-    "gustproof.analysis.robustness": "robust_stability",
+    "gustproof.analysis.robustness": "robust_peak robust_stability",
     "gustproof.campaign.executors": "process_pool",
     "gustproof.campaign.plan": "Campaign DispersionKind select_spreads",
     "gustproof.campaign.runner": "fly_campaign",

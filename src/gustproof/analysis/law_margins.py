@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.analysis.robustness import robust_stability
-from gustproof.certify.mu.sweep import Bracket
+from gustproof.analysis.robustness import StabilityRange, robust_stability
 from gustproof.law.form import Law
 from gustproof.law.hover import hover_plant, is_stable_at_hover, loop_law
 from gustproof.lti.margins import margins
@@ -50,10 +49,11 @@ def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargin
     )
 
 
-def axis_robustness(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[Bracket, ...]:
-    """Return mu of roll, pitch and yaw with inertia and actuator lag off by `SPREADS`: stable up to 1 / mu times that.
+def axis_robustness(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[StabilityRange, ...]:
+    """Return how far inertia and actuator lag may be off for roll, pitch and yaw, as multiples of `SPREADS`.
 
-    The result is empty for a law other than three loops of one gyro each.
+    At hover the axes share the lag alone, so the least multiple holds for all three inertias and the lag at once. The
+    result is empty for a law other than three loops of one gyro each, and for an unstable one.
     """
     try:
         return tuple(robust_stability(law, vehicle, scenario, SPREADS, axis) for axis in range(3))

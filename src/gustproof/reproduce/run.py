@@ -78,7 +78,7 @@ class Reproduction:
     margins: Mapping[str, HoverMargins | None]
     """Margins at hover by law."""
     stability_factor: Mapping[str, float | None]
-    """[-] multiple of `SPREADS` of inertia and lag that is proved stable at hover, by law; `None` if unknown."""
+    """[-] multiple of `SPREADS` of inertia and lag that is certified stable at hover, by law; `None` if unknown."""
     performance: PerformanceLimits
     """Performance limits in the turbulence, and the place of each law."""
     claims: tuple[Claim, ...]
@@ -98,7 +98,7 @@ class Reproduction:
                     **{name: asdict(metrics) for name, metrics in scenarios.items()},
                     "seeds": list(_select_seeds(law, self.seeds)),
                     "place": None if (place := self.performance.places[law]) is None else asdict(place),
-                    "stable_up_to_times": self.stability_factor[law],
+                    "certified_up_to_times": self.stability_factor[law],
                 }
                 for law, scenarios in self.medians.items()
             },
@@ -218,7 +218,7 @@ def _fly_all(cases: Sequence[PaperCase], vehicle: Vehicle, out: Path, progress: 
 
 def _stability_factor(law: Law, vehicle: Vehicle, scenario: Scenario) -> float | None:
     axes = axis_robustness(law, vehicle, scenario)
-    return 1.0 / max(axis.upper for axis in axes) if axes else None
+    return min(axis.certified for axis in axes) if axes else None
 
 
 def _median_of(flights: Sequence[Flight], scenario: str, law: str) -> Metrics:
