@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
+from itertools import product
 
 import numpy as np
 import pytest
@@ -133,10 +134,7 @@ def test_a_narrow_resonance_is_not_missed():
 def test_a_family_stable_at_its_ends_and_unstable_between_is_not_proved():
     # s^3 + v s^2 + v s + 4 v - 3.9 is stable where v^2 > 4 v - 3.9 (Routh): at 1 and 3.5, not at 2
     tau, J = 0.05, 1.0
-    loop = AxisLoop(
-        denominator=(Fraction(1),), numerator=(Fraction(1),), controller=Lti(A=[], B=[], C=[], D=[[0.0]], dt=0.004),
-        dt=0.004, delay_samples=0, rate_damping=0.0, inertia=J, actuator_lag=tau,
-    )  # fmt: skip
+    loop = replace(gain_loop(1.0), inertia=J, actuator_lag=tau)
     beta, c = (Fraction(float(term)) for term in loop.lag_terms(tau))
     b = Fraction(loop.held_gain)
     fixed = np.array([-Fraction(39, 10), 0, 0, 1]), np.array([-4, -1, -1, 0])
@@ -196,6 +194,45 @@ def test_discs_hold_the_polynomial_over_the_whole_cell():
         # and are not much larger than the polynomial's change
         ends = np.abs(np.polyval(coefficients[::-1], 1j * (t + h)) - disc.centre)
         assert np.median(disc.by_frequency / ends) < 1.5
+
+
+class RisingLoop(AxisLoop):
+    """A loop with both terms rising along the lag, so that their changes add up."""
+
+    def lag_terms(self, lag):
+        return 8.0 * lag, 0.1 * lag
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+@pytest.mark.parametrize(("width", "lag_width"), [(0.1, 0.0), (1e-3, 0.4), (0.05, 0.2)])
+@pytest.mark.parametrize("kind", [AxisLoop, RisingLoop])
+def test_cells_hold_the_polynomials_of_every_lag_and_frequency(kind, width, lag_width, reverse):
+    base = axis_loop(load_law("pid-fair"), VEHICLE, SCENARIO, 1)
+    loop = kind(**{name: getattr(base, name) for name in AxisLoop.__dataclass_fields__})
+    rng, count = np.random.default_rng(3), 40
+    low, lag_low = rng.uniform(0.0, 1.0 - width, count), rng.uniform(0.005, 0.03, count)
+    cells = zero_exclusion._Cells(low, low + width, lag_low, lag_low + lag_width * lag_low)
+    discs, b = zero_exclusion._enclose(loop, cells, reverse), loop.held_gain
+    for at, lag_at in [(x, y) for x in np.linspace(0.0, 1.0, 7) for y in np.linspace(0.0, 1.0, 7)]:
+        s, (beta, c) = 1j * (low + at * width), loop.lag_terms(lag_low * (1.0 + lag_at * lag_width))
+        lines = (beta, 2.0 - beta), (b * beta, b * (2.0 - beta) - 2.0 * c)
+        for disc, p, line in zip(discs, (loop.denominator, loop.numerator), lines, strict=True):
+            for k in range(count):
+                whole = np.convolve(np.array(p, dtype=np.float64), [line[0][k], line[1][k]])
+                value = np.polyval(whole if reverse else whole[::-1], s[k])
+                assert abs(value - disc.centre[k]) <= disc.by_frequency[k] + disc.by_lag[k]
+
+
+def test_a_disc_of_a_line_holds_every_change_of_its_coefficients():
+    p, off, size = np.array([1.0, 0.5]), np.array([0.2, 0.3]), np.array([2.0, 2.0])
+    t, h, line = np.array([0.7]), np.array([0.1]), np.array([p, off, size])[:, :, None]
+    disc = zero_exclusion._disc_of_line(line, t, h)
+    signs = product((-1.0, 1.0), repeat=3)
+    members = [p[0] + x * off[0] + 1j * (0.7 + z * 0.1) * (p[1] + y * off[1]) for x, y, z in signs]
+    corners = [abs(member - disc.centre[0]) for member in members]
+    assert max(corners) <= disc.by_frequency[0] + disc.by_lag[0]
+    assert disc.by_lag[0] == pytest.approx(0.2 + 0.8 * 0.3)
+    assert disc.by_frequency[0] == pytest.approx(0.1 * 0.5, rel=1e-9)
 
 
 def test_rounding_is_a_small_part_of_what_widens_the_discs():

@@ -50,6 +50,14 @@ class _Cells(NamedTuple):
         return _Cells(*(part[mask] for part in self))
 
 
+class _Disc(NamedTuple):
+    """Discs in the complex plane, (k,); the radius has two parts."""
+
+    centre: ComplexMatrix
+    by_frequency: Matrix
+    by_lag: Matrix
+
+
 def is_proven(loop: AxisLoop, box: ParameterBox, *, peak: float = math.inf) -> bool:
     """Return whether all members of the box are proved stable, with sensitivity below `peak` [-] at all frequencies.
 
@@ -86,16 +94,7 @@ def _examine(
     loop: AxisLoop, box: ParameterBox, clearance: float, cells: _Cells, reverse: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return which cells are proved, and where the frequencies widen the discs more than the lags do."""
-    t, half = _middle(cells.s_low, cells.s_high)
-    h = half + _ROUNDING * cells.s_high
-    (beta_0, c_0), (beta_1, c_1) = loop.lag_terms(cells.lag_low), loop.lag_terms(cells.lag_high)
-    (beta, off_beta), (c, off_c) = _middle(beta_0, beta_1), _middle(c_0, c_1)
-    b, one, order = loop.held_gain, np.ones(t.size), -1 if reverse else 1
-    # coefficients, how far they are off, and the size of their terms, which scales their rounding
-    first = np.array([(beta, 2.0 - beta), (off_beta, off_beta), (beta, 2.0 * one)])
-    second = b * np.array([(beta, 2.0 - beta - 2.0 * c / b), (off_beta, off_beta + 2.0 * off_c / b), (beta, 4.0 * one)])
-    f0 = _product(_disc(loop.denominator[::order], t, h), _disc_of_line(first[:, ::order], t, h))
-    f1 = _product(_disc(loop.numerator[::order], t, h), _disc_of_line(second[:, ::order], t, h))
+    f0, f1 = _enclose(loop, cells, reverse)
     v_low, v_high = (1.0 - _ROUNDING) / box.inertia[1], (1.0 + _ROUNDING) / box.inertia[0]
     # the inertia is no interval: the distance from 0 to the segment of f0 - v f1 is exact
     square = np.maximum(np.abs(f1.centre) ** 2, np.finfo(float).tiny)
@@ -107,17 +106,24 @@ def _examine(
     return distance > (1.0 + _ROUNDING) * (by_frequency + by_lag), by_frequency >= by_lag
 
 
+def _enclose(loop: AxisLoop, cells: _Cells, reverse: bool) -> tuple[_Disc, _Disc]:
+    """Return discs around f0 and f1 over each cell; with `reverse`, around their values at 1 / s times a power of s."""
+    t, half = _middle(cells.s_low, cells.s_high)
+    h = half + _ROUNDING * cells.s_high
+    (beta_0, c_0), (beta_1, c_1) = loop.lag_terms(cells.lag_low), loop.lag_terms(cells.lag_high)
+    (beta, off_beta), (c, off_c) = _middle(beta_0, beta_1), _middle(c_0, c_1)
+    b, one, order = loop.held_gain, np.ones(t.size), -1 if reverse else 1
+    # coefficients, how far they are off, and the size of their terms, which scales their rounding
+    first = np.array([(beta, 2.0 - beta), (off_beta, off_beta), (beta, 2.0 * one)])
+    second = b * np.array([(beta, 2.0 - beta - 2.0 * c / b), (off_beta, off_beta + 2.0 * off_c / b), (beta, 4.0 * one)])
+    f0 = _product(_disc(loop.denominator[::order], t, h), _disc_of_line(first[:, ::order], t, h))
+    f1 = _product(_disc(loop.numerator[::order], t, h), _disc_of_line(second[:, ::order], t, h))
+    return f0, f1
+
+
 def _middle(x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
     """Return the middle of two ends and half their distance."""
     return 0.5 * (x + y), 0.5 * np.abs(y - x)
-
-
-class _Disc(NamedTuple):
-    """Discs in the complex plane, (k,); the radius has two parts."""
-
-    centre: ComplexMatrix
-    by_frequency: Matrix
-    by_lag: Matrix
 
 
 def _disc(polynomial: Polynomial, t: Matrix, h: Matrix) -> _Disc:
