@@ -227,7 +227,7 @@ ALLOWED: dict[Callable[[], Iterator[str]], int] = {
     code_from_text: 0,
     rooms_without_docstring: 0,
     unformatted_code: 24,
-    unused_definitions: 5,
+    unused_definitions: 4,
 }
 """Breaches that the tree still has, by rule. A number may fall, never rise."""
 

@@ -56,8 +56,8 @@ def robust_stability(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Sp
     Raises
     ------
     ValueError
-        If the law couples its axes, uses the accelerometer, commands no torque or has another sample time. Also if the
-        nominal loop is unstable, or both spreads are 0.
+        If the law couples its axes, uses the accelerometer, commands no torque, has another sample time or more than
+        40 states in the axis. Also if the nominal loop is unstable, or both spreads are 0.
 
     Examples
     --------

@@ -95,7 +95,10 @@ def limit_of_gain(loop: AxisLoop, lag: float) -> float:
     return (1.0 - a) / (c - dt * a)
 
 
-def test_rate_feedback_is_proved_up_to_the_closed_form_limit_and_not_beyond():
+@pytest.mark.parametrize("batch", [8192, 3])
+def test_rate_feedback_is_proved_up_to_the_closed_form_limit_and_not_beyond(batch, monkeypatch):
+    monkeypatch.setattr(zero_exclusion, "_BATCH", batch)
+    monkeypatch.setattr(zero_exclusion, "_MOST_CELLS", 20 * batch + 4000)
     unit = gain_loop(1.0)
     lag = 1.3 * unit.actuator_lag  # the slowest actuator limits the gain
     for beyond, expected in ((0.9995, True), (1.0005, False)):
@@ -235,6 +238,24 @@ def test_a_disc_of_a_line_holds_every_change_of_its_coefficients():
     assert disc.by_frequency[0] == pytest.approx(0.1 * 0.5, rel=1e-9)
 
 
+@pytest.mark.parametrize("radius", range(4))
+def test_every_radius_counts_in_full_against_the_distance(radius, monkeypatch):
+    # v in [1, 2]: the segment from 5 - v (1 + j) is nearest to 0 at v = 2, where |3 - 2j|^2 = 13; half of |f0| is 2.5
+    loop = gain_loop(1.0)
+    box, clearance = ParameterBox(inertia=(0.5, 1.0), lag=(0.05, 0.05)), 0.5
+    distance = math.sqrt(13.0) - clearance * 5.0
+    weight = (1.0 + clearance, 1.0 + clearance, 2.0, 2.0)[radius]
+    for share, expected in ((0.999, True), (1.001, False)):
+        radii = np.zeros(4)
+        radii[radius] = share * distance / weight
+        f0 = zero_exclusion._Disc(np.array([5.0 + 0.0j]), radii[0:1], radii[1:2])
+        f1 = zero_exclusion._Disc(np.array([1.0 + 1.0j]), radii[2:3], radii[3:4])
+        monkeypatch.setattr(zero_exclusion, "_enclose", lambda *_, discs=(f0, f1): discs)
+        proven, by_frequency = zero_exclusion._examine(loop, box, clearance, None, False)
+        assert proven.tolist() == [expected]
+        assert by_frequency.tolist() == [radius in (0, 2)]
+
+
 def test_rounding_is_a_small_part_of_what_widens_the_discs():
     loop = axis_loop(load_law("indi"), VEHICLE, SCENARIO, 1)
     for p in (loop.denominator, loop.numerator):
@@ -263,3 +284,11 @@ def test_lag_terms_are_accurate_and_monotonic(damping):
 def test_a_law_of_another_sample_time_is_refused():
     with pytest.raises(ValueError, match=r"steps every 0\.002 s"):
         axis_loop(replace(load_law("flagship"), dt=0.002), VEHICLE, SCENARIO, 0)
+
+
+def test_a_law_of_too_many_states_or_digits_is_refused_before_any_work():
+    n = 41
+    with pytest.raises(ValueError, match="41 states in one axis, at most 40"):
+        axis_loop(law_of(0.5 * np.eye(n), np.ones(n), np.ones(n), 0.0), VEHICLE, SCENARIO, 0)
+    with pytest.raises(ValueError, match="too many orders of magnitude"):
+        axis_loop(law_of(np.full((8, 8), 1e-300), np.ones(8), np.ones(8), 0.0), VEHICLE, SCENARIO, 0)

@@ -21,6 +21,13 @@ from firmware_model.config.vehicle import Vehicle
 from gustproof.law.form import Law, Output
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix
 
+_BITS = 192
+"""Binary digits of the coefficients, 57 decimal ones."""
+_MOST_STATES = 40
+"""States of a law's axis; the polynomials of that many take a few seconds."""
+_MOST_DIGITS = 8000
+"""Binary digits of the integers in the characteristic polynomial, which a law of huge and tiny numbers exceeds."""
+
 Polynomial = tuple[Fraction, ...]
 """Coefficients of s, the constant first."""
 
@@ -33,7 +40,8 @@ class AxisLoop:
 
         f0 = denominator (beta + (2 - beta) s),    f1 = numerator (b beta + (b (2 - beta) - 2 c) s).
 
-    Law and delay enter exactly, as the rationals that the floats of the law file are. The rate's decay is a float.
+    Law and delay enter exactly, as the rationals that the floats of the law file are; the results are rounded to
+    `_BITS`, so that the Routh array stays short. The rate's decay is a float.
     """
 
     denominator: Polynomial
@@ -72,7 +80,7 @@ class AxisLoop:
     def is_stable_at(self, inertia: float, lag: float) -> bool:
         """Return whether every pole is inside the unit circle: a proof in exact arithmetic, by the Routh array.
 
-        Only beta, b and c are rounded, each to a float.
+        Before it, beta, b and c are rounded to floats.
         """
         beta, c = (Fraction(float(term)) for term in self.lag_terms(lag))
         b = Fraction(self.held_gain)
@@ -117,21 +125,24 @@ def axis_loop(law: Law, vehicle: Vehicle, scenario: Scenario, axis: int) -> Axis
     Raises
     ------
     ValueError
-        If the law couples its axes, uses the accelerometer, commands no torque, or has another sample time.
+        If the law couples its axes, uses the accelerometer, commands no torque or has another sample time. Also if it
+        has more than 40 states in the axis, or coefficients that span too many orders of magnitude.
     """
     if law.dt != scenario.dt:
         raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
     A, B, C, D = _axis_controller(law, axis)
+    n = len(B)
+    if n > _MOST_STATES:
+        raise ValueError(f"law '{law.name}' has {n} states in one axis, at most {_MOST_STATES} are allowed here")
     denominator, numerator = _transfer_function(A, B, C, D)
     damping, dt, late = vehicle.rate_damping, scenario.dt, scenario.delay_samples
     lost = Fraction(-math.expm1(-damping * dt))
-    n = len(B)
     # (1 - s)^(order of the loop) times the polynomials in z
     below = _multiply(_power((Fraction(1), Fraction(1)), late), (lost, 2 - lost))
     above = _power((Fraction(1), Fraction(-1)), late + 1)
     return AxisLoop(
-        denominator=_multiply(_bilinear(denominator, n), below),
-        numerator=_multiply(_bilinear(numerator, n), above),
+        denominator=_rounded(_multiply(_bilinear(denominator, n), below)),
+        numerator=_rounded(_multiply(_bilinear(numerator, n), above)),
         controller=Lti(
             A=A.astype(np.float64),
             B=B[:, None].astype(np.float64),
@@ -176,23 +187,33 @@ def _rational(values: Matrix) -> NDArray[Any]:
 
 
 def _transfer_function(A: NDArray[Any], B: NDArray[Any], C: NDArray[Any], D: Fraction) -> tuple[Polynomial, Polynomial]:
-    """Return denominator and numerator in z of `C (z - A)^-1 B + D`, exactly.
+    """Return denominator and numerator in z of `C (z - A)^-1 B + D`, exactly, in integers.
 
     References
     ----------
     F. R. Gantmacher, The Theory of Matrices 1, 1959, chapter IV, section 5 (Faddeev's method).
     """
     n = len(B)
-    identity = _rational(np.eye(n))
-    adjoint, a = identity, [Fraction(1)]
-    above = []
+    (N, q), (above, q_above), (right, q_right) = _integers(A), _integers(C), _integers(B)
+    longest = max((abs(int(x)).bit_length() for x in N.flat), default=1)
+    if n * max(q.bit_length(), longest) > _MOST_DIGITS:
+        raise ValueError("the law's coefficients span too many orders of magnitude")
+    identity = np.diag(np.ones(n, dtype=int)).astype(object)
+    adjoint, a, numerator = identity, [Fraction(1)], [D]
     for k in range(1, n + 1):
-        above.append(C @ adjoint @ B)
-        moved = A @ adjoint
-        a.append(-Fraction(np.trace(moved)) / k)
-        adjoint = moved + a[-1] * identity
-    falling = [D, *(D * a[k] + above[k - 1] for k in range(1, n + 1))]
-    return tuple(a[::-1]), tuple(falling[::-1])
+        read = Fraction(int(above @ adjoint @ right), q_above * q_right * q ** (k - 1))
+        moved = N @ adjoint
+        trace = int(np.trace(moved)) // k  # k divides it
+        adjoint = moved - trace * identity
+        a.append(Fraction(-trace, q**k))
+        numerator.append(D * a[k] + read)
+    return tuple(a[::-1]), tuple(numerator[::-1])
+
+
+def _integers(values: NDArray[Any]) -> tuple[NDArray[Any], int]:
+    """Return an array of rationals as integers over one positive denominator."""
+    q = math.lcm(*(value.denominator for value in values.flat))
+    return np.array([int(value * q) for value in values.flat], dtype=object).reshape(values.shape), q
 
 
 def _bilinear(p: Polynomial, n: int) -> Polynomial:
@@ -203,6 +224,16 @@ def _bilinear(p: Polynomial, n: int) -> Polynomial:
         term = _multiply(rising, _power((Fraction(1), Fraction(-1)), n - k))
         total = [x + coefficient * y for x, y in zip(total, term, strict=True)]
     return tuple(total)
+
+
+def _rounded(p: Polynomial) -> Polynomial:
+    """Return the coefficients with `_BITS` binary digits."""
+    result = []
+    for coefficient in p:
+        size = coefficient.numerator.bit_length() - coefficient.denominator.bit_length()
+        unit = Fraction(2) ** (size - _BITS)
+        result.append(round(coefficient / unit) * unit)
+    return tuple(result)
 
 
 def _power(p: Polynomial, n: int) -> Polynomial:
@@ -221,16 +252,20 @@ def _multiply(p: Polynomial, q: Polynomial) -> Polynomial:
 
 
 def _is_hurwitz(p: Polynomial) -> bool:
-    """Return whether all roots have negative real parts, by the first column of the Routh array."""
-    sign = 1 if p[-1] > 0 else -1
-    falling = [sign * coefficient for coefficient in reversed(p)]
+    """Return whether all roots have negative real parts, by the first column of the Routh array, in integers.
+
+    Rows may be multiplied by positive numbers: each is divided by its greatest common divisor.
+    """
+    multiple = math.lcm(*(coefficient.denominator for coefficient in p)) * (1 if p[-1] > 0 else -1)
+    falling = [int(coefficient * multiple) for coefficient in reversed(p)]
     upper, lower = falling[0::2], falling[1::2]
     for _ in range(len(p) - 1):
         if not (upper[0] > 0 and lower[0] > 0):
             return False
-        ratio = upper[0] / lower[0]
-        padded = [*lower, Fraction(0)][: len(upper)]
-        upper, lower = lower, [x - ratio * y for x, y in zip(upper[1:], padded[1:], strict=True)]
+        padded = [*lower, 0][: len(upper)]
+        row = [lower[0] * x - upper[0] * y for x, y in zip(upper[1:], padded[1:], strict=True)]
+        divisor = math.gcd(*row) or 1
+        upper, lower = lower, [x // divisor for x in row]
     return upper[0] > 0
 
 
