@@ -9,6 +9,7 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from gustproof.analysis import robustness
 from gustproof.analysis.law_margins import SPREADS, axis_robustness, hover_margins
 from gustproof.analysis.robustness import robust_peak, robust_stability
 from gustproof.law.form import load_law
@@ -57,6 +58,26 @@ def test_shipped_laws_are_certified_nearly_up_to_an_unstable_member(name, certif
         delta = rng.choice((-1.0, 1.0), 4) if corner < 20 else rng.uniform(-1.0, 1.0, 4)
         shares, lag_share = 1.0 + 0.2 * factor * delta[:3], 1.0 + 0.3 * factor * delta[3]
         assert is_stable_at_hover(law, member(vehicle, shares, lag_share), scenario)
+
+
+@pytest.mark.parametrize(("name", "axis", "corner"), [("flagship", 2, -1.0), ("pid-fair", 1, 1.0)])
+def test_no_more_is_certified_when_the_search_finds_too_little(name, axis, corner, vehicle, scenario, monkeypatch):
+    # the flagship breaks up where inertia and lag are least, pid-fair in pitch where both are largest
+    law = load_law(name)
+    nearest = robust_stability(law, vehicle, scenario, SPREADS, axis).unstable
+    assert np.sign([nearest.inertia, nearest.actuator_lag]).tolist() == [corner, corner]
+    far = replace(nearest, times=1.1 * nearest.times)
+    monkeypatch.setattr(robustness, "_first_instability", lambda *_: far)
+    found = robust_stability(law, vehicle, scenario, SPREADS, axis)
+    assert 0.85 * nearest.times < found.certified < nearest.times
+
+
+def test_the_search_goes_on_to_the_nearest_of_two_instabilities(vehicle, scenario, monkeypatch):
+    # one grid at the end of the range, where another corner is the most unstable
+    fine = robust_stability(load_law("pid-fair"), vehicle, scenario, SPREADS, 1).unstable
+    monkeypatch.setattr(robustness, "_FACTORS", 1)
+    coarse = robust_stability(load_law("pid-fair"), vehicle, scenario, SPREADS, 1).unstable
+    assert coarse.times == pytest.approx(fine.times, rel=1e-3)
 
 
 def test_a_law_without_an_unstable_member_is_certified_to_the_end(vehicle, scenario):

@@ -107,6 +107,12 @@ def test_rate_feedback_is_proved_up_to_the_closed_form_limit_and_not_beyond(batc
         assert loop.is_stable_at(0.8 * loop.inertia, lag) is expected
 
 
+def test_a_family_without_a_stable_member_is_not_proved_though_no_pole_crosses_the_circle():
+    unit = gain_loop(1.0)
+    loop = gain_loop(3.0 * limit_of_gain(unit, unit.actuator_lag) * unit.inertia)
+    assert not is_proven(loop, box_of(loop, 0.1, 0.1))
+
+
 def test_peak_is_proved_down_to_the_norm_of_the_sensitivity():
     loop = axis_loop(load_law("flagship"), VEHICLE, SCENARIO, 0)
     plant = one_axis(1.0, 1.0, VEHICLE.rate_damping, 1)

@@ -254,13 +254,14 @@ def _multiply(p: Polynomial, q: Polynomial) -> Polynomial:
 def _is_hurwitz(p: Polynomial) -> bool:
     """Return whether all roots have negative real parts, by the first column of the Routh array, in integers.
 
-    Rows may be multiplied by positive numbers: each is divided by its greatest common divisor.
+    The first coefficient of a loop with all poles inside the circle is positive. Rows may be multiplied by positive
+    numbers: each is divided by its greatest common divisor.
     """
-    multiple = math.lcm(*(coefficient.denominator for coefficient in p)) * (1 if p[-1] > 0 else -1)
+    multiple = math.lcm(*(coefficient.denominator for coefficient in p))
     falling = [int(coefficient * multiple) for coefficient in reversed(p)]
     upper, lower = falling[0::2], falling[1::2]
     for _ in range(len(p) - 1):
-        if not (upper[0] > 0 and lower[0] > 0):
+        if upper[0] <= 0:
             return False
         padded = [*lower, 0][: len(upper)]
         row = [lower[0] * x - upper[0] * y for x, y in zip(upper[1:], padded[1:], strict=True)]
