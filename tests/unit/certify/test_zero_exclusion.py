@@ -11,6 +11,7 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from gustproof.certify.mu import axis_loop as axis_loop_module
 from gustproof.certify.mu import zero_exclusion
 from gustproof.certify.mu.axis_loop import AxisLoop, axis_loop
 from gustproof.certify.mu.zero_exclusion import ParameterBox, is_proven
@@ -86,6 +87,25 @@ def test_axis_loop_is_the_law_on_the_linear_vehicle(name, delay, damping):
         poles = np.abs(lft(plant, controller).poles())
         assert np.min(np.abs(poles - radii[k])) < 1e-9
         assert loop.is_stable_at(inertia[k], lag[k]) == (radii[k] < 1.0)
+
+
+def product_of(*factors) -> tuple[Fraction, ...]:
+    whole = np.array([Fraction(1)], dtype=object)
+    for factor in factors:
+        whole = np.convolve(whole, np.array([Fraction(x) for x in factor], dtype=object))
+    return tuple(whole)
+
+
+STABLE = ((2, 1), (1, 1, 1), (3, 0.125, 1), (0.5, 1))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+@pytest.mark.parametrize("other", [(0, 1), (-1, 1), (1, 0, 1), (-1, 0, 1), (1, -0.25, 1), (4, 0, 5, 0, 1)])
+def test_routh_tells_stable_polynomials_from_those_with_a_root_on_or_beyond_the_axis(count, other):
+    assert axis_loop_module._is_hurwitz(product_of(*STABLE[:count]))
+    assert not axis_loop_module._is_hurwitz(product_of(*STABLE[:count], other))
+    assert not axis_loop_module._is_hurwitz(product_of(other))
+    assert not axis_loop_module._is_hurwitz((*product_of(*STABLE[:count]), Fraction(0)))  # a pole at z = -1
 
 
 def limit_of_gain(loop: AxisLoop, lag: float) -> float:
