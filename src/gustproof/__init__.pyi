@@ -9,7 +9,8 @@ from firmware_model.config.vehicle import load_vehicle as load_vehicle
 from firmware_model.errors import ConfigError as ConfigError
 from gustproof.analysis.analyse import analyse as analyse
 from gustproof.analysis.law_margins import hover_margins as hover_margins
-from gustproof.analysis.law_margins import robust_stability as robust_stability
+from gustproof.analysis.robustness import robust_peak as robust_peak
+from gustproof.analysis.robustness import robust_stability as robust_stability
 from gustproof.campaign.executors import process_pool as process_pool
 from gustproof.campaign.plan import Campaign as Campaign
 from gustproof.campaign.plan import DispersionKind as DispersionKind

@@ -13,7 +13,7 @@ from firmware_model.config.waveforms import MomentStep
 from gustproof.analysis.hover_loop import HoverLoop, hover_loop
 from gustproof.analysis.law_margins import SPREADS, axis_robustness
 from gustproof.analysis.placement import Placement, locate
-from gustproof.certify.mu.sweep import Bracket
+from gustproof.analysis.robustness import StabilityRange
 from gustproof.law.form import Law
 from gustproof.lti.state_space import ComplexMatrix
 from gustproof.scoring.metrics import Metrics, measure
@@ -38,9 +38,9 @@ class Analysis:
     """Seed of gusts and noise."""
     hover: HoverLoop
     """Linear loop at hover."""
-    stability: tuple[Bracket, ...]
-    """mu of roll, pitch, yaw for inertia off by 20 % and lag off by 30 %; empty if the law couples axes or has no
-    margins."""
+    stability: tuple[StabilityRange, ...]
+    """Multiples of inertia off by 20 % and lag off by 30 %, for roll, pitch, yaw; empty if the law couples axes or is
+    unstable."""
     placement: Placement | None
     """Predicted error and the least of linear gyro-only laws at the same Ms and slew; `None` without such a limit."""
     step_records: Records
@@ -78,7 +78,9 @@ class Analysis:
             "off_nominal": {
                 "inertia_spread": SPREADS.inertia,
                 "actuator_lag_spread": SPREADS.actuator_lag,
-                "stable_up_to_times": [1.0 / axis.upper for axis in self.stability],
+                "certified_by": "branch and bound over inertia, lag and frequency in floats, rounding bounded",
+                "certified_up_to_times": [axis.certified for axis in self.stability],
+                "unstable_at": [axis.unstable and asdict(axis.unstable) for axis in self.stability],
             },
             "place": None if self.placement is None else asdict(self.placement),
             "law_poles_rad_s": pole_pairs(self.hover.law_poles),
@@ -168,10 +170,20 @@ def _describe_robustness(analysis: Analysis) -> list[str]:
         if math.isfinite(samples):
             lines.append(f"delay: {samples:.3g} more samples make {_AXES[least]} unstable")
     if analysis.stability:
-        room = 100.0 / max(axis.upper for axis in analysis.stability)
-        inertia, lag = room * SPREADS.inertia, room * SPREADS.actuator_lag
-        lines.append(f"vehicle: stable for inertia ±{int(inertia)} % and lag ±{int(lag)} % together (mu, at hover)")
+        lines.append(f"vehicle: {_describe_stability(analysis.stability)}")
     return lines
+
+
+def _describe_stability(axes: tuple[StabilityRange, ...]) -> str:
+    """Return the certified range of inertia and lag, rounded down, and the nearest unstable member known."""
+    proven = min(axis.certified for axis in axes)
+    inertia, lag = (math.floor(1000.0 * proven * spread) / 10.0 for spread in (SPREADS.inertia, SPREADS.actuator_lag))
+    certified = f"certified stable at hover (rounding bounded) for inertia ±{inertia:g} % and lag ±{lag:g} % together"
+    known = [(axis.unstable, name) for axis, name in zip(axes, _AXES, strict=True) if axis.unstable]
+    if not known:
+        return f"{certified}, no unstable case found"
+    nearest, name = min(known, key=lambda pair: pair[0].times)
+    return f"{certified}, {name} unstable at {100.0 * nearest.inertia:+.3g} % and {100.0 * nearest.actuator_lag:+.3g} %"
 
 
 def _price(analysis: Analysis) -> list[str]:

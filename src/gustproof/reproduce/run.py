@@ -58,7 +58,7 @@ class Reproduction:
     margins: Mapping[str, HoverMargins | None]
     """Margins at hover by law."""
     stability_factor: Mapping[str, float | None]
-    """[-] multiple of `SPREADS` of inertia and lag that is proved stable at hover, by law; `None` if unknown."""
+    """[-] multiple of `SPREADS` of inertia and lag that is certified stable at hover, by law; `None` if unknown."""
     limits: ErrorLimits
     """Least possible errors in the turbulence."""
     places: Places
@@ -80,7 +80,7 @@ class Reproduction:
                     **{name: asdict(metrics) for name, metrics in scenarios.items()},
                     "seeds": list(self.seeds[:1] if law == _NOT_COMPARED else self.seeds),
                     "place": None if (place := self.places[law]) is None else asdict(place),
-                    "stable_up_to_times": self.stability_factor[law],
+                    "certified_up_to_times": self.stability_factor[law],
                 }
                 for law, scenarios in self.medians.items()
             },
@@ -133,7 +133,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     progress(0.0, "performance limits")
     margins = {name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
     robust = {name: axis_robustness(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
-    stability_factor = {name: 1.0 / max(x.upper for x in axes) if axes else None for name, axes in robust.items()}
+    stability_factor = {name: min(x.certified for x in axes) if axes else None for name, axes in robust.items()}
     limits, places = performance_limits(laws, margins, vehicle, scenarios["paper-turbulence"])
     plans = [
         FlightPlan(scenario, law, vehicle, seed, real_time=False)
