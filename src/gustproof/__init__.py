@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from gustproof.campaign.runner import fly_campaign
     from gustproof.campaign.sampling import Sampling
     from gustproof.campaign.statistics import compute_statistics
-    from gustproof.certify.boundedness import certify_boundedness
+    from gustproof.certify.boundedness import FlightCertificate, certify_boundedness
     from gustproof.certify.certificate import Certificate, load_certificate
     from gustproof.certify.check.evidence import check as check_certificate
+    from gustproof.certify.check.flight_box import MomentClass
     from gustproof.certify.gain.l2_gain import certify_gain
     from gustproof.certify.mu.singular_value import disk_margin_bounds, mu
     from gustproof.certify.mu.worst_gain import worst_gain
@@ -69,12 +70,14 @@ __all__ = [
     "Design",
     "DesignError",
     "DispersionKind",
+    "FlightCertificate",
     "FlightOutcome",
     "HinfResult",
     "Law",
     "LawStepper",
     "Lti",
     "Metrics",
+    "MomentClass",
     "Output",
     "Provenance",
     "RequirementResult",
@@ -161,9 +164,10 @@ _SOURCES = {
     "gustproof.campaign.runner": "fly_campaign",
     "gustproof.campaign.sampling": "Sampling",
     "gustproof.campaign.statistics": "compute_statistics",
-    "gustproof.certify.boundedness": "certify_boundedness",
+    "gustproof.certify.boundedness": "FlightCertificate certify_boundedness",
     "gustproof.certify.certificate": "Certificate load_certificate",
     "gustproof.certify.check.evidence": "check_certificate:check",
+    "gustproof.certify.check.flight_box": "MomentClass",
     "gustproof.certify.gain.l2_gain": "certify_gain",
     "gustproof.certify.mu.singular_value": "disk_margin_bounds mu",
     "gustproof.certify.mu.worst_gain": "worst_gain",

@@ -11,25 +11,27 @@ from gustproof.certify.check.evidence import FORMAT, seal
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Certificate:
-    """A claim about a closed loop, with the evidence for it.
+    """A proved gain of a closed loop, with the evidence for it; boxes of flights are `FlightCertificate`.
 
     `proven` is the verdict of the exact check, never that of a solver.
 
     Examples
     --------
-    >>> from gustproof import certify_boundedness, load_law, load_vehicle
-    >>> law, vehicle = load_law("hinf-d1"), load_vehicle("paper")
-    >>> certificate = certify_boundedness(law, vehicle, moment=(0.5, 0.5, 0.2), horizon=0.1)
-    >>> (certificate.proven, certificate.assumes["delay_samples"])
-    (True, 1)
+    >>> from gustproof import Certificate
+    >>> nothing = Certificate(
+    ...     statement="the L2 gain is not bounded", gain=None, lower_bound=0.0, proven=False, assumes={}, evidence={},
+    ...     residual=None,
+    ... )
+    >>> sorted(nothing.to_dict())[:3]
+    ['assumes', 'evidence', 'format']
     """
 
     statement: str
     """The claim, in words."""
     gain: float | None
-    """[-] claimed level: an L2 gain, or the share of the moment that a closure covers; `None` if unknown."""
+    """[-] claimed L2 gain; `None` if unknown."""
     lower_bound: float
-    """[-] reached in simulation: a gain, or the share of a closure's angles; 0 without a search."""
+    """[-] gain reached in simulation."""
     proven: bool
     """True if the check accepted the evidence. False is an ordinary result: nothing is known then."""
     assumes: dict[str, Any]
@@ -51,7 +53,7 @@ class Certificate:
 
 
 def load_certificate(path: str | Path) -> Certificate:
-    """Read a certificate file without checking its claim; `certify.check.evidence.check` does that.
+    """Read the certificate file of a gain without checking its claim; `certify.check.evidence.check` does that.
 
     Raises
     ------
@@ -62,9 +64,10 @@ def load_certificate(path: str | Path) -> Certificate:
     --------
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
-    >>> from gustproof import certify_boundedness, load_certificate, load_law, load_vehicle
-    >>> law, vehicle = load_law("hinf-d1"), load_vehicle("paper")
-    >>> made = certify_boundedness(law, vehicle, moment=(0.5, 0.5, 0.2), horizon=0.1)
+    >>> from gustproof import Certificate, load_certificate
+    >>> made = Certificate(
+    ...     statement="none", gain=None, lower_bound=0.0, proven=False, assumes={}, evidence={}, residual=None
+    ... )
     >>> with TemporaryDirectory() as folder:
     ...     made.save(Path(folder) / "proof.json")
     ...     read = load_certificate(Path(folder) / "proof.json")

@@ -1,13 +1,14 @@
 """Check of a certificate's evidence in exact arithmetic, with the standard library only.
 
-The check multiplies and factors matrices of rational numbers; it uses no solver, no design and no law. It proves a
-statement about the numbers in the evidence. The maker must show that they are those of a vehicle and a law.
+The check multiplies and factors matrices of rational numbers; it uses no solver and no design. A gain is proved of the
+numbers in the evidence; the maker must show that they are those of a design. A flight's box is proved of a law file and
+a vehicle file: the check derives the loop from them again, and makes statement and assumptions from the evidence.
 """
 
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import product
 from typing import Any
@@ -20,16 +21,11 @@ from gustproof.certify.check.dissipation import (
     rate_bounded_inequalities,
     vertices,
 )
-from gustproof.certify.check.invariant_box import SIGNALS, AxisNorms, axis_norms, map_box
-from gustproof.lti.rational import exp_lower_bound, is_positive_definite, scale, to_rational, transpose
+from gustproof.certify.check.flight_box import KIND, prove_flight_box
+from gustproof.certify.check.system import Refusal
+from gustproof.lti.rational import is_positive_definite, scale, to_rational, transpose
 
 FORMAT = "gustproof-certificate-1"
-COMMAND_SHARE = Fraction(999, 1000)
-"""[-] share of its limit that a command may reach; the rest covers floating-point rounding."""
-
-
-class Refusal(Exception):
-    """Evidence that does not prove the claim; the text names the condition that failed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,13 +36,17 @@ class CheckResult:
     """True if the evidence proves the claim."""
     reason: str
     """The proved statement, or the condition that failed."""
+    figures: dict[str, Any] = field(default_factory=dict)
+    """Proved figures of a flight's box: part, estimate_deg, truth_deg, moment_class, command_nm."""
+    assumes: dict[str, Any] = field(default_factory=dict)
+    """Assumptions of a flight's box, made from evidence, law and vehicle."""
 
 
-def check(certificate_json: str) -> CheckResult:
+def check(certificate_json: str, *, law: str | None = None, vehicle: str | None = None) -> CheckResult:
     """Return whether the evidence of a certificate, given as the text of its file, proves its claim.
 
-    The seal must fit: one changed digit anywhere is refused, even one that would leave the proof valid. Any text gets a
-    verdict; nothing is raised.
+    A certificate of a flight's box needs the texts of its `law` and `vehicle` files too. The seal is a checksum, no
+    signature: it shows damage, not forgery. Any text gets a verdict; nothing is raised.
 
     Examples
     --------
@@ -61,6 +61,11 @@ def check(certificate_json: str) -> CheckResult:
         claimed = document.pop("seal", None)
         if claimed != seal(document):
             raise Refusal("the seal does not fit: something was changed after the certificate was made")
+        kind = document["evidence"]["kind"]
+        if kind == KIND:
+            return _check_flight_box(document, law, vehicle)
+        if kind not in _PROOFS:
+            raise Refusal(f"unknown kind of evidence '{kind}'")
         if document["proven"] is not True:
             raise Refusal("the certificate does not claim to be proven")
         return check_evidence(document["gain"], document["evidence"])
@@ -70,6 +75,15 @@ def check(certificate_json: str) -> CheckResult:
         return CheckResult(accepted=False, reason=f"the evidence is malformed: {type(error).__name__}: {error}")
     except RecursionError:
         return CheckResult(accepted=False, reason="the evidence is malformed: nested too deeply")
+
+
+def _check_flight_box(document: dict[str, Any], law: str | None, vehicle: str | None) -> CheckResult:
+    if set(document) != {"format", "evidence"}:
+        raise Refusal("a certificate of a flight's box holds evidence alone: its claim is made from that")
+    if law is None or vehicle is None:
+        raise Refusal("a flight's box is proved of its law and vehicle files: give both")
+    proof = prove_flight_box(document["evidence"], law, vehicle)
+    return CheckResult(accepted=True, reason=proof.statement, figures=proof.figures, assumes=proof.assumes)
 
 
 def check_evidence(level: float, evidence: dict[str, Any]) -> CheckResult:
@@ -134,42 +148,7 @@ def _check_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]])
             raise Refusal(f"G of block {block['name']} is not skew")
 
 
-def _prove_boundedness(level: Fraction, evidence: dict[str, Any]) -> str:
-    """Prove that a flight stays inside a box; see `gustproof.certify.check.invariant_box`."""
-    norms = [axis_norms(evidence, axis) for axis in range(3)]
-    return check_box(level, evidence, norms)
-
-
-def check_box(level: Fraction, evidence: dict[str, Any], norms: list[AxisNorms]) -> str:
-    """Return the proved statement if the evidence's box closes over `level` times its moment with these norms.
-
-    Raises
-    ------
-    Refusal
-        If a signal leaves the box, a command its limit, or the noise is not covered.
-    """
-    if level <= 0:
-        raise Refusal("the share of the moment is not positive")
-    box, law = to_rational(evidence["box"]), evidence["law"]
-    if [len(row) for row in box] != [len(SIGNALS)] * 3 or min(map(min, box)) < 0:
-        raise Refusal("the box does not bound every signal of every axis")
-    deviations = Fraction(evidence["deviations"])
-    # 2 Q(z) <= exp(-z^2 / 2) for each signal, signal at the sample's end and measurement of each sample
-    count = 3 * (len(SIGNALS) + 3) * (evidence["samples"] + 1)
-    if evidence["noise"] != 0 and exp_lower_bound(deviations**2 / 2) * Fraction(evidence["risk"]) < count:
-        raise Refusal("the noise exceeds so many deviations with a larger probability")
-    for axis, (inside, follows) in enumerate(zip(box, map_box(evidence, norms, level, box), strict=True)):
-        for name, bound, value in zip(SIGNALS, inside, follows, strict=True):
-            if not value <= bound:
-                raise Refusal(f"axis {axis}: the bound of {name} does not close: {float(value)} above {float(bound)}")
-        limit = Fraction(law["limits"][axis])
-        if not inside[SIGNALS.index("command")] <= limit * COMMAND_SHARE:
-            raise Refusal(f"axis {axis}: the command may reach its limit")
-    return f"{float(level):.6g} of the moment keeps every signal in the box, every command inside its limit"
-
-
 _PROOFS: dict[str, Callable[[Fraction, dict[str, Any]], str]] = {
     "gain": _prove_gain,
     "slow gain": _prove_rate_bounded,
-    "closure": _prove_boundedness,
 }

@@ -9,7 +9,8 @@ import numpy as np
 
 from gustproof.certify.certificate import Certificate
 from gustproof.certify.check.dissipation import gain_inequality, rate_bounded_inequalities
-from gustproof.certify.check.evidence import Refusal, check_evidence
+from gustproof.certify.check.evidence import check_evidence
+from gustproof.certify.check.system import Refusal
 from gustproof.certify.gain.multipliers import Multipliers, best_multipliers
 from gustproof.certify.gain.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
 from gustproof.certify.gain.worst_schedule import worst_schedule, worst_triangle_schedule

@@ -1,0 +1,180 @@
+"""Theorem 1: the law's own attitude, the rates and the commands stay in a box for ever.
+
+Part of the check: standard library and rational arithmetic only.
+
+**The loop never sees the true attitude.** For each axis the rate, the torque, the command and the law's states close on
+themselves, `xi+ = Phi xi + inputs` (see `kernel_norms`). The inputs are
+
+- angular acceleration `a(t) = m / I + (I_j - I_k) / I_i omega_j omega_k`, any function of time. A sample adds the
+  integral of `exp(-damping (h - s)) a` to the rate, at most `h |a|`;
+- the kinematic excess `e = (T(x0) - I) x1` of the law's own attitude x0 and rate x1, one number per sample;
+- gyro noise, the rounding of gyro and command to float32, and the rounding of the law's sums to double.
+
+A box bounds every signal. It bounds the inputs, and these bound the signals through the norms of Phi over all time. If
+the bounds that follow lie inside the box, the flight from rest and level attitude stays in it: with every nonlinear
+term clipped at the box the flight obeys the bounds, so nothing was clipped. No horizon occurs anywhere.
+
+**Noise.** White Gaussian noise adds its rms through Phi times a number z of deviations. With `2 Q(z) <= exp(-z^2 / 2)`
+and a union bound over signals and samples, the risk grows in proportion to time.
+"""
+
+import math
+from fractions import Fraction
+from typing import NamedTuple
+
+from gustproof.certify.check.kernel_norms import COMMAND, OMEGA, TORQUE, X0, X1, AxisNorms
+from gustproof.certify.check.system import LoopSystem, Refusal
+from gustproof.lti.rational import cos_lower_bound, exp_lower_bound, round_up, sin_upper_bound
+
+SLEW, PEAK_RATE = -2, -1
+"""Positions of a row's last two bounds: the rate's change over a sample, and the rate between samples."""
+COMMAND_SHARE = Fraction(999, 1000)
+"""[-] share of its limit that a command may reach; the rest covers floating-point rounding."""
+_FLOAT32, _TINY = Fraction(1, 1 << 22), Fraction(1, 1 << 140)
+"""Relative and absolute rounding error of a gyro sample or a command on the wire: float32, twice for a command, as the
+published limit is a float32 too."""
+_DOUBLE = Fraction(1, 1 << 46)
+"""[-] relative rounding error of a sum of at most 64 products of doubles, and of T(x0) x1."""
+
+Box = list[list[Fraction]]
+"""Bounds by axis: the loop's states, then `SLEW` and `PEAK_RATE`."""
+
+
+class Case(NamedTuple):
+    """Disturbances that a flight is proved against."""
+
+    moment: list[Fraction]
+    """(3,) [N*m] B, bound about each axis, already multiplied by the certified part."""
+    noise: Fraction
+    """[rad/s] rms of a gyro sample."""
+    deviations: Fraction
+    """[-] bound of the noise in its rms."""
+
+
+def map_box(system: LoopSystem, norms: list[AxisNorms], case: Case, box: Box) -> Box:
+    """Return the bounds of all signals that follow if `box` bounds the nonlinear terms.
+
+    Raises
+    ------
+    ValueError
+        If an angle of the box is above 1 rad.
+    """
+    h, m = system.dt, len(box[0]) - 2
+    e = estimate_excess(system, box)
+    bounds = []
+    for i in range(3):
+        row, n = box[i], norms[i]
+        a = acceleration(system, case, box, i)
+        rounding = gyro_rounding(case, row)
+        added = _law_rounding(system, case, box, e, i)
+        signals = [
+            n.entries[OMEGA][s] * h * a
+            + n.excess[s] * e[i]
+            + n.gyro[s] * rounding
+            + n.entries[COMMAND][s] * (_FLOAT32 * row[COMMAND] + _TINY)
+            + sum((n.entries[k][s] * added[k] for k in range(COMMAND, m)), Fraction(0))
+            + n.noise[s] * case.deviations * case.noise
+            for s in range(m + 1)
+        ]
+        signals[m] += h * a  # a change before the sample has ended counts in full
+        # Between samples: half of h a from the input, and a chord with h^2 / 8 times the torque's second derivative.
+        bend = h**2 / 8 * (row[COMMAND] + row[TORQUE]) / (system.lag * system.inertia[i])
+        peak = signals[OMEGA] + h / 2 * (a + system.damping * row[PEAK_RATE]) + bend
+        bounds.append([round_up(value) for value in [*signals, peak]])
+    return bounds
+
+
+def check_box(system: LoopSystem, norms: list[AxisNorms], case: Case, box: Box) -> None:
+    """Raise `Refusal` unless the box maps into itself and lies within the limits of law, vehicle and gyro."""
+    for axis, (inside, follows) in enumerate(zip(box, map_box(system, norms, case, box), strict=True)):
+        for k, (bound, value) in enumerate(zip(inside, follows, strict=True)):
+            if not value <= bound:
+                raise Refusal(f"axis {axis}: the bound {k} does not close: {float(value)} above {float(bound)}")
+        if not inside[COMMAND] <= system.limits[axis] * COMMAND_SHARE:
+            raise Refusal(f"axis {axis}: the command may reach its limit")
+        if not inside[PEAK_RATE] + case.deviations * case.noise <= system.gyro_range * COMMAND_SHARE:
+            raise Refusal(f"axis {axis}: the rate may leave the gyro's range")
+        if not _is_feedback_linear(system, inside):
+            raise Refusal(f"axis {axis}: the law's limit on the attitude that is fed back may act")
+
+
+def _is_feedback_linear(system: LoopSystem, row: list[Fraction]) -> bool:
+    """Return whether the law's limit on the attitude that it feeds back, if it has one, is never reached."""
+    newest = row[X0] + system.dt * row[X1]  # the law may act on its attitude at the newest sample
+    return system.feedback_limit is None or newest <= system.feedback_limit * COMMAND_SHARE
+
+
+def acceleration(system: LoopSystem, case: Case, box: Box, axis: int) -> Fraction:
+    """Return a bound of moment and gyroscopic coupling [rad/s^2] of an axis at all times."""
+    return case.moment[axis] / system.inertia[axis] + gyroscopic(system, axis) * _product(box, axis)
+
+
+def gyroscopic(system: LoopSystem, axis: int) -> Fraction:
+    """Return `|I_j - I_k| / I_i` of an axis."""
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    return abs(system.inertia[j] - system.inertia[k]) / system.inertia[axis]
+
+
+def _product(box: Box, axis: int) -> Fraction:
+    return box[(axis + 1) % 3][PEAK_RATE] * box[(axis + 2) % 3][PEAK_RATE]
+
+
+def gyro_rounding(case: Case, row: list[Fraction]) -> Fraction:
+    """Return a bound of the rounding of a gyro sample [rad/s]."""
+    return _FLOAT32 * (row[PEAK_RATE] + case.deviations * case.noise) + _TINY
+
+
+def estimate_excess(system: LoopSystem, box: Box) -> list[Fraction]:
+    """Return bounds of the excess that the law itself computes; 0 for a linear law."""
+    if not any(value for row in system.G for value in row):
+        return [Fraction(0)] * 3
+    return excess([row[X0] for row in box], [row[X1] for row in box])
+
+
+def excess(E: list[Fraction], omega: list[Fraction]) -> list[Fraction]:
+    """Return bounds of `|(T(E) - I) omega|` from bounds of |E| and |omega|."""
+    sin_phi, tan_theta, sec_theta = trigonometry(E)
+    flat = E[0] ** 2 / 2  # 1 - cos(phi)
+    return [
+        round_up(tan_theta * (sin_phi * omega[1] + omega[2])),
+        round_up(flat * omega[1] + sin_phi * omega[2]),
+        round_up(sec_theta * sin_phi * omega[1] + max(sec_theta - 1, flat) * omega[2]),
+    ]
+
+
+def trigonometry(E: list[Fraction]) -> tuple[Fraction, Fraction, Fraction]:
+    """Return bounds of sin(phi), tan(theta) and 1 / cos(theta); an angle above 1 rad raises ValueError."""
+    cos_theta = cos_lower_bound(E[1])
+    return (
+        round_up(sin_upper_bound(E[0])),
+        round_up(sin_upper_bound(E[1]) / cos_theta),
+        round_up(1 / cos_theta),
+    )
+
+
+def _law_rounding(system: LoopSystem, case: Case, box: Box, e: list[Fraction], axis: int) -> list[Fraction]:
+    """Return bounds of the rounding of the law's sums, one for each state of the loop; 0 for those of the plant."""
+    row = box[axis]
+    gyro = row[PEAK_RATE] + case.deviations * case.noise
+    rates = sum((box[i][X1] for i in range(3)), e[axis])
+    own = range(axis, len(system.A), 3)
+    command = abs(system.D[axis][axis]) * gyro + _weigh([system.C[axis][k] for k in own], row)
+    sizes = [Fraction(0), Fraction(0), command]
+    for i in own:
+        states = _weigh([system.A[i][k] for k in own], row)
+        sizes.append(states + abs(system.B[i][axis]) * gyro + 2 * abs(system.G[i][axis]) * rates)
+    return [_DOUBLE * size for size in sizes]
+
+
+def _weigh(coefficients: list[Fraction], row: list[Fraction]) -> Fraction:
+    pairs = zip(coefficients, row[X0:SLEW], strict=True)
+    return sum((abs(c) * bound for c, bound in pairs), Fraction(0))
+
+
+def least_deviations(count: Fraction, risk: Fraction) -> Fraction:
+    """Return a number z of deviations that `count` normal numbers exceed with probability `risk` at most."""
+    guess = math.sqrt(2.0 * (math.log(count) - math.log(risk)))
+    z = Fraction(math.ceil(64.0 * guess) + 1, 64)
+    if exp_lower_bound(z**2 / 2) * risk < count:
+        raise Refusal(f"no bound of the noise is known for a risk of {float(risk)}")
+    return z

@@ -1,0 +1,159 @@
+"""The sampled loop that a certificate is about, derived from the text of a law file and of a vehicle file.
+
+Part of the check: standard library only. Every number is the exact value of the double that flies.
+"""
+
+import hashlib
+import json
+import math
+import tomllib
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+from gustproof.lti.rational import to_rational
+
+TORQUE = "torque"
+_MOST_STATES = 48
+"""Largest order of a law; bounds the time of a check."""
+
+
+Row = tuple[Fraction, ...]
+Rows = tuple[Row, ...]
+"""A matrix by rows."""
+
+
+class Refusal(Exception):
+    """Evidence that does not prove the claim; the text names the condition that failed."""
+
+
+class LoopSystem(NamedTuple):
+    """Numbers of a law and a vehicle, as far as a flight within the limits depends on them."""
+
+    name: str
+    """Name of the law."""
+    A: Rows
+    """(n, n) state to next state."""
+    B: Rows
+    """(n, 3) gyro to next state."""
+    C: Rows
+    """(3, n) state to command."""
+    D: Rows
+    """(3, 3) gyro to command."""
+    G: Rows
+    """(n, 3) Euler rates of the law's own estimates to next state."""
+    dt: Fraction
+    """[s] sample time."""
+    limits: Row
+    """(3,) [N*m] B, largest command: the lesser of the law's and of the vehicle's."""
+    inertia: Row
+    """(3,) [kg*m^2] B."""
+    damping: Fraction
+    """[1/s] damping moment per rate, divided by the inertia."""
+    lag: Fraction
+    """[s] time constant of the actuators."""
+    gyro_range: Fraction
+    """[rad/s] largest rate that the gyro measures."""
+    feedback_limit: Fraction | None
+    """[rad] limit on the attitude that the law feeds back; `None` without one."""
+
+
+def sha256(text: str) -> str:
+    """Return the SHA-256 of a text in UTF-8, in hexadecimal digits."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
+    """Return the loop of a law file (JSON) and a vehicle file (TOML, nominal values).
+
+    Raises
+    ------
+    Refusal
+        If the law commands no torque, reads the accelerometer or couples its axes, or a number is out of range.
+    """
+    law, vehicle = json.loads(law_text), tomllib.loads(vehicle_text)
+    if law["output"] != TORQUE:
+        raise Refusal(f"law '{law['name']}' commands {law['output']}, the proof is about torque")
+    n = len(law["A"])
+    columns = {len(row) for name in "BD" for row in law[name]}
+    if columns != {6}:
+        raise Refusal(f"law '{law['name']}' reads the accelerometer, the proof is about laws of gyros alone")
+    if n % 3 or not 6 <= n <= _MOST_STATES:
+        raise Refusal(f"law '{law['name']}' has {n} states, must have 2 to {_MOST_STATES // 3} for each of three axes")
+    gyro = {name: [row[:3] for row in law[name]] for name in "BD"}
+    rows = (law["A"], gyro["B"], law["C"], gyro["D"], law["G"])
+    matrices = [tuple(map(tuple, to_rational(matrix))) for matrix in rows]
+    shapes = [(n, n), (n, 3), (3, n), (3, 3), (n, 3)]
+    if any((len(M), len(M[0])) != shape for M, shape in zip(matrices, shapes, strict=True)):
+        raise Refusal(f"law '{law['name']}' has matrices of wrong shapes")
+    if any(value for M in matrices for i, row in enumerate(M) for j, value in enumerate(row) if (i - j) % 3):
+        raise Refusal(f"law '{law['name']}' couples its axes, the proof takes them one at a time")
+    inertia = _positive("inertia_B", vehicle["inertia_B"], 3)
+    limits = zip(
+        _positive("limits", law["limits"], 3), _positive("torque_limit", vehicle["torque_limit"], 3), strict=True
+    )
+    return LoopSystem(
+        name=str(law["name"]),
+        A=matrices[0],
+        B=matrices[1],
+        C=matrices[2],
+        D=matrices[3],
+        G=matrices[4],
+        dt=_positive("dt", [law["dt"]])[0],
+        limits=tuple(min(pair) for pair in limits),
+        inertia=tuple(inertia),
+        damping=_not_negative("rate_damping", _nominal(vehicle["rate_damping"])),
+        lag=_positive("actuator_lag", [vehicle["actuator_lag"]])[0],
+        gyro_range=_positive("gyro.range", [vehicle["gyro"]["range"]])[0],
+        feedback_limit=attitude_feedback_limit(law),
+    )
+
+
+def attitude_feedback_limit(law: dict[str, Any]) -> Fraction | None:
+    """Return the law's limit [rad] on the attitude that it feeds back, `None` without one.
+
+    The one condition on that limit: a proven box lies within it, so the limit is inactive and the loop linear.
+    """
+    limit = law.get("attitude_limit")
+    return None if limit is None else _positive("attitude_limit", [limit])[0]
+
+
+def is_strapdown(system: LoopSystem) -> bool:
+    """Return whether attitude and rate of the law are the gyro's trapezoid, exactly.
+
+    `x0+ = x0 + dt T(x0) x1 + dt/2 (g - x1)` and `x1+ = g`, coefficient by coefficient.
+    """
+    half = system.dt / 2
+    for i in range(3):
+        own = {i: Fraction(1), 3 + i: -half}
+        attitude = all(value == own.get(j, 0) for j, value in enumerate(system.A[i]))
+        if not (attitude and system.B[i][i] == half and system.G[i][i] == system.dt):
+            return False
+        if any(system.A[3 + i]) or system.B[3 + i][i] != 1 or any(system.G[3 + i]):
+            return False
+    return True
+
+
+def finite(name: str, value: Any) -> Fraction:
+    """Return a JSON number exactly; refuse anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise Refusal(f"{name} is {value!r}, must be a finite number")
+    return Fraction(value)
+
+
+def _nominal(value: Any) -> Any:
+    """Return the nominal value of an entry of a vehicle file that may state a spread."""
+    return value["nominal"] if isinstance(value, dict) else value
+
+
+def _positive(name: str, values: Any, count: int = 1) -> list[Fraction]:
+    numbers = [finite(name, _nominal(value)) for value in values]
+    if len(numbers) != count or min(numbers) <= 0:
+        raise Refusal(f"{name} must be {count} positive number{'s' if count > 1 else ''}")
+    return numbers
+
+
+def _not_negative(name: str, value: Any) -> Fraction:
+    number = finite(name, value)
+    if number < 0:
+        raise Refusal(f"{name} is {float(number)}, must not be negative")
+    return number
