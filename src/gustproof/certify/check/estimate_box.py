@@ -11,7 +11,7 @@ themselves, `xi+ = Phi xi + inputs` (see `kernel_norms`). The inputs are
 - gyro noise, the rounding of gyro and command to float32, and the rounding of the law's sums to double.
 
 A box bounds every signal. It bounds the inputs, and these bound the signals through the norms of Phi over all time. If
-the bounds that follow lie inside the box, the flight from rest and level attitude stays in it: with every nonlinear
+the bounds that follow lie inside the box, the flight from rest and level attitude stays in it. For with every nonlinear
 term clipped at the box the flight obeys the bounds, so nothing was clipped. No horizon occurs anywhere.
 
 **Noise.** White Gaussian noise adds its rms through Phi times a number z of deviations. With `2 Q(z) <= exp(-z^2 / 2)`

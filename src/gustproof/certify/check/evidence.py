@@ -2,7 +2,7 @@
 
 The check multiplies and factors matrices of rational numbers; it uses no solver and no design. A gain is proved of the
 numbers in the evidence; the maker must show that they are those of a design. A flight's box is proved of a law file and
-a vehicle file: the check derives the loop from them again, and makes statement and assumptions from the evidence.
+a vehicle file. The check derives the loop from them again, and makes statement and assumptions from the evidence.
 """
 
 import hashlib

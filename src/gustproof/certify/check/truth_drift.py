@@ -12,9 +12,9 @@ products of small numbers. Then `Y = R S^T` (R the truth) turns with the body ra
 and jumps at a sample by the two one-step errors below, rotated by S. A common rotation never amplifies them: rotation
 distance is bi-invariant. `R = Y R(E) exp(c)` at a sample; the Euler angles follow through the Euler kinematics.
 
-**One-step errors.** (1) E against the flow of `T(E) omega^l`: integrals of `(s - h/2) F'`, `F = T(E) omega`, at most
-`h^3/12 |F''|` where F'' holds the rate's change over the sample; and the nodes, where T is taken at X, not E. (2) The
-rate's integral against the trapezoid, `-integral (s - h/2) omega'`:
+**One-step errors.** (1) E against the flow of `F = T(E) omega^L`: the integral of `(s - h/2) F'`, at most
+`h^3/12 |F''|`. F'' holds the change of the rate over the sample. At the nodes T is taken at X, not at E. (2) The rate's
+integral against the trapezoid, `-integral (s - h/2) omega'`:
 
 - torque follows a held command: exactly `-kappa` times its change, `kappa <= h^2/12`. It telescopes, c starts a sample
   at `-kappa torque / I`, and only the last value counts;
