@@ -14,7 +14,7 @@ from firmware_model.config.files import read_text, write_text
 from firmware_model.config.vehicle import load_vehicle, vehicle_path
 from gustproof.certify.check.estimate_box import COMMAND_SHARE, Box, Case, map_box
 from gustproof.certify.check.evidence import FORMAT, check, seal
-from gustproof.certify.check.flight_box import KIND, Claim, MomentClass, make_case, read_claim
+from gustproof.certify.check.flight_box import KIND, Claim, MomentClass, make_case, read_claim, spread_system
 from gustproof.certify.check.kernel_norms import COMMAND, LONGEST, AxisNorms, axis_norms
 from gustproof.certify.check.system import LoopSystem, Refusal, read_system, sha256
 from gustproof.law.form import law_path, load_law
@@ -29,6 +29,8 @@ _TOLERANCE = Fraction(1, 1000)
 """[-] relative tolerance of the bisection for the largest part of the moment."""
 _MIN_PART = Fraction(1, 1 << 14)
 """[-] part of the moment below which the search gives up."""
+_INERTIA_CELLS, _LAG_CELLS = 24, 32
+"""Cells that cover spreads of inertia and lag; more of them cost time and tighten the box."""
 _FIRST_SAMPLES = 512
 """Simulated samples of the norms, doubled until the tail is bounded."""
 
@@ -82,6 +84,8 @@ def certify_boundedness(
     slope: tuple[float, float, float] = (0.0, 0.0, 0.0),
     noise: float = 0.0,
     risk: float = 1e-3,
+    inertia_spread: float = 0.0,
+    lag_spread: float = 0.0,
 ) -> FlightCertificate:
     """Return a certificate of the largest part of `moment` under which the flight provably stays in a box.
 
@@ -107,6 +111,10 @@ def certify_boundedness(
     risk
         [-] probability that the noise leaves its bounds within the horizon, or in 600 s without one. Unused without
         noise.
+    inertia_spread
+        [-] share of each moment of inertia within which it lies, constant and unknown.
+    lag_spread
+        [-] the same of the actuators' lag.
 
     Raises
     ------
@@ -136,11 +144,15 @@ def certify_boundedness(
         "horizon": horizon,
         "noise": noise,
         "risk": risk if noise else 0.0,
+        "inertia_spread": inertia_spread,
+        "lag_spread": lag_spread,
+        "cells": [_INERTIA_CELLS if inertia_spread else 1, _LAG_CELLS if lag_spread else 1],
         "samples": 0,
         "box": [],
     }
     try:
-        system, claim = read_system(law_text, vehicle_text), read_claim({**evidence, "box": [[0.0]] * 3})
+        claim = read_claim({**evidence, "box": [[0.0]] * 3})
+        system = spread_system(read_system(law_text, vehicle_text), claim)
         samples, norms = _norms(system)
     except Refusal as refusal:
         raise ValueError(str(refusal)) from None
@@ -194,7 +206,7 @@ def _norms(system: LoopSystem) -> tuple[int, list[AxisNorms]]:
 def _largest_part(system: LoopSystem, claim: Claim, norms: list[AxisNorms]) -> tuple[Fraction, Box]:
     """Return the largest part of the moment, at most 1, whose box closes, and the box; an empty one if none does."""
     case = make_case(system, claim)
-    nothing = [[Fraction(0)] * (len(norms[0].entries[0]) + 1) for _ in range(3)]
+    nothing = [[Fraction(0)] * (norms[0].excess.shape[1] + 1) for _ in range(3)]
     whole = _grow_box(system, norms, case, nothing)
     if whole:
         return Fraction(1), whole

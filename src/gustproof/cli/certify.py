@@ -31,6 +31,8 @@ _ASSUMPTIONS = {
     "noise_rad_s": "gyro noise rms [rad/s]",
     "inertia_kg_m2": "inertia [kg m^2]",
     "actuator_lag_s": "actuator lag [s]",
+    "inertia_spread": "inertia within share",
+    "actuator_lag_spread": "lag within share",
     "rho": "attitude and rates",
     "horizon_s": "duration [s]",
     "delay_samples": "delay [samples]",
@@ -75,6 +77,10 @@ def certify(
     risk: Annotated[
         float, typer.Option(help="Flight: probability that the noise leaves its bounds in the horizon, or in 600 s.")
     ] = 1e-3,
+    inertia_spread: Annotated[
+        float, typer.Option(help="Flight: every constant inertia within this share, such as 0.2.")
+    ] = 0.0,
+    lag_spread: Annotated[float, typer.Option(help="Flight: every constant actuator lag within this share.")] = 0.0,
     check_file: Annotated[
         Path | None, typer.Option("--check", help="Check a certificate in exact arithmetic, without a solver.")
     ] = None,
@@ -144,7 +150,16 @@ def certify(
         )
     else:
         certificate = _certify_flight(
-            name, vehicle or "paper", moment, horizon, moment_class=moment_class, slope=slope, noise=noise, risk=risk
+            name,
+            vehicle or "paper",
+            moment,
+            horizon,
+            moment_class=moment_class,
+            slope=slope,
+            noise=noise,
+            risk=risk,
+            inertia_spread=inertia_spread,
+            lag_spread=lag_spread,
         )
     if output is not None and certificate.proven:
         certificate.save(output)
@@ -230,6 +245,8 @@ def _certify_flight(
     slope: str | None,
     noise: float,
     risk: float,
+    inertia_spread: float,
+    lag_spread: float,
 ) -> "FlightCertificate":
     from gustproof.certify.boundedness import certify_boundedness
     from gustproof.certify.check.flight_box import MomentClass
@@ -247,6 +264,8 @@ def _certify_flight(
             slope=(0.0, 0.0, 0.0) if slope is None else parse_positive_vector("--slope", slope),
             noise=noise,
             risk=risk,
+            inertia_spread=inertia_spread,
+            lag_spread=lag_spread,
         )
     except ValueError as error:
         raise ConfigError(str(error)) from None

@@ -1,6 +1,6 @@
 """Theorem 1: the law's own attitude, the rates and the commands stay in a box for ever.
 
-Part of the check: standard library and rational arithmetic only.
+Part of the check: rational numbers, and doubles that are rounded up.
 
 **The loop never sees the true attitude.** For each axis the rate, the torque, the command and the law's states close on
 themselves, `xi+ = Phi xi + inputs` (see `kernel_norms`). The inputs are
@@ -8,7 +8,9 @@ themselves, `xi+ = Phi xi + inputs` (see `kernel_norms`). The inputs are
 - angular acceleration `a(t) = m / I + (I_j - I_k) / I_i omega_j omega_k`, any function of time. A sample adds the
   integral of `exp(-damping (h - s)) a` to the rate, at most `h |a|`;
 - the kinematic excess `e = (T(x0) - I) x1` of the law's own attitude x0 and rate x1, one number per sample;
-- gyro noise, the rounding of gyro and command to float32, and the rounding of the law's sums to double.
+- gyro noise, the rounding of gyro and command to float32, and the rounding of the law's sums to double;
+- with spreads, the distance of inertia and lag from a cell's centre, `delta(1/I) (torque + m)` and `delta(1/lag)
+  (command - torque)`. A box that closes for every cell holds for every constant inertia and lag within the spreads.
 
 A box bounds every signal. It bounds the inputs, and these bound the signals through the norms of Phi over all time. If
 the bounds that follow lie inside the box, the flight from rest and level attitude stays in it. For with every nonlinear
@@ -22,12 +24,17 @@ import math
 from fractions import Fraction
 from typing import NamedTuple
 
-from gustproof.certify.check.kernel_norms import COMMAND, OMEGA, TORQUE, X0, X1, AxisNorms
+import numpy as np
+
+from gustproof.certify.check.kernel_norms import COMMAND, OMEGA, TORQUE, UP, X0, X1, AxisNorms
 from gustproof.certify.check.system import LoopSystem, Refusal
 from gustproof.lti.rational import cos_lower_bound, exp_lower_bound, round_up, sin_upper_bound
 
-SLEW, PEAK_RATE = -2, -1
-"""Positions of a row's last two bounds: the rate's change over a sample, and the rate between samples."""
+SLEW, GAP, PEAK_RATE = -3, -2, -1
+"""Positions of a row's last three bounds.
+
+The rate's change over a sample, command minus torque, and the rate between samples.
+"""
 COMMAND_SHARE = Fraction(999, 1000)
 """[-] share of its limit that a command may reach; the rest covers floating-point rounding."""
 _FLOAT32, _TINY = Fraction(1, 1 << 22), Fraction(1, 1 << 140)
@@ -37,7 +44,7 @@ _DOUBLE = Fraction(1, 1 << 46)
 """[-] relative rounding error of a sum of at most 64 products of doubles, and of T(x0) x1."""
 
 Box = list[list[Fraction]]
-"""Bounds by axis: the loop's states, then `SLEW` and `PEAK_RATE`."""
+"""Bounds by axis: the loop's states, then `SLEW`, `GAP` and `PEAK_RATE`."""
 
 
 class Case(NamedTuple):
@@ -59,29 +66,45 @@ def map_box(system: LoopSystem, norms: list[AxisNorms], case: Case, box: Box) ->
     ValueError
         If an angle of the box is above 1 rad.
     """
-    h, m = system.dt, len(box[0]) - 2
     e = estimate_excess(system, box)
-    bounds = []
-    for i in range(3):
-        row, n = box[i], norms[i]
-        a = acceleration(system, case, box, i)
-        rounding = gyro_rounding(case, row)
-        added = _law_rounding(system, case, box, e, i)
-        signals = [
-            n.entries[OMEGA][s] * h * a
-            + n.excess[s] * e[i]
-            + n.gyro[s] * rounding
-            + n.entries[COMMAND][s] * (_FLOAT32 * row[COMMAND] + _TINY)
-            + sum((n.entries[k][s] * added[k] for k in range(COMMAND, m)), Fraction(0))
-            + n.noise[s] * case.deviations * case.noise
-            for s in range(m + 1)
-        ]
-        signals[m] += h * a  # a change before the sample has ended counts in full
-        # Between samples: half of h a from the input, and a chord with h^2 / 8 times the torque's second derivative.
-        bend = h**2 / 8 * (row[COMMAND] + row[TORQUE]) / (system.lag * system.inertia[i])
-        peak = signals[OMEGA] + h / 2 * (a + system.damping * row[PEAK_RATE]) + bend
-        bounds.append([round_up(value) for value in [*signals, peak]])
-    return bounds
+    return [_map_axis(system, norms[i], case, box, e, i) for i in range(3)]
+
+
+def _map_axis(
+    system: LoopSystem, norms: AxisNorms, case: Case, box: Box, e: list[Fraction], axis: int
+) -> list[Fraction]:
+    """Return the bounds of an axis, the largest over all cells; doubles that are not negative, rounded up by `UP`."""
+    h, m = _up(system.dt), norms.entries.shape[2]
+    torque, command, gap = (_up(box[axis][k]) for k in (TORQUE, COMMAND, GAP))
+    centre, off = norms.inverse_inertia.T
+    a = (centre + off) * _up(case.moment[axis]) + off * torque + _up(system.gyroscopic[axis] * _product(box, axis))
+    pull = h * norms.inverse_lag[:, 1] * gap  # [N*m] a sample, from the lag's distance to the centre
+    inputs = np.zeros((len(a), m))
+    inputs[:] = [_up(value) for value in _law_rounding(system, case, box, e, axis)]
+    inputs[:, COMMAND] += _up(_FLOAT32 * box[axis][COMMAND] + _TINY)
+    inputs[:, TORQUE] += pull
+    turned = h * a + h / 2.0 * centre * pull
+    inputs[:, OMEGA] += turned
+    signals = (
+        (norms.entries @ inputs[:, :, None])[:, :, 0]
+        + norms.excess * _up(e[axis])
+        + norms.gyro * _up(gyro_rounding(case, box[axis]))
+        + norms.noise * _up(case.deviations * case.noise)
+    )
+    signals[:, m] += turned  # a change before the sample has ended counts in full
+    # Between samples: half of h a from the input, and a chord with h^2 / 8 times the torque's second derivative.
+    bend = h * h / 8.0 * (command + torque) * np.sum(norms.inverse_lag, axis=1) * (centre + off)
+    drag = _up(system.damping * box[axis][PEAK_RATE])
+    peak = signals[:, OMEGA] + h / 2.0 * (a + drag) + bend
+    highest = UP * np.max(np.column_stack([signals, peak]), axis=0)
+    if not np.all(np.isfinite(highest)):
+        raise ValueError("a bound of the box is not finite")
+    return [Fraction(value) for value in highest.tolist()]
+
+
+def _up(value: Fraction) -> float:
+    """Return a double that is not below a number that is not negative."""
+    return float(value) * UP
 
 
 def check_box(system: LoopSystem, norms: list[AxisNorms], case: Case, box: Box) -> None:
@@ -106,13 +129,7 @@ def _is_feedback_linear(system: LoopSystem, row: list[Fraction]) -> bool:
 
 def acceleration(system: LoopSystem, case: Case, box: Box, axis: int) -> Fraction:
     """Return a bound of moment and gyroscopic coupling [rad/s^2] of an axis at all times."""
-    return case.moment[axis] / system.inertia[axis] + gyroscopic(system, axis) * _product(box, axis)
-
-
-def gyroscopic(system: LoopSystem, axis: int) -> Fraction:
-    """Return `|I_j - I_k| / I_i` of an axis."""
-    j, k = (axis + 1) % 3, (axis + 2) % 3
-    return abs(system.inertia[j] - system.inertia[k]) / system.inertia[axis]
+    return case.moment[axis] * system.inverse_inertia[axis] + system.gyroscopic[axis] * _product(box, axis)
 
 
 def _product(box: Box, axis: int) -> Fraction:

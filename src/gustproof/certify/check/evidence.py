@@ -1,4 +1,4 @@
-"""Check of a certificate's evidence in exact arithmetic, with the standard library only.
+"""Check of a certificate's evidence: exact arithmetic, and for norms doubles with bounds of their rounding.
 
 The check multiplies and factors matrices of rational numbers; it uses no solver and no design. A gain is proved of the
 numbers in the evidence; the maker must show that they are those of a design. A flight's box is proved of a law file and

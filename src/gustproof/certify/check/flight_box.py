@@ -1,6 +1,6 @@
 """Proof of a flight's box from the evidence of a certificate, the law file and the vehicle file.
 
-Part of the check: standard library and rational arithmetic only. The statement is made from the evidence; nothing that
+Part of the check: rational arithmetic and rounded doubles only. The statement is made from the evidence; nothing that
 a certificate says about itself is believed.
 """
 
@@ -11,13 +11,16 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from gustproof.certify.check.estimate_box import Box, Case, check_box, least_deviations
-from gustproof.certify.check.kernel_norms import COMMAND, X0, AxisNorms, axis_norms
+from gustproof.certify.check.kernel_norms import COMMAND, MOST_CELLS, X0, AxisNorms, axis_norms
 from gustproof.certify.check.system import LoopSystem, Refusal, finite, is_strapdown, read_system, sha256
 from gustproof.certify.check.truth_drift import Disturbance, blind_angles, truth_bound
 from gustproof.lti.rational import round_up
 
 KIND = "boundedness"
-KEYS = frozenset("kind law_sha256 vehicle_sha256 moment part moment_class slope horizon noise risk samples box".split())
+KEYS = frozenset(
+    {"kind", "law_sha256", "vehicle_sha256", "moment", "part", "moment_class", "slope", "horizon", "noise", "risk"}
+    | {"inertia_spread", "lag_spread", "cells", "samples", "box"}
+)
 """Every entry of the evidence; any other is refused."""
 RISK_PERIOD = 600
 """[s] flight over which the risk of an unlimited horizon counts."""
@@ -25,7 +28,7 @@ LEAST_RISK = Fraction(1, 10**12)
 """[-] least risk for which the noise is bounded."""
 LONGEST = 10**6
 """[s] longest finite horizon."""
-_SIGNALS = 2
+_SIGNALS = 3
 """Bounds of a row beyond the loop's states."""
 
 
@@ -64,6 +67,12 @@ class Claim(NamedTuple):
     """[rad/s] rms of a gyro sample."""
     risk: Fraction
     """[-] probability that the noise leaves its bounds; 0 without noise."""
+    inertia_spread: Fraction
+    """[-] share of each moment of inertia, below 1."""
+    lag_spread: Fraction
+    """[-] share of the lag, below 1."""
+    cells: tuple[int, int]
+    """Number of cells that cover the spreads of inertia and of lag."""
     samples: int
     """Number of simulated samples of the norms."""
     box: Box
@@ -92,7 +101,8 @@ def prove_flight_box(evidence: dict[str, Any], law_text: str, vehicle_text: str)
     for name, text in (("law", law_text), ("vehicle", vehicle_text)):
         if evidence.get(f"{name}_sha256") != sha256(text):
             raise Refusal(f"the {name} file is not the one of this certificate: its SHA-256 is {sha256(text)}")
-    claim, system = read_claim(evidence), read_system(law_text, vehicle_text)
+    claim = read_claim(evidence)
+    system = spread_system(read_system(law_text, vehicle_text), claim)
     if [len(row) for row in claim.box] != [3 + len(system.A) // 3 + _SIGNALS] * 3:
         raise Refusal("the box does not bound every signal of every axis")
     norms = [axis_norms(system, axis, claim.samples) for axis in range(3)]
@@ -129,11 +139,37 @@ def read_claim(evidence: dict[str, Any]) -> Claim:
     horizon = None if evidence["horizon"] is None else finite("horizon", evidence["horizon"])
     if horizon is not None and not 0 < horizon <= LONGEST:
         raise Refusal(f"horizon is {float(horizon)} s, must be positive, at most {LONGEST} s, or unlimited")
-    samples = evidence["samples"]
-    if isinstance(samples, bool) or not isinstance(samples, int):
-        raise Refusal(f"samples are {samples!r}, must be a whole number")
+    spreads = [finite(name, evidence[name]) for name in ("inertia_spread", "lag_spread")]
+    if not all(0 <= spread < 1 for spread in spreads):
+        raise Refusal("a spread is a share of its value, 0 or more and below 1")
+    samples, cells = evidence["samples"], evidence["cells"]
+    if not isinstance(cells, list) or len(cells) != 2:
+        raise Refusal(f"cells are {cells!r}, must be two whole numbers")
+    for value in (samples, *cells):
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise Refusal(f"samples and cells are {samples!r} and {cells!r}, must be whole numbers")
+    if not all(1 <= value <= MOST_CELLS for value in cells):
+        raise Refusal(f"cells are {cells}, must be 1 to {MOST_CELLS}")
     box = [_bounds(f"box of axis {axis}", row, len(row)) for axis, row in enumerate(evidence["box"])]
-    return Claim(moment, part, moment_class, slope, horizon, noise, risk, samples, box)
+    return Claim(
+        moment=moment,
+        part=part,
+        moment_class=moment_class,
+        slope=slope,
+        horizon=horizon,
+        noise=noise,
+        risk=risk,
+        inertia_spread=spreads[0],
+        lag_spread=spreads[1],
+        cells=(cells[0], cells[1]),
+        samples=samples,
+        box=box,
+    )
+
+
+def spread_system(system: LoopSystem, claim: Claim) -> LoopSystem:
+    """Return the loop with the spreads of a claim."""
+    return system._replace(inertia_spread=claim.inertia_spread, lag_spread=claim.lag_spread, cells=claim.cells)
 
 
 def make_case(system: LoopSystem, claim: Claim) -> Case:
@@ -142,8 +178,8 @@ def make_case(system: LoopSystem, claim: Claim) -> Case:
     if claim.noise == 0:
         return Case(moment, Fraction(0), Fraction(0))
     period = RISK_PERIOD if claim.horizon is None else claim.horizon
-    # signals, and three gyro samples, at each sample
-    count = 3 * (5 + Fraction(len(system.A), 3)) * (math.ceil(period / system.dt) + 2)
+    # signals and gyro of each axis at each sample
+    count = 3 * (6 + Fraction(len(system.A), 3)) * (math.ceil(period / system.dt) + 2)
     return Case(moment, claim.noise, least_deviations(count, claim.risk / 2))
 
 
@@ -189,6 +225,9 @@ def _statement(system: LoopSystem, claim: Claim, figures: dict[str, Any], why: s
         f"law '{system.name}' keeps its own attitude within {_list_up(figures['estimate_deg'])} deg for ever and its "
         f"commands below {_list_up(figures['command_nm'])} N*m, under any moment within {moment} N*m"
     )
+    if claim.inertia_spread or claim.lag_spread:
+        inertia, lag = float(100 * claim.inertia_spread), float(100 * claim.lag_spread)
+        words += f", whatever the constant inertia within {inertia:g} % and the lag within {lag:g} %"
     if claim.noise:
         period = RISK_PERIOD if claim.horizon is None else float(claim.horizon)
         words += f", with gyro noise of {float(claim.noise):g} rad/s rms"
@@ -224,6 +263,8 @@ def _assumptions(system: LoopSystem, claim: Claim) -> dict[str, Any]:
         "horizon_s": None if claim.horizon is None else float(claim.horizon),
         "inertia_kg_m2": [float(value) for value in system.inertia],
         "actuator_lag_s": float(system.lag),
+        "inertia_spread": float(claim.inertia_spread),
+        "actuator_lag_spread": float(claim.lag_spread),
         "rate_damping_per_s": float(system.damping),
         "noise_rad_s": float(claim.noise),
         "noise_probability": float(claim.risk),

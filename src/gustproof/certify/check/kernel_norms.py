@@ -1,17 +1,19 @@
-"""Upper bounds of the l1 norms of one axis's loop over all time, by simulation in integers and a bound of the tail.
+"""Upper bounds of the l1 norms of one axis's loop over all time, for every inertia and lag within their spreads.
 
-Part of the check: standard library and rational arithmetic only.
+Part of the check: doubles with bounds of their rounding. The state of an axis is `xi = (omega, torque, command, law's
+states)`, at a sample. Gyro, law and actuators give `xi+ = Phi xi + b u`. For an input `|u_k| <= 1` of any signs, signal
+i stays below `S_i(b) = sum_k |(Phi^k b)_i|`.
 
-The state of an axis is `xi = (omega, torque, command, law's states)`, at a sample. Gyro, law and actuators give
-`xi+ = Phi xi + b u`. For an input `|u_k| <= 1` of any signs, signal i stays below `S_i(b) = sum_k |(Phi^k b)_i|`.
+**Cells.** The spreads of `1 / inertia` and `1 / lag` are covered by cells. Phi is that of a cell's centre; the distance
+from it acts as further inputs, see `estimate_box`.
 
 **Tail.** With `S^N` the sum of the first N terms and `rho = max_j |Phi^N e_j|_1 < 1`, Phi is stable and
 
     S(b) <= S^N(b) + |Phi^N b|_1 / (1 - rho) * max_j S^N(e_j).
 
-**Rounding.** The integers follow `Phi x + delta` with `|delta| <= defect` in each entry. Later samples amplify that by
-at most `R = sum_j S^N(e_j)`, so a sum over N samples is wrong by at most `(N + 1) defect R`. R contains this error
-itself; a factor of two covers it while `m (N + 1) defect < 1/2`, m the number of states.
+**Rounding.** The doubles follow `Phi x + delta` with `|delta_j| <= defect_j`. Later samples amplify that by at most
+`S^N(e_j)`, so a state is wrong by at most `sum_j S^N(e_j) defect_j`, a sum over N samples by N + 1 times that. S^N
+contains this error itself; a factor of two covers it while `(N + 1) sum_j defect_j < 1/2`.
 
 References
 ----------
@@ -20,42 +22,46 @@ M. A. Dahleh, I. J. Diaz-Bobillo, Control of Uncertain Systems: A Linear Program
 
 from fractions import Fraction
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
-from gustproof.certify.check.system import LoopSystem, Refusal
-from gustproof.lti.rational import RationalMatrix, identity, multiply, round_up, sqrt_upper_bound, zeros
+import numpy as np
+from numpy.typing import NDArray
 
+from gustproof.certify.check.system import LoopSystem, Refusal
+from gustproof.lti.rational import identity, multiply, round_up
+
+Array = NDArray[np.float64]
 OMEGA, TORQUE, COMMAND, X0, X1 = range(5)
 """Positions of an axis's states; the law's states from `X0` on are attitude, rate, and the rest."""
+SLEW, GAP = -2, -1
+"""Positions of two more signals: the rate's change over a sample, and command minus torque."""
 LONGEST = 20_000
-"""Largest number of simulated samples: some seconds."""
-_BITS = 96
-"""Binary places of the simulation."""
-_MOST_LEFT = Fraction(1, 1000)
+"""Largest number of simulated samples."""
+MOST_CELLS = 64
+"""Largest number of cells of a spread."""
+UP = 1.0 + 2.0**-40
+"""[-] covers the rounding of a sum of at most 2^10 products of numbers that are not negative, some times over."""
+_ULP = 2.0**-52
+_MOST_LEFT = 1e-3
 """[-] of a unit that may be left after the simulation; the tail adds that share of the largest norm."""
-_ENTRY_ERROR = Fraction(1, 1 << 80)
-"""Bound on the error of an entry of Phi or b: truncation of the exponential series, and rounding."""
 
 
 class AxisNorms(NamedTuple):
-    """Upper bounds of an axis's norms for all time, to each state and then to the rate's change over a sample."""
+    """Upper bounds of an axis's norms for all time, by cell, to each state and then to `SLEW` and `GAP`."""
 
-    entries: list[list[Fraction]]
-    """[the signal's unit] by state: one number added to it per sample; the first is angular rate."""
-    excess: list[Fraction]
-    """[s times the signal's unit] from kinematic excess of the law's own attitude, one number per sample."""
-    gyro: list[Fraction]
-    """[the signal's unit] from an addition to the gyro, one number per sample."""
-    noise: list[Fraction]
-    """[the signal's unit] rms per rms of white gyro noise."""
-
-
-class _Sums(NamedTuple):
-    """Sums of one column over N samples, scaled by 2^`_BITS`, and its state after them."""
-
-    moduli: list[int]
-    squares: list[int]
-    last: list[int]
+    entries: Array
+    """(cells, signals, m) [the signal's unit] one number added to a state per sample; the first is angular rate."""
+    excess: Array
+    """(cells, signals) [s times the signal's unit] kinematic excess of the law's own attitude, one per sample."""
+    gyro: Array
+    """(cells, signals) [the signal's unit] an addition to the gyro, one per sample."""
+    noise: Array
+    """(cells, signals) [the signal's unit] rms per rms of white gyro noise."""
+    inverse_inertia: Array
+    """(cells, 2) [1/(kg*m^2)] centre, and largest distance from it."""
+    inverse_lag: Array
+    """(cells, 2) [1/s] the same of one over the lag."""
 
 
 @lru_cache(maxsize=8)
@@ -69,95 +75,110 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
     """
     if not 0 < samples <= LONGEST:
         raise Refusal(f"samples are {samples}, must be 1 to {LONGEST}")
-    Phi = axis_loop(system, axis)
-    own, m = range(axis, len(system.A), 3), len(Phi)
-    no_plant = [Fraction(0)] * 3
-    excess = [*no_plant, *(system.G[i][axis] for i in own)]
-    gyro = [Fraction(0), Fraction(0), system.D[axis][axis], *(system.B[i][axis] for i in own)]
-    rows = [[(k, round(value * (1 << _BITS))) for k, value in enumerate(row) if value] for row in Phi]
-    # at this size the defects of all samples add up to 1/2; beyond it numbers would only grow longer
-    most = int((Fraction(1, 2 * m * (samples + 1)) - Fraction(16, 1 << _BITS)) / (m * _ENTRY_ERROR))
-    sums, largest = [], 1
-    for column in [*identity(m), excess, gyro]:
-        total, peak = _simulate(rows, [round(value * (1 << _BITS)) for value in column], samples, most << _BITS)
-        sums.append(total)
-        largest = max(largest, peak)
-    defect = m * _ENTRY_ERROR * Fraction(largest, 1 << _BITS) + Fraction(16, 1 << _BITS)
-    return _add_tails(sums, m, samples, defect)
+    inertia, lag = float(1 / system.inertia[axis]), float(1 / system.lag)
+    pairs = [
+        (a, b)
+        for a in _cover(inertia, float(system.inertia_spread), system.cells[0])
+        for b in _cover(lag, float(system.lag_spread), system.cells[1])
+    ]
+    inverse_inertia, inverse_lag = np.array([a for a, _ in pairs]), np.array([b for _, b in pairs])
+    Phi = axis_loop(system, axis, inverse_inertia[:, 0], inverse_lag[:, 0])
+    own, m = range(axis, len(system.A), 3), Phi.shape[1]
+    excess = [0.0] * 3 + [float(system.G[i][axis]) for i in own]
+    gyro = [0.0, 0.0, float(system.D[axis][axis])] + [float(system.B[i][axis]) for i in own]
+    columns = np.column_stack([np.eye(m), excess, gyro])
+    x = np.repeat(columns[None], len(pairs), axis=0)
+    total, peak = np.zeros((len(pairs), m + 2, m + 2)), np.zeros_like(x)
+    square = np.zeros((len(pairs), m + 2))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(samples):
+            after = Phi @ x
+            signals = np.concatenate([x, after[:, :1] - x[:, :1], x[:, COMMAND, None] - x[:, TORQUE, None]], axis=1)
+            total += np.abs(signals)
+            square += signals[:, :, -1] ** 2
+            peak = np.maximum(peak, np.abs(x))
+            if k % 64 == 0 and not np.max(peak) < 1e30:
+                raise Refusal("the norms have no bound: the loop is unstable")
+            x = after
+    peak = np.max(peak, axis=2)  # of each state over all columns
+    defect = (m + 8) * _ULP * (np.abs(Phi) @ peak[:, :, None])[:, :, 0]
+    return _add_tails(total, square, x, samples, defect, inverse_inertia, inverse_lag)
 
 
-def axis_loop(system: LoopSystem, axis: int) -> RationalMatrix:
-    """Return Phi of an axis, (m, m), each entry within `_ENTRY_ERROR`.
+def _cover(nominal: float, spread: float, cells: int) -> list[tuple[float, float]]:
+    """Return centre and half width of cells that cover one over a number, up to `spread` of it from nominal."""
+    low, high = nominal / (1.0 + spread) * (1.0 - 8 * _ULP), nominal / (1.0 - spread) * (1.0 + 8 * _ULP)
+    edges = [low + (high - low) * k / cells for k in range(cells)] + [high]
+    pairs = [(0.5 * (a + b), a, b) for a, b in pairwise(edges)]
+    return [(middle, max(b - middle, middle - a) * UP + _ULP * middle) for middle, a, b in pairs]
+
+
+def axis_loop(system: LoopSystem, axis: int, inverse_inertia: Array, inverse_lag: Array) -> Array:
+    """Return Phi of an axis by cell, (cells, m, m), each entry within 4 roundings of its value.
 
     The actuator holds the command of the sample before, which is the delay of one sample.
     """
-    own = range(axis, len(system.A), 3)
-    generator = zeros(3, 3)
-    generator[0][0], generator[0][1] = -system.damping, 1 / system.inertia[axis]
-    generator[1][1], generator[1][2] = -1 / system.lag, 1 / system.lag
-    plant = _exponential([[system.dt * value for value in row] for row in generator])
-    Phi = zeros(3 + len(own), 3 + len(own))
-    Phi[OMEGA][:3], Phi[TORQUE][:3] = plant[0], plant[1]
-    Phi[COMMAND][OMEGA], Phi[COMMAND][X0:] = system.D[axis][axis], [system.C[axis][k] for k in own]
-    for row, i in zip(Phi[X0:], own, strict=True):
-        row[OMEGA], row[X0:] = system.B[i][axis], [system.A[i][k] for k in own]
-        row[X1] += system.G[i][axis]  # at level attitude, f(x) is the estimated rate
+    own = list(range(axis, len(system.A), 3))
+    Phi = np.zeros((len(inverse_lag), 3 + len(own), 3 + len(own)))
+    plants = {value: _plant(system, value) for value in set(inverse_lag.tolist())}
+    Phi[:, :2, :3] = [plants[value] for value in inverse_lag.tolist()]
+    Phi[:, OMEGA, TORQUE : COMMAND + 1] *= inverse_inertia[:, None]  # torque acts through one over the inertia alone
+    Phi[:, COMMAND, OMEGA] = float(system.D[axis][axis])
+    Phi[:, COMMAND, X0:] = [float(system.C[axis][k]) for k in own]
+    for row, i in enumerate(own, X0):
+        Phi[:, row, OMEGA] = float(system.B[i][axis])
+        Phi[:, row, X0:] = [float(system.A[i][k]) for k in own]
+        Phi[:, row, X1] += float(system.G[i][axis])  # at level attitude, f(x) is the estimated rate
     return Phi
 
 
-def _exponential(A: RationalMatrix) -> RationalMatrix:
-    """Return the exponential of `A` to within `_ENTRY_ERROR`: half of it truncation, half rounding.
+def _plant(system: LoopSystem, inverse_lag: float) -> list[list[float]]:
+    """Return rate and torque, for a unit inertia, after a sample by rate, torque and command before it.
+
+    The exponential series in rational numbers; each entry is the double nearest to it.
 
     Raises
     ------
     Refusal
         If a sample is too long for the series.
     """
-    scale = max(sum(abs(value) for value in row) for row in A)
-    if scale > 8:
+    bandwidth = Fraction(inverse_lag)
+    generator = [
+        [-system.damping, Fraction(1), Fraction(0)],
+        [Fraction(0), -bandwidth, bandwidth],
+        [Fraction(0)] * 3,
+    ]
+    if max(system.damping, bandwidth, Fraction(1)) * system.dt > 4:
         raise Refusal("a sample is too long for the vehicle's time constants")
-    total = term = identity(len(A))
-    for k in range(1, 64):  # 8^64 / 64! < 2^-103
-        term = [[round_up(value / k, 160) for value in row] for row in multiply(term, A)]
+    total = term = identity(3)
+    for k in range(1, 64):  # 8^64 / 64! < 2^-103, far below the last bit of every entry
+        term = [[round_up(system.dt * value / k, 256) for value in row] for row in multiply(term, generator)]
         total = [[a + b for a, b in zip(x, y, strict=True)] for x, y in zip(total, term, strict=True)]
-    return [[Fraction(round(value * (1 << _BITS)), 1 << _BITS) for value in row] for row in total]
+    return [[float(value) for value in row] for row in total[:2]]
 
 
-def _simulate(rows: list[list[tuple[int, int]]], state: list[int], samples: int, most: int) -> tuple[_Sums, int]:
-    """Return sums of states and of the rate's change from an initial state, and the largest modulus of a state."""
-    total, square = [0] * (len(state) + 1), [0] * (len(state) + 1)
-    largest = 1
-    for _ in range(samples):
-        after = [sum([value * state[k] for k, value in row]) >> _BITS for row in rows]
-        signals = [*state, after[OMEGA] - state[OMEGA]]
-        total = [a + abs(b) for a, b in zip(total, signals, strict=True)]
-        square = [a + ((b * b) >> _BITS) + 1 for a, b in zip(square, signals, strict=True)]
-        largest = max(largest, *state, -min(state))
-        if largest > most:
-            raise Refusal("rounding spoils the norms: the loop is unstable")
-        state = after
-    return _Sums(total, square, state), largest
-
-
-def _add_tails(sums: list[_Sums], m: int, samples: int, defect: Fraction) -> AxisNorms:
+def _add_tails(
+    total: Array,
+    square: Array,
+    last: Array,
+    samples: int,
+    defect: Array,
+    inverse_inertia: Array,
+    inverse_lag: Array,
+) -> AxisNorms:
     """Return the norms over all time from sums over the first samples."""
-    one = 1 << _BITS
-    count = m + 1
-    amplified = [2 * Fraction(sum(total.moduli[i] for total in sums[:m]), one) for i in range(count)]
-    amplified[m] = 2 * (amplified[OMEGA] + 1)  # a change is the difference of two rates
-    error = [(samples + 1) * defect * value + Fraction(4 * samples, one) for value in amplified]
-    finite = [[Fraction(total.moduli[i], one) + error[i] for i in range(count)] for total in sums]
-    left = [sum((Fraction(abs(total.last[i]), one) + error[i] for i in range(m)), Fraction(0)) for total in sums]
-    rho = max(left[:m])
-    if rho > _MOST_LEFT:
-        raise Refusal(f"after {samples} samples {float(rho):.3g} of a unit is left: the loop is unstable or too slow")
-    reach = [max(row[i] for row in finite[:m]) / (1 - rho) for i in range(count)]
-    whole = [
-        [round_up(value + rest * far) for value, far in zip(row, reach, strict=True)]
-        for row, rest in zip(finite, left, strict=True)
-    ]
-    noise = [
-        round_up(sqrt_upper_bound(Fraction(square, one)) + error[i] + left[-1] * reach[i])
-        for i, square in enumerate(sums[-1].squares)
-    ]
-    return AxisNorms(entries=whole[:m], excess=whole[m], gyro=whole[m + 1], noise=noise)
+    m = last.shape[1]
+    if not np.max(np.sum(defect, axis=1)) * (samples + 1) < 0.4:
+        raise Refusal("rounding spoils the norms: the loop is unstable")
+    wrong = 2.0 * UP * (total[:, :, :m] @ defect[:, :, None])  # (cells, signals, 1), of one sample
+    wrong[:, SLEW] *= 2.0  # a difference of two rates
+    left = UP * np.sum(np.abs(last) + wrong[:, :m], axis=1)  # (cells, columns)
+    wrong *= samples + 1
+    finite = UP * total + wrong
+    rho = np.max(left[:, :m])
+    if not rho <= _MOST_LEFT:
+        raise Refusal(f"after {samples} samples {rho:.3g} of a unit is left: the loop is unstable or too slow")
+    reach = UP * np.max(finite[:, :, :m], axis=2) / (1.0 - rho)
+    whole = UP * (finite + left[:, None] * reach[:, :, None])
+    noise = UP * (np.sqrt(square) + wrong[:, :, 0] + left[:, None, -1] * reach)
+    return AxisNorms(whole[:, :, :m], whole[:, :, m], whole[:, :, m + 1], noise, inverse_inertia, inverse_lag)

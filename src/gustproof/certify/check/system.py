@@ -55,6 +55,32 @@ class LoopSystem(NamedTuple):
     """[rad/s] largest rate that the gyro measures."""
     feedback_limit: Fraction | None
     """[rad] limit on the attitude that the law feeds back; `None` without one."""
+    inertia_spread: Fraction = Fraction(0)
+    """[-] the moments of inertia are constant, unknown, and each within this share of its value."""
+    lag_spread: Fraction = Fraction(0)
+    """[-] the same of the lag."""
+    cells: tuple[int, int] = (1, 1)
+    """Number of cells that cover the spread of inertia and of lag."""
+
+    @property
+    def inverse_inertia(self) -> Row:
+        """(3,) [1/(kg*m^2)] B, bounds of one over the inertia."""
+        return tuple(1 / ((1 - self.inertia_spread) * value) for value in self.inertia)
+
+    @property
+    def inverse_lag(self) -> Fraction:
+        """[1/s] bound of one over the lag."""
+        return 1 / ((1 - self.lag_spread) * self.lag)
+
+    @property
+    def gyroscopic(self) -> Row:
+        """(3,) [-] bounds of `|I_j - I_k| / I_i`."""
+        low, high = 1 - self.inertia_spread, 1 + self.inertia_spread
+        bounds = []
+        for i in range(3):
+            a, b = self.inertia[(i + 1) % 3], self.inertia[(i + 2) % 3]
+            bounds.append(max(high * a - low * b, high * b - low * a) * self.inverse_inertia[i])
+        return tuple(bounds)
 
 
 def sha256(text: str) -> str:

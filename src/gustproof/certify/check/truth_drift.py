@@ -1,6 +1,6 @@
 """Theorem 2: the true attitude leaves a strapdown estimate by at most the sum of one-step errors.
 
-Part of the check: standard library and rational arithmetic only.
+Part of the check: rational arithmetic only.
 
 **Strapdown.** With X = x0 and g = x1 after a sample, `E = X + h/2 (T(X) - I) g` is the trapezoid of `T(X) g`, exactly.
 Let `omega^l` interpolate the true rates at the samples, and `R^L` turn with the interpolated gyro (true rate, rounding,
@@ -52,7 +52,6 @@ from gustproof.certify.check.estimate_box import (
     acceleration,
     excess,
     gyro_rounding,
-    gyroscopic,
     trigonometry,
 )
 from gustproof.certify.check.kernel_norms import COMMAND, TORQUE, X0, X1
@@ -141,9 +140,9 @@ def _step_errors(
     """Return bounds of c at a sample, and of the turn of Y in a sample, by axis in N."""
     h = system.dt
     gyro = [row[X1] for row in box]
-    held = [h**2 / 12 * row[TORQUE] / inertia for row, inertia in zip(box, system.inertia, strict=True)]
+    held = [h**2 / 12 * row[TORQUE] * inverse for row, inverse in zip(box, system.inverse_inertia, strict=True)]
     jerk = [_jerk(system, case, box, disturbance, i) for i in range(3)]
-    unseen = [m / inertia for m, inertia in zip(disturbance.unseen, system.inertia, strict=True)]
+    unseen = [m * inverse for m, inverse in zip(disturbance.unseen, system.inverse_inertia, strict=True)]
     # c and c' within a sample
     c = [held[i] + h**3 / 12 * jerk[i] + h**2 / 3 * unseen[i] for i in range(3)]
     c_rate = _norm([h**2 / 8 * jerk[i] + h / 2 * unseen[i] for i in range(3)])
@@ -152,7 +151,7 @@ def _step_errors(
     between = [h * (value + second_order) for value in _cross(c, gyro)]
     quadrature = [
         h**2 / 4 * unseen[i]
-        + h**3 / 12 * (disturbance.slope[i] / system.inertia[i] + _drag_slope(system, case, box, i))
+        + h**3 / 12 * (disturbance.slope[i] * system.inverse_inertia[i] + _drag_slope(system, case, box, i))
         + h * gyro_rounding(case, box[i])
         for i in range(3)
     ]
@@ -221,7 +220,11 @@ def _slope_of_T(E: Three, omega: Three, off: Three) -> Three:
 def _rate_slope(system: LoopSystem, case: Case, box: Box, axis: int) -> Fraction:
     """Return a bound of |omega'| [rad/s^2] at all times."""
     row = box[axis]
-    return row[TORQUE] / system.inertia[axis] + acceleration(system, case, box, axis) + system.damping * row[PEAK_RATE]
+    return (
+        row[TORQUE] * system.inverse_inertia[axis]
+        + acceleration(system, case, box, axis)
+        + system.damping * row[PEAK_RATE]
+    )
 
 
 def _drag_slope(system: LoopSystem, case: Case, box: Box, axis: int) -> Fraction:
@@ -229,14 +232,14 @@ def _drag_slope(system: LoopSystem, case: Case, box: Box, axis: int) -> Fraction
     j, k = (axis + 1) % 3, (axis + 2) % 3
     slope = [_rate_slope(system, case, box, i) for i in range(3)]
     product = slope[j] * box[k][PEAK_RATE] + slope[k] * box[j][PEAK_RATE]
-    return gyroscopic(system, axis) * product + system.damping * slope[axis]
+    return system.gyroscopic[axis] * product + system.damping * slope[axis]
 
 
 def _jerk(system: LoopSystem, case: Case, box: Box, disturbance: Disturbance, axis: int) -> Fraction:
     """Return a bound of omega'' [rad/s^3] within a sample, but for a moment that is any function of time."""
-    row, inertia = box[axis], system.inertia[axis]
-    torque = (row[COMMAND] + row[TORQUE]) / (system.lag * inertia)
-    return torque + disturbance.slope[axis] / inertia + _drag_slope(system, case, box, axis)
+    row, inverse = box[axis], system.inverse_inertia[axis]
+    torque = (row[COMMAND] + row[TORQUE]) * system.inverse_lag * inverse
+    return torque + disturbance.slope[axis] * inverse + _drag_slope(system, case, box, axis)
 
 
 def _noise(system: LoopSystem, case: Case, disturbance: Disturbance) -> _Noise:
