@@ -12,10 +12,10 @@ from typing import Any
 
 from firmware_model.config.files import read_text, write_text
 from firmware_model.config.vehicle import load_vehicle, vehicle_path
-from gustproof.certify.check.estimate_box import COMMAND_SHARE, Box, Case, map_box
+from gustproof.certify.check.estimate_box import Box, Case, is_within_limits, map_box
 from gustproof.certify.check.evidence import FORMAT, check, seal
 from gustproof.certify.check.flight_box import KIND, Claim, MomentClass, make_case, read_claim, spread_system
-from gustproof.certify.check.kernel_norms import COMMAND, LONGEST, AxisNorms, axis_norms
+from gustproof.certify.check.kernel_norms import LONGEST, AxisNorms, axis_norms
 from gustproof.certify.check.system import LoopSystem, Refusal, read_system, sha256
 from gustproof.law.form import law_path, load_law
 
@@ -95,7 +95,7 @@ def certify_boundedness(
     Parameters
     ----------
     law
-        Name of a shipped law or a law file: torque from gyros, each axis by itself.
+        Name of a shipped law or a law file: torque or rates from gyros, each axis by itself.
     vehicle
         Name of a shipped vehicle or a vehicle file, nominal; its gyro noise is ignored, see `noise`.
     moment
@@ -228,14 +228,13 @@ def _grow_box(system: LoopSystem, norms: list[AxisNorms], case: Case, box: Box) 
 
     The map is convex and grows with the box: once the steps lengthen, they lengthen for good.
     """
-    limits = [limit * COMMAND_SHARE for limit in system.limits]
     sizes = [sum(map(sum, box))]
     for _ in range(_ROUNDS):
         try:
             follows = map_box(system, norms, case, box)
         except ValueError:  # an angle is above 1 rad; later rounds only add to it
             return []
-        if any(row[COMMAND] > limit for row, limit in zip(box, limits, strict=True)):
+        if not all(is_within_limits(system, row, axis) for axis, row in enumerate(box)):
             return []
         if _is_inside(follows, box):
             return box

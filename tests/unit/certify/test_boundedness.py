@@ -19,10 +19,10 @@ from firmware_model.config.vehicle import Vehicle, load_vehicle, vehicle_path
 from firmware_model.config.waveforms import MomentSine, MomentSquare
 from gustproof.certify.boundedness import FlightCertificate, certify_boundedness
 from gustproof.certify.check import kernel_norms, truth_drift
-from gustproof.certify.check.estimate_box import PEAK_RATE, check_box, excess, least_deviations
+from gustproof.certify.check.estimate_box import DEMAND, PEAK_RATE, check_box, excess, least_deviations
 from gustproof.certify.check.evidence import CheckResult, check, seal
 from gustproof.certify.check.flight_box import Claim, MomentClass, make_case, read_claim
-from gustproof.certify.check.kernel_norms import COMMAND, X0, X1, axis_loop, axis_norms
+from gustproof.certify.check.kernel_norms import COMMAND, TORQUE, X0, X1, axis_loop, axis_norms
 from gustproof.certify.check.system import Refusal, is_strapdown, read_system
 from gustproof.certify.check.truth_drift import Disturbance, blind_angles, truth_bound
 from gustproof.law.form import Law, law_path, load_law
@@ -136,6 +136,7 @@ def kernels(law: Law, axis: int, samples: int, vehicle: Vehicle = VEHICLE) -> tu
         ("pid-fair", (2.2, 2.5, 2.1), (2.36, 2.67, 2.21)),
         ("indi", (1.4, 1.7, 1.55), (1.48, 1.78, 1.63)),
         ("hinf-scheduled", (0.53, 0.58, 0.37), (0.57, 0.62, 0.40)),
+        ("hinf-rates", (0.8, 1.0, 0.9), (0.9, 1.1, 1.02)),
     ],
 )
 def test_box_of_the_whole_moment_holds_for_ever(name, least, most):
@@ -172,9 +173,10 @@ def test_norms_equal_those_of_a_simulation_in_floats():
     for axis in range(3):
         states, Phi = kernels(law, axis, 1024)
         inverse = np.array([1.0 / VEHICLE.inertia_B[axis]]), np.array([1.0 / VEHICLE.actuator_lag])
-        assert np.allclose(axis_loop(system, axis, *inverse)[0], Phi, rtol=0.0, atol=1e-12)
+        assert np.allclose(axis_loop(system, axis, *inverse)[0][0], Phi, rtol=0.0, atol=1e-12)
         bounds = axis_norms(system, axis, 1024).entries[0, :, 0]
-        signals = np.column_stack([states[:-1], np.diff(states[:, 0]), states[:-1, 2] - states[:-1, 1]])
+        command, torque = states[:-1, COMMAND], states[:-1, TORQUE]
+        signals = np.column_stack([states[:-1], np.diff(states[:, 0]), command - torque, command])
         sums = np.abs(signals).sum(axis=0)
         assert np.all(bounds >= sums)
         assert np.allclose(bounds, sums, rtol=2e-3)
@@ -185,7 +187,7 @@ def test_noise_norms_equal_the_covariance_of_the_loop():
     _, Phi = kernels(law, 0, 1)
     b = np.concatenate([[0.0, 0.0, law.D[0, 0]], law.B[0 : law.order : 3, 0]])
     covariance = scipy.linalg.solve_discrete_lyapunov(Phi, np.outer(b, b))
-    rms = axis_norms(system, 0, 1024).noise[0, :-2]
+    rms = axis_norms(system, 0, 1024).noise[0, :-3]
     assert np.all(rms >= np.sqrt(np.diag(covariance)) * (1.0 - 1e-9))
     assert np.allclose(rms, np.sqrt(np.diag(covariance)), rtol=2e-3)
 
@@ -441,6 +443,7 @@ def forge(certificate: FlightCertificate, path: tuple, value: object) -> dict:
         (("evidence", "inertia_spread"), 1.0, "a spread is a share"),
         (("evidence", "box", 0, 3), 0.01, "does not close"),
         (("evidence", "box", 2, 7), 0.0, "does not close"),
+        (("evidence", "box", 2, 11), 0.1, "does not close"),
         (("evidence", "box", 1, 0), -1.0, "negative"),
         (("evidence", "box", 1, 0), "1", "must be a finite number"),
         (("evidence", "box"), [[1.0]] * 3, "does not bound every signal"),
@@ -528,7 +531,6 @@ def test_a_law_whose_numbers_are_wrong_is_not_proven(tmp_path):
     ("name", "changes", "words"),
     [
         ("aided", {}, "reads the accelerometer"),
-        ("hinf-rates", {}, "commands rates"),
         ("flagship", {"moment": (0.0, 0.0, 0.0)}, "moment is 0"),
         ("flagship", {"moment": (math.inf, 0.0, 0.0)}, "must be a finite number"),
         ("flagship", {"horizon": 0.0}, "horizon is 0.0 s"),
@@ -549,6 +551,26 @@ def test_of_a_moment_too_large_the_largest_part_is_found():
     wider = forge(part, ("evidence", "part"), 1.02 * part.part)
     verdict = check(json.dumps(wider), law=law_text("hinf-scheduled"), vehicle=VEHICLE_TEXT)
     assert "does not close" in verdict.reason
+
+
+@pytest.mark.compiled
+def test_a_law_of_rates_stays_in_its_box_with_the_loop_on_board():
+    """Flown by the simulator, whose on-board rate loop the proof derives from the vehicle file by itself."""
+    law, certificate = load_law("hinf-rates"), certify("hinf-rates")
+    box = np.array(certificate.evidence["box"])
+    reached = np.zeros((3, 3))
+    for rate in (2.0, 4.0, 6.0, 8.0, 10.0, 13.0, 17.0, 22.0, 30.0):
+        moments = tuple(
+            MomentSquare(kind="square", amplitude_nm=tuple((np.array(MOMENT) * axis).tolist()), rate_rad_s=rate)
+            for axis in np.eye(3)
+        )
+        scenario = Scenario(name="square", description="square", duration_s=4.0, gyro=GyroFault(noise=False))
+        records = fly_direct(replace(scenario, moment=moments), law, vehicle=VEHICLE)
+        signals = (records["omega_B"], records["torque_command_B"], records["omega_command_B"])
+        reached = np.maximum(reached, [np.nanmax(np.abs(signal), axis=0) for signal in signals])
+    bound = box[:, [PEAK_RATE, DEMAND, COMMAND]].T
+    assert np.all(reached <= bound)
+    assert np.all(reached >= 0.7 * bound)
 
 
 def test_truth_without_bound_is_said_and_not_guessed():

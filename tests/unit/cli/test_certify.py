@@ -169,7 +169,6 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
         (("hinf-d2", "--noise", "1e-3", "--risk", "1e-320"), "must be a probability"),
         (("hinf-d2", "--noise", "-1"), "noise is -1.0, must not be negative"),
         (("aided",), "law 'aided' reads the accelerometer"),
-        (("hinf-rates",), "law 'hinf-rates' commands rates"),
         (("D2",), "no law named 'D2'"),
         (("D2", "--check", "c.json"), "--check takes the certificate's file, --law and --vehicle alone"),
         (("--check", "/nowhere.json"), "/nowhere.json: No such file"),

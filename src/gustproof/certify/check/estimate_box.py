@@ -30,10 +30,10 @@ from gustproof.certify.check.kernel_norms import COMMAND, OMEGA, TORQUE, UP, X0,
 from gustproof.certify.check.system import LoopSystem, Refusal
 from gustproof.lti.rational import cos_lower_bound, exp_lower_bound, round_up, sin_upper_bound
 
-SLEW, GAP, PEAK_RATE = -3, -2, -1
-"""Positions of a row's last three bounds.
+SLEW, GAP, DEMAND, PEAK_RATE = -4, -3, -2, -1
+"""Positions of a row's last four bounds.
 
-The rate's change over a sample, command minus torque, and the rate between samples.
+The rate's change over a sample, demanded torque minus torque, demanded torque, and the rate between samples.
 """
 COMMAND_SHARE = Fraction(999, 1000)
 """[-] share of its limit that a command may reach; the rest covers floating-point rounding."""
@@ -44,7 +44,7 @@ _DOUBLE = Fraction(1, 1 << 46)
 """[-] relative rounding error of a sum of at most 64 products of doubles, and of T(x0) x1."""
 
 Box = list[list[Fraction]]
-"""Bounds by axis: the loop's states, then `SLEW`, `GAP` and `PEAK_RATE`."""
+"""Bounds by axis: the loop's states, then `SLEW`, `GAP`, `DEMAND` and `PEAK_RATE`."""
 
 
 class Case(NamedTuple):
@@ -75,15 +75,16 @@ def _map_axis(
 ) -> list[Fraction]:
     """Return the bounds of an axis, the largest over all cells; doubles that are not negative, rounded up by `UP`."""
     h, m = _up(system.dt), norms.entries.shape[2]
-    torque, command, gap = (_up(box[axis][k]) for k in (TORQUE, COMMAND, GAP))
+    torque, demand, gap = (_up(box[axis][k]) for k in (TORQUE, DEMAND, GAP))
     centre, off = norms.inverse_inertia.T
     a = (centre + off) * _up(case.moment[axis]) + off * torque + _up(system.gyroscopic[axis] * _product(box, axis))
     pull = h * norms.inverse_lag[:, 1] * gap  # [N*m] a sample, from the lag's distance to the centre
+    states, held = _rounding(system, case, box, e, axis)
     inputs = np.zeros((len(a), m))
-    inputs[:] = [_up(value) for value in _law_rounding(system, case, box, e, axis)]
+    inputs[:] = [_up(value) for value in states]
     inputs[:, COMMAND] += _up(_FLOAT32 * box[axis][COMMAND] + _TINY)
-    inputs[:, TORQUE] += pull
-    turned = h * a + h / 2.0 * centre * pull
+    inputs[:, TORQUE] += pull + _up(held)
+    turned = h * a + h * centre * (pull / 2.0 + _up(held))
     inputs[:, OMEGA] += turned
     signals = (
         (norms.entries @ inputs[:, :, None])[:, :, 0]
@@ -92,8 +93,10 @@ def _map_axis(
         + norms.noise * _up(case.deviations * case.noise)
     )
     signals[:, m] += turned  # a change before the sample has ended counts in full
+    newest = norms.demand_gyro * _up(gyro_rounding(case, box[axis]) + case.deviations * case.noise) + _up(held)
+    signals[:, m + 1 :] += newest
     # Between samples: half of h a from the input, and a chord with h^2 / 8 times the torque's second derivative.
-    bend = h * h / 8.0 * (command + torque) * np.sum(norms.inverse_lag, axis=1) * (centre + off)
+    bend = h * h / 8.0 * (demand + torque) * np.sum(norms.inverse_lag, axis=1) * (centre + off)
     drag = _up(system.damping * box[axis][PEAK_RATE])
     peak = signals[:, OMEGA] + h / 2.0 * (a + drag) + bend
     highest = UP * np.max(np.column_stack([signals, peak]), axis=0)
@@ -113,12 +116,18 @@ def check_box(system: LoopSystem, norms: list[AxisNorms], case: Case, box: Box) 
         for k, (bound, value) in enumerate(zip(inside, follows, strict=True)):
             if not value <= bound:
                 raise Refusal(f"axis {axis}: the bound {k} does not close: {float(value)} above {float(bound)}")
-        if not inside[COMMAND] <= system.limits[axis] * COMMAND_SHARE:
+        if not is_within_limits(system, inside, axis):
             raise Refusal(f"axis {axis}: the command may reach its limit")
         if not inside[PEAK_RATE] + case.deviations * case.noise <= system.gyro_range * COMMAND_SHARE:
             raise Refusal(f"axis {axis}: the rate may leave the gyro's range")
         if not _is_feedback_linear(system, inside):
             raise Refusal(f"axis {axis}: the law's limit on the attitude that is fed back may act")
+
+
+def is_within_limits(system: LoopSystem, row: list[Fraction], axis: int) -> bool:
+    """Return whether command and demanded torque of an axis keep their limits."""
+    demand = row[DEMAND] <= system.torque_limits[axis] * COMMAND_SHARE
+    return demand and row[COMMAND] <= system.limits[axis] * COMMAND_SHARE
 
 
 def _is_feedback_linear(system: LoopSystem, row: list[Fraction]) -> bool:
@@ -169,23 +178,34 @@ def trigonometry(E: list[Fraction]) -> tuple[Fraction, Fraction, Fraction]:
     )
 
 
-def _law_rounding(system: LoopSystem, case: Case, box: Box, e: list[Fraction], axis: int) -> list[Fraction]:
-    """Return bounds of the rounding of the law's sums, one for each state of the loop; 0 for those of the plant."""
+def _rounding(
+    system: LoopSystem, case: Case, box: Box, e: list[Fraction], axis: int
+) -> tuple[list[Fraction], Fraction]:
+    """Return bounds of the rounding of sums in doubles: of each state of the loop, and of the demanded torque.
+
+    Those of the plant's states are 0.
+    """
     row = box[axis]
     gyro = row[PEAK_RATE] + case.deviations * case.noise
-    rates = sum((box[i][X1] for i in range(3)), e[axis])
+    rates = e[axis] + sum((box[k][X1] for k in range(3)), Fraction(0))
     own = range(axis, len(system.A), 3)
-    command = abs(system.D[axis][axis]) * gyro + _weigh([system.C[axis][k] for k in own], row)
+    law_states = row[X0 : X0 + len(own)]
+    command = abs(system.D[axis][axis]) * gyro + _weigh([system.C[axis][k] for k in own], law_states)
     sizes = [Fraction(0), Fraction(0), command]
     for i in own:
-        states = _weigh([system.A[i][k] for k in own], row)
+        states = _weigh([system.A[i][k] for k in own], law_states)
         sizes.append(states + abs(system.B[i][axis]) * gyro + 2 * abs(system.G[i][axis]) * rates)
-    return [_DOUBLE * size for size in sizes]
+    held = Fraction(0)
+    if system.rate_loop is not None:
+        p, integrating, d = system.rate_loop.p[axis], system.rate_loop.i[axis], system.rate_loop.d[axis]
+        smooth, integral = row[X0 + len(own)], row[X0 + len(own) + 1]
+        sizes += [smooth + gyro, integral + system.dt * (row[COMMAND] + gyro)]
+        held = _DOUBLE * (p * (row[COMMAND] + gyro) + integrating * integral + d * (gyro + smooth))
+    return [_DOUBLE * size for size in sizes], held
 
 
-def _weigh(coefficients: list[Fraction], row: list[Fraction]) -> Fraction:
-    pairs = zip(coefficients, row[X0:SLEW], strict=True)
-    return sum((abs(c) * bound for c, bound in pairs), Fraction(0))
+def _weigh(coefficients: list[Fraction], bounds: list[Fraction]) -> Fraction:
+    return sum((abs(c) * bound for c, bound in zip(coefficients, bounds, strict=True)), Fraction(0))
 
 
 def least_deviations(count: Fraction, risk: Fraction) -> Fraction:

@@ -37,7 +37,7 @@ class CheckResult:
     reason: str
     """The proved statement, or the condition that failed."""
     figures: dict[str, Any] = field(default_factory=dict)
-    """Proved figures of a flight's box: part, estimate_deg, truth_deg, moment_class, command_nm."""
+    """Proved figures of a flight's box: part, estimate_deg, truth_deg, moment_class, torque_nm."""
     assumes: dict[str, Any] = field(default_factory=dict)
     """Assumptions of a flight's box, made from evidence, law and vehicle."""
 

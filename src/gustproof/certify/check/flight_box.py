@@ -10,8 +10,8 @@ from enum import Enum
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from gustproof.certify.check.estimate_box import Box, Case, check_box, least_deviations
-from gustproof.certify.check.kernel_norms import COMMAND, MOST_CELLS, X0, AxisNorms, axis_norms
+from gustproof.certify.check.estimate_box import DEMAND, Box, Case, check_box, least_deviations
+from gustproof.certify.check.kernel_norms import MOST_CELLS, X0, AxisNorms, axis_norms
 from gustproof.certify.check.system import LoopSystem, Refusal, finite, is_strapdown, read_system, sha256
 from gustproof.certify.check.truth_drift import Disturbance, blind_angles, truth_bound
 from gustproof.lti.rational import round_up
@@ -28,8 +28,6 @@ LEAST_RISK = Fraction(1, 10**12)
 """[-] least risk for which the noise is bounded."""
 LONGEST = 10**6
 """[s] longest finite horizon."""
-_SIGNALS = 3
-"""Bounds of a row beyond the loop's states."""
 
 
 class MomentClass(Enum):
@@ -85,7 +83,7 @@ class Proof(NamedTuple):
     statement: str
     """The proved statement."""
     figures: dict[str, Any]
-    """Figures by name: part, estimate_deg, truth_deg, command_nm, moment_class."""
+    """Figures by name: part, estimate_deg, truth_deg, torque_nm, moment_class."""
     assumes: dict[str, Any]
     """Assumptions by name."""
 
@@ -103,9 +101,9 @@ def prove_flight_box(evidence: dict[str, Any], law_text: str, vehicle_text: str)
             raise Refusal(f"the {name} file is not the one of this certificate: its SHA-256 is {sha256(text)}")
     claim = read_claim(evidence)
     system = spread_system(read_system(law_text, vehicle_text), claim)
-    if [len(row) for row in claim.box] != [3 + len(system.A) // 3 + _SIGNALS] * 3:
-        raise Refusal("the box does not bound every signal of every axis")
     norms = [axis_norms(system, axis, claim.samples) for axis in range(3)]
+    if [len(row) for row in claim.box] != [norms[0].excess.shape[1] + 1] * 3:
+        raise Refusal("the box does not bound every signal of every axis")
     check_box(system, norms, make_case(system, claim), claim.box)
     return describe(system, claim, norms)
 
@@ -179,7 +177,7 @@ def make_case(system: LoopSystem, claim: Claim) -> Case:
         return Case(moment, Fraction(0), Fraction(0))
     period = RISK_PERIOD if claim.horizon is None else claim.horizon
     # signals and gyro of each axis at each sample
-    count = 3 * (6 + Fraction(len(system.A), 3)) * (math.ceil(period / system.dt) + 2)
+    count = 3 * (9 + Fraction(len(system.A), 3)) * (math.ceil(period / system.dt) + 2)
     return Case(moment, claim.noise, least_deviations(count, claim.risk / 2))
 
 
@@ -187,13 +185,12 @@ def describe(system: LoopSystem, claim: Claim, norms: list[AxisNorms]) -> Proof:
     """Return statement, figures and assumptions of a claim whose box closes."""
     estimate_deg = [_degrees_up(row[X0]) for row in claim.box]
     truth_deg, why = _truth_deg(system, claim)
-    command = [float(row[COMMAND]) for row in claim.box]
     figures = {
         "part": float(claim.part),
         "estimate_deg": estimate_deg,
         "truth_deg": truth_deg,
         "moment_class": claim.moment_class.value,
-        "command_nm": command,
+        "torque_nm": [float(row[DEMAND]) for row in claim.box],
     }
     return Proof(_statement(system, claim, figures, why), figures, _assumptions(system, claim))
 
@@ -223,7 +220,7 @@ def _statement(system: LoopSystem, claim: Claim, figures: dict[str, Any], why: s
     moment = ", ".join(f"{float(claim.part * value):.4g}" for value in claim.moment)
     words = (
         f"law '{system.name}' keeps its own attitude within {_list_up(figures['estimate_deg'])} deg for ever and its "
-        f"commands below {_list_up(figures['command_nm'])} N*m, under any moment within {moment} N*m"
+        f"torque below {_list_up(figures['torque_nm'])} N*m, under any moment within {moment} N*m"
     )
     if claim.inertia_spread or claim.lag_spread:
         inertia, lag = float(100 * claim.inertia_spread), float(100 * claim.lag_spread)

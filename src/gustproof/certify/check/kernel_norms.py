@@ -11,6 +11,8 @@ from it acts as further inputs, see `estimate_box`.
 
     S(b) <= S^N(b) + |Phi^N b|_1 / (1 - rho) * max_j S^N(e_j).
 
+Each state is counted in a unit of its own: its sum after a unit rate.
+
 **Rounding.** The doubles follow `Phi x + delta` with `|delta_j| <= defect_j`. Later samples amplify that by at most
 `S^N(e_j)`, so a state is wrong by at most `sum_j S^N(e_j) defect_j`, a sum over N samples by N + 1 times that. S^N
 contains this error itself; a factor of two covers it while `(N + 1) sum_j defect_j < 1/2`.
@@ -34,9 +36,9 @@ from gustproof.lti.rational import identity, multiply, round_up
 Array = NDArray[np.float64]
 OMEGA, TORQUE, COMMAND, X0, X1 = range(5)
 """Positions of an axis's states; the law's states from `X0` on are attitude, rate, and the rest."""
-SLEW, GAP = -2, -1
-"""Positions of two more signals: the rate's change over a sample, and command minus torque."""
-LONGEST = 20_000
+SLEW, GAP, DEMAND = -3, -2, -1
+"""Positions of three more signals: the rate's change over a sample, demand minus torque, and the demanded torque."""
+LONGEST = 1 << 16
 """Largest number of simulated samples."""
 MOST_CELLS = 64
 """Largest number of cells of a spread."""
@@ -48,7 +50,7 @@ _MOST_LEFT = 1e-3
 
 
 class AxisNorms(NamedTuple):
-    """Upper bounds of an axis's norms for all time, by cell, to each state and then to `SLEW` and `GAP`."""
+    """Upper bounds of an axis's norms for all time, by cell, to each state, then `SLEW`, `GAP` and `DEMAND`."""
 
     entries: Array
     """(cells, signals, m) [the signal's unit] one number added to a state per sample; the first is angular rate."""
@@ -62,6 +64,8 @@ class AxisNorms(NamedTuple):
     """(cells, 2) [1/(kg*m^2)] centre, and largest distance from it."""
     inverse_lag: Array
     """(cells, 2) [1/s] the same of one over the lag."""
+    demand_gyro: float
+    """[N*m*s/rad] demanded torque per gyro of the same sample."""
 
 
 @lru_cache(maxsize=8)
@@ -82,18 +86,21 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
         for b in _cover(lag, float(system.lag_spread), system.cells[1])
     ]
     inverse_inertia, inverse_lag = np.array([a for a, _ in pairs]), np.array([b for _, b in pairs])
-    Phi = axis_loop(system, axis, inverse_inertia[:, 0], inverse_lag[:, 0])
+    Phi, gyro = axis_loop(system, axis, inverse_inertia[:, 0], inverse_lag[:, 0])
+    demand, demand_gyro = _demand(system, axis)
     own, m = range(axis, len(system.A), 3), Phi.shape[1]
-    excess = [0.0] * 3 + [float(system.G[i][axis]) for i in own]
-    gyro = [0.0, 0.0, float(system.D[axis][axis])] + [float(system.B[i][axis]) for i in own]
-    columns = np.column_stack([np.eye(m), excess, gyro])
-    x = np.repeat(columns[None], len(pairs), axis=0)
-    total, peak = np.zeros((len(pairs), m + 2, m + 2)), np.zeros_like(x)
-    square = np.zeros((len(pairs), m + 2))
+    excess = np.zeros(m)
+    excess[X0 : X0 + len(own)] = [float(system.G[i][axis]) for i in own]
+    x = np.repeat(np.column_stack([np.eye(m), excess, excess])[None], len(pairs), axis=0)
+    x[:, :, -1] = gyro
+    total, peak = np.zeros((len(pairs), m + 3, m + 2)), np.zeros_like(x)
+    square = np.zeros((len(pairs), m + 3))
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(samples):
             after = Phi @ x
-            signals = np.concatenate([x, after[:, :1] - x[:, :1], x[:, COMMAND, None] - x[:, TORQUE, None]], axis=1)
+            held = demand @ x
+            change, gap = after[:, OMEGA] - x[:, OMEGA], held - x[:, TORQUE]
+            signals = np.concatenate([x, np.stack([change, gap, held], axis=1)], axis=1)
             total += np.abs(signals)
             square += signals[:, :, -1] ** 2
             peak = np.maximum(peak, np.abs(x))
@@ -101,8 +108,11 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
                 raise Refusal("the norms have no bound: the loop is unstable")
             x = after
     peak = np.max(peak, axis=2)  # of each state over all columns
-    defect = (m + 8) * _ULP * (np.abs(Phi) @ peak[:, :, None])[:, :, 0]
-    return _add_tails(total, square, x, samples, defect, inverse_inertia, inverse_lag)
+    defect = (m + 16) * _ULP * (np.abs(Phi) @ peak[:, :, None])[:, :, 0]
+    # the demand is a sum of the states with a rounding of its own
+    slack = (m + 16) * _ULP * samples * (peak @ np.abs(demand))
+    total[:, GAP:] += slack[:, None, None]
+    return _add_tails(total, square, x, samples, defect, inverse_inertia, inverse_lag, demand_gyro)
 
 
 def _cover(nominal: float, spread: float, cells: int) -> list[tuple[float, float]]:
@@ -113,23 +123,48 @@ def _cover(nominal: float, spread: float, cells: int) -> list[tuple[float, float
     return [(middle, max(b - middle, middle - a) * UP + _ULP * middle) for middle, a, b in pairs]
 
 
-def axis_loop(system: LoopSystem, axis: int, inverse_inertia: Array, inverse_lag: Array) -> Array:
-    """Return Phi of an axis by cell, (cells, m, m), each entry within 4 roundings of its value.
+def axis_loop(system: LoopSystem, axis: int, inverse_inertia: Array, inverse_lag: Array) -> tuple[Array, Array]:
+    """Return Phi of an axis by cell, (cells, m, m), and the gyro's column (cells, m); entries within 8 roundings.
 
-    The actuator holds the command of the sample before, which is the delay of one sample.
+    The actuator holds the demanded torque over a sample. For a torque law that is its command of the sample before,
+    which is the delay of one sample. A rates law has two more states, low pass and integral of the on-board rate loop;
+    that loop answers the newest gyro sample and the command of the sample before.
     """
     own = list(range(axis, len(system.A), 3))
-    Phi = np.zeros((len(inverse_lag), 3 + len(own), 3 + len(own)))
+    demand, demand_gyro = _demand(system, axis)
+    m = len(demand)
     plants = {value: _plant(system, value) for value in set(inverse_lag.tolist())}
-    Phi[:, :2, :3] = [plants[value] for value in inverse_lag.tolist()]
-    Phi[:, OMEGA, TORQUE : COMMAND + 1] *= inverse_inertia[:, None]  # torque acts through one over the inertia alone
+    plant = np.array([plants[value] for value in inverse_lag.tolist()])
+    plant[:, OMEGA, TORQUE:] *= inverse_inertia[:, None]  # torque acts through one over the inertia alone
+    Phi, gyro = np.zeros((len(plant), m, m)), np.zeros((len(plant), m))
+    Phi[:, :2, :2] = plant[:, :, :2]
+    Phi[:, :2] += plant[:, :, 2, None] * demand
+    gyro[:, :2] = plant[:, :, 2] * demand_gyro
+    gyro[:, COMMAND] = float(system.D[axis][axis])
+    gyro[:, X0 : X0 + len(own)] = [float(system.B[i][axis]) for i in own]
     Phi[:, COMMAND, OMEGA] = float(system.D[axis][axis])
-    Phi[:, COMMAND, X0:] = [float(system.C[axis][k]) for k in own]
+    Phi[:, COMMAND, X0 : X0 + len(own)] = [float(system.C[axis][k]) for k in own]
     for row, i in enumerate(own, X0):
         Phi[:, row, OMEGA] = float(system.B[i][axis])
-        Phi[:, row, X0:] = [float(system.A[i][k]) for k in own]
+        Phi[:, row, X0 : X0 + len(own)] = [float(system.A[i][k]) for k in own]
         Phi[:, row, X1] += float(system.G[i][axis])  # at level attitude, f(x) is the estimated rate
-    return Phi
+    if system.rate_loop is not None:
+        h, smoothing = float(system.dt), float(system.rate_loop.smoothing)
+        Phi[:, -2, -2], Phi[:, -2, OMEGA] = 1.0 - smoothing, smoothing
+        Phi[:, -1, -1], Phi[:, -1, COMMAND], Phi[:, -1, OMEGA] = 1.0, h, -h
+        gyro[:, -2], gyro[:, -1] = smoothing, -h
+    return Phi, gyro
+
+
+def _demand(system: LoopSystem, axis: int) -> tuple[Array, float]:
+    """Return the demanded torque per state (m,), the rate measured without error, and per error of the gyro."""
+    states = X0 + len(system.A) // 3
+    if system.rate_loop is None:
+        return np.eye(states)[COMMAND], 0.0
+    p, i, d = (float(row[axis]) for row in (system.rate_loop.p, system.rate_loop.i, system.rate_loop.d))
+    demand = np.zeros(states + 2)
+    demand[OMEGA], demand[COMMAND], demand[-2], demand[-1] = -(p + d), p, d, i
+    return demand, -(p + d)
 
 
 def _plant(system: LoopSystem, inverse_lag: float) -> list[list[float]]:
@@ -165,6 +200,7 @@ def _add_tails(
     defect: Array,
     inverse_inertia: Array,
     inverse_lag: Array,
+    demand_gyro: float,
 ) -> AxisNorms:
     """Return the norms over all time from sums over the first samples."""
     m = last.shape[1]
@@ -172,13 +208,15 @@ def _add_tails(
         raise Refusal("rounding spoils the norms: the loop is unstable")
     wrong = 2.0 * UP * (total[:, :, :m] @ defect[:, :, None])  # (cells, signals, 1), of one sample
     wrong[:, SLEW] *= 2.0  # a difference of two rates
-    left = UP * np.sum(np.abs(last) + wrong[:, :m], axis=1)  # (cells, columns)
+    weight = 1.0 / np.maximum(total[:, :m, OMEGA], 1e-9)  # of each state in |.|_1
+    left = UP * np.sum(weight[:, :, None] * (np.abs(last) + wrong[:, :m]), axis=1)  # (cells, columns)
     wrong *= samples + 1
     finite = UP * total + wrong
-    rho = np.max(left[:, :m])
+    rho = np.max(left[:, :m] / weight)
     if not rho <= _MOST_LEFT:
         raise Refusal(f"after {samples} samples {rho:.3g} of a unit is left: the loop is unstable or too slow")
-    reach = UP * np.max(finite[:, :, :m], axis=2) / (1.0 - rho)
+    reach = UP * np.max(finite[:, :, :m] / weight[:, None], axis=2) / (1.0 - rho)
     whole = UP * (finite + left[:, None] * reach[:, :, None])
     noise = UP * (np.sqrt(square) + wrong[:, :, 0] + left[:, None, -1] * reach)
-    return AxisNorms(whole[:, :, :m], whole[:, :, m], whole[:, :, m + 1], noise, inverse_inertia, inverse_lag)
+    entries, excess, gyro = whole[:, :, :m], whole[:, :, m], whole[:, :, m + 1]
+    return AxisNorms(entries, excess, gyro, noise, inverse_inertia, inverse_lag, abs(demand_gyro))

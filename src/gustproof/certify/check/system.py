@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from gustproof.lti.rational import to_rational
 
-TORQUE = "torque"
+TORQUE, RATES = "torque", "rates"
 _MOST_STATES = 48
 """Largest order of a law; bounds the time of a check."""
 
@@ -24,6 +24,19 @@ Rows = tuple[Row, ...]
 
 class Refusal(Exception):
     """Evidence that does not prove the claim; the text names the condition that failed."""
+
+
+class RateLoop(NamedTuple):
+    """Gains of the on-board rate loop: torque = p (c - g) + i z - d (g - f), with z' = c - g and f a low pass of g."""
+
+    p: Row
+    """(3,) [N*m*s/rad] B."""
+    i: Row
+    """(3,) [N*m/rad] B."""
+    d: Row
+    """(3,) [N*m*s/rad] B, of the gyro minus its low pass before the sample."""
+    smoothing: Fraction
+    """[-] weight of a new sample in the low pass."""
 
 
 class LoopSystem(NamedTuple):
@@ -44,7 +57,9 @@ class LoopSystem(NamedTuple):
     dt: Fraction
     """[s] sample time."""
     limits: Row
-    """(3,) [N*m] B, largest command: the lesser of the law's and of the vehicle's."""
+    """(3,) [N*m or rad/s] B, largest command."""
+    torque_limits: Row
+    """(3,) [N*m] B, largest torque."""
     inertia: Row
     """(3,) [kg*m^2] B."""
     damping: Fraction
@@ -55,6 +70,8 @@ class LoopSystem(NamedTuple):
     """[rad/s] largest rate that the gyro measures."""
     feedback_limit: Fraction | None
     """[rad] limit on the attitude that the law feeds back; `None` without one."""
+    rate_loop: RateLoop | None
+    """On-board loop that tracks the commanded rates; `None` for a law that commands torque."""
     inertia_spread: Fraction = Fraction(0)
     """[-] the moments of inertia are constant, unknown, and each within this share of its value."""
     lag_spread: Fraction = Fraction(0)
@@ -94,11 +111,11 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
     Raises
     ------
     Refusal
-        If the law commands no torque, reads the accelerometer or couples its axes, or a number is out of range.
+        If the law reads the accelerometer or couples its axes, or a number is out of range.
     """
     law, vehicle = json.loads(law_text), tomllib.loads(vehicle_text)
-    if law["output"] != TORQUE:
-        raise Refusal(f"law '{law['name']}' commands {law['output']}, the proof is about torque")
+    if law["output"] not in (TORQUE, RATES):
+        raise Refusal(f"law '{law['name']}' commands {law['output']}, the proof is about torque and rates")
     n = len(law["A"])
     columns = {len(row) for name in "BD" for row in law[name]}
     if columns != {6}:
@@ -113,10 +130,12 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
         raise Refusal(f"law '{law['name']}' has matrices of wrong shapes")
     if any(value for M in matrices for i, row in enumerate(M) for j, value in enumerate(row) if (i - j) % 3):
         raise Refusal(f"law '{law['name']}' couples its axes, the proof takes them one at a time")
-    inertia = _positive("inertia_B", vehicle["inertia_B"], 3)
-    limits = zip(
-        _positive("limits", law["limits"], 3), _positive("torque_limit", vehicle["torque_limit"], 3), strict=True
-    )
+    inertia, dt = _positive("inertia_B", vehicle["inertia_B"], 3), _positive("dt", [law["dt"]])[0]
+    torque_limits = tuple(_positive("torque_limit", vehicle["torque_limit"], 3))
+    tracks = law["output"] == RATES
+    limits = tuple(_positive("limits", law["limits"], 3))
+    if not tracks:
+        limits = tuple(min(pair) for pair in zip(limits, torque_limits, strict=True))
     return LoopSystem(
         name=str(law["name"]),
         A=matrices[0],
@@ -124,14 +143,30 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
         C=matrices[2],
         D=matrices[3],
         G=matrices[4],
-        dt=_positive("dt", [law["dt"]])[0],
-        limits=tuple(min(pair) for pair in limits),
+        dt=dt,
+        limits=limits,
+        torque_limits=torque_limits,
         inertia=tuple(inertia),
         damping=_not_negative("rate_damping", _nominal(vehicle["rate_damping"])),
         lag=_positive("actuator_lag", [vehicle["actuator_lag"]])[0],
         gyro_range=_positive("gyro.range", [vehicle["gyro"]["range"]])[0],
         feedback_limit=attitude_feedback_limit(law),
+        rate_loop=_read_rate_loop(vehicle["stabilizer"], inertia, dt) if tracks else None,
     )
+
+
+def _read_rate_loop(stabilizer: dict[str, Any], inertia: list[Fraction], dt: Fraction) -> RateLoop:
+    """Return the on-board rate loop; its coefficients are within 2^-48 of themselves, as doubles compute them."""
+    gains = {
+        name: [_not_negative(f"stabilizer.{name}", _nominal(value)) for value in stabilizer[name]]
+        for name in ("rate_p", "rate_i", "rate_d")
+    }
+    if any(len(row) != 3 for row in gains.values()):
+        raise Refusal("the gains of the stabilizer must be three numbers each")
+    cutoff = _positive("stabilizer.derivative_cutoff", [stabilizer["derivative_cutoff"]])[0]
+    smoothing = Fraction(1.0 - math.exp(-float(dt) * 2.0 * math.pi * float(cutoff)))
+    p, i, d = (tuple(gain * value for gain, value in zip(row, inertia, strict=True)) for row in gains.values())
+    return RateLoop(p, i, tuple(value * smoothing / dt for value in d), smoothing)
 
 
 def attitude_feedback_limit(law: dict[str, Any]) -> Fraction | None:

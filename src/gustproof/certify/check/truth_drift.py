@@ -45,6 +45,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from gustproof.certify.check.estimate_box import (
+    DEMAND,
     PEAK_RATE,
     SLEW,
     Box,
@@ -54,7 +55,7 @@ from gustproof.certify.check.estimate_box import (
     gyro_rounding,
     trigonometry,
 )
-from gustproof.certify.check.kernel_norms import COMMAND, TORQUE, X0, X1
+from gustproof.certify.check.kernel_norms import TORQUE, X0, X1
 from gustproof.certify.check.system import LoopSystem, Refusal
 from gustproof.lti.rational import exp_lower_bound, round_up, sin_upper_bound, sqrt_upper_bound
 
@@ -238,7 +239,7 @@ def _drag_slope(system: LoopSystem, case: Case, box: Box, axis: int) -> Fraction
 def _jerk(system: LoopSystem, case: Case, box: Box, disturbance: Disturbance, axis: int) -> Fraction:
     """Return a bound of omega'' [rad/s^3] within a sample, but for a moment that is any function of time."""
     row, inverse = box[axis], system.inverse_inertia[axis]
-    torque = (row[COMMAND] + row[TORQUE]) * system.inverse_lag * inverse
+    torque = (row[DEMAND] + row[TORQUE]) * system.inverse_lag * inverse
     return torque + disturbance.slope[axis] * inverse + _drag_slope(system, case, box, axis)
 
 
