@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from gustproof.campaign.sampling import Sampling
     from gustproof.campaign.statistics import compute_statistics
     from gustproof.certify.boundedness import FlightCertificate, certify_boundedness
-    from gustproof.certify.certificate import Certificate, load_certificate
+    from gustproof.certify.certificate import Certificate
     from gustproof.certify.check.evidence import check as check_certificate
     from gustproof.certify.check.flight_box import MomentClass
     from gustproof.certify.gain.l2_gain import certify_gain
@@ -117,7 +117,6 @@ __all__ = [
     "judge",
     "list_scenarios",
     "list_vehicles",
-    "load_certificate",
     "load_design",
     "load_law",
     "load_mat",
@@ -165,7 +164,7 @@ _SOURCES = {
     "gustproof.campaign.sampling": "Sampling",
     "gustproof.campaign.statistics": "compute_statistics",
     "gustproof.certify.boundedness": "FlightCertificate certify_boundedness",
-    "gustproof.certify.certificate": "Certificate load_certificate",
+    "gustproof.certify.certificate": "Certificate",
     "gustproof.certify.check.evidence": "check_certificate:check",
     "gustproof.certify.check.flight_box": "MomentClass",
     "gustproof.certify.gain.l2_gain": "certify_gain",

@@ -15,6 +15,8 @@ from gustproof.cli.vectors import parse_positive_vector
 if TYPE_CHECKING:
     from gustproof.certify.boundedness import FlightCertificate
     from gustproof.certify.certificate import Certificate
+    from gustproof.lti.state_space import LinearSystem
+    from gustproof.model.interconnection import Interconnection
     from gustproof.synthesis.designs import Design
 
 
@@ -31,6 +33,8 @@ _ASSUMPTIONS = {
     "noise_rad_s": "gyro noise rms [rad/s]",
     "inertia_kg_m2": "inertia [kg m^2]",
     "actuator_lag_s": "actuator lag [s]",
+    "system_sha256": "SHA-256 of the system",
+    "speeds_per_s": "speeds up to [1/s]",
     "inertia_spread": "inertia within share",
     "actuator_lag_spread": "lag within share",
     "rho": "attitude and rates",
@@ -110,7 +114,8 @@ def certify(
     vehicle without leak. Two statements are made. The law's own attitude, its rates and commands stay in the box for
     ever, under any moment within --moment. The true attitude leaves that of a strapdown law by at most a drift, which
     grows with the horizon: a gyro does not observe attitude. Nothing is assumed of the motion. The part is the
-    certified share of the moment, at most 1. --check derives the loop again from the law and vehicle files.
+    certified share of the moment, at most 1. --check derives the loop again from the law and vehicle files; of a gain,
+    with the design and its envelope, it compares the loop derived again with the evidence.
 
     The output lists the assumptions of each statement. Exit status: 0 proven, 1 not proven, 2 bad input.
 
@@ -128,13 +133,20 @@ def certify(
 
         gustproof certify --check certificate.json
 
+        gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 --check certificate.json
+
         gustproof certify --check flight.json --law flagship --vehicle paper
     """
-    if check_file is not None:
-        if name is not None:
-            raise ConfigError("--check takes the certificate's file, --law and --vehicle alone")
-        raise typer.Exit(_check(check_file, law, vehicle, as_json=as_json).value)
     envelope = _parse_envelope(angle, rate)
+    if check_file is not None:
+        if (name is None) != (envelope is None):
+            raise ConfigError("--check takes a gain's design with its envelope, or a flight's --law and --vehicle")
+        status = _check(check_file, law, None if name else vehicle, as_json=as_json)
+        if name is not None and envelope is not None and status is ExitStatus.DONE:
+            status = _check_design(
+                check_file, _find_design(name), vehicle, *envelope, leak=leak, exact_rho=exact_rho, slow=slow
+            )
+        raise typer.Exit(status.value)
     if name is None or law is not None:
         raise ConfigError(_USAGE)
     if output is not None and output.suffix != ".json":
@@ -208,8 +220,26 @@ def _certify_gain(
     exact_rho: bool,
     slow: bool,
 ) -> "Certificate":
-    from firmware_model.config.vehicle import load_vehicle
     from gustproof.certify.gain.l2_gain import certify_gain
+
+    problem, controller = _design_loop(design, vehicle, leak)
+    try:
+        return certify_gain(
+            problem,
+            controller,
+            angle=angle,
+            rate=rate,
+            scheduled=exact_rho or design.scheduled,
+            rate_bounded=slow,
+            level=level,
+        )
+    except ValueError as error:
+        raise ConfigError(f"design {design.name}: {error}") from None
+
+
+def _design_loop(design: "Design", vehicle: str | None, leak: float | None) -> "tuple[Interconnection, LinearSystem]":
+    """Return the design's problem, with another leak if given, and its controller."""
+    from firmware_model.config.vehicle import load_vehicle
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import design_problem
 
@@ -219,20 +249,39 @@ def _certify_gain(
         raise ConfigError(
             f"--leak: is {leak}, must be positive: without leak the attitude integrates and no gain is finite"
         )
+    problem = report.problem if leak is None else design_problem(replace(design, leak=leak), airframe)
+    return problem, report.result.controller
+
+
+def _check_design(
+    path: Path,
+    design: "Design",
+    vehicle: str | None,
+    angle: float,
+    rate: float,
+    *,
+    leak: float | None,
+    exact_rho: bool,
+    slow: bool,
+) -> ExitStatus:
+    """Derive the loop again and compare it with the evidence of an accepted certificate."""
+    from firmware_model.config.files import parse_json, read_text
+    from gustproof.certify.gain.l2_gain import attitude_loop, envelope_speeds, is_evidence_of
+    from gustproof.model.rotational import Envelope
+
+    problem, controller = _design_loop(design, vehicle, leak)
     try:
-        problem = report.problem if leak is None else design_problem(replace(design, leak=leak), airframe)
         scheduled = exact_rho or design.scheduled
-        return certify_gain(
-            problem,
-            report.result.controller,
-            angle=angle,
-            rate=rate,
-            scheduled=scheduled,
-            rate_bounded=slow,
-            level=level,
-        )
+        loop = attitude_loop(problem, controller, Envelope(angle=angle, rate=rate), scheduled=scheduled)
+        kept = design.leak if leak is None else leak
+        speeds = envelope_speeds(angle, rate, leak=kept) if slow else None
+        same = is_evidence_of(parse_json(read_text(path))["evidence"], loop, speeds)
     except ValueError as error:
         raise ConfigError(f"design {design.name}: {error}") from None
+    if not same:
+        say(f"refused: the evidence is not about design '{design.name}' with this envelope")
+        return ExitStatus.REQUIREMENT_FAILED
+    return ExitStatus.DONE
 
 
 def _certify_flight(
@@ -287,17 +336,12 @@ def _check(path: Path, law: str | None, vehicle: str | None, *, as_json: bool) -
     if not isinstance(claimed, dict) or claimed.get("format") != FORMAT:
         raise ConfigError(f"{path}: not a certificate: its format must be '{FORMAT}'")
     verdict = check(text, law=law_text, vehicle=vehicle_text)
-    statement, assumes = claimed.get("statement", verdict.reason), verdict.assumes or claimed.get("assumes", {})
     if as_json:
-        keys = ("statement", "gain", "lower_bound", "assumes") if verdict.accepted and not verdict.figures else ()
-        figures = {key: claimed[key] for key in keys if key in claimed} | verdict.figures
-        made = {"assumes": verdict.assumes} if verdict.assumes else {}
-        print(json.dumps({"proven": verdict.accepted, "reason": verdict.reason, **figures, **made}, indent=2))
+        made = {"assumes": verdict.assumes} if verdict.accepted else {}
+        print(json.dumps({"proven": verdict.accepted, "reason": verdict.reason, **verdict.figures, **made}, indent=2))
     elif verdict.accepted:
-        say(f"proven: {statement}")
-        if statement != verdict.reason:
-            say(verdict.reason)
-        _show_assumptions(assumes)
+        say(f"proven: {verdict.reason}")
+        _show_assumptions(verdict.assumes)
     else:
         say(f"refused: {verdict.reason}")
     return ExitStatus.DONE if verdict.accepted else ExitStatus.REQUIREMENT_FAILED

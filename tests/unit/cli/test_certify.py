@@ -54,7 +54,13 @@ def test_a_law_is_proved_by_its_design_and_the_file_checked_until_a_digit_is_cha
     assert json.loads(checked.stdout)["gain"] == told["gain"]
     assert "proven: " in run("--check", str(path)).stdout
 
-    path.write_text(path.read_text().replace(f'"gain": {told["gain"]}', '"gain": 0.25'))
+    again = run("hinf-d2", *ENVELOPE, "--check", str(path))
+    assert again.exit_code == 0
+    other = run("hinf-d2", "--angle-rad", "0.02", "--rate-rad-s", "0.01", "--check", str(path))
+    assert other.exit_code == 1
+    assert "refused: the evidence is not about design 'D2' with this envelope" in other.stdout
+
+    path.write_text(path.read_text().replace(f'"level": {told["gain"]}', '"level": 0.25'))
     refused = run("--check", str(path))
     assert refused.exit_code == 1
     assert refused.stdout.startswith("refused: ")
@@ -170,7 +176,7 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
         (("hinf-d2", "--noise", "-1"), "noise is -1.0, must not be negative"),
         (("aided",), "law 'aided' reads the accelerometer"),
         (("D2",), "no law named 'D2'"),
-        (("D2", "--check", "c.json"), "--check takes the certificate's file, --law and --vehicle alone"),
+        (("D2", "--check", "c.json"), "--check takes a gain's design with its envelope, or a flight's --law"),
         (("--check", "/nowhere.json"), "/nowhere.json: No such file"),
         (("nothing", *ENVELOPE), "no design named 'nothing'"),
         (("pid-fair", *ENVELOPE), "law 'pid-fair' was made from no design"),

@@ -1,8 +1,8 @@
 """Check of a certificate's evidence: exact arithmetic, and for norms doubles with bounds of their rounding.
 
 The check multiplies and factors matrices of rational numbers; it uses no solver and no design. A gain is proved of the
-numbers in the evidence; the maker must show that they are those of a design. A flight's box is proved of a law file and
-a vehicle file. The check derives the loop from them again, and makes statement and assumptions from the evidence.
+numbers in the evidence, and `gustproof.certify.gain.l2_gain` compares them with a design. A flight's box is proved of a
+law file and a vehicle file: the check derives the loop again. Statement and assumptions are made from the evidence.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ from gustproof.certify.check.dissipation import (
     vertices,
 )
 from gustproof.certify.check.flight_box import KIND, prove_flight_box
-from gustproof.certify.check.system import Refusal
+from gustproof.certify.check.system import Refusal, finite
 from gustproof.lti.rational import is_positive_definite, scale, to_rational, transpose
 
 FORMAT = "gustproof-certificate-1"
@@ -37,9 +37,9 @@ class CheckResult:
     reason: str
     """The proved statement, or the condition that failed."""
     figures: dict[str, Any] = field(default_factory=dict)
-    """Proved figures of a flight's box: part, estimate_deg, truth_deg, moment_class, torque_nm."""
+    """Proved figures: the gain, or part, estimate_deg, truth_deg, moment_class and torque_nm of a flight's box."""
     assumes: dict[str, Any] = field(default_factory=dict)
-    """Assumptions of a flight's box, made from evidence, law and vehicle."""
+    """Assumptions, made from the evidence and, of a flight's box, from law and vehicle."""
 
 
 def check(certificate_json: str, *, law: str | None = None, vehicle: str | None = None) -> CheckResult:
@@ -61,14 +61,11 @@ def check(certificate_json: str, *, law: str | None = None, vehicle: str | None 
         claimed = document.pop("seal", None)
         if claimed != seal(document):
             raise Refusal("the seal does not fit: something was changed after the certificate was made")
-        kind = document["evidence"]["kind"]
-        if kind == KIND:
-            return _check_flight_box(document, law, vehicle)
-        if kind not in _PROOFS:
-            raise Refusal(f"unknown kind of evidence '{kind}'")
-        if document["proven"] is not True:
-            raise Refusal("the certificate does not claim to be proven")
-        return check_evidence(document["gain"], document["evidence"])
+        if set(document) != {"format", "evidence"}:
+            raise Refusal("a certificate holds evidence alone: its claim is made from that")
+        if document["evidence"]["kind"] == KIND:
+            return _check_flight_box(document["evidence"], law, vehicle)
+        return check_evidence(document["evidence"])
     except Refusal as refusal:
         return CheckResult(accepted=False, reason=str(refusal))
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, ZeroDivisionError, OverflowError) as error:
@@ -77,26 +74,51 @@ def check(certificate_json: str, *, law: str | None = None, vehicle: str | None 
         return CheckResult(accepted=False, reason="the evidence is malformed: nested too deeply")
 
 
-def _check_flight_box(document: dict[str, Any], law: str | None, vehicle: str | None) -> CheckResult:
-    if set(document) != {"format", "evidence"}:
-        raise Refusal("a certificate of a flight's box holds evidence alone: its claim is made from that")
+def _check_flight_box(evidence: dict[str, Any], law: str | None, vehicle: str | None) -> CheckResult:
     if law is None or vehicle is None:
         raise Refusal("a flight's box is proved of its law and vehicle files: give both")
-    proof = prove_flight_box(document["evidence"], law, vehicle)
+    proof = prove_flight_box(evidence, law, vehicle)
     return CheckResult(accepted=True, reason=proof.statement, figures=proof.figures, assumes=proof.assumes)
 
 
-def check_evidence(level: float, evidence: dict[str, Any]) -> CheckResult:
-    """Return whether `evidence` proves `level`, before it is sealed in a certificate.
+def check_evidence(evidence: dict[str, Any]) -> CheckResult:
+    """Return what the `evidence` of a gain proves, before it is sealed in a certificate.
 
     Raises
     ------
     Refusal
-        If `evidence` proves no such thing.
+        If `evidence` proves nothing.
     """
     if evidence["kind"] not in _PROOFS:
         raise Refusal(f"unknown kind of evidence '{evidence['kind']}'")
-    return CheckResult(accepted=True, reason=_PROOFS[evidence["kind"]](Fraction(level), evidence))
+    keys, prove = _PROOFS[evidence["kind"]]
+    if set(evidence) != keys:
+        raise Refusal(f"the evidence has other entries: {', '.join(sorted(set(evidence) ^ keys))}")
+    level = finite("level", evidence["level"])
+    if level <= 0:
+        raise Refusal("the level is not positive")
+    prove(level, evidence)
+    return CheckResult(
+        accepted=True,
+        reason=_state_gain(level, evidence),
+        figures={"gain": float(level)},
+        assumes={
+            "plant": "the continuous linear system of the evidence, closed by Delta",
+            "system_sha256": seal(evidence["system"]),
+            "blocks": [f"{block['name']} x {block['size']}" for block in evidence["blocks"]],
+            "speeds_per_s": [block.get("speed") for block in evidence["blocks"]],
+        },
+    )
+
+
+def _state_gain(level: Fraction, evidence: dict[str, Any]) -> str:
+    names = ", ".join(str(block["name"]) for block in evidence["blocks"])
+    slow = [block for block in evidence["blocks"] if block.get("speed") is not None]
+    speeds = ", ".join(f"{block['name']} below {block['speed']:g} 1/s" for block in slow)
+    return (
+        f"the L2 gain from w to z is below {float(level):.6g} for every normalised Delta(t) of {names}"
+        f"{f', with speeds of {speeds}' if slow else ''}: the matrix inequality holds exactly"
+    )
 
 
 def seal(document: dict[str, Any]) -> str:
@@ -105,22 +127,17 @@ def seal(document: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _prove_gain(level: Fraction, evidence: dict[str, Any]) -> str:
+def _prove_gain(level: Fraction, evidence: dict[str, Any]) -> None:
     """Prove an L2 gain; see `gain_inequality`."""
-    if level <= 0:
-        raise Refusal("the level is not positive")
     if not is_positive_definite(lyapunov_matrix(evidence, evidence["P"])):
         raise Refusal("P is not positive definite")
     _check_multipliers(evidence, evidence["blocks"])
     if not is_positive_definite(gain_inequality(level, evidence)):
         raise Refusal("the matrix inequality does not hold")
-    return f"the L2 gain is below {float(level):.6g}: the matrix inequality holds exactly"
 
 
-def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any]) -> str:
+def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any]) -> None:
     """Prove an L2 gain with bounds on the speeds of some parameters; see `rate_bounded_inequalities`."""
-    if level <= 0:
-        raise Refusal("the level is not positive")
     slow = rate_bounded_blocks(evidence)
     if any(Fraction(evidence["blocks"][i]["speed"]) < 0 for i in slow):
         raise Refusal("a bound on a speed is negative")
@@ -133,7 +150,6 @@ def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any]) -> str:
     for vertex, matrix in zip(vertices(len(slow)), rate_bounded_inequalities(level, evidence), strict=True):
         if not is_positive_definite(matrix):
             raise Refusal(f"the matrix inequality does not hold at the corner {vertex.signs}, speeds {vertex.speeds}")
-    return f"the L2 gain is below {float(level):.6g}: the matrix inequality holds exactly at every corner"
 
 
 def _check_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]]) -> None:
@@ -148,7 +164,9 @@ def _check_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]])
             raise Refusal(f"G of block {block['name']} is not skew")
 
 
-_PROOFS: dict[str, Callable[[Fraction, dict[str, Any]], str]] = {
-    "gain": _prove_gain,
-    "slow gain": _prove_rate_bounded,
+_COMMON = frozenset({"kind", "level", "system", "coordinates", "P", "blocks"})
+_PROOFS: dict[str, tuple[frozenset[str], Callable[[Fraction, dict[str, Any]], None]]] = {
+    "gain": (_COMMON, _prove_gain),
+    "slow gain": (_COMMON | {"Y", "vertices"}, _prove_rate_bounded),
 }
+"""Entries of the evidence of each kind, and its proof."""
