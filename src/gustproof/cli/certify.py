@@ -114,8 +114,8 @@ def certify(
     vehicle without leak. Two statements are made. The law's own attitude, its rates and commands stay in the box for
     ever, under any moment within --moment. The true attitude leaves that of a strapdown law by at most a drift, which
     grows with the horizon: a gyro does not observe attitude. Nothing is assumed of the motion. The part is the
-    certified share of the moment, at most 1. --check derives the loop again from the law and vehicle files; of a gain,
-    with the design and its envelope, it compares the loop derived again with the evidence.
+    certified share of the moment, at most 1. --check derives the loop again from the law and vehicle files. Of a gain,
+    given the design and its envelope, it compares the loop derived again with the evidence.
 
     The output lists the assumptions of each statement. Exit status: 0 proven, 1 not proven, 2 bad input.
 
