@@ -437,6 +437,7 @@ def forge(certificate: FlightCertificate, path: tuple, value: object) -> dict:
         (("evidence", "cells"), [1, 1.0], "whole numbers"),
         (("evidence", "cells"), [0, 1], "must be 1 to 64"),
         (("evidence", "cells"), 1, "two whole numbers"),
+        (("evidence", "cells"), [64, 65], "must be 1 to 64"),
         (("evidence", "inertia_spread"), 0.2, "does not close"),
         (("evidence", "lag_spread"), 0.2, "does not close"),
         (("evidence", "lag_spread"), -0.2, "a spread is a share"),
@@ -461,6 +462,62 @@ def test_a_forgery_is_refused_even_with_a_new_seal(path, value, reason):
     assert reason in verdict.reason
 
 
+def least_estimate(sums: list[np.ndarray], moment: np.ndarray) -> np.ndarray:
+    """Return the least box [deg] of the law's own attitude under a moment, in floats and without noise."""
+    inertia, h = np.array(VEHICLE.inertia_B), 0.004
+    x0, x1, rate = np.zeros((3, 3))
+    for _ in range(60):
+        s, t, c = np.sin(x0[0]), np.tan(x0[1]), 1.0 / np.cos(x0[1])
+        e = [t * (s * x1[1] + x1[2]), s * x1[2] + x0[0] ** 2 / 2 * x1[1], c * s * x1[1] + (c - 1.0) * x1[2]]
+        products = np.array([rate[1] * rate[2], rate[2] * rate[0], rate[0] * rate[1]])
+        differences = np.array([inertia[1] - inertia[2], inertia[2] - inertia[0], inertia[0] - inertia[1]])
+        a = (moment + np.abs(differences) * products) / inertia
+        signals = np.array([h * a[i] * sums[i][0] + e[i] * sums[i][1] for i in range(3)])
+        rate, x0, x1 = signals[:, 0], signals[:, X0], signals[:, X1]
+    return np.degrees(x0)
+
+
+def test_no_random_forgery_is_accepted_that_is_not_true():
+    """Of 200 re-sealed forgeries those accepted are true: their box is no less than one found by other means."""
+    law, certificate, rng = load_law("flagship"), certify("flagship"), np.random.default_rng(17)
+    sums = []
+    for axis in range(3):
+        states, Phi = kernels(law, axis, 1024)
+        x, total = np.zeros(len(Phi)), np.zeros(len(Phi))
+        x[X0:] = law.G[axis : law.order : 3, axis]
+        for _ in range(1024):
+            total, x = total + np.abs(x), Phi @ x
+        sums.append(np.array([np.abs(states).sum(axis=0), total]))
+    paths = [path for path in leaves(certificate.evidence) if isinstance(find(certificate.evidence, path), float)]
+    accepted = 0
+    for _ in range(200):
+        path = paths[int(rng.integers(len(paths)))]
+        value = find(certificate.evidence, path)
+        forged = float(rng.choice([-value, 0.0, value * rng.uniform(0.5, 1.0), value * rng.uniform(1.0, 2.0), 1e-3]))
+        document = forge(certificate, ("evidence", *path), forged)
+        verdict = check(json.dumps(document), law=law_text("flagship"), vehicle=VEHICLE_TEXT)
+        if verdict.accepted:
+            accepted += 1
+            evidence = document["evidence"]
+            least = least_estimate(sums, evidence["part"] * np.array(evidence["moment"]))
+            assert np.all(np.array(verdict.figures["estimate_deg"]) >= 0.999 * least), path
+    assert 0 < accepted < 120
+
+
+def leaves(value, path=()):
+    if isinstance(value, dict | list):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from leaves(item, (*path, key))
+    else:
+        yield path
+
+
+def find(value, path):
+    for key in path:
+        value = value[key]
+    return value
+
+
 @pytest.mark.parametrize(
     ("risk", "accepted"), [(1e-3, True), (2.0, False), (0.0, False), (-1.0, False), (1e-30, False)]
 )
@@ -476,6 +533,12 @@ def test_smaller_bounds_of_any_signal_do_not_close():
             document = forge(certificate, ("evidence", "box", axis, k), 0.999 * value)
             verdict = check(json.dumps(document), law=law_text("hinf-scheduled"), vehicle=VEHICLE_TEXT)
             assert "does not close" in verdict.reason, (axis, k)
+
+
+def test_a_check_that_would_take_hours_is_refused():
+    certificate = certify("flagship")
+    work = replace(certificate, evidence=certificate.evidence | {"cells": [64, 64], "samples": 60_000})
+    assert "too many to simulate" in judge(work, "flagship").reason
 
 
 def test_a_longer_horizon_is_a_weaker_statement_and_says_so():

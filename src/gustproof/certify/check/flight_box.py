@@ -249,12 +249,13 @@ def _statement(system: LoopSystem, claim: Claim, figures: dict[str, Any], why: s
 def _assumptions(system: LoopSystem, claim: Claim) -> dict[str, Any]:
     period = RISK_PERIOD if claim.horizon is None else float(claim.horizon)
     return {
-        "plant": "exact nonlinear rigid body, first-order actuators, gyro without bias, float32 on the wire",
+        "plant": "exact nonlinear rigid body on a stand, first-order actuators, gyro without bias, float32 on the wire",
+        "air": "all its moments lie within the bound",
         "law": system.name,
         "moment_N_m": [float(value) for value in claim.moment],
         "moment_between_samples": claim.moment_class.value,
         "moment_slope_N_m_s": [float(value) for value in claim.slope] if max(claim.slope) else None,
-        "start": "at rest, level, the law's states 0",
+        "start": "at rest, level, all states of law and loops 0",
         "sample_time_s": float(system.dt),
         "delay_samples": 1,
         "horizon_s": None if claim.horizon is None else float(claim.horizon),

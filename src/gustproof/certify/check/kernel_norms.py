@@ -42,6 +42,8 @@ LONGEST = 1 << 16
 """Largest number of simulated samples."""
 MOST_CELLS = 64
 """Largest number of cells of a spread."""
+_MOST_WORK = 1 << 22
+"""Largest number of samples times cells: a minute."""
 UP = 1.0 + 2.0**-40
 """[-] covers the rounding of a sum of at most 2^10 products of numbers that are not negative, some times over."""
 _ULP = 2.0**-52
@@ -79,6 +81,8 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
     """
     if not 0 < samples <= LONGEST:
         raise Refusal(f"samples are {samples}, must be 1 to {LONGEST}")
+    if samples * system.cells[0] * system.cells[1] > _MOST_WORK:
+        raise Refusal(f"{samples} samples of {system.cells[0]} x {system.cells[1]} cells are too many to simulate")
     inertia, lag = float(1 / system.inertia[axis]), float(1 / system.lag)
     pairs = [
         (a, b)
