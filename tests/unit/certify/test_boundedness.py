@@ -168,6 +168,61 @@ def test_truth_of_the_flagship_stays_near_its_estimate(horizon, moment_class, no
     assert all(truth > estimate for truth, estimate in pairs)
 
 
+@pytest.mark.parametrize(
+    ("name", "options", "estimate", "truth", "bounds"),
+    [
+        (
+            "flagship",
+            {"horizon": 60.0},
+            (1.056944, 1.265965, 0.863944),
+            (1.159908, 1.362421, 0.972134),
+            (0.0334624, 2.801482, 2.751898, 0.292098),
+        ),
+        (
+            "flagship",
+            {"horizon": 600.0, "noise": NOISE},
+            (1.081358, 1.289944, 0.885498),
+            (4.408962, 4.535799, 4.280595),
+            (0.0354098, 3.643713, 3.571081, 0.302353),
+        ),
+        (
+            "flagship",
+            {"horizon": 60.0, "moment_class": MomentClass.ANY},
+            (1.056944, 1.265965, 0.863944),
+            (12.193493, 14.262733, 13.369442),
+            (0.0334624, 2.801482, 2.751898, 0.292098),
+        ),
+        (
+            "flagship",
+            {"horizon": 60.0, "moment_class": MomentClass.SLOPE, "slope": (20.0, 10.0, 5.0)},
+            (1.056944, 1.265965, 0.863944),
+            (1.542843, 1.611680, 1.226873),
+            (0.0334624, 2.801482, 2.751898, 0.292098),
+        ),
+        (
+            "flagship",
+            {"horizon": 60.0, "inertia_spread": 0.2, "lag_spread": 0.3},
+            (2.069499, 2.446632, 1.862028),
+            (2.632177, 2.998447, 2.517108),
+            (0.0521439, 4.631023, 4.414110, 0.545700),
+        ),
+        (
+            "hinf-rates",
+            {"horizon": None, "noise": NOISE, "inertia_spread": 0.1, "lag_spread": 0.1},
+            (1.108905, 1.342510, 1.263027),
+            None,
+            (0.0456708, 4.006373, 4.085954, 0.325202),
+        ),
+    ],
+)
+def test_every_term_of_the_theorems_stands(name, options, estimate, truth, bounds):
+    """Figures pinned to six digits: a term left out, or another factor, moves one of them."""
+    certificate = certify_boundedness(name, "paper", moment=MOMENT, **options)
+    assert certificate.estimate_deg == pytest.approx(estimate, abs=2e-6)
+    assert certificate.truth_deg == (None if truth is None else pytest.approx(truth, abs=2e-6))
+    assert certificate.evidence["box"][0][-4:] == pytest.approx(bounds, rel=2e-6)
+
+
 def test_norms_equal_those_of_a_simulation_in_floats():
     law, system = load_law("flagship"), read_system(law_text("flagship"), VEHICLE_TEXT)
     for axis in range(3):
