@@ -18,7 +18,7 @@ from firmware_model.config.scenario import GyroFault, Scenario
 from firmware_model.config.vehicle import Vehicle, load_vehicle, vehicle_path
 from firmware_model.config.waveforms import MomentSine, MomentSquare
 from gustproof.certify.boundedness import FlightCertificate, certify_boundedness
-from gustproof.certify.check import kernel_norms, truth_drift
+from gustproof.certify.check import estimate_box, kernel_norms, truth_drift
 from gustproof.certify.check.estimate_box import DEMAND, PEAK_RATE, check_box, excess, least_deviations
 from gustproof.certify.check.evidence import CheckResult, check, seal
 from gustproof.certify.check.flight_box import Claim, MomentClass, make_case, read_claim
@@ -431,6 +431,24 @@ def test_excess_covers_the_kinematics():
         reached = np.maximum(reached, np.abs(kinematics(angles, rates) - rates))
     assert np.all(reached <= bound)
     assert np.all(reached >= 0.75 * bound)
+
+
+@pytest.mark.parametrize("order", [3, 7, 51])
+def test_a_law_of_another_order_is_refused(order):
+    document = json.loads(law_text("flagship"))
+    sizes = {"A": (order, order), "B": (order, 6), "C": (3, order), "D": (3, 6), "G": (order, 3), "H": (order, 3)}
+    document |= {name: np.zeros(size).tolist() for name, size in sizes.items()}
+    with pytest.raises(Refusal, match=f"has {order} states"):
+        read_system(json.dumps(document), VEHICLE_TEXT)
+
+
+def test_rounding_of_the_laws_sums_is_relative_to_their_terms():
+    system = read_system(law_text("hinf-rates"), VEHICLE_TEXT)
+    box = [[Fraction(value) for value in row] for row in certify("hinf-rates").evidence["box"]]
+    states, held = estimate_box._rounding(system, make_case(system, claim()), box, [Fraction(0)] * 3, 0)
+    assert states[:2] == [0, 0]
+    assert all(2.0**-47 * row <= error <= 2.0**-42 * row for error, row in zip(states[2:], box[0][2:], strict=False))
+    assert 2.0**-46 * box[0][DEMAND] <= held <= 2.0**-42 * box[0][DEMAND]
 
 
 def test_deviations_cover_the_union_of_normal_numbers():
