@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from firmware_model.config.fields import Finite, NonNegative, Positive, PositiveVector, Vector, strict_dataclass
-from firmware_model.config.files import Name, list_shipped, read_toml
+from firmware_model.config.files import Name, list_shipped, read_toml, toml_path
 from firmware_model.config.spreads import take_nominal
 from firmware_model.errors import ConfigError
 
@@ -252,6 +252,17 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
     vehicle = read_toml(Vehicle, name_or_path, VEHICLES, lambda document, path: take_nominal(document, str(path)))
     check_body(vehicle.inertia_B, vehicle.inertia_B, str(name_or_path))
     return vehicle
+
+
+def vehicle_path(name_or_path: str | Path) -> Path:
+    """Return the path of a vehicle file, or of a shipped one by its name.
+
+    Raises
+    ------
+    ConfigError
+        If none of that name is shipped.
+    """
+    return toml_path("vehicle", name_or_path, VEHICLES)
 
 
 def check_body(low: Vector, high: Vector, source: str) -> None:

@@ -18,10 +18,11 @@ from gustproof.campaign.plan import select_spreads as select_spreads
 from gustproof.campaign.runner import fly_campaign as fly_campaign
 from gustproof.campaign.sampling import Sampling as Sampling
 from gustproof.campaign.statistics import compute_statistics as compute_statistics
+from gustproof.certify.boundedness import FlightCertificate as FlightCertificate
 from gustproof.certify.boundedness import certify_boundedness as certify_boundedness
 from gustproof.certify.certificate import Certificate as Certificate
-from gustproof.certify.certificate import load_certificate as load_certificate
 from gustproof.certify.check.evidence import check_certificate as check_certificate
+from gustproof.certify.check.flight_box import MomentClass as MomentClass
 from gustproof.certify.gain.l2_gain import certify_gain as certify_gain
 from gustproof.certify.mu.singular_value import disk_margin_bounds as disk_margin_bounds
 from gustproof.certify.mu.singular_value import mu as mu

@@ -247,14 +247,7 @@ def load_law(name_or_path: str | Path) -> Law:
     >>> load_law("hinf-d1").A.shape
     (9, 9)
     """
-    path = Path(name_or_path)
-    if path.suffix != ".json":
-        if str(name_or_path) not in list_laws():
-            known = ", ".join(list_laws())
-            raise LawFileError(
-                f"no law named '{sanitize_line(str(name_or_path))}': give a .json file or one of {known}"
-            )
-        path = LAWS / f"{name_or_path}.json"
+    path = law_path(name_or_path)
     try:
         document = parse_json(read_text(path))
     except OSError as error:
@@ -262,6 +255,23 @@ def load_law(name_or_path: str | Path) -> Law:
     except ValueError as error:
         raise LawFileError(f"{path}: not JSON: {sanitize_line(str(error))}") from None
     return parse_law(document, str(path))
+
+
+def law_path(name_or_path: str | Path) -> Path:
+    """Return the path of a law file, or of a shipped one by its name.
+
+    Raises
+    ------
+    LawFileError
+        If none of that name is shipped.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".json":
+        return path
+    if str(name_or_path) not in list_laws():
+        known = ", ".join(list_laws())
+        raise LawFileError(f"no law named '{sanitize_line(str(name_or_path))}': give a .json file or one of {known}")
+    return LAWS / f"{name_or_path}.json"
 
 
 def parse_law(document: Any, source: str) -> Law:

@@ -108,9 +108,9 @@ def is_positive_definite(M: RationalMatrix) -> bool:
     return True
 
 
-def round_up(x: Fraction) -> Fraction:
-    """Return the least multiple of 2^-64 that is not below `x`; keeps bounds short."""
-    return Fraction(-((-x.numerator << 64) // x.denominator), 1 << 64)
+def round_up(x: Fraction, bits: int = 64) -> Fraction:
+    """Return the least multiple of 2^-`bits` that is not below `x`; keeps bounds short."""
+    return Fraction(-((-x.numerator << bits) // x.denominator), 1 << bits)
 
 
 def sqrt_upper_bound(x: Fraction) -> Fraction:
