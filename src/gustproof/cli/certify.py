@@ -189,7 +189,7 @@ def _parse_envelope(angle: float | None, rate: float | None) -> tuple[float, flo
 def _find_design(name: str) -> "Design":
     """Return the design of that name, or the design of the shipped law of that name."""
     from gustproof.law.form import list_laws
-    from gustproof.synthesis.designs import load_design, list_designs
+    from gustproof.synthesis.designs import list_designs, load_design
 
     if name not in list_laws():
         return load_design(name)

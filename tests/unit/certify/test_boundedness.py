@@ -20,7 +20,8 @@ from firmware_model.config.waveforms import MomentSine, MomentSquare
 from gustproof.certify.boundedness import FlightCertificate, certify_boundedness
 from gustproof.certify.check import estimate_box, kernel_norms, truth_drift
 from gustproof.certify.check.estimate_box import DEMAND, PEAK_RATE, check_box, excess, least_deviations
-from gustproof.certify.check.evidence import CheckResult, check_certificate as check, seal
+from gustproof.certify.check.evidence import CheckResult, seal
+from gustproof.certify.check.evidence import check_certificate as check
 from gustproof.certify.check.flight_box import Claim, MomentClass, make_case, read_claim
 from gustproof.certify.check.kernel_norms import COMMAND, TORQUE, X0, X1, axis_loop, axis_norms
 from gustproof.certify.check.system import Refusal, is_strapdown, read_system

@@ -10,7 +10,8 @@ import scipy.linalg
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate
-from gustproof.certify.check.evidence import check_certificate as check, seal
+from gustproof.certify.check.evidence import check_certificate as check
+from gustproof.certify.check.evidence import seal
 from gustproof.certify.gain.l2_gain import attitude_loop, certify_gain, certify_lft, is_evidence_of
 from gustproof.certify.gain.worst_schedule import worst_schedule
 from gustproof.lti.state_space import Lti

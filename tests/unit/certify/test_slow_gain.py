@@ -9,7 +9,8 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate
-from gustproof.certify.check.evidence import check_certificate as check, seal
+from gustproof.certify.check.evidence import check_certificate as check
+from gustproof.certify.check.evidence import seal
 from gustproof.certify.gain.l2_gain import (
     attitude_loop,
     attitude_speeds,
