@@ -15,17 +15,22 @@ from gustproof.recording.bag import write_bag
 from gustproof.simulate.flight import FlightPlan
 
 UNITS = Path(__file__).parent
-WITH_KERNELS = {"controller", "firmware_model", "law", "scoring", "simulate"}
+WAITING = UNITS.with_name("conformance")
+WITH_KERNELS = ("controller", "firmware_model", "law", "scoring", "simulate")
+WITHOUT_KERNELS = ("law/io", *(f"firmware_model/{room}" for room in ("config", "mavlink", "process", "recording")))
 
 
 def pytest_collection_modifyitems(items):
     """Mark what runs alike with kernels compiled and as plain Python: to run it once is enough."""
     for item in items:
-        if not item.path.is_relative_to(UNITS) or item.get_closest_marker("compiled"):
+        if not item.path.is_relative_to(UNITS) or any(map(item.get_closest_marker, ("compiled", "slow"))):
             continue
         room = item.path.relative_to(UNITS).parent
-        if room.parts[:1] and (room.parts[0] not in WITH_KERNELS or room.parts == ("law", "io")):
+        flies = any(map(room.is_relative_to, WITH_KERNELS)) and not any(map(room.is_relative_to, WITHOUT_KERNELS))
+        if room.parts and not flies:
             item.add_marker("plain")
+    # Searches take a worker for a minute: they begin early, behind what waits for clocks, so that none is left alone.
+    items.sort(key=lambda item: 0 if WAITING in item.path.parents else 1 if item.get_closest_marker("slow") else 2)
 
 
 @pytest.fixture

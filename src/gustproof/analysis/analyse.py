@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
@@ -20,12 +19,11 @@ from gustproof.lti.state_space import ComplexMatrix
 from gustproof.scoring.metrics import Metrics, measure
 from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.derive import margins_to_dict
+from gustproof.types import Records
 
 _AXES = ("roll", "pitch", "yaw")
 _STEP_S = 5.0
 _STEP_SHARE = 0.03  # [-] of the torque limit: small enough for every stable law to stay near level
-
-Records = NDArray[np.void]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -149,12 +147,9 @@ def _describe_limits(analysis: Analysis) -> list[str]:
     lines.append(f"references: {_references(analysis.law)}")
     if analysis.metrics.saturated_s:
         lines.append(f"torque limit: reached for {analysis.metrics.saturated_s:.3g} s")
-    if analysis.law.uses_accelerometer:
-        lines.append(
-            "gyro bias: observable in roll and pitch; in yaw a constant bias gives an error of bias times time"
-        )
-    else:
-        lines.append("gyro bias: a constant bias gives an error of bias times time, as gyros do not measure attitude")
+    observable = "observable in roll and pitch; in yaw a constant bias gives an error of bias times time"
+    lost = "a constant bias gives an error of bias times time, as gyros do not measure attitude"
+    lines.append(f"gyro bias: {observable if analysis.law.uses_accelerometer else lost}")
     return lines
 
 
@@ -165,9 +160,8 @@ def _describe_robustness(analysis: Analysis) -> list[str]:
         worst = max(range(3), key=lambda axis: loops[axis].Ms)
         least = min(range(3), key=lambda axis: loops[axis].delay_margin)
         samples = loops[least].delay_margin / analysis.law.dt
-        lines.append(
-            f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {_peak_frequency(analysis):.3g} rad/s"
-        )
+        peak_omega = analysis.hover.omega[int(np.argmax(analysis.hover.sensitivities["S"]))]
+        lines.append(f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {peak_omega:.3g} rad/s")
         if math.isfinite(samples):
             lines.append(f"delay: {samples:.3g} more samples make {_AXES[least]} unstable")
     if analysis.stability:
@@ -205,10 +199,6 @@ def _references(law: Law) -> str:
     if math.isinf(law.reference_limit_deg):
         return "no known limit"
     return f"limited to {law.reference_limit_deg:g} deg of level about each axis; larger ones may tumble the vehicle"
-
-
-def _peak_frequency(analysis: Analysis) -> float:
-    return float(analysis.hover.omega[int(np.argmax(analysis.hover.sensitivities["S"]))])
 
 
 def _measure_flight(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int) -> Metrics:

@@ -71,19 +71,13 @@ class Placement:
     """[deg] least error of linear gyro-only laws at this slew and peak; `None` if none was found."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PerformanceLimits:
-    """Limits of a vehicle and scenario, and the placement of laws."""
-
-    limits: ErrorLimits
-    """Least possible errors."""
-    places: Mapping[str, Placement | None]
-    """Placement of each law by name; `None` for a rate law, which has no torque loop of its own."""
+Places = Mapping[str, Placement | None]
+"""Placement of each law by name; `None` for a rate law, which has no torque loop of its own."""
 
 
 def performance_limits(
     laws: Mapping[str, Law], margins: Mapping[str, HoverMargins | None], vehicle: Vehicle, scenario: Scenario
-) -> PerformanceLimits:
+) -> tuple[ErrorLimits, Places]:
     """Return the limits of a vehicle in the scenario's turbulence and the placement of each law; takes seconds.
 
     Raises
@@ -109,7 +103,7 @@ def performance_limits(
         name: None if (Ms := peaks[name]) is None else _locate(law, Ms, linear, vehicle, scenario)
         for name, law in laws.items()
     }
-    return PerformanceLimits(limits=found, places=places)
+    return found, places
 
 
 def locate(law: Law, Ms: float, vehicle: Vehicle, scenario: Scenario) -> Placement | None:

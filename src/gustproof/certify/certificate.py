@@ -51,7 +51,7 @@ class Certificate:
 
 
 def load_certificate(path: str | Path) -> Certificate:
-    """Read a certificate file without checking its claim; `certify.check.evidence.check` does that.
+    """Read a certificate file without checking its claim; `check_certificate` does that.
 
     Raises
     ------

@@ -1,6 +1,5 @@
 """The command `gustproof certify`: prove a bound, or check a certificate."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, say
-from gustproof.cli.vectors import parse_positive_vector
+from gustproof.cli.options import AsJson, check_output, parse_positive_vector, print_json
 
 if TYPE_CHECKING:
     from gustproof.certify.certificate import Certificate
@@ -63,9 +62,7 @@ def certify(
     ] = False,
     leak: Annotated[
         float | None,
-        typer.Option(
-            help="Leak of the plant's Euler kinematics [1/s] [default: the design's; closure: 0, as in the vehicle]."
-        ),
+        typer.Option(help="Leak of the Euler kinematics [1/s] [default: the design's; closure: 0, as in the vehicle]."),
     ] = None,
     noise: Annotated[float, typer.Option(help="Closure: rms of the gyro's white noise in a sample [rad/s].")] = 0.0,
     risk: Annotated[float, typer.Option(help="Closure: probability that the noise leaves its bounds.")] = 1e-3,
@@ -76,7 +73,7 @@ def certify(
         str | None, typer.Option(help="Name of a shipped vehicle, or a .toml file [default: the design's, or paper].")
     ] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the certificate here (.json).")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Prove a bound on the effect of disturbances and noise on a loop.
 
@@ -114,74 +111,50 @@ def certify(
         if name is not None:
             raise ConfigError("--check takes the certificate's file alone")
         raise typer.Exit(_check(check_file, as_json=as_json).value)
-    envelope = _parse_envelope(angle, rate)
-    if name is None or closure == (envelope is not None):
+    if name is None or (angle is None) != (rate is None) or closure == (angle is not None):
         raise ConfigError(_USAGE)
     if closure and (exact_rho or slow or level is not None):
         raise ConfigError("--exact-rho, --slow and --level are for a gain; a closure takes the law file as it is")
-    if output is not None and output.suffix != ".json":
-        raise ConfigError(f"{output}: a certificate ends in .json")
-    if envelope is not None:
-        certificate = _certify_gain(
-            _find_design(name), vehicle, *envelope, level=level, leak=leak, exact_rho=exact_rho, slow=slow
-        )
-    else:
+    check_output(output, ".json", "a certificate")
+    if closure:
         bound = parse_positive_vector("--moment", moment)
-        certificate = _certify_boundedness(
-            name, vehicle or "paper", bound, horizon, leak=leak or 0.0, noise=noise, risk=risk
-        )
+        options = {"horizon": horizon, "leak": leak or 0.0, "noise": noise, "risk": risk}
+        certificate = _certify_boundedness(name, vehicle or "paper", bound, **options)
+    else:
+        envelope = {"angle": angle, "rate": rate, "rate_bounded": slow, "level": level}
+        certificate = _certify_gain(name, vehicle, leak, exact_rho=exact_rho, **envelope)
     if output is not None and certificate.proven:
         certificate.save(output)
     _show(name, certificate, output, as_json=as_json)
     raise typer.Exit((ExitStatus.DONE if certificate.proven else ExitStatus.REQUIREMENT_FAILED).value)
 
 
-def _parse_envelope(angle: float | None, rate: float | None) -> tuple[float, float] | None:
-    """Return largest angle [rad] and rate [rad/s]; `None` without them."""
-    if angle is None and rate is None:
-        return None
-    if angle is None or rate is None:
-        raise ConfigError(_USAGE)
-    return angle, rate
-
-
 def _find_design(name: str) -> "Design":
     """Return the design of that name, or the design of the shipped law of that name."""
-    from gustproof.law.form import shipped_laws
-    from gustproof.synthesis.designs import load_design, shipped_designs
+    from gustproof.law.form import list_laws
+    from gustproof.synthesis.designs import list_designs, load_design
 
-    if name not in shipped_laws():
+    if name not in list_laws():
         return load_design(name)
-    made_from = {design.law: design for design in map(load_design, shipped_designs())}
+    made_from = {design.law: design for design in map(load_design, list_designs())}
     if name not in made_from:
-        allowed = ", ".join(law for law, design in made_from.items() if _has_gain(design))
+        # a gain can be proved of torque from gyros alone, to hold level
+        gains = (law for law, d in made_from.items() if d.rate_loop_lag is None and d.W_l is None and d.W_r is None)
         raise ConfigError(
-            f"law '{name}' was made from no design, and a gain needs the weights of one; give one of {allowed}"
+            f"law '{name}' was made from no design, and a gain needs the weights of one; give one of {', '.join(gains)}"
         )
     return made_from[name]
 
 
-def _has_gain(design: "Design") -> bool:
-    """Return whether a gain can be proved for a design: torque from gyros alone, to hold level."""
-    return design.rate_loop_lag is None and design.W_l is None and design.W_r is None
-
-
 def _certify_gain(
-    design: "Design",
-    vehicle: str | None,
-    angle: float,
-    rate: float,
-    *,
-    level: float | None,
-    leak: float | None,
-    exact_rho: bool,
-    slow: bool,
+    name: str, vehicle: str | None, leak: float | None, *, exact_rho: bool, **options: Any
 ) -> "Certificate":
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.certify.gain.l2_gain import certify_gain
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import design_problem
 
+    design = _find_design(name)
     airframe = load_vehicle(vehicle or design.vehicle)
     _, report = derive(design, airframe)
     if leak is not None and not 0.0 < leak < math.inf:
@@ -190,29 +163,13 @@ def _certify_gain(
         )
     try:
         problem = report.problem if leak is None else design_problem(replace(design, leak=leak), airframe)
-        scheduled = exact_rho or design.scheduled
-        return certify_gain(
-            problem,
-            report.result.controller,
-            angle=angle,
-            rate=rate,
-            scheduled=scheduled,
-            rate_bounded=slow,
-            level=level,
-        )
+        return certify_gain(problem, report.result.controller, scheduled=exact_rho or design.scheduled, **options)
     except ValueError as error:
         raise ConfigError(f"design {design.name}: {error}") from None
 
 
 def _certify_boundedness(
-    law: str,
-    vehicle: str,
-    moment: tuple[float, float, float],
-    horizon: float,
-    *,
-    leak: float,
-    noise: float,
-    risk: float,
+    law: str, vehicle: str, moment: tuple[float, float, float], *, horizon: float, leak: float, **noise: float
 ) -> "Certificate":
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.certify.boundedness import certify_boundedness
@@ -222,9 +179,7 @@ def _certify_boundedness(
 
     flown, airframe = load_law(law), load_vehicle(vehicle)
     try:
-        certificate = certify_boundedness(
-            flown, airframe, moment=moment, horizon=horizon, leak=leak, noise=noise, risk=risk
-        )
+        certificate = certify_boundedness(flown, airframe, moment=moment, horizon=horizon, leak=leak, **noise)
         if not certificate.proven or certificate.gain is None or leak:  # a vehicle with a leak cannot be flown
             return certificate
         L, M, N = (certificate.gain * limit for limit in moment)
@@ -237,7 +192,7 @@ def _certify_boundedness(
 
 def _check(path: Path, *, as_json: bool) -> ExitStatus:
     from firmware_model.config.files import parse_json, read_text
-    from gustproof.certify.check.evidence import FORMAT, check
+    from gustproof.certify.check.evidence import FORMAT, check_certificate
 
     try:
         text = read_text(path)
@@ -246,11 +201,11 @@ def _check(path: Path, *, as_json: bool) -> ExitStatus:
         raise ConfigError(f"{path}: not JSON: {error}") from None
     if not isinstance(claimed, dict) or claimed.get("format") != FORMAT:
         raise ConfigError(f"{path}: not a certificate: its format must be '{FORMAT}'")
-    verdict = check(text)
+    verdict = check_certificate(text)
     if as_json:
         keys = ("statement", "gain", "lower_bound", "assumes") if verdict.accepted else ()
         figures = {key: claimed[key] for key in keys if key in claimed}
-        print(json.dumps({"proven": verdict.accepted, "reason": verdict.reason, **figures}, indent=2))
+        print_json({"proven": verdict.accepted, "reason": verdict.reason, **figures})
     elif verdict.accepted:
         say(f"proven: {claimed['statement']}")
         say(verdict.reason)
@@ -264,18 +219,15 @@ def _show(name: str, certificate: "Certificate", output: Path | None, *, as_json
     gain = certificate.gain
     if as_json:
         figures = {"gain": gain, "lower_bound": certificate.lower_bound, "proven": certificate.proven}
-        print(json.dumps({**figures, "assumes": certificate.assumes, "statement": certificate.statement}, indent=2))
+        print_json({**figures, "assumes": certificate.assumes, "statement": certificate.statement})
         return
     print(f"{name}: {'proven' if certificate.proven else 'NOT proven'}: {certificate.statement}")
     if certificate.lower_bound:  # 0 if nothing was simulated
         print(_describe_lower_bound(certificate))
     _show_assumptions(certificate.assumes)
     if output is not None:
-        print(
-            f"certificate in {output}"
-            if certificate.proven
-            else "no certificate is written: there is no proof to check"
-        )
+        unproven = "no certificate is written: there is no proof to check"
+        print(f"certificate in {output}" if certificate.proven else unproven)
 
 
 def _describe_lower_bound(certificate: "Certificate") -> str:

@@ -209,8 +209,8 @@ def load_law(name_or_path: str | Path) -> Law:
     """
     path = Path(name_or_path)
     if path.suffix != ".json":
-        if str(name_or_path) not in shipped_laws():
-            known = ", ".join(shipped_laws())
+        if str(name_or_path) not in list_laws():
+            known = ", ".join(list_laws())
             raise LawFileError(
                 f"no law named '{sanitize_line(str(name_or_path))}': give a .json file or one of {known}"
             )
@@ -238,13 +238,13 @@ def parse_law(document: Any, source: str) -> Law:
         raise LawFileError(f"{source}: {sanitize_line(str(error))}") from None
 
 
-def shipped_laws() -> tuple[str, ...]:
+def list_laws() -> tuple[str, ...]:
     """Return the names of the shipped laws.
 
     Examples
     --------
-    >>> from gustproof import shipped_laws
-    >>> "flagship" in shipped_laws()
+    >>> from gustproof import list_laws
+    >>> "flagship" in list_laws()
     True
     """
     return tuple(sorted(path.stem for path in LAWS.glob("*.json")))

@@ -22,28 +22,17 @@ def sampled_axis(vehicle: Vehicle, scenario: Scenario, axis: int, *, inertia: fl
     with `alpha = exp(-dt / tau)`, `b = (1 - exp(-d dt)) / d` and `c = (exp(-d dt) - alpha) / (1 / tau - d)`.
 
     The parameters are 1 / inertia, alpha and c. One lag fixes both alpha and c; here each has a range of its own. The
-    family therefore contains every axis with inertia and lag in their ranges, and a few more.
-
-    Parameters
-    ----------
-    vehicle
-        Nominal vehicle.
-    scenario
-        Sample time and delay.
-    axis
-        0, 1, 2 for roll, pitch, yaw.
-    inertia, actuator_lag
-        [-] largest relative deviation of each from the vehicle's value; in (0, 1).
+    family therefore contains every axis with inertia and lag in their ranges, and a few more. `inertia` and
+    `actuator_lag` [-] are their largest relative deviations from the vehicle's values, in (0, 1).
     """
     dt, tau, J = scenario.dt, vehicle.actuator_lag, vehicle.inertia_B[axis]
     rate_decay = math.exp(-vehicle.rate_damping * dt)
     held_gain = -math.expm1(-vehicle.rate_damping * dt) / vehicle.rate_damping if vehicle.rate_damping else dt
-    low, nominal, high = (
-        _lag_coefficients(share * tau, vehicle.rate_damping, dt)
-        for share in (1.0 - actuator_lag, 1.0, 1.0 + actuator_lag)
-    )
+    shares = (1.0 - actuator_lag, 1.0, 1.0 + actuator_lag)
+    ranges = zip(*(_lag_coefficients(share * tau, vehicle.rate_damping, dt) for share in shares), strict=True)
     decay, carryover = (
-        ureal(name, low=low[k], nominal=nominal[k], high=high[k]) for k, name in enumerate((DECAY, CARRYOVER))
+        ureal(name, low=low, nominal=nominal, high=high)
+        for name, (low, nominal, high) in zip((DECAY, CARRYOVER), ranges, strict=True)
     )
     inverse = ureal(INVERSE_INERTIA, low=1.0 / (J * (1.0 + inertia)), nominal=1.0 / J, high=1.0 / (J * (1.0 - inertia)))
     # columns: rate, moment, command

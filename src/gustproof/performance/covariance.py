@@ -77,13 +77,10 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
     f, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
     covariance = factor @ factor.T
     map_B = np.array([gust_moment(vehicle.gust_gain, vehicle.gust_yaw_ratio, tuple(e)) for e in np.eye(3)]).T
-    v_A, v_B = _lower_triangle(f.v_a11, f.v_a21, f.v_a22), _lower_triangle(f.v_b11, f.v_b21, f.v_b22)
-    w_A, w_B = _lower_triangle(f.w_a11, f.w_a21, f.w_a22), _lower_triangle(f.w_b11, f.w_b21, f.w_b22)
-    filters = (
-        (np.array([[f.u_a]]), np.array([[f.u_b]]), np.array([[1.0]]), covariance[:1, :1]),
-        (v_A, v_B, np.array([[f.v_c1, f.v_c2]]), covariance[1:3, 1:3]),
-        (w_A, w_B, np.array([[f.w_c1, f.w_c2]]), covariance[4:6, 4:6]),
-    )
+    filters = [(np.array([[f.u_a]]), np.array([[f.u_b]]), np.array([[1.0]]), covariance[:1, :1])]
+    for t, at in ((f.v, slice(1, 3)), (f.w, slice(4, 6))):
+        A, B = _lower_triangle(t.a11, t.a21, t.a22), _lower_triangle(t.b11, t.b21, t.b22)
+        filters.append((A, B, np.array([[t.c1, t.c2]]), covariance[at, at]))
     models = []
     for axis, inertia in enumerate(vehicle.inertia_B):
         component = int(np.argmax(np.abs(map_B[axis])))
@@ -146,6 +143,12 @@ def controller_performance(model: AxisModel, controller: Lti) -> AxisPerformance
     )
 
 
+def pool_axes(axes: Sequence[AxisPerformance]) -> tuple[float, float]:
+    """Return rms attitude [rad] and slew [N*m/s] of all axes."""
+    rmse, slew = (math.sqrt(np.mean([getattr(axis, name) ** 2 for axis in axes])) for name in ("rmse", "slew"))
+    return rmse, slew
+
+
 def rms(model: AxisModel, controller: Lti) -> tuple[float, float]:
     """Return rms attitude [rad] and slew [N*m/s] of one axis, averaged over the flight."""
     moments = mean_second_moments([model], lft(augmented_axis(model), controller))
@@ -175,23 +178,18 @@ def mean_covariance(F: Matrix, Q: Matrix, P: Matrix, count: int) -> Matrix:
 
 def open_loop(model: AxisModel, controller: Lti) -> Lti:
     """Return the loop broken at the plant's input, for negative feedback; the gyro does not measure attitude."""
-    dt, whole = model.plant.dt, model.plant
-    plant = Lti(A=whole.A[1:, 1:], B=whole.B[1:], C=whole.C[:, 1:], D=whole.D, dt=dt)
+    whole = model.plant
+    plant = Lti(A=whole.A[1:, 1:], B=whole.B[1:], C=whole.C[:, 1:], D=whole.D, dt=whole.dt)
     for _ in range(model.delay_samples):
-        plant = series(delay(1, dt), plant)
-    loop = series(plant, controller)
-    return Lti(A=loop.A, B=loop.B, C=-loop.C, D=-loop.D, dt=dt)
+        plant = series(delay(1, whole.dt), plant)
+    return -series(plant, controller)
 
 
 def _axis_model(vehicle: Vehicle, scenario: Scenario, inertia: float, moment: Lti, stationary: Matrix) -> AxisModel:
     lag, damping = vehicle.actuator_lag, vehicle.rate_damping
-    continuous = Lti(
-        A=np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0 / inertia], [0.0, 0.0, -1.0 / lag]]),
-        B=np.array([[0.0, 0.0], [0.0, 1.0 / inertia], [1.0 / lag, 0.0]]),
-        C=np.array([[0.0, 1.0, 0.0]]),
-        D=np.zeros((1, 2)),
-    )
-    held = discretize_zoh(continuous, scenario.dt)
+    A = np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0 / inertia], [0.0, 0.0, -1.0 / lag]])
+    B = np.array([[0.0, 0.0], [0.0, 1.0 / inertia], [1.0 / lag, 0.0]])
+    held = discretize_zoh(Lti(A=A, B=B, C=np.array([[0.0, 1.0, 0.0]]), D=np.zeros((1, 2))), scenario.dt)
     noise = vehicle.gyro.noise_ratio * vehicle.gyro.reference_rate * math.sqrt(scenario.control_rate_hz / 250.0)
     return AxisModel(
         plant=held.subsystem(slice(0, 1), slice(0, 1)),

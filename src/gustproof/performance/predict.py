@@ -65,13 +65,9 @@ def _augmented_vehicle(models: Sequence[AxisModel], vehicle: Vehicle, scenario: 
     noise = density * math.sqrt(0.5 * scenario.control_rate_hz) * np.eye(3)
     outputs, order = [*attitudes, *changes, *gyros], [*noises, *last]
     B, D = B[:, order], D[np.ix_(outputs, order)]
-    return Lti(
-        A=A,
-        B=np.hstack([np.zeros((A.shape[0], 3)), B]),
-        C=np.vstack([C[outputs], specific_force]),
-        D=np.block([[np.zeros((9, 3)), D], [noise, np.zeros((3, B.shape[1]))]]),
-        dt=scenario.dt,
-    )
+    D = np.block([[np.zeros((9, 3)), D], [noise, np.zeros((3, B.shape[1]))]])
+    B, C = np.hstack([np.zeros((A.shape[0], 3)), B]), np.vstack([C[outputs], specific_force])
+    return Lti(A=A, B=B, C=C, D=D, dt=scenario.dt)
 
 
 def _controller(law: Law) -> Lti:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
 from firmware_model.config.files import validate
@@ -18,12 +17,11 @@ from firmware_model.sim.fault_schedule import fault_schedule
 from gustproof.controller.core import reference_excess
 from gustproof.law.form import Law, parse_law
 from gustproof.law.hover import is_stable_at_hover
-from gustproof.scoring.metrics import Metrics, measure, peak_rate
+from gustproof.scoring.metrics import Metrics, measure
 from gustproof.scoring.requirements import RequirementResult, judge
 from gustproof.simulate.outcome import FlightOutcome
+from gustproof.types import Records
 from gustproof.version import software_versions
-
-Records = NDArray[np.void]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,11 +69,6 @@ class Flight:
     def requirements(self) -> tuple[RequirementResult, ...]:
         """Result of each requirement of the scenario."""
         return judge(self.records, self.scenario, self.vehicle)
-
-    @property
-    def peak_rate(self) -> float:
-        """[rad/s] largest magnitude of p, q, r."""
-        return peak_rate(self.records)
 
     @property
     def has_expected_outcome(self) -> bool:
@@ -214,13 +207,9 @@ def parse_metadata(metadata: Any, source: Path) -> tuple[Scenario, Law | None, V
         seed, real_time = int(metadata["seed"]), bool(metadata["real_time"])
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ConfigError(f"{source}: does not say what was flown") from None
-    return (
-        validate(Scenario, scenario, f"{source}: scenario"),
-        None if law is None else parse_law(law, f"{source}: law"),
-        validate(Vehicle, vehicle, f"{source}: vehicle"),
-        seed,
-        real_time,
-    )
+    script = validate(Scenario, scenario, f"{source}: scenario")
+    parsed = None if law is None else parse_law(law, f"{source}: law")
+    return script, parsed, validate(Vehicle, vehicle, f"{source}: vehicle"), seed, real_time
 
 
 def first_difference_s(records: Records, others: Records) -> float | None:

@@ -156,7 +156,7 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
         _step_turbulence(params, state, noise)
         for w in range(LANES):
             tally, limit = Lane(tallies, LANES, w), Lane(torque_limit, LANES, w)
-            tally_kernel(tally, k == 0, limit, Lane(record, LANES, w), shared.dt)
+            tally_kernel(tally, k, limit, Lane(record, LANES, w), shared.dt)
         read_kernel(shared.rules, batch.readings, k, reference, batch.tallies, record, limits)
 
 

@@ -117,13 +117,13 @@ def load_design(name_or_path: str | Path) -> Design:
     return read_toml(Design, name_or_path, DESIGNS)
 
 
-def shipped_designs() -> tuple[str, ...]:
+def list_designs() -> tuple[str, ...]:
     """Return the names of the shipped designs.
 
     Examples
     --------
-    >>> from gustproof import shipped_designs
-    >>> "D1" in shipped_designs()
+    >>> from gustproof import list_designs
+    >>> "D1" in list_designs()
     True
     """
     return list_shipped(DESIGNS)

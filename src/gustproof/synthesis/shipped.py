@@ -7,7 +7,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.law.form import LAWS, REFERENCE_LIMIT, Law
 from gustproof.synthesis.derive import derive
-from gustproof.synthesis.designs import load_design, shipped_designs
+from gustproof.synthesis.designs import list_designs, load_design
 from gustproof.synthesis.pid.autotune import autotune_pid
 from gustproof.synthesis.pid.flagship import flagship_law
 from gustproof.synthesis.pid.indi import indi_law
@@ -39,7 +39,7 @@ DERIVATIONS: dict[str, Callable[[], Law]] = {
     "pid-fair": lambda: baseline_pid(load_vehicle("paper"), load_scenario("paper-turbulence")),
     "flagship": _flagship,
     "indi": lambda: indi_law(load_vehicle("paper"), load_scenario("paper-turbulence")),
-    **{load_design(name).law: _make_derivation(name) for name in shipped_designs()},
+    **{load_design(name).law: _make_derivation(name) for name in list_designs()},
 }
 """Derivation of each shipped law, by its name."""
 

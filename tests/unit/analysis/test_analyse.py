@@ -10,7 +10,7 @@ from gustproof.analysis.analyse import analyse
 from gustproof.analysis.law_margins import axis_robustness, hover_margins
 from gustproof.law.form import load_law
 from gustproof.report import figures
-from gustproof.report.analysis import render_analysis
+from gustproof.report.laws import render_analysis
 from gustproof.report.terminal import save_text
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct

@@ -24,7 +24,8 @@ def standing():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(placement, "SLEWS", (10.0, 20.0))
         patch.setattr(placement, "PEAKS", (0.9, 1.36, 2.0))
-        return placement.performance_limits(LAWS, margins, vehicle, scenario)
+        limits, places = placement.performance_limits(LAWS, margins, vehicle, scenario)
+        return SimpleNamespace(limits=limits, places=places)
 
 
 def test_laws_stand_above_the_least_at_their_price_and_that_above_the_limit(standing):
@@ -52,7 +53,8 @@ def test_limits_stand_in_order(standing):
 
 
 def test_the_trade_off_figure_has_limits_and_laws_where_they_are(drawn, standing):
-    save_trade_off(standing, dict.fromkeys(LAWS, SimpleNamespace(rmse_deg=0.12)), Path("trade-off.png"))
+    flown = dict.fromkeys(LAWS, SimpleNamespace(rmse_deg=0.12))
+    save_trade_off(standing.limits, standing.places, flown, Path("trade-off.png"))
     (figure,) = drawn
     for axes in figure.axes:
         lines = {line.get_label(): line for line in axes.get_lines()}

@@ -1,6 +1,7 @@
 """Boxes that flights provably keep: flown against, spoiled, and refused where they do not close."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.config.waveforms import MomentSine, MomentSquare
 from gustproof.certify.boundedness import certify_boundedness
 from gustproof.certify.certificate import Certificate, load_certificate
-from gustproof.certify.check.evidence import check, seal
+from gustproof.certify.check.evidence import check_certificate as check
+from gustproof.certify.check.evidence import seal
 from gustproof.certify.check.invariant_box import SIGNALS, axis_norms
 from gustproof.law.form import Law, load_law
 from gustproof.law.step import step
@@ -121,6 +123,15 @@ def test_without_leak_the_attitude_integrates_what_turns_it(certificate):
     assert float(norms.attitude[SIGNALS.index("omega")]) == 0.0  # no gyro sees it
 
 
+def test_with_leak_the_attitude_forgets_what_turned_it():
+    law, leak, horizon = load_law("hinf-d2"), 0.5, 1.0
+    leaky = certify_boundedness(law, VEHICLE, moment=MOMENT, horizon=horizon, leak=leak)
+    assert leaky.proven
+    assert check(json.dumps(leaky.to_dict())).accepted
+    kept = float(axis_norms(leaky.evidence, 2).attitude[SIGNALS.index("E")])
+    assert kept == pytest.approx(law.dt * math.expm1(-leak * horizon) / math.expm1(-leak * law.dt), rel=1e-9)
+
+
 def test_noise_is_covered_with_its_probability(certificate):
     noisy = certify_boundedness(load_law("hinf-d2"), VEHICLE, moment=MOMENT, horizon=0.5, noise=0.001, risk=1e-3)
     assert noisy.proven
@@ -182,6 +193,7 @@ def test_of_a_moment_too_large_the_largest_part_is_found():
     assert 0.98 * law.limits[1] < part.evidence["box"][1][SIGNALS.index("command")] < law.limits[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "file", "leak", "least"),
     [("hinf-d2", "closure_d2_leak.json", 0.05, 0.1), ("hinf-scheduled", "closure_scheduled_60s.json", 0.0, 0.039)],

@@ -9,7 +9,8 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate, load_certificate
-from gustproof.certify.check.evidence import check, seal
+from gustproof.certify.check.evidence import check_certificate as check
+from gustproof.certify.check.evidence import seal
 from gustproof.certify.gain.l2_gain import attitude_loop, attitude_speeds, certify_lft
 from gustproof.certify.gain.symmetry import mirror_group
 from gustproof.certify.gain.worst_schedule import worst_schedule, worst_triangle_schedule
@@ -39,6 +40,7 @@ def certificate() -> Certificate:
     return certify_lft(spring(), assumes={}, speeds={"stiffness": 1e-3})
 
 
+@pytest.mark.slow
 def test_a_slow_spring_has_a_bound_where_a_fast_one_has_none(certificate):
     assert not certify_lft(spring(), assumes={}).proven
     assert worst_schedule(spring()).gain > 1e3  # it is unstable: no proof could be had
@@ -54,12 +56,14 @@ def faster() -> Certificate:
     return certify_lft(spring(), assumes={}, speeds={"stiffness": 0.01})
 
 
+@pytest.mark.slow
 def test_the_bound_grows_with_the_speed_until_there_is_none(certificate, faster):
     assert faster.proven
     assert faster.gain > certificate.gain
     assert not certify_lft(spring(), assumes={}, speeds={"stiffness": 10.0}).proven
 
 
+@pytest.mark.slow
 def test_no_simulation_of_ten_thousand_exceeds_the_bound(faster):
     """The stiffness ramps up and down as fast as it may, w follows the resonance or not; 80 s, energy left unspent."""
     rng, runs, dt = np.random.default_rng(5), 10_000, 0.04
@@ -166,6 +170,7 @@ def paper_loop() -> Uncertain:
     return attitude_loop(problem, controller, Envelope(angle=0.1, rate=0.5), scheduled=False)
 
 
+@pytest.mark.slow
 def test_the_papers_law_gains_a_quarter_from_what_the_kinematics_allow_roll_and_pitch():
     """The certificate was found once (`gustproof certify hinf-d2 ... --slow`); here it is judged and compared."""
     certificate = load_certificate(GOLDEN)

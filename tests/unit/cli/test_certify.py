@@ -14,7 +14,7 @@ from gustproof.certify.gain.l2_gain import attitude_loop
 from gustproof.cli.app import app
 from gustproof.lti.state_space import gain
 from gustproof.model.rotational import Envelope
-from gustproof.synthesis.designs import design_problem, load_design, shipped_designs
+from gustproof.synthesis.designs import design_problem, list_designs, load_design
 
 ENVELOPE = ("--angle-rad", "0.01", "--rate-rad-s", "0.01")
 
@@ -164,7 +164,7 @@ def test_what_the_hint_names_is_what_a_gain_can_be_proved_of():
     vehicle, envelope = load_vehicle("paper"), Envelope(angle=0.1, rate=0.5)
     hint = run("pid-fair", *ENVELOPE).stderr.strip()
     assert hint.endswith("give one of hinf-d1, hinf-d1-noise, hinf-d2, hinf-scheduled")
-    for design in map(load_design, shipped_designs()):
+    for design in map(load_design, list_designs()):
         with nullcontext() if f" {design.law}," in f"{hint}," else pytest.raises(ValueError, match="certify supports"):
             problem = design_problem(design, vehicle)
             attitude_loop(problem, gain(np.zeros((problem.n_con, problem.n_meas))), envelope, scheduled=False)

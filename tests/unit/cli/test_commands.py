@@ -73,7 +73,7 @@ def test_help_loads_nothing_heavy():
         (("design", "D1", "--gamma", "0.3", "--backoff", "1.1"), "give one of them"),
         (("design", "D1", "--backoff", "1.0"), "--backoff above 1"),
         (("design", "D1", "-o", "law.txt"), "ends in .json"),
-        (("design", "D1", "-o", "/nowhere/law.json"), "/nowhere/law.json: No such file"),
+        (("design", "D1", "-o", "/nowhere/law.json"), "/nowhere: no such folder"),
     ],
 )
 def test_bad_input_is_one_clear_line_and_status_2(arguments, words, tmp_path, monkeypatch):

@@ -455,7 +455,7 @@ def test_silent_autopilot_is_lost(autopilot):
 def test_strangers_are_not_listened_to(autopilot):
     autopilot.say(heartbeat_message(OFFBOARD, True, critical=False), peer=(0, ("stranger", 1)))
     assert autopilot.endpoint.phase is Phase.SEEKING
-    assert autopilot.endpoint.counters[RejectReason.OTHER_TARGET] == 1
+    assert autopilot.endpoint.channel.dropped[RejectReason.OTHER_TARGET] == 1
 
 
 def test_any_datagram_is_survived(autopilot):
@@ -469,4 +469,4 @@ def test_any_datagram_is_survived(autopilot):
         cut = chance.randrange(len(datagram)) if chance.random() < 0.3 else len(datagram)
         autopilot.endpoint.receive(datagram[:cut], VEHICLE, 0)
         autopilot.endpoint.poll(0)
-    assert autopilot.endpoint.counters[RejectReason.TRUNCATED] > 100
+    assert autopilot.endpoint.channel.dropped[RejectReason.TRUNCATED] > 100

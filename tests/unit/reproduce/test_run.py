@@ -99,7 +99,7 @@ def test_a_bag_names_its_flight_and_holds_what_was_flown(campaign):
 def test_a_flight_that_breaks_off_ends_the_campaign_and_says_which(tmp_path, monkeypatch):
     monkeypatch.setattr(recorder, "fly", direct(lost="hinf-d2"))
     monkeypatch.setattr(run, "load_scenario", shortened)
-    monkeypatch.setattr(run, "performance_limits", lambda *_: None)
+    monkeypatch.setattr(run, "performance_limits", lambda *_: (None, None))
     monkeypatch.setattr(run, "axis_robustness", lambda *_: ())
     with pytest.raises(FlightError, match="hinf-d2 ended"):
         run.reproduce(load_vehicle("paper"), (1,), tmp_path, lambda *_: None)

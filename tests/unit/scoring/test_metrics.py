@@ -44,6 +44,16 @@ def test_a_constant_tilt_is_the_peak_and_rmse_of_its_axis_alone(axis, name):
     assert result.rmse_deg == pytest.approx(30.0 / math.sqrt(3.0), rel=ROUNDING)
 
 
+def test_settled_peak_leaves_out_the_first_two_seconds() -> None:
+    records = flight()
+    records["q_NB"][499] = turned(0, math.radians(30.0))[0]
+    records["q_NB"][500] = turned(1, math.radians(-4.0))[0]
+    records["q_NB"][700] = turned(2, math.radians(3.0))[0]
+    assert figures(records).peak_deg == pytest.approx(30.0, rel=ROUNDING)
+    assert figures(records).peak_settled_deg == pytest.approx(4.0, rel=ROUNDING)
+    assert figures(records[:500]).peak_settled_deg == figures(records).peak_deg  # nothing was flown after 2 s
+
+
 @pytest.mark.parametrize(("axis", "column"), [(0, 0), (2, 2)])
 def test_a_full_turn_of_roll_or_yaw_counts_as_360_degrees(axis, column):
     records = flight(500)

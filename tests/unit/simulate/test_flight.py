@@ -14,7 +14,7 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.recording.journal import WIDTH, JournalWriter
 from gustproof.errors import FlightError
-from gustproof.law.form import load_law, shipped_laws
+from gustproof.law.form import list_laws, load_law
 from gustproof.recording.bag import read_bag, write_bag
 from gustproof.recording.folder import find_bags
 from gustproof.simulate import recorder
@@ -108,7 +108,7 @@ def test_a_flight_whose_modes_the_script_changed_is_recovered_as_what_it_was(tmp
 
 def test_laws_without_a_reference_input_are_warned_of_where_the_script_gives_references():
     steps = load_scenario("attitude-steps")
-    deaf = {name for name in shipped_laws() if warnings(steps, load_law(name), PAPER)}
+    deaf = {name for name in list_laws() if warnings(steps, load_law(name), PAPER)}
     assert {"hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-scheduled", "hinf-rates"} <= deaf
     assert deaf.isdisjoint({"hinf-reference", "pid-default", "pid-fair"})
     (line,) = warnings(steps, load_law("hinf-d1"), PAPER)
@@ -121,7 +121,7 @@ def stepping(*euler_deg: float):
 
 
 def test_check_takes_every_shipped_law_on_its_own_vehicle():
-    for name in shipped_laws():
+    for name in list_laws():
         law = load_law(name)
         check(SHORT, law, load_vehicle(law.provenance.vehicle))
         assert warnings(SHORT, law, PAPER) == ()

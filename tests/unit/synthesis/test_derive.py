@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import connected_components
 
-from gustproof.law.form import Law, Output, load_law, shipped_laws
+from gustproof.law.form import Law, Output, list_laws, load_law
 from gustproof.synthesis.derive import DesignReport, derive
-from gustproof.synthesis.designs import Design, load_design, shipped_designs
+from gustproof.synthesis.designs import Design, list_designs, load_design
 
 SAME = 1e-9
 """Relative to the largest entry: what another BLAS may change."""
 
 
-@pytest.fixture(scope="module", params=shipped_designs())
+@pytest.fixture(scope="module", params=list_designs())
 def derived(request) -> tuple[Design, Law, DesignReport]:
     design = load_design(request.param)
     return design, *derive(design)
@@ -34,7 +34,7 @@ def test_the_shipped_law_is_the_one_derived_from_the_design(derived):
     assert (shipped.is_scheduled, shipped.provenance.design) == (law.is_scheduled, law.provenance.design)
 
 
-@pytest.mark.parametrize("name", shipped_laws())
+@pytest.mark.parametrize("name", list_laws())
 def test_no_coefficient_of_a_shipped_law_couples_its_axes(name):
     law = load_law(name)
     n, measured = law.order, law.B.shape[1]

@@ -9,7 +9,7 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.law.form import Law, load_law, shipped_laws
+from gustproof.law.form import Law, list_laws, load_law
 from gustproof.scoring.metrics import Metrics, attitude, measure
 from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.shipped import DERIVATIONS
@@ -81,7 +81,7 @@ def test_the_default_pid_is_slow_and_calm() -> None:
 
 
 def test_every_shipped_law_is_derived() -> None:
-    assert set(DERIVATIONS) == set(shipped_laws())
+    assert set(DERIVATIONS) == set(list_laws())
 
 
 def error_at_the_end(law: str, steps_deg: list[tuple[float, ...]], seed: int) -> float:

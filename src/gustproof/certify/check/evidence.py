@@ -42,7 +42,7 @@ class CheckResult:
     """The proved statement, or the condition that failed."""
 
 
-def check(certificate_json: str) -> CheckResult:
+def check_certificate(certificate_json: str) -> CheckResult:
     """Return whether the evidence of a certificate, given as the text of its file, proves its claim.
 
     The seal must fit: one changed digit anywhere is refused, even one that would leave the proof valid. Any text gets a

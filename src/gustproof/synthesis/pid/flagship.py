@@ -5,12 +5,9 @@ torque slew. In addition, a peak is limited at each corner of a box of inertia a
 equal robustness: on request, each axis also stays stable at a stated delay and up to a stated loop gain.
 """
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
@@ -19,12 +16,19 @@ from gustproof.law.cascade import cascade_law
 from gustproof.law.form import Law, Provenance
 from gustproof.lti.margins import loop_margins
 from gustproof.model.uncertainty import Spreads
-from gustproof.performance.covariance import AxisModel, AxisPerformance, axis_models, axis_performance, open_loop
+from gustproof.performance.covariance import (
+    AxisModel,
+    AxisPerformance,
+    axis_models,
+    axis_performance,
+    open_loop,
+    pool_axes,
+)
 from gustproof.synthesis.pid.biquad_search import AxisSearch
 from gustproof.synthesis.pid.pid_biquad import BiquadGains, biquad_axis
+from gustproof.synthesis.pid.tuning import axis_parameters
 from gustproof.version import __version__
 
-_AXES = ("roll", "pitch", "yaw")
 _WEIGHT = 1e-9
 """[s^2 rad^2/(N*m)^2] initial weight of mean square slew."""
 _ROUNDS = 20
@@ -75,7 +79,7 @@ def flagship_law(
     """
     gains = tune_flagship(vehicle, scenario, limits)
     axes = [biquad_axis(each, inertia, scenario.dt) for each, inertia in zip(gains, vehicle.inertia_B, strict=True)]
-    rmse, slew = _pool_axes(_axis_performances(axis_models(vehicle, scenario), gains))
+    rmse, slew = pool_axes(_axis_performances(axis_models(vehicle, scenario), gains))
     parameters = {
         "sensitivity_peak": limits.sensitivity_peak,
         "slew_nm_per_s": limits.slew,
@@ -87,8 +91,7 @@ def flagship_law(
         "foretold_rmse_deg": math.degrees(rmse),
         "foretold_slew_nm_per_s": slew,
     }
-    for axis, each in zip(_AXES, gains, strict=True):
-        parameters |= {f"{axis}_{name}": value for name, value in each._asdict().items()}
+    parameters |= axis_parameters(each._asdict() for each in gains)
     provenance = Provenance(
         design=f"strapdown cascade with a biquad, of least attitude error in scenario '{scenario.name}'",
         vehicle=vehicle.name,
@@ -104,14 +107,8 @@ def tune_flagship(
     """Return the gains of roll, pitch and yaw with the least attitude error, pooled over the axes.
 
     All axes have the same weight of slew, which shares the slew optimally among them. It is raised until the slew is
-    within its limit. A few fixed starts are searched and the best optimum is taken: the same gains every time.
-
-    Parameters
-    ----------
-    vehicle, scenario
-        Vehicle and scenario to tune for; the scenario gives turbulence, delay, sample time and duration.
-    limits
-        Limits of sensitivity and slew, and the spread of the vehicle.
+    within its limit. A few fixed starts are searched and the best optimum is taken: the same gains every time. The
+    scenario gives turbulence, delay, sample time and duration.
 
     Raises
     ------
@@ -143,7 +140,7 @@ def tune_flagship(
                 raise refusal
             gains.append(found.gains)
         performances = _axis_performances(models, gains)
-        excess = _pool_axes(performances)[1] / limits.slew
+        excess = pool_axes(performances)[1] / limits.slew
         if 1.0 - _SLEW_TOLERANCE < excess <= 1.0:
             kept = max(each.sensitivity_peak for each in performances) <= limits.sensitivity_peak
             if not (kept and all(_is_robust(*axis, limits) for axis in zip(models, gains, strict=True))):
@@ -157,11 +154,11 @@ def tune_flagship(
 def corner_vehicles(vehicle: Vehicle, spreads: Spreads) -> list[Vehicle]:
     """Return the vehicles with all inertias and the lag at the ends of their ranges."""
     ends = []
-    for heavier, slower in itertools.product(
-        (-spreads.inertia, spreads.inertia), (-spreads.actuator_lag, spreads.actuator_lag)
-    ):
+    for heavier in (-spreads.inertia, spreads.inertia):
         I_x, I_y, I_z = ((1.0 + heavier) * inertia for inertia in vehicle.inertia_B)
-        ends.append(replace(vehicle, inertia_B=(I_x, I_y, I_z), actuator_lag=(1.0 + slower) * vehicle.actuator_lag))
+        for slower in (-spreads.actuator_lag, spreads.actuator_lag):
+            lag = (1.0 + slower) * vehicle.actuator_lag
+            ends.append(replace(vehicle, inertia_B=(I_x, I_y, I_z), actuator_lag=lag))
     return ends
 
 
@@ -204,11 +201,3 @@ def _axis_performances(models: Sequence[AxisModel], gains: Sequence[BiquadGains]
         axis_performance(model, biquad_axis(each, model.inertia, model.plant.dt))
         for model, each in zip(models, gains, strict=True)
     ]
-
-
-def _pool_axes(axes: Sequence[AxisPerformance]) -> tuple[float, float]:
-    """Return rms attitude [rad] and slew [N*m/s] of all axes."""
-    return (
-        math.sqrt(np.mean([axis.rmse**2 for axis in axes])),
-        math.sqrt(np.mean([axis.slew**2 for axis in axes])),
-    )

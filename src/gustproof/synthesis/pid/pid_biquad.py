@@ -125,11 +125,8 @@ def biquad_response(values: Matrix, s: ComplexMatrix) -> tuple[ComplexMatrix, Co
     response's logarithm with respect to the logarithms of the values.
     """
     angle_p, gain, lead, lead_damping, cutoff, zero, zero_damping, pole, pole_damping = values
-    leads, zeros, poles = (
-        _quadratic(lead, lead_damping, s),
-        _quadratic(zero, zero_damping, s),
-        _quadratic(pole, pole_damping, s),
-    )
+    pairs = ((lead, lead_damping), (zero, zero_damping), (pole, pole_damping))
+    leads, zeros, poles = (_quadratic(*pair, s) for pair in pairs)
     response = gain * leads[0] / (s * (s + cutoff)) * zeros[0] / poles[0] * (1.0 + angle_p / s)
     fixed = angle_p / (s + angle_p), np.ones_like(s)
     return response, np.array([*fixed, *leads[1:], -cutoff / (s + cutoff), *zeros[1:], -poles[1], -poles[2]])

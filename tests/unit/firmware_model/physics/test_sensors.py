@@ -66,6 +66,7 @@ def flown(vehicle: Vehicle, **changed: object) -> np.ndarray:
     return fly_direct(scenario, load_law("hinf-scheduled"), vehicle=vehicle, seed=3)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("rate_hz", [250, 500])
 def test_the_accelerometers_noise_is_the_density_at_every_rate(rate_hz: int) -> None:
     law = replace(load_law("hinf-scheduled"), dt=1.0 / rate_hz)
@@ -84,6 +85,7 @@ def test_bias_is_of_the_vehicle_and_of_the_scenario() -> None:
     np.testing.assert_allclose(off - level, [(0.25, 0.5, 0.0)] * len(level), atol=1e-6)
 
 
+@pytest.mark.compiled
 def test_a_law_without_accelerometer_flies_the_same_bits_whatever_that_measures() -> None:
     first = flown(AIRFRAME)
     second = flown(AIRFRAME, accelerometer=AccelerometerFault(noise=False, bias_mps2=(1.0, 1.0, 1.0)))

@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink import peers
 from firmware_model.mavlink.frames import EncodedMessage, Frame, RejectReason, parse
 from firmware_model.mavlink.messages import CONTROLLER, command_message
 from firmware_model.mavlink.peers import MAX_PEERS
@@ -221,6 +222,7 @@ def test_each_peer_has_sequence_numbers_without_a_gap(vehicle):
         assert len(numbers) > 256
 
 
+@pytest.mark.compiled
 def test_three_ground_stations_and_a_controller_see_no_gap_in_a_flight():
     vehicle = Vehicle(lockstep=False, duration_s=3.0)
     for port in (2, 3, 4):
@@ -359,6 +361,7 @@ def test_gust_intensity_acts_in_flight():
     assert gusts[1] == 0.0
 
 
+@pytest.mark.compiled
 def test_gains_act_in_flight_and_to_set_them_to_what_they_are_changes_no_bit():
     flights = []
     for value in (None, 0.35, 0.1):  # 0.35 is the paper's vehicle
@@ -412,6 +415,27 @@ def test_in_real_time_the_controller_is_sent_each_sample_once(rate_hz):
     vehicle.wait(10 * sample_us)
     told = [message.time_usec for message in vehicle.take("HIGHRES_IMU") if message.time_usec]
     assert told == list(range(sample_us, 11 * sample_us, sample_us))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "surplus"), [("calm", RejectReason.DUPLICATE), ("link-delay", RejectReason.STALE)]
+)
+def test_answers_to_repetitions_of_sample_0_may_come_after_the_start(scenario, surplus):
+    vehicle = Vehicle(lockstep=True, scenario=scenario, duration_s=load_scenario(scenario).duration_s)
+    vehicle.say(HEARTBEAT)
+    vehicle.wait(200_000)
+    repetitions = len(vehicle.take("HIGHRES_IMU"))
+    vehicle.take_off()
+    told = [message.time_usec for message in vehicle.take("HIGHRES_IMU")]
+    under_way = repetitions - 1 + told.count(0)
+    for _ in range(under_way):
+        vehicle.setpoint(0)
+        vehicle.wait()
+    assert under_way > 8
+    assert vehicle.endpoint.counters == {}
+    vehicle.setpoint(0)
+    vehicle.wait()
+    assert vehicle.endpoint.counters == {surplus: 1}
 
 
 def test_real_time_flight_holds_a_late_set_point(vehicle):
@@ -507,6 +531,7 @@ def test_any_message_that_is_refused_is_survived(vehicle):
     assert vehicle.endpoint.counters[RejectReason.REFUSED] > 500
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_any_datagram_is_survived_and_counted(lockstep):
     vehicle = Vehicle(lockstep=lockstep)
@@ -531,12 +556,19 @@ def test_any_datagram_is_survived_and_counted(lockstep):
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_every_imu_sample_leaves_through_one_function(lockstep, scenario, monkeypatch):
     sent = []
-    send = VehicleEndpoint._send_sample
-    monkeypatch.setattr(VehicleEndpoint, "_send_sample", lambda *arguments: sent.append(send(*arguments)))
+    make_packer = peers.sample_packer
+
+    def make_counting_packer(*arguments):
+        pack = make_packer(*arguments)
+        return lambda sample: sent.append(sample) or pack(sample)
+
+    monkeypatch.setattr(peers, "sample_packer", make_counting_packer)
     vehicle = Vehicle(lockstep=lockstep, scenario=scenario, duration_s=load_scenario(scenario).duration_s)
     vehicle.take_off()
     for port in (1, 2):
         vehicle.say(HEARTBEAT, port=port, component=CONTROLLER if port == 1 else 190)
+    imu = float(wire.MAVLINK_MSG_ID_HIGHRES_IMU)
+    assert vehicle.ask(wire.MAV_CMD_REQUEST_MESSAGE, imu, port=2) == [wire.MAV_RESULT_ACCEPTED]
     for _ in range(60):
         samples = vehicle.take("HIGHRES_IMU")
         for message in samples or [None]:

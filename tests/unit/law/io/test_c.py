@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gustproof.law.form import Law, load_law, shipped_laws
+from gustproof.law.form import Law, list_laws, load_law
 from gustproof.law.io.c import c_code, c_header, c_name, save_c
 from gustproof.law.step import sparse_law, step
 
@@ -100,7 +100,7 @@ def test_compiled_c_gives_the_bits_of_the_law_over_a_hundred_thousand_steps(tmp_
 
 @pytest.mark.compiled
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-@pytest.mark.parametrize("name", shipped_laws())
+@pytest.mark.parametrize("name", list_laws())
 def test_every_shipped_law_gives_its_bits_in_c(name, tmp_path):
     law = load_law(name)
     rng = np.random.default_rng(6)
@@ -136,7 +136,7 @@ def test_a_law_that_reads_nothing_is_c_without_warnings(tmp_path):
 
 
 @pytest.mark.parametrize("build", BUILDS)
-@pytest.mark.parametrize("name", shipped_laws())
+@pytest.mark.parametrize("name", list_laws())
 def test_self_test_finds_the_bits_of_every_shipped_law_in_strict_builds(build, name, tmp_path):
     if (compiler := shutil.which(build.split()[0])) is None:
         pytest.skip(f"no {build.split()[0]}")
@@ -173,7 +173,7 @@ def test_c_whose_constants_would_be_floats_is_refused(tmp_path):
     assert "constants_are_double" in refused.value.stderr
 
 
-@pytest.mark.parametrize("name", shipped_laws())
+@pytest.mark.parametrize("name", list_laws())
 def test_only_what_a_law_computes_is_written(name):
     law, code = load_law(name), c_code(load_law(name))
     function = code[code.index("_step(double") :]

@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.modes import Mode
-from firmware_model.mavlink.services import actuators, identity, logs, motion, setpoints, status
+from firmware_model.mavlink.services import identity, motion, outputs, status, storage
 from firmware_model.numerics.rotations import rotate
 from firmware_model.types import AttitudeTarget, TorqueCommand
 
@@ -65,12 +65,12 @@ def test_identity_says_how_integers_travel(craft, generic, capabilities, autopil
 
 
 def test_log_list_is_one_entry_that_says_none(craft, ask):
-    (entry,) = ask(logs.make_service(craft), wire.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
+    (entry,) = ask(storage.make_service(craft), wire.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
     assert (entry.num_logs, entry.size) == (0, 0)
 
 
 def test_echo_is_of_what_is_tracked(craft):
-    service = setpoints.make_service(craft)
+    service = outputs.make_service(craft)
     target, torque = wire.MAVLINK_MSG_ID_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET
     assert told(service, target) is told(service, torque) is None
     craft.setpoint = TorqueCommand(time_us=4000, torque_B=(0.1, 0.2, 0.3), throttle=None)
@@ -90,9 +90,9 @@ def test_gust_is_told_as_wind_that_blows_toward(craft):
 
 
 def test_rotors_are_told_as_fractions_and_as_pulses(craft):
-    service = actuators.make_service(craft)
-    outputs = told(service, wire.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS)
-    assert outputs.actuator[:5] == pytest.approx([0.5, 0.5, 0.5, 0.5, 0.0])  # hovers at half throttle
-    assert outputs.active == 0b1111
+    service = outputs.make_service(craft)
+    thrusts = told(service, wire.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS)
+    assert thrusts.actuator[:5] == pytest.approx([0.5, 0.5, 0.5, 0.5, 0.0])  # hovers at half throttle
+    assert thrusts.active == 0b1111
     servos = told(service, wire.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)
     assert [servos.servo1_raw, servos.servo4_raw, servos.servo5_raw] == [1500, 1500, 0]

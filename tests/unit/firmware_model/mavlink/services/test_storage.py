@@ -1,12 +1,30 @@
+"""Storage on board: lists are empty, uploads and file operations are refused at once."""
+
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.services import mission
+from firmware_model.mavlink.services import storage
+
+OPEN = bytes([0xFF, 0xFF, 198, 4, 3, 0, 0, 0, 0, 0, 0, 0]) + b"a.b"
+"""Sequence 65535, session 198, open for reading, three bytes of data: the name."""
+
+
+def test_operation_is_refused_as_unknown_with_the_next_sequence_number(craft, ask):
+    request = wire.MAVLink_file_transfer_protocol_message(0, 1, 1, OPEN.ljust(251, b"\0"))
+    (answer,) = ask(storage.make_service(craft), request)
+    assert (answer.target_system, answer.target_component) == (255, 190)
+    assert bytes(answer.payload) == bytes([0, 0, 198, 129, 1, 4, 0, 0, 0, 0, 0, 0, 7]).ljust(251, b"\0")
+
+
+@pytest.mark.parametrize("operation", [128, 129])
+def test_answer_is_not_answered(craft, ask, operation):
+    payload = (OPEN[:3] + bytes([operation])).ljust(251, b"\0")
+    assert ask(storage.make_service(craft), wire.MAVLink_file_transfer_protocol_message(0, 1, 1, payload)) == []
 
 
 @pytest.fixture
 def service(craft):
-    return mission.make_service(craft)
+    return storage.make_service(craft)
 
 
 @pytest.mark.parametrize("kind", [0, 1, 2])
