@@ -37,7 +37,7 @@ def checked_name(name: str) -> str:
     ------
     ValueError
         If it is empty, too long, begins with a dot, or has an unprintable character, a slash, a backslash or a dollar
-        sign, which starts a formula in figures.
+        sign. A dollar sign starts a formula in figures.
     """
     if not (isinstance(name, str) and name.isprintable() and name.strip() and len(name.encode()) <= _LONGEST_NAME):
         raise ValueError(f"a name has 1 to {_LONGEST_NAME} bytes of printable characters")

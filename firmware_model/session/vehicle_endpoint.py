@@ -288,17 +288,17 @@ class VehicleEndpoint:
         command = messages.parse_command(frame, self.system)
         if isinstance(command, RejectReason):
             return command
-        if self.scripted_link is not None and self.flight.running:
-            cause = self.scripted_link.offer(command, len(frame.raw), self.stamp_us)
-        else:
-            cause = self.flight.offer(command)
+        cause = self._offer(command, len(frame.raw))
         if cause is None:
             self._commander = peer
-        awaited = cause is None and self.flight.running
-        if awaited or not self._answers_repetition(command, peer):
-            return cause
-        peer.answers_due -= 1
-        return None
+        repeated = (cause is not None or not self.flight.running) and self._answers_repetition(command, peer)
+        peer.answers_due -= repeated
+        return None if repeated else cause
+
+    def _offer(self, command: Command, size: int) -> RejectReason | None:
+        if self.scripted_link is not None and self.flight.running:
+            return self.scripted_link.offer(command, size, self.stamp_us)
+        return self.flight.offer(command)
 
     def _answers_repetition(self, command: Command, peer: Peer) -> bool:
         """Return whether a set-point may answer a repetition of sample 0 from before t = 0, in lockstep."""

@@ -1,6 +1,6 @@
 """Identity: heartbeats of vehicle and controller, version, and flight modes with their displayed names.
 
-A ground station has a link to the vehicle only; the relay of HEARTBEAT and STATUSTEXT of the on-board controller to all
+A ground station has a link to the vehicle only. The relay of HEARTBEAT and STATUSTEXT of the on-board controller to all
 other peers shows it the controller and the law that flies. Forwarded messages have their own sequence numbers to each
 peer, so that no peer counts gaps for messages to others.
 

@@ -137,24 +137,21 @@ def certify(
         gustproof certify --check flight.json --law flagship --vehicle paper
     """
     envelope = _parse_envelope(angle, rate)
+    gain: dict[str, Any] = {"leak": leak, "exact_rho": exact_rho, "slow": slow}
     if check_file is not None:
         if (name is None) != (envelope is None):
             raise ConfigError("--check takes a gain's design with its envelope, or a flight's --law and --vehicle")
         status = _check(check_file, law, None if name else vehicle, as_json=as_json)
         if name is not None and envelope is not None and status is ExitStatus.DONE:
-            status = _check_design(
-                check_file, _find_design(name), vehicle, *envelope, leak=leak, exact_rho=exact_rho, slow=slow
-            )
+            status = _check_design(check_file, _find_design(name), vehicle, *envelope, **gain)
         raise typer.Exit(status.value)
     if name is None or law is not None:
         raise ConfigError(_USAGE)
     check_output(output, ".json", "a certificate")
     certificate: Certificate | FlightCertificate
     if envelope is not None:
-        certificate = _certify_gain(
-            _find_design(name), vehicle, *envelope, level=level, leak=leak, exact_rho=exact_rho, slow=slow
-        )
-    elif exact_rho or slow or level is not None or leak is not None:
+        certificate = _certify_gain(_find_design(name), vehicle, *envelope, level=level, **gain)
+    elif any((exact_rho, slow, level is not None, leak is not None)):
         raise ConfigError(
             "--exact-rho, --slow, --level and --leak are for a gain; a flight takes the law file as it is"
         )

@@ -164,20 +164,23 @@ def cascade_law(name: str, axes: Sequence[AxisLaw], vehicle: Vehicle, dt: float,
     orders = {axis.A.shape[0] for axis in axes}
     if len(axes) != 3 or len(orders) != 1:
         raise ValueError(f"{len(axes)} axes of orders {sorted(orders)}, must be three of one order")
-
-    def assemble(parts: Iterable[Matrix]) -> Matrix:
-        return np.asarray(sum(np.kron(part, np.diag(unit)) for part, unit in zip(parts, np.eye(3), strict=True)))
-
-    matrices = {name: assemble(getattr(axis, name) for axis in axes) for name in "ABCDGH"}
-    limits = [axis.rate_limit for axis in axes if axis.rate_limit is not None]
-    rate_limit = None
-    if limits:
-        parts = {name: assemble(getattr(limit, name) for limit in limits) for name in "STUV"}
-        rate_limit = RateLimit(**parts, limits=np.concatenate([limit.limits for limit in limits]))
+    matrices = {name: _assemble(getattr(axis, name) for axis in axes) for name in "ABCDGH"}
     return Law(
         name=name, **matrices, dt=dt, limits=np.array(vehicle.torque_limit), output=Output.TORQUE,
-        provenance=provenance, rate_limit=rate_limit,
+        provenance=provenance, rate_limit=_join_limits([axis.rate_limit for axis in axes if axis.rate_limit]),
     )  # fmt: skip
+
+
+def _assemble(parts: Iterable[Matrix]) -> Matrix:
+    """Return the matrix of three axes from one of each."""
+    return np.asarray(sum(np.kron(part, np.diag(unit)) for part, unit in zip(parts, np.eye(3), strict=True)))
+
+
+def _join_limits(limits: Sequence[RateLimit]) -> RateLimit | None:
+    if not limits:
+        return None
+    parts = {name: _assemble(getattr(limit, name) for limit in limits) for name in "STUV"}
+    return RateLimit(**parts, limits=np.concatenate([limit.limits for limit in limits]))
 
 
 def gain_parameters(gains: Sequence[Gains]) -> dict[str, float]:

@@ -1,9 +1,10 @@
 """The compiled step of a law, as sparse sums: most coefficients of most laws are 0.
 
-One vector holds all summands of a step: states, measurements and references, Euler rates of the law's own estimates,
-saturation excess, and excess of the rate commanded from attitude. The sums are the three rates of a law that limits
-them, the three commands, and the next states. On every route each sum takes its terms in the order of that vector,
-without those whose coefficient is 0. So a limit that is not reached adds 0 at the end of a sum and changes no bit.
+One vector holds all summands of a step. They are states, measurements and references, Euler rates of the law's own
+estimates, saturation excess, and excess of the rate commanded from attitude. The sums are the three rates of a law that
+limits them, the three commands, and the next states. On every route each sum takes its terms in the order of that
+vector, and leaves out those whose coefficient is 0. So a limit that is not reached adds 0 at the end of a sum and
+changes no bit.
 """
 
 import math

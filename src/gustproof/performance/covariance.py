@@ -138,7 +138,9 @@ def axis_performance(model: AxisModel, law: AxisLaw) -> AxisPerformance:
 def controller_performance(model: AxisModel, controller: Lti) -> AxisPerformance:
     """Return the performance of one axis under a linear `controller` from gyro [rad/s] to command [N*m]."""
     rmse, slew = rms(model, controller)
-    return AxisPerformance(rmse=rmse, slew=slew, sensitivity_peak=hinf_norm(sensitivity(_loop(model, controller))).gain)
+    return AxisPerformance(
+        rmse=rmse, slew=slew, sensitivity_peak=hinf_norm(sensitivity(open_loop(model, controller))).gain
+    )
 
 
 def pool_axes(axes: Sequence[AxisPerformance]) -> tuple[float, float]:
@@ -174,7 +176,7 @@ def mean_covariance(F: Matrix, Q: Matrix, P: Matrix, count: int) -> Matrix:
     return np.asarray((total + initial) / count)
 
 
-def _loop(model: AxisModel, controller: Lti) -> Lti:
+def open_loop(model: AxisModel, controller: Lti) -> Lti:
     """Return the loop broken at the plant's input, for negative feedback; the gyro does not measure attitude."""
     whole = model.plant
     plant = Lti(A=whole.A[1:, 1:], B=whole.B[1:], C=whole.C[:, 1:], D=whole.D, dt=whole.dt)

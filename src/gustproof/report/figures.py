@@ -30,6 +30,7 @@ _COLOURS = {
     "hinf-rates": "#cc79a7",
     "indi": "#8c510a",
     "flagship": "#882255",
+    "flagship-robust": "#aa4499",
     "aided": "#117733",
 }
 _DEFAULT_COLOUR = "#e69f00"

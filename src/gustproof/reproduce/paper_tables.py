@@ -19,7 +19,13 @@ from gustproof.reproduce.errata import ERRATA, OpenQuestion, list_choices
 _VERDICT_STYLES = {ClaimVerdict.HOLDS: "green", ClaimVerdict.IN_PART: "yellow", ClaimVerdict.FAILS: "red"}
 _EQUAL_RATIO = 1.005
 """[-] ratio below which two figures are called equal."""
-_COMPARISONS = (("flagship", "pid-fair"), ("flagship", "indi"), ("hinf-scheduled", "pid-fair"), ("hinf-d1", "pid-fair"))
+_COMPARISONS = (
+    ("flagship", "pid-fair"),
+    ("flagship-robust", "pid-fair"),
+    ("flagship", "indi"),
+    ("hinf-scheduled", "pid-fair"),
+    ("hinf-d1", "pid-fair"),
+)
 _LIMITATIONS = (
     "A gyro bias b turns the vehicle by b t with every law here (scenario `bias`), but with `aided` in yaw alone: only "
     "`aided` has a second measurement of attitude. On the stand its accelerometer measures gravity, in free flight the "
@@ -83,7 +89,8 @@ def render_comparison(medians: Medians, margins: Mapping[str, HoverMargins | Non
     """Return all laws in the same turbulence, comparisons by figure and margins, and the cost of commanding rates."""
     errors = ("peak\n\n[deg]", "peak\n> 2 s\n[deg]", "RMSE\n\n[deg]", "pre-\ndicted\n[deg]", "bound\n\n[deg]")
     costs = ("torque\nrms\n[N m]", "slew\nrms\n[N m/s]", "coning\nroll\n[deg]", "bias\nroll\n[deg]")
-    columns = ("law", *errors, *costs, "Ms\n\n[-]", "phase\nmargin\n[deg]", "delay\nmargin\n[ms]")
+    robustness = ("Ms\n\n[-]", "Ms in\nthe box\n[-]", "gain\nmargin\n[-]", "lost at\ndelay\n[samples]")
+    columns = ("law", *errors, *costs, *robustness)
     table = Table(
         title="Fair comparison: turbulence alone, all laws on the same route", box=SIMPLE, padding=0, pad_edge=False
     )
@@ -100,7 +107,8 @@ def render_comparison(medians: Medians, margins: Mapping[str, HoverMargins | Non
     notes = (
         "Peak: a flight begins at rest in full wind, and its first 2 s show that step. "
         "Predicted: RMSE of the linear model, average over flights. Bound: best linear gyro-only law at this Ms and "
-        "slew. Margins: worst axis, at the plant's input, sampled and delayed as flown. A rate law has no torque loop."
+        "slew. Margins: worst axis, at the plant's input, sampled and delayed as flown; the box is inertia ±20 % and "
+        "lag ±30 %, and a delay includes the one sample of every flight. A rate law has no torque loop."
     )
     return Group(table, Text(notes, style="dim"), *(Text(f"\n{line}") for line in lines))
 
@@ -145,7 +153,7 @@ def _compare_laws(one: str, other: str, medians: Medians, margins: Mapping[str, 
     ]
     if equal:
         parts.append(f"{', '.join(equal)} equal")
-    at = "; ".join(f"{name} Ms {', phase '.join(_margin_cells(margins[name])[:2])} deg" for name in (one, other))
+    at = "; ".join(_describe_margins(name, margins[name]) for name in (one, other))
     return f"{one} against {other}: {'; '.join(parts)}. Margins: {at}."
 
 
@@ -165,7 +173,13 @@ def _placement_cells(place: Placement | None) -> tuple[str, str]:
     return format_number(place.rmse_deg), "-" if place.least_rmse_deg is None else format_number(place.least_rmse_deg)
 
 
-def _margin_cells(margins: HoverMargins | None) -> tuple[str, str, str]:
+def _margin_cells(margins: HoverMargins | None) -> tuple[str, str, str, str]:
     if margins is None:
-        return "-", "-", "-"
-    return (f"{margins.Ms:.2f}", f"{margins.phase_margin_deg:.1f}", f"{1000.0 * margins.delay_margin:.0f}")
+        return "-", "-", "-", "-"
+    box = "-" if margins.off_nominal_Ms is None else f"{margins.off_nominal_Ms:.2f}"
+    return f"{margins.Ms:.2f}", box, f"{margins.gain_margin:.1f}", str(margins.unstable_delay)
+
+
+def _describe_margins(name: str, margins: HoverMargins | None) -> str:
+    peak, box, gain, delay = _margin_cells(margins)
+    return f"{name} Ms {peak} ({box} in the box), gain {gain}, lost at {delay} samples of delay"

@@ -33,7 +33,7 @@ from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 
 SCENARIOS = ("paper", "paper-turbulence", "coning", "bias")
-_CASCADES = ("pid-default", "pid-fair", "indi", "flagship", "aided")
+_CASCADES = ("pid-default", "pid-fair", "indi", "flagship", "flagship-robust", "aided")
 LAWS = (*_CASCADES, "hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-scheduled", "hinf-rates")
 _NOT_COMPARED = "hinf-d1-noise"
 """Law with a frequency weight, flown once."""
@@ -80,6 +80,7 @@ class Reproduction:
                     **{name: asdict(metrics) for name, metrics in scenarios.items()},
                     "seeds": list(self.seeds[:1] if law == _NOT_COMPARED else self.seeds),
                     "place": None if (place := self.places[law]) is None else asdict(place),
+                    "margins": None if (margins := self.margins[law]) is None else asdict(margins),
                     "certified_up_to_times": self.stability_factor[law],
                 }
                 for law, scenarios in self.medians.items()

@@ -14,7 +14,7 @@ from gustproof.law.form import LAWS, Law
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import list_designs, load_design
 from gustproof.synthesis.pid.autotune import autotune_pid
-from gustproof.synthesis.pid.flagship import flagship_law
+from gustproof.synthesis.pid.flagship import ROBUST_LIMITS, flagship_law
 from gustproof.synthesis.pid.indi import indi_law
 from gustproof.synthesis.pid.pid_baseline import baseline_pid
 
@@ -31,6 +31,9 @@ DERIVATIONS: dict[str, Callable[[], Law]] = {
     "pid-default": lambda: autotune_pid(load_vehicle("paper"), bandwidth=PAPER_BANDWIDTH),
     "pid-fair": lambda: baseline_pid(load_vehicle("paper"), load_scenario("paper-turbulence")),
     "flagship": lambda: flagship_law(load_vehicle("paper"), load_scenario("paper-turbulence")),
+    "flagship-robust": lambda: flagship_law(
+        load_vehicle("paper"), load_scenario("paper-turbulence"), name="flagship-robust", limits=ROBUST_LIMITS
+    ),
     "indi": lambda: indi_law(load_vehicle("paper"), load_scenario("paper-turbulence")),
     **{load_design(name).law: _make_derivation(name) for name in list_designs()},
 }

@@ -131,8 +131,8 @@ def axis_loop(system: LoopSystem, axis: int, inverse_inertia: Array, inverse_lag
     """Return Phi of an axis by cell, (cells, m, m), and the gyro's column (cells, m); entries within 8 roundings.
 
     The actuator holds the demanded torque over a sample. For a torque law that is its command of the sample before,
-    which is the delay of one sample. A rates law has two more states, low pass and integral of the on-board rate loop;
-    that loop answers the newest gyro sample and the command of the sample before.
+    which is the delay of one sample. A rates law has two more states, low pass and integral of the on-board rate loop.
+    That loop answers the newest gyro sample and the command of the sample before.
     """
     own = list(range(axis, len(system.A), 3))
     demand, demand_gyro = _demand(system, axis)

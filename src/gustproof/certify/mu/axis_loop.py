@@ -40,7 +40,7 @@ class AxisLoop:
 
         f0 = denominator (beta + (2 - beta) s),    f1 = numerator (b beta + (b (2 - beta) - 2 c) s).
 
-    Law and delay enter exactly, as the rationals that the floats of the law file are; the results are rounded to
+    Law and delay enter exactly, as the rationals that the floats of the law file are. The results are rounded to
     `_BITS`, so that the Routh array stays short. The rate's decay is a float.
     """
 

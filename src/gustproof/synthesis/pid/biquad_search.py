@@ -1,7 +1,7 @@
 """Search the gains of one axis for the least attitude error and weighted torque slew at a given sensitivity peak.
 
 Error and slew are those of `gustproof.performance.covariance`; complex steps give exact derivatives. The sensitivity is
-constrained on a grid of frequencies, for the nominal plant and, with a separate peak, for plants off nominal.
+constrained on a grid of frequencies, for the nominal plant and, with a peak each, for plants off nominal.
 """
 
 import math
@@ -52,22 +52,22 @@ class _Loop(NamedTuple):
 class AxisSearch:
     """Search for one axis with fixed plants, peaks and air; each call takes its own weight of slew.
 
-    `others` are the axis off nominal, which differs from `model` in the plant only. `peak` and `peak_of_others` are the
-    largest sensitivity peaks [-].
+    `peak` is the largest sensitivity peak [-] of `model`. `others` are the axis off nominal, in plant or delay only,
+    each with its own largest peak.
     """
 
-    def __init__(self, model: AxisModel, others: Sequence[AxisModel], peak: float, peak_of_others: float) -> None:
+    def __init__(self, model: AxisModel, peak: float, others: Sequence[tuple[AxisModel, float]]) -> None:
         self._model = model
         self._flight = _add_strapdown(augmented_axis(model))
         dt = model.plant.dt
         omega = np.geomspace(0.5, 0.999 * math.pi / dt, _GRID)
         z = np.exp(1j * omega * dt)
         self._s = 2.0 / dt * (z - 1.0) / (z + 1.0)
-        delayed = z**-model.delay_samples * model.inertia
-        plants = [each.plant.response(omega)[:, 0, 0] * delayed for each in (model, *others)]
-        self._plants = np.array(plants)
-        peaks = np.array([peak] + [peak_of_others] * len(others))
-        self._log_peaks = np.log(peaks * (1.0 - _GRID_MARGIN))[:, None]
+        plants, peaks = zip((model, peak), *others, strict=True)
+        self._plants = np.array(
+            [each.plant.response(omega)[:, 0, 0] * (z**-each.delay_samples * model.inertia) for each in plants]
+        )
+        self._log_peaks = np.log(np.array(peaks) * (1.0 - _GRID_MARGIN))[:, None]
 
     def search(self, starts: Sequence[BiquadGains], weight: float) -> SearchResult | None:
         """Return the best local optimum over all `starts`; `None` if none is stable and within the peaks.
