@@ -458,19 +458,45 @@ def test_deviations_cover_the_union_of_normal_numbers():
     assert z < 6.8
 
 
-def test_a_law_with_a_feedback_limit_is_proved_where_the_limit_is_inactive():
-    """The condition on a limit of the attitude that is fed back, which the law form may have."""
+@pytest.mark.parametrize(("limit", "closes"), [(3.0, True), (0.5, False)])
+def test_limit_of_the_commanded_rate_is_proved_inactive_or_refused(limit, closes):
     document = json.loads(law_text("flagship"))
+    document["rate_limit"]["limits"] = [limit] * 3
+    system = read_system(json.dumps(document), VEHICLE_TEXT)
+    norms, case = [axis_norms(system, axis, 1024) for axis in range(3)], make_case(system, claim())
     box = [[Fraction(value) for value in row] for row in certify("flagship").evidence["box"]]
-    for limit, closes in ((math.radians(15.0), True), (math.radians(1.0), False)):
-        system = read_system(json.dumps(document | {"attitude_limit": limit}), VEHICLE_TEXT)
-        norms = [axis_norms(system, axis, 1024) for axis in range(3)]
-        case = make_case(system, claim())
-        if closes:
+    if closes:
+        check_box(system, norms, case, box)
+    else:
+        with pytest.raises(Refusal, match="limit of the rate"):
             check_box(system, norms, case, box)
-        else:
-            with pytest.raises(Refusal, match="limit on the attitude"):
-                check_box(system, norms, case, box)
+        check_box(system._replace(rate_limit=None), norms, case, box)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_commanded_rate_is_bounded_by_what_the_law_commands_in_the_box(axis):
+    """Of random states and samples in the box the largest commanded rate comes near its bound."""
+    system, case = (
+        read_system(law_text("flagship"), VEHICLE_TEXT),
+        make_case(read_system(law_text("flagship"), VEHICLE_TEXT), claim()),
+    )
+    box = [[Fraction(value) for value in row] for row in certify("flagship").evidence["box"]]
+    S, T = (np.array(rows, dtype=float) for rows in (system.rate_limit.S, system.rate_limit.T))
+    states = np.array([float(box[j % 3][X0 + j // 3]) for j in range(len(system.A))])
+    gyro = np.array([float(row[PEAK_RATE]) for row in box])
+    reached = float(np.abs(S[axis]) @ states + np.abs(T[axis]) @ gyro)
+    for share, unlimited in ((1.01, True), (0.99, False)):
+        limits = tuple(Fraction(1000.0 if i != axis else share * reached / 0.999) for i in range(3))
+        limited = system._replace(rate_limit=system.rate_limit._replace(limits=limits))
+        assert estimate_box.is_rate_unlimited(limited, case, box) is unlimited
+
+
+def test_rate_limit_of_wrong_shape_is_refused():
+    document = json.loads(law_text("flagship"))
+    for key, value in (("S", [[1.0]]), ("T", [[1.0] * 6] * 2), ("limits", [3.0, 3.0]), ("limits", [3.0, 3.0, -1.0])):
+        changed = document | {"rate_limit": document["rate_limit"] | {key: value}}
+        with pytest.raises(Refusal, match=r"rate_limit|rate limit"):
+            read_system(json.dumps(changed), VEHICLE_TEXT)
 
 
 def forge(certificate: FlightCertificate, path: tuple, value: object) -> dict:

@@ -6,8 +6,8 @@ import pytest
 
 from firmware_model.mavlink.frames import RejectReason
 from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
-from gustproof.controller.core import Controller, reference_excess
-from gustproof.law.form import Law, Output, Provenance, load_law
+from gustproof.controller.core import Controller
+from gustproof.law.form import Law, Output, Provenance
 
 
 def integrator(output: Output = Output.TORQUE) -> Law:
@@ -109,24 +109,6 @@ def test_the_reference_is_that_of_the_newest_stamp_that_has_come():
     asked = [controller.answer(sample(time_us)).torque_B[0] for time_us in (0, 4000, 8000)]
     asked += [controller.answer(sample(time_us), reset=True).torque_B[0] for time_us in (12_000, 16_000)]
     assert asked == [0.0, 0.25, 0.5, 0.5, 0.75]
-
-
-@pytest.mark.parametrize(
-    ("roll_deg", "yaw_deg", "words"),
-    [
-        (10.0, 0.0, ""),
-        (-61.0, 0.0, "not of up to 61, 0, 0 deg: no shipped law is known to hold that"),
-        (-59.0, 170.0, "not of up to 59, 0, 170 deg: --law indi holds that"),
-        (-59.0, -181.0, "not of up to 59, 0, 181 deg: no shipped law is known to hold that"),
-    ],
-)
-def test_references_beyond_the_laws_limit_are_told_with_a_law_that_holds_them(roll_deg, yaw_deg, words):
-    references = [(0, (0.0, 0.0, 0.0)), (4000, (math.radians(roll_deg), 0.0, 0.0))]
-    references.append((8000, (0.0, 0.0, math.radians(yaw_deg))))
-    line = reference_excess(load_law("flagship"), references)
-    assert line.endswith(words)
-    assert bool(line) is bool(words)
-    assert not reference_excess(load_law("flagship"), ())
 
 
 def test_samples_between_two_that_came_are_missed_and_a_fresh_law_misses_none():

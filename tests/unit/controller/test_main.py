@@ -79,17 +79,14 @@ def test_bad_input_is_told_in_one_line(arguments, words, capsys):
     assert len(error.splitlines()) == 1
 
 
-def test_references_that_the_law_does_not_hold_are_flown_only_by_order(vehicle, tmp_path, capsys):
+def test_references_of_a_file_are_flown_however_large(vehicle, tmp_path):
     script = tmp_path / "steep.toml"
     script.write_text(
         'description = "a steep step"\nduration_s = 0.2\n[[event]]\nkind = "attitude"\nat_s = 0.1\n'
         "euler_deg = [50.0, 0.0, 0.0]\n",
         encoding="utf-8",
     )
-    options = ["--law", "flagship", "--connect", ADDRESS, "--scenario", str(script)]
-    assert command.main(options) == 2
-    assert capsys.readouterr().err.endswith("; --anyway flies it all the same\n")
-    assert command.main([*options, "--anyway"]) == 0
+    assert command.main(["--law", "flagship", "--connect", ADDRESS, "--scenario", str(script)]) == 0
 
 
 def test_flight_is_flown_to_the_end_and_told_step_by_step(vehicle, capsys):
@@ -219,18 +216,6 @@ def test_with_a_key_not_even_an_unsigned_heartbeat_is_read(served, tmp_path):
     beat = Channel(1, 1).pack(wire.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
     served.endpoint.receive(beat, (0, ("127.0.0.1", 14580)), 0)
     assert served.endpoint.channel.dropped == {RejectReason.NOT_SIGNED: 1}
-
-
-@pytest.mark.parametrize("as_file", [False, True])
-def test_references_of_a_file_and_of_a_name_are_held_against_the_laws_limit(served, as_file, tmp_path, capsys):
-    step = {"kind": "attitude", "at_s": 0.1, "euler_deg": [60.0, 30.0, 0.0]}
-    path = tmp_path / "steps.json"
-    path.write_text(json.dumps({"name": "steps", "description": "", "duration_s": 1.0, "event": [step]}))
-    name = str(path) if as_file else "attitude-steps"
-    assert command.main(["--law", "flagship", "--scenario", name, "--anyway"]) == 0
-    refused = command.main(["--law", "flagship", "--scenario", name]) == 2
-    assert refused is as_file
-    assert ("holds references within" in capsys.readouterr().err) is refused
 
 
 def test_law_is_flown_by_the_message_that_it_commands(served):
