@@ -88,7 +88,7 @@ def paper_rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -
 def uncertain_airframe(dynamics: Uncertain, *, leak: float, rate_damping: ArrayLike) -> Uncertain:
     """Return the airframe as a system: moment (3,) [N*m] B to its states (phi, theta, psi, p, q, r).
 
-    It replaces the block "airframe" of a design problem; at delta = 0 of `rotation` it equals `lpv.airframe`, with the
+    It replaces the block "airframe" of a design problem. At delta = 0 of `rotation` it equals `lpv.airframe` with the
     same `leak` and `rate_damping` [1/s], a scalar or (3,) by axis. `dynamics` come from `rotation` or `paper_rotation`.
     """
     decay = np.hstack([-np.diag([*[leak] * 3, *np.broadcast_to(rate_damping, 3)]), np.zeros((6, 3))])

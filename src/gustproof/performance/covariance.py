@@ -106,8 +106,8 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
 def _angular_gust(f: DrydenParams, covariance: Matrix, axis: int) -> tuple[Lti, Matrix]:
     """Return the filter of an axis's angular gust [rad/s], of unit white noise, and its states' stationary covariance.
 
-    That gust shares no noise with the gust whose moment acts about the same axis: p stands alone beside v, q is of w
-    beside u, and r is of v beside w.
+    It shares no noise with the gust whose moment acts about the same axis: p is beside v, q of w beside u, r of v
+    beside w.
     """
     if axis == 0:
         A, B, C, at = np.array([[f.p_a]]), np.array([[f.p_b]]), np.eye(1), slice(7, 8)

@@ -27,7 +27,7 @@ REST = Body(ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), ZERO, ZERO, 0.0)
 
 
 def params(*, free: bool = False, damping: float = 0.0) -> BodyParams:
-    return body_params(VEHICLE, free=free)._replace(damping=(damping, damping, damping))
+    return body_params(VEHICLE, free=free)._replace(damping_x=damping, damping_y=damping, damping_z=damping)
 
 
 def fly(body: Body, constants: BodyParams, inputs: BodyInputs, seconds: float, dt: float) -> Body:
