@@ -190,8 +190,6 @@ class Vehicle:
     """[kg]."""
     inertia_B: PositiveVector
     """[kg*m^2] B, principal moments of inertia I_x, I_y, I_z."""
-    rate_damping: NonNegative
-    """[1/s] damping moment per rate relative to the air, divided by the inertia."""
     actuator_lag: Positive
     """[s] time constant of the torque response."""
     torque_limit: PositiveVector
@@ -218,6 +216,8 @@ class Vehicle:
     """On-board loops of height and position."""
     accelerometer: Accelerometer = field(default_factory=Accelerometer)
     """Accelerometer."""
+    rate_damping: NonNegative | None = None
+    """[1/s] damping moment per rate, divided by the inertia, about every axis; by default that of the rotors' drag."""
     description: str = field(default="")
     """One line that describes the vehicle to users."""
 
@@ -225,6 +225,21 @@ class Vehicle:
     def rotor_drag(self) -> float:
         """[N/(m/s)] force of all rotors in hover per velocity of the air in their plane, the cause of `gust_gain`."""
         return self.gust_gain / self.rotors.height
+
+    @property
+    def rate_damping_B(self) -> Vector:
+        """[1/s] B, damping moment per rate relative to the air, divided by the inertia.
+
+        Without `rate_damping` it is that of the rotors in hover, each with a quarter of the drag. Roll moves a rotor at
+        (x, y) along its axis by y p, pitch by -x q. Yaw moves it in its plane by r sqrt(x^2 + y^2). Products of x and y
+        cancel in a symmetric layout; the height of the rotor plane is left out.
+        """
+        if self.rate_damping is not None:
+            return (self.rate_damping,) * 3
+        x_square, y_square, _ = np.mean(np.square(self.rotors.position_B), axis=0).tolist()
+        I_x, I_y, I_z = self.inertia_B
+        roll, pitch = self.heave_drag * y_square / I_x, self.heave_drag * x_square / I_y
+        return roll, pitch, self.rotor_drag * (x_square + y_square) / I_z
 
     @model_validator(mode="after")
     def _check_thrust(self) -> Self:

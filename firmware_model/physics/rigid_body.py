@@ -42,7 +42,9 @@ class BodyParams(NamedTuple):
     inverse_I_x: float  # [1/(kg*m^2)]
     inverse_I_y: float
     inverse_I_z: float
-    damping: float  # [1/s] moment against the rate relative to the air, per inertia
+    damping_x: float  # [1/s] moment against the rate relative to the air, per inertia
+    damping_y: float
+    damping_z: float
     bandwidth: float  # [1/s] of the actuators, one over their time constant
     free: float  # 1 free, 0 held in translation
 
@@ -65,6 +67,7 @@ class BodyInputs(NamedTuple):
 def body_params(vehicle: Vehicle, *, free: bool) -> BodyParams:
     """Return the constants of a vehicle, `free` or held in translation."""
     I_x, I_y, I_z = vehicle.inertia_B
+    damping_x, damping_y, damping_z = vehicle.rate_damping_B
     return BodyParams(
         inverse_mass=1.0 / vehicle.mass,
         k1=(I_y - I_z) / I_x,
@@ -73,7 +76,9 @@ def body_params(vehicle: Vehicle, *, free: bool) -> BodyParams:
         inverse_I_x=1.0 / I_x,
         inverse_I_y=1.0 / I_y,
         inverse_I_z=1.0 / I_z,
-        damping=vehicle.rate_damping,
+        damping_x=damping_x,
+        damping_y=damping_y,
+        damping_z=damping_z,
         bandwidth=1.0 / vehicle.actuator_lag,
         free=float(free),
     )
@@ -93,9 +98,9 @@ def attitude_derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> B
     roll, pitch, yaw = body.torque_B
     roll_command, pitch_command, yaw_command = inputs.torque_command_B
     omega_rate = (
-        params.k1 * q * r + (roll + L) * params.inverse_I_x - params.damping * (p - p_gust),
-        params.k2 * r * p + (pitch + M) * params.inverse_I_y - params.damping * (q - q_gust),
-        params.k3 * p * q + (yaw + N) * params.inverse_I_z - params.damping * (r - r_gust),
+        params.k1 * q * r + (roll + L) * params.inverse_I_x - params.damping_x * (p - p_gust),
+        params.k2 * r * p + (pitch + M) * params.inverse_I_y - params.damping_y * (q - q_gust),
+        params.k3 * p * q + (yaw + N) * params.inverse_I_z - params.damping_z * (r - r_gust),
     )
     rate = params.bandwidth
     return Body(

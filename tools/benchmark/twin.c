@@ -150,7 +150,7 @@ typedef struct {
 } Body;
 
 typedef struct {
-    double k1, k2, k3, inverse_I_x, inverse_I_y, inverse_I_z, damping, bandwidth;
+    double k1, k2, k3, inverse_I_x, inverse_I_y, inverse_I_z, damping_x, damping_y, damping_z, bandwidth;
     double roll, pitch, yaw, L, M, N, p_gust, q_gust, r_gust;
 } Acting;
 
@@ -162,9 +162,9 @@ static inline Body derivative(const Acting *a, Body x)
         0.5 * (x.qw * p + x.qy * r - x.qz * q),
         0.5 * (x.qw * q + x.qz * p - x.qx * r),
         0.5 * (x.qw * r + x.qx * q - x.qy * p),
-        a->k1 * q * r + (x.roll + a->L) * a->inverse_I_x - a->damping * (p - a->p_gust),
-        a->k2 * r * p + (x.pitch + a->M) * a->inverse_I_y - a->damping * (q - a->q_gust),
-        a->k3 * p * q + (x.yaw + a->N) * a->inverse_I_z - a->damping * (r - a->r_gust),
+        a->k1 * q * r + (x.roll + a->L) * a->inverse_I_x - a->damping_x * (p - a->p_gust),
+        a->k2 * r * p + (x.pitch + a->M) * a->inverse_I_y - a->damping_y * (q - a->q_gust),
+        a->k3 * p * q + (x.yaw + a->N) * a->inverse_I_z - a->damping_z * (r - a->r_gust),
         a->bandwidth * (a->roll - x.roll),
         a->bandwidth * (a->pitch - x.pitch),
         a->bandwidth * (a->yaw - x.yaw),
@@ -306,7 +306,8 @@ void fly(int samples, int substeps, double dt, const double *params, double *sta
             LANES {
                 Acting acting = {
                     P(BODY + 1), P(BODY + 2), P(BODY + 3), P(BODY + 4), P(BODY + 5), P(BODY + 6), P(BODY + 7),
-                    P(BODY + 8), u[0][w], u[1][w], u[2][w], gust[0][w], gust[1][w], gust[2][w], gust[3][w],
+                    P(BODY + 8), P(BODY + 9), P(BODY + 10), u[0][w], u[1][w], u[2][w],
+                    gust[0][w], gust[1][w], gust[2][w], gust[3][w],
                     gust[4][w], gust[5][w],
                 };
                 Body x = {

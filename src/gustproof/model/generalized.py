@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from firmware_model.config.vehicle import Vehicle
 from gustproof.lti.state_space import Lti, Matrix, gain
@@ -30,7 +31,7 @@ class Weights:
     """[1/(N*m)] on the residual moment, disturbance plus torque; `None` does not weight it."""
 
 
-def torque_problem(vehicle: Vehicle, weights: Weights, *, leak: float, rate_damping: float) -> Interconnection:
+def torque_problem(vehicle: Vehicle, weights: Weights, *, leak: float, rate_damping: ArrayLike) -> Interconnection:
     """Return the design problem of a torque law: actuators, airframe, gyro, and the weights.
 
     - `w` = (disturbance, gyro noise, reference if `W_r`, levelling error if `W_l`).

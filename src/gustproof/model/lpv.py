@@ -90,14 +90,14 @@ def lpv_matrix(rho: ArrayLike, inertia_B: ArrayLike) -> Matrix:
     return A
 
 
-def airframe(vehicle: Vehicle, *, leak: ArrayLike, rate_damping: float) -> Lti:
+def airframe(vehicle: Vehicle, *, leak: ArrayLike, rate_damping: ArrayLike) -> Lti:
     """Return the airframe at hover: moment (3,) [N*m] B to its states (phi, theta, psi, p, q, r).
 
     The Euler kinematics have the term `-leak E`, the paper's stability augmentation: [1/s], a scalar or (3,) by axis.
     Without it the attitude is not detectable from rates and no H-infinity problem is solvable. No vehicle has it. The
-    rate equations have the term `-rate_damping omega_B`, [1/s].
+    rate equations have the term `-rate_damping omega_B`: [1/s], a scalar or (3,) by axis.
     """
-    A = lpv_matrix(HOVER, vehicle.inertia_B) - np.diag([*np.broadcast_to(leak, 3), *[rate_damping] * 3])
+    A = lpv_matrix(HOVER, vehicle.inertia_B) - np.diag([*np.broadcast_to(leak, 3), *np.broadcast_to(rate_damping, 3)])
     B = np.vstack([np.zeros((3, 3)), np.diag(1.0 / np.asarray(vehicle.inertia_B))])
     return Lti(A=A, B=B, C=np.eye(6), D=np.zeros((6, 3)))
 
@@ -126,7 +126,7 @@ def linear_plant(vehicle: Vehicle) -> Lti:
     Inputs are the torque command (3,) and the disturbance moment (3,) [N*m] B; outputs are the Euler angles (3,) [rad]
     and the rates (3,) [rad/s] B.
     """
-    body = airframe(vehicle, leak=0.0, rate_damping=vehicle.rate_damping)
+    body = airframe(vehicle, leak=0.0, rate_damping=vehicle.rate_damping_B)
     motors = actuators(vehicle)
     A = np.block([[body.A, body.B], [np.zeros((3, 6)), motors.A]])
     B = np.block([[np.zeros((6, 3)), body.B], [motors.B, np.zeros((3, 3))]])

@@ -85,13 +85,13 @@ def paper_rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -
     return _rigid_body(kinematics, products, inertia_B)
 
 
-def uncertain_airframe(dynamics: Uncertain, *, leak: float, rate_damping: float) -> Uncertain:
+def uncertain_airframe(dynamics: Uncertain, *, leak: float, rate_damping: ArrayLike) -> Uncertain:
     """Return the airframe as a system: moment (3,) [N*m] B to its states (phi, theta, psi, p, q, r).
 
-    It replaces the block "airframe" of a design problem; at delta = 0 of `rotation` it equals `lpv.airframe`, with the
-    same `leak` and `rate_damping` [1/s]. `dynamics` come from `rotation` or `paper_rotation`.
+    It replaces the block "airframe" of a design problem. At delta = 0 of `rotation` it equals `lpv.airframe` with the
+    same `leak` and `rate_damping` [1/s], a scalar or (3,) by axis. `dynamics` come from `rotation` or `paper_rotation`.
     """
-    decay = np.hstack([-np.diag([leak] * 3 + [rate_damping] * 3), np.zeros((6, 3))])
+    decay = np.hstack([-np.diag([*[leak] * 3, *np.broadcast_to(rate_damping, 3)]), np.zeros((6, 3))])
     stacked = np.vstack([np.eye(6), np.zeros((6, 6))]) @ (dynamics + decay)
     return system_from_matrix(stacked + np.block([[np.zeros((6, 9))], [np.eye(6), np.zeros((6, 3))]]), 6)
 

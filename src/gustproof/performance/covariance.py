@@ -1,8 +1,9 @@
 """Predict attitude error, torque slew and sensitivity peak of a linear law in turbulence, without a flight.
 
 The model is exact for small angles, from rest, over the scenario's duration. It contains plant, actuator and delayed
-commands at the sample rate, the vehicle's own Dryden filters and gust map, and white gyro noise. It omits the angular
-gusts, which act through the rate damping alone.
+commands at the sample rate, the vehicle's own Dryden filters and gust map, and white gyro noise. Angular gusts act
+through the rate damping alone. They are in the model where that is the rotors' drag, and omitted where the vehicle file
+gives a number, as `paper` does.
 """
 
 import math
@@ -10,11 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import Dryden
-from firmware_model.physics.dryden import dryden_filters, dryden_spectrum, gust_moment
+from firmware_model.physics.dryden import DrydenParams, dryden_filters, dryden_spectrum, gust_moment
 from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Matrix
 from gustproof.lti.norms import hinf_norm
@@ -82,12 +84,39 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
         A, B = _lower_triangle(t.a11, t.a21, t.a22), _lower_triangle(t.b11, t.b21, t.b22)
         filters.append((A, B, np.array([[t.c1, t.c2]]), covariance[at, at]))
     models = []
-    for axis, inertia in enumerate(vehicle.inertia_B):
+    for axis in range(3):
         component = int(np.argmax(np.abs(map_B[axis])))
         A, B, C, stationary = filters[component]
         moment = Lti(A=A, B=B, C=map_B[axis, component] * C, D=np.zeros((1, B.shape[1])), dt=scenario.dt)
-        models.append(_axis_model(vehicle, scenario, inertia, moment, stationary))
+        if vehicle.rate_damping is None:
+            turning, own = _angular_gust(f, covariance, axis)
+            drag = vehicle.inertia_B[axis] * vehicle.rate_damping_B[axis]
+            moment = Lti(
+                A=scipy.linalg.block_diag(moment.A, turning.A),
+                B=scipy.linalg.block_diag(moment.B, turning.B),
+                C=np.hstack([moment.C, drag * turning.C]),
+                D=np.zeros((1, moment.n_inputs + turning.n_inputs)),
+                dt=scenario.dt,
+            )
+            stationary = scipy.linalg.block_diag(stationary, own)
+        models.append(_axis_model(vehicle, scenario, axis, moment, stationary))
     return models[0], models[1], models[2]
+
+
+def _angular_gust(f: DrydenParams, covariance: Matrix, axis: int) -> tuple[Lti, Matrix]:
+    """Return the filter of an axis's angular gust [rad/s], of unit white noise, and its states' stationary covariance.
+
+    It shares no noise with the gust whose moment acts about the same axis: p is beside v, q of w beside u, r of v
+    beside w.
+    """
+    if axis == 0:
+        A, B, C, at = np.array([[f.p_a]]), np.array([[f.p_b]]), np.eye(1), slice(7, 8)
+    else:
+        t, at = (f.w, slice(4, 7)) if axis == 1 else (f.v, slice(1, 4))
+        A = np.array([[t.a11, 0.0, 0.0], [t.a21, t.a22, 0.0], [t.a31, t.a32, t.a33]])
+        B = np.array([[t.b11, 0.0, 0.0], [t.b21, t.b22, 0.0], [t.b31, t.b32, t.b33]])
+        C = t.slope * np.array([[t.c1, t.c2, -1.0]])
+    return Lti(A=A, B=B, C=C, D=np.zeros((1, len(B)))), covariance[at, at]
 
 
 def augmented_axis(model: AxisModel) -> Lti:
@@ -185,8 +214,8 @@ def open_loop(model: AxisModel, controller: Lti) -> Lti:
     return -series(plant, controller)
 
 
-def _axis_model(vehicle: Vehicle, scenario: Scenario, inertia: float, moment: Lti, stationary: Matrix) -> AxisModel:
-    lag, damping = vehicle.actuator_lag, vehicle.rate_damping
+def _axis_model(vehicle: Vehicle, scenario: Scenario, axis: int, moment: Lti, stationary: Matrix) -> AxisModel:
+    inertia, lag, damping = vehicle.inertia_B[axis], vehicle.actuator_lag, vehicle.rate_damping_B[axis]
     A = np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0 / inertia], [0.0, 0.0, -1.0 / lag]])
     B = np.array([[0.0, 0.0], [0.0, 1.0 / inertia], [1.0 / lag, 0.0]])
     held = discretize_zoh(Lti(A=A, B=B, C=np.array([[0.0, 1.0, 0.0]]), D=np.zeros((1, 2))), scenario.dt)

@@ -1,5 +1,7 @@
 """Gaps and errors of the paper with the choices made here, printed with the results."""
 
+from dataclasses import replace
+
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import Constant, Dryden, GustCosine, Wind
@@ -35,11 +37,15 @@ def list_choices(vehicle: Vehicle, scenario: Scenario) -> tuple[OpenQuestion, ..
     """Return the paper's gaps with the values chosen in `vehicle` and `scenario`."""
     gyro, lag = vehicle.gyro, vehicle.actuator_lag
     limits = " / ".join(f"{limit:g}" for limit in vehicle.torque_limit)
+    damping, derived = (
+        " / ".join(f"{value:.2g}" for value in each.rate_damping_B)
+        for each in (vehicle, replace(vehicle, rate_damping=None))
+    )
     return (
         ("weights behind γ = 0.25", "design D1 (`gustproof design D1`); the law file names its weights"),
         ("which controller at γ", "the central controller, discretised for the sample rate"),
         ("actuators, 'first order'", f"time constant {lag:g} s, limits {limits} N m"),
-        ("damping of the vehicle, no value", f"rate damping {vehicle.rate_damping:g} 1/s"),
+        ("damping of the vehicle, 'minimal'", f"rate damping {damping} 1/s; the rotors' drag gives {derived} 1/s"),
         (
             "sample rate and delay",
             f"{scenario.control_rate_hz} Hz, {scenario.delay_samples} sample(s) of delay; physics at "

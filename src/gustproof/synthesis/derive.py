@@ -16,7 +16,7 @@ from gustproof.lti.margins import LoopMargins, Margins, margins
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, delay, discretize_zoh, lft, sensitivity, series
 from gustproof.model.interconnection import Interconnection
 from gustproof.performance.step_response import StepResponse, step_response
-from gustproof.synthesis.designs import Design, Weight, design_problem
+from gustproof.synthesis.designs import Design, Weight, design_problem, model_damping
 from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
 from gustproof.synthesis.structured.hinfstruct import StructResult
 from gustproof.version import __version__
@@ -156,8 +156,9 @@ def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | Stru
     if design.rate_loop_lag is not None:
         parameters["rate_loop_lag_s"] = design.rate_loop_lag
     else:
-        damping = vehicle.rate_damping if design.rate_damping is None else design.rate_damping
-        parameters |= {"rate_damping_per_s": damping, "actuator_lag_s": vehicle.actuator_lag}
+        damping, name = model_damping(design, vehicle), "rate_damping_per_s"
+        parameters |= {name: damping[0]} if len(set(damping)) == 1 else _by_axis(name, damping)
+        parameters["actuator_lag_s"] = vehicle.actuator_lag
     for name in ("W_l", "W_m"):
         parameters |= _by_axis(name, getattr(design, name) or ())
     for name in ("W_d", "W_n", "W_e", "W_u", "W_r"):

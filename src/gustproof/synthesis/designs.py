@@ -151,5 +151,9 @@ def design_problem(design: Design, vehicle: Vehicle) -> Interconnection:
     )
     if design.rate_loop_lag is not None:
         return rates_problem(vehicle, weights, leak=design.leak, tau=design.rate_loop_lag)
-    damping = vehicle.rate_damping if design.rate_damping is None else design.rate_damping
-    return torque_problem(vehicle, weights, leak=design.leak, rate_damping=damping)
+    return torque_problem(vehicle, weights, leak=design.leak, rate_damping=model_damping(design, vehicle))
+
+
+def model_damping(design: Design, vehicle: Vehicle) -> tuple[float, float, float]:
+    """Return the damping of rates [1/s] B in the model: the design's about every axis, or the vehicle's."""
+    return vehicle.rate_damping_B if design.rate_damping is None else (design.rate_damping,) * 3

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
@@ -26,7 +27,8 @@ from gustproof.certify.check.flight_box import Claim, MomentClass, make_case, re
 from gustproof.certify.check.kernel_norms import COMMAND, TORQUE, X0, X1, axis_loop, axis_norms
 from gustproof.certify.check.system import Refusal, is_strapdown, read_system
 from gustproof.certify.check.truth_drift import Disturbance, blind_angles, truth_bound
-from gustproof.law.form import Law, law_path, load_law
+from gustproof.law.cascade import Gains, cascade_law, strapdown_axis
+from gustproof.law.form import Law, Provenance, law_path, load_law
 from gustproof.law.step import step
 from gustproof.scoring.metrics import attitude
 from gustproof.simulate.direct import fly_direct
@@ -83,7 +85,7 @@ def fly(
 
     def derivative(s, u, d):
         E, omega, torque = s[:3], s[3:6], s[6:]
-        turn = (torque + d - np.cross(omega, inertia * omega)) / inertia - VEHICLE.rate_damping * omega
+        turn = (torque + d - np.cross(omega, inertia * omega)) / inertia - np.array(vehicle.rate_damping_B) * omega
         return np.concatenate([kinematics(E, omega), turn, (u - torque) / lag])
 
     s, x, last = np.zeros(9), np.zeros(law.order), np.zeros(3)
@@ -113,7 +115,7 @@ def kernels(law: Law, axis: int, samples: int, vehicle: Vehicle = VEHICLE) -> tu
     """Return the states (samples, m) of an axis after a unit rate, and the loop's matrix, by another way."""
     h, own = law.dt, slice(axis, law.order, 3)
     generator = np.zeros((3, 3))
-    generator[0] = -vehicle.rate_damping, 1.0 / vehicle.inertia_B[axis], 0.0
+    generator[0] = -vehicle.rate_damping_B[axis], 1.0 / vehicle.inertia_B[axis], 0.0
     generator[1, 1:] = np.array([-1.0, 1.0]) / vehicle.actuator_lag
     plant = scipy.linalg.expm(h * generator)
     hover = law.A + law.G @ np.eye(3, law.order, 3)
@@ -224,10 +226,12 @@ def test_every_term_of_the_theorems_stands(name, options, estimate, truth, bound
     assert certificate.evidence["box"][0][-4:] == pytest.approx(bounds, rel=2e-6)
 
 
-def test_norms_equal_those_of_a_simulation_in_floats():
-    law, system = load_law("flagship"), read_system(law_text("flagship"), VEHICLE_TEXT)
+@pytest.mark.parametrize("own", [False, True])
+def test_norms_equal_those_of_a_simulation_in_floats(own, tmp_path):
+    vehicle, text = damped(tmp_path) if own else (VEHICLE, VEHICLE_TEXT)
+    law, system = load_law("flagship"), read_system(law_text("flagship"), text)
     for axis in range(3):
-        states, Phi = kernels(law, axis, 1024)
+        states, Phi = kernels(law, axis, 1024, vehicle)
         inverse = np.array([1.0 / VEHICLE.inertia_B[axis]]), np.array([1.0 / VEHICLE.actuator_lag])
         assert np.allclose(axis_loop(system, axis, *inverse)[0][0], Phi, rtol=0.0, atol=1e-12)
         bounds = axis_norms(system, axis, 1024).entries[0, :, 0]
@@ -236,6 +240,92 @@ def test_norms_equal_those_of_a_simulation_in_floats():
         sums = np.abs(signals).sum(axis=0)
         assert np.all(bounds >= sums)
         assert np.allclose(bounds, sums, rtol=2e-3)
+
+
+def damped(folder: Path, *changes: tuple[str, str]) -> tuple[Vehicle, str]:
+    """Return the paper's vehicle with the damping of its rotors' drag, and its file; `changes` are made to the text."""
+    text = re.sub(r"(?m)^rate_damping.*\n", "", VEHICLE_TEXT)
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = folder / "damped.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_vehicle(path), text
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        (),
+        (("[[0.22, 0.22, -0.05]", "[[0.28, 0.17, -0.09]"), ("heave_drag = 1.5", "heave_drag = 2.25")),
+        (("heave_drag = 1.5", "heave_drag = {nominal = 1.0, low = 0.5, high = 1.5}"),),
+        (("0.22, -0.05]", "{nominal = 0.3, low = 0.2, high = 0.4}, -0.05]"), ("gust_gain = 0.0763", "gust_gain = 0.0")),
+    ],
+)
+def test_the_damping_is_derived_as_the_vehicle_that_flies_has_it(changes, tmp_path):
+    vehicle, text = damped(tmp_path, *changes)
+    found = read_system(law_text("flagship"), text).damping
+    assert [float(value) for value in found] == pytest.approx(vehicle.rate_damping_B, rel=1e-14)
+
+
+def test_a_number_in_the_file_is_the_damping_of_all_axes():
+    assert read_system(law_text("flagship"), VEHICLE_TEXT).damping == (Fraction(0.02),) * 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ((("heave_drag = 1.5", "heave_drag = -1.5"),), "heave_drag is -1.5, must not be negative"),
+        ((("gust_gain = 0.0763", "gust_gain = -0.1"),), "gust_gain is -0.1, must not be negative"),
+        ((("-0.05]", "0.25]"),), "the rotors must be above the centre of mass"),
+        ((("[[0.22, 0.22, -0.05]", "[[0.22, 0.22]"),), "three numbers for each of four rotors"),
+        ((("[[0.22, 0.22, -0.05],", "["),), "three numbers for each of four rotors"),
+        ((("[[0.22", "[[inf"),), "position_B is inf, must be a finite number"),
+    ],
+)
+def test_a_damping_that_cannot_be_derived_is_refused_by_name(changes, words):
+    text = re.sub(r"(?m)^rate_damping.*\n", "", VEHICLE_TEXT)
+    for old, new in changes:
+        text = text.replace(old, new, 1)
+    with pytest.raises(Refusal, match=re.escape(words)):
+        read_system(law_text("flagship"), text)
+
+
+def test_each_axis_is_bounded_with_its_own_damping():
+    """Between samples, and in the drift of the truth: a damping of one axis moves the bounds of no other."""
+    system = read_system(law_text("flagship"), VEHICLE_TEXT)
+    norms = [axis_norms(system, axis, 1024) for axis in range(3)]
+    case = make_case(system, claim())
+    box = [[Fraction(value) for value in row] for row in certify("flagship").evidence["box"]]
+    plain = estimate_box.map_box(system, norms, case, box)
+    for axis, j in product(range(3), repeat=2):
+        more = system._replace(damping=tuple(d + (k == axis) for k, d in enumerate(system.damping)))
+        peak = estimate_box.map_box(more, norms, case, box)[j][PEAK_RATE] - plain[j][PEAK_RATE]
+        assert float(peak) == pytest.approx((j == axis) * float(system.dt / 2 * box[j][PEAK_RATE]), rel=1e-6, abs=1e-9)
+        slopes = [truth_drift._rate_slope(more, case, box, i) for i in range(3)]
+        assert slopes[j] - truth_drift._rate_slope(system, case, box, j) == (j == axis) * box[j][PEAK_RATE]
+        a, b = (j + 1) % 3, (j + 2) % 3
+        turning = slopes[a] * box[b][PEAK_RATE] + slopes[b] * box[a][PEAK_RATE]
+        drag = system.gyroscopic[j] * turning + more.damping[j] * slopes[j]
+        assert truth_drift._drag_slope(more, case, box, j) == drag
+
+
+@pytest.mark.compiled
+def test_a_vehicle_without_a_number_is_proved_and_flown_with_the_damping_of_its_rotors(tmp_path):
+    vehicle, samples, moment = load_vehicle("iris"), 500, np.array([0.05, 0.05, 0.02])
+    gains = Gains(angle_p=8.0, rate_p=14.0, rate_i=80.0, rate_d=0.8, derivative_cutoff=12.0)
+    axes = [strapdown_axis(gains, inertia, 0.004) for inertia in vehicle.inertia_B]
+    law = cascade_law("own", axes, vehicle, 0.004, Provenance(design="test", vehicle="iris"))
+    certificate = certify_boundedness(save(law, tmp_path), "iris", moment=tuple(moment.tolist()), horizon=2.0)
+    assert certificate.part == 1.0
+    assert certificate.assumes["rate_damping_per_s"] == pytest.approx(vehicle.rate_damping_B, rel=1e-14)
+    signs = np.array([np.sign(kernels(law, axis, samples, vehicle)[0][:, X0]) for axis in range(3)])
+    moments = (signs * moment[:, None])[:, ::-1]
+    flight = fly(law, lambda k, _: moments[:, k], samples, vehicle=vehicle)
+    assert np.all(flight.rate <= np.array(certificate.evidence["box"])[:, PEAK_RATE])
+    assert np.all(flight.truth <= np.radians(certificate.truth_deg))
+    assert np.all(flight.estimate <= np.radians(certificate.estimate_deg))
+    assert np.all(flight.estimate >= 0.85 * np.radians(certificate.estimate_deg))
 
 
 def test_noise_norms_equal_the_covariance_of_the_loop():

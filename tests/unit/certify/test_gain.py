@@ -12,9 +12,10 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate
 from gustproof.certify.check.evidence import check_certificate as check
 from gustproof.certify.check.evidence import seal
+from gustproof.certify.gain import l2_gain
 from gustproof.certify.gain.l2_gain import attitude_loop, certify_gain, certify_lft, is_evidence_of
 from gustproof.certify.gain.worst_schedule import worst_schedule
-from gustproof.lti.state_space import Lti
+from gustproof.lti.state_space import Lti, lft
 from gustproof.model.lft import Uncertain, system_from_matrix, ultidyn, ureal
 from gustproof.model.rotational import Envelope
 from gustproof.synthesis.designs import design_problem, load_design
@@ -193,6 +194,17 @@ def test_the_exact_schedule_gives_most_of_the_level_back(name, published):
     assert check(json.dumps(certificate.to_dict())).accepted
     assert certificate.assumes["leak_per_s"] == 0.05
     assert certificate.lower_bound <= certificate.gain <= published
+
+
+def test_the_loop_has_the_damping_of_each_axis():
+    design, K = replace(load_design("D2"), rate_damping=None), controller("D2")
+    vehicle = replace(VEHICLE, rate_damping=None)
+    problem = design_problem(design, vehicle)
+    nominal = attitude_loop(problem, K, Envelope(angle=0.1, rate=0.5), scheduled=False).nominal_system()
+    for omega in (0.3, 3.0, 30.0):
+        expected = lft(problem.plant(), K).response(omega)[0]
+        assert nominal.response(omega)[0] == pytest.approx(expected, rel=1e-9, abs=1e-12)
+    assert l2_gain._airframe(problem)[1] == pytest.approx(vehicle.rate_damping_B, rel=1e-12)
 
 
 def test_no_simulation_of_ten_thousand_exceeds_the_certified_gain():

@@ -89,6 +89,15 @@ def test_axis_loop_is_the_law_on_the_linear_vehicle(name, delay, damping):
         assert loop.is_stable_at(inertia[k], lag[k]) == (radii[k] < 1.0)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_axis_loop_has_the_damping_of_its_axis(axis):
+    law, vehicle = load_law("flagship"), load_vehicle("iris")
+    loop, own = axis_loop(law, vehicle, SCENARIO, axis), slice(axis, axis + 1)
+    plant, controller = hover_plant(vehicle, SCENARIO).subsystem(own, own), loop_law(law).subsystem(own, own)
+    S = loop.sensitivity(OMEGA, np.array([loop.inertia]), np.array([loop.actuator_lag]))[0]
+    np.testing.assert_allclose(S, 1.0 / (1.0 - series(plant, controller).response(OMEGA)[:, 0, 0]), rtol=1e-8)
+
+
 def product_of(*factors) -> tuple[Fraction, ...]:
     whole = np.array([Fraction(1)], dtype=object)
     for factor in factors:
@@ -135,7 +144,7 @@ def test_a_family_without_a_stable_member_is_not_proved_though_no_pole_crosses_t
 
 def test_peak_is_proved_down_to_the_norm_of_the_sensitivity():
     loop = axis_loop(load_law("flagship"), VEHICLE, SCENARIO, 0)
-    plant = one_axis(1.0, 1.0, VEHICLE.rate_damping, 1)
+    plant = one_axis(1.0, 1.0, VEHICLE.rate_damping_B[0], 1)
     L = series(plant, loop.controller)
     peak = hinf_norm(sensitivity(Lti(A=L.A, B=L.B, C=-L.C, D=-L.D, dt=L.dt))).gain
     point = box_of(loop, 0.0, 0.0)

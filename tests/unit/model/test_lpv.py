@@ -13,7 +13,7 @@ from gustproof.model.lpv import (
     scheduling_parameters,
 )
 
-PAPER = load_vehicle("paper")
+PAPER, IRIS = load_vehicle("paper"), load_vehicle("iris")
 INERTIA = np.array(PAPER.inertia_B)
 
 
@@ -72,9 +72,13 @@ def test_a_yaw_torque_turns_about_yaw_by_its_own_inertia():
     plant = linear_plant(PAPER)
     response = plant.response(0.5)[0]
     s = 0.5j
-    expected = 1.0 / (0.1 * s * (s + PAPER.rate_damping) * (1.0 + PAPER.actuator_lag * s))
+    expected = 1.0 / (0.1 * s * (s + PAPER.rate_damping_B[2]) * (1.0 + PAPER.actuator_lag * s))
     assert response[2, 2] == pytest.approx(expected, rel=1e-12)
     assert response[2, 5] == pytest.approx(expected * (1.0 + PAPER.actuator_lag * s), rel=1e-12)
+
+
+def test_each_rate_decays_with_the_damping_of_its_axis():
+    assert np.array_equal(linear_plant(IRIS).A[3:6, 3:6], -np.diag(IRIS.rate_damping_B))
 
 
 def test_a_rate_loop_settles_on_its_command():

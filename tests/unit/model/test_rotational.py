@@ -96,9 +96,10 @@ def test_uncertain_inertia_keeps_eulers_equation():
         assert ours == pytest.approx(rigid_body(E, omega, moment, np.array([x, 0.2, z]))[0], rel=EXACT)
 
 
-def test_at_the_middle_of_the_envelope_the_airframe_is_the_one_at_hover():
-    model = uncertain_airframe(rotation(PAPER.inertia_B, WIDE), leak=0.05, rate_damping=0.02)
-    hover = airframe(PAPER, leak=0.05, rate_damping=0.02)
+@pytest.mark.parametrize("damping", [0.02, (0.1, 0.2, 0.3)])
+def test_at_the_middle_of_the_envelope_the_airframe_is_the_one_at_hover(damping):
+    model = uncertain_airframe(rotation(PAPER.inertia_B, WIDE), leak=0.05, rate_damping=damping)
+    hover = airframe(PAPER, leak=0.05, rate_damping=damping)
     for name in "ABCD":
         assert getattr(model.nominal_system(), name) == pytest.approx(getattr(hover, name), rel=EXACT)
 

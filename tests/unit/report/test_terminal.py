@@ -95,6 +95,7 @@ def test_the_choices_are_read_from_the_files_that_were_flown():
     told = " ".join(choice for _, choice in changed)
     assert "0.123 s" in told
     assert "7 sample(s)" in told
+    assert "rate damping 0.02 / 0.02 / 0.02 1/s; the rotors' drag gives 0.29 / 0.36 / 1.5 1/s" in told
 
 
 def test_the_limits_of_the_results_are_told():

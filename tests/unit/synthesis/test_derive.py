@@ -131,3 +131,15 @@ def test_another_vehicle_gives_another_law():
     iris, report = derive(dataclasses.replace(load_design("D1"), vehicle="iris", gamma=None))
     assert report.vehicle == "iris"
     assert not np.allclose(paper.C, iris.C)
+
+
+def test_provenance_names_the_damping_of_the_model():
+    design = dataclasses.replace(load_design("D1"), gamma=None)
+    damped = [
+        law.provenance.parameters
+        for law, _ in (derive(design), derive(dataclasses.replace(design, vehicle="iris", rate_damping=None)))
+    ]
+    assert damped[0]["rate_damping_per_s"] == 0.02
+    names = [f"rate_damping_per_s_{axis}" for axis in ("roll", "pitch", "yaw")]
+    assert tuple(damped[1][name] for name in names) == pytest.approx((0.845, 0.323, 0.616), abs=1e-3)
+    assert "rate_damping_per_s" not in damped[1]

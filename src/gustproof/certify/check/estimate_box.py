@@ -98,7 +98,7 @@ def _map_axis(
     signals[:, m + 1 :] += newest
     # Between samples: half of h a from the input, and a chord with h^2 / 8 times the torque's second derivative.
     bend = h * h / 8.0 * (demand + torque) * np.sum(norms.inverse_lag, axis=1) * (centre + off)
-    drag = _up(system.damping * box[axis][PEAK_RATE])
+    drag = _up(system.damping[axis] * box[axis][PEAK_RATE])
     peak = signals[:, OMEGA] + h / 2.0 * (a + drag) + bend
     highest = UP * np.max(np.column_stack([signals, peak]), axis=0)
     if not np.all(np.isfinite(highest)):

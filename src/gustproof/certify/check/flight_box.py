@@ -249,7 +249,8 @@ def _statement(system: LoopSystem, claim: Claim, figures: dict[str, Any], why: s
 def _assumptions(system: LoopSystem, claim: Claim) -> dict[str, Any]:
     period = RISK_PERIOD if claim.horizon is None else float(claim.horizon)
     return {
-        "plant": "exact nonlinear rigid body on a stand, first-order actuators, gyro without bias, float32 on the wire",
+        "plant": "exact nonlinear rigid body on a stand with this damping per inertia, first-order actuators, gyro "
+        "without bias, float32 on the wire",
         "air": "all its moments lie within the bound",
         "law": system.name,
         "moment_N_m": [float(value) for value in claim.moment],
@@ -263,7 +264,7 @@ def _assumptions(system: LoopSystem, claim: Claim) -> dict[str, Any]:
         "actuator_lag_s": float(system.lag),
         "inertia_spread": float(claim.inertia_spread),
         "actuator_lag_spread": float(claim.lag_spread),
-        "rate_damping_per_s": float(system.damping),
+        "rate_damping_per_s": [float(value) for value in system.damping],
         "noise_rad_s": float(claim.noise),
         "noise_probability": float(claim.risk),
         "noise_period_s": period if claim.noise else None,

@@ -137,7 +137,7 @@ def axis_loop(system: LoopSystem, axis: int, inverse_inertia: Array, inverse_lag
     own = list(range(axis, len(system.A), 3))
     demand, demand_gyro = _demand(system, axis)
     m = len(demand)
-    plants = {value: _plant(system, value) for value in set(inverse_lag.tolist())}
+    plants = {value: _plant(system, axis, value) for value in set(inverse_lag.tolist())}
     plant = np.array([plants[value] for value in inverse_lag.tolist()])
     plant[:, OMEGA, TORQUE:] *= inverse_inertia[:, None]  # torque acts through one over the inertia alone
     Phi, gyro = np.zeros((len(plant), m, m)), np.zeros((len(plant), m))
@@ -171,8 +171,8 @@ def _demand(system: LoopSystem, axis: int) -> tuple[Array, float]:
     return demand, -(p + d)
 
 
-def _plant(system: LoopSystem, inverse_lag: float) -> list[list[float]]:
-    """Return rate and torque, for a unit inertia, after a sample by rate, torque and command before it.
+def _plant(system: LoopSystem, axis: int, inverse_lag: float) -> list[list[float]]:
+    """Return rate and torque of an axis, for a unit inertia, after a sample by rate, torque and command before it.
 
     The exponential series in rational numbers; each entry is the double nearest to it.
 
@@ -181,13 +181,13 @@ def _plant(system: LoopSystem, inverse_lag: float) -> list[list[float]]:
     Refusal
         If a sample is too long for the series.
     """
-    bandwidth = Fraction(inverse_lag)
+    damping, bandwidth = system.damping[axis], Fraction(inverse_lag)
     generator = [
-        [-system.damping, Fraction(1), Fraction(0)],
+        [-damping, Fraction(1), Fraction(0)],
         [Fraction(0), -bandwidth, bandwidth],
         [Fraction(0)] * 3,
     ]
-    if max(system.damping, bandwidth, Fraction(1)) * system.dt > 4:
+    if max(damping, bandwidth, Fraction(1)) * system.dt > 4:
         raise Refusal("a sample is too long for the vehicle's time constants")
     total = term = identity(3)
     for k in range(1, 64):  # 8^64 / 64! < 2^-103, far below the last bit of every entry

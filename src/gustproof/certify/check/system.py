@@ -73,8 +73,8 @@ class LoopSystem(NamedTuple):
     """(3,) [N*m] B, largest torque."""
     inertia: Row
     """(3,) [kg*m^2] B."""
-    damping: Fraction
-    """[1/s] damping moment per rate, divided by the inertia."""
+    damping: Row
+    """(3,) [1/s] B, damping moment per rate, divided by the inertia: the same at every inertia within its spread."""
     lag: Fraction
     """[s] time constant of the actuators."""
     gyro_range: Fraction
@@ -158,12 +158,34 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
         limits=limits,
         torque_limits=torque_limits,
         inertia=tuple(inertia),
-        damping=_not_negative("rate_damping", _nominal(vehicle["rate_damping"])),
+        damping=_read_damping(vehicle, inertia),
         lag=_positive("actuator_lag", [vehicle["actuator_lag"]])[0],
         gyro_range=_positive("gyro.range", [vehicle["gyro"]["range"]])[0],
         rate_limit=_read_rate_limit(law, n),
         rate_loop=_read_rate_loop(vehicle["stabilizer"], inertia, dt) if tracks else None,
     )
+
+
+def _read_damping(vehicle: dict[str, Any], inertia: list[Fraction]) -> Row:
+    """Return the rate damping of the file, the same about all axes; without one, that of the rotors' drag, exactly.
+
+    Each rotor has a quarter of the drag. Roll moves a rotor at (x, y) along its axis by y p, pitch by -x q. Yaw moves
+    it in its plane by r sqrt(x^2 + y^2). The vehicle flies the nearest doubles, but for a few roundings.
+    """
+    if "rate_damping" in vehicle:
+        return (_not_negative("rate_damping", _nominal(vehicle["rate_damping"])),) * 3
+    name = "rotors.position_B"
+    hubs = [[finite(name, _nominal(value)) for value in hub] for hub in vehicle["rotors"]["position_B"]]
+    if [len(hub) for hub in hubs] != [3] * 4:
+        raise Refusal(f"{name} must be three numbers for each of four rotors")
+    x_square, y_square = (sum((hub[k] ** 2 for hub in hubs), Fraction(0)) / 4 for k in (0, 1))
+    height = -sum((hub[2] for hub in hubs), Fraction(0)) / 4
+    if height <= 0:
+        raise Refusal(f"{name}: the rotors must be above the centre of mass")
+    along = _not_negative("heave_drag", _nominal(vehicle["heave_drag"]))
+    across = _not_negative("gust_gain", _nominal(vehicle["gust_gain"])) / height
+    moments = along * y_square, along * x_square, across * (x_square + y_square)
+    return tuple(moment / value for moment, value in zip(moments, inertia, strict=True))
 
 
 def _read_rate_loop(stabilizer: dict[str, Any], inertia: list[Fraction], dt: Fraction) -> RateLoop:

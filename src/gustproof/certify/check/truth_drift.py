@@ -224,7 +224,7 @@ def _rate_slope(system: LoopSystem, case: Case, box: Box, axis: int) -> Fraction
     return (
         row[TORQUE] * system.inverse_inertia[axis]
         + acceleration(system, case, box, axis)
-        + system.damping * row[PEAK_RATE]
+        + system.damping[axis] * row[PEAK_RATE]
     )
 
 
@@ -233,7 +233,7 @@ def _drag_slope(system: LoopSystem, case: Case, box: Box, axis: int) -> Fraction
     j, k = (axis + 1) % 3, (axis + 2) % 3
     slope = [_rate_slope(system, case, box, i) for i in range(3)]
     product = slope[j] * box[k][PEAK_RATE] + slope[k] * box[j][PEAK_RATE]
-    return system.gyroscopic[axis] * product + system.damping * slope[axis]
+    return system.gyroscopic[axis] * product + system.damping[axis] * slope[axis]
 
 
 def _jerk(system: LoopSystem, case: Case, box: Box, disturbance: Disturbance, axis: int) -> Fraction:

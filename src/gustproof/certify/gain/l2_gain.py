@@ -219,8 +219,8 @@ def attitude_loop(
     return star(P, system_from_matrix(system, n), K.n_inputs, K.n_outputs)
 
 
-def _airframe(problem: Interconnection) -> tuple[float, float, list[float]]:
-    """Return leak [1/s], damping [1/s] and inertia [kg*m^2] of the diagram's airframe, whose states are (E, omega)."""
+def _airframe(problem: Interconnection) -> tuple[float, list[float], list[float]]:
+    """Return leak [1/s], damping [1/s] and inertia [kg*m^2] by axis, of the diagram's airframe of states (E, omega)."""
     bodies = [as_lti(block.system) for block in problem.blocks if block.name == "airframe"]
     if not bodies:
         raise ValueError("certify supports torque designs only: the diagram has no block 'airframe'")
@@ -229,7 +229,8 @@ def _airframe(problem: Interconnection) -> tuple[float, float, list[float]]:
     A: Matrix = bodies[0].A
     if not A[0, 0] == A[1, 1] == A[2, 2]:
         raise ValueError("certify supports gyro-only designs: the leak differs between axes, as with an accelerometer")
-    return float(-A[0, 0]), float(-A[3, 3]), [float(1.0 / bodies[0].B[3 + k, k]) for k in range(3)]
+    damping = [float(-A[k, k]) for k in range(3, 6)]
+    return float(-A[0, 0]), damping, [float(1.0 / bodies[0].B[3 + k, k]) for k in range(3)]
 
 
 def _evidence(

@@ -55,7 +55,7 @@ class AxisLoop:
     delay_samples: int
     """Samples from a measurement to the action of its command."""
     rate_damping: float
-    """[1/s] d."""
+    """[1/s] d, per inertia as given: the same at every inertia."""
     inertia: float
     """[kg*m^2] nominal."""
     actuator_lag: float
@@ -135,7 +135,7 @@ def axis_loop(law: Law, vehicle: Vehicle, scenario: Scenario, axis: int) -> Axis
     if n > _MOST_STATES:
         raise ValueError(f"law '{law.name}' has {n} states in one axis, at most {_MOST_STATES} are allowed here")
     denominator, numerator = _transfer_function(A, B, C, D)
-    damping, dt, late = vehicle.rate_damping, scenario.dt, scenario.delay_samples
+    damping, dt, late = vehicle.rate_damping_B[axis], scenario.dt, scenario.delay_samples
     lost = Fraction(-math.expm1(-damping * dt))
     # (1 - s)^(order of the loop) times the polynomials in z
     below = _multiply(_power((Fraction(1), Fraction(1)), late), (lost, 2 - lost))

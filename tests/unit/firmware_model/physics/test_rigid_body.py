@@ -27,7 +27,7 @@ REST = Body(ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), ZERO, ZERO, 0.0)
 
 
 def params(*, free: bool = False, damping: float = 0.0) -> BodyParams:
-    return body_params(VEHICLE, free=free)._replace(damping=damping)
+    return body_params(VEHICLE, free=free)._replace(damping_x=damping, damping_y=damping, damping_z=damping)
 
 
 def fly(body: Body, constants: BodyParams, inputs: BodyInputs, seconds: float, dt: float) -> Body:
@@ -116,6 +116,14 @@ def test_damping_takes_the_rate_to_that_of_the_air(axis: int) -> None:
     gust = tuple(0.4 if k == axis else 0.0 for k in range(3))
     end = fly(REST, params(damping=2.0), NOTHING._replace(gust_omega_B=gust), 10.0, 0.01)
     assert end.omega_B == pytest.approx(gust, rel=1e-8)  # 20 time constants
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_rate_decays_with_the_derived_damping_of_its_axis(axis: int) -> None:
+    vehicle = load_vehicle("iris")
+    start = REST._replace(omega_B=tuple(0.5 if k == axis else 0.0 for k in range(3)))
+    end = fly(start, body_params(vehicle, free=False), NOTHING, 2.0, 0.01)
+    assert end.omega_B[axis] == pytest.approx(0.5 * math.exp(-2.0 * vehicle.rate_damping_B[axis]), rel=1e-9)
 
 
 def test_a_free_body_falls_as_galileo_found() -> None:
