@@ -72,6 +72,7 @@ def test_everything_is_flown_judged_and_left_in_the_folder(campaign):
     assert all(set(claim) == {"paper", "ours", "verdict"} for claim in summary["claims"])
     assert summary["laws"]["hinf-rates"]["place"] is None
     assert summary["laws"]["flagship"]["place"]["rmse_deg"] > summary["limits"]["gyro_deg"]
+    assert 0.0 < summary["laws"]["flagship"]["place"]["own_rate_rmse_deg"] < 1.0
     assert summary["laws"]["aided"]["certified_up_to_times"] is None
     assert summary["laws"]["hinf-d2"]["certified_up_to_times"] == pytest.approx(3.3)
     assert summary["laws"]["flagship"]["certified_up_to_times"] > 1.9
