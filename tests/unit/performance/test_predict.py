@@ -90,9 +90,7 @@ def test_the_readme_has_what_is_foretold_at_both_levels_of_noise() -> None:
         assert rmse is not None
         assert f"`{name}` has {math.degrees(rmse):.3f}°".replace(" 0.", " .") in text
     flagship, robust, fair = (foretell(load_law(name)).rmse for name in ("flagship", "flagship-robust", "pid-fair"))
-    gains = (
-        f"`flagship` gains {1.0 - flagship / fair:.0%} on `pid-fair` and `flagship-robust` {1.0 - robust / fair:.0%}"
-    )
+    gains = f"predicts {1.0 - flagship / fair:.0%} for `flagship` and {1.0 - robust / fair:.0%} for `flagship-robust`"
     assert gains.replace("%", " %") in text
 
 
