@@ -67,6 +67,10 @@ class Placement:
     """[N*m/s] predicted rms torque slew, all axes together."""
     rmse_deg: float
     """[deg] predicted error, average over many flights."""
+    own_rate: float | None
+    """[rad/s] predicted rms rate where the gyro's noise keeps its ratio to this rate; `None` at no such noise."""
+    own_rate_rmse_deg: float | None
+    """[deg] predicted error with that noise, in place of the one that the vehicle's reference rate sets."""
     least_rmse_deg: float | None
     """[deg] least error of linear gyro-only laws at this slew and peak; `None` if none was found."""
 
@@ -124,10 +128,13 @@ def _locate(law: Law, Ms: float, linear: LinearLaws, vehicle: Vehicle, scenario:
     if predicted is None:
         return None
     least = _least_error(linear, Ms, predicted.slew) if predicted.slew else None
+    own = predicted.own_rate_rmse
     return Placement(
         Ms=Ms,
         slew=predicted.slew,
         rmse_deg=math.degrees(predicted.rmse),
+        own_rate=predicted.own_rate,
+        own_rate_rmse_deg=None if own is None else math.degrees(own),
         least_rmse_deg=None if least is None else math.degrees(least.rmse),
     )
 

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from firmware_model.config.scenario import Scenario
-from firmware_model.config.vehicle import Vehicle
+from firmware_model.config.vehicle import Gyro, Vehicle
 from gustproof.analysis.law_margins import HoverMargins
 from gustproof.analysis.placement import ErrorLimits, Placement, Places
 from gustproof.report.laws import render_limits
@@ -56,7 +56,7 @@ def render_reproduction(
     """Return the whole report: Table III, fair comparison, limits, verdicts, background."""
     parts = (
         render_paper(medians),
-        render_comparison(medians, margins, places),
+        render_comparison(medians, margins, places, vehicle.gyro),
         render_limits(limits),
         render_claims(claims),
         render_background(vehicle, scenario),
@@ -85,28 +85,34 @@ def render_claims(claims: Iterable[Claim]) -> Renderable:
     return verdicts
 
 
-def render_comparison(medians: Medians, margins: Mapping[str, HoverMargins | None], places: Places) -> Renderable:
+def render_comparison(
+    medians: Medians, margins: Mapping[str, HoverMargins | None], places: Places, gyro: Gyro
+) -> Renderable:
     """Return all laws in the same turbulence, comparisons by figure and margins, and the cost of commanding rates."""
-    errors = ("peak\n\n[deg]", "peak\n> 2 s\n[deg]", "RMSE\n\n[deg]", "pre-\ndicted\n[deg]", "bound\n\n[deg]")
+    flown = ("peak\n\n[deg]", "peak\n> 2 s\n[deg]", "RMSE\n\n[deg]")
+    predicted = ("pre-\ndicted\n[deg]", "at its\nown rate\n[deg]", "bound\n\n[deg]")
     costs = ("torque\nrms\n[N m]", "slew\nrms\n[N m/s]", "coning\nroll\n[deg]", "bias\nroll\n[deg]")
     robustness = ("Ms\n\n[-]", "Ms in\nthe box\n[-]", "gain\nmargin\n[-]", "lost at\ndelay\n[samples]")
-    columns = ("law", *errors, *costs, *robustness)
+    columns = ("law", *flown, *predicted, *costs, *robustness)
     table = Table(
         title="Fair comparison: turbulence alone, all laws on the same route", box=SIMPLE, padding=0, pad_edge=False
     )
     for column in columns:
         table.add_column(column, justify="left" if column == "law" else "right", no_wrap=True)
     for law, scenarios in medians.items():
-        flown = scenarios["paper-turbulence"]
+        figures = scenarios["paper-turbulence"]
         rolled = (scenarios[name].peak_roll_deg for name in ("coning", "bias"))
-        angles = map(format_number, (flown.peak_deg, flown.peak_settled_deg, flown.rmse_deg))
-        others = map(format_number, (flown.torque_rms_nm, flown.torque_slew_rms, *rolled))
+        angles = map(format_number, (figures.peak_deg, figures.peak_settled_deg, figures.rmse_deg))
+        others = map(format_number, (figures.torque_rms_nm, figures.torque_slew_rms, *rolled))
         table.add_row(law, *angles, *_placement_cells(places.get(law)), *others, *_margin_cells(margins.get(law)))
     lines = [_compare_laws(one, other, medians, margins) for one, other in _COMPARISONS]
     lines.append(_describe_rates_cost(medians))
     notes = (
         "Peak: a flight begins at rest in full wind, and its first 2 s show that step. "
-        "Predicted: RMSE of the linear model, average over flights. Bound: best linear gyro-only law at this Ms and "
+        "Predicted: RMSE of the linear model, average over flights. "
+        f"The gyro's noise is the vehicle file's: {gyro.snr_db:g} dB under its reference rate, {gyro.reference_rate:g} "
+        f"rad/s rms. At its own rate: predicted with noise {gyro.snr_db:g} dB under the rate that the law itself has "
+        "in these gusts; all else is at the vehicle file's. Bound: best linear gyro-only law at this Ms and "
         "slew. Margins: worst axis, at the plant's input, sampled and delayed as flown; the box is inertia ±20 % and "
         "lag ±30 %, and a delay includes the one sample of every flight. A rate law has no torque loop."
     )
@@ -167,10 +173,9 @@ def _describe_rates_cost(medians: Medians) -> str:
     )
 
 
-def _placement_cells(place: Placement | None) -> tuple[str, str]:
-    if place is None:
-        return "-", "-"
-    return format_number(place.rmse_deg), "-" if place.least_rmse_deg is None else format_number(place.least_rmse_deg)
+def _placement_cells(place: Placement | None) -> list[str]:
+    values = (None,) * 3 if place is None else (place.rmse_deg, place.own_rate_rmse_deg, place.least_rmse_deg)
+    return ["-" if value is None else format_number(value) for value in values]
 
 
 def _margin_cells(margins: HoverMargins | None) -> tuple[str, str, str, str]:

@@ -30,7 +30,9 @@ LAWS = ("pid-default", "pid-fair", "indi", "flagship", "flagship-robust", "hinf-
 MARGINS = HoverMargins(
     Ms=1.3, phase_margin_deg=45.0, gain_margin=7.3, delay_margin=0.04, unstable_delay=11, off_nominal_Ms=2.4
 )
-PLACES = {"flagship": Placement(Ms=1.36, slew=19.9, rmse_deg=0.0819, least_rmse_deg=0.0801), "hinf-rates": None}
+PLACE = Placement(Ms=1.36, slew=19.9, rmse_deg=0.0819, own_rate=0.0074, own_rate_rmse_deg=0.0417, least_rmse_deg=0.0801)
+PLACES = {"flagship": PLACE, "hinf-rates": None}
+GYRO = replace(load_vehicle("paper").gyro, snr_db=33.0, reference_rate=0.15)
 
 
 def written(document) -> str:
@@ -55,16 +57,40 @@ def test_table_iii_stands_beside_ours():
 def test_who_is_better_follows_the_figures(better):
     margins = dict.fromkeys(LAWS, MARGINS)
     change = {better.replace("-", "_"): replace(FIGURES, rmse_deg=0.125)}
-    text = written(render_comparison(medians(**change), margins, PLACES))
+    text = written(render_comparison(medians(**change), margins, PLACES, GYRO))
     assert f"{better} is better in RMSE (2.00 times less)" in text
     assert "Ms 1.30 (2.40 in the box), gain 7.3, lost at 11 samples of delay" in text
 
 
 def test_the_least_error_at_its_price_stands_beside_each_law():
     margins = dict.fromkeys(LAWS, MARGINS)
-    text = written(render_comparison(medians(), margins, PLACES))
-    assert "flagship 1.500 1.000 0.250 0.082 0.080 0.200" in text
-    assert "hinf-rates 1.500 1.000 0.250 - - 0.200" in text
+    text = written(render_comparison(medians(), margins, PLACES, GYRO))
+    assert "flagship 1.500 1.000 0.250 0.082 0.042 0.080 0.200" in text
+    assert "hinf-rates 1.500 1.000 0.250 - - - 0.200" in text
+
+
+def test_both_levels_of_the_gyro_s_noise_are_told():
+    text = written(render_comparison(medians(), dict.fromkeys(LAWS, MARGINS), PLACES, GYRO))
+    assert "noise is the vehicle file's: 33 dB under its reference rate, 0.15 rad/s rms" in text
+    assert "At its own rate: predicted with noise 33 dB under the rate that the law itself has" in text
+
+
+def test_a_law_that_knows_no_such_noise_has_no_figure_there():
+    places = {"flagship": replace(PLACE, own_rate=None, own_rate_rmse_deg=None)}
+    text = written(render_comparison(medians(), dict.fromkeys(LAWS, MARGINS), places, GYRO))
+    assert "flagship 1.500 1.000 0.250 0.082 - 0.080 0.200" in text
+
+
+def test_no_figure_of_the_comparison_is_cut():
+    angles = {"peak_deg": 30.54, "peak_settled_deg": 28.31, "rmse_deg": 11.23, "peak_roll_deg": 151.3}
+    bad = replace(FIGURES, torque_slew_rms=120.5, **angles)
+    margins = dict.fromkeys(
+        LAWS, replace(MARGINS, Ms=10.5, off_nominal_Ms=10.75, gain_margin=101.5, unstable_delay=100)
+    )
+    places = dict.fromkeys(LAWS, replace(PLACE, rmse_deg=11.23, own_rate_rmse_deg=11.24, least_rmse_deg=10.21))
+    text = written(render_comparison(medians(flagship_robust=bad), margins, places, GYRO))
+    assert "flagship-robust 30.5 28.3 11.2 11.2 11.2 10.2 0.200 120.5 151.3 151.3 10.50 10.75 101.5 100" in text
+    assert "…" not in text
 
 
 def test_limits_are_told_by_what_is_known_and_by_the_peak():
@@ -85,7 +111,7 @@ def test_limits_are_told_by_what_is_known_and_by_the_peak():
 
 def test_what_rates_cost_is_told():
     margins = dict.fromkeys(LAWS, MARGINS)
-    text = written(render_comparison(medians(hinf_rates=replace(FIGURES, rmse_deg=0.5)), margins, PLACES))
+    text = written(render_comparison(medians(hinf_rates=replace(FIGURES, rmse_deg=0.5)), margins, PLACES, GYRO))
     assert "2.00 times" in text
 
 

@@ -66,12 +66,13 @@ def test_everything_is_flown_judged_and_left_in_the_folder(campaign):
     assert summary == json.loads(json.dumps(result.to_dict()))
     assert set(summary["laws"]) == set(run.LAWS)
     for law, entry in summary["laws"].items():
-        assert set(entry) == {*run.SCENARIOS, "seeds", "place", "certified_up_to_times"}
+        assert set(entry) == {*run.SCENARIOS, "seeds", "place", "margins", "certified_up_to_times"}
         assert entry["seeds"] == ([1] if law == "hinf-d1-noise" else [1, 2])
         assert all(set(entry[name]) == set(Metrics.__dataclass_fields__) for name in run.SCENARIOS)
     assert all(set(claim) == {"paper", "ours", "verdict"} for claim in summary["claims"])
     assert summary["laws"]["hinf-rates"]["place"] is None
     assert summary["laws"]["flagship"]["place"]["rmse_deg"] > summary["limits"]["gyro_deg"]
+    assert 0.0 < summary["laws"]["flagship"]["place"]["own_rate_rmse_deg"] < 1.0
     assert summary["laws"]["aided"]["certified_up_to_times"] is None
     assert summary["laws"]["hinf-d2"]["certified_up_to_times"] == pytest.approx(3.3)
     assert summary["laws"]["flagship"]["certified_up_to_times"] > 1.9
