@@ -47,9 +47,14 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
     if law.output is not Output.TORQUE:
         return None
     models = axis_models(vehicle, scenario)
-    moments = mean_second_moments(models, lft(_augmented_vehicle(models, vehicle, scenario), _controller(law)))
+    moments = mean_second_moments(models, close_vehicle(models, law, vehicle, scenario))
     pooled = np.sqrt(np.mean(np.diag(moments).reshape(2, 3), axis=1))
     return Prediction(rmse=float(pooled[0]), slew=float(pooled[1]) / scenario.dt)
+
+
+def close_vehicle(models: Sequence[AxisModel], law: Law, vehicle: Vehicle, scenario: Scenario) -> Lti:
+    """Return three axes closed by a torque law: noises in; attitudes [rad] and changes of the commands [N*m] out."""
+    return lft(_augmented_vehicle(models, vehicle, scenario), _controller(law))
 
 
 def _augmented_vehicle(models: Sequence[AxisModel], vehicle: Vehicle, scenario: Scenario) -> Lti:
