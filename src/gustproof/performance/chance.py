@@ -34,6 +34,8 @@ _PATH_SHARE = 0.01
 """[-] share of the risk for what happens between samples, and for the command's limits."""
 _MOST_SAMPLES = 1_000_000
 """Samples of the longest flight that is predicted, some ten seconds of work."""
+_LARGEST_DEG = 20.0
+"""[deg] largest box of small angles; at it a cosine is 6 % below 1, and the model is no longer the vehicle's."""
 _ANGLE, _RATE, _TORQUE, _COMMAND = range(4)
 """States of an axis, the first four of `augmented_axis`."""
 
@@ -59,7 +61,8 @@ def attitude_box(law: Law, vehicle: Vehicle, scenario: Scenario, risk: float) ->
     ------
     ValueError
         If risk is no probability, the law commands rates, or scenario or vehicle have more than turbulence and white
-        gyro noise. Or if the flight is too long, or the command may reach its limits.
+        gyro noise. Or if the flight is too long, the command may reach its limits, or the box is not one of small
+        angles.
 
     References
     ----------
@@ -85,6 +88,10 @@ def attitude_box(law: Law, vehicle: Vehicle, scenario: Scenario, risk: float) ->
         # between samples the rate grows by h / 2 times its derivative, which contains that rate's drag
         turned = ((torque + moment) / vehicle.inertia_B[axis] + drag * rate) / (1.0 - drag * h / 2.0)
         box.append(math.degrees(least_bound(sigma[_ANGLE], (1.0 - _PATH_SHARE) * each) + h * h / 8.0 * turned))
+    if max(box) > _LARGEST_DEG:
+        raise ValueError(
+            f"the box reaches {max(box):.3g} deg: a model of small angles predicts {_LARGEST_DEG:g} at most"
+        )
     return AttitudeBox(
         attitude_deg=box, risk=risk, horizon_s=scenario.duration_s, assumes=_assumptions(vehicle, scenario)
     )

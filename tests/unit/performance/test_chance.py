@@ -141,6 +141,7 @@ WINDY = replace(SHORT, wind=(*SHORT.wind, Constant(kind="constant", speed_mps=3.
         (LAW, VEHICLE, replace(SHORT, duration_s=4001.0), 0.1, "1,000,250 samples"),
         (replace(LAW, limits=np.array([0.3, 10.0, 10.0])), VEHICLE, SHORT, 0.1, "axis 0 may reach"),
         (LAW, replace(VEHICLE, torque_limit=(10.0, 10.0, 0.05)), SHORT, 0.1, "axis 2 may reach"),
+        (load_law("pid-default"), VEHICLE, SCENARIO, 0.1, "a model of small angles"),
         (UNSTABLE, VEHICLE, SCENARIO, 0.1, "diverges"),
     ],
 )
