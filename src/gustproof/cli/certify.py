@@ -9,7 +9,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, say
-from gustproof.cli.options import AsJson, check_output, parse_positive_vector, print_json
+from gustproof.cli.options import AsJson, check_output, parse_positive_vector, print_json, refuse_given
 
 if TYPE_CHECKING:
     from gustproof.certify.boundedness import FlightCertificate
@@ -48,6 +48,7 @@ _UNBOUNDED = {"horizon_s": "unlimited", "delay_samples": "none"}
 
 
 def certify(
+    context: typer.Context,
     name: Annotated[
         str | None, typer.Argument(help="Name of a shipped design or law, or a file: design .toml, law .json.")
     ] = None,
@@ -78,8 +79,15 @@ def certify(
     ] = None,
     noise: Annotated[float, typer.Option(help="Flight: rms of the gyro's white noise in a sample [rad/s].")] = 0.0,
     risk: Annotated[
-        float, typer.Option(help="Flight: probability that the noise leaves its bounds in the horizon, or in 600 s.")
+        float,
+        typer.Option(
+            help="Flight: probability that the noise leaves its bounds in the horizon, or in 600 s. With --air, that"
+            " the attitude leaves the box."
+        ),
     ] = 1e-3,
+    air: Annotated[
+        str | None, typer.Option(help="Predict the box for the turbulence of this scenario: a name or a .toml file.")
+    ] = None,
     inertia_spread: Annotated[
         float, typer.Option(help="Flight: every constant inertia within this share, such as 0.2.")
     ] = 0.0,
@@ -116,7 +124,11 @@ def certify(
     certified share of the moment, at most 1. --check derives the loop again from the law and vehicle files. Of a gain,
     given the design and its envelope, it compares the loop derived again with the evidence.
 
-    The output lists the assumptions of each statement. Exit status: 0 proven, 1 not proven, 2 bad input.
+    With --air nothing is proved. A linear Gaussian model predicts the box that the true attitude leaves with --risk at
+    most, in the scenario's turbulence and gyro noise, over its duration. Tails are summed over all samples and axes.
+
+    The output lists the assumptions of each statement. Exit status: 0 proven, or predicted with --air, 1 not proven, 2
+    bad input.
 
         gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 -o certificate.json
 
@@ -130,12 +142,17 @@ def certify(
 
         gustproof certify flagship --horizon inf --noise 0.0036 --risk 1e-3
 
+        gustproof certify flagship --air paper-turbulence --risk 1e-3
+
         gustproof certify --check certificate.json
 
         gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 --check certificate.json
 
         gustproof certify --check flight.json --law flagship --vehicle paper
     """
+    if air is not None:
+        _predict(context, name, vehicle or "paper", air, risk, as_json=as_json)
+        return
     envelope = _parse_envelope(angle, rate)
     gain: dict[str, Any] = {"leak": leak, "exact_rho": exact_rho, "slow": slow}
     if check_file is not None:
@@ -151,11 +168,9 @@ def certify(
     certificate: Certificate | FlightCertificate
     if envelope is not None:
         certificate = _certify_gain(_find_design(name), vehicle, *envelope, level=level, **gain)
-    elif any((exact_rho, slow, level is not None, leak is not None)):
-        raise ConfigError(
-            "--exact-rho, --slow, --level and --leak are for a gain; a flight takes the law file as it is"
-        )
     else:
+        gains = ("exact_rho", "slow", "level", "leak")
+        refuse_given(context, gains, "a flight takes the law file as it is, and proves no gain")
         certificate = _certify_flight(
             name,
             vehicle or "paper",
@@ -172,6 +187,33 @@ def certify(
         certificate.save(output)
     _show(name, certificate, output, as_json=as_json)
     raise typer.Exit((ExitStatus.DONE if certificate.proven else ExitStatus.REQUIREMENT_FAILED).value)
+
+
+def _predict(context: typer.Context, name: str | None, vehicle: str, air: str, risk: float, *, as_json: bool) -> None:
+    """Print the box that the linear Gaussian model predicts."""
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.law.form import load_law
+    from gustproof.performance.chance import attitude_box
+
+    meant = {"name", "vehicle", "air", "risk", "as_json"}
+    refuse_given(
+        context, sorted(set(context.params) - meant), "--air takes all but law, vehicle and risk from its file"
+    )
+    if name is None:
+        raise ConfigError(_USAGE)
+    try:
+        found = attitude_box(load_law(name), load_vehicle(vehicle), load_scenario(air), risk)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    if as_json:
+        figures = {"attitude_deg": found.attitude_deg, "risk": found.risk, "horizon_s": found.horizon_s, "air": air}
+        print_json({"proven": False, **figures, "assumes": found.assumes})
+        return
+    angles = ", ".join(f"{math.ceil(1e3 * angle) / 1e3:g}" for angle in found.attitude_deg)
+    claim = f"|phi|, |theta|, |psi| stay below {angles} deg for {found.horizon_s:g} s of {air}"
+    say(f"{name}: predicted, not proven: {claim} with probability {1.0 - found.risk:.9g} or more")
+    _show_assumptions(found.assumes)
 
 
 def _parse_envelope(angle: float | None, rate: float | None) -> tuple[float, float] | None:

@@ -1,7 +1,6 @@
 """The command `gustproof fly`: one flight, new or repeated."""
 
 import sys
-from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gustproof.cli.failures import ExitStatus, exit_with
-from gustproof.cli.options import SEED, Anyway, AsJson, VehicleName, print_json, progress
+from gustproof.cli.options import SEED, Anyway, AsJson, VehicleName, print_json, progress, refuse_given
 
 if TYPE_CHECKING:
     from gustproof.campaign.rerun import CampaignRun
@@ -168,7 +167,7 @@ def _load_plan(context: typer.Context, run: Path) -> "FlightPlan":
     from gustproof.recording.folder import find_bag
     from gustproof.simulate.flight import parse_plan
 
-    _refuse(context, _BAG_OPTIONS, "--repeat flies the plan in the bag")
+    refuse_given(context, _BAG_OPTIONS, "--repeat flies the plan in the bag")
     bag = find_bag(run)
     return parse_plan(read_bag(bag)[0], bag)
 
@@ -176,20 +175,10 @@ def _load_plan(context: typer.Context, run: Path) -> "FlightPlan":
 def _find_run(context: typer.Context, run: str, scenario: str | None, law: str | None) -> "CampaignRun":
     from gustproof.campaign.rerun import find_run
 
-    _refuse(context, _TABLE_OPTIONS, "--run flies the plan in the table")
+    refuse_given(context, _TABLE_OPTIONS, "--run flies the plan in the table")
     found = find_run(run)
     found.check(scenario, law)
     return found
-
-
-def _refuse(context: typer.Context, names: Iterable[str], why: str) -> None:
-    """Refuse options whose values are given elsewhere."""
-    from firmware_model.errors import ConfigError
-
-    for name in names:
-        source = context.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
-            raise ConfigError(f"{why}; '{name.replace('_', '-')}' cannot be given with it")
 
 
 def _compare(

@@ -3,7 +3,7 @@
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -44,6 +44,20 @@ def check_output(path: Path | None, suffix: str, kind: str, *, new: bool = False
         raise ConfigError(f"{path.parent}: no such folder")
     if new and path.exists():
         raise ConfigError(f"{path}: exists already; nothing is overwritten")
+
+
+def refuse_given(context: typer.Context, names: Iterable[str], why: str) -> None:
+    """Refuse parameters on the command line whose values are given elsewhere, or mean nothing there.
+
+    Raises
+    ------
+    ConfigError
+        If one of them is given.
+    """
+    for name in names:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            raise ConfigError(f"{why}; '{name.replace('_', '-')}' cannot be given with it")
 
 
 def parse_positive_vector(option: str, text: str) -> tuple[float, float, float]:

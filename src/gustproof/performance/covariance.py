@@ -63,7 +63,7 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
     Raises
     ------
     ValueError
-        If the scenario has no Dryden turbulence.
+        If the scenario has no turbulence, no wind of kind 'dryden'.
 
     Examples
     --------
@@ -74,11 +74,12 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
     """
     dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
     if dryden is None:
-        raise ValueError(f"scenario '{scenario.name}' has no turbulence to design for")
+        raise ValueError(f"scenario '{scenario.name}' has no turbulence, no wind of kind 'dryden'")
     spectrum = dryden_spectrum(dryden, scenario.altitude_m, vehicle.span)
     f, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
     covariance = factor @ factor.T
-    map_B = np.array([gust_moment(vehicle.gust_gain, vehicle.gust_yaw_ratio, tuple(e)) for e in np.eye(3)]).T
+    gain = scenario.gust_scale * vehicle.gust_gain
+    map_B = np.array([gust_moment(gain, vehicle.gust_yaw_ratio, tuple(e)) for e in np.eye(3)]).T
     filters = [(np.array([[f.u_a]]), np.array([[f.u_b]]), np.array([[1.0]]), covariance[:1, :1])]
     for t, at in ((f.v, slice(1, 3)), (f.w, slice(4, 6))):
         A, B = _lower_triangle(t.a11, t.a21, t.a22), _lower_triangle(t.b11, t.b21, t.b22)
@@ -149,14 +150,23 @@ def mean_second_moments(flights: Sequence[AxisModel], closed: LinearSystem) -> M
     The loop's states begin with those of `augmented_axis`, once for each of `flights`. Initially the air is stationary
     and all else at rest. Arrays with leading axes are many loops at once, and may be complex.
     """
-    P, start = np.zeros_like(closed.A), 0
-    for model in flights:
-        start += model.plant.order + max(model.delay_samples, 1)
-        air = slice(start, start + model.gust.order)
-        P[..., air, air] = model.gust_covariance
-        start = air.stop
+    P, _ = initial_covariance(flights, closed.A.shape[-1])
     mean = mean_covariance(closed.A, closed.B @ closed.B.mT, P, flights[0].samples)
     return np.asarray(closed.C @ mean @ closed.C.mT + closed.D @ closed.D.mT)
+
+
+def initial_covariance(flights: Sequence[AxisModel], order: int) -> tuple[Matrix, list[int]]:
+    """Return the covariance (n, n) of `order` n at the first sample, and the first state of each of `flights`.
+
+    The states begin with those of `augmented_axis`, once for each. The air is stationary and all else at rest.
+    """
+    P, starts, end = np.zeros((order, order)), [], 0
+    for model in flights:
+        starts.append(end)
+        begin = end + model.plant.order + max(model.delay_samples, 1)
+        end = begin + model.gust.order
+        P[begin:end, begin:end] = model.gust_covariance
+    return P, starts
 
 
 def axis_performance(model: AxisModel, law: AxisLaw) -> AxisPerformance:

@@ -70,8 +70,13 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
 
 def _mean_squares(models: Sequence[AxisModel], law: Law, vehicle: Vehicle, scenario: Scenario) -> Matrix:
     """Return mean squares (3,) of attitude [rad^2], command change [(N*m)^2] and rate [(rad/s)^2], all axes pooled."""
-    moments = mean_second_moments(models, lft(_augmented_vehicle(models, vehicle, scenario), _controller(law)))
+    moments = mean_second_moments(models, close_vehicle(models, law, vehicle, scenario))
     return np.asarray(np.mean(np.diag(moments).reshape(3, 3), axis=1))
+
+
+def close_vehicle(models: Sequence[AxisModel], law: Law, vehicle: Vehicle, scenario: Scenario) -> Lti:
+    """Return three axes closed by a torque law: noises in; attitudes, command changes and rates out."""
+    return lft(_augmented_vehicle(models, vehicle, scenario), _controller(law))
 
 
 def _augmented_vehicle(models: Sequence[AxisModel], vehicle: Vehicle, scenario: Scenario) -> Lti:

@@ -199,3 +199,31 @@ def test_what_the_hint_names_is_what_a_gain_can_be_proved_of():
         with nullcontext() if f" {design.law}," in f"{hint}," else pytest.raises(ValueError, match="certify supports"):
             problem = design_problem(design, vehicle)
             attitude_loop(problem, gain(np.zeros((problem.n_con, problem.n_meas))), envelope, scheduled=False)
+
+
+def test_an_air_is_predicted_and_not_called_proven() -> None:
+    told = run("flagship", "--air", "paper-turbulence", "--risk", "1e-3", "--json")
+    assert told.exit_code == 0
+    found = json.loads(told.stdout)
+    assert found["proven"] is False
+    assert (found["risk"], found["horizon_s"], found["air"]) == (1e-3, 60.0, "paper-turbulence")
+    assert all(0.5 < angle < 1.1 for angle in found["attitude_deg"])
+    assert "angular gusts" in found["assumes"]["neglected"]
+    shown = run("flagship", "--air", "paper-turbulence").stdout
+    assert shown.startswith("flagship: predicted, not proven: ")
+    assert "with probability 0.999 or more" in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("flagship", "--air", "calm"), "has no turbulence"),
+        (("flagship", "--air", "paper-turbulence", "--risk", "2"), "risk is 2.0"),
+        (("flagship", "--air", "paper-turbulence", "--horizon", "600"), "'horizon' cannot be given with it"),
+        (("--air", "paper-turbulence"), "give a law"),
+    ],
+)
+def test_an_air_that_cannot_be_predicted_is_refused(arguments: tuple[str, ...], reason: str) -> None:
+    refused = run(*arguments)
+    assert refused.exit_code == 2
+    assert reason in refused.stderr
