@@ -184,5 +184,6 @@ def _assumptions(vehicle: Vehicle, scenario: Scenario) -> dict[str, Any]:
         "delay_samples": scenario.delay_samples,
         "inertia_kg_m2": list(vehicle.inertia_B),
         "actuator_lag_s": vehicle.actuator_lag,
-        "neglected": "second order in the angles, angular gusts if the file states a damping, the limit of commanded rate, rounding",
+        "neglected": "second order in the angles, the limit of commanded rate, rounding"
+        + ("" if vehicle.rate_damping is None else ", angular gusts"),
     }
