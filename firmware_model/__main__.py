@@ -15,8 +15,6 @@ from pathlib import Path
 from socket import socket
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
 from firmware_model.autopilot.modes import Mode
@@ -75,6 +73,10 @@ def _run(options: argparse.Namespace) -> int:
     if options.params:
         _print_parameters(options, Parameters(vehicle, scenario, bytewise=not generic))
         return 0
+    return _fly(options, scenario, vehicle, interactive=interactive, generic=generic)
+
+
+def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle, *, interactive: bool, generic: bool) -> int:
     with ExitStack() as stack:
         host, _ = udp.resolve(options.bind, 0)
         signing = access.make_signing(options, host)
@@ -85,7 +87,7 @@ def _run(options: argparse.Namespace) -> int:
             vehicle,
             scenario,
             options.seed,
-            journal.append if journal else _discard_record,
+            journal.append if journal else lambda _: None,
             lockstep=options.lockstep,
             interactive=interactive,
             system=options.instance + 1,
@@ -95,14 +97,13 @@ def _run(options: argparse.Namespace) -> int:
         )
         if journal:
             endpoint.flush = journal.flush
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: endpoint.interrupt())
+        signal.signal(signal.SIGINT, lambda *_: endpoint.interrupt())
+        signal.signal(signal.SIGTERM, lambda *_: endpoint.interrupt())
         # Load or compile the machine code before a peer waits for it.
         VehicleLoop(vehicle, scenario, options.seed).advance(LevelFlight(), Mode.STABILIZED.value)
         realtime.freeze_gc(off=not interactive)
         _announce(options, _names(options, scenario, vehicle), sockets, remote_ports)
-        if interactive and not options.json and sys.stderr.isatty():
-            stack.enter_context(status_line.show_status_line(lambda: endpoint.links))
+        _show_status(stack, options, endpoint)
         if options.exit_on_stdin_eof:
             exit_on_stdin_eof(endpoint.interrupt)
         fifo = not options.lockstep and realtime.request_fifo_scheduling()
@@ -151,29 +152,23 @@ def _announce(
 
 def format_greeting(headline: str, listening: Sequence[int], remote_ports: Sequence[int]) -> str:
     """Return the headline and the connection of each client; `remote_ports` receive data unasked, if there are any."""
+    own = f"127.0.0.1:{listening[-1]}"
+    ground, sdk = f"a UDP link with server address {own}", f"udpout://{own}"
+    proxy = library = f"udpout:{own}"
     if remote_ports:
-        ground, offboard = remote_ports
-        ways = {
-            "QGroundControl": f"finds it by itself (UDP port {ground})",
-            "MAVProxy": f"mavproxy.py --master udp:127.0.0.1:{ground}",
-            "MAVSDK": f"udpin://0.0.0.0:{offboard}",
-            "pymavlink": f'mavutil.mavlink_connection("udpin:127.0.0.1:{ground}")',
-        }
-    else:
-        ways = {
-            "QGroundControl": f"a UDP link with server address 127.0.0.1:{listening[-1]}",
-            "MAVProxy": f"mavproxy.py --master udpout:127.0.0.1:{listening[-1]}",
-            "MAVSDK": f"udpout://127.0.0.1:{listening[-1]}",
-            "pymavlink": f'mavutil.mavlink_connection("udpout:127.0.0.1:{listening[-1]}")',
-        }
-    ways["a law"] = f"gustproof controller --law hinf-scheduled --connect 127.0.0.1:{listening[-1]}"
-    return "\n".join(
-        (
-            f"{headline}, disarmed; its MAVLink is like that of PX4, but it is not PX4",
-            *(f"  {client:<15} {way}" for client, way in ways.items()),
-            "Ctrl-C ends it.",
-        )
-    )
+        unasked, offboard = remote_ports
+        ground, sdk = f"finds it by itself (UDP port {unasked})", f"udpin://0.0.0.0:{offboard}"
+        proxy, library = f"udp:127.0.0.1:{unasked}", f"udpin:127.0.0.1:{unasked}"
+    ways = {
+        "QGroundControl": ground,
+        "MAVProxy": f"mavproxy.py --master {proxy}",
+        "MAVSDK": sdk,
+        "pymavlink": f'mavutil.mavlink_connection("{library}")',
+        "a law": f"gustproof controller --law hinf-scheduled --connect {own}",
+    }
+    lines = [f"  {client:<15} {way}" for client, way in ways.items()]
+    first = f"{headline}, disarmed; its MAVLink is like that of PX4, but it is not PX4"
+    return "\n".join((first, *lines, "Ctrl-C ends it."))
 
 
 def summarize(endpoint: VehicleEndpoint, samples: int | None, *, fifo: bool = False) -> dict[str, Any]:
@@ -198,16 +193,14 @@ def summarize(endpoint: VehicleEndpoint, samples: int | None, *, fifo: bool = Fa
     }
 
 
+_PACE_COUNTERS = {"missed": TimingFault.OVERRUN, "held": TimingFault.HELD, "stalled": TimingFault.STALLED}
+
+
 def _summarize_timing(flight: FlightClock, fifo: bool) -> dict[str, Any]:
     """Return the delays of the samples; `TimingFault.OVERRUN` defines a missed deadline."""
     late = {f"late_{name}": value for name, value in flight.latency.stats().items()}
-    return {
-        "missed": flight.counters[TimingFault.OVERRUN],
-        "held": flight.counters[TimingFault.HELD],
-        "stalled": flight.counters[TimingFault.STALLED],
-        **late,
-        "fifo": fifo,
-    }
+    counts = {name: flight.counters[fault] for name, fault in _PACE_COUNTERS.items()}
+    return {**counts, **late, "fifo": fifo}
 
 
 def _make_parser(program: str) -> argparse.ArgumentParser:
@@ -226,19 +219,11 @@ def _make_parser(program: str) -> argparse.ArgumentParser:
     add("--vehicle", default="paper", help=f"a .toml file, or one of {', '.join(list_vehicles())} [paper]")
     add("--seed", type=int, default=1, help="seed of gusts and noise [1]")
     add("--lockstep", action="store_true", help="fly the scenario [calm] as fast as its samples are answered")
-    add(
-        "--instance",
-        type=int,
-        default=0,
-        help="number N of this vehicle, 0 to 253: added to all ports; the system id is N + 1 [0]",
-    )
+    instance = "number N of this vehicle, 0 to 253: added to all ports; the system id is N + 1 [0]"
+    add("--instance", type=int, default=0, help=instance)
     add("--bind-port", type=int, help="listen on this port only, 0 for a free one [18570 and 14580]")
-    add(
-        "--bind",
-        default=access.LOOPBACK,
-        metavar="HOST",
-        help="local address to listen on, 0.0.0.0 for all [%(default)s]",
-    )
+    bind = "local address to listen on, 0.0.0.0 for all [%(default)s]"
+    add("--bind", default=access.LOOPBACK, metavar="HOST", help=bind)
     access.add_options(parser)
     add("--journal", type=Path, help="new file for the records of the flight")
     add("--metadata", type=Path, help=argparse.SUPPRESS)  # JSON file with the metadata for the journal's header
@@ -248,6 +233,11 @@ def _make_parser(program: str) -> argparse.ArgumentParser:
     add("--params", action="store_true", help="print all parameters with units, ranges and meanings, and exit")
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser
+
+
+def _show_status(stack: ExitStack, options: argparse.Namespace, endpoint: VehicleEndpoint) -> None:
+    if _is_interactive(options) and not options.json and sys.stderr.isatty():
+        stack.enter_context(status_line.show_status_line(lambda: endpoint.links))
 
 
 def _names(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> dict[str, Any]:
@@ -287,10 +277,6 @@ def _print_parameters(options: argparse.Namespace, parameters: Parameters) -> No
         else:
             value = f"{row['default']} {row['unit']}".rstrip()
             print(f"{row['name']:<17} {row['type']:<7} {value:<16} {row['allowed']:<16} {row['meaning']}")
-
-
-def _discard_record(_: NDArray[np.float64]) -> None:
-    pass
 
 
 def _print_facts(options: argparse.Namespace, facts: dict[str, Any], text: str) -> None:

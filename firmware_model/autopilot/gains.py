@@ -41,47 +41,42 @@ class TunableGain(NamedTuple):
 
 def stabilizer_gains(vehicle: Vehicle) -> dict[str, TunableGain]:
     """Return the gains of the attitude and rate loops by parameter name."""
+    cutoff, rate_max = "Low pass of the rate's derivative", "Largest rate command of the attitude loop, all axes"
     gains = {
-        "GP_ATT_P": TunableGain("angle_p", None, 1.0, "1/s", 0.1, 20.0, "Rate command per attitude error, all axes"),
-        "GP_RATE_MAX": TunableGain(
-            "rate_limit", None, _DEGREES, "deg/s", 10.0, 1800.0, "Largest rate command of the attitude loop, all axes"
-        ),
-        "IMU_DGYRO_CUTOFF": TunableGain(
-            "derivative_cutoff", None, 1.0, "Hz", 1.0, 100.0, "Low pass of the rate's derivative"
-        ),
+        "GP_ATT_P": _scalar("angle_p", "1/s", 0.1, 20.0, "Rate command per attitude error, all axes"),
+        "GP_RATE_MAX": _scalar("rate_limit", "deg/s", 10.0, 1800.0, rate_max),
+        "IMU_DGYRO_CUTOFF": _scalar("derivative_cutoff", "Hz", 1.0, 100.0, cutoff),
+    }
+    effects = {
+        "P": ("s/rad", 0.001, 10.0, "per rate error"),
+        "I": ("1/rad", 0.0, 10.0, "per integrated rate error"),
+        "D": ("s^2/rad", 0.0, 1.0, "against angular acceleration"),
     }
     ratios = (inertia / limit for inertia, limit in zip(vehicle.inertia_B, vehicle.torque_limit, strict=True))
     for axis, (word, ratio) in enumerate(zip(_AXES, ratios, strict=True)):
-        share = f"Fraction of the largest {word.lower()} torque"
-        gains |= {
-            f"MC_{word}RATE_P": TunableGain("rate_p", axis, ratio, "s/rad", 0.001, 10.0, f"{share} per rate error"),
-            f"MC_{word}RATE_I": TunableGain(
-                "rate_i", axis, ratio, "1/rad", 0.0, 10.0, f"{share} per integrated rate error"
-            ),
-            f"MC_{word}RATE_D": TunableGain(
-                "rate_d", axis, ratio, "s^2/rad", 0.0, 1.0, f"{share} against angular acceleration"
-            ),
-        }
+        for letter, (unit, low, high, effect) in effects.items():
+            meaning = f"Fraction of the largest {word.lower()} torque {effect}"
+            gain = TunableGain(f"rate_{letter.lower()}", axis, ratio, unit, low, high, meaning)
+            gains[f"MC_{word}RATE_{letter}"] = gain
     return gains
 
 
+def _scalar(field: str, unit: str, minimum: float, maximum: float, meaning: str) -> TunableGain:
+    scale = _DEGREES if unit.startswith("deg") else 1.0
+    return TunableGain(field, None, scale, unit, minimum, maximum, meaning)
+
+
 POSITION_GAINS = {
-    "MPC_XY_P": TunableGain("xy_p", None, 1.0, "1/s", 0.05, 5.0, "Velocity command per position error"),
-    "MPC_XY_VEL_P_ACC": TunableGain("xy_velocity_p", None, 1.0, "1/s", 0.1, 20.0, "Acceleration per velocity error"),
-    "MPC_XY_VEL_I_ACC": TunableGain(
-        "xy_velocity_i", None, 1.0, "1/s^2", 0.0, 20.0, "Acceleration per integrated velocity error"
-    ),
-    "MPC_XY_VEL_MAX": TunableGain(
-        "xy_velocity_max", None, 1.0, "m/s", 0.5, 20.0, "Largest horizontal velocity command"
-    ),
-    "MPC_Z_P": TunableGain("z_p", None, 1.0, "1/s", 0.05, 5.0, "Climb rate command per height error"),
-    "MPC_Z_VEL_P_ACC": TunableGain("z_velocity_p", None, 1.0, "1/s", 0.1, 20.0, "Acceleration per climb rate error"),
-    "MPC_Z_VEL_I_ACC": TunableGain(
-        "z_velocity_i", None, 1.0, "1/s^2", 0.0, 20.0, "Acceleration per integrated climb rate error"
-    ),
-    "MPC_Z_VEL_MAX_UP": TunableGain("z_velocity_max_up", None, 1.0, "m/s", 0.2, 10.0, "Fastest climb"),
-    "MPC_Z_VEL_MAX_DN": TunableGain("z_velocity_max_down", None, 1.0, "m/s", 0.2, 4.0, "Fastest descent"),
-    "MPC_TILTMAX_AIR": TunableGain("tilt_max", None, _DEGREES, "deg", 5.0, 60.0, "Largest tilt command"),
+    "MPC_XY_P": _scalar("xy_p", "1/s", 0.05, 5.0, "Velocity command per position error"),
+    "MPC_XY_VEL_P_ACC": _scalar("xy_velocity_p", "1/s", 0.1, 20.0, "Acceleration per velocity error"),
+    "MPC_XY_VEL_I_ACC": _scalar("xy_velocity_i", "1/s^2", 0.0, 20.0, "Acceleration per integrated velocity error"),
+    "MPC_XY_VEL_MAX": _scalar("xy_velocity_max", "m/s", 0.5, 20.0, "Largest horizontal velocity command"),
+    "MPC_Z_P": _scalar("z_p", "1/s", 0.05, 5.0, "Climb rate command per height error"),
+    "MPC_Z_VEL_P_ACC": _scalar("z_velocity_p", "1/s", 0.1, 20.0, "Acceleration per climb rate error"),
+    "MPC_Z_VEL_I_ACC": _scalar("z_velocity_i", "1/s^2", 0.0, 20.0, "Acceleration per integrated climb rate error"),
+    "MPC_Z_VEL_MAX_UP": _scalar("z_velocity_max_up", "m/s", 0.2, 10.0, "Fastest climb"),
+    "MPC_Z_VEL_MAX_DN": _scalar("z_velocity_max_down", "m/s", 0.2, 4.0, "Fastest descent"),
+    "MPC_TILTMAX_AIR": _scalar("tilt_max", "deg", 5.0, 60.0, "Largest tilt command"),
 }
 """Gains and limits of the altitude and position loops by parameter name."""
 

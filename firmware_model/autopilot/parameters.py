@@ -97,24 +97,16 @@ def _round_float32(value: float | int) -> float | int:
 def _make_table(vehicle: Vehicle, scenario: Scenario) -> tuple[Parameter, ...]:
     limits = zip(TORQUE_LIMIT_NAMES, published_limit(vehicle), ("roll", "pitch", "yaw"), strict=True)
     loops = ((stabilizer_gains(vehicle), vehicle.stabilizer), (POSITION_GAINS, vehicle.position))
-    usual, actions = Settings(), tuple(action.value for action in FailSafe)
-    timeout_s = usual.stream_timeout_us * 1e-6
+    usual = Settings()
+    timeout_s, loss = usual.stream_timeout_us * 1e-6, "Time without set-points in OFFBOARD until the fail-safe"
+    action = "Fail-safe when set-points stop: 2 level the vehicle, 4 land, 5 hold the position"
+    torque, calibration = "Torque about {} of 1.0 in a torque set-point", "A simulated {}; 0 would mean uncalibrated"
     sensors = (("GYRO", "gyro"), ("ACC", "accelerometer"), ("MAG", "compass"))
     return (
-        *(
-            _fixed(name, limit, f"Torque about {axis} of 1.0 in a torque set-point", "N*m")
-            for name, limit, axis in limits
-        ),
+        *(_fixed(name, limit, torque.format(axis), "N*m") for name, limit, axis in limits),
         _fixed(RATE_NAME, scenario.control_rate_hz, "Samples, and expected set-points, per second", "Hz"),
-        Parameter(
-            "COM_OF_LOSS_T", timeout_s, "Time without set-points in OFFBOARD until the fail-safe", "s", 0.1, 60.0
-        ),
-        Parameter(
-            "COM_OBL_RC_ACT",
-            usual.fail_safe.value,
-            "Fail-safe when set-points stop: 2 level the vehicle, 4 land, 5 hold the position",
-            choices=actions,
-        ),
+        Parameter("COM_OF_LOSS_T", timeout_s, loss, "s", 0.1, 60.0),
+        Parameter("COM_OBL_RC_ACT", usual.fail_safe.value, action, choices=tuple(each.value for each in FailSafe)),
         Parameter("MIS_TAKEOFF_ALT", usual.takeoff_height, "Default take-off height above home", "m", 1.0, 500.0),
         Parameter("RTL_RETURN_ALT", usual.return_height, "Least height above home of the return", "m", 0.0, 500.0),
         Parameter("MPC_LAND_SPEED", usual.land_speed, "Descent rate near the ground", "m/s", 0.2, 1.5),
@@ -129,10 +121,7 @@ def _make_table(vehicle: Vehicle, scenario: Scenario) -> tuple[Parameter, ...]:
         _fixed("COM_RC_IN_MODE", 4, "4: no sticks"),
         _fixed("SYS_AUTOSTART", 4001, "PX4's generic quadcopter"),
         _fixed("SYS_HAS_MAG", 1, "1: the heading is known, from ideal navigation in place of a compass"),
-        *(
-            _fixed(f"CAL_{sensor}0_ID", _DEVICE, f"A simulated {word}; 0 would mean uncalibrated")
-            for sensor, word in sensors
-        ),
+        *(_fixed(f"CAL_{sensor}0_ID", _DEVICE, calibration.format(word)) for sensor, word in sensors),
     )
 
 

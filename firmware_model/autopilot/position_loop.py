@@ -77,8 +77,8 @@ def initial_position_state() -> PositionState:
 def climb_thrust(params: PositionParams, x: PositionState, body: Body, v_down: float) -> tuple[PositionState, float]:
     """Return the next state and the thrust [N] for a vertical velocity [m/s] down, compensated for tilt."""
     wanted = min(max(v_down, -params.z_velocity_max_up), params.z_velocity_max_down)
-    error = wanted - body.v_down
-    up = -rotate((body.qw, body.qx, body.qy, body.qz), (0.0, 0.0, -1.0))[2]
+    error = wanted - body.velocity_N[2]
+    up = -rotate(body.q_NB, (0.0, 0.0, -1.0))[2]
     thrust = params.mass * (GRAVITY - params.z_velocity_p * error - x.i_down) / max(up, _MIN_TILT_COSINE)
     within = min(max(thrust, params.thrust_min), params.thrust_max)
     # Anti-windup: at a limit the integral may only move back.
@@ -92,9 +92,9 @@ def _horizontal_acceleration(
     params: PositionParams, x: PositionState, body: Body, north: float, east: float
 ) -> tuple[PositionState, Vector]:
     """Return the next state and the horizontal acceleration [m/s^2] N toward a position [m] N."""
-    v_north, v_east = params.xy_p * (north - body.north), params.xy_p * (east - body.east)
+    v_north, v_east = params.xy_p * (north - body.position_N[0]), params.xy_p * (east - body.position_N[1])
     slow = params.xy_velocity_max / max(math.sqrt(v_north * v_north + v_east * v_east), params.xy_velocity_max)
-    e_north, e_east = slow * v_north - body.v_north, slow * v_east - body.v_east
+    e_north, e_east = slow * v_north - body.velocity_N[0], slow * v_east - body.velocity_N[1]
     a_north = params.xy_velocity_p * e_north + x.i_north
     a_east = params.xy_velocity_p * e_east + x.i_east
     size, most = math.sqrt(a_north * a_north + a_east * a_east), GRAVITY * params.slope_max
@@ -127,7 +127,7 @@ def position_hold(
     """
     x = PositionState(x.i_north, x.i_east, x.i_down, math.nan, math.nan)
     x, acceleration_N = _horizontal_acceleration(params, x, body, position_N[0], position_N[1])
-    sink = params.z_p * (position_N[2] - body.down) if math.isnan(v_down) else v_down
+    sink = params.z_p * (position_N[2] - body.position_N[2]) if math.isnan(v_down) else v_down
     x, thrust = climb_thrust(params, x, body, sink)
     return x, acceleration_N, thrust
 
@@ -138,8 +138,8 @@ def altitude_hold(params: PositionParams, x: PositionState, body: Body, thrust: 
     if not math.isnan(thrust):
         return PositionState(0.0, 0.0, 0.0, math.nan, x.yaw), thrust
     fresh = math.isnan(x.down)
-    x = PositionState(0.0, 0.0, 0.0 if fresh else x.i_down, body.down if fresh else x.down, x.yaw)
-    return climb_thrust(params, x, body, params.z_p * (x.down - body.down))
+    x = PositionState(0.0, 0.0, 0.0 if fresh else x.i_down, body.position_N[2] if fresh else x.down, x.yaw)
+    return climb_thrust(params, x, body, params.z_p * (x.down - body.position_N[2]))
 
 
 @kernel

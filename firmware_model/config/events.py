@@ -15,57 +15,51 @@ from firmware_model.config.fields import (
     NonNegative,
     Positive,
     PositiveVector,
+    Tagged,
     Vector,
     strict_dataclass,
+    tagged_dataclass,
 )
 
 Time = Annotated[float, Field(ge=0.0, le=86_400.0)]
 
 
 @strict_dataclass
-class ModeChange:
+class _Event(Tagged):
+    """Time of an event."""
+
+    at_s: Time
+    """[s] time of the first sample that it acts on."""
+
+
+@tagged_dataclass("mode")
+class ModeChange(_Event):
     """Request for another flight mode, as from a ground station."""
 
-    kind: Literal["mode"]
-    """Names this event."""
-    at_s: NonNegative
-    """[s] time of the sample before which it happens."""
     mode: Literal["manual", "altctl", "posctl", "takeoff", "hold", "return", "land", "offboard", "stabilized"]
     """PX4's name of the mode; OFFBOARD is refused without a live set-point stream."""
 
 
-@strict_dataclass
-class ControllerHang:
+@tagged_dataclass("controller_hung")
+class ControllerHang(_Event):
     """Controller that neither receives nor sends for a while, then continues from the state it has."""
 
-    kind: Literal["controller_hung"]
-    """Names this event."""
-    at_s: NonNegative
-    """[s] time of the first sample that it does not receive."""
     for_s: Positive
     """[s] duration."""
 
 
-@strict_dataclass
-class ControllerKill:
+@tagged_dataclass("controller_killed")
+class ControllerKill(_Event):
     """End of the controller's process. Another one, without its state, may take its place."""
 
-    kind: Literal["controller_killed"]
-    """Names this event."""
-    at_s: NonNegative
-    """[s] time of the first sample that it does not receive."""
     recovers_after_s: Positive | None = None
     """[s] from the end until the next controller joins; never by default."""
 
 
-@strict_dataclass
-class AttitudeReference:
+@tagged_dataclass("attitude")
+class AttitudeReference(_Event):
     """New attitude reference of the law; level before the first."""
 
-    kind: Literal["attitude"]
-    """Names this event."""
-    at_s: Time
-    """[s] time of the first sample that it holds for."""
     euler_deg: Vector
     """[deg] roll, pitch, yaw from the attitude that the flight begins in."""
 
@@ -76,88 +70,60 @@ class AttitudeReference:
         return math.radians(phi), math.radians(theta), math.radians(psi)
 
 
-@strict_dataclass
-class GyroBias:
+@tagged_dataclass("gyro_bias")
+class GyroBias(_Event):
     """New gyro bias, reached at once or by linear drift."""
 
-    kind: Literal["gyro_bias"]
-    """Names this event."""
-    at_s: Time
-    """[s] time of the first sample that it changes."""
     bias_rad_s: Vector
     """[rad/s] B, added to the vehicle's bias; replaces the bias of an earlier event."""
     over_s: Time = 0.0
     """[s] duration of the drift."""
 
 
-@strict_dataclass
-class GyroNoise:
+@tagged_dataclass("gyro_noise")
+class GyroNoise(_Event):
     """New noise level of the gyro."""
 
-    kind: Literal["gyro_noise"]
-    """Names this event."""
-    at_s: Time
-    """[s] time of the first sample that it changes."""
     factor: NonNegative
     """[-] of the vehicle's noise."""
 
 
-@strict_dataclass
-class GyroRange:
+@tagged_dataclass("gyro_range")
+class GyroRange(_Event):
     """New range of the gyro."""
 
-    kind: Literal["gyro_range"]
-    """Names this event."""
-    at_s: Time
-    """[s] time of the first sample that it changes."""
     range_rad_s: Positive
     """[rad/s] largest measured magnitude."""
 
 
-@strict_dataclass
-class ActuatorEffect:
+@tagged_dataclass("actuator_effect")
+class ActuatorEffect(_Event):
     """Loss of effectiveness: the actuators give a share of the commanded torque."""
 
-    kind: Literal["actuator_effect"]
-    """Names this event."""
-    at_s: Time
-    """[s] time of the first sample that it acts from."""
     share: tuple[Fraction, Fraction, Fraction]
     """[-] B, share of the torque about each axis: 1 is sound, 0 is dead."""
 
 
-@strict_dataclass
-class ActuatorLag:
+@tagged_dataclass("actuator_lag")
+class ActuatorLag(_Event):
     """New time constant of the actuators."""
 
-    kind: Literal["actuator_lag"]
-    """Names this event."""
-    at_s: Time
-    """[s] time of the first sample that it acts from."""
     lag_s: Annotated[float, Field(ge=1e-3, allow_inf_nan=False)]
     """[s] time constant."""
 
 
-@strict_dataclass
-class ActuatorLimit:
+@tagged_dataclass("actuator_limit")
+class ActuatorLimit(_Event):
     """Lower torque limit of the actuators. A command of 1.0 keeps its meaning."""
 
-    kind: Literal["actuator_limit"]
-    """Names this event."""
-    at_s: Time
-    """[s] time of the first sample that it acts from."""
     torque_limit_nm: PositiveVector
     """[N*m] B, largest torque about each axis, where it is below the vehicle's own."""
 
 
-@strict_dataclass
-class Payload:
+@tagged_dataclass("payload")
+class Payload(_Event):
     """Load picked up or dropped at the centre of mass, which does not move. Loads of several events add up."""
 
-    kind: Literal["payload"]
-    """Names this event."""
-    at_s: Time
-    """[s] time of the first sample that it acts from."""
     mass_kg: Finite
     """[kg] gained, or lost if negative."""
     inertia_kgm2: Vector
@@ -167,4 +133,5 @@ class Payload:
 PlantEvent = (
     AttitudeReference | GyroBias | GyroNoise | GyroRange | ActuatorEffect | ActuatorLag | ActuatorLimit | Payload
 )
-Event = Annotated[ModeChange | ControllerHang | ControllerKill | PlantEvent, Field(discriminator="kind")]
+ControllerEvent = ModeChange | ControllerHang | ControllerKill
+Event = Annotated[ControllerEvent | PlantEvent, Field(discriminator="kind")]

@@ -1,8 +1,9 @@
-"""Field types of the configuration files, and the strict dataclass that their tables are."""
+"""Field types of the configuration files, and the strict dataclasses that their tables are."""
 
-from typing import Annotated, TypeVar, cast, dataclass_transform
+from collections.abc import Callable
+from typing import Annotated, Literal, Self, TypeVar, cast, dataclass_transform
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -19,3 +20,38 @@ def strict_dataclass(kind: type[_Table]) -> type[_Table]:
     """Make a frozen, keyword-only dataclass that validates its fields and rejects unknown keys."""
     strict = dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
     return cast("type[_Table]", strict(kind))
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+def tagged_dataclass(kind: str) -> Callable[[type[_Table]], type[_Table]]:
+    """Make a `strict_dataclass` of a `Tagged` table, one of a union that the file's key `kind` selects from."""
+
+    def make(table: type[_Table]) -> type[_Table]:
+        table.__annotations__ = {"kind": Literal[kind], **table.__annotations__}
+        return strict_dataclass(table)
+
+    return make
+
+
+@strict_dataclass
+class Tagged:
+    """Table with a name that tells it from the others of its list."""
+
+    kind: str
+    """Name of this kind of table."""
+
+
+@strict_dataclass
+class TimeWindow:
+    """Time window in which a table acts."""
+
+    start_s: NonNegative = 0.0
+    """[s] begin."""
+    stop_s: Positive | None = None
+    """[s] end; to the end of the flight by default."""
+
+    @model_validator(mode="after")
+    def _check_interval(self) -> Self:
+        if self.stop_s is not None and self.stop_s <= self.start_s:
+            raise ValueError("stop_s must be later than start_s")
+        return self

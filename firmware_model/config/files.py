@@ -37,7 +37,7 @@ def checked_name(name: str) -> str:
     ------
     ValueError
         If it is empty, too long, begins with a dot, or has an unprintable character, a slash, a backslash or a dollar
-        sign, which starts a formula in figures.
+        sign. A dollar sign starts a formula in figures.
     """
     if not (isinstance(name, str) and name.isprintable() and name.strip() and len(name.encode()) <= _LONGEST_NAME):
         raise ValueError(f"a name has 1 to {_LONGEST_NAME} bytes of printable characters")
@@ -171,13 +171,25 @@ def read_toml(
     ConfigError
         If there is no such file, it is not TOML, or a key or value is not allowed.
     """
-    path = Path(name_or_path)
-    if path.suffix != ".toml":
-        path = folder / f"{name_or_path}.toml"
-        if str(name_or_path) not in (shipped := list_shipped(folder)):
-            name, known = sanitize_line(str(name_or_path)), ", ".join(shipped)
-            raise ConfigError(f"no {kind.__name__.lower()} named '{name}': give a .toml file or one of {known}")
+    path = toml_path(kind.__name__.lower(), name_or_path, folder)
     return validate(kind, {"name": path.stem, **complete(read_document(path), path)}, str(path))
+
+
+def toml_path(kind: str, name_or_path: str | Path, folder: Path) -> Path:
+    """Return the path of a file, or of the one of that name shipped in `folder`; `kind` names it in errors.
+
+    Raises
+    ------
+    ConfigError
+        If none of that name is shipped.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".toml":
+        return path
+    if str(name_or_path) not in (shipped := list_shipped(folder)):
+        name, known = sanitize_line(str(name_or_path)), ", ".join(shipped)
+        raise ConfigError(f"no {kind} named '{name}': give a .toml file or one of {known}")
+    return folder / f"{name_or_path}.toml"
 
 
 def read_json(kind: type[Parsed], name: str) -> Parsed | None:

@@ -1,61 +1,45 @@
 """Faults of the link between vehicle and controller: the `[[link]]` tables of a scenario."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from firmware_model.config.fields import Fraction, NonNegative, Positive, strict_dataclass
+from firmware_model.config.fields import Fraction, Positive, Tagged, TimeWindow, strict_dataclass, tagged_dataclass
 
 
 @strict_dataclass
-class _LinkFault:
+class _LinkFault(Tagged, TimeWindow):
     """Direction of a link fault, and the time in which it acts."""
 
     direction: Literal["to_controller", "to_vehicle"]
     """Samples travel to the controller, set-points to the vehicle."""
-    start_s: NonNegative = 0.0
-    """[s] begin."""
-    stop_s: Positive | None = None
-    """[s] end; to the end of the flight by default."""
-
-    @model_validator(mode="after")
-    def _check_interval(self) -> Self:
-        if self.stop_s is not None and self.stop_s <= self.start_s:
-            raise ValueError("stop_s must be later than start_s")
-        return self
 
 
-@strict_dataclass
+@tagged_dataclass("delay")
 class Delay(_LinkFault):
     """Constant delay of every datagram."""
 
-    kind: Literal["delay"]
-    """Names this fault."""
     delay_s: Positive
     """[s] from sending to arrival."""
 
 
-@strict_dataclass
+@tagged_dataclass("jitter")
 class Jitter(_LinkFault):
     """Random delay of each datagram, uniform in [0, most]; none overtakes another."""
 
-    kind: Literal["jitter"]
-    """Names this fault."""
     most_s: Positive
     """[s] largest delay."""
 
 
-@strict_dataclass
+@tagged_dataclass("loss")
 class Loss(_LinkFault):
     """Independent loss of each datagram with the same probability."""
 
-    kind: Literal["loss"]
-    """Names this fault."""
     probability: Fraction
     """[-] of a loss."""
 
 
-@strict_dataclass
+@tagged_dataclass("burst_loss")
 class BurstLoss(_LinkFault):
     """Loss in bursts: a two-state Markov chain that starts in the good state and may change at each datagram.
 
@@ -67,8 +51,6 @@ class BurstLoss(_LinkFault):
     E. O. Elliott, Estimates of error rates for codes on burst-noise channels, Bell System Technical Journal 42, 1963.
     """
 
-    kind: Literal["burst_loss"]
-    """Names this fault."""
     to_bad: Fraction
     """[-] probability that a good state turns bad, at each datagram."""
     to_good: Fraction
@@ -79,44 +61,36 @@ class BurstLoss(_LinkFault):
     """[-] probability of a loss in the good state."""
 
 
-@strict_dataclass
+@tagged_dataclass("duplication")
 class Duplication(_LinkFault):
     """Duplication of some datagrams; each copy has its own jitter."""
 
-    kind: Literal["duplication"]
-    """Names this fault."""
     probability: Fraction
     """[-] of a second copy."""
 
 
-@strict_dataclass
+@tagged_dataclass("reordering")
 class Reordering(_LinkFault):
     """Extra delay of some datagrams, so that later ones overtake them."""
 
-    kind: Literal["reordering"]
-    """Names this fault."""
     probability: Fraction
     """[-] of the extra delay."""
     by_s: Positive
     """[s] extra delay."""
 
 
-@strict_dataclass
+@tagged_dataclass("bandwidth")
 class Bandwidth(_LinkFault):
     """Limited bit rate: datagrams queue for transmission, and those beyond the queue are lost.
 
     A sample takes 73 bytes, torques 55, rates and attitudes 51. At 250 Hz that is 146, 110 and 102 kbit/s.
     """
 
-    kind: Literal["bandwidth"]
-    """Names this fault."""
     rate_bit_s: Positive
     """[bit/s] of MAVLink frames."""
     queue: Annotated[int, Field(ge=0, le=10_000)] = 10
     """Datagrams that may wait while one is in transmission."""
 
 
-LinkFault = Annotated[
-    Delay | Jitter | Loss | BurstLoss | Duplication | Reordering | Bandwidth, Field(discriminator="kind")
-]
 AnyFault = Delay | Jitter | Loss | BurstLoss | Duplication | Reordering | Bandwidth
+LinkFault = Annotated[AnyFault, Field(discriminator="kind")]

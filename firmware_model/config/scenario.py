@@ -8,21 +8,12 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from firmware_model.config.events import (
-    ActuatorLag,
-    AttitudeReference,
-    ControllerHang,
-    ControllerKill,
-    Event,
-    GyroBias,
-    ModeChange,
-    PlantEvent,
-)
+from firmware_model.config import events
 from firmware_model.config.fields import NonNegative, Vector, strict_dataclass
 from firmware_model.config.files import Name, list_shipped, read_toml
 from firmware_model.config.link_faults import LinkFault
 from firmware_model.config.requirement import AXES, Metric, Requirement
-from firmware_model.config.waveforms import Dryden, Moment, Shear, Wind
+from firmware_model.config.waveforms import DRYDEN_CEILING_M, Dryden, Moment, Shear, Wind
 from firmware_model.config.wind_table import fill_replay_rows
 
 SCENARIOS = Path(__file__).parent / "data" / "scenarios"
@@ -102,7 +93,7 @@ class Scenario:
     """Accelerometer faults."""
     link: Annotated[tuple[LinkFault, ...], _MANY] = ()
     """Faults of the link to and from the controller."""
-    event: Annotated[tuple[Event, ...], _MANY] = ()
+    event: Annotated[tuple[events.Event, ...], _MANY] = ()
     """Events at stated times."""
     require: Annotated[tuple[Requirement, ...], _MANY] = ()
     """Requirements."""
@@ -113,6 +104,8 @@ class Scenario:
             raise ValueError("physics_rate_hz must be a multiple of control_rate_hz")
         if 1_000_000 % self.control_rate_hz:
             raise ValueError("control_rate_hz must divide 1,000,000, so that stamps are whole microseconds")
+        if self.free and self.physics_rate_hz < 500:
+            raise ValueError("physics_rate_hz must be at least 500 in free flight, for the feet on the ground")
         if not self.samples:
             raise ValueError(f"duration_s must be at least a sample, {self.dt} s")
         return self
@@ -126,24 +119,17 @@ class Scenario:
         return self
 
     @model_validator(mode="after")
-    def _check_single_field(self) -> Self:
-        if sum(isinstance(item, Dryden) for item in self.wind) > 1:
-            raise ValueError("wind: at most one 'dryden', a second one would not be independent of it")
-        if sum(isinstance(item, Shear) for item in self.wind) > 1:
-            raise ValueError("wind: at most one 'shear', there is one ground")
-        return self
-
-    @model_validator(mode="after")
-    def _check_ground_rate(self) -> Self:
-        if self.translation == "free" and self.physics_rate_hz < 500:
-            raise ValueError("physics_rate_hz must be at least 500 in free flight, for the feet on the ground")
-        return self
-
-    @model_validator(mode="after")
-    def _check_single_kill(self) -> Self:
-        killed = [item for item in self.event if isinstance(item, ControllerKill)]
-        if len(killed) > 1:
-            raise ValueError("event: at most one 'controller_killed', there is one spare controller")
+    def _check_single_tables(self) -> Self:
+        for kind, reason in (
+            (Dryden, "wind: at most one 'dryden', a second one would not be independent of it"),
+            (Shear, "wind: at most one 'shear', there is one ground"),
+            (events.ControllerKill, "event: at most one 'controller_killed', there is one spare controller"),
+        ):
+            if sum(isinstance(item, kind) for item in (*self.wind, *self.event)) > 1:
+                raise ValueError(reason)
+        if self.altitude_m > DRYDEN_CEILING_M and any(isinstance(item, Dryden) for item in self.wind):
+            model = f"'dryden' is the low-altitude model, valid to {DRYDEN_CEILING_M} m (1000 ft)"
+            raise ValueError(f"altitude_m: {model}, not at {self.altitude_m:g} m")
         return self
 
     @model_validator(mode="after")
@@ -180,9 +166,7 @@ class Scenario:
     @property
     def has_link_script(self) -> bool:
         """True if the script involves modes, the controller or its link, and so needs a flight over messages."""
-        return bool(self.link) or any(
-            isinstance(item, (ModeChange, ControllerHang, ControllerKill)) for item in self.event
-        )
+        return bool(self.link) or any(isinstance(item, events.ControllerEvent) for item in self.event)
 
     @property
     def free(self) -> bool:
@@ -191,26 +175,25 @@ class Scenario:
 
     @model_validator(mode="after")
     def _check_events(self) -> Self:
-        drifts = sorted((item for item in self.event if isinstance(item, GyroBias)), key=lambda item: item.at_s)
+        drifts = sorted((item for item in self.event if isinstance(item, events.GyroBias)), key=lambda item: item.at_s)
         for earlier, later in pairwise(drifts):
             if later.at_s < earlier.at_s + earlier.over_s:
                 raise ValueError(f"event: a 'gyro_bias' at {later.at_s} s begins before the one before it ends")
         for item in self.event:
-            if isinstance(item, ActuatorLag) and item.lag_s * self.physics_rate_hz < 1.0:
+            if isinstance(item, events.ActuatorLag) and item.lag_s * self.physics_rate_hz < 1.0:
                 raise ValueError("event: lag_s of 'actuator_lag' must be at least a step, 1 / physics_rate_hz")
         return self
 
     @property
-    def plant_events(self) -> tuple[PlantEvent, ...]:
+    def plant_events(self) -> tuple[events.PlantEvent, ...]:
         """Events of the plant and the reference."""
-        return tuple(item for item in self.event if isinstance(item, PlantEvent))
+        return tuple(item for item in self.event if isinstance(item, events.PlantEvent))
 
     @property
     def references(self) -> tuple[tuple[int, Vector], ...]:
         """Attitude references of the law: stamp [us] of the first sample, and roll, pitch, yaw [rad]."""
-        changes = sorted(
-            (item for item in self.event if isinstance(item, AttitudeReference)), key=lambda item: item.at_s
-        )
+        changes = [item for item in self.event if isinstance(item, events.AttitudeReference)]
+        changes.sort(key=lambda item: item.at_s)
         return tuple((self.sample_at(item.at_s) * self.sample_us, item.euler) for item in changes)
 
     def sample_at(self, time_s: float) -> int:

@@ -59,10 +59,10 @@ def _format_error(kind: Any, item: Any) -> str:
     if item["type"] == "union_tag_invalid":
         return f"{key}.kind: must be one of {context['expected_tags']} (given '{sanitize_line(context['tag'])}')"
     message = str(context["error"]) if item["type"] == "value_error" else _toml_wording(item["msg"])
-    if item["type"] == "tuple_type" and isinstance(item["input"], dict) and _is_many(kind, key):
-        message = f"there may be many: write [[{key}]]"
-    shown = "" if isinstance(item["input"], dict) else f" (given {item['input']!r})"
-    return f"{key}: {message}{shown}"
+    if not isinstance(item["input"], dict):
+        return f"{key}: {message} (given {item['input']!r})"
+    many = item["type"] == "tuple_type" and _is_many(kind, key)
+    return f"{key}: there may be many: write [[{key}]]" if many else f"{key}: {message}"
 
 
 def _is_many(kind: Any, key: str) -> bool:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from firmware_model.config.fields import Finite, NonNegative, Positive, PositiveVector, Vector, strict_dataclass
-from firmware_model.config.files import Name, list_shipped, read_toml
+from firmware_model.config.files import Name, list_shipped, read_toml, toml_path
 from firmware_model.config.spreads import take_nominal
 from firmware_model.errors import ConfigError
 
@@ -190,8 +190,6 @@ class Vehicle:
     """[kg]."""
     inertia_B: PositiveVector
     """[kg*m^2] B, principal moments of inertia I_x, I_y, I_z."""
-    rate_damping: NonNegative
-    """[1/s] damping moment per rate relative to the air, divided by the inertia."""
     actuator_lag: Positive
     """[s] time constant of the torque response."""
     torque_limit: PositiveVector
@@ -218,6 +216,8 @@ class Vehicle:
     """On-board loops of height and position."""
     accelerometer: Accelerometer = field(default_factory=Accelerometer)
     """Accelerometer."""
+    rate_damping: NonNegative | None = None
+    """[1/s] damping moment per rate, divided by the inertia, about every axis; by default that of the rotors' drag."""
     description: str = field(default="")
     """One line that describes the vehicle to users."""
 
@@ -225,6 +225,21 @@ class Vehicle:
     def rotor_drag(self) -> float:
         """[N/(m/s)] force of all rotors in hover per velocity of the air in their plane, the cause of `gust_gain`."""
         return self.gust_gain / self.rotors.height
+
+    @property
+    def rate_damping_B(self) -> Vector:
+        """[1/s] B, damping moment per rate relative to the air, divided by the inertia.
+
+        Without `rate_damping` it is that of the rotors in hover, each with a quarter of the drag. Roll moves a rotor at
+        (x, y) along its axis by y p, pitch by -x q. Yaw moves it in its plane by r sqrt(x^2 + y^2). Products of x and y
+        cancel in a symmetric layout; the height of the rotor plane is left out.
+        """
+        if self.rate_damping is not None:
+            return (self.rate_damping,) * 3
+        x_square, y_square, _ = np.mean(np.square(self.rotors.position_B), axis=0).tolist()
+        I_x, I_y, I_z = self.inertia_B
+        roll, pitch = self.heave_drag * y_square / I_x, self.heave_drag * x_square / I_y
+        return roll, pitch, self.rotor_drag * (x_square + y_square) / I_z
 
     @model_validator(mode="after")
     def _check_thrust(self) -> Self:
@@ -252,6 +267,17 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
     vehicle = read_toml(Vehicle, name_or_path, VEHICLES, lambda document, path: take_nominal(document, str(path)))
     check_body(vehicle.inertia_B, vehicle.inertia_B, str(name_or_path))
     return vehicle
+
+
+def vehicle_path(name_or_path: str | Path) -> Path:
+    """Return the path of a vehicle file, or of a shipped one by its name.
+
+    Raises
+    ------
+    ConfigError
+        If none of that name is shipped.
+    """
+    return toml_path("vehicle", name_or_path, VEHICLES)
 
 
 def check_body(low: Vector, high: Vector, source: str) -> None:

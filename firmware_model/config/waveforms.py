@@ -14,7 +14,16 @@ from typing import Annotated, Literal, Self
 
 from pydantic import FailFast, Field, model_validator
 
-from firmware_model.config.fields import Finite, NonNegative, Positive, Vector, strict_dataclass
+from firmware_model.config.fields import (
+    Finite,
+    NonNegative,
+    Positive,
+    Tagged,
+    TimeWindow,
+    Vector,
+    strict_dataclass,
+    tagged_dataclass,
+)
 
 KNOT = 0.514444
 """[m/s] 1852 m an hour."""
@@ -25,83 +34,56 @@ MAX_ROWS = 150_000
 Rows = Annotated[
     tuple[tuple[Finite, Finite, Finite, Finite], ...], FailFast(), Field(min_length=2, max_length=MAX_ROWS)
 ]
+DRYDEN_CEILING_M = 304.8
+"""[m] 1000 ft, the end of the low-altitude model (MIL-F-8785C, 3.7.3.4)."""
 _INTENSITIES = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}  # MIL-F-8785C, figure 9: W20
 
 
-@strict_dataclass
-class TimeWindow:
-    """Time window in which a table acts."""
-
-    start_s: NonNegative = 0.0
-    """[s] begin."""
-    stop_s: Positive | None = None
-    """[s] end; to the end of the flight by default."""
-
-    @model_validator(mode="after")
-    def _check_interval(self) -> Self:
-        if self.stop_s is not None and self.stop_s <= self.start_s:
-            raise ValueError("stop_s must be later than start_s")
-        return self
-
-
-@strict_dataclass
-class Step:
+@tagged_dataclass("step")
+class Step(Tagged):
     """Waveform at full amplitude from its start."""
 
-    kind: Literal["step"]
-    """Names this primitive."""
 
-
-@strict_dataclass
-class Ramp:
+@tagged_dataclass("ramp")
+class Ramp(Tagged):
     """Waveform that grows linearly and then stays at full amplitude."""
 
-    kind: Literal["ramp"]
-    """Names this primitive."""
     rise_s: Positive
     """[s] from zero to the peak."""
 
 
-@strict_dataclass
-class OneMinusCosine:
+@tagged_dataclass("one_minus_cosine")
+class OneMinusCosine(Tagged):
     """Waveform `amplitude / 2 * (1 - cos(2 pi (t - start) / length))`, zero outside its length."""
 
-    kind: Literal["one_minus_cosine"]
-    """Names this primitive."""
     length_s: Positive
     """[s] from zero to zero."""
 
 
-@strict_dataclass
-class Sine:
+@tagged_dataclass("sine")
+class Sine(Tagged):
     """Waveform `amplitude * sin(rate * (t - start) + phase)`."""
 
-    kind: Literal["sine"]
-    """Names this primitive."""
     rate_rad_s: Rate
     """[rad/s] angular frequency."""
     phase_rad: Finite = 0.0
     """[rad] at the start."""
 
 
-@strict_dataclass
-class Square:
+@tagged_dataclass("square")
+class Square(Tagged):
     """Waveform always at full amplitude, `amplitude * sign(sin(rate * (t - start) + phase))`: bang-bang."""
 
-    kind: Literal["square"]
-    """Names this primitive."""
     rate_rad_s: Rate
     """[rad/s] angular frequency; the sign changes twice a period."""
     phase_rad: Finite = 0.0
     """[rad] at the start."""
 
 
-@strict_dataclass
-class Sweep:
+@tagged_dataclass("sine_sweep")
+class Sweep(Tagged):
     """Sine that starts at sin(0); its angular frequency changes linearly from start to `stop_s`."""
 
-    kind: Literal["sine_sweep"]
-    """Names this primitive."""
     rate_from_rad_s: Rate
     """[rad/s] angular frequency at the start."""
     rate_to_rad_s: Rate
@@ -110,8 +92,8 @@ class Sweep:
     """[s] end."""
 
 
-@strict_dataclass
-class Replay(TimeWindow):
+@tagged_dataclass("replay")
+class Replay(Tagged, TimeWindow):
     """Measured data, linear between its rows, zero before the first and after the last.
 
     `file` is a CSV file, relative to the scenario's folder. Its first line names the columns and thereby the frame. A
@@ -119,8 +101,6 @@ class Replay(TimeWindow):
     `time_s,north_nm,east_nm,down_nm` or `time_s,L_nm,M_nm,N_nm`. The file is read once; its numbers are kept as `rows`.
     """
 
-    kind: Literal["replay"]
-    """Names this primitive."""
     file: str | None = None
     """File that the rows come from."""
     frame: Frame
@@ -264,12 +244,10 @@ Moment = Annotated[
 ]
 
 
-@strict_dataclass
-class Constant:
+@tagged_dataclass("constant")
+class Constant(Tagged):
     """Steady mean wind. A free vehicle drifts with it; on the test stand it is trimmed out and gives no moment."""
 
-    kind: Literal["constant"]
-    """Names this primitive."""
     velocity_mps: Vector | None = None
     """[m/s] N (north, east, down), blowing toward: (5, 0, 0) is a wind from the south."""
     speed_mps: NonNegative | None = None
@@ -288,15 +266,13 @@ class Constant:
         return _wind_vector(self.velocity_mps, self.speed_mps, self.from_deg)
 
 
-@strict_dataclass
-class Shear:
+@tagged_dataclass("shear")
+class Shear(Tagged):
     """Mean wind that grows with the height h as `ln(h / roughness) / ln(20 ft / roughness)`, MIL-F-8785C 3.7.3.2.
 
     Below 3 ft it is as at 3 ft. On the test stand it is trimmed out and gives no moment.
     """
 
-    kind: Literal["shear"]
-    """Names this primitive."""
     velocity_20ft_mps: Vector | None = None
     """[m/s] N at a height of 20 ft, blowing toward."""
     wind_speed_20ft_mps: NonNegative | None = None
@@ -319,16 +295,14 @@ class Shear:
         return _wind_vector(self.velocity_20ft_mps, self.wind_speed_20ft_mps, self.from_deg)
 
 
-@strict_dataclass
-class Dryden:
+@tagged_dataclass("dryden")
+class Dryden(Tagged):
     """Continuous random gusts, low-altitude model (below 1000 ft), all six components.
 
     The frozen field passes at the mean wind speed at 20 ft, the rule for hover, but at 1 m/s at least. Below it the
     model's time constants, length over speed, would grow without bound.
     """
 
-    kind: Literal["dryden"]
-    """Names this primitive."""
     wind_speed_20ft_mps: Positive | None = None
     """[m/s] mean wind speed at 20 ft."""
     intensity: Literal["light", "moderate", "severe"] | None = None

@@ -3,13 +3,13 @@
 The wire uses the project's axes and units: N north-east-down, B forward-right-down, quaternions w, x, y, z from B to N.
 One exception: SET_ATTITUDE_TARGET is stamped in whole milliseconds.
 
-References
-----------
 MAVLink, common message set, messages 0, 82, 83, 105, 139, 140.
 """
 
 import math
 import struct
+from collections.abc import Callable
+from functools import cache
 
 from pymavlink.dialects.v20 import all as wire
 
@@ -32,8 +32,7 @@ _GYRO = 0x38  # HIGHRES_IMU_UPDATED_FLAGS: bits of the fields that carry a measu
 _ACCELERATION_AND_GYRO = 0x7 | _GYRO
 # HIGHRES_IMU of this vehicle: stamp, specific force and rates change; magnetic field, pressures, altitude and
 # temperature are zero and not marked as measured.
-_IMU_LAYOUT, _IMU_REST = "<Q6f", struct.pack("<7fB", *[0.0] * 7, _ACCELERATION_AND_GYRO)
-_IMU_FIELDS = struct.Struct(_IMU_LAYOUT)
+_IMU_REST = struct.pack("<7fB", *[0.0] * 7, _ACCELERATION_AND_GYRO)
 _IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE = 1, 2, 4  # ATTITUDE_TARGET_TYPEMASK
 _THRUST_BODY_SET, _IGNORE_THROTTLE, _IGNORE_ATTITUDE = 32, 64, 128
 _UNIT_TOLERANCE = 1e-3  # [-] on a quaternion's length: far above float32 rounding, far below a mistake
@@ -41,8 +40,7 @@ _UNIT_TOLERANCE = 1e-3  # [-] on a quaternion's length: far above float32 roundi
 
 def imu_message(sample: ImuSample) -> EncodedMessage:
     """Return HIGHRES_IMU; magnetometer and barometer are marked as not measured."""
-    fields = _IMU_FIELDS.pack(sample.time_us, *sample.specific_force_B, *sample.gyro_B)
-    return EncodedMessage(wire.MAVLINK_MSG_ID_HIGHRES_IMU, fields + _IMU_REST)
+    return imu_template(1).encode(sample.time_us, *sample.specific_force_B, *sample.gyro_B)
 
 
 def parse_imu(frame: Frame) -> ImuSample | RejectReason:
@@ -53,9 +51,16 @@ def parse_imu(frame: Frame) -> ImuSample | RejectReason:
     return ImuSample(time_us=time_us, gyro_B=(p, q, r), specific_force_B=(x, y, z))
 
 
+@cache
 def imu_template(system: int) -> FrameTemplate:
     """Return the template of the autopilot's samples: stamp [us], specific force [m/s^2], rates [rad/s]."""
-    return FrameTemplate(wire.MAVLINK_MSG_ID_HIGHRES_IMU, system, AUTOPILOT, _IMU_LAYOUT, _IMU_REST)
+    return FrameTemplate(wire.MAVLINK_MSG_ID_HIGHRES_IMU, system, AUTOPILOT, "<Q6f", _IMU_REST)
+
+
+def sample_packer(channel: Channel, system: int) -> Callable[[ImuSample], bytes]:
+    """Return the packer of samples for one peer; all of a flight, a stream and a request leave through it."""
+    template = imu_template(system)
+    return lambda sample: channel.make(template, sample.time_us, *sample.specific_force_B, *sample.gyro_B)
 
 
 def torque_template(system: int) -> FrameTemplate:
@@ -82,20 +87,15 @@ class SetpointReader:
 
         The result equals that of `parse_command`; a set-point with anything to clip or reject gives `None`.
         """
-        if torque:
-            fields = channel.read(self._torques, self.source, datagram)
-            if fields is None:
-                return None
-            stamp_us, roll, pitch, yaw, throttle = fields
-            fits = -1.0 <= roll <= 1.0 and -1.0 <= pitch <= 1.0 and -1.0 <= yaw <= 1.0 and math.isnan(throttle)
-            return TorqueCommand(stamp_us, (roll, pitch, yaw), None) if fits and stamp_us == time_us else None
-        fields = channel.read(self._rates, self.source, datagram)
+        fields = channel.read(self._torques if torque else self._rates, self.source, datagram)
         if fields is None:
             return None
-        stamp_ms, p, q, r, thrust = fields
-        if stamp_ms != boot_ms(time_us) or not (math.isfinite(p + q + r) and 0.0 <= thrust <= 1.0):
-            return None
-        return AttitudeTarget(stamp_ms * 1000, None, (p, q, r), thrust)
+        stamp, x, y, z, thrust = fields
+        if torque:
+            fits = -1.0 <= x <= 1.0 and -1.0 <= y <= 1.0 and -1.0 <= z <= 1.0 and math.isnan(thrust)
+            return TorqueCommand(stamp, (x, y, z), None) if fits and stamp == time_us else None
+        fits = stamp == boot_ms(time_us) and math.isfinite(x + y + z) and 0.0 <= thrust <= 1.0
+        return AttitudeTarget(stamp * 1000, None, (x, y, z), thrust) if fits else None
 
 
 def command_message(command: Command, target_system: int) -> EncodedMessage:
@@ -107,14 +107,11 @@ def command_message(command: Command, target_system: int) -> EncodedMessage:
         If an attitude target has neither attitude nor rates.
     """
     if isinstance(command, TorqueCommand):
-        controls = (*command.torque_B, _thrust_field(command.throttle), 0.0, 0.0, 0.0, 0.0)
-        payload = _TORQUE.pack(command.time_us, *controls, 0, target_system, AUTOPILOT)
+        payload = _TORQUE.pack(command.time_us, *_controls(command), 0, target_system, AUTOPILOT)
         return EncodedMessage(wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET, payload)
     mask, q_NB, omega_B = _target_fields(command)
-    payload = _TARGET.pack(
-        boot_ms(command.time_us), *q_NB, *omega_B, _thrust_field(command.thrust), target_system, AUTOPILOT, mask
-    )
-    return EncodedMessage(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, payload)
+    fields = boot_ms(command.time_us), *q_NB, *omega_B, _thrust_field(command.thrust), target_system, AUTOPILOT, mask
+    return EncodedMessage(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, _TARGET.pack(*fields))
 
 
 def parse_command(frame: Frame, system: int) -> Command | RejectReason:
@@ -147,14 +144,13 @@ def _parse_torque_command(frame: Frame, system: int) -> TorqueCommand | RejectRe
     if not math.isfinite(roll + pitch + yaw):
         return RejectReason.NOT_FINITE
     torque_B = (_clip(roll, -1.0), _clip(pitch, -1.0), _clip(yaw, -1.0))
-    return TorqueCommand(
-        time_us=time_us, torque_B=torque_B, throttle=None if math.isnan(throttle) else _clip(throttle, 0.0)
-    )
+    return TorqueCommand(time_us, torque_B, None if math.isnan(throttle) else _clip(throttle, 0.0))
 
 
-def _parse_target(
-    mask: int, q_NB: Quaternion, omega_B: Vector
-) -> tuple[Quaternion | None, Vector | None] | RejectReason:
+_Tracked = tuple[Quaternion | None, Vector | None]
+
+
+def _parse_target(mask: int, q_NB: Quaternion, omega_B: Vector) -> _Tracked | RejectReason:
     """Return attitude and rates to track from the fields of a SET_ATTITUDE_TARGET."""
     if mask & _IGNORE_ATTITUDE:
         if mask & (_IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE):
@@ -205,12 +201,14 @@ def parse_parameter(message: Message) -> float:
 def echo_message(command: Command) -> Message:
     """Return ATTITUDE_TARGET or ACTUATOR_CONTROL_TARGET: the set-point that the vehicle tracks."""
     if isinstance(command, TorqueCommand):
-        controls = (*command.torque_B, _thrust_field(command.throttle), 0.0, 0.0, 0.0, 0.0)
-        return wire.MAVLink_actuator_control_target_message(command.time_us, 0, controls)
+        return wire.MAVLink_actuator_control_target_message(command.time_us, 0, _controls(command))
     mask, q_NB, omega_B = _target_fields(command)
-    return wire.MAVLink_attitude_target_message(
-        boot_ms(command.time_us), mask, q_NB, *omega_B, _thrust_field(command.thrust)
-    )
+    thrust = _thrust_field(command.thrust)
+    return wire.MAVLink_attitude_target_message(boot_ms(command.time_us), mask, q_NB, *omega_B, thrust)
+
+
+def _controls(command: TorqueCommand) -> tuple[float, ...]:
+    return (*command.torque_B, _thrust_field(command.throttle), 0.0, 0.0, 0.0, 0.0)
 
 
 def _target_fields(target: AttitudeTarget) -> tuple[int, Quaternion, Vector]:

@@ -6,15 +6,16 @@ address. From other machines it can be forged, so only a signature identifies th
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason
-from firmware_model.mavlink.messages import AUTOPILOT, CONTROLLER
+from firmware_model.mavlink.messages import AUTOPILOT, CONTROLLER, sample_packer
 from firmware_model.mavlink.signing import Signing
-from firmware_model.types import NEVER_US
+from firmware_model.types import NEVER_US, ImuSample
 
 PEER_TIMEOUT_US = 10_000_000
 """[us] Wall time after which a silent peer is removed."""
@@ -41,9 +42,10 @@ class Peer:
         expected: bool,
     ) -> None:
         self.address, self.expected = address, expected
-        self.channel = Channel(system, AUTOPILOT, signing, address[0])
+        self._make_channel = partial(Channel, system, signing=signing, link=address[0])
+        self.channel = self._make_channel(AUTOPILOT)
         self._other_channels: dict[int, Channel] = {}
-        self._system, self._signing = system, signing
+        self.pack_sample = sample_packer(self.channel, system)
         self._vehicle_intervals_us, self._fastest_us = intervals_us, min_interval_us
         self.reset()
 
@@ -53,16 +55,19 @@ class Peer:
         self.next_us = NEVER_US
         self.controller = False
         self.sticks_until_us = -NEVER_US
+        self.answers_due = 0  # at most this many to repetitions of sample 0, which may arrive after t = 0
         self._defaults_us: dict[int, int] = {}
         self._intervals_us: dict[int, int] = {}
         self._due_us: dict[int, int] = {}
 
-    def pack(self, message: Message | EncodedMessage, component: int = AUTOPILOT) -> bytes:
+    def pack(self, message: Message | EncodedMessage | ImuSample, component: int = AUTOPILOT) -> bytes:
         """Return a component's message as a datagram to this peer; each component has its own sequence numbers."""
+        if isinstance(message, ImuSample):
+            return self.pack_sample(message)
         if component == AUTOPILOT:
             return self.channel.pack(message)
         if component not in self._other_channels:
-            self._other_channels[component] = Channel(self._system, component, self._signing, self.address[0])
+            self._other_channels[component] = self._make_channel(component)
         self.channel.sent += 1
         return self._other_channels[component].pack(message)
 
@@ -79,7 +84,8 @@ class Peer:
             self._defaults_us = {_IMU: self._vehicle_intervals_us[_IMU]}
         else:
             self._defaults_us = {**self._vehicle_intervals_us, **({_IMU: self._fastest_us} if controller else {})}
-        self._start(dict(self._defaults_us), clock_us)
+        self._intervals_us, self._due_us = dict(self._defaults_us), dict.fromkeys(self._defaults_us, clock_us)
+        self.next_us = clock_us if self._defaults_us else NEVER_US
 
     @property
     def is_samples_only(self) -> bool:
@@ -120,18 +126,13 @@ class Peer:
         self.next_us = min(self._due_us.values(), default=NEVER_US)
         return due
 
-    def _start(self, intervals_us: dict[int, int], clock_us: int) -> None:
-        self._intervals_us = intervals_us
-        self._due_us = dict.fromkeys(intervals_us, clock_us)
-        self.next_us = clock_us if intervals_us else NEVER_US
-
 
 @dataclass(frozen=True, slots=True)
-class RequestContext:
-    """A request's sender, as the `Client` of services."""
+class Client:
+    """A request's sender, as services see it."""
 
     peer: Peer
-    """Sender of the request."""
+    """Peer that sent the request."""
     outbox: list[tuple[bytes, Address]]
     """Datagrams to send, with their addresses."""
     clock_us: int
@@ -139,7 +140,7 @@ class RequestContext:
     component: int
     """Component that answers."""
 
-    def send(self, message: Message | EncodedMessage) -> None:
+    def send(self, message: Message | EncodedMessage | ImuSample) -> None:
         """Send a message to this peer alone."""
         self.outbox.append((self.peer.pack(message, self.component), self.peer.address))
 
@@ -173,8 +174,8 @@ class PeerTable:
         *,
         min_interval_us: int,
     ) -> None:
-        self._system, self._signing = system, signing
-        self._intervals_us, self._fastest_us = intervals_us, min_interval_us
+        make_peer = partial(Peer, system=system, signing=signing, intervals_us=intervals_us)
+        self._make_peer = partial(make_peer, min_interval_us=min_interval_us)
         self._removed = Channel(system, AUTOPILOT)
         self._peers = {address: self._make_peer(address, expected=True) for address in expected}
 
@@ -195,9 +196,8 @@ class PeerTable:
 
     def remove_silent(self, now_us: int) -> list[Peer]:
         """Return the peers that have been silent for too long; remove them, or reset the expected ones."""
-        silent = [
-            peer for peer in self if peer.last_seen_us is not None and now_us > peer.last_seen_us + PEER_TIMEOUT_US
-        ]
+        oldest_us = now_us - PEER_TIMEOUT_US
+        silent = [peer for peer in self if peer.last_seen_us is not None and peer.last_seen_us < oldest_us]
         for peer in silent:
             if peer.expected:
                 peer.reset()
@@ -205,7 +205,7 @@ class PeerTable:
                 self._removed.merge(self._peers.pop(peer.address).channel)
         return silent
 
-    def count_reject(self, address: Address, cause: RejectReason) -> None:
+    def count_reject(self, cause: RejectReason, address: Address) -> None:
         """Count a rejected datagram or message of a known peer."""
         if peer := self._peers.get(address):
             peer.channel.dropped[cause] += 1
@@ -214,13 +214,3 @@ class PeerTable:
         """Return packet counters by peer; `gone` sums up the removed peers."""
         stats = {f"{host}:{port}": peer.channel.stats() for (_, (host, port)), peer in self._peers.items()}
         return {**stats, "gone": self._removed.stats()} if self._removed.received else stats
-
-    def _make_peer(self, address: Address, *, expected: bool) -> Peer:
-        return Peer(
-            address,
-            self._system,
-            self._signing,
-            self._intervals_us,
-            min_interval_us=self._fastest_us,
-            expected=expected,
-        )

@@ -10,12 +10,10 @@ from firmware_model.types import Vector
 class ActuatorParams(NamedTuple):
     """Effectiveness and limit of each axis."""
 
-    share_roll: float = 1.0  # [-] of the command
-    share_pitch: float = 1.0
-    share_yaw: float = 1.0
-    limit_roll: float = math.inf  # [N*m]
-    limit_pitch: float = math.inf
-    limit_yaw: float = math.inf
+    share: Vector = (1.0, 1.0, 1.0)
+    """[-] B, of the command."""
+    limit: Vector = (math.inf, math.inf, math.inf)
+    """[N*m] B."""
 
 
 @kernel
@@ -26,8 +24,9 @@ def _limit_axis(torque: float, share: float, limit: float) -> float:
 @kernel
 def apply_actuator_faults(params: ActuatorParams, torque: Vector) -> Vector:
     """Return the torque [N*m] B that faulty actuators give for a commanded one, once their lag has passed."""
+    (roll, pitch, yaw), share, limit = torque, params.share, params.limit
     return (
-        _limit_axis(torque[0], params.share_roll, params.limit_roll),
-        _limit_axis(torque[1], params.share_pitch, params.limit_pitch),
-        _limit_axis(torque[2], params.share_yaw, params.limit_yaw),
+        _limit_axis(roll, share[0], limit[0]),
+        _limit_axis(pitch, share[1], limit[1]),
+        _limit_axis(yaw, share[2], limit[2]),
     )

@@ -10,18 +10,10 @@ from typing import NamedTuple
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.rotations import conjugate, rotate
+from firmware_model.physics import rigid_body
 from firmware_model.physics.dryden import gust_moment
-from firmware_model.physics.ground import GroundParams, can_touch_ground, ground_params, ground_wrench, is_at_rest
-from firmware_model.physics.rigid_body import (
-    Body,
-    BodyInputs,
-    BodyParams,
-    at_rest,
-    body_params,
-    derivative,
-    runge_kutta,
-    specific_force,
-)
+from firmware_model.physics.ground import GroundParams, can_touch_ground, ground_wrench, is_at_rest
+from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, at_rest
 from firmware_model.types import Vector
 
 AIR_DENSITY = 1.225
@@ -42,12 +34,10 @@ class AirParams(NamedTuple):
 class Air(NamedTuple):
     """Motion of the air, constant over a sample."""
 
-    u: float  # [m/s] B, gust, blowing toward
-    v: float
-    w: float
-    north: float  # [m/s] N, mean wind, blowing toward
-    east: float
-    down: float
+    gust_B: Vector
+    """[m/s] B, gust, blowing toward."""
+    wind_N: Vector
+    """[m/s] N, mean wind, blowing toward."""
 
 
 class FreeParams(NamedTuple):
@@ -84,11 +74,6 @@ def air_params(vehicle: Vehicle) -> AirParams:
     )
 
 
-def free_params(vehicle: Vehicle) -> FreeParams:
-    """Return the constants of a vehicle in free flight."""
-    return FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))
-
-
 @kernel
 def air_wrench(params: AirParams, body: Body, air: Air) -> tuple[Vector, Vector]:
     """Return force [N] B and moment [N*m] B of the air.
@@ -97,14 +82,20 @@ def air_wrench(params: AirParams, body: Body, air: Air) -> tuple[Vector, Vector]
     and is 1 in hover. Body drag is quadratic, the same in all directions. Only gusts yaw the vehicle: a uniform
     stream acts on all rotors equally.
     """
-    past = (air.north - body.v_north, air.east - body.v_east, air.down - body.v_down)
-    mean = rotate(conjugate((body.qw, body.qx, body.qy, body.qz)), past)
-    v_B = (air.u + mean[0], air.v + mean[1], air.w + mean[2])
+    (north, east, down), (v_north, v_east, v_down) = air.wind_N, body.velocity_N
+    mean = rotate(conjugate(body.q_NB), (north - v_north, east - v_east, down - v_down))
+    gust = air.gust_B
+    v_B = (gust[0] + mean[0], gust[1] + mean[1], gust[2] + mean[2])
     spin = math.sqrt(max(body.thrust, 0.0) * params.inverse_weight)
     square = params.body_drag * math.sqrt(v_B[0] * v_B[0] + v_B[1] * v_B[1] + v_B[2] * v_B[2])
     plane, axis = spin * params.rotor_drag + square, spin * params.heave_drag + square
-    moment = gust_moment(spin * params.gust_gain, params.gust_yaw_ratio, (v_B[0], v_B[1], air.w))
+    moment = gust_moment(spin * params.gust_gain, params.gust_yaw_ratio, (v_B[0], v_B[1], gust[2]))
     return (plane * v_B[0], plane * v_B[1], axis * v_B[2]), moment
+
+
+@kernel
+def _add(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @kernel
@@ -115,36 +106,23 @@ def sum_inputs(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[Body
     """
     outside = inputs.body
     force, moment = air_wrench(params.air, body, inputs.air)
-    L, M, N = moment[0] + outside.L, moment[1] + outside.M, moment[2] + outside.N
+    moment = _add(moment, outside.moment_B)
     ground_force, ground_moment, load, resting = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, False
     if inputs.near_ground:
         ground_force, ground_moment, load = ground_wrench(params.ground, body)
-        push, twist = (force[0], force[1], force[2] - body.thrust), (L + body.roll, M + body.pitch, N + body.yaw)
-        resting = (load > 0.0) & is_at_rest(params.ground, body, push, twist)
-    forces = BodyInputs(
-        roll_command=outside.roll_command,
-        pitch_command=outside.pitch_command,
-        yaw_command=outside.yaw_command,
-        L=L + ground_moment[0],
-        M=M + ground_moment[1],
-        N=N + ground_moment[2],
-        p_gust=outside.p_gust,
-        q_gust=outside.q_gust,
-        r_gust=outside.r_gust,
-        F_x=force[0] + ground_force[0],
-        F_y=force[1] + ground_force[1],
-        F_z=force[2] + ground_force[2],
-        thrust_command=outside.thrust_command,
-    )
+        push = (force[0], force[1], force[2] - body.thrust)
+        resting = (load > 0.0) & is_at_rest(params.ground, body, push, _add(moment, body.torque_B))
+    moment, force = _add(moment, ground_moment), _add(force, ground_force)
+    forces = BodyInputs(outside.torque_command_B, moment, outside.gust_omega_B, force, outside.thrust_command)
     return forces, resting, load
 
 
 @kernel
 def _derivative(params: FreeParams, body: Body, inputs: FreeInputs) -> Body:
-    return derivative(params.body, body, sum_inputs(params, body, inputs)[0])
+    return rigid_body.derivative(params.body, body, sum_inputs(params, body, inputs)[0])
 
 
-_integrate = runge_kutta(_derivative)
+_integrate = rigid_body.runge_kutta(_derivative)
 
 
 @kernel
@@ -165,6 +143,6 @@ def sensor_wrench(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[V
     forces, resting, load = sum_inputs(params, body, inputs)
     moment = air_wrench(params.air, body, inputs.air)[1]
     if resting:
-        up = rotate(conjugate((body.qw, body.qx, body.qy, body.qz)), (0.0, 0.0, -GRAVITY))
+        up = rotate(conjugate(body.q_NB), (0.0, 0.0, -GRAVITY))
         return up, moment, load
-    return specific_force(params.body, body, forces), moment, load
+    return rigid_body.specific_force(params.body, body, forces), moment, load

@@ -20,27 +20,15 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_model.config import waveforms
 from firmware_model.config.scenario import Scenario
-from firmware_model.config.waveforms import (
-    DirectMoment,
-    Gust,
-    Moment,
-    MomentReplay,
-    OneMinusCosine,
-    Ramp,
-    Replay,
-    Sine,
-    Square,
-    Step,
-    Sweep,
-    Wind,
-)
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.elementary import sin_cos
 from firmware_model.types import Vector
 
 Array = NDArray[np.float64]
 Disturbance = tuple[Vector, Vector, Vector, Vector]
+_Formula = waveforms.Gust | waveforms.DirectMoment
 STEP, RAMP, ONE_MINUS_COSINE, SINE, SQUARE, SWEEP = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 """Kinds of waves."""
 GUST_B, GUST_N, MOMENT_B, MOMENT_N = 0, 1, 2, 3
@@ -51,26 +39,26 @@ _HALF_US = 0.5e-6  # [s] tolerance: stamps are whole microseconds, rounded secon
 
 def make_waves(scenario: Scenario) -> Array:
     """Return the waves (n, WAVE) of a scenario's formulas, in its order."""
-    rows = [_make_wave(item) for item in _list_tables(scenario) if isinstance(item, (Gust, DirectMoment))]
+    rows = [_make_wave(item) for item in _list_tables(scenario) if isinstance(item, _Formula)]
     return np.array(rows, dtype=np.float64).reshape(-1, WAVE)
 
 
 def make_replay(scenario: Scenario) -> Array:
     """Return the replay at each sample (samples, 3 * TARGETS); (0, 3 * TARGETS) without replays."""
-    replays = [item for item in _list_tables(scenario) if isinstance(item, Replay)]
+    replays = [item for item in _list_tables(scenario) if isinstance(item, waveforms.Replay)]
     table = np.zeros((scenario.samples if replays else 0, 3 * TARGETS))
     time = np.arange(len(table)) * scenario.sample_us * 1e-6
     for item in replays:
         rows = np.array(item.rows)
         begin, end = item.start_s - _HALF_US, (math.inf if item.stop_s is None else item.stop_s) - _HALF_US
         acts = (time >= begin) & (time < end)
-        at = 3 * _target_index(item.frame == "ned", moment=isinstance(item, MomentReplay))
+        at = 3 * _target_index(item.frame == "ned", moment=isinstance(item, waveforms.MomentReplay))
         for i in range(3):
             table[acts, at + i] += np.interp(time[acts] - item.start_s, rows[:, 0], rows[:, 1 + i], left=0.0, right=0.0)
     return table
 
 
-def _list_tables(scenario: Scenario) -> Iterable[Wind | Moment]:
+def _list_tables(scenario: Scenario) -> Iterable[waveforms.Wind | waveforms.Moment]:
     return (*scenario.wind, *scenario.moment)
 
 
@@ -78,26 +66,26 @@ def _target_index(is_earth_frame: bool, *, moment: bool) -> int:
     return 2 * moment + is_earth_frame
 
 
-def _make_wave(item: Gust | DirectMoment) -> tuple[float, ...]:
+def _make_wave(item: _Formula) -> tuple[float, ...]:
     kind, a, b = _shape_params(item)
     stop = math.inf if item.stop_s is None else item.stop_s
-    target = _target_index(item.is_earth_frame, moment=isinstance(item, DirectMoment))
+    target = _target_index(item.is_earth_frame, moment=isinstance(item, waveforms.DirectMoment))
     return (kind, target, *item.vector, item.start_s, stop, a, b)
 
 
-def _shape_params(item: Gust | DirectMoment) -> tuple[float, float, float]:
+def _shape_params(item: _Formula) -> tuple[float, float, float]:
     match item:
-        case Step():
+        case waveforms.Step():
             return STEP, 0.0, 0.0
-        case Ramp():
+        case waveforms.Ramp():
             return RAMP, item.rise_s, 0.0
-        case OneMinusCosine():
+        case waveforms.OneMinusCosine():
             return ONE_MINUS_COSINE, item.length_s, 0.0
-        case Sine():
+        case waveforms.Sine():
             return SINE, item.rate_rad_s, item.phase_rad
-        case Square():
+        case waveforms.Square():
             return SQUARE, item.rate_rad_s, item.phase_rad
-        case Sweep():
+        case waveforms.Sweep():
             slope = (item.rate_to_rad_s - item.rate_from_rad_s) / (item.stop_s - item.start_s)
             return SWEEP, item.rate_from_rad_s, slope
     raise TypeError(f"{type(item).__name__} is no wave")

@@ -39,47 +39,44 @@ class DrydenState(NamedTuple):
     p: float
 
 
-class DrydenParams(NamedTuple):
-    """Discrete filters: scalar ones for u and p, third-order ones for (v, r) and (w, q).
+class TransverseParams(NamedTuple):
+    """Discrete filter of v (or w) and its angular gust: `x+ = A x + B n`, A and B lower triangular, n standard normal.
 
-    `x+ = A x + B n` with A and B lower triangular, `n` standard normal. Outputs are v (or w) and its filtered
-    derivative.
+    The outputs are `c1 x1 + c2 x2`, and its filtered derivative.
     """
 
+    a11: float
+    a21: float
+    a22: float
+    a31: float
+    a32: float
+    a33: float
+    b11: float
+    b21: float
+    b22: float
+    b31: float
+    b32: float
+    b33: float
+    c1: float
+    c2: float
+    slope: float  # [1/m] r_gust = slope (v - x3), or q_gust for w
+
+
+class DrydenParams(NamedTuple):
+    """Discrete filters of one sample time; scalar ones `x+ = a x + b n` for u and p."""
+
     u_a: float
+    """[-] of u."""
     u_b: float
+    """[m/s] of u."""
     p_a: float
+    """[-] of p."""
     p_b: float
-    v_a11: float
-    v_a21: float
-    v_a22: float
-    v_a31: float
-    v_a32: float
-    v_a33: float
-    v_b11: float
-    v_b21: float
-    v_b22: float
-    v_b31: float
-    v_b32: float
-    v_b33: float
-    v_c1: float
-    v_c2: float
-    r_c: float  # [1/m] r_gust = r_c (v - x3)
-    w_a11: float
-    w_a21: float
-    w_a22: float
-    w_a31: float
-    w_a32: float
-    w_a33: float
-    w_b11: float
-    w_b21: float
-    w_b22: float
-    w_b31: float
-    w_b32: float
-    w_b33: float
-    w_c1: float
-    w_c2: float
-    q_c: float  # [1/m] q_gust = q_c (w - x3)
+    """[rad/s] of p."""
+    v: TransverseParams
+    """Filter of v and r, its units beside each number."""
+    w: TransverseParams
+    """Filter of w and q, its units beside each number."""
 
 
 class DrydenSpectrum(NamedTuple):
@@ -143,12 +140,13 @@ def dryden_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[Dr
     # A gust field w(x) turns the air nose down where w grows ahead: q_gust = -dw/dx, and r_gust = +dv/dx.
     u = (u_a, spectrum.sigma_u * math.sqrt(1.0 - u_a * u_a))
     p = (p_a, spectrum.sigma_p * math.sqrt(1.0 - p_a * p_a))
-    numbers = (*u, *p, *v.numbers, math.pi / (3.0 * span), *w.numbers, -math.pi / (4.0 * span))
+    v_r = TransverseParams._make((*v.numbers, math.pi / (3.0 * span)))
+    w_q = TransverseParams._make((*w.numbers, -math.pi / (4.0 * span)))
     factor = np.zeros((8, 8))
     factor[0, 0], factor[7, 7] = spectrum.sigma_u, spectrum.sigma_p
     factor[1:4, 1:4], factor[4:7, 4:7] = v.stationary, w.stationary
     factor.flags.writeable = False
-    return DrydenParams._make(numbers), factor
+    return DrydenParams(*u, *p, v_r, w_q), factor
 
 
 class _Transverse(NamedTuple):
@@ -188,34 +186,27 @@ Float8 = tuple[float, float, float, float, float, float, float, float]
 @kernel
 def dryden_step(params: DrydenParams, x: DrydenState, n: Float8) -> DrydenState:
     """Return the next filter state for eight standard normal numbers."""
-    return DrydenState(
-        u=params.u_a * x.u + params.u_b * n[0],
-        v1=params.v_a11 * x.v1 + params.v_b11 * n[1],
-        v2=params.v_a21 * x.v1 + params.v_a22 * x.v2 + params.v_b21 * n[1] + params.v_b22 * n[2],
-        v3=params.v_a31 * x.v1
-        + params.v_a32 * x.v2
-        + params.v_a33 * x.v3
-        + params.v_b31 * n[1]
-        + params.v_b32 * n[2]
-        + params.v_b33 * n[3],
-        w1=params.w_a11 * x.w1 + params.w_b11 * n[4],
-        w2=params.w_a21 * x.w1 + params.w_a22 * x.w2 + params.w_b21 * n[4] + params.w_b22 * n[5],
-        w3=params.w_a31 * x.w1
-        + params.w_a32 * x.w2
-        + params.w_a33 * x.w3
-        + params.w_b31 * n[4]
-        + params.w_b32 * n[5]
-        + params.w_b33 * n[6],
-        p=params.p_a * x.p + params.p_b * n[7],
+    v1, v2, v3 = _step_transverse(params.v, (x.v1, x.v2, x.v3), (n[1], n[2], n[3]))
+    w1, w2, w3 = _step_transverse(params.w, (x.w1, x.w2, x.w3), (n[4], n[5], n[6]))
+    u, p = params.u_a * x.u + params.u_b * n[0], params.p_a * x.p + params.p_b * n[7]
+    return DrydenState(u, v1, v2, v3, w1, w2, w3, p)
+
+
+@kernel
+def _step_transverse(f: TransverseParams, x: Vector, n: Vector) -> Vector:
+    return (
+        f.a11 * x[0] + f.b11 * n[0],
+        f.a21 * x[0] + f.a22 * x[1] + f.b21 * n[0] + f.b22 * n[1],
+        f.a31 * x[0] + f.a32 * x[1] + f.a33 * x[2] + f.b31 * n[0] + f.b32 * n[1] + f.b33 * n[2],
     )
 
 
 @kernel
 def dryden_gust(params: DrydenParams, x: DrydenState) -> tuple[Vector, Vector]:
     """Return the gust [m/s] B and the angular gust [rad/s] B of a filter state."""
-    v = params.v_c1 * x.v1 + params.v_c2 * x.v2
-    w = params.w_c1 * x.w1 + params.w_c2 * x.w2
-    return (x.u, v, w), (x.p, params.q_c * (w - x.w3), params.r_c * (v - x.v3))
+    v = params.v.c1 * x.v1 + params.v.c2 * x.v2
+    w = params.w.c1 * x.w1 + params.w.c2 * x.w2
+    return (x.u, v, w), (x.p, params.w.slope * (w - x.w3), params.v.slope * (v - x.v3))
 
 
 @kernel

@@ -23,28 +23,27 @@ _MARGIN = 0.01  # [m] path of an acceleration of 5 km/s^2 within the longest ste
 class GroundParams(NamedTuple):
     """Contact points of a vehicle, and their stiffness, damping and friction."""
 
-    foot_x: float  # [m] B, feet at plus and minus this
-    foot_y: float
-    foot_z: float
-    rotor_x: float  # [m] B, rotor hubs at plus and minus this
-    rotor_y: float
-    rotor_z: float
-    reach: float  # [m] from the centre of mass to the farthest of these points
-    weight: float  # [N]
-    stiffness: float  # [N/m] of one point
-    damping: float  # [N*s/m] of one point
-    friction: float  # [-]
+    foot_B: Vector
+    """[m] B, feet at plus and minus x and y of this."""
+    rotor_B: Vector
+    """[m] B, rotor hubs at plus and minus x and y of this."""
+    reach: float
+    """[m] from the centre of mass to the farthest of these points."""
+    weight: float
+    """[N]."""
+    stiffness: float
+    """[N/m] of one point."""
+    damping: float
+    """[N*s/m] of one point."""
+    friction: float
+    """[-]."""
 
 
 class _ContactSum(NamedTuple):
     """Sum over the contact points."""
 
-    F_north: float  # [N] N
-    F_east: float
-    F_down: float
-    M_north: float  # [N*m] N
-    M_east: float
-    M_down: float
+    force_N: Vector  # [N]
+    moment_N: Vector  # [N*m]
     load: float  # [N]
 
 
@@ -56,7 +55,7 @@ def ground_params(vehicle: Vehicle) -> GroundParams:
     reach = max(math.hypot(*foot), math.hypot(x, y, z))
     weight = vehicle.mass * GRAVITY
     stiffness, damping = weight / (4.0 * gear.sag), 0.5 * vehicle.mass * math.sqrt(GRAVITY / gear.sag)
-    return GroundParams(*foot, x, y, -z, reach, weight, stiffness, damping, gear.friction)
+    return GroundParams(foot, (x, y, -z), reach, weight, stiffness, damping, gear.friction)
 
 
 def standing_height(vehicle: Vehicle) -> float:
@@ -67,36 +66,30 @@ def standing_height(vehicle: Vehicle) -> float:
 @kernel
 def can_touch_ground(params: GroundParams, body: Body, dt: float) -> bool:
     """Return whether any point may touch the ground within a step of `dt` [s]; if not, contact may be skipped."""
-    return body.down + params.reach + dt * abs(body.v_down) > -_MARGIN
+    return body.position_N[2] + params.reach + dt * abs(body.velocity_N[2]) > -_MARGIN
 
 
 @kernel
 def _add_point(params: GroundParams, body: Body, omega_N: Vector, arm_N: Vector, total: _ContactSum) -> _ContactSum:
     """Return the sum with the contact at the end of an arm [m] N, on a vehicle with body rates [rad/s] N."""
     x, y, z = arm_N
-    v_north = body.v_north + omega_N[1] * z - omega_N[2] * y
-    v_east = body.v_east + omega_N[2] * x - omega_N[0] * z
-    v_down = body.v_down + omega_N[0] * y - omega_N[1] * x
-    depth = body.down + z
+    v_north = body.velocity_N[0] + omega_N[1] * z - omega_N[2] * y
+    v_east = body.velocity_N[1] + omega_N[2] * x - omega_N[0] * z
+    v_down = body.velocity_N[2] + omega_N[0] * y - omega_N[1] * x
+    depth = body.position_N[2] + z
     push = max(params.stiffness * depth + params.damping * v_down, 0.0) if depth > 0.0 else 0.0
     rub = -params.friction * push / max(math.sqrt(v_north * v_north + v_east * v_east), _FRICTION_SPEED)
     north, east, down = rub * v_north, rub * v_east, -push
-    return _ContactSum(
-        F_north=total.F_north + north,
-        F_east=total.F_east + east,
-        F_down=total.F_down + down,
-        M_north=total.M_north + y * down - z * east,
-        M_east=total.M_east + z * north - x * down,
-        M_down=total.M_down + x * east - y * north,
-        load=total.load + push,
-    )
+    F, M = total.force_N, total.moment_N
+    moment_N = (M[0] + y * down - z * east, M[1] + z * north - x * down, M[2] + x * east - y * north)
+    return _ContactSum((F[0] + north, F[1] + east, F[2] + down), moment_N, total.load + push)
 
 
 @kernel
 def _add_corners(params: GroundParams, body: Body, corner_B: Vector, total: _ContactSum) -> _ContactSum:
     """Return the sum with the contacts at four corners (+-x, +-y, z), of which one is `corner_B` [m] B."""
-    q_NB = (body.qw, body.qx, body.qy, body.qz)
-    omega_N = rotate(q_NB, (body.p, body.q, body.r))
+    q_NB = body.q_NB
+    omega_N = rotate(q_NB, body.omega_B)
     a, b = rotate(q_NB, (corner_B[0], 0.0, corner_B[2])), rotate(q_NB, (-corner_B[0], 0.0, corner_B[2]))
     c = rotate(q_NB, (0.0, corner_B[1], 0.0))
     total = _add_point(params, body, omega_N, (a[0] + c[0], a[1] + c[1], a[2] + c[2]), total)
@@ -111,12 +104,11 @@ def ground_wrench(params: GroundParams, body: Body) -> tuple[Vector, Vector, flo
 
     The points are written out: a loop over them, inside the loop over flights, would keep the compiler from SIMD.
     """
-    total = _ContactSum(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    total = _add_corners(params, body, (params.foot_x, params.foot_y, params.foot_z), total)
-    total = _add_corners(params, body, (params.rotor_x, params.rotor_y, params.rotor_z), total)
-    to_B = conjugate((body.qw, body.qx, body.qy, body.qz))
-    force_B = rotate(to_B, (total.F_north, total.F_east, total.F_down))
-    return force_B, rotate(to_B, (total.M_north, total.M_east, total.M_down)), total.load
+    total = _ContactSum((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+    total = _add_corners(params, body, params.foot_B, total)
+    total = _add_corners(params, body, params.rotor_B, total)
+    to_B = conjugate(body.q_NB)
+    return rotate(to_B, total.force_N), rotate(to_B, total.moment_N), total.load
 
 
 @kernel
@@ -125,21 +117,22 @@ def is_at_rest(params: GroundParams, body: Body, force_B: Vector, moment_B: Vect
 
     The feet must carry enough of the weight, friction must hold force and yaw together, and the vehicle must not tip.
     """
-    speed = body.v_north * body.v_north + body.v_east * body.v_east + body.v_down * body.v_down
-    rate = body.p * body.p + body.q * body.q + body.r * body.r
-    q_NB = (body.qw, body.qx, body.qy, body.qz)
-    ahead, right = rotate(q_NB, (params.foot_x, 0.0, 0.0))[2], rotate(q_NB, (0.0, params.foot_y, 0.0))[2]
-    highest = body.down + rotate(q_NB, (0.0, 0.0, params.foot_z))[2] - abs(ahead) - abs(right)
+    v_north, v_east, v_down = body.velocity_N
+    p, q, r = body.omega_B
+    speed, rate = v_north * v_north + v_east * v_east + v_down * v_down, p * p + q * q + r * r
+    q_NB, (foot_x, foot_y, foot_z) = body.q_NB, params.foot_B
+    ahead, right = rotate(q_NB, (foot_x, 0.0, 0.0))[2], rotate(q_NB, (0.0, foot_y, 0.0))[2]
+    highest = body.position_N[2] + rotate(q_NB, (0.0, 0.0, foot_z))[2] - abs(ahead) - abs(right)
     F_N = rotate(q_NB, force_B)
     load = params.weight + F_N[2]
     pull = math.sqrt(F_N[0] * F_N[0] + F_N[1] * F_N[1])
-    arm = math.sqrt(params.foot_x * params.foot_x + params.foot_y * params.foot_y)
+    arm = math.sqrt(foot_x * foot_x + foot_y * foot_y)
     return (
         (speed <= _REST_SPEED * _REST_SPEED)
         & (rate <= _REST_SPEED * _REST_SPEED)
         & (highest > 0.0)
         & (load >= _REST_LOAD_SHARE * params.weight)
         & (pull + abs(moment_B[2]) / arm <= params.friction * load)
-        & (abs(moment_B[0]) + params.foot_z * abs(force_B[1]) <= params.foot_y * load)
-        & (abs(moment_B[1]) + params.foot_z * abs(force_B[0]) <= params.foot_x * load)
+        & (abs(moment_B[0]) + foot_z * abs(force_B[1]) <= foot_y * load)
+        & (abs(moment_B[1]) + foot_z * abs(force_B[0]) <= foot_x * load)
     )

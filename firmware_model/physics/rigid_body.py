@@ -10,29 +10,26 @@ from typing import NamedTuple, TypeVar
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.rotations import conjugate, normalize, rotate
-from firmware_model.types import Vector
+from firmware_model.types import Quaternion, Vector
+
+_ZERO = (0.0, 0.0, 0.0)
 
 
 class Body(NamedTuple):
     """State of airframe and actuators."""
 
-    north: float  # [m]
-    east: float
-    down: float
-    v_north: float  # [m/s]
-    v_east: float
-    v_down: float
-    qw: float  # q_NB
-    qx: float
-    qy: float
-    qz: float
-    p: float  # [rad/s] B
-    q: float
-    r: float
-    roll: float  # [N*m] B, torque of the actuators
-    pitch: float
-    yaw: float
-    thrust: float  # [N] up, along -z of B
+    position_N: Vector
+    """[m] N."""
+    velocity_N: Vector
+    """[m/s] N."""
+    q_NB: Quaternion
+    """Attitude."""
+    omega_B: Vector
+    """[rad/s] B."""
+    torque_B: Vector
+    """[N*m] B, of the actuators."""
+    thrust: float
+    """[N] up, along -z of B."""
 
 
 class BodyParams(NamedTuple):
@@ -45,7 +42,9 @@ class BodyParams(NamedTuple):
     inverse_I_x: float  # [1/(kg*m^2)]
     inverse_I_y: float
     inverse_I_z: float
-    damping: float  # [1/s] moment against the rate relative to the air, per inertia
+    damping_x: float  # [1/s] moment against the rate relative to the air, per inertia
+    damping_y: float
+    damping_z: float
     bandwidth: float  # [1/s] of the actuators, one over their time constant
     free: float  # 1 free, 0 held in translation
 
@@ -53,24 +52,22 @@ class BodyParams(NamedTuple):
 class BodyInputs(NamedTuple):
     """External inputs, constant over a step."""
 
-    roll_command: float  # [N*m] B, commanded, within the actuators' limits
-    pitch_command: float
-    yaw_command: float
-    L: float  # [N*m] B, disturbance moment
-    M: float
-    N: float
-    p_gust: float  # [rad/s] B, angular gust
-    q_gust: float
-    r_gust: float
-    F_x: float  # [N] B, all forces but gravity and thrust
-    F_y: float
-    F_z: float
-    thrust_command: float  # [N] commanded
+    torque_command_B: Vector
+    """[N*m] B, commanded, within the actuators' limits."""
+    moment_B: Vector
+    """[N*m] B, disturbance moment."""
+    gust_omega_B: Vector
+    """[rad/s] B, angular gust."""
+    force_B: Vector
+    """[N] B, all forces but gravity and thrust."""
+    thrust_command: float
+    """[N] commanded."""
 
 
 def body_params(vehicle: Vehicle, *, free: bool) -> BodyParams:
     """Return the constants of a vehicle, `free` or held in translation."""
     I_x, I_y, I_z = vehicle.inertia_B
+    damping_x, damping_y, damping_z = vehicle.rate_damping_B
     return BodyParams(
         inverse_mass=1.0 / vehicle.mass,
         k1=(I_y - I_z) / I_x,
@@ -79,7 +76,9 @@ def body_params(vehicle: Vehicle, *, free: bool) -> BodyParams:
         inverse_I_x=1.0 / I_x,
         inverse_I_y=1.0 / I_y,
         inverse_I_z=1.0 / I_z,
-        damping=vehicle.rate_damping,
+        damping_x=damping_x,
+        damping_y=damping_y,
+        damping_z=damping_z,
         bandwidth=1.0 / vehicle.actuator_lag,
         free=float(free),
     )
@@ -92,73 +91,72 @@ def attitude_derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> B
     Euler's equations with principal inertia, and quaternion kinematics `q' = q omega / 2`. The yaw equation has
     N / I_z, where the paper's (2) prints L / I_z.
     """
-    p, q, r = body.p, body.q, body.r
+    w, x, y, z = body.q_NB
+    p, q, r = body.omega_B
+    L, M, N = inputs.moment_B
+    p_gust, q_gust, r_gust = inputs.gust_omega_B
+    roll, pitch, yaw = body.torque_B
+    roll_command, pitch_command, yaw_command = inputs.torque_command_B
+    omega_rate = (
+        params.k1 * q * r + (roll + L) * params.inverse_I_x - params.damping_x * (p - p_gust),
+        params.k2 * r * p + (pitch + M) * params.inverse_I_y - params.damping_y * (q - q_gust),
+        params.k3 * p * q + (yaw + N) * params.inverse_I_z - params.damping_z * (r - r_gust),
+    )
+    rate = params.bandwidth
     return Body(
-        north=0.0,
-        east=0.0,
-        down=0.0,
-        v_north=0.0,
-        v_east=0.0,
-        v_down=0.0,
-        qw=-0.5 * (body.qx * p + body.qy * q + body.qz * r),
-        qx=0.5 * (body.qw * p + body.qy * r - body.qz * q),
-        qy=0.5 * (body.qw * q + body.qz * p - body.qx * r),
-        qz=0.5 * (body.qw * r + body.qx * q - body.qy * p),
-        p=params.k1 * q * r + (body.roll + inputs.L) * params.inverse_I_x - params.damping * (p - inputs.p_gust),
-        q=params.k2 * r * p + (body.pitch + inputs.M) * params.inverse_I_y - params.damping * (q - inputs.q_gust),
-        r=params.k3 * p * q + (body.yaw + inputs.N) * params.inverse_I_z - params.damping * (r - inputs.r_gust),
-        roll=params.bandwidth * (inputs.roll_command - body.roll),
-        pitch=params.bandwidth * (inputs.pitch_command - body.pitch),
-        yaw=params.bandwidth * (inputs.yaw_command - body.yaw),
-        thrust=params.bandwidth * (inputs.thrust_command - body.thrust),
+        _ZERO,
+        _ZERO,
+        (
+            -0.5 * (x * p + y * q + z * r),
+            0.5 * (w * p + y * r - z * q),
+            0.5 * (w * q + z * p - x * r),
+            0.5 * (w * r + x * q - y * p),
+        ),
+        omega_rate,
+        (rate * (roll_command - roll), rate * (pitch_command - pitch), rate * (yaw_command - yaw)),
+        rate * (inputs.thrust_command - body.thrust),
     )
 
 
 @kernel
 def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
     """Return the time derivative of the state, in a `Body`: `attitude_derivative` with Newton's law in N."""
-    q_NB = (body.qw, body.qx, body.qy, body.qz)
-    F_N = rotate(q_NB, (inputs.F_x, inputs.F_y, inputs.F_z - body.thrust))
-    north, east, down = params.free * body.v_north, params.free * body.v_east, params.free * body.v_down
-    v_north = params.free * params.inverse_mass * F_N[0]
-    v_east = params.free * params.inverse_mass * F_N[1]
-    v_down = params.free * (params.inverse_mass * F_N[2] + GRAVITY)
-    _, _, _, _, _, _, qw, qx, qy, qz, p, q, r, roll, pitch, yaw, thrust = attitude_derivative(params, body, inputs)
-    return Body(north, east, down, v_north, v_east, v_down, qw, qx, qy, qz, p, q, r, roll, pitch, yaw, thrust)
+    F_x, F_y, F_z = inputs.force_B
+    F_N = rotate(body.q_NB, (F_x, F_y, F_z - body.thrust))
+    free, free_inverse_mass = params.free, params.free * params.inverse_mass
+    v_north, v_east, v_down = body.velocity_N
+    down_rate = free * (params.inverse_mass * F_N[2] + GRAVITY)
+    rate = attitude_derivative(params, body, inputs)
+    return Body(
+        (free * v_north, free * v_east, free * v_down),
+        (free_inverse_mass * F_N[0], free_inverse_mass * F_N[1], down_rate),
+        rate.q_NB,
+        rate.omega_B,
+        rate.torque_B,
+        rate.thrust,
+    )
+
+
+@kernel
+def _move(a: Vector, h: float, rate: Vector) -> Vector:
+    return a[0] + h * rate[0], a[1] + h * rate[1], a[2] + h * rate[2]
 
 
 @kernel
 def _integrate_attitude(body: Body, h: float, rate: Body) -> Body:
     """Return the body moved by `h` times a derivative, with its translation held."""
-    return Body(
-        body.north,
-        body.east,
-        body.down,
-        body.v_north,
-        body.v_east,
-        body.v_down,
-        body.qw + h * rate.qw,
-        body.qx + h * rate.qx,
-        body.qy + h * rate.qy,
-        body.qz + h * rate.qz,
-        body.p + h * rate.p,
-        body.q + h * rate.q,
-        body.r + h * rate.r,
-        body.roll + h * rate.roll,
-        body.pitch + h * rate.pitch,
-        body.yaw + h * rate.yaw,
-        body.thrust + h * rate.thrust,
-    )
+    (w, x, y, z), dq = body.q_NB, rate.q_NB
+    q_NB = (w + h * dq[0], x + h * dq[1], y + h * dq[2], z + h * dq[3])
+    omega_B, torque_B = _move(body.omega_B, h, rate.omega_B), _move(body.torque_B, h, rate.torque_B)
+    return Body(body.position_N, body.velocity_N, q_NB, omega_B, torque_B, body.thrust + h * rate.thrust)
 
 
 @kernel
 def _integrate(body: Body, h: float, rate: Body) -> Body:
     """Return the body moved by `h` times a derivative."""
-    north, east, down = body.north + h * rate.north, body.east + h * rate.east, body.down + h * rate.down
-    v_north, v_east = body.v_north + h * rate.v_north, body.v_east + h * rate.v_east
-    v_down = body.v_down + h * rate.v_down
-    _, _, _, _, _, _, qw, qx, qy, qz, p, q, r, roll, pitch, yaw, thrust = _integrate_attitude(body, h, rate)
-    return Body(north, east, down, v_north, v_east, v_down, qw, qx, qy, qz, p, q, r, roll, pitch, yaw, thrust)
+    position_N, velocity_N = _move(body.position_N, h, rate.position_N), _move(body.velocity_N, h, rate.velocity_N)
+    turned = _integrate_attitude(body, h, rate)
+    return Body(position_N, velocity_N, turned.q_NB, turned.omega_B, turned.torque_B, turned.thrust)
 
 
 Params = TypeVar("Params")
@@ -184,9 +182,8 @@ def runge_kutta(
         c = rate(params, middle, inputs)
         end, last = integrate(end, dt / 3.0, c), integrate(body, dt, c)
         end = integrate(end, dt / 6.0, rate(params, last, inputs))
-        north, east, down, v_north, v_east, v_down, qw, qx, qy, qz, p, q, r, roll, pitch, yaw, thrust = end
-        qw, qx, qy, qz = normalize((qw, qx, qy, qz))
-        return Body(north, east, down, v_north, v_east, v_down, qw, qx, qy, qz, p, q, r, roll, pitch, yaw, thrust)
+        q_NB = normalize(end.q_NB)
+        return Body(end.position_N, end.velocity_N, q_NB, end.omega_B, end.torque_B, end.thrust)
 
     return step
 
@@ -198,9 +195,7 @@ step, step_attitude = runge_kutta(derivative), runge_kutta(attitude_derivative, 
 @kernel
 def at_rest(pose: Body, actuators: Body) -> Body:
     """Return the body at rest in a pose, with the actuators of another state."""
-    north, east, down, _, _, _, qw, qx, qy, qz, _, _, _, _, _, _, _ = pose
-    roll, pitch, yaw, thrust = actuators.roll, actuators.pitch, actuators.yaw, actuators.thrust
-    return Body(north, east, down, 0.0, 0.0, 0.0, qw, qx, qy, qz, 0.0, 0.0, 0.0, roll, pitch, yaw, thrust)
+    return Body(pose.position_N, _ZERO, pose.q_NB, _ZERO, actuators.torque_B, actuators.thrust)
 
 
 @kernel
@@ -209,10 +204,11 @@ def specific_force(params: BodyParams, body: Body, inputs: BodyInputs) -> Vector
 
     On the stand it is minus gravity under all forces, because the stand carries the weight.
     """
-    up = rotate(conjugate((body.qw, body.qx, body.qy, body.qz)), (0.0, 0.0, -GRAVITY))
-    held = 1.0 - params.free
+    up = rotate(conjugate(body.q_NB), (0.0, 0.0, -GRAVITY))
+    held, free_inverse_mass = 1.0 - params.free, params.free * params.inverse_mass
+    F_x, F_y, F_z = inputs.force_B
     return (
-        params.free * params.inverse_mass * inputs.F_x + held * up[0],
-        params.free * params.inverse_mass * inputs.F_y + held * up[1],
-        params.free * params.inverse_mass * (inputs.F_z - body.thrust) + held * up[2],
+        free_inverse_mass * F_x + held * up[0],
+        free_inverse_mass * F_y + held * up[1],
+        free_inverse_mass * (F_z - body.thrust) + held * up[2],
     )

@@ -23,30 +23,21 @@ Float4 = tuple[float, float, float, float]
 class RotorParams(NamedTuple):
     """Each rotor's share of a wrench, and its limit.
 
-    Rotor i gives `share_i` of the thrust. A torque acts on it like `roll_i` (`pitch_i`, `yaw_i`) times that in thrust.
+    A rotor gives its `share` of the thrust. A torque acts on it like `roll` (`pitch`, `yaw`) times that in thrust.
     """
 
-    thrust_max: float  # [N] of one rotor
-    share_1: float  # [-]
-    share_2: float
-    share_3: float
-    share_4: float
-    reach_1: float  # [N] collective thrust that takes the rotor to its limit without torques
-    reach_2: float
-    reach_3: float
-    reach_4: float
-    roll_1: float  # [1/m]
-    roll_2: float
-    roll_3: float
-    roll_4: float
-    pitch_1: float  # [1/m]
-    pitch_2: float
-    pitch_3: float
-    pitch_4: float
-    yaw_1: float  # [1/m]
-    yaw_2: float
-    yaw_3: float
-    yaw_4: float
+    thrust_max: float
+    """[N] of one rotor."""
+    share: Float4
+    """[-] of the thrust."""
+    reach: Float4
+    """[N] collective thrust that takes the rotor to its limit without torques."""
+    roll: Float4
+    """[1/m] thrust per torque."""
+    pitch: Float4
+    """[1/m] thrust per torque."""
+    yaw: Float4
+    """[1/m] thrust per torque."""
 
 
 def rotor_params(vehicle: Vehicle) -> RotorParams:
@@ -58,9 +49,8 @@ def rotor_params(vehicle: Vehicle) -> RotorParams:
 def _rotor_params(rotors: Rotors) -> RotorParams:
     inverse = np.linalg.inv(rotors.wrench)
     share = inverse[:, 3]
-    torques = (inverse[:, :3].T / share).ravel()
-    numbers = np.concatenate([[rotors.thrust_max], share, rotors.thrust_max / share, torques])
-    return RotorParams._make(numbers.tolist())
+    rows = (share, rotors.thrust_max / share, *(inverse[:, :3].T / share))
+    return RotorParams(rotors.thrust_max, *(tuple(row.tolist()) for row in rows))
 
 
 @kernel
@@ -72,14 +62,14 @@ def allocate(params: RotorParams, torque_B: Vector, thrust: float) -> tuple[Vect
     the rest. Each stage ignores the later ones, as in PX4: a yaw that would make room for tilt is not counted on.
     """
     L, M, N = torque_B
+    roll, pitch, reach = params.roll, params.pitch, params.reach
     tilt = (
-        params.roll_1 * L + params.pitch_1 * M,
-        params.roll_2 * L + params.pitch_2 * M,
-        params.roll_3 * L + params.pitch_3 * M,
-        params.roll_4 * L + params.pitch_4 * M,
+        roll[0] * L + pitch[0] * M,
+        roll[1] * L + pitch[1] * M,
+        roll[2] * L + pitch[2] * M,
+        roll[3] * L + pitch[3] * M,
     )
-    yaw_share = (params.yaw_1 * N, params.yaw_2 * N, params.yaw_3 * N, params.yaw_4 * N)
-    reach = (params.reach_1, params.reach_2, params.reach_3, params.reach_4)
+    yaw_share = (params.yaw[0] * N, params.yaw[1] * N, params.yaw[2] * N, params.yaw[3] * N)
     # In collective thrust: rotor i stops at -scale * tilt[i], and is at its limit reach[i] above that.
     least = min(min(tilt[0], tilt[1]), min(tilt[2], tilt[3]))
     scale = 1.0
@@ -102,10 +92,11 @@ def allocate(params: RotorParams, torque_B: Vector, thrust: float) -> tuple[Vect
 @kernel
 def rotor_thrusts(params: RotorParams, torque_B: Vector, thrust: float) -> Float4:
     """Return the thrust [N] of each rotor for torques [N*m] B and a thrust [N]."""
-    L, M, N = torque_B
+    (L, M, N), share = torque_B, params.share
+    roll, pitch, yaw = params.roll, params.pitch, params.yaw
     return (
-        params.share_1 * (params.roll_1 * L + params.pitch_1 * M + params.yaw_1 * N + thrust),
-        params.share_2 * (params.roll_2 * L + params.pitch_2 * M + params.yaw_2 * N + thrust),
-        params.share_3 * (params.roll_3 * L + params.pitch_3 * M + params.yaw_3 * N + thrust),
-        params.share_4 * (params.roll_4 * L + params.pitch_4 * M + params.yaw_4 * N + thrust),
+        share[0] * (roll[0] * L + pitch[0] * M + yaw[0] * N + thrust),
+        share[1] * (roll[1] * L + pitch[1] * M + yaw[1] * N + thrust),
+        share[2] * (roll[2] * L + pitch[2] * M + yaw[2] * N + thrust),
+        share[3] * (roll[3] * L + pitch[3] * M + yaw[3] * N + thrust),
     )

@@ -23,22 +23,15 @@ def format_summary(facts: Mapping[str, Any]) -> str:
     outcome = (facts["outcome"] or "broken off").replace("_", " ")
     rows = {}
     if (pace := facts["pace"]) and facts["samples"]:
-        rows["deadlines"] = (
-            f"{pace['missed']} missed; late by {pace['late_p50_us']} us (median), {pace['late_p99_us']} us (99 %), "
-            f"{pace['late_worst_us']} us (worst), {'with' if pace['fifo'] else 'without'} FIFO scheduling"
-        )
+        rows["deadlines"] = _format_pace(pace)
     if facts["slipped_s"]:
         rows["slipped"] = f"{facts['slipped_s']:.3f} s of wall time"
     if facts["counters"]:
         rows["counted"] = _format_counts(facts["counters"])
     rows |= {peer: _format_traffic(stats) for peer, stats in facts["links"].items() if stats["in"]}
     rows |= {f"link {way}": _format_counts(counts) or "no faults" for way, counts in facts["link_faults"].items()}
-    return "\n".join(
-        (
-            f"{outcome}: {samples} in {facts['wall_s']:.1f} s, {facts['realtime_factor']:.2f} times real time",
-            *(f"  {name:<18} {text}" for name, text in rows.items()),
-        )
-    )
+    headline = f"{outcome}: {samples} in {facts['wall_s']:.1f} s, {facts['realtime_factor']:.2f} times real time"
+    return "\n".join((headline, *(f"  {name:<18} {text}" for name, text in rows.items())))
 
 
 @contextmanager
@@ -66,6 +59,13 @@ def _format_traffic(stats: Mapping[str, Any]) -> str:
     return (
         f"in {stats['in']} out {stats['out']} lost {stats['lost']} bad {stats['bad']} "
         f"rejected {sum(stats['rejected'].values())}"
+    )
+
+
+def _format_pace(pace: Mapping[str, Any]) -> str:
+    return (
+        f"{pace['missed']} missed; late by {pace['late_p50_us']} us (median), {pace['late_p99_us']} us (99 %), "
+        f"{pace['late_worst_us']} us (worst), {'with' if pace['fifo'] else 'without'} FIFO scheduling"
     )
 
 

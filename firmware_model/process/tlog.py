@@ -52,9 +52,9 @@ class Tlog:
                     self._log(frame.raw, address, self._stamp_us(now_us))
         self._endpoint.receive(datagram, address, now_us)
 
-    def drop(self, cause: RejectReason, address: Address) -> None:
+    def count_reject(self, cause: RejectReason, address: Address) -> None:
         """Count a datagram that was discarded unread."""
-        self._endpoint.drop(cause, address)
+        self._endpoint.count_reject(cause, address)
 
     def poll(self, now_us: int) -> list[tuple[bytes, Address]]:
         """Perform all due actions and return the datagrams to send."""

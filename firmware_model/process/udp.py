@@ -36,7 +36,7 @@ class Endpoint(Protocol):
     def receive(self, datagram: bytes, address: Address, now_us: int) -> None:
         """Handle a datagram."""
 
-    def drop(self, cause: RejectReason, address: Address) -> None:
+    def count_reject(self, cause: RejectReason, address: Address) -> None:
         """Count a datagram that was discarded unread."""
 
     def poll(self, now_us: int) -> list[tuple[bytes, Address]]:
@@ -220,7 +220,7 @@ def _drain(
         if counts[peer] <= share:
             endpoint.receive(datagram, peer, _now_us())
         else:
-            endpoint.drop(RejectReason.RATE_LIMITED, peer)
+            endpoint.count_reject(RejectReason.RATE_LIMITED, peer)
 
 
 def _wait_readable(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:

@@ -13,24 +13,11 @@ from collections.abc import Iterator, Sequence
 from enum import Enum
 from typing import Generic, TypeVar
 
-import numpy as np
-
-from firmware_model.config.link_faults import (
-    AnyFault,
-    Bandwidth,
-    BurstLoss,
-    Delay,
-    Duplication,
-    Jitter,
-    Loss,
-    Reordering,
-)
+from firmware_model.config import link_faults
 from firmware_model.numerics.compiled import compiled
-from firmware_model.numerics.elementary import philox
+from firmware_model.numerics.elementary import uniforms
 from firmware_model.numerics.random import LINK_STREAM
 from firmware_model.types import NEVER_US
-
-_SCALE = 2.0**-32
 
 Item = TypeVar("Item")
 
@@ -59,7 +46,7 @@ class LinkCounter(Enum):
 class LinkDirection(Generic[Item]):
     """One direction of a link: `send` in order of time, `take` arrivals."""
 
-    def __init__(self, faults: Sequence[AnyFault], direction: str, seed: int) -> None:
+    def __init__(self, faults: Sequence[link_faults.AnyFault], direction: str, seed: int) -> None:
         self.counters: Counter[LinkCounter] = Counter()
         self._tables = [
             _FaultTable(fault, seed, number) for number, fault in enumerate(faults) if fault.direction == direction
@@ -75,7 +62,7 @@ class LinkDirection(Generic[Item]):
         tables = [table for table in self._tables if table.start_us <= now_us < table.stop_us]
         sent_us = now_us
         for table in tables:
-            if isinstance(table.fault, Bandwidth):
+            if isinstance(table.fault, link_faults.Bandwidth):
                 free_us = table.transmission_end_us(table.fault, size, sent_us)
                 if free_us is None:
                     self.counters[LinkCounter.CROWDED_OUT] += 1
@@ -85,7 +72,7 @@ class LinkDirection(Generic[Item]):
         if any([table.is_lost(number) for table in tables]):
             self.counters[LinkCounter.LOST] += 1
             return
-        duplicated = any(table.occurs(Duplication, number) for table in tables)
+        duplicated = any(table.occurs(link_faults.Duplication, number) for table in tables)
         self.counters[LinkCounter.DOUBLED] += duplicated
         for copy in range(1 + duplicated):
             late_us = sum(table.delay_us(number, copy) for table in tables)
@@ -121,7 +108,7 @@ class LinkDirection(Generic[Item]):
 class _FaultTable:
     """A `[[link]]` table with its random numbers and its memory."""
 
-    def __init__(self, fault: AnyFault, seed: int, number: int) -> None:
+    def __init__(self, fault: link_faults.AnyFault, seed: int, number: int) -> None:
         self.fault = fault
         self.start_us = _to_us(fault.start_s)
         self.stop_us = NEVER_US if fault.stop_s is None else _to_us(fault.stop_s)
@@ -129,7 +116,7 @@ class _FaultTable:
         self._bad = False
         self._sent_at_us: deque[int] = deque()
 
-    def transmission_end_us(self, fault: Bandwidth, size: int, now_us: int) -> int | None:
+    def transmission_end_us(self, fault: link_faults.Bandwidth, size: int, now_us: int) -> int | None:
         """Return the time [us] at which a datagram's last bit is sent; `None` if the queue is full."""
         waiting = self._sent_at_us
         while waiting and waiting[0] <= now_us:
@@ -142,13 +129,13 @@ class _FaultTable:
     def is_lost(self, number: int) -> bool:
         """Return whether this table loses a datagram."""
         fault = self.fault
-        if not isinstance(fault, BurstLoss):
-            return self.occurs(Loss, number)
+        if not isinstance(fault, link_faults.BurstLoss):
+            return self.occurs(link_faults.Loss, number)
         change, loss = self._draw(number)
         self._bad = change >= fault.to_good if self._bad else change < fault.to_bad
         return loss < (fault.loss_in_bad if self._bad else fault.loss_in_good)
 
-    def occurs(self, kind: type[Loss | Duplication], number: int) -> bool:
+    def occurs(self, kind: type[link_faults.Loss | link_faults.Duplication], number: int) -> bool:
         """Return whether this table is of that kind and applies its fault to a datagram."""
         fault = self.fault
         return isinstance(fault, kind) and self._draw(number)[0] < fault.probability
@@ -156,30 +143,26 @@ class _FaultTable:
     def delay_us(self, number: int, copy: int) -> int:
         """Return the delay [us] of a copy of a datagram, 0 or 1, by this table."""
         fault = self.fault
-        if isinstance(fault, Delay):
+        if isinstance(fault, link_faults.Delay):
             return _to_us(fault.delay_s)
-        return round(self._draw(number, copy)[0] * fault.most_s * 1e6) if isinstance(fault, Jitter) else 0
+        return round(self._draw(number, copy)[0] * fault.most_s * 1e6) if isinstance(fault, link_faults.Jitter) else 0
 
     def hold_back_us(self, number: int, copy: int) -> int:
         """Return the time [us] for which this table holds back a copy of a datagram."""
         fault = self.fault
-        if not isinstance(fault, Reordering) or self._draw(number, copy)[0] >= fault.probability:
+        if not isinstance(fault, link_faults.Reordering) or self._draw(number, copy)[0] >= fault.probability:
             return 0
         return _to_us(fault.by_s)
 
     def _draw(self, number: int, copy: int = 0) -> tuple[float, float]:
         """Return two uniform numbers in (0, 1), unique to this table, datagram and copy."""
-        return _uniforms(self._seed, number, self._block + copy)
+        change, loss, _, _ = _uniforms(self._seed, number, self._block + copy)
+        return change, loss
 
 
 @compiled
-def _uniforms(seed: int, sample: int, block: int) -> tuple[float, float]:
-    """Return two independent uniform numbers in (0, 1), a pure function of the arguments, each below 2^32."""
-    a, b, _, _ = philox(
-        (np.uint64(sample), np.uint64(block), np.uint64(0), np.uint64(0)),
-        (np.uint64(seed), np.uint64(LINK_STREAM)),
-    )
-    return (np.float64(a) + 0.5) * _SCALE, (np.float64(b) + 0.5) * _SCALE
+def _uniforms(seed: int, number: int, block: int) -> tuple[float, float, float, float]:
+    return uniforms(seed, LINK_STREAM, number, block)
 
 
 def _to_us(seconds: float) -> int:

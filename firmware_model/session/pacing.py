@@ -217,7 +217,7 @@ class FlightClock:
             self._check_lockstep()
         else:
             self._check_real_time(now_us)
-        if self._time_us >= self._stalls_at_us and autopilot.mode is _OFFBOARD:
+        if self._time_us >= self._stalls_at_us:
             self._hold_attitude()
         command = self.setpoint
         setpoint: Setpoint
@@ -281,7 +281,10 @@ class FlightClock:
 
         A constant torque turns the vehicle by degrees within tenths of a second, as the gust that it met goes on.
         """
-        command, self._stalls_at_us = self.setpoint, NEVER_US
+        command = self.setpoint
+        if self.autopilot.mode is not _OFFBOARD:
+            return
+        self._stalls_at_us = NEVER_US
         if command is None or (isinstance(command, AttitudeTarget) and command.q_NB is not None):
             return
         thrust = command.throttle if isinstance(command, TorqueCommand) else command.thrust

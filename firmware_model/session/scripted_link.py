@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from firmware_model.autopilot.modes import Mode
-from firmware_model.config.events import ControllerHang, ControllerKill, ModeChange
+from firmware_model.config.events import ControllerEvent, ControllerHang, ControllerKill, ModeChange
 from firmware_model.config.scenario import Scenario
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import RejectReason
@@ -27,8 +27,6 @@ from firmware_model.types import NEVER_US, Command, ImuSample
 
 JOIN_TIMEOUT_US = 60_000_000
 """[us] Wall time that a lockstep flight waits for a replacement controller."""
-
-ControllerEvent = ModeChange | ControllerHang | ControllerKill
 
 
 class ScriptedLink:

@@ -25,9 +25,8 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
-from firmware_model.mavlink.peers import Peer, PeerTable, RequestContext
+from firmware_model.mavlink.peers import Client, Peer, PeerTable
 from firmware_model.mavlink.services import make_services
-from firmware_model.mavlink.services.service import Client
 from firmware_model.mavlink.signing import Signing
 from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.pacing import FlightClock, NextAction, TimingFault
@@ -106,7 +105,6 @@ class VehicleEndpoint:
         self._now_us = self._heartbeat_at_us = 0
         self._created_us: int | None = None
         self._announced_state: tuple[Mode, bool, bool] | None = None
-        self._imu_template = messages.imu_template(system)
         self._setpoint_reader = messages.SetpointReader(system)
         self._has_fast_path = lockstep and not linked and signing is None
         self._fast_path_end_us = 0
@@ -129,12 +127,12 @@ class VehicleEndpoint:
         for item in parse(datagram):
             cause = item if isinstance(item, RejectReason) else self._handle_frame(item, address, now_us)
             if cause is not None:
-                self.drop(cause, address)
+                self.count_reject(cause, address)
 
-    def drop(self, cause: RejectReason, address: Address) -> None:
+    def count_reject(self, cause: RejectReason, address: Address) -> None:
         """Count a datagram or message that has no effect."""
         self.counters[cause] += 1
-        self._peers.count_reject(address, cause)
+        self._peers.count_reject(cause, address)
 
     def poll(self, now_us: int) -> list[tuple[bytes, Address]]:
         """Do what is due and return the datagrams to send."""
@@ -166,11 +164,6 @@ class VehicleEndpoint:
         return self.flight.setpoint
 
     @property
-    def in_fail_safe(self) -> bool:
-        """True if the fail-safe flies."""
-        return self.autopilot.in_fail_safe
-
-    @property
     def clock_us(self) -> int:
         """[us] Clock of time-outs: wall time while clamped, model time from there on."""
         return self.flight.clock_us(self._now_us)
@@ -190,7 +183,7 @@ class VehicleEndpoint:
         if self._signing is not None and not message.get_header().incompat_flags & wire.MAVLINK_IFLAG_SIGNED:
             return  # forwarding would sign a message that its sender did not sign
         for peer in self._peers:
-            if not (isinstance(source, RequestContext) and source.peer is peer):
+            if source.peer is not peer:
                 self._outbox.append((peer.pack(message, messages.CONTROLLER), peer.address))
 
     def broadcast(self, message: Message | EncodedMessage) -> None:
@@ -286,7 +279,7 @@ class VehicleEndpoint:
         if not messages.is_addressed_to(self.system, system, messages.AUTOPILOT if absent else component):
             return RejectReason.OTHER_TARGET
         answering = component if absent else messages.AUTOPILOT
-        return handler(request, RequestContext(peer, self._outbox, self.clock_us, answering))
+        return handler(request, Client(peer, self._outbox, self.clock_us, answering))
 
     def _handle_setpoint(self, frame: Frame, peer: Peer) -> RejectReason | None:
         rival = self._commander is not None and self._commander is not peer
@@ -295,13 +288,21 @@ class VehicleEndpoint:
         command = messages.parse_command(frame, self.system)
         if isinstance(command, RejectReason):
             return command
-        if self.scripted_link is not None and self.flight.running:
-            cause = self.scripted_link.offer(command, len(frame.raw), self.stamp_us)
-        else:
-            cause = self.flight.offer(command)
+        cause = self._offer(command, len(frame.raw))
         if cause is None:
             self._commander = peer
-        return cause
+        repeated = (cause is not None or not self.flight.running) and self._answers_repetition(command, peer)
+        peer.answers_due -= repeated
+        return None if repeated else cause
+
+    def _offer(self, command: Command, size: int) -> RejectReason | None:
+        if self.scripted_link is not None and self.flight.running:
+            return self.scripted_link.offer(command, size, self.stamp_us)
+        return self.flight.offer(command)
+
+    def _answers_repetition(self, command: Command, peer: Peer) -> bool:
+        """Return whether a set-point may answer a repetition of sample 0 from before t = 0, in lockstep."""
+        return self.flight.lockstep and peer.answers_due > 0 and messages.stamp_difference(command, 0) == 0
 
     # Flight.
 
@@ -382,11 +383,11 @@ class VehicleEndpoint:
     def _send_streams(self, clock_us: int) -> None:
         for peer in self._peers:
             for message_id in peer.take_due(clock_us):
-                if message_id == _IMU:
-                    if not (self.flight.running and self._has_sample_stream(peer)):
-                        self._send_sample(self.loop.observe(), peer)
-                elif (message := self._streams[message_id].message()) is not None:
+                if message_id == _IMU and self.flight.running and self._has_sample_stream(peer):
+                    continue
+                if (message := self._streams[message_id].message()) is not None:
                     self._send(message, peer)
+                    peer.answers_due += message_id == _IMU and self.flight.started_us is None
 
     def _send_heartbeat(self, now_us: int) -> None:
         """Send HEARTBEAT to all peers, with more messages after a change of state, and remove silent peers."""
@@ -404,9 +405,7 @@ class VehicleEndpoint:
             self.finished = True
 
     def _send_sample(self, sample: ImuSample, peer: Peer) -> None:
-        """Send HIGHRES_IMU; every sample of a flight or stream leaves here."""
-        datagram = peer.channel.make(self._imu_template, sample.time_us, *sample.specific_force_B, *sample.gyro_B)
-        self._outbox.append((datagram, peer.address))
+        self._outbox.append((peer.pack_sample(sample), peer.address))
 
-    def _send(self, message: Message | EncodedMessage, peer: Peer) -> None:
-        self._outbox.append((peer.channel.pack(message), peer.address))
+    def _send(self, message: Message | EncodedMessage | ImuSample, peer: Peer) -> None:
+        self._outbox.append((peer.pack(message), peer.address))

@@ -6,16 +6,7 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
-from firmware_model.config.events import (
-    ActuatorEffect,
-    ActuatorLag,
-    ActuatorLimit,
-    GyroBias,
-    GyroNoise,
-    GyroRange,
-    Payload,
-    PlantEvent,
-)
+from firmware_model.config import events
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.validation import format_errors
 from firmware_model.config.vehicle import Vehicle
@@ -57,43 +48,49 @@ def fault_schedule(vehicle: Vehicle, scenario: Scenario) -> Iterator[tuple[int, 
         If a payload makes the vehicle invalid.
     """
     plant = initial_plant(vehicle, scenario)
-    changes: list[tuple[float, PlantEvent, bool]] = [(event.at_s, event, False) for event in scenario.plant_events]
-    changes += [(e.at_s + e.over_s, e, True) for e in scenario.plant_events if isinstance(e, GyroBias) and e.over_s]
+    changes: list[tuple[float, events.PlantEvent, bool]] = [
+        (event.at_s, event, False) for event in scenario.plant_events
+    ]
+    changes += [
+        (e.at_s + e.over_s, e, True) for e in scenario.plant_events if isinstance(e, events.GyroBias) and e.over_s
+    ]
     for at_s, event, is_end in sorted(changes, key=lambda change: change[0]):
         plant = _end_drift(plant, event) if is_end else _apply_event(plant, event)
         yield scenario.sample_at(at_s), plant
 
 
-def _end_drift(plant: Plant, event: PlantEvent) -> Plant:
-    return plant._replace(bias=event.bias_rad_s, drift=_NO_DRIFT, since_s=0.0) if isinstance(event, GyroBias) else plant
+def _end_drift(plant: Plant, event: events.PlantEvent) -> Plant:
+    return (
+        plant._replace(bias=event.bias_rad_s, drift=_NO_DRIFT, since_s=0.0)
+        if isinstance(event, events.GyroBias)
+        else plant
+    )
 
 
-def _apply_event(plant: Plant, event: PlantEvent) -> Plant:
+def _apply_event(plant: Plant, event: events.PlantEvent) -> Plant:
     vehicle = plant.vehicle
     match event:
-        case GyroBias():
+        case events.GyroBias():
             if not event.over_s:
                 return _end_drift(plant, event)
             p, q, r = ((b - a) / event.over_s for a, b in zip(plant.bias, event.bias_rad_s, strict=True))
             return plant._replace(drift=(p, q, r), since_s=event.at_s)
-        case GyroNoise():
+        case events.GyroNoise():
             return plant._replace(noise=event.factor)
-        case GyroRange():
+        case events.GyroRange():
             return plant._replace(vehicle=replace(vehicle, gyro=replace(vehicle.gyro, range=event.range_rad_s)))
-        case ActuatorEffect():
-            roll, pitch, yaw = event.share
-            return plant._replace(actuators=plant.actuators._replace(share_roll=roll, share_pitch=pitch, share_yaw=yaw))
-        case ActuatorLag():
+        case events.ActuatorEffect():
+            return plant._replace(actuators=plant.actuators._replace(share=event.share))
+        case events.ActuatorLag():
             return plant._replace(vehicle=replace(vehicle, actuator_lag=event.lag_s))
-        case ActuatorLimit():
-            roll, pitch, yaw = event.torque_limit_nm
-            return plant._replace(actuators=plant.actuators._replace(limit_roll=roll, limit_pitch=pitch, limit_yaw=yaw))
-        case Payload():
+        case events.ActuatorLimit():
+            return plant._replace(actuators=plant.actuators._replace(limit=event.torque_limit_nm))
+        case events.Payload():
             return plant._replace(vehicle=_add_payload(vehicle, event))
     return plant
 
 
-def _add_payload(vehicle: Vehicle, event: Payload) -> Vehicle:
+def _add_payload(vehicle: Vehicle, event: events.Payload) -> Vehicle:
     I_x, I_y, I_z = (a + b for a, b in zip(vehicle.inertia_B, event.inertia_kgm2, strict=True))
     try:
         return replace(vehicle, mass=vehicle.mass + event.mass_kg, inertia_B=(I_x, I_y, I_z))

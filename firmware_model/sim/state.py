@@ -16,10 +16,11 @@ from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.elementary import normals
 from firmware_model.numerics.random import GUST_STREAM
 from firmware_model.numerics.rotations import from_euler
+from firmware_model.numerics.soa import field_offset, flatten
 from firmware_model.physics.actuators import ActuatorParams
 from firmware_model.physics.aerodynamics import air_params
 from firmware_model.physics.disturbances import make_replay, make_waves
-from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_filters, dryden_spectrum
+from firmware_model.physics.dryden import DrydenParams, DrydenState, TransverseParams, dryden_filters, dryden_spectrum
 from firmware_model.physics.ground import GroundParams, ground_params, standing_height
 from firmware_model.physics.mean_wind import mean_wind_params
 from firmware_model.physics.rigid_body import Body, body_params
@@ -127,41 +128,37 @@ def initial_vehicle_state(
     dryden_params, dryden_state = _initial_turbulence(vehicle, scenario, dryden, seed)
     grounded = interactive and scenario.free
     phi, theta, psi = scenario.initial_attitude_deg if attitude_deg is None else attitude_deg
-    euler = (0.0, 0.0, 0.0) if grounded else (math.radians(phi), math.radians(theta), math.radians(psi))
+    still = (0.0, 0.0, 0.0)
+    euler = still if grounded else (math.radians(phi), math.radians(theta), math.radians(psi))
     q_NB = _from_euler(*euler)
     estimate = StabilizerState(*q_NB, *[0.0] * 9)
     height = standing_height(vehicle) if grounded else scenario.altitude_m
     thrust = 0.0 if interactive else vehicle.mass * GRAVITY
-    body = Body(0.0, 0.0, -height, 0.0, 0.0, 0.0, *q_NB, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, thrust)
+    body = Body((0.0, 0.0, -height), still, q_NB, still, still, thrust)
     scale = scenario.gust_scale if gust_scale is None else gust_scale
     return VehicleInitial(
         params=_pack_params(vehicle, scenario, dryden_params, scale),
-        state=np.array([*body, *dryden_state, *estimate, *initial_position_state(), *[0.0] * 5]),
+        state=np.array([*flatten(body), *dryden_state, *estimate, *initial_position_state(), *[0.0] * 5]),
         changes=_list_changes(vehicle, scenario),
     )
 
 
 def _pack_params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams, gust_scale: float) -> Array:
-    return np.array(
-        [
-            *body_params(vehicle, free=scenario.free),
-            *dryden_params,
-            *_gyro_params(initial_plant(vehicle, scenario), scenario),
-            *stabilizer_params(vehicle, vehicle.stabilizer, scenario.dt),
-            *position_params(vehicle, vehicle.position, scenario.dt),
-            *rotor_params(vehicle),
-            *air_params(vehicle),
-            *ground_params(vehicle),
-            *mean_wind_params(scenario.wind),
-            *ActuatorParams(),
-            *_accelerometer_params(vehicle, scenario),
-            scenario.free,
-            scenario.physics_rate_hz // scenario.control_rate_hz,
-            gust_scale,
-            vehicle.mass * GRAVITY,
-        ],
-        dtype=np.float64,
+    rows = (
+        body_params(vehicle, free=scenario.free),
+        dryden_params,
+        _gyro_params(initial_plant(vehicle, scenario), scenario),
+        stabilizer_params(vehicle, vehicle.stabilizer, scenario.dt),
+        position_params(vehicle, vehicle.position, scenario.dt),
+        rotor_params(vehicle),
+        air_params(vehicle),
+        ground_params(vehicle),
+        mean_wind_params(scenario.wind),
+        ActuatorParams(),
+        _accelerometer_params(vehicle, scenario),
     )
+    steps = scenario.physics_rate_hz // scenario.control_rate_hz
+    return np.array([*flatten(rows), scenario.free, steps, gust_scale, vehicle.mass * GRAVITY], dtype=np.float64)
 
 
 def _list_changes(vehicle: Vehicle, scenario: Scenario) -> Array:
@@ -183,10 +180,10 @@ def _changeable_params(plant: Plant, scenario: Scenario) -> dict[int, float]:
 
     Springs of the feet, hover thrust and all gains stay as built.
     """
-    weight = GROUND + GroundParams._fields.index("weight")
+    weight = GROUND + field_offset(GroundParams, "weight")
     body, gyro = body_params(plant.vehicle, free=scenario.free), _gyro_params(plant, scenario)
     rows = [(BODY, body), (GYRO, gyro), (ACTUATORS, plant.actuators), (weight, (plant.vehicle.mass * GRAVITY,))]
-    return {start + i: value for start, row in rows for i, value in enumerate(row)}
+    return {start + i: value for start, row in rows for i, value in enumerate(flatten(row))}
 
 
 def _gyro_params(plant: Plant, scenario: Scenario) -> GyroParams:
@@ -210,7 +207,8 @@ def _initial_turbulence(
     vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int
 ) -> tuple[DrydenParams, DrydenState]:
     if dryden is None:
-        return DrydenParams(*[0.0] * len(DrydenParams._fields)), DrydenState(*[0.0] * 8)
+        still = TransverseParams(*[0.0] * 15)
+        return DrydenParams(0.0, 0.0, 0.0, 0.0, still, still), DrydenState(*[0.0] * 8)
     spectrum = dryden_spectrum(dryden, scenario.altitude_m, vehicle.span)
     params, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
     # Blocks 0 and 1 of sample 0 drive its step, 2 and 3 are its initial state.

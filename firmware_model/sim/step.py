@@ -5,14 +5,8 @@ The gust is sampled with the gyro and held until the next sample, so that one jo
 
 from typing import Any
 
-from firmware_model.autopilot.attitude_loop import (
-    StabilizerParams,
-    StabilizerState,
-    align_attitude,
-    set_attitude,
-    update_attitude,
-    update_rates,
-)
+from firmware_model.autopilot import attitude_loop
+from firmware_model.autopilot.attitude_loop import StabilizerParams, StabilizerState
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import normals
 from firmware_model.numerics.random import ACCELEROMETER_STREAM, GUST_STREAM, GYRO_STREAM
@@ -31,20 +25,11 @@ from firmware_model.physics.sensors import AccelerometerParams, GyroParams, meas
 from firmware_model.recording import journal
 from firmware_model.sim import layout
 from firmware_model.sim.inner_loop import OFF, track_setpoint
-from firmware_model.sim.layout import (
-    FREE,
-    GUST_SCALE,
-    STEPS,
-    X_BODY,
-    X_DIRECT,
-    X_DRYDEN,
-    X_LOAD,
-    X_NEXT_CHANGE,
-    X_STABILIZER,
-)
+from firmware_model.sim.layout import X_BODY, X_DIRECT, X_DRYDEN, X_LOAD, X_NEXT_CHANGE, X_STABILIZER
 from firmware_model.sim.state import Array
 from firmware_model.types import Quaternion, Vector
 
+_ZERO = (0.0, 0.0, 0.0)
 _load_body_params, _load_dryden_params = loader(BodyParams), loader(DrydenParams)
 _load_gyro_params, _load_stabilizer_params = loader(GyroParams), loader(StabilizerParams)
 _load_rotor_params = loader(RotorParams)
@@ -72,7 +57,7 @@ def observe_kernel(
     one, x = single(params), single(state)
     apply_changes(params, x, changes, sample)
     time_us = sample * sample_us
-    scripted, free = disturbance(waves, replay, sample, time_us * 1e-6), get(one, FREE) != 0.0
+    scripted, free = disturbance(waves, replay, sample, time_us * 1e-6), get(one, layout.FREE) != 0.0
     gyro_noise, force_noise = normals(seed, GYRO_STREAM, sample, 0), normals(seed, ACCELEROMETER_STREAM, sample, 0)
     measure(one, x, free, True, True, scripted, gyro_noise, force_noise, time_us, single(record))
     _write_rotors(one, x, free, single(record))
@@ -84,7 +69,7 @@ def advance_kernel(
 ) -> None:
     """Step from a sample to the next under `setpoint`, and write the actuator command to `record`."""
     one, x, row = single(params), single(state), single(record)
-    kind, free, steps = setpoint[0], get(one, FREE) != 0.0, int(get(one, STEPS))
+    kind, free, steps = setpoint[0], get(one, layout.FREE) != 0.0, int(get(one, layout.STEPS))
     dt = sample_us * 1e-6 / steps
     track_setpoint(one, x, free, kind, single(setpoint), row)
     start = _load_body(x, X_BODY)
@@ -93,7 +78,8 @@ def advance_kernel(
         body = integrate_body(one, x, free, True, body, dt, row)
     if kind == OFF and not free:
         body = at_rest(start, body)
-        _store_stabilizer_state(x, X_STABILIZER, set_attitude(_load_stabilizer_state(x, X_STABILIZER), _q_NB(body)))
+        estimate = attitude_loop.set_attitude(_load_stabilizer_state(x, X_STABILIZER), body.q_NB)
+        _store_stabilizer_state(x, X_STABILIZER, estimate)
     _store_body(x, X_BODY, body)
     step_turbulence(one, x, normals(seed, GUST_STREAM, sample, 0), normals(seed, GUST_STREAM, sample, 1))
 
@@ -129,33 +115,31 @@ def measure(
     body, time = _load_body(state, X_BODY), time_us * 1e-6
     direct = _write_air(params, state, full or free, scripted, record)
     force, moment, load = _sensor_wrench(params, body, free, near_ground, direct, record)
-    rate = measure_gyro(_load_gyro_params(params, layout.GYRO), (body.p, body.q, body.r), gyro_noise, time)
+    rate = measure_gyro(_load_gyro_params(params, layout.GYRO), body.omega_B, gyro_noise, time)
     put_vector(record, journal.GYRO_B, rate)
     accelerometer = _load_accelerometer_params(params, layout.ACCELEROMETER)
     put_vector(record, journal.FORCE_B, measure_accelerometer(accelerometer, force, force_noise))
     put_vector(record, journal.MOMENT, (moment[0] + direct[0], moment[1] + direct[1], moment[2] + direct[2]))
-    put_vector(record, journal.OMEGA, (body.p, body.q, body.r))
-    _put_float4(record, journal.Q_NB, _q_NB(body))
+    put_vector(record, journal.OMEGA, body.omega_B)
+    _put_float4(record, journal.Q_NB, body.q_NB)
     stabilizer = _load_stabilizer_params(params, layout.STABILIZER)
     estimate = _load_stabilizer_state(state, X_STABILIZER)
-    estimate = update_attitude(stabilizer, estimate, rate) if full else update_rates(stabilizer, estimate, rate)
-    if free and full:
-        estimate = align_attitude(stabilizer, estimate, _q_NB(body))
+    if full:
+        estimate = attitude_loop.update_attitude(stabilizer, estimate, rate)
+        if free:
+            estimate = attitude_loop.align_attitude(stabilizer, estimate, body.q_NB)
+    else:
+        estimate = attitude_loop.update_rates(stabilizer, estimate, rate)
     _store_stabilizer_state(state, X_STABILIZER, estimate)
     if full or free:
         put_vector(state, X_DIRECT, direct)
-        put_vector(record, journal.POSITION, (body.north, body.east, body.down))
+        put_vector(record, journal.POSITION, body.position_N)
     if full:
         put(state, X_LOAD, load)
         put(record, journal.TIME, time_us)
-        put_vector(record, journal.VELOCITY, (body.v_north, body.v_east, body.v_down))
-        put_vector(record, journal.TORQUE_B, (body.roll, body.pitch, body.yaw))
+        put_vector(record, journal.VELOCITY, body.velocity_N)
+        put_vector(record, journal.TORQUE_B, body.torque_B)
         put(record, journal.THRUST, -body.thrust)
-
-
-@kernel
-def _q_NB(body: Body) -> Quaternion:
-    return body.qw, body.qx, body.qy, body.qz
 
 
 @kernel
@@ -178,15 +162,16 @@ def _write_air(params: Lane, state: Lane, windy: bool, scripted: Disturbance, re
     """Write gust and wind, and return the direct moment [N*m] B; scripted vectors in N are rotated into B."""
     body = _load_body(state, X_BODY)
     gust_B, gust_N, moment_B, moment_N = scripted
-    to_B = conjugate(_q_NB(body))
+    to_B = conjugate(body.q_NB)
     rotated_gust, rotated_moment = rotate(to_B, gust_N), rotate(to_B, moment_N)
     turbulence, angular_gust = dryden_gust(_load_dryden_params(params, layout.DRYDEN), _load_dryden(state, X_DRYDEN))
-    scale = get(params, GUST_SCALE)
+    scale = get(params, layout.GUST_SCALE)
     for i in range(3):
         put(record, journal.GUST + i, scale * (turbulence[i] + gust_B[i] + rotated_gust[i]))
         put(record, journal.GUST_OMEGA + i, scale * angular_gust[i])
     if windy:
-        put_vector(record, journal.WIND, mean_wind(_load_mean_wind_params(params, layout.MEAN_WIND), -body.down))
+        winds = _load_mean_wind_params(params, layout.MEAN_WIND)
+        put_vector(record, journal.WIND, mean_wind(winds, -body.position_N[2]))
     return moment_B[0] + rotated_moment[0], moment_B[1] + rotated_moment[1], moment_B[2] + rotated_moment[2]
 
 
@@ -196,37 +181,31 @@ def _sensor_wrench(
 ) -> tuple[Vector, Vector, float]:
     """Return specific force [m/s^2] B, the air's moment [N*m] B, and the load on the ground [N]."""
     if not free:
-        no_inputs = BodyInputs(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        no_inputs = BodyInputs(_ZERO, _ZERO, _ZERO, _ZERO, 0.0)
         force = rigid_body.specific_force(_load_body_params(params, layout.BODY), body, no_inputs)
         air = _load_air_params(params, layout.AIR)
         return force, gust_moment(air.gust_gain, air.gust_yaw_ratio, get_vector(record, journal.GUST)), 0.0
-    inputs = FreeInputs(_body_inputs(record, direct, (0.0, 0.0, 0.0), 0.0), _read_air(record), near_ground)
+    inputs = FreeInputs(_body_inputs(record, direct, _ZERO, 0.0), _read_air(record), near_ground)
     return aerodynamics.sensor_wrench(_free_params(params), body, inputs)
 
 
 @kernel
 def _body_inputs(record: Lane, moment: Vector, torque: Vector, thrust: float) -> BodyInputs:
     """Return the inputs of the body from the record's sample on, under commands [N*m] B and [N]."""
-    p_gust, q_gust, r_gust = get_vector(record, journal.GUST_OMEGA)
-    return BodyInputs(
-        torque[0], torque[1], torque[2], moment[0], moment[1], moment[2], p_gust, q_gust, r_gust, 0.0, 0.0, 0.0, thrust
-    )
+    return BodyInputs(torque, moment, get_vector(record, journal.GUST_OMEGA), _ZERO, thrust)
 
 
 @kernel
 def _read_air(record: Lane) -> Air:
-    u, v, w = get_vector(record, journal.GUST)
-    north, east, down = get_vector(record, journal.WIND)
-    return Air(u, v, w, north, east, down)
+    return Air(get_vector(record, journal.GUST), get_vector(record, journal.WIND))
 
 
 @kernel
 def _write_rotors(params: Lane, state: Lane, free: bool, record: Lane) -> None:
     """Write the rotor thrusts; on the stand they are those that the allocation gives at that thrust."""
     body = _load_body(state, X_BODY)
-    torque = (body.roll, body.pitch, body.yaw)
+    torque, thrust = body.torque_B, body.thrust
     rotors = _load_rotor_params(params, layout.ROTORS)
-    thrust = body.thrust
     if not free:
         torque, thrust = allocate(rotors, torque, thrust)
     _put_float4(record, journal.ROTORS, rotor_thrusts(rotors, torque, thrust))

@@ -1,7 +1,11 @@
-"""Read-only arrays, checked once on entry."""
+"""Names of array types, and read-only arrays, checked once on entry."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Records = NDArray[np.void]
+"""Records of a flight's journal, see `firmware_model.recording.journal`."""
 
 
 def readonly_copy(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:

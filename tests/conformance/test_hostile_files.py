@@ -413,7 +413,7 @@ def test_there_are_at_least_sixty_hostile_files() -> None:
     assert len(CASES) >= 60
 
 
-@pytest.mark.timeout(60)
+@pytest.mark.timeout(120)
 @pytest.mark.parametrize("name", CASES)
 def test_hostile_file_is_refused_in_one_printable_line(name: str, folder: Path, tmp_path: Path) -> None:
     arguments = CASES[name](folder)

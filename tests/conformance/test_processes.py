@@ -18,7 +18,6 @@ from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.process import udp
 from firmware_model.recording.journal import read_journal
 from gustproof.law.form import load_law
 from gustproof.simulate.outcome import FlightOutcome
@@ -136,58 +135,28 @@ def autopilot(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], dict]]:
 def test_autopilot_ends_in_order_on_a_signal(number, tmp_path):
     with autopilot("--scenario", "calm", "--bind-port", "0", "--journal", str(tmp_path / "flight")) as (process, _):
         process.send_signal(number)
-        out, err = process.communicate(timeout=30)
+        out, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert json.loads(out.splitlines()[-1])["outcome"] == "interrupted"
     assert err == ""
     assert len(read_journal(tmp_path / "flight")[1]) == 0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--scenario", "nowhere"], "no scenario named 'nowhere'"),
-        (["--vehicle", "missing.toml"], "missing.toml"),
-        (["--journal", "no/such/folder/flight"], "no/such/folder/flight"),
-        (["--bind-port", "70000"], "70000"),
-        (["--instance", "300"], "--instance is 300, must be 0 to 253"),
-        (["--instance", "-1"], "--instance is -1, must be 0 to 253"),
-        (["--seed", "-1"], "--seed is -1, must be 0 to 4294967295"),
-    ],
-)
-def test_autopilot_tells_bad_input_in_one_line(arguments, words):
-    with autopilot("--bind-port", "0", *arguments) as (process, greeting):
+# Other bad input is told to the commands in the tests' own process: tests/unit, test_main.py.
+def test_autopilot_tells_bad_input_in_one_line():
+    with autopilot("--bind-port", "0", "--scenario", "nowhere") as (process, greeting):
         _, err = process.communicate(timeout=60)
     assert greeting == {}
     assert process.returncode == 2
-    assert words in err
+    assert "no scenario named 'nowhere'" in err
     assert len(err.splitlines()) == 1
 
 
-def test_port_in_use_is_told_in_one_line():
-    with udp.bind(0) as taken:
-        with autopilot("--bind-port", str(taken.getsockname()[1])) as (process, _):
-            _, err = process.communicate(timeout=60)
-        assert process.returncode == 2
-        assert "Address already in use" in err
-        assert len(err.splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--law", "nothing"], "no law named 'nothing'"),
-        (["--law", "hinf-d1", "--via", "rates"], "commands torque, it can't fly via rates"),
-        (["--law", "hinf-d1", "--connect", "here"], "must be HOST:PORT"),
-        (["--connect", "udp://:14540"], "must be HOST:PORT, as 127.0.0.1:14580"),
-        (["--connect", "127.0.0.1:9", "--bind-port", "70000"], "port 70000"),
-    ],
-)
-def test_controller_tells_bad_input_in_one_line(arguments, words):
-    command = [sys.executable, "-m", "gustproof.controller", *arguments]
+def test_controller_tells_bad_input_in_one_line():
+    command = [sys.executable, "-m", "gustproof.controller", "--law", "nothing"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == 2
-    assert words in ended.stderr
+    assert "no law named 'nothing'" in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
 
 
@@ -216,7 +185,7 @@ def test_plain_mavutil_client_sees_arms_and_flies_the_vehicle():
         link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{greeting['listening'][0]}", source_system=255)
         try:
             link.mav.heartbeat_send(6, 8, 0, 0, 4)
-            beat = link.recv_match(type="HEARTBEAT", blocking=True, timeout=20)
+            beat = link.recv_match(type="HEARTBEAT", blocking=True, timeout=60)
             assert (beat.type, beat.autopilot) == (2, 12)
             stop = threading.Event()
 
@@ -229,20 +198,20 @@ def test_plain_mavutil_client_sees_arms_and_flies_the_vehicle():
             streaming.start()
             try:
                 link.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
-                assert link.recv_match(type="COMMAND_ACK", blocking=True, timeout=20).result == 0
-                for _ in range(20):  # refused for now while its set-points are held up, on a busy machine
+                assert link.recv_match(type="COMMAND_ACK", blocking=True, timeout=60).result == 0
+                for _ in range(100):  # refused for now while its set-points are held up, on a busy machine
                     link.mav.command_long_send(1, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0)
-                    result = link.recv_match(type="COMMAND_ACK", blocking=True, timeout=20).result
+                    result = link.recv_match(type="COMMAND_ACK", blocking=True, timeout=60).result
                     if result != 1:
                         break
                     time.sleep(0.1)
                 assert result == 0
                 seen = link.recv_match(
-                    type="HEARTBEAT", condition="HEARTBEAT.base_mode & 128", blocking=True, timeout=20
+                    type="HEARTBEAT", condition="HEARTBEAT.base_mode & 128", blocking=True, timeout=60
                 )
                 assert seen.custom_mode == Mode.OFFBOARD.value
                 flown = link.recv_match(
-                    type="HIGHRES_IMU", condition="HIGHRES_IMU.time_usec > 0", blocking=True, timeout=20
+                    type="HIGHRES_IMU", condition="HIGHRES_IMU.time_usec > 0", blocking=True, timeout=60
                 )
                 assert flown.zacc == pytest.approx(-9.80665, abs=0.2)  # noise of .03 m/s^2 rms
             finally:

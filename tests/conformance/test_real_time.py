@@ -153,7 +153,7 @@ def test_law_that_hangs_for_a_moment_steps_all_that_waited_and_keeps_its_attitud
                 assert time.monotonic() < end
                 time.sleep(0.01)
             law.send_signal(signal.SIGSTOP)
-            time.sleep(0.5)
+            time.sleep(0.4)  # well below the second after which the fail-safe begins
             law.send_signal(signal.SIGCONT)
             told = [json.loads(each.communicate(timeout=PATIENCE_S)[0].splitlines()[-1]) for each in (vehicle, law)]
     assert [each["outcome"] for each in told] == ["done", "done"]

@@ -18,7 +18,7 @@ from gustproof.simulate.loopback import fly_loopback
 pytestmark = pytest.mark.compiled
 
 VEHICLE = load_vehicle("paper")
-LAWS = {"attitude-steps": "pid-fair"}
+LAWS = {"attitude-steps": "pid-fair", "large-step": "flagship"}
 """Who flies; `hinf-scheduled` regulates to level and takes no reference."""
 
 
@@ -60,12 +60,19 @@ def test_its_first_line_says_what_it_shows_and_something_is_required(name):
 @pytest.mark.parametrize(
     "name",
     [
-        "attitude-steps", "coning", "gust-pitch", "gust-roll", "gust-sweep", "gust-yaw", "replayed-wind", "severe-1797",
-        "shear", "weak-actuators",
+        "attitude-steps", "coning", "gust-pitch", "gust-roll", "gust-sweep", "gust-yaw", "kick", "large-step",
+        "replayed-wind", "severe-1797", "shear", "weak-actuators",
     ],
 )  # fmt: skip
 def test_it_tells_a_better_law_from_a_worse_one(name):
     assert failures(name, "hinf-d1") != []
+
+
+@pytest.mark.parametrize("name", ["kick", "large-step"])
+@pytest.mark.parametrize("law", ["flagship", "pid-fair", "indi", "hinf-reference", "hinf-scheduled", "aided"])
+def test_large_errors_are_flown_back_by_every_torque_law_but_the_papers_own(name, law):
+    if name == "kick" or load_law(law).takes_references:
+        assert failures(name, law) == []
 
 
 @pytest.mark.parametrize(("name", "axis"), [("gust-roll", 0), ("gust-pitch", 1), ("gust-yaw", 2)])

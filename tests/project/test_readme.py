@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from firmware_model.config.scenario import list_scenarios, load_scenario
 from gustproof.cli.app import app
-from gustproof.law.form import shipped_laws
+from gustproof.law.form import list_laws
 
 ROOT = Path(__file__).parents[2]
 
@@ -64,7 +64,7 @@ def test_a_command_of_the_readme_has_these_options_and_names(line: str) -> None:
             assert re.search(rf"(?<![\w-]){option}(?![\w-])", shown), f"gustproof {command} has no option {argument}"
     if "--law" in arguments:
         law = arguments[arguments.index("--law") + 1]
-        assert law.endswith(".json") or law in shipped_laws()
+        assert law.endswith(".json") or law in list_laws()
     if command == "fly" and "--repeat" not in arguments:
         assert arguments[0].endswith(".toml") or arguments[0] in list_scenarios()
 

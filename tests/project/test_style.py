@@ -216,18 +216,18 @@ def unused_definitions() -> Iterator[str]:
 
 ALLOWED: dict[Callable[[], Iterator[str]], int] = {
     questioning_docstrings: 0,
-    long_sentences_in_docstrings: 2,
+    long_sentences_in_docstrings: 1,
     long_sentences_in_help: 0,
     long_sentences_in_readme: 1,
     many_parameters: 0,
-    over_ten_branches: 33,
-    over_fifteen_branches: 6,
+    over_ten_branches: 20,
+    over_fifteen_branches: 2,  # parsers of a certificate's evidence and of its files
     repeated_module_names: 0,
     private_imports_across_rooms: 0,
     code_from_text: 0,
     rooms_without_docstring: 0,
-    unformatted_code: 24,
-    unused_definitions: 5,
+    unformatted_code: 20,
+    unused_definitions: 0,
 }
 """Breaches that the tree still has, by rule. A number may fall, never rise."""
 

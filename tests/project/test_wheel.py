@@ -48,10 +48,10 @@ def test_the_installed_wheel_flies_a_shipped_law_on_a_shipped_vehicle(wheel: Pat
         "import json, firmware_model, gustproof\n"
         "from firmware_model.config.scenario import load_scenario\n"
         "from firmware_model.config.vehicle import load_vehicle\n"
-        "from gustproof.law.form import load_law, shipped_laws\nfrom gustproof.law.step import step\n"
+        "from gustproof.law.form import load_law, list_laws\nfrom gustproof.law.step import step\n"
         "import numpy\n"
         "x, u = step(law := load_law('pid-default'), numpy.zeros(6), numpy.full(6, 0.1))\n"
-        "print(json.dumps({'files': [firmware_model.__file__, gustproof.__file__], 'laws': shipped_laws(),\n"
+        "print(json.dumps({'files': [firmware_model.__file__, gustproof.__file__], 'laws': list_laws(),\n"
         "    'vehicle': load_vehicle('iris').name, 'scenario': load_scenario('paper').name, 'u': u.tolist()}))\n"
     )
     clean = {**os.environ, "PYTHONPATH": str(target)}

@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 from firmware_model.config.files import write_toml
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario, list_scenarios, load_scenario
 from firmware_model.config.vehicle import list_vehicles, load_vehicle
-from firmware_model.config.waveforms import Dryden, GustCosine, GustReplay, MomentSine, MomentSquare, MomentStep
+from firmware_model.config.waveforms import (
+    DRYDEN_CEILING_M,
+    Dryden,
+    GustCosine,
+    GustReplay,
+    MomentSine,
+    MomentSquare,
+    MomentStep,
+)
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 positive = st.floats(min_value=0.0, exclude_min=True, allow_infinity=False)
@@ -43,7 +51,7 @@ scenario = st.builds(
     name=name,
     description=text,
     duration_s=st.floats(0.004, 100.0),
-    altitude_m=st.floats(0.0, 10_000.0, exclude_min=True),
+    altitude_m=st.floats(0.0, DRYDEN_CEILING_M, exclude_min=True),
     delay_samples=st.integers(0, 50),
     wind=st.tuples(dryden, gust, replay) | st.lists(gust, max_size=2).map(tuple),
     moment=st.lists(moment, max_size=3).map(tuple),

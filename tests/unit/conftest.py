@@ -10,31 +10,36 @@ from matplotlib.figure import Figure
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.journal import RECORD
-from gustproof.law.form import Law, Output, Provenance, load_law
+from gustproof.law.form import Law, Output, Provenance, RateLimit, load_law
 from gustproof.recording.bag import write_bag
 from gustproof.simulate.flight import FlightPlan
 
 UNITS = Path(__file__).parent
-WITH_KERNELS = {"controller", "firmware_model", "law", "scoring", "simulate"}
+WAITING = UNITS.with_name("conformance")
+WITH_KERNELS = ("controller", "firmware_model", "law", "scoring", "simulate")
+WITHOUT_KERNELS = ("law/io", *(f"firmware_model/{room}" for room in ("config", "mavlink", "process", "recording")))
 
 
 def pytest_collection_modifyitems(items):
     """Mark what runs alike with kernels compiled and as plain Python: to run it once is enough."""
     for item in items:
-        if not item.path.is_relative_to(UNITS) or item.get_closest_marker("compiled"):
+        if not item.path.is_relative_to(UNITS) or any(map(item.get_closest_marker, ("compiled", "slow"))):
             continue
         room = item.path.relative_to(UNITS).parent
-        if room.parts[:1] and (room.parts[0] not in WITH_KERNELS or room.parts == ("law", "io")):
+        flies = any(map(room.is_relative_to, WITH_KERNELS)) and not any(map(room.is_relative_to, WITHOUT_KERNELS))
+        if room.parts and not flies:
             item.add_marker("plain")
+    # Searches take a worker for a minute: they begin early, behind what waits for clocks, so that none is left alone.
+    items.sort(key=lambda item: 0 if WAITING in item.path.parents else 1 if item.get_closest_marker("slow") else 2)
 
 
 @pytest.fixture
 def make_law() -> Callable[..., Law]:
-    """Return what makes a law of random numbers, of `n` states and six or nine measurements."""
+    """Return what makes a law of random numbers, of `n` states and six or eight measurements."""
     return _law
 
 
-def _law(n: int = 7, *, scheduled: bool = True, seed: int = 1, measured: int = 6) -> Law:
+def _law(n: int = 7, *, scheduled: bool = True, seed: int = 1, measured: int = 6, limited: bool = False) -> Law:
     rng = np.random.default_rng(seed)
     return Law(
         name="test",
@@ -48,6 +53,15 @@ def _law(n: int = 7, *, scheduled: bool = True, seed: int = 1, measured: int = 6
         limits=np.array([0.5, 1.0, 2.0]),
         output=Output.TORQUE,
         provenance=Provenance(design="random", vehicle="none", parameters={"gamma": 0.25}),
+        rate_limit=RateLimit(
+            S=rng.normal(size=(3, n)),
+            T=rng.normal(size=(3, measured)),
+            U=rng.normal(size=(3, 3)),
+            V=rng.normal(size=(n, 3)),
+            limits=np.array([0.4, 0.6, 0.8]),
+        )
+        if limited
+        else None,
     )
 
 

@@ -150,7 +150,7 @@ typedef struct {
 } Body;
 
 typedef struct {
-    double k1, k2, k3, inverse_I_x, inverse_I_y, inverse_I_z, damping, bandwidth;
+    double k1, k2, k3, inverse_I_x, inverse_I_y, inverse_I_z, damping_x, damping_y, damping_z, bandwidth;
     double roll, pitch, yaw, L, M, N, p_gust, q_gust, r_gust;
 } Acting;
 
@@ -162,9 +162,9 @@ static inline Body derivative(const Acting *a, Body x)
         0.5 * (x.qw * p + x.qy * r - x.qz * q),
         0.5 * (x.qw * q + x.qz * p - x.qx * r),
         0.5 * (x.qw * r + x.qx * q - x.qy * p),
-        a->k1 * q * r + (x.roll + a->L) * a->inverse_I_x - a->damping * (p - a->p_gust),
-        a->k2 * r * p + (x.pitch + a->M) * a->inverse_I_y - a->damping * (q - a->q_gust),
-        a->k3 * p * q + (x.yaw + a->N) * a->inverse_I_z - a->damping * (r - a->r_gust),
+        a->k1 * q * r + (x.roll + a->L) * a->inverse_I_x - a->damping_x * (p - a->p_gust),
+        a->k2 * r * p + (x.pitch + a->M) * a->inverse_I_y - a->damping_y * (q - a->q_gust),
+        a->k3 * p * q + (x.yaw + a->N) * a->inverse_I_z - a->damping_z * (r - a->r_gust),
         a->bandwidth * (a->roll - x.roll),
         a->bandwidth * (a->pitch - x.pitch),
         a->bandwidth * (a->yaw - x.yaw),
@@ -195,8 +195,8 @@ static inline double clamped(double x, double limit)
     return low > limit ? limit : low;
 }
 
-/* States, measurements and references, Euler rates, torque excess, a zero. */
-enum { RATES = ORDER + 9, CUT = ORDER + 12, NUMBERS = ORDER + 16 };
+/* States, measurements and references, Euler rates, torque excess, rate excess, a zero. */
+enum { RATES = ORDER + 9, CUT = ORDER + 12, OVER = ORDER + 15, NUMBERS = ORDER + 19 };
 static double z[NUMBERS][W] ALIGNED, next[ORDER][W] ALIGNED;
 
 static inline void sum(const double *terms, int begin, int end, double *total)
@@ -209,10 +209,38 @@ static inline void sum(const double *terms, int begin, int end, double *total)
     }
 }
 
-/* A law with its exact kinematics, as sums of its nonzero terms. */
+/* The rates commanded from attitude, less what is over their limits; returns the end of their terms. */
+static int limit_rates(const int64_t *ends, const double *terms, const double *limits, const double *angles)
+{
+    int begin = 0, over = 0;
+    for (int i = 0; i < 3; begin = ends[i++]) {
+        sum(terms, begin, ends[i], z[OVER + i]);
+        LANES over |= !(fabs(z[OVER + i][w]) <= limits[i] && fabs(z[i][w]) <= angles[i]);
+    }
+    if (!over) {
+        memset(z[OVER], 0, 3 * sizeof z[OVER]);
+        return begin;
+    }
+    LANES {
+        double *s[3] = {&z[OVER][w], &z[OVER + 1][w], &z[OVER + 2][w]};
+        double p = clamped(*s[0], limits[0]), q = clamped(*s[1], limits[1]), r = clamped(*s[2], limits[2]);
+        double sin_phi, cos_phi, sin_theta, cos_theta;
+        sin_cos(z[0][w] - clamped(z[0][w], angles[0]), &sin_phi, &cos_phi);
+        sin_cos(z[1][w] - clamped(z[1][w], angles[1]), &sin_theta, &cos_theta);
+        double across = cos_theta * r;
+        *s[0] = p - sin_theta * r - *s[0];
+        *s[1] = cos_phi * q + sin_phi * across - *s[1];
+        *s[2] = cos_phi * across - sin_phi * q - *s[2];
+    }
+    return begin;
+}
+
+/* A law with its exact kinematics and limited rates, as sums of its nonzero terms; `limits` are those of commands,
+ * rates and attitude. */
 static void law_step(const int64_t *ends, const double *terms, const double *limits, double u[3][W])
 {
-    int begin = 0;
+    int begin = limit_rates(ends, terms, limits + 3, limits + 6);
+    ends += 3;
     for (int i = 0; i < 3; begin = ends[i++]) {
         double total[W] ALIGNED;
         sum(terms, begin, ends[i], total);
@@ -278,7 +306,8 @@ void fly(int samples, int substeps, double dt, const double *params, double *sta
             LANES {
                 Acting acting = {
                     P(BODY + 1), P(BODY + 2), P(BODY + 3), P(BODY + 4), P(BODY + 5), P(BODY + 6), P(BODY + 7),
-                    P(BODY + 8), u[0][w], u[1][w], u[2][w], gust[0][w], gust[1][w], gust[2][w], gust[3][w],
+                    P(BODY + 8), P(BODY + 9), P(BODY + 10), u[0][w], u[1][w], u[2][w],
+                    gust[0][w], gust[1][w], gust[2][w], gust[3][w],
                     gust[4][w], gust[5][w],
                 };
                 Body x = {

@@ -72,7 +72,8 @@ class Twin:
         scenario = self._scenario
         substeps = scenario.physics_rate_hz // scenario.control_rate_hz
         law = self._sums
-        arrays = (params, start, drawn, law.ends, law.terms, law.limits, self._limit, last, torque)
+        limits = np.concatenate([law.limits, law.rate_limits, law.attitude_limits])
+        arrays = (params, start, drawn, law.ends, law.terms, limits, self._limit, last, torque)
         dt = ctypes.c_double(scenario.sample_us * 1e-6 / substeps)
 
         def fly() -> tuple[Array, Array]:

@@ -1,44 +1,22 @@
 """MAVLink microservices, one module per group, without sockets. To add one, list it in `_GROUPS`."""
 
 from firmware_model.mavlink.services import (
-    actuators,
     clock,
     commands,
-    files,
     identity,
-    logs,
-    mission,
-    modes,
     motion,
+    outputs,
     parameters,
     piloting,
     position,
     refusals,
-    relay,
-    setpoints,
     status,
+    storage,
     streams,
 )
 from firmware_model.mavlink.services.service import Service, VehicleContext, merge_services
 
-_GROUPS = (
-    actuators,
-    clock,
-    files,
-    identity,
-    logs,
-    mission,
-    modes,
-    motion,
-    parameters,
-    piloting,
-    position,
-    refusals,
-    relay,
-    setpoints,
-    status,
-    streams,
-)
+_GROUPS = (clock, identity, motion, outputs, parameters, piloting, position, refusals, status, storage, streams)
 
 
 def make_services(context: VehicleContext) -> Service:

@@ -1,7 +1,5 @@
 """Motion: measurements, estimated attitude, true state, and the wind at the vehicle.
 
-References
-----------
 MAVLink, messages 30, 31, 105, 115, 231.
 """
 
@@ -10,7 +8,6 @@ import math
 import numpy as np
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.geodesy import ORIGIN_HEIGHT, clip_int16, to_centi, to_geodetic
 from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
@@ -36,9 +33,8 @@ def make_service(context: VehicleContext) -> Service:
     def truth() -> Message:
         sample = loop.observe()
         omega_B, position_N, velocity_N = (loop.true_vector(name) for name in ("omega_B", "position_N", "velocity_N"))
-        return truth_message(
-            sample, loop.q_NB, omega_B, position_N, velocity_N, math.dist(velocity_N, air_velocity_N(loop))
-        )
+        airspeed = math.dist(velocity_N, air_velocity_N(loop))
+        return truth_message(sample, loop.q_NB, omega_B, position_N, velocity_N, airspeed)
 
     def wind() -> Message:
         time_us = loop.observe().time_us
@@ -46,7 +42,7 @@ def make_service(context: VehicleContext) -> Service:
 
     return Service(
         streams={
-            wire.MAVLINK_MSG_ID_HIGHRES_IMU: Stream(lambda: messages.imu_message(loop.observe()), 20_000),
+            wire.MAVLINK_MSG_ID_HIGHRES_IMU: Stream(loop.observe, 20_000),
             wire.MAVLINK_MSG_ID_ATTITUDE: Stream(attitude, 10_000),
             wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: Stream(attitude_quaternion, 20_000),
             wire.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: Stream(truth, 20_000),

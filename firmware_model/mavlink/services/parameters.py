@@ -1,7 +1,5 @@
 """Parameter protocol: read, list and set; every request is answered.
 
-References
-----------
 MAVLink, parameter protocol, messages 20 to 23 and 345.
 """
 
@@ -9,7 +7,8 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.parameters import ParameterRejectReason, Parameters
 from firmware_model.mavlink.frames import Message
-from firmware_model.mavlink.services.service import Client, Service, VehicleContext
+from firmware_model.mavlink.peers import Client
+from firmware_model.mavlink.services.service import Service, VehicleContext, sender
 
 _ERRORS = {
     ParameterRejectReason.READ_ONLY: wire.MAV_PARAM_ERROR_READ_ONLY,
@@ -29,10 +28,10 @@ def make_service(context: VehicleContext) -> Service:
 
     def read(request: Message, client: Client) -> None:
         index = request.param_index if request.param_index != _NO_INDEX else parameters.index(request.param_id)
-        if index is None or not 0 <= index < len(parameters.table):
-            client.send(_error_message(request, request.param_index, wire.MAV_PARAM_ERROR_DOES_NOT_EXIST))
-        else:
+        if index is not None and 0 <= index < len(parameters.table):
             client.send(_value_message(parameters, parameters.table[index].name))
+        else:
+            client.send(_error_message(request, request.param_index, wire.MAV_PARAM_ERROR_DOES_NOT_EXIST))
 
     def write(request: Message, client: Client) -> None:
         name = request.param_id
@@ -71,4 +70,4 @@ def _value_message(parameters: Parameters, name: str) -> Message:
 
 def _error_message(request: Message, index: int, error: int) -> Message:
     name = request.param_id.encode("ascii", "replace")[:16]
-    return wire.MAVLink_param_error_message(request.get_srcSystem(), request.get_srcComponent(), name, index, error)
+    return wire.MAVLink_param_error_message(*sender(request), name, index, error)

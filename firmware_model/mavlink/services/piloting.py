@@ -6,8 +6,6 @@ replaced by the take-off altitude of the parameters, with a STATUSTEXT.
 Sticks are not supported. A client that moves sticks and requests an altitude or position mode means to steer by them,
 and is rejected. STABILIZED is accepted: a way out of OFFBOARD is open to everybody.
 
-References
-----------
 MAVLink, commands 17, 20, 21, 22, 176, 185, 192, 400; message 11, which older programs send.
 """
 
@@ -17,17 +15,10 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.modes import Autopilot, Mode, TransitionResult
 from firmware_model.mavlink.frames import Message
+from firmware_model.mavlink.peers import Client
+from firmware_model.mavlink.services import service
 from firmware_model.mavlink.services.geodesy import ORIGIN_HEIGHT
-from firmware_model.mavlink.services.service import (
-    DENIED,
-    UNSUPPORTED,
-    Client,
-    CommandAck,
-    Service,
-    VehicleCommand,
-    VehicleContext,
-    make_ack,
-)
+from firmware_model.mavlink.services.service import CommandAck, Service, VehicleCommand, VehicleContext, make_ack
 
 _MODES = {mode.value: mode for mode in Mode}
 _STICK_MODES = (Mode.ALTCTL, Mode.POSCTL)
@@ -41,19 +32,13 @@ def make_service(context: VehicleContext) -> Service:
     """Return the service that pilots the vehicle."""
     autopilot = context.autopilot
 
-    def take_off(command: VehicleCommand, _: Client) -> CommandAck:
-        return _take_off(context, command)
-
-    def set_mode(command: VehicleCommand, client: Client) -> CommandAck:
-        return make_ack(_set_mode(autopilot, _parse_mode(command), client))
-
     def set_mode_by_message(message: Message, client: Client) -> None:
         given = message.base_mode & wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         result = _set_mode(autopilot, _MODES.get(message.custom_mode) if given else None, client)
         if result is not TransitionResult.ACCEPTED:  # SET_MODE has no acknowledgement
             context.send_text(result.value, wire.MAV_SEVERITY_WARNING)
 
-    def ignore_params(act: Callable[[], TransitionResult]) -> Callable[[VehicleCommand, Client], CommandAck]:
+    def ignore_params(act: Callable[[], TransitionResult]) -> service.CommandHandler:
         return lambda _command, _client: make_ack(act())
 
     return Service(
@@ -61,8 +46,10 @@ def make_service(context: VehicleContext) -> Service:
         commands={
             wire.MAV_CMD_COMPONENT_ARM_DISARM: lambda command, _: _arm_or_disarm(autopilot, command),
             wire.MAV_CMD_DO_FLIGHTTERMINATION: lambda command, _: _terminate(autopilot, command),
-            wire.MAV_CMD_DO_SET_MODE: set_mode,
-            wire.MAV_CMD_NAV_TAKEOFF: take_off,
+            wire.MAV_CMD_DO_SET_MODE: lambda command, client: make_ack(
+                _set_mode(autopilot, _parse_mode(command), client)
+            ),
+            wire.MAV_CMD_NAV_TAKEOFF: lambda command, _: _take_off(context, command),
             wire.MAV_CMD_NAV_LAND: ignore_params(autopilot.land),
             wire.MAV_CMD_NAV_RETURN_TO_LAUNCH: ignore_params(autopilot.return_home),
             wire.MAV_CMD_NAV_LOITER_UNLIM: ignore_params(autopilot.hold),
@@ -74,13 +61,13 @@ def make_service(context: VehicleContext) -> Service:
 def _arm_or_disarm(autopilot: Autopilot, command: VehicleCommand) -> CommandAck:
     wanted = command.integer(1)
     if wanted not in (0, 1):
-        return CommandAck(DENIED)
+        return CommandAck(service.DENIED)
     return make_ack(autopilot.arm() if wanted else autopilot.disarm(force=command.integer(2) == _FORCE_DISARM))
 
 
 def _terminate(autopilot: Autopilot, command: VehicleCommand) -> CommandAck:
     if command.integer(1) != 1:
-        return CommandAck(DENIED, _NOT_REVERSIBLE)
+        return CommandAck(service.DENIED, _NOT_REVERSIBLE)
     return make_ack(autopilot.disarm(force=True))
 
 
@@ -110,4 +97,5 @@ def _take_off(context: VehicleContext, command: VehicleCommand) -> CommandAck:
 
 def _reposition(autopilot: Autopilot, command: VehicleCommand) -> CommandAck:
     # Ground stations send this command without a position to pause.
-    return make_ack(autopilot.hold()) if command.params[4:6] == (None, None) else CommandAck(UNSUPPORTED, _NO_ROUTE)
+    pauses = command.params[4:6] == (None, None)
+    return make_ack(autopilot.hold()) if pauses else CommandAck(service.UNSUPPORTED, _NO_ROUTE)

@@ -1,26 +1,19 @@
 """Position of the vehicle and of home. Navigation is ideal: position, velocity and heading are the true ones.
 
-References
-----------
 MAVLink, messages 24, 32, 33, 74, 242; command 410, which older programs send.
 """
 
 import math
+from functools import partial
 
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message
+from firmware_model.mavlink.peers import Client
+from firmware_model.mavlink.services import service
 from firmware_model.mavlink.services.geodesy import ORIGIN_HEIGHT, to_centi, to_geodetic
 from firmware_model.mavlink.services.motion import air_velocity_N
-from firmware_model.mavlink.services.service import (
-    ACCEPTED,
-    Client,
-    CommandAck,
-    Service,
-    Stream,
-    VehicleCommand,
-    VehicleContext,
-)
+from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
 from firmware_model.types import Quaternion, Vector
 
 _UNKNOWN, _UNKNOWN16, _UNKNOWN8 = math.nan, 2**16 - 1, 2**8 - 1
@@ -31,25 +24,24 @@ def make_service(context: VehicleContext) -> Service:
     """Return the service of the positions of vehicle and home."""
 
     def home() -> Message:
-        home_N = context.autopilot.home_N
-        return wire.MAVLink_home_position_message(
-            *to_geodetic(home_N), *home_N, _LEVEL, _UNKNOWN, _UNKNOWN, _UNKNOWN, context.stamp_us
-        )
+        place = context.autopilot.home_N
+        approach = (_UNKNOWN, _UNKNOWN, _UNKNOWN)
+        return wire.MAVLink_home_position_message(*to_geodetic(place), *place, _LEVEL, *approach, context.stamp_us)
 
     def origin() -> Message:
         return wire.MAVLink_gps_global_origin_message(*to_geodetic((0.0, 0.0, 0.0)), context.stamp_us)
 
-    def send_home(_: VehicleCommand, client: Client) -> CommandAck:
+    def send_home(_: service.VehicleCommand, client: Client) -> service.CommandAck:
         client.send(home())
-        return ACCEPTED
+        return service.ACCEPTED
 
     return Service(
         commands={wire.MAV_CMD_GET_HOME_POSITION: send_home},
         streams={
-            wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED: Stream(lambda: _local_message(context), 33_000),
-            wire.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Stream(lambda: _global_message(context), 100_000),
-            wire.MAVLINK_MSG_ID_VFR_HUD: Stream(lambda: _hud_message(context), 100_000),
-            wire.MAVLINK_MSG_ID_GPS_RAW_INT: Stream(lambda: _gps_message(context), 200_000),
+            wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED: Stream(partial(_local_message, context), 33_000),
+            wire.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Stream(partial(_global_message, context), 100_000),
+            wire.MAVLINK_MSG_ID_VFR_HUD: Stream(partial(_hud_message, context), 100_000),
+            wire.MAVLINK_MSG_ID_GPS_RAW_INT: Stream(partial(_gps_message, context), 200_000),
             wire.MAVLINK_MSG_ID_HOME_POSITION: Stream(home, 2_000_000),
             wire.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: Stream(origin),
         },
@@ -70,9 +62,10 @@ def _local_message(context: VehicleContext) -> Message:
 def _global_message(context: VehicleContext) -> Message:
     time_us, position, velocity = _read_navigation(context)
     course = round(100.0 * math.degrees(heading(context.loop.q_NB))) % 36_000
-    above_home = context.autopilot.home_N[2] - position[2]
+    above_home = round(1000.0 * (context.autopilot.home_N[2] - position[2]))
+    speeds = map(to_centi, velocity)
     return wire.MAVLink_global_position_int_message(
-        time_us // 1000, *to_geodetic(position), round(1000.0 * above_home), *(to_centi(v) for v in velocity), course
+        time_us // 1000, *to_geodetic(position), above_home, *speeds, course
     )
 
 
@@ -87,13 +80,10 @@ def _hud_message(context: VehicleContext) -> Message:
 
 def _gps_message(context: VehicleContext) -> Message:
     time_us, position, velocity = _read_navigation(context)
-    speed = math.hypot(velocity[0], velocity[1])
-    speed_cm = min(round(100.0 * speed), 65534)
+    speed_cm = min(round(100.0 * math.hypot(velocity[0], velocity[1])), 65534)
     course = round(100.0 * math.degrees(math.atan2(velocity[1], velocity[0]))) % 36_000
-    place = to_geodetic(position)
-    return wire.MAVLink_gps_raw_int_message(
-        time_us, wire.GPS_FIX_TYPE_3D_FIX, *place, _UNKNOWN16, _UNKNOWN16, speed_cm, course, _UNKNOWN8
-    )
+    motion = (_UNKNOWN16, _UNKNOWN16, speed_cm, course, _UNKNOWN8)
+    return wire.MAVLink_gps_raw_int_message(time_us, wire.GPS_FIX_TYPE_3D_FIX, *to_geodetic(position), *motion)
 
 
 def _read_navigation(context: VehicleContext) -> tuple[int, Vector, Vector]:

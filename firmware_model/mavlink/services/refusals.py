@@ -3,8 +3,6 @@
 The sender gets the protocol's answer, if there is one, and all peers a STATUSTEXT. Each text is sent at most every
 5 s, as some of these messages arrive many times a second.
 
-References
-----------
 MAVLink, messages 48, 49, 69, 70, 84, 86, 156, 157, 282, 287, 288, 320, 321, 323, 324.
 """
 
@@ -13,7 +11,8 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message, RejectReason
-from firmware_model.mavlink.services.service import Client, Service, VehicleContext
+from firmware_model.mavlink.peers import Client
+from firmware_model.mavlink.services.service import Service, VehicleContext
 from firmware_model.types import NEVER_US
 
 _REPEAT_US = 5_000_000  # least time between two equal texts

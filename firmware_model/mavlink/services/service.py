@@ -1,4 +1,4 @@
-"""Interface of a service: its tables of handlers and streams, and its views of the vehicle and of the client.
+"""Interface of a service: its tables of handlers and streams, and its view of the vehicle.
 
     def make_service(context: VehicleContext) -> Service      in each module of this package
 
@@ -6,7 +6,7 @@ A service holds no socket and reads no clock. Its tables are keyed by MAVLink's 
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import NamedTuple, Protocol, TypeVar
 
 from pymavlink.dialects.v20 import all as wire
@@ -14,62 +14,32 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.autopilot.modes import Autopilot, TransitionResult
 from firmware_model.autopilot.parameters import Parameters
 from firmware_model.mavlink.frames import EncodedMessage, Message, RejectReason
+from firmware_model.mavlink.peers import Client
 from firmware_model.sim.vehicle_loop import VehicleLoop
-from firmware_model.types import Command
+from firmware_model.types import Command, ImuSample
 
 _Value = TypeVar("_Value")
-
-
-class Client(Protocol):
-    """Sender of a request."""
-
-    def send(self, message: Message | EncodedMessage) -> None:
-        """Send a message to this client alone."""
-
-    def interval_us(self, message_id: int) -> int | None:
-        """Return the time [us] between two messages of a stream, `None` if it is off."""
-
-    def set_interval(self, message_id: int, interval_us: int | None) -> None:
-        """Set the time [us] between two messages of a stream: 0 for the default, `None` for off."""
-
-    def note_sticks(self) -> None:
-        """Record that the client moves sticks."""
-
-    @property
-    def moves_sticks(self) -> bool:
-        """True if the client moved sticks recently."""
 
 
 class VehicleContext(Protocol):
     """View of the vehicle and its peers that services use."""
 
-    @property
-    def autopilot(self) -> Autopilot:
-        """Arming, modes and fail-safe."""
-
-    @property
-    def parameters(self) -> Parameters:
-        """Parameters that clients read and change."""
-
-    @property
-    def loop(self) -> VehicleLoop:
-        """Simulated vehicle."""
+    autopilot: Autopilot
+    """Arming, modes and fail-safe."""
+    parameters: Parameters
+    """Parameters that clients read and change."""
+    loop: VehicleLoop
+    """Simulated vehicle."""
+    generic: bool
+    """True if the vehicle presents itself as a generic autopilot, not as PX4."""
+    services: "Service"
+    """All services, merged."""
+    system: int
+    """System id."""
 
     @property
     def setpoint(self) -> Command | None:
         """Tracked set-point of an outside controller, if there is one."""
-
-    @property
-    def generic(self) -> bool:
-        """True if the vehicle presents itself as a generic autopilot, not as PX4."""
-
-    @property
-    def in_fail_safe(self) -> bool:
-        """True if the fail-safe flies."""
-
-    @property
-    def services(self) -> "Service":
-        """All services, merged."""
 
     @property
     def clock_us(self) -> int:
@@ -78,10 +48,6 @@ class VehicleContext(Protocol):
     @property
     def stamp_us(self) -> int:
         """[us] Model time now, between samples too: the clock of message stamps."""
-
-    @property
-    def system(self) -> int:
-        """System id."""
 
     def relay(self, message: Message, source: Client) -> None:
         """Forward a message of the on-board controller to all peers but its sender."""
@@ -127,13 +93,14 @@ TEMPORARILY_REJECTED = wire.MAV_RESULT_TEMPORARILY_REJECTED
 UNSUPPORTED = wire.MAV_RESULT_UNSUPPORTED
 # Results after which the same request will fail again.
 _PERMANENT = (TransitionResult.NOT_FLOWN, TransitionResult.ON_STAND, TransitionResult.HEIGHT)
+CommandHandler = Callable[[VehicleCommand, Client], CommandAck]
 
 
 class Stream(NamedTuple):
     """A state message, sent on request and at intervals."""
 
-    message: Callable[[], Message | EncodedMessage | None]
-    """Return the message, `None` while there is nothing to report."""
+    message: Callable[[], Message | EncodedMessage | ImuSample | None]
+    """Return the message, a sample for HIGHRES_IMU, `None` while there is nothing to report."""
     interval_us: int | None = None
     """[us] Default time between two messages; `None` for on request only."""
 
@@ -144,7 +111,7 @@ class Service:
 
     requests: Mapping[int, Callable[[Message, Client], RejectReason | None]] = field(default_factory=dict)
     """Handlers of messages to the autopilot, by message id; they return a reason for a counted rejection."""
-    commands: Mapping[int, Callable[[VehicleCommand, Client], CommandAck]] = field(default_factory=dict)
+    commands: Mapping[int, CommandHandler] = field(default_factory=dict)
     """Handlers of commands, by MAV_CMD."""
     streams: Mapping[int, Stream] = field(default_factory=dict)
     """State messages, by message id."""
@@ -161,12 +128,8 @@ def merge_services(services: Iterable[Service]) -> Service:
         If two services claim the same number.
     """
     parts = list(services)
-    return Service(
-        requests=_merge_tables(part.requests for part in parts),
-        commands=_merge_tables(part.commands for part in parts),
-        streams=_merge_tables(part.streams for part in parts),
-        on_request=_merge_tables(part.on_request for part in parts),
-    )
+    tables = [table.name for table in fields(Service)]
+    return Service(**{name: _merge_tables(getattr(part, name) for part in parts) for name in tables})
 
 
 def make_ack(result: TransitionResult) -> CommandAck:
@@ -174,6 +137,11 @@ def make_ack(result: TransitionResult) -> CommandAck:
     if result is TransitionResult.ACCEPTED:
         return ACCEPTED
     return CommandAck(DENIED if result in _PERMANENT else TEMPORARILY_REJECTED, result.value)
+
+
+def sender(message: Message) -> tuple[int, int]:
+    """Return system and component of a message's sender, the target of its answer."""
+    return message.get_srcSystem(), message.get_srcComponent()
 
 
 def _merge_tables(tables: Iterable[Mapping[int, _Value]]) -> dict[int, _Value]:

@@ -3,8 +3,6 @@
 No battery is modelled, so its fields carry the values for unknown. SYS_STATUS reports zero voltage instead, like a
 vehicle without battery monitor: dronekit reads the value for unknown as 65.5 V.
 
-References
-----------
 MAVLink, messages 1, 147, 193, 245. Programs for ArduPilot read readiness to arm from 193.
 """
 
@@ -45,28 +43,26 @@ def make_service(context: VehicleContext) -> Service:
     """Return the service of the vehicle's status."""
 
     def extended() -> Message:
-        return wire.MAVLink_extended_sys_state_message(
-            wire.MAV_VTOL_STATE_UNDEFINED, context.autopilot.landed_state.value
-        )
+        landed_state = context.autopilot.landed_state.value
+        return wire.MAVLink_extended_sys_state_message(wire.MAV_VTOL_STATE_UNDEFINED, landed_state)
 
     return Service(
         streams={
             wire.MAVLINK_MSG_ID_SYS_STATUS: Stream(_system_message, 1_000_000),
             wire.MAVLINK_MSG_ID_BATTERY_STATUS: Stream(_battery_message, 2_000_000),
             wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Stream(extended, 1_000_000),
-            wire.MAVLINK_MSG_ID_EKF_STATUS_REPORT: Stream(_estimator, 1_000_000),
+            wire.MAVLINK_MSG_ID_EKF_STATUS_REPORT: Stream(_estimator_message, 1_000_000),
         }
     )
 
 
 def _system_message() -> Message:
-    return wire.MAVLink_sys_status_message(
-        _SENSORS, _SENSORS, _HEALTHY_SENSORS, 0, _NO_VOLTAGE, _UNKNOWN, _UNKNOWN, 0, 0, 0, 0, 0, 0
-    )
+    battery = (_NO_VOLTAGE, _UNKNOWN, _UNKNOWN)
+    return wire.MAVLink_sys_status_message(_SENSORS, _SENSORS, _HEALTHY_SENSORS, 0, *battery, *[0] * 6)
 
 
-def _estimator() -> Message:
-    return wire.MAVLink_ekf_status_report_message(_ESTIMATED, 0.0, 0.0, 0.0, 0.0, 0.0)
+def _estimator_message() -> Message:
+    return wire.MAVLink_ekf_status_report_message(_ESTIMATED, *[0.0] * 5)
 
 
 def _battery_message() -> Message:

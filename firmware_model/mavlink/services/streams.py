@@ -1,24 +1,16 @@
 """Streams: message intervals of a peer, and any message on request.
 
-References
-----------
 MAVLink, commands 510, 511, 512; message 66, which MAVProxy and older programs still send.
 """
 
+from functools import partial
+
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.frames import EncodedMessage, Message
-from firmware_model.mavlink.services.service import (
-    ACCEPTED,
-    DENIED,
-    TEMPORARILY_REJECTED,
-    UNSUPPORTED,
-    Client,
-    CommandAck,
-    Service,
-    VehicleCommand,
-    VehicleContext,
-)
+from firmware_model.mavlink.frames import Message
+from firmware_model.mavlink.peers import Client
+from firmware_model.mavlink.services import service
+from firmware_model.mavlink.services.service import ACCEPTED, CommandAck, Service, VehicleCommand, VehicleContext
 
 # Messages of the groups of REQUEST_DATA_STREAM, as far as this vehicle has them.
 _GROUPS = {
@@ -34,16 +26,12 @@ _GROUPS = {
 
 def make_service(context: VehicleContext) -> Service:
     """Return the service of streams."""
-
-    def request_group(message: Message, client: Client) -> None:
-        _request_group(context, message, client)
-
     return Service(
-        requests={wire.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: request_group},
+        requests={wire.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: partial(_request_group, context)},
         commands={
-            wire.MAV_CMD_SET_MESSAGE_INTERVAL: lambda command, client: _set_interval(context, command, client),
-            wire.MAV_CMD_GET_MESSAGE_INTERVAL: lambda command, client: _get_interval(context, command, client),
-            wire.MAV_CMD_REQUEST_MESSAGE: lambda command, client: _request_message(context, command, client),
+            wire.MAV_CMD_SET_MESSAGE_INTERVAL: partial(_set_interval, context),
+            wire.MAV_CMD_GET_MESSAGE_INTERVAL: partial(_get_interval, context),
+            wire.MAV_CMD_REQUEST_MESSAGE: partial(_request_message, context),
         },
     )
 
@@ -51,7 +39,7 @@ def make_service(context: VehicleContext) -> Service:
 def _set_interval(context: VehicleContext, command: VehicleCommand, client: Client) -> CommandAck:
     message_id, interval_us = command.integer(1), command.integer(2)
     if message_id is None or interval_us is None or interval_us < -1:
-        return CommandAck(DENIED)
+        return CommandAck(service.DENIED)
     if (ack := _check_known(context, message_id)) is ACCEPTED:
         client.set_interval(message_id, None if interval_us < 0 else interval_us)
     return ack
@@ -60,7 +48,7 @@ def _set_interval(context: VehicleContext, command: VehicleCommand, client: Clie
 def _get_interval(context: VehicleContext, command: VehicleCommand, client: Client) -> CommandAck:
     message_id = command.integer(1)
     if message_id is None or not 0 <= message_id < 2**16:
-        return CommandAck(DENIED)
+        return CommandAck(service.DENIED)
     if (ack := _check_known(context, message_id)) is ACCEPTED:
         interval_us = client.interval_us(message_id)
         client.send(wire.MAVLink_message_interval_message(message_id, -1 if interval_us is None else interval_us))
@@ -70,14 +58,17 @@ def _get_interval(context: VehicleContext, command: VehicleCommand, client: Clie
 def _request_message(context: VehicleContext, command: VehicleCommand, client: Client) -> CommandAck:
     message_id = command.integer(1)
     if message_id is None:
-        return CommandAck(DENIED)
-    on_request = context.services.on_request.get(message_id)
-    if on_request is None and (ack := _check_known(context, message_id)) is not ACCEPTED:
+        return CommandAck(service.DENIED)
+    if on_request := context.services.on_request.get(message_id):
+        messages = list(on_request(command.integer(2) or 0))
+    elif (ack := _check_known(context, message_id)) is ACCEPTED:
+        message = context.services.streams[message_id].message()
+        messages = [] if message is None else [message]
+    else:
         return ack
-    messages = _make_messages(context, message_id) if on_request is None else list(on_request(command.integer(2) or 0))
     for message in messages:
         client.send(message)
-    return ACCEPTED if messages else CommandAck(TEMPORARILY_REJECTED)
+    return ACCEPTED if messages else CommandAck(service.TEMPORARILY_REJECTED)
 
 
 def _request_group(context: VehicleContext, message: Message, client: Client) -> None:
@@ -94,9 +85,4 @@ def _check_known(context: VehicleContext, message_id: int) -> CommandAck:
     """Accept a message that has a stream; deny an id that no message can have."""
     if message_id in context.services.streams:
         return ACCEPTED
-    return CommandAck(UNSUPPORTED if 0 <= message_id < 2**24 else DENIED)
-
-
-def _make_messages(context: VehicleContext, message_id: int) -> list[Message | EncodedMessage]:
-    message = context.services.streams[message_id].message()
-    return [] if message is None else [message]
+    return CommandAck(service.UNSUPPORTED if 0 <= message_id < 2**24 else service.DENIED)

@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
@@ -14,18 +13,17 @@ from firmware_model.config.waveforms import MomentStep
 from gustproof.analysis.hover_loop import HoverLoop, hover_loop
 from gustproof.analysis.law_margins import SPREADS, axis_robustness
 from gustproof.analysis.placement import Placement, locate
-from gustproof.certify.mu.sweep import Bracket
+from gustproof.analysis.robustness import StabilityRange
 from gustproof.law.form import Law
 from gustproof.lti.state_space import ComplexMatrix
 from gustproof.scoring.metrics import Metrics, measure
 from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.derive import margins_to_dict
+from gustproof.types import Records
 
 _AXES = ("roll", "pitch", "yaw")
 _STEP_S = 5.0
 _STEP_SHARE = 0.03  # [-] of the torque limit: small enough for every stable law to stay near level
-
-Records = NDArray[np.void]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,9 +38,9 @@ class Analysis:
     """Seed of gusts and noise."""
     hover: HoverLoop
     """Linear loop at hover."""
-    stability: tuple[Bracket, ...]
-    """mu of roll, pitch, yaw for inertia off by 20 % and lag off by 30 %; empty if the law couples axes or has no
-    margins."""
+    stability: tuple[StabilityRange, ...]
+    """Multiples of inertia off by 20 % and lag off by 30 %, for roll, pitch, yaw; empty if the law couples axes or is
+    unstable."""
     placement: Placement | None
     """Predicted error and the least of linear gyro-only laws at the same Ms and slew; `None` without such a limit."""
     step_records: Records
@@ -71,7 +69,8 @@ class Analysis:
             "output": self.law.output.value,
             "scheduled": self.law.is_scheduled,
             "takes_references": self.law.takes_references,
-            "reference_limit_deg": limit if math.isfinite(limit := self.law.reference_limit_deg) else None,
+            "rate_limit_rad_s": None if self.law.rate_limit is None else self.law.rate_limit.limits.tolist(),
+            "attitude_limit_deg": np.degrees(self.law.attitude_limits).tolist(),
             "design": self.law.provenance.design,
             "scenario": self.scenario.name,
             "seed": self.seed,
@@ -79,7 +78,9 @@ class Analysis:
             "off_nominal": {
                 "inertia_spread": SPREADS.inertia,
                 "actuator_lag_spread": SPREADS.actuator_lag,
-                "stable_up_to_times": [1.0 / axis.upper for axis in self.stability],
+                "certified_by": "branch and bound over inertia, lag and frequency in floats, rounding bounded",
+                "certified_up_to_times": [axis.certified for axis in self.stability],
+                "unstable_at": [axis.unstable and asdict(axis.unstable) for axis in self.stability],
             },
             "place": None if self.placement is None else asdict(self.placement),
             "law_poles_rad_s": pole_pairs(self.hover.law_poles),
@@ -146,15 +147,14 @@ def _describe_limits(analysis: Analysis) -> list[str]:
     elif not unstable:
         lines += _price(analysis)
     lines += _describe_robustness(analysis)
-    lines.append(f"references: {_references(analysis.law)}")
+    if not analysis.law.takes_references:
+        lines.append("references: not supported, the law holds level")
+    lines.append(_describe_rate_limit(analysis.law))
     if analysis.metrics.saturated_s:
         lines.append(f"torque limit: reached for {analysis.metrics.saturated_s:.3g} s")
-    if analysis.law.uses_accelerometer:
-        lines.append(
-            "gyro bias: observable in roll and pitch; in yaw a constant bias gives an error of bias times time"
-        )
-    else:
-        lines.append("gyro bias: a constant bias gives an error of bias times time, as gyros do not measure attitude")
+    observable = "observable in roll and pitch; in yaw a constant bias gives an error of bias times time"
+    lost = "a constant bias gives an error of bias times time, as gyros do not measure attitude"
+    lines.append(f"gyro bias: {observable if analysis.law.uses_accelerometer else lost}")
     return lines
 
 
@@ -165,16 +165,25 @@ def _describe_robustness(analysis: Analysis) -> list[str]:
         worst = max(range(3), key=lambda axis: loops[axis].Ms)
         least = min(range(3), key=lambda axis: loops[axis].delay_margin)
         samples = loops[least].delay_margin / analysis.law.dt
-        lines.append(
-            f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {_peak_frequency(analysis):.3g} rad/s"
-        )
+        peak_omega = analysis.hover.omega[int(np.argmax(analysis.hover.sensitivities["S"]))]
+        lines.append(f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {peak_omega:.3g} rad/s")
         if math.isfinite(samples):
             lines.append(f"delay: {samples:.3g} more samples make {_AXES[least]} unstable")
     if analysis.stability:
-        room = 100.0 / max(axis.upper for axis in analysis.stability)
-        inertia, lag = room * SPREADS.inertia, room * SPREADS.actuator_lag
-        lines.append(f"vehicle: stable for inertia ±{int(inertia)} % and lag ±{int(lag)} % together (mu, at hover)")
+        lines.append(f"vehicle: {_describe_stability(analysis.stability)}")
     return lines
+
+
+def _describe_stability(axes: tuple[StabilityRange, ...]) -> str:
+    """Return the certified range of inertia and lag, rounded down, and the nearest unstable member known."""
+    proven = min(axis.certified for axis in axes)
+    inertia, lag = (math.floor(1000.0 * proven * spread) / 10.0 for spread in (SPREADS.inertia, SPREADS.actuator_lag))
+    certified = f"certified stable at hover (rounding bounded) for inertia ±{inertia:g} % and lag ±{lag:g} % together"
+    known = [(axis.unstable, name) for axis, name in zip(axes, _AXES, strict=True) if axis.unstable]
+    if not known:
+        return f"{certified}, no unstable case found"
+    nearest, name = min(known, key=lambda pair: pair[0].times)
+    return f"{certified}, {name} unstable at {100.0 * nearest.inertia:+.3g} % and {100.0 * nearest.actuator_lag:+.3g} %"
 
 
 def _price(analysis: Analysis) -> list[str]:
@@ -199,16 +208,15 @@ def _price(analysis: Analysis) -> list[str]:
     return lines
 
 
-def _references(law: Law) -> str:
-    if not law.takes_references:
-        return "not supported, the law holds level"
-    if math.isinf(law.reference_limit_deg):
-        return "no known limit"
-    return f"limited to {law.reference_limit_deg:g} deg of level about each axis; larger ones may tumble the vehicle"
-
-
-def _peak_frequency(analysis: Analysis) -> float:
-    return float(analysis.hover.omega[int(np.argmax(analysis.hover.sensitivities["S"]))])
+def _describe_rate_limit(law: Law) -> str:
+    if law.rate_limit is None:
+        return "rate commanded from attitude: no limit, a large attitude error may tumble the vehicle"
+    rates = ", ".join(f"{limit:.3g}" for limit in law.rate_limit.limits)
+    angles = ", ".join(f"{angle:.3g}" for angle in np.degrees(law.attitude_limits))
+    return (
+        f"rate commanded from attitude: limited to {rates} rad/s, so errors beyond {angles} deg are flown back at that "
+        "rate; margins, mu and predictions are for smaller ones"
+    )
 
 
 def _measure_flight(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int) -> Metrics:

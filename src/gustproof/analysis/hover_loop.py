@@ -47,27 +47,18 @@ def hover_loop(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverLoop:
             sensitivities={},
         )
     plant = hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer)
-    loop = _input_loop(plant, controller)
+    loop = -series(plant, controller)
     S = sensitivity(loop)
+    response = S.response(omega)
+    both = {"S": response, "T": np.eye(3) - response}
     return HoverLoop(
         margins=margins(plant, controller) if S.is_stable() else None,
         law_poles=_continuous_poles(controller),
         loop_poles=_continuous_poles(S),
         omega=omega,
         loop=np.diagonal(loop.response(omega), 0, 1, 2),
-        sensitivities=_largest_gains(S.response(omega)),
+        sensitivities={name: np.linalg.norm(each, ord=2, axis=(1, 2)) for name, each in both.items()},
     )
-
-
-def _input_loop(plant: Lti, controller: Lti) -> Lti:
-    """Return the loop transfer at the plant's input, for negative feedback."""
-    loop = series(plant, controller)
-    return Lti(A=loop.A, B=loop.B, C=-loop.C, D=-loop.D, dt=loop.dt)
-
-
-def _largest_gains(S: ComplexMatrix) -> dict[str, Matrix]:
-    both = {"S": S, "T": np.eye(3) - S}
-    return {name: np.linalg.norm(values, ord=2, axis=(1, 2)).astype(np.float64) for name, values in both.items()}
 
 
 def _continuous_poles(system: Lti) -> ComplexMatrix:

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.analysis.robustness import robust_stability
-from gustproof.certify.mu.sweep import Bracket
+from gustproof.analysis.robustness import StabilityRange, robust_peak, robust_stability
 from gustproof.law.form import Law
 from gustproof.law.hover import hover_plant, is_stable_at_hover, loop_law
 from gustproof.lti.margins import margins
@@ -24,8 +23,14 @@ class HoverMargins:
     """[-] largest sensitivity."""
     phase_margin_deg: float
     """[deg] least destabilising change of phase."""
+    gain_margin: float
+    """[-] least destabilising factor above 1."""
     delay_margin: float
     """[s] least destabilising additional delay."""
+    unstable_delay: int
+    """[samples] least delay, from a measurement to its command's action, at which the loop is unstable."""
+    off_nominal_Ms: float | None
+    """[-] bound of the largest sensitivity with inertia and lag anywhere within `SPREADS`; `None` if unknown."""
 
 
 def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargins | None:
@@ -43,17 +48,29 @@ def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargin
     if not is_stable_at_hover(law, vehicle, scenario):
         return None
     axes = margins(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law)).input
+    delay_margin = min(axis.delay_margin for axis in axes)
     return HoverMargins(
         Ms=max(axis.Ms for axis in axes),
         phase_margin_deg=math.degrees(min(axis.phase_margin for axis in axes)),
-        delay_margin=min(axis.delay_margin for axis in axes),
+        gain_margin=min(axis.gain_margin for axis in axes),
+        delay_margin=delay_margin,
+        unstable_delay=scenario.delay_samples + math.ceil(delay_margin / scenario.dt),
+        off_nominal_Ms=_off_nominal_peak(law, vehicle, scenario),
     )
 
 
-def axis_robustness(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[Bracket, ...]:
-    """Return mu of roll, pitch and yaw with inertia and actuator lag off by `SPREADS`: stable up to 1 / mu times that.
+def _off_nominal_peak(law: Law, vehicle: Vehicle, scenario: Scenario) -> float | None:
+    try:
+        return max(robust_peak(law, vehicle, scenario, SPREADS, axis).upper for axis in range(3))
+    except ValueError:  # not three loops of one gyro each, or unstable within the spreads
+        return None
 
-    The result is empty for a law other than three loops of one gyro each.
+
+def axis_robustness(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[StabilityRange, ...]:
+    """Return how far inertia and actuator lag may be off for roll, pitch and yaw, as multiples of `SPREADS`.
+
+    At hover the axes share the lag alone, so the least multiple holds for all three inertias and the lag at once. The
+    result is empty for a law other than three loops of one gyro each, and for an unstable one.
     """
     try:
         return tuple(robust_stability(law, vehicle, scenario, SPREADS, axis) for axis in range(3))

@@ -67,23 +67,21 @@ class Placement:
     """[N*m/s] predicted rms torque slew, all axes together."""
     rmse_deg: float
     """[deg] predicted error, average over many flights."""
+    own_rate: float | None
+    """[rad/s] predicted rms rate where the gyro's noise keeps its ratio to this rate; `None` at no such noise."""
+    own_rate_rmse_deg: float | None
+    """[deg] predicted error with that noise, in place of the one that the vehicle's reference rate sets."""
     least_rmse_deg: float | None
     """[deg] least error of linear gyro-only laws at this slew and peak; `None` if none was found."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PerformanceLimits:
-    """Limits of a vehicle and scenario, and the placement of laws."""
-
-    limits: ErrorLimits
-    """Least possible errors."""
-    places: Mapping[str, Placement | None]
-    """Placement of each law by name; `None` for a rate law, which has no torque loop of its own."""
+Places = Mapping[str, Placement | None]
+"""Placement of each law by name; `None` for a rate law, which has no torque loop of its own."""
 
 
 def performance_limits(
     laws: Mapping[str, Law], margins: Mapping[str, HoverMargins | None], vehicle: Vehicle, scenario: Scenario
-) -> PerformanceLimits:
+) -> tuple[ErrorLimits, Places]:
     """Return the limits of a vehicle in the scenario's turbulence and the placement of each law; takes seconds.
 
     Raises
@@ -109,7 +107,7 @@ def performance_limits(
         name: None if (Ms := peaks[name]) is None else _locate(law, Ms, linear, vehicle, scenario)
         for name, law in laws.items()
     }
-    return PerformanceLimits(limits=found, places=places)
+    return found, places
 
 
 def locate(law: Law, Ms: float, vehicle: Vehicle, scenario: Scenario) -> Placement | None:
@@ -130,10 +128,13 @@ def _locate(law: Law, Ms: float, linear: LinearLaws, vehicle: Vehicle, scenario:
     if predicted is None:
         return None
     least = _least_error(linear, Ms, predicted.slew) if predicted.slew else None
+    own = predicted.own_rate_rmse
     return Placement(
         Ms=Ms,
         slew=predicted.slew,
         rmse_deg=math.degrees(predicted.rmse),
+        own_rate=predicted.own_rate,
+        own_rate_rmse_deg=None if own is None else math.degrees(own),
         least_rmse_deg=None if least is None else math.degrees(least.rmse),
     )
 

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr, betaincinv, stdtrit
 
+from gustproof.types import Array
+
 CONFIDENCE = 0.95
 """[-] probability that an interval holds the true value."""
 
-Array = NDArray[np.float64]
 _TAIL = (1.0 - CONFIDENCE) / 2.0
 _SIGMAS = 12.0  # standard deviations of a binomial count; the probability beyond is less than any tail used
 _MIN_PER_BIN = 25
@@ -132,11 +133,10 @@ def importance(delta: Ranking, values: Array, ranks: Array) -> Importance | None
     off = values - np.mean(values)
     sums, sizes = np.add.reduceat(off[delta.order], edges[:-1]), np.diff(edges)
     between = float(np.sum(sums**2 / sizes) / np.sum(off**2))
-    return Importance(
-        rank_correlation=_correlation(delta.ranks, ranks),
-        first_order=max(_remove_chance(between, n, bins), 0.0),
-        noise=noise,
-    )
+    middle = (n + 1) / 2.0  # the mean of any ranks
+    a, b = delta.ranks - middle, ranks - middle
+    correlation = float(a @ b / np.sqrt((a @ a) * (b @ b)))
+    return Importance(correlation, max(_remove_chance(between, n, bins), 0.0), noise)
 
 
 @lru_cache(maxsize=16)
@@ -146,12 +146,6 @@ def _bins(n: int) -> tuple[int, NDArray[np.intp], float]:
     edges = np.linspace(0, n, bins + 1).round().astype(np.intp)
     chance = float(betaincinv((bins - 1) / 2.0, (n - bins) / 2.0, CONFIDENCE))
     return bins, edges, _remove_chance(chance, n, bins)
-
-
-def _correlation(ranks: Array, others: Array) -> float:
-    middle = (len(ranks) + 1) / 2.0  # the mean of any ranks
-    a, b = ranks - middle, others - middle
-    return float(a @ b / np.sqrt((a @ a) * (b @ b)))
 
 
 def _remove_chance(between: float, n: int, bins: int) -> float:

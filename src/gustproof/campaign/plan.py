@@ -17,9 +17,10 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.spreads import Spread
 from firmware_model.config.uncertainty import VehicleSet, make_vehicle_set
 from firmware_model.errors import ConfigError
-from gustproof.campaign.sampling import Array, Sampling, draw_deltas, flight_seeds
+from gustproof.campaign.sampling import Sampling, draw_deltas, flight_seeds
 from gustproof.law.form import Law, parse_law
 from gustproof.simulate.batch import Case
+from gustproof.types import Array
 from gustproof.version import software_versions
 
 FORMAT = "gustproof-campaign-1"
@@ -37,14 +38,10 @@ class DispersionKind(Enum):
     ['vehicle', 'gyro', 'gust', 'attitude']
     """
 
-    VEHICLE = "vehicle"
-    """Numbers with a spread in the vehicle file, except those of the gyro."""
-    GYRO = "gyro"
-    """Numbers of the gyro with a spread in the vehicle file."""
-    GUST = "gust"
-    """Strength of the gusts."""
-    ATTITUDE = "attitude"
-    """Initial attitude."""
+    VEHICLE = "vehicle"  # numbers with a spread in the vehicle file, except those of the gyro
+    GYRO = "gyro"  # numbers of the gyro with a spread in the vehicle file
+    GUST = "gust"  # strength of the gusts
+    ATTITUDE = "attitude"  # initial attitude
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,8 +10,8 @@ import pyarrow.parquet as pq
 from firmware_model.config.files import TEXT, open_regular, parse_json
 from firmware_model.errors import ConfigError
 from gustproof.campaign.plan import Campaign, parse_campaign
-from gustproof.campaign.sampling import Array
 from gustproof.campaign.store import METADATA_KEY
+from gustproof.types import Array
 
 _VALUE = 64  # [bytes] largest mean size of a value; a number takes 8
 

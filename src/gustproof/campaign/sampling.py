@@ -9,7 +9,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gustproof.types import Array
+
 Words = NDArray[np.uint64]
 
 _EDGE_SIGMAS = 3.0  # standard deviations from nominal to edge, where the normal distribution is truncated
@@ -27,14 +28,10 @@ class Sampling(Enum):
     ['uniform', 'normal', 'latin', 'sobol']
     """
 
-    UNIFORM = "uniform"
-    """Independent, uniform on [-1, 1]."""
-    NORMAL = "normal"
-    """Independent, normal with a standard deviation of 1/3, truncated at the edges."""
-    LATIN = "latin"
-    """Latin hypercube: of n cases, one in each n-th of each dispersion's range."""
-    SOBOL = "sobol"
-    """Scrambled Sobol' points: even in all dispersions at once, best with 2^k cases."""
+    UNIFORM = "uniform"  # independent, uniform on [-1, 1]
+    NORMAL = "normal"  # independent, normal with a standard deviation of 1/3, truncated at the edges
+    LATIN = "latin"  # latin hypercube: of n cases, one in each n-th of each dispersion's range
+    SOBOL = "sobol"  # scrambled Sobol' points: even in all dispersions at once, best with 2^k cases
 
 
 def draw_deltas(sampling: Sampling, seed: int, cases: int, width: int, first: int, count: int) -> Array:
@@ -43,12 +40,12 @@ def draw_deltas(sampling: Sampling, seed: int, cases: int, width: int, first: in
         case Sampling.SOBOL:
             fractions = _draw_sobol(seed, width, first, count)
         case Sampling.LATIN:
-            inside = _draw_uniform(seed, _CASES, width, first, count)
+            inside = _draw_uniform(seed, width, first, count)
             strata = np.arange(first, first + count, dtype=np.uint64)
             columns = [permute(strata, cases, _key(seed, _STRATA, column)) for column in range(width)]
             fractions = (np.array(columns, dtype=np.float64).reshape(width, count).T + inside) / cases
         case _:
-            fractions = _draw_uniform(seed, _CASES, width, first, count)
+            fractions = _draw_uniform(seed, width, first, count)
     return _to_normal(fractions) if sampling is Sampling.NORMAL else 2.0 * fractions - 1.0
 
 
@@ -86,10 +83,10 @@ def _feistel(numbers: Words, half: np.uint64, key: Words) -> Words:
     return shuffled
 
 
-def _draw_uniform(seed: int, stream: int, width: int, first: int, count: int) -> Array:
+def _draw_uniform(seed: int, width: int, first: int, count: int) -> Array:
     """Return numbers in [0, 1), (count, width); each case has a fixed position in one counter-based stream."""
     blocks = -(-width // 4)  # the generator gives four numbers per count
-    generator = np.random.Philox(key=_key(seed, stream, width)[:2])
+    generator = np.random.Philox(key=_key(seed, _CASES, width)[:2])
     generator.advance(first * blocks)
     return np.random.Generator(generator).random((count, 4 * blocks))[:, :width]
 

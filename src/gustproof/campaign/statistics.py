@@ -25,9 +25,9 @@ from gustproof.campaign.intervals import (
 )
 from gustproof.campaign.plan import Campaign
 from gustproof.campaign.reader import open_table, read_campaign, read_column
-from gustproof.campaign.sampling import Array
 from gustproof.campaign.worker import FIGURES, delta_column, requirement_columns
 from gustproof.simulate.flight import warnings
+from gustproof.types import Array
 
 QUANTILES = {"median": 0.5, "p95": 0.95, "p99": 0.99}
 """Quantiles computed for each figure, by name."""
@@ -253,7 +253,9 @@ def _summarize_law(table: Any, campaign: Campaign, number: int) -> LawStatistics
     ):
         held = int(read_column(table, f"{name}_held", campaign)[number].sum())
         values = read_column(table, name, campaign)[number]
-        worst = _worst_runs(values, first, _excess(requirement, values))
+        above = -math.inf if requirement.at_most is None else values - requirement.at_most
+        below = -math.inf if requirement.at_least is None else requirement.at_least - values
+        worst = _worst_runs(values, first, np.maximum(above, below))  # by the excess over the nearer limit
         passed.append(PassRate(requirement=requirement, rate=proportion(held, cases), worst=worst))
     reasons = table.read(columns=["failure"]).column(0).slice(first, cases)
     failed = np.flatnonzero(reasons.is_valid().to_numpy())
@@ -265,13 +267,6 @@ def _summarize_law(table: Any, campaign: Campaign, number: int) -> LawStatistics
         failures=tuple(FailedRun(first + int(i), reasons[int(i)].as_py()) for i in failed[:_WORST_COUNT]),
         failed=len(failed),
     )
-
-
-def _excess(requirement: Requirement, values: Array) -> Array:
-    """Return the excess of values over the nearer limit; negative within the limits."""
-    above = -math.inf if requirement.at_most is None else values - requirement.at_most
-    below = -math.inf if requirement.at_least is None else requirement.at_least - values
-    return np.maximum(above, below)
 
 
 def _compare_laws(figure: str, values: Array, campaign: Campaign) -> Iterator[LawComparison]:

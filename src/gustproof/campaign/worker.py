@@ -18,7 +18,6 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
 from gustproof.campaign.plan import Campaign, parse_campaign
-from gustproof.campaign.sampling import Array
 from gustproof.law.form import Law
 from gustproof.scoring.metrics import Metrics, measure
 from gustproof.scoring.requirements import judge
@@ -26,6 +25,7 @@ from gustproof.simulate.batch import Case, CaseResult, make_batch_simulator
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.kernels import LANES
 from gustproof.simulate.loopback import fly_loopback
+from gustproof.types import Array
 from gustproof.version import software_versions
 
 FIGURES = tuple(field.name for field in fields(Metrics) if field.type is float and field.name != "realtime_factor")
@@ -115,16 +115,16 @@ def _fly_bisecting(fly: Simulator, cases: list[Case]) -> list[CaseResult | str]:
 
 
 def _make_simulator(scenario: Scenario, law: Law) -> Simulator:
-    if scenario.has_link_script:
-        return lambda cases: [_fly_by_message(case.apply_to(scenario), law, case) for case in cases]
-    return make_batch_simulator(scenario, law)
+    if not scenario.has_link_script:
+        return make_batch_simulator(scenario, law)
 
+    def fly(case: Case) -> CaseResult:
+        script = case.apply_to(scenario)
+        records = fly_loopback(script, law, vehicle=case.vehicle, seed=case.seed)
+        metrics = measure(records, case.vehicle, script, 0.0)
+        return CaseResult(metrics=metrics, requirements=judge(records, script, case.vehicle))
 
-def _fly_by_message(scenario: Scenario, law: Law, case: Case) -> CaseResult:
-    records = fly_loopback(scenario, law, vehicle=case.vehicle, seed=case.seed)
-    return CaseResult(
-        metrics=measure(records, case.vehicle, scenario, 0.0), requirements=judge(records, scenario, case.vehicle)
-    )
+    return lambda cases: [fly(case) for case in cases]
 
 
 def _check_diverged(campaign: Campaign, law: Law, case: Case, judged: CaseResult | str) -> CaseResult | str:

@@ -1,19 +1,23 @@
-"""Certified bounds on the flight of a law: sampled, delayed by a sample, nonlinear, under any moment within a bound.
+"""Certified boxes of flights: the law file, sampled and a sample late, on the nonlinear vehicle, under bounded moments.
 
-The horizon limits the certified share of the moment. Without a leak nothing reduces an attitude error again. The bound
-of `(T(E) - T(x0)) x1`, rate times attitude error, adds up without its sign. Over a minute the box closes only while
-`horizon * rate` is below about 1/2. In flight that product changes sign with the rate, and the error stays far inside.
+The producer grows a box until it maps into itself. What the box proves is said by the check alone, see
+`gustproof.certify.check.estimate_box` and `gustproof.certify.check.truth_drift`.
 """
 
-import math
+import json
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
-from firmware_model.config.vehicle import Vehicle
-from gustproof.certify.certificate import Certificate
-from gustproof.certify.check.evidence import COMMAND_SHARE, Refusal, check_box
-from gustproof.certify.check.invariant_box import LONGEST, SIGNALS, AxisNorms, Box, axis_norms, map_box
-from gustproof.law.form import Law, Output
+from firmware_model.config.files import read_text, write_text
+from firmware_model.config.vehicle import load_vehicle, vehicle_path
+from gustproof.certify.check.estimate_box import Box, Case, is_rate_unlimited, is_within_limits, map_box
+from gustproof.certify.check.evidence import FORMAT, check_certificate, seal
+from gustproof.certify.check.flight_box import KIND, Claim, MomentClass, make_case, read_claim, spread_system
+from gustproof.certify.check.kernel_norms import LONGEST, AxisNorms, axis_norms
+from gustproof.certify.check.system import LoopSystem, Refusal, read_system, sha256
+from gustproof.law.form import law_path, load_law
 
 _ROUNDS = 400
 """Most rounds of growth; a box that has not settled by then counts as open."""
@@ -22,176 +26,196 @@ _MIN_ROUNDS = 12
 _GROWTH = Fraction(1, 10**6)
 """[-] relative widening of a box in each round, so that it closes with slack."""
 _TOLERANCE = Fraction(1, 1000)
-"""[-] relative tolerance of the bisection for the largest share of the moment."""
-_MIN_LEVEL = Fraction(1, 1 << 14)
-"""[-] share of the moment below which the search gives up."""
-_RAREST = 1e-100
-"""[-] least probability of noise beyond its bounds that floating point can handle."""
+"""[-] relative tolerance of the bisection for the largest part of the moment."""
+_MIN_PART = Fraction(1, 1 << 14)
+"""[-] part of the moment below which the search gives up."""
+_INERTIA_CELLS, _LAG_CELLS = 24, 32
+"""Cells that cover spreads of inertia and lag; more of them cost time and tighten the box."""
+_FIRST_SAMPLES = 512
+"""Simulated samples of the norms, doubled until the tail is bounded."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightCertificate:
+    """A proven box of a flight, or the reason why there is none; all but the evidence is what the check says of it.
+
+    Examples
+    --------
+    >>> from gustproof import certify_boundedness
+    >>> certificate = certify_boundedness("hinf-scheduled", "paper", moment=(0.65, 0.65, 0.3), horizon=60.0)
+    >>> (certificate.proven, certificate.part, certificate.assumes["delay_samples"])
+    (True, 1.0, 1)
+    """
+
+    proven: bool
+    """True if the check accepted the evidence. False is an ordinary result: nothing is known then."""
+    statement: str
+    """The proved claim in words, or the reason why nothing is proved."""
+    part: float | None
+    """[-] certified part of the moment, at most 1; `None` without a proof."""
+    estimate_deg: list[float] | None
+    """[deg] bounds of the law's own phi, theta, psi for ever."""
+    truth_deg: list[float] | None
+    """[deg] bounds of the true phi, theta, psi within the horizon; `None` if there are none."""
+    moment_class: MomentClass
+    """Class of the moment between samples, on which the bounds of the truth rest."""
+    assumes: dict[str, Any]
+    """Assumptions by name."""
+    evidence: dict[str, Any]
+    """Input of the check beside the law and vehicle files, as JSON values."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the certificate as JSON values: evidence and checksum, no claim."""
+        document = {"format": FORMAT, "evidence": self.evidence}
+        return {**document, "seal": seal(document)}
+
+    def save(self, path: str | Path) -> None:
+        """Write the certificate as JSON, every number to the bit."""
+        write_text(Path(path), json.dumps(self.to_dict(), indent=1, ensure_ascii=False) + "\n")
 
 
 def certify_boundedness(
-    law: Law,
-    vehicle: Vehicle,
+    law: str | Path,
+    vehicle: str | Path,
     *,
     moment: tuple[float, float, float],
-    horizon: float,
-    leak: float = 0.0,
+    horizon: float | None,
+    moment_class: MomentClass = MomentClass.HELD,
+    slope: tuple[float, float, float] = (0.0, 0.0, 0.0),
     noise: float = 0.0,
     risk: float = 1e-3,
-) -> Certificate:
-    """Return a certificate of the largest share of `moment` under which the flight provably stays in a box.
+    inertia_spread: float = 0.0,
+    lag_spread: float = 0.0,
+) -> FlightCertificate:
+    """Return a certificate of the largest part of `moment` under which the flight provably stays in a box.
 
-    The proof assumes nothing of rho: attitude, rates and estimates are bounded from the moment. The certificate's
-    `gain` is the share, at most 1; its evidence holds the box. Its `lower_bound` is 0, as no flight is simulated;
-    `gustproof.falsify.worst_case.reached_share` measures how tight the box is.
+    Two statements are made, and never mixed. The law's own attitude, its commands and the rates stay in the box for
+    ever. The true attitude leaves the law's by at most a drift over the horizon. No flight is simulated.
 
     Parameters
     ----------
     law
-        Torque law with three states an axis, ordered roll, pitch, yaw (a central controller), scheduled or not.
+        Name of a shipped law or a law file: torque or rates from gyros, each axis by itself.
     vehicle
-        Airframe; its gyro noise is ignored, see `noise`.
+        Name of a shipped vehicle or a vehicle file, nominal; its gyro noise is ignored, see `noise`.
     moment
-        (3,) [N*m] B, bound of the disturbance moment about each axis. The moment is any function of time, even one
-        that oscillates between the gyro's samples.
+        (3,) [N*m] B, bound of the disturbance moment about each axis.
     horizon
-        [s] from rest and level attitude, at most `LONGEST` samples.
-    leak
-        [1/s] of the Euler kinematics; 0 is the true vehicle.
+        [s] from rest and level attitude; `None` without limit, where the truth has no bound.
+    moment_class
+        Class of the moment between the samples.
+    slope
+        (3,) [N*m/s] B, largest slope within a sample, for the class `SLOPE`.
     noise
         [rad/s] rms of the white Gaussian noise of a gyro sample.
     risk
-        [-] probability that the noise leaves its bounds; unused without noise.
+        [-] probability that the noise leaves its bounds within the horizon, or in 600 s without one. Unused without
+        noise.
+    inertia_spread
+        [-] share of each moment of inertia within which it lies, constant and unknown.
+    lag_spread
+        [-] the same of the actuators' lag.
 
     Raises
     ------
+    ConfigError, LawFileError
+        If there is no such law or vehicle, or its file is not sound.
     ValueError
-        If the law has another form, or a number is out of range.
+        If the law has another form, its loop is unstable, or a number is out of range.
 
     Examples
     --------
-    >>> from gustproof import certify_boundedness, load_law, load_vehicle
-    >>> law, vehicle = load_law("hinf-scheduled"), load_vehicle("paper")
-    >>> certificate = certify_boundedness(law, vehicle, moment=(0.65, 0.65, 0.3), horizon=0.2)
-    >>> (certificate.proven, certificate.gain)
-    (True, 1.0)
+    >>> from gustproof import certify_boundedness
+    >>> certificate = certify_boundedness("flagship", "paper", moment=(0.65, 0.65, 0.3), horizon=60.0)
+    >>> [round(angle, 2) for angle in certificate.estimate_deg], [round(angle, 2) for angle in certificate.truth_deg]
+    ([1.06, 1.27, 0.86], [1.16, 1.36, 0.97])
     """
-    _check_law(law)
-    _check_numbers(law.dt, moment, horizon, leak, noise, risk)
-    evidence = _evidence(law, vehicle, moment, horizon, leak, noise, risk)
-    norms = [axis_norms(evidence, axis) for axis in range(3)]
-    level, box = _largest_level(evidence, norms)
-    evidence["box"] = [[float(value) for value in row] for row in box]
-    proven = bool(box) and _is_invariant(level, evidence, norms)
-    return Certificate(
-        statement=_statement(law, level, moment, horizon, box) if proven else "no share of the moment is covered",
-        gain=float(level) if proven else None,
-        lower_bound=0.0,
-        proven=proven,
-        assumes=_assumptions(law, moment, horizon, leak, noise, risk),
-        evidence=evidence,
-        residual=_slack(evidence, norms, level, box) if proven else None,
-    )
-
-
-def _check_law(law: Law) -> None:
-    if law.order != 9 or law.output is not Output.TORQUE:
-        raise ValueError(
-            "a closure supports H-infinity torque laws with 9 states (hinf-d1, hinf-d2, hinf-scheduled); "
-            f"law '{law.name}' has {law.order} and commands {law.output.value}"
-        )
-    if law.uses_accelerometer:
-        raise ValueError(f"law '{law.name}' uses the accelerometer, must measure rates alone")
-
-
-def _check_numbers(
-    dt: float, moment: tuple[float, float, float], horizon: float, leak: float, noise: float, risk: float
-) -> None:
-    if not (all(0.0 <= limit < math.inf for limit in moment) and max(moment) > 0.0):
-        raise ValueError(f"moment is {moment}, must be positive")
-    if not _RAREST <= risk < 1.0:
-        raise ValueError(f"risk is {risk}, must be a probability, {_RAREST} or more")
-    if not (0.0 <= leak < math.inf and 0.0 <= noise < math.inf):
-        raise ValueError(f"leak is {leak} and noise {noise}, must not be negative")
-    if not dt <= horizon <= LONGEST * dt:
-        raise ValueError(
-            f"horizon is {horizon:g} s, must be positive, from {dt:g} to {LONGEST * dt:g} s: every sample is simulated"
-        )
-
-
-def _evidence(
-    law: Law,
-    vehicle: Vehicle,
-    moment: tuple[float, float, float],
-    horizon: float,
-    leak: float,
-    noise: float,
-    risk: float,
-) -> dict[str, Any]:
-    """Return the evidence, with an empty box."""
-    samples = math.ceil(horizon / law.dt)
-    count = 3 * (len(SIGNALS) + 3) * (samples + 1)
-    return {
-        "kind": "closure",
-        "vehicle": {
-            "inertia_B": list(vehicle.inertia_B),
-            "rate_damping": vehicle.rate_damping,
-            "actuator_lag": vehicle.actuator_lag,
-        },
-        "leak": leak,
-        "law": {
-            **{name: getattr(law, name).tolist() for name in "ACG"},
-            **{name: getattr(law, name)[:, :3].tolist() for name in "BD"},
-            "dt": law.dt,
-            "limits": law.limits.tolist(),
-        },
-        "samples": samples,
+    load_law(law)  # for the errors of files
+    load_vehicle(vehicle)
+    law_text, vehicle_text = read_text(law_path(law)), read_text(vehicle_path(vehicle))
+    evidence = {
+        "kind": KIND,
+        "law_sha256": sha256(law_text),
+        "vehicle_sha256": sha256(vehicle_text),
         "moment": list(moment),
+        "part": 1.0,
+        "moment_class": moment_class.value,
+        "slope": list(slope),
+        "horizon": horizon,
         "noise": noise,
-        "risk": risk,
-        "deviations": math.sqrt(2.0 * math.log(count / risk)) + 1e-6,
+        "risk": risk if noise else 0.0,
+        "inertia_spread": inertia_spread,
+        "lag_spread": lag_spread,
+        "cells": [_INERTIA_CELLS if inertia_spread else 1, _LAG_CELLS if lag_spread else 1],
+        "samples": 0,
         "box": [],
     }
-
-
-def _assumptions(
-    law: Law, moment: tuple[float, float, float], horizon: float, leak: float, noise: float, risk: float
-) -> dict[str, Any]:
-    return {
-        "plant": "nonlinear rigid body, first-order actuators; the law in exact arithmetic, float32 on the wire",
-        "law": law.name,
-        "leak_per_s": leak,
-        "sample_time_s": law.dt,
-        "delay_samples": 1,
-        "moment_N_m": list(moment),
-        "rho": "nothing",
-        "horizon_s": horizon,
-        "start": "at rest, level, estimates 0",
-        "noise_rad_s": noise,
-        "noise_probability": risk if noise else 0.0,
-    }
-
-
-def _statement(law: Law, level: Fraction, moment: tuple[float, float, float], horizon: float, box: Box) -> str:
-    angles = ", ".join(f"{math.degrees(row[0]):.3g}" for row in box)
-    torques = ", ".join(f"{float(row[SIGNALS.index('command')]):.3g}" for row in box)
-    return (
-        f"for {horizon:g} s law '{law.name}' keeps |phi|, |theta|, |psi| below {angles} deg and its commands below "
-        f"{torques} N*m under any moment within {float(level):.4g} of {moment} N*m"
+    try:
+        claim = read_claim({**evidence, "box": [[0.0]] * 3})
+        system = spread_system(read_system(law_text, vehicle_text), claim)
+        samples, norms = _norms(system)
+    except Refusal as refusal:
+        raise ValueError(str(refusal)) from None
+    part, box = _largest_part(system, claim, norms)
+    evidence |= {"part": float(part), "samples": samples, "box": [[float(value) for value in row] for row in box]}
+    certificate = FlightCertificate(
+        proven=False,
+        statement=f"no part of the moment is proven for law '{system.name}'",
+        part=None,
+        estimate_deg=None,
+        truth_deg=None,
+        moment_class=moment_class,
+        assumes={},
+        evidence=evidence,
+    )
+    if not box:
+        return certificate
+    verdict = check_certificate(json.dumps(certificate.to_dict()), law=law_text, vehicle=vehicle_text)
+    if not verdict.accepted:
+        return replace(certificate, statement=verdict.reason)
+    figures = verdict.figures
+    return replace(
+        certificate,
+        proven=True,
+        statement=verdict.reason,
+        part=figures["part"],
+        estimate_deg=figures["estimate_deg"],
+        truth_deg=figures["truth_deg"],
+        assumes=verdict.assumes,
     )
 
 
-def _largest_level(evidence: dict[str, Any], norms: list[AxisNorms]) -> tuple[Fraction, Box]:
-    """Return the largest share of the moment, at most 1, whose box closes, and the box; an empty one if none does."""
-    nothing = [[Fraction(0)] * len(SIGNALS) for _ in range(3)]
-    whole = _grow_box(evidence, norms, Fraction(1), nothing)
+def _norms(system: LoopSystem) -> tuple[int, list[AxisNorms]]:
+    """Return the least power of two of samples that bounds the tails, and the norms.
+
+    Raises
+    ------
+    Refusal
+        If the loop is unstable or too slow.
+    """
+    samples = _FIRST_SAMPLES
+    while True:
+        try:
+            return samples, [axis_norms(system, axis, samples) for axis in range(3)]
+        except Refusal:
+            samples *= 2
+            if samples > LONGEST:
+                raise
+
+
+def _largest_part(system: LoopSystem, claim: Claim, norms: list[AxisNorms]) -> tuple[Fraction, Box]:
+    """Return the largest part of the moment, at most 1, whose box closes, and the box; an empty one if none does."""
+    case = make_case(system, claim)
+    nothing = [[Fraction(0)] * (norms[0].excess.shape[1] + 1) for _ in range(3)]
+    whole = _grow_box(system, norms, case, nothing)
     if whole:
         return Fraction(1), whole
     low, high = Fraction(0), Fraction(1)
     best: Box = []
-    while high - low > max(_TOLERANCE * high, _MIN_LEVEL):
+    while high - low > max(_TOLERANCE * high, _MIN_PART):
         middle = (low + high) / 2
-        box = _grow_box(evidence, norms, middle, best or nothing)
+        scaled = case._replace(moment=[middle * value for value in claim.moment])
+        box = _grow_box(system, norms, scaled, best or nothing)
         if box:
             low, best = middle, box
         else:
@@ -199,19 +223,19 @@ def _largest_level(evidence: dict[str, Any], norms: list[AxisNorms]) -> tuple[Fr
     return low, best
 
 
-def _grow_box(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction, box: Box) -> Box:
+def _grow_box(system: LoopSystem, norms: list[AxisNorms], case: Case, box: Box) -> Box:
     """Grow `box` until it closes and return it; an empty box if it does not settle within the limits.
 
     The map is convex and grows with the box: once the steps lengthen, they lengthen for good.
     """
-    limits = [Fraction(limit) * COMMAND_SHARE for limit in evidence["law"]["limits"]]
     sizes = [sum(map(sum, box))]
     for _ in range(_ROUNDS):
         try:
-            follows = map_box(evidence, norms, level, box)
+            follows = map_box(system, norms, case, box)
         except ValueError:  # an angle is above 1 rad; later rounds only add to it
             return []
-        if any(row[SIGNALS.index("command")] > limit for row, limit in zip(box, limits, strict=True)):
+        kept = all(is_within_limits(system, row, axis) for axis, row in enumerate(box))
+        if not (kept and is_rate_unlimited(system, case, box)):
             return []
         if _is_inside(follows, box):
             return box
@@ -225,17 +249,3 @@ def _grow_box(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction,
 def _is_inside(inner: Box, outer: Box) -> bool:
     pairs = (pair for rows in zip(inner, outer, strict=True) for pair in zip(*rows, strict=True))
     return all(value <= bound for value, bound in pairs)
-
-
-def _is_invariant(level: Fraction, evidence: dict[str, Any], norms: list[AxisNorms]) -> bool:
-    try:
-        return bool(check_box(level, evidence, norms))
-    except Refusal:
-        return False
-
-
-def _slack(evidence: dict[str, Any], norms: list[AxisNorms], level: Fraction, box: Box) -> float:
-    """Return the least relative distance between a bound of the box and the bound that follows from it."""
-    follows = map_box(evidence, norms, level, box)
-    pairs = [pair for rows in zip(follows, box, strict=True) for pair in zip(*rows, strict=True)]
-    return min(float(1 - value / bound) for value, bound in pairs if bound)

@@ -1,35 +1,37 @@
-"""Certificates: a claim, its assumptions, and evidence that anyone can check again."""
+"""Certificate of a gain: what its maker found, and the evidence that anyone can check again."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from firmware_model.config.files import parse_json, read_text, write_text
+from firmware_model.config.files import write_text
 from gustproof.certify.check.evidence import FORMAT, seal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Certificate:
-    """A claim about a closed loop, with the evidence for it.
+    """A proved gain of a closed loop, with the evidence for it; boxes of flights are `FlightCertificate`.
 
     `proven` is the verdict of the exact check, never that of a solver.
 
     Examples
     --------
-    >>> from gustproof import certify_boundedness, load_law, load_vehicle
-    >>> law, vehicle = load_law("hinf-d1"), load_vehicle("paper")
-    >>> certificate = certify_boundedness(law, vehicle, moment=(0.5, 0.5, 0.2), horizon=0.1)
-    >>> (certificate.proven, certificate.assumes["delay_samples"])
-    (True, 1)
+    >>> from gustproof import Certificate
+    >>> nothing = Certificate(
+    ...     statement="the L2 gain is not bounded", gain=None, lower_bound=0.0, proven=False, assumes={}, evidence={},
+    ...     residual=None,
+    ... )
+    >>> sorted(nothing.to_dict())
+    ['evidence', 'format', 'seal']
     """
 
     statement: str
     """The claim, in words."""
     gain: float | None
-    """[-] claimed level: an L2 gain, or the share of the moment that a closure covers; `None` if unknown."""
+    """[-] claimed L2 gain; `None` if unknown."""
     lower_bound: float
-    """[-] reached in simulation: a gain, or the share of a closure's angles; 0 without a search."""
+    """[-] gain reached in simulation."""
     proven: bool
     """True if the check accepted the evidence. False is an ordinary result: nothing is known then."""
     assumes: dict[str, Any]
@@ -41,41 +43,10 @@ class Certificate:
     evidence."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the certificate as JSON values, sealed."""
-        document = {"format": FORMAT, **asdict(self)}
+        """Return format, evidence and checksum as JSON values; the check makes the claim from the evidence."""
+        document = {"format": FORMAT, "evidence": self.evidence}
         return {**document, "seal": seal(document)}
 
     def save(self, path: str | Path) -> None:
         """Write the certificate as JSON, every number to the bit."""
         write_text(Path(path), json.dumps(self.to_dict(), indent=1, ensure_ascii=False) + "\n")
-
-
-def load_certificate(path: str | Path) -> Certificate:
-    """Read a certificate file without checking its claim; `certify.check.evidence.check` does that.
-
-    Raises
-    ------
-    ValueError
-        If the file is not JSON, or a key is missing or unknown.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from gustproof import certify_boundedness, load_certificate, load_law, load_vehicle
-    >>> law, vehicle = load_law("hinf-d1"), load_vehicle("paper")
-    >>> made = certify_boundedness(law, vehicle, moment=(0.5, 0.5, 0.2), horizon=0.1)
-    >>> with TemporaryDirectory() as folder:
-    ...     made.save(Path(folder) / "proof.json")
-    ...     read = load_certificate(Path(folder) / "proof.json")
-    >>> read == made
-    True
-    """
-    document = parse_json(read_text(Path(path)))
-    if not isinstance(document, dict) or document.pop("format", None) != FORMAT:
-        raise ValueError(f"{path}: format: must be '{FORMAT}'")
-    document.pop("seal", None)
-    try:
-        return Certificate(**document)
-    except TypeError as error:
-        raise ValueError(f"{path}: {error}") from None

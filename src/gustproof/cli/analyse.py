@@ -1,12 +1,12 @@
 """The command `gustproof analyse`: performance and limits of a law."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from firmware_model.errors import ConfigError
+from gustproof.cli.options import SEED, AsJson, VehicleName, check_output, print_json
 
 
 def analyse(
@@ -14,13 +14,13 @@ def analyse(
     scenario: Annotated[
         str, typer.Option(help="Scenario that gives the wind and the sample rate.")
     ] = "paper-turbulence",
-    vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
-    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")] = 1,
+    vehicle: VehicleName = "paper",
+    seed: Annotated[int, SEED] = 1,
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", help="Write Bode plot, sensitivities, step and gust response here (.png)."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Print a law's margins, poles, flown figures, error budget and limits.
 
@@ -32,11 +32,10 @@ def analyse(
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.analysis.analyse import analyse as analysed
     from gustproof.law.io.matrices import read_law
-    from gustproof.report.analysis import render_analysis
+    from gustproof.report.laws import render_analysis
     from gustproof.report.terminal import show
 
-    if output is not None and output.suffix != ".png":
-        raise ConfigError(f"{output}: the figure's file must end in .png")
+    check_output(output, ".png", "a figure")
     read, script = read_law(law), load_scenario(scenario)
     if read.dt != script.dt:
         raise ConfigError(f"law '{read.name}' steps every {read.dt} s, scenario '{script.name}' every {script.dt} s")
@@ -50,7 +49,7 @@ def analyse(
     except (ValueError, OverflowError) as error:  # numbers beyond a matrix routine or an axis
         raise ConfigError(f"law '{read.name}' cannot be analysed on vehicle '{airframe.name}': {error}") from None
     if as_json:
-        print(json.dumps(analysis.to_dict(), indent=2))
+        print_json(analysis.to_dict())
         return
     show(render_analysis(analysis))
     if output is not None:

@@ -3,14 +3,13 @@
 import typer
 
 from gustproof.cli.analyse import analyse
-from gustproof.cli.autopilot import autopilot
 from gustproof.cli.campaign import campaign
 from gustproof.cli.certify import certify
-from gustproof.cli.controller import controller
 from gustproof.cli.design import design
 from gustproof.cli.export import export
 from gustproof.cli.failures import OneLineErrors
 from gustproof.cli.fly import fly
+from gustproof.cli.processes import autopilot, controller
 from gustproof.cli.recover import recover
 from gustproof.cli.report import report
 from gustproof.cli.reproduce import reproduce

@@ -1,6 +1,5 @@
 """The command `gustproof campaign`: one scenario, flown many times."""
 
-import json
 import sys
 from enum import Enum
 from pathlib import Path
@@ -9,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.failures import ANYWAY, ExitStatus, exit_with
-from gustproof.cli.progress import progress
+from gustproof.cli.failures import ExitStatus, exit_with
+from gustproof.cli.options import Anyway, AsJson, VehicleName, check_output, print_json, progress
 
 if TYPE_CHECKING:
     from gustproof.campaign.plan import Campaign
@@ -39,13 +38,13 @@ def campaign(
     attitude_spread: Annotated[
         float, typer.Option(min=0.01, max=60.0, help="Start within this angle of the scenario's attitude [deg].")
     ] = 5.0,
-    vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
+    vehicle: VehicleName = "paper",
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of all random draws.")] = 1,
     executor: Annotated[
         str | None, typer.Option(help="Fly on a dask cluster: dask://tcp://HOST:PORT.", show_default=False)
     ] = None,
-    anyway: Annotated[bool, typer.Option("--anyway", help=ANYWAY)] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
+    anyway: Anyway = False,
+    as_json: AsJson = False,
 ) -> None:
     """Fly one scenario many times with varied parameters, and print statistics with confidence intervals.
 
@@ -60,54 +59,39 @@ def campaign(
 
         gustproof fly --run mc.parquet:471
     """
-    from gustproof.campaign.statistics import compute_statistics
-    from gustproof.report.campaign import render_campaign
-    from gustproof.report.terminal import show
-    from gustproof.simulate.flight import check
-
-    plan = _make_plan(scenario, law, vehicle, spread, sampling, gust_spread, attitude_spread, runs, seed)
-    if not anyway:
-        for flown in plan.laws:
-            check(plan.scenario, flown, plan.vehicles.nominal)
-    _fly(plan, output, workers, executor, quiet=as_json)
-    found = compute_statistics(output)
-    if as_json:
-        print(json.dumps(found.to_dict(), indent=2))
-    else:
-        show(render_campaign(found))
-
-
-def _make_plan(
-    scenario: str,
-    laws: list[str],
-    vehicle: str,
-    spread: str | None,
-    sampling: str,
-    gust: float,
-    attitude_deg: float,
-    runs: int,
-    seed: int,
-) -> "Campaign":
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
     from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads, usual_dispersions
     from gustproof.campaign.sampling import Sampling
+    from gustproof.campaign.statistics import compute_statistics
     from gustproof.law.form import load_law
+    from gustproof.report.campaign import render_campaign
+    from gustproof.report.terminal import show
+    from gustproof.simulate.flight import check
 
     script, vehicles = load_scenario(scenario), load_vehicle_set(vehicle)
     if spread is None:
         wanted = usual_dispersions(vehicles)
     else:
         wanted = [_parse_choice(DispersionKind, "--spread", word.strip()) for word in spread.split(",")]
-    return Campaign(
+    plan = Campaign(
         scenario=script,
-        laws=tuple(load_law(name) for name in laws),
+        laws=tuple(load_law(name) for name in law),
         vehicles=vehicles,
-        spreads=select_spreads(vehicles, script, wanted, gust=gust, attitude_deg=attitude_deg),
+        spreads=select_spreads(vehicles, script, wanted, gust=gust_spread, attitude_deg=attitude_spread),
         cases=runs,
         sampling=_parse_choice(Sampling, "--sampling", sampling),
         seed=seed,
     )
+    if not anyway:
+        for flown in plan.laws:
+            check(plan.scenario, flown, plan.vehicles.nominal)
+    _fly(plan, output, workers, executor, quiet=as_json)
+    found = compute_statistics(output)
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        show(render_campaign(found))
 
 
 def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | None, *, quiet: bool) -> None:
@@ -117,8 +101,7 @@ def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | No
     from gustproof.campaign.runner import fly_campaign
     from gustproof.campaign.store import check_same_campaign
 
-    if output.suffix != ".parquet":
-        raise ConfigError(f"{output}: a campaign's table ends in .parquet")
+    check_output(output, ".parquet", "a campaign's table")
     if output.exists():
         check_same_campaign(read_campaign_metadata(output), plan.metadata(), f"{output}: holds another campaign")
         _print_status(f"{output}: all {plan.runs:,} runs are there", quiet=quiet)

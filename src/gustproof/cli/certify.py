@@ -1,6 +1,5 @@
 """The command `gustproof certify`: prove a bound, or check a certificate."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -10,14 +9,17 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, say
-from gustproof.cli.vectors import parse_positive_vector
+from gustproof.cli.options import AsJson, check_output, parse_positive_vector, print_json, refuse_given
 
 if TYPE_CHECKING:
+    from gustproof.certify.boundedness import FlightCertificate
     from gustproof.certify.certificate import Certificate
+    from gustproof.lti.state_space import LinearSystem
+    from gustproof.model.interconnection import Interconnection
     from gustproof.synthesis.designs import Design
 
 
-_USAGE = "give a design with --angle-rad and --rate-rad-s, a law with --closure, or --check with a certificate"
+_USAGE = "give a law, a design with --angle-rad and --rate-rad-s, or --check with a certificate"
 _ASSUMPTIONS = {
     "leak_per_s": "leak [1/s]",
     "rate_damping_per_s": "rate damping [1/s]",
@@ -25,18 +27,28 @@ _ASSUMPTIONS = {
     "rate_rad_s": "rates up to [rad/s]",
     "sample_time_s": "sample time [s]",
     "moment_N_m": "moment up to [N m]",
+    "moment_between_samples": "moment in a sample",
+    "moment_slope_N_m_s": "slope in it [N m/s]",
     "noise_rad_s": "gyro noise rms [rad/s]",
+    "inertia_kg_m2": "inertia [kg m^2]",
+    "actuator_lag_s": "actuator lag [s]",
+    "system_sha256": "SHA-256 of the system",
+    "speeds_per_s": "speeds up to [1/s]",
+    "inertia_spread": "inertia within share",
+    "actuator_lag_spread": "lag within share",
     "rho": "attitude and rates",
     "horizon_s": "duration [s]",
     "delay_samples": "delay [samples]",
     "noise_probability": "risk from noise",
+    "noise_period_s": "risk counts over [s]",
 }
 """Label of each assumption on a terminal; others keep their key."""
-_UNBOUNDED = {"rho": "no assumption", "horizon_s": "unlimited", "delay_samples": "none"}
-"""Text of an assumption that is `None`, "nothing" or 0."""
+_UNBOUNDED = {"horizon_s": "unlimited", "delay_samples": "none"}
+"""Text of an assumption that is `None` or 0."""
 
 
 def certify(
+    context: typer.Context,
     name: Annotated[
         str | None, typer.Argument(help="Name of a shipped design or law, or a file: design .toml, law .json.")
     ] = None,
@@ -45,16 +57,16 @@ def certify(
     ] = None,
     rate: Annotated[float | None, typer.Option("--rate-rad-s", help="Envelope: largest rates p, q, r [rad/s].")] = None,
     level: Annotated[float | None, typer.Option(help="Gain to prove [default: the least provable one].")] = None,
-    closure: Annotated[
-        bool,
-        typer.Option(
-            "--closure", help="Prove that the nonlinear flight stays in a box, under the moments of --moment."
-        ),
-    ] = False,
-    moment: Annotated[
-        str, typer.Option(help="Closure: largest moment about each axis, L,M,N [N m].")
-    ] = "0.65,0.65,0.3",
-    horizon: Annotated[float, typer.Option(help="Closure: length of the flight [s].")] = 60.0,
+    moment: Annotated[str, typer.Option(help="Flight: largest moment about each axis, L,M,N [N m].")] = "0.65,0.65,0.3",
+    moment_class: Annotated[
+        str, typer.Option(help="Flight: the moment between two samples: held, slope (see --slope), or any function.")
+    ] = "held",
+    slope: Annotated[
+        str | None, typer.Option(help="Flight: largest slope of the moment within a sample, L,M,N [N m/s].")
+    ] = None,
+    horizon: Annotated[
+        float, typer.Option(help="Flight: how long the true attitude is bounded [s]; inf bounds the law's own alone.")
+    ] = 60.0,
     exact_rho: Annotated[
         bool, typer.Option("--exact-rho", help="Controller with the airframe's A(rho) and exact knowledge of rho.")
     ] = False,
@@ -63,20 +75,34 @@ def certify(
     ] = False,
     leak: Annotated[
         float | None,
-        typer.Option(
-            help="Leak of the plant's Euler kinematics [1/s] [default: the design's; closure: 0, as in the vehicle]."
-        ),
+        typer.Option(help="Gain: leak of the plant's Euler kinematics [1/s] [default: the design's]."),
     ] = None,
-    noise: Annotated[float, typer.Option(help="Closure: rms of the gyro's white noise in a sample [rad/s].")] = 0.0,
-    risk: Annotated[float, typer.Option(help="Closure: probability that the noise leaves its bounds.")] = 1e-3,
+    noise: Annotated[float, typer.Option(help="Flight: rms of the gyro's white noise in a sample [rad/s].")] = 0.0,
+    risk: Annotated[
+        float,
+        typer.Option(
+            help="Flight: probability that the noise leaves its bounds in the horizon, or in 600 s. With --air, that"
+            " the attitude leaves the box."
+        ),
+    ] = 1e-3,
+    air: Annotated[
+        str | None, typer.Option(help="Predict the box for the turbulence of this scenario: a name or a .toml file.")
+    ] = None,
+    inertia_spread: Annotated[
+        float, typer.Option(help="Flight: every constant inertia within this share, such as 0.2.")
+    ] = 0.0,
+    lag_spread: Annotated[float, typer.Option(help="Flight: every constant actuator lag within this share.")] = 0.0,
     check_file: Annotated[
         Path | None, typer.Option("--check", help="Check a certificate in exact arithmetic, without a solver.")
+    ] = None,
+    law: Annotated[
+        str | None, typer.Option(help="With --check: the law of a flight's certificate, a name or a .json file.")
     ] = None,
     vehicle: Annotated[
         str | None, typer.Option(help="Name of a shipped vehicle, or a .toml file [default: the design's, or paper].")
     ] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the certificate here (.json).")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Prove a bound on the effect of disturbances and noise on a loop.
 
@@ -91,12 +117,18 @@ def certify(
     proof uses bounds on the speeds of roll and pitch, which follow from the envelope's rates. It is tighter and takes
     half a minute.
 
-    With `--closure` the statement is about the law file that flies, sampled and one sample late, on the nonlinear
-    vehicle. The flight starts from rest and ends within the horizon. Under any moment within the certified part of the
-    budget, angles, rates and commands stay in a box. Nothing is assumed of the motion. The gain is the certified part
-    of the budget, at most 1.
+    A law without an envelope is proved to fly within a box: its file, sampled and one sample late, on the nonlinear
+    vehicle without leak. Two statements are made. The law's own attitude, its rates and commands stay in the box for
+    ever, under any moment within --moment. The true attitude leaves that of a strapdown law by at most a drift, which
+    grows with the horizon: a gyro does not observe attitude. Nothing is assumed of the motion. The part is the
+    certified share of the moment, at most 1. --check derives the loop again from the law and vehicle files. Of a gain,
+    given the design and its envelope, it compares the loop derived again with the evidence.
 
-    The output lists the assumptions of each statement. Exit status: 0 proven, 1 not proven, 2 bad input.
+    With --air nothing is proved. A linear Gaussian model predicts the box that the true attitude leaves with --risk at
+    most, in the scenario's turbulence and gyro noise, over its duration. Tails are summed over all samples and axes.
+
+    The output lists the assumptions of each statement. Exit status: 0 proven, or predicted with --air, 1 not proven, 2
+    bad input.
 
         gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 -o certificate.json
 
@@ -106,34 +138,82 @@ def certify(
 
         gustproof certify hinf-d1 --angle-rad 0.3 --rate-rad-s 0.5 --exact-rho --leak 0.05
 
-        gustproof certify hinf-scheduled --closure --moment 0.65,0.65,0.3 --horizon 60
+        gustproof certify flagship --moment 0.65,0.65,0.3 --horizon 60 -o flight.json
+
+        gustproof certify flagship --horizon inf --noise 0.0036 --risk 1e-3
+
+        gustproof certify flagship --air paper-turbulence --risk 1e-3
 
         gustproof certify --check certificate.json
+
+        gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 --check certificate.json
+
+        gustproof certify --check flight.json --law flagship --vehicle paper
     """
-    if check_file is not None:
-        if name is not None:
-            raise ConfigError("--check takes the certificate's file alone")
-        raise typer.Exit(_check(check_file, as_json=as_json).value)
+    if air is not None:
+        _predict(context, name, vehicle or "paper", air, risk, as_json=as_json)
+        return
     envelope = _parse_envelope(angle, rate)
-    if name is None or closure == (envelope is not None):
+    gain: dict[str, Any] = {"leak": leak, "exact_rho": exact_rho, "slow": slow}
+    if check_file is not None:
+        if (name is None) != (envelope is None):
+            raise ConfigError("--check takes a gain's design with its envelope, or a flight's --law and --vehicle")
+        status = _check(check_file, law, None if name else vehicle, as_json=as_json)
+        if name is not None and envelope is not None and status is ExitStatus.DONE:
+            status = _check_design(check_file, _find_design(name), vehicle, *envelope, **gain)
+        raise typer.Exit(status.value)
+    if name is None or law is not None:
         raise ConfigError(_USAGE)
-    if closure and (exact_rho or slow or level is not None):
-        raise ConfigError("--exact-rho, --slow and --level are for a gain; a closure takes the law file as it is")
-    if output is not None and output.suffix != ".json":
-        raise ConfigError(f"{output}: a certificate ends in .json")
+    check_output(output, ".json", "a certificate")
+    certificate: Certificate | FlightCertificate
     if envelope is not None:
-        certificate = _certify_gain(
-            _find_design(name), vehicle, *envelope, level=level, leak=leak, exact_rho=exact_rho, slow=slow
-        )
+        certificate = _certify_gain(_find_design(name), vehicle, *envelope, level=level, **gain)
     else:
-        bound = parse_positive_vector("--moment", moment)
-        certificate = _certify_boundedness(
-            name, vehicle or "paper", bound, horizon, leak=leak or 0.0, noise=noise, risk=risk
+        gains = ("exact_rho", "slow", "level", "leak")
+        refuse_given(context, gains, "a flight takes the law file as it is, and proves no gain")
+        certificate = _certify_flight(
+            name,
+            vehicle or "paper",
+            moment,
+            horizon,
+            moment_class=moment_class,
+            slope=slope,
+            noise=noise,
+            risk=risk,
+            inertia_spread=inertia_spread,
+            lag_spread=lag_spread,
         )
     if output is not None and certificate.proven:
         certificate.save(output)
     _show(name, certificate, output, as_json=as_json)
     raise typer.Exit((ExitStatus.DONE if certificate.proven else ExitStatus.REQUIREMENT_FAILED).value)
+
+
+def _predict(context: typer.Context, name: str | None, vehicle: str, air: str, risk: float, *, as_json: bool) -> None:
+    """Print the box that the linear Gaussian model predicts."""
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.law.form import load_law
+    from gustproof.performance.chance import attitude_box
+
+    meant = {"name", "vehicle", "air", "risk", "as_json"}
+    refuse_given(
+        context, sorted(set(context.params) - meant), "--air takes all but law, vehicle and risk from its file"
+    )
+    if name is None:
+        raise ConfigError(_USAGE)
+    try:
+        found = attitude_box(load_law(name), load_vehicle(vehicle), load_scenario(air), risk)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    if as_json:
+        figures = {"attitude_deg": found.attitude_deg, "risk": found.risk, "horizon_s": found.horizon_s, "air": air}
+        print_json({"proven": False, **figures, "assumes": found.assumes})
+        return
+    angles = ", ".join(f"{math.ceil(1e3 * angle) / 1e3:g}" for angle in found.attitude_deg)
+    claim = f"|phi|, |theta|, |psi| stay below {angles} deg for {found.horizon_s:g} s of {air}"
+    say(f"{name}: predicted, not proven: {claim} with probability {1.0 - found.risk:.9g} or more")
+    _show_assumptions(found.assumes)
 
 
 def _parse_envelope(angle: float | None, rate: float | None) -> tuple[float, float] | None:
@@ -147,12 +227,12 @@ def _parse_envelope(angle: float | None, rate: float | None) -> tuple[float, flo
 
 def _find_design(name: str) -> "Design":
     """Return the design of that name, or the design of the shipped law of that name."""
-    from gustproof.law.form import shipped_laws
-    from gustproof.synthesis.designs import load_design, shipped_designs
+    from gustproof.law.form import list_laws
+    from gustproof.synthesis.designs import list_designs, load_design
 
-    if name not in shipped_laws():
+    if name not in list_laws():
         return load_design(name)
-    made_from = {design.law: design for design in map(load_design, shipped_designs())}
+    made_from = {design.law: design for design in map(load_design, list_designs())}
     if name not in made_from:
         allowed = ", ".join(law for law, design in made_from.items() if _has_gain(design))
         raise ConfigError(
@@ -177,8 +257,26 @@ def _certify_gain(
     exact_rho: bool,
     slow: bool,
 ) -> "Certificate":
-    from firmware_model.config.vehicle import load_vehicle
     from gustproof.certify.gain.l2_gain import certify_gain
+
+    problem, controller = _design_loop(design, vehicle, leak)
+    try:
+        return certify_gain(
+            problem,
+            controller,
+            angle=angle,
+            rate=rate,
+            scheduled=exact_rho or design.scheduled,
+            rate_bounded=slow,
+            level=level,
+        )
+    except ValueError as error:
+        raise ConfigError(f"design {design.name}: {error}") from None
+
+
+def _design_loop(design: "Design", vehicle: str | None, leak: float | None) -> "tuple[Interconnection, LinearSystem]":
+    """Return the design's problem, with another leak if given, and its controller."""
+    from firmware_model.config.vehicle import load_vehicle
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import design_problem
 
@@ -188,86 +286,122 @@ def _certify_gain(
         raise ConfigError(
             f"--leak: is {leak}, must be positive: without leak the attitude integrates and no gain is finite"
         )
+    problem = report.problem if leak is None else design_problem(replace(design, leak=leak), airframe)
+    return problem, report.result.controller
+
+
+def _check_design(
+    path: Path,
+    design: "Design",
+    vehicle: str | None,
+    angle: float,
+    rate: float,
+    *,
+    leak: float | None,
+    exact_rho: bool,
+    slow: bool,
+) -> ExitStatus:
+    """Derive the loop again and compare it with the evidence of an accepted certificate."""
+    from firmware_model.config.files import parse_json, read_text
+    from gustproof.certify.gain.l2_gain import attitude_loop, envelope_speeds, is_evidence_of
+    from gustproof.model.rotational import Envelope
+
+    problem, controller = _design_loop(design, vehicle, leak)
     try:
-        problem = report.problem if leak is None else design_problem(replace(design, leak=leak), airframe)
         scheduled = exact_rho or design.scheduled
-        return certify_gain(
-            problem,
-            report.result.controller,
-            angle=angle,
-            rate=rate,
-            scheduled=scheduled,
-            rate_bounded=slow,
-            level=level,
-        )
+        loop = attitude_loop(problem, controller, Envelope(angle=angle, rate=rate), scheduled=scheduled)
+        kept = design.leak if leak is None else leak
+        speeds = envelope_speeds(angle, rate, leak=kept) if slow else None
+        same = is_evidence_of(parse_json(read_text(path))["evidence"], loop, speeds)
     except ValueError as error:
         raise ConfigError(f"design {design.name}: {error}") from None
+    if not same:
+        say(f"refused: the evidence is not about design '{design.name}' with this envelope")
+        return ExitStatus.REQUIREMENT_FAILED
+    return ExitStatus.DONE
 
 
-def _certify_boundedness(
+def _certify_flight(
     law: str,
     vehicle: str,
-    moment: tuple[float, float, float],
+    moment: str,
     horizon: float,
     *,
-    leak: float,
+    moment_class: str,
+    slope: str | None,
     noise: float,
     risk: float,
-) -> "Certificate":
-    from firmware_model.config.vehicle import load_vehicle
+    inertia_spread: float,
+    lag_spread: float,
+) -> "FlightCertificate":
     from gustproof.certify.boundedness import certify_boundedness
-    from gustproof.certify.check.invariant_box import SIGNALS
-    from gustproof.falsify.worst_case import reached_share
-    from gustproof.law.form import load_law
+    from gustproof.certify.check.flight_box import MomentClass
 
-    flown, airframe = load_law(law), load_vehicle(vehicle)
+    classes = [member.value for member in MomentClass]
+    if moment_class not in classes:
+        raise ConfigError(f"--moment-class: is '{moment_class}', must be one of {', '.join(classes)}")
     try:
-        certificate = certify_boundedness(
-            flown, airframe, moment=moment, horizon=horizon, leak=leak, noise=noise, risk=risk
+        return certify_boundedness(
+            law,
+            vehicle,
+            moment=parse_positive_vector("--moment", moment),
+            horizon=None if horizon == math.inf else horizon,
+            moment_class=MomentClass(moment_class),
+            slope=(0.0, 0.0, 0.0) if slope is None else parse_positive_vector("--slope", slope),
+            noise=noise,
+            risk=risk,
+            inertia_spread=inertia_spread,
+            lag_spread=lag_spread,
         )
-        if not certificate.proven or certificate.gain is None or leak:  # a vehicle with a leak cannot be flown
-            return certificate
-        L, M, N = (certificate.gain * limit for limit in moment)
-        angles_rad = [row[SIGNALS.index("E")] for row in certificate.evidence["box"]]
-        share = reached_share(flown, airframe, angles_rad=angles_rad, budget=(L, M, N), duration_s=horizon)
-        return replace(certificate, lower_bound=share)
     except ValueError as error:
         raise ConfigError(str(error)) from None
 
 
-def _check(path: Path, *, as_json: bool) -> ExitStatus:
+def _check(path: Path, law: str | None, vehicle: str | None, *, as_json: bool) -> ExitStatus:
     from firmware_model.config.files import parse_json, read_text
-    from gustproof.certify.check.evidence import FORMAT, check
+    from firmware_model.config.vehicle import vehicle_path
+    from gustproof.certify.check.evidence import FORMAT, check_certificate
+    from gustproof.law.form import law_path
 
     try:
         text = read_text(path)
         claimed = parse_json(text)
+        law_text = None if law is None else read_text(law_path(law))
+        vehicle_text = None if vehicle is None else read_text(vehicle_path(vehicle))
     except ValueError as error:
         raise ConfigError(f"{path}: not JSON: {error}") from None
     if not isinstance(claimed, dict) or claimed.get("format") != FORMAT:
         raise ConfigError(f"{path}: not a certificate: its format must be '{FORMAT}'")
-    verdict = check(text)
+    verdict = check_certificate(text, law=law_text, vehicle=vehicle_text)
     if as_json:
-        keys = ("statement", "gain", "lower_bound", "assumes") if verdict.accepted else ()
-        figures = {key: claimed[key] for key in keys if key in claimed}
-        print(json.dumps({"proven": verdict.accepted, "reason": verdict.reason, **figures}, indent=2))
+        made = {"assumes": verdict.assumes} if verdict.accepted else {}
+        print_json({"proven": verdict.accepted, "reason": verdict.reason, **verdict.figures, **made})
     elif verdict.accepted:
-        say(f"proven: {claimed['statement']}")
-        say(verdict.reason)
-        _show_assumptions(claimed["assumes"])
+        say(f"proven: {verdict.reason}")
+        _show_assumptions(verdict.assumes)
     else:
         say(f"refused: {verdict.reason}")
     return ExitStatus.DONE if verdict.accepted else ExitStatus.REQUIREMENT_FAILED
 
 
-def _show(name: str, certificate: "Certificate", output: Path | None, *, as_json: bool) -> None:
-    gain = certificate.gain
+def _show(name: str, certificate: "Certificate | FlightCertificate", output: Path | None, *, as_json: bool) -> None:
+    from gustproof.certify.boundedness import FlightCertificate
+
     if as_json:
-        figures = {"gain": gain, "lower_bound": certificate.lower_bound, "proven": certificate.proven}
-        print(json.dumps({**figures, "assumes": certificate.assumes, "statement": certificate.statement}, indent=2))
+        figures: dict[str, Any] = {"proven": certificate.proven}
+        if isinstance(certificate, FlightCertificate):
+            figures |= {
+                "part": certificate.part,
+                "estimate_deg": certificate.estimate_deg,
+                "truth_deg": certificate.truth_deg,
+                "moment_class": certificate.moment_class.value,
+            }
+        else:
+            figures |= {"gain": certificate.gain, "lower_bound": certificate.lower_bound}
+        print_json({**figures, "assumes": certificate.assumes, "statement": certificate.statement})
         return
     print(f"{name}: {'proven' if certificate.proven else 'NOT proven'}: {certificate.statement}")
-    if certificate.lower_bound:  # 0 if nothing was simulated
+    if not isinstance(certificate, FlightCertificate):
         print(_describe_lower_bound(certificate))
     _show_assumptions(certificate.assumes)
     if output is not None:
@@ -280,9 +414,6 @@ def _show(name: str, certificate: "Certificate", output: Path | None, *, as_json
 
 def _describe_lower_bound(certificate: "Certificate") -> str:
     reached, gain = certificate.lower_bound, certificate.gain
-    if certificate.evidence.get("kind") == "closure":
-        line = f"the worst simulated flight used {100.0 * reached:.2g} % of the angles of this box"
-        return f"{line}, so the claimed box is false" if reached > 1.0 else line
     line = f"a simulation reached {reached:.4g}"
     return f"{line}, so the claimed bound {gain:.4g} is false" if gain is not None and reached > gain else line
 
@@ -290,6 +421,6 @@ def _describe_lower_bound(certificate: "Certificate") -> str:
 def _show_assumptions(assumes: dict[str, Any]) -> None:
     print("assumptions")
     for key, value in assumes.items():
-        unbounded = key in _UNBOUNDED and value in (None, 0, "nothing")
+        unbounded = key in _UNBOUNDED and value in (None, 0)
         text = _UNBOUNDED[key] if unbounded else "none" if value is None else value
         say(f"  {_ASSUMPTIONS.get(key, key):22} {text}")

@@ -1,30 +1,22 @@
 """The command `gustproof design`: from weights to a law file."""
 
-import json
-from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.progress import progress
-
-if TYPE_CHECKING:
-    from gustproof.model.interconnection import Interconnection
-    from gustproof.synthesis.designs import Design
-    from gustproof.synthesis.structured.hinfstruct import StructResult
+from gustproof.cli.options import AsJson, check_output, print_json, progress
 
 
 class Method(Enum):
     """Synthesis method of a design."""
 
-    HINFSYN = "hinfsyn"
-    """Two Riccati equations: the central controller, of the plant's order."""
-    HINFSTRUCT = "hinfstruct"
-    """Nonsmooth optimisation: any order, each axis on its own."""
+    HINFSYN = "hinfsyn"  # two Riccati equations: the central controller, of the plant's order
+    HINFSTRUCT = "hinfstruct"  # nonsmooth optimisation: any order, each axis on its own
 
 
 def design(
@@ -47,7 +39,7 @@ def design(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Write the law here (.json), its singular values beside it.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Solve an H-infinity design, print its level, norm, order, margins and poles, and save the law.
 
@@ -58,55 +50,40 @@ def design(
     gustproof design D2 --method hinfstruct --order 6 -o reduced.json
     """
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.report.design import render_design, save_design_figure
+    from gustproof.report.laws import render_design, save_design_figure
     from gustproof.report.terminal import show
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import load_design
+    from gustproof.synthesis.structured.fixed_order import solve_structured
 
-    _check_level(gamma, backoff)
-    _check_method(method, order, sets_level=gamma is not None or backoff is not None)
-    if output is not None and output.suffix != ".json":
-        raise ConfigError(f"{output}: a law file ends in .json")
+    _check_method(method, order, gamma, backoff)
+    check_output(output, ".json", "a law file")
     wanted = load_design(name)
     if gamma is not None:
         wanted = replace(wanted, gamma=gamma)
     elif backoff is not None:
         wanted = replace(wanted, gamma=None, backoff=backoff)
-    solve = None if order is None else _make_solver(order, starts, seed, quiet=as_json)
-    law, report = derive(wanted, None if vehicle is None else load_vehicle(vehicle), solve=solve)
+    airframe = None if vehicle is None else load_vehicle(vehicle)
+    with progress(f"searching, {wanted.name}", quiet=as_json or order is None) as shown:
+        search = partial(solve_structured, order=order or 0, starts=starts, seed=seed, progress=shown)
+        law, report = derive(wanted, airframe, solve=None if order is None else search)
     if output is not None:
         law.save(output)
         save_design_figure(report, output.with_suffix(".png"))
     if as_json:
-        print(json.dumps(report.to_dict(), indent=2))
+        print_json(report.to_dict())
     else:
         show(render_design(report))
         if output is not None:
             print(f"law in {output}, singular values in {output.with_suffix('.png')}")
 
 
-def _check_level(gamma: float | None, backoff: float | None) -> None:
+def _check_method(method: Method, order: int | None, gamma: float | None, backoff: float | None) -> None:
     if gamma is not None and backoff is not None:
         raise ConfigError("--gamma and --backoff both set the level: give one of them")
     if (gamma is not None and not gamma > 0.0) or (backoff is not None and not backoff > 1.0):
         raise ConfigError("--gamma must be above 0, --backoff above 1")
-
-
-def _check_method(method: Method, order: int | None, *, sets_level: bool) -> None:
     if (method is Method.HINFSTRUCT) != (order is not None):
         raise ConfigError("--method hinfstruct and --order go together")
-    if method is Method.HINFSTRUCT and sets_level:
+    if method is Method.HINFSTRUCT and (gamma is not None or backoff is not None):
         raise ConfigError("--method hinfstruct minimises the level: --gamma and --backoff cannot set it")
-
-
-def _make_solver(
-    order: int, starts: int, seed: int, *, quiet: bool
-) -> "Callable[[Design, Interconnection], StructResult]":
-    """Return a function that solves a design by `hinfstruct` and shows its progress."""
-    from gustproof.synthesis.structured.fixed_order import solve_structured
-
-    def solve(design: "Design", problem: "Interconnection") -> "StructResult":
-        with progress(f"searching, {design.name}", quiet=quiet) as shown:
-            return solve_structured(design, problem, order=order, starts=starts, seed=seed, progress=shown)
-
-    return solve

@@ -13,24 +13,17 @@ from firmware_model.config.validation import printable
 from firmware_model.errors import ConfigError
 from gustproof.errors import DesignError, FlightError
 
-ANYWAY = "Fly even a law that is unstable on the vehicle, or references that it does not hold."
-"""Help of `--anyway`."""
 _DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # raised by writes, without a file's name
 
 
 class ExitStatus(IntEnum):
     """Exit status of a command."""
 
-    DONE = 0
-    """Success."""
-    REQUIREMENT_FAILED = 1
-    """The command ran to its end, and a stated requirement failed."""
-    BAD_INPUT = 2
-    """A file, a name or an option is wrong, or the design has no controller."""
-    FLIGHT_BROKE_OFF = 3
-    """A flight did not reach its end."""
-    INTERRUPTED = 130
-    """Ctrl-C, with the number that shells use."""
+    DONE = 0  # success
+    REQUIREMENT_FAILED = 1  # the command ran to its end, and a stated requirement failed
+    BAD_INPUT = 2  # a file, a name or an option is wrong, or the design has no controller
+    FLIGHT_BROKE_OFF = 3  # a flight did not reach its end
+    INTERRUPTED = 130  # Ctrl-C, with the number that shells use
 
 
 class OneLineErrors(TyperGroup):

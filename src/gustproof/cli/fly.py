@@ -1,16 +1,14 @@
 """The command `gustproof fly`: one flight, new or repeated."""
 
-import json
 import sys
-from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gustproof.cli.failures import ANYWAY, ExitStatus, exit_with
-from gustproof.cli.progress import progress
+from gustproof.cli.failures import ExitStatus, exit_with
+from gustproof.cli.options import SEED, Anyway, AsJson, VehicleName, print_json, progress, refuse_given
 
 if TYPE_CHECKING:
     from gustproof.campaign.rerun import CampaignRun
@@ -19,6 +17,8 @@ if TYPE_CHECKING:
 
 _BAG_OPTIONS = ("scenario", "law", "vehicle", "seed", "real_time", "run")
 _TABLE_OPTIONS = ("vehicle", "seed", "real_time")
+_Comparison = tuple[bool | None, str]
+"""True if all bits are equal, `None` if they cannot be compared; the result in words."""
 
 
 def fly(
@@ -30,8 +30,8 @@ def fly(
         str | None,
         typer.Option(help="Name of a shipped law, or a .json file [default: flagship, if it is for the vehicle]."),
     ] = None,
-    vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
-    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")] = 1,
+    vehicle: VehicleName = "paper",
+    seed: Annotated[int, SEED] = 1,
     real_time: Annotated[
         bool, typer.Option("--real-time", help="Fly at the pace of the clock, on the usual ports.")
     ] = False,
@@ -50,11 +50,11 @@ def fly(
         typer.Option("--view", help="Watch the flight on a page in a browser of this machine; the page starts it."),
     ] = False,
     tlog: Annotated[bool, typer.Option(help="Write the MAVLink traffic as .tlog beside the bag.")] = True,
-    anyway: Annotated[bool, typer.Option("--anyway", help=ANYWAY)] = False,
+    anyway: Anyway = False,
     out: Annotated[
         Path | None, typer.Option(help="New folder for the recording [default: a fresh one in runs/].")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Fly one scenario with autopilot and controller as two processes that speak MAVLink over UDP.
 
@@ -92,7 +92,8 @@ def fly(
     interrupted = result.outcome is FlightOutcome.INTERRUPTED
     comparison = None if interrupted else _compare(result, plan, repeat, table_run)
     if as_json:
-        print(json.dumps(result.to_dict() | (comparison.document() if comparison else {}), indent=2))
+        compared = dict(zip(("equal", "comparison"), comparison, strict=True)) if comparison else {}
+        print_json(result.to_dict() | compared)
     else:
         document = (result.message, result.metrics, result.bag, result.requirements, result.timing, result.warnings)
         show(render_flight(*document))
@@ -101,12 +102,12 @@ def fly(
     _report_failures(result, comparison, folder)
 
 
-def _report_failures(result: "Flight", comparison: "_Comparison | None", folder: Path) -> None:
+def _report_failures(result: "Flight", comparison: _Comparison | None, folder: Path) -> None:
     """Print how a flight compares with its original, and exit if it differs, broke off or failed a requirement."""
-    if comparison and comparison.equal is False:
-        raise exit_with(comparison.line, ExitStatus.REQUIREMENT_FAILED)
+    if comparison and comparison[0] is False:
+        raise exit_with(comparison[1], ExitStatus.REQUIREMENT_FAILED)
     if comparison:
-        print(f"gustproof: {comparison.line}", file=sys.stderr)
+        print(f"gustproof: {comparison[1]}", file=sys.stderr)
     if not result.has_expected_outcome:
         raise exit_with(f"{result.message}; the recording so far is in {folder}", ExitStatus.FLIGHT_BROKE_OFF)
     failed = sum(not each.is_met for each in result.requirements)
@@ -131,10 +132,8 @@ def _fly(plan: "FlightPlan", folder: Path, *, tlog: bool, view: bool, quiet: boo
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
             page.wait()
         shown = stack.enter_context(progress(title, quiet=quiet))
-        result = fly_and_record(
-            plan.scenario, plan.law, vehicle=plan.vehicle, seed=plan.seed, out=folder, real_time=plan.real_time,
-            tlog=tlog, progress=lambda fraction: shown(fraction, title), on_listening=page.watch if page else None,
-        )  # fmt: skip
+        watch = page.watch if page else None
+        result = fly_and_record(plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=watch)
         if page:
             page.end(result.message, result.records)
     return result
@@ -165,84 +164,45 @@ def _make_plan(
 
 def _load_plan(context: typer.Context, run: Path) -> "FlightPlan":
     from gustproof.recording.bag import read_bag
+    from gustproof.recording.folder import find_bag
     from gustproof.simulate.flight import parse_plan
 
-    _refuse(context, _BAG_OPTIONS, "--repeat flies the plan in the bag")
-    bag = _find_bag(run)
+    refuse_given(context, _BAG_OPTIONS, "--repeat flies the plan in the bag")
+    bag = find_bag(run)
     return parse_plan(read_bag(bag)[0], bag)
 
 
 def _find_run(context: typer.Context, run: str, scenario: str | None, law: str | None) -> "CampaignRun":
     from gustproof.campaign.rerun import find_run
 
-    _refuse(context, _TABLE_OPTIONS, "--run flies the plan in the table")
+    refuse_given(context, _TABLE_OPTIONS, "--run flies the plan in the table")
     found = find_run(run)
     found.check(scenario, law)
     return found
 
 
-def _refuse(context: typer.Context, names: Iterable[str], why: str) -> None:
-    """Refuse options whose values are given elsewhere."""
-    from firmware_model.errors import ConfigError
-
-    for name in names:
-        source = context.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
-            raise ConfigError(f"{why}; '{name.replace('_', '-')}' cannot be given with it")
-
-
-class _Comparison(NamedTuple):
-    """Comparison of a flight with the one that it repeats, bit by bit."""
-
-    equal: bool | None
-    """True if all bits are equal, `None` if they cannot be compared."""
-    line: str
-    """The result in words."""
-
-    def document(self) -> dict[str, Any]:
-        """Return the comparison for JSON."""
-        return {"equal": self.equal, "comparison": self.line}
-
-
 def _compare(
     result: "Flight", plan: "FlightPlan", repeat: Path | None, table_run: "CampaignRun | None"
 ) -> _Comparison | None:
-    """Compare a flight with the one that it repeats; `None` if it repeats none."""
-    if table_run:
-        return _compare_figures(result, table_run)
-    if repeat and plan.real_time:
-        return _Comparison(None, f"{repeat} was flown in real time, where no two flights share all bits: not compared")
-    return _compare_records(result, repeat) if repeat else None
-
-
-def _compare_records(result: "Flight", run: Path) -> _Comparison:
-    """Compare every bit of every sample."""
+    """Compare every bit of a flight with the one that it repeats; `None` if it repeats none."""
     from gustproof.recording.bag import read_bag
+    from gustproof.recording.folder import find_bag
     from gustproof.simulate.flight import first_difference_s
 
-    about, records = read_bag(_find_bag(run))
+    if table_run:
+        name = f"run {table_run.row['run']} of {table_run.table}"
+        if table_run.row["failure"] is not None:
+            return None, f"{name} left no figures: not compared"
+        if differences := table_run.differences(result):
+            return False, f"differs from {name} in {', '.join(differences)}"
+        return True, f"equal to {name} in every bit of its figures"
+    if repeat is None:
+        return None
+    if plan.real_time:
+        return None, f"{repeat} was flown in real time, where no two flights share all bits: not compared"
+    about, records = read_bag(find_bag(repeat))
     begin_s = first_difference_s(result.records, records)
-    if begin_s is not None:
-        line = f"differs from {run} from {begin_s:.3f} s on, which ended as '{about['outcome']}'"
-        return _Comparison(False, f"{line}, flown by {about['versions']}")
-    return _Comparison(True, f"equal to {run} in every bit of its {len(records)} samples")
-
-
-def _compare_figures(result: "Flight", run: "CampaignRun") -> _Comparison:
-    """Compare every bit of the figures with those of the run in the campaign's table."""
-    name = f"run {run.row['run']} of {run.table}"
-    if run.row["failure"] is not None:
-        return _Comparison(None, f"{name} left no figures: not compared")
-    if differences := run.differences(result):
-        return _Comparison(False, f"differs from {name} in {', '.join(differences)}")
-    return _Comparison(True, f"equal to {name} in every bit of its figures")
-
-
-def _find_bag(run: Path) -> Path:
-    from firmware_model.errors import ConfigError
-    from gustproof.recording.folder import find_bags
-
-    bags = find_bags(run)
-    if len(bags) > 1:
-        raise ConfigError(f"{run}: holds {len(bags)} bags; name one, such as {bags[0]}")
-    return bags[0]
+    if begin_s is None:
+        return True, f"equal to {repeat} in every bit of its {len(records)} samples"
+    line = f"differs from {repeat} from {begin_s:.3f} s on, which ended as '{about['outcome']}'"
+    return False, f"{line}, flown by {about['versions']}"

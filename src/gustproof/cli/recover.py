@@ -1,15 +1,16 @@
 """The command `gustproof recover`: bags of interrupted flights."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from gustproof.cli.options import AsJson, print_json
+
 
 def recover(
     run: Annotated[Path, typer.Argument(help="Output folder of an interrupted flight.", show_default=False)],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write the bag of a flight that a power loss, a kill or a full disk interrupted, from its journal.
 
@@ -22,7 +23,7 @@ def recover(
 
     flights = recovered(run)
     if as_json:
-        print(json.dumps([flight.to_dict() for flight in flights], indent=2))
+        print_json([flight.to_dict() for flight in flights])
         return
     for flight in flights:
         show(render_flight(flight.message, flight.metrics, flight.bag, flight.requirements))

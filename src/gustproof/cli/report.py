@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from firmware_model.errors import ConfigError
+from gustproof.cli.options import check_output
 
 
 def report(
@@ -28,14 +29,14 @@ def report(
 
         gustproof report mc.parquet -o mc.html
     """
-    if output.suffix != ".html":
-        raise ConfigError(f"{output}: a report ends in .html")
-    if not output.parent.is_dir():
-        raise ConfigError(f"{output.parent}: no such folder")
-    if output.exists():
-        raise ConfigError(f"{output}: exists already; nothing is overwritten")
+    check_output(output, ".html", "a report", new=True)
     if any(run.suffix == ".parquet" for run in runs):
-        _report_campaign(runs, output)
+        from gustproof.report.html.campaign_page import write_campaign_report
+
+        if len(runs) > 1:
+            raise ConfigError(f"{', '.join(map(str, runs))}: a page shows one campaign, or flights")
+        write_campaign_report(runs[0], output)
+        print(f"the campaign of {runs[0]} in {output}")
         return
     from gustproof.report.html.page import write_report
     from gustproof.report.html.runs import read_runs
@@ -43,12 +44,3 @@ def report(
     flights = read_runs(runs)
     write_report(flights, output)
     print(f"{len(flights)} flight{'s' if len(flights) != 1 else ''} in {output}")
-
-
-def _report_campaign(tables: list[Path], output: Path) -> None:
-    from gustproof.report.html.campaign_page import write_campaign_report
-
-    if len(tables) > 1:
-        raise ConfigError(f"{', '.join(map(str, tables))}: a page shows one campaign, or flights")
-    write_campaign_report(tables[0], output)
-    print(f"the campaign of {tables[0]} in {output}")

@@ -1,13 +1,11 @@
 """The command `gustproof reproduce`: flights and claims of the paper."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from gustproof.cli.failures import ANYWAY
-from gustproof.cli.progress import progress
+from gustproof.cli.options import Anyway, VehicleName, print_json, progress
 
 
 def reproduce(
@@ -15,8 +13,8 @@ def reproduce(
     seeds: Annotated[
         int, typer.Option(min=1, help="Fly with the seeds 1 to this number; figures are medians over them.")
     ] = 3,
-    vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
-    anyway: Annotated[bool, typer.Option("--anyway", help=ANYWAY)] = False,
+    vehicle: VehicleName = "paper",
+    anyway: Anyway = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print summary.json on stdout, and nothing else.")] = False,
 ) -> None:
     """Fly the paper's scenarios with all shipped laws, over UDP in lockstep, and judge its claims.
@@ -39,7 +37,7 @@ def reproduce(
     with progress("starting", quiet=as_json) as show_progress:
         result = paper.reproduce(airframe, range(1, seeds + 1), folder, show_progress)
     if as_json:
-        print(json.dumps(result.to_dict(), indent=2))
+        print_json(result.to_dict())
     else:
         show(result.render())
         print(f"results in {folder}: summary.json, report.txt, figures, bags, laws")

@@ -1,21 +1,19 @@
 """The command `gustproof scenario`: list, show, check and extract scenarios."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from firmware_model.errors import ConfigError, ConfigErrors
+from firmware_model.errors import ConfigErrors
 from gustproof.cli.failures import ExitStatus, exit_with
+from gustproof.cli.options import AsJson, check_output, print_json
 
 scenario = typer.Typer(no_args_is_help=True, help="List, show and check scenarios, and extract the wind of a flight.")
 
 
 @scenario.command("list")
-def list_shipped(
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
-) -> None:
+def list_shipped(as_json: AsJson = False) -> None:
     """List the shipped scenarios, with the subject of each.
 
     gustproof scenario list
@@ -25,7 +23,7 @@ def list_shipped(
 
     scenarios = [load_scenario(name) for name in list_scenarios()]
     if as_json:
-        print(json.dumps([summarize_scenario(each) for each in scenarios], indent=2))
+        print_json([summarize_scenario(each) for each in scenarios])
         return
     from gustproof.report.terminal import show
 
@@ -87,14 +85,10 @@ def extract(
     In the scenario, use [[wind]] with kind = "replay" and file = "wind.csv".
     """
     from gustproof.recording.bag import read_bag
-    from gustproof.recording.folder import find_bags
+    from gustproof.recording.folder import find_bag
     from gustproof.recording.replay import save_replay
 
-    bag, *others = find_bags(run)
-    if others:
-        raise ConfigError(f"{run}: holds {1 + len(others)} bags; name one of them")
-    if output.suffix != ".csv":
-        raise ConfigError(f"{output}: the file must end in .csv")
-    _, records = read_bag(bag)
+    check_output(output, ".csv", "a replay")
+    _, records = read_bag(find_bag(run))
     save_replay(records, "moment" if moment else "wind", output)
     print(f"{len(records)} samples in {output}")

@@ -1,15 +1,16 @@
 """The command `gustproof worst-case`: the most harmful disturbance."""
 
-import json
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.progress import progress
-from gustproof.cli.vectors import parse_positive_vector
+from gustproof.cli.options import AsJson, VehicleName, check_output, parse_positive_vector, print_json, progress
+
+if TYPE_CHECKING:
+    from gustproof.falsify.worst_case import WorstCase
 
 
 def worst_case(
@@ -24,13 +25,13 @@ def worst_case(
     lag_spread: Annotated[
         float, typer.Option(min=0.0, max=0.9, help="Search the actuator lag within this fraction of its nominal value.")
     ] = 0.0,
-    vehicle: Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")] = "paper",
+    vehicle: VehicleName = "paper",
     flights: Annotated[int, typer.Option(min=100, help="Flights of the search.")] = 500,
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of the search.")] = 1,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Write the worst flight as a scenario here (.toml).")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Search a moment budget for the disturbance with the largest attitude error in the nonlinear simulation.
 
@@ -51,13 +52,12 @@ def worst_case(
     from gustproof.model.uncertainty import Spreads
 
     moment = parse_positive_vector("--moment", budget)
-    if output is not None and output.suffix != ".toml":
-        raise ConfigError(f"{output}: a scenario file ends in .toml")
-    if output is not None and not output.parent.is_dir():
-        raise ConfigError(f"{output.parent}: no such folder")
+    check_output(output, ".toml", "a scenario file")
     flown, airframe = load_law(law), load_vehicle(vehicle)
+    title = f"searching, {flown.name}"
     try:
-        with progress(f"searching, {flown.name}", quiet=as_json) as shown:
+        with progress(title, quiet=as_json) as shown:
+            spreads = Spreads(inertia=inertia_spread, actuator_lag=lag_spread)
             found = search(
                 flown,
                 vehicle=airframe,
@@ -65,8 +65,8 @@ def worst_case(
                 duration_s=horizon,
                 flights=flights,
                 seed=seed,
-                spreads=Spreads(inertia=inertia_spread, actuator_lag=lag_spread),
-                progress=lambda fraction: shown(fraction, f"searching, {flown.name}"),
+                spreads=spreads,
+                progress=lambda share: shown(share, title),
             )
     except ValueError as error:
         raise ConfigError(str(error)) from None
@@ -78,16 +78,20 @@ def worst_case(
             write_toml(found.vehicle, files[1])
     if as_json:
         document = {"law": flown.name, "moment_nm": moment, "files": files, **to_jsonable_python(found)}
-        print(json.dumps(to_jsonable_python(document, inf_nan_mode="null"), indent=2))
+        print_json(to_jsonable_python(document, inf_nan_mode="null"))
         return
-    if math.isinf(found.peak_deg):
-        print(f"{flown.name}: diverges within {horizon:g} s; found in {found.flights} flights, from: {found.start}")
-    else:
-        phi, theta, psi = found.peaks_deg
-        peaks = f"phi {phi:.2f}, theta {theta:.2f}, psi {psi:.2f}"
-        print(f"{flown.name}: {found.peak_deg:.2f} deg ({peaks}) in {horizon:g} s")
-        print(f"found in {found.flights} flights, from: {found.start} ({found.start_deg:.2f} deg there)")
-        print(f"linear theory for the nominal vehicle predicts at most {found.linear_deg:.2f} deg in the budget")
+    _print(flown.name, found, horizon)
     if files:
         other = f" --vehicle {files[1] if files[1:] else vehicle}" if files[1:] or vehicle != "paper" else ""
         print(f"fly it: gustproof fly {output} --law {law}{other} --seed {found.seed}")
+
+
+def _print(law: str, found: "WorstCase", horizon: float) -> None:
+    if math.isinf(found.peak_deg):
+        print(f"{law}: diverges within {horizon:g} s; found in {found.flights} flights, from: {found.start}")
+    else:
+        phi, theta, psi = found.peaks_deg
+        peaks = f"phi {phi:.2f}, theta {theta:.2f}, psi {psi:.2f}"
+        print(f"{law}: {found.peak_deg:.2f} deg ({peaks}) in {horizon:g} s")
+        print(f"found in {found.flights} flights, from: {found.start} ({found.start_deg:.2f} deg there)")
+        print(f"linear theory for the nominal vehicle predicts at most {found.linear_deg:.2f} deg in the budget")

@@ -5,7 +5,7 @@ import json
 import signal
 import socket
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from firmware_model.config.files import read_json
 from firmware_model.config.scenario import Scenario, load_scenario
@@ -14,9 +14,8 @@ from firmware_model.errors import ConfigError
 from firmware_model.process import access, realtime, udp
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from gustproof.controller import DEFAULT_LAW
-from gustproof.controller.core import reference_excess
 from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
-from gustproof.law.form import Law, Output, load_law, shipped_laws
+from gustproof.law.form import Law, Output, list_laws, load_law
 from gustproof.law.step import LawStepper
 
 _EXIT = {
@@ -50,13 +49,11 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
     realtime.freeze_gc(off=True)
     name = options.scenario
     references = (read_json(Scenario, name) or load_scenario(name)).references if name else ()
-    if not options.anyway and (excess := reference_excess(law, references)):
-        raise ConfigError(f"{excess}; --anyway flies it all the same")
     vehicle = _address(options.connect)
     signing = access.make_signing(options, vehicle[0], strict=True)
     quiet = options.json or options.exit_on_stdin_eof
     with _bind(options, vehicle) as bound:
-        report = _mute if quiet else _report
+        report: Callable[[str], None] = (lambda _: None) if quiet else _report
         endpoint = ControllerEndpoint(law, (0, vehicle), signing, references, report)
         report(f"waiting for an autopilot at {vehicle[0]}:{vehicle[1]}")
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -74,7 +71,7 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
 
 def _print_summary(law: Law, endpoint: ControllerEndpoint, outcome: ControllerOutcome, *, as_json: bool) -> None:
     if as_json:
-        counters = {cause.value: count for cause, count in endpoint.counters.items()}
+        counters = {cause.value: count for cause, count in endpoint.channel.dropped.items()}
         summary = {"outcome": outcome.value, "message": endpoint.message, "counters": counters}
         samples_lost = {"late_samples": endpoint.late, "missed_samples": endpoint.missed}
         print(json.dumps({**summary, **samples_lost, "link": endpoint.channel.stats()}))
@@ -88,10 +85,6 @@ def _print_summary(law: Law, endpoint: ControllerEndpoint, outcome: ControllerOu
 
 def _report(text: str) -> None:
     print(f"gustproof controller: {printable(text)}", file=sys.stderr, flush=True)
-
-
-def _mute(_: str) -> None:
-    pass
 
 
 def _bind(options: argparse.Namespace, vehicle: tuple[str, int]) -> socket.socket:
@@ -124,7 +117,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit status: 0 flown to the end, 2 bad input, 3 the flight broke off, 130 interrupted.",
     )
     add = parser.add_argument
-    names = ", ".join(shipped_laws())
+    names = ", ".join(list_laws())
     add("--law", default=DEFAULT_LAW, help=f"a .json file, or one of {names} [%(default)s, for the vehicle 'paper']")
     add("--via", choices=[output.value for output in Output], help="command message [the law's output]")
     add("--connect", default="127.0.0.1:14580", help="HOST:PORT of the autopilot, - reads it from stdin [%(default)s]")
@@ -134,7 +127,6 @@ def _parser() -> argparse.ArgumentParser:
         help="port to send from, 0 for a free one [14540 + N for PX4's simulation at 14580 + N, else free]",
     )
     add("--scenario", help="file with the attitude references to hold [level]")
-    add("--anyway", action="store_true", help="fly references that the law is known not to hold, too")
     add("--real-time", action="store_true", help="request real-time scheduling (SCHED_FIFO); not for lockstep")
     access.add_options(parser)
     add("--exit-on-stdin-eof", action="store_true", help=argparse.SUPPRESS)

@@ -1,6 +1,5 @@
 """Samples in, commands out: a law steps once a sample; a repeated sample gets the same command again."""
 
-import math
 from collections import deque
 from collections.abc import Sequence
 
@@ -10,24 +9,6 @@ from gustproof.law.form import Law, Output
 from gustproof.law.step import LawStepper
 
 References = Sequence[tuple[int, Vector]]
-
-_HOLDS_MORE, _MORE_DEG = "indi", (60.0, 60.0, 180.0)
-"""Shipped law for large references, and the largest step from level it holds in simulation: roll, pitch, yaw."""
-
-
-def reference_excess(law: Law, references: References) -> str:
-    """Return a line on references that the law does not hold, with a law that does; empty if it holds all of them.
-
-    A reference step can demand more rate than the actuators can stop again; a law without a rate limit then tumbles.
-    """
-    largest = tuple(math.degrees(max((abs(euler[axis]) for _, euler in references), default=0.0)) for axis in range(3))
-    if max(largest) <= law.reference_limit_deg:
-        return ""
-    held = all(angle <= most for angle, most in zip(largest, _MORE_DEG, strict=True))
-    advice = f"--law {_HOLDS_MORE} holds that" if held else "no shipped law is known to hold that"
-    angles = ", ".join(f"{angle:.3g}" for angle in largest)
-    limit = f"law '{law.name}' holds references within {law.reference_limit_deg:g} deg of level about each axis"
-    return f"{limit}, not of up to {angles} deg: {advice}"
 
 
 class Controller:

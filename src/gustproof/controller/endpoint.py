@@ -21,7 +21,7 @@ the link may have no room.
 """
 
 import math
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable
 from enum import Enum
 from statistics import median
@@ -52,16 +52,12 @@ VEHICLE_TIMEOUT_US = 5_000_000
 class Phase(Enum):
     """Progress of the controller; each value states the failure of a flight that ends there."""
 
-    SEEKING = "no autopilot answers"
-    """Wait for the vehicle's heartbeat."""
+    SEEKING = "no autopilot answers"  # wait for the vehicle's heartbeat
     READING = "the autopilot does not report its parameters"
     """Read torque limits, hover thrust and sample rate; wait for samples at the law's rate."""
-    ARMING = "the autopilot does not arm"
-    """Request arming."""
-    ENTERING = "the autopilot does not enter OFFBOARD"
-    """Request OFFBOARD."""
-    FLYING = "the flight was left"
-    """The vehicle follows the law."""
+    ARMING = "the autopilot does not arm"  # request arming
+    ENTERING = "the autopilot does not enter OFFBOARD"  # request OFFBOARD
+    FLYING = "the flight was left"  # the vehicle follows the law
     STANDING_BY = "the vehicle left OFFBOARD"
     """Another flies; PX4 still gets set-points, so that OFFBOARD can be set at any time."""
 
@@ -88,20 +84,13 @@ _PROGRESS = {
 class ControllerOutcome(Enum):
     """End of the controller's part of a flight."""
 
-    DONE = "done"
-    """The vehicle has landed."""
-    NOT_STARTED = "not_started"
-    """The flight could not begin; the phase shows the failed step."""
-    WRONG_RATE = "wrong_rate"
-    """The vehicle takes or sends samples at another rate than the law's."""
-    NOT_SUPPORTED = "not_supported"
-    """The autopilot is of an unsupported family."""
-    AUTOPILOT_LOST = "autopilot_lost"
-    """The vehicle sends no more messages."""
-    MODE_LOST = "mode_lost"
-    """The vehicle was landed out of OFFBOARD."""
-    INTERRUPTED = "interrupted"
-    """Ctrl-C or a termination signal."""
+    DONE = "done"  # the vehicle has landed
+    NOT_STARTED = "not_started"  # the flight could not begin; the phase shows the failed step
+    WRONG_RATE = "wrong_rate"  # the vehicle takes or sends samples at another rate than the law's
+    NOT_SUPPORTED = "not_supported"  # the autopilot is of an unsupported family
+    AUTOPILOT_LOST = "autopilot_lost"  # the vehicle sends no more messages
+    MODE_LOST = "mode_lost"  # the vehicle was landed out of OFFBOARD
+    INTERRUPTED = "interrupted"  # Ctrl-C or a termination signal
 
 
 class ControllerEndpoint:
@@ -161,11 +150,6 @@ class ControllerEndpoint:
         """Number of samples that the vehicle took while the law flew, and that never came."""
         return self._controller.missed if self._controller else 0
 
-    @property
-    def counters(self) -> Counter[RejectReason]:
-        """Counts of messages without effect, by cause."""
-        return self.channel.dropped
-
     def interrupt(self) -> None:
         """End here: Ctrl-C or a termination signal."""
         self._end(ControllerOutcome.INTERRUPTED, "interrupted")
@@ -180,9 +164,9 @@ class ControllerEndpoint:
         for item in parse(datagram):
             cause = item if isinstance(item, RejectReason) else self._dispatch(item, peer, now_us)
             if cause is not None:
-                self.drop(cause, peer)
+                self.count_reject(cause, peer)
 
-    def drop(self, cause: RejectReason, peer: Address) -> None:
+    def count_reject(self, cause: RejectReason, peer: Address) -> None:
         """Count a message without effect, whoever sent it."""
         self.channel.dropped[cause] += 1
 
@@ -196,11 +180,8 @@ class ControllerEndpoint:
             self._answers.clear()
         if now_us >= self._heartbeat_at_us:
             self._heartbeat_at_us = now_us + HEARTBEAT_US
-            self._send(
-                wire.MAVLink_heartbeat_message(
-                    wire.MAV_TYPE_ONBOARD_CONTROLLER, wire.MAV_AUTOPILOT_INVALID, 0, 0, wire.MAV_STATE_ACTIVE, 3
-                )
-            )
+            kind, family = wire.MAV_TYPE_ONBOARD_CONTROLLER, wire.MAV_AUTOPILOT_INVALID
+            self._send(wire.MAVLink_heartbeat_message(kind, family, 0, 0, wire.MAV_STATE_ACTIVE, 3))
         if self.phase in _STREAMING:
             if now_us > self._last_received_us + VEHICLE_TIMEOUT_US:
                 self._end(ControllerOutcome.AUTOPILOT_LOST, "the autopilot sends no more messages")
@@ -344,9 +325,8 @@ class ControllerEndpoint:
         """Begin to read from a supported autopilot; end at another."""
         if autopilot not in _FAMILIES:
             other = f"{_name('MAV_AUTOPILOT', autopilot)} is not supported"
-            self._end(
-                ControllerOutcome.NOT_SUPPORTED, _ARDUPILOT if autopilot == wire.MAV_AUTOPILOT_ARDUPILOTMEGA else other
-            )
+            why = _ARDUPILOT if autopilot == wire.MAV_AUTOPILOT_ARDUPILOTMEGA else other
+            self._end(ControllerOutcome.NOT_SUPPORTED, why)
             return
         self._px4 = autopilot == wire.MAV_AUTOPILOT_PX4
         self._packer.srcSystem = system  # an on-board controller shares the vehicle's system id
@@ -441,23 +421,17 @@ class ControllerEndpoint:
                 for name in [name for name, value in self._parameters.items() if value is None]:
                     self._send(wire.MAVLink_param_request_read_message(system, AUTOPILOT, name.encode(), -1))
                 if not (self._rate_granted or self._declined):
-                    interval_us = round(1e6 * self._law.dt)
-                    self._command(
-                        wire.MAV_CMD_SET_MESSAGE_INTERVAL, float(wire.MAVLINK_MSG_ID_HIGHRES_IMU), interval_us
-                    )
+                    stream, interval_us = float(wire.MAVLINK_MSG_ID_HIGHRES_IMU), round(1e6 * self._law.dt)
+                    self._command(wire.MAV_CMD_SET_MESSAGE_INTERVAL, stream, interval_us)
             case Phase.ARMING:
                 self._command(wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
             case Phase.ENTERING:
-                self._command(
-                    wire.MAV_CMD_DO_SET_MODE, wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, Mode.OFFBOARD.value >> 16
-                )
+                custom, main_mode = wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, Mode.OFFBOARD.value >> 16
+                self._command(wire.MAV_CMD_DO_SET_MODE, custom, main_mode)
 
     def _command(self, command: int, first: float, second: float = 0.0) -> None:
-        self._send(
-            wire.MAVLink_command_long_message(
-                self._packer.srcSystem, AUTOPILOT, command, 0, first, second, 0.0, 0.0, 0.0, 0.0, 0.0
-            )
-        )
+        numbers = first, second, 0.0, 0.0, 0.0, 0.0, 0.0
+        self._send(wire.MAVLink_command_long_message(self._packer.srcSystem, AUTOPILOT, command, 0, *numbers))
 
     def _send(self, message: Message | EncodedMessage) -> None:
         self._outbox.append((self.channel.pack(message), self._vehicle))

@@ -6,7 +6,7 @@ this searches the worst disturbance of the nonlinear one.)
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
@@ -122,22 +122,6 @@ def worst_case(
         raise ValueError(f"flights are {flights}, must be at least 100")
     shown: Progress = progress or (lambda _: None)
     return _Search(law, vehicle, budget, spreads or Spreads(), duration_s, delay_samples, flights, seed, shown).run()
-
-
-def reached_share(
-    law: Law, vehicle: Vehicle, *, angles_rad: Sequence[float], budget: Vector, duration_s: float, flights: int = 100
-) -> float:
-    """Return the largest share [-] of the bounds `angles_rad` on |phi|, |theta|, |psi| that a worst flight reaches.
-
-    The share shows how tight a certified box is; above 1 it refutes the box. The search is that of `worst_case`.
-
-    Raises
-    ------
-    ValueError
-        Under the conditions of `worst_case`.
-    """
-    worst = worst_case(law, vehicle=vehicle, budget=budget, duration_s=duration_s, flights=flights)
-    return max(math.radians(peak) / bound for peak, bound in zip(worst.peaks_deg, angles_rad, strict=True))
 
 
 class _Search:

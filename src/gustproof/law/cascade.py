@@ -4,13 +4,13 @@ Gains are angular acceleration per error, independent of the inertia. A law's ma
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from firmware_model.config.vehicle import Vehicle
-from gustproof.law.form import Law, Matrix, Output, Provenance
+from gustproof.law.form import Law, Matrix, Output, Provenance, RateLimit
 from gustproof.lti.state_space import Lti
 
 _AXES = ("roll", "pitch", "yaw")
@@ -61,6 +61,8 @@ class AxisLaw:
     """(n, 1) Euler rate of the law's own estimate to next state."""
     H: Matrix
     """(n, 1) saturation excess to next state."""
+    rate_limit: RateLimit | None = None
+    """Limit of the rate commanded from attitude."""
 
     @property
     def A_linear(self) -> Matrix:
@@ -97,7 +99,7 @@ def plain_axis(gains: Gains, inertia: float, dt: float) -> AxisLaw:
     )
 
 
-def strapdown_axis(gains: Gains, inertia: float, dt: float) -> AxisLaw:
+def strapdown_axis(gains: Gains, inertia: float, dt: float, rate_limit: float | None = None) -> AxisLaw:
     """Return the cascade on strapdown attitude with a filtered rate derivative.
 
     States: Euler angle `E` at the previous sample [rad], rate of the previous sample [rad/s], integral of the rate
@@ -109,10 +111,13 @@ def strapdown_axis(gains: Gains, inertia: float, dt: float) -> AxisLaw:
     are evaluated there. Errors of first order in dt do not accumulate, as `dt/2 q r` does in a forward step. One
     first-order term is left and bounded: the newest half step has no kinematics. The law acts on the attitude
     `E + dt/2 (omega + g)`, which has no phase lag.
+
+    Beyond `rate_limit` [rad/s], if given, the excess of the rate commanded from attitude changes the reference.
     """
     E, omega, integral, smooth = np.eye(4)
     rate, angle_reference = np.eye(2)
     error = _rate_error(gains, E + 0.5 * dt * omega, 0.5 * dt * rate, rate, angle_reference)
+    commanded = error + np.concatenate([0.0 * E, rate])
     smoothed = np.concatenate([error[:5], [0.0]])  # without the reference: the slope of a step has no meaning
     smoothing = -math.expm1(-2.0 * math.pi * gains.derivative_cutoff * dt)
     low_passed = (1.0 - smoothing) * np.append(smooth, [0.0, 0.0]) + smoothing * smoothed
@@ -125,7 +130,27 @@ def strapdown_axis(gains: Gains, inertia: float, dt: float) -> AxisLaw:
     return AxisLaw(
         A=A, B=B, C=command[None, :4], D=command[None, 4:],
         G=np.array([[dt], [0.0], [0.0], [0.0]]), H=np.array([[0.0], [0.0], [back], [0.0]]),
+        rate_limit=limit_by_reference(commanded, B, command[None, 4:], rate_limit),
     )  # fmt: skip
+
+
+def limit_by_reference(commanded: Matrix, B: Matrix, D: Matrix, limit: float | None) -> RateLimit | None:
+    """Return the limit of one axis whose excess changes the reference; `None` without `limit` [rad/s].
+
+    Parameters
+    ----------
+    commanded
+        (n + 2,) row of (states, rate, reference) that gives the commanded rate [rad/s].
+    B, D
+        (n, 2) and (1, 2) of `AxisLaw`; their second columns are the reference's.
+    limit
+        [rad/s] largest commanded rate.
+    """
+    if limit is None:
+        return None
+    S, T = np.split(commanded[None], [len(B)], axis=1)
+    gain = float(T[0, 1])
+    return RateLimit(S=S, T=T, U=D[:, 1:] / gain, V=B[:, 1:] / gain, limits=np.array([limit]))
 
 
 def cascade_law(name: str, axes: Sequence[AxisLaw], vehicle: Vehicle, dt: float, provenance: Provenance) -> Law:
@@ -139,16 +164,23 @@ def cascade_law(name: str, axes: Sequence[AxisLaw], vehicle: Vehicle, dt: float,
     orders = {axis.A.shape[0] for axis in axes}
     if len(axes) != 3 or len(orders) != 1:
         raise ValueError(f"{len(axes)} axes of orders {sorted(orders)}, must be three of one order")
-
-    def assemble(matrix: str) -> Matrix:
-        return np.asarray(
-            sum(np.kron(getattr(axis, matrix), np.diag(unit)) for axis, unit in zip(axes, np.eye(3), strict=True))
-        )
-
+    matrices = {name: _assemble(getattr(axis, name) for axis in axes) for name in "ABCDGH"}
     return Law(
-        name=name, A=assemble("A"), B=assemble("B"), C=assemble("C"), D=assemble("D"), G=assemble("G"), H=assemble("H"),
-        dt=dt, limits=np.array(vehicle.torque_limit), output=Output.TORQUE, provenance=provenance,
+        name=name, **matrices, dt=dt, limits=np.array(vehicle.torque_limit), output=Output.TORQUE,
+        provenance=provenance, rate_limit=_join_limits([axis.rate_limit for axis in axes if axis.rate_limit]),
     )  # fmt: skip
+
+
+def _assemble(parts: Iterable[Matrix]) -> Matrix:
+    """Return the matrix of three axes from one of each."""
+    return np.asarray(sum(np.kron(part, np.diag(unit)) for part, unit in zip(parts, np.eye(3), strict=True)))
+
+
+def _join_limits(limits: Sequence[RateLimit]) -> RateLimit | None:
+    if not limits:
+        return None
+    parts = {name: _assemble(getattr(limit, name) for limit in limits) for name in "STUV"}
+    return RateLimit(**parts, limits=np.concatenate([limit.limits for limit in limits]))
 
 
 def gain_parameters(gains: Sequence[Gains]) -> dict[str, float]:

@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from firmware_model.config.vehicle import GRAVITY
 from gustproof.errors import DesignError
-from gustproof.law.form import Law, Output, Provenance
-from gustproof.law.hover import FORCE_PER_TILT
+from gustproof.law.form import GYRO_REFERENCE_SIZE, LEVELLED_SIZE, Law, Output, Provenance, RateLimit
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_continuous
 
 
@@ -43,6 +41,7 @@ def central_law(
     limits: Matrix,
     output: Output,
     provenance: Provenance,
+    rate_limits: Matrix | None = None,
 ) -> Law:
     """Return the law of a central controller; its states estimate those of the plant.
 
@@ -70,6 +69,8 @@ def central_law(
         Commanded quantity.
     provenance
         Origin of the law.
+    rate_limits
+        (3,) [rad/s] largest rate commanded from attitude; by default the law has no such limit.
 
     Raises
     ------
@@ -111,6 +112,28 @@ def central_law(
         limits=limits,
         output=output,
         provenance=provenance,
+        rate_limit=None if rate_limits is None else _rate_limit(K, dt, rate_limits),
+    )
+
+
+def _rate_limit(K: Lti, dt: float, limits: Matrix) -> RateLimit:
+    """Return the limit of the rate that `K` commands from attitude: its gain of attitude over its gain of rate.
+
+    The excess changes the attitude that is fed back, in the command and in what the controller expects from it. The
+    leak is part of that: otherwise the estimate of a large attitude would leak away before it is flown back.
+    """
+    fed_back, gain, is_levelled = K.A[:, :3].copy(), K.C[:, :3], K.n_inputs % 3 == 2
+    if is_levelled:  # measured roll and pitch correct the estimates, by their difference: no feedback
+        fed_back[:, :2] += K.B[:, -2:]
+    excess = tustin(Lti(A=K.A, B=fed_back, C=K.C, D=gain), dt)
+    angle_p = np.diag(gain) / np.diag(K.C[:, 3:6] + K.D[:, :3])
+    reference = np.eye(3, LEVELLED_SIZE if is_levelled else GYRO_REFERENCE_SIZE, 3)
+    return RateLimit(
+        S=0.0 - angle_p[:, None] * np.eye(3, K.order),  # no -0.0 in a file
+        T=angle_p[:, None] * reference * (K.n_inputs >= GYRO_REFERENCE_SIZE),
+        U=0.0 - excess.D / angle_p,
+        V=0.0 - excess.B / angle_p,
+        limits=limits,
     )
 
 
@@ -119,5 +142,4 @@ def _measurement_columns(matrix: Matrix) -> Matrix:
     has_tilt = matrix.shape[1] % 3 == 2
     rates_reference, tilt = np.split(matrix, [matrix.shape[1] - 2 * has_tilt], axis=1)
     first = np.pad(rates_reference, ((0, 0), (0, 6 - rates_reference.shape[1])))
-    # tilt from the specific force: roll is -f_y / g, pitch f_x / g
-    return np.hstack([first, tilt @ FORCE_PER_TILT.T / GRAVITY**2]) if has_tilt else first
+    return np.hstack([first, tilt]) if has_tilt else first

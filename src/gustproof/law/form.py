@@ -1,12 +1,16 @@
 """The one form of every flying law, and its file.
 
-    u  = C x + D y,      command = sat(u),
-    x+ = A x + B y + G f(x) + H (sat(u) - u),
+    s  = S x + T y,      e = W(E) clip(s) - s,
+    u  = C x + D y + U e,      command = clip(u),
+    x+ = A x + B y + G f(x) + H (command - u) + V e,
 
-with `y` = (gyro p, q, r [rad/s]; reference phi, theta, psi [rad]; specific force x, y, z [m/s^2] B). `f(x) = T(E)
-omega` are the exact Euler kinematics at the law's own estimates `E = x[0:3]` [rad] and `omega = x[3:6]` [rad/s]. With
-`G = 0` a law is linear; `H` is its anti-windup. A law without accelerometer has no columns for it in B and D. PID,
+with `y` = (gyro p, q, r [rad/s]; reference phi, theta, psi [rad]; roll, pitch [rad] by gravity). `f(x) = T(E) omega`
+are the exact Euler kinematics at the law's own estimates `E = x[0:3]` [rad] and `omega = x[3:6]` [rad/s]. With `G = 0`
+a law is linear; `H` is its anti-windup. A law without accelerometer has no columns for gravity in B and D. PID,
 H-infinity and self-scheduled laws differ in these numbers only, so a comparison compares gains.
+
+`s` [rad/s] is the rate commanded from attitude; see `RateLimit`. Where it is within its limit, `e` is exactly 0 and the
+law is that of A to H alone. A law may have no such limit: then S, T, U and V are absent.
 """
 
 import json
@@ -27,12 +31,10 @@ from gustproof.types import readonly_copy
 
 LAWS = Path(__file__).parent / "data"
 FORMAT = "gustproof-law-1"
-MEASUREMENT_SIZE = 9
-"""Numbers in `y`: gyro, reference, specific force."""
-REFERENCE_LIMIT = "reference_limit_deg"
-"""Provenance parameter of the largest reference that a law holds."""
+GYRO_REFERENCE_SIZE, LEVELLED_SIZE = 6, 8
+"""Columns of B and D: gyro and reference; these with roll and pitch by gravity."""
 _MATRICES = ("A", "B", "C", "D", "G", "H")
-_GYRO_REFERENCE_SIZE = 6
+_RATE_MATRICES = ("S", "T", "U", "V")
 
 Matrix = NDArray[np.float64]
 
@@ -86,6 +88,37 @@ class Provenance:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RateLimit:
+    """Limit of the rate commanded from attitude, the `MC_*RATE_MAX` of PX4's cascade; m axes of n states.
+
+    Without it a large attitude error demands more rate than the actuators can stop again, and the vehicle tumbles.
+    `s = S x + T y` are Euler rates, clipped at `limits`. At a large tilt body rates are others: `W = T^-1`, taken at
+    the part of roll and pitch beyond `Law.attitude_limits`, turns the ones into the others. The excess `e` of what is
+    left over `s` enters command and states by U and V.
+
+    The limit is inactive, `e = 0` to the bit, while `|s| <= limits` and the estimates of roll and pitch are within
+    `Law.attitude_limits`. Linear analysis is for that case.
+
+    Examples
+    --------
+    >>> from gustproof import load_law
+    >>> load_law("flagship").rate_limit.limits.tolist()
+    [3.0, 3.0, 3.0]
+    """
+
+    S: Matrix
+    """(m, n) state to commanded rate."""
+    T: Matrix
+    """(m, 6 or 8) measurements and reference to commanded rate, as many columns as B."""
+    U: Matrix
+    """(m, m) excess of the commanded rate to command."""
+    V: Matrix
+    """(n, m) excess of the commanded rate to next state."""
+    limits: Matrix
+    """(m,) [rad/s] largest commanded rate about each axis."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Law:
     """A discrete law of n states; matrices are checked on construction, then read-only.
 
@@ -110,11 +143,11 @@ class Law:
     A: Matrix
     """(n, n) state to next state."""
     B: Matrix
-    """(n, 6 or 9) measurements and reference to next state."""
+    """(n, 6 or 8) measurements and reference to next state."""
     C: Matrix
     """(3, n) state to command."""
     D: Matrix
-    """(3, 6 or 9) measurements and reference to command, as many columns as B."""
+    """(3, 6 or 8) measurements and reference to command, as many columns as B."""
     G: Matrix
     """(n, 3) Euler rates of the law's own estimates to next state; 0 for a linear law."""
     H: Matrix
@@ -127,6 +160,8 @@ class Law:
     """Commanded quantity."""
     provenance: Provenance
     """Origin of the law."""
+    rate_limit: RateLimit | None = None
+    """Limit of the rate commanded from attitude; `None` for a law without it."""
 
     def __post_init__(self) -> None:
         """Check name, shapes and values; set the arrays read-only."""
@@ -135,7 +170,7 @@ class Law:
         except ValueError as error:
             raise ValueError(f"name: {error} (given {self.name!r})") from None
         n = np.asarray(self.A).shape[0] if np.ndim(self.A) == 2 else 0
-        m = MEASUREMENT_SIZE if np.shape(self.D)[1:] == (MEASUREMENT_SIZE,) else _GYRO_REFERENCE_SIZE
+        m = LEVELLED_SIZE if np.shape(self.D)[1:] == (LEVELLED_SIZE,) else GYRO_REFERENCE_SIZE
         shapes = {"A": (n, n), "B": (n, m), "C": (3, n), "D": (3, m), "G": (n, 3), "H": (n, 3), "limits": (3,)}
         for name, shape in shapes.items():
             object.__setattr__(self, name, readonly_copy(name, getattr(self, name), shape))
@@ -145,6 +180,8 @@ class Law:
             raise ValueError(f"limits are {self.limits.tolist()}, must be positive")
         if np.any(self.G) and n < 6:
             raise ValueError(f"G is not 0 but A has order {n}; attitude and rates need x[0:6]")
+        if self.rate_limit is not None:
+            object.__setattr__(self, "rate_limit", _checked(self.rate_limit, n, m))
 
     @property
     def order(self) -> int:
@@ -154,7 +191,7 @@ class Law:
     @property
     def uses_accelerometer(self) -> bool:
         """True if the law reads the accelerometer."""
-        return bool(self.D.shape[1] == MEASUREMENT_SIZE)
+        return bool(self.D.shape[1] == LEVELLED_SIZE)
 
     @property
     def takes_references(self) -> bool:
@@ -162,9 +199,11 @@ class Law:
         return bool(self.B[:, 3:6].any() or self.D[:, 3:6].any())
 
     @property
-    def reference_limit_deg(self) -> float:
-        """[deg] largest reference about each axis that the law holds in simulation; infinite if unknown."""
-        return self.provenance.parameters.get(REFERENCE_LIMIT, math.inf)
+    def attitude_limits(self) -> Matrix:
+        """(3,) [rad] attitude estimates that alone command the limited rates; infinite without `rate_limit`."""
+        if self.rate_limit is None:
+            return np.full(3, math.inf)
+        return np.abs(self.rate_limit.limits / np.diag(self.rate_limit.S[:, :3]))
 
     @property
     def is_scheduled(self) -> bool:
@@ -180,6 +219,7 @@ class Law:
             "dt": self.dt,
             "limits": self.limits.tolist(),
             **{name: getattr(self, name).tolist() for name in _MATRICES},
+            **({} if self.rate_limit is None else {"rate_limit": _to_lists(self.rate_limit)}),
             "provenance": {
                 "design": self.provenance.design,
                 "vehicle": self.provenance.vehicle,
@@ -207,14 +247,7 @@ def load_law(name_or_path: str | Path) -> Law:
     >>> load_law("hinf-d1").A.shape
     (9, 9)
     """
-    path = Path(name_or_path)
-    if path.suffix != ".json":
-        if str(name_or_path) not in shipped_laws():
-            known = ", ".join(shipped_laws())
-            raise LawFileError(
-                f"no law named '{sanitize_line(str(name_or_path))}': give a .json file or one of {known}"
-            )
-        path = LAWS / f"{name_or_path}.json"
+    path = law_path(name_or_path)
     try:
         document = parse_json(read_text(path))
     except OSError as error:
@@ -222,6 +255,23 @@ def load_law(name_or_path: str | Path) -> Law:
     except ValueError as error:
         raise LawFileError(f"{path}: not JSON: {sanitize_line(str(error))}") from None
     return parse_law(document, str(path))
+
+
+def law_path(name_or_path: str | Path) -> Path:
+    """Return the path of a law file, or of a shipped one by its name.
+
+    Raises
+    ------
+    LawFileError
+        If none of that name is shipped.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".json":
+        return path
+    if str(name_or_path) not in list_laws():
+        known = ", ".join(list_laws())
+        raise LawFileError(f"no law named '{sanitize_line(str(name_or_path))}': give a .json file or one of {known}")
+    return LAWS / f"{name_or_path}.json"
 
 
 def parse_law(document: Any, source: str) -> Law:
@@ -238,23 +288,45 @@ def parse_law(document: Any, source: str) -> Law:
         raise LawFileError(f"{source}: {sanitize_line(str(error))}") from None
 
 
-def shipped_laws() -> tuple[str, ...]:
+def list_laws() -> tuple[str, ...]:
     """Return the names of the shipped laws.
 
     Examples
     --------
-    >>> from gustproof import shipped_laws
-    >>> "flagship" in shipped_laws()
+    >>> from gustproof import list_laws
+    >>> "flagship" in list_laws()
     True
     """
     return tuple(sorted(path.stem for path in LAWS.glob("*.json")))
+
+
+def _to_lists(rate_limit: RateLimit) -> dict[str, Any]:
+    return {name: getattr(rate_limit, name).tolist() for name in ("limits", *_RATE_MATRICES)}
+
+
+def _checked(rate_limit: RateLimit, n: int, m: int) -> RateLimit:
+    """Return the limit with read-only arrays of the law's shapes; `n` states, `m` measurements."""
+    shapes = {"S": (3, n), "T": (3, m), "U": (3, 3), "V": (n, 3), "limits": (3,)}
+    copies = {name: readonly_copy(f"rate_limit.{name}", getattr(rate_limit, name), shapes[name]) for name in shapes}
+    if not np.all(copies["limits"] > 0.0):
+        raise ValueError(f"rate_limit.limits are {copies['limits'].tolist()}, must be positive")
+    if not (n >= 3 and np.all(np.diag(copies["S"]))):
+        raise ValueError("rate_limit.S must command a rate from the attitude x[0:3] of each axis")
+    return RateLimit(**copies)
+
+
+def _parse_rate_limit(document: Any) -> RateLimit:
+    keys = {"limits", *_RATE_MATRICES}
+    if not isinstance(document, dict) or set(document) != keys:
+        raise ValueError(f"rate_limit: must be an object of {', '.join(sorted(keys))}")
+    return RateLimit(**document)
 
 
 def _parse_law(document: Any) -> Law:
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"format: must be '{FORMAT}'")
     keys = {"format", "name", "output", "dt", "limits", "provenance", *_MATRICES}
-    if unknown := sorted(set(document) - keys):
+    if unknown := sorted(set(document) - keys - {"rate_limit"}):
         raise ValueError(f"{unknown[0]}: unknown key")
     if missing := sorted(keys - set(document)):
         raise ValueError(f"{missing[0]}: missing")
@@ -275,16 +347,22 @@ def _parse_law(document: Any) -> Law:
         limits=document["limits"],
         output=Output(document["output"]),
         provenance=Provenance(**provenance),
+        rate_limit=_parse_rate_limit(document["rate_limit"]) if "rate_limit" in document else None,
     )
 
 
 def _format_document(document: dict[str, Any]) -> str:
     """Return JSON with one matrix row a line, for readers and diffs."""
+    return _format_object(document, "") + "\n"
+
+
+def _format_object(document: dict[str, Any], margin: str) -> str:
     lines = []
     for key, value in document.items():
-        if key in _MATRICES:
-            rows = ",\n    ".join(json.dumps(row) for row in value)
-            lines.append(f'  "{key}": [\n    {rows}\n  ]')
+        if key in (*_MATRICES, *_RATE_MATRICES):
+            rows = f",\n{margin}    ".join(json.dumps(row) for row in value)
+            text = f"[\n{margin}    {rows}\n{margin}  ]"
         else:
-            lines.append(f'  "{key}": {json.dumps(value, ensure_ascii=False)}')
-    return "{\n" + ",\n".join(lines) + "\n}\n"
+            text = _format_object(value, "  ") if key == "rate_limit" else json.dumps(value, ensure_ascii=False)
+        lines.append(f'{margin}  "{key}": {text}')
+    return "{\n" + ",\n".join(lines) + f"\n{margin}}}"

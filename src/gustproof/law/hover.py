@@ -3,13 +3,10 @@
 import numpy as np
 
 from firmware_model.config.scenario import Scenario
-from firmware_model.config.vehicle import GRAVITY, Vehicle
-from gustproof.law.form import MEASUREMENT_SIZE, Law, Output
+from firmware_model.config.vehicle import Vehicle
+from gustproof.law.form import Law, Output
 from gustproof.lti.state_space import Lti, delay, discretize_zoh, lft, series
 from gustproof.model.lpv import linear_plant
-
-FORCE_PER_TILT = GRAVITY * np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])
-"""[m/s^2 per rad] specific force per small roll and pitch at hover."""
 
 
 def hover_plant(vehicle: Vehicle, scenario: Scenario, *, with_attitude: bool = False) -> Lti:
@@ -40,11 +37,9 @@ def loop_law(law: Law) -> Lti:
 
     These are the gyro (3,), and roll and pitch (2,) [rad] by the specific force if the law reads the accelerometer.
     """
-    if not law.uses_accelerometer:
-        return linear_law(law)
-    K = linear_law(law, inputs=MEASUREMENT_SIZE)
-    B, D = (np.hstack([matrix[:, :3], matrix[:, 6:] @ FORCE_PER_TILT]) for matrix in (K.B, K.D))
-    return Lti(A=K.A, B=B, C=K.C, D=D, dt=K.dt)
+    K = linear_law(law, inputs=law.D.shape[1])
+    measured = [k for k in range(K.n_inputs) if not 3 <= k < 6]  # all but the reference
+    return Lti(A=K.A, B=K.B[:, measured], C=K.C, D=K.D[:, measured], dt=K.dt)
 
 
 def is_stable_at_hover(law: Law, vehicle: Vehicle, scenario: Scenario) -> bool | None:

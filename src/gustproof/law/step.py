@@ -1,23 +1,30 @@
 """The compiled step of a law, as sparse sums: most coefficients of most laws are 0.
 
-One vector holds all summands of a step: states, measurements and references, Euler rates of the law's own estimates,
-and saturation excess. The sums are the three commands and the next states. On every route each sum takes its terms in
-the order of that vector, without those whose coefficient is 0.
+One vector holds all summands of a step. They are states, measurements and references, Euler rates of the law's own
+estimates, saturation excess, and excess of the rate commanded from attitude. The sums are the three rates of a law that
+limits them, the three commands, and the next states. On every route each sum takes its terms in the order of that
+vector, and leaves out those whose coefficient is 0. So a limit that is not reached adds 0 at the end of a sum and
+changes no bit.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.numerics.compiled import compiled, kernel
-from firmware_model.numerics.elementary import sin_cos
+from firmware_model.numerics.elementary import arctan2, sin_cos
 from firmware_model.physics.sensors import float32
 from firmware_model.types import Vector
-from gustproof.law.form import MEASUREMENT_SIZE, Law, Matrix
+from gustproof.law.form import GYRO_REFERENCE_SIZE, Law, Matrix, RateLimit
 
-RATES, SATURATION, ZERO, EXTRA_SIZE = MEASUREMENT_SIZE, MEASUREMENT_SIZE + 3, MEASUREMENT_SIZE + 6, MEASUREMENT_SIZE + 7
-"""Offsets after the states of Euler rates, saturation excess and a 0; count of the numbers after the states."""
+MEASURED_SIZE = 9
+"""Numbers of a sample after the states: gyro, reference, specific force."""
+FORCE, RATES, SATURATION, RATE_EXCESS, ZERO, EXTRA_SIZE = 6, 9, 12, 15, 18, 19
+"""Offsets after the states of specific force, Euler rates, saturation excess, excess of the commanded rate, and a 0;
+count of the numbers after the states. A law that reads the accelerometer has roll and pitch in place of the force."""
+_NONE: Matrix = np.zeros((0, 0))
 TERM_BLOCK = 4
 """Each sum has a multiple of this many terms, so that four are added at once."""
 
@@ -26,28 +33,61 @@ class SparseLaw(NamedTuple):
     """Nonzero terms of a law."""
 
     ends: NDArray[np.int64]
-    """(3 + n,) end of the terms of each command and each next state."""
+    """(3 or 6 + n,) end of the terms of each limited rate, if there are such, each command and each next state."""
     terms: Matrix
     """(m, 2) offset in the vector, coefficient; sums are padded with 0 times the vector's 0."""
     is_scheduled: bool
     """True if Euler rates are among the terms."""
+    is_levelled: bool
+    """True if roll and pitch by gravity are among the terms."""
     limits: Matrix
-    """(3,) [N*m or rad/s] B."""
+    """(3,) [N*m or rad/s] B, largest commands."""
+    rate_limits: Matrix
+    """(3,) [rad/s] largest rates commanded from attitude; unused without sums for them."""
+    attitude_limits: Matrix
+    """(3,) [rad] attitude estimates that ask for these rates."""
 
 
 def sparse_law(law: Law) -> SparseLaw:
     """Return the terms of a law whose coefficient is not 0, padded to blocks of `TERM_BLOCK`."""
-    n, measured = law.order, law.D.shape[1]
-    whole = np.zeros((3 + n, n + EXTRA_SIZE))
-    whole[:3, :n], whole[3:, :n] = law.C, law.A
-    whole[:3, n : n + measured], whole[3:, n : n + measured] = law.D, law.B
-    whole[3:, n + RATES : n + SATURATION], whole[3:, n + SATURATION : n + ZERO] = law.G, law.H
+    n, first = law.order, 0 if law.rate_limit is None else 3
+    own = law.rate_limit or RateLimit(S=_NONE, T=_NONE, U=_NONE, V=_NONE, limits=np.full(3, np.inf))
+    whole = np.zeros((first + 3 + n, n + EXTRA_SIZE))
+    columns = (
+        (0, (own.S, law.C, law.A)),
+        (n, (own.T, law.D, law.B)),
+        (n + RATES, (_NONE, _NONE, law.G)),
+        (n + SATURATION, (_NONE, _NONE, law.H)),
+        (n + RATE_EXCESS, (_NONE, own.U, own.V)),
+    )
+    for column, parts in columns:
+        for top, part in zip((0, first, first + 3), parts, strict=True):
+            whole[top : top + part.shape[0], column : column + part.shape[1]] = part
     filled = []
     for row in whole:
         terms = [(float(i), row[i]) for i in np.flatnonzero(row)]
         filled.append(terms + [(float(n + ZERO), 0.0)] * (-len(terms) % TERM_BLOCK if terms else TERM_BLOCK))
     ends = np.cumsum([len(terms) for terms in filled])
-    return SparseLaw(ends, np.array([term for terms in filled for term in terms]), law.is_scheduled, law.limits)
+    every = np.array([term for terms in filled for term in terms])
+    return SparseLaw(ends, every, law.is_scheduled, law.uses_accelerometer, law.limits, own.limits, law.attitude_limits)
+
+
+@kernel
+def tilt(force: Any, attitude: Any) -> tuple[float, float]:
+    """Return roll and pitch [rad] of a body at rest with this specific force (3,) [m/s^2] B, 0 without force.
+
+    At small angles they are -f_y / g and f_x / g. Of the angles that describe the same tilt they are those nearest to
+    `attitude`, the law's own roll and pitch [rad]. So whatever the accelerometer measures, they differ from these by
+    half a turn at most.
+    """
+    roll = arctan2(-force[1], -force[2])
+    sine, cosine = sin_cos(roll)
+    pitch = arctan2(force[0], -(force[1] * sine + force[2] * cosine))
+    half_turns = math.floor(attitude[1] * (1.0 / math.pi) + 0.5)
+    upside_down = half_turns - 2.0 * math.floor(0.5 * half_turns)  # beyond the vertical: the other description
+    roll += upside_down * math.pi
+    turns = math.floor((attitude[0] - roll) * (0.5 / math.pi) + 0.5)
+    return roll + turns * (2.0 * math.pi), half_turns * math.pi + (1.0 - 2.0 * upside_down) * pitch
 
 
 @kernel
@@ -65,19 +105,49 @@ def euler_rates(E: Any, omega: Any) -> tuple[float, float, float]:
 
 
 @kernel
+def rate_excess(rates: Any, attitude: Any, limits: Any, attitude_limits: Any) -> tuple[float, float, float]:
+    """Return `W(E) clip(s) - s` [rad/s] of the commanded rates `s` (3,), see `gustproof.law.form.RateLimit`.
+
+    Of `attitude`, roll and pitch [rad], only what is beyond the limits turns the rates: within them `W` is exactly 1.
+    """
+    p = min(max(rates[0], -limits[0]), limits[0])
+    q = min(max(rates[1], -limits[1]), limits[1])
+    r = min(max(rates[2], -limits[2]), limits[2])
+    sin_phi, cos_phi = sin_cos(attitude[0] - min(max(attitude[0], -attitude_limits[0]), attitude_limits[0]))
+    sin_theta, cos_theta = sin_cos(attitude[1] - min(max(attitude[1], -attitude_limits[1]), attitude_limits[1]))
+    across = cos_theta * r
+    return (
+        p - sin_theta * r - rates[0],
+        cos_phi * q + sin_phi * across - rates[1],
+        cos_phi * across - sin_phi * q - rates[2],
+    )
+
+
+@kernel
 def law_kernel(law: SparseLaw, z: Matrix, command: Matrix, work: Matrix) -> None:
     """Write the command for the vector `z` (n + EXTRA_SIZE,) and advance its states by a sample; `work` is (n,)."""
-    n, begin = work.size, 0
+    n, begin, k = work.size, 0, 0
+    if law.is_levelled:
+        force = (z[n + FORCE], z[n + FORCE + 1], z[n + FORCE + 2])
+        z[n + FORCE], z[n + FORCE + 1] = tilt(force, (z[0], z[1]))
+    if law.ends.size > 3 + n:
+        for i in range(3):
+            z[n + RATE_EXCESS + i] = _sum(law.terms, begin, law.ends[i], z)
+            begin = law.ends[i]
+        k = 3
+        rates = (z[n + RATE_EXCESS], z[n + RATE_EXCESS + 1], z[n + RATE_EXCESS + 2])
+        excess = rate_excess(rates, (z[0], z[1]), law.rate_limits, law.attitude_limits)
+        z[n + RATE_EXCESS], z[n + RATE_EXCESS + 1], z[n + RATE_EXCESS + 2] = excess
     for i in range(3):
-        u = _sum(law.terms, begin, law.ends[i], z)
+        u = _sum(law.terms, begin, law.ends[k + i], z)
         command[i] = min(max(u, -law.limits[i]), law.limits[i])
         z[n + SATURATION + i] = command[i] - u
-        begin = law.ends[i]
+        begin = law.ends[k + i]
     if law.is_scheduled:
         z[n + RATES], z[n + RATES + 1], z[n + RATES + 2] = euler_rates((z[0], z[1], z[2]), (z[3], z[4], z[5]))
     for i in range(n):
-        work[i] = _sum(law.terms, begin, law.ends[3 + i], z)
-        begin = law.ends[3 + i]
+        work[i] = _sum(law.terms, begin, law.ends[k + 3 + i], z)
+        begin = law.ends[k + 3 + i]
     for i in range(n):
         z[i] = work[i]
 
@@ -96,15 +166,18 @@ def _step(law: SparseLaw, z: Matrix, command: Matrix, work: Matrix) -> None:
 
 
 def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
-    """Return the next state (n,) and the command (3,) [N*m or rad/s] B for `y`, (9,), or (6,) without accelerometer.
+    """Return the next state (n,) and the command (3,) [N*m or rad/s] B.
+
+    `y` is gyro [rad/s], reference [rad] and specific force [m/s^2], (9,); (6,) suffices without accelerometer.
 
     Raises
     ------
     ValueError
         If `y` has another shape, or lacks the specific force for a law that reads it.
     """
-    if y.shape not in ((law.D.shape[1],), (MEASUREMENT_SIZE,)):
-        raise ValueError(f"y has shape {y.shape}, must be {(law.D.shape[1],)}")
+    expected = MEASURED_SIZE if law.uses_accelerometer else GYRO_REFERENCE_SIZE
+    if y.shape not in ((expected,), (MEASURED_SIZE,)):
+        raise ValueError(f"y has shape {y.shape}, must be {(expected,)}")
     z, command = np.zeros(law.order + EXTRA_SIZE), np.empty(3)
     z[: law.order], z[law.order : law.order + y.size] = x, y
     _step(sparse_law(law), z, command, np.empty(law.order))
@@ -128,8 +201,9 @@ class LawStepper:
 
     def __init__(self, law: Law, scale: Vector) -> None:
         n, summed = law.order, sparse_law(law)
-        self._ends, self._terms, self._scheduled = summed.ends, summed.terms, summed.is_scheduled
-        self._memory = np.concatenate([np.zeros(2 * n + EXTRA_SIZE + 3), law.limits, scale])
+        self._ends, self._terms = summed.ends, summed.terms
+        self._kind = summed.is_scheduled + 2 * summed.is_levelled
+        self._memory = np.concatenate([np.zeros(2 * n + EXTRA_SIZE + 3), *summed[4:], scale])
         self._order = n
 
     def restart(self) -> None:
@@ -142,18 +216,19 @@ class LawStepper:
 
     def step(self, gyro_B: Vector, force_B: Vector) -> Vector:
         """Step with rates [rad/s] and specific force [m/s^2]; return the command as float32 fractions of `scale`."""
-        fractions: Vector = _step_packed(self._ends, self._terms, self._scheduled, self._memory, *gyro_B, *force_B)
+        fractions: Vector = _step_packed(self._ends, self._terms, self._kind, self._memory, *gyro_B, *force_B)
         return fractions
 
 
 @compiled
-def _step_packed(ends: NDArray[np.int64], terms: Matrix, scheduled: bool, memory: Matrix, p: float, q: float, r: float,
+def _step_packed(ends: NDArray[np.int64], terms: Matrix, kind: int, memory: Matrix, p: float, q: float, r: float,
          force_x: float, force_y: float, force_z: float) -> Vector:  # fmt: skip
-    n = ends.size - 3
+    n = (memory.size - EXTRA_SIZE - 15) // 2
     end = n + EXTRA_SIZE
-    z, work, command = memory[:end], memory[end : end + n], memory[end + n : end + n + 3]
-    limits, scale = memory[end + n + 3 : end + n + 6], memory[end + n + 6 :]
+    z, work, command, rest = memory[:end], memory[end : end + n], memory[end + n : end + n + 3], memory[end + n + 3 :]
+    limits, rate_limits, attitude_limits, scale = rest[:3], rest[3:6], rest[6:9], rest[9:]
     z[n], z[n + 1], z[n + 2] = p, q, r
-    z[n + 6], z[n + 7], z[n + 8] = force_x, force_y, force_z
-    law_kernel(SparseLaw(ends, terms, scheduled, limits), z, command, work)
+    z[n + FORCE], z[n + FORCE + 1], z[n + FORCE + 2] = force_x, force_y, force_z
+    law = SparseLaw(ends, terms, kind % 2 == 1, kind >= 2, limits, rate_limits, attitude_limits)
+    law_kernel(law, z, command, work)
     return float32(command[0] / scale[0]), float32(command[1] / scale[1]), float32(command[2] / scale[2])

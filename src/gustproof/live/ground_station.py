@@ -10,8 +10,8 @@ MAVLink, messages 0, 20, 22, 23, 111, 115, 140, 231, 253, 345; command 511.
 """
 
 import struct
-from collections.abc import Callable, Iterable, Mapping
-from queue import Empty, SimpleQueue
+from collections.abc import Callable
+from queue import SimpleQueue
 from threading import Event
 from typing import Any
 
@@ -68,23 +68,16 @@ class GroundStation:
         self._received = 0
         self._timesync_ns = -1
         self._round_trip_ms: float | None = None
-        self._handlers: Mapping[int, Callable[[Message], None]] = {
+        self._handlers: dict[int, Callable[[Message], None]] = {
             wire.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             wire.MAVLINK_MSG_ID_PARAM_VALUE: self._on_parameter,
             wire.MAVLINK_MSG_ID_PARAM_ERROR: self._on_error,
             wire.MAVLINK_MSG_ID_STATUSTEXT: self._on_text,
             wire.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
             wire.MAVLINK_MSG_ID_COMMAND_ACK: lambda _: None,
-            **(
-                {
-                    wire.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: self._on_state,
-                    wire.MAVLINK_MSG_ID_WIND_COV: self._on_wind,
-                    wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: self._on_torque,
-                }
-                if streams
-                else {}
-            ),
         }
+        shown = zip(_STREAMS, (self._on_state, self._on_wind, self._on_torque), strict=True)
+        self._handlers |= dict(shown if streams else ())
 
     def set_parameter(self, name: str, value: float) -> None:
         """Set a parameter; safe from any thread."""
@@ -100,13 +93,13 @@ class GroundStation:
         self._now_us, self._has_received = now_us, True
         for item in parse(datagram):
             if peer != self._vehicle:
-                self.drop(RejectReason.OTHER_TARGET, peer)
+                self.count_reject(RejectReason.OTHER_TARGET, peer)
             elif isinstance(item, RejectReason):
-                self.drop(item, peer)
+                self.count_reject(item, peer)
             else:
                 self._dispatch(item)
 
-    def drop(self, cause: RejectReason, peer: Address) -> None:
+    def count_reject(self, cause: RejectReason, peer: Address) -> None:
         """Count a message without effect."""
         self.channel.dropped[cause] += 1
 
@@ -116,7 +109,10 @@ class GroundStation:
         if self._end_requested.is_set():
             self.finished, self._final_poll = self._final_poll and not self._has_received, True
             self._has_received = False
-        self._take_requests()
+        while not self._requests.empty():  # this thread alone takes from it
+            name, value = self._requests.get_nowait()
+            self._pending[name] = value
+            self._retry_at_us = now_us
         if now_us >= self._next_heartbeat_us:
             self._next_heartbeat_us = now_us + HEARTBEAT_US
             self._send_heartbeat()
@@ -131,28 +127,17 @@ class GroundStation:
         """Return the latest wall time of the next call of `poll`."""
         return self._now_us + _POLL_US
 
-    def _take_requests(self) -> None:
-        while True:
-            try:
-                name, value = self._requests.get_nowait()
-            except Empty:
-                return
-            self._pending[name] = value
-            self._retry_at_us = self._now_us
-
     def _send_heartbeat(self) -> None:
         """Send a heartbeat and a time request; request streams that have not come since the last heartbeat."""
-        self._send(
-            wire.MAVLink_heartbeat_message(
-                wire.MAV_TYPE_GCS, wire.MAV_AUTOPILOT_INVALID, 0, 0, wire.MAV_STATE_ACTIVE, 3
-            )
-        )
+        kind, family = wire.MAV_TYPE_GCS, wire.MAV_AUTOPILOT_INVALID
+        self._send(wire.MAVLink_heartbeat_message(kind, family, 0, 0, wire.MAV_STATE_ACTIVE, 3))
         self._publish_link()
         if self._system is None:
             return
         self._timesync_ns = 1000 * self._now_us
         self._send(wire.MAVLink_timesync_message(0, self._timesync_ns))
-        self._request_streams(self._missing_streams)
+        for number in self._missing_streams:
+            self._set_message_interval(number, STREAM_US)
         self._missing_streams = set(self._streams)
 
     def _dispatch(self, frame: Frame) -> None:
@@ -171,15 +156,14 @@ class GroundStation:
     def _on_heartbeat(self, message: Message) -> None:
         first = self._system is None
         self._system = message.get_srcSystem()
-        self._buffer.update(
-            mode=_MODES.get(message.custom_mode, str(message.custom_mode)),
-            armed=bool(message.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED),
-        )
+        mode, armed = message.custom_mode, bool(message.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED)
+        self._buffer.update(mode=_MODES.get(mode, str(mode)), armed=armed)
         if first:
             self._next_heartbeat_us = self._now_us
             for name in _PARAMETER_FACTS:
                 self._send(wire.MAVLink_param_request_read_message(self._system, AUTOPILOT, name.encode(), -1))
-            self._request_streams(self._streams)
+            for number in self._streams:
+                self._set_message_interval(number, STREAM_US)
             self._signal_if_confirmed()
 
     def _on_parameter(self, message: Message) -> None:
@@ -187,9 +171,8 @@ class GroundStation:
         if name not in _PARAMETER_FACTS:
             return
         value = messages.parse_parameter(message)
-        self._buffer.update(
-            **{_PARAMETER_FACTS[name]: bool(value) if name in _INTEGER_PARAMETERS else round(value, _DIGITS)}
-        )
+        fact = bool(value) if name in _INTEGER_PARAMETERS else round(value, _DIGITS)
+        self._buffer.update(**{_PARAMETER_FACTS[name]: fact})
         if name in self._pending and abs(value - self._pending[name]) < 1e-6:
             del self._pending[name]
         self._signal_if_confirmed()
@@ -233,19 +216,14 @@ class GroundStation:
     def _publish_link(self) -> None:
         figures: dict[str, Any] = self.channel.stats()
         rate, self._received = figures["in"] - self._received, figures["in"]
-        self._buffer.update(
-            link={"rate": rate, "lost": figures["lost"], "bad": figures["bad"], "round_trip_ms": self._round_trip_ms}
-        )
+        shown = {"rate": rate, "lost": figures["lost"], "bad": figures["bad"], "round_trip_ms": self._round_trip_ms}
+        self._buffer.update(link=shown)
 
     def _set(self, name: str, value: float) -> None:
         kind = wire.MAV_PARAM_TYPE_REAL32
         if name in _INTEGER_PARAMETERS:  # integers travel bytewise, as in PX4
             value, kind = struct.unpack("<f", struct.pack("<i", int(value)))[0], wire.MAV_PARAM_TYPE_INT32
         self._send(wire.MAVLink_param_set_message(self._system, AUTOPILOT, name.encode(), value, kind))
-
-    def _request_streams(self, numbers: Iterable[int]) -> None:
-        for number in numbers:
-            self._set_message_interval(number, STREAM_US)
 
     def _set_message_interval(self, number: int, interval_us: int) -> None:
         numbers = float(number), float(interval_us), 0.0, 0.0, 0.0, 0.0, 0.0

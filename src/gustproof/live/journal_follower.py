@@ -7,12 +7,11 @@ from pathlib import Path
 from threading import Event
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_model.recording.journal import RECORD
 from gustproof.live.telemetry_buffer import SERIES, Row, TelemetryBuffer
+from gustproof.types import Array, Records
 
-Array = NDArray[np.float64]
 _POLL_S = 0.02
 _DIGITS = 6  # decimals
 
@@ -37,7 +36,7 @@ def follow_journal(
                 buffer.add(name, rows[name])
 
 
-def series_rows(groups: NDArray[np.void], sample_us: int) -> dict[str, list[Row]]:
+def series_rows(groups: Records, sample_us: int) -> dict[str, list[Row]]:
     """Return the rows of each series from groups of journal records (n, every): the last record of each group.
 
     The age is the largest of the group: no late command is missed.
@@ -72,7 +71,7 @@ class _GroupReader:
         self._remainder = b""
         self._has_first = False
 
-    def read(self) -> NDArray[np.void]:
+    def read(self) -> Records:
         """Return the groups (n, every) completed since the last call."""
         self._remainder += self._file.read()
         if not self._has_first:

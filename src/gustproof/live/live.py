@@ -12,11 +12,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from threading import Event, Thread
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_model.autopilot.parameters import GUST_SCALE_NAME, PAUSE_NAME, Parameters, published_limit
 from firmware_model.config.scenario import Scenario
@@ -29,6 +27,7 @@ from gustproof.live.journal_follower import follow_journal
 from gustproof.live.requirement_status import requirement_status
 from gustproof.live.server import LOOPBACK, PageServer, parse_bool, parse_number
 from gustproof.live.telemetry_buffer import SERIES, TelemetryBuffer
+from gustproof.types import Records
 
 _JOIN_TIMEOUT_S = 30.0  # for threads with little left to do, on a machine that may be busy
 _JUDGE_S = 0.5
@@ -75,9 +74,8 @@ class LivePage:
         This is the `on_listening` of `processes.fly`. Parameters that the page has set already reach the vehicle before
         the flight begins.
         """
-        station = GroundStation(
-            (0, (LOOPBACK, port)), self._buffer, published_limit(self._vehicle), streams=self._real_time
-        )
+        limit, peer = published_limit(self._vehicle), (0, (LOOPBACK, port))
+        station = GroundStation(peer, self._buffer, limit, streams=self._real_time)
         for name, value in self._requests.items():
             station.set_parameter(name, value)
         self._station = station
@@ -89,23 +87,20 @@ class LivePage:
         station.parameters_confirmed.wait(_JOIN_TIMEOUT_S)
         self._buffer.update(phase="flying")
 
-    def end(self, message: str, records: NDArray[np.void] = _NO_RECORDS) -> None:
+    def end(self, message: str, records: Records = _NO_RECORDS) -> None:
         """Show the end of the flight and the requirement status of its journal records (n,)."""
         self._done.set()
         if self._station is not None:
             self._station.end()
         for thread in self._threads:
             thread.join(_JOIN_TIMEOUT_S)
-        self._buffer.update(
-            phase="over", message=message, lights=requirement_status(records, self._scenario, self._vehicle, over=True)
-        )
+        status = requirement_status(records, self._scenario, self._vehicle, over=True)
+        self._buffer.update(phase="over", message=message, lights=status)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._buffer["phase"] != "over":
             self.end("the flight broke off")
         self._server.server_close()

@@ -3,18 +3,14 @@
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.scoring.requirements import judge, requirement_label, requirement_limits
+from gustproof.types import Records
 
 
-def requirement_status(
-    records: NDArray[np.void], scenario: Scenario, vehicle: Vehicle, *, over: bool
-) -> list[dict[str, Any]]:
+def requirement_status(records: Records, scenario: Scenario, vehicle: Vehicle, *, over: bool) -> list[dict[str, Any]]:
     """Return the status of each requirement after the journal `records` (n,); none is dark once the flight is `over`.
 
     `held` is null for a dark one. `value` has the unit of the text, and is null if it is not finite.
@@ -26,16 +22,12 @@ def requirement_status(
     return [
         {
             "text": _text(requirement),
-            "value": value * _scale(requirement) if math.isfinite(value) else None,
+            # the share of the envelope is shown in percent
+            "value": value * (100.0 if requirement.metric is Metric.RHO else 1.0) if math.isfinite(value) else None,
             "held": None if math.isnan(value) and not over else held,
         }
         for requirement, value, held in values
     ]
-
-
-def _scale(requirement: Requirement) -> float:
-    """Return the factor from the metric's unit to that of the page: 100 for the share of the envelope, in percent."""
-    return 100.0 if requirement.metric is Metric.RHO else 1.0
 
 
 def _text(requirement: Requirement) -> str:

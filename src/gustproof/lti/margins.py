@@ -63,7 +63,7 @@ def margins(G: LinearSystem, K: LinearSystem) -> Margins:
     'crossover 1.96 rad/s, Ms 1.13'
     """
     plant, controller = as_lti(G), as_lti(K)
-    at_input, at_output = _negate(series(plant, controller)), _negate(series(controller, plant))
+    at_input, at_output = -series(plant, controller), -series(controller, plant)
     if not sensitivity(at_input).is_stable():
         raise ValueError("the loop is unstable: it has no margins")
     return Margins(
@@ -136,12 +136,8 @@ def _balance(M: Matrix) -> Matrix:
 def _channel(L: Lti, k: int) -> Lti:
     """Return the scalar loop of channel `k` with the other channels of the negative-feedback loop `L` closed."""
     order = [k, *(j for j in range(L.n_inputs) if j != k)]
-    swapped = Lti(A=L.A, B=L.B[:, order], C=L.C[order], D=L.D[np.ix_(order, order)], dt=L.dt)
+    swapped = L.subsystem(order, order)
     return lft(swapped, gain(-np.eye(L.n_inputs - 1), L.dt)) if L.n_inputs > 1 else swapped
-
-
-def _negate(G: Lti) -> Lti:
-    return Lti(A=G.A, B=G.B, C=-G.C, D=-G.D, dt=G.dt)
 
 
 def _grid(L: Lti) -> Matrix:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-from numpy.typing import NDArray
 
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti
+from gustproof.types import Array
 
 _AXIS_TOLERANCE = 1e-6
 """[-] eigenvalues with a real part below this fraction of their magnitude, or below rounding, count as crossings."""
@@ -41,14 +41,7 @@ def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
     is raised to the gain at the middle of these bands until no band is left; convergence is quadratic. A discrete
     system is mapped by the bilinear transformation, which keeps the norm. An unstable system has an infinite norm.
     Each round costs an eigenvalue problem of order 2n. Rounding may hide crossings of a stiff system, so its gain is
-    first searched on a grid.
-
-    Parameters
-    ----------
-    system
-        Continuous or discrete system.
-    accuracy
-        [-] relative: the norm lies between the result and (1 + 2 `accuracy`) times it, up to rounding.
+    first searched on a grid. The norm lies between the result and (1 + 2 `accuracy`) times it, up to rounding.
 
     Raises
     ------
@@ -114,13 +107,9 @@ def bilinear_transform(G: Lti) -> Lti:
     `G` must have no pole at z = -1.
     """
     n = G.order
-    M = np.linalg.inv(G.A + np.eye(n))
-    return Lti(
-        A=2.0 / G.dt * M @ (G.A - np.eye(n)),
-        B=2.0 / G.dt**0.5 * M @ G.B,
-        C=2.0 / G.dt**0.5 * G.C @ M,
-        D=G.D - G.C @ M @ G.B,
-    )
+    M, scale = np.linalg.inv(G.A + np.eye(n)), 2.0 / G.dt**0.5
+    A = 2.0 / G.dt * M @ (G.A - np.eye(n))
+    return Lti(A=A, B=scale * M @ G.B, C=scale * G.C @ M, D=G.D - G.C @ M @ G.B)
 
 
 def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:
@@ -128,7 +117,8 @@ def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:
     best = Peak(gain=at_infinity, omega=np.inf)
     if not G.order or not G.D.size:
         return best
-    best = _raise_lower_bound(G, best, _first_guesses(poles))
+    resonance = np.abs(poles) * np.sqrt(np.maximum(1.0 - 2.0 * (poles.real / np.abs(poles)) ** 2, 0.0))
+    best = _raise_lower_bound(G, best, np.unique(np.concatenate([[0.0], np.abs(poles), resonance])))
     slowest, fastest = np.min(np.abs(poles)), np.max(np.abs(poles))
     if fastest > _STIFF * slowest:
         best = _search_grid(G, best, max(slowest, 1e-9 * fastest), fastest)
@@ -160,11 +150,6 @@ def _candidates(crossings: Matrix) -> Matrix:
     return np.concatenate([crossings, 0.5 * (ends[:-1] + ends[1:]), np.sqrt(ends[:-1] * ends[1:])])
 
 
-def _first_guesses(poles: ComplexMatrix) -> Matrix:
-    resonance = np.abs(poles) * np.sqrt(np.maximum(1.0 - 2.0 * (poles.real / np.abs(poles)) ** 2, 0.0))
-    return np.unique(np.concatenate([[0.0], np.abs(poles), resonance]))
-
-
 def _search_grid(G: Lti, best: Peak, slowest: float, fastest: float) -> Peak:
     """Return the largest gain on a grid that covers the poles, refined to its local maximum."""
     grid = np.geomspace(slowest / 10.0, fastest, 2 + round(_PER_DECADE * math.log10(10.0 * fastest / slowest)))
@@ -181,7 +166,7 @@ def _search_grid(G: Lti, best: Peak, slowest: float, fastest: float) -> Peak:
     return _raise_lower_bound(G, found, found.omega * np.exp([best_shift.x]))
 
 
-def _raise_lower_bound(G: Lti, best: Peak, omega: NDArray[np.float64]) -> Peak:
+def _raise_lower_bound(G: Lti, best: Peak, omega: Array) -> Peak:
     if omega.size == 0:
         return best
     gains = np.linalg.norm(G.response(omega), 2, axis=(1, 2))

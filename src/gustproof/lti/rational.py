@@ -113,10 +113,9 @@ def round_up(x: Fraction, bits: int = 64) -> Fraction:
     return Fraction(-((-x.numerator << bits) // x.denominator), 1 << bits)
 
 
-def sqrt_upper_bound(x: Fraction, bits: int = 64) -> Fraction:
-    """Return a number not below the square root of `x` >= 0 and within 2^-`bits` of it."""
-    root = math.isqrt((x.numerator << (2 * bits)) // x.denominator)
-    return Fraction(root + 1, 1 << bits)
+def sqrt_upper_bound(x: Fraction) -> Fraction:
+    """Return a number not below the square root of `x` >= 0 and within 2^-64 of it."""
+    return Fraction(math.isqrt((x.numerator << 128) // x.denominator) + 1, 1 << 64)
 
 
 def sin_upper_bound(x: Fraction) -> Fraction:
@@ -129,10 +128,10 @@ def cos_lower_bound(x: Fraction) -> Fraction:
     return _alternating_sum(Fraction(1), x, 0, 10)
 
 
-def exp_lower_bound(x: Fraction, terms: int = 200) -> Fraction:
+def exp_lower_bound(x: Fraction) -> Fraction:
     """Return a number not above `exp x` for x >= 0: the start of its series."""
     total = term = Fraction(1)
-    for k in range(1, terms):
+    for k in range(1, 200):
         term *= x / k
         total += term
     return total

@@ -116,9 +116,12 @@ class Lti:
         pencil = points[:, None, None] * np.eye(self.order) - self.A
         return np.asarray(self.C @ np.linalg.solve(pencil, self.B[None].astype(np.complex128)) + self.D)
 
-    def subsystem(self, outputs: slice, inputs: slice) -> "Lti":
-        """Return the system from the selected inputs to the selected outputs, with all its states."""
-        return Lti(A=self.A, B=self.B[:, inputs], C=self.C[outputs], D=self.D[outputs, inputs], dt=self.dt)
+    def subsystem(self, outputs: slice | list[int], inputs: slice | list[int]) -> "Lti":
+        """Return the system from the selected inputs to the selected outputs, in that order, with all its states."""
+        return Lti(A=self.A, B=self.B[:, inputs], C=self.C[outputs], D=self.D[outputs][:, inputs], dt=self.dt)
+
+    def __neg__(self) -> "Lti":
+        return Lti(A=self.A, B=self.B, C=-self.C, D=-self.D, dt=self.dt)
 
     def to_control(self, **names: list[str]) -> "control.StateSpace":
         """Return a `control.StateSpace` copy; `names` are its `inputs`, `outputs` and `states`."""
@@ -168,13 +171,9 @@ def gain(D: ArrayLike, dt: float = 0.0) -> Lti:
 def series(first: Lti, second: Lti) -> Lti:
     """Return the series connection, `first` feeding `second`; states of `first` come first."""
     _check_sample_times(first, second)
-    return Lti(
-        A=np.block([[first.A, np.zeros((first.order, second.order))], [second.B @ first.C, second.A]]),
-        B=np.vstack([first.B, second.B @ first.D]),
-        C=np.hstack([second.D @ first.C, second.C]),
-        D=second.D @ first.D,
-        dt=first.dt,
-    )
+    A = np.block([[first.A, np.zeros((first.order, second.order))], [second.B @ first.C, second.A]])
+    B, C = np.vstack([first.B, second.B @ first.D]), np.hstack([second.D @ first.C, second.C])
+    return Lti(A=A, B=B, C=C, D=second.D @ first.D, dt=first.dt)
 
 
 def sensitivity(L: Lti) -> Lti:
@@ -224,15 +223,9 @@ def lft(P: Lti, K: Lti) -> Lti:
     E = np.linalg.solve(return_difference, np.hstack([K.D @ C2, K.C, K.D @ D21]))
     n = P.order
     E_x, E_k, E_w = E[:, :n], E[:, n : n + K.order], E[:, n + K.order :]
-    return Lti(
-        A=np.vstack(
-            [np.hstack([P.A + B2 @ E_x, B2 @ E_k]), np.hstack([K.B @ (C2 + D22 @ E_x), K.A + K.B @ D22 @ E_k])]
-        ),
-        B=np.vstack([B1 + B2 @ E_w, K.B @ (D21 + D22 @ E_w)]),
-        C=np.hstack([C1 + D12 @ E_x, D12 @ E_k]),
-        D=D11 + D12 @ E_w,
-        dt=P.dt,
-    )
+    A = np.block([[P.A + B2 @ E_x, B2 @ E_k], [K.B @ (C2 + D22 @ E_x), K.A + K.B @ D22 @ E_k]])
+    B = np.vstack([B1 + B2 @ E_w, K.B @ (D21 + D22 @ E_w)])
+    return Lti(A=A, B=B, C=np.hstack([C1 + D12 @ E_x, D12 @ E_k]), D=D11 + D12 @ E_w, dt=P.dt)
 
 
 def discretize_zoh(system: LinearSystem, dt: float) -> Lti:

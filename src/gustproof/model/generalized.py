@@ -1,14 +1,14 @@
-"""The attitude design problem as a labelled diagram, and its LFT over the whole envelope."""
+"""The attitude design problem as a labelled diagram."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from firmware_model.config.vehicle import Vehicle
 from gustproof.lti.state_space import Lti, Matrix, gain
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
-from gustproof.model.lft import Uncertain
-from gustproof.model.lpv import PARAMETERS, actuators, airframe, rate_loop
+from gustproof.model.lpv import actuators, airframe, rate_loop
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,31 +31,7 @@ class Weights:
     """[1/(N*m)] on the residual moment, disturbance plus torque; `None` does not weight it."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LftStructure:
-    """Labels for the figure of the closed LFT: parameters above, generalised plant between, controller below."""
-
-    parameters: tuple[tuple[str, int], ...]
-    """Blocks of Delta: label of the parameter, and its number of repetitions in the model."""
-    delta_label: str
-    """Text of the uppermost box."""
-    plant_label: str
-    """Text of the middle box."""
-    controller_label: str
-    """Text of the lowest box."""
-    delta_signals: tuple[str, str]
-    """Labels of output and input of Delta."""
-    w: tuple[Signal, ...]
-    """Exogenous inputs."""
-    z: tuple[Signal, ...]
-    """Outputs to keep small."""
-    u: tuple[Signal, ...]
-    """Controls."""
-    y: tuple[Signal, ...]
-    """Measurements."""
-
-
-def torque_problem(vehicle: Vehicle, weights: Weights, *, leak: float, rate_damping: float) -> Interconnection:
+def torque_problem(vehicle: Vehicle, weights: Weights, *, leak: float, rate_damping: ArrayLike) -> Interconnection:
     """Return the design problem of a torque law: actuators, airframe, gyro, and the weights.
 
     - `w` = (disturbance, gyro noise, reference if `W_r`, levelling error if `W_l`).
@@ -72,10 +48,7 @@ def torque_problem(vehicle: Vehicle, weights: Weights, *, leak: float, rate_damp
         _body_block("airframe", "airframe", body, ("moment",), leaks, weights),
         Block(name="actuators", label="actuators", system=actuators(vehicle), inputs=("u",), outputs=("torque",)),
     ]
-    extra = (
-        Signal(name="torque", label=r"$\tau$", width=3, unit="N m"),
-        Signal(name="moment", label=r"$\tau + d$", width=3, unit="N m"),
-    )
+    extra = tuple(_signals("N m", torque=r"$\tau$", moment=r"$\tau + d$"))
     moment = Sum(output="moment", terms=((1, "torque"), (1, "disturbance")))
     return _problem(blocks, extra, (moment,), weights, "N m")
 
@@ -96,23 +69,6 @@ def rates_problem(vehicle: Vehicle, weights: Weights, *, leak: float, tau: float
     return _problem([block], (), (), weights, "rad/s")
 
 
-def lft_structure(problem: Interconnection, dynamics: Uncertain) -> LftStructure:
-    """Return the LFT whose slice at hover is `problem`: Delta of the airframe's `dynamics` around P and K."""
-    by_name = {signal.name: signal for signal in problem.signals}
-    labels = {parameter.name: parameter.label for parameter in PARAMETERS}
-    return LftStructure(
-        parameters=tuple((labels[block.name], block.shape[0]) for block in dynamics.blocks),
-        delta_label=r"$\Delta(\rho)$",
-        plant_label="$P$",
-        controller_label="$K$",
-        delta_signals=(r"$w_\Delta$", r"$z_\Delta$"),
-        w=tuple(by_name[name] for name in problem.w),
-        z=tuple(by_name[name] for name in problem.z),
-        u=tuple(by_name[name] for name in problem.u),
-        y=tuple(by_name[name] for name in problem.y),
-    )
-
-
 def _leaks(leak: float, weights: Weights) -> Matrix:
     """Return the leak [1/s] of each axis: a measured angle needs none."""
     return np.full(3, leak) if weights.W_l is None else np.array([0.0, 0.0, leak])
@@ -129,54 +85,42 @@ def _body_block(name: str, label: str, body: Lti, inputs: tuple[str, ...], leaks
 def _problem(
     plant: list[Block], extra: tuple[Signal, ...], sums: tuple[Sum, ...], weights: Weights, unit: str
 ) -> Interconnection:
-    tracking = weights.W_r is not None
     signals = [
-        Signal(name="w_d", label="$w_d$", width=3),
-        Signal(name="w_n", label="$w_n$", width=3),
-        Signal(name="disturbance", label="$d$", width=3, unit="N m"),
-        Signal(name="noise", label=r"$\nu$", width=3, unit="rad/s"),
-        Signal(name="attitude", label=r"$(\phi, \theta, \psi)$", width=3, unit="rad"),
-        Signal(name="rates", label="$(p, q, r)$", width=3, unit="rad/s"),
-        Signal(name="gyro", label="$y_m$", width=3, unit="rad/s"),
-        Signal(name="u", label="$u$", width=3, unit=unit),
-        Signal(name="z_e", label="$z_e$", width=3),
-        Signal(name="z_u", label="$z_u$", width=3),
+        *_signals("", w_d="$w_d$", w_n="$w_n$"),
+        *_signals("N m", disturbance="$d$"),
+        *_signals("rad/s", noise=r"$\nu$"),
+        *_signals("rad", attitude=r"$(\phi, \theta, \psi)$"),
+        *_signals("rad/s", rates="$(p, q, r)$", gyro="$y_m$"),
+        *_signals(unit, u="$u$"),
+        *_signals("", z_e="$z_e$", z_u="$z_u$"),
         *extra,
     ]
-    error = "error" if tracking else "attitude"
     blocks = [
         *plant,
-        Block(name="W_d", label="$W_d$", system=weights.W_d, inputs=("w_d",), outputs=("disturbance",)),
-        Block(name="W_n", label="$W_n$", system=weights.W_n, inputs=("w_n",), outputs=("noise",)),
-        Block(name="W_e", label="$W_e$", system=weights.W_e, inputs=(error,), outputs=("z_e",)),
-        Block(name="W_u", label="$W_u$", system=weights.W_u, inputs=("u",), outputs=("z_u",)),
+        _weight("W_d", weights.W_d, "w_d", "disturbance"),
+        _weight("W_n", weights.W_n, "w_n", "noise"),
+        _weight("W_e", weights.W_e, "attitude" if weights.W_r is None else "error", "z_e"),
+        _weight("W_u", weights.W_u, "u", "z_u"),
     ]
     junctions = [*sums, Sum(output="gyro", terms=((1, "rates"), (1, "noise")))]
+    w, z, y = ["w_d", "w_n"], ["z_e", "z_u"], ["gyro"]
     if weights.W_r is not None:
-        signals += [
-            Signal(name="w_r", label="$w_r$", width=3),
-            Signal(name="reference", label="$r$", width=3, unit="rad"),
-            Signal(name="error", label="$e$", width=3, unit="rad"),
-        ]
-        blocks.append(Block(name="W_r", label="$W_r$", system=weights.W_r, inputs=("w_r",), outputs=("reference",)))
+        signals += [*_signals("", w_r="$w_r$"), *_signals("rad", reference="$r$", error="$e$")]
+        blocks.append(_weight("W_r", weights.W_r, "w_r", "reference"))
         junctions.append(Sum(output="error", terms=((1, "attitude"), (-1, "reference"))))
-    w, z, y = ["w_d", "w_n", *["w_r"] * tracking], ["z_e", "z_u"], ["gyro", *["reference"] * tracking]
+        w, y = [*w, "w_r"], [*y, "reference"]
     if weights.W_l is not None:
-        signals += [
-            Signal(name="w_l", label="$w_l$", width=2),
-            Signal(name="tilt", label=r"$(\phi, \theta)$", width=2, unit="rad"),
-            Signal(name="levelling", label=r"$\nu_l$", width=2, unit="rad"),
-            Signal(name="level", label="$y_l$", width=2, unit="rad"),
-        ]
-        blocks += [
-            Block(name="gravity", label="gravity", system=gain(np.eye(2, 3)), inputs=("attitude",), outputs=("tilt",)),
-            Block(name="W_l", label="$W_l$", system=weights.W_l, inputs=("w_l",), outputs=("levelling",)),
-        ]
+        signals += _signals("", 2, w_l="$w_l$")
+        signals += _signals("rad", 2, tilt=r"$(\phi, \theta)$", levelling=r"$\nu_l$", level="$y_l$")
+        tilt = Block(
+            name="gravity", label="gravity", system=gain(np.eye(2, 3)), inputs=("attitude",), outputs=("tilt",)
+        )
+        blocks += [tilt, _weight("W_l", weights.W_l, "w_l", "levelling")]
         junctions.append(Sum(output="level", terms=((1, "tilt"), (1, "levelling"))))
         w, y = [*w, "w_l"], [*y, "level"]
     if weights.W_m is not None:
-        signals.append(Signal(name="z_m", label="$z_m$", width=3))
-        blocks.append(Block(name="W_m", label="$W_m$", system=weights.W_m, inputs=("moment",), outputs=("z_m",)))
+        signals += _signals("", z_m="$z_m$")
+        blocks.append(_weight("W_m", weights.W_m, "moment", "z_m"))
         z = [*z, "z_m"]
     return Interconnection(
         signals=tuple(signals),
@@ -187,3 +131,12 @@ def _problem(
         z=tuple(z),
         y=tuple(y),
     )
+
+
+def _signals(unit: str, width: int = 3, /, **labels: str) -> list[Signal]:
+    """Return signals of one unit and width by name, each with its label."""
+    return [Signal(name=name, label=label, width=width, unit=unit) for name, label in labels.items()]
+
+
+def _weight(name: str, system: Lti, read: str, made: str) -> Block:
+    return Block(name=name, label=f"${name}$", system=system, inputs=(read,), outputs=(made,))

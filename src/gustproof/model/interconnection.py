@@ -1,5 +1,6 @@
 """A block diagram as an object, the source of both the generalised plant and its figure."""
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,16 +79,17 @@ class Interconnection:
 
     def __post_init__(self) -> None:
         """Check that every signal has one source and every width fits."""
-        made = [*self.w, *self.u, *(name for block in self.blocks for name in block.outputs)]
-        made += [junction.output for junction in self.sums]
-        known = [signal.name for signal in self.signals]
-        used = [*self.z, *self.y, *(name for block in self.blocks for name in block.inputs)]
-        used += [name for junction in self.sums for _, name in junction.terms]
-        if unknown := sorted({*made, *used} - {*known}):
+        made = Counter([*self.w, *self.u, *self._written, *(junction.output for junction in self.sums)])
+        known = Counter(signal.name for signal in self.signals)
+        added = [name for junction in self.sums for _, name in junction.terms]
+        if unknown := sorted({*made, *self.z, *self.y, *self._read, *added} - {*known}):
             raise ValueError(f"unknown signal '{unknown[0]}'")
         for name in known:
-            if made.count(name) != 1 or known.count(name) != 1:
-                raise ValueError(f"signal '{name}' is made {made.count(name)} times, must be once")
+            if made[name] != 1 or known[name] != 1:
+                raise ValueError(f"signal '{name}' is made {made[name]} times, must be once")
+        self._check_widths()
+
+    def _check_widths(self) -> None:
         for block in self.blocks:
             system = as_continuous(f"block '{block.name}'", block.system)
             shape, wires = (system.n_outputs, system.n_inputs), (self.width(block.outputs), self.width(block.inputs))
@@ -98,6 +100,16 @@ class Interconnection:
         for junction in self.sums:
             if {self.width((name,)) for _, name in junction.terms} != {self.width((junction.output,))}:
                 raise ValueError(f"the sum that makes '{junction.output}' adds signals of different widths")
+
+    @property
+    def _read(self) -> tuple[str, ...]:
+        """Names of the inputs of all blocks, in order."""
+        return tuple(name for block in self.blocks for name in block.inputs)
+
+    @property
+    def _written(self) -> tuple[str, ...]:
+        """Names of the outputs of all blocks, in order."""
+        return tuple(name for block in self.blocks for name in block.outputs)
 
     def width(self, names: tuple[str, ...]) -> int:
         """Return the number of components of the named signals together."""
@@ -131,11 +143,8 @@ class Interconnection:
         if inner := [name for name in inputs if name not in (*self.w, *self.u)]:
             raise ValueError(f"signal '{inner[0]}' is made inside the diagram")
         systems = [as_lti(block.system) for block in self.blocks]
-        A, B, C, D = (
-            scipy.linalg.block_diag(*(getattr(system, name) for system in systems)) for name in ("A", "B", "C", "D")
-        )
-        read = self._selection_matrix(tuple(name for block in self.blocks for name in block.inputs))
-        write = self._selection_matrix(tuple(name for block in self.blocks for name in block.outputs)).T
+        A, B, C, D = (scipy.linalg.block_diag(*(getattr(system, name) for system in systems)) for name in "ABCD")
+        read, write = self._selection_matrix(self._read), self._selection_matrix(self._written).T
         total = self.width(tuple(signal.name for signal in self.signals))
         junctions = np.zeros((total, total))
         for junction in self.sums:
@@ -144,17 +153,10 @@ class Interconnection:
         loop = np.eye(total) - junctions - write @ D @ read
         if np.linalg.cond(loop) > 1e12:
             raise ValueError("blocks without lag form a loop that has no unique solution")
-        from_state, from_input = (
-            np.linalg.solve(loop, write @ C),
-            np.linalg.solve(loop, self._selection_matrix(inputs).T),
-        )
+        from_state, from_input = (np.linalg.solve(loop, N) for N in (write @ C, self._selection_matrix(inputs).T))
         select = self._selection_matrix(outputs)
-        return Lti(
-            A=A + B @ read @ from_state,
-            B=B @ read @ from_input,
-            C=select @ from_state,
-            D=select @ from_input,
-        )
+        reading = B @ read
+        return Lti(A=A + reading @ from_state, B=reading @ from_input, C=select @ from_state, D=select @ from_input)
 
     def _selection_matrix(self, names: tuple[str, ...]) -> Matrix:
         """Return the matrix that selects the named signals, in order, from the vector of all signals."""

@@ -88,7 +88,7 @@ class Uncertain:
         """
         K = gain(delta_matrix(self.blocks, delta), self.M.dt)
         outputs, inputs = _move_last(self.M.n_outputs, range(self.n_z)), _move_last(self.M.n_inputs, range(self.n_w))
-        return lft(_permute(self.M, outputs, inputs), K)
+        return lft(self.M.subsystem(outputs, inputs), K)
 
     def matrices(self, delta: Delta) -> Matrix:
         """Return the values (k, p, m) of an uncertain matrix at k deltas; each name has a value (k,) or one for all.
@@ -143,19 +143,11 @@ class Uncertain:
         if np.linalg.cond(M.D[n_z:, n_w:]) > 1e12:
             raise ValueError("the nominal feedthrough is singular: no inverse")
         # closing u = u + (wanted - y) leaves y = wanted; the new output is u
-        opened = Lti(
-            A=M.A,
-            B=np.hstack([M.B[:, :n_w], np.zeros((M.order, n)), M.B[:, n_w:]]),
-            C=np.vstack([M.C[:n_z], np.zeros((n, M.order)), -M.C[n_z:]]),
-            D=np.block(
-                [
-                    [M.D[:n_z, :n_w], np.zeros((n_z, n)), M.D[:n_z, n_w:]],
-                    [np.zeros((n, n_w)), np.zeros((n, n)), np.eye(n)],
-                    [-M.D[n_z:, :n_w], np.eye(n), np.eye(n) - M.D[n_z:, n_w:]],
-                ]
-            ),
-            dt=M.dt,
-        )
+        D11, D12, D21, D22 = M.D[:n_z, :n_w], M.D[:n_z, n_w:], M.D[n_z:, :n_w], M.D[n_z:, n_w:]
+        zero, one, state = np.zeros((n, n)), np.eye(n), np.zeros((M.order, n))
+        inner = [[D11, np.zeros((n_z, n)), D12], [np.zeros((n, n_w)), zero, one], [-D21, one, one - D22]]
+        B, C = np.hstack([M.B[:, :n_w], state, M.B[:, n_w:]]), np.vstack([M.C[:n_z], state.T, -M.C[n_z:]])
+        opened = Lti(A=M.A, B=B, C=C, D=np.block(inner), dt=M.dt)
         return Uncertain(M=lft(opened, gain(np.eye(n), M.dt)), blocks=self.blocks)
 
     def __add__(self, other: "Uncertain | LinearSystem | ArrayLike") -> "Uncertain":
@@ -234,7 +226,7 @@ def append(*systems: "Uncertain | LinearSystem | ArrayLike") -> Uncertain:
     together = Lti(A=A, B=B, C=C, D=D, dt=max(times, default=0.0))
     inputs = _put_delta_first([(part.n_w, part.n_inputs) for part in parts])
     outputs = _put_delta_first([(part.n_z, part.n_outputs) for part in parts])
-    return _merge_blocks(_permute(together, outputs, inputs), [block for part in parts for block in part.blocks])
+    return _merge_blocks(together.subsystem(outputs, inputs), [block for part in parts for block in part.blocks])
 
 
 def star(P: "Uncertain | LinearSystem", Q: "Uncertain | LinearSystem", n_y: int, n_u: int) -> Uncertain:
@@ -259,7 +251,7 @@ def star(P: "Uncertain | LinearSystem", Q: "Uncertain | LinearSystem", n_y: int,
     # external channels come first, joined ones last: (P, Q) outputs and (P, Q) inputs
     p, m, n_z, n_w = upper.n_outputs, upper.n_inputs, both.n_z, both.n_w
     down, up = range(n_z + p - n_y, n_z + p + n_u), range(n_w + m - n_u, n_w + m + n_y)
-    M = _permute(both.M, _move_last(both.M.n_outputs, down), _move_last(both.M.n_inputs, up))
+    M = both.M.subsystem(_move_last(both.M.n_outputs, down), _move_last(both.M.n_inputs, up))
     joined = np.block([[np.zeros((n_u, n_y)), np.eye(n_u)], [np.eye(n_y), np.zeros((n_y, n_u))]])
     return Uncertain(M=lft(M, gain(joined, M.dt)), blocks=both.blocks)
 
@@ -330,15 +322,12 @@ def _merge_blocks(M: Lti, stacked: Sequence[DeltaBlock]) -> Uncertain:
     blocks: list[DeltaBlock] = []
     for name in names:
         same = [block for block in stacked if block.name == name]
-        first = same[0]
-        if isinstance(first, RealBlock):
-            one = replace(first, repeats=sum(block.shape[0] for block in same))
-            if any(replace(first, repeats=block.shape[0]) != block for block in same):
+        if isinstance(same[0], RealBlock):
+            if any(replace(same[0], repeats=block.shape[0]) != block for block in same):
                 raise ValueError(f"parameter '{name}' has two ranges")
-            blocks.append(one)
-        else:
-            blocks += same
-    return Uncertain(M=_permute(M, outputs, inputs), blocks=tuple(blocks))
+            same = [replace(same[0], repeats=sum(block.shape[0] for block in same))]
+        blocks += same
+    return Uncertain(M=M.subsystem(outputs, inputs), blocks=tuple(blocks))
 
 
 def _reorder_channels(sizes: list[int], order: list[int], total: int) -> list[int]:
@@ -358,10 +347,6 @@ def _put_delta_first(sizes: list[tuple[int, int]]) -> list[int]:
 def _move_last(total: int, moved: range) -> list[int]:
     """Return all channels with the `moved` ones last."""
     return [*(channel for channel in range(total) if channel not in moved), *moved]
-
-
-def _permute(M: Lti, outputs: list[int], inputs: list[int]) -> Lti:
-    return Lti(A=M.A, B=M.B[:, inputs], C=M.C[outputs], D=M.D[np.ix_(outputs, inputs)], dt=M.dt)
 
 
 def _sample_block(block: DeltaBlock, rng: np.random.Generator) -> ArrayLike:

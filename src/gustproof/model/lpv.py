@@ -37,20 +37,14 @@ RATE_BOUND = 1.5
 RATE_BOUND_IN_TEXT = 1.5 * math.pi
 """[rad/s] bound on the rates in section IV-C of the paper."""
 
+_ANGLES = ((r"$\sin\phi$", -1.0), (r"$\cos\phi$", 0.0), (r"$\sin\theta$", -1.0), (r"$\cos\theta$", 0.0))
+_BOUNDS = (
+    *((meaning, low, 1.0) for meaning, low in _ANGLES),
+    *((f"${rate}$ [rad/s]", -RATE_BOUND, RATE_BOUND) for rate in "pqr"),
+)
 PARAMETERS = tuple(
     SchedulingParameter(name=f"rho{k}", label=rf"$\rho_{k}$", meaning=meaning, low=low, high=high)
-    for k, (meaning, low, high) in enumerate(
-        (
-            (r"$\sin\phi$", -1.0, 1.0),
-            (r"$\cos\phi$", 0.0, 1.0),
-            (r"$\sin\theta$", -1.0, 1.0),
-            (r"$\cos\theta$", 0.0, 1.0),
-            ("$p$ [rad/s]", -RATE_BOUND, RATE_BOUND),
-            ("$q$ [rad/s]", -RATE_BOUND, RATE_BOUND),
-            ("$r$ [rad/s]", -RATE_BOUND, RATE_BOUND),
-        ),
-        start=1,
-    )
+    for k, (meaning, low, high) in enumerate(_BOUNDS, start=1)
 )
 """The seven parameters with the bounds of Table II."""
 
@@ -66,40 +60,10 @@ def scheduling_parameters(E: ArrayLike, omega_B: ArrayLike) -> Matrix:
     return np.concatenate([trigonometric, rates], axis=-1)
 
 
-def is_within_bounds(rho: ArrayLike) -> bool:
-    """Return whether every `rho` (..., 7) is within the bounds of Table II."""
-    low, high = _bounds()
-    values = np.asarray(rho, dtype=np.float64)
-    return bool(np.all((low <= values) & (values <= high)))
-
-
-def share_of_bounds(rho: ArrayLike) -> float:
-    """Return the largest share [-] that any of `rho` (..., 7) uses of the way from hover to its bound in Table II.
-
-    Values up to 1 are within the bounds.
-    """
-    low, high = _bounds()
-    hover = np.array(HOVER)
-    values = np.asarray(rho, dtype=np.float64) - hover
-    # no cosine exceeds its value at hover, which is the upper bound
-    room = np.where((values > 0.0) & (high > hover), high - hover, hover - low)
-    return float(np.max(np.abs(values) / room))
-
-
-def _bounds() -> tuple[Matrix, Matrix]:
-    """Return the lower and the upper bounds (7,) of Table II."""
-    return np.array([parameter.low for parameter in PARAMETERS]), np.array([parameter.high for parameter in PARAMETERS])
-
-
 def lpv_matrix(rho: ArrayLike, inertia_B: ArrayLike) -> Matrix:
     """Return `A(rho)`, (6, 6), of the state (phi, theta, psi, p, q, r) [rad, rad/s].
 
-    Parameters
-    ----------
-    rho
-        (7,) [-, rad/s] the parameters; rho4 = cos(theta) must not be 0.
-    inertia_B
-        (3,) [kg*m^2] B, principal moments of inertia.
+    `rho` (7,) [-, rad/s] are the parameters, `inertia_B` (3,) [kg*m^2] B the principal moments of inertia.
 
     Raises
     ------
@@ -126,20 +90,14 @@ def lpv_matrix(rho: ArrayLike, inertia_B: ArrayLike) -> Matrix:
     return A
 
 
-def airframe(vehicle: Vehicle, *, leak: ArrayLike, rate_damping: float) -> Lti:
+def airframe(vehicle: Vehicle, *, leak: ArrayLike, rate_damping: ArrayLike) -> Lti:
     """Return the airframe at hover: moment (3,) [N*m] B to its states (phi, theta, psi, p, q, r).
 
-    Parameters
-    ----------
-    vehicle
-        Gives the inertia.
-    leak
-        [1/s] `-leak E` added to the Euler kinematics, the paper's stability augmentation; a scalar or (3,) by axis.
-        Without it the attitude is not detectable from rates and no H-infinity problem is solvable. No vehicle has it.
-    rate_damping
-        [1/s] `-rate_damping omega_B` in the rate equations.
+    The Euler kinematics have the term `-leak E`, the paper's stability augmentation: [1/s], a scalar or (3,) by axis.
+    Without it the attitude is not detectable from rates and no H-infinity problem is solvable. No vehicle has it. The
+    rate equations have the term `-rate_damping omega_B`: [1/s], a scalar or (3,) by axis.
     """
-    A = lpv_matrix(HOVER, vehicle.inertia_B) - np.diag([*np.broadcast_to(leak, 3), *[rate_damping] * 3])
+    A = lpv_matrix(HOVER, vehicle.inertia_B) - np.diag([*np.broadcast_to(leak, 3), *np.broadcast_to(rate_damping, 3)])
     B = np.vstack([np.zeros((3, 3)), np.diag(1.0 / np.asarray(vehicle.inertia_B))])
     return Lti(A=A, B=B, C=np.eye(6), D=np.zeros((6, 3)))
 
@@ -162,17 +120,14 @@ def actuators(vehicle: Vehicle) -> Lti:
     return Lti(A=-rate, B=rate, C=np.eye(3), D=np.zeros((3, 3)))
 
 
-def linear_plant(vehicle: Vehicle, *, leak: float = 0.0, rate_damping: float | None = None) -> Lti:
+def linear_plant(vehicle: Vehicle) -> Lti:
     """Return the vehicle at hover with its actuators: states (phi, theta, psi, p, q, r, T_L, T_M, T_N).
 
     Inputs are the torque command (3,) and the disturbance moment (3,) [N*m] B; outputs are the Euler angles (3,) [rad]
-    and the rates (3,) [rad/s] B. `rate_damping` [1/s] is the vehicle's own unless given.
+    and the rates (3,) [rad/s] B.
     """
-    body = airframe(vehicle, leak=leak, rate_damping=vehicle.rate_damping if rate_damping is None else rate_damping)
+    body = airframe(vehicle, leak=0.0, rate_damping=vehicle.rate_damping_B)
     motors = actuators(vehicle)
-    return Lti(
-        A=np.block([[body.A, body.B], [np.zeros((3, 6)), motors.A]]),
-        B=np.block([[np.zeros((6, 3)), body.B], [motors.B, np.zeros((3, 3))]]),
-        C=np.eye(6, 9),
-        D=np.zeros((6, 6)),
-    )
+    A = np.block([[body.A, body.B], [np.zeros((3, 6)), motors.A]])
+    B = np.block([[np.zeros((6, 3)), body.B], [motors.B, np.zeros((3, 3))]])
+    return Lti(A=A, B=B, C=np.eye(6, 9), D=np.zeros((6, 6)))

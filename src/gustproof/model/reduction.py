@@ -16,14 +16,8 @@ def simplify(system: Uncertain, *, accuracy: float = 1e-10) -> Uncertain:
     images of the inputs and of each other. The observable part is the same for the transpose. The reduction is exact.
     It finds the least order when the parameters do not commute; for numbers, which do, a smaller model may exist.
     The input and output of a full block count as external. Cost: some n rounds of one singular value decomposition a
-    block.
-
-    Parameters
-    ----------
-    system
-        Uncertain system; scale its states first if they differ by orders of magnitude.
-    accuracy
-        [-] directions below this fraction of the largest coefficient count as absent.
+    block. Directions below the fraction `accuracy` of the largest coefficient count as absent; so scale states first
+    that differ by orders of magnitude.
 
     References
     ----------
@@ -51,18 +45,11 @@ def _restrict(system: Uncertain, accuracy: float, *, dual: bool) -> Uncertain:
     bases = _invariant_subspaces(whole.T, w, z, accuracy) if dual else _invariant_subspaces(whole, z, w, accuracy)
     left, right = _projection(whole.shape[0], z, bases), _projection(whole.shape[1], w, bases)
     smaller, order = left.T @ whole @ right, bases[0].shape[1]
+    A, B, C, D = smaller[:order, :order], smaller[:order, order:], smaller[order:, :order], smaller[order:, order:]
     ranks = dict(zip(reals, (basis.shape[1] for basis in bases[1:]), strict=True))
     blocks = [_resize_block(block, ranks.get(k)) for k, block in enumerate(system.blocks)]
-    return Uncertain(
-        M=Lti(
-            A=smaller[:order, :order],
-            B=smaller[:order, order:],
-            C=smaller[order:, :order],
-            D=smaller[order:, order:],
-            dt=M.dt,
-        ),
-        blocks=tuple(block for block in blocks if block is not None),
-    )
+    kept = tuple(block for block in blocks if block is not None)
+    return Uncertain(M=Lti(A=A, B=B, C=C, D=D, dt=M.dt), blocks=kept)
 
 
 def _invariant_subspaces(whole: Matrix, z: list[slice], w: list[slice], accuracy: float) -> list[Matrix]:

@@ -39,13 +39,6 @@ class Envelope:
             raise ValueError(f"rate is {self.rate} rad/s, must be positive")
 
 
-def half_angles(E: ArrayLike, omega_B: ArrayLike) -> dict[str, Matrix]:
-    """Return the parameters t, v, r, q of `rotation`, (...), at `E` (..., 3) [rad], `omega_B` (..., 3) [rad/s]."""
-    angles, rates = np.asarray(E, dtype=np.float64), np.asarray(omega_B, dtype=np.float64)
-    t, v = np.tan(0.5 * angles[..., 0]), np.tan(0.5 * angles[..., 1])
-    return {"t": t, "v": v, "r": rates[..., 2], "q": rates[..., 1]}
-
-
 def rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -> Uncertain:
     """Return the exact rotational dynamics, (E, omega_B, moment_B) to d/dt (E, omega_B): Delta = t I2, v I2, r I2, q.
 
@@ -92,21 +85,13 @@ def paper_rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -
     return _rigid_body(kinematics, products, inertia_B)
 
 
-def uncertain_airframe(dynamics: Uncertain, *, leak: float, rate_damping: float) -> Uncertain:
+def uncertain_airframe(dynamics: Uncertain, *, leak: float, rate_damping: ArrayLike) -> Uncertain:
     """Return the airframe as a system: moment (3,) [N*m] B to its states (phi, theta, psi, p, q, r).
 
-    It replaces the block "airframe" of a design problem; at delta = 0 of `rotation` it equals `lpv.airframe`.
-
-    Parameters
-    ----------
-    dynamics
-        From `rotation` or `paper_rotation`.
-    leak
-        [1/s] `-leak E` added to the Euler kinematics.
-    rate_damping
-        [1/s] `-rate_damping omega_B` in the rate equations.
+    It replaces the block "airframe" of a design problem. At delta = 0 of `rotation` it equals `lpv.airframe` with the
+    same `leak` and `rate_damping` [1/s], a scalar or (3,) by axis. `dynamics` come from `rotation` or `paper_rotation`.
     """
-    decay = np.hstack([-np.diag([leak] * 3 + [rate_damping] * 3), np.zeros((6, 3))])
+    decay = np.hstack([-np.diag([*[leak] * 3, *np.broadcast_to(rate_damping, 3)]), np.zeros((6, 3))])
     stacked = np.vstack([np.eye(6), np.zeros((6, 6))]) @ (dynamics + decay)
     return system_from_matrix(stacked + np.block([[np.zeros((6, 9))], [np.eye(6), np.zeros((6, 3))]]), 6)
 

@@ -27,15 +27,10 @@ def first_order_weight(low: Sequence[float], corner: float, high: Sequence[float
     if not (math.isfinite(corner) and corner > 0.0):
         raise ValueError(f"corner is {corner!r}, must be positive")
     # low - high is split evenly between input and output: neither is badly scaled
-    rows = [
-        (
-            -corner if a != b else 0.0,
-            math.sqrt(corner * abs(a - b)),
-            math.copysign(math.sqrt(corner * abs(a - b)), a - b),
-            b,
-        )
-        for a, b in zip(low, high, strict=True)
-    ]
+    rows = []
+    for a, b in zip(low, high, strict=True):
+        share = math.sqrt(corner * abs(a - b))
+        rows.append((-corner if a != b else 0.0, share, math.copysign(share, a - b), b))
     return _diagonal_weight(rows)
 
 

@@ -1,8 +1,9 @@
 """Predict attitude error, torque slew and sensitivity peak of a linear law in turbulence, without a flight.
 
 The model is exact for small angles, from rest, over the scenario's duration. It contains plant, actuator and delayed
-commands at the sample rate, the vehicle's own Dryden filters and gust map, and white gyro noise. It omits the angular
-gusts, which act through the rate damping alone.
+commands at the sample rate, the vehicle's own Dryden filters and gust map, and white gyro noise. Angular gusts act
+through the rate damping alone. They are in the model where that is the rotors' drag, and omitted where the vehicle file
+gives a number, as `paper` does.
 """
 
 import math
@@ -10,11 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import Dryden
-from firmware_model.physics.dryden import dryden_filters, dryden_spectrum, gust_moment
+from firmware_model.physics.dryden import DrydenParams, dryden_filters, dryden_spectrum, gust_moment
 from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Matrix
 from gustproof.lti.norms import hinf_norm
@@ -61,7 +63,7 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
     Raises
     ------
     ValueError
-        If the scenario has no Dryden turbulence.
+        If the scenario has no turbulence, no wind of kind 'dryden'.
 
     Examples
     --------
@@ -72,25 +74,50 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
     """
     dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
     if dryden is None:
-        raise ValueError(f"scenario '{scenario.name}' has no turbulence to design for")
+        raise ValueError(f"scenario '{scenario.name}' has no turbulence, no wind of kind 'dryden'")
     spectrum = dryden_spectrum(dryden, scenario.altitude_m, vehicle.span)
     f, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
     covariance = factor @ factor.T
-    map_B = np.array([gust_moment(vehicle.gust_gain, vehicle.gust_yaw_ratio, tuple(e)) for e in np.eye(3)]).T
-    v_A, v_B = _lower_triangle(f.v_a11, f.v_a21, f.v_a22), _lower_triangle(f.v_b11, f.v_b21, f.v_b22)
-    w_A, w_B = _lower_triangle(f.w_a11, f.w_a21, f.w_a22), _lower_triangle(f.w_b11, f.w_b21, f.w_b22)
-    filters = (
-        (np.array([[f.u_a]]), np.array([[f.u_b]]), np.array([[1.0]]), covariance[:1, :1]),
-        (v_A, v_B, np.array([[f.v_c1, f.v_c2]]), covariance[1:3, 1:3]),
-        (w_A, w_B, np.array([[f.w_c1, f.w_c2]]), covariance[4:6, 4:6]),
-    )
+    gain = scenario.gust_scale * vehicle.gust_gain
+    map_B = np.array([gust_moment(gain, vehicle.gust_yaw_ratio, tuple(e)) for e in np.eye(3)]).T
+    filters = [(np.array([[f.u_a]]), np.array([[f.u_b]]), np.array([[1.0]]), covariance[:1, :1])]
+    for t, at in ((f.v, slice(1, 3)), (f.w, slice(4, 6))):
+        A, B = _lower_triangle(t.a11, t.a21, t.a22), _lower_triangle(t.b11, t.b21, t.b22)
+        filters.append((A, B, np.array([[t.c1, t.c2]]), covariance[at, at]))
     models = []
-    for axis, inertia in enumerate(vehicle.inertia_B):
+    for axis in range(3):
         component = int(np.argmax(np.abs(map_B[axis])))
         A, B, C, stationary = filters[component]
         moment = Lti(A=A, B=B, C=map_B[axis, component] * C, D=np.zeros((1, B.shape[1])), dt=scenario.dt)
-        models.append(_axis_model(vehicle, scenario, inertia, moment, stationary))
+        if vehicle.rate_damping is None:
+            turning, own = _angular_gust(f, covariance, axis)
+            drag = vehicle.inertia_B[axis] * vehicle.rate_damping_B[axis]
+            moment = Lti(
+                A=scipy.linalg.block_diag(moment.A, turning.A),
+                B=scipy.linalg.block_diag(moment.B, turning.B),
+                C=np.hstack([moment.C, drag * turning.C]),
+                D=np.zeros((1, moment.n_inputs + turning.n_inputs)),
+                dt=scenario.dt,
+            )
+            stationary = scipy.linalg.block_diag(stationary, own)
+        models.append(_axis_model(vehicle, scenario, axis, moment, stationary))
     return models[0], models[1], models[2]
+
+
+def _angular_gust(f: DrydenParams, covariance: Matrix, axis: int) -> tuple[Lti, Matrix]:
+    """Return the filter of an axis's angular gust [rad/s], of unit white noise, and its states' stationary covariance.
+
+    It shares no noise with the gust whose moment acts about the same axis: p is beside v, q of w beside u, r of v
+    beside w.
+    """
+    if axis == 0:
+        A, B, C, at = np.array([[f.p_a]]), np.array([[f.p_b]]), np.eye(1), slice(7, 8)
+    else:
+        t, at = (f.w, slice(4, 7)) if axis == 1 else (f.v, slice(1, 4))
+        A = np.array([[t.a11, 0.0, 0.0], [t.a21, t.a22, 0.0], [t.a31, t.a32, t.a33]])
+        B = np.array([[t.b11, 0.0, 0.0], [t.b21, t.b22, 0.0], [t.b31, t.b32, t.b33]])
+        C = t.slope * np.array([[t.c1, t.c2, -1.0]])
+    return Lti(A=A, B=B, C=C, D=np.zeros((1, len(B)))), covariance[at, at]
 
 
 def augmented_axis(model: AxisModel) -> Lti:
@@ -123,14 +150,23 @@ def mean_second_moments(flights: Sequence[AxisModel], closed: LinearSystem) -> M
     The loop's states begin with those of `augmented_axis`, once for each of `flights`. Initially the air is stationary
     and all else at rest. Arrays with leading axes are many loops at once, and may be complex.
     """
-    P, start = np.zeros_like(closed.A), 0
-    for model in flights:
-        start += model.plant.order + max(model.delay_samples, 1)
-        air = slice(start, start + model.gust.order)
-        P[..., air, air] = model.gust_covariance
-        start = air.stop
+    P, _ = initial_covariance(flights, closed.A.shape[-1])
     mean = mean_covariance(closed.A, closed.B @ closed.B.mT, P, flights[0].samples)
     return np.asarray(closed.C @ mean @ closed.C.mT + closed.D @ closed.D.mT)
+
+
+def initial_covariance(flights: Sequence[AxisModel], order: int) -> tuple[Matrix, list[int]]:
+    """Return the covariance (n, n) of `order` n at the first sample, and the first state of each of `flights`.
+
+    The states begin with those of `augmented_axis`, once for each. The air is stationary and all else at rest.
+    """
+    P, starts, end = np.zeros((order, order)), [], 0
+    for model in flights:
+        starts.append(end)
+        begin = end + model.plant.order + max(model.delay_samples, 1)
+        end = begin + model.gust.order
+        P[begin:end, begin:end] = model.gust_covariance
+    return P, starts
 
 
 def axis_performance(model: AxisModel, law: AxisLaw) -> AxisPerformance:
@@ -141,7 +177,15 @@ def axis_performance(model: AxisModel, law: AxisLaw) -> AxisPerformance:
 def controller_performance(model: AxisModel, controller: Lti) -> AxisPerformance:
     """Return the performance of one axis under a linear `controller` from gyro [rad/s] to command [N*m]."""
     rmse, slew = rms(model, controller)
-    return AxisPerformance(rmse=rmse, slew=slew, sensitivity_peak=hinf_norm(sensitivity(_loop(model, controller))).gain)
+    return AxisPerformance(
+        rmse=rmse, slew=slew, sensitivity_peak=hinf_norm(sensitivity(open_loop(model, controller))).gain
+    )
+
+
+def pool_axes(axes: Sequence[AxisPerformance]) -> tuple[float, float]:
+    """Return rms attitude [rad] and slew [N*m/s] of all axes."""
+    rmse, slew = (math.sqrt(np.mean([getattr(axis, name) ** 2 for axis in axes])) for name in ("rmse", "slew"))
+    return rmse, slew
 
 
 def rms(model: AxisModel, controller: Lti) -> tuple[float, float]:
@@ -171,25 +215,20 @@ def mean_covariance(F: Matrix, Q: Matrix, P: Matrix, count: int) -> Matrix:
     return np.asarray((total + initial) / count)
 
 
-def _loop(model: AxisModel, controller: Lti) -> Lti:
+def open_loop(model: AxisModel, controller: Lti) -> Lti:
     """Return the loop broken at the plant's input, for negative feedback; the gyro does not measure attitude."""
-    dt, whole = model.plant.dt, model.plant
-    plant = Lti(A=whole.A[1:, 1:], B=whole.B[1:], C=whole.C[:, 1:], D=whole.D, dt=dt)
+    whole = model.plant
+    plant = Lti(A=whole.A[1:, 1:], B=whole.B[1:], C=whole.C[:, 1:], D=whole.D, dt=whole.dt)
     for _ in range(model.delay_samples):
-        plant = series(delay(1, dt), plant)
-    loop = series(plant, controller)
-    return Lti(A=loop.A, B=loop.B, C=-loop.C, D=-loop.D, dt=dt)
+        plant = series(delay(1, whole.dt), plant)
+    return -series(plant, controller)
 
 
-def _axis_model(vehicle: Vehicle, scenario: Scenario, inertia: float, moment: Lti, stationary: Matrix) -> AxisModel:
-    lag, damping = vehicle.actuator_lag, vehicle.rate_damping
-    continuous = Lti(
-        A=np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0 / inertia], [0.0, 0.0, -1.0 / lag]]),
-        B=np.array([[0.0, 0.0], [0.0, 1.0 / inertia], [1.0 / lag, 0.0]]),
-        C=np.array([[0.0, 1.0, 0.0]]),
-        D=np.zeros((1, 2)),
-    )
-    held = discretize_zoh(continuous, scenario.dt)
+def _axis_model(vehicle: Vehicle, scenario: Scenario, axis: int, moment: Lti, stationary: Matrix) -> AxisModel:
+    inertia, lag, damping = vehicle.inertia_B[axis], vehicle.actuator_lag, vehicle.rate_damping_B[axis]
+    A = np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0 / inertia], [0.0, 0.0, -1.0 / lag]])
+    B = np.array([[0.0, 0.0], [0.0, 1.0 / inertia], [1.0 / lag, 0.0]])
+    held = discretize_zoh(Lti(A=A, B=B, C=np.array([[0.0, 1.0, 0.0]]), D=np.zeros((1, 2))), scenario.dt)
     noise = vehicle.gyro.noise_ratio * vehicle.gyro.reference_rate * math.sqrt(scenario.control_rate_hz / 250.0)
     return AxisModel(
         plant=held.subsystem(slice(0, 1), slice(0, 1)),

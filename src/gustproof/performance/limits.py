@@ -67,12 +67,8 @@ def output_feedback_limit(models: Sequence[AxisModel], slew: float) -> LeastErro
 def full_information_limit(models: Sequence[AxisModel], slew: float) -> LeastError:
     """Return the least error of all laws that know state and air, with an rms torque slew of at most `slew` [N*m/s].
 
-    With `slew` infinite, only the delay and the actuator's lag remain between the law and the moment.
-
-    Raises
-    ------
-    DesignError
-        See `output_feedback_limit`.
+    With `slew` infinite, only the delay and the actuator's lag remain between the law and the moment. It raises what
+    `output_feedback_limit` raises.
 
     Examples
     --------

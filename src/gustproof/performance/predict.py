@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -10,7 +10,7 @@ import scipy.linalg
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from gustproof.law.form import Law, Matrix, Output
-from gustproof.law.hover import linear_law
+from gustproof.law.hover import loop_law
 from gustproof.lti.state_space import Lti, lft
 from gustproof.performance.covariance import AxisModel, augmented_axis, axis_models, mean_second_moments
 
@@ -23,6 +23,10 @@ class Prediction:
     """[rad] root mean square of the Euler angles over the scenario, of all flights."""
     slew: float
     """[N*m/s] root mean square of the commands' change from sample to sample, divided by the sample time."""
+    own_rate: float | None
+    """[rad/s] root mean square rate where the gyro's noise keeps its ratio to this rate; `None` at no such noise."""
+    own_rate_rmse: float | None
+    """[rad] `rmse` with that noise, in place of the one that the vehicle's `reference_rate` sets."""
 
 
 def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None:
@@ -47,40 +51,57 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
     if law.output is not Output.TORQUE:
         return None
     models = axis_models(vehicle, scenario)
-    moments = mean_second_moments(models, lft(_augmented_vehicle(models, vehicle, scenario), _controller(law)))
-    pooled = np.sqrt(np.mean(np.diag(moments).reshape(2, 3), axis=1))
-    return Prediction(rmse=float(pooled[0]), slew=float(pooled[1]) / scenario.dt)
+    whole = _mean_squares(models, law, vehicle, scenario)
+    quiet = _mean_squares([replace(model, noise=0.0) for model in models], law, vehicle, scenario)
+    # Mean squares are linear in the noise's variance s, in units of the one set by the reference rate r. Its ratio to
+    # the rate stays for s r^2 = quiet + s (whole - quiet).
+    by_noise, reference_square = whole - quiet, vehicle.gyro.reference_rate**2
+    own_rate = own_rate_rmse = None
+    if by_noise[2] < reference_square:
+        variance = quiet[2] / (reference_square - by_noise[2])
+        own_rate, own_rate_rmse = math.sqrt(variance * reference_square), math.sqrt(quiet[0] + variance * by_noise[0])
+    return Prediction(
+        rmse=math.sqrt(whole[0]),
+        slew=math.sqrt(whole[1]) / scenario.dt,
+        own_rate=own_rate,
+        own_rate_rmse=own_rate_rmse,
+    )
+
+
+def _mean_squares(models: Sequence[AxisModel], law: Law, vehicle: Vehicle, scenario: Scenario) -> Matrix:
+    """Return mean squares (3,) of attitude [rad^2], command change [(N*m)^2] and rate [(rad/s)^2], all axes pooled."""
+    moments = mean_second_moments(models, close_vehicle(models, law, vehicle, scenario))
+    return np.asarray(np.mean(np.diag(moments).reshape(3, 3), axis=1))
+
+
+def close_vehicle(models: Sequence[AxisModel], law: Law, vehicle: Vehicle, scenario: Scenario) -> Lti:
+    """Return three axes closed by a torque law: noises in; attitudes, command changes and rates out."""
+    return lft(_augmented_vehicle(models, vehicle, scenario), _controller(law))
 
 
 def _augmented_vehicle(models: Sequence[AxisModel], vehicle: Vehicle, scenario: Scenario) -> Lti:
-    """Return three axes as one: noises and commands in; attitudes, command changes, gyro and specific force out."""
+    """Return three axes as one: noises and commands in; attitudes, command changes, rates, gyro, roll and pitch out.
+
+    The last two are those of the accelerometer, with its noise. At level attitude roll is -f_y / g, pitch f_x / g.
+    """
     axes = [augmented_axis(model) for model in models]
     A, B, C, D = (scipy.linalg.block_diag(*(getattr(axis, name) for axis in axes)) for name in "ABCD")
     last = np.cumsum([axis.n_inputs for axis in axes]) - 1
     noises = [i for i in range(B.shape[1]) if i not in last]
     attitudes, changes, gyros = ([3 * axis + output for axis in range(3)] for output in range(3))
-    # level and held, f_z = -g: nose up gives f_x > 0, roll to the right gives f_y < 0
-    specific_force = GRAVITY * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) @ C[attitudes]
     density = vehicle.accelerometer.noise_density if scenario.accelerometer.noise else 0.0
-    noise = density * math.sqrt(0.5 * scenario.control_rate_hz) * np.eye(3)
-    outputs, order = [*attitudes, *changes, *gyros], [*noises, *last]
+    noise = density / GRAVITY * math.sqrt(0.5 * scenario.control_rate_hz) * np.eye(2)
+    outputs, order = [*attitudes, *changes, *gyros, *gyros], [*noises, *last]
     B, D = B[:, order], D[np.ix_(outputs, order)]
-    return Lti(
-        A=A,
-        B=np.hstack([np.zeros((A.shape[0], 3)), B]),
-        C=np.vstack([C[outputs], specific_force]),
-        D=np.block([[np.zeros((9, 3)), D], [noise, np.zeros((3, B.shape[1]))]]),
-        dt=scenario.dt,
-    )
+    D[6:9] = 0.0  # a rate is what the gyro reads without its noise
+    D = np.block([[np.zeros((12, 2)), D], [noise, np.zeros((2, B.shape[1]))]])
+    B, C = np.hstack([np.zeros((A.shape[0], 2)), B]), C[[*outputs, *attitudes[:2]]]
+    return Lti(A=A, B=B, C=C, D=D, dt=scenario.dt)
 
 
 def _controller(law: Law) -> Lti:
-    """Return the linear law from gyro and specific force (6,) to the command (3,)."""
-    whole = linear_law(law, 9)
-    return Lti(A=whole.A, B=_force_columns(whole.B), C=whole.C, D=_force_columns(whole.D), dt=law.dt)
-
-
-def _force_columns(columns: Matrix) -> Matrix:
-    """Return the columns of gyro and specific force; the latter are 0 for a law that does not use it."""
-    rows, width = columns.shape
-    return np.hstack([columns[:, :3], columns[:, 6:], np.zeros((rows, 9 - width))])
+    """Return the linear law from gyro, roll and pitch (5,) to the command (3,); columns it does not use are 0."""
+    K = loop_law(law)
+    unused = 5 - K.n_inputs
+    B, D = (np.pad(matrix, ((0, 0), (0, unused))) for matrix in (K.B, K.D))
+    return Lti(A=K.A, B=B, C=K.C, D=D, dt=law.dt)

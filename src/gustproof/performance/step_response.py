@@ -11,6 +11,8 @@ from gustproof.law.hover import linear_law
 from gustproof.lti.state_space import Lti, Matrix, delay, discretize_zoh, lft, series
 from gustproof.model.lpv import linear_plant, rate_loop
 
+_DURATION_S = 15.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepInfo:
@@ -55,27 +57,21 @@ class StepResponse:
         return math.inf if outside[-1] == self.time.size - 1 else float(self.time[outside[-1] + 1])
 
 
-def step_response(law: Law, vehicle: Vehicle, *, tau: float | None = None, duration: float = 15.0) -> StepResponse:
+def step_response(law: Law, vehicle: Vehicle, *, tau: float | None = None) -> StepResponse:
     """Return the linear response of the vehicle, without leak, to a step of each reference, command one sample late.
 
-    Parameters
-    ----------
-    law
-        Law with a reference; taken within its limits.
-    vehicle
-        Vehicle controlled by the law.
-    tau
-        [s] lag of the autopilot's rate loop, for a law that commands rates.
-    duration
-        [s] length of the response.
+    The law is taken within its limits. For a law that commands rates, `tau` [s] is the lag of the autopilot's rate
+    loop.
     """
-    if tau is None:
-        plant = linear_plant(vehicle).subsystem(slice(None), slice(0, 3))
-    else:
-        plant = rate_loop(vehicle, leak=0.0, tau=tau).subsystem(slice(None), slice(0, 3))
-    sampled = series(delay(3, law.dt), discretize_zoh(plant, law.dt))
-    closed = _close_loop(sampled, linear_law(law, inputs=6))
-    samples = round(duration / law.dt)
+    plant = linear_plant(vehicle) if tau is None else rate_loop(vehicle, leak=0.0, tau=tau)
+    commanded = plant.subsystem(slice(None), slice(0, 3))
+    sampled = series(delay(3, law.dt), discretize_zoh(commanded, law.dt))
+    # inputs (reference, u), outputs (attitude; gyro, reference)
+    zero = np.zeros((sampled.order, 3))
+    D = np.vstack([np.hstack([np.zeros((6, 3)), sampled.D]), np.eye(3, 6)])
+    P = Lti(A=sampled.A, B=np.hstack([zero, sampled.B]), C=np.vstack([sampled.C, zero.T]), D=D, dt=sampled.dt)
+    closed = lft(P, linear_law(law, inputs=6))
+    samples = round(_DURATION_S / law.dt)
     attitude = np.empty((samples, 3))
     for axis in range(3):
         x = np.zeros(closed.order)
@@ -83,16 +79,3 @@ def step_response(law: Law, vehicle: Vehicle, *, tau: float | None = None, durat
             attitude[k, axis] = closed.C[axis] @ x + closed.D[axis, axis]
             x = closed.A @ x + closed.B[:, axis]
     return StepResponse(time=np.asarray(law.dt * np.arange(samples), dtype=np.float64), attitude=attitude)
-
-
-def _close_loop(plant: Lti, K: Lti) -> Lti:
-    """Return the loop from the reference (3,) to the attitude (3,); `plant` has attitude and rates as outputs."""
-    # inputs (reference, u), outputs (attitude; gyro, reference)
-    P = Lti(
-        A=plant.A,
-        B=np.hstack([np.zeros((plant.order, 3)), plant.B]),
-        C=np.vstack([plant.C, np.zeros((3, plant.order))]),
-        D=np.vstack([np.hstack([np.zeros((6, 3)), plant.D]), np.eye(3, 6)]),
-        dt=plant.dt,
-    )
-    return lft(P, K)

@@ -26,7 +26,13 @@ import scipy.sparse
 from gustproof.errors import DesignError
 from gustproof.law.form import Matrix
 from gustproof.lti.state_space import ComplexMatrix, Lti, lft, series
-from gustproof.performance.covariance import AxisModel, augmented_axis, controller_performance, mean_second_moments
+from gustproof.performance.covariance import (
+    AxisModel,
+    augmented_axis,
+    controller_performance,
+    mean_second_moments,
+    pool_axes,
+)
 from gustproof.performance.limits import central_controller, feedback_gain, output_feedback_limit
 
 _POLES = np.geomspace(1.0, 300.0, 12)
@@ -89,14 +95,8 @@ class LinearLaws:
     def minimize_error(self, sensitivity_peak: float, slew: float) -> TradeOff:
         """Return the point of least error, from one cone program that shares the slew optimally among the axes.
 
-        The figures are those of the resulting laws, not of the solver.
-
-        Parameters
-        ----------
-        sensitivity_peak
-            [-] largest sensitivity peak of each axis, above 1.
-        slew
-            [N*m/s] largest rms torque slew, pooled over the axes.
+        The sensitivity peak [-] of each axis is at most `sensitivity_peak` > 1, the rms torque slew pooled over the
+        axes at most `slew` [N*m/s]. The figures are those of the resulting laws, not of the solver.
 
         Raises
         ------
@@ -106,8 +106,13 @@ class LinearLaws:
         limit = sensitivity_peak * (1.0 - _GRID_MARGIN)
         for _ in range(_ROUNDS):
             coefficients = _optimize(self.axes, limit, slew * self.bank.dt)
-            laws = tuple(_law(m, self.weight, self.bank, q) for m, q in zip(self.models, coefficients, strict=True))
-            point = _achieved(self.models, laws)
+            laws = tuple(
+                lft(central_controller(m, self.weight), _combine(self.bank, q))
+                for m, q in zip(self.models, coefficients, strict=True)
+            )
+            axes = [controller_performance(model, law) for model, law in zip(self.models, laws, strict=True)]
+            (rmse, achieved), worst = pool_axes(axes), max(axis.sensitivity_peak for axis in axes)
+            point = TradeOff(sensitivity_peak=worst, rmse=rmse, slew=achieved, controllers=laws)
             excess = point.sensitivity_peak / sensitivity_peak
             if excess <= 1.0 + _TOLERANCE and point.slew <= (1.0 + _TOLERANCE) * slew:
                 return point
@@ -168,22 +173,14 @@ def _moments(model: AxisModel, weight: float, bank: Lti, output: int) -> Matrix:
     # inputs: noises, then the controller's outputs: command and innovation
     columns = np.hstack([flight.D, np.zeros((3, 1))])[[output, 0, 2]]
     columns[1] = np.eye(1, columns.shape[1], columns.shape[1] - 1)
-    P = Lti(
-        A=flight.A,
-        B=np.hstack([flight.B, np.zeros((flight.order, 1))]),
-        C=np.vstack([flight.C[output], np.zeros(flight.order), flight.C[2]]),
-        D=columns,
-        dt=flight.dt,
-    )
+    B = np.hstack([flight.B, np.zeros((flight.order, 1))])
+    C = np.vstack([flight.C[output], np.zeros(flight.order), flight.C[2]])
+    P = Lti(A=flight.A, B=B, C=C, D=columns, dt=flight.dt)
     whole = lft(P, central.subsystem(slice(0, 2), slice(0, 1)))  # noises to output and innovation
     after = series(_command_response(flight, weight, flight.C[output], flight.D[output, -1]), bank)
-    both = Lti(
-        A=after.A,
-        B=np.hstack([np.zeros((after.order, 1)), after.B]),
-        C=np.vstack([np.zeros(after.order), after.C]),
-        D=np.block([[np.eye(1), np.zeros((1, 1))], [np.zeros((after.n_outputs, 1)), after.D]]),
-        dt=flight.dt,
-    )
+    B, C = np.hstack([np.zeros((after.order, 1)), after.B]), np.vstack([np.zeros(after.order), after.C])
+    D = np.block([[np.eye(1), np.zeros((1, 1))], [np.zeros((after.n_outputs, 1)), after.D]])
+    both = Lti(A=after.A, B=B, C=C, D=D, dt=flight.dt)
     return mean_second_moments([model], series(whole, both))
 
 
@@ -222,10 +219,7 @@ def _optimize(axes: Sequence[_Axis], peak: float, change: float) -> list[Matrix]
     settings.verbose = False
     P, q = scipy.sparse.csc_matrix((unknowns, unknowns)), np.eye(unknowns)[-1]
     A = scipy.sparse.csc_matrix(np.vstack([part for part, _ in blocks]))
-    b, cones = (
-        np.concatenate([part for _, part in blocks]),
-        [clarabel.SecondOrderConeT(part.size) for _, part in blocks],
-    )
+    b, cones = np.concatenate([part for _, part in blocks]), [clarabel.SecondOrderConeT(b.size) for _, b in blocks]
     solution = clarabel.DefaultSolver(P, q, A, b, cones, settings).solve()
     coefficients = np.array(solution.x[:-1], dtype=np.float64)
     if not np.all(np.isfinite(coefficients)):
@@ -252,15 +246,5 @@ def _root(moments: Matrix) -> Matrix:
     return np.asarray((vectors[:, kept] * np.sqrt(values[kept])).T)
 
 
-def _law(model: AxisModel, weight: float, bank: Lti, coefficients: Matrix) -> Lti:
-    row = coefficients[None]
-    Q = Lti(A=bank.A, B=bank.B, C=row @ bank.C, D=row @ bank.D, dt=bank.dt)
-    return lft(central_controller(model, weight), Q)
-
-
-def _achieved(models: Sequence[AxisModel], laws: tuple[Lti, ...]) -> TradeOff:
-    """Return the point that the laws achieve, independent of the solver."""
-    axes = [controller_performance(model, law) for model, law in zip(models, laws, strict=True)]
-    rmse, slew = (math.sqrt(float(np.mean([getattr(axis, name) ** 2 for axis in axes]))) for name in ("rmse", "slew"))
-    worst = max(axis.sensitivity_peak for axis in axes)
-    return TradeOff(sensitivity_peak=worst, rmse=rmse, slew=slew, controllers=laws)
+def _combine(bank: Lti, q: Matrix) -> Lti:
+    return Lti(A=bank.A, B=bank.B, C=q[None] @ bank.C, D=q[None] @ bank.D, dt=bank.dt)

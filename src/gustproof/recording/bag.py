@@ -29,10 +29,8 @@ FLIGHT_TOPIC, MODE_TOPIC = "/flight", "/mode"
 UNFINISHED_PREFIX = ".bag-"
 """Prefix of the folder of an unfinished bag; a killed writer leaves it behind."""
 _FOREVER = QosTime(sec=9223372036, nsec=854775807)  # ROS 2's "no deadline"
-_LATCHED = Qos(
-    QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, _FOREVER, _FOREVER,
-    QosLiveliness.AUTOMATIC, _FOREVER, False,
-)  # fmt: skip
+_RELIABLE = (QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
+_LATCHED = Qos(*_RELIABLE, _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
 
 Records = NDArray[np.void]
 
@@ -134,7 +132,8 @@ def _read(path: Path) -> tuple[dict[str, Any], Records]:
 
 
 def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
-    topics = [topic for topic in TOPICS if topic.name != "/command/rates" or not _has_no_rates(records)]
+    has_rates = not np.all(np.isnan(records["omega_command_B"]))
+    topics = [topic for topic in TOPICS if topic.name != "/command/rates" or has_rates]
     start_ns = int(records["time_us"][0]) * 1000
     text = json.dumps(flight, sort_keys=True)
     about = _add_topic(writer, FLIGHT_TOPIC, definitions.FLIGHT, latched=True)
@@ -167,7 +166,3 @@ def _serialize(message: str, *fields: Any) -> memoryview:
 def _header(time_us: int) -> Any:
     stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=time_us // 1_000_000, nanosec=time_us % 1_000_000 * 1000)
     return TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id=BASE_LINK_FRD)
-
-
-def _has_no_rates(records: Records) -> bool:
-    return bool(np.all(np.isnan(records["omega_command_B"])))

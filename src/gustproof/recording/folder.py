@@ -67,3 +67,17 @@ def find_bags(run: Path) -> list[Path]:
         cut_off = any(path.suffix == ".journal" for path in folders)
         raise ConfigError(f"{run}: no bag in it" + (f"; a journal is: gustproof recover {run}" if cut_off else ""))
     return bags
+
+
+def find_bag(run: Path) -> Path:
+    """Return the one bag of a run's folder; for a bag, return itself.
+
+    Raises
+    ------
+    ConfigError
+        If there is none, or more than one.
+    """
+    first, *others = find_bags(run)
+    if others:
+        raise ConfigError(f"{run}: holds {1 + len(others)} bags; name one, such as {first}")
+    return first

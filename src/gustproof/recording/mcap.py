@@ -14,7 +14,7 @@ from binascii import crc32
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO
 
 from firmware_model.config.files import MIB, TEXT, open_regular
 
@@ -27,15 +27,8 @@ _LARGEST = TEXT + 4 * MIB  # of a record; writers begin a new chunk at one MiB
 _MAX_RATIO = 20  # decompressed size over the file's size; flights have three to six
 
 
-class Message(NamedTuple):
-    """A message of a topic."""
-
-    topic: str
-    """Topic."""
-    time_ns: int
-    """[ns] log time."""
-    payload: bytes
-    """Serialised content."""
+Message = tuple[str, int, bytes]
+"""Topic, log time [ns] and serialised content of a message."""
 
 
 def messages(path: Path) -> Iterator[Message]:
@@ -55,7 +48,12 @@ def messages(path: Path) -> Iterator[Message]:
         file.seek(-len(_MAGIC), os.SEEK_END)
         if file.read() != _MAGIC:
             raise ValueError("not a whole MCAP file: its end is missing")
-        _bound(file, size)
+        most = _LARGEST + _MAX_RATIO * size
+        if (
+            sum(_claimed(body) for operation, body in _records(file, len(_MAGIC), size) if operation == _CHUNK_OP)
+            > most
+        ):
+            raise ValueError(f"a file of {size:,} bytes that claims to decompress to more than {most / MIB:,.0f} MiB")
         topics: dict[int, str] = {}
         for operation, body in _records(file, len(_MAGIC), size):
             if operation == _CHUNK_OP:
@@ -63,13 +61,6 @@ def messages(path: Path) -> Iterator[Message]:
                 for inner, content in _records(BytesIO(records), 0, len(records)):
                     yield from _message(inner, content, topics)
             yield from _message(operation, body, topics)
-
-
-def _bound(file: IO[bytes], size: int) -> None:
-    """Refuse a file whose chunks claim more decompressed bytes than its size allows."""
-    most = _LARGEST + _MAX_RATIO * size
-    if sum(_claimed(body) for operation, body in _records(file, len(_MAGIC), size) if operation == _CHUNK_OP) > most:
-        raise ValueError(f"a file of {size:,} bytes that claims to decompress to more than {most / MIB:,.0f} MiB")
 
 
 def _records(file: IO[bytes], begin: int, size: int) -> Iterator[tuple[int, bytes]]:
@@ -112,4 +103,4 @@ def _message(operation: int, body: bytes, topics: dict[int, str]) -> Iterator[Me
         topics[channel] = body[8:][:length].decode()
     elif operation == _MESSAGE_OP:
         channel, _, time_ns, _ = _MESSAGE.unpack_from(body)
-        yield Message(topics[channel], time_ns, body[_MESSAGE.size :])
+        yield topics[channel], time_ns, body[_MESSAGE.size :]

@@ -5,10 +5,7 @@ from pathlib import Path
 
 from gustproof.recording.bag import Records
 
-_COLUMNS = {
-    "wind": ("gust_B", ("u_mps", "v_mps", "w_mps")),
-    "moment": ("moment_B", ("L_nm", "M_nm", "N_nm")),
-}
+_COLUMNS = {"wind": ("gust_B", ("u_mps", "v_mps", "w_mps")), "moment": ("moment_B", ("L_nm", "M_nm", "N_nm"))}
 KINDS = tuple(_COLUMNS)
 """Kinds of replay: the gusts, or the whole disturbance moment, of gusts and script."""
 

@@ -5,7 +5,8 @@ Axes are the journal's, north-east-down and forward-right-down. Frame names are 
 rows of one array, with the message's layout in little-endian CDR as dtype.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,7 @@ BASE_LINK_FRD = "base_link_frd"
 _LITTLE_ENDIAN_CDR = 0x0100  # the encapsulation header 00 01 00 00 read as a little-endian integer
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Topic:
+class Topic(NamedTuple):
     """One stamped topic and the source of its numbers."""
 
     name: str
@@ -30,8 +30,8 @@ class Topic:
     """Frame of the numbers."""
     numbers: int
     """Count of float64 after the header."""
-    fields: tuple[tuple[str, tuple[int, ...]], ...]
-    """Journal field, and the offset of each component among the numbers."""
+    fields: Mapping[str, tuple[int, ...]]
+    """Journal fields, each with the offset of each component among the numbers."""
     constants: tuple[tuple[int, float], ...] = ()
     """Offset and value [of the message's field] of nonzero numbers that are not from the journal."""
 
@@ -40,99 +40,29 @@ class Topic:
         """Layout of one message in CDR; alignment counts from the end of the 4 bytes of encapsulation."""
         text = len(self.frame_id) + 1
         padding = -(12 + text) % 8
-        return np.dtype(
-            [
-                ("encapsulation", "<u4"),
-                ("sec", "<i4"),
-                ("nanosec", "<u4"),
-                ("length", "<u4"),
-                ("frame_id", f"S{text + padding}"),
-                ("numbers", "<f8", self.numbers),
-            ]
-        )
+        head = [("encapsulation", "<u4"), ("sec", "<i4"), ("nanosec", "<u4"), ("length", "<u4")]
+        return np.dtype([*head, ("frame_id", f"S{text + padding}"), ("numbers", "<f8", self.numbers)])
 
 
-_WRENCH, _TWIST, _VECTOR = (
-    "geometry_msgs/msg/WrenchStamped",
-    "geometry_msgs/msg/TwistStamped",
-    "geometry_msgs/msg/Vector3Stamped",
-)
+_WRENCH, _TWIST, _VECTOR = (f"geometry_msgs/msg/{name}Stamped" for name in ("Wrench", "Twist", "Vector3"))
 _LINEAR, _ANGULAR, _UP = (0, 1, 2), (3, 4, 5), (2,)
+_IMU = {"gyro_B": (13, 14, 15), "specific_force_B": (25, 26, 27)}
+_NO_ATTITUDE = ((4, -1.0),)  # by the message's convention a covariance of -1: none is measured
+_POSE = {"position_N": _LINEAR, "q_NB": (6, 3, 4, 5)}  # ROS has the scalar last
 
 TOPICS = (
-    Topic(
-        name="/imu",
-        message="sensor_msgs/msg/Imu",
-        frame_id=BASE_LINK_FRD,
-        numbers=37,
-        fields=(("gyro_B", (13, 14, 15)), ("specific_force_B", (25, 26, 27))),
-        constants=((4, -1.0),),  # no measured attitude: by the message's convention a covariance of -1
-    ),
-    Topic(
-        name="/command/torque",
-        message=_WRENCH,
-        frame_id=BASE_LINK_FRD,
-        numbers=6,
-        fields=(("torque_command_B", _ANGULAR), ("thrust_z_command", _UP)),
-    ),
-    Topic(
-        name="/command/rates",
-        message=_TWIST,
-        frame_id=BASE_LINK_FRD,
-        numbers=6,
-        fields=(("omega_command_B", _ANGULAR),),
-    ),
-    Topic(
-        name="/command/age",
-        message=COMMAND_AGE,
-        frame_id=BASE_LINK_FRD,
-        numbers=1,
-        fields=(("command_age", (0,)),),
-    ),
-    Topic(
-        name="/actuator/torque",
-        message=_WRENCH,
-        frame_id=BASE_LINK_FRD,
-        numbers=6,
-        fields=(("torque_B", _ANGULAR), ("thrust_z", _UP)),
-    ),
-    Topic(
-        name="/actuator/rotors",
-        message=ROTORS,
-        frame_id=BASE_LINK_FRD,
-        numbers=4,
-        fields=(("rotors", (0, 1, 2, 3)),),
-    ),
-    Topic(
-        name="/truth/pose",
-        message="geometry_msgs/msg/PoseStamped",
-        frame_id=MAP_NED,
-        numbers=7,
-        fields=(("position_N", (0, 1, 2)), ("q_NB", (6, 3, 4, 5))),  # ROS has the scalar last
-    ),
-    Topic(
-        name="/truth/velocity",
-        message=_VECTOR,
-        frame_id=MAP_NED,
-        numbers=3,
-        fields=(("velocity_N", _LINEAR),),
-    ),
-    Topic(
-        name="/truth/rates",
-        message=_VECTOR,
-        frame_id=BASE_LINK_FRD,
-        numbers=3,
-        fields=(("omega_B", _LINEAR),),
-    ),
-    Topic(
-        name="/gust",
-        message=_TWIST,
-        frame_id=BASE_LINK_FRD,
-        numbers=6,
-        fields=(("gust_B", _LINEAR), ("gust_omega_B", _ANGULAR)),
-    ),
-    Topic(name="/wind", message=_VECTOR, frame_id=MAP_NED, numbers=3, fields=(("wind_N", _LINEAR),)),
-    Topic(name="/moment", message=_WRENCH, frame_id=BASE_LINK_FRD, numbers=6, fields=(("moment_B", _ANGULAR),)),
+    Topic("/imu", "sensor_msgs/msg/Imu", BASE_LINK_FRD, 37, _IMU, _NO_ATTITUDE),
+    Topic("/command/torque", _WRENCH, BASE_LINK_FRD, 6, {"torque_command_B": _ANGULAR, "thrust_z_command": _UP}),
+    Topic("/command/rates", _TWIST, BASE_LINK_FRD, 6, {"omega_command_B": _ANGULAR}),
+    Topic("/command/age", COMMAND_AGE, BASE_LINK_FRD, 1, {"command_age": (0,)}),
+    Topic("/actuator/torque", _WRENCH, BASE_LINK_FRD, 6, {"torque_B": _ANGULAR, "thrust_z": _UP}),
+    Topic("/actuator/rotors", ROTORS, BASE_LINK_FRD, 4, {"rotors": (0, 1, 2, 3)}),
+    Topic("/truth/pose", "geometry_msgs/msg/PoseStamped", MAP_NED, 7, _POSE),
+    Topic("/truth/velocity", _VECTOR, MAP_NED, 3, {"velocity_N": _LINEAR}),
+    Topic("/truth/rates", _VECTOR, BASE_LINK_FRD, 3, {"omega_B": _LINEAR}),
+    Topic("/gust", _TWIST, BASE_LINK_FRD, 6, {"gust_B": _LINEAR, "gust_omega_B": _ANGULAR}),
+    Topic("/wind", _VECTOR, MAP_NED, 3, {"wind_N": _LINEAR}),
+    Topic("/moment", _WRENCH, BASE_LINK_FRD, 6, {"moment_B": _ANGULAR}),
 )
 """All fields of the journal but the mode, which is written when it changes."""
 
@@ -147,14 +77,14 @@ def encode(topic: Topic, records: NDArray[np.void]) -> NDArray[np.void]:
     messages["frame_id"] = topic.frame_id.encode()
     for offset, value in topic.constants:
         messages["numbers"][:, offset] = value
-    for field, offsets in topic.fields:
+    for field, offsets in topic.fields.items():
         messages["numbers"][:, offsets] = records[field]
     return messages
 
 
 def decode(topic: Topic, messages: NDArray[np.void], records: NDArray[np.void]) -> None:
     """Write the fields of `topic` from its `messages` (n,) into the journal `records` (n,)."""
-    for field, offsets in topic.fields:
+    for field, offsets in topic.fields.items():
         records[field] = messages["numbers"][:, offsets]
 
 

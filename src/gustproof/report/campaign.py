@@ -1,7 +1,9 @@
 """Results of a campaign as text."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
 
 from rich.console import Group
 from rich.table import Table
@@ -9,28 +11,42 @@ from rich.text import Text
 
 from gustproof.campaign.intervals import CONFIDENCE, IntervalEstimate
 from gustproof.campaign.plan import Campaign
-from gustproof.campaign.statistics import CampaignStatistics
+from gustproof.campaign.statistics import CampaignStatistics, LawStatistics, WorstRun
 from gustproof.report.terminal import FIGURES, Renderable
 from gustproof.scoring.requirements import requirement_label, requirement_limits
 
 TERMINAL_FIGURES = ("rmse_deg", "peak_deg", "torque_rms_nm", "torque_slew_rms", "saturated_s")
 """Figures that fit on a terminal. The table, the JSON and the page hold all of them."""
-_NAME, _INTERVAL = 16, 18
-"""Least width of a law's name and of an interval [characters]."""
+_RIGHT: dict[str, Any] = {"justify": "right", "overflow": "fold"}
+_FIRST: dict[str, Any] = {"overflow": "fold", "min_width": 16}  # characters of a law's name
+_WIDE = {**_RIGHT, "min_width": 18}  # characters of an interval
+_NARROW: dict[str, Any] = {"justify": "right", "no_wrap": True}
 IMPORTANCE_FIGURE = "rmse_deg"
 """Figure whose dependence on the dispersions is shown."""
 
 
 def render_campaign(found: CampaignStatistics) -> Renderable:
     """Return figures with confidence, pass rates, importances, comparisons, and how to fly a run again."""
-    parts: list[Renderable] = [_figures_table(found)]
+    caption = f"Right of each value: its {100.0 * CONFIDENCE:g} % confidence interval"
+    columns = {"law, figure": _FIRST, "median": _WIDE, "95th percentile": _WIDE, "worst": _NARROW, "run": _NARROW}
+    parts: list[Renderable] = [_law_table(found, describe_campaign(found.campaign), columns, _figure_rows, caption)]
     if found.campaign.scenario.require:
-        parts.append(_requirements_table(found))
+        title = "Requirements, and the share of runs that met them"
+        columns = {"law, requirement": _FIRST, "limit": _RIGHT, "met": _WIDE, "worst": _NARROW, "run": _NARROW}
+        parts.append(_law_table(found, title, columns, _requirement_rows))
     if found.campaign.spreads:
-        parts.append(_importance_table(found))
+        caption = (
+            "Share of the variance explained by each quantity alone (Sobol' index by binning), rank correlation ρ; "
+            "remainder: gusts and noise of each run, and interactions"
+        )
+        columns = {"law, quantity": _FIRST, "from .. to": {"overflow": "fold"}, "explains": _RIGHT}
+        rows = partial(_importance_rows, found.campaign)
+        parts.append(_law_table(found, f"Causes of {FIGURES[IMPORTANCE_FIGURE][0]}", columns, rows, caption))
     warned = (f"warning: {line}" for line in found.warnings)
-    lines = [*format_comparisons(found), *_format_failures(found), *warned, _rerun_hint(found)]
-    return Group(*parts, Text("\n".join(lines)))
+    worst = found.laws[0].figures[IMPORTANCE_FIGURE].worst
+    run = worst[0].run if worst else 0
+    hint = f"all runs are in {found.table}; fly one again over UDP: gustproof fly --run {found.table}:{run}"
+    return Group(*parts, Text("\n".join([*format_comparisons(found), *_format_failures(found), *warned, hint])))
 
 
 def describe_campaign(campaign: Campaign) -> str:
@@ -64,77 +80,53 @@ def format_comparisons(found: CampaignStatistics) -> Iterator[str]:
         yield f"{label}: {duel.law} is below {duel.other} in {value} ({interval}) of the cases"
 
 
-def _figures_table(found: CampaignStatistics) -> Table:
-    level = f"{100.0 * CONFIDENCE:g} %"
-    caption = f"Right of each value: its {level} confidence interval"
-    table = _table(f"{describe_campaign(found.campaign)}", "law, figure", caption)
-    for column in ("median", "95th percentile"):
-        table.add_column(column, justify="right", overflow="fold", min_width=_INTERVAL)
-    for column in ("worst", "run"):
-        table.add_column(column, justify="right", no_wrap=True)
-    for law in found.laws:
-        table.add_row(Text(law.law, style="bold"))
-        for name in TERMINAL_FIGURES:
-            label, unit = FIGURES[name]
-            figure = law.figures[name]
-            worst = figure.worst[0] if figure.worst else None
-            quantiles = (format_estimate(figure.quantiles[each]) for each in ("median", "p95"))
-            last = ("", "") if worst is None else (format_value(worst.value), str(worst.run))
-            table.add_row(f"{label} [{unit}]", *map(_one_cell, quantiles), *last)
-        table.add_section()
-    return table
-
-
-def _requirements_table(found: CampaignStatistics) -> Table:
-    table = _table("Requirements, and the share of runs that met them", "law, requirement", None)
-    table.add_column("limit", justify="right", overflow="fold")
-    table.add_column("met", justify="right", overflow="fold", min_width=_INTERVAL)
-    for column in ("worst", "run"):
-        table.add_column(column, justify="right", no_wrap=True)
-    for law in found.laws:
-        table.add_row(Text(law.law, style="bold"))
-        for each in law.passed:
-            last = (format_value(each.worst[0].value), str(each.worst[0].run)) if each.worst else ("", "")
-            table.add_row(
-                requirement_label(each.requirement),
-                requirement_limits(each.requirement),
-                _one_cell(format_share(each.rate)),
-                *last,
-            )
-        table.add_row("all requirements", "", _one_cell(format_share(law.all_held)))
-        table.add_section()
-    return table
-
-
-def _table(title: str, first: str, caption: str | None) -> Table:
+def _law_table(
+    found: CampaignStatistics,
+    title: str,
+    columns: Mapping[str, dict[str, Any]],
+    rows: Callable[[LawStatistics], Iterable[tuple[str, ...]]],
+    caption: str | None = None,
+) -> Table:
     """Return a table whose first column holds each law and, below it, its rows; it fits 80 columns."""
     table = Table(title=title, caption=caption)
-    table.add_column(first, overflow="fold", min_width=_NAME)
+    for name, style in columns.items():
+        table.add_column(name, **style)
+    for law in found.laws:
+        table.add_row(Text(law.law, style="bold"))
+        for row in rows(law):
+            table.add_row(*row)
+        table.add_section()
     return table
+
+
+def _figure_rows(law: LawStatistics) -> Iterator[tuple[str, ...]]:
+    for name in TERMINAL_FIGURES:
+        (label, unit), figure = FIGURES[name], law.figures[name]
+        quantiles = (format_estimate(figure.quantiles[each]) for each in ("median", "p95"))
+        yield f"{label} [{unit}]", *map(_one_cell, quantiles), *_worst_cells(figure.worst)
+
+
+def _requirement_rows(law: LawStatistics) -> Iterator[tuple[str, ...]]:
+    for each in law.passed:
+        texts = requirement_label(each.requirement), requirement_limits(each.requirement)
+        yield *texts, _one_cell(format_share(each.rate)), *_worst_cells(each.worst)
+    yield "all requirements", "", _one_cell(format_share(law.all_held))
+
+
+def _importance_rows(campaign: Campaign, law: LawStatistics) -> Iterator[tuple[str, ...]]:
+    for name, spread in campaign.spreads.items():
+        explained = format_importance(law.figures[IMPORTANCE_FIGURE].importance.get(name))
+        yield name, f"{spread.low:g} .. {spread.high:g}", explained
+
+
+def _worst_cells(worst: Sequence[WorstRun]) -> tuple[str, str]:
+    return (format_value(worst[0].value), str(worst[0].run)) if worst else ("", "")
 
 
 def _one_cell(estimate: tuple[str, str]) -> str:
     """Return a figure and its interval, without spaces in the interval, so that it stays on one line."""
     value, interval = estimate
     return f"{value} {interval.replace(' .. ', '..')}"
-
-
-def _importance_table(found: CampaignStatistics) -> Table:
-    caption = (
-        "Share of the variance explained by each quantity alone (Sobol' index by binning), rank correlation ρ; "
-        "remainder: gusts and noise of each run, and interactions"
-    )
-    label = FIGURES[IMPORTANCE_FIGURE][0]
-    table = _table(f"Causes of {label}", "law, quantity", caption)
-    table.add_column("from .. to", overflow="fold")
-    table.add_column("explains", justify="right", overflow="fold")
-    for law in found.laws:
-        table.add_row(Text(law.law, style="bold"))
-        for name, spread in found.campaign.spreads.items():
-            explained = format_importance(law.figures[IMPORTANCE_FIGURE].importance.get(name))
-            table.add_row(name, f"{spread.low:g} .. {spread.high:g}", explained)
-        table.add_section()
-    return table
 
 
 def format_importance(importance: Sequence[float] | None) -> str:
@@ -151,9 +143,3 @@ def _format_failures(found: CampaignStatistics) -> Iterator[str]:
         if law.failed:
             reasons = "; ".join(f"run {failure.run}: {failure.reason}" for failure in law.failures)
             yield f"{law.law}: {law.failed} run{'s' if law.failed > 1 else ''} without figures: {reasons}"
-
-
-def _rerun_hint(found: CampaignStatistics) -> str:
-    worst = found.laws[0].figures[IMPORTANCE_FIGURE].worst
-    run = worst[0].run if worst else 0
-    return f"all runs are in {found.table}; fly one again over UDP: gustproof fly --run {found.table}:{run}"

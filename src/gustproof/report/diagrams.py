@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch
 
 from firmware_model.config.files import naming
-from gustproof.model.generalized import LftStructure
-from gustproof.model.interconnection import Interconnection, Signal
+from gustproof.model.interconnection import Interconnection
+from gustproof.model.lft import Uncertain
+from gustproof.model.lpv import PARAMETERS
 
 _INK, _FILL, _ACCENT = "#222222", "#eef3f8", "#fdf0e6"
 _WIDTH, _HEIGHT, _RADIUS = 0.72, 0.36, 0.2
@@ -169,29 +170,30 @@ def _draw_wire(axes: Axes, points: Sequence[Point]) -> None:
     _draw_arrow(axes, points[-2], points[-1])
 
 
-def save_lft(structure: LftStructure, title: str, path: Path) -> None:
-    """Draw the closed LFT, from top to bottom: Delta of the parameters, generalised plant, controller."""
+def save_lft(problem: Interconnection, dynamics: Uncertain, title: str, path: Path) -> None:
+    """Draw the LFT whose slice at hover is `problem`: Delta of `dynamics`, generalised plant, controller."""
     figure = Figure(figsize=(7.6, 5.4), layout="constrained")
     axes = figure.subplots()
     axes.set_aspect("equal")
     axes.axis("off")
-    blocks = ", ".join(f"{label}$I_{{{repeats}}}$" if repeats > 1 else label for label, repeats in structure.parameters)
-    delta = f"{structure.delta_label}\n{blocks}"
+    labels, repeats = {each.name: each.label for each in PARAMETERS}, {b.name: b.shape[0] for b in dynamics.blocks}
+    blocks = ", ".join(f"{labels[name]}$I_{{{n}}}$" if n > 1 else labels[name] for name, n in repeats.items())
     for label, y, half, fill in (
-        (delta, 2.2, (2.2, 0.55), _ACCENT),
-        (structure.plant_label, 0.0, (1.5, 0.75), _FILL),
-        (structure.controller_label, -2.0, (0.9, 0.45), _ACCENT),
+        (f"$\\Delta(\\rho)$\n{blocks}", 2.2, (2.2, 0.55), _ACCENT),
+        ("$P$", 0.0, (1.5, 0.75), _FILL),
+        ("$K$", -2.0, (0.9, 0.45), _ACCENT),
     ):
         _draw_box(axes, 0.0, y, half, fill)
         axes.text(0.0, y, label, ha="center", va="center", fontsize=11, color=_INK, zorder=4)
-    made, read = structure.delta_signals
-    _draw_around(axes, (2.2, 2.2), (1.5, 0.45), made, 1.0)
-    _draw_around(axes, (-1.5, 0.45), (-2.2, 2.2), read, -1.0)
-    _draw_around(axes, (0.9, -2.0), (1.5, -0.45), _list_signals(structure.u), 1.0)
-    _draw_around(axes, (-1.5, -0.45), (-0.9, -2.0), _list_signals(structure.y), -1.0)
-    for start, signals in ((4.3, structure.w), (-1.5, structure.z)):
+    known = {signal.name: f"{signal.label} ({signal.width})" for signal in problem.signals}
+    w, u, z, y_ = (", ".join(known[name] for name in names) for names in (problem.w, problem.u, problem.z, problem.y))
+    _draw_around(axes, (2.2, 2.2), (1.5, 0.45), r"$w_\Delta$", 1.0)
+    _draw_around(axes, (-1.5, 0.45), (-2.2, 2.2), r"$z_\Delta$", -1.0)
+    _draw_around(axes, (0.9, -2.0), (1.5, -0.45), u, 1.0)
+    _draw_around(axes, (-1.5, -0.45), (-0.9, -2.0), y_, -1.0)
+    for start, signals in ((4.3, w), (-1.5, z)):
         _draw_arrow(axes, (start, 0.0), (start - 2.8, 0.0))
-        axes.text(start - 1.4, 0.1, _list_signals(signals), ha="center", va="bottom", fontsize=10, color=_INK)
+        axes.text(start - 1.4, 0.1, signals, ha="center", va="bottom", fontsize=10, color=_INK)
     axes.set_xlim(-4.6, 4.6)
     axes.set_ylim(-2.7, 3.0)
     figure.suptitle(title, fontsize=12, color=_INK)
@@ -199,16 +201,9 @@ def save_lft(structure: LftStructure, title: str, path: Path) -> None:
 
 
 def _draw_box(axes: Axes, x: float, y: float, half: tuple[float, float], fill: str) -> None:
-    box = FancyBboxPatch(
-        (x - half[0], y - half[1]),
-        2.0 * half[0],
-        2.0 * half[1],
-        boxstyle="round,pad=0,rounding_size=0.06",
-        facecolor=fill,
-        edgecolor=_INK,
-        linewidth=1.2,
-        zorder=3,
-    )
+    corner, style = (x - half[0], y - half[1]), "round,pad=0,rounding_size=0.06"
+    box = FancyBboxPatch(corner, 2.0 * half[0], 2.0 * half[1], boxstyle=style, facecolor=fill, edgecolor=_INK, zorder=3)
+    box.set_linewidth(1.2)
     axes.add_patch(box)
 
 
@@ -224,7 +219,3 @@ def _draw_around(axes: Axes, start: tuple[float, float], end: tuple[float, float
     _draw_wire(axes, points)
     text = "left" if side > 0.0 else "right"
     axes.text(x + 0.1 * side, (start[1] + end[1]) / 2.0, label, ha=text, va="center", fontsize=10, color=_INK)
-
-
-def _list_signals(signals: Sequence[Signal]) -> str:
-    return ", ".join(f"{signal.label} ({signal.width})" for signal in signals)

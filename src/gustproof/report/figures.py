@@ -8,17 +8,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from gustproof.analysis.analyse import Analysis
 from gustproof.analysis.hover_loop import HoverLoop
-from gustproof.analysis.placement import PerformanceLimits
+from gustproof.analysis.placement import ErrorLimits, Places
 from gustproof.model.lpv import PARAMETERS, scheduling_parameters
 from gustproof.report.diagrams import save_figure
 from gustproof.scoring.metrics import Metrics, attitude
+from gustproof.types import Array, Records
 
-Records = NDArray[np.void]
-Array = NDArray[np.float64]
 Flights = Mapping[str, Records]
 
 # Okabe and Ito's palette: colour-blind readers can tell it apart, also on grey paper.
@@ -32,6 +30,7 @@ _COLOURS = {
     "hinf-rates": "#cc79a7",
     "indi": "#8c510a",
     "flagship": "#882255",
+    "flagship-robust": "#aa4499",
     "aided": "#117733",
 }
 _DEFAULT_COLOUR = "#e69f00"
@@ -45,27 +44,32 @@ _ROUNDING = 1e-6
 """[-] singular values that stay below this share of the transfer's largest are rounding errors of 0."""
 
 
+HISTORIES: dict[str, tuple[str, tuple[str, ...], Callable[[Records], Array]]] = {
+    "euler-angles": (
+        "Euler angles",
+        ("roll φ [deg]", "pitch θ [deg]", "yaw ψ [deg]"),
+        lambda records: np.degrees(attitude(records)),
+    ),
+    "body-rates": ("Body rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), lambda records: records["omega_B"]),
+    "torques": (
+        "Commanded torques",
+        tuple(f"{axis} torque [N m]" for axis in _AXES),
+        lambda records: records["torque_command_B"],
+    ),
+}
+"""Title, axes and values (n, 3) of each kind of time history."""
+
+
 def save_moments(records: Records, path: Path) -> None:
     """Draw the disturbance moments of one flight."""
-    _draw_stacked({"": records}, lambda r: r["moment_B"], _axis_labels("{} moment [N m]"), "Disturbance moments", path)
+    labels = tuple(f"{axis} moment [N m]" for axis in _AXES)
+    _draw_stacked({"": records}, lambda r: r["moment_B"], labels, "Disturbance moments", path)
 
 
-def save_euler_angles(flights: Flights, title: str, path: Path) -> None:
-    """Draw the Euler angles of several laws in the same air."""
-    labels = ("roll φ [deg]", "pitch θ [deg]", "yaw ψ [deg]")
-    _draw_stacked(flights, lambda r: np.degrees(attitude(r)), labels, f"Euler angles: {title}", path)
-
-
-def save_body_rates(flights: Flights, title: str, path: Path) -> None:
-    """Draw the body rates of several laws in the same air."""
-    labels = ("p [rad/s]", "q [rad/s]", "r [rad/s]")
-    _draw_stacked(flights, lambda r: r["omega_B"], labels, f"Body rates: {title}", path)
-
-
-def save_torques(flights: Flights, title: str, path: Path) -> None:
-    """Draw the commanded torques of several laws in the same air."""
-    labels = _axis_labels("{} torque [N m]")
-    _draw_stacked(flights, lambda r: r["torque_command_B"], labels, f"Commanded torques: {title}", path)
+def save_histories(kind: str, flights: Flights, title: str, path: Path) -> None:
+    """Draw one of `HISTORIES` of several laws in the same air."""
+    heading, labels, values = HISTORIES[kind]
+    _draw_stacked(flights, values, labels, f"{heading}: {title}", path)
 
 
 def save_scheduling(records: Records, law: str, path: Path) -> None:
@@ -76,9 +80,13 @@ def save_scheduling(records: Records, law: str, path: Path) -> None:
     # Trigonometric parameters on the left, rates on the right, below the legend.
     places = [*grid[:, 0], *grid[1:, 1]]
     for axes, parameter, values in zip(places, PARAMETERS, rho.T, strict=True):
-        _draw_bounded(
-            axes, time, values, f"{parameter.label} = {parameter.meaning}", (parameter.low, parameter.high), law
-        )
+        axes.plot(time, values, color=_colour(law), linewidth=1.0)
+        for bound in (parameter.low, parameter.high):
+            axes.axhline(bound, color="#d55e00", linestyle="--", linewidth=1.0)
+        margin = 0.12 * (parameter.high - parameter.low)
+        axes.set_ylim(min(parameter.low, values.min()) - margin, max(parameter.high, values.max()) + margin)
+        axes.set_xlim(0.0, time[-1])
+        _style_axes(axes, f"{parameter.label} = {parameter.meaning}")
     grid[0, 1].axis("off")
     lines = [Line2D([], [], color=_colour(law)), Line2D([], [], color="#d55e00", linestyle="--")]
     grid[0, 1].legend(lines, [law, "bounds of Table II"], loc="center", frameon=False)
@@ -106,13 +114,12 @@ def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: f
     save_figure(figure, path)
 
 
-def save_trade_off(performance: PerformanceLimits, flown: Mapping[str, Metrics], path: Path) -> None:
+def save_trade_off(limits: ErrorLimits, placed: Places, flown: Mapping[str, Metrics], path: Path) -> None:
     """Draw error against sensitivity peak: the limits, and each law as predicted (ring) and as `flown` (disc).
 
     The left panel shows all laws, the right panel those near the limit.
     """
-    limits = performance.limits
-    places = {name: place for name, place in performance.places.items() if place is not None}
+    places = {name: place for name, place in placed.items() if place is not None}
     figure = _new_figure((11.0, 5.6), f"Least attitude error against robustness: {limits.scenario}")
     whole, near = figure.subplots(1, 2)
     for axes in (whole, near):
@@ -150,30 +157,21 @@ def save_analysis(analysis: Analysis, path: Path) -> None:
         for axes in (gain, phase, S):
             axes.text(0.5, 0.5, "no torque loop: it commands rates", transform=axes.transAxes, ha="center", color=_INK)
     height = ", ".join(f"{value:g}" for value in analysis.step_moment)
+    stepped, flown = analysis.step_records, analysis.records
     for axes, records, values, label, title in (
-        (
-            step,
-            analysis.step_records,
-            np.degrees(attitude(analysis.step_records)),
-            "angles [deg]",
-            f"moment step, {height} N m",
-        ),
-        (air, analysis.records, np.degrees(attitude(analysis.records)), "angles [deg]", "flown"),
-        (torque, analysis.records, analysis.records["torque_command_B"], "torque command [N m]", "flown"),
+        (step, stepped, np.degrees(attitude(stepped)), "angles [deg]", f"moment step, {height} N m"),
+        (air, flown, np.degrees(attitude(flown)), "angles [deg]", "flown"),
+        (torque, flown, flown["torque_command_B"], "torque command [N m]", "flown"),
     ):
         for column, axis, colour in zip(values.T, _AXES, _AXIS_COLOURS, strict=True):
             axes.plot(_time(records), column, color=colour, linewidth=1.0, label=axis)
-        _style_axes(axes, label)
-        axes.set_title(title, fontsize=10, color=_INK)
-        axes.set_xlabel("time [s]")
+        _style_axes(axes, label, title, "time [s]")
     for axes, label, title in (
         (gain, "|L| [-]", "loop at the plant's input"),
         (phase, "arg L [deg]", "loop at the plant's input"),
         (S, "singular value [-]", "sensitivity at the plant's input"),
     ):
-        _style_axes(axes, label)
-        axes.set_title(title, fontsize=10, color=_INK)
-        axes.set_xlabel("frequency [rad/s]")
+        _style_axes(axes, label, title, "frequency [rad/s]")
     for axes in (gain, S, step):
         if axes.get_legend_handles_labels()[0]:
             axes.legend(frameon=False, fontsize=8)
@@ -214,16 +212,6 @@ def _draw_stacked(
     save_figure(figure, path)
 
 
-def _draw_bounded(axes: Axes, time: Array, values: Array, label: str, bounds: tuple[float, float], law: str) -> None:
-    axes.plot(time, values, color=_colour(law), linewidth=1.0)
-    for bound in bounds:
-        axes.axhline(bound, color="#d55e00", linestyle="--", linewidth=1.0)
-    margin = 0.12 * (bounds[1] - bounds[0])
-    axes.set_ylim(min(bounds[0], values.min()) - margin, max(bounds[1], values.max()) + margin)
-    axes.set_xlim(0.0, time[-1])
-    _style_axes(axes, label)
-
-
 def _clip_gains(gains: Array) -> Array:
     """Return gains for a logarithmic axis: 0 and smaller gains than drawn lie below its end."""
     least, most = _GAINS
@@ -241,15 +229,13 @@ def _new_figure(size: tuple[float, float], title: str) -> Figure:
     return figure
 
 
-def _style_axes(axes: Axes, label: str) -> None:
+def _style_axes(axes: Axes, label: str, title: str = "", x_label: str = "") -> None:
+    axes.set_title(title, fontsize=10, color=_INK)
+    axes.set_xlabel(x_label)
     axes.set_ylabel(label)
     axes.grid(visible=True, color=_GRID, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-
-
-def _axis_labels(label: str) -> tuple[str, ...]:
-    return tuple(label.format(axis) for axis in _AXES)
 
 
 def _colour(law: str) -> Any:

@@ -25,6 +25,7 @@ _WIDTH = 118
 _PLAIN: dict[str, Any] = {"highlight": False, "markup": False}  # units stand in brackets
 FIGURES = {
     "peak_deg": ("peak", "deg"),
+    "peak_settled_deg": ("peak after 2 s", "deg"),
     "rmse_deg": ("RMSE", "deg"),
     "peak_roll_deg": ("peak, roll", "deg"),
     "peak_pitch_deg": ("peak, pitch", "deg"),
@@ -109,14 +110,10 @@ def requirements_table(requirements: Iterable[RequirementResult]) -> Table:
             requirement_label(required),
             requirement_window(required),
             requirement_limits(required),
-            *map(_format_figure, (result.value, result.margin)),
+            *("not flown" if math.isnan(x) else format_number(x) for x in (result.value, result.margin)),
             Text(*verdict(result)),
         )
     return table
-
-
-def _format_figure(value: float) -> str:
-    return "not flown" if math.isnan(value) else format_number(value)
 
 
 def figures_table(title: str, flights: Mapping[str, Metrics]) -> Table:

@@ -1,8 +1,8 @@
 """The paper's claims, judged by the designs and flights of this project."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from gustproof.law.form import Law
 from gustproof.model.lpv import RATE_BOUND, RATE_BOUND_IN_TEXT
@@ -16,16 +16,12 @@ open."""
 class ClaimVerdict(Enum):
     """Verdict on a claim."""
 
-    HOLDS = "holds"
-    """Confirmed here."""
-    IN_PART = "holds in part"
-    """Holds under a condition that the paper does not state."""
-    FAILS = "does not hold"
-    """Contradicted here."""
+    HOLDS = "holds"  # confirmed here
+    IN_PART = "holds in part"  # holds under a condition that the paper does not state
+    FAILS = "does not hold"  # contradicted here
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Claim:
+class Claim(NamedTuple):
     """One claim and its verdict."""
 
     paper: str
@@ -36,21 +32,9 @@ class Claim:
     """Verdict."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TableIII:
-    """Attitude errors of the paper's Table III."""
-
-    peak_deg: float
-    """[deg] peak magnitude."""
-    rmse_deg: float
-    """[deg] root mean square error."""
-
-
-PAPER_PID = TableIII(peak_deg=30.54, rmse_deg=5.67)
-PAPER_HINF = TableIII(peak_deg=7.12, rmse_deg=1.35)
+PAPER_LAWS = {"pid-default": (30.54, 5.67), "hinf-d1": (7.12, 1.35)}
+"""Law of ours for each column of Table III: its peak magnitude and root mean square error [deg]."""
 PAPER_GAMMA = 0.25
-PAPER_LAWS = {"pid-default": PAPER_PID, "hinf-d1": PAPER_HINF}
-"""Law of ours for each column of Table III."""
 
 Medians = Mapping[str, Mapping[str, Metrics]]
 
@@ -66,77 +50,57 @@ def judge_claims(
     """
     pid, fair, hinf = (medians[name]["paper"] for name in ("pid-default", "pid-fair", "hinf-d1"))
     outside = [name for name, figures in medians["hinf-d1"].items() if not figures.rho_in_bounds]
+    level = f"norm {norm:.4f} (least possible {gamma_opt:.4f}), for the linear model at hover, with its leak"
+    exertion = (
+        f"torque slew rms {hinf.torque_slew_rms:.2f} against {pid.torque_slew_rms:.2f} N m/s "
+        f"(torque rms {hinf.torque_rms_nm:.3f} against {pid.torque_rms_nm:.3f} N m)"
+    )
+    rate = f"at most {peak_rate:.3f} rad/s"
+    left = f"violated on {', '.join(outside)}" if outside else f"none, on {', '.join(medians['hinf-d1'])}"
+    in_bounds = ClaimVerdict.HOLDS if not outside else ClaimVerdict.IN_PART
     return (
         _judge_count("the H-infinity controller has nine states", laws["hinf-d1"].order, 9),
         _judge_count("the cascaded PID has six states, two per axis", laws["pid-default"].order, 6),
         Claim(
-            paper="γ = 0.25 bounds the gain from disturbance and noise to the regulated outputs",
-            ours=f"norm {norm:.4f} (least possible {gamma_opt:.4f}), for the linear model at hover, with its leak",
-            verdict=ClaimVerdict.IN_PART if norm <= PAPER_GAMMA else ClaimVerdict.FAILS,
+            "γ = 0.25 bounds the gain from disturbance and noise to the regulated outputs",
+            level,
+            ClaimVerdict.IN_PART if norm <= PAPER_GAMMA else ClaimVerdict.FAILS,
         ),
-        *(_judge_errors(name, table, medians[name]["paper"]) for name, table in PAPER_LAWS.items()),
+        *(_judge_errors(name, *figures, medians[name]["paper"]) for name, figures in PAPER_LAWS.items()),
         _judge_superiority(hinf, pid, fair),
-        Claim(
-            paper="H-infinity needs less actuator exertion than PID",
-            ours=f"torque slew rms {hinf.torque_slew_rms:.2f} against {pid.torque_slew_rms:.2f} N m/s "
-            f"(torque rms {hinf.torque_rms_nm:.3f} against {pid.torque_rms_nm:.3f} N m)",
-            verdict=_to_verdict(hinf.torque_slew_rms < pid.torque_slew_rms),
+        _judge(
+            "H-infinity needs less actuator exertion than PID", exertion, hinf.torque_slew_rms < pid.torque_slew_rms
         ),
+        _judge("p, q, r stay within ±1.5 rad/s (Table II)", rate, peak_rate <= RATE_BOUND),
+        _judge("p, q, r stay within ±1.5π rad/s (text)", rate, peak_rate <= RATE_BOUND_IN_TEXT),
         Claim(
-            paper="p, q, r stay within ±1.5 rad/s (Table II)",
-            ours=f"at most {peak_rate:.3f} rad/s",
-            verdict=_to_verdict(peak_rate <= RATE_BOUND),
-        ),
-        Claim(
-            paper="p, q, r stay within ±1.5π rad/s (text)",
-            ours=f"at most {peak_rate:.3f} rad/s",
-            verdict=_to_verdict(peak_rate <= RATE_BOUND_IN_TEXT),
-        ),
-        Claim(
-            paper="no violation of the bounds on ρ under H-infinity",
-            ours=f"violated on {', '.join(outside)}" if outside else f"none, on {', '.join(medians['hinf-d1'])}",
-            verdict=_judge_bounds(outside),
+            "no violation of the bounds on ρ under H-infinity",
+            left,
+            ClaimVerdict.FAILS if "paper" in outside else in_bounds,
         ),
     )
 
 
-def _judge_bounds(outside: list[str]) -> ClaimVerdict:
-    """Return the verdict on the bounds on rho from the scenarios that leave them."""
-    if not outside:
-        return ClaimVerdict.HOLDS
-    return ClaimVerdict.FAILS if "paper" in outside else ClaimVerdict.IN_PART
+def _judge(paper: str, ours: str, holds: bool) -> Claim:
+    return Claim(paper, ours, ClaimVerdict.HOLDS if holds else ClaimVerdict.FAILS)
 
 
 def _judge_count(paper: str, ours: int, expected: int) -> Claim:
-    return Claim(paper=paper, ours=f"{ours} states", verdict=_to_verdict(ours == expected))
+    return _judge(paper, f"{ours} states", ours == expected)
 
 
-def _judge_errors(name: str, table: TableIII, ours: Metrics) -> Claim:
-    within = (
-        abs(ours.peak_deg / table.peak_deg - 1.0) <= TOLERANCE
-        and abs(ours.rmse_deg / table.rmse_deg - 1.0) <= TOLERANCE
-    )
-    kind = "PID" if table is PAPER_PID else "H-infinity"
-    return Claim(
-        paper=f"{kind}: peak {table.peak_deg:.2f} deg, RMSE {table.rmse_deg:.2f} deg",
-        ours=f"{name}: peak {ours.peak_deg:.2f} deg, RMSE {ours.rmse_deg:.2f} deg (within {TOLERANCE:.0%} is a match)",
-        verdict=_to_verdict(within),
-    )
+def _judge_errors(name: str, peak: float, rmse: float, ours: Metrics) -> Claim:
+    ratios = ours.peak_deg / peak, ours.rmse_deg / rmse
+    paper = f"{'PID' if name == 'pid-default' else 'H-infinity'}: peak {peak:.2f} deg, RMSE {rmse:.2f} deg"
+    figures = f"{name}: peak {ours.peak_deg:.2f} deg, RMSE {ours.rmse_deg:.2f} deg (within {TOLERANCE:.0%} is a match)"
+    return _judge(paper, figures, all(abs(ratio - 1.0) <= TOLERANCE for ratio in ratios))
 
 
 def _judge_superiority(hinf: Metrics, default: Metrics, fair: Metrics) -> Claim:
-    beats = [
-        name
-        for name, pid in (("default", default), ("fair", fair))
-        if hinf.peak_deg < pid.peak_deg and hinf.rmse_deg < pid.rmse_deg
-    ]
+    beaten = sum(hinf.peak_deg < pid.peak_deg and hinf.rmse_deg < pid.rmse_deg for pid in (default, fair))
     return Claim(
-        paper="H-infinity holds attitude far better than PID",
-        ours=f"RMSE {hinf.rmse_deg:.2f} deg, against {default.rmse_deg:.2f} of the autotuned PID and "
+        "H-infinity holds attitude far better than PID",
+        f"RMSE {hinf.rmse_deg:.2f} deg, against {default.rmse_deg:.2f} of the autotuned PID and "
         f"{fair.rmse_deg:.2f} of the fair one",
-        verdict=ClaimVerdict.HOLDS if len(beats) == 2 else ClaimVerdict.IN_PART if beats else ClaimVerdict.FAILS,
+        (ClaimVerdict.FAILS, ClaimVerdict.IN_PART, ClaimVerdict.HOLDS)[beaten],
     )
-
-
-def _to_verdict(holds: bool) -> ClaimVerdict:
-    return ClaimVerdict.HOLDS if holds else ClaimVerdict.FAILS

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Event
-from typing import Any, NamedTuple
+from typing import Any
 
 from rich.console import Group
 from rich.text import Text
@@ -16,51 +16,31 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import Dryden
 from firmware_model.errors import ConfigError
 from gustproof.analysis.law_margins import SPREADS, HoverMargins, axis_robustness, hover_margins
-from gustproof.analysis.placement import PerformanceLimits, performance_limits
+from gustproof.analysis.placement import ErrorLimits, Places, performance_limits
 from gustproof.errors import FlightError
 from gustproof.law.form import Law, load_law
-from gustproof.model.generalized import lft_structure
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lpv import RATE_BOUND
 from gustproof.model.rotational import Envelope, paper_rotation
 from gustproof.report.terminal import Renderable, save_text
 from gustproof.reproduce.claims import PAPER_LAWS, Claim, judge_claims
 from gustproof.reproduce.paper_tables import render_reproduction
-from gustproof.scoring.metrics import Metrics, median_metrics
-from gustproof.simulate.flight import Flight, objections, warnings
+from gustproof.scoring.metrics import Metrics, median_metrics, peak_rate
+from gustproof.simulate.flight import Flight, FlightPlan, objection, warnings
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.recorder import fly_and_record
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 
 SCENARIOS = ("paper", "paper-turbulence", "coning", "bias")
-LAWS = (
-    "pid-default",
-    "pid-fair",
-    "indi",
-    "flagship",
-    "aided",
-    "hinf-d1",
-    "hinf-d1-noise",
-    "hinf-d2",
-    "hinf-scheduled",
-    "hinf-rates",
-)
+_CASCADES = ("pid-default", "pid-fair", "indi", "flagship", "flagship-robust", "aided")
+LAWS = (*_CASCADES, "hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-scheduled", "hinf-rates")
+_NOT_COMPARED = "hinf-d1-noise"
+"""Law with a frequency weight, flown once."""
 _PARALLEL_FLIGHTS = 2
 """Flights side by side. The two processes of a lockstep flight take turns and keep one core busy."""
 
 Progress = Callable[[float, str], None]
-
-
-class PaperCase(NamedTuple):
-    """Flight to be flown."""
-
-    scenario: Scenario
-    """Scenario."""
-    law: Law
-    """Law."""
-    seed: int
-    """Seed of gusts and noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,9 +58,11 @@ class Reproduction:
     margins: Mapping[str, HoverMargins | None]
     """Margins at hover by law."""
     stability_factor: Mapping[str, float | None]
-    """[-] multiple of `SPREADS` of inertia and lag that is proved stable at hover, by law; `None` if unknown."""
-    performance: PerformanceLimits
-    """Performance limits in the turbulence, and the place of each law."""
+    """[-] multiple of `SPREADS` of inertia and lag that is certified stable at hover, by law; `None` if unknown."""
+    limits: ErrorLimits
+    """Least possible errors in the turbulence."""
+    places: Places
+    """Distance of each law from them."""
     claims: tuple[Claim, ...]
     """Verdicts on the paper's claims."""
 
@@ -96,24 +78,23 @@ class Reproduction:
             "laws": {
                 law: {
                     **{name: asdict(metrics) for name, metrics in scenarios.items()},
-                    "seeds": list(_select_seeds(law, self.seeds)),
-                    "place": None if (place := self.performance.places[law]) is None else asdict(place),
-                    "stable_up_to_times": self.stability_factor[law],
+                    "seeds": list(self.seeds[:1] if law == _NOT_COMPARED else self.seeds),
+                    "place": None if (place := self.places[law]) is None else asdict(place),
+                    "margins": None if (margins := self.margins[law]) is None else asdict(margins),
+                    "certified_up_to_times": self.stability_factor[law],
                 }
                 for law, scenarios in self.medians.items()
             },
             "warnings": list(self.warnings),
             "spreads": asdict(SPREADS),
-            "limits": asdict(self.performance.limits),
-            "claims": [
-                {"paper": claim.paper, "ours": claim.ours, "verdict": claim.verdict.value} for claim in self.claims
-            ],
+            "limits": asdict(self.limits),
+            "claims": [{**claim._asdict(), "verdict": claim.verdict.value} for claim in self.claims],
         }
 
     def render(self) -> Renderable:
         """Return the report as tables and text."""
         document = render_reproduction(
-            self.medians, self.margins, self.performance, self.claims, self.vehicle, load_scenario("paper")
+            self.medians, self.margins, self.limits, self.places, self.claims, self.vehicle, load_scenario("paper")
         )
         return Group(*(Text(f"warning: {line}") for line in self.warnings), document)
 
@@ -128,7 +109,7 @@ def check(vehicle: Vehicle) -> None:
     """
     laws = [load_law(name) for name in LAWS]
     scenarios = [load_scenario(name) for name in SCENARIOS]
-    refused = [law.name for law in laws if any(objections(scenario, law, vehicle) for scenario in scenarios)]
+    refused = [law.name for law in laws if any(objection(scenario, law, vehicle) for scenario in scenarios)]
     if refused:
         raise ConfigError(
             f"unstable on vehicle '{vehicle.name}': {', '.join(refused)}; --anyway flies them nevertheless"
@@ -152,21 +133,20 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         law.save(out / "laws" / f"{law.name}.json")
     progress(0.0, "performance limits")
     margins = {name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
-    stability_factor = {name: _stability_factor(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
-    found = performance_limits(laws, margins, vehicle, scenarios["paper-turbulence"])
-    flights = _fly_all(
-        [
-            PaperCase(scenario, law, seed)
-            for scenario in scenarios.values()
-            for law in laws.values()
-            for seed in (_select_seeds(law.name, seeds) if _is_random(scenario) else seeds[:1])
-        ],
-        vehicle,
-        out / "bags",
-        progress,
-    )
+    robust = {name: axis_robustness(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
+    stability_factor = {name: min(x.certified for x in axes) if axes else None for name, axes in robust.items()}
+    limits, places = performance_limits(laws, margins, vehicle, scenarios["paper-turbulence"])
+    plans = [
+        FlightPlan(scenario, law, vehicle, seed, real_time=False)
+        for scenario in scenarios.values()
+        for law in laws.values()
+        for seed in _select_seeds(law.name, seeds, scenario)
+    ]
+    flights = _fly_all(plans, out / "bags", progress)
     medians = {law: {scenario: _median_of(flights, scenario, law) for scenario in scenarios} for law in laws}
     design_d1, solved = derive(load_design("D1"), vehicle)
+    gamma_opt = design_d1.provenance.parameters["gamma_opt"]
+    highest = max(peak_rate(flight.records) for flight in flights if flight.matches("paper", "hinf-d1"))
     reproduction = Reproduction(
         vehicle=vehicle,
         laws=laws,
@@ -174,26 +154,23 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         medians=medians,
         margins=margins,
         stability_factor=stability_factor,
-        performance=found,
-        claims=judge_claims(
-            medians, laws, norm=solved.result.norm, gamma_opt=design_d1.provenance.parameters["gamma_opt"],
-            peak_rate=max(flight.peak_rate for flight in flights if flight.matches("paper", "hinf-d1")),
-        ),
-    )  # fmt: skip
+        limits=limits,
+        places=places,
+        claims=judge_claims(medians, laws, norm=solved.result.norm, gamma_opt=gamma_opt, peak_rate=highest),
+    )
     (out / "summary.json").write_text(json.dumps(reproduction.to_dict(), indent=2) + "\n", encoding="utf-8")
-    _draw(flights, seeds[0], solved.problem, vehicle, out / "figures")
-    _draw_trade_off(reproduction, out / "figures")
+    _draw(reproduction, flights, solved.problem, out / "figures")
     save_text(reproduction.render(), out / "report.txt")
     return reproduction
 
 
-def _fly_all(cases: Sequence[PaperCase], vehicle: Vehicle, out: Path, progress: Progress) -> list[Flight]:
-    """Return the flights of `cases`, flown side by side. The first failure ends the others."""
+def _fly_all(plans: Sequence[FlightPlan], out: Path, progress: Progress) -> list[Flight]:
+    """Return the flights of `plans`, flown side by side. The first failure ends the others."""
     out.mkdir()
-    shares, stop = [0.0] * len(cases), Event()
+    shares, stop = [0.0] * len(plans), Event()
 
-    def fly(index: int, case: PaperCase) -> Flight:
-        name = f"{case.scenario.name}, {case.law.name}, seed {case.seed}"
+    def fly(index: int, plan: FlightPlan) -> Flight:
+        name = f"{plan.scenario.name}, {plan.law.name}, seed {plan.seed}"
 
         def show(share: float) -> None:
             if stop.is_set():
@@ -201,13 +178,13 @@ def _fly_all(cases: Sequence[PaperCase], vehicle: Vehicle, out: Path, progress: 
             shares[index] = share
             progress(sum(shares) / len(shares), name)
 
-        flight = fly_and_record(case.scenario, case.law, vehicle=vehicle, seed=case.seed, out=out, progress=show)
+        flight = fly_and_record(plan, out, progress=show)
         if flight.outcome is not FlightOutcome.DONE:
             raise FlightError(flight.message)
         return flight
 
     with ThreadPoolExecutor(_PARALLEL_FLIGHTS) as pool:
-        futures = [pool.submit(fly, index, case) for index, case in enumerate(cases)]
+        futures = [pool.submit(fly, index, plan) for index, plan in enumerate(plans)]
         try:
             return [future.result() for future in futures]
         except BaseException:
@@ -216,48 +193,34 @@ def _fly_all(cases: Sequence[PaperCase], vehicle: Vehicle, out: Path, progress: 
             raise
 
 
-def _stability_factor(law: Law, vehicle: Vehicle, scenario: Scenario) -> float | None:
-    axes = axis_robustness(law, vehicle, scenario)
-    return 1.0 / max(axis.upper for axis in axes) if axes else None
+def _draw(found: Reproduction, flights: Sequence[Flight], problem: Interconnection, out: Path) -> None:
+    """Draw the paper's figures for one seed: its two laws in its flight, all laws but the first in turbulence."""
+    from gustproof.report import diagrams, figures
+
+    seed = found.seeds[0]
+    out.mkdir()
+    for scenario, names in (("paper", PAPER_LAWS), ("paper-turbulence", LAWS[1:])):
+        records = {name: f.records for f in flights for name in LAWS if f.matches(scenario, name) and f.seed == seed}
+        shown = {name: records[name] for name in names}
+        figures.save_moments(records["hinf-d1"], out / f"{scenario}-moments.png")
+        for history in figures.HISTORIES:
+            figures.save_histories(history, shown, scenario, out / f"{scenario}-{history}.png")
+        figures.save_scheduling(records["hinf-d1"], "hinf-d1", out / f"{scenario}-scheduling.png")
+    diagrams.save_interconnection(problem, "Interconnection of design D1", out / "interconnection.png")
+    # Delta has the same blocks in every envelope.
+    dynamics = paper_rotation(found.vehicle.inertia_B, Envelope(angle=0.5, rate=RATE_BOUND))
+    title = f"LFT of the closed loop, Delta of order {dynamics.n_z}"
+    diagrams.save_lft(problem, dynamics, title, out / "lft.png")
+    flown = {law: scenarios["paper-turbulence"] for law, scenarios in found.medians.items()}
+    figures.save_trade_off(found.limits, found.places, flown, out / "trade-off.png")
 
 
 def _median_of(flights: Sequence[Flight], scenario: str, law: str) -> Metrics:
     return median_metrics([f.metrics for f in flights if f.matches(scenario, law) and f.metrics is not None])
 
 
-def _draw(flights: Sequence[Flight], seed: int, problem: Interconnection, vehicle: Vehicle, out: Path) -> None:
-    """Draw the paper's figures for one seed: its two laws in its flight, all laws but the first in turbulence."""
-    from gustproof.report import diagrams, figures
-
-    out.mkdir()
-    for scenario, names in (("paper", PAPER_LAWS), ("paper-turbulence", LAWS[1:])):
-        records = {name: f.records for f in flights for name in LAWS if f.matches(scenario, name) and f.seed == seed}
-        shown = {name: records[name] for name in names}
-        figures.save_moments(records["hinf-d1"], out / f"{scenario}-moments.png")
-        figures.save_euler_angles(shown, scenario, out / f"{scenario}-euler-angles.png")
-        figures.save_body_rates(shown, scenario, out / f"{scenario}-body-rates.png")
-        figures.save_torques(shown, scenario, out / f"{scenario}-torques.png")
-        figures.save_scheduling(records["hinf-d1"], "hinf-d1", out / f"{scenario}-scheduling.png")
-    diagrams.save_interconnection(problem, "Interconnection of design D1", out / "interconnection.png")
-    # Delta has the same blocks in every envelope.
-    dynamics = paper_rotation(vehicle.inertia_B, Envelope(angle=0.5, rate=RATE_BOUND))
-    title = f"LFT of the closed loop, Delta of order {dynamics.n_z}"
-    diagrams.save_lft(lft_structure(problem, dynamics), title, out / "lft.png")
-
-
-def _draw_trade_off(reproduction: Reproduction, out: Path) -> None:
-    from gustproof.report import figures
-
-    flown = {law: scenarios["paper-turbulence"] for law, scenarios in reproduction.medians.items()}
-    figures.save_trade_off(reproduction.performance, flown, out / "trade-off.png")
-
-
-def _select_seeds(law: str, seeds: Sequence[int]) -> Sequence[int]:
-    """Return the seeds of a law: the law with a frequency weight is flown once, and not compared."""
-    return seeds[:1] if law == "hinf-d1-noise" else seeds
-
-
-def _is_random(scenario: Scenario) -> bool:
-    """Return whether the seed changes anything."""
+def _select_seeds(law: str, seeds: Sequence[int], scenario: Scenario) -> Sequence[int]:
+    """Return the seeds of a law: one if it changes nothing, or if the law is not compared."""
     noisy = scenario.gyro.noise or scenario.accelerometer.noise
-    return noisy or any(isinstance(item, Dryden) for item in scenario.wind)
+    random = noisy or any(isinstance(item, Dryden) for item in scenario.wind)
+    return seeds if random and law != _NOT_COMPARED else seeds[:1]

@@ -7,7 +7,6 @@ from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
@@ -18,9 +17,10 @@ from firmware_model.numerics.soa import Lane, get, get_vector, loader, single, s
 from firmware_model.recording.journal import OMEGA, Q_NB, TORQUE_COMMAND, WIDTH
 from firmware_model.types import Quaternion, Vector
 from gustproof.model.lpv import RATE_BOUND
+from gustproof.types import Array, Records
 
-Records = NDArray[np.void]
-Array = NDArray[np.float64]
+SETTLED_S = 2.0
+"""[s] time by which the step at the start, from rest to full wind, has settled; a shorter flight has no such time."""
 _TWO_PI, _DEGREES = 2.0 * math.pi, 180.0 / math.pi
 
 
@@ -47,6 +47,8 @@ class Metrics:
     """[deg] largest magnitude of theta."""
     peak_yaw_deg: float
     """[deg] largest magnitude of psi."""
+    peak_settled_deg: float
+    """[deg] as `peak_deg`, from `SETTLED_S` on: a flight begins at rest in full wind, a step of the moment."""
     rmse_roll_deg: float
     """[deg] root mean square of phi."""
     rmse_pitch_deg: float
@@ -88,6 +90,7 @@ class Tally(NamedTuple):
     peak_roll: float  # [deg]
     peak_pitch: float
     peak_yaw: float
+    peak_settled: float  # [deg]
     square_roll: float  # [deg^2] sum
     square_pitch: float
     square_yaw: float
@@ -136,7 +139,7 @@ def _squared_norm(v: Vector) -> float:
 
 @kernel
 def update_tally(
-    x: Tally, first: bool, limit: Vector, q_NB: Quaternion, omega_B: Vector, torque: Vector, dt: float
+    x: Tally, first: bool, settled: bool, limit: Vector, q_NB: Quaternion, omega_B: Vector, torque: Vector, dt: float
 ) -> Tally:
     """Return the tally after a sample of attitude, rates [rad/s] and commanded torque [N*m], `limit` likewise."""
     phi, theta, psi = to_euler(q_NB)
@@ -147,11 +150,13 @@ def update_tally(
     rate = 0.0 if first else 1.0 / dt
     slew = rate * (torque[0] - x.L), rate * (torque[1] - x.M), rate * (torque[2] - x.N)
     share = _share(phi, theta, omega_B)
+    largest = _maximum_of((abs(roll), abs(pitch), abs(yaw)))
     saturated = (size[0] >= limit[0]) | (size[1] >= limit[1]) | (size[2] >= limit[2])
     return Tally(
         phi, theta, psi, phi_wraps, psi_wraps, roll, pitch, yaw, torque[0], torque[1], torque[2],
         slew[0], slew[1], slew[2], share,
         maximum(x.peak_roll, abs(roll)), maximum(x.peak_pitch, abs(pitch)), maximum(x.peak_yaw, abs(yaw)),
+        maximum(x.peak_settled, largest) if settled else x.peak_settled,
         x.square_roll + roll * roll, x.square_pitch + pitch * pitch, x.square_yaw + yaw * yaw,
         maximum(x.peak_torque, _maximum_of(size)),
         x.square_torque + _squared_norm(size), x.square_slew + _squared_norm(slew),
@@ -160,17 +165,18 @@ def update_tally(
 
 
 @kernel
-def tally_kernel(tally: Lane, first: bool, limit: Lane, record: Lane, dt: float) -> None:
-    """Update a tally with a journal record."""
+def tally_kernel(tally: Lane, sample: int, limit: Lane, record: Lane, dt: float) -> None:
+    """Update a tally with the journal record of a sample; the first one begins anew."""
     q_NB = (get(record, Q_NB), get(record, Q_NB + 1), get(record, Q_NB + 2), get(record, Q_NB + 3))
     omega_B, torque = get_vector(record, OMEGA), get_vector(record, TORQUE_COMMAND)
-    store_tally(tally, 0, update_tally(load_tally(tally, 0), first, get_vector(limit, 0), q_NB, omega_B, torque, dt))
+    x, settled = load_tally(tally, 0), (sample + 0.5) * dt > SETTLED_S
+    store_tally(tally, 0, update_tally(x, sample == 0, settled, get_vector(limit, 0), q_NB, omega_B, torque, dt))
 
 
 @compiled
 def _tally(rows: Array, limit: Array, dt: float, tally: Array) -> None:
     for k in range(rows.shape[0]):
-        tally_kernel(single(tally), k == 0, single(limit), single(rows[k]), dt)
+        tally_kernel(single(tally), k, single(limit), single(rows[k]), dt)
 
 
 def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_factor: float) -> Metrics:
@@ -203,13 +209,15 @@ def as_rows(records: Records) -> Array:
 
 def metrics_from_tally(tally: Tally, samples: int, dt: float, realtime_factor: float) -> Metrics:
     """Return the figures of a flight of two or more samples, `dt` [s] apart, from its tally."""
+    peak = _maximum_of((tally.peak_roll, tally.peak_pitch, tally.peak_yaw))
     squares = tally.square_roll + tally.square_pitch + tally.square_yaw
     return Metrics(
-        peak_deg=_maximum_of((tally.peak_roll, tally.peak_pitch, tally.peak_yaw)),
+        peak_deg=peak,
         rmse_deg=math.sqrt(squares / (3 * samples)),
         peak_roll_deg=tally.peak_roll,
         peak_pitch_deg=tally.peak_pitch,
         peak_yaw_deg=tally.peak_yaw,
+        peak_settled_deg=tally.peak_settled if samples * dt > SETTLED_S else peak,
         rmse_roll_deg=math.sqrt(tally.square_roll / samples),
         rmse_pitch_deg=math.sqrt(tally.square_pitch / samples),
         rmse_yaw_deg=math.sqrt(tally.square_yaw / samples),

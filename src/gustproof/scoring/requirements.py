@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
 from firmware_model.config.requirement import AXES, Metric, Requirement
@@ -15,9 +14,9 @@ from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.soa import Lane, get_vector, single
 from firmware_model.recording.journal import POSITION
 from gustproof.law.references import references
-from gustproof.scoring.metrics import TALLY_SIZE, Records, Tally, as_rows, maximum, tally_kernel
+from gustproof.scoring.metrics import TALLY_SIZE, Tally, as_rows, maximum, tally_kernel
+from gustproof.types import Array, Records
 
-Array = NDArray[np.float64]
 _LABELS = {
     Metric.PEAK: ("peak", "deg"),
     Metric.RMSE: ("RMSE", "deg"),
@@ -142,14 +141,11 @@ def initial_readings(scenario: Scenario, width: int) -> Array:
 
 def results_from_readings(scenario: Scenario, readings: Array, samples: int) -> tuple[RequirementResult, ...]:
     """Return the result of each requirement after `samples` samples, from the readings (n, READING_SIZE)."""
-    return tuple(
-        RequirementResult(
-            requirement=requirement,
-            value=_value(scenario, requirement, reading, samples),
-            judged=scenario.window(requirement)[1] <= samples,
-        )
-        for requirement, reading in zip(scenario.require, readings.tolist(), strict=True)
-    )
+    results = []
+    for requirement, reading in zip(scenario.require, readings.tolist(), strict=True):
+        value, judged = _value(scenario, requirement, reading, samples), scenario.window(requirement)[1] <= samples
+        results.append(RequirementResult(requirement=requirement, value=value, judged=judged))
+    return tuple(results)
 
 
 def verdict(result: RequirementResult) -> tuple[str, str]:
@@ -203,7 +199,7 @@ def _value(scenario: Scenario, requirement: Requirement, reading: list[float], s
 def _read(rows: Array, rules: Array, limit: Array, reference: Array, dt: float, tally: Array, readings: Array) -> None:
     tallies, limits = tally.reshape(TALLY_SIZE, 1), limit.reshape(3, 1)
     for k in range(rows.shape[0]):
-        tally_kernel(single(tally), k == 0, single(limit), single(rows[k]), dt)
+        tally_kernel(single(tally), k, single(limit), single(rows[k]), dt)
         read_kernel(rules, readings, k, reference[k], tallies, rows[k], limits)
 
 

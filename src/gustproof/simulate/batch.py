@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from pydantic import SkipValidation
@@ -72,12 +71,8 @@ class CaseResult:
 def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly a scenario once for each of `cases`, without messages, and return their results.
 
-    Figures and readings equal those of the flights' records to the bit, however flights are batched.
-
-    Raises
-    ------
-    ValueError
-        As `fly_direct`.
+    Figures and readings equal those of the flights' records to the bit, however flights are batched. It raises what
+    `fly_direct` raises.
 
     Examples
     --------
@@ -92,13 +87,12 @@ def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[CaseRe
 
 
 def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Case]], list[CaseResult]]:
-    """Return a function that flies cases as `fly_many` does, with their common data made once.
+    """Return a function that flies cases as `fly_many` does, with their common data made once."""
 
-    Raises
-    ------
-    ValueError
-        As `fly_direct`.
-    """
+    def fly(cases: Sequence[Case]) -> list[CaseResult]:
+        parts = [cases[i : i + LANES] for i in range(0, len(cases), LANES)]
+        return [result for part in parts for result in _fly_batch(scenario, law, shared, part)]
+
     check_compatible(scenario, law)
     torque = law.output is Output.TORQUE
     shared = BatchSetup(
@@ -106,12 +100,7 @@ def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Cas
         reference=references(scenario), rules=rules(scenario), law=sparse_law(law),
         kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
     )  # fmt: skip
-    return partial(_fly_batches, scenario, law, shared)
-
-
-def _fly_batches(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
-    parts = [cases[i : i + LANES] for i in range(0, len(cases), LANES)]
-    return [result for part in parts for result in _fly_batch(scenario, law, shared, part)]
+    return fly
 
 
 def _fly_batch(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:

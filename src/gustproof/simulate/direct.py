@@ -17,7 +17,7 @@ from firmware_model.sim.state import Array, initial_state
 from firmware_model.sim.step import advance_kernel, observe_kernel
 from gustproof.law.form import Law, Output
 from gustproof.law.references import references
-from gustproof.law.step import EXTRA_SIZE, SparseLaw, law_kernel, sparse_law
+from gustproof.law.step import EXTRA_SIZE, FORCE, SparseLaw, law_kernel, sparse_law
 
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
 
@@ -129,7 +129,7 @@ def _fly(flight: _DirectFlight) -> None:
         for i in range(3):
             z[n + i] = record[GYRO_B + i]
             z[n + 3 + i] = flight.reference[k, i]
-            z[n + 6 + i] = record[FORCE_B + i]
+            z[n + FORCE + i] = record[FORCE_B + i]
         law_kernel(flight.law, z, command, flight.work)
         slot = ring[k % late]
         slot[0], slot[inner_loop.THRUST] = flight.kind, flight.thrust

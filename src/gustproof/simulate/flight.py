@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
 from firmware_model.config.files import validate
@@ -15,15 +14,13 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.sim.fault_schedule import fault_schedule
-from gustproof.controller.core import reference_excess
 from gustproof.law.form import Law, parse_law
 from gustproof.law.hover import is_stable_at_hover
-from gustproof.scoring.metrics import Metrics, measure, peak_rate
+from gustproof.scoring.metrics import Metrics, measure
 from gustproof.scoring.requirements import RequirementResult, judge
 from gustproof.simulate.outcome import FlightOutcome
+from gustproof.types import Records
 from gustproof.version import software_versions
-
-Records = NDArray[np.void]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,11 +68,6 @@ class Flight:
     def requirements(self) -> tuple[RequirementResult, ...]:
         """Result of each requirement of the scenario."""
         return judge(self.records, self.scenario, self.vehicle)
-
-    @property
-    def peak_rate(self) -> float:
-        """[rad/s] largest magnitude of p, q, r."""
-        return peak_rate(self.records)
 
     @property
     def has_expected_outcome(self) -> bool:
@@ -147,17 +139,14 @@ class FlightPlan(NamedTuple):
         }
 
 
-def objections(scenario: Scenario, law: Law, vehicle: Vehicle) -> tuple[str, ...]:
-    """Return reasons not to fly, a line each: an unstable loop, and references that the law does not hold.
+def objection(scenario: Scenario, law: Law, vehicle: Vehicle) -> str:
+    """Return the reason not to fly, a loop that is unstable by the linear model at hover; empty if there is none.
 
-    The loop is the linear one at hover. The loop of a rates law is the autopilot's own and is not judged.
+    The loop of a rates law is the autopilot's own and is not judged.
     """
-    lines = []
-    if law.dt == scenario.dt and is_stable_at_hover(law, vehicle, scenario) is False:
-        lines.append(f"law '{law.name}' is unstable on vehicle '{vehicle.name}', by the linear model at hover")
-    if excess := reference_excess(law, scenario.references):
-        lines.append(excess)
-    return tuple(lines)
+    if law.dt != scenario.dt or is_stable_at_hover(law, vehicle, scenario) is not False:
+        return ""
+    return f"law '{law.name}' is unstable on vehicle '{vehicle.name}', by the linear model at hover"
 
 
 def check(scenario: Scenario, law: Law, vehicle: Vehicle) -> None:
@@ -166,17 +155,17 @@ def check(scenario: Scenario, law: Law, vehicle: Vehicle) -> None:
     Raises
     ------
     ConfigError
-        If there are `objections` (the first is named), or an event leaves an impossible vehicle.
+        If there is an `objection`, or an event leaves an impossible vehicle.
     """
     for _ in fault_schedule(vehicle, scenario):
         pass
-    for line in objections(scenario, law, vehicle):
+    if line := objection(scenario, law, vehicle):
         raise ConfigError(f"{line}; --anyway flies it all the same")
 
 
 def warnings(scenario: Scenario, law: Law, vehicle: Vehicle) -> tuple[str, ...]:
     """Return reasons to doubt the figures of a flight, a line each."""
-    lines = list(objections(scenario, law, vehicle))
+    lines = [line for line in (objection(scenario, law, vehicle),) if line]
     if law.provenance.vehicle not in ("", vehicle.name):
         lines.append(f"law '{law.name}' was designed for vehicle '{law.provenance.vehicle}', not '{vehicle.name}'")
     if scenario.references and not law.takes_references:
@@ -214,13 +203,9 @@ def parse_metadata(metadata: Any, source: Path) -> tuple[Scenario, Law | None, V
         seed, real_time = int(metadata["seed"]), bool(metadata["real_time"])
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ConfigError(f"{source}: does not say what was flown") from None
-    return (
-        validate(Scenario, scenario, f"{source}: scenario"),
-        None if law is None else parse_law(law, f"{source}: law"),
-        validate(Vehicle, vehicle, f"{source}: vehicle"),
-        seed,
-        real_time,
-    )
+    script = validate(Scenario, scenario, f"{source}: scenario")
+    parsed = None if law is None else parse_law(law, f"{source}: law")
+    return script, parsed, validate(Vehicle, vehicle, f"{source}: vehicle"), seed, real_time
 
 
 def first_difference_s(records: Records, others: Records) -> float | None:

@@ -21,7 +21,18 @@ from firmware_model.sim import inner_loop, layout, step
 from firmware_model.sim.inner_loop import SETPOINT_WIDTH, track_setpoint
 from firmware_model.sim.state import Array
 from gustproof.law.form import Law
-from gustproof.law.step import EXTRA_SIZE, RATES, SATURATION, TERM_BLOCK, SparseLaw, euler_rates
+from gustproof.law.step import (
+    EXTRA_SIZE,
+    FORCE,
+    RATE_EXCESS,
+    RATES,
+    SATURATION,
+    TERM_BLOCK,
+    SparseLaw,
+    euler_rates,
+    rate_excess,
+    tilt,
+)
 from gustproof.scoring.metrics import TALLY_SIZE, tally_kernel
 from gustproof.scoring.requirements import read_kernel
 
@@ -156,7 +167,7 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
         _step_turbulence(params, state, noise)
         for w in range(LANES):
             tally, limit = Lane(tallies, LANES, w), Lane(torque_limit, LANES, w)
-            tally_kernel(tally, k == 0, limit, Lane(record, LANES, w), shared.dt)
+            tally_kernel(tally, k, limit, Lane(record, LANES, w), shared.dt)
         read_kernel(shared.rules, batch.readings, k, reference, batch.tallies, record, limits)
 
 
@@ -224,31 +235,58 @@ def _write_measurements(record: Array, reference: Array, z: Array, n: int) -> No
         for w in range(LANES):
             z[n + i, w] = record[(journal.GYRO_B + i) * LANES + w]
             z[n + 3 + i, w] = reference[i]
-            z[n + 6 + i, w] = record[(journal.FORCE_B + i) * LANES + w]
+            z[n + FORCE + i, w] = record[(journal.FORCE_B + i) * LANES + w]
 
 
 @kernel
 def _step_law(law: SparseLaw, z: Array, commands: Array, work: Array) -> None:
     """Do the work of `law_kernel`, each flight's sums in the same order."""
-    n, begin = law.ends.size - 3, 0
+    n, begin, k = work.shape[0], 0, 0
+    if law.is_levelled:
+        for w in range(LANES):
+            force = (z[n + FORCE, w], z[n + FORCE + 1, w], z[n + FORCE + 2, w])
+            roll, pitch = tilt(force, (z[0, w], z[1, w]))
+            z[n + FORCE, w], z[n + FORCE + 1, w] = roll, pitch
+    if law.ends.size > 3 + n:
+        k, begin = 3, _limit_rates(law, z, n)
     for i in range(3):
-        _sum(law.terms, begin, law.ends[i], z, commands[i])
+        _sum(law.terms, begin, law.ends[k + i], z, commands[i])
         limit = law.limits[i]
         for w in range(LANES):
             within = min(max(commands[i, w], -limit), limit)
             z[n + SATURATION + i, w] = within - commands[i, w]
             commands[i, w] = within
-        begin = law.ends[i]
+        begin = law.ends[k + i]
     if law.is_scheduled:
         for w in range(LANES):
             rates = euler_rates((z[0, w], z[1, w], z[2, w]), (z[3, w], z[4, w], z[5, w]))
             z[n + RATES, w], z[n + RATES + 1, w], z[n + RATES + 2, w] = rates
     for i in range(n):
-        _sum(law.terms, begin, law.ends[3 + i], z, work[i])
-        begin = law.ends[3 + i]
+        _sum(law.terms, begin, law.ends[k + 3 + i], z, work[i])
+        begin = law.ends[k + 3 + i]
     for i in range(n):
         for w in range(LANES):
             z[i, w] = work[i, w]
+
+
+@kernel
+def _limit_rates(law: SparseLaw, z: Array, n: int) -> int:
+    """Write the excess of the rates commanded from attitude, mostly 0; return the end of their terms."""
+    begin, limited = 0, False
+    for i in range(3):
+        rates, limit, angle = z[n + RATE_EXCESS + i], law.rate_limits[i], law.attitude_limits[i]
+        _sum(law.terms, begin, law.ends[i], z, rates)
+        for w in range(LANES):
+            limited |= not (abs(rates[w]) <= limit and abs(z[i, w]) <= angle)
+        begin = law.ends[i]
+    if limited:
+        for w in range(LANES):
+            rates_w = (z[n + RATE_EXCESS, w], z[n + RATE_EXCESS + 1, w], z[n + RATE_EXCESS + 2, w])
+            excess = rate_excess(rates_w, (z[0, w], z[1, w]), law.rate_limits, law.attitude_limits)
+            z[n + RATE_EXCESS, w], z[n + RATE_EXCESS + 1, w], z[n + RATE_EXCESS + 2, w] = excess
+    else:
+        z[n + RATE_EXCESS : n + RATE_EXCESS + 3] = 0.0
+    return int(begin)
 
 
 @kernel

@@ -4,10 +4,8 @@ The protocol cores are those of the two processes; law, scenario and seed give t
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_model.config.events import ControllerKill
 from firmware_model.config.scenario import Scenario
@@ -17,17 +15,13 @@ from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.types import NEVER_US
 from gustproof.controller.endpoint import ControllerEndpoint
 from gustproof.law.form import Law
+from gustproof.types import Array, Records
 
 _VEHICLE, _CONTROLLER, _SPARE = (0, ("vehicle", 1)), (0, ("controller", 1)), (0, ("controller", 2))
 
 
-class KillSchedule(NamedTuple):
-    """Time of a scripted controller kill, in samples flown."""
-
-    sample: int
-    """[samples] flown when the controller is killed."""
-    restart_sample: float
-    """[samples] flown when a spare one takes over; infinite if none does."""
+KillSchedule = tuple[int, float]
+"""Samples flown when the controller is killed, and when a spare one takes over; infinite if none does."""
 
 
 def kill_schedule(scenario: Scenario) -> KillSchedule | None:
@@ -36,11 +30,11 @@ def kill_schedule(scenario: Scenario) -> KillSchedule | None:
         if isinstance(item, ControllerKill):
             away_s, rate_hz = item.recovers_after_s, scenario.control_rate_hz
             restart = math.inf if away_s is None else round((item.at_s + away_s) * rate_hz)
-            return KillSchedule(round(item.at_s * rate_hz), restart)
+            return round(item.at_s * rate_hz), restart
     return None
 
 
-def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1) -> NDArray[np.void]:
+def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1) -> Records:
     """Fly a scenario in lockstep, vehicle and controller in this process, and return the journal records (n,).
 
     Examples
@@ -52,27 +46,23 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
     >>> fly_loopback(scenario, law, vehicle=vehicle).tobytes() == fly_direct(scenario, law, vehicle=vehicle).tobytes()
     True
     """
-    rows: list[NDArray[np.float64]] = []
+    rows: list[Array] = []
     autopilot = VehicleEndpoint(vehicle, scenario, seed, lambda row: rows.append(row.copy()), lockstep=True)
     controller, peer = ControllerEndpoint(law, _VEHICLE, references=scenario.references), _CONTROLLER
     kill = kill_schedule(scenario)
     now_us = 0
     while not autopilot.finished:
         sent = autopilot.poll(now_us)
-        if kill is not None and len(rows) >= kill.restart_sample:
+        if kill is not None and len(rows) >= kill[1]:
             controller = ControllerEndpoint(law, _VEHICLE, references=scenario.references)
             peer, kill = _SPARE, None
-        dead = controller.finished or (kill is not None and len(rows) >= kill.sample)
-        answers = [] if dead else _exchange(controller, [datagram for datagram, to in sent if to == peer], now_us)
-        for answer in answers:
+        dead = controller.finished or (kill is not None and len(rows) >= kill[0])
+        for datagram, to in () if dead else sent:
+            if to == peer:
+                controller.receive(datagram, _VEHICLE, now_us)
+        answers = [] if dead else controller.poll(now_us)
+        for answer, _ in answers:
             autopilot.receive(answer, peer, now_us)
         if not sent and not answers:
             now_us = max(now_us + 1, min(autopilot.deadline_us(), NEVER_US if dead else controller.deadline_us()))
     return np.array(rows).reshape(len(rows), -1).view(RECORD)[:, 0] if rows else np.empty(0, dtype=RECORD)
-
-
-def _exchange(controller: ControllerEndpoint, datagrams: list[bytes], now_us: int) -> list[bytes]:
-    """Pass the vehicle's datagrams to the controller and return the controller's."""
-    for datagram in datagrams:
-        controller.receive(datagram, _VEHICLE, now_us)
-    return [answer for answer, _ in controller.poll(now_us)]

@@ -3,15 +3,14 @@
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_model.autopilot.modes import Mode, Settings
 from firmware_model.config.events import ModeChange
 from firmware_model.config.scenario import Scenario
+from gustproof.types import Records
 
 _OFFBOARD, _FAIL_SAFE = Mode.OFFBOARD.value, Mode[Settings().fail_safe.name].value
 
-Records = NDArray[np.void]
 _Change = tuple[int, int]  # sample, and the mode from there on
 
 

@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -88,9 +87,8 @@ def fly(
     plan = FlightPlan(scenario, law, vehicle, seed, real_time)
     out.mkdir(parents=True, exist_ok=True)
     journal, log = (out / f"{plan.name}.{kind}" for kind in ("journal", "tlog"))
-    for file in (journal, log):
-        if file.exists():
-            raise ConfigError(f"{file}: exists already")
+    if there := [file for file in (journal, log) if file.exists()]:
+        raise ConfigError(f"{there[0]}: exists already")
     with TemporaryDirectory(dir=out, prefix=WORKING_PREFIX) as folder:
         files = _write_inputs(plan, Path(folder))
         pacing = [] if real_time else ["--lockstep"]
@@ -101,7 +99,7 @@ def fly(
     summary = pair.summary
     records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
     words = describe(outcome, scenario, records)
-    reason = pair.reason if words == outcome.value else ""
+    reason = f" ({pair.reason})" if pair.reason and words == outcome.value else ""
     return Flight(
         scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
         message=f"{scenario.name}, {law.name}, seed {seed}: {words}{reason}",
@@ -137,9 +135,7 @@ class _ProcessPair:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for process in self._processes.values():
             _terminate(process)
             for stream in (process.stdin, process.stdout, process.stderr):
@@ -178,17 +174,17 @@ class _ProcessPair:
         self._address = f"127.0.0.1:{ports[-1]}\n"
         if "--lockstep" in self._options:
             _share_core([process.pid for process in self._processes.values()])
-        self._send_address("controller")
+        self._send_address()
 
     def _launch_controller(self, name: str) -> None:
         self._launch(
             name, "gustproof.controller", "--json", "--exit-on-stdin-eof", "--law", str(self._files["law"]),
-            "--connect", "-", "--scenario", str(self._files["scenario"]), "--anyway", *self._pacing,
+            "--connect", "-", "--scenario", str(self._files["scenario"]), *self._pacing,
         )  # fmt: skip
 
-    def _send_address(self, name: str) -> None:
-        """Let a controller begin; `_watch` finds one that has ended already."""
-        stdin = self._processes[name].stdin
+    def _send_address(self) -> None:
+        """Let the controller begin; `_watch` finds one that has ended already."""
+        stdin = self._processes["controller"].stdin
         with contextlib.suppress(BrokenPipeError):
             if stdin:
                 stdin.write(self._address)
@@ -196,14 +192,14 @@ class _ProcessPair:
 
     def _follow_script(self, flown: int) -> None:
         """Kill the controller when the script says so, and let the spare one take its place."""
-        if self._kill is None or flown < self._kill.sample:
+        if self._kill is None or flown < self._kill[0]:
             return
         self._processes["controller"].kill()
-        if flown >= self._kill.restart_sample:
+        if flown >= self._kill[1]:
             self._processes["dead"] = self._processes["controller"]
             self._processes["controller"] = self._processes.pop("spare")
             self._kill, self._replaced = None, True
-            self._send_address("controller")
+            self._send_address()
 
     def _launch(self, name: str, module: str, *arguments: str) -> subprocess.Popen[str]:
         # A session of its own: Ctrl-C reaches this process alone, which then ends both in order. If this process is
@@ -238,7 +234,7 @@ class _ProcessPair:
         """Return the outcome; keep the vehicle's summary, and the reason of a flight that broke off."""
         self.summary = self._read_summary("vehicle")
         if not self.summary:
-            self.reason = _format_reason(self._last_stderr_line("vehicle"))
+            self.reason = self._last_stderr_line("vehicle")
             return FlightOutcome.AUTOPILOT_LOST
         outcome = FlightOutcome.NOT_STARTED if self._gave_up else _OUTCOMES[VehicleOutcome(self.summary["outcome"])]
         alone = self._processes["controller"].poll() is not None
@@ -248,7 +244,7 @@ class _ProcessPair:
             if self.summary["pace"]:
                 self.summary["pace"] |= {name: summary[name] for name in ("late_samples", "missed_samples")}
         if outcome is not FlightOutcome.DONE and alone:
-            self.reason = _format_reason(reason)
+            self.reason = reason
         return outcome
 
     def _read_summary(self, name: str) -> dict[str, Any]:
@@ -263,10 +259,6 @@ class _ProcessPair:
         _terminate(process)
         lines = process.stderr.read().strip().splitlines() if process.stderr else []
         return lines[-1] if lines else ""
-
-
-def _format_reason(reason: str) -> str:
-    return f" ({reason})" if reason else ""
 
 
 def _share_core(pids: list[int]) -> None:

@@ -6,32 +6,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from firmware_model.config.scenario import Scenario
-from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.recording.durable_file import is_growing
 from firmware_model.recording.journal import read_journal
 from gustproof.errors import FlightError
-from gustproof.law.form import Law
 from gustproof.recording.bag import UNFINISHED_PREFIX, read_bag, write_bag
-from gustproof.simulate.flight import Flight, FlightPlan, Records, flight_name, law_name, parse_metadata
+from gustproof.simulate.flight import Flight, FlightPlan, flight_name, law_name, parse_metadata
 from gustproof.simulate.outcome import describe, infer_outcome
 from gustproof.simulate.processes import WORKING_PREFIX, fly
 
 
 def fly_and_record(
-    scenario: Scenario,
-    law: Law,
-    *,
-    vehicle: Vehicle,
-    seed: int,
+    plan: FlightPlan,
     out: Path,
-    real_time: bool = False,
+    *,
     tlog: bool = False,
     progress: Callable[[float], None] | None = None,
     on_listening: Callable[[int, Path], None] | None = None,
 ) -> Flight:
-    """Fly a scenario over UDP and leave its bag in the folder `out`, named for scenario, law and seed.
+    """Fly a plan over UDP and leave its bag in the folder `out`, named for scenario, law and seed.
 
     `progress` and `on_listening` are those of `processes.fly`. With `tlog` the MAVLink traffic is left beside the bag.
     The journal is removed once its bag is whole, or if it is empty.
@@ -43,11 +36,8 @@ def fly_and_record(
     FlightError
         If the bag can't be written; the journal stays for `recover`.
     """
-    flight = fly(
-        scenario, law, vehicle=vehicle, seed=seed, out=out, real_time=real_time, progress=progress,
-        tlog=tlog, on_listening=on_listening,
-    )  # fmt: skip
-    return _replace_journal(flight, FlightPlan(scenario, law, vehicle, seed, real_time).metadata())
+    flight = fly(**plan._asdict(), out=out, progress=progress, tlog=tlog, on_listening=on_listening)
+    return _replace_journal(flight, plan.metadata())
 
 
 def recover(folder: Path) -> list[Flight]:
@@ -95,7 +85,8 @@ def _replace_journal(flight: Flight, metadata: Mapping[str, Any]) -> Flight:
     if len(flight.records):
         bag = journal.parent / flight_name(flight.scenario, flight.law, flight.seed)
         try:
-            if not _is_bag_of(bag, flight.records):
+            # a writer that was killed before removing the journal has left the bag already
+            if not (bag.exists() and read_bag(bag)[1].tobytes() == flight.records.tobytes()):
                 timing = {} if flight.timing is None else {"pace": dict(flight.timing)}
                 write_bag(bag, flight.records, {**metadata, "outcome": flight.outcome.name.lower(), **timing})
         except OSError as error:
@@ -103,8 +94,3 @@ def _replace_journal(flight: Flight, metadata: Mapping[str, Any]) -> Flight:
             raise FlightError(f"{bag}: {error.strerror}; {kept}") from None
     journal.unlink(missing_ok=True)
     return replace(flight, bag=bag, journal=None)
-
-
-def _is_bag_of(bag: Path, records: Records) -> bool:
-    """Return whether `bag` holds these records already, as if its writer was killed before removing the journal."""
-    return bag.exists() and read_bag(bag)[1].tobytes() == records.tobytes()

@@ -1,7 +1,7 @@
 """Derive a flyable law from a design, with a report of its figures."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -12,11 +12,11 @@ from gustproof.errors import DesignError
 from gustproof.law.discretize import central_law
 from gustproof.law.form import Law, Output, Provenance
 from gustproof.law.hover import loop_law
-from gustproof.lti.margins import Margins, margins
+from gustproof.lti.margins import LoopMargins, Margins, margins
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, delay, discretize_zoh, lft, sensitivity, series
 from gustproof.model.interconnection import Interconnection
 from gustproof.performance.step_response import StepResponse, step_response
-from gustproof.synthesis.designs import Design, design_problem
+from gustproof.synthesis.designs import Design, Weight, design_problem, model_damping
 from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
 from gustproof.synthesis.structured.hinfstruct import StructResult
 from gustproof.version import __version__
@@ -55,7 +55,7 @@ class DesignReport:
         """Return singular values (k, j) at the frequencies `omega` (k,) [rad/s], keyed by the name of the transfer."""
         controller = self.result.controller
         G, K = _loop(self.problem, controller)
-        L = series(G, Lti(A=K.A, B=K.B, C=-K.C, D=-K.D))
+        L = series(G, -K)
         S = sensitivity(L)
         transfers = {"w to z": lft(self.problem.plant(), controller), "S, plant input": S, "L, plant input": L}
         return {
@@ -109,7 +109,7 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
     """
     vehicle = load_vehicle(design.vehicle) if vehicle is None else vehicle
     problem = design_problem(design, vehicle)
-    result = _solve_central(design, problem) if solve is None else solve(design, problem)
+    result = (solve or _solve_central)(design, problem)
     rates = design.rate_loop_lag is not None
     law = central_law(
         design.law or design.name,
@@ -119,6 +119,7 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
         limits=np.array([vehicle.stabilizer.rate_limit] * 3 if rates else vehicle.torque_limit),
         output=Output.RATES if rates else Output.TORQUE,
         provenance=_make_provenance(design, vehicle, result),
+        rate_limits=None if rates or not design.scheduled else np.full(3, vehicle.stabilizer.rate_limit),
     )
     G, K = _loop(problem, result.controller)
     try:
@@ -145,8 +146,7 @@ def _loop(problem: Interconnection, controller: Lti) -> tuple[Lti, Lti]:
     """Return plant, from the command to the sensors, and controller of the feedback loop."""
     fed_back = tuple(name for name in problem.y if name != "reference")
     inputs = [k for k in range(controller.n_inputs) if "reference" not in problem.y or not 3 <= k < 6]
-    K = Lti(A=controller.A, B=controller.B[:, inputs], C=controller.C, D=controller.D[:, inputs], dt=controller.dt)
-    return problem.system(("u",), fed_back), K
+    return problem.system(("u",), fed_back), controller.subsystem(slice(None), inputs)
 
 
 def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | StructResult) -> Provenance:
@@ -156,50 +156,43 @@ def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | Stru
     if design.rate_loop_lag is not None:
         parameters["rate_loop_lag_s"] = design.rate_loop_lag
     else:
-        damping = vehicle.rate_damping if design.rate_damping is None else design.rate_damping
-        parameters |= {"rate_damping_per_s": damping, "actuator_lag_s": vehicle.actuator_lag}
+        damping, name = model_damping(design, vehicle), "rate_damping_per_s"
+        parameters |= {name: damping[0]} if len(set(damping)) == 1 else _by_axis(name, damping)
+        parameters["actuator_lag_s"] = vehicle.actuator_lag
     for name in ("W_l", "W_m"):
-        values = getattr(design, name) or ()
-        parameters |= {f"{name}_{axis}": value for axis, value in zip(_AXES, values, strict=False)}
+        parameters |= _by_axis(name, getattr(design, name) or ())
     for name in ("W_d", "W_n", "W_e", "W_u", "W_r"):
-        weight = getattr(design, name)
-        if weight is None:
-            continue
-        constant = weight.low == weight.high
-        for part in ("high",) if constant else ("low", "high"):
-            suffix = "" if constant else f"_{part}"
-            parameters |= {
-                f"{name}{suffix}_{axis}": value for axis, value in zip(_AXES, getattr(weight, part), strict=True)
-            }
-        if not constant:
-            parameters[f"{name}_corner_rad_s"] = weight.corner
+        parameters |= _weight_parameters(name, getattr(design, name))
     return Provenance(
-        design=f"{design.name}: {design.description}",
-        vehicle=vehicle.name,
-        parameters=parameters,
-        version=__version__,
+        design=f"{design.name}: {design.description}", vehicle=vehicle.name, parameters=parameters, version=__version__
     )
+
+
+def _weight_parameters(name: str, weight: Weight | None) -> dict[str, float]:
+    if weight is None:
+        return {}
+    if weight.low == weight.high:
+        return _by_axis(name, weight.high)
+    ends = _by_axis(f"{name}_low", weight.low) | _by_axis(f"{name}_high", weight.high)
+    return {**ends, f"{name}_corner_rad_s": weight.corner}
+
+
+def _by_axis(name: str, values: Sequence[float]) -> dict[str, float]:
+    return {f"{name}_{axis}": value for axis, value in zip(_AXES, values, strict=False)}
 
 
 def margins_to_dict(margins_: Margins) -> dict[str, Any]:
     """Return margins as JSON values, by the plant's side and axis; infinite numbers become `None`."""
     figures: dict[str, Any] = {}
-    for place, loops, disk in (
-        ("input", margins_.input, margins_.input_disk),
-        ("output", margins_.output, margins_.output_disk),
-    ):
-        figures[place] = {"disk_margin": disk}
+    for place in ("input", "output"):
+        loops: tuple[LoopMargins, ...] = getattr(margins_, place)
+        figures[place] = {"disk_margin": getattr(margins_, f"{place}_disk")}
         # the gyro's are the first measurements
         for axis, loop in zip(_AXES, loops[:3], strict=True):
+            gains = {"gain_margin": loop.gain_margin, "gain_reduction_margin": loop.gain_reduction_margin}
+            phase = {"crossover_rad_s": loop.crossover, "phase_margin_deg": math.degrees(loop.phase_margin)}
             figures[place][axis] = _nonfinite_to_none(
-                {
-                    "crossover_rad_s": loop.crossover,
-                    "phase_margin_deg": math.degrees(loop.phase_margin),
-                    "gain_margin": loop.gain_margin,
-                    "gain_reduction_margin": loop.gain_reduction_margin,
-                    "delay_margin_s": loop.delay_margin,
-                    "Ms": loop.Ms,
-                }
+                {**phase, **gains, "delay_margin_s": loop.delay_margin, "Ms": loop.Ms}
             )
     return figures
 

@@ -85,7 +85,8 @@ class Design:
     backoff: Annotated[float, Field(gt=1.0, allow_inf_nan=False)] = 1.05
     """[-] level as a multiple of the least."""
     scheduled: bool = False
-    """True if the law uses the exact kinematics at its own attitude estimate."""
+    """True if the law uses the exact kinematics at its own attitude estimate, and limits the rate commanded from it to
+    that of the vehicle's own loops."""
     dt: Positive = 0.004
     """[s] sample time of the law."""
     vehicle: str = "paper"
@@ -117,13 +118,13 @@ def load_design(name_or_path: str | Path) -> Design:
     return read_toml(Design, name_or_path, DESIGNS)
 
 
-def shipped_designs() -> tuple[str, ...]:
+def list_designs() -> tuple[str, ...]:
     """Return the names of the shipped designs.
 
     Examples
     --------
-    >>> from gustproof import shipped_designs
-    >>> "D1" in shipped_designs()
+    >>> from gustproof import list_designs
+    >>> "D1" in list_designs()
     True
     """
     return list_shipped(DESIGNS)
@@ -150,5 +151,9 @@ def design_problem(design: Design, vehicle: Vehicle) -> Interconnection:
     )
     if design.rate_loop_lag is not None:
         return rates_problem(vehicle, weights, leak=design.leak, tau=design.rate_loop_lag)
-    damping = vehicle.rate_damping if design.rate_damping is None else design.rate_damping
-    return torque_problem(vehicle, weights, leak=design.leak, rate_damping=damping)
+    return torque_problem(vehicle, weights, leak=design.leak, rate_damping=model_damping(design, vehicle))
+
+
+def model_damping(design: Design, vehicle: Vehicle) -> tuple[float, float, float]:
+    """Return the damping of rates [1/s] B in the model: the design's about every axis, or the vehicle's."""
+    return vehicle.rate_damping_B if design.rate_damping is None else (design.rate_damping,) * 3

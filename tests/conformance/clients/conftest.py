@@ -113,7 +113,7 @@ def programs() -> Path:
 def run_program() -> Callable[..., dict[str, Any]]:
     """Return a function that runs a program of this folder and returns the JSON object that it prints."""
 
-    def run(name: str, *arguments: object, timeout_s: float = 60.0) -> dict[str, Any]:
+    def run(name: str, *arguments: object, timeout_s: float = 150.0) -> dict[str, Any]:
         interpreter = sys.executable if name.endswith(".py") else "node"
         ended = subprocess.run(
             [interpreter, str(PROGRAMS / name), *map(str, arguments)],

@@ -83,7 +83,7 @@ def running(program: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def test_half_a_minute_without_a_gap_and_each_sample_once(stand, programs):
+def test_ten_seconds_without_a_gap_and_each_sample_once(stand, programs):
     listen = str(programs / "mavutil_client.py")
     with ExitStack() as stack:
         vehicle = stack.enter_context(stand("--held", "--air", "paper-turbulence"))
@@ -109,14 +109,14 @@ def test_half_a_minute_without_a_gap_and_each_sample_once(stand, programs):
     for out, _ in heard:
         facts = json.loads(out)
         assert facts["lost"] == 0
-        assert facts["seconds"] >= 30.0
-        assert facts["received"] > 30 * 300
+        assert facts["seconds"] >= 10.0
+        assert facts["received"] > 10 * 300
     assert said["outcome"] == "interrupted"
 
     frames = relay.frames
     assert {(later.sequence - sooner.sequence) % 256 for (_, sooner), (_, later) in pairwise(frames)} == {1}
     samples = [(at, frame.message().time_usec) for at, frame in frames if frame.message_id == IMU]
-    assert len(samples) > 30 * 250
+    assert len(samples) > 10 * 250
     assert {later - sooner for (_, sooner), (_, later) in pairwise(samples)} == {SAMPLE_US}
     # 250 Hz on the wall clock too, apart from the slips that the vehicle itself reports on a busy machine.
     passed_s = samples[-1][0] - samples[0][0]

@@ -19,7 +19,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 
 pytestmark = pytest.mark.clients
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 
 
 class Console:

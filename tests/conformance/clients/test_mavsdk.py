@@ -80,10 +80,12 @@ def test_attitude_and_torque_setpoints_take_turns(stand, run_program):
     echoed = ["ATTITUDE_TARGET", "ACTUATOR_CONTROL_TARGET", "ATTITUDE_TARGET"]
     for phase, wanted in zip(facts["phases"], echoed, strict=True):
         assert list(phase["last"]) == [wanted]
-        assert phase["echoes"][wanted] > 45  # of 90: a busy machine lets model time slip
+        assert phase["echoes"][wanted] > 20  # of 40: a busy machine lets model time slip
     level, turned, quarter = facts["phases"]
-    assert turned["last"]["ACTUATOR_CONTROL_TARGET"]["controls"][:4] == pytest.approx([0.0, 0.0, 0.0005, 0.5])
-    assert turned["yaw_rate"] == pytest.approx(0.45, abs=0.1)  # 0.0005 of 10 N*m for 10 s
+    assert turned["last"]["ACTUATOR_CONTROL_TARGET"]["controls"][:4] == pytest.approx([0.0, 0.0, 0.001, 0.5])
+    assert turned["yaw_acceleration"] == pytest.approx(
+        0.001 * 10.0 / load_vehicle("paper").inertia_B[2], rel=0.1
+    )  # air damps it
     assert (level["yaw_deg"], quarter["yaw_deg"]) == pytest.approx((0.0, 90.0), abs=1.0)
 
 

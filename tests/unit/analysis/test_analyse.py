@@ -10,7 +10,7 @@ from gustproof.analysis.analyse import analyse
 from gustproof.analysis.law_margins import axis_robustness, hover_margins
 from gustproof.law.form import load_law
 from gustproof.report import figures
-from gustproof.report.analysis import render_analysis
+from gustproof.report.laws import render_analysis
 from gustproof.report.terminal import save_text
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
@@ -62,12 +62,24 @@ def test_json_has_every_part_and_no_infinity(scheduled):
 def test_how_far_the_vehicle_may_be_off_is_told_where_axes_do_not_couple(scheduled):
     law = load_law("hinf-scheduled")
     assert axis_robustness(replace(law, D=law.D + 1e-6), VEHICLE, SHORT) == ()
-    assert any("stable for inertia ±16 % and lag ±24 % together" in line for line in scheduled.limits())
+    told = "(rounding bounded) for inertia ±44.5 % and lag ±66.8 % together, yaw unstable at -44.6 % and -66.9 %"
+    assert any(told in line for line in scheduled.limits())
     flagship = analyse(load_law("flagship"), VEHICLE, SHORT)
-    assert max(axis.upper for axis in flagship.stability) < 0.65
-    assert any("references: limited to 15 deg of level" in line for line in flagship.limits())
+    assert min(axis.certified for axis in flagship.stability) > 1.9
+    off_nominal = flagship.to_dict()["off_nominal"]
+    assert off_nominal["certified_up_to_times"] == [axis.certified for axis in flagship.stability]
+    assert all(1.9 < member["times"] < 2.01 and member["inertia"] < 0.0 for member in off_nominal["unstable_at"])
+    limited = "limited to 3, 3, 3 rad/s, so errors beyond 8.01, 7.73, 9.78 deg are flown back at that rate"
+    assert any(limited in line and "margins, mu and predictions" in line for line in flagship.limits())
+    assert flagship.to_dict()["rate_limit_rad_s"] == [3.0] * 3
+    linear = analyse(load_law("hinf-d1"), VEHICLE, SHORT)
+    assert any("no limit, a large attitude error may tumble" in line for line in linear.limits())
+    assert (linear.to_dict()["rate_limit_rad_s"], linear.to_dict()["attitude_limit_deg"]) == (None, [None] * 3)
     assert any("references: not supported, the law holds level" in line for line in scheduled.limits())
-    assert any("stable for inertia ±33 % and lag ±50 % together" in line for line in flagship.limits())
+    assert any(
+        "certified stable at hover (rounding bounded) for inertia ±39.5 % and lag ±59.3 % together" in line
+        for line in flagship.limits()
+    )
 
 
 def test_what_is_possible_at_the_law_s_price_is_told(scheduled):

@@ -1,5 +1,6 @@
 """What is possible and where laws stand: in figures, in a picture, in the report."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,6 +13,7 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.analysis import placement
 from gustproof.analysis.law_margins import hover_margins
 from gustproof.law.form import load_law
+from gustproof.performance.predict import predict
 from gustproof.report.figures import save_trade_off
 
 LAWS = {name: load_law(name) for name in ("pid-fair", "indi", "hinf-rates")}
@@ -24,7 +26,8 @@ def standing():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(placement, "SLEWS", (10.0, 20.0))
         patch.setattr(placement, "PEAKS", (0.9, 1.36, 2.0))
-        return placement.performance_limits(LAWS, margins, vehicle, scenario)
+        limits, places = placement.performance_limits(LAWS, margins, vehicle, scenario)
+        return SimpleNamespace(limits=limits, places=places)
 
 
 def test_laws_stand_above_the_least_at_their_price_and_that_above_the_limit(standing):
@@ -34,6 +37,8 @@ def test_laws_stand_above_the_least_at_their_price_and_that_above_the_limit(stan
         assert place.Ms == pytest.approx(1.36, abs=0.005)
         assert place.slew == pytest.approx(19.9, rel=1e-3)
         assert place.rmse_deg > place.least_rmse_deg > standing.limits.gyro_deg
+        foretold = predict(LAWS[name], load_vehicle("paper"), load_scenario("paper-turbulence"))
+        assert (place.own_rate, place.own_rate_rmse_deg) == (foretold.own_rate, math.degrees(foretold.own_rate_rmse))
     # Both pay the same price: the least error there is the same.
     pid, indi = standing.places["pid-fair"], standing.places["indi"]
     assert pid.least_rmse_deg == pytest.approx(indi.least_rmse_deg, rel=2e-3)
@@ -52,7 +57,8 @@ def test_limits_stand_in_order(standing):
 
 
 def test_the_trade_off_figure_has_limits_and_laws_where_they_are(drawn, standing):
-    save_trade_off(standing, dict.fromkeys(LAWS, SimpleNamespace(rmse_deg=0.12)), Path("trade-off.png"))
+    flown = dict.fromkeys(LAWS, SimpleNamespace(rmse_deg=0.12))
+    save_trade_off(standing.limits, standing.places, flown, Path("trade-off.png"))
     (figure,) = drawn
     for axes in figure.axes:
         lines = {line.get_label(): line for line in axes.get_lines()}

@@ -117,6 +117,7 @@ def test_the_worst_gain_of_a_resonance_is_at_the_least_damping():
     assert found.lower <= found.upper <= 1.03 * found.lower
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("angle", "rate", "lower"), [(0.3, 0.5, 0.279), (0.5, 1.0, 0.321), (0.8, 1.5, 0.434)])
 def test_no_member_of_the_family_exceeds_the_worst_gain_and_the_bracket_is_within_five_percent(angle, rate, lower):
     system = attitude_loop(angle, rate)

@@ -14,7 +14,7 @@ from gustproof.certify.gain.l2_gain import attitude_loop
 from gustproof.cli.app import app
 from gustproof.lti.state_space import gain
 from gustproof.model.rotational import Envelope
-from gustproof.synthesis.designs import design_problem, load_design, shipped_designs
+from gustproof.synthesis.designs import design_problem, list_designs, load_design
 
 ENVELOPE = ("--angle-rad", "0.01", "--rate-rad-s", "0.01")
 
@@ -54,7 +54,13 @@ def test_a_law_is_proved_by_its_design_and_the_file_checked_until_a_digit_is_cha
     assert json.loads(checked.stdout)["gain"] == told["gain"]
     assert "proven: " in run("--check", str(path)).stdout
 
-    path.write_text(path.read_text().replace(f'"gain": {told["gain"]}', '"gain": 0.25'))
+    again = run("hinf-d2", *ENVELOPE, "--check", str(path))
+    assert again.exit_code == 0
+    other = run("hinf-d2", "--angle-rad", "0.02", "--rate-rad-s", "0.01", "--check", str(path))
+    assert other.exit_code == 1
+    assert "refused: the evidence is not about design 'D2' with this envelope" in other.stdout
+
+    path.write_text(path.read_text().replace(f'"level": {told["gain"]}', '"level": 0.25'))
     refused = run("--check", str(path))
     assert refused.exit_code == 1
     assert refused.stdout.startswith("refused: ")
@@ -70,27 +76,47 @@ def test_a_controller_with_exact_rho_is_proved_on_a_plant_of_another_leak():
     assert "exact in the controller" in told["assumes"]["rho"]
 
 
-@pytest.mark.compiled
 def test_the_law_that_flies_is_proved_to_stay_in_a_box(tmp_path: Path):
     path = tmp_path / "certificate.json"
-    proved = run("hinf-d2", "--closure", "--moment", "0.01,0.01,0.01", "--horizon", "1", "--json", "-o", str(path))
+    proved = run("flagship", "--moment", "0.65,0.65,0.3", "--horizon", "60", "--json", "-o", str(path))
     assert proved.exit_code == 0
     told = json.loads(proved.stdout)
-    assert told["proven"] is True
-    assert 0.0 < told["gain"] <= 1.0
-    assert 0.0 < told["lower_bound"] <= 1.0
-    assert {"leak_per_s": 0.0, "delay_samples": 1, "horizon_s": 1.0}.items() <= told["assumes"].items()
-    assert run("--check", str(path)).exit_code == 0
+    assert set(told) == {"proven", "part", "estimate_deg", "truth_deg", "moment_class", "assumes", "statement"}
+    assert (told["proven"], told["part"], told["moment_class"]) == (True, 1.0, "held")
+    assert all(angle <= most for angle, most in zip(told["estimate_deg"], (1.1, 1.3, 0.9), strict=True))
+    assert max(told["truth_deg"]) <= 1.5
+    assert {"delay_samples": 1, "horizon_s": 60.0, "law": "flagship"}.items() <= told["assumes"].items()
+
+    checked = run("--check", str(path), "--law", "flagship", "--vehicle", "paper", "--json")
+    assert checked.exit_code == 0
+    again = json.loads(checked.stdout)
+    assert {key: again[key] for key in ("proven", "part", "estimate_deg", "truth_deg", "assumes")} == {
+        key: told[key] for key in ("proven", "part", "estimate_deg", "truth_deg", "assumes")
+    }
+    shown = run("--check", str(path), "--law", "flagship", "--vehicle", "paper")
+    assert shown.stdout.startswith(f"proven: {told['statement']}\nassumptions\n")
+    for law, vehicle in (("pid-fair", "paper"), ("flagship", "iris")):
+        refused = run("--check", str(path), "--law", law, "--vehicle", vehicle)
+        assert refused.exit_code == 1
+        assert "is not the one of this certificate" in refused.stdout
+    assert "give both" in run("--check", str(path)).stdout
 
 
-def test_a_vehicle_with_a_leak_is_proved_of_and_not_flown():
-    leaking = run(
-        "hinf-scheduled", "--closure", "--moment", "0.65,0.65,0.3", "--horizon", "1", "--leak", "0.05", "--json"
+def test_a_flight_without_horizon_bounds_the_laws_own_attitude_with_its_risk():
+    result = run("hinf-scheduled", "--horizon", "inf", "--noise", "0.0036", "--risk", "1e-3")
+    assert result.exit_code == 0
+    assert "but for a risk of 0.001 in 600 s; without a horizon the truth has no bound" in result.stdout
+    assert "duration [s]           unlimited" in result.stdout
+
+
+def test_a_moment_of_any_form_turns_the_truth_unseen():
+    result = run("pid-fair", "--moment", "0.01,0.01,0.01", "--moment-class", "any", "--horizon", "10")
+    assert result.exit_code == 0
+    assert (
+        "a moment that is any function of time (a square wave in step with the samples turns any law" in result.stdout
     )
-    assert leaking.exit_code == 0
-    told = json.loads(leaking.stdout)
-    assert told["proven"] is True
-    assert told["lower_bound"] == 0.0
+    steep = run("pid-fair", "--moment", "0.01,0.01,0.01", "--moment-class", "slope", "--slope", "1,1,1")
+    assert "under slopes below 1, 1, 1 N*m/s within a sample" in steep.stdout
 
 
 def test_what_is_asked_of_a_gain_is_handed_on(monkeypatch: pytest.MonkeyPatch):
@@ -128,24 +154,29 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((), "give a design with --angle-rad and --rate-rad-s"),
-        (("D2", "--angle-rad", "0.1"), "give a design with --angle-rad and --rate-rad-s"),
+        ((), "give a law, a design with --angle-rad and --rate-rad-s"),
+        (("D2", "--angle-rad", "0.1"), "give a law, a design with --angle-rad and --rate-rad-s"),
         (("D2", *ENVELOPE, "--leak", "0"), "--leak: is 0.0, must be positive"),
-        (("hinf-d2", "--closure", "--slow"), "a closure takes the law file as it is"),
-        (("hinf-d2", "--closure", *ENVELOPE), "a law with --closure"),
-        (("hinf-d2", "--closure", "--moment", "1,2"), "--moment: is '1,2', must be three numbers"),
+        (("hinf-d2", "--slow"), "a flight takes the law file as it is"),
+        (("hinf-d2", "--leak", "0.05"), "a flight takes the law file as it is"),
+        (("hinf-d2", "--law", "hinf-d2"), "give a law, a design with"),
+        (("hinf-d2", "--moment", "1,2"), "--moment: is '1,2', must be three numbers"),
+        (("hinf-d2", "--moment-class", "some"), "--moment-class: is 'some', must be one of held, slope, any"),
+        (("hinf-d2", "--moment-class", "slope"), "a slope belongs to moments of class 'slope'"),
+        (("hinf-d2", "--slope", "1,1,1"), "a slope belongs to moments of class 'slope'"),
         (("D2", *ENVELOPE, "--leak", "inf"), "--leak: is inf, must be positive"),
         (("D2", *ENVELOPE, "--level", "inf"), "level is inf, must be positive"),
         (("D2", *ENVELOPE, "--level", "nan"), "level is nan, must be positive"),
         (("hinf-rates", *ENVELOPE), "design R1: certify supports torque designs only: the diagram has no block"),
         (("hinf-reference", *ENVELOPE), "design reference: certify supports designs that hold level only"),
-        (("hinf-d2", "--closure", "--horizon", "-1"), "horizon"),
-        (("hinf-d2", "--closure", "--horizon", "1e9"), "horizon is 1e+09 s, must be positive, from 0.004 to 360 s"),
-        (("hinf-d2", "--closure", "--horizon", "inf"), "horizon is inf s"),
-        (("hinf-d2", "--closure", "--leak", "inf"), "leak is inf"),
-        (("hinf-d2", "--closure", "--noise", "1e-3", "--risk", "1e-320"), "risk is 1e-320, must be a probability"),
-        (("pid-fair", "--closure"), "law 'pid-fair' has"),
-        (("D2", "--check", "c.json"), "--check takes the certificate's file alone"),
+        (("hinf-d2", "--horizon", "-1"), "horizon is -1.0 s, must be positive"),
+        (("hinf-d2", "--horizon", "1e9"), "horizon is 1000000000.0 s, must be positive, at most 1000000 s"),
+        (("hinf-d2", "--horizon", "nan"), "horizon is nan, must be a finite number"),
+        (("hinf-d2", "--noise", "1e-3", "--risk", "1e-320"), "must be a probability"),
+        (("hinf-d2", "--noise", "-1"), "noise is -1.0, must not be negative"),
+        (("aided",), "law 'aided' reads the accelerometer"),
+        (("D2",), "no law named 'D2'"),
+        (("D2", "--check", "c.json"), "--check takes a gain's design with its envelope, or a flight's --law"),
         (("--check", "/nowhere.json"), "/nowhere.json: No such file"),
         (("nothing", *ENVELOPE), "no design named 'nothing'"),
         (("pid-fair", *ENVELOPE), "law 'pid-fair' was made from no design"),
@@ -164,7 +195,35 @@ def test_what_the_hint_names_is_what_a_gain_can_be_proved_of():
     vehicle, envelope = load_vehicle("paper"), Envelope(angle=0.1, rate=0.5)
     hint = run("pid-fair", *ENVELOPE).stderr.strip()
     assert hint.endswith("give one of hinf-d1, hinf-d1-noise, hinf-d2, hinf-scheduled")
-    for design in map(load_design, shipped_designs()):
+    for design in map(load_design, list_designs()):
         with nullcontext() if f" {design.law}," in f"{hint}," else pytest.raises(ValueError, match="certify supports"):
             problem = design_problem(design, vehicle)
             attitude_loop(problem, gain(np.zeros((problem.n_con, problem.n_meas))), envelope, scheduled=False)
+
+
+def test_an_air_is_predicted_and_not_called_proven() -> None:
+    told = run("flagship", "--air", "paper-turbulence", "--risk", "1e-3", "--json")
+    assert told.exit_code == 0
+    found = json.loads(told.stdout)
+    assert found["proven"] is False
+    assert (found["risk"], found["horizon_s"], found["air"]) == (1e-3, 60.0, "paper-turbulence")
+    assert all(0.5 < angle < 1.1 for angle in found["attitude_deg"])
+    assert "angular gusts" in found["assumes"]["neglected"]
+    shown = run("flagship", "--air", "paper-turbulence").stdout
+    assert shown.startswith("flagship: predicted, not proven: ")
+    assert "with probability 0.999 or more" in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("flagship", "--air", "calm"), "has no turbulence"),
+        (("flagship", "--air", "paper-turbulence", "--risk", "2"), "risk is 2.0"),
+        (("flagship", "--air", "paper-turbulence", "--horizon", "600"), "'horizon' cannot be given with it"),
+        (("--air", "paper-turbulence"), "give a law"),
+    ],
+)
+def test_an_air_that_cannot_be_predicted_is_refused(arguments: tuple[str, ...], reason: str) -> None:
+    refused = run(*arguments)
+    assert refused.exit_code == 2
+    assert reason in refused.stderr

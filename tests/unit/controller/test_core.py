@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -90,11 +91,13 @@ def test_command_stays_within_the_laws_limits():
 
 
 def test_the_law_feels_the_force_of_the_sample():
-    # u = specific force
-    law = replace(integrator(), B=np.zeros((3, 9)), D=np.hstack([np.zeros((3, 6)), np.eye(3)]), limits=np.full(3, 20.0))
-    answer = Controller(law, (20.0, 20.0, 20.0), 0.5).answer(sample(0))
+    # u = roll and pitch by gravity
+    D = np.vstack([np.eye(2, 8, 6), np.zeros((1, 8))])
+    law = replace(integrator(), B=np.zeros((3, 8)), D=D, limits=np.full(3, 20.0))
+    tilted = sample(0)._replace(specific_force_B=(0.0, -9.8 * math.sin(0.2), -9.8 * math.cos(0.2)))
+    answer = Controller(law, (20.0, 20.0, 20.0), 0.5).answer(tilted)
     assert isinstance(answer, TorqueCommand)
-    assert answer.torque_B == (0.0, 0.0, float(np.float32(-0.49)))
+    assert answer.torque_B == pytest.approx((0.01, 0.0, 0.0), rel=1e-6)
 
 
 def test_the_reference_is_that_of_the_newest_stamp_that_has_come():
@@ -106,3 +109,12 @@ def test_the_reference_is_that_of_the_newest_stamp_that_has_come():
     asked = [controller.answer(sample(time_us)).torque_B[0] for time_us in (0, 4000, 8000)]
     asked += [controller.answer(sample(time_us), reset=True).torque_B[0] for time_us in (12_000, 16_000)]
     assert asked == [0.0, 0.25, 0.5, 0.5, 0.75]
+
+
+def test_samples_between_two_that_came_are_missed_and_a_fresh_law_misses_none():
+    controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
+    for time_us in (1_000_000, 1_004_000, 1_012_000, 1_028_001):
+        controller.answer(sample(time_us))
+    assert controller.missed == 1 + 3
+    controller.answer(sample(2_000_000), reset=True)
+    assert controller.missed == 4

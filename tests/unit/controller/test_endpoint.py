@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import EncodedMessage, RejectReason, parse
 from firmware_model.mavlink.messages import heartbeat_message, imu_message
+from firmware_model.mavlink.signing import Signing
 from firmware_model.types import ImuSample
 from gustproof.controller.endpoint import (
     RETRIES,
@@ -22,6 +23,7 @@ from gustproof.law.form import load_law
 VEHICLE = (0, ("vehicle", 14580))
 OFFBOARD, STABILIZED, HOLD = 6 << 16, 7 << 16, 4 << 16 | 3 << 24
 TAKEOFF, RETURN, LAND = (4 << 16 | sub << 24 for sub in (2, 5, 6))
+KEY, UNIX_US = bytes(range(32)), 1_700_000_000_000_000
 ARM, MODE = wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_CMD_DO_SET_MODE
 INTERVAL = wire.MAV_CMD_SET_MESSAGE_INTERVAL
 
@@ -29,14 +31,19 @@ INTERVAL = wire.MAV_CMD_SET_MESSAGE_INTERVAL
 class Autopilot:
     """What the test says to the controller, and what it hears from it."""
 
-    def __init__(self, law: str = "hinf-d1") -> None:
-        self.endpoint = ControllerEndpoint(load_law(law), VEHICLE)
+    def __init__(self, law: str = "hinf-d1", *, signed: bool = False) -> None:
+        self.endpoint = ControllerEndpoint(load_law(law), VEHICLE, Signing(KEY, UNIX_US) if signed else None)
         self.packer = wire.MAVLink(None, 3, 1)
+        self.packer.signing.secret_key, self.packer.signing.sign_outgoing = KEY, signed
+        self.packer.signing.timestamp = (UNIX_US - 1_420_070_400_000_000) // 10
         self.now_us = 0
 
     def say(self, *messages, peer=VEHICLE) -> None:
         for message in messages:
-            self.endpoint.receive(message.pack(self.packer), peer, self.now_us)
+            self.packer.signing.timestamp += 1
+            datagram = message.pack(self.packer)
+            self.packer.seq = (self.packer.seq + 1) & 255
+            self.endpoint.receive(datagram, peer, self.now_us)
 
     def hear(self) -> list:
         return [frame.message() for datagram, _ in self.endpoint.poll(self.now_us) for frame in parse(datagram)]
@@ -70,8 +77,8 @@ def parameters(rate_hz: int = 250):
     yield wire.MAVLink_param_value_message(b"IMU_INTEG_RATE", bytewise, 6, 5, 4)
 
 
-def imu(time_us: int):
-    return imu_message(ImuSample(time_us=time_us, gyro_B=(0.1, 0.0, 0.0), specific_force_B=(0.0, 0.0, -9.8)))
+def imu(time_us: int, roll_rate: float = 0.1):
+    return imu_message(ImuSample(time_us=time_us, gyro_B=(roll_rate, 0.0, 0.0), specific_force_B=(0.0, 0.0, -9.8)))
 
 
 def accepted(command: int, result: int = wire.MAV_RESULT_ACCEPTED):
@@ -86,7 +93,9 @@ def autopilot() -> Autopilot:
 def test_controller_shows_itself_as_an_on_board_computer(autopilot):
     (datagram, peer), *_ = autopilot.endpoint.poll(0)
     (frame,) = parse(datagram)
-    assert (frame.message().type, frame.component, peer) == (18, 191, VEHICLE)
+    beat = frame.message()
+    assert (beat.type, frame.component, peer) == (18, 191, VEHICLE)
+    assert (beat.autopilot, beat.base_mode, beat.custom_mode, beat.system_status) == (8, 0, 0, 4)
 
 
 def test_it_takes_the_system_id_of_its_vehicle(autopilot):
@@ -455,7 +464,7 @@ def test_silent_autopilot_is_lost(autopilot):
 def test_strangers_are_not_listened_to(autopilot):
     autopilot.say(heartbeat_message(OFFBOARD, True, critical=False), peer=(0, ("stranger", 1)))
     assert autopilot.endpoint.phase is Phase.SEEKING
-    assert autopilot.endpoint.counters[RejectReason.OTHER_TARGET] == 1
+    assert autopilot.endpoint.channel.dropped[RejectReason.OTHER_TARGET] == 1
 
 
 def test_any_datagram_is_survived(autopilot):
@@ -469,4 +478,121 @@ def test_any_datagram_is_survived(autopilot):
         cut = chance.randrange(len(datagram)) if chance.random() < 0.3 else len(datagram)
         autopilot.endpoint.receive(datagram[:cut], VEHICLE, 0)
         autopilot.endpoint.poll(0)
-    assert autopilot.endpoint.counters[RejectReason.TRUNCATED] > 100
+    assert autopilot.endpoint.channel.dropped[RejectReason.TRUNCATED] > 100
+
+
+@pytest.mark.parametrize("law", ["flagship", "hinf-rates"])
+def test_answers_are_the_same_on_the_fast_path_off_it_and_signed(law, monkeypatch):
+    told, fast = [], []
+    answer = ControllerEndpoint._answer_fast
+    monkeypatch.setattr(ControllerEndpoint, "_answer_fast", lambda *call: fast.append(answer(*call)) or fast[-1])
+    for signed, shut in ((False, False), (False, True), (True, False)):
+        autopilot = Autopilot(law, signed=signed)
+        autopilot.reach(Phase.FLYING)
+        autopilot.hear()
+        if shut:
+            monkeypatch.setattr(ControllerEndpoint, "_answer_fast", lambda *_: False)
+        heard = []
+        for step in range(1, 300):
+            autopilot.say(imu(4000 * step, 0.01 * step))
+            frames = [frame for datagram, _ in autopilot.endpoint.poll(0) for frame in parse(datagram)]
+            assert all(frame.is_signed is signed for frame in frames)
+            heard += [(frame.message_id, frame.system, frame.component, frame.payload) for frame in frames]
+        told.append((heard, autopilot.endpoint.channel.stats(), autopilot.endpoint.channel.dropped))
+    assert fast.count(True) > 290
+    assert told[0] == told[1] == told[2]
+    assert len({payload for *_, payload in told[0][0]}) == 299
+
+
+@pytest.mark.parametrize("roll_rate", [float("nan"), float("inf")])
+def test_sample_that_is_not_finite_in_flight_is_counted_and_not_answered(autopilot, roll_rate):
+    autopilot.reach(Phase.FLYING)
+    autopilot.say(imu(4000), imu(8000))
+    autopilot.hear()
+    autopilot.say(imu(12_000, roll_rate))
+    assert autopilot.names() == []
+    assert autopilot.endpoint.channel.dropped == {RejectReason.NOT_FINITE: 1}
+    autopilot.say(imu(12_000))
+    assert autopilot.names() == ["SET_ACTUATOR_CONTROL_TARGET"]
+
+
+def test_older_sample_in_flight_is_stale_and_from_a_stranger_is_not_flown(autopilot):
+    autopilot.reach(Phase.FLYING)
+    autopilot.say(imu(4000), imu(8000))
+    autopilot.say(imu(12_000), peer=(0, ("stranger", 1)))
+    assert autopilot.endpoint.channel.dropped == {RejectReason.OTHER_TARGET: 1}
+    autopilot.say(imu(12_000), imu(16_000), imu(4000))
+    assert autopilot.endpoint.channel.dropped == {RejectReason.STALE: 1, RejectReason.OTHER_TARGET: 1}
+    assert autopilot.endpoint.missed == 0
+
+
+def test_controller_with_a_key_reads_only_what_is_signed():
+    autopilot = Autopilot(signed=True)
+    autopilot.reach(Phase.FLYING)
+    autopilot.packer.signing.sign_outgoing = False
+    autopilot.say(imu(4000), beat(OFFBOARD, armed=False))
+    assert autopilot.endpoint.channel.dropped == {RejectReason.NOT_SIGNED: 1}  # heartbeats are read without a signature
+    assert autopilot.endpoint.outcome is ControllerOutcome.DONE
+
+
+def test_interruption_ends_the_flight_by_its_name_and_stays_the_outcome(autopilot):
+    autopilot.reach(Phase.FLYING)
+    autopilot.endpoint.interrupt()
+    autopilot.say(heartbeat_message(OFFBOARD, False, critical=False))
+    assert (autopilot.endpoint.outcome, autopilot.endpoint.message) == (ControllerOutcome.INTERRUPTED, "interrupted")
+    assert autopilot.endpoint.finished
+
+
+def test_deadline_is_the_next_heartbeat_retry_or_loss_of_the_vehicle(autopilot):
+    autopilot.reach(Phase.READING)
+    autopilot.hear()
+    assert autopilot.endpoint.deadline_us() == RETRY_US
+    autopilot.say(*parameters(), imu(0), accepted(ARM), accepted(MODE))
+    assert autopilot.endpoint.phase is Phase.FLYING
+    assert autopilot.endpoint.deadline_us() == 1_000_000
+    for now_us in range(1_000_000, 5_000_001, 1_000_000):
+        autopilot.now_us = now_us
+        autopilot.hear()
+    assert autopilot.endpoint.deadline_us() == VEHICLE_TIMEOUT_US + 1
+    assert autopilot.endpoint.outcome is None
+
+
+def test_no_samples_are_missed_before_the_law_flies(autopilot):
+    assert autopilot.endpoint.missed == 0
+
+
+def test_unread_message_is_counted(autopilot):
+    autopilot.reach(Phase.READING)
+    autopilot.say(wire.MAVLink_attitude_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert autopilot.endpoint.channel.dropped == {RejectReason.UNUSED_MESSAGE: 1}
+
+
+def test_request_to_take_the_vehicle_that_is_never_answered_leads_to_standing_by():
+    autopilot = join(HOLD)
+    given = asked(autopilot)
+    assert given == [MODE] * RETRIES
+    assert autopilot.endpoint.phase is Phase.STANDING_BY
+    assert not autopilot.endpoint.finished
+
+
+def test_rate_that_stays_unanswered_is_asked_for_no_more_once_declined(autopilot):
+    autopilot.reach(Phase.READING)
+    autopilot.say(accepted(INTERVAL, wire.MAV_RESULT_TEMPORARILY_REJECTED))
+    assert autopilot.names().count("COMMAND_LONG") == 1
+    autopilot.now_us += RETRY_US
+    assert autopilot.names().count("COMMAND_LONG") == 1
+    autopilot.say(accepted(INTERVAL, wire.MAV_RESULT_DENIED))
+    autopilot.now_us += RETRY_US
+    assert "COMMAND_LONG" not in autopilot.names()
+    autopilot.say(accepted(INTERVAL), accepted(INTERVAL, wire.MAV_RESULT_TEMPORARILY_REJECTED))  # once granted, granted
+    autopilot.now_us += RETRY_US
+    assert "COMMAND_LONG" not in autopilot.names()
+
+
+def test_parameters_are_asked_for_by_name_and_those_known_no_more(autopilot):
+    autopilot.reach(Phase.READING)
+    asked_for = [message for message in autopilot.hear() if message.get_type() == "PARAM_REQUEST_READ"]
+    assert {message.param_index for message in asked_for} == {-1}
+    autopilot.say(*list(parameters())[:3], imu(0))
+    autopilot.now_us += RETRY_US
+    assert autopilot.parameters_asked_for() == ["MPC_THR_HOVER", "IMU_INTEG_RATE"]

@@ -8,19 +8,54 @@ from pathlib import Path
 import pytest
 
 from gustproof.errors import LawFileError
-from gustproof.law.form import Law, load_law
+from gustproof.law.form import Law, load_law, parse_law
 
 Maker = Callable[..., Law]
 
 
-@pytest.mark.parametrize("measured", [6, 9])
-def test_a_file_keeps_every_bit(make_law: Maker, tmp_path: Path, measured: int) -> None:
-    law = make_law(measured=measured)
+@pytest.mark.parametrize("limited", [False, True])
+@pytest.mark.parametrize("measured", [6, 8])
+def test_a_file_keeps_every_bit(make_law: Maker, tmp_path: Path, measured: int, limited: bool) -> None:
+    law = make_law(measured=measured, limited=limited)
     law.save(tmp_path / "law.json")
     back = load_law(tmp_path / "law.json")
     for name in ("A", "B", "C", "D", "G", "H", "limits"):
         assert getattr(back, name).tobytes() == getattr(law, name).tobytes()
     assert (back.name, back.dt, back.output, back.provenance) == (law.name, law.dt, law.output, law.provenance)
+    assert (back.rate_limit is not None) == limited
+    for name in ("S", "T", "U", "V", "limits") if limited else ():
+        assert getattr(back.rate_limit, name).tobytes() == getattr(law.rate_limit, name).tobytes()
+
+
+def test_a_law_without_a_limit_of_the_rate_has_no_trace_of_one_in_its_file(make_law: Maker) -> None:
+    law = make_law()
+    assert "rate_limit" not in law.to_dict()
+    assert law.attitude_limits.tolist() == [math.inf] * 3
+
+
+def test_the_attitude_limit_is_the_attitude_that_commands_the_limited_rate(make_law: Maker) -> None:
+    law = make_law(limited=True)
+    assert law.rate_limit is not None
+    for axis, angle in enumerate(law.attitude_limits):
+        assert abs(law.rate_limit.S[axis, axis] * angle) == pytest.approx(law.rate_limit.limits[axis], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("limits", [1.0, 0.0, 1.0], "rate_limit.limits are .*, must be positive"),
+        ("limits", [1.0, 1.0], r"rate_limit.limits has shape \(2,\)"),
+        ("T", [[0.0] * 8] * 3, r"rate_limit.T has shape \(3, 8\), must be \(3, 6\)"),
+        ("V", [[math.nan] * 3] * 7, "rate_limit.V has a number that is not finite"),
+        ("S", [[0.0] * 7] * 3, "rate_limit.S must command a rate from the attitude"),
+        ("W", 1, "rate_limit: must be an object of S, T, U, V, limits"),
+    ],
+)
+def test_a_wrong_limit_of_the_rate_is_refused(make_law: Maker, key: str, value: object, message: str) -> None:
+    document = json.loads(json.dumps(make_law(limited=True).to_dict()))
+    document["rate_limit"][key] = value
+    with pytest.raises(LawFileError, match=message):
+        parse_law(document, "file")
 
 
 @pytest.mark.parametrize(
@@ -28,7 +63,8 @@ def test_a_file_keeps_every_bit(make_law: Maker, tmp_path: Path, measured: int) 
     [
         ("A", [[math.nan]], "A"),
         ("D", [[1.0, 2.0]], r"D has shape \(1, 2\), must be \(3, 6\)"),
-        ("D", [[0.0] * 9] * 3, r"B has shape \(7, 6\), must be \(7, 9\)"),
+        ("D", [[0.0] * 8] * 3, r"B has shape \(7, 6\), must be \(7, 8\)"),
+        ("rate_limit", 3.0, "rate_limit: must be an object"),
         ("D", [[math.inf] * 6] * 3, "D has a number that is not finite"),
         ("C", "text", "C|could not convert"),
         ("dt", 0.0, "dt is 0.0, must be positive"),

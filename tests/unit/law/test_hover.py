@@ -7,13 +7,13 @@ import pytest
 
 from firmware_model.config.scenario import list_scenarios, load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.law.form import Output, load_law, shipped_laws
+from gustproof.law.form import Output, list_laws, load_law
 from gustproof.law.hover import is_stable_at_hover
 
 PAPER, IRIS = load_vehicle("paper"), load_vehicle("iris")
 
 
-@pytest.mark.parametrize("name", shipped_laws())
+@pytest.mark.parametrize("name", list_laws())
 def test_is_stable_at_hover_of_each_shipped_law_in_each_scenario(name):
     law = load_law(name)
     stable = {is_stable_at_hover(law, PAPER, scenario) for scenario in map(load_scenario, list_scenarios())}

@@ -8,32 +8,93 @@ import numpy as np
 import pytest
 
 from gustproof.law.form import Law, load_law
-from gustproof.law.step import EXTRA_SIZE, TERM_BLOCK, LawStepper, euler_rates, sparse_law, step
+from gustproof.law.step import EXTRA_SIZE, TERM_BLOCK, LawStepper, euler_rates, rate_excess, sparse_law, step, tilt
 
 Maker = Callable[..., Law]
 
 
-@pytest.mark.parametrize("measured", [6, 9])
-@pytest.mark.parametrize("scheduled", [False, True])
-def test_a_step_is_the_stated_form(make_law: Maker, scheduled: bool, measured: int) -> None:
-    law = make_law(scheduled=scheduled, measured=measured)
-    rng = np.random.default_rng(2)
-    x, y = rng.normal(size=7), rng.normal(size=measured)
-    phi, theta = x[0], x[1]
-    T = np.array(
+def kinematics(phi: float, theta: float) -> np.ndarray:
+    """Return `T(E)`: body rates to Euler rates."""
+    return np.array(
         [
             [1.0, math.sin(phi) * math.tan(theta), math.cos(phi) * math.tan(theta)],
             [0.0, math.cos(phi), -math.sin(phi)],
             [0.0, math.sin(phi) / math.cos(theta), math.cos(phi) / math.cos(theta)],
         ]
     )
-    u = law.C @ x + law.D @ y
+
+
+@pytest.mark.parametrize("limited", [False, True])
+@pytest.mark.parametrize("measured", [6, 8])
+@pytest.mark.parametrize("scheduled", [False, True])
+def test_a_step_is_the_stated_form(make_law: Maker, scheduled: bool, measured: int, limited: bool) -> None:
+    law = make_law(scheduled=scheduled, measured=measured, limited=limited)
+    rng = np.random.default_rng(2)
+    x, y = rng.normal(size=7), rng.normal(size=6 if measured == 6 else 9)
+    seen = y
+    if measured == 8:
+        assert np.all(np.abs(x[:2]) < 1.0)  # the tilt is described as usual
+        seen = np.array([*y[:6], math.atan2(-y[7], -y[8]), math.atan2(y[6], math.hypot(y[7], y[8]))])
+    excess, to_command, to_state = np.zeros(3), np.zeros((3, 3)), np.zeros((7, 3))
+    if (limit := law.rate_limit) is not None:
+        s = limit.S @ x + limit.T @ seen
+        roll, pitch = x[:2] - np.clip(x[:2], -law.attitude_limits[:2], law.attitude_limits[:2])
+        excess = np.linalg.inv(kinematics(roll, pitch)) @ np.clip(s, -limit.limits, limit.limits) - s
+        assert np.abs(excess).min() > 0.01
+        to_command, to_state = limit.U, limit.V
+    u = law.C @ x + law.D @ seen + to_command @ excess
     command = np.clip(u, -law.limits, law.limits)
     assert np.any(command != u)
-    expected = law.A @ x + law.B @ y + law.G @ (T @ x[3:6]) + law.H @ (command - u)
+    rates = kinematics(*x[:2]) @ x[3:6]
+    expected = law.A @ x + law.B @ seen + law.G @ rates + law.H @ (command - u) + to_state @ excess
     x_next, flown = step(law, x, y)
     np.testing.assert_allclose(flown, command, rtol=1e-13)
-    np.testing.assert_allclose(x_next, expected, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(x_next, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_a_rate_within_its_limit_changes_no_bit(make_law: Maker) -> None:
+    law, rng = make_law(limited=True), np.random.default_rng(3)
+    assert law.rate_limit is not None
+    wide = replace(law, rate_limit=replace(law.rate_limit, limits=np.full(3, 100.0)))
+    free, differ = replace(law, rate_limit=None), 0
+    for x, y in zip(rng.normal(size=(50, 7)), rng.normal(size=(50, 6)), strict=True):
+        for ours, theirs in zip(step(wide, x, y), step(free, x, y), strict=True):
+            assert ours.tobytes() == theirs.tobytes()
+        differ += step(law, x, y)[0].tobytes() != step(free, x, y)[0].tobytes()
+    assert differ > 25
+
+
+def force_at_rest(phi: float, theta: float) -> np.ndarray:
+    return -9.81 * np.array([-math.sin(theta), math.sin(phi) * math.cos(theta), math.cos(phi) * math.cos(theta)])
+
+
+@pytest.mark.parametrize(("phi", "theta"), [(0.3, -0.2), (2.8, 1.2), (-3.0, -1.5), (1.5, 1.5), (0.0, 0.0)])
+def test_tilt_is_the_attitude_of_a_body_at_rest(phi: float, theta: float) -> None:
+    assert tilt(force_at_rest(phi, theta), (0.0, 0.0)) == pytest.approx((phi, theta), abs=1e-14)
+    assert tilt(3.0 * force_at_rest(phi, theta), (0.0, 0.0)) == pytest.approx((phi, theta), abs=1e-14)
+
+
+@pytest.mark.parametrize(("phi", "theta"), [(0.3, 2.0), (-0.4, -1.8), (4.0, 0.2), (-9.0, 3.0), (2.5, 6.0), (7.0, -4.5)])
+def test_tilt_follows_the_estimates_over_the_vertical_and_through_whole_turns(phi: float, theta: float) -> None:
+    near = (phi - 0.05, theta + 0.04)
+    assert tilt(force_at_rest(phi, theta), near) == pytest.approx((phi, theta), abs=1e-13)
+
+
+def test_tilt_stays_bounded_whatever_is_felt() -> None:
+    assert tilt((0.0, 0.0, 0.0), (0.0, 0.0)) == (0.0, 0.0)
+    rng = np.random.default_rng(5)
+    for force, attitude in zip(rng.normal(0.0, 100.0, (200, 3)), rng.normal(0.0, 5.0, (200, 2)), strict=True):
+        roll, pitch = tilt(force, attitude) - attitude
+        assert abs(roll) <= math.pi + 1e-12
+        assert abs(pitch) <= math.pi + 1e-12
+
+
+def test_within_the_attitude_limits_commanded_euler_rates_are_body_rates() -> None:
+    limits, angles = (3.0, 3.0, 3.0), (0.4, 0.3, 0.2)
+    assert rate_excess((2.9, -2.9, 1.0), (0.39, -0.29), limits, angles) == (0.0, 0.0, 0.0)
+    assert rate_excess((3.5, -4.0, 1.0), (0.39, -0.29), limits, angles) == (-0.5, 1.0, 0.0)
+    p, q, r = rate_excess((0.0, 0.0, 1.0), (0.4, math.pi / 2.0 + 0.3), limits, angles)
+    assert (p, q, r) == pytest.approx((-1.0, 0.0, -1.0), abs=1e-12)  # nose up: yaw is about the roll axis
 
 
 def test_a_step_leaves_its_arguments_alone(make_law: Maker) -> None:
@@ -65,7 +126,7 @@ def test_a_law_without_accelerometer_gives_the_same_bits_with_and_without_its_nu
 
 def test_a_law_that_feels_force_is_not_stepped_without_it(make_law: Maker) -> None:
     with pytest.raises(ValueError, match=r"y has shape \(6,\), must be \(9,\)"):
-        step(make_law(measured=9), np.zeros(7), np.zeros(6))
+        step(make_law(measured=8), np.zeros(7), np.zeros(6))
 
 
 @pytest.mark.parametrize("theta", [math.pi / 2.0, -math.pi / 2.0, 1.6])
@@ -80,18 +141,26 @@ def test_the_sums_hold_every_coefficient_that_is_not_zero_in_whole_fours(name: s
     assert (np.diff(summed.ends, prepend=0) >= TERM_BLOCK).all()
     assert (np.diff(summed.ends, prepend=0) % TERM_BLOCK == 0).all()
     dense, rows = (
-        np.zeros((3 + n, n + EXTRA_SIZE)),
+        np.zeros((len(summed.ends), n + EXTRA_SIZE)),
         np.searchsorted(summed.ends, np.arange(len(summed.terms)), side="right"),
     )
     np.add.at(dense, (rows, summed.terms[:, 0].astype(int)), summed.terms[:, 1])
-    m = law.D.shape[1]
+    m, filled = law.D.shape[1], sum(np.count_nonzero(getattr(law, part)) for part in "ABCDGH")
+    assert np.count_nonzero(dense[-3 - n :, : n + 15]) == filled
+    if (limit := law.rate_limit) is not None:
+        assert (dense[:3, :n] == limit.S).all()
+        assert (dense[:3, n : n + m] == limit.T).all()
+        assert (dense[3:6, n + 15 : n + 18] == limit.U).all()
+        assert (dense[6:, n + 15 : n + 18] == limit.V).all()
+        filled += sum(np.count_nonzero(getattr(limit, part)) for part in "STUV")
+    assert np.count_nonzero(dense) == filled
+    dense = dense[-3 - n :]
     assert (dense[:3, :n] == law.C).all()
     assert (dense[3:, :n] == law.A).all()
     assert (dense[:3, n : n + m] == law.D).all()
     assert (dense[3:, n : n + m] == law.B).all()
     assert (dense[3:, n + 9 : n + 12] == law.G).all()
     assert (dense[3:, n + 12 : n + 15] == law.H).all()
-    assert np.count_nonzero(dense) == sum(np.count_nonzero(getattr(law, part)) for part in "ABCDGH")
 
 
 def test_axes_that_have_no_coefficient_in_common_do_not_spoil_each_other() -> None:

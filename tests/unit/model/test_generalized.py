@@ -1,10 +1,9 @@
-"""The attitude design problem against its equations, and the LFT that it is a slice of."""
+"""The attitude design problem against its equations."""
 
 import numpy as np
 
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.model.generalized import Weights, lft_structure, rates_problem, torque_problem
-from gustproof.model.rotational import Envelope, paper_rotation
+from gustproof.model.generalized import Weights, rates_problem, torque_problem
 from gustproof.model.weights import constant_weight, first_order_weight
 
 PAPER = load_vehicle("paper")
@@ -49,13 +48,3 @@ def test_holding_a_reference_asks_for_no_rate_in_the_model():
 
 def test_a_rates_problem_has_no_actuator_states():
     assert rates_problem(PAPER, WEIGHTS, leak=0.05, tau=0.08).plant().order == 6
-
-
-def test_the_lft_has_the_seven_parameters_as_often_as_the_model_repeats_them_and_the_signals_of_the_problem():
-    dynamics = paper_rotation(PAPER.inertia_B, Envelope(angle=0.3, rate=0.5))
-    structure = lft_structure(torque_problem(PAPER, WEIGHTS, leak=0.05, rate_damping=0.02), dynamics)
-    repeats = dict(structure.parameters)
-    assert sorted(repeats) == [rf"$\rho_{k}$" for k in range(1, 8)]
-    assert sum(repeats.values()) == dynamics.n_z == 12
-    assert [signal.name for signal in structure.y] == ["gyro"]
-    assert [signal.name for signal in structure.z] == ["z_e", "z_u"]

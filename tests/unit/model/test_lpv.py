@@ -7,14 +7,13 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.model.lpv import (
     HOVER,
     PARAMETERS,
-    is_within_bounds,
     linear_plant,
     lpv_matrix,
     rate_loop,
     scheduling_parameters,
 )
 
-PAPER = load_vehicle("paper")
+PAPER, IRIS = load_vehicle("paper"), load_vehicle("iris")
 INERTIA = np.array(PAPER.inertia_B)
 
 
@@ -64,17 +63,22 @@ def test_parameters_keep_the_table_inside_it_and_not_outside():
     inside = scheduling_parameters([[0.1, -0.2, 3.0]], [[1.4, 0.0, -1.4]])
     fast = scheduling_parameters([0.0, 0.0, 0.0], [0.0, 2.0, 0.0])
     assert inside.shape == (1, len(PARAMETERS))
-    assert is_within_bounds(inside)
-    assert not is_within_bounds(fast)
+    low, high = np.array([(each.low, each.high) for each in PARAMETERS]).T
+    assert np.all((low <= inside) & (inside <= high))
+    assert ((low <= fast) & (fast <= high)).tolist() == [True] * 5 + [False, True]
 
 
 def test_a_yaw_torque_turns_about_yaw_by_its_own_inertia():
     plant = linear_plant(PAPER)
     response = plant.response(0.5)[0]
     s = 0.5j
-    expected = 1.0 / (0.1 * s * (s + PAPER.rate_damping) * (1.0 + PAPER.actuator_lag * s))
+    expected = 1.0 / (0.1 * s * (s + PAPER.rate_damping_B[2]) * (1.0 + PAPER.actuator_lag * s))
     assert response[2, 2] == pytest.approx(expected, rel=1e-12)
     assert response[2, 5] == pytest.approx(expected * (1.0 + PAPER.actuator_lag * s), rel=1e-12)
+
+
+def test_each_rate_decays_with_the_damping_of_its_axis():
+    assert np.array_equal(linear_plant(IRIS).A[3:6, 3:6], -np.diag(IRIS.rate_damping_B))
 
 
 def test_a_rate_loop_settles_on_its_command():

@@ -11,7 +11,6 @@ from gustproof.model.lpv import actuators, airframe, lpv_matrix, scheduling_para
 from gustproof.model.reduction import simplify
 from gustproof.model.rotational import (
     Envelope,
-    half_angles,
     paper_rotation,
     rotation,
     uncertain_actuators,
@@ -39,6 +38,12 @@ def rigid_body(E, omega, moment, inertia):
     rolled = q * np.sin(phi) + r * np.cos(phi)
     angles = [p + np.tan(theta) * rolled, q * np.cos(phi) - r * np.sin(phi), rolled / np.cos(theta)]
     return np.hstack([np.stack(angles, axis=1), (moment - np.cross(omega, inertia * omega)) / inertia])
+
+
+def half_angles(E, omega):
+    """Return the parameters t, v, r, q of `rotation`."""
+    t, v = np.tan(0.5 * E[..., 0]), np.tan(0.5 * E[..., 1])
+    return {"t": t, "v": v, "r": omega[..., 2], "q": omega[..., 1]}
 
 
 def worst(ours, truth):
@@ -69,7 +74,8 @@ def test_no_fewer_channels_do():
 
 def test_the_papers_twelve_channels_give_its_matrix_and_the_same_derivative():
     model, small, (E, omega) = paper_rotation(PAPER.inertia_B, WIDE), rotation(PAPER.inertia_B, WIDE), states(4)
-    assert (model.n_w, simplify(model).n_w) == (12, 12)
+    assert (model.n_w, model.n_z, simplify(model).n_w) == (12, 12, 12)
+    assert sorted(block.name for block in model.blocks) == [f"rho{k}" for k in range(1, 8)]
     rho = scheduling_parameters(E, omega)
     values = model.matrices(model.delta({f"rho{k + 1}": rho[:, k] for k in range(7)}))
     for k in range(0, POINTS, 500):
@@ -90,9 +96,10 @@ def test_uncertain_inertia_keeps_eulers_equation():
         assert ours == pytest.approx(rigid_body(E, omega, moment, np.array([x, 0.2, z]))[0], rel=EXACT)
 
 
-def test_at_the_middle_of_the_envelope_the_airframe_is_the_one_at_hover():
-    model = uncertain_airframe(rotation(PAPER.inertia_B, WIDE), leak=0.05, rate_damping=0.02)
-    hover = airframe(PAPER, leak=0.05, rate_damping=0.02)
+@pytest.mark.parametrize("damping", [0.02, (0.1, 0.2, 0.3)])
+def test_at_the_middle_of_the_envelope_the_airframe_is_the_one_at_hover(damping):
+    model = uncertain_airframe(rotation(PAPER.inertia_B, WIDE), leak=0.05, rate_damping=damping)
+    hover = airframe(PAPER, leak=0.05, rate_damping=damping)
     for name in "ABCD":
         assert getattr(model.nominal_system(), name) == pytest.approx(getattr(hover, name), rel=EXACT)
 

@@ -60,7 +60,7 @@ def test_the_sensitivity_peak_is_that_of_the_loop_written_out() -> None:
     s = 1j * np.geomspace(1.0, 100.0, 4000)
     slope = s / (1.0 + s / (2.0 * math.pi * GAINS.derivative_cutoff))
     K = (GAINS.rate_p + GAINS.rate_i / s + GAINS.rate_d * slope) * (1.0 + GAINS.angle_p / s)
-    L = K * np.exp(-1.5 * scenario.dt * s) / (s + vehicle.rate_damping) / (1.0 + vehicle.actuator_lag * s)
+    L = K * np.exp(-1.5 * scenario.dt * s) / (s + vehicle.rate_damping_B[1]) / (1.0 + vehicle.actuator_lag * s)
     model = axis_models(vehicle, scenario)[1]
     peak = axis_performance(model, strapdown_axis(GAINS, model.inertia, scenario.dt)).sensitivity_peak
     # 1 %: the sampled integral and filter differ from the continuous ones by half a sample.

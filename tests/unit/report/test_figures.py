@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.journal import RECORD
-from gustproof.model.generalized import lft_structure
 from gustproof.model.rotational import Envelope, paper_rotation
 from gustproof.report import diagrams, figures
 from gustproof.synthesis.designs import design_problem, load_design
@@ -30,7 +29,7 @@ def texts(figure: Figure) -> list[str]:
 
 
 def test_euler_angles_are_drawn_in_degrees_against_seconds(drawn, tmp_path):
-    figures.save_euler_angles({"hinf-d1": flight()}, "paper", tmp_path / "x.png")
+    figures.save_histories("euler-angles", {"hinf-d1": flight()}, "paper", tmp_path / "x.png")
     line = drawn[0].axes[0].lines[0]
     assert np.max(line.get_ydata()) == pytest.approx(np.degrees(0.1), rel=1e-3)
     assert line.get_xdata()[-1] == pytest.approx(249 * 0.004)
@@ -39,8 +38,8 @@ def test_euler_angles_are_drawn_in_degrees_against_seconds(drawn, tmp_path):
 
 def test_a_law_has_one_colour_in_every_figure_and_no_two_laws_share_one(drawn, tmp_path):
     flights = {"pid-default": flight(), "hinf-d1": flight(0.2), "pid-fair": flight(0.3)}
-    figures.save_euler_angles(flights, "", tmp_path / "x.png")
-    figures.save_torques(flights, "", tmp_path / "x.png")
+    figures.save_histories("euler-angles", flights, "", tmp_path / "x.png")
+    figures.save_histories("torques", flights, "", tmp_path / "x.png")
     colours = [{line.get_label(): line.get_color() for line in figure.axes[0].lines} for figure in drawn]
     assert colours[0] == colours[1]
     assert len(set(colours[0].values())) == len(flights)
@@ -76,10 +75,11 @@ def test_the_interconnection_names_every_block_and_every_exogenous_signal(design
 def test_the_lft_names_its_three_boxes_and_the_width_of_each_signal(drawn, tmp_path):
     vehicle = load_vehicle("paper")
     dynamics = paper_rotation(vehicle.inertia_B, Envelope(angle=0.3, rate=0.5))
-    diagrams.save_lft(lft_structure(design_problem(load_design("D1"), vehicle), dynamics), "x", tmp_path / "x.png")
+    diagrams.save_lft(design_problem(load_design("D1"), vehicle), dynamics, "x", tmp_path / "x.png")
     written = " ".join(texts(drawn[0]))
     for k, repeats in zip(range(1, 8), ("$I_{2}$", "$I_{2}$", "", "", "$I_{2}$", "$I_{2}$", "$I_{2}$"), strict=True):
         assert rf"$\rho_{k}${repeats}" in written
+    assert written.count("$I_{2}$") == 5  # twelve repetitions in all
     for label in ("$P$", "$K$", "$w_d$ (3)", "$z_u$ (3)", "$u$ (3)"):
         assert label in written
 

@@ -12,7 +12,7 @@ from firmware_model.session.latency import Latency
 from gustproof.analysis.law_margins import HoverMargins, hover_margins
 from gustproof.analysis.placement import ErrorLimits, Placement, TradeOffCurve
 from gustproof.law.form import load_law
-from gustproof.report.limit_tables import render_limits
+from gustproof.report.laws import render_limits
 from gustproof.report.terminal import render_flight, save_text
 from gustproof.reproduce.errata import list_choices
 from gustproof.reproduce.paper_tables import render_background, render_comparison, render_paper
@@ -20,13 +20,19 @@ from gustproof.scoring.metrics import Metrics
 from gustproof.simulate.outcome import FlightOutcome
 
 FIGURES = Metrics(
-    peak_deg=1.5, rmse_deg=0.25, peak_roll_deg=1.5, peak_pitch_deg=1.0, peak_yaw_deg=1.0, rmse_roll_deg=0.1,
+    peak_deg=1.5, rmse_deg=0.25, peak_roll_deg=1.5, peak_pitch_deg=1.0,
+    peak_yaw_deg=1.0, peak_settled_deg=1.0, rmse_roll_deg=0.1,
     rmse_pitch_deg=0.1, rmse_yaw_deg=0.1, torque_rms_nm=0.2, torque_peak_nm=0.9, torque_slew_rms=20.0,
     saturated_s=0.0, rho_in_bounds=True, realtime_factor=100.0,
 )  # fmt: skip
-LAWS = ("pid-default", "pid-fair", "indi", "flagship", "hinf-d1", "hinf-scheduled", "hinf-rates")
+LAWS = ("pid-default", "pid-fair", "indi", "flagship", "flagship-robust", "hinf-d1", "hinf-scheduled", "hinf-rates")
 
-PLACES = {"flagship": Placement(Ms=1.36, slew=19.9, rmse_deg=0.0819, least_rmse_deg=0.0801), "hinf-rates": None}
+MARGINS = HoverMargins(
+    Ms=1.3, phase_margin_deg=45.0, gain_margin=7.3, delay_margin=0.04, unstable_delay=11, off_nominal_Ms=2.4
+)
+PLACE = Placement(Ms=1.36, slew=19.9, rmse_deg=0.0819, own_rate=0.0074, own_rate_rmse_deg=0.0417, least_rmse_deg=0.0801)
+PLACES = {"flagship": PLACE, "hinf-rates": None}
+GYRO = replace(load_vehicle("paper").gyro, snr_db=33.0, reference_rate=0.15)
 
 
 def written(document) -> str:
@@ -49,18 +55,42 @@ def test_table_iii_stands_beside_ours():
 
 @pytest.mark.parametrize("better", ["flagship", "hinf-scheduled", "pid-fair"])
 def test_who_is_better_follows_the_figures(better):
-    margins = dict.fromkeys(LAWS, HoverMargins(Ms=1.3, phase_margin_deg=45.0, delay_margin=0.04))
+    margins = dict.fromkeys(LAWS, MARGINS)
     change = {better.replace("-", "_"): replace(FIGURES, rmse_deg=0.125)}
-    text = written(render_comparison(medians(**change), margins, PLACES))
+    text = written(render_comparison(medians(**change), margins, PLACES, GYRO))
     assert f"{better} is better in RMSE (2.00 times less)" in text
-    assert "Ms 1.30, phase 45.0 deg" in text
+    assert "Ms 1.30 (2.40 in the box), gain 7.3, lost at 11 samples of delay" in text
 
 
 def test_the_least_error_at_its_price_stands_beside_each_law():
-    margins = dict.fromkeys(LAWS, HoverMargins(Ms=1.3, phase_margin_deg=45.0, delay_margin=0.04))
-    text = written(render_comparison(medians(), margins, PLACES))
-    assert "flagship 1.500 0.250 0.082 0.080 0.200" in text
-    assert "hinf-rates 1.500 0.250 - - 0.200" in text
+    margins = dict.fromkeys(LAWS, MARGINS)
+    text = written(render_comparison(medians(), margins, PLACES, GYRO))
+    assert "flagship 1.500 1.000 0.250 0.082 0.042 0.080 0.200" in text
+    assert "hinf-rates 1.500 1.000 0.250 - - - 0.200" in text
+
+
+def test_both_levels_of_the_gyro_s_noise_are_told():
+    text = written(render_comparison(medians(), dict.fromkeys(LAWS, MARGINS), PLACES, GYRO))
+    assert "noise is the vehicle file's: 33 dB under its reference rate, 0.15 rad/s rms" in text
+    assert "At its own rate: predicted with noise 33 dB under the rate that the law itself has" in text
+
+
+def test_a_law_that_knows_no_such_noise_has_no_figure_there():
+    places = {"flagship": replace(PLACE, own_rate=None, own_rate_rmse_deg=None)}
+    text = written(render_comparison(medians(), dict.fromkeys(LAWS, MARGINS), places, GYRO))
+    assert "flagship 1.500 1.000 0.250 0.082 - 0.080 0.200" in text
+
+
+def test_no_figure_of_the_comparison_is_cut():
+    angles = {"peak_deg": 30.54, "peak_settled_deg": 28.31, "rmse_deg": 11.23, "peak_roll_deg": 151.3}
+    bad = replace(FIGURES, torque_slew_rms=120.5, **angles)
+    margins = dict.fromkeys(
+        LAWS, replace(MARGINS, Ms=10.5, off_nominal_Ms=10.75, gain_margin=101.5, unstable_delay=100)
+    )
+    places = dict.fromkeys(LAWS, replace(PLACE, rmse_deg=11.23, own_rate_rmse_deg=11.24, least_rmse_deg=10.21))
+    text = written(render_comparison(medians(flagship_robust=bad), margins, places, GYRO))
+    assert "flagship-robust 30.5 28.3 11.2 11.2 11.2 10.2 0.200 120.5 151.3 151.3 10.50 10.75 101.5 100" in text
+    assert "…" not in text
 
 
 def test_limits_are_told_by_what_is_known_and_by_the_peak():
@@ -80,17 +110,18 @@ def test_limits_are_told_by_what_is_known_and_by_the_peak():
 
 
 def test_what_rates_cost_is_told():
-    margins = dict.fromkeys(LAWS, HoverMargins(Ms=1.3, phase_margin_deg=45.0, delay_margin=0.04))
-    text = written(render_comparison(medians(hinf_rates=replace(FIGURES, rmse_deg=0.5)), margins, PLACES))
+    margins = dict.fromkeys(LAWS, MARGINS)
+    text = written(render_comparison(medians(hinf_rates=replace(FIGURES, rmse_deg=0.5)), margins, PLACES, GYRO))
     assert "2.00 times" in text
 
 
 def test_the_choices_are_read_from_the_files_that_were_flown():
     vehicle, scenario = load_vehicle("paper"), load_scenario("paper")
     changed = list_choices(replace(vehicle, actuator_lag=0.123), replace(scenario, delay_samples=7))
-    told = " ".join(question.choice for question in changed)
+    told = " ".join(choice for _, choice in changed)
     assert "0.123 s" in told
     assert "7 sample(s)" in told
+    assert "rate damping 0.02 / 0.02 / 0.02 1/s; the rotors' drag gives 0.29 / 0.36 / 1.5 1/s" in told
 
 
 def test_the_limits_of_the_results_are_told():

@@ -10,7 +10,8 @@ from gustproof.reproduce.claims import TOLERANCE, ClaimVerdict, judge_claims
 from gustproof.scoring.metrics import Metrics
 
 CALM = Metrics(
-    peak_deg=1.0, rmse_deg=0.1, peak_roll_deg=1.0, peak_pitch_deg=1.0, peak_yaw_deg=1.0, rmse_roll_deg=0.1,
+    peak_deg=1.0, rmse_deg=0.1, peak_roll_deg=1.0, peak_pitch_deg=1.0, peak_settled_deg=1.0,
+    peak_yaw_deg=1.0, rmse_roll_deg=0.1,
     rmse_pitch_deg=0.1, rmse_yaw_deg=0.1, torque_rms_nm=0.2, torque_peak_nm=0.9, torque_slew_rms=20.0,
     saturated_s=0.0, rho_in_bounds=True, realtime_factor=100.0,
 )  # fmt: skip

@@ -66,15 +66,16 @@ def test_everything_is_flown_judged_and_left_in_the_folder(campaign):
     assert summary == json.loads(json.dumps(result.to_dict()))
     assert set(summary["laws"]) == set(run.LAWS)
     for law, entry in summary["laws"].items():
-        assert set(entry) == {*run.SCENARIOS, "seeds", "place", "stable_up_to_times"}
+        assert set(entry) == {*run.SCENARIOS, "seeds", "place", "margins", "certified_up_to_times"}
         assert entry["seeds"] == ([1] if law == "hinf-d1-noise" else [1, 2])
         assert all(set(entry[name]) == set(Metrics.__dataclass_fields__) for name in run.SCENARIOS)
     assert all(set(claim) == {"paper", "ours", "verdict"} for claim in summary["claims"])
     assert summary["laws"]["hinf-rates"]["place"] is None
     assert summary["laws"]["flagship"]["place"]["rmse_deg"] > summary["limits"]["gyro_deg"]
-    assert summary["laws"]["aided"]["stable_up_to_times"] is None
-    assert summary["laws"]["hinf-d2"]["stable_up_to_times"] > 1.8
-    assert summary["laws"]["flagship"]["stable_up_to_times"] > 1.6
+    assert 0.0 < summary["laws"]["flagship"]["place"]["own_rate_rmse_deg"] < 1.0
+    assert summary["laws"]["aided"]["certified_up_to_times"] is None
+    assert summary["laws"]["hinf-d2"]["certified_up_to_times"] == pytest.approx(3.3)
+    assert summary["laws"]["flagship"]["certified_up_to_times"] > 1.9
     assert summary["spreads"] == {"inertia": 0.2, "actuator_lag": 0.3}
     assert summary["limits"]["curves"][0]["slew"] == 20.0
     assert {path.stem for path in (out / "laws").iterdir()} == set(run.LAWS)
@@ -99,7 +100,7 @@ def test_a_bag_names_its_flight_and_holds_what_was_flown(campaign):
 def test_a_flight_that_breaks_off_ends_the_campaign_and_says_which(tmp_path, monkeypatch):
     monkeypatch.setattr(recorder, "fly", direct(lost="hinf-d2"))
     monkeypatch.setattr(run, "load_scenario", shortened)
-    monkeypatch.setattr(run, "performance_limits", lambda *_: None)
+    monkeypatch.setattr(run, "performance_limits", lambda *_: (None, None))
     monkeypatch.setattr(run, "axis_robustness", lambda *_: ())
     with pytest.raises(FlightError, match="hinf-d2 ended"):
         run.reproduce(load_vehicle("paper"), (1,), tmp_path, lambda *_: None)

@@ -44,18 +44,35 @@ def test_a_constant_tilt_is_the_peak_and_rmse_of_its_axis_alone(axis, name):
     assert result.rmse_deg == pytest.approx(30.0 / math.sqrt(3.0), rel=ROUNDING)
 
 
-@pytest.mark.parametrize(("axis", "column"), [(0, 0), (2, 2)])
-def test_a_full_turn_of_roll_or_yaw_counts_as_360_degrees(axis, column):
-    records = flight(500)
-    records["q_NB"] = turned(axis, np.linspace(0.0, 2.0 * math.pi, 500))
-    assert attitude(records)[-1, column] == pytest.approx(2.0 * math.pi, rel=1e-9)
+def test_settled_peak_leaves_out_the_first_two_seconds() -> None:
+    records = flight()
+    records["q_NB"][499] = turned(0, math.radians(30.0))[0]
+    records["q_NB"][500] = turned(1, math.radians(-4.0))[0]
+    records["q_NB"][700] = turned(2, math.radians(3.0))[0]
+    assert figures(records).peak_deg == pytest.approx(30.0, rel=ROUNDING)
+    assert figures(records).peak_settled_deg == pytest.approx(4.0, rel=ROUNDING)
+    assert figures(records[:500]).peak_settled_deg == figures(records).peak_deg  # nothing was flown after 2 s
 
 
-def test_torque_figures_are_those_of_a_sine():
+@pytest.mark.parametrize("turns", [1.0, -1.0, 2.5, -2.5, 200.0, -200.0])
+@pytest.mark.parametrize(("axis", "name"), [(0, "roll"), (2, "yaw")])
+def test_a_full_turn_of_roll_or_yaw_counts_as_360_degrees(axis, name, turns):
+    records = flight(500)  # up to .4 turns a sample
+    records["q_NB"] = turned(axis, np.linspace(0.0, 2.0 * math.pi * turns, 500))
+    assert attitude(records)[-1, axis] == pytest.approx(2.0 * math.pi * turns, rel=1e-9)
+    result = figures(records)
+    assert getattr(result, f"peak_{name}_deg") == result.peak_deg == pytest.approx(360.0 * abs(turns), rel=1e-9)
+    # The mean of k^2 for k = 0 to n is n (2 n + 1) / 6.
+    rms = 360.0 * abs(turns) * math.sqrt((2 * 499 + 1) / (6 * 499))
+    assert getattr(result, f"rmse_{name}_deg") == pytest.approx(rms, rel=1e-9)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_torque_figures_are_those_of_a_sine(axis):
     records = flight()
     t = records["time_us"] * 1e-6
     rate = 2.5 * math.pi  # five whole periods, and a sample on the crest
-    records["torque_command_B"][:, 2] = 3.0 * np.sin(rate * t)
+    records["torque_command_B"][:, axis] = 3.0 * np.sin(rate * t)
     result = figures(records)
     assert result.torque_peak_nm == pytest.approx(3.0, rel=1e-12)
     assert result.torque_rms_nm == pytest.approx(3.0 / math.sqrt(6.0), rel=1e-3)
@@ -80,10 +97,13 @@ def test_rho_is_in_bounds_up_to_the_rate_of_table_ii(rate):
     assert peak_rate(records) == abs(rate)
 
 
-def test_rolling_past_90_degrees_leaves_the_bounds():
+@pytest.mark.parametrize("end_deg", [89.0, -89.0, 91.0, -91.0])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_turning_past_90_degrees_leaves_the_bounds(axis, end_deg):
     records = flight()
-    records["q_NB"] = turned(0, np.linspace(0.0, math.radians(91.0), len(records)))
-    assert not figures(records).rho_in_bounds
+    records["q_NB"] = turned(axis, np.linspace(0.0, math.radians(end_deg), len(records)))
+    # Beyond 90 degrees of pitch the Euler angles tell a roll of 180.
+    assert figures(records).rho_in_bounds is (abs(end_deg) < 90.0)
 
 
 def test_one_record_is_refused():

@@ -14,7 +14,7 @@ from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.recording.journal import RECORD
-from gustproof.model.lpv import is_within_bounds, scheduling_parameters, share_of_bounds
+from gustproof.model.lpv import PARAMETERS, scheduling_parameters
 from gustproof.scoring.metrics import measure
 from gustproof.scoring.requirements import RequirementResult, judge, verdict
 
@@ -137,8 +137,15 @@ def test_what_is_outside_at_the_end_never_settles_nor_recovers():
 
 def test_rho_uses_up_its_room_where_the_flight_leaves_table_ii():
     for phi, theta, p, q, r in np.random.default_rng(2).uniform(-2.0, 2.0, (300, 5)):
-        rho = scheduling_parameters((phi, theta, 0.0), (p, q, r))
-        assert (share_of_bounds(rho) <= 1.0) == is_within_bounds(rho)
+        rho = scheduling_parameters((phi, 0.75 * theta, 0.0), (p, q, r))
+        (cos_roll, cos_pitch), (sin_roll, sin_pitch) = (
+            f(np.array((phi, 0.75 * theta)) / 2.0) for f in (np.cos, np.sin)
+        )
+        records = flight(10)
+        records["q_NB"][7] = cos_pitch * cos_roll, cos_pitch * sin_roll, sin_pitch * cos_roll, -sin_pitch * sin_roll
+        records["omega_B"][7] = p, q, r
+        inside = all(each.low <= value <= each.high for each, value in zip(PARAMETERS, rho, strict=True))
+        assert (judged(records, metric="rho_share", to_s=0.04).value <= 1.0) == inside
     records = flight()
     records["omega_B"][7, 2] = -0.75
     assert judged(records, metric="rho_share").value == pytest.approx(0.5, rel=ROUNDING)

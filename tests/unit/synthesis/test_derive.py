@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import connected_components
 
-from gustproof.law.form import Law, Output, load_law, shipped_laws
+from gustproof.law.form import Law, Output, list_laws, load_law
 from gustproof.synthesis.derive import DesignReport, derive
-from gustproof.synthesis.designs import Design, load_design, shipped_designs
+from gustproof.synthesis.designs import Design, list_designs, load_design
 
 SAME = 1e-9
 """Relative to the largest entry: what another BLAS may change."""
 
 
-@pytest.fixture(scope="module", params=shipped_designs())
+@pytest.fixture(scope="module", params=list_designs())
 def derived(request) -> tuple[Design, Law, DesignReport]:
     design = load_design(request.param)
     return design, *derive(design)
@@ -34,7 +34,7 @@ def test_the_shipped_law_is_the_one_derived_from_the_design(derived):
     assert (shipped.is_scheduled, shipped.provenance.design) == (law.is_scheduled, law.provenance.design)
 
 
-@pytest.mark.parametrize("name", shipped_laws())
+@pytest.mark.parametrize("name", list_laws())
 def test_no_coefficient_of_a_shipped_law_couples_its_axes(name):
     law = load_law(name)
     n, measured = law.order, law.B.shape[1]
@@ -43,13 +43,16 @@ def test_no_coefficient_of_a_shipped_law_couples_its_axes(name):
     edges[x, x], edges[x, y], edges[u, x], edges[u, y] = law.A, law.B, law.C, law.D
     edges[x, 3:6] |= law.G != 0.0
     edges[x, u] |= law.H != 0.0
+    if (limit := law.rate_limit) is not None:
+        for matrix in (limit.S, limit.T[:, :3], limit.T[:, 3:6], limit.U):
+            assert not matrix[:, :3][~np.eye(3, dtype=bool)].any()
     axis = connected_components(edges, directed=False)[1]
     commands = axis[u].tolist()
     assert len(set(commands)) == 3
     assert axis[y][:3].tolist() == commands
     used = (law.B != 0.0).any(axis=0) | (law.D != 0.0).any(axis=0)
-    # a reference is of its own axis; the specific force along y tells roll, along x pitch
-    for k, own in zip(range(3, measured), (0, 1, 2, 1, 0, 2), strict=False):
+    # references, and roll and pitch by gravity, are of their own axis
+    for k, own in zip(range(3, measured), (0, 1, 2, 0, 1), strict=False):
         assert not used[k] or axis[y][k] == commands[own], k
 
 
@@ -128,3 +131,15 @@ def test_another_vehicle_gives_another_law():
     iris, report = derive(dataclasses.replace(load_design("D1"), vehicle="iris", gamma=None))
     assert report.vehicle == "iris"
     assert not np.allclose(paper.C, iris.C)
+
+
+def test_provenance_names_the_damping_of_the_model():
+    design = dataclasses.replace(load_design("D1"), gamma=None)
+    damped = [
+        law.provenance.parameters
+        for law, _ in (derive(design), derive(dataclasses.replace(design, vehicle="iris", rate_damping=None)))
+    ]
+    assert damped[0]["rate_damping_per_s"] == 0.02
+    names = [f"rate_damping_per_s_{axis}" for axis in ("roll", "pitch", "yaw")]
+    assert tuple(damped[1][name] for name in names) == pytest.approx((0.845, 0.323, 0.616), abs=1e-3)
+    assert "rate_damping_per_s" not in damped[1]

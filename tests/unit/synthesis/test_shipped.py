@@ -7,11 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.config.scenario import load_scenario
+from firmware_model.config.events import AttitudeReference
+from firmware_model.config.requirement import Metric, Requirement
+from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.law.form import Law, load_law, shipped_laws
+from firmware_model.config.waveforms import MomentStep
+from gustproof.law.form import Law, list_laws, load_law
+from gustproof.model.uncertainty import Spreads
 from gustproof.scoring.metrics import Metrics, attitude, measure
+from gustproof.simulate.batch import Case, fly_many
 from gustproof.simulate.direct import fly_direct
+from gustproof.synthesis.pid.flagship import corner_vehicles
 from gustproof.synthesis.shipped import DERIVATIONS
 
 pytestmark = pytest.mark.compiled
@@ -20,6 +26,10 @@ pytestmark = pytest.mark.compiled
 def assert_same(law: Law, shipped: Law, *, rtol: float) -> None:
     for name in ("A", "B", "C", "D", "G", "H"):
         np.testing.assert_allclose(getattr(law, name), getattr(shipped, name), rtol=rtol, atol=1e-12, err_msg=name)
+    assert (law.rate_limit is None) == (shipped.rate_limit is None)
+    for name in ("S", "T", "U", "V", "limits") if law.rate_limit is not None else ():
+        ours, theirs = getattr(law.rate_limit, name), getattr(shipped.rate_limit, name)
+        np.testing.assert_allclose(ours, theirs, rtol=rtol, atol=1e-12, err_msg=name)
     assert (law.name, law.dt, law.output) == (shipped.name, shipped.dt, shipped.output)
     assert law.limits.tolist() == shipped.limits.tolist()
     assert law.provenance.design == shipped.provenance.design
@@ -62,6 +72,10 @@ def test_the_flagship_is_what_the_search_finds() -> None:
     assert_same(DERIVATIONS["flagship"](), load_law("flagship"), rtol=1e-3)
 
 
+def test_the_robust_flagship_is_what_the_search_finds() -> None:
+    assert_same(DERIVATIONS["flagship-robust"](), load_law("flagship-robust"), rtol=1e-3)
+
+
 def test_the_fair_pid_is_a_strong_baseline_in_turbulence() -> None:
     flights = flown("pid-fair", "paper-turbulence")
     assert statistics.median(flight.rmse_deg for flight in flights) <= 0.13
@@ -81,7 +95,7 @@ def test_the_default_pid_is_slow_and_calm() -> None:
 
 
 def test_every_shipped_law_is_derived() -> None:
-    assert set(DERIVATIONS) == set(shipped_laws())
+    assert set(DERIVATIONS) == set(list_laws())
 
 
 def error_at_the_end(law: str, steps_deg: list[tuple[float, ...]], seed: int) -> float:
@@ -95,29 +109,119 @@ def error_at_the_end(law: str, steps_deg: list[tuple[float, ...]], seed: int) ->
     return float(np.max(np.abs((off + 180.0) % 360.0 - 180.0)))
 
 
-def test_the_flagship_holds_each_sequence_of_steps_within_its_reference_limit() -> None:
-    limit = load_law("flagship").reference_limit_deg
-    corners = list(itertools.product((-limit, limit), repeat=3))
+@pytest.mark.parametrize(
+    ("roll", "pitch", "yaw", "largest"), [(15.0, 15.0, 15.0, 1.0), (60.0, 40.0, 90.0, 10.0)], ids=["small", "large"]
+)
+def test_the_flagship_holds_each_sequence_of_steps(roll: float, pitch: float, yaw: float, largest: float) -> None:
+    corners = list(itertools.product((-roll, roll), (-pitch, pitch), (-yaw, yaw)))
     for seed in range(1, 9):
         sequence = [corners[k] for k in np.random.default_rng(seed).integers(8, size=8)]
-        assert error_at_the_end("flagship", sequence, seed) <= 1.0
-
-
-@pytest.mark.parametrize("step", [(60.0, 30.0, 0.0), (45.0, 15.0, 0.0)])
-def test_the_flagship_needs_its_reference_limit_and_indi_does_not(step: tuple[float, ...]) -> None:
-    assert error_at_the_end("flagship", [step], 1) >= 5.0
-    assert error_at_the_end("pid-fair", [step], 1) <= 1.0
-    assert error_at_the_end("indi", [step], 1) <= 1.0
+        assert error_at_the_end("flagship", sequence, seed) <= largest
 
 
 @pytest.mark.parametrize("step", [*itertools.product((-60.0, 60.0), (-60.0, 60.0), (-180.0, 0.0, 180.0))])
-def test_indi_holds_the_largest_steps_that_it_is_recommended_for(step: tuple[float, ...]) -> None:
-    assert error_at_the_end("indi", [step], 1) <= 10.0
+def test_flagship_and_indi_hold_steps_to_sixty_degrees(step: tuple[float, ...]) -> None:
+    for law in ("flagship", "indi"):
+        assert error_at_the_end(law, [step], 1) <= 3.0
+
+
+LEFT_DEG = {
+    "flagship": 4.0,
+    "flagship-robust": 4.0,
+    "pid-fair": 4.0,
+    "indi": 4.0,
+    "aided": 5.0,
+    "hinf-scheduled": 9.0,
+    "hinf-reference": 12.0,
+}
+"""[deg] largest attitude error that a kick leaves. Gyros alone do not see what the law integrated wrongly; the last two
+have an estimate that leaks."""
+AXES = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)]
+CORNERS = [(a, b, 0.5 * c) for a, b, c in itertools.product((-1.0, 1.0), repeat=3)]
+CALM = replace(load_scenario("calm"), duration_s=8.0)
+
+
+def off_nominal() -> list[Case]:
+    """Return the vehicle under eight seeds of gyro noise, and with inertia 20 % and lag 30 % off."""
+    paper = load_vehicle("paper")
+    corners = corner_vehicles(paper, Spreads(inertia=0.2, actuator_lag=0.3))
+    return [*(Case(vehicle=paper, seed=seed) for seed in range(1, 9)), *(Case(vehicle=v, seed=1) for v in corners)]
+
+
+def left_deg(scenario: Scenario, law: Law, cases: list[Case]) -> list[float]:
+    """Return the largest error [deg] of Euler angles, rms over the last second, of each flight.
+
+    Whole turns do not count: over the vertical, roll and yaw change by half a turn each.
+    """
+    axes = [Requirement(metric=Metric.RMSE, axis=axis, from_s=7.0, at_most=0.0) for axis in ("roll", "pitch", "yaw")]
+    flights = fly_many(replace(scenario, require=tuple(axes)), law, cases)
+    return [max(abs((each.value + 180.0) % 360.0 - 180.0) for each in flight.requirements) for flight in flights]
+
+
+def kicked(moment: tuple[float, ...]) -> Scenario:
+    starts = ((1.0, 1.0), (-1.0, 1.2))
+    return replace(
+        CALM,
+        moment=tuple(
+            MomentStep(kind="step", amplitude_nm=tuple(sign * part for part in moment), start_s=start)
+            for sign, start in starts
+        ),
+    )
+
+
+def worst_kick(law: Law, cases: list[Case]) -> float:
+    """Return the largest error [deg] that a kick of .2 s leaves, to 20 N*m about any axis and (M, M, M/2)."""
+    found = 0.0
+    for direction, size in itertools.product(AXES + CORNERS, (5.0, 10.0, 13.0, 16.0, 18.0, 20.0)):
+        found = max(found, *left_deg(kicked(tuple(size * part for part in direction)), law, cases))
+    return found
+
+
+@pytest.mark.parametrize("name", LEFT_DEG)
+def test_every_kick_to_twice_the_torque_limit_is_recovered(name: str) -> None:
+    assert worst_kick(load_law(name), off_nominal()[:8]) <= LEFT_DEG[name]
+
+
+@pytest.mark.parametrize("name", ["flagship", "flagship-robust", "pid-fair", "indi", "aided"])
+def test_every_kick_is_recovered_by_a_vehicle_off_nominal(name: str) -> None:
+    assert worst_kick(load_law(name), off_nominal()[8:]) <= 5.0
+
+
+@pytest.mark.parametrize("name", ["flagship", "flagship-robust", "pid-fair", "indi", "hinf-reference"])
+def test_every_step_to_seventy_and_forty_degrees_is_held(name: str) -> None:
+    for euler_deg in itertools.product(
+        (-70.0, -35.0, 0.0, 45.0, 60.0, 70.0), (-40.0, -20.0, 0.0, 15.0, 40.0), (0.0, 90.0)
+    ):
+        step = replace(CALM, event=(AttitudeReference(kind="attitude", at_s=1.0, euler_deg=euler_deg),))
+        assert max(left_deg(step, load_law(name), off_nominal()[:8])) <= 3.0
+
+
+@pytest.mark.parametrize("name", ["flagship", "hinf-scheduled"])
+def test_without_its_limit_a_law_is_knocked_over(name: str) -> None:
+    law = replace(load_law(name), rate_limit=None)
+    assert worst_kick(law, off_nominal()[:8]) >= 30.0
+
+
+def test_only_the_paper_s_own_torque_laws_have_no_limit_of_the_rate() -> None:
+    without = {name for name in list_laws() if load_law(name).rate_limit is None}
+    assert without == {"pid-default", "hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-rates"}
+    assert {name for name in list_laws() if load_law(name).rate_limit} == set(LEFT_DEG)
+
+
+@pytest.mark.parametrize("name", LEFT_DEG)
+@pytest.mark.parametrize("scenario", ["paper", "paper-turbulence", "severe-1797", "gust-sweep"])
+def test_in_turbulence_no_bit_tells_of_the_limit(name: str, scenario: str) -> None:
+    law, air = load_law(name), replace(load_scenario(scenario), duration_s=20.0)
+    flown, free = (
+        fly_direct(air, each, vehicle=load_vehicle("paper")).tobytes() for each in (law, replace(law, rate_limit=None))
+    )
+    assert flown == free
 
 
 def test_aided_levels_from_any_attitude_and_reads_no_reference() -> None:
     assert not load_law("aided").takes_references
     for tilt in (60.0, 120.0, 170.0):
-        scenario = replace(load_scenario("calm"), duration_s=60.0, initial_attitude_deg=(tilt, 0.0, 0.0))
+        # a start far from its estimate looks like a gyro bias, which takes minutes to be unlearnt
+        scenario = replace(load_scenario("calm"), duration_s=180.0, initial_attitude_deg=(tilt, 0.0, 0.0))
         records = fly_direct(scenario, load_law("aided"), vehicle=load_vehicle("paper"))
         assert np.max(np.abs(np.degrees(attitude(records)[-250:, :2]))) <= 5.0

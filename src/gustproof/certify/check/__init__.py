@@ -1,1 +1,1 @@
-"""Check certificates in exact arithmetic, with the standard library only."""
+"""Check certificates without a solver: in exact arithmetic, or in doubles with bounds of their rounding."""

@@ -1,13 +1,14 @@
-"""Check of a certificate's evidence in exact arithmetic, with the standard library only.
+"""Check of a certificate's evidence: exact arithmetic, and for norms doubles with bounds of their rounding.
 
-The check multiplies and factors matrices of rational numbers; it uses no solver, no design and no law. It proves a
-statement about the numbers in the evidence. The maker must show that they are those of a vehicle and a law.
+The check multiplies and factors matrices of rational numbers; it uses no solver and no design. A gain is proved of the
+numbers in the evidence, and `gustproof.certify.gain.l2_gain` compares them with a design. A flight's box is proved of a
+law file and a vehicle file: the check derives the loop again. Statement and assumptions are made from the evidence.
 """
 
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import product
 from typing import Any
@@ -20,16 +21,11 @@ from gustproof.certify.check.dissipation import (
     rate_bounded_inequalities,
     vertices,
 )
-from gustproof.certify.check.invariant_box import SIGNALS, AxisNorms, axis_norms, map_box
-from gustproof.lti.rational import exp_lower_bound, is_positive_definite, scale, to_rational, transpose
+from gustproof.certify.check.flight_box import KIND, prove_flight_box
+from gustproof.certify.check.system import Refusal, finite
+from gustproof.lti.rational import is_positive_definite, scale, to_rational, transpose
 
 FORMAT = "gustproof-certificate-1"
-COMMAND_SHARE = Fraction(999, 1000)
-"""[-] share of its limit that a command may reach; the rest covers floating-point rounding."""
-
-
-class Refusal(Exception):
-    """Evidence that does not prove the claim; the text names the condition that failed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,13 +36,17 @@ class CheckResult:
     """True if the evidence proves the claim."""
     reason: str
     """The proved statement, or the condition that failed."""
+    figures: dict[str, Any] = field(default_factory=dict)
+    """Proved figures: the gain, or part, estimate_deg, truth_deg, moment_class and torque_nm of a flight's box."""
+    assumes: dict[str, Any] = field(default_factory=dict)
+    """Assumptions, made from the evidence and, of a flight's box, from law and vehicle."""
 
 
-def check(certificate_json: str) -> CheckResult:
+def check_certificate(certificate_json: str, *, law: str | None = None, vehicle: str | None = None) -> CheckResult:
     """Return whether the evidence of a certificate, given as the text of its file, proves its claim.
 
-    The seal must fit: one changed digit anywhere is refused, even one that would leave the proof valid. Any text gets a
-    verdict; nothing is raised.
+    A certificate of a flight's box needs the texts of its `law` and `vehicle` files too. The seal is a checksum, no
+    signature: it shows damage, not forgery. Any text gets a verdict; nothing is raised.
 
     Examples
     --------
@@ -61,9 +61,11 @@ def check(certificate_json: str) -> CheckResult:
         claimed = document.pop("seal", None)
         if claimed != seal(document):
             raise Refusal("the seal does not fit: something was changed after the certificate was made")
-        if document["proven"] is not True:
-            raise Refusal("the certificate does not claim to be proven")
-        return check_evidence(document["gain"], document["evidence"])
+        if set(document) != {"format", "evidence"}:
+            raise Refusal("a certificate holds evidence alone: its claim is made from that")
+        if document["evidence"]["kind"] == KIND:
+            return _check_flight_box(document["evidence"], law, vehicle)
+        return check_evidence(document["evidence"])
     except Refusal as refusal:
         return CheckResult(accepted=False, reason=str(refusal))
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, ZeroDivisionError, OverflowError) as error:
@@ -72,17 +74,51 @@ def check(certificate_json: str) -> CheckResult:
         return CheckResult(accepted=False, reason="the evidence is malformed: nested too deeply")
 
 
-def check_evidence(level: float, evidence: dict[str, Any]) -> CheckResult:
-    """Return whether `evidence` proves `level`, before it is sealed in a certificate.
+def _check_flight_box(evidence: dict[str, Any], law: str | None, vehicle: str | None) -> CheckResult:
+    if law is None or vehicle is None:
+        raise Refusal("a flight's box is proved of its law and vehicle files: give both")
+    proof = prove_flight_box(evidence, law, vehicle)
+    return CheckResult(accepted=True, reason=proof.statement, figures=proof.figures, assumes=proof.assumes)
+
+
+def check_evidence(evidence: dict[str, Any]) -> CheckResult:
+    """Return what the `evidence` of a gain proves, before it is sealed in a certificate.
 
     Raises
     ------
     Refusal
-        If `evidence` proves no such thing.
+        If `evidence` proves nothing.
     """
     if evidence["kind"] not in _PROOFS:
         raise Refusal(f"unknown kind of evidence '{evidence['kind']}'")
-    return CheckResult(accepted=True, reason=_PROOFS[evidence["kind"]](Fraction(level), evidence))
+    keys, prove = _PROOFS[evidence["kind"]]
+    if set(evidence) != keys:
+        raise Refusal(f"the evidence has other entries: {', '.join(sorted(set(evidence) ^ keys))}")
+    level = finite("level", evidence["level"])
+    if level <= 0:
+        raise Refusal("the level is not positive")
+    prove(level, evidence)
+    return CheckResult(
+        accepted=True,
+        reason=_state_gain(level, evidence),
+        figures={"gain": float(level)},
+        assumes={
+            "plant": "the continuous linear system of the evidence, closed by Delta",
+            "system_sha256": seal(evidence["system"]),
+            "blocks": [f"{block['name']} x {block['size']}" for block in evidence["blocks"]],
+            "speeds_per_s": [block.get("speed") for block in evidence["blocks"]],
+        },
+    )
+
+
+def _state_gain(level: Fraction, evidence: dict[str, Any]) -> str:
+    names = ", ".join(str(block["name"]) for block in evidence["blocks"])
+    slow = [block for block in evidence["blocks"] if block.get("speed") is not None]
+    speeds = ", ".join(f"{block['name']} below {block['speed']:g} 1/s" for block in slow)
+    return (
+        f"the L2 gain from w to z is below {float(level):.6g} for every normalised Delta(t) of {names}"
+        f"{f', with speeds of {speeds}' if slow else ''}: the matrix inequality holds exactly"
+    )
 
 
 def seal(document: dict[str, Any]) -> str:
@@ -91,22 +127,17 @@ def seal(document: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _prove_gain(level: Fraction, evidence: dict[str, Any]) -> str:
+def _prove_gain(level: Fraction, evidence: dict[str, Any]) -> None:
     """Prove an L2 gain; see `gain_inequality`."""
-    if level <= 0:
-        raise Refusal("the level is not positive")
     if not is_positive_definite(lyapunov_matrix(evidence, evidence["P"])):
         raise Refusal("P is not positive definite")
     _check_multipliers(evidence, evidence["blocks"])
     if not is_positive_definite(gain_inequality(level, evidence)):
         raise Refusal("the matrix inequality does not hold")
-    return f"the L2 gain is below {float(level):.6g}: the matrix inequality holds exactly"
 
 
-def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any]) -> str:
+def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any]) -> None:
     """Prove an L2 gain with bounds on the speeds of some parameters; see `rate_bounded_inequalities`."""
-    if level <= 0:
-        raise Refusal("the level is not positive")
     slow = rate_bounded_blocks(evidence)
     if any(Fraction(evidence["blocks"][i]["speed"]) < 0 for i in slow):
         raise Refusal("a bound on a speed is negative")
@@ -119,7 +150,6 @@ def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any]) -> str:
     for vertex, matrix in zip(vertices(len(slow)), rate_bounded_inequalities(level, evidence), strict=True):
         if not is_positive_definite(matrix):
             raise Refusal(f"the matrix inequality does not hold at the corner {vertex.signs}, speeds {vertex.speeds}")
-    return f"the L2 gain is below {float(level):.6g}: the matrix inequality holds exactly at every corner"
 
 
 def _check_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]]) -> None:
@@ -134,42 +164,9 @@ def _check_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]])
             raise Refusal(f"G of block {block['name']} is not skew")
 
 
-def _prove_boundedness(level: Fraction, evidence: dict[str, Any]) -> str:
-    """Prove that a flight stays inside a box; see `gustproof.certify.check.invariant_box`."""
-    norms = [axis_norms(evidence, axis) for axis in range(3)]
-    return check_box(level, evidence, norms)
-
-
-def check_box(level: Fraction, evidence: dict[str, Any], norms: list[AxisNorms]) -> str:
-    """Return the proved statement if the evidence's box closes over `level` times its moment with these norms.
-
-    Raises
-    ------
-    Refusal
-        If a signal leaves the box, a command its limit, or the noise is not covered.
-    """
-    if level <= 0:
-        raise Refusal("the share of the moment is not positive")
-    box, law = to_rational(evidence["box"]), evidence["law"]
-    if [len(row) for row in box] != [len(SIGNALS)] * 3 or min(map(min, box)) < 0:
-        raise Refusal("the box does not bound every signal of every axis")
-    deviations = Fraction(evidence["deviations"])
-    # 2 Q(z) <= exp(-z^2 / 2) for each signal, signal at the sample's end and measurement of each sample
-    count = 3 * (len(SIGNALS) + 3) * (evidence["samples"] + 1)
-    if evidence["noise"] != 0 and exp_lower_bound(deviations**2 / 2) * Fraction(evidence["risk"]) < count:
-        raise Refusal("the noise exceeds so many deviations with a larger probability")
-    for axis, (inside, follows) in enumerate(zip(box, map_box(evidence, norms, level, box), strict=True)):
-        for name, bound, value in zip(SIGNALS, inside, follows, strict=True):
-            if not value <= bound:
-                raise Refusal(f"axis {axis}: the bound of {name} does not close: {float(value)} above {float(bound)}")
-        limit = Fraction(law["limits"][axis])
-        if not inside[SIGNALS.index("command")] <= limit * COMMAND_SHARE:
-            raise Refusal(f"axis {axis}: the command may reach its limit")
-    return f"{float(level):.6g} of the moment keeps every signal in the box, every command inside its limit"
-
-
-_PROOFS: dict[str, Callable[[Fraction, dict[str, Any]], str]] = {
-    "gain": _prove_gain,
-    "slow gain": _prove_rate_bounded,
-    "closure": _prove_boundedness,
+_COMMON = frozenset({"kind", "level", "system", "coordinates", "P", "blocks"})
+_PROOFS: dict[str, tuple[frozenset[str], Callable[[Fraction, dict[str, Any]], None]]] = {
+    "gain": (_COMMON, _prove_gain),
+    "slow gain": (_COMMON | {"Y", "vertices"}, _prove_rate_bounded),
 }
+"""Entries of the evidence of each kind, and its proof."""

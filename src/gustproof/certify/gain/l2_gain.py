@@ -9,7 +9,8 @@ import numpy as np
 
 from gustproof.certify.certificate import Certificate
 from gustproof.certify.check.dissipation import gain_inequality, rate_bounded_inequalities
-from gustproof.certify.check.evidence import Refusal, check_evidence
+from gustproof.certify.check.evidence import check_evidence
+from gustproof.certify.check.system import Refusal
 from gustproof.certify.gain.multipliers import Multipliers, best_multipliers
 from gustproof.certify.gain.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
 from gustproof.certify.gain.worst_schedule import worst_schedule, worst_triangle_schedule
@@ -76,9 +77,6 @@ def certify_gain(
     loop = attitude_loop(problem, controller, Envelope(angle=angle, rate=rate), scheduled=scheduled)
     leak, damping, _ = _airframe(problem)
     turning = attitude_speeds(angle, rate, leak=leak) if rate_bounded else None
-    # t = tan(phi / 2) over its largest value, and v likewise
-    edge = math.tan(angle / 2.0)
-    speeds = None if turning is None else [(1.0 + 1e-9) * turn * (1.0 + edge**2) / (2.0 * edge) for turn in turning]
     rho = (
         "any function of time within the envelope"
         if turning is None
@@ -101,7 +99,7 @@ def certify_gain(
             "noise": "part of w, square integrable",
         },
         level=level,
-        speeds=None if speeds is None else dict(zip(("t", "v"), speeds, strict=True)),
+        speeds=envelope_speeds(angle, rate, leak=leak) if rate_bounded else None,
         signals="from disturbance and noise to error and command, all weighted,",
         scope=f"for all |phi|, |theta| <= {angle:g} rad and |p|, |q|, |r| <= {rate:g} rad/s",
     )
@@ -161,6 +159,33 @@ def certify_lft(
     )
 
 
+def is_evidence_of(evidence: dict[str, Any], loop: Uncertain, speeds: Mapping[str, float] | None) -> bool:
+    """Return whether the evidence's system is that of `loop`, derived here again, with parameters as fast as `speeds`.
+
+    Synthesis is iterative and differs between machines in its last digits, so the numbers agree to 1e-6.
+    """
+    system, bounds = evidence["system"], _speed_bounds(loop, speeds)
+    blocks = [(block["name"], block["size"]) for block in evidence["blocks"]]
+    if blocks != [(block.name, block.shape[0]) for block in loop.blocks]:
+        return False
+    given = [block.get("speed") for block in evidence["blocks"]]
+    fast = all(a is None or (b is not None and b <= a * (1.0 + 1e-6)) for a, b in zip(given, bounds, strict=True))
+    same = all(
+        np.shape(system[name]) == getattr(loop.M, name).shape
+        and np.allclose(system[name], getattr(loop.M, name), rtol=1e-6, atol=1e-8)
+        for name in "ABCD"
+    )
+    return fast and same
+
+
+def envelope_speeds(angle: float, rate: float, *, leak: float) -> dict[str, float]:
+    """Return bounds [1/s] of the speeds of the normalised t and v inside an envelope."""
+    edge = math.tan(angle / 2.0)  # t = tan(phi / 2) over its largest value, and v likewise
+    turning = attitude_speeds(angle, rate, leak=leak)
+    t, v = ((1.0 + 1e-9) * turn * (1.0 + edge**2) / (2.0 * edge) for turn in turning)
+    return {"t": t, "v": v}
+
+
 def _speed_bounds(loop: Uncertain, speeds: Mapping[str, float] | None) -> list[float | None]:
     """Return the bound on the speed of each block; `None` without one."""
     names, bounds = [block.name for block in loop.blocks], speeds or {}
@@ -170,9 +195,10 @@ def _speed_bounds(loop: Uncertain, speeds: Mapping[str, float] | None) -> list[f
 
 
 def _first_proven(candidates: Sequence[float], evidence: dict[str, Any]) -> tuple[float, bool]:
-    """Return the first proven candidate and True, or the last one and False."""
+    """Return the first proven candidate and True, or the last one and False; it becomes the evidence's level."""
     for candidate in candidates:
-        if _is_proven(candidate, evidence):
+        evidence["level"] = candidate
+        if _is_proven(evidence):
             return candidate, True
     return candidates[-1], False
 
@@ -193,8 +219,8 @@ def attitude_loop(
     return star(P, system_from_matrix(system, n), K.n_inputs, K.n_outputs)
 
 
-def _airframe(problem: Interconnection) -> tuple[float, float, list[float]]:
-    """Return leak [1/s], damping [1/s] and inertia [kg*m^2] of the diagram's airframe, whose states are (E, omega)."""
+def _airframe(problem: Interconnection) -> tuple[float, list[float], list[float]]:
+    """Return leak [1/s], damping [1/s] and inertia [kg*m^2] by axis, of the diagram's airframe of states (E, omega)."""
     bodies = [as_lti(block.system) for block in problem.blocks if block.name == "airframe"]
     if not bodies:
         raise ValueError("certify supports torque designs only: the diagram has no block 'airframe'")
@@ -203,7 +229,8 @@ def _airframe(problem: Interconnection) -> tuple[float, float, list[float]]:
     A: Matrix = bodies[0].A
     if not A[0, 0] == A[1, 1] == A[2, 2]:
         raise ValueError("certify supports gyro-only designs: the leak differs between axes, as with an accelerometer")
-    return float(-A[0, 0]), float(-A[3, 3]), [float(1.0 / bodies[0].B[3 + k, k]) for k in range(3)]
+    damping = [float(-A[k, k]) for k in range(3, 6)]
+    return float(-A[0, 0]), damping, [float(1.0 / bodies[0].B[3 + k, k]) for k in range(3)]
 
 
 def _evidence(
@@ -230,9 +257,9 @@ def _scalings(pairs: Iterable[tuple[Matrix, Matrix]]) -> list[dict[str, Any]]:
     return [{"D": D.tolist(), "G": G.tolist()} for D, G in pairs]
 
 
-def _is_proven(level: float, evidence: dict[str, Any]) -> bool:
+def _is_proven(evidence: dict[str, Any]) -> bool:
     try:
-        return check_evidence(level, evidence).accepted
+        return check_evidence(evidence).accepted
     except Refusal:
         return False
 

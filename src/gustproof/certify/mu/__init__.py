@@ -1,1 +1,1 @@
-"""Bound mu and the worst-case gain of loops with constant uncertainty."""
+"""Bound mu and the worst-case gain of loops with constant uncertainty; prove stability over boxes of parameters."""

@@ -1,7 +1,8 @@
 """Bounds on the structured singular value of an uncertain system over all frequencies.
 
-The upper bound holds between frequencies too; the lower bound is a Delta that makes the loop singular. Parameters are
-constant in time; certificates cover varying ones.
+The upper bound holds between frequencies too, up to the rounding of the eigenvalues that end its bands: it is no
+certificate. The lower bound is a Delta that makes the loop singular. Parameters are constant in time; certificates
+cover varying ones. A loop of inertia and lag has a sharper bound, without this rounding: `zero_exclusion`.
 """
 
 import math

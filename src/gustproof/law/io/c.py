@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.files import write_text
-from gustproof.law.form import Law, Output
-from gustproof.law.step import step
+from gustproof.law.form import GYRO_REFERENCE_SIZE, Law, Output
+from gustproof.law.step import MEASURED_SIZE, step
 from gustproof.version import __version__
 
 _FOLDER = Path(__file__).parent
@@ -26,8 +26,8 @@ _ESTIMATES = {0: "estimated attitude [rad]", 3: "estimated rates [rad/s]", 6: "o
 _STATES = ("PHI", "THETA", "PSI", "P", "Q", "R")
 """Names of the first states of a scheduled law."""
 _START = ": level, yaw 0, at rest. For another attitude, write it to the first three afterwards"
-_STEPS = 16
-"""Largest number of steps of the self-test."""
+_GROWING, _SHRINKING = np.geomspace(0.01, 100.0, 16), np.geomspace(10.0, 0.01, 8)
+"""Sizes of the inputs of the self-test, one a step: until limits are met, and while a limited rate turns back."""
 _WIDTH = 120
 _NBSP = "\u00a0"
 """Space without a line break."""
@@ -58,10 +58,14 @@ def c_code(law: Law, header: str = "law.h") -> str:
     `<name>_SELF_TEST` defined `<name>_self_test` compares them over some steps, the last of them at the limits.
     """
     kind = "Scheduled with the exact kinematics of its own attitude estimate." if law.is_scheduled else "Linear."
+    if law.rate_limit is not None:
+        kind += f" The rates commanded from attitude are within {_numbers(law.rate_limit.limits)} rad/s."
     made = f"{kind} Designed for vehicle '{law.provenance.vehicle}': {law.provenance.design}."
-    kinematics = (_FOLDER / "euler_rates.c").read_text(encoding="utf-8") + "\n" if law.is_scheduled else ""
+    used = {"euler_rates": law.is_scheduled, "rate_excess": law.rate_limit is not None, "tilt": law.uses_accelerometer}
+    files = [name for name, needed in {"sin_cos": any(used.values()), **used}.items() if needed]
+    functions = "".join((_FOLDER / f"{name}.c").read_text(encoding="utf-8") + "\n" for name in files)
     return _filled(
-        "law.c.in", law, header=header, summary="\n * ".join(wrap(_comment(made), _WIDTH - 3)), kinematics=kinematics,
+        "law.c.in", law, header=header, summary="\n * ".join(wrap(_comment(made), _WIDTH - 3)), functions=functions,
         body=_body(law), **_self_test(law),
     )  # fmt: skip
 
@@ -84,14 +88,14 @@ def _filled(template: str, law: Law, **parts: str) -> str:
     # C has no empty arrays; a static law gets one unused state.
     return Template((_FOLDER / template).read_text(encoding="utf-8")).substitute(
         name=_comment(law.name), prefix=c_name(law.name), version=__version__, rows=str(max(law.order, 1)),
-        measured=str(law.D.shape[1]), **parts,
+        measured=str(_inputs(law)), **parts,
     )  # fmt: skip
 
 
 def _self_test(law: Law) -> dict[str, str]:
-    """Return inputs that grow from 0 until limits are met, with commands and last state while these are finite."""
-    rng = np.random.default_rng(1)
-    inputs = np.round(np.geomspace(0.01, 100.0, _STEPS)[:, None] * rng.normal(size=(_STEPS, law.D.shape[1])), 3)
+    """Return inputs that grow from 0, with commands and last state while these are finite."""
+    sizes = _GROWING if law.rate_limit is None else np.concatenate([_GROWING, _SHRINKING])
+    inputs = np.round(sizes[:, None] * np.random.default_rng(1).normal(size=(len(sizes), _inputs(law))), 3)
     inputs[0] = 0.0
     x, last, commands = np.zeros(law.order), np.zeros(max(law.order, 1)), []
     for y in inputs:
@@ -107,6 +111,15 @@ def _self_test(law: Law) -> dict[str, str]:
         "commands": _rows(map(float.hex, row) for row in commands),
         "last": _listed(map(float.hex, last.tolist()), 8),
     }
+
+
+def _inputs(law: Law) -> int:
+    """Return how many numbers the step reads: gyro and reference, and specific force if the law uses it."""
+    return MEASURED_SIZE if law.uses_accelerometer else GYRO_REFERENCE_SIZE
+
+
+def _numbers(values: NDArray[np.float64]) -> str:
+    return ", ".join(map(repr, values.tolist()))
 
 
 def _rows(rows: Iterable[Iterable[str]]) -> str:
@@ -129,12 +142,25 @@ def _comment(text: str) -> str:
 
 def _body(law: Law) -> str:
     """Return the body of the step; parts that a law does not need are neither declared nor computed."""
-    n, sizes = law.order, {"x": law.order, "y": law.D.shape[1], "rates": 3, "excess": 3}
+    n = law.order
+    sizes = {"x": n, "y": GYRO_REFERENCE_SIZE, "tilt": 2 * law.uses_accelerometer, "rates": 3, "excess": 3, "over": 3}
     names = [f"{array}[{i}]" for array, size in sizes.items() for i in range(size)]
-    parts = [
+    none, limit = np.zeros((3, 6)), law.rate_limit
+    parts = ["/* roll and pitch by gravity */\ndouble tilt[2];\ntilt_of(y + 6, x, tilt);\n"] * law.uses_accelerometer
+    if limit is not None:
+        parts += [
+            "/* rates commanded from attitude, and what is over their limits */",
+            f"static const double rate_limits[3] = {{{_numbers(limit.limits)}}};",
+            f"static const double attitude_limits[3] = {{{_numbers(law.attitude_limits)}}};",
+            "double s[3], over[3];",
+            *_sums("s", np.hstack([limit.S, limit.T]), names),
+            "rate_excess(x, s, rate_limits, attitude_limits, over);\n",
+        ]
+    U, V = (np.zeros((3, 0)), np.zeros((n, 0))) if limit is None else (limit.U, limit.V)
+    parts += [
         "/* command about each axis, before and within its limit */\ndouble u[3];",
-        *_sums("u", np.hstack([law.C, law.D]), names),
-        *(f"command[{i}] = limited(u[{i}], {float(limit)!r});" for i, limit in enumerate(law.limits)),
+        *_sums("u", np.hstack([law.C, law.D, none, U]), names),
+        *(f"command[{i}] = limited(u[{i}], {bound!r});" for i, bound in enumerate(law.limits.tolist())),
     ]
     if np.any(law.H):
         parts.append("const double excess[3] = {command[0] - u[0], command[1] - u[1], command[2] - u[2]};")
@@ -142,7 +168,7 @@ def _body(law: Law) -> str:
         parts.append("\ndouble rates[3];\neuler_rates(x, rates);")
     if n:
         parts.append(f"\ndouble next[{n}];")
-        for i, line in enumerate(_sums("next", np.hstack([law.A, law.B, law.G, law.H]), names)):
+        for i, line in enumerate(_sums("next", np.hstack([law.A, law.B, law.G, law.H, V]), names)):
             parts += [f"/* {_ESTIMATES[i]} */"] if law.is_scheduled and i in _ESTIMATES else []
             parts.append(line)
         parts.append(f"for (int i = 0; i < {n}; i++)\n    x[i] = next[i];")

@@ -1,8 +1,9 @@
 """Read and write laws as MATLAB files and as folders of tables.
 
 Either holds A, B, C, D, G, H, limits, and the metadata dt, name, output, provenance. To read one, A, B, C, D and dt
-are enough. B and D may have the gyro's three columns alone, six with the reference, or nine with the specific force.
-Defaults are G = 0, H = 0, no limits, torque.
+are enough. B and D may have the gyro's three columns alone, six with the reference, or eight with roll and pitch by
+gravity. Defaults are G = 0, H = 0, no limits, torque. A law that limits the rate commanded from attitude also has S, T,
+U, V and rate_limits.
 """
 
 import json
@@ -22,10 +23,11 @@ from numpy.typing import NDArray
 from firmware_model.config.files import TEXT, parse_json, read_bytes, read_text
 from firmware_model.config.validation import sanitize_line
 from gustproof.errors import LawFileError
-from gustproof.law.form import Law, Output, Provenance, load_law
+from gustproof.law.form import Law, Output, Provenance, RateLimit, load_law
 
 _REQUIRED = ("A", "B", "C", "D")
-_TABLES = (*_REQUIRED, "G", "H", "limits")
+_RATE_MATRICES = ("S", "T", "U", "V")
+_TABLES = (*_REQUIRED, "G", "H", "limits", *_RATE_MATRICES, "rate_limits")
 _METADATA_FILE = "facts.json"
 _IN_MAT = (*_TABLES, "dt", "name", "output", "provenance")
 _CLASSES = {
@@ -71,7 +73,7 @@ def save_mat(law: Law, path: Path) -> None:
     ...     load_mat(Path(folder) / "law.mat").name
     'pid-fair'
     """
-    scipy.io.savemat(path, {name: getattr(law, name) for name in _TABLES} | _metadata(law), appendmat=False)
+    scipy.io.savemat(path, _tables(law) | _metadata(law), appendmat=False)
 
 
 def load_mat(path: Path) -> Law:
@@ -130,8 +132,8 @@ def _unpacked(content: bytes) -> bytes:
 def save_csv(law: Law, folder: Path) -> None:
     """Write a law as a new folder: a table for each matrix, metadata as JSON; numbers are kept to the bit."""
     folder.mkdir(parents=True)
-    for name in _TABLES:
-        rows = np.atleast_2d(getattr(law, name)).tolist()
+    for name, table in _tables(law).items():
+        rows = np.atleast_2d(table).tolist()
         lines = "".join(",".join(map(repr, row)) + "\n" for row in rows)
         (folder / f"{name}.csv").write_text(lines, encoding="utf-8")
     (folder / _METADATA_FILE).write_text(json.dumps(_metadata(law), indent=2) + "\n", encoding="utf-8")
@@ -160,6 +162,14 @@ def load_csv(folder: Path) -> Law:
     return _build_law(folder, tables, metadata if isinstance(metadata, dict) else {})
 
 
+def _tables(law: Law) -> dict[str, Matrix]:
+    tables = {name: getattr(law, name) for name in (*_REQUIRED, "G", "H", "limits")}
+    if law.rate_limit is not None:
+        tables |= {name: getattr(law.rate_limit, name) for name in _RATE_MATRICES}
+        tables["rate_limits"] = law.rate_limit.limits
+    return tables
+
+
 def _metadata(law: Law) -> dict[str, Any]:
     provenance = json.dumps(asdict(law.provenance), ensure_ascii=False)
     return {"dt": law.dt, "name": law.name, "output": law.output.value, "provenance": provenance}
@@ -186,10 +196,20 @@ def _build_law(path: Path, tables: Mapping[str, Any], metadata: Mapping[str, Any
             dt=float(metadata["dt"]),
             limits=matrices.get("limits", np.full(3, _NO_LIMIT)).reshape(-1),
             output=Output(metadata.get("output", Output.TORQUE.value)),
-            provenance=Provenance(**provenance),
+            provenance=Provenance(**provenance), rate_limit=_rate_limit(matrices),
         )  # fmt: skip
     except (ValueError, TypeError) as error:
         raise LawFileError(f"{path}: {sanitize_line(str(error))}") from None
+
+
+def _rate_limit(matrices: Mapping[str, Matrix]) -> RateLimit | None:
+    names = (*_RATE_MATRICES, "rate_limits")
+    if missing := [name for name in names if name not in matrices]:
+        if len(missing) < len(names):
+            raise ValueError(f"{missing[0]}: missing, a limit of the rate has {', '.join(names)}")
+        return None
+    S, T, U, V, limits = (matrices[name] for name in names)
+    return RateLimit(S=S, T=_pad_reference(T), U=U, V=V, limits=limits.reshape(-1))
 
 
 def _pad_reference(matrix: Matrix) -> Matrix:

@@ -6,9 +6,8 @@ from html import escape
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gustproof.types import Array
 
 _WIDTH, _HEIGHT = 300.0, 200.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 44.0, 10.0, 22.0, 36.0

@@ -1,30 +1,35 @@
 """One HTML file on a campaign, which needs neither a network nor a script."""
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from html import escape
-from importlib.resources import files
+from itertools import starmap
 from pathlib import Path
 
 import numpy as np
 
-from gustproof.campaign.intervals import CONFIDENCE, Importance, IntervalEstimate
+from gustproof.campaign.intervals import CONFIDENCE, Importance
 from gustproof.campaign.reader import open_table, read_campaign_metadata, read_column
 from gustproof.campaign.statistics import COMPARED_FIGURES, CampaignStatistics, LawStatistics, compute_statistics
 from gustproof.campaign.worker import FIGURES as FLOWN
 from gustproof.campaign.worker import delta_column
 from gustproof.recording.folder import write_atomic
-from gustproof.report.campaign import describe_campaign, format_comparisons, format_share, format_value
+from gustproof.report.campaign import (
+    IMPORTANCE_FIGURE,
+    describe_campaign,
+    format_comparisons,
+    format_estimate,
+    format_importance,
+    format_share,
+    format_value,
+)
 from gustproof.report.html.campaign_charts import draw_distributions, draw_exceedances, draw_responses
-from gustproof.report.html.markup import render_table
+from gustproof.report.html.markup import fill_page, read_asset, render_table
 from gustproof.report.terminal import FIGURES
 from gustproof.scoring.requirements import requirement_label, requirement_limits
 from gustproof.version import __version__
 
-_ASSETS = files("gustproof.report") / "assets"
 _COLUMNS = ("mean", "median", "95th percentile", "99th percentile")
-_IMPORTANCE_FIGURE = "rmse_deg"
 
 
 def write_campaign_report(path: Path, output: Path) -> None:
@@ -42,26 +47,22 @@ def render_campaign_page(path: Path) -> str:
     """
     found = compute_statistics(path)
     flown = read_campaign_metadata(path)["versions"]["gustproof"]
+    about = (found.campaign.scenario.description, describe_campaign(found.campaign))
+    warned = (f"<p class='bad'>{escape(line)}</p>" for line in found.warnings)
     parts = {
         "title": escape(f"{found.campaign.scenario.name}: {', '.join(law.law for law in found.laws)}"),
-        "styles": (_ASSETS / "page.css").read_text(encoding="utf-8"),
-        "about": _render_about(found),
+        "policy": "style-src 'unsafe-inline'; img-src data:",
+        "styles": read_asset("page.css") + read_asset("campaign.css"),
+        "about": "".join(f"<p>{escape(line)}</p>" for line in about) + "".join(warned),
         "figures": _render_figures(found),
         "requirements": _render_requirements(found),
-        "legend": _render_legend(found),
+        "legend": f'<p class="legend">{"".join(f"<span>{_render_law(found, law)}</span>" for law in found.laws)}</p>',
         "distributions": _render_distributions(found),
         "dispersions": _render_dispersions(found),
         "worst": _render_worst(found),
         "footer": f"Flown by gustproof {escape(flown)}, drawn by gustproof {__version__}.",
     }
-    template = (_ASSETS / "campaign.html").read_text(encoding="utf-8")
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
-
-
-def _render_about(found: CampaignStatistics) -> str:
-    lines = (found.campaign.scenario.description, describe_campaign(found.campaign))
-    about = "".join(f"<p>{escape(line)}</p>" for line in lines)
-    return about + "".join(f"<p class='bad'>{escape(line)}</p>" for line in found.warnings)
+    return fill_page("campaign.html", parts)
 
 
 def _render_figures(found: CampaignStatistics) -> str:
@@ -70,11 +71,10 @@ def _render_figures(found: CampaignStatistics) -> str:
         label = _figure_label(name)
         for first, law in enumerate(found.laws):
             figure = law.figures[name]
-            estimates = (figure.mean, *figure.quantiles.values())
+            estimates = [format_estimate(each) for each in (figure.mean, *figure.quantiles.values())]
             worst = format_value(figure.worst[0].value) if figure.worst else "–"
-            rows.append(
-                ["" if first else escape(label), _render_law(found, law), *map(_format_estimate, estimates), worst]
-            )
+            cells = starmap(_format_interval, estimates)
+            rows.append(["" if first else escape(label), _render_law(found, law), *cells, worst])
     duels = "".join(f"<p>{escape(line)}</p>" for line in format_comparisons(found))
     note = (
         f"<p class='note'>Right of each value: its {100.0 * CONFIDENCE:g} % confidence interval. Methods: Student's t "
@@ -88,19 +88,11 @@ def _render_requirements(found: CampaignStatistics) -> str:
     for law in found.laws:
         for each in law.passed:
             last = f"{format_value(each.worst[0].value)} in run {each.worst[0].run}" if each.worst else "–"
-            required = each.requirement
-            rows.append(
-                [
-                    _render_law(found, law),
-                    requirement_label(required),
-                    requirement_limits(required),
-                    _format_share(each.rate),
-                    escape(last),
-                ]
-            )
-        rows.append(
-            [_render_law(found, law), "all requirements, and flown to the end", "", _format_share(law.all_held), ""]
-        )
+            texts = (requirement_label(each.requirement), requirement_limits(each.requirement))
+            rate = _format_interval(*format_share(each.rate))
+            rows.append([_render_law(found, law), *texts, rate, escape(last)])
+        rate = _format_interval(*format_share(law.all_held))
+        rows.append([_render_law(found, law), "all requirements, and flown to the end", "", rate, ""])
     return render_table(["law", "requirement", "limit", "runs that met it", "worst"], rows)
 
 
@@ -120,7 +112,7 @@ def _render_dispersions(found: CampaignStatistics) -> str:
     if not found.campaign.spreads:
         return "<p>Only gusts and noise varied.</p>"
     file, charts = open_table(found.table), []
-    values, label = list(read_column(file, _IMPORTANCE_FIGURE, found.campaign)), _figure_label(_IMPORTANCE_FIGURE)
+    values, label = list(read_column(file, IMPORTANCE_FIGURE, found.campaign)), _figure_label(IMPORTANCE_FIGURE)
     for name, spread in found.campaign.spreads.items():
         delta = read_column(file, delta_column(name), found.campaign)[0]
         charts.append(draw_responses(label, name, values, delta, spread.value))
@@ -133,38 +125,29 @@ def _render_dispersions(found: CampaignStatistics) -> str:
 
 
 def _render_importance(found: CampaignStatistics) -> str:
-    heads = [
-        "quantity",
-        "from .. to",
-        *(f"{_render_law(found, law)} {escape(_figure_label(n))}" for n in COMPARED_FIGURES for law in found.laws),
-    ]
+    columns = [(figure, law) for figure in COMPARED_FIGURES for law in found.laws]
+    heads = [f"{_render_law(found, law)} {escape(_figure_label(figure))}" for figure, law in columns]
     rows = []
     for name, spread in found.campaign.spreads.items():
-        cells = [
-            _render_bar(law.figures[figure].importance.get(name)) for figure in COMPARED_FIGURES for law in found.laws
-        ]
+        cells = [_render_bar(law.figures[figure].importance.get(name)) for figure, law in columns]
         drawn = f'<span class="interval">{spread.low:g} .. {spread.high:g}</span>'
         rows.append([escape(name), drawn, *cells])
-    return render_table(heads, rows)
+    return render_table(["quantity", "from .. to", *heads], rows)
 
 
 def _render_bar(importance: Importance | None) -> str:
-    if importance is None:
-        return "too few runs"
-    if importance.first_order <= importance.noise:
-        return f'<span class="interval">no effect found (ρ = {importance.rank_correlation:+.2f})</span>'
-    share = 100.0 * importance.first_order
-    bar = f'<span class="share" style="width: {0.6 * share:.1f}px"></span>'
-    return f"{bar}{share:.0f} % (ρ = {importance.rank_correlation:+.2f})"
+    text = format_importance(importance)
+    if importance is None or importance.first_order <= importance.noise:
+        return f'<span class="interval">{text}</span>'
+    return f'<span class="share" style="width: {60.0 * importance.first_order:.1f}px"></span>{text}'
 
 
 def _render_worst(found: CampaignStatistics) -> str:
-    rows = []
+    rows, table = [], escape(str(found.table))
     for law in found.laws:
-        rows += [
-            [_render_law(found, law), escape(what), value, _rerun_command(found, run)]
-            for what, value, run in _notable_runs(law)
-        ]
+        for what, value, run in _notable_runs(law):
+            command = f"<code>gustproof fly --run {table}:{run}</code>"
+            rows.append([_render_law(found, law), escape(what), value, command])
     return render_table(["law", "", "", "command that repeats it over UDP, with the same bits"], rows)
 
 
@@ -181,17 +164,9 @@ def _notable_runs(law: LawStatistics) -> Iterator[tuple[str, str, int]]:
             yield f"requirement: {label} {requirement_limits(passed.requirement)}", format_value(each.value), each.run
 
 
-def _rerun_command(found: CampaignStatistics, run: int) -> str:
-    return f"<code>gustproof fly --run {escape(str(found.table))}:{run}</code>"
-
-
 def _render_group(title: str, charts: Sequence[str]) -> str:
     cells = "".join(f'<div class="chart">{each}</div>' for each in charts if each)
     return cells and f'<article class="group"><h3>{escape(title)}</h3><div class="charts of4">{cells}</div></article>'
-
-
-def _render_legend(found: CampaignStatistics) -> str:
-    return f'<p class="legend">{"".join(f"<span>{_render_law(found, law)}</span>" for law in found.laws)}</p>'
 
 
 def _render_law(found: CampaignStatistics, law: LawStatistics) -> str:
@@ -204,14 +179,5 @@ def _figure_label(name: str) -> str:
     return f"{label} [{unit}]"
 
 
-def _format_estimate(estimate: IntervalEstimate) -> str:
-    return f"{format_value(estimate.value)} {_format_interval(map(format_value, estimate[1:]))}"
-
-
-def _format_share(estimate: IntervalEstimate) -> str:
-    value, interval = format_share(estimate)
-    return f"{value} {_format_interval(interval.split(' .. '))}"
-
-
-def _format_interval(ends: Iterable[str]) -> str:
-    return f'<span class="interval">{" .. ".join(ends)}</span>'
+def _format_interval(value: str, interval: str) -> str:
+    return f'{value} <span class="interval">{interval}</span>'

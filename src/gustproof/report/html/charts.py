@@ -6,40 +6,33 @@ from enum import Enum
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import welch
 
-from gustproof.report.html.runs import Records, ReportRun
+from gustproof.report.html.runs import ReportRun
 from gustproof.scoring.metrics import attitude
+from gustproof.types import Array
 
 MAX_SAMPLES = 20_000
 """Samples of a curve that are drawn unchanged; a longer curve is reduced to the extremes of each section."""
 _SEGMENTS = 4  # without overlap; Welch's method overlaps them by half and averages seven spectra
 
-Array = NDArray[np.float64]
 Values = Callable[[ReportRun], Array]
 
 
 class ChartKind(Enum):
     """Axes of a chart."""
 
-    TIME = "time"
-    """Time and a value; all charts of time share zoom and cursor."""
-    FREQUENCY = "frequency"
-    """Both logarithmic."""
-    PLANE = "plane"
-    """The complex plane, both axes logarithmic away from 0; points without lines."""
+    TIME = "time"  # time and a value; all charts of time share zoom and cursor
+    FREQUENCY = "frequency"  # both logarithmic
+    PLANE = "plane"  # the complex plane, both axes logarithmic away from 0; points without lines
 
 
 class CurveStyle(Enum):
     """Style of a curve."""
 
-    SOLID = "solid"
-    """A line."""
-    DASHED = "dashed"
-    """A dashed line: a bound or a reference."""
-    HOLLOW = "hollow"
-    """Rings instead of dots, in the complex plane."""
+    SOLID = "solid"  # a line
+    DASHED = "dashed"  # a dashed line: a bound or a reference
+    HOLLOW = "hollow"  # rings instead of dots, in the complex plane
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,12 +77,8 @@ class ChartGroup:
     """Explanation below the heading."""
 
 
-def _get_field(name: str) -> Callable[[Records], Array]:
-    return lambda records: np.asarray(records[name])
-
-
-def _from_records(values: Callable[[Records], Array]) -> Values:
-    return lambda run: values(run.records)
+def _field(name: str) -> Values:
+    return lambda run: np.asarray(run.records[name])
 
 
 def _torque_share(run: ReportRun) -> Array:
@@ -98,21 +87,21 @@ def _torque_share(run: ReportRun) -> Array:
 
 
 _HISTORIES: tuple[tuple[str, tuple[str, ...], Values], ...] = (
-    ("Attitude", ("roll φ [deg]", "pitch θ [deg]", "yaw ψ [deg]"), _from_records(lambda r: np.degrees(attitude(r)))),
-    ("Body rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _from_records(_get_field("omega_B"))),
-    ("Commanded rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _from_records(_get_field("omega_command_B"))),
-    ("Commanded torque", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _from_records(_get_field("torque_command_B"))),
-    ("Torque of the actuators", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _from_records(_get_field("torque_B"))),
+    ("Attitude", ("roll φ [deg]", "pitch θ [deg]", "yaw ψ [deg]"), lambda run: np.degrees(attitude(run.records))),
+    ("Body rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _field("omega_B")),
+    ("Commanded rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _field("omega_command_B")),
+    ("Commanded torque", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _field("torque_command_B")),
+    ("Torque of the actuators", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _field("torque_B")),
     ("Saturation", ("largest share of a torque limit [-]; 1 is saturated",), _torque_share),
-    ("Gust, blowing toward", ("forward u [m/s]", "right v [m/s]", "down w [m/s]"), _from_records(_get_field("gust_B"))),
-    ("Angular gust", ("roll [rad/s]", "pitch [rad/s]", "yaw [rad/s]"), _from_records(_get_field("gust_omega_B"))),
-    ("Mean wind, blowing toward", ("north [m/s]", "east [m/s]", "down [m/s]"), _from_records(_get_field("wind_N"))),
-    ("Disturbance moment", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _from_records(_get_field("moment_B"))),
-    ("Thrust of the rotors", tuple(f"rotor {i} [N]" for i in range(1, 5)), _from_records(_get_field("rotors"))),
-    ("Position", ("north [m]", "east [m]", "down [m]"), _from_records(_get_field("position_N"))),
-    ("Velocity", ("north [m/s]", "east [m/s]", "down [m/s]"), _from_records(_get_field("velocity_N"))),
-    ("Link", ("age of the acting command [samples]",), _from_records(_get_field("command_age"))),
-    ("Autopilot", ("mode [number]",), _from_records(lambda r: np.asarray(r["mode"])[:, None])),
+    ("Gust, blowing toward", ("forward u [m/s]", "right v [m/s]", "down w [m/s]"), _field("gust_B")),
+    ("Angular gust", ("roll [rad/s]", "pitch [rad/s]", "yaw [rad/s]"), _field("gust_omega_B")),
+    ("Mean wind, blowing toward", ("north [m/s]", "east [m/s]", "down [m/s]"), _field("wind_N")),
+    ("Disturbance moment", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _field("moment_B")),
+    ("Thrust of the rotors", tuple(f"rotor {i} [N]" for i in range(1, 5)), _field("rotors")),
+    ("Position", ("north [m]", "east [m]", "down [m]"), _field("position_N")),
+    ("Velocity", ("north [m/s]", "east [m/s]", "down [m/s]"), _field("velocity_N")),
+    ("Link", ("age of the acting command [samples]",), _field("command_age")),
+    ("Autopilot", ("mode [number]",), lambda run: run.records["mode"][:, None]),
 )
 """Title, axes and values (n, k) of each group of time histories; constant groups are left out."""
 
@@ -159,17 +148,15 @@ def spectra(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
                 if np.all(density[:, k] > 0.0)
             ]
             label = f"{name} [{bracket_unit(unit)}²/(rad/s)]"
-            charts.append(
-                Chart(
-                    title=label,
-                    x_label="frequency [rad/s]",
-                    kind=ChartKind.FREQUENCY,
-                    curves=merge_curves(curves, "all runs"),
-                )
-            )
+            charts.append(frequency_chart(label, merge_curves(curves, "all runs")))
         if any(chart.curves for chart in charts):
             groups.append(ChartGroup(title=f"Spectrum: {title.partition(',')[0].lower()}", charts=tuple(charts)))
     return tuple(groups)
+
+
+def frequency_chart(title: str, curves: tuple[Curve, ...]) -> Chart:
+    """Return a chart over frequency."""
+    return Chart(title=title, x_label="frequency [rad/s]", kind=ChartKind.FREQUENCY, curves=curves)
 
 
 def bracket_unit(unit: str) -> str:

@@ -11,7 +11,16 @@ from gustproof.analysis.hover_loop import HoverLoop, hover_loop
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, lft
-from gustproof.report.html.charts import Chart, ChartGroup, ChartKind, Curve, CurveStyle, bracket_unit, merge_curves
+from gustproof.report.html.charts import (
+    Chart,
+    ChartGroup,
+    ChartKind,
+    Curve,
+    CurveStyle,
+    bracket_unit,
+    frequency_chart,
+    merge_curves,
+)
 from gustproof.report.html.runs import ReportRun
 from gustproof.synthesis.derive import DesignReport, derive
 from gustproof.synthesis.designs import Design, Weight
@@ -50,21 +59,15 @@ def collect_laws(runs: Sequence[ReportRun]) -> tuple[ReportLaw, ...]:
 
 def frequency_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
     """Return the sensitivities of all laws, and the singular values of each designed law against its weights."""
-    sensitivities = [
-        Chart(
-            title=f"largest singular value of {name} [-]",
-            x_label="frequency [rad/s]",
-            kind=ChartKind.FREQUENCY,
-            curves=tuple(
-                Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=law.hover.sensitivities[name])
-                for law in laws
-                if law.hover.sensitivities
-            ),
+    sensitivities, groups = [], []
+    torque_laws = [law for law in laws if law.hover.sensitivities]
+    for name in ("S", "T"):
+        curves = tuple(
+            Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=law.hover.sensitivities[name])
+            for law in torque_laws
         )
-        for name in ("S", "T")
-    ]
-    groups = []
-    if sensitivities[0].curves:
+        sensitivities.append(frequency_chart(f"largest singular value of {name} [-]", curves))
+    if torque_laws:
         note = "At the plant's input, sampled and delayed as flown. A rate law has no torque loop of its own."
         title = "Sensitivity S and complementary sensitivity T"
         groups.append(ChartGroup(title=title, charts=tuple(sensitivities), note=note))
@@ -75,10 +78,9 @@ def pole_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
     """Return the poles of each law and of its closed loop in the complex plane."""
     charts = []
     for law in laws:
-        curves = (
-            [_pole_curve("loop", None, law.hover.loop_poles, CurveStyle.HOLLOW)] if len(law.hover.loop_poles) else []
-        )
-        curves.append(_pole_curve("law", law.colour, law.hover.law_poles, CurveStyle.SOLID))
+        curves = [_pole_curve("law", law.colour, law.hover.law_poles, CurveStyle.SOLID)]
+        if len(law.hover.loop_poles):
+            curves.insert(0, _pole_curve("loop", None, law.hover.loop_poles, CurveStyle.HOLLOW))
         title = f"{law.label}: imaginary part [rad/s]"
         charts.append(Chart(title=title, x_label="real part [rad/s]", kind=ChartKind.PLANE, curves=tuple(curves)))
     note = "log(z)/dt of the law at level attitude and of the loop at hover. Axes are logarithmic away from 0."
@@ -99,12 +101,10 @@ def _weight_charts(label: str, report: DesignReport) -> ChartGroup:
     inputs = [("w_d", "moment", "N m", design.W_d), ("w_n", "gyro noise", "rad/s", design.W_n)]
     if design.W_r is not None:
         inputs.append(("w_r", "reference", "rad", design.W_r))
+    outputs = (("z_e", "attitude error", "rad", design.W_e), ("z_u", "command", command, design.W_u))
     charts = []
     for w, cause, cause_unit, W_in in inputs:
-        for z, effect, effect_unit, W_out in (
-            ("z_e", "attitude error", "rad", design.W_e),
-            ("z_u", "command", command, design.W_u),
-        ):
+        for z, effect, effect_unit, W_out in outputs:
             rows, columns = _component_slice(problem.z, z), _component_slice(problem.w, w)
             scale = _weight_gains(W_out.system()) * _weight_gains(W_in.system())
             gains = np.abs(np.diagonal(response[:, rows, columns], 0, 1, 2)) / scale
@@ -114,14 +114,7 @@ def _weight_charts(label: str, report: DesignReport) -> ChartGroup:
     allowed = np.full(len(_OMEGA), level)
     bound = Curve(label=f"γ = {level:.4g}", colour=None, x=_OMEGA, y=allowed, style=CurveStyle.DASHED)
     largest = Curve(label="w to z", colour=0, x=_OMEGA, y=weighted)
-    charts.append(
-        Chart(
-            title="weighted: largest singular value [-]",
-            x_label="frequency [rad/s]",
-            kind=ChartKind.FREQUENCY,
-            curves=(bound, largest),
-        )
-    )
+    charts.append(frequency_chart("weighted: largest singular value [-]", (bound, largest)))
     note = (
         f"Design {design.name}, in its own continuous model with its leak. Solid: the gain of each axis, a singular "
         "value at hover, where the axes do not couple. Dashed: the bound set by the weights and the level γ."
@@ -138,7 +131,7 @@ def _bounded_chart(title: str, gains: Matrix, bounds: Matrix) -> Chart:
         *merge_curves(curves, "bound, all axes"),
         *(Curve(label=axis, colour=k, x=_OMEGA, y=gains[:, k]) for k, axis in enumerate(_AXES)),
     ]
-    return Chart(title=title, x_label="frequency [rad/s]", kind=ChartKind.FREQUENCY, curves=tuple(curves))
+    return frequency_chart(title, tuple(curves))
 
 
 def _component_slice(names: tuple[str, ...], name: str) -> slice:
@@ -161,12 +154,11 @@ def _rederive(law: Law) -> DesignReport | None:
         again, report = derive(design, load_vehicle(design.vehicle))
     except (ConfigError, DesignError, ValueError, KeyError):  # a user's own: a vehicle or a weight is missing
         return None
-    same = again.order == law.order and again.output is law.output
-    return report if same and all(_is_close(getattr(again, name), getattr(law, name)) for name in "ABCDG") else None
-
-
-def _is_close(one: Matrix, other: Matrix) -> bool:
-    return bool(np.allclose(one, other, rtol=0.0, atol=_SAME_TOLERANCE * max(float(np.max(np.abs(other))), 1.0)))
+    if again.order != law.order or again.output is not law.output:
+        return None
+    pairs = [(getattr(again, name), getattr(law, name)) for name in "ABCDG"]
+    same = all(np.max(np.abs(a - b)) <= _SAME_TOLERANCE * max(float(np.max(np.abs(b))), 1.0) for a, b in pairs)
+    return report if same else None
 
 
 def _parse_design(law: Law) -> Design:
@@ -196,13 +188,6 @@ def _parse_design(law: Law) -> Design:
 
 def _parse_weight(name: str, known: dict[str, float]) -> Weight:
     corner = known.get(f"{name}_corner_rad_s")
-    low, high = ("", "") if corner is None else ("_low", "_high")
-    return Weight(
-        low=_axis_values(f"{name}{low}", known),
-        high=_axis_values(f"{name}{high}", known),
-        corner=1.0 if corner is None else corner,
-    )
-
-
-def _axis_values(name: str, known: dict[str, float]) -> tuple[float, float, float]:
-    return known[f"{name}_roll"], known[f"{name}_pitch"], known[f"{name}_yaw"]
+    ends = [f"{name}{end}" for end in (("", "") if corner is None else ("_low", "_high"))]
+    low, high = ((known[f"{end}_roll"], known[f"{end}_pitch"], known[f"{end}_yaw"]) for end in ends)
+    return Weight(low=low, high=high, corner=1.0 if corner is None else corner)

@@ -1,6 +1,19 @@
-"""Tables as HTML."""
+"""Pages and tables as HTML."""
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
+
+
+def read_asset(name: str) -> str:
+    """Return the text of a shipped part of a page."""
+    return (files("gustproof.report") / "assets" / name).read_text(encoding="utf-8")
+
+
+def fill_page(template: str, parts: Mapping[str, str]) -> str:
+    """Return the page whose head is common to all pages and whose body is `template`, with its `parts` filled in."""
+    page = read_asset("head.html") + read_asset(template)
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], page)
 
 
 def render_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -10,25 +10,21 @@ import re
 import zlib
 from collections.abc import Iterable, Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gustproof.recording.folder import write_atomic
-from gustproof.report.html.charts import MAX_SAMPLES, ChartGroup, Curve, spectra, time_histories
+from gustproof.report.html.charts import MAX_SAMPLES, Chart, ChartGroup, Curve, spectra, time_histories
 from gustproof.report.html.loops import collect_laws, frequency_charts, pole_charts
+from gustproof.report.html.markup import fill_page, read_asset
 from gustproof.report.html.runs import ReportRun
 from gustproof.report.html.tables import render_flights, render_margins, render_requirements
+from gustproof.types import Array
 from gustproof.version import __version__
 
-_ASSETS = files("gustproof.report") / "assets"
 _SCRIPTS = ("uPlot.min.js", "numbers.js", "charts.js", "attitude.js", "replay.js", "page.js")
-_STYLES = ("uPlot.min.css", "page.css")
-
-Array = NDArray[np.float64]
 
 
 def write_report(runs: Sequence[ReportRun], path: Path) -> None:
@@ -51,35 +47,25 @@ def render_page(runs: Sequence[ReportRun]) -> str:
         "sections": sections,
         "name": re.sub(r"[^\w.-]+", "-", scenarios),
     }
-    parts = {
-        "title": escape(f"{scenarios}: {', '.join(run.label for run in runs)}"),
-        "scenarios": "".join(f"<p>{escape(text)}</p>" for text in _describe_scenarios(runs)),
-        "flights": render_flights(runs) + render_requirements(runs),
-        "margins": render_margins(laws),
-        "footer": escape(_render_footer(runs)),
-        "licence": escape(_read_asset("uPlot.LICENSE")),
-        "styles": "\n".join(_read_asset(name) for name in _STYLES),
-        # no text in the JSON may end the script
-        "page": json.dumps(page, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
-        "numbers": numbers.encode(),
-        "scripts": "\n".join(f"<script>\n{_read_asset(name)}\n</script>" for name in _SCRIPTS),
-    }
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _read_asset("page.html"))
-
-
-def _read_asset(name: str) -> str:
-    return (_ASSETS / name).read_text(encoding="utf-8")
-
-
-def _describe_scenarios(runs: Iterable[ReportRun]) -> list[str]:
-    return list(dict.fromkeys(f"{run.scenario.name}: {run.scenario.description}" for run in runs))
-
-
-def _render_footer(runs: Sequence[ReportRun]) -> str:
+    described = [f"{run.scenario.name}: {run.scenario.description}" for run in runs]
     flown = ", ".join(dict.fromkeys(run.versions["gustproof"] for run in runs))
     thinned = max(len(run.records) for run in runs) > MAX_SAMPLES
     shown = f" Curves of long flights show the extremes of {MAX_SAMPLES // 2} sections." if thinned else ""
-    return f"Flown by gustproof {flown}, drawn by gustproof {__version__}.{shown}"
+    parts = {
+        "title": escape(f"{scenarios}: {', '.join(run.label for run in runs)}"),
+        "scenarios": "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(described)),
+        "flights": render_flights(runs) + render_requirements(runs),
+        "margins": render_margins(laws),
+        "footer": escape(f"Flown by gustproof {flown}, drawn by gustproof {__version__}.{shown}"),
+        "licence": escape(read_asset("uPlot.LICENSE")),
+        "policy": "script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:",
+        "styles": f"{read_asset('uPlot.min.css')}\n{read_asset('page.css')}",
+        # no text in the JSON may end the script
+        "page": json.dumps(page, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
+        "numbers": numbers.encode(),
+        "scripts": "\n".join(f"<script>\n{read_asset(name)}\n</script>" for name in _SCRIPTS),
+    }
+    return fill_page("page.html", parts)
 
 
 class _NumberBlock:
@@ -107,19 +93,7 @@ class _NumberBlock:
     def encode_groups(self, groups: Iterable[ChartGroup]) -> list[dict[str, Any]]:
         """Return groups of charts in the form that the page's script reads."""
         return [
-            {
-                "title": group.title,
-                "note": group.note,
-                "charts": [
-                    {
-                        "title": chart.title,
-                        "x": chart.x_label,
-                        "kind": chart.kind.value,
-                        "curves": [self._encode_curve(curve) for curve in chart.curves],
-                    }
-                    for chart in group.charts
-                ],
-            }
+            {"title": group.title, "note": group.note, "charts": [*map(self._encode_chart, group.charts)]}
             for group in groups
         ]
 
@@ -131,6 +105,10 @@ class _NumberBlock:
             "q_NB": [self.add(column) for column in records["q_NB"].T],
             "gust_B": [self.add(column) for column in records["gust_B"].T],
         }
+
+    def _encode_chart(self, chart: Chart) -> dict[str, Any]:
+        curves = [self._encode_curve(curve) for curve in chart.curves]
+        return {"title": chart.title, "x": chart.x_label, "kind": chart.kind.value, "curves": curves}
 
     def _encode_curve(self, curve: Curve) -> dict[str, Any]:
         offsets = {"x": self.add(curve.x), "y": self.add(curve.y)}

@@ -5,53 +5,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from firmware_model.config.files import validate
-from firmware_model.config.scenario import Scenario
-from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
-from gustproof.law.form import Law, parse_law
+from gustproof.law.form import Law
 from gustproof.recording.bag import read_bag
 from gustproof.recording.folder import find_bags
-from gustproof.scoring.metrics import Metrics, measure
-from gustproof.scoring.requirements import RequirementResult, judge
+from gustproof.simulate.flight import Flight, parse_plan
+from gustproof.simulate.outcome import FlightOutcome
+from gustproof.types import Records
 
 MAX_RUNS = 12
 """Most flights on a page: more curves cannot be told apart."""
 
-Records = NDArray[np.void]
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReportRun(Flight):
+    """One recorded flight of a law."""
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ReportRun:
-    """One recorded flight."""
-
-    label: str
-    """Name beside the other runs."""
-    bag: Path
-    """Folder of the bag."""
-    scenario: Scenario
-    """Scenario of the flight."""
-    vehicle: Vehicle
-    """Vehicle of the flight."""
     law: Law
     """Law of the flight."""
-    seed: int
-    """Seed of gusts and noise."""
-    outcome: str
-    """End of the flight, a value of `FlightOutcome`."""
+    label: str
+    """Name beside the other runs."""
     versions: Mapping[str, str]
     """Versions of the software that flew it."""
-    pace: Mapping[str, int] | None
-    """Missed deadlines and lateness in real time, as in `Flight`; `None` in lockstep."""
-    records: Records
-    """(n,) the journal's records."""
-    metrics: Metrics
-    """Figures of the flight."""
-    requirements: tuple[RequirementResult, ...]
-    """Verdict on each requirement of the scenario."""
 
 
 def read_runs(paths: Iterable[Path]) -> tuple[ReportRun, ...]:
@@ -75,28 +50,15 @@ def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) ->
         raise ConfigError(f"{bag}: {len(records)} samples, a report needs at least 2")
     if about.get("law", ...) is None:
         raise ConfigError(f"{bag}: flown by a controller of its own; a page needs its law")
+    plan = parse_plan(about, bag)
     try:
-        law = {key: value for key, value in about["law"].items() if key != "order"}
-        scenario, vehicle = about["scenario"], about["vehicle"]
-        seed, outcome, versions = int(about["seed"]), str(about["outcome"]), dict(about["versions"])
-        pace = {name: int(value) for name, value in about["pace"].items()} if "pace" in about else None
+        outcome, versions = FlightOutcome[str(about["outcome"]).upper()], dict(about["versions"])
+        timing = {name: int(value) for name, value in about["pace"].items()} if "pace" in about else None
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise ConfigError(f"{bag}: does not say what was flown") from None
-    script, airframe = validate(Scenario, scenario, f"{bag}: scenario"), validate(Vehicle, vehicle, f"{bag}: vehicle")
-    return ReportRun(
-        label=label,
-        bag=bag,
-        scenario=script,
-        vehicle=airframe,
-        law=parse_law(law, f"{bag}: law"),
-        seed=seed,
-        outcome=outcome,
-        versions=versions,
-        pace=pace,
-        records=records,
-        metrics=measure(records, airframe, script, 0.0),
-        requirements=judge(records, script, airframe),
-    )
+    flown = {name: value for name, value in plan._asdict().items() if name != "real_time"}
+    said: dict[str, Any] = {"outcome": outcome, "message": outcome.value, "timing": timing, "versions": versions}
+    return ReportRun(**flown, **said, label=label, bag=bag, records=records)
 
 
 def _unique_labels(flights: list[dict[str, Any]]) -> list[str]:

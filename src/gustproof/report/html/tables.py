@@ -1,16 +1,16 @@
 """Tables of the page: flights, figures, requirements, margins."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 
+from gustproof.analysis.analyse import pole_pairs
 from gustproof.report.html.loops import ReportLaw
 from gustproof.report.html.markup import render_table
 from gustproof.report.html.runs import ReportRun
-from gustproof.report.loop_tables import MARGINS, format_margin, format_poles
+from gustproof.report.laws import MARGINS, format_margin, format_poles
 from gustproof.report.terminal import figure_rows
 from gustproof.scoring.requirements import requirement_label, requirement_limits, requirement_window
-from gustproof.simulate.flight import warnings
 from gustproof.synthesis.derive import margins_to_dict
 
 _AXES = ("roll", "pitch", "yaw")
@@ -24,27 +24,30 @@ _PACE = {
 
 
 def render_flights(runs: Sequence[ReportRun]) -> str:
-    """Return laws, flights and figures, one column for each flight."""
+    """Return laws, flights and figures, one column for each flight; rows without content are left out."""
     head = ["", *(f'<i class="chip" style="--chip: var(--c{i % 7})"></i>{escape(r.label)}' for i, r in enumerate(runs))]
-    facts: dict[str, list[str]] = {
-        "law": [f"{run.law.name}, {run.law.order} states" for run in runs],
-        "made by": [run.law.provenance.design for run in runs],
-        "scenario": [run.scenario.name for run in runs],
-        "vehicle": [run.vehicle.name for run in runs],
-        "seed": [str(run.seed) for run in runs],
-        "outcome": [run.outcome for run in runs],
-        "flown": [f"{len(run.records) * run.scenario.dt:g} s of {run.scenario.duration_s:g} s" for run in runs],
-    }
-    if any(lines := ["; ".join(warnings(run.scenario, run.law, run.vehicle)) for run in runs]):
-        facts["warning"] = lines
-    rows = [[escape(name), *map(escape, cells)] for name, cells in facts.items()]
-    for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs)}):
-        rows.append([escape(f"{label} [{unit}]" if unit else label), *cells])
+    shown = [*_facts(runs), *_figures(runs)]
+    return render_table(head, [[escape(name), *map(escape, cells)] for name, cells in shown if any(cells)])
+
+
+def _facts(runs: Sequence[ReportRun]) -> list[tuple[str, list[str]]]:
+    return [
+        ("law", [f"{run.law.name}, {run.law.order} states" for run in runs]),
+        ("made by", [run.law.provenance.design for run in runs]),
+        ("scenario", [run.scenario.name for run in runs]),
+        ("vehicle", [run.vehicle.name for run in runs]),
+        ("seed", [str(run.seed) for run in runs]),
+        ("outcome", [run.outcome.name.lower() for run in runs]),
+        ("flown", [f"{len(run.records) * run.scenario.dt:g} s of {run.scenario.duration_s:g} s" for run in runs]),
+        ("warning", ["; ".join(run.warnings) for run in runs]),
+    ]
+
+
+def _figures(runs: Sequence[ReportRun]) -> Iterator[tuple[str, Sequence[str]]]:
+    for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs) if run.metrics}):
+        yield f"{label} [{unit}]" if unit else label, cells
     for name, label in _PACE.items():
-        cells = tuple(str((run.pace or {}).get(name, "")) for run in runs)
-        if any(cells):
-            rows.append([label, *cells])
-    return render_table(head, rows)
+        yield label, [str((run.timing or {}).get(name, "")) for run in runs]
 
 
 def render_requirements(runs: Sequence[ReportRun]) -> str:
@@ -55,19 +58,11 @@ def render_requirements(runs: Sequence[ReportRun]) -> str:
         for result in run.requirements:
             required = result.requirement
             mark = "good" if result.is_met else "bad" if result.judged else "interval"
-            outcome = (
-                f"{'held' if result.is_met else 'not held'}, {_format_value(result.margin)}"
-                if result.judged
-                else "not judged"
-            )
-            texts = (
-                requirement_label(required),
-                requirement_window(required),
-                requirement_limits(required),
-                run.label,
-                _format_value(result.value),
-            )
-            rows.append([*map(escape, texts), f'<span class="{mark}">{outcome}</span>'])
+            held = f"{'held' if result.is_met else 'not held'}, {_format_value(result.margin)}"
+            window, limits = requirement_window(required), requirement_limits(required)
+            texts = (requirement_label(required), window, limits, run.label, _format_value(result.value))
+            outcome = f'<span class="{mark}">{held if result.judged else "not judged"}</span>'
+            rows.append([*map(escape, texts), outcome])
     return f"<h3>Requirements</h3>{render_table(head, rows)}" if rows else ""
 
 
@@ -80,8 +75,8 @@ def render_margins(laws: Iterable[ReportLaw]) -> str:
     heads = ["law", "axis", *(name.replace("\n", " ") for name in MARGINS.values()), "disk [-]"]
     rows, poles = [], []
     for law in laws:
-        pairs = [(float(pole.real), float(pole.imag)) for pole in sorted(law.hover.law_poles, key=abs)]
-        poles.append(f"<p>Poles of {escape(law.label)} [rad/s]: {escape(format_poles(pairs))}</p>")
+        written = format_poles(pole_pairs(law.hover.law_poles))
+        poles.append(f"<p>Poles of {escape(law.label)} [rad/s]: {escape(written)}</p>")
         if law.hover.margins is None:
             reason = "no torque loop or an unstable one: no margins"
             rows.append([escape(law.label), reason, *[""] * (len(heads) - 2)])

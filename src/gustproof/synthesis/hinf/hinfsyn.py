@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg.lapack import dgesv
 
 from gustproof.errors import DesignError
-from gustproof.lti.norms import Peak, hinf_norm
+from gustproof.lti.norms import hinf_norm
 from gustproof.lti.riccati import RiccatiError, stabilizing_solution
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, largest_gain, lft
 from gustproof.synthesis.hinf.conditions import NormalizedPlant, normalize
@@ -150,35 +150,28 @@ def hinfsyn(
 
 
 def _synthesize(plant: Lti, problem: NormalizedPlant, gamma: float | None, backoff: float) -> HinfResult:
-    halves = _riccati_pair(problem)
+    A, B, C, D, m1, p1 = problem.A, problem.B, problem.C, problem.D, problem.m1, problem.p1
+    halves = (_riccati_data(A, B, C[:p1], D[:p1], m1), _riccati_data(A.T, C.T, B[:, :m1].T, D[:, :m1].T, p1))
     gamma_opt = _least_level(halves, problem.floor)
     level = backoff * gamma_opt if gamma is None else gamma
     if level <= gamma_opt:
         raise DesignError(f"no controller at gamma = {level:.6g}: the least level is {gamma_opt:.6g}")
     solution = _solve(halves, level)
-    _require_controller(solution, level)
+    if not solution.definite:
+        raise DesignError(f"no controller at gamma = {level:.6g}: a Riccati solution is not positive semidefinite")
+    if solution.margin <= 0.0:
+        raise DesignError(f"no controller at gamma = {level:.6g}: the spectral radius of XY is not below gamma^2")
     K = _decouple(_central_controller(problem, solution, level), plant)
-    peak = _checked_norm(plant, K, level)
-    return HinfResult(
-        controller=K,
-        gamma_opt=gamma_opt,
-        gamma=level,
-        norm=peak.gain,
-        omega=peak.omega,
-        X=solution.X,
-        Y=solution.Y,
-    )
-
-
-def _checked_norm(plant: Lti, K: Lti, gamma: float) -> Peak:
-    """Return the norm of the closed loop, or raise if it is not below the level of the design."""
+    spoilt = f"rounding spoilt the controller at gamma = {level:.6g}"
     try:
         peak = hinf_norm(lft(plant, K))
     except ValueError as error:
-        raise DesignError(f"rounding spoilt the controller at gamma = {gamma:.6g}: {error}") from None
-    if not peak.gain < gamma:
-        raise DesignError(f"rounding spoilt the controller at gamma = {gamma:.6g}: its norm is {peak.gain:.6g}")
-    return peak
+        raise DesignError(f"{spoilt}: {error}") from None
+    if not peak.gain < level:
+        raise DesignError(f"{spoilt}: its norm is {peak.gain:.6g}")
+    return HinfResult(
+        controller=K, gamma_opt=gamma_opt, gamma=level, norm=peak.gain, omega=peak.omega, X=solution.X, Y=solution.Y
+    )
 
 
 def _least_level(halves: tuple[_RiccatiData, _RiccatiData], floor: float) -> float:
@@ -227,12 +220,6 @@ def _margin(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> float:
         return -np.inf
 
 
-def _riccati_pair(problem: NormalizedPlant) -> tuple[_RiccatiData, _RiccatiData]:
-    A, B, C, m1, p1 = problem.A, problem.B, problem.C, problem.m1, problem.p1
-    B1, C1, D1 = B[:, :m1], C[:p1], problem.D[:p1]
-    return _riccati_data(A, B, C1, D1, m1), _riccati_data(A.T, C.T, B1.T, problem.D[:, :m1].T, p1)
-
-
 def _riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int) -> _RiccatiData:
     natural_size = float(largest_gain(C1) ** 2 / largest_gain(A)) if np.any(A) else 1.0
     J = np.diag((np.arange(D1.shape[1]) < m1).astype(np.float64))
@@ -276,13 +263,6 @@ def _solve_riccati(half: _RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bo
     return X, -(RS + RB @ X), bool(definite)
 
 
-def _require_controller(solution: _Solution, gamma: float) -> None:
-    if not solution.definite:
-        raise DesignError(f"no controller at gamma = {gamma:.6g}: a Riccati solution is not positive semidefinite")
-    if solution.margin <= 0.0:
-        raise DesignError(f"no controller at gamma = {gamma:.6g}: the spectral radius of XY is not below gamma^2")
-
-
 def _central_controller(problem: NormalizedPlant, solution: _Solution, gamma: float) -> Lti:
     """Return the central controller in the plant's own coordinates, states, inputs and outputs.
 
@@ -321,9 +301,5 @@ def _decouple(K: Lti, P: Lti) -> Lti:
     for _ in range(len(joined).bit_length()):  # each product doubles the length of the paths
         joined = np.minimum(joined @ joined, 1.0)
     x, u, y = slice(n), slice(n + m - K.n_outputs, n + m), slice(n + m + p - K.n_inputs, n + m + p)
-    return Lti(
-        A=np.where(joined[x, x], K.A, 0.0),
-        B=np.where(joined[x, y], K.B, 0.0),
-        C=np.where(joined[u, x], K.C, 0.0),
-        D=np.where(joined[u, y], K.D, 0.0),
-    )
+    A, B = np.where(joined[x, x], K.A, 0.0), np.where(joined[x, y], K.B, 0.0)
+    return Lti(A=A, B=B, C=np.where(joined[u, x], K.C, 0.0), D=np.where(joined[u, y], K.D, 0.0))

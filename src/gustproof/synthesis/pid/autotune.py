@@ -52,20 +52,9 @@ def measure_response(
 ) -> Response:
     """Fly the experiment on one axis, direct route, with the vehicle's gyro noise, and estimate the response.
 
-    Parameters
-    ----------
-    vehicle
-        Vehicle to fly. Of its parameters the tuner uses only the inertia, for the gains of the weak stabilising law.
-    axis
-        0 roll, 1 pitch, 2 yaw.
-    bandwidth
-        [rad/s] target; the sines are at `RATIOS` times it.
-    amplitude
-        [N*m] of each of the five sines.
-    control_rate
-        [Hz] rate of samples and commands.
-    seed
-        Seed of the gyro noise.
+    Of the vehicle's parameters the tuner uses only the inertia, for the gains of the weak stabilising law. The sines
+    are at `RATIOS` times the target `bandwidth` [rad/s], each of `amplitude` [N*m]; samples and commands come at
+    `control_rate` [Hz].
 
     Raises
     ------
@@ -81,7 +70,7 @@ def measure_response(
         description="frequency-response experiment in still air",
         duration_s=math.ceil((_SETTLING + _PERIODS) * period),
         control_rate_hz=control_rate,
-        physics_rate_hz=_physics_rate(control_rate),
+        physics_rate_hz=control_rate * math.ceil(1000 / control_rate),  # at least 1 kHz
     )
     time = np.arange(scenario.samples) * scenario.dt
     reference = np.zeros((scenario.samples, 3))
@@ -102,18 +91,8 @@ def tune_axis(response: Response, inertia: float, dt: float, *, phase_margin: fl
     """Return the cascade's gains: rate PI at three times the target bandwidth, then angle P at the bandwidth itself.
 
     The PI gives the inner loop unit gain and the phase margin at its frequency. The P gives the outer loop unit gain at
-    its own; the phase margin there is checked.
-
-    Parameters
-    ----------
-    response
-        Result of `measure_response`.
-    inertia
-        [kg*m^2] moment of inertia, divides the torque gains.
-    dt
-        [s] sample time.
-    phase_margin
-        [rad] margin of the inner loop, and least margin of the outer.
+    its own; the phase margin there is checked. `phase_margin` [rad] is that of the inner loop, and the least of the
+    outer. The `inertia` [kg*m^2] divides the torque gains; `dt` [s] is the sample time.
 
     Raises
     ------
@@ -151,22 +130,9 @@ def autotune_pid(
 ) -> Law:
     """Return the cascade of two states an axis, with gains from a flight experiment on each axis.
 
-    Parameters
-    ----------
-    vehicle
-        Vehicle to fly.
-    name
-        Name of the law.
-    bandwidth
-        [rad/s] target of the attitude loop; defaults to that of the paper's tool.
-    phase_margin
-        [rad] target; defaults to that of the paper's tool.
-    amplitude
-        [rad/s^2] of each sine, as angular acceleration.
-    control_rate
-        [Hz] rate of samples and commands.
-    seed
-        Seed of the gyro noise in the experiment.
+    `bandwidth` [rad/s] and `phase_margin` [rad] are the targets of the attitude loop; they default to those of the
+    paper's tool. Each sine of the experiment has the `amplitude` [rad/s^2], as angular acceleration. Samples and
+    commands come at `control_rate` [Hz].
 
     Raises
     ------
@@ -186,16 +152,11 @@ def autotune_pid(
             vehicle, axis, bandwidth=bandwidth, amplitude=amplitude * inertia, control_rate=control_rate, seed=seed
         )
         gains.append(tune_axis(response, inertia, dt, phase_margin=phase_margin))
+    targets = {"bandwidth_rad_s": bandwidth, "phase_margin_rad": phase_margin}
     provenance = Provenance(
         design="cascaded PID by an autotuner: frequency-response experiment flown, then bandwidth and phase margin",
         vehicle=vehicle.name,
-        parameters={
-            "bandwidth_rad_s": bandwidth,
-            "phase_margin_rad": phase_margin,
-            "amplitude_rad_s2": amplitude,
-            "seed": float(seed),
-            **gain_parameters(gains),
-        },
+        parameters={**targets, "amplitude_rad_s2": amplitude, "seed": float(seed), **gain_parameters(gains)},
         version=__version__,
     )
     axes = [plain_axis(g, inertia, dt) for g, inertia in zip(gains, vehicle.inertia_B, strict=True)]
@@ -218,8 +179,3 @@ def phasors(time: Matrix, signal: Matrix, omega: Matrix) -> ComplexVector:
     trend = np.stack([np.ones_like(time), time / time[-1]], axis=1)
     found = np.linalg.lstsq(np.hstack([np.cos(angle), np.sin(angle), trend]), signal)[0]
     return np.asarray(found[: omega.size] - 1j * found[omega.size : 2 * omega.size])
-
-
-def _physics_rate(control_rate: int) -> int:
-    """Return the least multiple [Hz] of the control rate that is at least 1 kHz."""
-    return control_rate * math.ceil(1000 / control_rate)

@@ -1,7 +1,7 @@
 """Search the gains of one axis for the least attitude error and weighted torque slew at a given sensitivity peak.
 
 Error and slew are those of `gustproof.performance.covariance`; complex steps give exact derivatives. The sensitivity is
-constrained on a grid of frequencies, for the nominal plant and, with a separate peak, for plants off nominal.
+constrained on a grid of frequencies, for the nominal plant and, with a peak each, for plants off nominal.
 """
 
 import math
@@ -52,40 +52,28 @@ class _Loop(NamedTuple):
 class AxisSearch:
     """Search for one axis with fixed plants, peaks and air; each call takes its own weight of slew.
 
-    Parameters
-    ----------
-    model
-        Nominal axis.
-    others
-        Axis off nominal; differs from `model` in the plant only.
-    peak, peak_of_others
-        [-] largest sensitivity peaks.
+    `peak` is the largest sensitivity peak [-] of `model`. `others` are the axis off nominal, in plant or delay only,
+    each with its own largest peak.
     """
 
-    def __init__(self, model: AxisModel, others: Sequence[AxisModel], peak: float, peak_of_others: float) -> None:
+    def __init__(self, model: AxisModel, peak: float, others: Sequence[tuple[AxisModel, float]]) -> None:
         self._model = model
         self._flight = _add_strapdown(augmented_axis(model))
         dt = model.plant.dt
         omega = np.geomspace(0.5, 0.999 * math.pi / dt, _GRID)
         z = np.exp(1j * omega * dt)
         self._s = 2.0 / dt * (z - 1.0) / (z + 1.0)
-        delayed = z**-model.delay_samples * model.inertia
-        plants = [each.plant.response(omega)[:, 0, 0] * delayed for each in (model, *others)]
-        self._plants = np.array(plants)
-        peaks = np.array([peak] + [peak_of_others] * len(others))
-        self._log_peaks = np.log(peaks * (1.0 - _GRID_MARGIN))[:, None]
+        plants, peaks = zip((model, peak), *others, strict=True)
+        self._plants = np.array(
+            [each.plant.response(omega)[:, 0, 0] * (z**-each.delay_samples * model.inertia) for each in plants]
+        )
+        self._log_peaks = np.log(np.array(peaks) * (1.0 - _GRID_MARGIN))[:, None]
 
     def search(self, starts: Sequence[BiquadGains], weight: float) -> SearchResult | None:
         """Return the best local optimum over all `starts`; `None` if none is stable and within the peaks.
 
-        Sequential quadratic programming (SLSQP) on the logarithms of the values.
-
-        Parameters
-        ----------
-        starts
-            Initial gains, not necessarily stable.
-        weight
-            [s^2 rad^2/(N*m)^2] weight of mean square slew.
+        Sequential quadratic programming (SLSQP) on the logarithms of the values; starts need not be stable. `weight`
+        [s^2 rad^2/(N*m)^2] is that of mean square slew.
         """
         found = [each for each in (self._minimize_from(np.log(np.array(start)), weight) for start in starts) if each]
         return min(found, key=lambda each: each.cost, default=None)
@@ -108,15 +96,13 @@ class AxisSearch:
         return math.log(value), costs.imag / (_STEP * value)
 
     def _minimize_from(self, start: Matrix, weight: float) -> SearchResult | None:
-        def cost(z: Matrix) -> tuple[float, Matrix]:
-            return self.cost(z, weight)
-
         constraint = scipy.optimize.NonlinearConstraint(
             lambda z: self.margins(z)[0], 0.0, np.inf, jac=lambda z: self.margins(z)[1]
         )
         found = scipy.optimize.minimize(
-            cost,
+            self.cost,
             start,
+            args=(weight,),
             jac=True,
             method="SLSQP",
             bounds=scipy.optimize.Bounds(np.log(_LOWER), np.log(_UPPER)),
@@ -149,10 +135,7 @@ def _add_strapdown(flight: Lti) -> Lti:
     """Return the axis with one more output before the gyro: the law's own attitude, by the trapezoidal sum."""
     n, dt, gyro, feedthrough = flight.order, flight.dt, flight.C[2:], flight.D[2:]
     zero, one = np.zeros((1, 1)), np.ones((1, 1))
-    return Lti(
-        A=np.block([[flight.A, np.zeros((n, 1))], [dt * gyro, one]]),
-        B=np.vstack([flight.B, dt * feedthrough]),
-        C=np.block([[flight.C[:2], np.zeros((2, 1))], [0.5 * dt * gyro, one], [gyro, zero]]),
-        D=np.vstack([flight.D[:2], 0.5 * dt * feedthrough, feedthrough]),
-        dt=dt,
-    )
+    A = np.block([[flight.A, np.zeros((n, 1))], [dt * gyro, one]])
+    C = np.block([[flight.C[:2], np.zeros((2, 1))], [0.5 * dt * gyro, one], [gyro, zero]])
+    D = np.vstack([flight.D[:2], 0.5 * dt * feedthrough, feedthrough])
+    return Lti(A=A, B=np.vstack([flight.B, dt * feedthrough]), C=C, D=D, dt=dt)

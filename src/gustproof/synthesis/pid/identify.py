@@ -30,14 +30,7 @@ class RateLoop:
 def identify_rate_loop(vehicle: Vehicle, *, amplitude: float = 0.05, seed: int = 1) -> RateLoop:
     """Fly sines of five frequencies on each axis' rate set-point, in still air with gyro noise, and fit a lag.
 
-    Parameters
-    ----------
-    vehicle
-        Vehicle to fly, with its on-board gains.
-    amplitude
-        [rad/s] of each sine.
-    seed
-        Seed of the gyro noise.
+    The vehicle flies with its on-board gains. Each sine has the `amplitude` [rad/s].
 
     Examples
     --------
@@ -64,7 +57,7 @@ def _measure_response(vehicle: Vehicle, axis: int, amplitude: float, seed: int) 
         A=np.zeros((1, 1)),
         B=np.zeros((1, 6)),
         C=np.zeros((3, 1)),
-        D=np.hstack([np.zeros((3, 3)), np.eye(3)]),
+        D=np.eye(3, 6, 3),
         G=np.zeros((1, 3)),
         H=np.zeros((1, 3)),
         dt=scenario.dt,

@@ -21,16 +21,13 @@ import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.law.cascade import AxisLaw, cascade_law
+from gustproof.law.cascade import AxisLaw, cascade_law, limit_by_reference
 from gustproof.law.discretize import tustin
 from gustproof.law.form import Law, Provenance
 from gustproof.lti.state_space import Lti
 from gustproof.performance.covariance import AxisModel, axis_models
-from gustproof.synthesis.pid.tuning import tune
+from gustproof.synthesis.pid.tuning import SENSITIVITY_PEAK, SLEW, axis_parameters, tune
 from gustproof.version import __version__
-
-_START = (4.0, 8.0, 8.0, 0.7)
-"""Start of the search: low gains, stable for an actuator lag up to .05 s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +56,13 @@ class IndiGains:
                 raise ValueError(f"{name} is {value!r}, must be positive and finite")
 
 
-def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, dt: float) -> AxisLaw:
+_START = IndiGains(angle_p=4.0, rate_p=8.0, cutoff=8.0, damping=0.7)
+"""Start of the search: low gains, stable for an actuator lag up to .05 s."""
+
+
+def indi_axis(
+    gains: IndiGains, inertia: float, lag: float, delay_samples: int, dt: float, rate_limit: float | None = None
+) -> AxisLaw:
     """Return INDI on strapdown attitude for one axis.
 
     The first two states are Euler angle [rad] and rate [rad/s] at the previous sample, as in `strapdown_axis`. Then
@@ -69,18 +72,9 @@ def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, 
     The filters are trapezoidal, so the newest sample acts at once; the actuator is exact for a held command. The model
     receives the command after the torque limit, so it does not wind up.
 
-    Parameters
-    ----------
-    gains
-        Gains of the axis.
-    inertia
-        [kg*m^2] moment of inertia.
-    lag
-        [s] time constant of the actuator.
-    delay_samples
-        Samples from a measurement to the action of its command.
-    dt
-        [s] sample time.
+    `inertia` is in [kg*m^2], the time constant `lag` of the actuator and the sample time `dt` in [s]. A command acts
+    `delay_samples` after its measurement.
+    Beyond `rate_limit` [rad/s], if given, the excess of the rate commanded from attitude changes the reference.
     """
     n = 7 + delay_samples
     states, inputs = np.split(np.eye(n + 2), [n])  # rows over (states, rate, reference)
@@ -92,7 +86,8 @@ def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, 
     acceleration = low_pass.C[1] @ states[2:4] + low_pass.D[1, 0] * rate
     filtered_torque = low_pass.C[0] @ states[4:6] + low_pass.D[0, 0] * torque
     attitude = E + 0.5 * dt * (omega + rate)
-    nu = gains.rate_p * (gains.angle_p * (angle_reference - attitude) - rate)
+    commanded = gains.angle_p * (angle_reference - attitude)
+    nu = gains.rate_p * (commanded - rate)
     command = filtered_torque + inertia * (nu - acceleration)
     decay = math.exp(-dt / lag)
     commands = np.vstack([command, states[7:]])  # the last one acts
@@ -108,65 +103,35 @@ def indi_axis(gains: IndiGains, inertia: float, lag: float, delay_samples: int, 
     )
     H = np.zeros((n, 1))
     H[7 if delay_samples else 6] = 1.0 if delay_samples else 1.0 - decay
-    return AxisLaw(A=step[:, :n], B=step[:, n:], C=command[None, :n], D=command[None, n:], G=dt * np.eye(n, 1), H=H)
+    B, D, C = step[:, n:], command[None, n:], command[None, :n]
+    limit = limit_by_reference(commanded, B, D, rate_limit)
+    return AxisLaw(A=step[:, :n], B=B, C=C, D=D, G=dt * np.eye(n, 1), H=H, rate_limit=limit)
 
 
-def tune_indi(
-    vehicle: Vehicle, scenario: Scenario, *, sensitivity_peak: float = 1.36, slew: float = 19.9
-) -> tuple[IndiGains, IndiGains, IndiGains]:
-    """Return the gains of roll, pitch and yaw with the least attitude error, by the search of the baseline PID.
+def indi_law(vehicle: Vehicle, scenario: Scenario) -> Law:
+    """Return the law with the gains of least attitude error within the limits of the baseline PID, by its search.
 
-    See `gustproof.synthesis.pid.pid_baseline.tune_baseline` for the parameters.
+    Its provenance has gains and limits.
 
     Raises
     ------
     DesignError
         If no such gains are found: the limits are too tight for this vehicle.
     """
+    lag, delay, dt = vehicle.actuator_lag, scenario.delay_samples, scenario.dt
 
-    def axis(values: list[float], model: AxisModel) -> AxisLaw:
-        return indi_axis(
-            _unpack_gains(values), model.inertia, vehicle.actuator_lag, scenario.delay_samples, scenario.dt
-        )
+    def axis(gains: IndiGains, model: AxisModel) -> AxisLaw:
+        return indi_axis(gains, model.inertia, lag, delay, dt)
 
-    models = axis_models(vehicle, scenario)
-    roll, pitch, yaw = tune(models, axis, _START, "INDI", sensitivity_peak=sensitivity_peak, slew=slew)
-    return _unpack_gains(roll), _unpack_gains(pitch), _unpack_gains(yaw)
-
-
-def indi_law(
-    vehicle: Vehicle, scenario: Scenario, *, name: str = "indi", sensitivity_peak: float = 1.36, slew: float = 19.9
-) -> Law:
-    """Return the law with the gains of `tune_indi`; its provenance has gains and limits.
-
-    Raises
-    ------
-    DesignError
-        See `tune_indi`.
-    """
-    gains = tune_indi(vehicle, scenario, sensitivity_peak=sensitivity_peak, slew=slew)
-    axes = [
-        indi_axis(each, inertia, vehicle.actuator_lag, scenario.delay_samples, scenario.dt)
-        for each, inertia in zip(gains, vehicle.inertia_B, strict=True)
-    ]
+    gains = tune(axis_models(vehicle, scenario), axis, _START, "INDI", sensitivity_peak=SENSITIVITY_PEAK, slew=SLEW)
+    limit = vehicle.stabilizer.rate_limit
+    axes = [indi_axis(each, J, lag, delay, dt, limit) for each, J in zip(gains, vehicle.inertia_B, strict=True)]
+    limits = {"sensitivity_peak": SENSITIVITY_PEAK, "slew_nm_per_s": SLEW}
     provenance = Provenance(
         design="incremental nonlinear dynamic inversion on strapdown attitude, "
         f"gains of least attitude error in scenario '{scenario.name}'",
         vehicle=vehicle.name,
-        parameters={
-            "sensitivity_peak": sensitivity_peak,
-            "slew_nm_per_s": slew,
-            **{
-                f"{axis}_{key}": value
-                for axis, each in zip(("roll", "pitch", "yaw"), gains, strict=True)
-                for key, value in asdict(each).items()
-            },
-        },
+        parameters={**limits, **axis_parameters(map(asdict, gains))},
         version=__version__,
     )
-    return cascade_law(name, axes, vehicle, scenario.dt, provenance)
-
-
-def _unpack_gains(values: list[float]) -> IndiGains:
-    angle_p, rate_p, cutoff, damping = values
-    return IndiGains(angle_p=angle_p, rate_p=rate_p, cutoff=cutoff, damping=damping)
+    return cascade_law("indi", axes, vehicle, dt, provenance)

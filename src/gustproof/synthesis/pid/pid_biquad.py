@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gustproof.law.cascade import AxisLaw
-from gustproof.law.form import Matrix
+from gustproof.law.form import Matrix, RateLimit
 from gustproof.lti.state_space import ComplexMatrix
 
 Values = NDArray[Any]
@@ -89,12 +89,15 @@ def biquad_filter(values: Values, dt: float) -> Filter:
     return Filter(A, B, np.stack([through * integral, through * smooth, *tail], axis=-1), through * scale * n0)
 
 
-def biquad_axis(gains: BiquadGains, inertia: float, dt: float) -> AxisLaw:
+def biquad_axis(gains: BiquadGains, inertia: float, dt: float, rate_limit: float | None = None) -> AxisLaw:
     """Return the law of one axis.
 
     States: Euler angle `E` [rad] and rate [rad/s] at the previous sample, and the four of `F`; attitude as in
     `strapdown_axis`. The reference enters the integral alone, so it is approached without a kick. When the command
     saturates, the excess unwinds the integral with the time constant 1 / `lead_frequency`.
+
+    `rate_limit` [rad/s], if given, limits the rate commanded from attitude and integral together. The reference is in
+    the integral alone, so that in the end the integral holds `angle_p` times it. The excess enters like the rate error.
     """
     F = biquad_filter(np.array(gains), dt)
     E, omega = np.eye(2, 6)
@@ -108,6 +111,17 @@ def biquad_axis(gains: BiquadGains, inertia: float, dt: float) -> AxisLaw:
     static_gain = inertia * float(F.C[0] + F.C[2:] @ np.linalg.solve(np.eye(2) - F.A[2:, 2:], F.A[2:, 0]))
     H = np.zeros((6, 1))
     H[2] = dt * gains.lead_frequency / static_gain
+    limit = None
+    if rate_limit is not None:
+        # the integral as a rate: its gain over the one that the PID has without it at low frequency
+        by_integral = F.A[2, 0] / (F.B[2] + F.A[2, 1] / (1.0 - F.A[1, 1]))
+        limit = RateLimit(
+            S=(by_state + by_integral * rows[0])[None],
+            T=-0.5 * dt * gains.angle_p * rate[None],
+            U=np.array([[inertia * F.D]]),
+            V=np.concatenate([np.zeros(2), F.B])[:, None],
+            limits=np.array([rate_limit]),
+        )
     return AxisLaw(
         A=np.vstack([E - 0.5 * dt * omega, 0.0 * omega, F.A @ rows + np.outer(F.B, by_state)]),
         B=np.vstack([0.5 * dt * rate, rate, np.outer(F.B, by_rate) + by_reference]),
@@ -115,6 +129,7 @@ def biquad_axis(gains: BiquadGains, inertia: float, dt: float) -> AxisLaw:
         D=inertia * (F.D * by_rate)[None],
         G=np.eye(6, 1) * dt,
         H=H,
+        rate_limit=limit,
     )
 
 
@@ -125,11 +140,8 @@ def biquad_response(values: Matrix, s: ComplexMatrix) -> tuple[ComplexMatrix, Co
     response's logarithm with respect to the logarithms of the values.
     """
     angle_p, gain, lead, lead_damping, cutoff, zero, zero_damping, pole, pole_damping = values
-    leads, zeros, poles = (
-        _quadratic(lead, lead_damping, s),
-        _quadratic(zero, zero_damping, s),
-        _quadratic(pole, pole_damping, s),
-    )
+    pairs = ((lead, lead_damping), (zero, zero_damping), (pole, pole_damping))
+    leads, zeros, poles = (_quadratic(*pair, s) for pair in pairs)
     response = gain * leads[0] / (s * (s + cutoff)) * zeros[0] / poles[0] * (1.0 + angle_p / s)
     fixed = angle_p / (s + angle_p), np.ones_like(s)
     return response, np.array([*fixed, *leads[1:], -cutoff / (s + cutoff), *zeros[1:], -poles[1], -poles[2]])

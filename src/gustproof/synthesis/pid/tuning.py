@@ -4,8 +4,10 @@ The limits are a sensitivity peak of each axis and a torque slew pooled over the
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import astuple, fields, replace
 from functools import cache
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import scipy.optimize
@@ -13,8 +15,13 @@ import scipy.optimize
 from gustproof.errors import DesignError
 from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Matrix
-from gustproof.performance.covariance import AxisModel, axis_performance, rms
+from gustproof.performance.covariance import AxisModel, axis_performance, pool_axes, rms
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+SENSITIVITY_PEAK, SLEW = 1.36, 19.9
+"""[-] and [N*m/s] limits of the shipped laws. The slew keeps single flights, with their scatter, below 20."""
 _GRID = 200
 """Number of frequencies, evenly spaced in the logarithm, at which the sensitivity peak is constrained."""
 _GRID_MARGIN = 1e-3
@@ -26,51 +33,45 @@ _ROUNDS = 3
 _ROUNDING = 1e-6
 """[-] share of the slew reserved, because the search satisfies a limit up to rounding only."""
 
-AxisBuilder = Callable[[list[float], AxisModel], AxisLaw]
-"""Function from positive gains and the model of an axis to its law."""
+Record = TypeVar("Record", bound="DataclassInstance")
+AxisBuilder = Callable[[Sequence[float], AxisModel], AxisLaw]
 
 
 def tune(
     models: Sequence[AxisModel],
-    axis: AxisBuilder,
-    start: Sequence[float],
+    build: Callable[[Record, AxisModel], AxisLaw],
+    start: Record,
     name: str,
     *,
     sensitivity_peak: float,
     slew: float,
-) -> list[list[float]]:
+) -> list[Record]:
     """Return the gains of each axis with the least attitude error, pooled over the axes.
 
-    Sequential quadratic programming (SLSQP) on the logarithms of all gains, from one start. It finds a local optimum.
-
-    Parameters
-    ----------
-    models
-        Axes in the turbulence to tune for.
-    axis
-        Builder of the law of an axis.
-    start
-        Gains to start from, the same for each axis.
-    name
-        Name of the structure in the error message.
-    sensitivity_peak
-        [-] largest sensitivity peak of each axis.
-    slew
-        [N*m/s] largest rms torque slew, pooled over the axes.
+    Sequential quadratic programming (SLSQP) on the logarithms of all gains, from `start` on each axis: a dataclass of
+    positive numbers. It finds a local optimum. `build` makes the law of an axis from its gains and its model in
+    turbulence. The sensitivity peak [-] of each axis is at most `sensitivity_peak`, the rms torque slew pooled over the
+    axes at most `slew` [N*m/s].
 
     Raises
     ------
     DesignError
-        If no such gains are found: the limits are too tight for this vehicle.
+        If no such gains are found: the limits are too tight for this vehicle. Its text calls the structure `name`.
     """
-    best, limit = [list(start)] * len(models), sensitivity_peak * (1.0 - _GRID_MARGIN)
+
+    def gains_of(values: Sequence[float]) -> Record:
+        return replace(start, **{field.name: value for field, value in zip(fields(start), values, strict=True)})
+
+    def axis(values: Sequence[float], model: AxisModel) -> AxisLaw:
+        return build(gains_of(values), model)
+
+    best, limit = [list(astuple(start))] * len(models), sensitivity_peak * (1.0 - _GRID_MARGIN)
     for _ in range(_ROUNDS):
         best = _minimize(models, axis, best, limit, slew)
         axes = [axis_performance(model, axis(gains, model)) for model, gains in zip(models, best, strict=True)]
-        worst = max(each.sensitivity_peak for each in axes)
-        pooled = math.sqrt(np.mean([each.slew**2 for each in axes]))
+        worst, (_, pooled) = max(each.sensitivity_peak for each in axes), pool_axes(axes)
         if worst <= sensitivity_peak and pooled <= slew:
-            return best
+            return [gains_of(values) for values in best]
         if worst > (1.0 + _PEAK_TOLERANCE) * sensitivity_peak:
             break
         limit *= sensitivity_peak / worst * (1.0 - _ROUNDING)
@@ -94,7 +95,7 @@ def _minimize(
         return *rms(models[k], controller), np.log(difference) + math.log(peak)
 
     def evaluate_all(z: Matrix) -> list[tuple[float, float, Matrix]]:
-        return [evaluate(k, tuple(gains)) for k, gains in enumerate(_unpack_gains(z, n))]
+        return [evaluate(k, tuple(gains)) for k, gains in enumerate(np.exp(z).reshape(n, -1).tolist())]
 
     def error(z: Matrix) -> float:
         return 0.5 * math.log(sum(rmse**2 for rmse, _, _ in evaluate_all(z)) / n)
@@ -113,9 +114,11 @@ def _minimize(
         constraints=constraint,
         options={"maxiter": 300, "ftol": 1e-9},
     )
-    return _unpack_gains(found.x, n)
-
-
-def _unpack_gains(z: Matrix, axes: int) -> list[list[float]]:
-    gains: list[list[float]] = np.exp(z).reshape(axes, -1).tolist()
+    gains: list[list[float]] = np.exp(found.x).reshape(n, -1).tolist()
     return gains
+
+
+def axis_parameters(gains: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """Return the gains of roll, pitch and yaw by axis and name, for a law's provenance."""
+    axes = zip(("roll", "pitch", "yaw"), gains, strict=True)
+    return {f"{axis}_{name}": value for axis, values in axes for name, value in values.items()}

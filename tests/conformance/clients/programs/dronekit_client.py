@@ -11,7 +11,7 @@ from collections.abc import Callable
 collections.MutableMapping = collections.abc.MutableMapping  # dronekit looks for it where Python 3.9 had it
 dronekit = importlib.import_module("dronekit")
 
-PATIENCE_S = 40.0
+PATIENCE_S = 80.0
 
 
 def wait_until(seen: Callable[[], bool]) -> None:
@@ -23,7 +23,7 @@ def wait_until(seen: Callable[[], bool]) -> None:
 
 def fly(address: str) -> dict:
     """Arm once the vehicle is armable, take off, land; as in dronekit's guide, but for PX4's modes."""
-    vehicle = dronekit.connect(address, wait_ready=True)
+    vehicle = dronekit.connect(address, wait_ready=True, timeout=PATIENCE_S)
     texts: list[str] = []
     vehicle.add_message_listener("STATUSTEXT", lambda _vehicle, _name, message: texts.append(message.text))
     wait_until(lambda: vehicle.is_armable)

@@ -32,8 +32,8 @@ from mavsdk.asyncio.plugins.winch import WinchAsync, WinchError
 
 HEIGHT_M = 10.0
 LOW_M = 4.0
-PHASE_S = 10.0
-YAW_TORQUE = 0.0005
+PHASE_S = 5.0
+YAW_TORQUE = 0.001
 
 
 async def until(stream: AsyncGenerator, wanted: Callable[..., bool] = lambda _: True, timeout_s: float = 40.0):
@@ -195,26 +195,29 @@ async def alternate_setpoints(system: System) -> dict:
     await offboard.set_attitude(level)
     await offboard.start()
 
-    modes, texts, echoes, phases = [], [], {"ATTITUDE_TARGET": [], "ACTUATOR_CONTROL_TARGET": []}, []
+    modes, texts, turning, phases = [], [], [], []
+    echoes = {"ATTITUDE_TARGET": [], "ACTUATOR_CONTROL_TARGET": []}
     listening = [
         keep(telemetry.subscribe_flight_mode(), modes),
         keep(telemetry.subscribe_status_text(), texts),
+        keep(MavlinkDirectAsync(system).subscribe_message("ATTITUDE"), turning),
         *(keep(MavlinkDirectAsync(system).subscribe_message(name), heard) for name, heard in echoes.items()),
     ]
     for setpoint in (level, turn, quarter):
         await (offboard.set_actuator_control if setpoint is turn else offboard.set_attitude)(setpoint)
         await asyncio.sleep(1.0)  # until then, values may belong to the one before
-        for heard in (modes, *echoes.values()):
+        for heard in (modes, turning, *echoes.values()):
             heard.clear()
         await asyncio.sleep(PHASE_S - 1.0)
-        rates = await until(telemetry.subscribe_attitude_angular_velocity_body())
+        first, last = (json.loads(turning[index].fields_json) for index in (0, -1))
         attitude = await until(telemetry.subscribe_attitude_euler())
         phases.append(
             {
                 "modes": sorted({mode.name for mode in modes}),
                 "echoes": {name: len(heard) for name, heard in echoes.items()},
                 "last": {name: json.loads(heard[-1].fields_json) for name, heard in echoes.items() if heard},
-                "yaw_rate": rates.yaw_rad_s,
+                "yaw_acceleration": (last["yawspeed"] - first["yawspeed"])
+                / (1e-3 * (last["time_boot_ms"] - first["time_boot_ms"])),
                 "yaw_deg": attitude.yaw_deg,
             }
         )

@@ -7,8 +7,6 @@ import pytest
 
 from firmware_model.autopilot.guidance import NavigationState
 from firmware_model.autopilot.modes import (
-    ENTRY_GAP_US,
-    LAND_DETECTION_US,
     Autopilot,
     AutopilotEvent,
     FailSafe,
@@ -28,6 +26,8 @@ from firmware_model.types import (
 )
 
 TIMEOUT = 1_000_000
+ENTRY_GAP_US = 500_000  # 2 Hz, PX4's rule
+LAND_DETECTION_US = 1_000_000
 SAMPLE_US = 4_000
 LEVEL_THRUST = AttitudeTarget(time_us=0, q_NB=(1.0, 0.0, 0.0, 0.0), omega_B=None, thrust=0.5)
 TORQUE = TorqueCommand(time_us=0, torque_B=(0.0, 0.0, 0.0), throttle=None)

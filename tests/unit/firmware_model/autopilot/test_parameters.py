@@ -91,3 +91,46 @@ def test_reference_tells_each_parameter_with_its_meaning(parameters):
     assert all(row["meaning"] and row["allowed"] for row in rows)
     (loss,) = [row for row in rows if row["name"] == "COM_OF_LOSS_T"]
     assert (loss["default"], loss["unit"], loss["allowed"], loss["type"]) == (1.0, "s", "0.1 to 60", "REAL32")
+
+
+def test_clients_find_px4s_names_in_its_units_with_these_ranges():
+    rows = Parameters(load_vehicle("iris"), load_scenario("calm")).describe()
+    told = {row["name"]: (row["type"][:3], row["default"], row["unit"], row["allowed"]) for row in rows}
+    limits = {"roll": 1.5, "pitch": 0.9, "yaw": 0.35}  # [N*m]
+    inertia = {"roll": 0.029125, "pitch": 0.029125, "yaw": 0.055225}
+    rate_gains = {"P": (16.0, 16.0, 8.0), "I": (10.0, 10.0, 5.0), "D": (0.3, 0.3, 0.0)}
+    ranges = {"P": ("s/rad", "0.001 to 10"), "I": ("1/rad", "0 to 10"), "D": ("s^2/rad", "0 to 1")}
+    expected = {f"GP_TRQ_MAX_{axis[0].upper()}": ("REA", limit, "N*m", "read-only") for axis, limit in limits.items()}
+    for axis, limit in limits.items():
+        for term, gains in rate_gains.items():
+            share = float(f"{gains[list(limits).index(axis)] * inertia[axis] / limit:.7g}")
+            expected[f"MC_{axis.upper()}RATE_{term}"] = ("REA", share, *ranges[term])
+    for sensor in ("GYRO", "ACC", "MAG"):
+        expected[f"CAL_{sensor}0_ID"] = ("INT", 1_310_988, "", "read-only")
+    assert told == expected | {
+        "IMU_INTEG_RATE": ("INT", 250, "Hz", "read-only"),
+        "COM_OF_LOSS_T": ("REA", 1.0, "s", "0.1 to 60"),
+        "COM_OBL_RC_ACT": ("INT", 2, "", "2, 4, 5"),
+        "MIS_TAKEOFF_ALT": ("REA", 2.5, "m", "1 to 500"),
+        "RTL_RETURN_ALT": ("REA", 15.0, "m", "0 to 500"),
+        "MPC_LAND_SPEED": ("REA", 0.5, "m/s", "0.2 to 1.5"),
+        "MPC_THR_HOVER": ("REA", 0.5204197, "", "read-only"),
+        "GP_GUST_SCALE": ("REA", 1.0, "", "0 to 3"),
+        "GP_PAUSE": ("INT", 0, "", "0, 1"),
+        "GP_ATT_P": ("REA", 6.0, "1/s", "0.1 to 20"),
+        "GP_RATE_MAX": ("REA", 217.724, "deg/s", "10 to 1800"),
+        "IMU_DGYRO_CUTOFF": ("REA", 30.0, "Hz", "1 to 100"),
+        "MPC_XY_P": ("REA", 0.8, "1/s", "0.05 to 5"),
+        "MPC_XY_VEL_P_ACC": ("REA", 1.8, "1/s", "0.1 to 20"),
+        "MPC_XY_VEL_I_ACC": ("REA", 0.4, "1/s^2", "0 to 20"),
+        "MPC_XY_VEL_MAX": ("REA", 8.0, "m/s", "0.5 to 20"),
+        "MPC_Z_P": ("REA", 1.0, "1/s", "0.05 to 5"),
+        "MPC_Z_VEL_P_ACC": ("REA", 4.0, "1/s", "0.1 to 20"),
+        "MPC_Z_VEL_I_ACC": ("REA", 2.0, "1/s^2", "0 to 20"),
+        "MPC_Z_VEL_MAX_UP": ("REA", 3.0, "m/s", "0.2 to 10"),
+        "MPC_Z_VEL_MAX_DN": ("REA", 1.5, "m/s", "0.2 to 4"),
+        "MPC_TILTMAX_AIR": ("REA", 35.00199, "deg", "5 to 60"),
+        "COM_RC_IN_MODE": ("INT", 4, "", "read-only"),
+        "SYS_AUTOSTART": ("INT", 4001, "", "read-only"),
+        "SYS_HAS_MAG": ("INT", 1, "", "read-only"),
+    }

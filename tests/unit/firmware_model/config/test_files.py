@@ -54,6 +54,10 @@ def test_the_shipped_scenarios_are_those_of_the_readme() -> None:
         (GOOD + "[[event]]\nkind = 'payload'\n" * 30, "; and 70 more"),
         (GOOD + '[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 9\nW = 3\n', "W: unknown key"),
         (GOOD + '[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 9\n' * 2, "at most one 'dryden'"),
+        (
+            GOOD + 'altitude_m = 304.9\n[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 9\n',
+            "altitude_m: 'dryden' is the low-altitude model, valid to 304.8 m (1000 ft), not at 304.9 m",
+        ),
         ("duration_s = \n", "not TOML"),
     ],
 )

@@ -78,3 +78,17 @@ def test_template_makes_the_datagrams_of_the_message(signing):
         assert made == channels[1].pack(imu_message(sample))
         assert parse(made)[0].is_signed is (signing is not None)
     assert channels[0].stats() == channels[1].stats()
+
+
+def test_frames_read_by_template_are_counted_like_others():
+    sender, receiver, template = Channel(1, 1), Channel(1, 191), imu_template(1)
+    receiver.count(parse(sender.pack(HEARTBEAT))[0])
+    for step in range(300):
+        fields = (4000 * step, 0.0, 2.0, -9.75, 0.5, -0.25, 0.0)
+        datagram = sender.make(template, *fields)
+        assert receiver.read(template, (1, 1), datagram) == fields
+        assert receiver.read(template, (1, 1), datagram) == fields  # reading alone does not count
+        receiver.count_read((1, 1))
+        assert receiver.read(template, (1, 1), datagram) is None
+    assert (receiver.received, receiver.lost) == (301, 0)
+    assert sender.stats()["out"] == 301

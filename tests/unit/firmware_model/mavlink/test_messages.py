@@ -1,9 +1,14 @@
 """What the vehicle tells about itself; the messages of each sample are in tests/conformance/test_wire.py."""
 
+import math
+
 import pytest
+from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink import messages
-from firmware_model.types import AttitudeTarget, TorqueCommand
+from firmware_model.mavlink.channel import Channel
+from firmware_model.mavlink.frames import EncodedMessage, RejectReason, parse
+from firmware_model.types import AttitudeTarget, Command, ImuSample, TorqueCommand
 
 
 def test_echo_tells_what_is_tracked():
@@ -34,3 +39,129 @@ def test_stamps_are_compared_at_the_resolution_of_the_wire():
     assert messages.stamp_difference(target, 3000) == -1
     torque = TorqueCommand(time_us=2501, torque_B=(0.0, 0.0, 0.0), throttle=0.5)
     assert messages.stamp_difference(torque, 2500) == 1
+
+
+def test_stamp_in_milliseconds_wraps_after_49_days():
+    days_us = 50 * 86_400_000_000
+    assert messages.boot_ms(days_us) == 50 * 86_400_000 - 2**32
+    target = AttitudeTarget(time_us=messages.boot_ms(days_us) * 1000, q_NB=None, omega_B=(0.0, 0.0, 0.0), thrust=0.5)
+    assert messages.stamp_difference(target, days_us) == 0
+    assert messages.stamp_difference(target, days_us + 1000) == -1
+
+
+@pytest.mark.parametrize(
+    ("group", "target", "yaw", "read"),
+    [
+        (0, 1, 1.0, TorqueCommand(time_us=4000, torque_B=(0.25, -0.5, 1.0), throttle=None)),
+        (1, 1, 1.0, RejectReason.NO_SETPOINT),
+        (0, 2, 1.0, RejectReason.OTHER_TARGET),
+        (0, 1, math.nan, RejectReason.NOT_FINITE),
+    ],
+)
+def test_finite_torques_of_group_0_to_this_vehicle_are_flown(group, target, yaw, read):
+    controls = (0.25, -0.5, yaw, math.nan, 0.0, 0.0, 0.0, 0.0)
+    assert read_slowly(wire.MAVLink_set_actuator_control_target_message(4000, group, target, 1, controls)) == read
+
+
+def torques(*torque_B: float, throttle: float | None = None, time_us: int = 4000) -> TorqueCommand:
+    return TorqueCommand(time_us=time_us, torque_B=torque_B, throttle=throttle)
+
+
+def rates(*omega_B: float, thrust: float = 0.5, time_us: int = 4000) -> AttitudeTarget:
+    return AttitudeTarget(time_us=time_us, q_NB=None, omega_B=omega_B, thrust=thrust)
+
+
+def read_slowly(message) -> Command | RejectReason:
+    (frame,) = parse(message.pack(wire.MAVLink(None, 1, messages.CONTROLLER)))
+    return messages.parse_command(frame, 1)
+
+
+def read_fast(command: Command, *, time_us: int = 4000, torque: bool | None = None) -> Command | None:
+    """Return what the fast reader makes of a command's datagram, while it waits for the answer to a sample."""
+    datagram = Channel(1, messages.CONTROLLER).make(*template_of(command))
+    torque = isinstance(command, TorqueCommand) if torque is None else torque
+    return messages.SetpointReader(1).read(datagram, Channel(1, messages.AUTOPILOT), time_us, torque=torque)
+
+
+def template_of(command: Command) -> tuple:
+    if isinstance(command, TorqueCommand):
+        throttle = math.nan if command.throttle is None else command.throttle
+        return messages.torque_template(1), command.time_us, *command.torque_B, throttle
+    return messages.rate_template(1), command.time_us // 1000, *command.omega_B, command.thrust
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        torques(0.25, -0.5, 0.0),
+        torques(1.0, 1.0, 1.0),
+        torques(-1.0, -1.0, -1.0),
+        rates(0.5, -0.25, 2.0),
+        rates(0.0, 0.0, 0.0, thrust=0.0),
+        rates(-40.0, 40.0, 0.0, thrust=1.0),
+    ],
+)
+def test_fast_reader_gives_what_the_parser_gives(command):
+    assert read_fast(command) == read_slowly(messages.command_message(command, 1)) == command
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        *(
+            torques(*(value if axis == k else 0.0 for k in range(3)))
+            for axis in range(3)
+            for value in (1.0625, -1.0625)
+        ),
+        torques(math.nan, 0.0, 0.0),
+        torques(0.0, 0.0, 0.0, throttle=0.5),
+        torques(0.0, 0.0, 0.0, time_us=8000),
+        torques(0.0, 0.0, 0.0, time_us=0),
+        *(rates(*(math.nan if axis == k else 0.0 for k in range(3))) for axis in range(3)),
+        rates(math.inf, 0.0, 0.0),
+        rates(0.0, 0.0, 0.0, thrust=1.0625),
+        rates(0.0, 0.0, 0.0, thrust=-0.0625),
+        rates(0.0, 0.0, 0.0, thrust=math.nan),
+        rates(0.0, 0.0, 0.0, time_us=8000),
+        rates(0.0, 0.0, 0.0, time_us=0),
+    ],
+)
+def test_fast_reader_leaves_anything_to_clip_or_refuse_to_the_parser(command):
+    assert read_fast(command) is None
+
+
+def test_fast_reader_leaves_the_other_message_to_the_parser():
+    assert read_fast(torques(0.0, 0.0, 0.0), torque=False) is None
+    assert read_fast(rates(0.0, 0.0, 0.0), torque=True) is None
+
+
+@pytest.mark.parametrize("measured", [0x3F, 0x38, 0x07, 0x1F, 0x00])
+@pytest.mark.parametrize("field", range(7))
+def test_sample_needs_a_gyro_and_finite_numbers(measured, field):
+    for broken in (math.nan, math.inf, 0.5):
+        numbers = [0.5 + k for k in range(6)]
+        if field:
+            numbers[field - 1] = broken
+        payload = wire.MAVLink_highres_imu_message.unpacker.pack(4000, *numbers, *[0.0] * 7, measured, 0)
+        packed = EncodedMessage(wire.MAVLINK_MSG_ID_HIGHRES_IMU, payload).pack(wire.MAVLink(None, 1, 1))
+        (frame,) = parse(packed)
+        force, gyro = tuple(numbers[:3]), tuple(numbers[3:])
+        usable = measured & 0x38 == 0x38 and math.isfinite(sum(numbers))
+        assert messages.parse_imu(frame) == (ImuSample(4000, gyro, force) if usable else RejectReason.NOT_FINITE)
+
+
+@pytest.mark.parametrize("length", [0.9985, 0.9995, 1.0005, 1.0015])
+def test_attitude_is_a_quaternion_of_unit_length_within_a_thousandth(length):
+    q_NB = (0.5 * length, -0.5 * length, 0.5 * length, 0.5 * length)
+    message = wire.MAVLink_set_attitude_target_message(4, 1, 1, 7, q_NB, 0.0, 0.0, 0.0, 0.5)
+    assert (read_slowly(message) is RejectReason.NOT_FINITE) is (abs(length - 1.0) > 1e-3)
+
+
+def test_commands_leave_the_unused_controls_at_zero():
+    controls = read_fields(messages.command_message(torques(0.25, -0.5, 1.0, throttle=0.75), 3)).controls
+    assert controls == [0.25, -0.5, 1.0, 0.75, 0.0, 0.0, 0.0, 0.0]
+
+
+def read_fields(message):
+    (frame,) = parse(message.pack(wire.MAVLink(None, 1, messages.CONTROLLER)))
+    return frame.message()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from firmware_model.numerics.compiled import compiled
-from firmware_model.numerics.soa import Lane, aligned_zeros, loader, offsets, storer
+from firmware_model.numerics.soa import Lane, aligned_zeros, field_offset, flatten, loader, offsets, storer
 
 
 class Triple(NamedTuple):
@@ -17,7 +17,16 @@ class Triple(NamedTuple):
     c: float
 
 
+class Nested(NamedTuple):
+    """A number, a vector and a row in a row."""
+
+    a: float
+    v: tuple[float, float]
+    t: Triple
+
+
 load, store = loader(Triple), storer(Triple)
+load_nested, store_nested = loader(Nested), storer(Nested)
 
 
 @pytest.mark.parametrize("size", [1, 8, 333])
@@ -48,6 +57,30 @@ def test_load_and_store_take_one_lane_from_a_row_on(exchange) -> None:
     assert before == Triple(3.0, 5.0, 7.0)
     assert isinstance(before, Triple)
     assert array.tolist() == [0.0, 1.0, 2.0, -1.0, 4.0, -2.0, 6.0, -3.0, 8.0, 9.0]
+
+
+@compiled
+def _double(lane: Lane) -> Nested:
+    before = load_nested(lane, 1)
+    store_nested(lane, 1, Nested(2.0 * before.a, (before.v[1], before.v[0]), before.t))
+    return before
+
+
+def _double_in_python(lane: Lane) -> Nested:
+    before = load_nested(lane, 1)
+    store_nested(lane, 1, Nested(2.0 * before.a, (before.v[1], before.v[0]), before.t))
+    return before
+
+
+@pytest.mark.parametrize("double", [_double, _double_in_python])
+def test_tuples_in_a_row_take_a_row_for_each_number(double) -> None:
+    array = np.arange(14.0)  # seven rows, two flights
+    before = double(Lane(array, 2, 0))
+    assert before == Nested(2.0, (4.0, 6.0), Triple(8.0, 10.0, 12.0))
+    assert isinstance(before.t, Triple)
+    assert list(flatten(before)) == [2.0, 4.0, 6.0, 8.0, 10.0, 12.0]
+    assert array.tolist() == [0.0, 1.0, 4.0, 3.0, 6.0, 5.0, 4.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0]
+    assert [field_offset(Nested, name) for name in Nested._fields] == [0, 1, 3]
 
 
 def test_offsets_are_the_rows_of_packed_tuples_and_the_end() -> None:

@@ -10,8 +10,18 @@ from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenar
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.config.waveforms import Constant, Dryden, GustCosine
 from firmware_model.numerics.rotations import euler_angles, from_euler
-from firmware_model.physics.aerodynamics import AIR_DENSITY, Air, FreeInputs, free_params, sensor_wrench, step
-from firmware_model.physics.rigid_body import Body, BodyInputs
+from firmware_model.physics.aerodynamics import (
+    AIR_DENSITY,
+    Air,
+    FreeInputs,
+    FreeParams,
+    air_params,
+    sensor_wrench,
+    step,
+    sum_inputs,
+)
+from firmware_model.physics.ground import ground_params
+from firmware_model.physics.rigid_body import Body, BodyInputs, body_params
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import AttitudeTarget, LevelFlight, Setpoint, TorqueCommand
@@ -26,9 +36,10 @@ CALM = Scenario(
     gyro=GyroFault(noise=False),
     accelerometer=AccelerometerFault(noise=False),
 )
-NOTHING = BodyInputs(*[0.0] * 13)
-STILL = Air(*[0.0] * 6)
-HIGH = Body(0.0, 0.0, -500.0, 0.0, 0.0, 0.0, 1.0, *[0.0] * 10)
+ZERO = (0.0, 0.0, 0.0)
+NOTHING = BodyInputs(ZERO, ZERO, ZERO, ZERO, 0.0)
+STILL = Air(ZERO, ZERO)
+HIGH = Body((0.0, 0.0, -500.0), ZERO, (1.0, 0.0, 0.0, 0.0), ZERO, ZERO, 0.0)
 by_vehicle = pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES.keys())
 
 
@@ -48,27 +59,44 @@ def torque(*torque_B: float, throttle: float | None = None) -> TorqueCommand:
 
 @by_vehicle
 def test_without_thrust_it_falls_with_g_and_feels_nothing(vehicle):
-    params = free_params(vehicle)
+    params = FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))
     body = HIGH
     assert sensor_wrench(params, body, FreeInputs(NOTHING, STILL, True))[0] == (0.0, 0.0, 0.0)
     for _ in range(100):
         body = step(params, body, FreeInputs(NOTHING, STILL, True), 0.001)
     # Drag at 1 m/s is 1/2 rho A v^2; over .1 s it takes less than that from the speed.
     lost = 0.5 * AIR_DENSITY * vehicle.drag_area / vehicle.mass * 0.1
-    assert GRAVITY * 0.1 - lost < body.v_down < GRAVITY * 0.1
+    assert GRAVITY * 0.1 - lost < body.velocity_N[2] < GRAVITY * 0.1
+
+
+@by_vehicle
+def test_moments_from_outside_add_to_those_of_the_air_with_their_signs(vehicle):
+    params = FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))
+    given = BodyInputs((4.0, 5.0, 6.0), (0.5, -0.25, 0.125), (1.0, 2.0, 3.0), ZERO, 7.0)
+    assert sum_inputs(params, HIGH, FreeInputs(given, STILL, False)) == (given, False, 0.0)
+    hovering = HIGH._replace(thrust=vehicle.mass * GRAVITY)
+    blown, _, _ = sum_inputs(params, hovering, FreeInputs(given, STILL._replace(gust_B=(1.0, 2.0, 4.0)), False))
+    gain = vehicle.gust_gain
+    L, M, N = blown.moment_B
+    added = (L - 0.5, M + 0.25, N - 0.125)
+    assert added == pytest.approx((2.0 * gain, -gain, 4.0 * vehicle.gust_yaw_ratio * gain))
+    square = 0.5 * AIR_DENSITY * vehicle.drag_area * math.sqrt(21.0)
+    plane, axis = vehicle.rotor_drag + square, vehicle.heave_drag + square
+    assert blown.force_B == pytest.approx((plane, 2.0 * plane, 4.0 * axis))
 
 
 @by_vehicle
 def test_it_falls_no_faster_than_its_drag_lets_it(vehicle):
-    params = free_params(vehicle)
+    params = FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))
     speed = math.sqrt(vehicle.mass * GRAVITY / (0.5 * AIR_DENSITY * vehicle.drag_area))
-    body = HIGH._replace(down=-1e6)
+    body = HIGH._replace(position_N=(0.0, 0.0, -1e6))
     for _ in range(3000):
         body = step(params, body, FreeInputs(NOTHING, STILL, True), 0.01)
-    assert body.v_down == pytest.approx(speed, rel=1e-6)
+    assert body.velocity_N[2] == pytest.approx(speed, rel=1e-6)
 
 
 @by_vehicle
+@pytest.mark.compiled
 def test_hover_is_trim(vehicle):
     records = fly(vehicle, CALM, torque(0.0, 0.0, 0.0, throttle=None), 5.0)
     np.testing.assert_allclose(records["position_N"], [(0.0, 0.0, -500.0)] * len(records), atol=1e-9)
@@ -114,6 +142,7 @@ def test_tilted_its_speed_through_the_air_is_where_drag_meets_thrust(vehicle):
 
 
 @by_vehicle
+@pytest.mark.compiled
 def test_balanced_rotors_do_not_turn_it(vehicle):
     records = fly(vehicle, CALM, torque(0.0, 0.0, 0.0, throttle=0.7), 2.0)
     assert np.ptp(records["rotors"], axis=1).max() < 1e-9
@@ -141,6 +170,7 @@ def test_a_gust_pushes_it_the_way_it_blows_and_turns_it_as_on_the_stand(vehicle)
 
 
 @by_vehicle
+@pytest.mark.compiled
 def test_free_and_held_turn_alike_in_still_air(vehicle):
     """A level turn moves nothing; tilted, the own speed v gives the moment gust_gain v, which the law takes out.
 
@@ -159,6 +189,7 @@ def test_free_and_held_turn_alike_in_still_air(vehicle):
 def test_gusts_go_with_their_scale_and_the_mean_wind_stays():
     scenario = replace(
         CALM,
+        altitude_m=100.0,  # the low-altitude model of turbulence ends at 304.8 m
         wind=(
             Constant(kind="constant", velocity_mps=(1.0, 2.0, 3.0)),
             Dryden(kind="dryden", wind_speed_20ft_mps=15.0),
@@ -174,6 +205,7 @@ def test_gusts_go_with_their_scale_and_the_mean_wind_stays():
         assert halved.true_vector("wind_N") == plain.true_vector("wind_N") == (1.0, 2.0, 3.0)
 
 
+@pytest.mark.compiled
 def test_the_estimate_follows_the_truth_though_the_gyro_drifts():
     scenario = replace(CALM, gyro=GyroFault(noise=False, bias_rad_s=(0.01, 0.0, 0.0)))
     loop = VehicleLoop(VEHICLES["paper"], scenario, 1)

@@ -1,44 +1,48 @@
 """What the ground does to the points that touch it, against a plain sum over them."""
 
+import math
+
 import numpy as np
 import pytest
 
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.numerics.rotations import from_euler, rotate
-from firmware_model.physics.aerodynamics import Air, FreeInputs, free_params, step, sum_inputs
+from firmware_model.physics.aerodynamics import Air, FreeInputs, FreeParams, air_params, step, sum_inputs
 from firmware_model.physics.ground import can_touch_ground, ground_params, ground_wrench, is_at_rest, standing_height
-from firmware_model.physics.rigid_body import Body, BodyInputs
+from firmware_model.physics.rigid_body import Body, BodyInputs, body_params
 
 VEHICLE = load_vehicle("paper")
 PARAMS = ground_params(VEHICLE)
 CREEP = 0.05  # [m/s] below which friction is viscous
 
 
+ZERO = (0.0, 0.0, 0.0)
+
+
 def a_body(height: float, attitude=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), omega=(0.0, 0.0, 0.0)) -> Body:
-    return Body(0.0, 0.0, -height, *velocity, *from_euler(*attitude), *omega, 0.0, 0.0, 0.0, 0.0)
+    return Body((0.0, 0.0, -height), velocity, from_euler(*attitude), omega, ZERO, 0.0)
 
 
 def points() -> np.ndarray:
     """Return all that can touch, (8, 3) [m] B."""
     signs = np.array([(ahead, right, 1.0) for ahead in (-1.0, 1.0) for right in (-1.0, 1.0)])
-    feet = (PARAMS.foot_x, PARAMS.foot_y, PARAMS.foot_z)
-    return np.vstack([signs * feet, signs * (PARAMS.rotor_x, PARAMS.rotor_y, PARAMS.rotor_z)])
+    return np.vstack([signs * PARAMS.foot_B, signs * PARAMS.rotor_B])
 
 
 def heights(body: Body) -> np.ndarray:
     """Return how high above ground each of `points` is [m]."""
-    return np.array([-body.down - rotate((body.qw, body.qx, body.qy, body.qz), tuple(point))[2] for point in points()])
+    return np.array([-body.position_N[2] - rotate(body.q_NB, tuple(point))[2] for point in points()])
 
 
 def summed(body: Body) -> tuple[np.ndarray, np.ndarray, float]:
     """Return force B, moment B and load: springs, dampers and Coulomb friction, point by point in B."""
-    q_NB = (body.qw, body.qx, body.qy, body.qz)
+    q_NB = body.q_NB
     R_NB = np.column_stack([rotate(q_NB, tuple(axis)) for axis in np.eye(3)])
     force, moment, load = np.zeros(3), np.zeros(3), 0.0
     for point in points():
-        depth = body.down + (R_NB @ point)[2]
+        depth = body.position_N[2] + (R_NB @ point)[2]
         if depth > 0.0:
-            v_N = np.array(body[3:6]) + R_NB @ np.cross((body.p, body.q, body.r), point)
+            v_N = np.array(body.velocity_N) + R_NB @ np.cross(body.omega_B, point)
             push = max(PARAMS.stiffness * depth + PARAMS.damping * v_N[2], 0.0)
             rub = PARAMS.friction * push / max(np.hypot(v_N[0], v_N[1]), CREEP)
             F_B = R_NB.T @ (-rub * v_N[0], -rub * v_N[1], -push)
@@ -49,12 +53,12 @@ def summed(body: Body) -> tuple[np.ndarray, np.ndarray, float]:
 @pytest.mark.parametrize(
     ("body", "below"),
     [
-        (a_body(PARAMS.foot_z - 0.01), 4),
-        (a_body(PARAMS.foot_z - 0.01, velocity=(1.0, -0.5, 0.2), omega=(0.1, -0.2, 0.3)), 4),
-        (a_body(PARAMS.foot_z, (0.2, -0.1, 2.0), (0.01, 0.02, 0.5), (-1.0, 0.5, 0.2)), 2),
+        (a_body(PARAMS.foot_B[2] - 0.01), 4),
+        (a_body(PARAMS.foot_B[2] - 0.01, velocity=(1.0, -0.5, 0.2), omega=(0.1, -0.2, 0.3)), 4),
+        (a_body(PARAMS.foot_B[2], (0.2, -0.1, 2.0), (0.01, 0.02, 0.5), (-1.0, 0.5, 0.2)), 2),
         (a_body(0.1, (3.0, 0.2, -1.0), (-2.0, 0.0, 0.3), (0.2, 0.1, -1.0)), 1),
         (a_body(0.1, (1.6, 0.1, 0.5), (0.0, 0.3, 1.0), (0.5, 0.0, 0.0)), 4),
-        (a_body(PARAMS.foot_z - 0.01, velocity=(0.0, 0.0, -5.0)), 4),  # it leaves faster than the springs follow
+        (a_body(PARAMS.foot_B[2] - 0.01, velocity=(0.0, 0.0, -5.0)), 4),  # it leaves faster than the springs follow
     ],
     ids=["level", "sliding", "askew", "on its back", "on its side", "leaving"],
 )  # fmt: skip
@@ -74,7 +78,8 @@ def test_what_cannot_touch_within_a_step_is_told():
     for _ in range(300):
         turn, velocity = rng.uniform(-3.0, 3.0, 3), rng.uniform(-20.0, 20.0, 3)
         body, dt = a_body(rng.uniform(0.0, 0.5), turn, velocity), 0.002
-        lowest = min(heights(body).min(), heights(body._replace(down=body.down + dt * body.v_down)).min())
+        later = (0.0, 0.0, body.position_N[2] + dt * body.velocity_N[2])
+        lowest = min(heights(body).min(), heights(body._replace(position_N=later)).min())
         missed += not can_touch_ground(PARAMS, body, dt)
         assert can_touch_ground(PARAMS, body, dt) or lowest > 0.0
         assert can_touch_ground(PARAMS, body, 0.0) or heights(body).min() > 0.0
@@ -92,14 +97,14 @@ WEIGHT = VEHICLE.mass * GRAVITY
     [
         (STANDING, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), True),
         (a_body(standing_height(VEHICLE), (0.0, 0.0, 2.5)), (0.0, 0.0, -0.4 * WEIGHT), (0.1, -0.1, 0.1), True),
-        (STANDING._replace(v_north=0.03), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), False),
-        (STANDING._replace(r=-0.03), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), False),
+        (STANDING._replace(velocity_N=(0.03, 0.0, 0.0)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), False),
+        (STANDING._replace(omega_B=(0.0, 0.0, -0.03)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), False),
         (a_body(standing_height(VEHICLE), (0.1, 0.0, 0.0)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), False),  # on two feet
         (STANDING, (0.0, 0.0, -0.6 * WEIGHT), (0.0, 0.0, 0.0), False),
         (STANDING, (0.0, 1.1 * PARAMS.friction * WEIGHT, 0.0), (0.0, 0.0, 0.0), False),
         (STANDING, (0.0, 0.0, 0.0), (0.0, 0.0, PARAMS.reach * PARAMS.friction * WEIGHT), False),
-        (STANDING, (0.0, 0.0, 0.0), (1.1 * PARAMS.foot_y * WEIGHT, 0.0, 0.0), False),
-        (STANDING, (0.0, 0.0, 0.0), (0.0, -1.1 * PARAMS.foot_x * WEIGHT, 0.0), False),
+        (STANDING, (0.0, 0.0, 0.0), (1.1 * PARAMS.foot_B[1] * WEIGHT, 0.0, 0.0), False),
+        (STANDING, (0.0, 0.0, 0.0), (0.0, -1.1 * PARAMS.foot_B[0] * WEIGHT, 0.0), False),
     ],
     ids=["motors off", "some thrust", "moves", "turns", "tilted", "lifts", "slides", "spins", "tips", "tips ahead"],
 )  # fmt: skip
@@ -107,9 +112,53 @@ def test_it_rests_while_its_feet_can_carry_what_acts(body, force, moment, restin
     assert is_at_rest(PARAMS, body, force, moment) is resting
 
 
+LIMITS = {
+    "speed": lambda share: ({"velocity_N": (0.02 * share * 0.6, 0.0, -0.02 * share * 0.8)}, ZERO, ZERO),
+    "rate": lambda share: ({"omega_B": (0.02 * share * 0.6, 0.0, -0.02 * share * 0.8)}, ZERO, ZERO),
+    "ahead": lambda share: ({}, (0.05 * WEIGHT * share, 0.0, 0.0), ZERO),
+    "right": lambda share: ({}, (0.0, -0.05 * WEIGHT * share, 0.0), ZERO),
+    "aslant": lambda share: ({}, (-0.03 * WEIGHT * share, 0.04 * WEIGHT * share, 0.0), ZERO),
+    "pressed": lambda share: ({}, (0.075 * WEIGHT * share, 0.0, 0.5 * WEIGHT), ZERO),
+    "yaw": lambda share: (
+        {},
+        ZERO,
+        (0.0, 0.0, -0.05 * WEIGHT * share * math.hypot(*PARAMS.foot_B[:2])),
+    ),
+    "roll": lambda share: ({}, ZERO, (-PARAMS.foot_B[1] * WEIGHT * share, 0.0, 0.0)),
+    "pitch": lambda share: ({}, ZERO, (0.0, PARAMS.foot_B[0] * WEIGHT * share, 0.0)),
+    "lift": lambda share: ({}, (0.0, 0.0, -0.5 * WEIGHT * share), ZERO),
+}
+
+
+@pytest.mark.parametrize("limit", LIMITS)
+@pytest.mark.parametrize("share", [0.99, 1.01])
+def test_each_limit_of_rest_holds_up_to_its_value(limit, share):
+    changes, force, moment = LIMITS[limit](share)
+    slippery = PARAMS._replace(friction=0.05)
+    assert is_at_rest(slippery, STANDING._replace(**changes), force, moment) is (share < 1.0)
+
+
+@pytest.mark.parametrize("share", [0.99, 1.01])
+@pytest.mark.parametrize("lift", [0.0, 0.25])
+@pytest.mark.parametrize(("ahead", "right"), [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
+def test_a_force_at_the_centre_of_mass_tips_it_over_its_feet(ahead, right, lift, share):
+    rough = PARAMS._replace(friction=10.0, foot_B=(0.15, *PARAMS.foot_B[1:]))
+    foot_x, foot_y, foot_z = rough.foot_B
+    most = share * (1.0 - lift) * WEIGHT * (foot_x if ahead else foot_y) / foot_z
+    force = (ahead * most, right * most, -lift * WEIGHT)
+    assert is_at_rest(rough, STANDING, force, (0.0, 0.0, 0.0)) is (share < 1.0)
+
+
+def test_springs_carry_the_weight_at_their_sag_and_swing_no_more():
+    assert ground_wrench(PARAMS, STANDING)[2] == pytest.approx(WEIGHT)
+    # Four legs in parallel: critical damping is 2 sqrt(k m).
+    assert 4.0 * PARAMS.damping == pytest.approx(2.0 * math.sqrt(4.0 * PARAMS.stiffness * VEHICLE.mass))
+
+
 def test_far_from_the_ground_it_is_not_asked_about():
-    params, air = free_params(VEHICLE), Air(3.0, -1.0, 0.5, 2.0, 1.0, 0.0)
-    nothing = BodyInputs(*[0.0] * 13)
+    params = FreeParams(body_params(VEHICLE, free=True), air_params(VEHICLE), PARAMS)
+    air = Air((3.0, -1.0, 0.5), (2.0, 1.0, 0.0))
+    nothing = BodyInputs(ZERO, ZERO, ZERO, ZERO, 0.0)
     high = a_body(0.4, (0.1, -0.2, 0.3), (1.0, 2.0, -1.0), (0.1, 0.2, 0.3))._replace(thrust=90.0)
     inputs = [FreeInputs(nothing, air, low) for low in (True, False)]
     assert sum_inputs(params, high, inputs[0]) == sum_inputs(params, high, inputs[1])

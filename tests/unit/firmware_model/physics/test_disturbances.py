@@ -137,6 +137,23 @@ def test_a_replay_is_linear_between_its_rows_and_calm_outside() -> None:
     assert at(scenario, 60.0) == ((0.0, 0.0, 0.0),) * 4
 
 
+def test_tables_have_a_row_for_each_wave_and_each_sample_of_a_replay() -> None:
+    assert make_replay(QUIET).shape == (0, 12)
+    assert make_waves(QUIET).shape == (0, 9)
+    replayed = replace(QUIET, wind=(GustReplay(kind="replay", rows=ROWS),))
+    assert make_replay(replayed).shape == (QUIET.samples, 12)
+    assert make_waves(replace(QUIET, wind=tuple(gust for gust, _, _ in SHAPES))).shape == (len(SHAPES), 9)
+
+
+def test_a_replay_whose_rows_begin_later_is_calm_until_then() -> None:
+    late = tuple((time + 0.5, *vector) for time, *vector in ROWS)
+    scenario = replace(QUIET, wind=(GustReplay(kind="replay", rows=late, start_s=1.0),))
+    assert at(scenario, 1.496)[1] == (0.0, 0.0, 0.0)
+    assert at(scenario, 1.5)[1] == (1.0, 0.0, 0.0)
+    assert at(scenario, 4.5)[1] == (0.0, 0.0, 2.0)
+    assert at(scenario, 4.504)[1] == (0.0, 0.0, 0.0)
+
+
 def written(folder: Path, table: str, csv: str = "time_s,north_mps,east_mps,down_mps\n0,1,2,3\n1,4,5,6\n") -> Path:
     (folder / "gusts.csv").write_text(csv)
     path = folder / "mine.toml"
@@ -203,6 +220,7 @@ def test_shear_is_the_logarithm_of_the_height_over_the_roughness() -> None:
     assert mean_wind(params, 0.0) == mean_wind(params, 3.0 * foot)
 
 
+@pytest.mark.compiled
 def test_a_free_vehicle_drifts_the_way_the_wind_blows_and_faster_higher_up() -> None:
     wind = Constant(kind="constant", speed_mps=5.0, from_deg=270.0)  # from the west: it is carried east
     free = replace(QUIET, translation="free", duration_s=5.0)
@@ -239,6 +257,7 @@ def test_a_moment_of_the_earth_is_turned_into_body_axes() -> None:
         np.testing.assert_allclose(record["moment_B"], expected, atol=1e-12)
 
 
+@pytest.mark.compiled
 def test_a_flight_twice_as_long_begins_identically_with_every_primitive() -> None:
     replay = GustReplay(kind="replay", rows=ROWS, start_s=0.1)
     winds = (*(gust for gust, _, _ in SHAPES), replay, Shear(kind="shear", wind_speed_20ft_mps=5.0, from_deg=0.0))

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.signal
+from scipy.integrate import quad
 
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.config.waveforms import Dryden
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.elementary import normals
+from firmware_model.numerics.soa import flatten
 from firmware_model.physics.dryden import (
     FOOT,
     DrydenParams,
@@ -76,13 +78,37 @@ def test_the_roll_gust_has_the_variance_of_its_spectrum() -> None:
     assert float(np.trapezoid(density, Omega)) == pytest.approx(SPECTRUM.sigma_p**2, rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("rate", "gust", "sigma", "length", "lag_spans"),
+    [(4, 2, SPECTRUM.sigma_w, SPECTRUM.L_w, 4.0), (5, 1, SPECTRUM.sigma_v, SPECTRUM.L_v, 3.0)],
+    ids=["q", "r"],
+)
+def test_pitch_and_yaw_gusts_have_the_variances_of_their_spectra(rate, gust, sigma, length, lag_spans) -> None:
+    V, span = SPECTRUM.airspeed, 0.7
+    tau, lag = length / V, lag_spans * span / (math.pi * V)
+
+    def density(omega: float) -> float:
+        field = sigma**2 * tau * (1.0 + 3.0 * (tau * omega) ** 2) / (1.0 + (tau * omega) ** 2) ** 2
+        return field * (omega / V) ** 2 / (1.0 + (lag * omega) ** 2) / math.pi
+
+    params, factor = dryden_filters(SPECTRUM, span, 0.004)
+    assert factor.shape == (8, 8)
+    _, _, C = state_space(params)
+    covariance = C @ factor @ factor.T @ C.T
+    assert covariance[gust, gust] == pytest.approx(sigma**2, rel=1e-9)
+    corner = 1.0 / lag
+    variance = sum(quad(density, a, b, limit=500)[0] for a, b in ((0.0, corner), (corner, math.inf)))
+    assert covariance[rate, rate] == pytest.approx(variance, rel=1e-6)
+
+
 def test_the_handbook_halves_the_transverse_lengths_and_means_the_same_gusts() -> None:
     # MIL-HDBK-1797 at h = 100 ft: 2 L_w = h, 2 L_v = L_u = h / .2593^1.2.
     spectrum = dryden_spectrum(replace(DRYDEN, specification="MIL-HDBK-1797"), 100.0 * FOOT, SPAN)
     assert spectrum.L_w == pytest.approx(50.0 * FOOT)
     assert 2.0 * spectrum.L_v == pytest.approx(spectrum.L_u) == pytest.approx(100.0 / 0.2593**1.2 * FOOT)
-    for ours, theirs in zip(dryden_filters(HANDBOOK, SPAN, 0.004), dryden_filters(SPECTRUM, SPAN, 0.004), strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-15)
+    (ours, our_factor), (theirs, their_factor) = (dryden_filters(each, SPAN, 0.004) for each in (HANDBOOK, SPECTRUM))
+    np.testing.assert_allclose([*flatten(ours)], [*flatten(theirs)], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(our_factor, their_factor, rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize(("intensity", "knots"), [("light", 15.0), ("moderate", 30.0), ("severe", 45.0)])
@@ -194,5 +220,5 @@ def test_the_paper_vehicle_feels_a_peak_of_065_newton_metres_in_the_median_of_10
 
 def test_a_gust_from_the_left_rolls_right_and_a_tailwind_pitches_down() -> None:
     # The rotor plane is above the centre of mass: it is blown along, and the vehicle leans that way.
-    moment_B = gust_moment(0.08, 0.3, (1.0, 1.0, 1.0))
-    assert moment_B == pytest.approx((0.08, -0.08, 0.024))
+    moment_B = gust_moment(0.08, 0.3, (1.0, 2.0, 4.0))
+    assert moment_B == pytest.approx((0.16, -0.08, 0.096))

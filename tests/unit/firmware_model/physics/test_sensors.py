@@ -45,6 +45,17 @@ def test_bias_is_added_and_range_clips() -> None:
     assert reading == (1.25, 2.0, -2.0)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_bias_drift_and_noise_add_up_axis_by_axis(axis: int) -> None:
+    name = "xyz"[axis]
+    params = QUIET._replace(sigma=0.5, ratio=0.25, since=2.0, **{f"b_{name}": 0.125, f"drift_{name}": 0.0625})
+    rate, noise = [0.0] * 3, [0.0] * 4
+    rate[axis], noise[axis] = -2.0, 1.5
+    # 10 s of drift; the noise has an rms of .5 + .25 * 2.
+    expected = [-2.0 + 0.125 + 0.625 + 1.5 if k == axis else 0.0 for k in range(3)]
+    assert measure_gyro(params, tuple(rate), tuple(noise), 12.0) == tuple(expected)
+
+
 def test_readings_are_float32() -> None:
     reading = measure_gyro(QUIET, (0.1, 1 / 3, math.pi), (0.0, 0.0, 0.0, 0.0), 0.0)
     assert reading == tuple(float(np.float32(value)) for value in (0.1, 1 / 3, math.pi))
@@ -66,6 +77,7 @@ def flown(vehicle: Vehicle, **changed: object) -> np.ndarray:
     return fly_direct(scenario, load_law("hinf-scheduled"), vehicle=vehicle, seed=3)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("rate_hz", [250, 500])
 def test_the_accelerometers_noise_is_the_density_at_every_rate(rate_hz: int) -> None:
     law = replace(load_law("hinf-scheduled"), dt=1.0 / rate_hz)
@@ -84,6 +96,7 @@ def test_bias_is_of_the_vehicle_and_of_the_scenario() -> None:
     np.testing.assert_allclose(off - level, [(0.25, 0.5, 0.0)] * len(level), atol=1e-6)
 
 
+@pytest.mark.compiled
 def test_a_law_without_accelerometer_flies_the_same_bits_whatever_that_measures() -> None:
     first = flown(AIRFRAME)
     second = flown(AIRFRAME, accelerometer=AccelerometerFault(noise=False, bias_mps2=(1.0, 1.0, 1.0)))

@@ -35,7 +35,7 @@ class Echo:
     def receive(self, datagram, peer, now_us):
         self.heard.append(datagram)
 
-    def drop(self, cause, peer):
+    def count_reject(self, cause, peer):
         self.dropped.append(cause)
 
     def poll(self, now_us):
@@ -66,7 +66,7 @@ def test_both_directions_are_logged_in_order_and_passed_on(tmp_path):
         echo.outbox = [(frame(2), PEERS[0]), (frame(3), PEERS[1])]
         assert log.poll(200) == [(frame(2), PEERS[0]), (frame(3), PEERS[1])]
         assert log.deadline_us() == 77
-        log.drop(RejectReason.RATE_LIMITED, PEERS[0])
+        log.count_reject(RejectReason.RATE_LIMITED, PEERS[0])
     assert echo.heard == [frame(1)]
     assert echo.dropped == [RejectReason.RATE_LIMITED]
     assert not log.finished

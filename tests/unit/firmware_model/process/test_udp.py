@@ -20,7 +20,7 @@ class Echo:
     def finished(self) -> bool:
         return bool(self.received)
 
-    def drop(self, cause, peer):
+    def count_reject(self, cause, peer):
         self.dropped.append((cause, peer))
 
     def receive(self, datagram, peer, now_us):

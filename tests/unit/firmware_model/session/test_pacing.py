@@ -1,5 +1,7 @@
 """The pace of a flight on a virtual clock, with a vehicle that only counts its samples."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from firmware_model.session.pacing import MAX_CATCH_UP_US, STALL_US, FlightClock
 from firmware_model.types import AttitudeTarget, Command, LevelFlight, MotorsOff, Setpoint, TorqueCommand
 
 SAMPLE_US = 4_000
+RESEND_US, MAX_RESENDS = 100_000, 30
 SCRIPT = 1_000  # samples
 
 
@@ -292,3 +295,115 @@ def test_held_attitude_setpoint_stays_as_it_is(paced):
     paced.run(2 * STALL_US)
     assert paced.loop.flown[-1] == flown
     assert not paced.flight.counters[TimingFault.STALLED]
+
+
+class Stepped(Paced):
+    """A scripted flight in lockstep, in OFFBOARD from sample 0."""
+
+    def __init__(self) -> None:
+        self.loop, self.autopilot = Counting(), Autopilot(Settings(), free=True)
+        self.flight = FlightClock(self.loop, self.autopilot, lambda _: None, sample_us=SAMPLE_US, lockstep=True)
+        self.now_us = 7_000_000
+        self.enter_offboard()
+        self.poll()
+
+
+def test_lockstep_flies_a_sample_as_soon_as_it_is_answered_and_never_before():
+    stepped = Stepped()
+    assert len(stepped.loop.flown) == 1  # sample 0 was answered before the flight
+    assert stepped.wait(RESEND_US - 1) == 0
+    assert stepped.offer(4_000) is None
+    assert stepped.poll() == 1
+    assert stepped.flight.time_us == 2 * SAMPLE_US
+    assert not stepped.flight.counters
+    assert stepped.flight.sample_age_us(stepped.now_us + 1_000) == 0  # its time stands
+
+
+def test_lockstep_takes_one_answer_to_the_current_sample():
+    stepped = Stepped()
+    assert stepped.offer(8_000) is RejectReason.EARLY
+    assert stepped.offer(0) is RejectReason.DUPLICATE
+    assert stepped.offer_torque(4_001) is RejectReason.EARLY
+    assert stepped.offer_torque(3_999) is RejectReason.STALE
+    assert stepped.offer(4_000) is None
+    assert stepped.offer(4_000) is RejectReason.DUPLICATE
+    stepped.poll()
+    assert stepped.offer(0) is RejectReason.STALE
+
+
+def test_lockstep_sample_is_sent_again_and_then_flown_by_the_fail_safe():
+    stepped = Stepped()
+    begun_us, resent = stepped.now_us, []
+    while stepped.autopilot.mode is Mode.OFFBOARD:
+        deadline_us = stepped.flight.deadline_us()
+        assert stepped.flight.next_action(deadline_us - 1) is NextAction.WAIT
+        stepped.now_us = deadline_us
+        action = stepped.flight.next_action(stepped.now_us)
+        if action is NextAction.RESEND:
+            resent.append(stepped.now_us - begun_us)
+        else:
+            stepped.flight.advance(stepped.now_us)
+    assert resent == [k * RESEND_US for k in range(1, MAX_RESENDS + 1)]
+    assert stepped.now_us - begun_us == (MAX_RESENDS + 1) * RESEND_US
+    assert stepped.flight.counters == {TimingFault.RESENT: MAX_RESENDS}
+    assert stepped.autopilot.in_fail_safe
+    assert stepped.flight.setpoint is None
+    assert stepped.flight.deadline_us() <= stepped.now_us  # the fail-safe waits for nobody
+    assert stepped.poll() == SCRIPT - 2
+    assert stepped.flight.left_offboard
+
+
+def test_pause_in_lockstep_sends_the_sample_again_a_full_time_out_after_it():
+    stepped = Stepped()
+    stepped.flight.pause(stepped.now_us, paused=True)
+    stepped.flight.pause(stepped.now_us + 1, paused=True)  # again: the pause began with the first
+    assert stepped.wait(90_000) == 0
+    assert stepped.flight.deadline_us() > stepped.now_us + 3_600_000_000
+    stepped.flight.pause(stepped.now_us, paused=False)
+    stepped.flight.pause(stepped.now_us + 1, paused=False)
+    assert stepped.flight.paused_us == 90_000
+    assert stepped.flight.deadline_us() == stepped.now_us + RESEND_US
+
+
+def test_pause_that_ends_before_the_first_sample_leaves_no_trace():
+    paced = Paced(standing=False)
+    paced.flight.pause(paced.now_us, paused=True)
+    paced.now_us += 5_000_000
+    paced.flight.pause(paced.now_us, paused=False)
+    paced.enter_offboard()
+    paced.poll()
+    assert paced.run(40_000) == 10
+    assert (paced.flight.paused_us, paced.flight.wall_us) == (0, 40_000)
+
+
+def test_wall_time_of_a_flight_counts_from_its_first_sample_to_its_last():
+    paced = Paced(standing=False)
+    assert paced.flight.wall_us == 0
+    assert paced.flight.deadline_us() is None
+    assert paced.flight.clock_us(paced.now_us) == paced.now_us
+    paced.enter_offboard()
+    paced.poll()
+    paced.run(40_000)
+    assert paced.flight.wall_us == 40_000
+    assert paced.flight.clock_us(paced.now_us + 1) == 7_000_000 + 40_000
+
+
+@pytest.mark.parametrize("tilt_deg", [44.0, 46.0])
+def test_tilt_and_heading_of_the_estimate_reach_the_autopilot(paced, tilt_deg):
+    half, heading = math.radians(tilt_deg) / 2, math.radians(70.0) / 2
+    # Heading about z first, then the tilt about the body's x axis.
+    paced.loop.estimate_q_NB = (
+        math.cos(heading) * math.cos(half),
+        math.cos(heading) * math.sin(half),
+        math.sin(heading) * math.sin(half),
+        math.sin(heading) * math.cos(half),
+    )
+    paced.run(SAMPLE_US)
+    refused = tilt_deg > 45.0
+    assert paced.autopilot.arm() is (TransitionResult.TIPPED if refused else TransitionResult.ACCEPTED)
+    paced.loop.position_N = (0.0, 0.0, -10.0)
+    paced.autopilot.hold()
+    paced.run(SAMPLE_US)
+    if not refused:
+        setpoint, _ = paced.loop.flown[-1]
+        assert setpoint.yaw == pytest.approx(math.radians(70.0))

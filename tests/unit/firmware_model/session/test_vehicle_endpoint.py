@@ -2,19 +2,24 @@
 
 import math
 import random
+import struct
 from collections import Counter
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.modes import Mode
+from firmware_model.config.events import ControllerHang, ControllerKill, ModeChange
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.mavlink import peers
 from firmware_model.mavlink.frames import EncodedMessage, Frame, RejectReason, parse
 from firmware_model.mavlink.messages import CONTROLLER, command_message
 from firmware_model.mavlink.peers import MAX_PEERS
 from firmware_model.mavlink.services import refusals
+from firmware_model.mavlink.signing import Signing
 from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.pacing import TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
@@ -33,7 +38,10 @@ class Vehicle:
         self.rates: list[list[float]] = []
         rate_hz = options.pop("rate_hz", 250)
         script = replace(load_scenario(scenario), duration_s=duration_s, control_rate_hz=rate_hz)
+        script = replace(script, event=options.pop("event", script.event))
         self.endpoint = VehicleEndpoint(load_vehicle("paper"), script, 1, self.record, lockstep=lockstep, **options)
+        self.flushed: list[int] = []  # samples in the journal at each flush
+        self.endpoint.flush = lambda: self.flushed.append(len(self.modes))
         self.now_us = 0
         self.heard: dict[int, list] = {}
         self.raw: dict[int, list[Frame]] = {}
@@ -46,13 +54,16 @@ class Vehicle:
         datagram = message.pack(wire.MAVLink(None, system, component))
         self.endpoint.receive(datagram, (0, ("client", port)), self.now_us)
 
+    def poll(self) -> None:
+        for datagram, (_, (_, port)) in self.endpoint.poll(self.now_us):
+            for frame in parse(datagram):
+                self.raw.setdefault(port, []).append(frame)
+                self.heard.setdefault(port, []).append(frame.message())
+
     def wait(self, us: int = 0) -> None:
         end_us = self.now_us + us
         while True:
-            for datagram, (_, (_, port)) in self.endpoint.poll(self.now_us):
-                for frame in parse(datagram):
-                    self.raw.setdefault(port, []).append(frame)
-                    self.heard.setdefault(port, []).append(frame.message())
+            self.poll()
             if self.endpoint.finished or self.endpoint.deadline_us() > end_us:
                 break
             self.now_us = max(self.endpoint.deadline_us(), self.now_us)
@@ -221,6 +232,7 @@ def test_each_peer_has_sequence_numbers_without_a_gap(vehicle):
         assert len(numbers) > 256
 
 
+@pytest.mark.compiled
 def test_three_ground_stations_and_a_controller_see_no_gap_in_a_flight():
     vehicle = Vehicle(lockstep=False, duration_s=3.0)
     for port in (2, 3, 4):
@@ -359,6 +371,7 @@ def test_gust_intensity_acts_in_flight():
     assert gusts[1] == 0.0
 
 
+@pytest.mark.compiled
 def test_gains_act_in_flight_and_to_set_them_to_what_they_are_changes_no_bit():
     flights = []
     for value in (None, 0.35, 0.1):  # 0.35 is the paper's vehicle
@@ -412,6 +425,27 @@ def test_in_real_time_the_controller_is_sent_each_sample_once(rate_hz):
     vehicle.wait(10 * sample_us)
     told = [message.time_usec for message in vehicle.take("HIGHRES_IMU") if message.time_usec]
     assert told == list(range(sample_us, 11 * sample_us, sample_us))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "surplus"), [("calm", RejectReason.DUPLICATE), ("link-delay", RejectReason.STALE)]
+)
+def test_answers_to_repetitions_of_sample_0_may_come_after_the_start(scenario, surplus):
+    vehicle = Vehicle(lockstep=True, scenario=scenario, duration_s=load_scenario(scenario).duration_s)
+    vehicle.say(HEARTBEAT)
+    vehicle.wait(200_000)
+    repetitions = len(vehicle.take("HIGHRES_IMU"))
+    vehicle.take_off()
+    told = [message.time_usec for message in vehicle.take("HIGHRES_IMU")]
+    under_way = repetitions - 1 + told.count(0)
+    for _ in range(under_way):
+        vehicle.setpoint(0)
+        vehicle.wait()
+    assert under_way > 8
+    assert vehicle.endpoint.counters == {}
+    vehicle.setpoint(0)
+    vehicle.wait()
+    assert vehicle.endpoint.counters == {surplus: 1}
 
 
 def test_real_time_flight_holds_a_late_set_point(vehicle):
@@ -507,6 +541,7 @@ def test_any_message_that_is_refused_is_survived(vehicle):
     assert vehicle.endpoint.counters[RejectReason.REFUSED] > 500
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_any_datagram_is_survived_and_counted(lockstep):
     vehicle = Vehicle(lockstep=lockstep)
@@ -531,12 +566,19 @@ def test_any_datagram_is_survived_and_counted(lockstep):
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_every_imu_sample_leaves_through_one_function(lockstep, scenario, monkeypatch):
     sent = []
-    send = VehicleEndpoint._send_sample
-    monkeypatch.setattr(VehicleEndpoint, "_send_sample", lambda *arguments: sent.append(send(*arguments)))
+    make_packer = peers.sample_packer
+
+    def make_counting_packer(*arguments):
+        pack = make_packer(*arguments)
+        return lambda sample: sent.append(sample) or pack(sample)
+
+    monkeypatch.setattr(peers, "sample_packer", make_counting_packer)
     vehicle = Vehicle(lockstep=lockstep, scenario=scenario, duration_s=load_scenario(scenario).duration_s)
     vehicle.take_off()
     for port in (1, 2):
         vehicle.say(HEARTBEAT, port=port, component=CONTROLLER if port == 1 else 190)
+    imu = float(wire.MAVLINK_MSG_ID_HIGHRES_IMU)
+    assert vehicle.ask(wire.MAV_CMD_REQUEST_MESSAGE, imu, port=2) == [wire.MAV_RESULT_ACCEPTED]
     for _ in range(60):
         samples = vehicle.take("HIGHRES_IMU")
         for message in samples or [None]:
@@ -544,3 +586,246 @@ def test_every_imu_sample_leaves_through_one_function(lockstep, scenario, monkey
         vehicle.wait(SAMPLE_US)
     frames = [frame for heard in vehicle.raw.values() for frame in heard]
     assert len(sent) == sum(frame.message_id == wire.MAVLINK_MSG_ID_HIGHRES_IMU for frame in frames) > 50
+
+
+KEY, UNIX_US = bytes(range(32)), 1_700_000_000_000_000
+
+
+def keyed() -> wire.MAVLink:
+    """Return a controller's packer with the key, and stamps from now on."""
+    packer = wire.MAVLink(None, 1, CONTROLLER)
+    packer.signing.secret_key, packer.signing.sign_outgoing = KEY, True
+    packer.signing.timestamp = (UNIX_US - 1_420_070_400_000_000) // 10
+    return packer
+
+
+class Controlled(Vehicle):
+    """A vehicle whose controller answers each sample that it hears."""
+
+    def __init__(self, *, lockstep: bool = True, throttle: float | None = None, rates: bool = False, **options) -> None:
+        super().__init__(lockstep=lockstep, **options)
+        self.packer = keyed() if options.get("signing") else wire.MAVLink(None, 1, CONTROLLER)
+        self.throttle, self.by_rates = throttle, rates
+        self.say(HEARTBEAT)
+        self.answer(0)
+        self.command(ARM, 1.0)
+        self.wait()
+        assert self.endpoint.autopilot.armed
+        self.take("HIGHRES_IMU")
+        self.command(MODE, 1.0, 6.0)
+
+    def command(self, number: int, *params: float) -> None:
+        numbers = (*params, *[math.nan] * (7 - len(params)))
+        self.send(wire.MAVLink_command_long_message(1, 1, number, 0, *numbers))
+
+    def answer(self, time_us: int) -> None:
+        torques = TorqueCommand(time_us, (0.125, 0.0, 0.0), self.throttle)
+        rates = AttitudeTarget(time_us, None, (0.25, 0.0, 0.0), 0.5)
+        self.send(command_message(rates if self.by_rates else torques, 1))
+
+    def send(self, message) -> None:
+        self.packer.seq = (self.packer.seq + 1) & 255
+        self.packer.signing.timestamp += 1
+        datagram = message.pack(self.packer)
+        self.endpoint.receive(datagram, (0, ("client", 1)), self.now_us)
+
+    def fly(self, us: int = 20_000_000) -> None:
+        """Answer each sample until the flight ends or wall time is over, which runs only while the vehicle waits."""
+        end_us = self.now_us + us
+        while not self.endpoint.finished:
+            self.poll()
+            samples = self.take("HIGHRES_IMU")
+            for sample in samples:
+                self.answer(sample.time_usec)
+            if not samples and self.endpoint.deadline_us() > end_us:
+                break
+            if not samples:
+                self.now_us = max(self.endpoint.deadline_us(), self.now_us + 1)
+
+
+@pytest.mark.parametrize("watched", [False, True])
+@pytest.mark.parametrize("rates", [False, True])
+def test_lockstep_sends_and_flies_the_same_on_its_fast_path(rates, watched, monkeypatch):
+    flights, fast = [], []
+    step = VehicleEndpoint._step_lockstep
+    for shut in (False, True):
+        if shut:
+            monkeypatch.setattr(VehicleEndpoint, "_step_lockstep", lambda *_: False)
+        else:
+            monkeypatch.setattr(VehicleEndpoint, "_step_lockstep", lambda *call: fast.append(step(*call)) or fast[-1])
+        vehicle = Controlled(scenario="paper-turbulence", rates=rates, duration_s=0.4)
+        if watched:
+            vehicle.say(HEARTBEAT, port=2, component=190)
+            for number in range(len(wire.mavlink_map)):  # all of its streams off, but one
+                if vehicle.endpoint.services.streams.get(number):
+                    every_us = 32_000.0 if number == wire.MAVLINK_MSG_ID_ATTITUDE else -1.0
+                    vehicle.ask(wire.MAV_CMD_SET_MESSAGE_INTERVAL, float(number), every_us, port=2)
+        vehicle.fly()
+        assert vehicle.endpoint.outcome is VehicleOutcome.DONE
+        # Beside a ground station, the controller may get a last sample after the flight on one path alone.
+        told = vehicle.raw[2] if watched else (vehicle.raw, vehicle.endpoint.links)
+        flights.append((vehicle.rates, vehicle.modes, told))
+    assert fast.count(True) > (60 if watched else 90)
+    assert flights[0] == flights[1]
+    assert len(flights[0][0]) == 100
+
+
+def test_fast_path_leaves_room_for_heartbeats_and_the_streams_of_others():
+    vehicle = Controlled(duration_s=4.0)
+    vehicle.say(HEARTBEAT, port=2, component=190)
+    while not vehicle.endpoint.finished:
+        vehicle.wait()
+        for sample in vehicle.take("HIGHRES_IMU"):
+            vehicle.answer(sample.time_usec)
+        vehicle.now_us += SAMPLE_US
+    for port in (1, 2):
+        assert 4 <= len(vehicle.take("HEARTBEAT", port)) <= 8  # one a second, and one at each change
+    assert len(vehicle.take("ATTITUDE", 2)) in (399, 400, 401)  # 100 Hz
+    assert not vehicle.take("ATTITUDE", 1)
+
+
+def test_heartbeat_is_sent_in_time_on_the_fast_path():
+    vehicle = Controlled(duration_s=4.0)
+    vehicle.poll()
+    assert vehicle.take("HEARTBEAT")  # OFFBOARD, at 0 s
+    for now_us, beats in ((500_000, 0), (999_999, 0), (1_000_000, 1), (1_000_001, 0)):
+        vehicle.now_us = now_us
+        vehicle.answer(vehicle.endpoint.loop.time_us)
+        vehicle.poll()
+        assert len(vehicle.take("HEARTBEAT")) == beats
+    assert len(vehicle.modes) == 5
+
+
+def test_one_poll_flies_at_most_250_samples():
+    vehicle = Controlled(duration_s=2.0)
+    vehicle.poll()
+    vehicle.command(MODE, 1.0, 7.0)  # outside OFFBOARD lockstep waits for nobody
+    flown = [len(vehicle.modes)]
+    for _ in range(3):
+        vehicle.poll()
+        flown.append(len(vehicle.modes))
+    assert [after - before for before, after in pairwise(flown)] == [250, 249, 0]
+    assert vehicle.endpoint.finished
+
+
+def test_set_point_with_a_throttle_is_flown_off_the_fast_path():
+    vehicle = Controlled(duration_s=0.1, throttle=0.5)
+    vehicle.fly()
+    assert vehicle.endpoint.outcome is VehicleOutcome.DONE
+    assert vehicle.endpoint.counters == {}
+
+
+@pytest.mark.parametrize("polled", [False, True])
+def test_paused_lockstep_flies_no_answer(polled):
+    vehicle = Controlled(duration_s=0.1)
+    vehicle.poll()
+    vehicle.answer(SAMPLE_US)
+    vehicle.poll()
+    one = struct.unpack("<f", struct.pack("<i", 1))[0]  # integers travel bytewise
+    vehicle.send(wire.MAVLink_param_set_message(1, 1, b"GP_PAUSE", one, wire.MAV_PARAM_TYPE_INT32))
+    if polled:
+        vehicle.poll()
+    flown = len(vehicle.modes)
+    vehicle.answer(vehicle.endpoint.loop.time_us)
+    vehicle.wait(50_000)
+    assert len(vehicle.modes) == flown > 0
+
+
+def test_lockstep_flight_without_a_controller_is_given_up_after_a_minute():
+    vehicle = Vehicle(lockstep=True)
+    vehicle.wait(60_000_000)
+    assert not vehicle.endpoint.finished
+    vehicle.wait(2_000_000)
+    assert vehicle.endpoint.outcome is VehicleOutcome.NO_CONTROLLER
+    assert vehicle.endpoint.finished
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_script_changes_the_mode_and_tells_when_that_is_refused(lockstep):
+    asked = ((0.1, "hold"), (0.2, "takeoff"))
+    changes = tuple(ModeChange(kind="mode", at_s=at_s, mode=mode) for at_s, mode in asked)
+    vehicle = Controlled(lockstep=lockstep, duration_s=0.4, event=changes)
+    vehicle.fly()
+    assert vehicle.modes == [Mode.OFFBOARD.value] * 25 + [Mode.HOLD.value] * 75
+    assert vehicle.endpoint.flight.counters[TimingFault.REFUSED] == 1
+    assert [text.text for text in vehicle.take("STATUSTEXT")] == ["held on the test stand: refused"]
+    assert vehicle.endpoint.outcome is VehicleOutcome.LEFT_OFFBOARD
+    assert vehicle.flushed == [25, 50]
+
+
+def test_killed_controller_is_heard_no_more_and_another_one_is_invited():
+    kill = ControllerKill(kind="controller_killed", at_s=0.1, recovers_after_s=0.1)
+    vehicle = Controlled(duration_s=0.4, event=(kill,))
+    for port in (2, 3):
+        vehicle.say(HEARTBEAT, port=port, component=CONTROLLER if port == 2 else 190)
+    vehicle.fly(1_000_000)
+    assert len(vehicle.modes) == 50  # lockstep waits for the next controller
+    stands_us = vehicle.endpoint.loop.time_us
+    told = {port: [message.time_usec for message in vehicle.take("HIGHRES_IMU", port)] for port in (1, 2, 3)}
+    assert told[1] == []
+    assert told[3].count(stands_us) <= 1  # a ground station's own stream
+    assert told[2].count(stands_us) in (10, 11)  # every 100 ms
+    vehicle.answer(stands_us)
+    assert vehicle.endpoint.counters == {RejectReason.NOT_IN_COMMAND: 1}
+    for _ in range(2):  # its first answer ends the wait, its second passes the link
+        assert len(vehicle.modes) == 50
+        vehicle.say(command_message(TorqueCommand(stands_us, (0.0, 0.0, 0.0), None), 1), port=2)
+        vehicle.wait()
+    assert len(vehicle.modes) == 51
+    assert vehicle.take("HIGHRES_IMU", 2)[-1].time_usec == stands_us + SAMPLE_US
+
+
+def test_vehicle_with_a_key_obeys_and_relays_only_what_is_signed():
+    vehicle = Vehicle(lockstep=False, signing=Signing(KEY, UNIX_US))
+    vehicle.say(HEARTBEAT, port=2, component=190)  # a heartbeat is no secret, and is not passed on
+    text = wire.MAVLink_statustext_message(6, b"law in control")
+    vehicle.say(text)
+    assert vehicle.endpoint.counters == {RejectReason.NOT_SIGNED: 1}
+    vehicle.say(HEARTBEAT)
+    vehicle.wait()
+    assert [frame.component for frame in vehicle.raw[2] if frame.message_id == 0] == [1]
+    datagram = text.pack(keyed())
+    vehicle.endpoint.receive(datagram, (0, ("client", 1)), vehicle.now_us)
+    vehicle.wait()
+    assert [message.text for message in vehicle.take("STATUSTEXT", 2)] == ["law in control"]
+    assert not vehicle.take("STATUSTEXT", 1)
+    assert all(frame.is_signed for frame in vehicle.raw[2])
+    vehicle.endpoint.receive(datagram, (0, ("client", 1)), vehicle.now_us)
+    assert vehicle.endpoint.counters == {RejectReason.NOT_SIGNED: 1, RejectReason.REPLAYED: 1}
+
+
+def test_signed_lockstep_flies_like_an_unsigned_one():
+    flights = []
+    for signing in (None, Signing(KEY, UNIX_US)):
+        vehicle = Controlled(scenario="paper-turbulence", duration_s=0.1, signing=signing)
+        vehicle.fly()
+        flights.append(vehicle.rates)
+    assert flights[0] == flights[1]
+    assert len(flights[0]) == 25
+
+
+def test_commander_that_is_silent_for_10_s_is_forgotten_and_the_next_one_heard_at_once():
+    vehicle = Vehicle(lockstep=False, interactive=True)
+    vehicle.setpoint()
+    vehicle.setpoint(port=2)
+    assert vehicle.endpoint.counters == {RejectReason.NOT_IN_COMMAND: 1}
+    vehicle.wait(11_500_000)
+    vehicle.setpoint(port=2)
+    vehicle.setpoint(port=1)
+    assert vehicle.endpoint.counters == {RejectReason.NOT_IN_COMMAND: 2}  # now the first one is the rival
+    assert [link for link in vehicle.endpoint.links if link != "gone"] == ["client:2", "client:1"]
+
+
+def test_controller_that_hangs_by_the_script_is_not_sent_its_samples():
+    hang = ControllerHang(kind="controller_hung", at_s=0.1, for_s=0.1)
+    vehicle = Controlled(duration_s=0.4, event=(hang,))
+    vehicle.fly()
+    assert vehicle.endpoint.outcome is VehicleOutcome.DONE
+    assert vehicle.flushed == [25]
+    assert vehicle.endpoint.scripted_link.stats()["to_controller"]["unheard"] == 25
+
+
+def test_message_that_nothing_reads_is_counted(vehicle):
+    vehicle.say(HEARTBEAT, component=190)
+    vehicle.say(wire.MAVLink_attitude_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert vehicle.endpoint.counters == {RejectReason.UNUSED_MESSAGE: 1}

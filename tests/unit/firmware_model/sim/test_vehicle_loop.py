@@ -167,6 +167,7 @@ def test_on_the_stand_the_rotors_turn_as_in_hover_and_share_out_the_torque() -> 
     np.testing.assert_allclose(-records["rotors"] @ arms, records["torque_B"][:, 0], atol=1e-12)
 
 
+@pytest.mark.compiled
 def test_a_steady_wind_gives_no_moment_on_the_stand() -> None:
     wind = Constant(kind="constant", velocity_mps=(10.0, 5.0, 0.0))
     blown, still = fly(replace(QUIET, wind=(wind,)), LevelFlight()), fly(QUIET, LevelFlight())

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gustproof.law.form import Law, load_law, shipped_laws
+from gustproof.law.form import Law, RateLimit, list_laws, load_law
 from gustproof.law.io.c import c_code, c_header, c_name, save_c
 from gustproof.law.step import sparse_law, step
 
@@ -42,14 +42,16 @@ def _sums_once_a_law(monkeypatch):
 def coupled_law() -> Law:
     """Return a law in which all axes, the kinematics and the limits meet in every sum, but for a few coefficients."""
     rng = np.random.default_rng(8)
-    shapes = {"A": (COUPLED, COUPLED), "B": (COUPLED, 9), "C": (3, COUPLED), "D": (3, 9), "G": (COUPLED, 3),
-              "H": (COUPLED, 3)}  # fmt: skip
+    shapes = {"A": (COUPLED, COUPLED), "B": (COUPLED, 8), "C": (3, COUPLED), "D": (3, 8), "G": (COUPLED, 3),
+              "H": (COUPLED, 3), "S": (3, COUPLED), "T": (3, 8), "U": (3, 3), "V": (COUPLED, 3)}  # fmt: skip
     parts = {name: rng.uniform(-0.05, 0.05, shape) for name, shape in shapes.items()}
+    np.fill_diagonal(parts["S"], 2.0)
+    limit = RateLimit(**{name: parts.pop(name) for name in "STUV"}, limits=np.array([0.03, 0.05, 0.07]))
     parts["A"][2, 3:9], parts["B"][7], parts["C"][1, ::2] = 0.0, 0.0, 0.0
     parts["A"][4, 4], parts["D"][2, 2], parts["C"][2, 5], parts["B"][0, 0] = 1.0 / 3.0, -1.0, 1.0, 1e-300
     # at x = 0, y = -0.0 each product of the first command is -0.0, the command is not
     parts["C"][0], parts["D"][0] = -np.abs(parts["C"][0]), np.abs(parts["D"][0])
-    return replace(load_law("aided"), name="coupled", limits=np.array([0.05, 0.3, 0.4]), **parts)
+    return replace(load_law("aided"), name="coupled", limits=np.array([0.05, 0.3, 0.4]), rate_limit=limit, **parts)
 
 
 def compiled(law: Law, tmp_path, *flags: str, compiler: str | None = COMPILER) -> Path:
@@ -71,6 +73,11 @@ def compiled_step(law: Law, tmp_path):
     return function
 
 
+def slow_rates(rng: np.random.Generator) -> np.ndarray:
+    """Return rates that change every 100 steps, so that the attitude is often beyond its limit."""
+    return np.repeat(rng.normal(0.0, 1.0, (STEPS // 100, 3)), 100, axis=0) + rng.normal(0.0, 0.1, (STEPS, 3))
+
+
 def pointer(array):
     return array.ctypes.data_as(POINTER(c_double))
 
@@ -78,8 +85,9 @@ def pointer(array):
 def assert_same_bits(law: Law, inputs, tmp_path) -> None:
     function = compiled_step(law, tmp_path)
     x, mine, command = np.zeros(law.order), np.zeros(max(law.order, 1)), np.empty(3)
-    cut = 0
+    cut = fast = 0
     for y in inputs:
+        fast += law.rate_limit is not None and bool(np.any(np.abs(x[:2]) > law.attitude_limits[:2]))
         x, expected = step(law, x, y)
         function(pointer(mine), pointer(y), pointer(command))
         assert command.tobytes() == expected.tobytes()
@@ -87,26 +95,36 @@ def assert_same_bits(law: Law, inputs, tmp_path) -> None:
         cut += np.count_nonzero(np.abs(command) == law.limits)
     assert np.all(np.isfinite(x))
     assert 0 < cut < 3 * len(inputs)  # both sides of the limit were seen
+    if law.rate_limit is not None:
+        assert 0 < fast < len(inputs)
 
 
 @pytest.mark.compiled
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 def test_compiled_c_gives_the_bits_of_the_law_over_a_hundred_thousand_steps(tmp_path):
-    law = load_law("aided")  # every part of the form: exact kinematics, specific force
+    law = load_law("aided")  # every part of the form: exact kinematics, specific force, limit of the rate
     rng = np.random.default_rng(5)
-    inputs = np.hstack([rng.normal(0.0, sigma, (STEPS, 3)) for sigma in (0.3, 0.1, 1.0)])
+    inputs = np.hstack([slow_rates(rng), *(rng.normal(0.0, sigma, (STEPS, 3)) for sigma in (0.1, 1.0))])
     assert_same_bits(law, inputs, tmp_path)
 
 
 @pytest.mark.compiled
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-@pytest.mark.parametrize("name", shipped_laws())
+def test_c_of_the_default_law_gives_its_bits_while_its_rate_is_limited(tmp_path):
+    law, rng = load_law("flagship"), np.random.default_rng(10)
+    assert_same_bits(law, np.hstack([slow_rates(rng), rng.normal(0.0, 0.1, (STEPS, 3))]), tmp_path)
+
+
+@pytest.mark.compiled
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+@pytest.mark.parametrize("name", list_laws())
 def test_every_shipped_law_gives_its_bits_in_c(name, tmp_path):
     law = load_law(name)
     rng = np.random.default_rng(6)
     inputs = np.hstack([rng.normal(0.0, sigma, (2000, 3)) for sigma in (0.3, 0.1, 1.0)])
     # limits low enough to be met
-    assert_same_bits(replace(law, limits=np.full(3, 0.5)), inputs, tmp_path)
+    limit = law.rate_limit and replace(law.rate_limit, limits=np.full(3, 0.2))
+    assert_same_bits(replace(law, limits=np.full(3, 0.5), rate_limit=limit), inputs, tmp_path)
 
 
 @pytest.mark.compiled
@@ -136,7 +154,7 @@ def test_a_law_that_reads_nothing_is_c_without_warnings(tmp_path):
 
 
 @pytest.mark.parametrize("build", BUILDS)
-@pytest.mark.parametrize("name", shipped_laws())
+@pytest.mark.parametrize("name", list_laws())
 def test_self_test_finds_the_bits_of_every_shipped_law_in_strict_builds(build, name, tmp_path):
     if (compiler := shutil.which(build.split()[0])) is None:
         pytest.skip(f"no {build.split()[0]}")
@@ -157,7 +175,7 @@ def test_self_test_finds_a_coefficient_that_is_off(place, tmp_path, monkeypatch)
         lambda _law, _header: code[: term.start(1)] + repr(off) + code[term.end(1) :],
     )
     library = compiled(law, tmp_path, "-Dhinf_scheduled_SELF_TEST")
-    assert 0 < CDLL(str(library)).hinf_scheduled_self_test() <= 16
+    assert 0 < CDLL(str(library)).hinf_scheduled_self_test() <= 24
 
 
 @pytest.mark.skipif(not (FUSED and shutil.which("clang")), reason="no clang, or nothing to fuse")
@@ -173,15 +191,19 @@ def test_c_whose_constants_would_be_floats_is_refused(tmp_path):
     assert "constants_are_double" in refused.value.stderr
 
 
-@pytest.mark.parametrize("name", shipped_laws())
+@pytest.mark.parametrize("name", list_laws())
 def test_only_what_a_law_computes_is_written(name):
     law, code = load_law(name), c_code(load_law(name))
     function = code[code.index("_step(double") :]
-    terms = re.findall(r"[+-] [^;+-]*?(?:e-\d+[^;+-]*?)?\b(?:x|y|rates|excess)\[\d+\]", function)
-    parts = (law.A, law.B, law.C, law.D, law.G, law.H)
+    terms = re.findall(r"[+-] [^;+-]*?(?:e-\d+[^;+-]*?)?\b(?:x|y|tilt|rates|excess|over)\[\d+\]", function)
+    parts = [law.A, law.B, law.C, law.D, law.G, law.H]
+    if (limit := law.rate_limit) is not None:
+        parts += [limit.S, limit.T, limit.U, limit.V]
     assert len(terms) == sum(np.count_nonzero(part) for part in parts)
     assert ("sin_cos" in code) == law.is_scheduled
-    assert ("excess" in function) == np.any(law.H)
+    assert ("arctan2" in code) == law.uses_accelerometer
+    assert ("rate_excess" in code) == (limit is not None)
+    assert ("excess[" in function) == np.any(law.H)
     assert max(map(len, code.splitlines())) <= 120
 
 

@@ -16,12 +16,16 @@ def assert_equal(law, read) -> None:
     for name in MATRICES:
         assert getattr(law, name).tobytes() == getattr(read, name).tobytes(), name
     assert (read.name, read.dt, read.output, read.provenance) == (law.name, law.dt, law.output, law.provenance)
+    assert (read.rate_limit is None) == (law.rate_limit is None)
+    for name in ("S", "T", "U", "V", "limits") if law.rate_limit is not None else ():
+        assert getattr(law.rate_limit, name).tobytes() == getattr(read.rate_limit, name).tobytes(), name
 
 
 FEELING = replace(
-    load_law("hinf-d1"), B=np.random.default_rng(1).normal(size=(9, 9)), D=np.random.default_rng(2).normal(size=(3, 9))
+    load_law("hinf-d1"), B=np.random.default_rng(1).normal(size=(9, 8)), D=np.random.default_rng(2).normal(size=(3, 8))
 )
-LAWS = {"feeling force": FEELING, **{name: load_law(name) for name in ("hinf-scheduled", "hinf-rates", "pid-fair")}}
+NAMES = ("hinf-scheduled", "hinf-rates", "pid-fair", "aided")
+LAWS = {"feeling force": FEELING, **{name: load_law(name) for name in NAMES}}
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
@@ -57,6 +61,16 @@ def test_what_is_missing_or_damaged_is_one_line(tmp_path):
         load_mat(tmp_path / "text.mat")
     with pytest.raises(LawFileError, match=r"none\.mat"):
         load_mat(tmp_path / "none.mat")
+
+
+def test_a_limit_of_the_rate_is_whole_or_not_there(tmp_path):
+    save_csv(load_law("pid-fair"), tmp_path / "law")
+    (tmp_path / "law" / "U.csv").unlink()
+    with pytest.raises(LawFileError, match="U: missing, a limit of the rate has S, T, U, V, rate_limits"):
+        load_csv(tmp_path / "law")
+    for name in ("S", "T", "V", "rate_limits"):
+        (tmp_path / "law" / f"{name}.csv").unlink()
+    assert load_csv(tmp_path / "law").rate_limit is None
 
 
 @pytest.mark.parametrize(

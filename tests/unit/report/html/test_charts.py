@@ -5,12 +5,12 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.report.html.charts import CurveStyle, decimate, spectra, time_histories
 from gustproof.report.html.runs import read_runs
 
-N = 4000
+N = 500
 TIME = 0.004 * np.arange(N)
 
 
-def noise(seed, columns=3):
-    return np.random.default_rng(seed).standard_normal((N, columns))
+def noise(seed, columns=3, n=N):
+    return np.random.default_rng(seed).standard_normal((n, columns))
 
 
 def titles(groups):
@@ -38,7 +38,7 @@ def test_rates_that_were_commanded_for_a_time_are_shown_for_that_time(recorded):
 
 
 def test_the_age_of_commands_is_shown_with_its_gaps(recorded):
-    age = np.where(np.arange(N) // 1000 % 2, np.nan, 3.0)[:, np.newaxis]
+    age = np.where(np.arange(N) // 100 % 2, np.nan, 3.0)[:, np.newaxis]
     (group,) = time_histories(read_runs([recorded("run", n=N, command_age=age)]))
     assert group.title == "Link"
     assert np.array_equal(group.charts[0].curves[0].y, age[:, 0], equal_nan=True)
@@ -46,16 +46,17 @@ def test_the_age_of_commands_is_shown_with_its_gaps(recorded):
 
 def test_an_attitude_that_is_asked_for_is_drawn_dashed_with_the_one_that_is_flown(recorded):
     """The scenario asks for 10 degrees of roll from 2 s on, and of pitch instead from 9 s on."""
-    turning = np.column_stack((np.cos(0.1 * TIME), np.sin(0.1 * TIME), 0.0 * TIME, 0.0 * TIME))
-    script = {"n": N, "scenario": "attitude-steps"}
+    n, time = 2500, 0.004 * np.arange(2500)
+    turning = np.column_stack((np.cos(0.1 * time), np.sin(0.1 * time), 0.0 * time, 0.0 * time))
+    script = {"n": n, "scenario": "attitude-steps"}
     one, other = (recorded(law, law=law, q_NB=turning, **script) for law in ("pid-fair", "hinf-d1"))
     for paths in ([one], [one, other]):
         charts = time_histories(read_runs(paths))[0].charts
         for chart, angles in zip(charts, ([0.0, 10.0, 0.0], [0.0, 0.0, 10.0], [0.0, 0.0, 0.0]), strict=True):
             flown, asked = chart.curves
             assert (flown.style, asked.style, asked.label) == (CurveStyle.SOLID, CurveStyle.DASHED, "reference")
-            assert asked.y == pytest.approx(np.repeat(angles, (500, 1750, N - 2250)))
-    script["n"] = N - 500
+            assert asked.y == pytest.approx(np.repeat(angles, (500, 1750, n - 2250)))
+    script["n"] = n - 500
     shorter = recorded("shorter", law="hinf-d1", q_NB=turning[:-500], **script)
     curves = time_histories(read_runs([one, shorter]))[0].charts[0].curves
     assert [curve.label for curve in curves[-2:]] == ["reference of pid-fair", "reference of hinf-d1"]
@@ -92,9 +93,9 @@ def test_a_short_curve_is_drawn_whole():
 
 
 def test_the_spectrum_s_area_is_the_variance_and_its_peak_the_frequency(recorded):
-    gust = noise(5) * [1.0, 2.0, 3.0]
-    gust[:, 1] += 4.0 * np.sin(50.0 * TIME)
-    (group,) = spectra(read_runs([recorded("run", n=N, gust_B=gust)]))
+    gust = noise(5, n=4000) * [1.0, 2.0, 3.0]
+    gust[:, 1] += 4.0 * np.sin(50.0 * 0.004 * np.arange(4000))
+    (group,) = spectra(read_runs([recorded("run", n=4000, gust_B=gust)]))
     for k, chart in enumerate(group.charts):
         (curve,) = chart.curves
         step = curve.x[1] - curve.x[0]

@@ -13,7 +13,7 @@ def test_a_run_is_what_its_bag_holds(recorded):
     rates = np.random.default_rng(1).standard_normal((500, 3))
     (run,) = read_runs([recorded("run", seed=7, omega_B=rates)])
     assert np.array_equal(run.records["omega_B"], rates)
-    assert (run.label, run.seed, run.outcome, run.scenario.duration_s) == ("hinf-d1", 7, "done", 2.0)
+    assert (run.label, run.seed, run.outcome.name, run.scenario.duration_s) == ("hinf-d1", 7, "DONE", 2.0)
     assert run.law.to_dict() == load_law("hinf-d1").to_dict()
     assert run.metrics.rho_in_bounds == bool(np.all(np.abs(rates) <= 1.5))
 

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.compiled
 def plant(vehicle: Vehicle, axis: int, omega: np.ndarray) -> np.ndarray:
     """Torque command to gyro: lag, damping, inertia; one sample of delay and half a sample of hold."""
     s = 1j * np.asarray(omega)
-    rigid = 1.0 / vehicle.inertia_B[axis] / (s + vehicle.rate_damping)
+    rigid = 1.0 / vehicle.inertia_B[axis] / (s + vehicle.rate_damping_B[axis])
     return rigid / (1.0 + vehicle.actuator_lag * s) * np.exp(-1.5 * DT * s)
 
 

@@ -13,12 +13,22 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.analysis.law_margins import hover_margins
 from gustproof.errors import DesignError
 from gustproof.law.form import load_law
+from gustproof.law.hover import hover_plant, loop_law
+from gustproof.lti.margins import margins
 from gustproof.performance.covariance import AxisPerformance, axis_models, axis_performance
+from gustproof.performance.predict import predict
 from gustproof.performance.tradeoff import linear_laws
 from gustproof.scoring.metrics import measure
 from gustproof.scoring.requirements import judge
 from gustproof.simulate.direct import fly_direct
-from gustproof.synthesis.pid.flagship import SHIPPED_LIMITS, TuningLimits, corner_vehicles, tune_flagship
+from gustproof.synthesis.pid.flagship import (
+    ROBUST_LIMITS,
+    SHIPPED_LIMITS,
+    TuningLimits,
+    corner_vehicles,
+    flagship_law,
+    tune_flagship,
+)
 from gustproof.synthesis.pid.pid_biquad import BiquadGains, biquad_axis
 
 AXES = ("roll", "pitch", "yaw")
@@ -67,6 +77,7 @@ def test_at_the_corners_of_inertia_and_lag_the_peaks_are_kept(vehicle, turbulenc
             assert peak <= 1.005 * SHIPPED_LIMITS.corner_peak
 
 
+@pytest.mark.slow
 def test_no_neighbour_of_the_shapes_is_better_at_the_same_price(vehicle, turbulence, shapes):
     models = axis_models(vehicle, turbulence)
     off = [axis_models(corner, turbulence) for corner in corner_vehicles(vehicle, SHIPPED_LIMITS.spreads)]
@@ -129,3 +140,20 @@ def test_it_follows_steps_of_the_reference_without_reaching_its_limits(vehicle):
     records = fly_direct(scenario, load_law("flagship"), vehicle=vehicle)
     assert all(result.is_met for result in judge(records, scenario, vehicle))
     assert np.max(np.abs(records["torque_command_B"])) <= 5.0
+
+
+@pytest.mark.slow
+def test_robust_flagship_is_as_robust_as_the_fair_pid_and_better_in_error(vehicle, turbulence):
+    law = flagship_law(vehicle, turbulence, name="flagship-robust", limits=ROBUST_LIMITS)
+    fair = load_law("pid-fair")
+    plant = hover_plant(vehicle, turbulence)
+    ours, theirs = (margins(plant, loop_law(each)).input for each in (law, fair))
+    assert min(axis.gain_margin for axis in ours) >= max(7.3, min(axis.gain_margin for axis in theirs))
+    delays = [
+        min(axis.delay_margin for axis in axes) / turbulence.dt + turbulence.delay_samples for axes in (ours, theirs)
+    ]
+    assert delays[0] >= max(11.0, delays[1])
+    assert max(axis.Ms for axis in ours) <= 1.36
+    cost, fair_cost = predict(law, vehicle, turbulence), predict(fair, vehicle, turbulence)
+    assert cost.slew <= fair_cost.slew
+    assert math.degrees(cost.rmse) <= 0.097 < 0.86 * math.degrees(fair_cost.rmse)

@@ -16,6 +16,7 @@ from gustproof.synthesis.pid.pid_baseline import tune_baseline
 PEAK, SLEW = 1.36, 20.0
 
 
+@pytest.mark.slow
 def test_no_neighbour_of_the_gains_is_better_at_the_same_price() -> None:
     vehicle, scenario = load_vehicle("paper"), load_scenario("paper-turbulence")
     models, best = axis_models(vehicle, scenario), tune_baseline(vehicle, scenario, sensitivity_peak=PEAK, slew=SLEW)

@@ -28,7 +28,7 @@ WEIGHT = 1e-9
 @pytest.fixture(scope="module")
 def search():
     models = axis_models(load_vehicle("paper"), load_scenario("paper-turbulence"))
-    return AxisSearch(models[0], [models[1]], 1.36, 2.0)
+    return AxisSearch(models[0], 1.36, [(models[1], 2.0)])
 
 
 def trapezoidal(omega):

@@ -34,6 +34,7 @@ def test_the_command_writes_a_law_of_the_order_asked_for(tmp_path):
     assert path.with_suffix(".png").exists()
 
 
+@pytest.mark.slow
 def test_a_self_scheduled_law_keeps_attitudes_and_rates_first_and_the_linear_law_is_the_controller():
     design = replace(load_design("D2"), scheduled=True)
     law, report = derive(design, solve=solver(6))

@@ -11,7 +11,6 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.errors import DesignError
 from gustproof.lti.norms import h2_norm, hinf_norm
 from gustproof.lti.state_space import Lti, as_lti, lft
-from gustproof.synthesis import hinfstruct
 from gustproof.synthesis.designs import design_problem, load_design
 from gustproof.synthesis.structured.blocks import (
     Structure,
@@ -25,6 +24,7 @@ from gustproof.synthesis.structured.blocks import (
     tunable_ss,
 )
 from gustproof.synthesis.structured.goals import GainGoal, NormKind, RollOffGoal, SensitivityGoal, StabilityGoal
+from gustproof.synthesis.structured.hinfstruct import hinfstruct
 
 GOLDEN = json.loads((Path(__file__).parents[3] / "golden" / "compleib.json").read_text(encoding="utf-8"))["plants"]
 NEAR = 1.005
@@ -56,6 +56,7 @@ def roll(inertia: float = 1.0) -> Lti:
     return Lti(A=A, B=B, C=P.C[np.ix_(channels, states)], D=P.D[np.ix_(channels, channels)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(GOLDEN))
 def test_static_output_feedback_of_compleib_is_as_good_as_known(name):
     P, n_meas, n_con = compleib(name)
@@ -71,6 +72,7 @@ def test_static_output_feedback_of_compleib_is_as_good_as_known(name):
     assert control.norm(closed, "inf") == pytest.approx(result.gamma, rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["D1", "D2"])
 def test_two_states_an_axis_come_within_two_percent_of_any_controller(name):
     P = design_plant(name)
@@ -85,6 +87,7 @@ def test_two_states_an_axis_come_within_two_percent_of_any_controller(name):
     assert np.all(response[:, ~np.eye(3, dtype=bool)] == 0.0)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_controller_to_the_bit():
     first, second = (hinfstruct(*compleib("NN8"), starts=1, seed=5) for _ in range(2))
     other = hinfstruct(*compleib("NN8"), starts=1, seed=6)
@@ -92,6 +95,7 @@ def test_the_same_seed_gives_the_same_controller_to_the_bit():
     assert not np.array_equal(first.theta, other.theta)
 
 
+@pytest.mark.slow
 def test_more_states_never_hurt_and_no_structure_beats_hinfsyn():
     gammas = [
         hinfstruct(roll(), 1, 1, structure=decoupled_structure(order, 1, 1), starts=2).gamma for order in (0, 1, 2)
@@ -148,6 +152,7 @@ def test_truncation_keeps_the_order_asked_for_and_what_matters():
     assert np.allclose(padded.response(omega), large.response(omega), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_worst_of_several_models_counts():
     models = [roll(factor) for factor in (0.8, 1.0, 1.2)]
     structure = observer_structure(2, 1, leak=0.05)
@@ -164,6 +169,7 @@ def sensitivity_peak(K: Lti) -> float:
     return float(control.norm(control.feedback(1.0, loop, 1), "inf"))
 
 
+@pytest.mark.slow
 def test_a_limit_on_ms_is_kept_and_has_its_price():
     P, structure = roll(), full_structure(1, 1, 1)
     free = hinfstruct(P, 1, 1, structure=structure, starts=1)
@@ -174,6 +180,7 @@ def test_a_limit_on_ms_is_kept_and_has_its_price():
     assert held.gamma > free.gamma
 
 
+@pytest.mark.slow
 def test_least_rms_error_at_a_limit_on_torque_rms_uses_up_the_limit():
     structure = Structure(
         blocks=(tunable_ss("K", 1, inputs=(0,), outputs=(0,), strictly_proper=True),), n_meas=1, n_con=1
@@ -194,6 +201,7 @@ def test_least_rms_error_at_a_limit_on_torque_rms_uses_up_the_limit():
     assert tight.target > h2_norm(lft(roll(), loose.controller).subsystem(slice(0, 1), slice(0, 2)))
 
 
+@pytest.mark.slow
 def test_controller_stability_and_roll_off_are_kept():
     limits = [StabilityGoal(margin=1.0), RollOffGoal(corner=300.0, limit=60.0)]
     result = hinfstruct(roll(), 1, 1, order=2, starts=1, hard_goals=limits)

@@ -52,7 +52,6 @@ class Craft:
     loop: VehicleLoop
     setpoint: object = None
     generic: bool = False
-    in_fail_safe: bool = False
     services: Service = field(default_factory=Service)
     clock_us: int = 0
     stamp_us: int = 0

@@ -31,6 +31,15 @@ def test_parameter_is_read_by_name_and_by_index(service, ask, name, index):
     assert (value.param_id, value.param_value, value.param_index) == ("COM_OF_LOSS_T", 1.0, 4)
 
 
+def test_first_and_last_parameter_are_read_by_index(service, craft, ask):
+    names = [parameter.name for parameter in craft.parameters.table]
+    for index in (0, len(names) - 1):
+        (value,) = ask(service, wire.MAVLink_param_request_read_message(1, 1, b"", index))
+        assert (value.param_id, value.param_index) == (names[index], index)
+    (error,) = ask(service, wire.MAVLink_param_request_read_message(1, 1, b"", len(names)))
+    assert error.error == wire.MAV_PARAM_ERROR_DOES_NOT_EXIST
+
+
 @pytest.mark.parametrize(("name", "index"), [(b"NOPE", -1), (b"", 999), (b"COM_OF_LOSS_T", -2)])
 def test_unknown_parameter_is_refused_at_once(service, ask, name, index):
     (error,) = ask(service, wire.MAVLink_param_request_read_message(1, 1, name, index))

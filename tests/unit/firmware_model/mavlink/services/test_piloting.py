@@ -76,6 +76,12 @@ def test_take_off_height_counts_from_the_sea(service, craft, order, height, rela
     assert len(craft.texts) == texts
 
 
+def test_take_off_height_above_the_sea_is_counted_from_home(service, craft, order):
+    craft.autopilot.home_N = (100.0, -200.0, -30.0)  # on a hill, at 518 m
+    assert order(service, TAKEOFF, None, None, None, None, None, None, 530.0)[0] == ACCEPTED
+    assert craft.autopilot._takeoff_height == pytest.approx(12.0)
+
+
 @pytest.mark.parametrize("numbers", [(0.0, 7.0), (1.0,), (1.0, -7.0), (1.0, 5.0), (1.0, 99.0), (1.0, 4.0, 99.0)])
 def test_mode_that_is_not_flown_is_denied_with_a_reason(service, craft, order, numbers):
     assert order(service, MODE, *numbers) == (DENIED, TransitionResult.NOT_FLOWN.value)

@@ -1,12 +1,15 @@
 import math
+from types import SimpleNamespace
 
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.modes import Mode
-from firmware_model.mavlink.services import actuators, identity, logs, motion, setpoints, status
+from firmware_model.mavlink.services import identity, motion, outputs, status, storage
 from firmware_model.numerics.rotations import rotate
 from firmware_model.types import AttitudeTarget, TorqueCommand
+
+HALF = math.sqrt(0.5)
 
 
 def told(service, number: int):
@@ -32,10 +35,18 @@ def test_there_is_no_fence_and_none_is_breached(craft):
 
 def test_no_battery_is_made_up(craft):
     message = told(status.make_service(craft), wire.MAVLINK_MSG_ID_BATTERY_STATUS)
-    assert (message.battery_remaining, message.current_battery, set(message.voltages)) == (-1, -1, {65535})
+    assert (message.battery_remaining, message.current_battery, message.voltages) == (-1, -1, [65535] * 10)
+    assert (message.id, message.current_consumed, message.energy_consumed) == (0, -1, -1)
+    assert (message.temperature, message.time_remaining) == (32767, 0)
     message = told(status.make_service(craft), wire.MAVLINK_MSG_ID_SYS_STATUS)
     assert (message.battery_remaining, message.current_battery, message.voltage_battery) == (-1, -1, 0)
     assert not message.onboard_control_sensors_present & wire.MAV_SYS_STATUS_SENSOR_BATTERY
+
+
+def test_no_load_and_no_errors_are_made_up(craft):
+    message = told(status.make_service(craft), wire.MAVLINK_MSG_ID_SYS_STATUS)
+    assert (message.load, message.drop_rate_comm, message.errors_comm) == (0, 0, 0)
+    assert [getattr(message, f"errors_count{number}") for number in (1, 2, 3, 4)] == [0, 0, 0, 0]
 
 
 def test_estimator_has_a_place_and_says_so(craft):
@@ -65,12 +76,12 @@ def test_identity_says_how_integers_travel(craft, generic, capabilities, autopil
 
 
 def test_log_list_is_one_entry_that_says_none(craft, ask):
-    (entry,) = ask(logs.make_service(craft), wire.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
-    assert (entry.num_logs, entry.size) == (0, 0)
+    (entry,) = ask(storage.make_service(craft), wire.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
+    assert (entry.id, entry.num_logs, entry.last_log_num, entry.time_utc, entry.size) == (0, 0, 0, 0, 0)
 
 
 def test_echo_is_of_what_is_tracked(craft):
-    service = setpoints.make_service(craft)
+    service = outputs.make_service(craft)
     target, torque = wire.MAVLINK_MSG_ID_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET
     assert told(service, target) is told(service, torque) is None
     craft.setpoint = TorqueCommand(time_us=4000, torque_B=(0.1, 0.2, 0.3), throttle=None)
@@ -89,10 +100,17 @@ def test_gust_is_told_as_wind_that_blows_toward(craft):
     assert (east.wind_x, east.wind_y) == (0.0, 5.0)
 
 
+def test_air_is_mean_wind_and_the_gust_turned_north():
+    vectors = {"gust_B": (1.0, 2.0, 0.5), "wind_N": (5.0, -3.0, 0.25)}
+    loop = SimpleNamespace(q_NB=(HALF, 0.0, 0.0, HALF), observe=lambda: None, true_vector=vectors.get)
+    # The nose points east: a gust from behind blows east, one from the left blows south.
+    assert motion.air_velocity_N(loop) == pytest.approx((3.0, -2.0, 0.75))
+
+
 def test_rotors_are_told_as_fractions_and_as_pulses(craft):
-    service = actuators.make_service(craft)
-    outputs = told(service, wire.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS)
-    assert outputs.actuator[:5] == pytest.approx([0.5, 0.5, 0.5, 0.5, 0.0])  # hovers at half throttle
-    assert outputs.active == 0b1111
+    service = outputs.make_service(craft)
+    thrusts = told(service, wire.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS)
+    assert thrusts.actuator[:5] == pytest.approx([0.5, 0.5, 0.5, 0.5, 0.0])  # hovers at half throttle
+    assert thrusts.active == 0b1111
     servos = told(service, wire.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)
     assert [servos.servo1_raw, servos.servo4_raw, servos.servo5_raw] == [1500, 1500, 0]

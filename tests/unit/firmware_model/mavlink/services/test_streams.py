@@ -52,6 +52,11 @@ def test_interval_is_told(service, order, peer, interval_us, told):
     assert (message.message_id, message.interval_us) == (PING, told)
 
 
+def test_interval_of_a_message_that_is_never_sent_is_unsupported(service, order, peer):
+    assert order(service, GET, wire.MAVLINK_MSG_ID_RC_CHANNELS) == (UNSUPPORTED, "")
+    assert peer.take() == []
+
+
 @pytest.mark.parametrize("number", [None, -1.0, 70_000.0])
 def test_interval_of_no_message_is_denied(service, order, peer, number):
     assert order(service, GET, number) == (DENIED, "")

@@ -1,11 +1,9 @@
-"""The command `gustproof autopilot`: the vehicle's process."""
+"""The commands `gustproof autopilot` and `gustproof controller`: processes of a flight, with options of their own."""
 
 import typer
 
-from gustproof.cli.failures import ExitStatus
 
-
-def autopilot(ctx: typer.Context) -> None:
+def autopilot(context: typer.Context) -> None:
     """Run the simulated autopilot and its vehicle; `gustproof autopilot --help` shows its options.
 
     The same as `python -m firmware_model`. The vehicle stands on the ground in real time and speaks MAVLink over UDP.
@@ -19,4 +17,14 @@ def autopilot(ctx: typer.Context) -> None:
     """
     from firmware_model.__main__ import main
 
-    raise typer.Exit(main(ctx.args, program="gustproof autopilot") or ExitStatus.DONE.value)
+    raise typer.Exit(main(context.args, program="gustproof autopilot"))
+
+
+def controller(context: typer.Context) -> None:
+    """Fly a law file against an autopilot over UDP; `gustproof controller --help` shows its options.
+
+    gustproof controller --law hinf-scheduled
+    """
+    from gustproof.controller.__main__ import main
+
+    raise typer.Exit(main(context.args))

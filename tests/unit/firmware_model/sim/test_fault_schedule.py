@@ -127,6 +127,7 @@ def test_a_payload_changes_mass_and_inertia_and_another_adds_to_it() -> None:
     np.testing.assert_allclose(acceleration[376:], 0.2 / 0.50, rtol=1e-9)
 
 
+@pytest.mark.compiled
 def test_a_free_vehicle_that_drops_its_payload_rises_until_the_height_is_held_again() -> None:
     free = replace(QUIET, translation="free", duration_s=8.0)
     drop = Payload(kind="payload", at_s=1.0, mass_kg=-2.0, inertia_kgm2=(0.0, 0.0, 0.0))
@@ -145,6 +146,7 @@ def test_a_payload_that_leaves_no_vehicle_is_refused_in_one_line() -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.compiled
 def test_a_flight_with_events_begins_like_one_without_and_twice_as_long_begins_identically() -> None:
     events = (
         GyroBias(kind="gyro_bias", at_s=1.0, bias_rad_s=(0.01, 0.0, 0.0), over_s=3.0),

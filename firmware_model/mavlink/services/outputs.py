@@ -1,14 +1,14 @@
-"""Rotor outputs: the thrust of each rotor as a fraction, and as the pulse width for a real vehicle's motors.
+"""Outputs: the tracked set-points, and the rotors' thrusts as fractions and as pulse widths of a real vehicle's motors.
 
-References
-----------
-MAVLink, messages 36, 375.
+MAVLink, messages 36, 83, 140, 375.
 """
 
 from pymavlink.dialects.v20 import all as wire
 
+from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
+from firmware_model.types import AttitudeTarget, TorqueCommand
 
 _ROTORS = 4
 _OUTPUTS, _SERVOS = 32, 16  # capacity of the messages
@@ -16,8 +16,11 @@ _PULSE_US = (1000, 1000)  # [us] width at zero thrust, and its increase at full 
 
 
 def make_service(context: VehicleContext) -> Service:
-    """Return the service of the rotors' outputs."""
+    """Return the service of set-points and rotor outputs."""
     loop = context.loop
+
+    def echo(kind: type[AttitudeTarget | TorqueCommand]) -> Message | None:
+        return messages.echo_message(context.setpoint) if isinstance(context.setpoint, kind) else None
 
     def servos() -> Message:
         time_us = loop.observe().time_us % 2**32
@@ -31,6 +34,8 @@ def make_service(context: VehicleContext) -> Service:
 
     return Service(
         streams={
+            wire.MAVLINK_MSG_ID_ATTITUDE_TARGET: Stream(lambda: echo(AttitudeTarget), 100_000),
+            wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: Stream(lambda: echo(TorqueCommand), 100_000),
             wire.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: Stream(servos, 100_000),
             wire.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS: Stream(outputs, 100_000),
         }

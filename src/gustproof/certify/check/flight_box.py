@@ -1,0 +1,290 @@
+"""Proof of a flight's box from the evidence of a certificate, the law file and the vehicle file.
+
+Part of the check: rational arithmetic and rounded doubles only. The statement is made from the evidence; nothing that
+a certificate says about itself is believed.
+"""
+
+import math
+from collections.abc import Iterable
+from enum import Enum
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+from gustproof.certify.check.estimate_box import DEMAND, Box, Case, check_box, least_deviations
+from gustproof.certify.check.kernel_norms import MOST_CELLS, X0, AxisNorms, axis_norms
+from gustproof.certify.check.system import LoopSystem, Refusal, finite, is_strapdown, read_system, sha256
+from gustproof.certify.check.truth_drift import Disturbance, blind_angles, truth_bound
+from gustproof.lti.rational import round_up
+
+KIND = "boundedness"
+KEYS = frozenset(
+    {"kind", "law_sha256", "vehicle_sha256", "moment", "part", "moment_class", "slope", "horizon", "noise", "risk"}
+    | {"inertia_spread", "lag_spread", "cells", "samples", "box"}
+)
+"""Every entry of the evidence; any other is refused."""
+RISK_PERIOD = 600
+"""[s] flight over which the risk of an unlimited horizon counts."""
+LEAST_RISK = Fraction(1, 10**12)
+"""[-] least risk for which the noise is bounded."""
+LONGEST = 10**6
+"""[s] longest finite horizon."""
+
+
+class MomentClass(Enum):
+    """Knowledge of the moment between two samples; the box of the law's own attitude holds for all three.
+
+    Examples
+    --------
+    >>> from gustproof import MomentClass
+    >>> MomentClass("held")
+    <MomentClass.HELD: 'held'>
+    """
+
+    HELD = "held"
+    """Constant from sample to sample, as simulated."""
+    SLOPE = "slope"
+    """Of a stated slope within a sample, with jumps at the samples."""
+    ANY = "any"
+    """Any function of time."""
+
+
+class Claim(NamedTuple):
+    """Contents of the evidence, with every domain checked."""
+
+    moment: list[Fraction]
+    """(3,) [N*m] B, bound about each axis."""
+    part: Fraction
+    """[-] certified part of the moment, at most 1."""
+    moment_class: MomentClass
+    """Class of the moment."""
+    slope: list[Fraction]
+    """(3,) [N*m/s] B, largest slope within a sample; 0 for other classes."""
+    horizon: Fraction | None
+    """[s] of the flight; `None` without limit."""
+    noise: Fraction
+    """[rad/s] rms of a gyro sample."""
+    risk: Fraction
+    """[-] probability that the noise leaves its bounds; 0 without noise."""
+    inertia_spread: Fraction
+    """[-] share of each moment of inertia, below 1."""
+    lag_spread: Fraction
+    """[-] share of the lag, below 1."""
+    cells: tuple[int, int]
+    """Number of cells that cover the spreads of inertia and of lag."""
+    samples: int
+    """Number of simulated samples of the norms."""
+    box: Box
+    """Bounds of the signals."""
+
+
+class Proof(NamedTuple):
+    """Claim made from the evidence, in words and figures."""
+
+    statement: str
+    """The proved statement."""
+    figures: dict[str, Any]
+    """Figures by name: part, estimate_deg, truth_deg, torque_nm, moment_class."""
+    assumes: dict[str, Any]
+    """Assumptions by name."""
+
+
+def prove_flight_box(evidence: dict[str, Any], law_text: str, vehicle_text: str) -> Proof:
+    """Return what the evidence proves of the law and the vehicle in these texts.
+
+    Raises
+    ------
+    Refusal
+        If the texts are not those of the evidence, a number is out of its domain, or the box does not close.
+    """
+    for name, text in (("law", law_text), ("vehicle", vehicle_text)):
+        if evidence.get(f"{name}_sha256") != sha256(text):
+            raise Refusal(f"the {name} file is not the one of this certificate: its SHA-256 is {sha256(text)}")
+    claim = read_claim(evidence)
+    system = spread_system(read_system(law_text, vehicle_text), claim)
+    norms = [axis_norms(system, axis, claim.samples) for axis in range(3)]
+    if [len(row) for row in claim.box] != [norms[0].excess.shape[1] + 1] * 3:
+        raise Refusal("the box does not bound every signal of every axis")
+    check_box(system, norms, make_case(system, claim), claim.box)
+    return describe(system, claim, norms)
+
+
+def read_claim(evidence: dict[str, Any]) -> Claim:
+    """Return the contents of the evidence.
+
+    Raises
+    ------
+    Refusal
+        If an entry is missing, unknown or out of its domain.
+    """
+    if set(evidence) != KEYS:
+        raise Refusal(f"the evidence has other entries: {', '.join(sorted(set(evidence) ^ KEYS))}")
+    if evidence["kind"] != KIND:
+        raise Refusal(f"unknown kind of evidence '{evidence['kind']}'")
+    moment = _bounds("moment", evidence["moment"])
+    if max(moment) == 0:
+        raise Refusal("moment is 0, must be positive about an axis")
+    part, noise, risk = (finite(name, evidence[name]) for name in ("part", "noise", "risk"))
+    if not 0 < part <= 1:
+        raise Refusal(f"part is {float(part)}, must be above 0 and at most 1")
+    if noise < 0:
+        raise Refusal(f"noise is {float(noise)}, must not be negative")
+    if not (LEAST_RISK <= risk < 1 if noise else risk == 0):
+        raise Refusal(f"risk is {float(risk)}, must be a probability, {float(LEAST_RISK):g} or more; 0 without noise")
+    moment_class = MomentClass(evidence["moment_class"])
+    slope = _bounds("slope", evidence["slope"])
+    if (moment_class is MomentClass.SLOPE) != (max(slope) > 0):
+        raise Refusal("a slope belongs to moments of class 'slope', and to no other")
+    horizon = None if evidence["horizon"] is None else finite("horizon", evidence["horizon"])
+    if horizon is not None and not 0 < horizon <= LONGEST:
+        raise Refusal(f"horizon is {float(horizon)} s, must be positive, at most {LONGEST} s, or unlimited")
+    spreads = [finite(name, evidence[name]) for name in ("inertia_spread", "lag_spread")]
+    if not all(0 <= spread < 1 for spread in spreads):
+        raise Refusal("a spread is a share of its value, 0 or more and below 1")
+    samples, cells = evidence["samples"], evidence["cells"]
+    if not isinstance(cells, list) or len(cells) != 2:
+        raise Refusal(f"cells are {cells!r}, must be two whole numbers")
+    for value in (samples, *cells):
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise Refusal(f"samples and cells are {samples!r} and {cells!r}, must be whole numbers")
+    if not all(1 <= value <= MOST_CELLS for value in cells):
+        raise Refusal(f"cells are {cells}, must be 1 to {MOST_CELLS}")
+    box = [_bounds(f"box of axis {axis}", row, len(row)) for axis, row in enumerate(evidence["box"])]
+    return Claim(
+        moment=moment,
+        part=part,
+        moment_class=moment_class,
+        slope=slope,
+        horizon=horizon,
+        noise=noise,
+        risk=risk,
+        inertia_spread=spreads[0],
+        lag_spread=spreads[1],
+        cells=(cells[0], cells[1]),
+        samples=samples,
+        box=box,
+    )
+
+
+def spread_system(system: LoopSystem, claim: Claim) -> LoopSystem:
+    """Return the loop with the spreads of a claim."""
+    return system._replace(inertia_spread=claim.inertia_spread, lag_spread=claim.lag_spread, cells=claim.cells)
+
+
+def make_case(system: LoopSystem, claim: Claim) -> Case:
+    """Return the disturbances of a claim; the noise's bound takes half of the risk, the truth's drift the rest."""
+    moment = [claim.part * value for value in claim.moment]
+    if claim.noise == 0:
+        return Case(moment, Fraction(0), Fraction(0))
+    period = RISK_PERIOD if claim.horizon is None else claim.horizon
+    # signals and gyro of each axis at each sample
+    count = 3 * (9 + Fraction(len(system.A), 3)) * (math.ceil(period / system.dt) + 2)
+    return Case(moment, claim.noise, least_deviations(count, claim.risk / 2))
+
+
+def describe(system: LoopSystem, claim: Claim, norms: list[AxisNorms]) -> Proof:
+    """Return statement, figures and assumptions of a claim whose box closes."""
+    estimate_deg = [_degrees_up(row[X0]) for row in claim.box]
+    truth_deg, why = _truth_deg(system, claim)
+    figures = {
+        "part": float(claim.part),
+        "estimate_deg": estimate_deg,
+        "truth_deg": truth_deg,
+        "moment_class": claim.moment_class.value,
+        "torque_nm": [float(row[DEMAND]) for row in claim.box],
+    }
+    return Proof(_statement(system, claim, figures, why), figures, _assumptions(system, claim))
+
+
+def _truth_deg(system: LoopSystem, claim: Claim) -> tuple[list[float] | None, str]:
+    """Return the bounds of the true attitude [deg], or `None` and the reason why there are none."""
+    if claim.horizon is None:
+        return None, "without a horizon the truth has no bound: gyros do not observe attitude"
+    if not is_strapdown(system):
+        return None, "the law's attitude is no strapdown integral of the gyro, so the truth has no bound"
+    moment = [claim.part * value for value in claim.moment]
+    free = claim.moment_class is MomentClass.ANY
+    disturbance = Disturbance(
+        unseen=moment if free else [Fraction(0)] * 3,
+        slope=claim.slope,
+        steps=math.ceil(claim.horizon / system.dt) + 1,
+        risk=claim.risk / 2,
+    )
+    try:
+        truth = truth_bound(system, make_case(system, claim), claim.box, disturbance)
+    except Refusal as refusal:
+        return None, str(refusal)
+    return [_degrees_up(value) for value in truth], ""
+
+
+def _statement(system: LoopSystem, claim: Claim, figures: dict[str, Any], why: str) -> str:
+    moment = ", ".join(f"{float(claim.part * value):.4g}" for value in claim.moment)
+    words = (
+        f"law '{system.name}' keeps its own attitude within {_list_up(figures['estimate_deg'])} deg for ever and its "
+        f"torque below {_list_up(figures['torque_nm'])} N*m, under any moment within {moment} N*m"
+    )
+    if claim.inertia_spread or claim.lag_spread:
+        inertia, lag = float(100 * claim.inertia_spread), float(100 * claim.lag_spread)
+        words += f", whatever the constant inertia within {inertia:g} % and the lag within {lag:g} %"
+    if claim.noise:
+        period = RISK_PERIOD if claim.horizon is None else float(claim.horizon)
+        words += f", with gyro noise of {float(claim.noise):g} rad/s rms"
+        words += f" but for a risk of {float(claim.risk):g} in {period:g} s"
+    if figures["truth_deg"] is None or claim.horizon is None:
+        return f"{words}; {why}"
+    between = {
+        MomentClass.HELD: "a moment held over each sample",
+        MomentClass.SLOPE: f"slopes below {_list_up(map(float, claim.slope))} N*m/s within a sample",
+        MomentClass.ANY: "a moment that is any function of time",
+    }[claim.moment_class]
+    truth = _list_up(figures["truth_deg"])
+    words += f"; for {float(claim.horizon):g} s the true attitude stays within {truth} deg, under {between}"
+    if claim.moment_class is MomentClass.ANY:
+        moments = [claim.part * value for value in claim.moment]
+        blind = blind_angles(system, moments, math.floor(claim.horizon / system.dt))
+        angles = ", ".join(f"{math.floor(100.0 * math.degrees(value)) / 100.0:g}" for value in blind)
+        words += f" (a square wave in step with the samples turns any law of this gyro by {angles} deg, unseen)"
+    return words
+
+
+def _assumptions(system: LoopSystem, claim: Claim) -> dict[str, Any]:
+    period = RISK_PERIOD if claim.horizon is None else float(claim.horizon)
+    return {
+        "plant": "exact nonlinear rigid body on a stand with this damping per inertia, first-order actuators, gyro "
+        "without bias, float32 on the wire",
+        "air": "all its moments lie within the bound",
+        "law": system.name,
+        "moment_N_m": [float(value) for value in claim.moment],
+        "moment_between_samples": claim.moment_class.value,
+        "moment_slope_N_m_s": [float(value) for value in claim.slope] if max(claim.slope) else None,
+        "start": "at rest, level, all states of law and loops 0",
+        "sample_time_s": float(system.dt),
+        "delay_samples": 1,
+        "horizon_s": None if claim.horizon is None else float(claim.horizon),
+        "inertia_kg_m2": [float(value) for value in system.inertia],
+        "actuator_lag_s": float(system.lag),
+        "inertia_spread": float(claim.inertia_spread),
+        "actuator_lag_spread": float(claim.lag_spread),
+        "rate_damping_per_s": [float(value) for value in system.damping],
+        "noise_rad_s": float(claim.noise),
+        "noise_probability": float(claim.risk),
+        "noise_period_s": period if claim.noise else None,
+    }
+
+
+def _list_up(values: Iterable[float]) -> str:
+    """Return bounds to three decimals, none rounded down."""
+    return ", ".join(f"{math.ceil(1e3 * value) / 1e3:g}" for value in values)
+
+
+def _degrees_up(angle: Fraction) -> float:
+    """Return an angle [rad] in degrees, not rounded down."""
+    return math.ceil(1e6 * math.degrees(float(round_up(angle))) + 1e-3) / 1e6
+
+
+def _bounds(name: str, values: Any, count: int = 3) -> list[Fraction]:
+    if not isinstance(values, list) or len(values) != count:
+        raise Refusal(f"{name} must be {count} numbers")
+    numbers = [finite(name, value) for value in values]
+    if min(numbers) < 0:
+        raise Refusal(f"{name} has a negative number")
+    return numbers

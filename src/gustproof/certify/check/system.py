@@ -1,0 +1,258 @@
+"""The sampled loop that a certificate is about, derived from the text of a law file and of a vehicle file.
+
+Part of the check: standard library only. Every number is the exact value of the double that flies.
+"""
+
+import hashlib
+import json
+import math
+import tomllib
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+from gustproof.lti.rational import to_rational
+
+TORQUE, RATES = "torque", "rates"
+_MOST_STATES = 48
+"""Largest order of a law; bounds the time of a check."""
+
+
+Row = tuple[Fraction, ...]
+Rows = tuple[Row, ...]
+"""A matrix by rows."""
+
+
+class Refusal(Exception):
+    """Evidence that does not prove the claim; the text names the condition that failed."""
+
+
+class RateLoop(NamedTuple):
+    """Gains of the on-board rate loop: torque = p (c - g) + i z - d (g - f), with z' = c - g and f a low pass of g."""
+
+    p: Row
+    """(3,) [N*m*s/rad] B."""
+    i: Row
+    """(3,) [N*m/rad] B."""
+    d: Row
+    """(3,) [N*m*s/rad] B, of the gyro minus its low pass before the sample."""
+    smoothing: Fraction
+    """[-] weight of a new sample in the low pass."""
+
+
+class RateLimit(NamedTuple):
+    """Limit of the rate commanded from attitude, `s = S x + T g`, and of the attitude that alone commands it."""
+
+    S: Rows
+    """(3, n) [rad/s] state to commanded rate."""
+    T: Rows
+    """(3, 3) [-] gyro to commanded rate."""
+    limits: Row
+    """(3,) [rad/s] largest commanded rate."""
+
+
+class LoopSystem(NamedTuple):
+    """Numbers of a law and a vehicle, as far as a flight within the limits depends on them."""
+
+    name: str
+    """Name of the law."""
+    A: Rows
+    """(n, n) state to next state."""
+    B: Rows
+    """(n, 3) gyro to next state."""
+    C: Rows
+    """(3, n) state to command."""
+    D: Rows
+    """(3, 3) gyro to command."""
+    G: Rows
+    """(n, 3) Euler rates of the law's own estimates to next state."""
+    dt: Fraction
+    """[s] sample time."""
+    limits: Row
+    """(3,) [N*m or rad/s] B, largest command."""
+    torque_limits: Row
+    """(3,) [N*m] B, largest torque."""
+    inertia: Row
+    """(3,) [kg*m^2] B."""
+    damping: Row
+    """(3,) [1/s] B, damping moment per rate, divided by the inertia: the same at every inertia within its spread."""
+    lag: Fraction
+    """[s] time constant of the actuators."""
+    gyro_range: Fraction
+    """[rad/s] largest rate that the gyro measures."""
+    rate_limit: RateLimit | None
+    """Limit of the rate commanded from attitude; `None` without one."""
+    rate_loop: RateLoop | None
+    """On-board loop that tracks the commanded rates; `None` for a law that commands torque."""
+    inertia_spread: Fraction = Fraction(0)
+    """[-] the moments of inertia are constant, unknown, and each within this share of its value."""
+    lag_spread: Fraction = Fraction(0)
+    """[-] the same of the lag."""
+    cells: tuple[int, int] = (1, 1)
+    """Number of cells that cover the spread of inertia and of lag."""
+
+    @property
+    def inverse_inertia(self) -> Row:
+        """(3,) [1/(kg*m^2)] B, bounds of one over the inertia."""
+        return tuple(1 / ((1 - self.inertia_spread) * value) for value in self.inertia)
+
+    @property
+    def inverse_lag(self) -> Fraction:
+        """[1/s] bound of one over the lag."""
+        return 1 / ((1 - self.lag_spread) * self.lag)
+
+    @property
+    def gyroscopic(self) -> Row:
+        """(3,) [-] bounds of `|I_j - I_k| / I_i`."""
+        low, high = 1 - self.inertia_spread, 1 + self.inertia_spread
+        bounds = []
+        for i in range(3):
+            a, b = self.inertia[(i + 1) % 3], self.inertia[(i + 2) % 3]
+            bounds.append(max(high * a - low * b, high * b - low * a) * self.inverse_inertia[i])
+        return tuple(bounds)
+
+
+def sha256(text: str) -> str:
+    """Return the SHA-256 of a text in UTF-8, in hexadecimal digits."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
+    """Return the loop of a law file (JSON) and a vehicle file (TOML, nominal values).
+
+    Raises
+    ------
+    Refusal
+        If the law reads the accelerometer or couples its axes, or a number is out of range.
+    """
+    law, vehicle = json.loads(law_text), tomllib.loads(vehicle_text)
+    if law["output"] not in (TORQUE, RATES):
+        raise Refusal(f"law '{law['name']}' commands {law['output']}, the proof is about torque and rates")
+    n = len(law["A"])
+    columns = {len(row) for name in "BD" for row in law[name]}
+    if columns != {6}:
+        raise Refusal(f"law '{law['name']}' reads the accelerometer, the proof is about laws of gyros alone")
+    if n % 3 or not 6 <= n <= _MOST_STATES:
+        raise Refusal(f"law '{law['name']}' has {n} states, must have 2 to {_MOST_STATES // 3} for each of three axes")
+    gyro = {name: [row[:3] for row in law[name]] for name in "BD"}
+    rows = (law["A"], gyro["B"], law["C"], gyro["D"], law["G"])
+    matrices = [tuple(map(tuple, to_rational(matrix))) for matrix in rows]
+    shapes = [(n, n), (n, 3), (3, n), (3, 3), (n, 3)]
+    if any((len(M), len(M[0])) != shape for M, shape in zip(matrices, shapes, strict=True)):
+        raise Refusal(f"law '{law['name']}' has matrices of wrong shapes")
+    if any(value for M in matrices for i, row in enumerate(M) for j, value in enumerate(row) if (i - j) % 3):
+        raise Refusal(f"law '{law['name']}' couples its axes, the proof takes them one at a time")
+    inertia, dt = _positive("inertia_B", vehicle["inertia_B"], 3), _positive("dt", [law["dt"]])[0]
+    torque_limits = tuple(_positive("torque_limit", vehicle["torque_limit"], 3))
+    tracks = law["output"] == RATES
+    limits = tuple(_positive("limits", law["limits"], 3))
+    if not tracks:
+        limits = tuple(min(pair) for pair in zip(limits, torque_limits, strict=True))
+    return LoopSystem(
+        name=str(law["name"]),
+        A=matrices[0],
+        B=matrices[1],
+        C=matrices[2],
+        D=matrices[3],
+        G=matrices[4],
+        dt=dt,
+        limits=limits,
+        torque_limits=torque_limits,
+        inertia=tuple(inertia),
+        damping=_read_damping(vehicle, inertia),
+        lag=_positive("actuator_lag", [vehicle["actuator_lag"]])[0],
+        gyro_range=_positive("gyro.range", [vehicle["gyro"]["range"]])[0],
+        rate_limit=_read_rate_limit(law, n),
+        rate_loop=_read_rate_loop(vehicle["stabilizer"], inertia, dt) if tracks else None,
+    )
+
+
+def _read_damping(vehicle: dict[str, Any], inertia: list[Fraction]) -> Row:
+    """Return the rate damping of the file, the same about all axes; without one, that of the rotors' drag, exactly.
+
+    Each rotor has a quarter of the drag. Roll moves a rotor at (x, y) along its axis by y p, pitch by -x q. Yaw moves
+    it in its plane by r sqrt(x^2 + y^2). The vehicle flies the nearest doubles, but for a few roundings.
+    """
+    if "rate_damping" in vehicle:
+        return (_not_negative("rate_damping", _nominal(vehicle["rate_damping"])),) * 3
+    name = "rotors.position_B"
+    hubs = [[finite(name, _nominal(value)) for value in hub] for hub in vehicle["rotors"]["position_B"]]
+    if [len(hub) for hub in hubs] != [3] * 4:
+        raise Refusal(f"{name} must be three numbers for each of four rotors")
+    x_square, y_square = (sum((hub[k] ** 2 for hub in hubs), Fraction(0)) / 4 for k in (0, 1))
+    height = -sum((hub[2] for hub in hubs), Fraction(0)) / 4
+    if height <= 0:
+        raise Refusal(f"{name}: the rotors must be above the centre of mass")
+    along = _not_negative("heave_drag", _nominal(vehicle["heave_drag"]))
+    across = _not_negative("gust_gain", _nominal(vehicle["gust_gain"])) / height
+    moments = along * y_square, along * x_square, across * (x_square + y_square)
+    return tuple(moment / value for moment, value in zip(moments, inertia, strict=True))
+
+
+def _read_rate_loop(stabilizer: dict[str, Any], inertia: list[Fraction], dt: Fraction) -> RateLoop:
+    """Return the on-board rate loop; its coefficients are within 2^-48 of themselves, as doubles compute them."""
+    gains = {
+        name: [_not_negative(f"stabilizer.{name}", _nominal(value)) for value in stabilizer[name]]
+        for name in ("rate_p", "rate_i", "rate_d")
+    }
+    if any(len(row) != 3 for row in gains.values()):
+        raise Refusal("the gains of the stabilizer must be three numbers each")
+    cutoff = _positive("stabilizer.derivative_cutoff", [stabilizer["derivative_cutoff"]])[0]
+    smoothing = Fraction(1.0 - math.exp(-float(dt) * 2.0 * math.pi * float(cutoff)))
+    p, i, d = (tuple(gain * value for gain, value in zip(row, inertia, strict=True)) for row in gains.values())
+    return RateLoop(p, i, tuple(value * smoothing / dt for value in d), smoothing)
+
+
+def _read_rate_limit(law: dict[str, Any], n: int) -> RateLimit | None:
+    """Return the law's limit of the rate commanded from attitude, at the reference 0; `None` without one.
+
+    A proven box lies within it, so the limit is inactive: the law is that of A to G alone.
+    """
+    limit = law.get("rate_limit")
+    if limit is None:
+        return None
+    S, T = (tuple(map(tuple, to_rational(rows))) for rows in (limit["S"], [row[:3] for row in limit["T"]]))
+    if [(len(M), {len(row) for row in M}) for M in (S, T)] != [(3, {n}), (3, {3})]:
+        raise Refusal(f"law '{law['name']}' has a rate limit of wrong shape")
+    return RateLimit(S, T, tuple(_positive("rate_limit.limits", limit["limits"], 3)))
+
+
+def is_strapdown(system: LoopSystem) -> bool:
+    """Return whether attitude and rate of the law are the gyro's trapezoid, exactly.
+
+    `x0+ = x0 + dt T(x0) x1 + dt/2 (g - x1)` and `x1+ = g`, coefficient by coefficient.
+    """
+    half = system.dt / 2
+    for i in range(3):
+        own = {i: Fraction(1), 3 + i: -half}
+        attitude = all(value == own.get(j, 0) for j, value in enumerate(system.A[i]))
+        if not (attitude and system.B[i][i] == half and system.G[i][i] == system.dt):
+            return False
+        if any(system.A[3 + i]) or system.B[3 + i][i] != 1 or any(system.G[3 + i]):
+            return False
+    return True
+
+
+def finite(name: str, value: Any) -> Fraction:
+    """Return a JSON number exactly; refuse anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise Refusal(f"{name} is {value!r}, must be a finite number")
+    return Fraction(value)
+
+
+def _nominal(value: Any) -> Any:
+    """Return the nominal value of an entry of a vehicle file that may state a spread."""
+    return value["nominal"] if isinstance(value, dict) else value
+
+
+def _positive(name: str, values: Any, count: int = 1) -> list[Fraction]:
+    numbers = [finite(name, _nominal(value)) for value in values]
+    if len(numbers) != count or min(numbers) <= 0:
+        raise Refusal(f"{name} must be {count} positive number{'s' if count > 1 else ''}")
+    return numbers
+
+
+def _not_negative(name: str, value: Any) -> Fraction:
+    number = finite(name, value)
+    if number < 0:
+        raise Refusal(f"{name} is {float(number)}, must not be negative")
+    return number

@@ -1,0 +1,122 @@
+"""Laws, designs and the limits of both as tables and text, and the figure of a design's singular values."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from gustproof.analysis.analyse import Analysis, pole_pairs
+from gustproof.analysis.placement import ErrorLimits
+from gustproof.report.terminal import Renderable, figures_table
+from gustproof.synthesis.derive import DesignReport, margins_to_dict
+
+_FREQUENCIES = np.geomspace(1e-3, 1e3, 600)
+_NOTE = (
+    "Limits are small-angle averages over many flights; few flights scatter. Gyro noise alone makes the attitude "
+    "drift, whatever the law; only the part above 'any slew' can be tuned away. The second table holds linear laws "
+    "that were found, so it lies above the limit: by 1 % at Ms 1.15, .2 % from 1.36 on. In the first table and in the "
+    "column 'any', no law is better, linear or not."
+)
+MARGINS = {
+    "crossover_rad_s": "crossover\n[rad/s]",
+    "phase_margin_deg": "phase\n[deg]",
+    "gain_margin": "gain up\n[-]",
+    "gain_reduction_margin": "gain down\n[-]",
+    "delay_margin_s": "delay\n[s]",
+    "Ms": "Ms\n[-]",
+}
+"""Key and heading of each margin of an axis."""
+
+
+def render_analysis(analysis: Analysis) -> Renderable:
+    """Return the analysis as tables and text."""
+    law = analysis.law
+    facts = Table("", "", title=f"Law '{law.name}': {law.provenance.design}", show_header=False)
+    facts.add_row("states", str(law.order))
+    facts.add_row("sample time", f"{law.dt:g} s")
+    facts.add_row("commands", law.output.value)
+    facts.add_row("exact kinematics in its attitude estimate", "yes" if law.is_scheduled else "no")
+    parts: list[Renderable] = [facts]
+    if analysis.hover.margins is not None:
+        parts.append(margins_table("at hover, sampled and delayed", margins_to_dict(analysis.hover.margins)))
+    parts.append(Text(f"poles of the law [rad/s]: {format_poles(pole_pairs(analysis.hover.law_poles))}"))
+    if len(analysis.hover.loop_poles):
+        parts.append(Text(f"poles of the loop [rad/s]: {format_poles(pole_pairs(analysis.hover.loop_poles))}"))
+    alone = {"gust alone": analysis.gust_alone, "gyro noise alone": analysis.noise_alone}
+    columns = {analysis.scenario.name: analysis.metrics, **alone}
+    parts.append(figures_table("Simulated in-process (bit-identical to UDP)", columns))
+    return Group(*parts, Text("\n".join(["Limits:", *(f"- {line}" for line in analysis.limits())])))
+
+
+def render_design(report: DesignReport) -> Renderable:
+    """Return levels, order, margins and controller poles of a design."""
+    figures = report.to_dict()
+    levels = Table("", "", title=f"Design {figures['design']}: {figures['description']}", show_header=False)
+    least = figures["gamma_opt"]
+    levels.add_row("least level, gamma_opt", "not solvable" if least is None else f"{least:.5f}")
+    levels.add_row("level designed for, gamma", f"{figures['gamma']:.5f}")
+    levels.add_row("norm achieved", f"{figures['norm']:.5f} at {format_margin(figures['norm_omega_rad_s'])} rad/s")
+    levels.add_row("controller states", str(figures["order"]))
+    levels.add_row("stability augmentation in the model, leak", f"{figures['leak_per_s']:g} 1/s")
+    levels.add_row("exact kinematics in the law", "yes" if figures["scheduled"] else "no")
+    for name, value in figures.get("step", {}).items():
+        levels.add_row(f"step of the reference: {name}", format_margin(value))
+    return Group(
+        levels,
+        margins_table("as designed, continuous", figures["continuous"]),
+        margins_table(f"as flown, sampled every {figures['dt_s']:g} s, one sample of delay", figures["sampled"]),
+        Text(f"controller poles [rad/s]: {format_poles(figures['poles_rad_s'])}"),
+    )
+
+
+def save_design_figure(report: DesignReport, path: Path) -> None:
+    """Draw the singular values of a design as PNG."""
+    from gustproof.report.figures import save_singular_values
+
+    values = report.singular_values(_FREQUENCIES)
+    save_singular_values(_FREQUENCIES, values, report.result.gamma, f"Design {report.design.name}", path)
+
+
+def render_limits(limits: ErrorLimits) -> RenderableType:
+    """Return the limits by the information of a law, and the trade-off with the sensitivity peak."""
+    known = Table("known to the law", title=f"Least possible RMSE in '{limits.scenario}' [deg]")
+    known.add_column(f"slew {limits.slew:g} N m/s", justify="right")
+    known.add_column("any slew", justify="right")
+    known.add_row("gyros, the true spectra", f"{limits.gyro_deg:.4f}", f"{limits.gyro_any_slew_deg:.4f}")
+    known.add_row("state and air, exactly", f"{limits.clairvoyant_deg:.2g}", f"{limits.clairvoyant_any_slew_deg:.2g}")
+    traded = Table("slew [N m/s]", title="Least RMSE [deg] of linear gyro-only laws by sensitivity peak Ms")
+    rows = {
+        curve.slew: {f"{Ms:.2f}": rmse for Ms, rmse in zip(curve.Ms, curve.rmse_deg, strict=True)}
+        | {"any": curve.any_Ms_deg}
+        for curve in limits.curves
+    }
+    peaks = sorted({peak for row in rows.values() for peak in row})
+    for peak in peaks:
+        traded.add_column(peak, justify="right")
+    for slew, row in rows.items():
+        traded.add_row(f"{slew:g}", *(f"{row[peak]:.4f}" if peak in row else "-" for peak in peaks))
+    return Group(known, traded, Text(_NOTE, style="dim"))
+
+
+def margins_table(title: str, places: dict[str, Any]) -> Table:
+    """Return the margins of `margins_to_dict` by the plant's side and axis."""
+    table = Table("plant's", "axis", *MARGINS.values(), "disk\n[-]", title=f"Margins {title}")
+    for place, figures in places.items():
+        for axis in ("roll", "pitch", "yaw"):
+            cells = (format_margin(figures[axis][name]) for name in MARGINS)
+            table.add_row(place, axis, *cells, format_margin(figures["disk_margin"]) if axis == "roll" else "")
+    return table
+
+
+def format_margin(value: float | None) -> str:
+    """Return a margin as text; `None` is infinite."""
+    return "∞" if value is None else f"{value:.3g}"
+
+
+def format_poles(poles: Iterable[tuple[float, float]]) -> str:
+    """Return poles as text, one of each conjugate pair."""
+    return ", ".join(f"{re:.4g}" if im == 0.0 else f"{re:.4g} ± {im:.4g}j" for re, im in poles if im >= 0.0)
