@@ -151,9 +151,9 @@ def read_document(path: Path) -> dict[str, Any]:
     return document
 
 
-def list_shipped(folder: Path) -> tuple[str, ...]:
+def list_shipped(folder: Path, suffix: str = ".toml") -> tuple[str, ...]:
     """Return the names of the files shipped in `folder`."""
-    return tuple(sorted(path.stem for path in folder.glob("*.toml")))
+    return tuple(sorted(path.stem for path in folder.glob(f"*{suffix}")))
 
 
 def read_toml(
@@ -171,11 +171,11 @@ def read_toml(
     ConfigError
         If there is no such file, it is not TOML, or a key or value is not allowed.
     """
-    path = toml_path(kind.__name__.lower(), name_or_path, folder)
+    path = shipped_path(kind.__name__.lower(), name_or_path, folder)
     return validate(kind, {"name": path.stem, **complete(read_document(path), path)}, str(path))
 
 
-def toml_path(kind: str, name_or_path: str | Path, folder: Path) -> Path:
+def shipped_path(kind: str, name_or_path: str | Path, folder: Path, suffix: str = ".toml") -> Path:
     """Return the path of a file, or of the one of that name shipped in `folder`; `kind` names it in errors.
 
     Raises
@@ -184,12 +184,12 @@ def toml_path(kind: str, name_or_path: str | Path, folder: Path) -> Path:
         If none of that name is shipped.
     """
     path = Path(name_or_path)
-    if path.suffix == ".toml":
+    if path.suffix == suffix:
         return path
-    if str(name_or_path) not in (shipped := list_shipped(folder)):
+    if str(name_or_path) not in (shipped := list_shipped(folder, suffix)):
         name, known = sanitize_line(str(name_or_path)), ", ".join(shipped)
-        raise ConfigError(f"no {kind} named '{name}': give a .toml file or one of {known}")
-    return folder / f"{name_or_path}.toml"
+        raise ConfigError(f"no {kind} named '{name}': give a {suffix} file or one of {known}")
+    return folder / f"{name_or_path}{suffix}"
 
 
 def read_json(kind: type[Parsed], name: str) -> Parsed | None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from firmware_model.config.fields import Finite, NonNegative, Positive, PositiveVector, Vector, strict_dataclass
-from firmware_model.config.files import Name, list_shipped, read_toml, toml_path
+from firmware_model.config.files import Name, list_shipped, read_toml, shipped_path
 from firmware_model.config.spreads import take_nominal
 from firmware_model.errors import ConfigError
 
@@ -277,7 +277,7 @@ def vehicle_path(name_or_path: str | Path) -> Path:
     ConfigError
         If none of that name is shipped.
     """
-    return toml_path("vehicle", name_or_path, VEHICLES)
+    return shipped_path("vehicle", name_or_path, VEHICLES)
 
 
 def check_body(low: Vector, high: Vector, source: str) -> None:

@@ -24,8 +24,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.config.files import checked_name, parse_json, read_text, write_text
+from firmware_model.config.files import checked_name, list_shipped, parse_json, read_text, shipped_path, write_text
 from firmware_model.config.validation import sanitize_line
+from firmware_model.errors import ConfigError
 from gustproof.errors import LawFileError
 from gustproof.types import readonly_copy
 
@@ -265,13 +266,10 @@ def law_path(name_or_path: str | Path) -> Path:
     LawFileError
         If none of that name is shipped.
     """
-    path = Path(name_or_path)
-    if path.suffix == ".json":
-        return path
-    if str(name_or_path) not in list_laws():
-        known = ", ".join(list_laws())
-        raise LawFileError(f"no law named '{sanitize_line(str(name_or_path))}': give a .json file or one of {known}")
-    return LAWS / f"{name_or_path}.json"
+    try:
+        return shipped_path("law", name_or_path, LAWS, ".json")
+    except ConfigError as error:
+        raise LawFileError(str(error)) from None
 
 
 def parse_law(document: Any, source: str) -> Law:
@@ -297,7 +295,7 @@ def list_laws() -> tuple[str, ...]:
     >>> "flagship" in list_laws()
     True
     """
-    return tuple(sorted(path.stem for path in LAWS.glob("*.json")))
+    return list_shipped(LAWS, ".json")
 
 
 def _to_lists(rate_limit: RateLimit) -> dict[str, Any]:

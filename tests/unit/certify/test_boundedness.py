@@ -566,10 +566,8 @@ def test_limit_of_the_commanded_rate_is_proved_inactive_or_refused(limit, closes
 @pytest.mark.parametrize("axis", range(3))
 def test_commanded_rate_is_bounded_by_what_the_law_commands_in_the_box(axis):
     """Of random states and samples in the box the largest commanded rate comes near its bound."""
-    system, case = (
-        read_system(law_text("flagship"), VEHICLE_TEXT),
-        make_case(read_system(law_text("flagship"), VEHICLE_TEXT), claim()),
-    )
+    system = read_system(law_text("flagship"), VEHICLE_TEXT)
+    case = make_case(system, claim())
     box = [[Fraction(value) for value in row] for row in certify("flagship").evidence["box"]]
     S, T = (np.array(rows, dtype=float) for rows in (system.rate_limit.S, system.rate_limit.T))
     states = np.array([float(box[j % 3][X0 + j // 3]) for j in range(len(system.A))])
