@@ -69,7 +69,9 @@ def sparse_law(law: Law) -> SparseLaw:
         filled.append(terms + [(float(n + ZERO), 0.0)] * (-len(terms) % TERM_BLOCK if terms else TERM_BLOCK))
     ends = np.cumsum([len(terms) for terms in filled])
     every = np.array([term for terms in filled for term in terms])
-    return SparseLaw(ends, every, law.is_scheduled, law.uses_accelerometer, law.limits, own.limits, law.attitude_limits)
+    # Copied, as a law's own are read-only and the default is not: kernels would be compiled for each of the two.
+    rates = own.limits.copy()
+    return SparseLaw(ends, every, law.is_scheduled, law.uses_accelerometer, law.limits, rates, law.attitude_limits)
 
 
 @kernel

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
 from gustproof.errors import DesignError, FlightError
 from gustproof.law.form import load_law
@@ -27,6 +29,31 @@ def one_line(result) -> str:
     assert "Traceback" not in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     return result.stderr.strip()
+
+
+@pytest.fixture(scope="module")
+def second():
+    """Fly one second of `calm`."""
+    scenario = replace(load_scenario("calm"), duration_s=1.0)
+    return fly_direct(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper"), seed=5)
+
+
+@pytest.fixture
+def end_flight(monkeypatch):
+    """Return what ends each flight in an outcome with these records; by default it is flown without processes."""
+
+    def end(records=None, outcome=FlightOutcome.DONE):
+        def fly(scenario, law, *, vehicle, seed, out, **_):
+            (journal := out / f"{scenario.name}.journal").touch()
+            flown = fly_direct(scenario, law, vehicle=vehicle, seed=seed) if records is None else records
+            return Flight(
+                scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=flown, outcome=outcome,
+                message="it ended", realtime_factor=9.0, timing=None, journal=journal,
+            )  # fmt: skip
+
+        monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
+
+    return end
 
 
 @pytest.mark.parametrize("command", ["reproduce", "design", "fly"])
@@ -160,26 +187,10 @@ def test_the_flagship_flies_unless_another_law_is_asked_for(tmp_path, monkeypatc
     ("outcome", "status"),
     [(FlightOutcome.DONE, 0), (FlightOutcome.CONTROLLER_LOST, 3), (FlightOutcome.INTERRUPTED, 130)],
 )
-def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outcome, status, tmp_path, monkeypatch):
-    def fly(scenario, law, *, vehicle, seed, out, **_):
-        journal = out / "journal"
-        journal.touch()
-        short = replace(scenario, duration_s=1.0)
-        records = fly_direct(short, law, vehicle=vehicle, seed=seed)
-        return Flight(
-            scenario=scenario,
-            law=law,
-            vehicle=vehicle,
-            seed=seed,
-            records=records,
-            outcome=outcome,
-            message="it ended",
-            realtime_factor=9.0,
-            timing=None,
-            journal=journal,
-        )
-
-    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
+def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(
+    outcome, status, tmp_path, second, end_flight
+):
+    end_flight(second, outcome)
     result = run("fly", "calm", "--law", "hinf-d1", "--seed", "5", "--json", "--out", str(tmp_path / "out"))
     assert result.exit_code == status
     told = json.loads(result.stdout)
@@ -194,18 +205,9 @@ def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outc
 
 
 @pytest.fixture
-def direct(monkeypatch):
+def direct(end_flight):
     """Fly without processes."""
-
-    def fly(scenario, law, *, vehicle, seed, out, **_):
-        (out / "journal").touch()
-        records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
-        return Flight(scenario=scenario, law=law, vehicle=vehicle, seed=seed,
-            records=records, outcome=FlightOutcome.DONE, message="it ended", realtime_factor=9.0, timing=None,
-            journal=out / "journal",
-        )  # fmt: skip
-
-    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
+    end_flight()
 
 
 @pytest.mark.compiled
@@ -263,26 +265,11 @@ def test_a_report_is_not_written_over_another_file(tmp_path, direct):
     assert one_line(refused) == f"gustproof: {page}: exists already; nothing is overwritten"
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("law", ["hinf-d1", "pid-fair"])
-def test_references_that_a_law_ignores_are_warned_of_once(law, tmp_path, monkeypatch):
-    def fly(scenario, law, *, vehicle, seed, out, **_):
-        records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
-        return Flight(
-            scenario=scenario,
-            law=law,
-            vehicle=vehicle,
-            seed=seed,
-            records=records,
-            outcome=FlightOutcome.DONE,
-            message="it ended",
-            realtime_factor=9.0,
-            timing=None,
-            journal=out / "journal",
-        )
-
+def test_references_that_a_law_ignores_are_warned_of_once(law, tmp_path, direct):
     turn = 'kind = "attitude"\nat_s = 0.5\neuler_deg = [5.0, 0.0, 0.0]\n'
     (tmp_path / "turn.toml").write_text(f'description = "turn"\nduration_s = 1.0\n[[event]]\n{turn}')
-    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
     plain, json_ = (
         run("fly", str(tmp_path / "turn.toml"), "--law", law, "--out", str(tmp_path / str(i)), *form)
         for i, form in enumerate(((), ("--json",)))
@@ -293,28 +280,13 @@ def test_references_that_a_law_ignores_are_warned_of_once(law, tmp_path, monkeyp
     assert json_.stderr == ""
 
 
-def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(tmp_path, monkeypatch):
-    def fly(scenario, law, *, vehicle, seed, out, **_):
-        journal = out / "calm.journal"
-        journal.touch()
-        records = fly_direct(replace(scenario, duration_s=1.0), law, vehicle=vehicle, seed=seed)
-        return Flight(
-            scenario=scenario,
-            law=law,
-            vehicle=vehicle,
-            seed=seed,
-            records=records,
-            outcome=FlightOutcome.DONE,
-            message="it ended",
-            realtime_factor=9.0,
-            timing=None,
-            journal=journal,
-        )
-
+def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(
+    tmp_path, monkeypatch, second, end_flight
+):
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
+    end_flight(second)
     monkeypatch.setattr("gustproof.simulate.recorder.write_bag", interrupted)
     out = tmp_path / "out"
     result = run("fly", "calm", "--law", "hinf-d1", "--out", str(out))
