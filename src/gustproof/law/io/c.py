@@ -245,20 +245,21 @@ def inputs_of(law: Law) -> int:
 def resting_states(law: Law) -> NDArray[np.float64]:
     """Return the states (n, 3) of a law that holds a unit attitude, its reference, at rest and without command.
 
-    Without such an equilibrium all states but the attitude are 0; a linear law has no state that is known as attitude.
+    If attitude leaks, it has no such equilibrium: then the others are at theirs. Without reference they are 0. A linear
+    law has no state that is known as attitude: all are 0.
     """
-    n = law.order
+    n, limit = law.order, law.rate_limit
     states = np.eye(n, 3) if law.is_scheduled else np.zeros((n, 3))
     if not (law.is_scheduled and law.takes_references):
         return states
-    limit = law.rate_limit
-    rows = [law.A + law.G @ np.eye(3, n, 3) - np.eye(n), law.C, *([] if limit is None else [limit.S])]
-    inputs = [law.B, law.D, *([] if limit is None else [limit.T])]
-    whole, reference = np.vstack(rows), np.vstack(inputs)[:, 3:6]
-    rest, *_ = np.linalg.lstsq(whole[:, 3:], -(whole[:, :3] + reference), rcond=1e-10)
-    residual = np.abs(whole[:, :3] + reference + whole[:, 3:] @ rest)
-    if np.all(residual <= 1e-9 * (np.abs(whole[:, :3]) + np.abs(whole[:, 3:]) @ np.abs(rest) + 1e-9)):
-        states[3:] = np.where(np.abs(rest) > 1e-9 * (1.0 + np.max(np.abs(rest))), rest, 0.0)
+    own = np.hstack([law.A + law.G @ np.eye(3, n, 3) - np.eye(n), law.B[:, 3:6]])[3:]
+    sums = [np.hstack([law.C, law.D[:, 3:6]]), *([] if limit is None else [np.hstack([limit.S, limit.T[:, 3:6]])])]
+    for whole in (np.vstack([own, *sums]), own):
+        held = whole[:, :3] + whole[:, n:]
+        rest = np.linalg.lstsq(whole[:, 3:n], -held, rcond=1e-10)[0]
+        if np.max(np.abs(held + whole[:, 3:n] @ rest)) <= 1e-9 * np.max(np.abs(whole[:, :3])):
+            break
+    states[3:] = np.where(np.abs(rest) > 1e-9 * (1.0 + np.max(np.abs(rest))), rest, 0.0)
     return states
 
 

@@ -55,7 +55,7 @@ class SingleLaw:
         self.law = law
         self.A = law.A + law.G @ np.eye(3, n, 3)
         """(n, n) state to next state; the Euler rates that G multiplies are an excess over the estimated rates."""
-        slow = [i for i in range(n) if abs(self.A[i, i]) >= _SLOW or (law.is_scheduled and i < 3)]
+        slow = [i for i in range(n) if _SLOW <= self.A[i, i] <= 2.0 - _SLOW or (law.is_scheduled and i < 3)]
         self.wide: tuple[int, ...] = tuple(slow)
         """States that are held in two floats, attitude first; the second floats follow the states."""
 
