@@ -20,6 +20,8 @@ from gustproof.campaign.sampling import Sampling as Sampling
 from gustproof.campaign.statistics import compute_statistics as compute_statistics
 from gustproof.certify.boundedness import FlightCertificate as FlightCertificate
 from gustproof.certify.boundedness import certify_boundedness as certify_boundedness
+from gustproof.certify.rounding import RoundingBound as RoundingBound
+from gustproof.certify.rounding import certify_rounding as certify_rounding
 from gustproof.certify.certificate import Certificate as Certificate
 from gustproof.certify.check.evidence import check_certificate as check_certificate
 from gustproof.certify.check.flight_box import MomentClass as MomentClass

@@ -196,7 +196,9 @@ def _header(writer: "_Writer", words: dict[str, str]) -> str:
 def _align(writer: "_Writer", words: dict[str, str], template: str) -> str:
     if not writer.law.is_scheduled:
         return ""
-    low = "" if writer.single is None else f"    for (int i = 0; i < 3; i++)\n        x[{writer.law.order} + i] = 0.0f;\n"
+    low = (
+        "" if writer.single is None else f"    for (int i = 0; i < 3; i++)\n        x[{writer.law.order} + i] = 0.0f;\n"
+    )
     return Template(template).substitute(words, exact=low)
 
 
@@ -319,7 +321,9 @@ class _Writer(NamedTuple):
         law, n, real = self.law, self.law.order, "double" if self.single is None else "float"
         names = self._names()
         none, limit = np.zeros((3, 6)), law.rate_limit
-        parts = ["/* roll and pitch by gravity */\ndouble tilt[2];\ntilt_of(y + 6, x, tilt);\n"] * law.uses_accelerometer
+        parts = [
+            "/* roll and pitch by gravity */\ndouble tilt[2];\ntilt_of(y + 6, x, tilt);\n"
+        ] * law.uses_accelerometer
         if limit is not None:
             parts += [
                 "/* rates commanded from attitude, and what is over their limits */",
