@@ -1,11 +1,11 @@
 """What single precision adds to a flight: a certified box of the law, and the bound of its roundings within it."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +40,19 @@ class RoundingBound:
     """(3,) [N*m] B, disturbance within which the flight stays in its box."""
     heading: float
     """[rad] bound of the magnitude of yaw and of its reference."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the bounds as JSON values."""
+        return {
+            "proven": True,
+            "own_deg": list(self.own_deg),
+            "command": list(self.command),
+            "attitude_deg": self.attitude_deg,
+            "horizon_s": self.horizon,
+            "moment_N_m": list(self.moment),
+            "heading_rad": self.heading,
+            "statement": self.describe(),
+        }
 
     def describe(self) -> str:
         """Return the bounds and what they assume, in a sentence or two."""
@@ -102,27 +115,24 @@ def certify_rounding(
     claim = read_claim(certificate.evidence)
     system = spread_system(read_system(law_text, read_text(vehicle_path(vehicle))), claim)
     norms = [axis_norms(system, axis, claim.samples) for axis in range(3)]
-    resting = np.abs(resting_states(law)[:, 2]).tolist()
-    references = np.vstack([law.B[:, 3:6], law.D[:, 3:6]]).tolist()
+    resting = [Fraction(value) for value in np.abs(resting_states(law)[:, 2]).tolist()]
+    references = [[Fraction(value) for value in row] for part in (law.B, law.D) for row in part[:, 3:6].tolist()]
+    assumed = Form(frozenset(form.wide), Fraction(heading), resting)
     try:
-        found = bound_rounding(
-            system, norms, make_case(system, claim), claim.box,
-            Form(frozenset(form.wide), Fraction(heading), [Fraction(value) for value in resting]), _rational(references),
-        )  # fmt: skip
+        found = bound_rounding(system, norms, make_case(system, claim), claim.box, assumed, references)
     except Refusal as refusal:
         raise ValueError(str(refusal)) from None
     true = None
     if found.drift is not None:
         true = _up_deg(sum(found.own, Fraction(0)) + found.drift * math.ceil(horizon / law.dt))
     return RoundingBound(
-        own_deg=tuple(_up_deg(value) for value in found.own), command=tuple(_up(float(value)) for value in found.command),
-        attitude_deg=true, horizon=horizon, moment=tuple(float(claim.part * value) for value in claim.moment),
+        own_deg=tuple(_up_deg(value) for value in found.own),
+        command=tuple(_up(float(value)) for value in found.command),
+        attitude_deg=true,
+        horizon=horizon,
+        moment=tuple(float(claim.part * value) for value in claim.moment),
         heading=heading,
-    )  # fmt: skip
-
-
-def _rational(rows: Sequence[Sequence[float]]) -> list[list[Fraction]]:
-    return [[Fraction(value) for value in row] for row in rows]
+    )
 
 
 def _up_deg(angle: Fraction) -> float:
@@ -130,8 +140,7 @@ def _up_deg(angle: Fraction) -> float:
 
 
 def _up(value: float) -> float:
-    """Return a number not below `value`, of two digits."""
-    if value <= 0.0:
-        return 0.0
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return float(f"{math.ceil(value / unit * (1.0 - 1e-12)) * unit:.3g}") if value else 0.0
+    """Return a number of two digits that is not below `value`."""
+    text = f"{value:.1e}"
+    unit = 10.0 ** (int(text.split("e")[1]) - 1)
+    return float(text) if float(text) >= value else float(f"{float(text) + unit:.1e}")

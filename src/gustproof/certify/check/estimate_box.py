@@ -106,9 +106,9 @@ class Causes(NamedTuple):
 def bound_signals(
     system: LoopSystem, norms: AxisNorms, axis: int, row: list[Fraction], causes: Causes
 ) -> list[Fraction]:
-    """Return the bounds of an axis's signals that follow from `causes`, and from bounds `row` of the signals themselves.
+    """Return the bounds of an axis's signals that follow from `causes`, and from bounds `row` of these signals.
 
-    These enter through the distance of inertia and lag from a cell's centre, and between the samples.
+    The latter enter through the distance of inertia and lag from a cell's centre, and between the samples.
     """
     h, m = _up(system.dt), norms.entries.shape[2]
     torque, demand, gap = (_up(row[k]) for k in (TORQUE, DEMAND, GAP))

@@ -15,7 +15,7 @@ flat_phi) r) / cos_theta` 11.7 u of the sum of the magnitudes. Second order is c
 
 **The loop.** The difference of the flights obeys the loop of Theorem 1, driven by the roundings. Gyroscopic terms and
 the kinematic excess differ by at most their slope within the box times the difference. The fixed point of this map
-bounds each signal for ever.
+bounds each signal for ever. A start at a heading rounds the states at rest there, once: no more than at each step.
 
 **Attitude.** The law's own attitude differs by that bound. On strapdown attitude the true one also takes every rounding
 of the sum of the attitude: a turn of at most the sum of the three, each step, because each Euler angle turns about an
@@ -114,7 +114,7 @@ def bound_rounding(
     errors = [_row_error(system, case, wide_box, form, reference, i) for i in range(len(system.A) + 3)]
     difference = [[Fraction(0)] * len(row) for row in box]
     for _ in range(_ROUNDS):
-        follows = _map(system, norms, wide_box, difference, errors)
+        follows = _map(system, norms, wide_box, difference, errors, form)
         pairs = [pair for a, b in zip(follows, difference, strict=True) for pair in zip(a, b, strict=True)]
         if all(value <= bound for value, bound in pairs):
             break
@@ -132,7 +132,7 @@ def bound_rounding(
 
 
 def _map(
-    system: LoopSystem, norms: list[AxisNorms], box: Box, difference: Box, errors: list[Fraction]
+    system: LoopSystem, norms: list[AxisNorms], box: Box, difference: Box, errors: list[Fraction], form: Form
 ) -> list[list[Fraction]]:
     """Return the bounds of the difference that follow if `difference` bounds it in the nonlinear terms."""
     n, E, omega = len(system.A), [row[X0] for row in box], [row[X1] for row in box]
@@ -144,7 +144,9 @@ def _map(
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         coupling = box[j][PEAK_RATE] * difference[k][PEAK_RATE] + box[k][PEAK_RATE] * difference[j][PEAK_RATE]
-        states = [Fraction(0), Fraction(0), errors[n + i], *errors[i:n:3]]
+        at_start = [form.heading * form.at_heading[s] * (_EXACT if s in form.wide else 2 * _U) for s in range(i, n, 3)]
+        own = [error + first for error, first in zip(errors[i:n:3], at_start, strict=True)]
+        states = [Fraction(0), Fraction(0), errors[n + i], *own]
         none = Fraction(0)
         causes = Causes(none, system.gyroscopic[i] * coupling, turned[i], states, none, none, none)
         follows.append(bound_signals(system, norms[i], i, difference[i], causes))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from firmware_model.config.files import write_text
 from gustproof.law.form import GYRO_REFERENCE_SIZE, Law, Output
+from gustproof.law.io.operations import INSTRUCTIONS, count_operations
 from gustproof.law.io.single import SingleLaw, single_number, split
 from gustproof.law.step import MEASURED_SIZE, step
 from gustproof.version import __version__
@@ -83,12 +84,14 @@ class CUnit(NamedTuple):
     """Text of the `.c` file, which includes the header by its name."""
     header: str
     """Text of the `.h` file."""
+    operations: int
+    """Bound of the operations of a step; `gustproof.law.io.operations` tells what counts."""
 
 
 def save_c(
     law: Law, path: Path, attitude: Attitude = Attitude.OWN, *, single: bool = False, notes: Sequence[str] = ()
-) -> None:
-    """Write the law as C source, and its header beside it; see `c_unit`.
+) -> CUnit:
+    """Write the law as C source, and its header beside it; return the texts, see `c_unit`.
 
     Examples
     --------
@@ -96,7 +99,7 @@ def save_c(
     >>> from tempfile import TemporaryDirectory
     >>> from gustproof import load_law, save_c
     >>> with TemporaryDirectory() as folder:
-    ...     save_c(load_law("pid-fair"), Path(folder) / "law.c")
+    ...     unit = save_c(load_law("pid-fair"), Path(folder) / "law.c")
     ...     sorted(file.name for file in Path(folder).iterdir())
     ['law.c', 'law.h']
     """
@@ -104,6 +107,7 @@ def save_c(
     unit = c_unit(law, header.name, attitude, single=single, notes=notes)
     write_text(path, unit.source)
     write_text(header, unit.header)
+    return unit
 
 
 def c_unit(
@@ -130,8 +134,15 @@ def c_unit(
     if attitude is Attitude.AUTOPILOT and not law.is_scheduled:
         raise ValueError(f"law '{law.name}' is linear: none of its states is known as attitude, so it keeps its own")
     writer = _Writer(law, attitude, SingleLaw(law) if single else None)
-    words = {**writer.words(), "header": header, "notes": "".join(f"\n *\n * {_in_comment(note)}" for note in notes)}
-    return CUnit(_source(writer, words), _header(writer, words))
+    words = {**writer.words(), "header": header}
+    source = _source(writer, words)
+    operations = count_operations(source, f"{words['prefix']}_step")
+    cost = (
+        f"A step takes at most {operations} operations on every path, and below {INSTRUCTIONS * operations} machine "
+        "instructions where the processor has them: GCC at -O2, x86-64 and ARM."
+    )
+    told = "".join(f"\n *\n * {_in_comment(note)}" for note in (cost, *notes))
+    return CUnit(source, _header(writer, {**words, "notes": told}), operations)
 
 
 def c_name(name: str) -> str:
@@ -299,14 +310,21 @@ class _Writer(NamedTuple):
 
     def start(self) -> str:
         """Return the assignments of `<name>_start`; a scheduled law knows its rates too."""
-        lines = []
+        lines: list[str] = []
+        wide: list[str] = []
         for i, row in enumerate(resting_states(self.law).tolist()):
             terms = [_term(value, f"euler[{j}]", self.number) for j, value in enumerate(row) if value]
+            if self.single is not None and i in self.single.wide[3:] and terms:
+                wide.append("sum[0] = sum[1] = 0.0f;")
+                wide += [_product(value, f"euler[{j}]", self.number) for j, value in enumerate(row) if value]
+                wide.append(f"settle(sum, &x[{i}], &x[{self.law.order + self.single.wide.index(i)}]);")
+                continue
             rate = [f"+{_NBSP}gyro[{i - 3}]"] if self.law.is_scheduled and 3 <= i < 6 else []
             if terms or rate:
                 lines.append(f"x[{i}] = " + " ".join(terms + rate).removeprefix(f"+{_NBSP}").replace(_NBSP, " ") + ";")
         if not self.law.is_scheduled:
             lines = ["(void)euler;", "(void)gyro;"]
+        lines += ["float sum[2];", *wide] if wide else []
         return indent("\n".join(lines), "    ")
 
     def windup(self) -> str:
@@ -374,7 +392,7 @@ class _Writer(NamedTuple):
         yield f"for (int i = 0; i < {self.rows}; i++)\n    x[i] = next[i];"
 
     def _wide_sum(self, i: int, low: int, row: NDArray[np.float64], names: list[str]) -> Iterator[str]:
-        """Yield the sum of a state that is held in two floats, `x[i]` and `x[low]`; products of the inputs are exact."""
+        """Yield the sum of a state that is held in two floats, `x[i]` and `x[low]`."""
         own = float(row[i])
         yield f"sum[0] = {f'x[{i}]' if own == 1.0 else '0.0f'};"
         yield f"sum[1] = {'' if own == 1.0 else self.number(own) + ' * '}x[{low}];"
@@ -384,8 +402,7 @@ class _Writer(NamedTuple):
             if abs(value) == 1.0 or name.startswith(("rates", "excess", "over")):
                 yield f"add(sum, {_term(value, name, self.number).removeprefix('+' + _NBSP).replace(_NBSP, ' ')});"
             else:
-                coarse, fine = split(value)
-                yield f"add_product(sum, {self.number(coarse)}, {self.number(fine)}, {name});"
+                yield _product(value, name, self.number)
         yield f"settle(sum, &next[{i}], &next[{low}]);"
 
     def _sums(self, target: str, matrix: NDArray[np.float64], names: Sequence[str]) -> Iterator[str]:
@@ -394,6 +411,11 @@ class _Writer(NamedTuple):
             terms = [_term(value, name, self.number) for value, name in zip(row, names, strict=False) if value]
             sum_ = " ".join([f"{target}[{i}]{_NBSP}={_NBSP}{self.number(0.0)}", *terms]) + ";"
             yield "\n    ".join(wrap(sum_, _WIDTH - 8, break_on_hyphens=False)).replace(_NBSP, " ")
+
+
+def _product(value: float, name: str, number: Callable[[float], str]) -> str:
+    coarse, fine = split(value)
+    return f"add_product(sum, {number(coarse)}, {number(fine)}, {name});"
 
 
 def _term(value: float, name: str, number: Callable[[float], str]) -> str:

@@ -6,7 +6,7 @@ their excess over the body rates, which is small at small tilt, and so is its er
 
 References
 ----------
-T. J. Dekker, A floating-point technique for extending the available precision, Numerische Mathematik 18 (1971), 224-242.
+T. J. Dekker, A floating-point technique for extending the available precision, Numer. Math. 18 (1971), 224-242.
 D. E. Knuth, The Art of Computer Programming 2, 4.2.2 (the sum of two floats and what it loses).
 """
 
