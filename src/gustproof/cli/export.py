@@ -11,6 +11,9 @@ from firmware_model.errors import ConfigError
 def export(
     law: Annotated[str, typer.Argument(help="Name of a shipped law, a .json or .mat file, or a folder of tables.")],
     c: Annotated[Path | None, typer.Option("--c", help="Write C code here, and its header beside it.")] = None,
+    attitude: Annotated[
+        str, typer.Option(help="C code: attitude of the law, its own or an estimate by the autopilot: own, autopilot.")
+    ] = "own",
     mat: Annotated[Path | None, typer.Option("--mat", help="Write a MATLAB file here.")] = None,
     csv: Annotated[Path | None, typer.Option("--csv", help="Write tables of numbers to this new folder.")] = None,
     as_law: Annotated[
@@ -24,14 +27,20 @@ def export(
     gustproof export mine.mat --law mine.json && gustproof fly paper-turbulence --law mine.json
     """
     from firmware_model.config.files import naming
-    from gustproof.law.io.c import save_c
+    from gustproof.law.io.c import Attitude, save_c
     from gustproof.law.io.matrices import read_law, save_csv, save_mat
 
     wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
     _check_outputs(wanted, [c.with_suffix(".h")] if c else [])
+    sources = [source.value for source in Attitude]
+    if attitude not in sources:
+        raise ConfigError(f"--attitude: is '{attitude}', must be one of {', '.join(sources)}")
     read = read_law(law)
     if c is not None:
-        save_c(read, c)
+        try:
+            save_c(read, c, Attitude(attitude))
+        except ValueError as error:
+            raise ConfigError(f"--attitude: {error}") from None
     if mat is not None:
         with naming(mat):
             save_mat(read, mat)
