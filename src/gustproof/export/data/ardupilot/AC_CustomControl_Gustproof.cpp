@@ -1,7 +1,7 @@
 // Law '$name' in place of the attitude and rate controllers; by gustproof $version.
 #include "AC_CustomControl_config.h"
 
-#if AP_CUSTOMCONTROL_GUSTPROOF_ENABLED
+#if AP_CUSTOMCONTROL_ENABLED
 
 #include "AC_CustomControl_Gustproof.h"
 
@@ -113,9 +113,9 @@ void AC_CustomControl_Gustproof::tell_saturation(const Vector3f &full)
         }
         delivered += factors[i] * thrust;
     }
-    const Vector3f missing = delivered / _motors->thr_lin.get_compensation_gain() - _input;
+    const Vector3f missing = delivered - _input;
     const float told[3] { missing.x * full.x, missing.y * full.y, missing.z * full.z };
     gustproof_undelivered(&_law, told);
 }
 
-#endif  // AP_CUSTOMCONTROL_GUSTPROOF_ENABLED
+#endif  // AP_CUSTOMCONTROL_ENABLED

@@ -3,9 +3,9 @@
 
 #include "AC_CustomControl_Backend.h"
 
-#if AP_CUSTOMCONTROL_GUSTPROOF_ENABLED
+#if AP_CUSTOMCONTROL_ENABLED
 
-#include "Gustproof/inside.h"
+#include "gustproof_inside.h"
 
 class AC_CustomControl_Gustproof : public AC_CustomControl_Backend {
 public:
@@ -29,4 +29,4 @@ private:
     bool _fits;      // the loop runs at the rate of the law
 };
 
-#endif  // AP_CUSTOMCONTROL_GUSTPROOF_ENABLED
+#endif  // AP_CUSTOMCONTROL_ENABLED

@@ -222,6 +222,15 @@ void Gustproof::choose_setpoint(hrt_abstime now)
 		memcpy(_reference, setpoint.q_d, sizeof(_reference));
 		memcpy(_thrust, setpoint.thrust_body, sizeof(_thrust));
 	}
+
+	// MAVLink's attitude targets reach no mode but OFFBOARD, its arrays do
+	_array_sub.update(&_array);
+
+	if (now < _array.timestamp + FRESH && strncmp(_array.name, "gustproof", sizeof(_array.name)) == 0) {
+		memcpy(_reference, _array.data, sizeof(_reference));
+		_thrust[0] = _thrust[1] = 0.f;
+		_thrust[2] = -_array.data[4];
+	}
 }
 
 void Gustproof::tell_saturation(hrt_abstime now)

@@ -1,7 +1,7 @@
 /* A mode that flies law '$name' in place of PX4's attitude and rate loops; by gustproof $version. */
 #pragma once
 
-#include "inside.h"
+#include "gustproof_inside.h"
 
 #include <px4_platform_common/module.h>
 #include <px4_platform_common/module_params.h>
@@ -13,6 +13,7 @@
 #include <uORB/topics/arming_check_reply.h>
 #include <uORB/topics/arming_check_request.h>
 #include <uORB/topics/control_allocator_status.h>
+#include <uORB/topics/debug_array.h>
 #include <uORB/topics/parameter_update.h>
 #include <uORB/topics/register_ext_component_reply.h>
 #include <uORB/topics/register_ext_component_request.h>
@@ -66,6 +67,7 @@ private:
 	uORB::Subscription _attitude_sub{ORB_ID(vehicle_attitude)};
 	uORB::Subscription _attitude_setpoint_sub{ORB_ID(vehicle_attitude_setpoint)};
 	uORB::Subscription _allocator_sub{ORB_ID(control_allocator_status)};
+	uORB::Subscription _array_sub{ORB_ID(debug_array)};
 	uORB::Subscription _control_mode_sub{ORB_ID(vehicle_control_mode)};
 	uORB::Subscription _land_sub{ORB_ID(vehicle_land_detected)};
 	uORB::Subscription _position_sub{ORB_ID(vehicle_local_position)};
@@ -85,6 +87,7 @@ private:
 	vehicle_control_mode_s _control_mode{};
 	vehicle_land_detected_s _land{};
 	control_allocator_status_s _allocated{};
+	debug_array_s _array{};
 
 	int _mode{-1};  // as a navigation state; -1 until PX4 has registered it
 	int _check{-1}; // number of the arming check that comes with it

@@ -1,5 +1,5 @@
-/* Law '$name' inside an autopilot; see inside.h. */
-#include "inside.h"
+/* Law '$name' inside an autopilot; see gustproof_inside.h. */
+#include "gustproof_inside.h"
 
 #include <math.h>
 
@@ -20,12 +20,12 @@ static void counted(const struct gustproof_inside *law, const float q[4], $real 
     euler[2] = ${prefix}_nearest(euler[2], $yaw);
 }
 
-static int finite(const float torque[3])
+static int sound(const float torque[3])
 {
-    int sound = 1;
+    int all = 1;
     for (int i = 0; i < 3; i++)
-        sound &= torque[i] >= -1e6f && torque[i] <= 1e6f;
-    return sound;
+        all &= torque[i] >= -1e6f && torque[i] <= 1e6f;
+    return all;
 }
 
 void gustproof_start(struct gustproof_inside *law, const float attitude[4], const float gyro[3])
@@ -62,7 +62,7 @@ $more        (void)${prefix}_step(law->x, y, command);
         for (int i = 0; i < 3; i++)
             law->torque[i] = (float)command[i];
     }
-    if (!finite(law->torque)) {
+    if (!sound(law->torque)) {
         gustproof_start(law, attitude, gyro);
         restarted = 1;
     }

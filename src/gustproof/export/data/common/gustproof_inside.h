@@ -6,7 +6,7 @@
 #ifndef GUSTPROOF_INSIDE_H
 #define GUSTPROOF_INSIDE_H
 
-#include "law.h"
+#include "gustproof_law.h"
 
 /* [Hz] samples of the gyro that the law needs */
 #define GUSTPROOF_RATE $rate
