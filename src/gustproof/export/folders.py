@@ -31,6 +31,7 @@ _DATA = Path(__file__).parent / "data"
 _MODE_LENGTH = 24  # of PX4's names of modes
 _MAIN_LOOP = 1000  # [Hz] of the Crazyflie
 _MAKEUP = 5  # steps in a row for lost samples: less than the time in which a sound law loses its vehicle
+_LINEAR = "- The law is linear: it counts roll and pitch from the attitude at its start, so start it level.\n"
 _GYRO_RATES = (100, 250, 400, 800, 1000, 2000)  # [Hz] PX4's IMU_GYRO_RATEMAX
 _LEVEL_AND_HEIGHT, _POSITION = 1, 2  # PX4's GP_HOLD
 
@@ -47,8 +48,12 @@ RATES = {Firmware.PX4: 250.0, Firmware.ARDUPILOT: 400.0, Firmware.CRAZYFLIE: 250
 """[Hz] Rate of each by default: that of its simulator, of its loop, and one that the main loop allows."""
 
 
-def firmware_folder(firmware: Firmware, law: Law, vehicle: Vehicle, attitude: Attitude) -> dict[str, str]:
+def firmware_folder(
+    firmware: Firmware, law: Law, vehicle: Vehicle, attitude: Attitude, folder: str
+) -> dict[str, str]:
     """Return the files of a folder by their paths in it; the law has the target's rate already.
+
+    `folder` is what the commands of its README call it.
 
     Raises
     ------
@@ -58,9 +63,9 @@ def firmware_folder(firmware: Firmware, law: Law, vehicle: Vehicle, attitude: At
     """
     if law.output is not Output.TORQUE:
         raise ConfigError(f"law '{law.name}' commands rates: inside an autopilot a law must command torque")
-    words = _words(law, vehicle, attitude)
-    folder = {Firmware.PX4: _px4, Firmware.ARDUPILOT: _ardupilot, Firmware.CRAZYFLIE: _crazyflie}[firmware]
-    return folder(law, vehicle, words, _units(law, attitude, words))
+    words = _words(law, vehicle, attitude, folder)
+    write = {Firmware.PX4: _px4, Firmware.ARDUPILOT: _ardupilot, Firmware.CRAZYFLIE: _crazyflie}[firmware]
+    return write(law, vehicle, words, _units(law, attitude, words))
 
 
 def save_folder(files: Mapping[str, str], path: Path) -> None:
@@ -70,7 +75,7 @@ def save_folder(files: Mapping[str, str], path: Path) -> None:
         write_text(path / name, text)
 
 
-def _words(law: Law, vehicle: Vehicle, attitude: Attitude) -> dict[str, str]:
+def _words(law: Law, vehicle: Vehicle, attitude: Attitude, folder: str) -> dict[str, str]:
     return {
         "name": law.name,
         "version": __version__,
@@ -80,30 +85,29 @@ def _words(law: Law, vehicle: Vehicle, attitude: Attitude) -> dict[str, str]:
         "vehicle": vehicle.name,
         "mass": f"{vehicle.mass:g}",
         "attitude": "the autopilot's estimate" if attitude is Attitude.AUTOPILOT else "the law's own, from the gyro",
+        "linear": "" if law.is_scheduled else _LINEAR,
+        "folder": folder,
     }
 
 
 def _units(law: Law, attitude: Attitude, words: Mapping[str, str]) -> dict[str, str]:
     """Return the four files in C that all targets have."""
     unit = c_unit(law, "gustproof_law.h", attitude)
-    more = ""
+    real, more = words["real"], []
     if law.uses_accelerometer:
-        more += f"        for (int i = 0; i < 3; i++)\n            y[6 + i] = ({words['real']})force[i];\n"
+        more += ["for (int i = 0; i < 3; i++)", f"    y[6 + i] = ({real})now->force[i];"]
     if attitude is Attitude.AUTOPILOT:
-        more += f"        counted(law, attitude, y + {words['prefix']}_MEASURED - 3);\n"
+        own = f"{words['prefix']}_MEASURED - 3"
+        more += [f"present_attitude(now, y + {own});", "for (int i = 0; i < 3; i++)", f"    y[{own} + i] -= law->origin[i];"]
     inside = {
         **words,
         "origin": "0, 0 and the yaw at the start" if law.is_scheduled else "those at the start",
         "first": "2" if law.is_scheduled else "0",
-        "yaw": f"law->x[{words['prefix']}_PSI]" if law.is_scheduled else f"({words['real']})0",
+        "yaw": f"law->x[{words['prefix']}_PSI]" if law.is_scheduled else f"({real})0",
         "makeup": str(_MAKEUP),
-        "more": more,
+        "more": "".join(f"    {line}\n" for line in more),
     }
     texts = {name: _filled(f"common/{name}", inside) for name in ("gustproof_inside.h", "gustproof_inside.c")}
-    if not law.uses_accelerometer:
-        texts["gustproof_inside.c"] = texts["gustproof_inside.c"].replace(
-            f"    {words['real']} y[", f"    (void)force;\n    {words['real']} y["
-        )
     return {"gustproof_law.h": unit.header, "gustproof_law.c": unit.source, **texts}
 
 

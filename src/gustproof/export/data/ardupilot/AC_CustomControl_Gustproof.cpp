@@ -39,6 +39,7 @@ const AP_Param::GroupInfo AC_CustomControl_Gustproof::var_info[] = {
 AC_CustomControl_Gustproof::AC_CustomControl_Gustproof(AC_CustomControl& frontend, AP_AHRS_View*& ahrs, AC_AttitudeControl*& att_control, AP_MotorsMulticopter*& motors, float dt) :
     AC_CustomControl_Backend(frontend, ahrs, att_control, motors, dt),
     _law(),
+    _now(),
     _fits(AP::scheduler().get_loop_rate_hz() == GUSTPROOF_RATE)
 {
     AP_Param::setup_object_defaults(this, var_info);
@@ -50,13 +51,27 @@ void AC_CustomControl_Gustproof::reset(void)
     if (!_fits) {
         GCS_SEND_TEXT(MAV_SEVERITY_CRITICAL, "Gustproof: SCHED_LOOP_RATE must be %d, stock loops fly", GUSTPROOF_RATE);
     }
+    read_sensors();
+    gustproof_start(&_law, &_now);
+    _input.zero();
+}
+
+void AC_CustomControl_Gustproof::read_sensors(void)
+{
     Quaternion attitude;
     _ahrs->get_quat_body_to_ned(attitude);
+    const Quaternion target = _att_control->get_attitude_target_quat();
     const Vector3f gyro = _ahrs->get_gyro_latest();
-    const float q[4] { attitude.q1, attitude.q2, attitude.q3, attitude.q4 };
-    const float rates[3] { gyro.x, gyro.y, gyro.z };
-    gustproof_start(&_law, q, rates);
-    _input.zero();
+    const Vector3f &accel = AP::ahrs().get_accel();
+    const float loop = 1.0f / GUSTPROOF_RATE; // attitude is estimated after the motors are told
+    _now = {
+        loop,
+        { gyro.x, gyro.y, gyro.z },
+        { accel.x, accel.y, accel.z },
+        { attitude.q1, attitude.q2, attitude.q3, attitude.q4 },
+        loop,
+        { target.q1, target.q2, target.q3, target.q4 }
+    };
 }
 
 // return roll, pitch and yaw input of the motors
@@ -74,17 +89,9 @@ Vector3f AC_CustomControl_Gustproof::update(void)
         tell_saturation(full);
     }
 
-    Quaternion attitude;
-    _ahrs->get_quat_body_to_ned(attitude);
-    const Quaternion target = _att_control->get_attitude_target_quat();
-    const Vector3f gyro = _ahrs->get_gyro_latest();
-    const Vector3f &accel = AP::ahrs().get_accel();
-    const float rates[3] { gyro.x, gyro.y, gyro.z };
-    const float force[3] { accel.x, accel.y, accel.z };
-    const float q[4] { attitude.q1, attitude.q2, attitude.q3, attitude.q4 };
-    const float reference[4] { target.q1, target.q2, target.q3, target.q4 };
+    read_sensors();
     float torque[3];
-    gustproof_run(&_law, 1.0f / GUSTPROOF_RATE, rates, force, q, reference, torque);
+    gustproof_run(&_law, &_now, torque);
 
     _input = Vector3f(torque[0] / full.x, torque[1] / full.y, torque[2] / full.z);
     return Vector3f(constrain_float(_input.x, -1.0f, 1.0f), constrain_float(_input.y, -1.0f, 1.0f), constrain_float(_input.z, -1.0f, 1.0f));

@@ -19,12 +19,14 @@ public:
 private:
     Vector3f full_torque(void) const;
     void tell_saturation(const Vector3f &full);
+    void read_sensors(void);
 
     AP_Float _roll_torque;
     AP_Float _pitch_torque;
     AP_Float _yaw_torque;
 
     gustproof_inside _law;
+    gustproof_sample _now;
     Vector3f _input; // of the motors, as it was last asked for
     bool _fits;      // the loop runs at the rate of the law
 };

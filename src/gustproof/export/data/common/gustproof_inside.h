@@ -22,16 +22,24 @@ struct gustproof_inside {
     float torque[3];  /* of the last step */
 };
 
-/* Start at this attitude; while on the ground or disarmed, at every sample. */
-void gustproof_start(struct gustproof_inside *law, const float attitude[4], const float gyro[3]);
+struct gustproof_sample {
+    float elapsed;      /* [s] since the sample before */
+    float gyro[3];
+    float force[3];     /* used by laws with accelerometer */
+    float attitude[4];
+    float age;          /* [s] of that attitude at the time of the gyro sample */
+    float reference[4]; /* attitude to hold */
+};
 
-/* Run one gyro sample, `elapsed` seconds after the last, and write the torque.
+/* Start at the attitude of a sample; while on the ground or disarmed, at every sample. */
+void gustproof_start(struct gustproof_inside *law, const struct gustproof_sample *now);
+
+/* Run one sample and write the torque.
  *
  * A lost sample is made up for by steps with the present one, $makeup at most. After a longer gap, or if the law gives
  * a number that is not finite, it starts again at the present attitude; then 1 is returned, else 0.
  */
-int gustproof_run(struct gustproof_inside *law, float elapsed, const float gyro[3], const float force[3],
-                  const float attitude[4], const float reference[4], float torque[3]);
+int gustproof_run(struct gustproof_inside *law, const struct gustproof_sample *now, float torque[3]);
 
 /* Tell what of the last torque the vehicle did not deliver: delivered minus commanded [N m]. */
 void gustproof_undelivered(struct gustproof_inside *law, const float missing[3]);

@@ -23,6 +23,7 @@
 _Static_assert(RATE_MAIN_LOOP % GUSTPROOF_RATE == 0, "the rate of the law must divide the main loop's");
 
 static struct gustproof_inside law;
+static struct gustproof_sample now;
 static setpoint_mode_t mode_before;
 static attitude_t desired; // [deg] as set-points count it: yaw to the left
 static float thrust;       // as the firmware counts it, 0 to UINT16_MAX
@@ -98,20 +99,28 @@ static void choose_tilt_and_thrust(const setpoint_t *setpoint, const state_t *st
     }
 }
 
-static void step_law(const sensorData_t *sensors, const state_t *state)
+static void read_sensors(const sensorData_t *sensors, const state_t *state)
 {
-    const float gyro[3] = {radians(sensors->gyro.x), -radians(sensors->gyro.y), -radians(sensors->gyro.z)};
-    const float force[3] = {9.80665f * sensors->acc.x, -9.80665f * sensors->acc.y, -9.80665f * sensors->acc.z};
     const struct quat target = rpy2quat(mkvec(radians(desired.roll), -radians(desired.pitch), radians(desired.yaw)));
     const quaternion_t wanted = {.x = target.x, .y = target.y, .z = target.z, .w = target.w};
-    float attitude[4], reference[4];
-    turned(&state->attitudeQuaternion, attitude);
-    turned(&wanted, reference);
+    const float *gyro = sensors->gyro.axis, *acc = sensors->acc.axis;
+    for (int i = 0; i < 3; i++) {
+        const float sign = i == 0 ? 1.0f : -1.0f;
+        now.gyro[i] = sign * radians(gyro[i]);
+        now.force[i] = sign * 9.80665f * acc[i];
+    }
+    turned(&state->attitudeQuaternion, now.attitude);
+    turned(&wanted, now.reference);
+    now.elapsed = 1.0f / GUSTPROOF_RATE;
+}
+
+static void step_law(void)
+{
     if (!started || thrust <= 0.0f) { // or its integrators would wind up against the ground
-        gustproof_start(&law, attitude, gyro);
+        gustproof_start(&law, &now);
         started = true;
     }
-    restarts += gustproof_run(&law, 1.0f / GUSTPROOF_RATE, gyro, force, attitude, reference, torque);
+    restarts += gustproof_run(&law, &now, torque);
 }
 
 void controllerOutOfTree(control_t *control, const setpoint_t *setpoint, const sensorData_t *sensors,
@@ -121,7 +130,8 @@ void controllerOutOfTree(control_t *control, const setpoint_t *setpoint, const s
     choose_tilt_and_thrust(setpoint, state, step);
     if (RATE_DO_EXECUTE(GUSTPROOF_RATE, step)) {
         choose_yaw(setpoint);
-        step_law(sensors, state);
+        read_sensors(sensors, state);
+        step_law();
     }
     if (thrust <= 0.0f) {
         begin(state);

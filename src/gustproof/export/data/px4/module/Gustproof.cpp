@@ -64,7 +64,8 @@ void Gustproof::Run()
 	watch_rate(interval);
 	register_mode(gyro.timestamp_sample);
 	answer_arming_check();
-	fly(gyro, interval);
+	read_sensors(gyro, interval);
+	fly(gyro.timestamp_sample);
 }
 
 void Gustproof::watch_rate(float interval)
@@ -178,10 +179,10 @@ bool Gustproof::in_control()
 	       && !_control_mode.flag_control_rates_enabled;
 }
 
-void Gustproof::enter(const vehicle_attitude_s &attitude)
+void Gustproof::enter()
 {
-	const float yaw = matrix::Eulerf(matrix::Quatf(attitude.q)).psi();
-	matrix::Quatf(matrix::Eulerf(0.f, 0.f, yaw)).copyTo(_reference);
+	const float yaw = matrix::Eulerf(matrix::Quatf(_now.attitude)).psi();
+	matrix::Quatf(matrix::Eulerf(0.f, 0.f, yaw)).copyTo(_now.reference);
 	_thrust[0] = _thrust[1] = 0.f;
 	_thrust[2] = -_hover;
 	_entered = hrt_absolute_time();
@@ -219,7 +220,7 @@ void Gustproof::choose_setpoint(hrt_abstime now)
 
 	if (_attitude_setpoint_sub.copy(&setpoint) && (goes_on || setpoint.timestamp > _entered)
 	    && now < setpoint.timestamp + FRESH) {
-		memcpy(_reference, setpoint.q_d, sizeof(_reference));
+		memcpy(_now.reference, setpoint.q_d, sizeof(_now.reference));
 		memcpy(_thrust, setpoint.thrust_body, sizeof(_thrust));
 	}
 
@@ -227,7 +228,7 @@ void Gustproof::choose_setpoint(hrt_abstime now)
 	_array_sub.update(&_array);
 
 	if (now < _array.timestamp + FRESH && strncmp(_array.name, "gustproof", sizeof(_array.name)) == 0) {
-		memcpy(_reference, _array.data, sizeof(_reference));
+		memcpy(_now.reference, _array.data, sizeof(_now.reference));
 		_thrust[0] = _thrust[1] = 0.f;
 		_thrust[2] = -_array.data[4];
 	}
@@ -247,7 +248,7 @@ void Gustproof::tell_saturation(hrt_abstime now)
 	}
 }
 
-void Gustproof::fly(const vehicle_angular_velocity_s &gyro, float interval)
+void Gustproof::read_sensors(const vehicle_angular_velocity_s &gyro, float interval)
 {
 	vehicle_attitude_s attitude{};
 	vehicle_acceleration_s acceleration{};
@@ -255,6 +256,16 @@ void Gustproof::fly(const vehicle_angular_velocity_s &gyro, float interval)
 	_acceleration_sub.copy(&acceleration);
 	_land_sub.update(&_land);
 
+	_now.elapsed = interval;
+	memcpy(_now.gyro, gyro.xyz, sizeof(_now.gyro));
+	memcpy(_now.force, acceleration.xyz, sizeof(_now.force));
+	memcpy(_now.attitude, attitude.q, sizeof(_now.attitude));
+	const float age = static_cast<int64_t>(gyro.timestamp_sample - attitude.timestamp_sample) * 1e-6f;
+	_now.age = math::constrain(age, 0.f, 0.02f);
+}
+
+void Gustproof::fly(hrt_abstime sample)
+{
 	if (!in_control()) {
 		_flying = false;
 		return;
@@ -263,13 +274,13 @@ void Gustproof::fly(const vehicle_angular_velocity_s &gyro, float interval)
 	const hrt_abstime now = hrt_absolute_time();
 
 	if (!_flying) {
-		enter(attitude);
-		gustproof_start(&_law, attitude.q, gyro.xyz);
-		interval = 1.f / GUSTPROOF_RATE;
+		enter();
+		gustproof_start(&_law, &_now);
+		_now.elapsed = 1.f / GUSTPROOF_RATE;
 
 	} else if (_land.landed) {
-		gustproof_start(&_law, attitude.q, gyro.xyz); // or its integrators would wind up against the ground
-		interval = 1.f / GUSTPROOF_RATE;
+		gustproof_start(&_law, &_now); // or its integrators would wind up against the ground
+		_now.elapsed = 1.f / GUSTPROOF_RATE;
 
 	} else {
 		tell_saturation(now);
@@ -277,8 +288,8 @@ void Gustproof::fly(const vehicle_angular_velocity_s &gyro, float interval)
 
 	choose_setpoint(now);
 	float torque[3];
-	_restarts += gustproof_run(&_law, interval, gyro.xyz, acceleration.xyz, attitude.q, _reference, torque);
-	publish(torque, gyro.timestamp_sample);
+	_restarts += gustproof_run(&_law, &_now, torque);
+	publish(torque, sample);
 }
 
 void Gustproof::publish(const float torque[3], hrt_abstime sample)

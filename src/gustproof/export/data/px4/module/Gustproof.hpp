@@ -54,10 +54,11 @@ private:
 	void configure_mode();
 	void answer_arming_check();
 	bool in_control();
-	void enter(const vehicle_attitude_s &attitude);
+	void enter();
 	void choose_setpoint(hrt_abstime now);
 	void tell_saturation(hrt_abstime now);
-	void fly(const vehicle_angular_velocity_s &gyro, float interval);
+	void read_sensors(const vehicle_angular_velocity_s &gyro, float interval);
+	void fly(hrt_abstime sample);
 	void publish(const float torque[3], hrt_abstime sample);
 
 	Hold hold() const { return static_cast<Hold>(_param_hold.get()); }
@@ -84,6 +85,7 @@ private:
 	uORB::Publication<vehicle_torque_setpoint_s> _torque_pub{ORB_ID(vehicle_torque_setpoint)};
 
 	gustproof_inside _law{};
+	gustproof_sample _now{};
 	vehicle_control_mode_s _control_mode{};
 	vehicle_land_detected_s _land{};
 	control_allocator_status_s _allocated{};
@@ -101,7 +103,6 @@ private:
 	bool _rate_fits{true};
 	unsigned _restarts{0};
 
-	float _reference[4] {1.f, 0.f, 0.f, 0.f};
 	float _thrust[3] {};
 	float _hover{0.5f};
 
