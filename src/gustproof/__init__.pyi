@@ -40,6 +40,7 @@ from gustproof.law.form import load_law as load_law
 from gustproof.law.io.c import save_c as save_c
 from gustproof.law.io.matrices import load_mat as load_mat
 from gustproof.law.io.matrices import save_mat as save_mat
+from gustproof.law.resample import resample as resample
 from gustproof.law.step import LawStepper as LawStepper
 from gustproof.lti.margins import margins as margins
 from gustproof.lti.norms import h2_norm as h2_norm
