@@ -12,7 +12,7 @@
 #define PRINT_MODULE_DESCRIPTION(text) stub_print(text)
 #define PRINT_MODULE_USAGE_NAME(name, category) stub_print("%s%s", name, category)
 #define PRINT_MODULE_USAGE_COMMAND(name) stub_print(name)
-#define PRINT_MODULE_USAGE_DEFAULT_COMMANDS() stub_print("")
+#define PRINT_MODULE_USAGE_DEFAULT_COMMANDS() stub_print("commands")
 #define DEFINE_PARAMETERS(...) STUB_EACH(__VA_ARGS__)
 #define STUB_EACH(a, b, c, d, e) STUB_ONE a; STUB_ONE b; STUB_ONE c; STUB_ONE d; STUB_ONE e;
 #define STUB_ONE(...) __VA_ARGS__

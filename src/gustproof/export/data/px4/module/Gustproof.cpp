@@ -175,8 +175,7 @@ void Gustproof::answer_arming_check()
 bool Gustproof::in_control()
 {
 	_control_mode_sub.update(&_control_mode);
-	return _mode >= 0 && _control_mode.source_id == _mode && _control_mode.flag_armed
-	       && !_control_mode.flag_control_rates_enabled;
+	return _mode >= 0 && _control_mode.source_id == _mode && !_control_mode.flag_control_rates_enabled;
 }
 
 void Gustproof::enter()
@@ -273,7 +272,7 @@ void Gustproof::fly(hrt_abstime sample)
 
 	const hrt_abstime now = hrt_absolute_time();
 
-	if (!_flying) {
+	if (!_flying || !_control_mode.flag_armed) {
 		enter();
 		gustproof_start(&_law, &_now);
 		_now.elapsed = 1.f / GUSTPROOF_RATE;
