@@ -1,16 +1,16 @@
 """The command `gustproof export`: a law for other tools."""
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from firmware_model.errors import ConfigError
+from gustproof.cli.options import AsJson, print_json
 
 if TYPE_CHECKING:
-    from gustproof.export.folders import Firmware
     from gustproof.law.form import Law
-    from gustproof.law.io.c import Attitude
 
 
 def export(
@@ -33,20 +33,27 @@ def export(
     rate: Annotated[
         int | None,
         typer.Option(
-            min=10, max=1000,
+            min=10,
+            max=1000,
             help="Resample the law to this rate [Hz], if its loop stays good [default: the law's; 250 for PX4 and the "
             "Crazyflie, 400 for ArduCopter].",
         ),
     ] = None,
     vehicle: Annotated[
         str | None,
-        typer.Option(help="Vehicle of the loop and its rotors: a shipped one or a .toml file [default: the law's own]."),
+        typer.Option(
+            help="Vehicle of the loop and its rotors: a shipped one or a .toml file [default: the law's own]."
+        ),
     ] = None,
+    float32: Annotated[
+        bool, typer.Option("--float32", help="C code: single precision, with a proved bound of its rounding.")
+    ] = False,
     mat: Annotated[Path | None, typer.Option("--mat", help="Write a MATLAB file here.")] = None,
     csv: Annotated[Path | None, typer.Option("--csv", help="Write tables of numbers to this new folder.")] = None,
     as_law: Annotated[
         Path | None, typer.Option("--law", help="Write a law file (.json) that can be flown here.")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Export a law as C code with the same bits, into an autopilot, as a MATLAB file or as tables, or import one.
 
@@ -58,67 +65,121 @@ def export(
 
     gustproof export mine.mat --law mine.json && gustproof fly paper-turbulence --law mine.json
     """
-    from firmware_model.config.files import naming
-    from gustproof.export.folders import Firmware
-    from gustproof.law.io.c import Attitude, save_c
-    from gustproof.law.io.matrices import read_law, save_csv, save_mat
+    from gustproof.law.io.matrices import read_law
 
     wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
-    given = {Firmware.PX4: px4, Firmware.ARDUPILOT: ardupilot, Firmware.CRAZYFLIE: crazyflie}
-    folders = {firmware: path for firmware, path in given.items() if path}
+    folders = {name: path for name, path in (("px4", px4), ("ardupilot", ardupilot), ("crazyflie", crazyflie)) if path}
     _check_outputs({**wanted, **dict.fromkeys(folders.values(), "")}, [c.with_suffix(".h")] if c else [])
-    sources = [source.value for source in Attitude]
-    if attitude not in (None, *sources):
-        raise ConfigError(f"--attitude: is '{attitude}', must be one of {', '.join(sources)}")
-    source = Attitude(attitude) if attitude else None
+    if not (c or folders) and (float32 or attitude):
+        raise ConfigError("--float32 and --attitude belong to C code: --c, --px4, --ardupilot, --crazyflie")
+    if vehicle is not None and rate is None and not (float32 or folders):
+        raise ConfigError(
+            "--vehicle: belongs to --rate and --float32, whose loops are checked on it, and to autopilots"
+        )
+    _check_attitude(attitude)
     read = read_law(law)
-    for firmware, path in folders.items():
-        _export_folder(read, firmware, path, source, rate, vehicle)
-    if not wanted:
+    told = [_export_folder(read, name, path, attitude, rate, vehicle, float32) for name, path in folders.items()]
+    if wanted:
+        margins = {}
+        if rate is not None:
+            read, margins = _resampled(read, rate, vehicle)
+        files = [str(path) for path in wanted]
+        told.append({"law": read.name, "rate_hz": 1.0 / read.dt, "files": files, "margins": margins})
+        if c is not None:
+            told[-1] |= _save_c(read, c, attitude or "own", float32=float32, vehicle=vehicle)
+        _save_numbers(read, mat, csv, as_law)
+    if as_json:
+        print_json(told[0] if len(told) == 1 else told)
         return
-    if rate is not None:
-        read = _resampled(read, rate, vehicle)
-    elif vehicle is not None and not folders:
-        raise ConfigError("--vehicle: belongs to --rate, the loop is checked on it")
-    if c is not None:
-        try:
-            save_c(read, c, source or Attitude.OWN)
-        except ValueError as error:
-            raise ConfigError(f"--attitude: {error}") from None
+    for each in told:
+        _print_export(each, c)
+
+
+def _print_export(told: dict[str, Any], c: Path | None) -> None:
+    for hz, figures in told["margins"].items():
+        print(f"{hz} Hz: {_describe_margins(figures)}")
+    if "rounding" in told:
+        print(told["rounding"]["statement"])
+    for file in told["files"]:
+        header = f" and {c.with_suffix('.h').name}" if c and file == str(c) else ""
+        read_on = f" for vehicle '{told['vehicle']}', see its README.md" if "vehicle" in told else ""
+        print(f"law '{told['law']}' in {file}{header}{read_on}")
+
+
+def _save_numbers(law: "Law", mat: Path | None, csv: Path | None, as_law: Path | None) -> None:
+    from firmware_model.config.files import naming
+    from gustproof.law.io.matrices import save_csv, save_mat
+
     if mat is not None:
         with naming(mat):
-            save_mat(read, mat)
+            save_mat(law, mat)
     if csv is not None:
-        save_csv(read, csv)
+        save_csv(law, csv)
     if as_law is not None:
-        read.save(as_law)
-    for path in wanted:
-        header = f" and {path.with_suffix('.h').name}" if path == c else ""
-        print(f"law '{read.name}' in {path}{header}")
+        law.save(as_law)
 
 
 def _export_folder(
-    law: "Law", firmware: "Firmware", path: Path, attitude: "Attitude | None", rate: int | None, vehicle: str | None
-) -> None:
-    """Write a folder for an autopilot; by default the autopilot's attitude, at its own rate."""
+    law: "Law", name: str, path: Path, attitude: str | None, rate: int | None, vehicle: str | None, float32: bool
+) -> dict[str, Any]:
+    """Write a folder for an autopilot; by default with the autopilot's attitude, at its own rate."""
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.export.folders import RATES, firmware_folder, save_folder
+    from gustproof.export.folders import RATES, Firmware, firmware_folder, save_folder
     from gustproof.law.io.c import Attitude
 
+    firmware, margins = Firmware(name), {}
     wanted = rate or RATES[firmware]
-    law = _resampled(law, wanted, vehicle) if abs(wanted * law.dt - 1.0) > 1e-9 else law
-    source = attitude or (Attitude.AUTOPILOT if law.is_scheduled else Attitude.OWN)
+    if abs(wanted * law.dt - 1.0) > 1e-9:
+        law, margins = _resampled(law, wanted, vehicle)
+    source = attitude or ("autopilot" if law.is_scheduled else "own")
     body = load_vehicle(vehicle or law.provenance.vehicle)
     try:
-        files = firmware_folder(firmware, law, body, source, path.name)
+        files = firmware_folder(firmware, law, body, Attitude(source), path.name, single=float32)
     except ValueError as error:
-        raise ConfigError(f"--attitude: {error}") from None
+        raise ConfigError(str(error)) from None
     save_folder(files, path)
-    print(f"law '{law.name}' for vehicle '{body.name}' in {path}, see its README.md")
+    told = {"law": law.name, "rate_hz": 1.0 / law.dt, "files": [str(path)], "margins": margins}
+    return {**told, "autopilot": name, "vehicle": body.name, "attitude": source}
 
 
-def _resampled(law: "Law", rate: int, vehicle: str | None) -> "Law":
-    """Return the law at another rate [Hz], and print its margins at both."""
+def _check_attitude(attitude: str | None) -> None:
+    from gustproof.law.io.c import Attitude
+
+    sources = [source.value for source in Attitude]
+    if attitude not in (None, *sources):
+        raise ConfigError(f"--attitude: is '{attitude}', must be one of {', '.join(sources)}")
+
+
+def _save_c(law: "Law", path: Path, attitude: str, *, float32: bool, vehicle: str | None) -> dict[str, Any]:
+    """Write the law as C code; return the cost of a step and, in single precision, what is proved of its rounding."""
+    from gustproof.law.io.c import Attitude, save_c
+    from gustproof.law.io.operations import INSTRUCTIONS
+
+    told: dict[str, Any] = {}
+    if float32:
+        own = attitude == Attitude.OWN.value
+        told["rounding"] = _bound_rounding(law, vehicle) if own else {
+            "proven": False, "statement": "No bound of the rounding is proved with the autopilot's attitude."
+        }  # fmt: skip
+    notes = [told["rounding"]["statement"]] if float32 else []
+    try:
+        unit = save_c(law, path, Attitude(attitude), single=float32, notes=notes)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    return {"operations": unit.operations, "instructions": INSTRUCTIONS * unit.operations, **told}
+
+
+def _bound_rounding(law: "Law", vehicle: str | None) -> dict[str, Any]:
+    from gustproof.certify.rounding import certify_rounding
+
+    try:
+        return certify_rounding(law, vehicle or law.provenance.vehicle).to_dict()
+    except ValueError as error:
+        return {"proven": False, "statement": f"No bound of the rounding is proved: {error}."}
+
+
+def _resampled(law: "Law", rate: int, vehicle: str | None) -> "tuple[Law, dict[str, Any]]":
+    """Return the law at another rate [Hz], and the margins at both rates, `None` if unknown."""
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.analysis.law_margins import resample_at_hover
     from gustproof.errors import DesignError
@@ -127,13 +188,17 @@ def _resampled(law: "Law", rate: int, vehicle: str | None) -> "Law":
         found = resample_at_hover(law, rate, load_vehicle(vehicle or law.provenance.vehicle))
     except (DesignError, ValueError) as error:
         raise ConfigError(f"--rate: {error}") from None
-    for each, margins in ((law, found.before), (found.law, found.after)):
-        figures = "its loop is the autopilot's own, not checked" if margins is None else (
-            f"Ms {margins.Ms:.2f}, phase {margins.phase_margin_deg:.0f} deg, gain {margins.gain_margin:.1f}, "
-            f"delay {1e3 * margins.delay_margin:.0f} ms"
-        )  # fmt: skip
-        print(f"{1.0 / each.dt:g} Hz: {figures}")
-    return found.law
+    margins = ((law, found.before), (found.law, found.after))
+    return found.law, {f"{1.0 / each.dt:g}": None if figures is None else asdict(figures) for each, figures in margins}
+
+
+def _describe_margins(figures: dict[str, Any] | None) -> str:
+    if figures is None:
+        return "not checked, the loop is the autopilot's own"
+    return (
+        f"Ms {figures['Ms']:.2f}, phase {figures['phase_margin_deg']:.0f} deg, gain {figures['gain_margin']:.1f}, "
+        f"delay {1e3 * figures['delay_margin']:.0f} ms"
+    )
 
 
 def _check_outputs(suffixes: dict[Path, str], others: list[Path]) -> None:

@@ -4,7 +4,7 @@ All three fly the same unit in C: the law, and around it the start at the presen
 Templates are files of this package with `string.Template` placeholders.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
 from string import Template
@@ -32,7 +32,6 @@ _MODE_LENGTH = 24  # of PX4's names of modes
 _MAIN_LOOP = 1000  # [Hz] of the Crazyflie
 _MAKEUP = 5  # steps in a row for lost samples: less than the time in which a sound law loses its vehicle
 _LINEAR = "- The law is linear: it counts roll and pitch from the attitude at its start, so start it level.\n"
-_AT_REST = 1e-6  # share of what attitude and reference drive that may be left over in a state of rest
 _GYRO_RATES = (100, 250, 400, 800, 1000, 2000)  # [Hz] PX4's IMU_GYRO_RATEMAX
 _LEVEL_AND_HEIGHT, _POSITION = 1, 2  # PX4's GP_HOLD
 
@@ -50,11 +49,12 @@ RATES = {Firmware.PX4: 250, Firmware.ARDUPILOT: 400, Firmware.CRAZYFLIE: 250}
 
 
 def firmware_folder(
-    firmware: Firmware, law: Law, vehicle: Vehicle, attitude: Attitude, folder: str
+    firmware: Firmware, law: Law, vehicle: Vehicle, attitude: Attitude, folder: str, *, single: bool = False
 ) -> dict[str, str]:
     """Return the files of a folder by their paths in it; the law has the target's rate already.
 
-    `folder` is what the commands of its README call it.
+    `folder` is what the commands of its README call it. The Crazyflie's unit is `single`, in single precision, anyway,
+    but for laws that read the accelerometer: those have no such form.
 
     Raises
     ------
@@ -64,9 +64,10 @@ def firmware_folder(
     """
     if law.output is not Output.TORQUE:
         raise ConfigError(f"law '{law.name}' commands rates: inside an autopilot a law must command torque")
-    words = _words(law, vehicle, attitude, folder)
+    single = single or (firmware is Firmware.CRAZYFLIE and not law.uses_accelerometer)
+    words = _words(law, vehicle, attitude, folder) | {"real": "float" if single else "double"}
     write = {Firmware.PX4: _px4, Firmware.ARDUPILOT: _ardupilot, Firmware.CRAZYFLIE: _crazyflie}[firmware]
-    return write(law, vehicle, words, _units(law, attitude, words))
+    return write(law, vehicle, words, _units(law, attitude, words, single=single))
 
 
 def save_folder(files: Mapping[str, str], path: Path) -> None:
@@ -81,7 +82,6 @@ def _words(law: Law, vehicle: Vehicle, attitude: Attitude, folder: str) -> dict[
         "name": law.name,
         "version": __version__,
         "prefix": c_name(law.name),
-        "real": "double",
         "rate": str(round(1.0 / law.dt)),
         "vehicle": vehicle.name,
         "mass": f"{vehicle.mass:g}",
@@ -91,15 +91,19 @@ def _words(law: Law, vehicle: Vehicle, attitude: Attitude, folder: str) -> dict[
     }
 
 
-def _units(law: Law, attitude: Attitude, words: Mapping[str, str]) -> dict[str, str]:
+def _units(law: Law, attitude: Attitude, words: Mapping[str, str], *, single: bool) -> dict[str, str]:
     """Return the four files in C that all targets have."""
-    unit = c_unit(law, "gustproof_law.h", attitude)
+    unit = c_unit(law, "gustproof_law.h", attitude, single=single)
     real, more = words["real"], []
     if law.uses_accelerometer:
         more += ["for (int i = 0; i < 3; i++)", f"    y[6 + i] = ({real})now->force[i];"]
     if attitude is Attitude.AUTOPILOT:
         own = f"{words['prefix']}_MEASURED - 3"
-        more += [f"present_attitude(now, y + {own});", "for (int i = 0; i < 3; i++)", f"    y[{own} + i] -= law->origin[i];"]
+        more += [
+            f"present_attitude(now, y + {own});",
+            "for (int i = 0; i < 3; i++)",
+            f"    y[{own} + i] -= law->origin[i];",
+        ]
     inside = {
         **words,
         "origin": "0, 0 and the yaw at the start" if law.is_scheduled else "those at the start",
@@ -107,32 +111,9 @@ def _units(law: Law, attitude: Attitude, words: Mapping[str, str]) -> dict[str, 
         "yaw": f"law->x[{words['prefix']}_PSI]" if law.is_scheduled else f"({real})0",
         "makeup": str(_MAKEUP),
         "more": "".join(f"    {line}\n" for line in more),
-        "settle": "".join(f"    {line}\n" for line in _settle(law)),
     }
     texts = {name: _filled(f"common/{name}", inside) for name in ("gustproof_inside.h", "gustproof_inside.c")}
     return {"gustproof_law.h": unit.header, "gustproof_law.c": unit.source, **texts}
-
-
-def _settle(law: Law) -> Iterator[str]:
-    """Yield C that sets the states behind attitude and rates to rest at the present attitude, without command.
-
-    They hold the attitude and its reference, too: from 0 they would take a start at a tilt for a step of that size. A law
-    that knows no such rest begins with 0.
-    """
-    if not law.is_scheduled:
-        return
-    rest, n = slice(6, None), law.order - 6
-    held, read = np.vstack([law.A[rest, :3], law.C[:, :3]]), np.vstack([law.B[rest], law.D])
-    held = held + read[:, 3:6]
-    held[:, :2] += read[:, 6:8] if law.uses_accelerometer else 0.0
-    unknown = np.vstack([law.A[rest, rest] - np.eye(n), law.C[:, rest]])
-    states = np.linalg.lstsq(unknown, -held, rcond=None)[0]
-    if np.max(np.abs(unknown @ states + held)) > _AT_REST * np.max(np.abs(held)):
-        return
-    for i, row in enumerate(states.tolist()):
-        terms = [f"{value!r} * euler[{j}]" for j, value in enumerate(row) if abs(value) > 1e-9]
-        if terms:
-            yield f"law->x[{6 + i}] = {' + '.join(terms)};"
 
 
 def _px4(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[str, str]) -> dict[str, str]:

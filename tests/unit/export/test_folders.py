@@ -54,7 +54,9 @@ def test_glue_compiles_against_the_names_that_it_uses(firmware, law, make_folder
     save_folder(make_folder(firmware, law, attitude), tmp_path)
     source, stub = SOURCES[firmware]
     path = tmp_path / source
-    included = {name for file in path.parent.glob("*") for name in re.findall(r'#include [<"](.+)[>"]', file.read_text())}
+    included = {
+        name for file in path.parent.glob("*") for name in re.findall(r'#include [<"](.+)[>"]', file.read_text())
+    }
     for name in included - set(STANDARD):
         if not (path.parent / name).exists():
             place = tmp_path / "stubs" / name

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gustproof.law.form import Law, RateLimit, list_laws, load_law
-from gustproof.law.io.c import Attitude, CUnit, c_name, c_unit, save_c
+from gustproof.law.io.c import CUnit, c_name, c_unit, save_c
 from gustproof.law.step import sparse_law, step
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")

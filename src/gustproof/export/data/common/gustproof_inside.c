@@ -57,7 +57,7 @@ void gustproof_start(struct gustproof_inside *law, const struct gustproof_sample
         law->torque[i] = 0.0f;
     }
     ${prefix}_start(law->x, euler, rates);
-$settle    law->waited = 0.0f;
+    law->waited = 0.0f;
 }
 
 int gustproof_run(struct gustproof_inside *law, const struct gustproof_sample *now, float torque[3])
