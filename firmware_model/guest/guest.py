@@ -53,6 +53,8 @@ class Dialect(NamedTuple):
     """Parameters 2 and 3 of MAV_CMD_DO_SET_MODE for that mode."""
     custom_mode: int
     """The mode in its heartbeat."""
+    array_name: str = ""
+    """Name of the array that carries attitude and thrust to a law inside; empty for attitude targets."""
 
 
 class Guest(Protocol):

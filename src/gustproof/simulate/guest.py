@@ -24,7 +24,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.guest.guest import GuestOutcome
 from firmware_model.guest.recorder import ATTITUDE_SUFFIX, read_estimates
 from firmware_model.recording.journal import RECORD, count_records, read_journal
-from gustproof.simulate.flight import Flight, flight_name
+from gustproof.simulate.flight import Flight, flight_name, parse_metadata
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.processes import WORKING_PREFIX, terminate
 from gustproof.version import software_versions
@@ -121,6 +121,18 @@ def parse_autopilot(document: Any, source: object) -> ForeignAutopilot:
         return ForeignAutopilot(kind=kind, instance=None if instance is None else int(instance), **texts)
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ConfigError(f"{source}: does not say which autopilot flew") from None
+
+
+def parse_guest_plan(metadata: Any, source: Path) -> GuestPlan:
+    """Return the plan in the metadata of a bag.
+
+    Raises
+    ------
+    ConfigError
+        If there is none.
+    """
+    scenario, _, vehicle, seed, real_time = parse_metadata(metadata, source)
+    return GuestPlan(scenario, parse_autopilot(metadata.get("autopilot"), source), vehicle, seed, real_time)
 
 
 def check_guest(scenario: Scenario) -> None:
