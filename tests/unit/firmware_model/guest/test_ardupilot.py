@@ -9,7 +9,7 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest.ardupilot_json import Frame, FrameKind, FrameReader, encode_answer, map_outputs
+from firmware_model.guest.ardupilot import Frame, FrameKind, FrameReader, encode_answer, map_outputs
 from firmware_model.guest.readings import Readings
 
 READINGS = Readings(
