@@ -121,8 +121,8 @@ def map_outputs(vehicle: Vehicle) -> tuple[int, ...]:
         output = _QUADRANTS.get((_sign(x), _sign(y)))
         if output is None or output in outputs or _SPINS[output] != spin:
             raise ConfigError(
-                f"vehicle '{vehicle.name}': rotors.{number} at ({x:g}, {y:g}) m with spin {spin} is none of ArduPilot's "
-                "quadrotor X: front right 1, rear left 1, front left -1, rear right -1"
+                f"vehicle '{vehicle.name}': rotors.{number} at ({x:g}, {y:g}) m with spin {spin} is none of "
+                "ArduPilot's quadrotor X: front right 1, rear left 1, front left -1, rear right -1"
             )
         outputs.append(output)
     return tuple(outputs)

@@ -28,11 +28,9 @@ from firmware_model.process import udp
 RATE_HZ = 400
 """[Hz] rate of samples: one for each pass of ArduPilot's loop, at its default rate."""
 _GUIDED = 4
-_DIALECT = Dialect(wire.MAV_AUTOPILOT_ARDUPILOTMEGA, "GUIDED", (_GUIDED, 0.0), _GUIDED)
 _USUAL_PLACES = ("ardupilot", "~/ardupilot", "~/src/ardupilot")
 _PROGRAMS = ("", "arducopter", "bin/arducopter", "sitl/bin/arducopter", "build/sitl/bin/arducopter")
 _PARAMETERS_FILE = "vehicle.parm"
-_SPIN_MIN, _SPIN_MAX = 0.15, 0.95
 _START_S = 1_700_000_000  # its Unix time at start: the same in each flight
 _SPEEDUP = 1000  # times real time at most; it never gets there
 _FRAME = 128  # [bytes] above the largest
@@ -61,8 +59,8 @@ _OPERATION = {
     "MOT_PWM_MAX": "2000",
     "MOT_BAT_VOLT_MAX": "0",
     "MOT_SPIN_ARM": "0.1",
-    "MOT_SPIN_MIN": str(_SPIN_MIN),
-    "MOT_SPIN_MAX": str(_SPIN_MAX),
+    "MOT_SPIN_MIN": "0.15",
+    "MOT_SPIN_MAX": "0.95",
     "MOT_HOVER_LEARN": "0",
     "GUID_OPTIONS": "8",  # the thrust of a set-point is thrust, not rate of climb
     "DISARM_DELAY": "0",
@@ -85,7 +83,10 @@ def make_ardupilot(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> 
             f"scenario '{scenario.name}' has {scenario.control_rate_hz} samples a second, ArduPilot takes {RATE_HZ}"
         )
     extra = read_parameters(options.params, "ardupilot") if options.params else {}
-    values = {**vehicle_parameters(vehicle), **_OPERATION, **extra}
+    values = {"MOT_THST_EXPO": "0", **_OPERATION, **extra}
+    hover = vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max)
+    low, high = thrust_range(values)
+    values = {"MOT_THST_HOVER": f"{(hover - low) / (high - low):.7g}", **values}
     return ArduPilot(find_build(options.build), options.folder, values, map_outputs(vehicle))
 
 
@@ -112,22 +113,24 @@ def find_build(given: Path | None) -> Path:
     )
 
 
-def vehicle_parameters(vehicle: Vehicle) -> dict[str, str]:
-    """Return ArduPilot's parameters for the motors of a vehicle, whose thrust is linear in the command."""
-    hover = vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max)
-    return {"MOT_THST_EXPO": "0", "MOT_THST_HOVER": f"{throttle(hover):.7g}"}
+def thrust_range(parameters: Mapping[str, str]) -> tuple[float, float]:
+    """Return the thrust at throttle 0 and 1, as a fraction of the largest.
 
-
-def throttle(thrust: float) -> float:
-    """Return ArduPilot's throttle for a thrust, 0..1 of the largest."""
-    return (thrust - _SPIN_MIN) / (_SPIN_MAX - _SPIN_MIN)
+    Raises
+    ------
+    ConfigError
+        If there is no room between them.
+    """
+    low, high = (float(parameters[name]) for name in ("MOT_SPIN_MIN", "MOT_SPIN_MAX"))
+    if not 0.0 <= low < high <= 1.0:
+        raise ConfigError(f"MOT_SPIN_MIN {low:g} must be from 0 to below MOT_SPIN_MAX, {high:g}, which is at most 1")
+    return low, high
 
 
 class ArduPilot:
     """ArduPilot as a guest; see `Guest`. `outputs` holds the number of each rotor's output, from 0."""
 
     name = "ArduPilot"
-    dialect = _DIALECT
     arming_timeout_s = 120.0
     system = 1
     pilot_port = None
@@ -137,6 +140,9 @@ class ArduPilot:
         self, program: Path, folder: Path, parameters: Mapping[str, str], outputs: tuple[int, int, int, int]
     ) -> None:
         self._program, self._folder, self._parameters = program, folder, dict(parameters)
+        self.dialect = Dialect(
+            wire.MAV_AUTOPILOT_ARDUPILOTMEGA, "GUIDED", (_GUIDED, 0.0), _GUIDED, thrust_range(parameters)
+        )
         self._reader = FrameReader(outputs)
         self._bound: socket.socket | None = None
         self._process: ChildProcess | None = None

@@ -32,7 +32,7 @@ _CLIMB_TIME_S = 30.0  # and a second for each metre
 _RATE_OF_CLIMB = (-1.5, 2.0)  # [m/s]
 _HEIGHT_P, _CLIMB_P, _CLIMB_I = 1.0, 3.0, 1.0  # [1/s], [1/s], [1/s^2]
 _PROBE_S, _PROBE_ANGLE = 0.2, math.radians(4.0)
-_PROBE_SHARE = 0.5  # of the torque's direction: axes that are crossed by more belong to another geometry
+_PROBE_SHARE = 0.8  # of the torque's direction: axes that are crossed by more belong to another geometry
 
 
 class GuestFlight:
@@ -198,7 +198,9 @@ class GuestFlight:
         pilot = self._pilot
         if self._scenario.free and pilot.is_armed and pilot.is_in_mode:
             self._thrust = self._height.thrust(readings)
-        pilot.target = AttitudeTarget(readings.time_us, self._reference, None, self._thrust)
+        low, high = self._guest.dialect.thrust_range
+        thrust = min(max((self._thrust - low) / (high - low), 0.0), 1.0)
+        pilot.target = AttitudeTarget(readings.time_us, self._reference, None, thrust)
         self._exchange(readings.time_us)
         if self._world.flying:
             for each in pilot.take_estimates():

@@ -53,6 +53,8 @@ class Dialect(NamedTuple):
     """Parameters 2 and 3 of MAV_CMD_DO_SET_MODE for that mode."""
     custom_mode: int
     """The mode in its heartbeat."""
+    thrust_range: tuple[float, float] = (0.0, 1.0)
+    """[-] thrust at the least and at the largest thrust command, as a fraction of the rotors' largest."""
 
 
 class Guest(Protocol):

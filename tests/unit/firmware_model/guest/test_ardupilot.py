@@ -89,7 +89,12 @@ def test_wind_vane_points_where_the_air_comes_from() -> None:
 
 def test_answer_suits_a_reader_that_takes_the_first_name_and_skips_two_characters() -> None:
     text = encode_answer(READINGS)
-    for name, first in (("timestamp", b"0.0025"), ("gyro", b"[0.5,"), ("velocity", b"[0.5,0,"), ("quaternion", b"[0.7")):
+    for name, first in (
+        ("timestamp", b"0.0025"),
+        ("gyro", b"[0.5,"),
+        ("velocity", b"[0.5,0,"),
+        ("quaternion", b"[0.7"),
+    ):
         place = text.index(name.encode()) + len(name) + 2
         assert text[place : place + len(first)] == first
     assert text[:1] == text[-1:] == b"\n"
@@ -124,5 +129,5 @@ def test_rotors_are_mapped_by_their_place() -> None:
 def test_rotors_that_spin_the_other_way_are_refused_by_name() -> None:
     vehicle = load_vehicle("paper")
     other = replace(vehicle, rotors=replace(vehicle.rotors, spin=(-1, -1, 1, 1)))
-    with pytest.raises(ConfigError, match="rotors.0 .* spin -1 is none of ArduPilot's"):
+    with pytest.raises(ConfigError, match=r"rotors\.0 .* spin -1 is none of ArduPilot's"):
         map_outputs(other)
