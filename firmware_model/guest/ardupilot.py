@@ -21,7 +21,7 @@ from firmware_model.guest.readings import Readings
 _FRAMES = {
     (layout := struct.Struct(f"<HHI{outputs}H")).size: (layout, magic) for outputs, magic in ((16, 18458), (32, 29569))
 }
-_PULSE = (1000, 1000.0)  # [us] of no thrust, and from there to the largest
+_THRUSTS = [min(max((pulse - 1000) / 1000.0, 0.0), 1.0) for pulse in range(1 << 16)]  # by pulse [us]
 # [s/us] The autopilot cuts each difference of stamps to whole microseconds: it must not come out a little less.
 _CLOCK = 1e-6 * (1.0 + 4e-7)
 # The autopilot reads a value two characters after its name's end and takes the first name that fits, so no space may
@@ -63,7 +63,7 @@ class FrameReader:
     """Reads the frames of one autopilot; `outputs` holds the number of each rotor's output, from 0."""
 
     def __init__(self, outputs: tuple[int, ...]) -> None:
-        self._outputs = outputs
+        self._pulses = [3 + output for output in outputs]
         self._count = -1
 
     def read(self, datagram: bytes) -> Frame:
@@ -71,16 +71,14 @@ class FrameReader:
         layout, magic = _FRAMES.get(len(datagram), (None, 0))
         if layout is None:
             return Frame(FrameKind.FOREIGN)
-        found, rate_hz, count, *pulses = layout.unpack(datagram)
-        if found != magic:
+        fields = layout.unpack(datagram)
+        if fields[0] != magic:
             return Frame(FrameKind.FOREIGN)
+        count = fields[2]
         if count <= self._count:
             return Frame(FrameKind.REPEATED if count == self._count else FrameKind.RESTARTED)
         self._count = count
-        zero, span = _PULSE
-        return Frame(
-            FrameKind.NEW, tuple([min(max((pulses[i] - zero) / span, 0.0), 1.0) for i in self._outputs]), rate_hz
-        )
+        return Frame(FrameKind.NEW, tuple([_THRUSTS[fields[i]] for i in self._pulses]), fields[1])
 
 
 def encode_answer(readings: Readings) -> bytes:

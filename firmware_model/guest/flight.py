@@ -189,6 +189,8 @@ class GuestFlight:
         guest.send(readings)
         if world.overlaps:
             world.advance()
+            if not world.finished:
+                world.readings()  # the next ones, while the guest computes
         self._rotors = guest.receive() or self._rotors
         world.answer(readings.time_us, self._rotors)
         if not world.overlaps:
