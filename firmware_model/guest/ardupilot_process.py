@@ -67,6 +67,9 @@ _OPERATION = {
     "FS_THR_ENABLE": "0",
     "LOG_BACKEND_TYPE": "0",
 }
+# A law inside is a custom controller: the third, after ArduPilot's empty one and its PID, for all axes.
+_LAW = {"CC_TYPE": "3", "CC_AXIS_MASK": "7", "INS_GYRO_FILTER": "80"}
+_LAW_SWITCH, _LAW_IS_ON = (float(wire.MAV_CMD_DO_AUX_FUNCTION), 109.0, 2.0), "Custom controller is ON"
 
 
 def make_ardupilot(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> "ArduPilot":
@@ -83,11 +86,14 @@ def make_ardupilot(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> 
             f"scenario '{scenario.name}' has {scenario.control_rate_hz} samples a second, ArduPilot takes {RATE_HZ}"
         )
     extra = read_parameters(options.params, "ardupilot") if options.params else {}
-    values = {"MOT_THST_EXPO": "0", **_OPERATION, **extra}
+    values = {"MOT_THST_EXPO": "0", **_OPERATION, **(_LAW if options.law else {}), **extra}
     hover = vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max)
     low, high = thrust_range(values)
     values = {"MOT_THST_HOVER": f"{(hover - low) / (high - low):.7g}", **values}
-    return ArduPilot(find_build(options.build), options.folder, values, map_outputs(vehicle))
+    guest = ArduPilot(find_build(options.build), options.folder, values, map_outputs(vehicle))
+    if options.law:
+        guest.dialect = guest.dialect._replace(law_switch=_LAW_SWITCH, law_is_on=_LAW_IS_ON)
+    return guest
 
 
 def find_build(given: Path | None) -> Path:

@@ -26,6 +26,7 @@ from firmware_model.types import AttitudeTarget, Quaternion, Vector
 _STILL_S = 3.0  # a guest that was still for this long has settled
 _STILL_RATE = 0.03  # [rad/s] largest rate of a still vehicle, about three times that of a quantised gyro
 _SETTLE_TIMEOUT_S = 40.0
+_SWITCH_TIMEOUT_S = 3.0
 _OVERTURNED = math.cos(math.radians(60.0))  # of the tilt, in calm air
 _HEIGHT_TOLERANCE = 0.3  # [m]
 _CLIMB_TIME_S = 30.0  # and a second for each metre
@@ -83,7 +84,8 @@ class GuestFlight:
             self._climb()
         else:
             self._probe()
-            self._world.release()
+        self._switch_law_on()
+        self._world.release()
         self._settle()
         self._world.begin()
         self._pilot.take_estimates()
@@ -166,6 +168,17 @@ class GuestFlight:
                     GuestOutcome.UNSETTLED,
                     f"still turning in calm air after {_SETTLE_TIMEOUT_S:g} s, at {p:.2f}, {q:.2f}, {r:.2f} rad/s",
                 )
+
+    def _switch_law_on(self) -> None:
+        """Give control to the law inside, if the guest's mode does not."""
+        pilot, dialect = self._pilot, self._guest.dialect
+        pilot.wants_law, until_us = bool(dialect.law_switch), self._world.time_us + round(1e6 * _SWITCH_TIMEOUT_S)
+        while pilot.wants_law:
+            self._step()
+            self._check()
+            pilot.wants_law = dialect.law_is_on not in pilot.texts
+            if self._world.time_us > until_us:
+                raise GuestError(GuestOutcome.WRONG_BUILD, f"no law inside takes control: {describe_refusals(pilot)}")
 
     def _is_at_height(self) -> bool:
         off = self._scenario.altitude_m + self._readings.position_N[2]

@@ -55,6 +55,10 @@ class Dialect(NamedTuple):
     """The mode in its heartbeat."""
     thrust_range: tuple[float, float] = (0.0, 1.0)
     """[-] thrust at the least and at the largest thrust command, as a fraction of the rotors' largest."""
+    law_switch: tuple[float, ...] = ()
+    """MAV_CMD and its parameters that give control to a law inside; empty if there is none, or the mode does."""
+    law_is_on: str = ""
+    """Text that tells of it."""
 
 
 class Guest(Protocol):

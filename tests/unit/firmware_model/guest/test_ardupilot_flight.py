@@ -58,6 +58,20 @@ def fly(
 
 
 @pytest.mark.compiled
+@pytest.mark.parametrize(("fault", "outcome"), [("", "done"), ("no law", "wrong_build")])
+def test_law_inside_is_switched_on_before_the_scenario(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, fault: str, outcome: str
+) -> None:
+    monkeypatch.setenv("PEER_FAULT", fault)
+    facts = fly(tmp_path, capsys, "--law", "flagship")
+    assert facts["outcome"] == outcome
+    assert facts["autopilot"]["parameters"]["CC_AXIS_MASK"] == "7"
+    said = "Custom controller type is out of range" if fault else "Custom controller is ON"
+    assert said in facts["texts"]
+    assert (said in facts["reason"]) == bool(fault)
+
+
+@pytest.mark.compiled
 @pytest.mark.parametrize(("translation", "fault"), [("held", "repeat"), ("free", "wide")])
 def test_peer_finds_no_fault_and_flies_the_scenario(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, translation: str, fault: str
@@ -175,7 +189,7 @@ def test_program_that_is_not_one_is_told(tmp_path: Path, capsys: pytest.CaptureF
 def test_parameters_of_the_user_come_last(tmp_path: Path) -> None:
     given = tmp_path / "mine.parm"
     given.write_text("# mine\nATC_ANG_RLL_P,7.5\nMOT_SPIN_MIN 0.05\nMOT_SPIN_MAX 1.0\n")
-    options = Namespace(params=str(given), build=PEER, folder=tmp_path / "run")
+    options = Namespace(params=str(given), law="", build=PEER, folder=tmp_path / "run")
     guest = ardupilot_process.make_ardupilot(
         options, replace(load_scenario("calm"), control_rate_hz=400, physics_rate_hz=1200), load_vehicle("paper")
     )
