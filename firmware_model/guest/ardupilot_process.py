@@ -19,14 +19,13 @@ from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.ardupilot import FrameKind, FrameReader, encode_answer, map_outputs
 from firmware_model.guest.child import ChildProcess
-from firmware_model.guest.guest import Dialect, GuestError, GuestOutcome
+from firmware_model.guest.guest import SAMPLE_RATES_HZ, Dialect, GuestError, GuestOutcome
 from firmware_model.guest.parameters import read_parameters, write_parameters
 from firmware_model.guest.readings import Readings
 from firmware_model.mavlink.services.geodesy import ORIGIN_DEG
 from firmware_model.process import udp
 
-RATE_HZ = 400
-"""[Hz] rate of samples: one for each pass of ArduPilot's loop, at its default rate."""
+_RATE_HZ = SAMPLE_RATES_HZ["ardupilot"]  # that of its loop by default
 _GUIDED = 4
 _USUAL_PLACES = ("ardupilot", "~/ardupilot", "~/src/ardupilot")
 _PROGRAMS = ("", "arducopter", "bin/arducopter", "sitl/bin/arducopter", "build/sitl/bin/arducopter")
@@ -40,8 +39,8 @@ _START_TIMEOUT_S, _HUNG_S, _WAIT_S = 30.0, 10.0, 0.5
 _OPERATION = {
     "FRAME_CLASS": "1",
     "FRAME_TYPE": "1",  # X; its default is plus, with torques turned by 45 deg
-    "SCHED_LOOP_RATE": str(RATE_HZ),
-    "SIM_RATE_HZ": str(RATE_HZ),
+    "SCHED_LOOP_RATE": str(_RATE_HZ),
+    "SIM_RATE_HZ": str(_RATE_HZ),
     "SIM_DRIFT_SPEED": "0",  # no gyro drift but the scenario's; .04 deg/s of noise of its own stays
     "INS_ENABLE_MASK": "1",
     "EK3_IMU_MASK": "1",
@@ -81,9 +80,9 @@ def make_ardupilot(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> 
         If there is no build, the parameter file is wrong, the vehicle has no frame of ArduPilot, or the scenario has
         another rate.
     """
-    if scenario.control_rate_hz != RATE_HZ:
+    if scenario.control_rate_hz != _RATE_HZ:
         raise ConfigError(
-            f"scenario '{scenario.name}' has {scenario.control_rate_hz} samples a second, ArduPilot takes {RATE_HZ}"
+            f"scenario '{scenario.name}' has {scenario.control_rate_hz} samples a second, ArduPilot takes {_RATE_HZ}"
         )
     extra = read_parameters(options.params, "ardupilot") if options.params else {}
     values = {"MOT_THST_EXPO": "0", **_OPERATION, **(_LAW if options.law else {}), **extra}
