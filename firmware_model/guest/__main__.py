@@ -61,6 +61,10 @@ def make_guest(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle
     ConfigError
         If an option is wrong.
     """
+    if options.autopilot == "ardupilot":
+        from firmware_model.guest.ardupilot_process import make_ardupilot
+
+        return make_ardupilot(options, scenario, vehicle)
     from firmware_model.guest.px4_process import make_px4
 
     return make_px4(options, scenario, vehicle)
@@ -159,7 +163,7 @@ def _pacer() -> Callable[[int], None]:
 def _make_parser() -> argparse.ArgumentParser:
     parser = Parser(prog="guest", description="Fly a scenario with a real autopilot.")
     add = parser.add_argument
-    add("--autopilot", required=True, choices=("px4",), help="autopilot")
+    add("--autopilot", required=True, choices=("px4", "ardupilot"), help="autopilot")
     add("--build", type=Path, help="folder of its build")
     add("--params", type=Path, help="file of parameters, on top of those that the vehicle file gives")
     add("--law", default="", help="law inside of it, built into the autopilot")

@@ -44,7 +44,7 @@ class Estimate(NamedTuple):
 class Pilot:
     """Pilot of one guest: `meet` it, pass datagrams and the world's time, send what it returns.
 
-    It asks for arming and mode again and again while `wants_flight`.
+    It asks for arming and mode again and again while `wants_flight`, and for the law inside while `wants_law`.
     """
 
     def __init__(self, dialect: Dialect) -> None:
@@ -52,7 +52,7 @@ class Pilot:
         self._address: Address | None = None
         self.channel = Channel(_SYSTEM, _COMPONENT)
         self.finished = False
-        self.wants_flight = False
+        self.wants_flight = self.wants_law = False
         self.target: AttitudeTarget | None = None
         self.autopilot: int | None = None
         self.custom_mode: int | None = None
@@ -134,6 +134,8 @@ class Pilot:
             self._command(wire.MAV_CMD_DO_SET_MODE, _FOREIGN_MODE, *self._dialect.mode)
         elif self.wants_flight and not self.is_armed:
             self._command(wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        if self.wants_law:
+            self._command(round(self._dialect.law_switch[0]), *self._dialect.law_switch[1:])
 
     def _send_target(self, target: AttitudeTarget) -> None:
         if not self._dialect.array_name:

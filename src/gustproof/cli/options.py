@@ -20,7 +20,10 @@ Anyway = Annotated[
     ),
 ]
 AutopilotName = Annotated[
-    str | None, typer.Option("--autopilot", help="Fly a real autopilot, px4, in place of our own.", show_default=False)
+    str | None,
+    typer.Option(
+        "--autopilot", help="Fly a real autopilot, px4 or ardupilot, in place of our own.", show_default=False
+    ),
 ]
 Build = Annotated[
     str, typer.Option(help="Folder of the autopilot's build [default: the usual places].", show_default=False)
