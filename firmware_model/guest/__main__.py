@@ -25,7 +25,7 @@ from firmware_model.errors import ConfigError, RecordingError
 from firmware_model.guest.flight import GuestFlight
 from firmware_model.guest.guest import Guest, GuestError, GuestOutcome
 from firmware_model.guest.pilot import Pilot
-from firmware_model.guest.recorder import EstimateWriter
+from firmware_model.guest.recorder import ATTITUDE_SUFFIX, EstimateWriter
 from firmware_model.guest.world import World
 from firmware_model.process import realtime, udp
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
@@ -61,6 +61,10 @@ def make_guest(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle
     ConfigError
         If an option is wrong.
     """
+    if options.autopilot == "ardupilot":
+        from firmware_model.guest.ardupilot_process import make_ardupilot
+
+        return make_ardupilot(options, scenario, vehicle)
     from firmware_model.guest.px4_process import make_px4
 
     return make_px4(options, scenario, vehicle)
@@ -74,7 +78,7 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> d
         names = {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
         try:
             journal = JournalWriter(options.journal, {**names, "note": note}, scenario.control_rate_hz)
-            estimates = stack.enter_context(EstimateWriter(options.journal.with_suffix(".attitude")))
+            estimates = stack.enter_context(EstimateWriter(options.journal.with_suffix(ATTITUDE_SUFFIX)))
         except OSError as error:
             raise ConfigError(f"{error.filename}: {error.strerror}") from None
         stack.enter_context(journal)
@@ -106,7 +110,7 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> d
             "samples": world.loop.sample if world.flying else 0,
             "wall_s": flown_s if world.flying else 0.0,
             "realtime_factor": model_s / flown_s if world.flying else 0.0,
-            "autopilot": {"name": guest.name, "version": pilot.version, **guest.facts()},
+            "autopilot": {"program": guest.name, "version": pilot.version, **guest.facts()},
             "texts": list(pilot.texts),
             "link": pilot.channel.stats(),
         }
@@ -159,7 +163,7 @@ def _pacer() -> Callable[[int], None]:
 def _make_parser() -> argparse.ArgumentParser:
     parser = Parser(prog="guest", description="Fly a scenario with a real autopilot.")
     add = parser.add_argument
-    add("--autopilot", required=True, choices=("px4",), help="autopilot")
+    add("--autopilot", required=True, choices=("px4", "ardupilot"), help="autopilot")
     add("--build", type=Path, help="folder of its build")
     add("--params", type=Path, help="file of parameters, on top of those that the vehicle file gives")
     add("--law", default="", help="law inside of it, built into the autopilot")

@@ -22,7 +22,11 @@ from firmware_model.guest.readings import Readings
 RATE_HZ = 250
 """[Hz] rate of samples that PX4's start script sets its estimator to."""
 _OFFBOARD = 6  # main mode
+_EXTERNAL = 4.0, 11.0  # main mode AUTO, first mode that a module registers
+_LAW_INSIDE = "gustproof"  # module of `gustproof export --px4`, and its array of set-points
 _DIALECT = Dialect(wire.MAV_AUTOPILOT_PX4, "OFFBOARD", (_OFFBOARD, 0.0), _OFFBOARD << 16)
+_INSIDE = Dialect(wire.MAV_AUTOPILOT_PX4, "the law's own mode", _EXTERNAL, 4 << 16 | 11 << 24, array_name=_LAW_INSIDE)
+_LINK = "mavlink start -x -u {port} -r 4000000 -f -m onboard"  # the only one: others would take time from each sample
 _MODEL = "none_iris"  # an airframe without a simulator of its own; all of its geometry is replaced
 _SIMULATOR, _PILOT, _OTHERS = 4560, 14580, (18570, 14280, 13030)  # ports of instance 0
 _INSTANCES = 200
@@ -62,7 +66,10 @@ def make_px4(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> "Px4":
         )
     extra = read_parameters(options.params, "px4") if options.params else {}
     values = {**vehicle_parameters(vehicle), **_OPERATION, **extra}
-    return Px4(find_build(options.build), options.folder, values, options.instance, real_time=options.real_time)
+    px4 = Px4(find_build(options.build), options.folder, values, options.instance, real_time=options.real_time)
+    if options.law:
+        px4.dialect, px4.start_lines = _INSIDE, [f"{_LAW_INSIDE} start"]
+    return px4
 
 
 def find_build(given: Path | None) -> Path:
@@ -96,10 +103,9 @@ def vehicle_parameters(vehicle: Vehicle) -> dict[str, str]:
 
 
 class Px4:
-    """PX4 as a guest; see `Guest`."""
+    """PX4 as a guest; see `Guest`. `start_lines` of its start script follow those of its links."""
 
     name = "PX4"
-    dialect = _DIALECT
     arming_timeout_s = 60.0
 
     def __init__(
@@ -117,6 +123,7 @@ class Px4:
         self._sent_s = 0.0
         self._time_us = 0
         self.instance = -1
+        self.dialect, self.start_lines = _DIALECT, list[str]()
 
     @property
     def system(self) -> int:
@@ -139,8 +146,9 @@ class Px4:
         self._reserve()
         self._folder.mkdir(parents=True)
         write_parameters(self._parameters, self._folder / _PARAMETERS_FILE, "param set {name} {value}")
-        if not self._real_time:
-            write_links(self._folder / _LINKS_FILE, _PILOT + self.instance)
+        if self.start_lines or not self._real_time:
+            lines = [_LINK.format(port=_PILOT + self.instance), *self.start_lines]
+            (self._folder / _LINKS_FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
         ours = {name: value for name, value in os.environ.items() if not name.startswith("PX4_")}
         ours |= {"PX4_SIM_MODEL": _MODEL, "PATH": f"{self._folder.resolve()}:{ours.get('PATH', '')}", "HEADLESS": "1"}
         command = [str(self._build / "bin" / "px4"), "-i", str(self.instance), "-d", str(self._build / "etc")]
@@ -264,11 +272,6 @@ class Px4:
         ending = process.wait_for_ending() if process else ""
         words = process.last_words if process else ""
         return GuestError(outcome, f"PX4 {ending or 'closed its link'}: {words or 'it said nothing'}")
-
-
-def write_links(path: Path, port: int) -> None:
-    """Write the start of PX4's only MAVLink link in lockstep: other links would take time from each sample."""
-    path.write_text(f"mavlink start -x -u {port} -r 4000000 -f -m onboard\n", encoding="utf-8")
 
 
 def _listen(port: int) -> socket.socket | None:
