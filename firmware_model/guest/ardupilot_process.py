@@ -146,7 +146,11 @@ class ArduPilot:
     ) -> None:
         self._program, self._folder, self._parameters = program, folder, dict(parameters)
         self.dialect = Dialect(
-            wire.MAV_AUTOPILOT_ARDUPILOTMEGA, "GUIDED", (_GUIDED, 0.0), _GUIDED, thrust_range(parameters)
+            wire.MAV_AUTOPILOT_ARDUPILOTMEGA,
+            "GUIDED",
+            (_GUIDED, 0.0),
+            _GUIDED,
+            thrust_range=thrust_range(parameters),
         )
         self._reader = FrameReader(outputs)
         self._bound: socket.socket | None = None
