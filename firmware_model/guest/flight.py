@@ -109,7 +109,7 @@ class GuestFlight:
         """Wait for the guest, send it set-points, set its mode, and arm it."""
         pilot, until_us = self._pilot, round(1e6 * self._guest.arming_timeout_s)
         while self._world.time_us % _DECISION_US or not (pilot.is_armed and pilot.is_in_mode and self._guest.is_armed):
-            pilot.wants_flight = pilot.autopilot is not None
+            pilot.wants_flight = pilot.autopilot is not None and self._world.time_us >= 1e6 * self._guest.warm_up_s
             self._step()
             if pilot.autopilot not in (None, self._guest.dialect.autopilot):
                 raise GuestError(
