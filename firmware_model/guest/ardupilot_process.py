@@ -35,6 +35,9 @@ _SPEEDUP = 1000  # times real time at most; it never gets there
 _FRAME = 128  # [bytes] above the largest
 _START_TIMEOUT_S, _HUNG_S, _WAIT_S = 30.0, 10.0, 0.5
 
+_CHECK_OF_INERTIAL_SENSORS = 16
+# Offsets of 0 count as not calibrated, other ones as those of a second accelerometer.
+_CALIBRATION = {"OFFS": "0.001", "SCAL": "1", "2OFFS": "0", "2SCAL": "1"}
 # Not of the vehicle. One sensor of each kind, as there is one; no battery, sticks or log, and no timers on the ground.
 _OPERATION = {
     "FRAME_CLASS": "1",
@@ -43,6 +46,7 @@ _OPERATION = {
     "SIM_RATE_HZ": str(_RATE_HZ),
     "SIM_DRIFT_SPEED": "0",  # no gyro drift but the scenario's; .04 deg/s of noise of its own stays
     "INS_ENABLE_MASK": "1",
+    **{f"INS_ACC{name}_{axis}": value for name, value in _CALIBRATION.items() for axis in "XYZ"},
     "EK3_IMU_MASK": "1",
     "COMPASS_USE2": "0",
     "COMPASS_USE3": "0",
@@ -62,6 +66,9 @@ _OPERATION = {
     "MOT_SPIN_MAX": "0.95",
     "MOT_HOVER_LEARN": "0",
     "GUID_OPTIONS": "8",  # the thrust of a set-point is thrust, not rate of climb
+    # All checks but the one for two samples of the gyro in each pass of the loop; the second name is that of later ones.
+    "ARMING_CHECK": str((1 << 21) - 2 - _CHECK_OF_INERTIAL_SENSORS),
+    "ARMING_SKIPCHK": str(_CHECK_OF_INERTIAL_SENSORS),
     "DISARM_DELAY": "0",
     "FS_THR_ENABLE": "0",
     "LOG_BACKEND_TYPE": "0",
