@@ -1,0 +1,96 @@
+"""Interface of a guest: a real autopilot, in a process of its own, that takes our world for its simulator."""
+
+from collections.abc import Mapping
+from enum import Enum
+from typing import Any, NamedTuple, Protocol
+
+from firmware_model.guest.readings import Readings
+
+
+class GuestOutcome(Enum):
+    """Outcome of a guest's flight."""
+
+    DONE = "done"
+    """Flown from start to end under its own loops."""
+    KILLED = "killed"
+    """Its process ended."""
+    HUNG = "hung"
+    """It stopped to answer."""
+    WRONG_BUILD = "wrong_build"
+    """No such autopilot is there, or it does not speak the protocol."""
+    PORT_TAKEN = "port_taken"
+    """Another program uses a port that it needs."""
+    WRONG_GEOMETRY = "wrong_geometry"
+    """Its rotors do not turn the vehicle as it means to: order, place or spin differ from the vehicle file's."""
+    NOT_ARMED = "not_armed"
+    """It refused to arm, or to take set-points; the reason holds its own words."""
+    UNSETTLED = "unsettled"
+    """It did not hold the vehicle still in calm air, so that the scenario did not begin."""
+    DISARMED = "disarmed"
+    """It disarmed in flight."""
+    LEFT_MODE = "left_mode"
+    """It left the mode that follows set-points."""
+    INTERRUPTED = "interrupted"
+    """Ctrl-C or a termination signal."""
+
+
+class GuestError(Exception):
+    """End of a flight before its time; the text is one line."""
+
+    def __init__(self, outcome: GuestOutcome, reason: str) -> None:
+        super().__init__(reason)
+        self.outcome = outcome
+
+
+class Dialect(NamedTuple):
+    """Numbers in which autopilots differ over MAVLink."""
+
+    autopilot: int
+    """MAV_AUTOPILOT."""
+    mode_name: str
+    """Mode that follows attitude set-points, as its users call it."""
+    mode: tuple[float, float]
+    """Parameters 2 and 3 of MAV_CMD_DO_SET_MODE for that mode."""
+    custom_mode: int
+    """The mode in its heartbeat."""
+
+
+class Guest(Protocol):
+    """A guest: `start` it, then for each sample `send` the readings and `receive` the rotor commands, then `close` it.
+
+    Each method but `close` raises a `GuestError` that names the outcome.
+    """
+
+    name: str
+    """Name for users, such as PX4."""
+    dialect: Dialect
+    """Its words over MAVLink."""
+    arming_timeout_s: float
+    """[s] of its own time from start until it has to be armed."""
+
+    @property
+    def system(self) -> int:
+        """MAVLink system id."""
+
+    @property
+    def pilot_port(self) -> int | None:
+        """UDP port on this machine for the pilot's first datagram; `None` if the guest speaks first."""
+
+    @property
+    def is_armed(self) -> bool:
+        """True if its last answer came armed, or does not say."""
+
+    def start(self, pilot_port: int) -> None:
+        """Start its process; its pilot listens on the UDP port `pilot_port`."""
+
+    def send(self, readings: Readings) -> None:
+        """Send the readings of a sample."""
+
+    def receive(self) -> tuple[float, ...] | None:
+        """Return each rotor's thrust, 0..1 of its largest, in the vehicle file's order; `None` if it has no answer."""
+
+    def close(self) -> None:
+        """End its process; never raises."""
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return all that a record of the flight must say of it: build, parameters, ports."""
