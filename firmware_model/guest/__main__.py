@@ -25,7 +25,7 @@ from firmware_model.errors import ConfigError, RecordingError
 from firmware_model.guest.flight import GuestFlight
 from firmware_model.guest.guest import Guest, GuestError, GuestOutcome
 from firmware_model.guest.pilot import Pilot
-from firmware_model.guest.recorder import EstimateWriter
+from firmware_model.guest.recorder import ATTITUDE_SUFFIX, EstimateWriter
 from firmware_model.guest.world import World
 from firmware_model.process import realtime, udp
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
@@ -74,7 +74,7 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> d
         names = {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
         try:
             journal = JournalWriter(options.journal, {**names, "note": note}, scenario.control_rate_hz)
-            estimates = stack.enter_context(EstimateWriter(options.journal.with_suffix(".attitude")))
+            estimates = stack.enter_context(EstimateWriter(options.journal.with_suffix(ATTITUDE_SUFFIX)))
         except OSError as error:
             raise ConfigError(f"{error.filename}: {error.strerror}") from None
         stack.enter_context(journal)

@@ -30,6 +30,7 @@ _ERRORS_CM = (40, 60)  # horizontal and vertical, as the noise of the fixes
 _ARMED = wire.MAV_MODE_FLAG_SAFETY_ARMED
 _LOCKSTEP = 1  # flag of HIL_ACTUATOR_CONTROLS
 _V2_OVERHEAD = 12  # [bytes] of a frame without signature
+_GYRO_COUNT, _FORCE_COUNT = math.radians(2000.0) / 32768.0, GRAVITY / 2048.0  # [rad/s], [m/s^2] of PX4's int16
 _CONTROLS = struct.Struct("<QQ16fB")
 
 
@@ -61,18 +62,16 @@ class SimulatorLink:
 
     def pack(self, readings: Readings) -> bytes:
         """Return the frames of a sample."""
-        make, link = self._channel.make, self._channel
+        make = self._channel.make
         frames = b""
         if self._sample % GPS_EVERY == 0:
             frames += make(self._gps, *_gps_fields(readings))
         if self._sample % TRUTH_EVERY == 0:
             frames += make(self._truth, *_truth_fields(readings))
         self._sample += 1
-        height = pressure_height(readings.pressure)
-        frames += link.make(
-            self._sensor, readings.time_us, *readings.specific_force_B, *readings.gyro_B, *readings.field_B,
-            readings.pressure, 0.0, height, readings.temperature, _ALL_FIELDS,
-        )  # fmt: skip
+        force_B, gyro_B = _counts(readings.specific_force_B, _FORCE_COUNT), _counts(readings.gyro_B, _GYRO_COUNT)
+        air = readings.pressure, 0.0, pressure_height(readings.pressure), readings.temperature
+        frames += make(self._sensor, readings.time_us, *force_B, *gyro_B, *readings.field_B, *air, _ALL_FIELDS)
         return frames
 
     def feed(self, received: bytes) -> None:
@@ -105,6 +104,12 @@ def pressure_height(pressure: float) -> float:
 
 def _template(number: int, layout: str) -> FrameTemplate:
     return FrameTemplate(number, _SYSTEM, _COMPONENT, layout, b"")
+
+
+def _counts(value: Vector, count: float) -> Vector:
+    """Return a measurement in whole counts, as a converter gives it: PX4 cuts toward zero, which shortens all turns."""
+    x, y, z = (round(component / count) * count * (1.0 + 1e-6) for component in value)
+    return x, y, z
 
 
 def _gps_fields(readings: Readings) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from firmware_model.mavlink.services.geodesy import ORIGIN_HEIGHT
+from firmware_model.mavlink.services.geodesy import ORIGIN_DEG, ORIGIN_HEIGHT
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.elementary import normals
 from firmware_model.numerics.random import NAVIGATION_STREAM
@@ -18,6 +18,9 @@ Autopilots correct the compass by a table of that model: 3.41 deg east, 63.2 deg
 """
 DECLINATION = math.atan2(FIELD_N[1], FIELD_N[0])
 """[rad] from true to magnetic north."""
+_LATITUDE = math.radians(ORIGIN_DEG[0])
+EARTH_RATE_N = (7.2921e-5 * math.cos(_LATITUDE), 0.0, -7.2921e-5 * math.sin(_LATITUDE))
+"""[rad/s] N, turn of the earth at the origin (IERS): a gyro measures it, and estimators subtract it."""
 _FIELD_NOISE = 0.0002  # [gauss] rms of a sample, as of a common magnetometer at rest
 _PRESSURE_NOISE = 0.02  # [hPa] rms of a sample, .17 m of height
 _POSITION_NOISE = (0.2, 0.2, 0.3)  # [m] rms of a fix
@@ -62,11 +65,12 @@ def read_sensors(loop: VehicleLoop, seed: int, time_us: int) -> Readings:
     q_NB = loop.q_NB
     a, b, c, pressure_noise = _normals(seed, NAVIGATION_STREAM, loop.sample, 0)
     fix, speed = (_normals(seed, NAVIGATION_STREAM, loop.sample, block) for block in (1, 2))
-    field = rotate(conjugate(q_NB), FIELD_N)
+    to_B = conjugate(q_NB)
+    field, earth_B = rotate(to_B, FIELD_N), rotate(to_B, EARTH_RATE_N)
     pressure, temperature = atmosphere(ORIGIN_HEIGHT - position[2])
     return Readings(
         time_us=time_us,
-        gyro_B=imu.gyro_B,
+        gyro_B=_add_noise(imu.gyro_B, earth_B, (1.0,) * 3),
         specific_force_B=imu.specific_force_B,
         field_B=_add_noise(field, (_FIELD_NOISE,) * 3, (a, b, c)),
         pressure=pressure + _PRESSURE_NOISE * pressure_noise,

@@ -21,6 +21,8 @@ ESTIMATE = np.dtype(
         ("setpoint_q_NB", "<f8", 4),  # attitude set-point of its loops; NaN where unknown
     ]
 )
+ATTITUDE_SUFFIX = ".attitude"
+"""Suffix of the file, beside the journal."""
 _BUFFER = 50  # records, a second
 _HEADER = b'{"kind":"attitude of a guest autopilot"}\n'
 
