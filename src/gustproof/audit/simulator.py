@@ -1,13 +1,11 @@
-"""Interface through which a simulator is audited, and its adapters by name.
+"""Interface through which a simulator is audited.
 
 An adapter turns a simulator's own frames and units into ours and leaves its physics alone. It overrides the methods
 that its simulator can serve. The others raise `NotReachable`, and the audit says so instead of passing.
 """
 
-import importlib.util
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +13,6 @@ from numpy.typing import NDArray
 
 from firmware_model.config.vehicle import GRAVITY
 from firmware_model.config.waveforms import Dryden
-from firmware_model.errors import ConfigError
 from firmware_model.types import Quaternion, Vector
 
 Array = NDArray[np.float64]
@@ -129,45 +126,6 @@ class Simulator:
     def sample_air(self, seed: int, dt: float, air: Air, samples: int) -> Array:
         """Return the velocity (samples, 3) [m/s] N of the air at a vehicle that stays at its place."""
         raise NotReachable("it does not tell the wind at the vehicle")
-
-
-def load_simulator(name: str) -> Simulator:
-    """Return the adapter of a known simulator, or the one that `make_simulator()` of a Python file makes.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such adapter, or its simulator is not installed.
-    """
-    if name == "own":
-        from gustproof.audit.own import OwnSimulator
-
-        return OwnSimulator()
-    if name == "rotorpy":
-        from gustproof.audit.rotorpy import load_rotorpy
-
-        return load_rotorpy()
-    path = Path(name)
-    if path.suffix != ".py":
-        raise ConfigError(f"audit '{name}': must be own, rotorpy or a Python file with make_simulator()")
-    if not path.is_file():
-        raise ConfigError(f"{path}: no such file")
-    return _load_file(path)
-
-
-def _load_file(path: Path) -> Simulator:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        raise ConfigError(f"{path}: cannot be loaded as Python")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-        simulator = module.make_simulator()
-    except Exception as error:  # foreign code may raise anything
-        raise ConfigError(f"{path}: {type(error).__name__}: {error}") from None
-    if not isinstance(simulator, Simulator):
-        raise ConfigError(f"{path}: make_simulator() must return a gustproof.audit.simulator.Simulator")
-    return simulator
 
 
 def to_vector(values: Sequence[float] | Array) -> Vector:

@@ -25,9 +25,9 @@ def audit(
     """
     from pydantic_core import to_jsonable_python
 
+    from gustproof.audit.adapters import load_simulator
     from gustproof.audit.checks import Verdict
     from gustproof.audit.checks import audit as run
-    from gustproof.audit.simulator import load_simulator
     from gustproof.report.audit import render_audit
     from gustproof.report.terminal import show
 

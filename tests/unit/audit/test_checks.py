@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
+from gustproof.audit.adapters import load_simulator
 from gustproof.audit.checks import Row, Verdict, audit
 from gustproof.audit.own import OwnSimulator
 from gustproof.audit.simulator import (
@@ -23,7 +24,6 @@ from gustproof.audit.simulator import (
     NotReachable,
     Simulator,
     Start,
-    load_simulator,
     to_vector,
 )
 from gustproof.audit.turbulence import expected_turbulence
