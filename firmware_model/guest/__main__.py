@@ -36,6 +36,7 @@ from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import LevelFlight
 
 _EXIT_FAILED, _EXIT_BAD_INPUT = 3, 2
+_ARRIVAL_S = 0.001  # a datagram on this machine has reached its reader by then, unless the machine is busy
 _MAX_DATAGRAM = 65_535  # bytes
 _DATAGRAMS = 1000  # of one exchange at most; a flood must not stop the flight
 
@@ -64,6 +65,10 @@ def make_guest(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle
     """
     if options.autopilot == "betaflight":
         return make_betaflight(options, scenario, vehicle)
+    if options.autopilot == "ardupilot":
+        from firmware_model.guest.ardupilot_process import make_ardupilot
+
+        return make_ardupilot(options, scenario, vehicle)
     from firmware_model.guest.px4_process import make_px4
 
     return make_px4(options, scenario, vehicle)
@@ -89,9 +94,15 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> d
             unix_us = time.time_ns() // 1000
             endpoint = stack.enter_context(Tlog(options.tlog, pilot, lambda now_us: unix_us + now_us))
         flight = GuestFlight(
-            guest, pilot, world, vehicle, scenario, exchange=_exchanger(endpoint, bound),
-            estimate=estimates.append, wait=_pacer() if options.real_time else lambda _: None,
-        )  # fmt: skip
+            guest,
+            pilot,
+            world,
+            vehicle,
+            scenario,
+            exchange=_exchanger(endpoint, bound, 0.0 if options.real_time else _ARRIVAL_S),
+            estimate=estimates.append,
+            wait=_pacer() if options.real_time else lambda _: None,
+        )
         signal.signal(signal.SIGINT, lambda *_: flight.interrupt())
         signal.signal(signal.SIGTERM, lambda *_: flight.interrupt())
         if options.exit_on_stdin_eof:
@@ -109,7 +120,7 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> d
             "samples": world.loop.sample if world.flying else 0,
             "wall_s": flown_s if world.flying else 0.0,
             "realtime_factor": model_s / flown_s if world.flying else 0.0,
-            "autopilot": {"name": guest.name, "version": pilot.version, **guest.facts()},
+            "autopilot": {"program": guest.name, "version": pilot.version, **guest.facts()},
             "texts": list(pilot.texts),
             "link": pilot.channel.stats(),
         }
@@ -130,10 +141,15 @@ def _run(guest: Guest, pilot: Pilot, flight: GuestFlight, port: int) -> tuple[Gu
     return outcome, reason, time.monotonic() - began_s
 
 
-def _exchanger(endpoint: udp.Endpoint, bound: socket.socket) -> Callable[[int], None]:
-    """Return the function that passes on all waiting datagrams, and sends those that are due."""
+def _exchanger(endpoint: udp.Endpoint, bound: socket.socket, wait_s: float) -> Callable[[int, bool], None]:
+    """Return the function that passes on all waiting datagrams, and sends those that are due.
 
-    def exchange(now_us: int) -> None:
+    It can wait `wait_s` [s] before and after, for what is on its way.
+    """
+
+    def exchange(now_us: int, waits: bool) -> None:
+        if waits:
+            time.sleep(wait_s)
         for _ in range(_DATAGRAMS):
             try:
                 datagram, address = bound.recvfrom(_MAX_DATAGRAM)
@@ -145,6 +161,8 @@ def _exchanger(endpoint: udp.Endpoint, bound: socket.socket) -> Callable[[int], 
         for datagram, (_, peer) in endpoint.poll(now_us):
             with contextlib.suppress(OSError):
                 bound.sendto(datagram, peer)
+        if waits:
+            time.sleep(wait_s)
 
     return exchange
 
@@ -165,7 +183,7 @@ def _pacer() -> Callable[[int], None]:
 def _make_parser() -> argparse.ArgumentParser:
     parser = Parser(prog="guest", description="Fly a scenario with a real autopilot.")
     add = parser.add_argument
-    add("--autopilot", required=True, choices=("px4", "betaflight"), help="autopilot")
+    add("--autopilot", required=True, choices=("px4", "ardupilot", "betaflight"), help="autopilot")
     add("--build", type=Path, help="folder of its build")
     add("--params", type=Path, help="file of parameters, on top of those that the vehicle file gives")
     add("--law", default="", help="law inside of it, built into the autopilot")

@@ -26,19 +26,22 @@ from firmware_model.types import AttitudeTarget, Quaternion, Vector
 _STILL_S = 3.0  # a guest that was still for this long has settled
 _STILL_RATE = 0.03  # [rad/s] largest rate of a still vehicle, about three times that of a quantised gyro
 _SETTLE_TIMEOUT_S = 40.0
+_SWITCH_TIMEOUT_S = 3.0
 _OVERTURNED = math.cos(math.radians(60.0))  # of the tilt, in calm air
 _HEIGHT_TOLERANCE = 0.3  # [m]
 _CLIMB_TIME_S = 30.0  # and a second for each metre
 _RATE_OF_CLIMB = (-1.5, 2.0)  # [m/s]
 _HEIGHT_P, _CLIMB_P, _CLIMB_I = 1.0, 3.0, 1.0  # [1/s], [1/s], [1/s^2]
+_DECISION_US = 1_000_000  # between two looks at mode and arming: wall time may shift them by less than that
 _PROBE_S, _PROBE_ANGLE = 0.2, math.radians(4.0)
-_PROBE_SHARE = 0.5  # of the torque's direction: axes that are crossed by more belong to another geometry
+_PROBE_SHARE = 0.8  # of the torque's direction: axes that are crossed by more belong to another geometry
 
 
 class GuestFlight:
     """One flight of a guest in a world: `prepare`, then `fly`.
 
-    `exchange` carries the pilot's datagrams, called with the world's time [us]. `estimate` gets each attitude estimate
+    `exchange` carries the pilot's datagrams, called with the world's time [us], and True if it is to wait until they
+    have arrived: then two flights get the same set-point at the same sample. `estimate` gets each attitude estimate
     of the scenario, on the scenario's clock.
     """
 
@@ -50,7 +53,7 @@ class GuestFlight:
         vehicle: Vehicle,
         scenario: Scenario,
         *,
-        exchange: Callable[[int], None],
+        exchange: Callable[[int, bool], None],
         estimate: Callable[[Estimate], None] = lambda _: None,
         wait: Callable[[int], None] = lambda _: None,
     ) -> None:
@@ -83,7 +86,8 @@ class GuestFlight:
             self._climb()
         else:
             self._probe()
-            self._world.release()
+        self._switch_law_on()
+        self._world.release()
         self._settle()
         self._world.begin()
         self._pilot.take_estimates()
@@ -104,7 +108,7 @@ class GuestFlight:
     def _arm(self) -> None:
         """Wait for the guest, send it set-points, set its mode, and arm it."""
         pilot, until_us = self._pilot, round(1e6 * self._guest.arming_timeout_s)
-        while not (pilot.is_armed and pilot.is_in_mode and self._guest.is_armed):
+        while self._world.time_us % _DECISION_US or not (pilot.is_armed and pilot.is_in_mode and self._guest.is_armed):
             pilot.wants_flight = pilot.autopilot is not None
             self._step()
             if pilot.autopilot not in (None, self._guest.dialect.autopilot):
@@ -167,6 +171,17 @@ class GuestFlight:
                     f"still turning in calm air after {_SETTLE_TIMEOUT_S:g} s, at {p:.2f}, {q:.2f}, {r:.2f} rad/s",
                 )
 
+    def _switch_law_on(self) -> None:
+        """Give control to the law inside, if the guest's mode does not."""
+        pilot, dialect = self._pilot, self._guest.dialect
+        pilot.wants_law, until_us = bool(dialect.law_switch), self._world.time_us + round(1e6 * _SWITCH_TIMEOUT_S)
+        while pilot.wants_law:
+            self._step()
+            self._check()
+            pilot.wants_law = dialect.law_is_on not in pilot.texts
+            if self._world.time_us > until_us:
+                raise GuestError(GuestOutcome.WRONG_BUILD, f"no law inside takes control: {describe_refusals(pilot)}")
+
     def _is_at_height(self) -> bool:
         off = self._scenario.altitude_m + self._readings.position_N[2]
         return not self._scenario.free or abs(off) < _HEIGHT_TOLERANCE
@@ -189,6 +204,8 @@ class GuestFlight:
         guest.send(readings)
         if world.overlaps:
             world.advance()
+            if not world.finished:
+                world.readings()  # the next ones, while the guest computes
         self._rotors = guest.receive() or self._rotors
         world.answer(readings.time_us, self._rotors)
         if not world.overlaps:
@@ -198,8 +215,10 @@ class GuestFlight:
         pilot = self._pilot
         if self._scenario.free and pilot.is_armed and pilot.is_in_mode:
             self._thrust = self._height.thrust(readings)
-        pilot.target = AttitudeTarget(readings.time_us, self._reference, None, self._thrust)
-        self._exchange(readings.time_us)
+        low, high = self._guest.dialect.thrust_range
+        thrust = min(max((self._thrust - low) / (high - low), 0.0), 1.0)
+        before, pilot.target = pilot.target, AttitudeTarget(0, self._reference, None, thrust)
+        self._exchange(readings.time_us, not self._world.flying or pilot.target != before)
         if self._world.flying:
             for each in pilot.take_estimates():
                 if each.time_us >= self._world.started_us:

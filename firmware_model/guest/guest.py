@@ -1,10 +1,15 @@
 """Interface of a guest: a real autopilot, in a process of its own, that takes our world for its simulator."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from enum import Enum
 from typing import Any, NamedTuple, Protocol
 
+from firmware_model.config.scenario import Scenario
 from firmware_model.guest.readings import Readings
+
+SAMPLE_RATES_HZ = {"px4": 250, "ardupilot": 400}
+"""[Hz] Samples that each autopilot takes; one sample is one exchange with it, one pass of its rate loops."""
 
 
 class GuestOutcome(Enum):
@@ -53,6 +58,14 @@ class Dialect(NamedTuple):
     """Parameters 2 and 3 of MAV_CMD_DO_SET_MODE for that mode."""
     custom_mode: int
     """The mode in its heartbeat."""
+    array_name: str = ""
+    """Name of the array that carries attitude and thrust to a law inside; empty for attitude targets."""
+    thrust_range: tuple[float, float] = (0.0, 1.0)
+    """[-] thrust at the least and at the largest thrust command, as a fraction of the rotors' largest."""
+    law_switch: tuple[float, ...] = ()
+    """MAV_CMD and its parameters that give control to a law inside; empty if there is none, or the mode does."""
+    law_is_on: str = ""
+    """Text that tells of it."""
 
 
 class Guest(Protocol):
@@ -94,3 +107,15 @@ class Guest(Protocol):
 
     def facts(self) -> Mapping[str, Any]:
         """Return all that a record of the flight must say of it: build, parameters, ports."""
+
+
+def scenario_for(autopilot: str, scenario: Scenario) -> Scenario:
+    """Return a scenario at the sample rate of an autopilot, with steps that are no longer than before.
+
+    The gusts are then those of the seed at that rate: they depend on the step, their statistics do not.
+    """
+    rate_hz = SAMPLE_RATES_HZ[autopilot]
+    steps = -(-scenario.physics_rate_hz // rate_hz)
+    if scenario.control_rate_hz == rate_hz:
+        return scenario
+    return replace(scenario, control_rate_hz=rate_hz, physics_rate_hz=steps * rate_hz)

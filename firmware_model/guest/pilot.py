@@ -2,7 +2,7 @@
 
 A protocol core without I/O, on the world's clock: a flight at any speed gives the same set-points at the same samples.
 
-MAVLink, common message set, messages 0, 31, 76, 77, 82, 83, 148, 253; commands 176, 400, 511, 512.
+MAVLink, common message set, messages 0, 31, 76, 77, 82, 83, 148, 253, 350; commands 176, 400, 511, 512.
 """
 
 import math
@@ -26,6 +26,7 @@ _TEXTS = 40  # latest texts that are kept
 _SYSTEM, _COMPONENT = 245, wire.MAV_COMP_ID_ONBOARD_COMPUTER
 _STREAMS = (wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, wire.MAVLINK_MSG_ID_ATTITUDE_TARGET)
 _ATTITUDE = struct.Struct("<I4f")  # both streams begin with stamp [ms] and quaternion
+_ARRAY = 58  # numbers in DEBUG_FLOAT_ARRAY
 _FOREIGN_MODE = 1.0  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
@@ -43,7 +44,7 @@ class Estimate(NamedTuple):
 class Pilot:
     """Pilot of one guest: `meet` it, pass datagrams and the world's time, send what it returns.
 
-    It asks for arming and mode again and again while `wants_flight`.
+    It asks for arming and mode again and again while `wants_flight`, and for the law inside while `wants_law`.
     """
 
     def __init__(self, dialect: Dialect) -> None:
@@ -51,7 +52,7 @@ class Pilot:
         self._address: Address | None = None
         self.channel = Channel(_SYSTEM, _COMPONENT)
         self.finished = False
-        self.wants_flight = False
+        self.wants_flight = self.wants_law = False
         self.target: AttitudeTarget | None = None
         self.autopilot: int | None = None
         self.custom_mode: int | None = None
@@ -109,7 +110,7 @@ class Pilot:
             self._retry_at_us = now_us + _RETRY_US
             self._request()
         if self.target is not None:
-            self._send(command_message(self.target._replace(time_us=now_us), self._system))
+            self._send_target(self.target._replace(time_us=now_us))
         address, outbox, self._outbox = self._address, self._outbox, []
         return [(datagram, address) for datagram in outbox]
 
@@ -133,6 +134,17 @@ class Pilot:
             self._command(wire.MAV_CMD_DO_SET_MODE, _FOREIGN_MODE, *self._dialect.mode)
         elif self.wants_flight and not self.is_armed:
             self._command(wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        if self.wants_law:
+            self._command(round(self._dialect.law_switch[0]), *self._dialect.law_switch[1:])
+
+    def _send_target(self, target: AttitudeTarget) -> None:
+        if not self._dialect.array_name:
+            self._send(command_message(target, self._system))
+            return
+        numbers = (*(target.q_NB or ()), target.thrust or 0.0)
+        data = [*numbers, *[0.0] * (_ARRAY - len(numbers))]
+        name = self._dialect.array_name.encode()
+        self._send(wire.MAVLink_debug_float_array_message(target.time_us, name, 0, data))
 
     def _command(self, number: int, *parameters: float) -> None:
         numbers = (*map(float, parameters), *[0.0] * 7)[:7]

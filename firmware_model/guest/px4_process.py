@@ -22,14 +22,18 @@ from firmware_model.guest.readings import Readings
 RATE_HZ = 250
 """[Hz] rate of samples that PX4's start script sets its estimator to."""
 _OFFBOARD = 6  # main mode
+_EXTERNAL = 4.0, 11.0  # main mode AUTO, first mode that a module registers
+_LAW_INSIDE = "gustproof"  # module of `gustproof export --px4`, and its array of set-points
 _DIALECT = Dialect(wire.MAV_AUTOPILOT_PX4, "OFFBOARD", (_OFFBOARD, 0.0), _OFFBOARD << 16)
+_INSIDE = Dialect(wire.MAV_AUTOPILOT_PX4, "the law's own mode", _EXTERNAL, 4 << 16 | 11 << 24, array_name=_LAW_INSIDE)
+_LINK = "mavlink start -x -u {port} -r 4000000 -f -m onboard"  # the only one: others would take time from each sample
 _MODEL = "none_iris"  # an airframe without a simulator of its own; all of its geometry is replaced
 _SIMULATOR, _PILOT, _OTHERS = 4560, 14580, (18570, 14280, 13030)  # ports of instance 0
 _INSTANCES = 200
 _USUAL_PLACES = ("PX4-Autopilot", "~/PX4-Autopilot", "~/src/PX4-Autopilot")
 _SITL = Path("build/px4_sitl_default")
-_CONNECT_TIMEOUT_S, _BOOT_TIMEOUT_S, _HUNG_S = 30.0, 60.0, 10.0
-_BOOT_REPLY_S = 0.5  # while PX4 starts its modules, a sample may stay without an answer
+_CONNECT_TIMEOUT_S, _BOOT_TIMEOUT_S, _HUNG_S = 60.0, 60.0, 10.0
+_BOOT_REPLY_S, _BOOT_POLL_S = 0.25, 0.02  # a sample without an answer by then has none: filters need the first ones
 _BOOTED = b"Startup script returned"
 _RECEIVE = 4096  # bytes
 
@@ -62,7 +66,10 @@ def make_px4(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> "Px4":
         )
     extra = read_parameters(options.params, "px4") if options.params else {}
     values = {**vehicle_parameters(vehicle), **_OPERATION, **extra}
-    return Px4(find_build(options.build), options.folder, values, options.instance, real_time=options.real_time)
+    px4 = Px4(find_build(options.build), options.folder, values, options.instance, real_time=options.real_time)
+    if options.law:
+        px4.dialect, px4.start_lines = _INSIDE, [f"{_LAW_INSIDE} start"]
+    return px4
 
 
 def find_build(given: Path | None) -> Path:
@@ -96,10 +103,9 @@ def vehicle_parameters(vehicle: Vehicle) -> dict[str, str]:
 
 
 class Px4:
-    """PX4 as a guest; see `Guest`."""
+    """PX4 as a guest; see `Guest`. `start_lines` of its start script follow those of its links."""
 
     name = "PX4"
-    dialect = _DIALECT
     arming_timeout_s = 60.0
 
     def __init__(
@@ -111,12 +117,13 @@ class Px4:
         self._peer: socket.socket | None = None
         self._process: ChildProcess | None = None
         self._link = SimulatorLink()
-        self._booted = self._answered = False
+        self._booted = False
         self._begun_s = self._reply_s = 0.0
         self._replies = 0
         self._sent_s = 0.0
         self._time_us = 0
         self.instance = -1
+        self.dialect, self.start_lines = _DIALECT, list[str]()
 
     @property
     def system(self) -> int:
@@ -139,8 +146,9 @@ class Px4:
         self._reserve()
         self._folder.mkdir(parents=True)
         write_parameters(self._parameters, self._folder / _PARAMETERS_FILE, "param set {name} {value}")
-        if not self._real_time:
-            write_links(self._folder / _LINKS_FILE, _PILOT + self.instance)
+        if self.start_lines or not self._real_time:
+            lines = [_LINK.format(port=_PILOT + self.instance), *self.start_lines]
+            (self._folder / _LINKS_FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
         ours = {name: value for name, value in os.environ.items() if not name.startswith("PX4_")}
         ours |= {"PX4_SIM_MODEL": _MODEL, "PATH": f"{self._folder.resolve()}:{ours.get('PATH', '')}", "HEADLESS": "1"}
         command = [str(self._build / "bin" / "px4"), "-i", str(self.instance), "-d", str(self._build / "etc")]
@@ -160,26 +168,29 @@ class Px4:
             raise self._ending() from None
 
     def receive(self) -> tuple[float, ...] | None:
-        """Return the rotor commands that answer the sample; `None` for one of the first, while PX4 starts."""
+        """Return the rotor commands that answer the sample; `None` for one of the first, which have no answer."""
         link = self._link
+        if not self._booted:
+            self._wait_for_boot()
+            return None
         while link.answer is None or link.answer.time_us < self._time_us:
             try:
                 received = self._connected.recv(_RECEIVE)
             except TimeoutError:
-                if self._booted:
+                if link.answer is not None or time.monotonic() > self._begun_s + _BOOT_TIMEOUT_S:
                     raise self._hang() from None
-                self._watch_boot()
                 return None
             except OSError:
                 raise self._ending() from None
             if not received:
                 raise self._ending()
             link.feed(received)
-        if self._booted:
-            self._reply_s += time.monotonic() - self._sent_s
-            self._replies += 1
-        else:
-            self._watch_boot()
+        if not self._replies:
+            self._connected.settimeout(_HUNG_S)
+            if not link.answer.is_lockstep:
+                raise GuestError(GuestOutcome.WRONG_BUILD, "it was built without lockstep")
+        self._reply_s += time.monotonic() - self._sent_s
+        self._replies += 1
         return link.answer.controls[:4]
 
     def close(self) -> None:
@@ -240,19 +251,18 @@ class Px4:
         self._peer.settimeout(_BOOT_REPLY_S)
         self._begun_s = time.monotonic()
 
-    def _watch_boot(self) -> None:
-        """See to the end of PX4's start script; from then on each sample has an answer."""
-        if self._process is None or self._process.ending:
-            raise self._ending(GuestOutcome.WRONG_BUILD)
-        if self._link.answer is not None and self._process.has_said(_BOOTED):
-            if not self._link.answer.is_lockstep:
-                raise GuestError(GuestOutcome.WRONG_BUILD, "it was built without lockstep")
-            self._booted = True
-            self._connected.settimeout(_HUNG_S)
-        elif time.monotonic() > self._begun_s + _BOOT_TIMEOUT_S:
-            raise GuestError(
-                GuestOutcome.WRONG_BUILD, f"not started after {_BOOT_TIMEOUT_S:g} s: {self._process.last_words}"
-            )
+    def _wait_for_boot(self) -> None:
+        """Wait for the end of PX4's start script, after the first sample: so all modules start at one model time."""
+        process, until_s = self._process, self._begun_s + _BOOT_TIMEOUT_S
+        while process is None or not process.has_said(_BOOTED):
+            if process is None or process.ending:
+                raise self._ending(GuestOutcome.WRONG_BUILD)
+            if time.monotonic() > until_s:
+                said = f"not started after {_BOOT_TIMEOUT_S:g} s: {process.last_words}"
+                raise GuestError(GuestOutcome.WRONG_BUILD, said)
+            time.sleep(_BOOT_POLL_S)
+        time.sleep(_BOOT_REPLY_S)
+        self._booted = True
 
     def _hang(self) -> GuestError:
         if self._process is not None and self._process.ending:
@@ -264,11 +274,6 @@ class Px4:
         ending = process.wait_for_ending() if process else ""
         words = process.last_words if process else ""
         return GuestError(outcome, f"PX4 {ending or 'closed its link'}: {words or 'it said nothing'}")
-
-
-def write_links(path: Path, port: int) -> None:
-    """Write the start of PX4's only MAVLink link in lockstep: other links would take time from each sample."""
-    path.write_text(f"mavlink start -x -u {port} -r 4000000 -f -m onboard\n", encoding="utf-8")
 
 
 def _listen(port: int) -> socket.socket | None:

@@ -57,6 +57,7 @@ class World:
         self._clamped = not scenario.free
         self._started_us = 0
         self._last: NDArray[np.float64] | None = None
+        self._readings: Readings | None = None
 
     @property
     def time_us(self) -> int:
@@ -74,8 +75,10 @@ class World:
         return self.flying and self.loop.finished
 
     def readings(self) -> Readings:
-        """Return the readings at this sample."""
-        return read_sensors(self.loop, self._noise_seed, self.time_us)
+        """Return the readings at this sample; the same object until the next."""
+        if self._readings is None:
+            self._readings = read_sensors(self.loop, self._noise_seed, self.time_us)
+        return self._readings
 
     def release(self) -> None:
         """Open the clamp of the test stand."""
@@ -87,6 +90,7 @@ class World:
         self._started_us, self._noise_seed, self.flying = self.time_us, self._seed, True
         self.loop = VehicleLoop(self._vehicle, self._script, self._seed)
         self.loop.continue_from(before)
+        self._readings = None
 
     def answer(self, time_us: int, rotors: Sequence[float]) -> None:
         """Take the answer to the sample at `time_us` [us]: each rotor's thrust, as a fraction of its largest."""
@@ -97,6 +101,7 @@ class World:
         time_us, rotors = self._answers.popleft()
         command = RotorCommand(time_us - self._started_us, rotors, self._clamped)
         self._last = self.loop.advance(command, Mode.OFFBOARD.value)
+        self._readings = None
         if self.flying:
             self._record(self._last)
 

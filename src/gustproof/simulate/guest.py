@@ -21,15 +21,15 @@ from pydantic_core import to_jsonable_python
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest.guest import GuestOutcome
+from firmware_model.guest.guest import SAMPLE_RATES_HZ, GuestOutcome, scenario_for
 from firmware_model.guest.recorder import ATTITUDE_SUFFIX, read_estimates
 from firmware_model.recording.journal import RECORD, count_records, read_journal
-from gustproof.simulate.flight import Flight, flight_name
+from gustproof.simulate.flight import Flight, flight_name, parse_metadata
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.processes import WORKING_PREFIX, terminate
 from gustproof.version import software_versions
 
-AUTOPILOTS = ("px4",)
+AUTOPILOTS = tuple(SAMPLE_RATES_HZ)
 """Autopilots that can be flown, by the names of `--autopilot`."""
 _POLL_S = 0.02
 _BAD_INPUT = 2  # exit status of the process
@@ -123,6 +123,18 @@ def parse_autopilot(document: Any, source: object) -> ForeignAutopilot:
         raise ConfigError(f"{source}: does not say which autopilot flew") from None
 
 
+def parse_guest_plan(metadata: Any, source: Path) -> GuestPlan:
+    """Return the plan in the metadata of a bag.
+
+    Raises
+    ------
+    ConfigError
+        If there is none.
+    """
+    scenario, _, vehicle, seed, real_time = parse_metadata(metadata, source)
+    return GuestPlan(scenario, parse_autopilot(metadata.get("autopilot"), source), vehicle, seed, real_time)
+
+
 def check_guest(scenario: Scenario) -> None:
     """Refuse a scenario that no autopilot but our own can fly.
 
@@ -157,6 +169,7 @@ def fly_guest(
         If the build, the parameters or the scenario can't be flown, or a file exists already.
     """
     check_guest(plan.scenario)
+    plan = plan._replace(scenario=scenario_for(plan.autopilot.kind, plan.scenario))
     out.mkdir(parents=True, exist_ok=True)
     journal, folder = out / f"{plan.name}.journal", out / f"{plan.name}.autopilot"
     if there := [path for path in (journal, folder) if path.exists()]:

@@ -60,7 +60,8 @@ def fly_guest_and_record(
         If the bag can't be written; the journal stays for `recover`.
     """
     flight = fly_guest(plan, out, tlog=tlog, progress=progress, on_listening=on_listening)
-    return _replace_journal(flight, {**plan.metadata(), "autopilot": flight.autopilot})
+    flown = plan._replace(scenario=flight.scenario)
+    return _replace_journal(flight, {**flown.metadata(), "autopilot": flight.autopilot})
 
 
 def recover(folder: Path) -> list[Flight]:
