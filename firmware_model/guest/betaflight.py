@@ -31,7 +31,7 @@ ANGLE_LIMIT, YAW_RATE_LIMIT = math.radians(60.0), math.radians(200.0)
 MOTORS = struct.Struct("<4f")
 STATUS, ANGLE_BOX = 101, 1
 """MSP command that tells armed, mode and refusals; bit of the ANGLE mode in it, that of ARM is 0."""
-DIALECT = Dialect(autopilot=0, mode_name="ANGLE", mode=(0.0, 0.0), custom_mode=1)
+DIALECT = Dialect(autopilot=0, mode_name="ANGLE", mode=(0.0, 0.0), custom_mode=1, thrust_range=(0.055, 1.0))
 _STATE, _STICKS = struct.Struct("<18d"), struct.Struct("<d16H")
 _STATUS = struct.Struct("<HHHIBHH")
 _HEADING_P = 1.0  # [1/s] commanded yaw rate per error of heading: it holds none itself

@@ -57,8 +57,8 @@ def make_betaflight(options: Namespace, scenario: Scenario, vehicle: Vehicle) ->
     ConfigError
         If there is no build, a file of parameters is wrong, or its mixer does not fit the vehicle.
     """
-    if options.instance:
-        raise ConfigError("Betaflight has fixed ports: there is no instance but 0")
+    if options.instance or options.law:
+        raise ConfigError("Betaflight has fixed ports and no place for a law: neither --instance nor --law")
     options.real_time = True
     extra = read_commands(options.params) if options.params else []
     commands = [*vehicle_commands(vehicle), *_OPERATION, *extra]
