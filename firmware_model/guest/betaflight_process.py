@@ -13,7 +13,7 @@ from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,23 @@ from firmware_model.guest.guest import GuestError, GuestOutcome
 from firmware_model.guest.readings import Readings
 
 _HOST = "127.0.0.1"
-_MOTORS_PORT, _STATE_PORT, _STICKS_PORT, _SERIAL_PORT = 9002, 9003, 9004, 5761
+
+
+class Ports(NamedTuple):
+    """Ports of Betaflight, which are built into it."""
+
+    motors: int = 9002
+    """UDP, from it to the simulator."""
+    state: int = 9003
+    """UDP, to it."""
+    sticks: int = 9004
+    """UDP, to it."""
+    serial: int = 5761
+    """TCP, its first serial port."""
+
+
+PORTS = Ports()
+"""Ports of the flights of this process."""
 _PROMPT = b"\n# "
 _BOOT_S, _ANSWER_S, _HUNG_S, _POLL_S = 10.0, 15.0, 5.0, 0.1
 _RECEIVE = 4096  # bytes
@@ -141,7 +157,6 @@ class Betaflight:
     dialect = betaflight.DIALECT
     arming_timeout_s = 30.0
     system = 0
-    pilot_port = _STICKS_PORT
 
     def __init__(self, binary: Path, folder: Path, commands: Sequence[str]) -> None:
         self._binary, self._folder, self._commands = binary, folder, commands
@@ -154,17 +169,22 @@ class Betaflight:
         self.pilot = SticksPilot()
 
     @property
+    def pilot_port(self) -> int:
+        """UDP port of the sticks."""
+        return PORTS.sticks
+
+    @property
     def is_armed(self) -> bool:
         """True: its motor packets do not say; its status does, to the pilot."""
         return True
 
     def start(self, pilot_port: int) -> None:
         """Start it twice: to set its parameters, which ends it, and to fly."""
-        for port in (_STATE_PORT, _STICKS_PORT):
+        for port in (PORTS.state, PORTS.sticks):
             _bind(port, socket.SOCK_DGRAM).close()
-        _bind(_SERIAL_PORT, socket.SOCK_STREAM).close()
+        _bind(PORTS.serial, socket.SOCK_STREAM).close()
         self._motors.close()
-        self._motors = _bind(_MOTORS_PORT, socket.SOCK_DGRAM)
+        self._motors = _bind(PORTS.motors, socket.SOCK_DGRAM)
         self._motors.setblocking(False)
         self._folder.mkdir(parents=True)
         (self._folder / "commands.txt").write_text("\n".join(self._commands) + "\n", encoding="utf-8")
@@ -177,7 +197,7 @@ class Betaflight:
         """Send a sample, and take what its serial port has told."""
         self.pilot.observe(readings.q_NB)
         with contextlib.suppress(OSError):  # an ICMP error tells of an earlier packet
-            self._states.sendto(betaflight.pack_state(readings), (_HOST, _STATE_PORT))
+            self._states.sendto(betaflight.pack_state(readings), (_HOST, PORTS.state))
         self._hear()
 
     def receive(self) -> tuple[float, ...] | None:
@@ -223,12 +243,12 @@ class Betaflight:
         until_s = time.monotonic() + _BOOT_S
         while True:
             try:
-                return socket.create_connection((_HOST, _SERIAL_PORT), _ANSWER_S)
+                return socket.create_connection((_HOST, PORTS.serial), _ANSWER_S)
             except OSError:
                 if self._process.ending:
                     raise self._ending(GuestOutcome.WRONG_BUILD) from None
                 if time.monotonic() > until_s:
-                    said = f"no TCP port {_SERIAL_PORT} in {_BOOT_S:g} s"
+                    said = f"no TCP port {PORTS.serial} in {_BOOT_S:g} s"
                     raise GuestError(GuestOutcome.WRONG_BUILD, said) from None
                 time.sleep(0.05)
 
@@ -293,7 +313,7 @@ def _bind(port: int, kind: socket.SocketKind) -> socket.socket:
     if kind == socket.SOCK_STREAM:  # a connection of a flight before this one may still wait for its end
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        bound.bind((_HOST if port == _MOTORS_PORT else "0.0.0.0", port))
+        bound.bind((_HOST if port == PORTS.motors else "0.0.0.0", port))
     except OSError:
         bound.close()
         text = f"another program uses {'TCP' if kind == socket.SOCK_STREAM else 'UDP'} port {port}"
