@@ -132,14 +132,13 @@ def vehicle_commands(vehicle: Vehicle) -> list[str]:
     Raises
     ------
     ConfigError
-        If a rotor stands in another quadrant, or turns the wrong way.
+        If a rotor stands in another quadrant.
     """
     rotors = vehicle.rotors
     quadrants = [(x > 0.0, y > 0.0) for x, y, _ in rotors.position_B]
-    reversals = {(1, 1, -1, -1): "OFF", (-1, -1, 1, 1): "ON"}
-    if quadrants != [(True, True), (False, False), (True, False), (False, True)] or rotors.spin not in reversals:
-        raise ConfigError(f"vehicle '{vehicle.name}': Betaflight flies a quadrotor X whose diagonals turn alike")
-    gains = {"simplified_pids_mode": "OFF", "yaw_motors_reversed": reversals[rotors.spin]}
+    if quadrants != [(True, True), (False, False), (True, False), (False, True)]:
+        raise ConfigError(f"vehicle '{vehicle.name}': Betaflight flies a quadrotor X in PX4's order of rotors")
+    gains = {"simplified_pids_mode": "OFF", "yaw_motors_reversed": "OFF" if rotors.spin[0] > 0 else "ON"}
     crossover = 0.5 / vehicle.actuator_lag  # [rad/s] a rate loop with P and that lag has a damping of .7
     authority = np.abs(rotors.wrench[:3]).sum(axis=1) * rotors.thrust_max / vehicle.inertia_B
     for axis, per_unit in zip(("roll", "pitch", "yaw"), authority, strict=True):

@@ -207,13 +207,13 @@ def test_gains_follow_the_vehicle() -> None:
     assert {"set p_roll = 32", "set yaw_motors_reversed = OFF", "set angle_p_gain = 25"} <= set(commands)
 
 
-def test_other_mixers_are_refused() -> None:
+def test_other_mixers_are_refused_and_reversed_spins_are_told() -> None:
     paper = load_vehicle("paper")
-    turned = paper.rotors.position_B[2:] + paper.rotors.position_B[:2]
-    changes: tuple[dict[str, Any], ...] = ({"spin": (1, 1, 1, -1)}, {"position_B": turned})
-    for rotors in changes:
-        with pytest.raises(ConfigError, match="quadrotor X"):
-            vehicle_commands(replace(paper, rotors=replace(paper.rotors, **rotors)))
+    turned = replace(paper.rotors, position_B=paper.rotors.position_B[2:] + paper.rotors.position_B[:2])
+    with pytest.raises(ConfigError, match="quadrotor X"):
+        vehicle_commands(replace(paper, rotors=turned))
+    reversed_spins = replace(paper.rotors, spin=(-1, -1, 1, 1))
+    assert "set yaw_motors_reversed = ON" in vehicle_commands(replace(paper, rotors=reversed_spins))
 
 
 def test_command_files_may_not_end_the_command_line(tmp_path: Path) -> None:
