@@ -22,6 +22,7 @@ from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.validation import Parser, printable
 from firmware_model.config.vehicle import Vehicle, load_vehicle
 from firmware_model.errors import ConfigError, RecordingError
+from firmware_model.guest.betaflight_process import Betaflight, make_betaflight
 from firmware_model.guest.flight import GuestFlight
 from firmware_model.guest.guest import Guest, GuestError, GuestOutcome
 from firmware_model.guest.pilot import Pilot
@@ -63,6 +64,8 @@ def make_guest(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle
     ConfigError
         If an option is wrong.
     """
+    if options.autopilot == "betaflight":
+        return make_betaflight(options, scenario, vehicle)
     if options.autopilot == "ardupilot":
         from firmware_model.guest.ardupilot_process import make_ardupilot
 
@@ -86,7 +89,7 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> d
         stack.enter_context(journal)
         bound = stack.enter_context(udp.bind(0))
         world = World(vehicle, scenario, options.seed, journal.append)
-        pilot = Pilot(guest.dialect)
+        pilot = guest.pilot if isinstance(guest, Betaflight) else Pilot(guest.dialect)
         endpoint: udp.Endpoint = pilot
         if options.tlog:
             unix_us = time.time_ns() // 1000
@@ -167,11 +170,14 @@ def _exchanger(endpoint: udp.Endpoint, bound: socket.socket, wait_s: float) -> C
 
 
 def _pacer() -> Callable[[int], None]:
-    """Return the function that waits until the clock has reached a sample."""
-    start_s = time.monotonic()
+    """Return the function that waits until the clock has reached a sample, counted from its first call."""
+    start_s: float | None = None
 
     def wait(time_us: int) -> None:
-        time.sleep(max(start_s + time_us * 1e-6 - time.monotonic(), 0.0))
+        nonlocal start_s
+        now_s = time.monotonic()
+        start_s = now_s - time_us * 1e-6 if start_s is None else start_s
+        time.sleep(max(start_s + time_us * 1e-6 - now_s, 0.0))
 
     return wait
 
@@ -179,7 +185,7 @@ def _pacer() -> Callable[[int], None]:
 def _make_parser() -> argparse.ArgumentParser:
     parser = Parser(prog="guest", description="Fly a scenario with a real autopilot.")
     add = parser.add_argument
-    add("--autopilot", required=True, choices=("px4", "ardupilot"), help="autopilot")
+    add("--autopilot", required=True, choices=("px4", "ardupilot", "betaflight"), help="autopilot")
     add("--build", type=Path, help="folder of its build")
     add("--params", type=Path, help="file of parameters, on top of those that the vehicle file gives")
     add("--law", default="", help="law inside of it, built into the autopilot")

@@ -8,8 +8,11 @@ from typing import Any, NamedTuple, Protocol
 from firmware_model.config.scenario import Scenario
 from firmware_model.guest.readings import Readings
 
-SAMPLE_RATES_HZ = {"px4": 250, "ardupilot": 400}
+SAMPLE_RATES_HZ = {"px4": 250, "ardupilot": 400, "betaflight": 250}
 """[Hz] Samples that each autopilot takes; one sample is one exchange with it, one pass of its rate loops."""
+
+WITHOUT_LOCKSTEP = ("betaflight",)
+"""Autopilots that run on the clock of the machine: flown at its pace, and no two flights are equal."""
 
 
 class GuestOutcome(Enum):

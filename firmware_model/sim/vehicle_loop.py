@@ -2,12 +2,15 @@
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
+from firmware_model.numerics.soa import field_offset
+from firmware_model.physics.rigid_body import Body
 from firmware_model.recording.journal import FORCE_B, GYRO_B, RECORD, WIDTH
 from firmware_model.sim import inner_loop, step
 from firmware_model.sim.layout import X_BODY, X_DRYDEN, X_LOAD, X_POSITION, X_STABILIZER
@@ -132,6 +135,11 @@ class VehicleLoop:
         """Take over the body and the on-board estimate of a flight before this one; air and time are one's own."""
         self._state.state[X_BODY:X_DRYDEN] = earlier._state.state[X_BODY:X_DRYDEN]
         self._state.state[X_STABILIZER:X_POSITION] = earlier._state.state[X_STABILIZER:X_POSITION]
+
+    def settle_rotors(self, rotors: Sequence[float], omega_B: Vector) -> None:
+        """Give the vehicle rotors that have settled at thrusts, as fractions of the largest, and rates [rad/s] B."""
+        body = self._state.state[X_BODY:X_DRYDEN]
+        body[field_offset(Body, "omega_B") :] = (*omega_B, *self._wrench @ rotors)
 
     def set_gust_scale(self, scale: float) -> None:
         """Scale all gusts from the next sample on by `scale` [-], on top of the scenario's; the mean wind stays."""

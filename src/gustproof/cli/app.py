@@ -3,6 +3,7 @@
 import typer
 
 from gustproof.cli.analyse import analyse
+from gustproof.cli.audit import audit
 from gustproof.cli.campaign import campaign
 from gustproof.cli.certify import certify
 from gustproof.cli.compare import compare
@@ -42,6 +43,7 @@ app.command()(certify)
 app.command()(worst_case)
 app.command()(report)
 app.command()(analyse)
+app.command()(audit)
 app.command()(export)
 app.command(context_settings=PASS_THROUGH)(autopilot)
 app.command(context_settings=PASS_THROUGH)(controller)

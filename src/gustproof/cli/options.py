@@ -22,7 +22,9 @@ Anyway = Annotated[
 AutopilotName = Annotated[
     str | None,
     typer.Option(
-        "--autopilot", help="Fly a real autopilot, px4 or ardupilot, in place of our own.", show_default=False
+        "--autopilot",
+        help="Fly a real autopilot, px4, ardupilot or betaflight, in place of our own.",
+        show_default=False,
     ),
 ]
 Build = Annotated[
