@@ -206,9 +206,14 @@ class LawStepper:
         self._memory = np.concatenate([np.zeros(2 * n + EXTRA_SIZE + 3), *summed[4:], scale])
         self._order = n
 
-    def restart(self) -> None:
-        """Return to the initial state; the reference stays."""
+    def restart(self, attitude: Vector | None = None) -> None:
+        """Return to the initial state; the reference stays.
+
+        With `attitude`, a law that carries an attitude estimate starts at this roll and pitch [rad], heading 0.
+        """
         self._memory[: self._order] = 0.0
+        if attitude is not None and self._kind % 2 == 1:
+            self._memory[:2] = attitude[:2]
 
     def set_reference(self, euler: Vector) -> None:
         """Set the attitude to hold from the next step on: roll, pitch, yaw [rad]."""
