@@ -10,7 +10,7 @@ from firmware_model.config.files import read_json
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.validation import Parser, printable
 from firmware_model.errors import ConfigError
-from firmware_model.process import access, realtime
+from firmware_model.process import realtime
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from gustproof.controller import DEFAULT_LAW, connection
 from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
@@ -46,10 +46,12 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
     name = options.scenario
     references = (read_json(Scenario, name) or load_scenario(name)).references if name else ()
     target = connection.parse_target(options.connect)
-    signing = access.make_signing(options, target.address[0], strict=True)
+    signing = connection.make_signing(options, target)
     report: Callable[[str], None] = (lambda _: None) if options.json or options.exit_on_stdin_eof else _report
-    holds = options.height == "hold"
-    endpoint = ControllerEndpoint(law, (0, target.address), signing, references, report, hold_height=holds)
+    endpoint = ControllerEndpoint(
+        law, (0, target.address), signing, references, report,
+        hold_height=options.height == "hold", correct_attitude=options.attitude == "autopilot",
+    )  # fmt: skip
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: endpoint.interrupt())
     if options.exit_on_stdin_eof:
@@ -98,6 +100,13 @@ def _parser() -> argparse.ArgumentParser:
         choices=["hold", "free"],
         default="hold",
         help="thrust beside rates, when a pilot has flown: hold the height, or send the hover thrust [%(default)s]",
+    )
+    add(
+        "--attitude",
+        choices=["autopilot", "own"],
+        default="autopilot",
+        help="attitude of a law with an estimate, when a pilot has flown: corrected by ATTITUDE, or its own "
+        "[%(default)s]",
     )
     add("--scenario", help="file with the attitude references to hold [level]")
     add("--real-time", action="store_true", help="request real-time scheduling (SCHED_FIFO); not for lockstep")

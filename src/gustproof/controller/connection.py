@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.errors import ConfigError
 from firmware_model.mavlink.frames import Frame, parse
 from firmware_model.mavlink.messages import AUTOPILOT
+from firmware_model.mavlink.signing import Signing
 from firmware_model.process import access, tcp, udp
 from gustproof.controller.endpoint import ControllerEndpoint
 
@@ -52,6 +53,17 @@ def parse_target(text: str) -> Target:
     if not (host and not set(host) & set("/:") and port.isdecimal() and 0 < int(port) < 65536):
         raise ConfigError(f"--connect is '{text}', must be [udp:|udpin:|tcp:]HOST:PORT, as 127.0.0.1:14580")
     return Target(kind, udp.resolve(host, int(port)), text != "-")
+
+
+def make_signing(options: argparse.Namespace, target: Target) -> Signing | None:
+    """Return the signing of messages, `None` without a key; then not even a HEARTBEAT may be unsigned.
+
+    Raises
+    ------
+    ConfigError
+        If the key can't be used, or there is none and the target is not loopback.
+    """
+    return access.make_signing(options, target.address[0], strict=True)
 
 
 def serve(endpoint: ControllerEndpoint, target: Target, bind_port: int | None, report: Callable[[str], None]) -> None:

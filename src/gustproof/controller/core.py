@@ -9,6 +9,9 @@ from gustproof.law.form import Law, Output
 from gustproof.law.step import LawStepper
 
 References = Sequence[tuple[int, Vector]]
+_CORRECTION_RATE = 0.5  # [1/s]; ten times the leak of a law's estimate, a tenth of the loop's bandwidth
+_LARGEST_CORRECTION = 0.1  # [rad] difference that counts
+_LONGEST_CORRECTION_S = 0.1
 _LONGEST_GAP_US = 1_000_000  # a longer silence is no motion to interpolate
 
 
@@ -41,6 +44,7 @@ class Controller:
         self._references = deque(references)
         self._began_us = self._step_at_us = 0
         self._before = (0.0,) * 6
+        self._heading: float | None = None
 
     def answer(
         self, sample: ImuSample, *, reset: bool = False, attitude: Vector | None = None
@@ -56,10 +60,22 @@ class Controller:
         if time_us > self.last_sample_us:
             if reset:
                 self._law.restart(attitude)
+                self._heading = attitude[2] if attitude else None
                 self.last_sample_us = -1
                 self._began_us = time_us if self.interpolating else 0
             self.step(time_us, sample.gyro_B, sample.specific_force_B)
         return self.command(time_us, self.fractions)
+
+    def correct(self, attitude: Vector, step_s: float) -> None:
+        """Correct the law's attitude estimate slowly by the autopilot's [rad], `step_s` after the last correction.
+
+        The autopilot knows gravity and north: a law that integrates the gyro alone drifts, faster where samples are
+        lost. Headings are taken from that of the start; without one there is no correction.
+        """
+        if self._heading is not None:
+            roll, pitch, yaw = attitude
+            share = _CORRECTION_RATE * min(step_s, _LONGEST_CORRECTION_S)
+            self._law.correct((roll, pitch, yaw - self._heading), share, _LARGEST_CORRECTION)
 
     def command(self, time_us: int, fractions: Vector) -> Command:
         """Return `fractions` of `scale` as the command for the sample with this stamp."""

@@ -109,9 +109,10 @@ class ControllerOutcome(Enum):
 class ControllerEndpoint:
     """One law for one vehicle; pass it datagrams and the time, send the datagrams it returns.
 
-    `report` is called with lines for people on its progress. With `hold_height` the thrust beside rates holds the
-    height of a vehicle that a pilot flew. `recorder` is called in flight with each sample and the command after it;
-    once it returns true the flight ends and the vehicle is handed back.
+    `report` is called with lines for people on its progress. Of a vehicle that a pilot flew, with `hold_height` the
+    thrust beside rates holds the height, and with `correct_attitude` ATTITUDE corrects the law's estimate. `recorder`
+    is called in flight with each sample and the command after it; once it returns true the flight ends and the vehicle
+    is handed back.
     """
 
     def __init__(
@@ -123,6 +124,7 @@ class ControllerEndpoint:
         report: Callable[[str], None] = lambda _: None,
         *,
         hold_height: bool = False,
+        correct_attitude: bool = False,
         recorder: Callable[[ImuSample, Vector], bool] | None = None,
     ) -> None:
         self.phase = Phase.SEEKING
@@ -148,7 +150,9 @@ class ControllerEndpoint:
         self._fail_safe: dict[str, float] = {}
         self._hold_height = hold_height and law.output is Output.RATES
         self._height: HeightLoop | None = None
+        self._correct_attitude = correct_attitude
         self._attitude: tuple[int, Vector] | None = None
+        self._attitude_ms = 0
         self._landed = 0
         self._navigation = _NAVIGATION if law.output is Output.RATES else {}
         self._absent = set(self._navigation)
@@ -391,9 +395,17 @@ class ControllerEndpoint:
 
     def _on_attitude(self, message: Message) -> None:
         angles = float(message.roll), float(message.pitch), float(message.yaw)
-        if math.isfinite(sum(angles)):
-            self._absent.discard(message.get_msgId())
-            self._attitude = self._last_received_us, angles
+        if not math.isfinite(sum(angles)):
+            return
+        self._absent.discard(message.get_msgId())
+        if (
+            self._correct_attitude
+            and self._controller is not None
+            and self._attitude is not None
+            and self.phase is _FLYING
+        ):
+            self._controller.correct(angles, 1e-3 * max(message.time_boot_ms - self._attitude_ms, 0))
+        self._attitude, self._attitude_ms = (self._last_received_us, angles), message.time_boot_ms
 
     def _on_position(self, message: Message) -> None:
         """Set the thrust that holds the height; while another flies the height is his."""
