@@ -189,7 +189,7 @@ def test_it_repeats_a_request_and_then_gives_up_with_a_name(autopilot, phase):
         polls += 1
     assert polls == RETRIES + 1
     assert autopilot.endpoint.outcome is ControllerOutcome.NOT_STARTED
-    assert autopilot.endpoint.message.startswith(phase.value)
+    assert autopilot.endpoint.message.startswith(phase.value.format(mode="OFFBOARD"))
 
 
 def test_refused_arming_ends_with_the_autopilots_words(autopilot):
@@ -210,7 +210,7 @@ def test_temporary_rejection_is_tried_again(autopilot):
 
 def test_vehicle_of_another_rate_is_not_flown(autopilot):
     autopilot.reach(Phase.READING)
-    autopilot.say(*parameters(rate_hz=400))
+    autopilot.say(*parameters(rate_hz=400), imu(0))
     assert autopilot.endpoint.outcome is ControllerOutcome.WRONG_RATE
     assert "400 Hz: set IMU_INTEG_RATE to 250" in autopilot.endpoint.message
 
@@ -297,7 +297,7 @@ def test_autopilot_that_takes_no_torques_is_told_what_it_needs(autopilot):
 
 @pytest.mark.parametrize(
     ("kind", "words"),
-    [(wire.MAV_AUTOPILOT_ARDUPILOTMEGA, "ArduPilot is not supported yet"), (wire.MAV_AUTOPILOT_PPZ, "_PPZ is not")],
+    [(wire.MAV_AUTOPILOT_ARDUPILOTMEGA, "ArduPilot takes no torques"), (wire.MAV_AUTOPILOT_PPZ, "_PPZ is not")],
 )
 def test_autopilot_of_another_kind_is_refused_and_sent_no_set_point(autopilot, kind, words):
     autopilot.say(wire.MAVLink_heartbeat_message(2, kind, 209, 4, 4, 3), *parameters(), imu(0), imu(4000))
