@@ -80,7 +80,7 @@ def export(
     read = read_law(law)
     told = [_export_folder(read, name, path, attitude, rate, vehicle, float32) for name, path in folders.items()]
     if wanted:
-        margins = {}
+        margins: dict[str, Any] = {}
         if rate is not None:
             read, margins = _resampled(read, rate, vehicle)
         files = [str(path) for path in wanted]
@@ -127,7 +127,8 @@ def _export_folder(
     from gustproof.export.folders import RATES, Firmware, firmware_folder, save_folder
     from gustproof.law.io.c import Attitude
 
-    firmware, margins = Firmware(name), {}
+    firmware = Firmware(name)
+    margins: dict[str, Any] = {}
     wanted = rate or RATES[firmware]
     if abs(wanted * law.dt - 1.0) > 1e-9:
         law, margins = _resampled(law, wanted, vehicle)
