@@ -143,6 +143,7 @@ class ArduPilot:
     """ArduPilot as a guest; see `Guest`. `outputs` holds the number of each rotor's output, from 0."""
 
     name = "ArduPilot"
+    warm_up_s = 0.0
     arming_timeout_s = 120.0
     system = 1
     pilot_port = None

@@ -41,7 +41,7 @@ wind_speed_20ft_mps = 10.0
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ardupilot_process, "_HUNG_S", 1.0)
-    monkeypatch.setattr(ardupilot_process.ArduPilot, "arming_timeout_s", 2.0)
+    monkeypatch.setattr(ardupilot_process.ArduPilot, "arming_timeout_s", 3.5)
 
 
 def fly(
