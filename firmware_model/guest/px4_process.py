@@ -113,6 +113,7 @@ class Px4:
     name = "PX4"
     warm_up_s = 20.0
     arming_timeout_s = 60.0
+    arrival_s = 0.001  # unless the machine is busy
 
     def __init__(
         self, build: Path, folder: Path, parameters: Mapping[str, str], instance: int | None, *, real_time: bool
