@@ -35,6 +35,7 @@ from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import LevelFlight
 
 _EXIT_FAILED, _EXIT_BAD_INPUT = 3, 2
+_COMMAND_WAITS = 20
 _MAX_DATAGRAM = 65_535  # bytes
 _DATAGRAMS = 1000  # of one exchange at most; a flood must not stop the flight
 
@@ -90,9 +91,15 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> d
             unix_us = time.time_ns() // 1000
             endpoint = stack.enter_context(Tlog(options.tlog, pilot, lambda now_us: unix_us + now_us))
         flight = GuestFlight(
-            guest, pilot, world, vehicle, scenario, exchange=_exchanger(endpoint, bound),
-            estimate=estimates.append, wait=_pacer() if options.real_time else lambda _: None,
-        )  # fmt: skip
+            guest,
+            pilot,
+            world,
+            vehicle,
+            scenario,
+            exchange=_exchanger(endpoint, bound, 0.0 if options.real_time else guest.arrival_s),
+            estimate=estimates.append,
+            wait=_pacer() if options.real_time else lambda _: None,
+        )
         signal.signal(signal.SIGINT, lambda *_: flight.interrupt())
         signal.signal(signal.SIGTERM, lambda *_: flight.interrupt())
         if options.exit_on_stdin_eof:
@@ -131,10 +138,15 @@ def _run(guest: Guest, pilot: Pilot, flight: GuestFlight, port: int) -> tuple[Gu
     return outcome, reason, time.monotonic() - began_s
 
 
-def _exchanger(endpoint: udp.Endpoint, bound: socket.socket) -> Callable[[int], None]:
-    """Return the function that passes on all waiting datagrams, and sends those that are due."""
+def _exchanger(endpoint: udp.Endpoint, bound: socket.socket, wait_s: float) -> Callable[[int, bool], None]:
+    """Return the function that passes on all waiting datagrams, and sends those that are due.
 
-    def exchange(now_us: int) -> None:
+    It can wait `wait_s` [s] before and after, for what is on its way.
+    """
+
+    def exchange(now_us: int, waits: bool) -> None:
+        if waits and wait_s:
+            time.sleep(wait_s)
         for _ in range(_DATAGRAMS):
             try:
                 datagram, address = bound.recvfrom(_MAX_DATAGRAM)
@@ -143,9 +155,12 @@ def _exchanger(endpoint: udp.Endpoint, bound: socket.socket) -> Callable[[int], 
             except OSError:  # an ICMP error for an earlier datagram
                 continue
             endpoint.receive(datagram, (0, address), now_us)
-        for datagram, (_, peer) in endpoint.poll(now_us):
+        sent = endpoint.poll(now_us)
+        for datagram, (_, peer) in sent:
             with contextlib.suppress(OSError):
                 bound.sendto(datagram, peer)
+        if waits and wait_s:  # a command wakes several threads of the guest, a set-point one
+            time.sleep(wait_s if len(sent) < 2 else _COMMAND_WAITS * wait_s)
 
     return exchange
 

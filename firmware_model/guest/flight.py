@@ -32,6 +32,7 @@ _HEIGHT_TOLERANCE = 0.3  # [m]
 _CLIMB_TIME_S = 30.0  # and a second for each metre
 _RATE_OF_CLIMB = (-1.5, 2.0)  # [m/s]
 _HEIGHT_P, _CLIMB_P, _CLIMB_I = 1.0, 3.0, 1.0  # [1/s], [1/s], [1/s^2]
+_DECISION_US = 1_000_000  # between two looks at mode and arming: wall time may shift them by less than that
 _SPIN_UP_TIMEOUT_S, _SPIN_UP_SHARE = 10.0, 0.9
 _PROBE_S, _PROBE_ANGLE = 0.2, math.radians(4.0)
 _PROBE_SHARE = 0.8  # of the torque's direction: axes that are crossed by more belong to another geometry
@@ -40,7 +41,8 @@ _PROBE_SHARE = 0.8  # of the torque's direction: axes that are crossed by more b
 class GuestFlight:
     """One flight of a guest in a world: `prepare`, then `fly`.
 
-    `exchange` carries the pilot's datagrams, called with the world's time [us]. `estimate` gets each attitude estimate
+    `exchange` carries the pilot's datagrams, called with the world's time [us], and True if it is to wait until they
+    have arrived: then two flights get the same set-point at the same sample. `estimate` gets each attitude estimate
     of the scenario, on the scenario's clock.
     """
 
@@ -52,7 +54,7 @@ class GuestFlight:
         vehicle: Vehicle,
         scenario: Scenario,
         *,
-        exchange: Callable[[int], None],
+        exchange: Callable[[int, bool], None],
         estimate: Callable[[Estimate], None] = lambda _: None,
         wait: Callable[[int], None] = lambda _: None,
     ) -> None:
@@ -107,8 +109,8 @@ class GuestFlight:
     def _arm(self) -> None:
         """Wait for the guest, send it set-points, set its mode, and arm it."""
         pilot, until_us = self._pilot, round(1e6 * self._guest.arming_timeout_s)
-        while not (pilot.is_armed and pilot.is_in_mode and self._guest.is_armed):
-            pilot.wants_flight = pilot.autopilot is not None
+        while self._world.time_us % _DECISION_US or not (pilot.is_armed and pilot.is_in_mode and self._guest.is_armed):
+            pilot.wants_flight = pilot.autopilot is not None and self._world.time_us >= 1e6 * self._guest.warm_up_s
             self._step()
             if pilot.autopilot not in (None, self._guest.dialect.autopilot):
                 raise GuestError(
@@ -227,8 +229,8 @@ class GuestFlight:
             self._thrust = self._height.thrust(readings)
         low, high = self._guest.dialect.thrust_range
         thrust = min(max((self._thrust - low) / (high - low), 0.0), 1.0)
-        pilot.target = AttitudeTarget(readings.time_us, self._reference, None, thrust)
-        self._exchange(readings.time_us)
+        before, pilot.target = pilot.target, AttitudeTarget(0, self._reference, None, thrust)
+        self._exchange(readings.time_us, not self._world.flying or pilot.target != before)
         if self._world.flying:
             for each in pilot.take_estimates():
                 if each.time_us >= self._world.started_us:

@@ -33,8 +33,8 @@ _SIMULATOR, _PILOT, _OTHERS = 4560, 14580, (18570, 14280, 13030)  # ports of ins
 _INSTANCES = 200
 _USUAL_PLACES = ("PX4-Autopilot", "~/PX4-Autopilot", "~/src/PX4-Autopilot")
 _SITL = Path("build/px4_sitl_default")
-_CONNECT_TIMEOUT_S, _BOOT_TIMEOUT_S, _HUNG_S = 30.0, 60.0, 10.0
-_BOOT_REPLY_S = 0.5  # while PX4 starts its modules, a sample may stay without an answer
+_CONNECT_TIMEOUT_S, _BOOT_TIMEOUT_S, _HUNG_S = 60.0, 60.0, 10.0
+_BOOT_REPLY_S, _BOOT_POLL_S = 0.25, 0.02  # a sample without an answer by then has none: filters need the first ones
 _BOOTED = b"Startup script returned"
 _RECEIVE = 4096  # bytes
 
@@ -49,6 +49,11 @@ _OPERATION = {
     "COM_LOW_BAT_ACT": "0",
     "CBRK_SUPPLY_CHK": "894281",
     "SDLOG_MODE": "-1",
+    # One estimator on the one set of sensors: with several, which one PX4 reads depends on its threads.
+    "EKF2_MULTI_IMU": "0",
+    "EKF2_MULTI_MAG": "0",
+    "SENS_IMU_MODE": "1",
+    "SENS_MAG_MODE": "1",
 }
 _PARAMETERS_FILE, _LINKS_FILE = "px4-rc.params", "px4-rc.mavlink"  # PX4's start script looks for these in its path
 
@@ -95,7 +100,9 @@ class Px4:
     """PX4 as a guest; see `Guest`. `start_lines` of its start script follow those of its links."""
 
     name = "PX4"
+    warm_up_s = 20.0
     arming_timeout_s = 60.0
+    arrival_s = 0.001  # unless the machine is busy
 
     def __init__(
         self, build: Path, folder: Path, parameters: Mapping[str, str], instance: int | None, *, real_time: bool
@@ -106,7 +113,7 @@ class Px4:
         self._peer: socket.socket | None = None
         self._process: ChildProcess | None = None
         self._link = SimulatorLink()
-        self._booted = self._answered = False
+        self._booted = False
         self._begun_s = self._reply_s = 0.0
         self._replies = 0
         self._sent_s = 0.0
@@ -157,26 +164,29 @@ class Px4:
             raise self._ending() from None
 
     def receive(self) -> tuple[float, ...] | None:
-        """Return the rotor commands that answer the sample; `None` for one of the first, while PX4 starts."""
+        """Return the rotor commands that answer the sample; `None` for one of the first, which have no answer."""
         link = self._link
+        if not self._booted:
+            self._wait_for_boot()
+            return None
         while link.answer is None or link.answer.time_us < self._time_us:
             try:
                 received = self._connected.recv(_RECEIVE)
             except TimeoutError:
-                if self._booted:
+                if link.answer is not None or time.monotonic() > self._begun_s + _BOOT_TIMEOUT_S:
                     raise self._hang() from None
-                self._watch_boot()
                 return None
             except OSError:
                 raise self._ending() from None
             if not received:
                 raise self._ending()
             link.feed(received)
-        if self._booted:
-            self._reply_s += time.monotonic() - self._sent_s
-            self._replies += 1
-        else:
-            self._watch_boot()
+        if not self._replies:
+            self._connected.settimeout(_HUNG_S)
+            if not link.answer.is_lockstep:
+                raise GuestError(GuestOutcome.WRONG_BUILD, "it was built without lockstep")
+        self._reply_s += time.monotonic() - self._sent_s
+        self._replies += 1
         return link.answer.controls[:4]
 
     def close(self) -> None:
@@ -237,19 +247,18 @@ class Px4:
         self._peer.settimeout(_BOOT_REPLY_S)
         self._begun_s = time.monotonic()
 
-    def _watch_boot(self) -> None:
-        """See to the end of PX4's start script; from then on each sample has an answer."""
-        if self._process is None or self._process.ending:
-            raise self._ending(GuestOutcome.WRONG_BUILD)
-        if self._link.answer is not None and self._process.has_said(_BOOTED):
-            if not self._link.answer.is_lockstep:
-                raise GuestError(GuestOutcome.WRONG_BUILD, "it was built without lockstep")
-            self._booted = True
-            self._connected.settimeout(_HUNG_S)
-        elif time.monotonic() > self._begun_s + _BOOT_TIMEOUT_S:
-            raise GuestError(
-                GuestOutcome.WRONG_BUILD, f"not started after {_BOOT_TIMEOUT_S:g} s: {self._process.last_words}"
-            )
+    def _wait_for_boot(self) -> None:
+        """Wait for the end of PX4's start script, after the first sample: so all modules start at one model time."""
+        process, until_s = self._process, self._begun_s + _BOOT_TIMEOUT_S
+        while process is None or not process.has_said(_BOOTED):
+            if process is None or process.ending:
+                raise self._ending(GuestOutcome.WRONG_BUILD)
+            if time.monotonic() > until_s:
+                said = f"not started after {_BOOT_TIMEOUT_S:g} s: {process.last_words}"
+                raise GuestError(GuestOutcome.WRONG_BUILD, said)
+            time.sleep(_BOOT_POLL_S)
+        time.sleep(_BOOT_REPLY_S)
+        self._booted = True
 
     def _hang(self) -> GuestError:
         if self._process is not None and self._process.ending:

@@ -5,6 +5,7 @@ import typer
 from gustproof.cli.analyse import analyse
 from gustproof.cli.campaign import campaign
 from gustproof.cli.certify import certify
+from gustproof.cli.compare import compare
 from gustproof.cli.design import design
 from gustproof.cli.export import export
 from gustproof.cli.failures import OneLineErrors
@@ -36,6 +37,7 @@ app.add_typer(scenario, name="scenario")
 app.command()(fly)
 app.command()(recover)
 app.command()(campaign)
+app.command()(compare)
 app.command()(certify)
 app.command()(worst_case)
 app.command()(report)
