@@ -49,14 +49,11 @@ def export(
 
     wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
     _check_outputs(wanted, [c.with_suffix(".h")] if c else [])
-    if c is None and (float32 or attitude != "own"):
-        raise ConfigError("--float32 and --attitude belong to --c")
+    _check_options(c, rate, vehicle, attitude, float32=float32)
     told: dict[str, Any] = {}
     read = read_law(law)
     if rate is not None:
         read, told["margins"] = _resampled(read, rate, vehicle)
-    elif vehicle is not None and not float32:
-        raise ConfigError("--vehicle: belongs to --rate and --float32, whose loops are checked on it")
     told = {"law": read.name, "rate_hz": 1.0 / read.dt, "files": [str(path) for path in wanted], **told}
     if c is not None:
         told |= _save_c(read, c, attitude, float32=float32, vehicle=vehicle)
@@ -69,14 +66,26 @@ def export(
         read.save(as_law)
     if as_json:
         print_json(told)
-        return
+    else:
+        _show(told, c)
+
+
+def _check_options(c: Path | None, rate: int | None, vehicle: str | None, attitude: str, *, float32: bool) -> None:
+    """Refuse options without those that they belong to."""
+    if c is None and (float32 or attitude != "own"):
+        raise ConfigError("--float32 and --attitude belong to --c")
+    if vehicle is not None and rate is None and not float32:
+        raise ConfigError("--vehicle: belongs to --rate and --float32, whose loops are checked on it")
+
+
+def _show(told: dict[str, Any], c: Path | None) -> None:
     for hz, figures in told.get("margins", {}).items():
         print(f"{hz} Hz: {_describe_margins(figures)}")
-    if float32:
+    if "rounding" in told:
         print(told["rounding"]["statement"])
-    for path in wanted:
-        header = f" and {path.with_suffix('.h').name}" if path == c else ""
-        print(f"law '{read.name}' in {path}{header}")
+    for path in told["files"]:
+        header = f" and {c.with_suffix('.h').name}" if c is not None and path == str(c) else ""
+        print(f"law '{told['law']}' in {path}{header}")
 
 
 def _save_c(law: "Law", path: Path, attitude: str, *, float32: bool, vehicle: str | None) -> dict[str, Any]:
@@ -90,9 +99,11 @@ def _save_c(law: "Law", path: Path, attitude: str, *, float32: bool, vehicle: st
     told: dict[str, Any] = {}
     if float32:
         own = attitude == Attitude.OWN.value
-        told["rounding"] = _bound_rounding(law, vehicle) if own else {
-            "proven": False, "statement": "No bound of the rounding is proved with the autopilot's attitude."
-        }  # fmt: skip
+        told["rounding"] = (
+            _bound_rounding(law, vehicle)
+            if own
+            else {"proven": False, "statement": "No bound of the rounding is proved with the autopilot's attitude."}
+        )
     notes = [told["rounding"]["statement"]] if float32 else []
     try:
         unit = save_c(law, path, Attitude(attitude), single=float32, notes=notes)
