@@ -40,6 +40,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from gustproof.certify.check.estimate_box import (
+    COMMAND_SHARE,
     PEAK_RATE,
     Box,
     Case,
@@ -111,7 +112,7 @@ def bound_rounding(
         If an angle needs reduction, or roundings are not small beside the box.
     """
     wide_box = [[value * _WIDER for value in row] for row in box]
-    _check_form(system, case, wide_box)
+    _check_form(system, case, wide_box, form)
     errors = [_row_error(system, case, wide_box, form, reference, i) for i in range(len(system.A) + 3)]
     difference = _fixed_point(system, norms, wide_box, errors, form)
     if not _is_below(difference, [[(_WIDER - 1) * value for value in row] for row in box]):
@@ -136,13 +137,33 @@ def _fixed_point(
     raise Refusal("the differences by rounding do not settle")
 
 
-def _check_form(system: LoopSystem, case: Case, box: Box) -> None:
+def _check_form(system: LoopSystem, case: Case, box: Box, form: Form) -> None:
     """Refuse a box in which an angle needs reduction, or a limit may act."""
     if _is_scheduled(system) and max(row[X0] for row in box[:2]) > _SMALL:
         raise Refusal("an angle needs reduction")
     within = all(is_within_limits(system, row, axis) for axis, row in enumerate(box))
-    if not (within and is_rate_unlimited(system, case, box)):
+    if not (within and is_rate_unlimited(system, case, box) and _is_rate_sum_exact(system, case, box, form)):
         raise Refusal("the flight is too near a limit")
+
+
+def _is_rate_sum_exact(system: LoopSystem, case: Case, box: Box, form: Form) -> bool:
+    """Return whether the rounding of a limited rate is below the share of its limit that is kept free.
+
+    At rest at a heading the sum is 0, so the reference's part of it is as large as that of the states.
+    """
+    if system.rate_limit is None:
+        return True
+    sizes, gyro = _sizes(system, case, box, form)
+    for S, T, limit in zip(system.rate_limit.S, system.rate_limit.T, system.rate_limit.limits, strict=True):
+        if (len(sizes) + 10) * _U * (2 * _weigh(S, sizes) + _weigh(T, gyro)) > (1 - COMMAND_SHARE) * limit:
+            return False
+    return True
+
+
+def _sizes(system: LoopSystem, case: Case, box: Box, form: Form) -> tuple[list[Fraction], list[Fraction]]:
+    """Return bounds of the magnitudes of states and gyro, at any heading."""
+    states = [box[j % 3][X0 + j // 3] + form.heading * form.at_heading[j] for j in range(len(system.A))]
+    return states, [row[PEAK_RATE] + case.deviations * case.noise for row in box]
 
 
 def _is_scheduled(system: LoopSystem) -> bool:
@@ -189,8 +210,7 @@ def _row_error(
 ) -> Fraction:
     """Return a bound of the rounding of a state's sum, or of a command's for `i` from n on."""
     A, B, G = _row(system, i)
-    sizes = [box[j % 3][X0 + j // 3] + form.heading * form.at_heading[j] for j in range(len(system.A))]
-    gyro = [row[PEAK_RATE] + case.deviations * case.noise for row in box]
+    sizes, gyro = _sizes(system, case, box, form)
     others = _weigh(A, sizes) + _weigh(B, gyro) + abs(reference[i][2]) * form.heading
     count = sum(map(bool, [*A, *B, *reference[i]]))
     terms_of_excess = _excess_terms(box) if any(G) else [Fraction(0)] * 3
