@@ -1,4 +1,4 @@
-"""What PX4 and ArduPilot must be told of a vehicle, and the torque that their full commands then mean.
+"""Parameters by which PX4 and ArduPilot know a vehicle, and the torque that their full commands then mean.
 
 PX4 divides each column of its mixer by a scale of its own, ArduPilot has fixed factors for each frame. So a normalised
 torque of 1.0 is not the vehicle's `torque_limit`. Motors are linear: thrust is a fraction of `thrust_max`.

@@ -385,6 +385,26 @@ def test_export_refuses_in_one_line_and_writes_nothing(arguments, words, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
+def test_export_writes_a_folder_for_each_autopilot_at_its_rate(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run("export", "pid-fair", "--px4", "p", "--ardupilot", "a", "--crazyflie", "c", "--json")
+    told = json.loads(result.stdout)
+    assert [(each["files"], each["rate_hz"]) for each in told] == [(["p"], 250.0), (["a"], 400.0), (["c"], 250.0)]
+    assert {each["attitude"] for each in told} == {"autopilot"}
+    assert (tmp_path / "p/src/modules/gustproof/gustproof_law.c").is_file()
+    again = run("export", "pid-fair", "--px4", "p")
+    assert one_line(again) == "gustproof: p: exists already"
+
+
+def test_export_of_a_linear_law_keeps_its_own_attitude(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("export", "hinf-d1", "--px4", "p").stdout == "law 'hinf-d1' in p for vehicle 'paper', see its README.md\n"
+    assert "The law is linear" in (tmp_path / "p/README.md").read_text()
+    refused = run("export", "hinf-d1", "--px4", "q", "--attitude", "autopilot")
+    assert (refused.exit_code, (tmp_path / "q").exists()) == (2, False)
+    assert "linear" in one_line(refused)
+
+
 @pytest.mark.compiled
 def test_analyse_of_numbers_beyond_all_routines_is_one_clear_line(tmp_path):
     replace(load_law("hinf-d1"), name="huge", C=np.full((3, 9), 1e307)).save(tmp_path / "huge.json")
