@@ -67,9 +67,9 @@ def export(
     """
     from gustproof.law.io.matrices import read_law
 
-    wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
     folders = {name: path for name, path in (("px4", px4), ("ardupilot", ardupilot), ("crazyflie", crazyflie)) if path}
-    _check_outputs({**wanted, **dict.fromkeys(folders.values(), "")}, [c.with_suffix(".h")] if c else [])
+    wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
+    _check_outputs({**wanted, **dict.fromkeys(folders.values(), "")}, c)
     _check_attitude(attitude)
     _check_options(bool(c or folders), rate, vehicle, attitude, checked=float32 or bool(folders))
     read = read_law(law)
@@ -83,6 +83,10 @@ def export(
         if c is not None:
             told[-1] |= _save_c(read, c, attitude or "own", float32=float32, vehicle=vehicle)
         _save_numbers(read, mat, csv, as_law)
+    _print_exports(told, c, as_json=as_json)
+
+
+def _print_exports(told: list[dict[str, Any]], c: Path | None, *, as_json: bool) -> None:
     if as_json:
         print_json(told[0] if len(told) == 1 else told)
         return
@@ -209,13 +213,13 @@ def _describe_margins(figures: dict[str, Any] | None) -> str:
     )
 
 
-def _check_outputs(suffixes: dict[Path, str], others: list[Path]) -> None:
+def _check_outputs(suffixes: dict[Path, str], c: Path | None) -> None:
     """Refuse files with a wrong suffix, and files that exist."""
     if not suffixes:
         raise ConfigError("nothing to write: give --c, --px4, --ardupilot, --crazyflie, --mat, --csv or --law")
     for path, suffix in suffixes.items():
         if path.suffix != suffix:
             raise ConfigError(f"{path}: must end in {suffix}" if suffix else f"{path}: a folder has no suffix")
-    for path in (*suffixes, *others):
+    for path in (*suffixes, *([c.with_suffix(".h")] if c else [])):
         if path.exists():
             raise ConfigError(f"{path}: exists already")

@@ -140,9 +140,8 @@ def _ardupilot(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[st
     if abs(rate * law.dt - 1.0) > 1e-9 or not 50 <= rate <= 2000:
         raise ConfigError(f"--rate: is {1.0 / law.dt:g} Hz, ArduPilot's loop has whole Hz of 50 to 2000")
     words |= _torques(ardupilot_full_torque(vehicle))
-    parameters = ardupilot_parameters(vehicle) | {
-        "SCHED_LOOP_RATE": str(rate), "INS_GYRO_FILTER": "80", "CC_TYPE": "3", "CC_AXIS_MASK": "7", "RC6_OPTION": "109",
-    }  # fmt: skip
+    own = {"SCHED_LOOP_RATE": str(rate), "INS_GYRO_FILTER": "80", "CC_TYPE": "3", "CC_AXIS_MASK": "7"}
+    parameters = ardupilot_parameters(vehicle) | own | {"RC6_OPTION": "109"}
     library = "libraries/AC_CustomControl"
     sources = ("AC_CustomControl_Gustproof.h", "AC_CustomControl_Gustproof.cpp")
     return {

@@ -398,7 +398,9 @@ def test_export_writes_a_folder_for_each_autopilot_at_its_rate(tmp_path, monkeyp
 
 def test_export_of_a_linear_law_keeps_its_own_attitude(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert run("export", "hinf-d1", "--px4", "p").stdout == "law 'hinf-d1' in p for vehicle 'paper', see its README.md\n"
+    assert (
+        run("export", "hinf-d1", "--px4", "p").stdout == "law 'hinf-d1' in p for vehicle 'paper', see its README.md\n"
+    )
     assert "The law is linear" in (tmp_path / "p/README.md").read_text()
     refused = run("export", "hinf-d1", "--px4", "q", "--attitude", "autopilot")
     assert (refused.exit_code, (tmp_path / "q").exists()) == (2, False)
