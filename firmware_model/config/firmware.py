@@ -1,4 +1,4 @@
-"""What PX4 and ArduPilot must be told of a vehicle, and the torque that their full commands then mean.
+"""Parameters by which PX4 and ArduPilot know a vehicle, and the torque that their full commands then mean.
 
 PX4 divides each column of its mixer by a scale of its own, ArduPilot has fixed factors for each frame. So a normalised
 torque of 1.0 is not the vehicle's `torque_limit`. Motors are linear: thrust is a fraction of `thrust_max`.
@@ -10,9 +10,8 @@ from firmware_model.config.vehicle import GRAVITY, Rotors, Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
 
-Parameters = dict[str, int | float]
-SPIN_RANGE = (0.15, 0.95)
-"""ArduPilot's MOT_SPIN_MIN and MOT_SPIN_MAX by default: the motor commands of thrust 0 and 1."""
+Parameters = dict[str, str]
+_SPIN_RANGE = (0.15, 0.95)  # ArduPilot's MOT_SPIN_MIN and MOT_SPIN_MAX by default: motor commands of thrust 0 and 1
 _X_SIDES = ((1, 1), (-1, -1), (1, -1), (-1, 1))  # forward, right
 _X_SPIN = (1, 1, -1, -1)
 
@@ -23,11 +22,15 @@ def hover_fraction(vehicle: Vehicle) -> float:
 
 
 def px4_parameters(vehicle: Vehicle) -> Parameters:
-    """Return PX4's parameters of geometry and motors."""
-    values: Parameters = {"CA_AIRFRAME": 0, "CA_ROTOR_COUNT": 4}
-    for i, ((x, y, _), spin) in enumerate(zip(vehicle.rotors.position_B, vehicle.rotors.spin, strict=True)):
-        values |= {f"CA_ROTOR{i}_PX": x, f"CA_ROTOR{i}_PY": y, f"CA_ROTOR{i}_KM": spin * vehicle.rotors.drag_ratio}
-    return values | {"THR_MDL_FAC": 0.0, "MPC_THR_HOVER": hover_fraction(vehicle)}
+    """Return PX4's parameters for the geometry and the motors of a vehicle, whose thrust is linear in the command."""
+    rotors = vehicle.rotors
+    values = {"CA_AIRFRAME": "0", "CA_ROTOR_COUNT": "4", "THR_MDL_FAC": "0"}
+    for i, ((x, y, z), spin) in enumerate(zip(rotors.position_B, rotors.spin, strict=True)):
+        place = {"PX": x, "PY": y, "PZ": z, "KM": spin * rotors.drag_ratio}
+        values |= {f"CA_ROTOR{i}_{name}": f"{value:.7g}" for name, value in place.items()}
+    values["MC_YAW_TQ_CUTOFF"] = "0"  # its filter against the noise of propellers, in the loop: yaw would oscillate
+    values["MPC_THR_HOVER"] = f"{hover_fraction(vehicle):.7g}"
+    return values
 
 
 def px4_full_torque(rotors: Rotors) -> Vector:
@@ -49,14 +52,14 @@ def ardupilot_parameters(vehicle: Vehicle) -> Parameters:
         If the rotors are no quadrotor X in PX4's order, which is ArduPilot's too.
     """
     _check_x(vehicle)
-    low, high = SPIN_RANGE
+    low, high = _SPIN_RANGE
     return {
-        "FRAME_CLASS": 1,
-        "FRAME_TYPE": 1,
-        "MOT_THST_EXPO": 0.0,
-        "MOT_SPIN_MIN": low,
-        "MOT_SPIN_MAX": high,
-        "MOT_THST_HOVER": (hover_fraction(vehicle) - low) / (high - low),
+        "FRAME_CLASS": "1",
+        "FRAME_TYPE": "1",
+        "MOT_THST_EXPO": "0",
+        "MOT_SPIN_MIN": f"{low}",
+        "MOT_SPIN_MAX": f"{high}",
+        "MOT_THST_HOVER": f"{(hover_fraction(vehicle) - low) / (high - low):.7g}",
     }
 
 

@@ -66,7 +66,7 @@ _OPERATION = {
     "MOT_SPIN_MAX": "0.95",
     "MOT_HOVER_LEARN": "0",
     "GUID_OPTIONS": "8",  # the thrust of a set-point is thrust, not rate of climb
-    # All checks but the one for two samples of the gyro in each pass of the loop; the second name is that of later ones.
+    # It asks for two samples of the gyro in each pass of its loop. The second name is that of later versions.
     "ARMING_CHECK": str((1 << 21) - 2 - _CHECK_OF_INERTIAL_SENSORS),
     "ARMING_SKIPCHK": str(_CHECK_OF_INERTIAL_SENSORS),
     "DISARM_DELAY": "0",
@@ -112,7 +112,7 @@ def find_build(given: Path | None) -> Path:
     ConfigError
         If there is none.
     """
-    stated = os.environ.get("GUSTPROOF_ARDUPILOT")
+    stated = os.environ.get("ARDUPILOT_BUILD")
     places = [given] if given else [Path(stated)] if stated else [Path(each).expanduser() for each in _USUAL_PLACES]
     for place in places:
         for program in _PROGRAMS:
@@ -121,7 +121,7 @@ def find_build(given: Path | None) -> Path:
     looked = ", ".join(map(str, places))
     raise ConfigError(
         f"{looked}: no ArduCopter built for simulation (build/sitl/bin/arducopter): give --build, or set "
-        "GUSTPROOF_ARDUPILOT"
+        "ARDUPILOT_BUILD"
     )
 
 
@@ -145,6 +145,8 @@ class ArduPilot:
     name = "ArduPilot"
     warm_up_s = 0.0
     arming_timeout_s = 120.0
+    warm_up_s = 0.0  # its own checks ask for a settled estimator
+    arrival_s = 0.0  # it reads its link in its loop
     system = 1
     pilot_port = None
     is_armed = True

@@ -10,8 +10,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as wire
 
+from firmware_model.config.firmware import px4_parameters
 from firmware_model.config.scenario import Scenario
-from firmware_model.config.vehicle import GRAVITY, Vehicle
+from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.child import ChildProcess
 from firmware_model.guest.guest import Dialect, GuestError, GuestOutcome
@@ -70,7 +71,7 @@ def make_px4(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> "Px4":
             f"scenario '{scenario.name}' has {scenario.control_rate_hz} samples a second, PX4 takes {RATE_HZ}"
         )
     extra = read_parameters(options.params, "px4") if options.params else {}
-    values = {**vehicle_parameters(vehicle), **_OPERATION, **extra}
+    values = {**px4_parameters(vehicle), **_OPERATION, **extra}
     px4 = Px4(find_build(options.build), options.folder, values, options.instance, real_time=options.real_time)
     if options.law:
         px4.dialect, px4.start_lines = _INSIDE, [f"{_LAW_INSIDE} start"]
@@ -95,24 +96,13 @@ def find_build(given: Path | None) -> Path:
     raise ConfigError(f"{looked}: no PX4 built for simulation (bin/px4 and etc): give --build, or set PX4_BUILD")
 
 
-def vehicle_parameters(vehicle: Vehicle) -> dict[str, str]:
-    """Return PX4's parameters for the geometry and the motors of a vehicle, whose thrust is linear in the command."""
-    rotors = vehicle.rotors
-    values = {"CA_AIRFRAME": "0", "CA_ROTOR_COUNT": "4", "THR_MDL_FAC": "0"}
-    for i, ((x, y, z), spin) in enumerate(zip(rotors.position_B, rotors.spin, strict=True)):
-        place = {"PX": x, "PY": y, "PZ": z, "KM": spin * rotors.drag_ratio}
-        values |= {f"CA_ROTOR{i}_{name}": f"{value:.7g}" for name, value in place.items()}
-    values["MC_YAW_TQ_CUTOFF"] = "0"  # its filter against the noise of propellers, in the loop: yaw would oscillate
-    values["MPC_THR_HOVER"] = f"{vehicle.mass * GRAVITY / (4.0 * rotors.thrust_max):.7g}"
-    return values
-
-
 class Px4:
     """PX4 as a guest; see `Guest`. `start_lines` of its start script follow those of its links."""
 
     name = "PX4"
     warm_up_s = 20.0
     arming_timeout_s = 60.0
+    arrival_s = 0.001  # unless the machine is busy
 
     def __init__(
         self, build: Path, folder: Path, parameters: Mapping[str, str], instance: int | None, *, real_time: bool

@@ -27,7 +27,6 @@ from gustproof.certify.gain.l2_gain import certify_gain as certify_gain
 from gustproof.certify.mu.singular_value import disk_margin_bounds as disk_margin_bounds
 from gustproof.certify.mu.singular_value import mu as mu
 from gustproof.certify.mu.worst_gain import worst_gain as worst_gain
-from gustproof.certify.rounding import RoundingBound as RoundingBound
 from gustproof.certify.rounding import certify_rounding as certify_rounding
 from gustproof.errors import DesignError as DesignError
 from gustproof.falsify.worst_case import WorstCase as WorstCase

@@ -1,4 +1,4 @@
-"""What single precision adds to a flight: a certified box of the law, and the bound of its roundings within it."""
+"""Proved bounds of what single precision adds to a flight: the law's certified box, and its roundings within it."""
 
 import math
 from dataclasses import dataclass
@@ -59,9 +59,11 @@ class RoundingBound:
         moment = ", ".join(f"{value:.3g}" for value in self.moment)
         command = ", ".join(f"{_up(value):g}" for value in self.command)
         own = f"the law's own attitude by at most {_up(max(self.own_deg)):g} deg"
-        true = "" if self.attitude_deg is None else (
-            f" and the true one by at most {_up(self.attitude_deg):g} deg in {self.horizon:g} s"
-        )  # fmt: skip
+        true = (
+            ""
+            if self.attitude_deg is None
+            else (f" and the true one by at most {_up(self.attitude_deg):g} deg in {self.horizon:g} s")
+        )
         return (
             f"Proved: rounding in single precision changes {own}{true}, and the commands by at most {command}, about "
             f"level, yaw within {math.degrees(self.heading):.0f} deg, under any moment within {moment} N m, with the "
@@ -122,13 +124,11 @@ def certify_rounding(
         found = bound_rounding(system, norms, make_case(system, claim), claim.box, assumed, references)
     except Refusal as refusal:
         raise ValueError(str(refusal)) from None
-    true = None
-    if found.drift is not None:
-        true = _up_deg(sum(found.own, Fraction(0)) + found.drift * math.ceil(horizon / law.dt))
+    own, steps = sum(found.own, Fraction(0)), math.ceil(horizon / law.dt)
     return RoundingBound(
-        own_deg=tuple(_up_deg(value) for value in found.own),
-        command=tuple(_up(float(value)) for value in found.command),
-        attitude_deg=true,
+        own_deg=tuple(map(_up_deg, found.own)),
+        command=tuple(map(_up, found.command)),
+        attitude_deg=None if found.drift is None else _up_deg(own + found.drift * steps),
         horizon=horizon,
         moment=tuple(float(claim.part * value) for value in claim.moment),
         heading=heading,
@@ -139,8 +139,9 @@ def _up_deg(angle: Fraction) -> float:
     return _up(math.degrees(float(angle)))
 
 
-def _up(value: float) -> float:
+def _up(value: float | Fraction) -> float:
     """Return a number of two digits that is not below `value`."""
+    value = float(value)
     text = f"{value:.1e}"
     unit = 10.0 ** (int(text.split("e")[1]) - 1)
     return float(text) if float(text) >= value else float(f"{float(text) + unit:.1e}")

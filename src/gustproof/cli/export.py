@@ -67,27 +67,26 @@ def export(
     """
     from gustproof.law.io.matrices import read_law
 
-    wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
     folders = {name: path for name, path in (("px4", px4), ("ardupilot", ardupilot), ("crazyflie", crazyflie)) if path}
-    _check_outputs({**wanted, **dict.fromkeys(folders.values(), "")}, [c.with_suffix(".h")] if c else [])
-    if not (c or folders) and (float32 or attitude):
-        raise ConfigError("--float32 and --attitude belong to C code: --c, --px4, --ardupilot, --crazyflie")
-    if vehicle is not None and rate is None and not (float32 or folders):
-        raise ConfigError(
-            "--vehicle: belongs to --rate and --float32, whose loops are checked on it, and to autopilots"
-        )
+    wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
+    _check_outputs({**wanted, **dict.fromkeys(folders.values(), "")}, c)
     _check_attitude(attitude)
+    _check_options(bool(c or folders), rate, vehicle, attitude, checked=float32 or bool(folders))
     read = read_law(law)
     told = [_export_folder(read, name, path, attitude, rate, vehicle, float32) for name, path in folders.items()]
     if wanted:
         margins = {}
         if rate is not None:
-            read, margins = _resampled(read, rate, vehicle)
+            read, margins["margins"] = _resampled(read, rate, vehicle)
         files = [str(path) for path in wanted]
-        told.append({"law": read.name, "rate_hz": 1.0 / read.dt, "files": files, "margins": margins})
+        told.append({"law": read.name, "rate_hz": 1.0 / read.dt, "files": files, **margins})
         if c is not None:
             told[-1] |= _save_c(read, c, attitude or "own", float32=float32, vehicle=vehicle)
         _save_numbers(read, mat, csv, as_law)
+    _print_exports(told, c, as_json=as_json)
+
+
+def _print_exports(told: list[dict[str, Any]], c: Path | None, *, as_json: bool) -> None:
     if as_json:
         print_json(told[0] if len(told) == 1 else told)
         return
@@ -96,7 +95,7 @@ def export(
 
 
 def _print_export(told: dict[str, Any], c: Path | None) -> None:
-    for hz, figures in told["margins"].items():
+    for hz, figures in told.get("margins", {}).items():
         print(f"{hz} Hz: {_describe_margins(figures)}")
     if "rounding" in told:
         print(told["rounding"]["statement"])
@@ -127,10 +126,11 @@ def _export_folder(
     from gustproof.export.folders import RATES, Firmware, firmware_folder, save_folder
     from gustproof.law.io.c import Attitude
 
-    firmware, margins = Firmware(name), {}
+    firmware = Firmware(name)
+    margins = {}
     wanted = rate or RATES[firmware]
     if abs(wanted * law.dt - 1.0) > 1e-9:
-        law, margins = _resampled(law, wanted, vehicle)
+        law, margins["margins"] = _resampled(law, wanted, vehicle)
     source = attitude or ("autopilot" if law.is_scheduled else "own")
     body = load_vehicle(vehicle or law.provenance.vehicle)
     try:
@@ -138,8 +138,18 @@ def _export_folder(
     except ValueError as error:
         raise ConfigError(str(error)) from None
     save_folder(files, path)
-    told = {"law": law.name, "rate_hz": 1.0 / law.dt, "files": [str(path)], "margins": margins}
+    told = {"law": law.name, "rate_hz": 1.0 / law.dt, "files": [str(path)], **margins}
     return {**told, "autopilot": name, "vehicle": body.name, "attitude": source}
+
+
+def _check_options(in_c: bool, rate: int | None, vehicle: str | None, attitude: str | None, *, checked: bool) -> None:
+    """Refuse options without those that they belong to."""
+    if not in_c and (checked or attitude):
+        raise ConfigError("--float32 and --attitude belong to --c and the folders for autopilots")
+    if vehicle is not None and rate is None and not checked:
+        raise ConfigError(
+            "--vehicle: belongs to --rate and --float32, whose loops are checked on it, and to autopilots"
+        )
 
 
 def _check_attitude(attitude: str | None) -> None:
@@ -158,9 +168,11 @@ def _save_c(law: "Law", path: Path, attitude: str, *, float32: bool, vehicle: st
     told: dict[str, Any] = {}
     if float32:
         own = attitude == Attitude.OWN.value
-        told["rounding"] = _bound_rounding(law, vehicle) if own else {
-            "proven": False, "statement": "No bound of the rounding is proved with the autopilot's attitude."
-        }  # fmt: skip
+        told["rounding"] = (
+            _bound_rounding(law, vehicle)
+            if own
+            else {"proven": False, "statement": "No bound of the rounding is proved with the autopilot's attitude."}
+        )
     notes = [told["rounding"]["statement"]] if float32 else []
     try:
         unit = save_c(law, path, Attitude(attitude), single=float32, notes=notes)
@@ -201,13 +213,13 @@ def _describe_margins(figures: dict[str, Any] | None) -> str:
     )
 
 
-def _check_outputs(suffixes: dict[Path, str], others: list[Path]) -> None:
+def _check_outputs(suffixes: dict[Path, str], c: Path | None) -> None:
     """Refuse files with a wrong suffix, and files that exist."""
     if not suffixes:
         raise ConfigError("nothing to write: give --c, --px4, --ardupilot, --crazyflie, --mat, --csv or --law")
     for path, suffix in suffixes.items():
         if path.suffix != suffix:
             raise ConfigError(f"{path}: must end in {suffix}" if suffix else f"{path}: a folder has no suffix")
-    for path in (*suffixes, *others):
+    for path in (*suffixes, *([c.with_suffix(".h")] if c else [])):
         if path.exists():
             raise ConfigError(f"{path}: exists already")

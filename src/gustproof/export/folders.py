@@ -13,7 +13,6 @@ import numpy as np
 
 from firmware_model.config.files import write_text
 from firmware_model.config.firmware import (
-    Parameters,
     ardupilot_full_torque,
     ardupilot_parameters,
     hover_fraction,
@@ -125,12 +124,12 @@ def _px4(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[str, str
         "takes_references": "true" if law.takes_references else "false",
         "hold": str(_POSITION if law.takes_references else _LEVEL_AND_HEIGHT),
     }
-    parameters = px4_parameters(vehicle) | {"IMU_GYRO_RATEMAX": rate, "IMU_GYRO_CUTOFF": 80.0}
+    parameters = px4_parameters(vehicle) | {"IMU_GYRO_RATEMAX": str(rate), "IMU_GYRO_CUTOFF": "80"}
     module = "src/modules/gustproof"
     return {
         "README.md": _filled("px4/README.md", words),
         "src/CMakeLists.txt": _filled("px4/CMakeLists.txt", {}),
-        "vehicle.txt": "".join(f"param set {name} {_number(value)}\n" for name, value in parameters.items()),
+        "vehicle.txt": "".join(f"param set {name} {value}\n" for name, value in parameters.items()),
         **{f"{module}/{name}": _filled(f"px4/module/{name}", words) for name in _listed("px4/module")},
         **{f"{module}/{name}": text for name, text in units.items()},
     }
@@ -141,15 +140,14 @@ def _ardupilot(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[st
     if abs(rate * law.dt - 1.0) > 1e-9 or not 50 <= rate <= 2000:
         raise ConfigError(f"--rate: is {1.0 / law.dt:g} Hz, ArduPilot's loop has whole Hz of 50 to 2000")
     words |= _torques(ardupilot_full_torque(vehicle))
-    parameters: Parameters = ardupilot_parameters(vehicle) | {
-        "SCHED_LOOP_RATE": rate, "INS_GYRO_FILTER": 80, "CC_TYPE": 3, "CC_AXIS_MASK": 7, "RC6_OPTION": 109,
-    }  # fmt: skip
+    own = {"SCHED_LOOP_RATE": str(rate), "INS_GYRO_FILTER": "80", "CC_TYPE": "3", "CC_AXIS_MASK": "7"}
+    parameters = ardupilot_parameters(vehicle) | own | {"RC6_OPTION": "109"}
     library = "libraries/AC_CustomControl"
     sources = ("AC_CustomControl_Gustproof.h", "AC_CustomControl_Gustproof.cpp")
     return {
         "README.md": _filled("ardupilot/README.md", words),
         "edits.patch": _filled("ardupilot/edits.patch", {}),
-        "vehicle.parm": "".join(f"{name},{_number(value)}\n" for name, value in parameters.items()),
+        "vehicle.parm": "".join(f"{name},{value}\n" for name, value in parameters.items()),
         **{f"{library}/{name}": _filled(f"ardupilot/{name}", words) for name in sources},
         **{f"{library}/{name}": text for name, text in units.items()},
     }
@@ -184,10 +182,6 @@ def _crazyflie(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[st
 def _torques(full: Vector) -> dict[str, str]:
     """Return the torque [N*m] of full commands as C numbers."""
     return {f"{axis}_torque": f"{value:.7g}f" for axis, value in zip(("roll", "pitch", "yaw"), full, strict=True)}
-
-
-def _number(value: float) -> str:
-    return str(value) if isinstance(value, int) else f"{value:.7g}"
 
 
 def _listed(folder: str) -> list[str]:

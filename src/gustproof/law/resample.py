@@ -51,8 +51,9 @@ def resample(law: Law, rate: float) -> Law:
         return law
     moved = _resample_strapdown(law, 1.0 / rate) if _is_strapdown(law) else _resample_whole(law, 1.0 / rate)
     design = f"{law.provenance.design}; resampled from {own:g} Hz by Tustin's rule"
-    return replace(moved, name=f"{law.name}-{rate:g}hz".replace(".", "_"),
-                   provenance=replace(law.provenance, design=design))  # fmt: skip
+    return replace(
+        moved, name=f"{law.name}-{rate:g}hz".replace(".", "_"), provenance=replace(law.provenance, design=design)
+    )
 
 
 def _continuous(K: Lti) -> Lti:
@@ -74,9 +75,12 @@ def _resample_whole(law: Law, dt: float) -> Law:
     U, V = (none, np.zeros((n, 3))) if limit is None else (limit.U, limit.V)
     rates = np.eye(3, n, 3)
     sampled = Lti(
-        A=law.A + law.G @ rates, B=np.hstack([law.B, law.G, V, law.H]), C=law.C,
-        D=np.hstack([law.D, none, U, none]), dt=law.dt,
-    )  # fmt: skip
+        A=law.A + law.G @ rates,
+        B=np.hstack([law.B, law.G, V, law.H]),
+        C=law.C,
+        D=np.hstack([law.D, none, U, none]),
+        dt=law.dt,
+    )
     moved = tustin(_continuous(sampled), dt)
     B, G, V, H = np.split(moved.B, [m, m + 3, m + 6], axis=1)
     limit = None if limit is None else replace(limit, U=moved.D[:, m + 3 : m + 6], V=V)
@@ -110,9 +114,17 @@ def _is_strapdown(law: Law) -> bool:
 
 
 def _resample_strapdown(law: Law, dt: float) -> Law:
-    n, limit = law.order, law.rate_limit or RateLimit(
-        S=np.eye(3, law.order), T=np.zeros((3, 6)), U=np.zeros((3, 3)), V=np.zeros((law.order, 3)), limits=np.ones(3)
-    )  # fmt: skip
+    n, limit = (
+        law.order,
+        law.rate_limit
+        or RateLimit(
+            S=np.eye(3, law.order),
+            T=np.zeros((3, 6)),
+            U=np.zeros((3, 3)),
+            V=np.zeros((law.order, 3)),
+            limits=np.ones(3),
+        ),
+    )
     states = np.vstack([law.A[6:], law.C, limit.S])
     inputs = np.vstack([law.B[6:], law.D, limit.T])
     attitude = states[:, _ATTITUDE]
@@ -133,6 +145,13 @@ def _resample_strapdown(law: Law, dt: float) -> Law:
         limit, S=states[order + 3 :], T=inputs[order + 3 :], U=V[order : order + 3], V=np.vstack([below, V[:order]])
     )
     return replace(
-        law, A=A, B=B, C=states[order : order + 3], D=inputs[order : order + 3],
-        G=np.vstack([dt * one, np.zeros((n - 3, 3))]), H=np.vstack([below, H[:order]]), dt=dt, rate_limit=moved_limit,
-    )  # fmt: skip
+        law,
+        A=A,
+        B=B,
+        C=states[order : order + 3],
+        D=inputs[order : order + 3],
+        G=np.vstack([dt * one, np.zeros((n - 3, 3))]),
+        H=np.vstack([below, H[:order]]),
+        dt=dt,
+        rate_limit=moved_limit,
+    )

@@ -97,9 +97,10 @@ def test_attitude_in_one_float_would_not_do():
     assert math.degrees(float(plain.drift)) * 3600.0 / law.dt > 50.0 * ASKED_DEG
 
 
-def test_a_heading_of_a_thousand_turns_is_refused():
-    _, system, norms, case, box, form, reference = parts("flagship")
-    with pytest.raises(Refusal, match="not small"):
+@pytest.mark.parametrize(("name", "words"), [("flagship", "near a limit"), ("hinf-rates", "not small")])
+def test_a_heading_of_a_thousand_turns_is_refused(name, words):
+    _, system, norms, case, box, form, reference = parts(name)
+    with pytest.raises(Refusal, match=words):
         bound_rounding(system, norms, case, box, form._replace(heading=Fraction(6283)), reference)
 
 

@@ -312,6 +312,73 @@ def test_export_names_the_header_that_it_writes_beside_the_source(tmp_path, monk
     assert "int pid_default_self_test(void);" in (tmp_path / "my-law.h").read_text()
 
 
+def test_export_at_another_rate_tells_the_margins_of_both(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lines = run("export", "flagship", "--rate", "400", "--law", "fast.json").stdout.splitlines()
+    assert [line[:14] for line in lines[:2]] == ["250 Hz: Ms 1.3", "400 Hz: Ms 1.3"]
+    assert load_law("fast.json").dt == 1.0 / 400.0
+
+
+def test_export_in_single_precision_proves_its_rounding(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    told = json.loads(run("export", "flagship", "--float32", "--c", "law.c", "--json").stdout)
+    assert told["rounding"]["proven"]
+    assert told["rounding"]["attitude_deg"] <= 0.02
+    assert told["instructions"] >= told["operations"] > 1000
+    header = " ".join((tmp_path / "law.h").read_text().replace("\n *", " ").split())
+    assert told["rounding"]["statement"] in header
+    assert "void flagship_init(float x[" in header
+
+
+def test_export_says_where_no_bound_of_rounding_is_proved(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run("export", "flagship", "--float32", "--attitude", "autopilot", "--c", "law.c")
+    assert "No bound of the rounding is proved with the autopilot's attitude." in result.stdout
+    assert "No bound of the rounding is proved" in (tmp_path / "law.h").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["flagship", "--rate", "125", "--c", "law.c"], "poor at 125 Hz"),
+        (["flagship", "--rate", "333", "--c", "law.c"], "must divide 1,000,000"),
+        (["flagship", "--vehicle", "paper", "--c", "law.c"], "--vehicle: belongs to --rate"),
+        (["flagship", "--float32", "--law", "law.json"], "belong to --c"),
+        (["flagship", "--attitude", "theirs", "--c", "law.c"], "must be one of own, autopilot"),
+        (["hinf-d1", "--attitude", "autopilot", "--c", "law.c"], "is linear"),
+        (["aided", "--float32", "--c", "law.c"], "reads the accelerometer"),
+    ],
+)
+def test_export_refuses_in_one_line_and_writes_nothing(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run("export", *arguments)
+    assert result.exit_code == 2
+    assert words in one_line(result)
+    assert not list(tmp_path.iterdir())
+
+
+def test_export_writes_a_folder_for_each_autopilot_at_its_rate(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run("export", "pid-fair", "--px4", "p", "--ardupilot", "a", "--crazyflie", "c", "--json")
+    told = json.loads(result.stdout)
+    assert [(each["files"], each["rate_hz"]) for each in told] == [(["p"], 250.0), (["a"], 400.0), (["c"], 250.0)]
+    assert {each["attitude"] for each in told} == {"autopilot"}
+    assert (tmp_path / "p/src/modules/gustproof/gustproof_law.c").is_file()
+    again = run("export", "pid-fair", "--px4", "p")
+    assert one_line(again) == "gustproof: p: exists already"
+
+
+def test_export_of_a_linear_law_keeps_its_own_attitude(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert (
+        run("export", "hinf-d1", "--px4", "p").stdout == "law 'hinf-d1' in p for vehicle 'paper', see its README.md\n"
+    )
+    assert "The law is linear" in (tmp_path / "p/README.md").read_text()
+    refused = run("export", "hinf-d1", "--px4", "q", "--attitude", "autopilot")
+    assert (refused.exit_code, (tmp_path / "q").exists()) == (2, False)
+    assert "linear" in one_line(refused)
+
+
 @pytest.mark.compiled
 def test_analyse_of_numbers_beyond_all_routines_is_one_clear_line(tmp_path):
     replace(load_law("hinf-d1"), name="huge", C=np.full((3, 9), 1e307)).save(tmp_path / "huge.json")

@@ -123,16 +123,18 @@ def test_other_frames_than_ardupilots_x_are_refused():
         firmware_folder(Firmware.ARDUPILOT, _law(dt=0.0025), replace(vehicle, rotors=rotors), Attitude.OWN, "my-law")
 
 
-def _tree(variable: str) -> Path:
+def _tree(variable: str, inside: str) -> Path:
+    """Return the sources that a variable names, or that its build lies in."""
     given = os.environ.get(variable)
     if not given:
         pytest.skip(f"{variable} names no tree")
-    return Path(given)
+    path = Path(given).resolve()
+    return next(place for place in (path, *path.parents) if (place / inside).is_file())
 
 
 @pytest.mark.slow
 def test_module_builds_in_the_real_px4(make_folder, tmp_path):
-    tree = _tree("GUSTPROOF_PX4")
+    tree = _tree("GUSTPROOF_PX4", "src/modules/commander/Commander.cpp")
     save_folder(make_folder(Firmware.PX4, "flagship"), tmp_path / "law")
     build = tmp_path / "build"
     configure = ["cmake", "-S", str(tree), "-B", str(build), "-G", "Ninja", "-DCONFIG=px4_sitl_default",
@@ -145,7 +147,9 @@ def test_module_builds_in_the_real_px4(make_folder, tmp_path):
 
 @pytest.mark.slow
 def test_edits_fit_the_real_ardupilot(make_folder, tmp_path):
-    library = _tree("GUSTPROOF_ARDUPILOT") / "libraries" / "AC_CustomControl"
+    library = (
+        _tree("GUSTPROOF_ARDUPILOT", "libraries/AC_CustomControl/AC_CustomControl.h") / "libraries/AC_CustomControl"
+    )
     shutil.copytree(library, tmp_path / "libraries" / "AC_CustomControl")
     save_folder(make_folder(Firmware.ARDUPILOT, "flagship"), tmp_path)
     with (tmp_path / "edits.patch").open() as edits:

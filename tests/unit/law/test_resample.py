@@ -44,11 +44,17 @@ def test_a_central_law_becomes_the_one_made_at_the_new_rate():
     K = Lti(A=A, B=B, C=C, D=np.zeros((3, 8)))
     made = [
         central_law(
-            "test", K, scheduled=True, dt=dt, limits=np.ones(3), output=Output.TORQUE,
-            provenance=Provenance(design="", vehicle=""), rate_limits=np.full(3, 2.0),
+            "test",
+            K,
+            scheduled=True,
+            dt=dt,
+            limits=np.ones(3),
+            output=Output.TORQUE,
+            provenance=Provenance(design="", vehicle=""),
+            rate_limits=np.full(3, 2.0),
         )
         for dt in (0.004, 0.0025)
-    ]  # fmt: skip
+    ]
     moved = resample(made[0], 400.0)
     for part in PARTS:
         assert np.allclose(getattr(moved, part), getattr(made[1], part), rtol=1e-11, atol=1e-13)

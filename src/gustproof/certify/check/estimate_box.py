@@ -78,9 +78,14 @@ def _map_axis(
     states, held = _rounding(system, case, box, e, axis)
     states[COMMAND] += _FLOAT32 * box[axis][COMMAND] + _TINY
     causes = Causes(
-        case.moment[axis], system.gyroscopic[axis] * _product(box, axis), e[axis], states, held,
-        gyro_rounding(case, box[axis]), case.deviations * case.noise,
-    )  # fmt: skip
+        case.moment[axis],
+        system.gyroscopic[axis] * _product(box, axis),
+        e[axis],
+        states,
+        held,
+        gyro_rounding(case, box[axis]),
+        case.deviations * case.noise,
+    )
     return bound_signals(system, norms, axis, box[axis], causes)
 
 

@@ -4,22 +4,28 @@ Part of the check: rational arithmetic and rounded doubles only. Two flights are
 same errors of the gyro and the same start. One law computes in real numbers, the other as its C does in floats. Both
 stay in the box of Theorem 1: the second one in a box a fiftieth wider, as long as the difference is smaller than that.
 
-**One step.** With u = 2^-24, a plain sum of k products of rounded factors is wrong by at most `(k + 4) u` times the sum
-of its magnitudes, the rounding of the states that it reads included. A state in two floats adds products that are exact
-but for 2^-35 of each; what its sum loses is kept in the second float, which is small, and rounded at u of itself.
-Below 3/4 rad no angle is reduced. With the rounding of the angle itself, sine, one minus cosine and cosine by Taylor
-polynomials are wrong by at most 2.5 u, 4.5 u and 3.2 u of themselves: of the series 2^-28 is left, its later terms are
-small, and each operation adds u. So the excess of the Euler rates is wrong by `_KINEMATICS` u, term by term:
-`sin_theta (sin_phi q + cos_phi r) / cos_theta` 12.9 u, `flat_phi q + sin_phi r` 6.5 u, and `(sin_phi q + (flat_theta -
-flat_phi) r) / cos_theta` 11.7 u of the sum of the magnitudes. Second order is covered by the rest.
+**One step.** Let u = 2^-24. A plain sum of k products of rounded factors is wrong by at most `(k + 4) u` times the sum
+of its magnitudes. That includes the rounding of the states that it reads. A state in two floats adds products that are
+exact but for 2^-35 of each. Its sum keeps what it loses in the second float. That one is small, and rounded at u of
+itself.
+
+Below 3/4 rad no angle is reduced. Sine, one minus cosine and cosine are wrong by at most 2.5 u, 4.5 u and 3.2 u of
+themselves, with the rounding of the angle. For 2^-28 is left of Taylor's series, its later terms are small, and each
+operation adds u. The excess of the Euler rates is then wrong by `_KINEMATICS` u of the sum of its magnitudes:
+
+- roll, `sin_theta (sin_phi q + cos_phi r) / cos_theta`: 12.9 u;
+- pitch, `flat_phi q + sin_phi r`: 6.5 u;
+- yaw, `(sin_phi q + (flat_theta - flat_phi) r) / cos_theta`: 11.7 u.
+
+The next whole number covers the second order.
 
 **The loop.** The difference of the flights obeys the loop of Theorem 1, driven by the roundings. Gyroscopic terms and
 the kinematic excess differ by at most their slope within the box times the difference. The fixed point of this map
 bounds each signal for ever. A start at a heading rounds the states at rest there, once: no more than at each step.
 
 **Attitude.** The law's own attitude differs by that bound. On strapdown attitude the true one also takes every rounding
-of the sum of the attitude: a turn of at most the sum of the three, each step, because each Euler angle turns about an
-axis of unit length and rotation distance is bi-invariant. Both together bound the angle between the two attitudes.
+of the sum of the attitude. That is a turn of at most the sum of the three, each step: an Euler angle turns about an
+axis of unit length, and rotation distance is bi-invariant. Both together bound the angle between the two attitudes.
 
 **Heading.** Only differences of yaw act on a law. Its sums hold yaw itself: sizes count for yaw and reference anywhere
 within the heading, and states at rest there.
@@ -34,6 +40,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from gustproof.certify.check.estimate_box import (
+    COMMAND_SHARE,
     PEAK_RATE,
     Box,
     Case,
@@ -45,7 +52,7 @@ from gustproof.certify.check.estimate_box import (
     trigonometry,
 )
 from gustproof.certify.check.kernel_norms import COMMAND, X0, X1, AxisNorms
-from gustproof.certify.check.system import LoopSystem, Refusal, is_strapdown
+from gustproof.certify.check.system import LoopSystem, Refusal, Row, is_strapdown
 from gustproof.certify.check.truth_drift import slope_of_T
 from gustproof.lti.rational import round_up
 
@@ -105,25 +112,11 @@ def bound_rounding(
         If an angle needs reduction, or roundings are not small beside the box.
     """
     wide_box = [[value * _WIDER for value in row] for row in box]
-    is_scheduled = any(value for row in system.G for value in row)
-    if is_scheduled and max(row[X0] for row in wide_box[:2]) > _SMALL:
-        raise Refusal("an angle needs reduction")
-    within = all(is_within_limits(system, row, axis) for axis, row in enumerate(wide_box))
-    if not (within and is_rate_unlimited(system, case, wide_box)):
-        raise Refusal("the flight is too near a limit")
+    _check_form(system, case, wide_box, form)
     errors = [_row_error(system, case, wide_box, form, reference, i) for i in range(len(system.A) + 3)]
-    difference = [[Fraction(0)] * len(row) for row in box]
-    for _ in range(_ROUNDS):
-        follows = _map(system, norms, wide_box, difference, errors, form)
-        pairs = [pair for a, b in zip(follows, difference, strict=True) for pair in zip(a, b, strict=True)]
-        if all(value <= bound for value, bound in pairs):
-            break
-        difference = [[value * (1 + Fraction(1, 1000)) for value in row] for row in follows]
-    else:
-        raise Refusal("the differences by rounding do not settle")
-    for row, inside in zip(difference, box, strict=True):
-        if any(value > (_WIDER - 1) * bound for value, bound in zip(row, inside, strict=True)):
-            raise Refusal("rounding in single precision is not small beside the box of the flight")
+    difference = _fixed_point(system, norms, wide_box, errors, form)
+    if not _is_below(difference, [[(_WIDER - 1) * value for value in row] for row in box]):
+        raise Refusal("rounding in single precision is not small beside the box of the flight")
     return RoundingBounds(
         own=[row[X0] for row in difference],
         command=[row[COMMAND] for row in difference],
@@ -131,56 +124,119 @@ def bound_rounding(
     )
 
 
+def _fixed_point(
+    system: LoopSystem, norms: list[AxisNorms], box: Box, errors: list[Fraction], form: Form
+) -> list[list[Fraction]]:
+    """Return bounds of the difference of the flights that map below themselves."""
+    difference = [[Fraction(0)] * len(row) for row in box]
+    for _ in range(_ROUNDS):
+        follows = _map(system, norms, box, difference, errors, form)
+        if _is_below(follows, difference):
+            return difference
+        difference = [[value * (1 + Fraction(1, 1000)) for value in row] for row in follows]
+    raise Refusal("the differences by rounding do not settle")
+
+
+def _check_form(system: LoopSystem, case: Case, box: Box, form: Form) -> None:
+    """Refuse a box in which an angle needs reduction, or a limit may act."""
+    if _is_scheduled(system) and max(row[X0] for row in box[:2]) > _SMALL:
+        raise Refusal("an angle needs reduction")
+    within = all(is_within_limits(system, row, axis) for axis, row in enumerate(box))
+    if not (within and is_rate_unlimited(system, case, box) and _is_rate_sum_exact(system, case, box, form)):
+        raise Refusal("the flight is too near a limit")
+
+
+def _is_rate_sum_exact(system: LoopSystem, case: Case, box: Box, form: Form) -> bool:
+    """Return whether the rounding of a limited rate is below the share of its limit that is kept free.
+
+    At rest at a heading the sum is 0, so the reference's part of it is as large as that of the states.
+    """
+    if system.rate_limit is None:
+        return True
+    sizes, gyro = _sizes(system, case, box, form)
+    for S, T, limit in zip(system.rate_limit.S, system.rate_limit.T, system.rate_limit.limits, strict=True):
+        if (len(sizes) + 10) * _U * (2 * _weigh(S, sizes) + _weigh(T, gyro)) > (1 - COMMAND_SHARE) * limit:
+            return False
+    return True
+
+
+def _sizes(system: LoopSystem, case: Case, box: Box, form: Form) -> tuple[list[Fraction], list[Fraction]]:
+    """Return bounds of the magnitudes of states and gyro, at any heading."""
+    states = [box[j % 3][X0 + j // 3] + form.heading * form.at_heading[j] for j in range(len(system.A))]
+    return states, [row[PEAK_RATE] + case.deviations * case.noise for row in box]
+
+
+def _is_scheduled(system: LoopSystem) -> bool:
+    return any(value for row in system.G for value in row)
+
+
+def _is_below(bounds: Box, others: Box) -> bool:
+    rows = zip(bounds, others, strict=True)
+    return all(value <= other for pair in rows for value, other in zip(*pair, strict=True))
+
+
 def _map(
     system: LoopSystem, norms: list[AxisNorms], box: Box, difference: Box, errors: list[Fraction], form: Form
 ) -> list[list[Fraction]]:
     """Return the bounds of the difference that follow if `difference` bounds it in the nonlinear terms."""
-    n, E, omega = len(system.A), [row[X0] for row in box], [row[X1] for row in box]
-    turned = [Fraction(0)] * 3
-    if any(value for row in system.G for value in row):
-        attitude, rates = [row[X0] for row in difference], [row[X1] for row in difference]
-        turned = [a + b for a, b in zip(slope_of_T(E, omega, attitude), excess(E, rates), strict=True)]
+    turned = _excess_difference(system, box, difference)
+    none = Fraction(0)
     follows = []
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         coupling = box[j][PEAK_RATE] * difference[k][PEAK_RATE] + box[k][PEAK_RATE] * difference[j][PEAK_RATE]
-        at_start = [form.heading * form.at_heading[s] * (_EXACT if s in form.wide else 2 * _U) for s in range(i, n, 3)]
-        own = [error + first for error, first in zip(errors[i:n:3], at_start, strict=True)]
-        states = [Fraction(0), Fraction(0), errors[n + i], *own]
-        none = Fraction(0)
+        own = [errors[s] + _start_error(form, s) for s in range(i, len(system.A), 3)]
+        states = [none, none, errors[len(system.A) + i], *own]
         causes = Causes(none, system.gyroscopic[i] * coupling, turned[i], states, none, none, none)
         follows.append(bound_signals(system, norms[i], i, difference[i], causes))
     return follows
+
+
+def _excess_difference(system: LoopSystem, box: Box, difference: Box) -> list[Fraction]:
+    """Return bounds of the difference of the kinematic excess [rad/s]."""
+    if not _is_scheduled(system):
+        return [Fraction(0)] * 3
+    attitude, rates = [row[X0] for row in difference], [row[X1] for row in difference]
+    slope = slope_of_T([row[X0] for row in box], [row[X1] for row in box], attitude)
+    return [a + b for a, b in zip(slope, excess([row[X0] for row in box], rates), strict=True)]
+
+
+def _start_error(form: Form, state: int) -> Fraction:
+    return form.heading * form.at_heading[state] * (_EXACT if state in form.wide else 2 * _U)
 
 
 def _row_error(
     system: LoopSystem, case: Case, box: Box, form: Form, reference: Sequence[Sequence[Fraction]], i: int
 ) -> Fraction:
     """Return a bound of the rounding of a state's sum, or of a command's for `i` from n on."""
-    n, axis = len(system.A), i % 3 if i < len(system.A) else i - len(system.A)
-    sizes = [box[j % 3][X0 + j // 3] + form.heading * form.at_heading[j] for j in range(n)]
-    gyro = [row[PEAK_RATE] + case.deviations * case.noise for row in box]
-    A, B = (system.A[i], system.B[i]) if i < n else (system.C[axis], system.D[axis])
-    G = list(system.G[i]) if i < n else [Fraction(0)] * 3
-    A = [value + (G[j - 3] if 3 <= j < 6 else 0) for j, value in enumerate(A)]
-    terms = [abs(a) * size for a, size in zip(A, sizes, strict=True)]
-    kept = i in form.wide and A[i] == 1
-    own = terms[i] if i < n else Fraction(0)
-    others = sum(terms, Fraction(0)) - (own if kept else 0)
-    others += sum((abs(b) * rate for b, rate in zip(B, gyro, strict=True)), Fraction(0))
-    others += abs(reference[i][2]) * form.heading
+    A, B, G = _row(system, i)
+    sizes, gyro = _sizes(system, case, box, form)
+    others = _weigh(A, sizes) + _weigh(B, gyro) + abs(reference[i][2]) * form.heading
     count = sum(map(bool, [*A, *B, *reference[i]]))
-    bends = [abs(g) * size for g, size in zip(G, _excess_terms(box), strict=True)] if any(G) else [Fraction(0)] * 3
-    bent = sum(bends, Fraction(0))
-    kinematics = _U * sum((k * size for k, size in zip(_KINEMATICS, bends, strict=True)), Fraction(0))
+    terms_of_excess = _excess_terms(box) if any(G) else [Fraction(0)] * 3
+    bent = _weigh(G, terms_of_excess)
+    kinematics = _U * _weigh(G, [k * size for k, size in zip(_KINEMATICS, terms_of_excess, strict=True)])
     if i not in form.wide:
-        if count == 1 and not bent and set(map(abs, [*A, *B])) <= {0, 1}:
-            return _TINY  # a copy
-        return (count + 4) * _U * (others + bent) * _WIDER + kinematics + _TINY
+        is_copy = count == 1 and not bent and set(map(abs, [*A, *B])) <= {0, 1}
+        return _TINY if is_copy else (count + 4) * _U * (others + bent) * _WIDER + kinematics + _TINY
+    read = sum((abs(A[j]) * sizes[j] for j in form.wide - {i}), Fraction(0))  # without their second float
+    inexact = others - (sizes[i] if A[i] == 1 else 0)
     # magnitude of the second float: what sums lose, and the fine parts of the factors
-    low = (3 * count + 4) * _U * (own + others + bent) * _WIDER + _FINE * others
-    read = sum((terms[j] for j in form.wide if j != i), Fraction(0))  # without their second float
-    return _U * read + _EXACT * others + kinematics + 3 * _U * bent + (4 * count + 8) * _U * low + _TINY
+    low = (3 * count + 4) * _U * (others + bent) * _WIDER + _FINE * inexact
+    return _U * read + _EXACT * inexact + kinematics + 3 * _U * bent + (4 * count + 8) * _U * low + _TINY
+
+
+def _weigh(factors: Sequence[Fraction], sizes: Sequence[Fraction]) -> Fraction:
+    return sum((abs(factor) * size for factor, size in zip(factors, sizes, strict=True)), Fraction(0))
+
+
+def _row(system: LoopSystem, i: int) -> tuple[list[Fraction], Row, Row]:
+    """Return the factors of states, gyro and excess in a state's sum, or a command's for `i` from n on."""
+    n = len(system.A)
+    if i >= n:
+        return list(system.C[i - n]), system.D[i - n], (Fraction(0),) * 3
+    G = system.G[i]
+    return [value + (G[j - 3] if 3 <= j < 6 else 0) for j, value in enumerate(system.A[i])], system.B[i], G
 
 
 def _excess_terms(box: Box) -> list[Fraction]:

@@ -46,20 +46,32 @@ _ALIGN_BODY = """
 $exact}
 """
 _DOUBLE = {
-    "real": "double", "whole": "long long", "zero": "0.0", "half": "0.5", "one": "1.0",
-    "turns": "0.15915494309189535", "turn": "6.283185307179586", "guard": (
+    "real": "double",
+    "whole": "long long",
+    "zero": "0.0",
+    "half": "0.5",
+    "one": "1.0",
+    "turns": "0.15915494309189535",
+    "turn": "6.283185307179586",
+    "guard": (
         "/* Fails to compile if the build makes constants floats and its compiler has no pragma against it. */\n"
         "typedef char ${prefix}_constants_are_double[sizeof(1.0) == sizeof(double) ? 1 : -1];\n"
     ),
-}  # fmt: skip
+}
 """Words and numbers of C in double precision."""
 _SINGLE = {
-    "real": "float", "whole": "int", "zero": "0.0f", "half": "0.5f", "one": "1.0f",
-    "turns": "0.15915494f", "turn": "6.2831855f", "guard": (
+    "real": "float",
+    "whole": "int",
+    "zero": "0.0f",
+    "half": "0.5f",
+    "one": "1.0f",
+    "turns": "0.15915494f",
+    "turn": "6.2831855f",
+    "guard": (
         "/* Fails to compile if a float is not IEEE single precision. */\n"
         "typedef char ${prefix}_floats_are_single[sizeof(float) == 4 && FLT_MANT_DIG == 24 ? 1 : -1];\n"
     ),
-}  # fmt: skip
+}
 """The same in single precision."""
 _GROWING, _SHRINKING = np.geomspace(0.01, 100.0, 16), np.geomspace(10.0, 0.01, 8)
 """Sizes of the inputs of the self-test, one a step: until limits are met, and while a limited rate turns back."""
@@ -165,20 +177,28 @@ def _source(writer: "_Writer", words: dict[str, str]) -> str:
         parts = {"sin_cos": turns, "euler_rates": law.is_scheduled}
     else:
         made += " In single precision; sums of slow states carry a second float."
-        parts = {"wide_sum": bool(writer.single.wide), "sin_versine": turns, "euler_excess": law.is_scheduled,
-                 "sin_cos_single": law.rate_limit is not None}  # fmt: skip
+        parts = {
+            "wide_sum": bool(writer.single.wide),
+            "sin_versine": turns,
+            "euler_excess": law.is_scheduled,
+            "sin_cos_single": law.rate_limit is not None,
+        }
     parts |= {"rate_excess": law.rate_limit is not None, "tilt": law.uses_accelerometer}
-    return _filled("law.c.in", {
-        **words, **_self_test(writer),
-        "guard": Template(words["guard"]).substitute(words),
-        "include": "" if writer.single is None else "#include <float.h>\n",
-        "summary": _in_comment(made),
-        "functions": "".join(_filled(f"{name}.c", words) + "\n" for name, needed in parts.items() if needed),
-        "start": writer.start(),
-        "body": writer.body(),
-        "windup": writer.windup(),
-        "align": _align(writer, words, _ALIGN.split("*/")[1] + _ALIGN_BODY),
-    })  # fmt: skip
+    return _filled(
+        "law.c.in",
+        {
+            **words,
+            **_self_test(writer),
+            "guard": Template(words["guard"]).substitute(words),
+            "include": "" if writer.single is None else "#include <float.h>\n",
+            "summary": _in_comment(made),
+            "functions": "".join(_filled(f"{name}.c", words) + "\n" for name, needed in parts.items() if needed),
+            "start": writer.start(),
+            "body": writer.body(),
+            "windup": writer.windup(),
+            "align": _align(writer, words, _ALIGN.split("*/")[1] + _ALIGN_BODY),
+        },
+    )
 
 
 def _header(writer: "_Writer", words: dict[str, str]) -> str:
@@ -193,15 +213,18 @@ def _header(writer: "_Writer", words: dict[str, str]) -> str:
         inputs.append("specific force x, y, z [m/s^2], (0, 0, -9.81) at rest")
     if writer.attitude is Attitude.AUTOPILOT:
         inputs.append("attitude phi, theta, psi [rad] by the autopilot, of the gyro's time")
-    return _filled("law.h.in", {
-        **words,
-        "inputs": ";\n *          ".join(inputs),
-        "states": states,
-        "start": _STARTS[law.is_scheduled, law.takes_references],
-        "windup": "" if np.any(law.H) else _NO_WINDUP,
-        "align": _align(writer, words, _ALIGN + ";\n"),
-        "bits": "flown law's" if writer.single is None else "single-precision law's",
-    })  # fmt: skip
+    return _filled(
+        "law.h.in",
+        {
+            **words,
+            "inputs": ";\n *          ".join(inputs),
+            "states": states,
+            "start": _STARTS[law.is_scheduled, law.takes_references],
+            "windup": "" if np.any(law.H) else _NO_WINDUP,
+            "align": _align(writer, words, _ALIGN + ";\n"),
+            "bits": "flown law's" if writer.single is None else "single-precision law's",
+        },
+    )
 
 
 def _align(writer: "_Writer", words: dict[str, str], template: str) -> str:
@@ -298,11 +321,18 @@ class _Writer(NamedTuple):
         """Return the words that templates have in common."""
         law = self.law
         return {
-            **(_DOUBLE if self.single is None else _SINGLE), "name": _comment(law.name), "prefix": c_name(law.name),
-            "version": __version__, "rows": str(self.rows), "measured": str(self.measured), "dt": self.number(law.dt),
-            "rate": self.number(round(1.0 / law.dt, 9)), "early": self.number(0.5 * law.dt),
-            "late": self.number(1.5 * law.dt), "command": _COMMANDS[law.output],
-        }  # fmt: skip
+            **(_DOUBLE if self.single is None else _SINGLE),
+            "name": _comment(law.name),
+            "prefix": c_name(law.name),
+            "version": __version__,
+            "rows": str(self.rows),
+            "measured": str(self.measured),
+            "dt": self.number(law.dt),
+            "rate": self.number(round(1.0 / law.dt, 9)),
+            "early": self.number(0.5 * law.dt),
+            "late": self.number(1.5 * law.dt),
+            "command": _COMMANDS[law.output],
+        }
 
     def number(self, value: float) -> str:
         """Return the shortest decimal of a number."""
@@ -310,22 +340,22 @@ class _Writer(NamedTuple):
 
     def start(self) -> str:
         """Return the assignments of `<name>_start`; a scheduled law knows its rates too."""
-        lines: list[str] = []
-        wide: list[str] = []
-        for i, row in enumerate(resting_states(self.law).tolist()):
-            terms = [_term(value, f"euler[{j}]", self.number) for j, value in enumerate(row) if value]
-            if self.single is not None and i in self.single.wide[3:] and terms:
-                wide.append("sum[0] = sum[1] = 0.0f;")
-                wide += [_product(value, f"euler[{j}]", self.number) for j, value in enumerate(row) if value]
-                wide.append(f"settle(sum, &x[{i}], &x[{self.law.order + self.single.wide.index(i)}]);")
-                continue
-            rate = [f"+{_NBSP}gyro[{i - 3}]"] if self.law.is_scheduled and 3 <= i < 6 else []
-            if terms or rate:
-                lines.append(f"x[{i}] = " + " ".join(terms + rate).removeprefix(f"+{_NBSP}").replace(_NBSP, " ") + ";")
         if not self.law.is_scheduled:
-            lines = ["(void)euler;", "(void)gyro;"]
-        lines += ["float sum[2];", *wide] if wide else []
-        return indent("\n".join(lines), "    ")
+            return "    (void)euler;\n    (void)gyro;"
+        lines, wide = [f"x[{i}] = euler[{i}];" for i in range(3)], []
+        slow = () if self.single is None else self.single.wide
+        for i, row in enumerate(resting_states(self.law).tolist()[3:], 3):
+            factors = {f"euler[{j}]": value for j, value in enumerate(row) if value}
+            if i in slow:
+                wide += ["sum[0] = sum[1] = 0.0f;", *(_product(v, name, self.number) for name, v in factors.items())]
+                wide.append(f"settle(sum, &x[{i}], &x[{self.law.order + slow.index(i)}]);")
+            elif factors or i < 6:
+                terms = [
+                    f"gyro[{i - 3}]" if i < 6 else "",
+                    *(_term(v, name, self.number) for name, v in factors.items()),
+                ]
+                lines.append(f"x[{i}] = " + " ".join(terms).strip().removeprefix(f"+{_NBSP}").replace(_NBSP, " ") + ";")
+        return indent("\n".join([*lines, "float sum[2];", *wide] if wide else lines), "    ")
 
     def windup(self) -> str:
         """Return the sums that the excess of a command adds to the states."""
@@ -373,8 +403,14 @@ class _Writer(NamedTuple):
 
     def _names(self) -> list[str]:
         law = self.law
-        sizes = {"x": law.order, "y": GYRO_REFERENCE_SIZE, "tilt": 2 * law.uses_accelerometer, "rates": 3, "excess": 3,
-                 "over": 3}  # fmt: skip
+        sizes = {
+            "x": law.order,
+            "y": GYRO_REFERENCE_SIZE,
+            "tilt": 2 * law.uses_accelerometer,
+            "rates": 3,
+            "excess": 3,
+            "over": 3,
+        }
         return [f"{array}[{i}]" for array, size in sizes.items() for i in range(size)]
 
     def _next(self, matrix: NDArray[np.float64], names: list[str]) -> Iterator[str]:

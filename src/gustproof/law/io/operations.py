@@ -15,7 +15,7 @@ INSTRUCTIONS = 2
 
 
 def count_operations(source: str, function: str) -> int:
-    """Return a bound of the operations of a call of `function` in generated C, with all that it calls.
+    r"""Return a bound of the operations of a call of `function` in generated C, with all that it calls.
 
     Examples
     --------

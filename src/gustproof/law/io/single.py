@@ -91,8 +91,10 @@ def sin_versine(x: np.float32) -> tuple[np.float32, np.float32]:
     n = _floor(x * _F(0.63661975) + _F(0.5))
     r = ((x - n * _F(1.5703125)) - n * _F(4.837513e-4)) - n * _F(7.54979e-8)
     z = r * r
-    P, Q = (-0.16666667, 8.3333333e-3, -1.9841270e-4, 2.7557319e-6), (-0.041666667, 1.3888889e-3, -2.4801587e-5,
-                                                                       2.7557319e-7)  # fmt: skip
+    P, Q = (
+        (-0.16666667, 8.3333333e-3, -1.9841270e-4, 2.7557319e-6),
+        (-0.041666667, 1.3888889e-3, -2.4801587e-5, 2.7557319e-7),
+    )
     s = r + r * z * (_F(P[0]) + z * (_F(P[1]) + z * (_F(P[2]) + z * _F(P[3]))))
     v = _F(0.5) * z + z * z * (_F(Q[0]) + z * (_F(Q[1]) + z * (_F(Q[2]) + z * _F(Q[3]))))
     one, two = _F(1.0), _F(2.0)
@@ -108,11 +110,14 @@ def euler_excess(x: Array) -> Array:
         cos_theta = _F(0.05) if cos_theta >= 0.0 else _F(-0.05)
         flat_theta = _F(1.0) - cos_theta
     psi_dot = (sin_phi * x[4] + (_F(1.0) - flat_phi) * x[5]) / cos_theta
-    return np.array([
-        sin_theta * psi_dot,
-        -flat_phi * x[4] - sin_phi * x[5],
-        (sin_phi * x[4] + (flat_theta - flat_phi) * x[5]) / cos_theta,
-    ], dtype=_F)  # fmt: skip
+    return np.array(
+        [
+            sin_theta * psi_dot,
+            -flat_phi * x[4] - sin_phi * x[5],
+            (sin_phi * x[4] + (flat_theta - flat_phi) * x[5]) / cos_theta,
+        ],
+        dtype=_F,
+    )
 
 
 def _rate_excess(x: Array, s: Array, limits: Array, angles: Array) -> Array:
@@ -120,11 +125,14 @@ def _rate_excess(x: Array, s: Array, limits: Array, angles: Array) -> Array:
     beyond = x[:2] - _limited(x[:2], angles[:2])
     (sin_phi, flat_phi), (sin_theta, flat_theta) = sin_versine(beyond[0]), sin_versine(beyond[1])
     cos_phi, across = _F(1.0) - flat_phi, (_F(1.0) - flat_theta) * r
-    return np.array([
-        p - sin_theta * r - s[0],
-        cos_phi * q + sin_phi * across - s[1],
-        cos_phi * across - sin_phi * q - s[2],
-    ], dtype=_F)  # fmt: skip
+    return np.array(
+        [
+            p - sin_theta * r - s[0],
+            cos_phi * q + sin_phi * across - s[1],
+            cos_phi * across - sin_phi * q - s[2],
+        ],
+        dtype=_F,
+    )
 
 
 def _floor(x: Any) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gustproof.law.form import Law, RateLimit, list_laws, load_law
-from gustproof.law.io.c import CUnit, c_name, c_unit, save_c
+from gustproof.law.io.c import c_name, c_unit, save_c
 from gustproof.law.step import sparse_law, step
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
@@ -167,12 +167,13 @@ def test_self_test_finds_the_bits_of_every_shipped_law_in_strict_builds(build, n
 @pytest.mark.parametrize("place", [0, -1])
 def test_self_test_finds_a_coefficient_that_is_off(place, tmp_path, monkeypatch):
     law = load_law("hinf-scheduled")
-    code, header = c_unit(law)
+    unit = c_unit(law)
+    code = unit.source
     term = list(re.finditer(r"(\d\S*) \* (?:x|rates)\[\d+\]", code[: code.index("_self_test")]))[place]
     off = float(term[1]) * (1.0 + 1e-12)
     monkeypatch.setattr(
         "gustproof.law.io.c.c_unit",
-        lambda *_: CUnit(code[: term.start(1)] + repr(off) + code[term.end(1) :], header),
+        lambda *_args, **_form: unit._replace(source=code[: term.start(1)] + repr(off) + code[term.end(1) :]),
     )
     library = compiled(law, tmp_path, "-Dhinf_scheduled_SELF_TEST")
     assert 0 < CDLL(str(library)).hinf_scheduled_self_test() <= 24

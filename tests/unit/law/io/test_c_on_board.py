@@ -19,8 +19,17 @@ from gustproof.law.resample import resample
 from gustproof.law.step import sparse_law, step
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
-WARNINGS = ["-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Wfloat-equal",
-            "-Wmissing-declarations", "-Werror"]  # fmt: skip
+WARNINGS = [
+    "-pedantic",
+    "-Wall",
+    "-Wextra",
+    "-Wconversion",
+    "-Wshadow",
+    "-Wdouble-promotion",
+    "-Wfloat-equal",
+    "-Wmissing-declarations",
+    "-Werror",
+]
 LANGUAGES = {
     "gcc": ["-std=c99", "-Wmissing-prototypes", "-Wstrict-prototypes"],
     "clang": ["-std=c99", "-Wmissing-prototypes", "-Wstrict-prototypes"],
@@ -198,10 +207,16 @@ def test_a_step_in_time_is_told_from_one_that_is_late_or_early(single, tmp_path)
 
 
 @pytest.mark.parametrize("compiler", LANGUAGES)
-@pytest.mark.parametrize(("name", "form"), [
-    ("aided", {}), ("aided", {"attitude": Attitude.AUTOPILOT}), ("flagship", {"single": True}),
-    ("hinf-rates", {"single": True, "attitude": Attitude.AUTOPILOT}), ("pid-default", {"single": True}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [
+        ("aided", {}),
+        ("aided", {"attitude": Attitude.AUTOPILOT}),
+        ("flagship", {"single": True}),
+        ("hinf-rates", {"single": True, "attitude": Attitude.AUTOPILOT}),
+        ("pid-default", {"single": True}),
+    ],
+)
 def test_the_unit_has_no_warnings_as_c_and_cpp(name, form, compiler, tmp_path):
     if shutil.which(compiler) is None:
         pytest.skip(f"no {compiler}")
@@ -337,10 +352,13 @@ def test_a_unit_states_cost_and_notes_in_its_header():
     assert "Proved * / on paper." in unit.header
 
 
-@pytest.mark.parametrize(("name", "form", "words"), [
-    ("hinf-d1", {"attitude": Attitude.AUTOPILOT}, "is linear"),
-    ("aided", {"single": True}, "reads the accelerometer"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "form", "words"),
+    [
+        ("hinf-d1", {"attitude": Attitude.AUTOPILOT}, "is linear"),
+        ("aided", {"single": True}, "reads the accelerometer"),
+    ],
+)
 def test_forms_that_a_law_does_not_have_are_refused(name, form, words):
     with pytest.raises(ValueError, match=words):
         c_unit(load_law(name), **form)
