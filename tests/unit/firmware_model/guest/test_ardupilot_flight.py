@@ -21,7 +21,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.guest import ardupilot_process
 from firmware_model.guest.__main__ import main
 from firmware_model.guest.ardupilot import encode_answer
-from firmware_model.guest.parameters import read_parameters
+from firmware_model.guest.parameter_files import read_parameters
 from firmware_model.guest.readings import Readings
 from firmware_model.guest.recorder import read_estimates
 from firmware_model.guest.world import World
