@@ -152,9 +152,7 @@ class ArduPilot:
     pilot_port = None
     is_armed = True
 
-    def __init__(
-        self, program: Path, folder: Path, parameters: Mapping[str, str], outputs: tuple[int, int, int, int]
-    ) -> None:
+    def __init__(self, program: Path, folder: Path, parameters: Mapping[str, str], outputs: tuple[int, ...]) -> None:
         self._program, self._folder, self._parameters = program, folder, dict(parameters)
         self.dialect = Dialect(
             wire.MAV_AUTOPILOT_ARDUPILOTMEGA,
