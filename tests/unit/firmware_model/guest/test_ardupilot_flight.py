@@ -245,4 +245,4 @@ def test_build_is_found_in_its_tree(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_shipped_gains_are_read() -> None:
     assert read_parameters("stock", "ardupilot") == {}
-    assert float(read_parameters("tuned", "ardupilot")["ATC_RAT_RLL_P"]) == 1.32
+    assert float(read_parameters("tuned", "ardupilot")["ATC_RAT_RLL_P"]) == 0.36
