@@ -3,6 +3,7 @@
 All ports are free ones of this flight alone, so flights side by side do not meet.
 """
 
+import contextlib
 import os
 import socket
 import struct
@@ -20,7 +21,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.guest.ardupilot import FrameKind, FrameReader, encode_answer, map_outputs
 from firmware_model.guest.child import ChildProcess
 from firmware_model.guest.guest import SAMPLE_RATES_HZ, Dialect, GuestError, GuestOutcome
-from firmware_model.guest.parameters import read_parameters, write_parameters
+from firmware_model.guest.parameter_files import read_parameters, write_parameters
 from firmware_model.guest.readings import Readings
 from firmware_model.mavlink.services.geodesy import ORIGIN_DEG
 from firmware_model.process import udp
@@ -151,9 +152,7 @@ class ArduPilot:
     pilot_port = None
     is_armed = True
 
-    def __init__(
-        self, program: Path, folder: Path, parameters: Mapping[str, str], outputs: tuple[int, int, int, int]
-    ) -> None:
+    def __init__(self, program: Path, folder: Path, parameters: Mapping[str, str], outputs: tuple[int, ...]) -> None:
         self._program, self._folder, self._parameters = program, folder, dict(parameters)
         self.dialect = Dialect(
             wire.MAV_AUTOPILOT_ARDUPILOTMEGA,
@@ -168,6 +167,7 @@ class ArduPilot:
         self._answer = b""
         self._sent_s = self._reply_s = 0.0
         self._replies = 0
+        self._cores: set[int] = set()
 
     def start(self, pilot_port: int) -> None:
         """Start ArduPilot in its folder, and wait for its first frame."""
@@ -179,15 +179,35 @@ class ArduPilot:
         # At sea level, as above it the commands would grow with thinner air, which the rotors here do not feel.
         latitude, longitude = ORIGIN_DEG
         command = [
-            str(self._program), "--model", "JSON:127.0.0.1", "--sim-port-out", str(bound.getsockname()[1]),
-            "--speedup", str(_SPEEDUP), "--home", f"{latitude},{longitude},0,0", "--start-time", str(_START_S),
-            "--defaults", _PARAMETERS_FILE, "--serial0", f"udpclient:127.0.0.1:{pilot_port}",
-            "--serial1", "none:1", "--serial2", "none:2", "--serial4", "none:4", "--rc-in-port", "0",
-        ]  # fmt: skip
+            str(self._program),
+            "--model",
+            "JSON:127.0.0.1",
+            "--sim-port-out",
+            str(bound.getsockname()[1]),
+            "--speedup",
+            str(_SPEEDUP),
+            "--home",
+            f"{latitude},{longitude},0,0",
+            "--start-time",
+            str(_START_S),
+            "--defaults",
+            _PARAMETERS_FILE,
+            "--serial0",
+            f"udpclient:127.0.0.1:{pilot_port}",
+            "--serial1",
+            "none:1",
+            "--serial2",
+            "none:2",
+            "--serial4",
+            "none:4",
+            "--rc-in-port",
+            "0",
+        ]
         try:
             self._process = ChildProcess(command, self._folder, os.environ)
         except OSError as error:
             raise GuestError(GuestOutcome.WRONG_BUILD, f"{command[0]}: {error.strerror}") from None
+        self._share_core(self._process.pid)
         self._accept()
 
     def send(self, readings: Readings) -> None:
@@ -225,6 +245,8 @@ class ArduPilot:
             self._process.close()
         if self._bound is not None:
             self._bound.close()
+        if self._cores:
+            os.sched_setaffinity(0, self._cores)
 
     def facts(self) -> Mapping[str, Any]:
         """Return build, parameters and the mean time of an answer."""
@@ -240,6 +262,18 @@ class ArduPilot:
         if self._bound is None:
             raise RuntimeError("ArduPilot is not started")
         return self._bound
+
+    def _share_core(self, pid: int) -> None:
+        """Pin ArduPilot and this process to one core.
+
+        They alternate, and to wake another core takes longer. On two cores datagrams of two links can also overtake
+        each other, and two flights differ.
+        """
+        with contextlib.suppress(OSError, AttributeError, ValueError):  # a system without this call goes on without it
+            self._cores = os.sched_getaffinity(0)
+            last = Path("/proc/self/stat").read_text(encoding="ascii").rpartition(")")[2].split()[36]
+            for each in (pid, 0):
+                os.sched_setaffinity(each, (int(last),))
 
     def _accept(self) -> None:
         """Wait for the first frame, and take its sender for the only one."""

@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from firmware_model.mavlink.services.geodesy import ORIGIN_DEG, ORIGIN_HEIGHT
-from firmware_model.numerics.compiled import compiled
+from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import normals
 from firmware_model.numerics.random import NAVIGATION_STREAM
 from firmware_model.numerics.rotations import conjugate, rotate
@@ -63,20 +63,17 @@ def read_sensors(loop: VehicleLoop, seed: int, time_us: int) -> Readings:
     imu = loop.observe()
     position, velocity = loop.true_vector("position_N"), loop.true_vector("velocity_N")
     q_NB = loop.q_NB
-    a, b, c, pressure_noise = _normals(seed, NAVIGATION_STREAM, loop.sample, 0)
-    fix, speed = (_normals(seed, NAVIGATION_STREAM, loop.sample, block) for block in (1, 2))
-    to_B = conjugate(q_NB)
-    field, earth_B = rotate(to_B, FIELD_N), rotate(to_B, EARTH_RATE_N)
-    pressure, temperature = atmosphere(ORIGIN_HEIGHT - position[2])
+    gyro, field, air, fix, speed = _measure(imu.gyro_B, position, velocity, q_NB, seed, loop.sample)
+    pressure, temperature = air
     return Readings(
         time_us=time_us,
-        gyro_B=_add_noise(imu.gyro_B, earth_B, (1.0,) * 3),
+        gyro_B=gyro,
         specific_force_B=imu.specific_force_B,
-        field_B=_add_noise(field, (_FIELD_NOISE,) * 3, (a, b, c)),
-        pressure=pressure + _PRESSURE_NOISE * pressure_noise,
+        field_B=field,
+        pressure=pressure,
         temperature=temperature,
-        gps_position_N=_add_noise(position, _POSITION_NOISE, fix[:3]),
-        gps_velocity_N=_add_noise(velocity, _VELOCITY_NOISE, speed[:3]),
+        gps_position_N=fix,
+        gps_velocity_N=speed,
         position_N=position,
         velocity_N=velocity,
         q_NB=q_NB,
@@ -85,17 +82,32 @@ def read_sensors(loop: VehicleLoop, seed: int, time_us: int) -> Readings:
     )
 
 
+@kernel
 def atmosphere(height: float) -> tuple[float, float]:
     """Return pressure [hPa] and temperature [degC] at a height [m] above the sea, ISO 2533, below 11 km."""
     ratio = 1.0 - 0.0065 / 288.15 * height
     return 1013.25 * ratio**5.25588, 15.0 - 0.0065 * height
 
 
-def _add_noise(value: Vector, sigma: Vector, normal: tuple[float, ...]) -> Vector:
-    a, b, c = (v + s * n for v, s, n in zip(value, sigma, normal, strict=True))
-    return a, b, c
+@kernel
+def _add_noise(value: Vector, sigma: Vector, normal: Vector) -> Vector:
+    return value[0] + sigma[0] * normal[0], value[1] + sigma[1] * normal[1], value[2] + sigma[2] * normal[2]
 
 
 @compiled
-def _normals(seed: int, stream: int, sample: int, block: int) -> tuple[float, float, float, float]:
-    return normals(seed, stream, sample, block)
+def _measure(
+    gyro_B: Vector, position_N: Vector, velocity_N: Vector, q_NB: Quaternion, seed: int, sample: int
+) -> tuple[Vector, Vector, tuple[float, float], Vector, Vector]:
+    """Return rates with the turn of the earth, magnetic field, pressure and temperature, and a fix, with noise."""
+    a, b, c, d = normals(seed, NAVIGATION_STREAM, sample, 0)
+    e, f, g, _ = normals(seed, NAVIGATION_STREAM, sample, 1)
+    h, i, j, _ = normals(seed, NAVIGATION_STREAM, sample, 2)
+    to_B = conjugate(q_NB)
+    pressure, temperature = atmosphere(ORIGIN_HEIGHT - position_N[2])
+    return (
+        _add_noise(gyro_B, (1.0, 1.0, 1.0), rotate(to_B, EARTH_RATE_N)),
+        _add_noise(rotate(to_B, FIELD_N), (_FIELD_NOISE, _FIELD_NOISE, _FIELD_NOISE), (a, b, c)),
+        (pressure + _PRESSURE_NOISE * d, temperature),
+        _add_noise(position_N, _POSITION_NOISE, (e, f, g)),
+        _add_noise(velocity_N, _VELOCITY_NOISE, (h, i, j)),
+    )

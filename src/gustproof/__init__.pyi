@@ -69,6 +69,7 @@ from gustproof.scoring.requirements import judge as judge
 from gustproof.simulate.batch import Case as Case
 from gustproof.simulate.batch import fly_many as fly_many
 from gustproof.simulate.direct import fly_direct as fly_direct
+from gustproof.simulate.guest import ForeignAutopilot as ForeignAutopilot
 from gustproof.simulate.loopback import fly_loopback as fly_loopback
 from gustproof.simulate.outcome import FlightOutcome as FlightOutcome
 from gustproof.simulate.processes import fly as fly
