@@ -1,8 +1,8 @@
 """ArduPilot's JSON interface without its sockets: motor outputs in, readings of a sample out.
 
 The autopilot sends a frame and waits for the answer, so a frame is a sample. Its outputs act from the present sample,
-its answer tells the next one. A frame that repeats a count asks for the same answer again. A lower count comes from an
-autopilot that has restarted.
+and its answer tells the next one. A frame that repeats a count asks for the same answer again. A lower count comes
+from an autopilot that has restarted.
 
 References
 ----------

@@ -21,7 +21,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.guest.ardupilot import FrameKind, FrameReader, encode_answer, map_outputs
 from firmware_model.guest.child import ChildProcess
 from firmware_model.guest.guest import SAMPLE_RATES_HZ, Dialect, GuestError, GuestOutcome
-from firmware_model.guest.parameters import read_parameters, write_parameters
+from firmware_model.guest.parameter_files import read_parameters, write_parameters
 from firmware_model.guest.readings import Readings
 from firmware_model.mavlink.services.geodesy import ORIGIN_DEG
 from firmware_model.process import udp
@@ -181,11 +181,30 @@ class ArduPilot:
         # At sea level, as above it the commands would grow with thinner air, which the rotors here do not feel.
         latitude, longitude = ORIGIN_DEG
         command = [
-            str(self._program), "--model", "JSON:127.0.0.1", "--sim-port-out", str(bound.getsockname()[1]),
-            "--speedup", str(_SPEEDUP), "--home", f"{latitude},{longitude},0,0", "--start-time", str(_START_S),
-            "--defaults", _PARAMETERS_FILE, "--serial0", f"udpclient:127.0.0.1:{pilot_port}",
-            "--serial1", "none:1", "--serial2", "none:2", "--serial4", "none:4", "--rc-in-port", "0",
-        ]  # fmt: skip
+            str(self._program),
+            "--model",
+            "JSON:127.0.0.1",
+            "--sim-port-out",
+            str(bound.getsockname()[1]),
+            "--speedup",
+            str(_SPEEDUP),
+            "--home",
+            f"{latitude},{longitude},0,0",
+            "--start-time",
+            str(_START_S),
+            "--defaults",
+            _PARAMETERS_FILE,
+            "--serial0",
+            f"udpclient:127.0.0.1:{pilot_port}",
+            "--serial1",
+            "none:1",
+            "--serial2",
+            "none:2",
+            "--serial4",
+            "none:4",
+            "--rc-in-port",
+            "0",
+        ]
         try:
             self._process = ChildProcess(command, self._folder, os.environ)
         except OSError as error:

@@ -41,8 +41,8 @@ _PROBE_SHARE = 0.8  # of the torque's direction: axes that are crossed by more b
 class GuestFlight:
     """One flight of a guest in a world: `prepare`, then `fly`.
 
-    `exchange` carries the pilot's datagrams, called with the world's time [us], and True if it is to wait until they
-    have arrived: then two flights get the same set-point at the same sample. `estimate` gets each attitude estimate
+    `exchange` carries the pilot's datagrams, called with the world's time [us]. With True it waits until they have
+    arrived: then two flights get the same set-point at the same sample. `estimate` gets each attitude estimate
     of the scenario, on the scenario's clock.
     """
 

@@ -1,4 +1,8 @@
-"""PX4 in a process of its own: its build, its parameters for the vehicle file, its ports."""
+"""PX4 in a process of its own: its build, its parameters for the vehicle file, its ports.
+
+Tried with PX4's main branch of February 2025. In lockstep two flights get the same bytes, and give the same ones back
+until PX4 arms: the thread that arms it does not wait for the sample, so that it may come a sample later.
+"""
 
 import os
 import socket
@@ -15,7 +19,7 @@ from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.child import ChildProcess
 from firmware_model.guest.guest import Dialect, GuestError, GuestOutcome
-from firmware_model.guest.parameters import read_parameters, write_parameters
+from firmware_model.guest.parameter_files import read_parameters, write_parameters
 from firmware_model.guest.px4 import SimulatorLink
 from firmware_model.guest.readings import Readings
 

@@ -29,15 +29,15 @@ def compare(
 ) -> None:
     """Fly a real autopilot's own loops and a law of ours in the same gusts, and print one table.
 
-    The table shows medians over the seeds: the attitude error with and without each axis' mean, the error that the
-    autopilot sees itself, and the torque slew that it costs.
+    The table shows medians over the seeds: the attitude error with and without each axis' mean, and its torque slew.
+    Another column is the error that the autopilot sees itself.
 
         gustproof compare paper-turbulence --autopilot px4 --build PX4-Autopilot --inside PX4-with-flagship
     """
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.cli.fly import load_script
     from gustproof.law.form import load_law
-    from gustproof.report.comparison import render_comparison
+    from gustproof.report.contest import render_comparison
     from gustproof.report.terminal import show
     from gustproof.simulate.comparison import compare as fly_all
     from gustproof.simulate.guest import ForeignAutopilot

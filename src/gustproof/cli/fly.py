@@ -105,17 +105,16 @@ def fly(
     from gustproof.simulate.outcome import FlightOutcome
 
     table_run = _find_run(context, run, scenario, law) if run and not repeat else None
-    plan: FlightPlan | GuestPlan
     if table_run:
         plan = table_run.plan
     elif repeat:
         plan = _load_plan(context, repeat)
-    elif autopilot is None:
-        refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
-        plan = _make_plan(load_script(scenario, free=free), law, vehicle, seed, real_time, anyway)
-    else:
+    elif autopilot:
         chosen = ForeignAutopilot(kind=autopilot, build=build, parameters=params, law=law or "", instance=instance)
         plan = GuestPlan(load_script(scenario, free=free), chosen, load_vehicle(vehicle), seed, real_time)
+    else:
+        refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
+        plan = _make_plan(load_script(scenario, free=free), law, vehicle, seed, real_time, anyway)
     folder = make_run_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)

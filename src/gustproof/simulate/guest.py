@@ -70,9 +70,13 @@ class ForeignAutopilot:
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON values, input of `parse_autopilot`."""
         return {
-            "autopilot": self.kind, "name": self.name, "build": self.build, "parameters": self.parameters,
-            "law": self.law, "instance": self.instance,
-        }  # fmt: skip
+            "autopilot": self.kind,
+            "name": self.name,
+            "build": self.build,
+            "parameters": self.parameters,
+            "law": self.law,
+            "instance": self.instance,
+        }
 
 
 class GuestPlan(NamedTuple):
@@ -183,10 +187,18 @@ def fly_guest(
     outcome = FlightOutcome[GuestOutcome(facts["outcome"]).name]
     flown = f"{plan.scenario.name}, {plan.autopilot.name}, seed {plan.seed}: {outcome.value}"
     return Flight(
-        scenario=plan.scenario, law=None, vehicle=plan.vehicle, seed=plan.seed, records=records, outcome=outcome,
-        message=f"{flown} ({facts['reason']})" if facts["reason"] else flown, realtime_factor=facts["realtime_factor"],
-        journal=journal, autopilot={**plan.autopilot.to_dict(), "flown": facts["autopilot"]}, estimates=estimates,
-    )  # fmt: skip
+        scenario=plan.scenario,
+        law=None,
+        vehicle=plan.vehicle,
+        seed=plan.seed,
+        records=records,
+        outcome=outcome,
+        message=f"{flown} ({facts['reason']})" if facts["reason"] else flown,
+        realtime_factor=facts["realtime_factor"],
+        journal=journal,
+        autopilot={**plan.autopilot.to_dict(), "flown": facts["autopilot"]},
+        estimates=estimates,
+    )
 
 
 def _write_inputs(plan: GuestPlan, inputs: Path, journal: Path, folder: Path) -> list[str]:
@@ -234,8 +246,13 @@ def _watch(
             terminate(process)
         finally:
             terminate(process)
-        printed = process.stdout.read().splitlines() if process.stdout else []
-        said = process.stderr.read().strip().splitlines() if process.stderr else []
+        return _read_facts(process)
+
+
+def _read_facts(process: subprocess.Popen[str]) -> Mapping[str, Any]:
+    """Return the facts that an ended process printed last, or its end if it printed none."""
+    printed = process.stdout.read().splitlines() if process.stdout else []
+    said = process.stderr.read().strip().splitlines() if process.stderr else []
     if process.returncode == _BAD_INPUT:
         raise ConfigError(said[-1].removeprefix("guest: ") if said else "the autopilot's process did not start")
     if printed:

@@ -6,6 +6,7 @@ from html import escape
 from typing import Any
 
 from gustproof.analysis.analyse import pole_pairs
+from gustproof.law.form import Law
 from gustproof.report.html.loops import ReportLaw
 from gustproof.report.html.markup import render_table
 from gustproof.report.html.runs import ReportRun
@@ -40,7 +41,7 @@ def render_flights(runs: Sequence[ReportRun]) -> str:
 
 def _facts(runs: Sequence[ReportRun]) -> list[tuple[str, list[str]]]:
     return [
-        ("law", [f"{run.law.name}, {run.law.order} states" if run.law else "" for run in runs]),
+        ("law", [_describe_law(run.law) for run in runs]),
         ("made by", [run.law.provenance.design if run.law else "" for run in runs]),
         ("autopilot", [_describe_autopilot(run.autopilot) for run in runs]),
         ("scenario", [run.scenario.name for run in runs]),
@@ -52,6 +53,10 @@ def _facts(runs: Sequence[ReportRun]) -> list[tuple[str, list[str]]]:
     ]
 
 
+def _describe_law(law: Law | None) -> str:
+    return "" if law is None else f"{law.name}, {law.order} states"
+
+
 def _describe_autopilot(facts: Mapping[str, Any] | None) -> str:
     if facts is None:
         return ""
@@ -60,12 +65,16 @@ def _describe_autopilot(facts: Mapping[str, Any] | None) -> str:
     return f"{said}, law '{law}' inside" if law else said
 
 
+def _own_views(runs: Sequence[ReportRun]) -> Iterator[tuple[str, Sequence[str]]]:
+    for name, label in _OWN_VIEW.items():
+        values = [getattr(run.own_view, name, math.nan) for run in runs]
+        yield f"{label} [deg]", ["" if math.isnan(value) else format_number(value) for value in values]
+
+
 def _figures(runs: Sequence[ReportRun]) -> Iterator[tuple[str, Sequence[str]]]:
     for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs) if run.metrics}):
         yield f"{label} [{unit}]" if unit else label, cells
-    for name, label in _OWN_VIEW.items():
-        values = [None if run.own_view is None else getattr(run.own_view, name) for run in runs]
-        yield f"{label} [deg]", ["" if value is None else format_number(value) for value in values]
+    yield from _own_views(runs)
     for name, label in _PACE.items():
         yield label, [str((run.timing or {}).get(name, "")) for run in runs]
 

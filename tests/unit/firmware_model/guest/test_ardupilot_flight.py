@@ -21,7 +21,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.guest import ardupilot_process
 from firmware_model.guest.__main__ import main
 from firmware_model.guest.ardupilot import encode_answer
-from firmware_model.guest.parameters import read_parameters
+from firmware_model.guest.parameter_files import read_parameters
 from firmware_model.guest.readings import Readings
 from firmware_model.guest.recorder import read_estimates
 from firmware_model.guest.world import World
@@ -245,4 +245,4 @@ def test_build_is_found_in_its_tree(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_shipped_gains_are_read() -> None:
     assert read_parameters("stock", "ardupilot") == {}
-    assert float(read_parameters("tuned", "ardupilot")["ATC_RAT_RLL_P"]) == 1.32
+    assert float(read_parameters("tuned", "ardupilot")["ATC_RAT_RLL_P"]) == 0.36

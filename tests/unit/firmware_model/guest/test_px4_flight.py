@@ -22,7 +22,7 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest import px4_process
 from firmware_model.guest.__main__ import main
-from firmware_model.guest.parameters import read_parameters
+from firmware_model.guest.parameter_files import read_parameters
 from firmware_model.guest.px4 import SimulatorLink
 from firmware_model.guest.readings import Readings
 from firmware_model.guest.recorder import read_estimates

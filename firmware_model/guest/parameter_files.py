@@ -34,17 +34,21 @@ def read_parameters(name_or_path: str, autopilot: str) -> dict[str, str]:
         raise ConfigError(f"{path}: {error.strerror}") from None
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
-    values = {}
+    values: dict[str, str] = {}
     for number, line in enumerate(text.splitlines(), 1):
-        words = re.split(r"[\s,=]+", line.partition("#")[0].strip())
-        if words == [""]:
-            continue
-        if len(words) == 5 and words[0].isdigit() and words[1].isdigit():
-            words = words[2:4]
-        if len(words) != 2 or not (_NAME.fullmatch(words[0]) and _NUMBER.fullmatch(words[1])):
+        words = _split(line)
+        if words and not (len(words) == 2 and _NAME.fullmatch(words[0]) and _NUMBER.fullmatch(words[1])):
             raise ConfigError(f"{path}: line {number}: '{sanitize_line(line)}' is no name and value of a parameter")
-        values[words[0]] = words[1]
+        values |= {words[0]: words[1]} if words else {}
     return values
+
+
+def _split(line: str) -> list[str]:
+    """Return name and value of a line, no words of an empty one, and all words of any other."""
+    words = re.split(r"[\s,=]+", line.partition("#")[0].strip())
+    if len(words) == 5 and words[0].isdigit() and words[1].isdigit():
+        return words[2:4]
+    return [word for word in words if word]
 
 
 def write_parameters(values: Mapping[str, str], path: Path, form: str) -> None:
