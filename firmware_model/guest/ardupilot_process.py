@@ -35,6 +35,8 @@ _START_S = 1_700_000_000  # its Unix time at start: the same in each flight
 _SPEEDUP = 1000  # times real time at most; it never gets there
 _FRAME = 128  # [bytes] above the largest
 _START_TIMEOUT_S, _HUNG_S, _WAIT_S = 30.0, 10.0, 0.5
+# A frame that repeats sooner was sent while this process was late: a second answer would stay one ahead for ever.
+_LOST_S = 0.5
 
 _CHECK_OF_INERTIAL_SENSORS = 16
 # Offsets of 0 count as not calibrated, other ones as those of a second accelerometer.
@@ -236,7 +238,7 @@ class ArduPilot:
                 return frame.rotors
             if frame.kind is FrameKind.RESTARTED:
                 raise GuestError(GuestOutcome.KILLED, "ArduPilot started anew: its count of frames went back")
-            if frame.kind is FrameKind.REPEATED:
+            if frame.kind is FrameKind.REPEATED and time.monotonic() - self._sent_s > _LOST_S:
                 self._send()
 
     def close(self) -> None:
