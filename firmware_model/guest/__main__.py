@@ -36,7 +36,7 @@ from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import LevelFlight
 
 _EXIT_FAILED, _EXIT_BAD_INPUT = 3, 2
-_ARRIVAL_S = 0.001  # a datagram on this machine has reached its reader by then, unless the machine is busy
+_COMMAND_WAITS = 20
 _MAX_DATAGRAM = 65_535  # bytes
 _DATAGRAMS = 1000  # of one exchange at most; a flood must not stop the flight
 
@@ -99,7 +99,7 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> d
             world,
             vehicle,
             scenario,
-            exchange=_exchanger(endpoint, bound, 0.0 if options.real_time else _ARRIVAL_S),
+            exchange=_exchanger(endpoint, bound, 0.0 if options.real_time else guest.arrival_s),
             estimate=estimates.append,
             wait=_pacer() if options.real_time else lambda _: None,
         )
@@ -148,7 +148,7 @@ def _exchanger(endpoint: udp.Endpoint, bound: socket.socket, wait_s: float) -> C
     """
 
     def exchange(now_us: int, waits: bool) -> None:
-        if waits:
+        if waits and wait_s:
             time.sleep(wait_s)
         for _ in range(_DATAGRAMS):
             try:
@@ -158,11 +158,12 @@ def _exchanger(endpoint: udp.Endpoint, bound: socket.socket, wait_s: float) -> C
             except OSError:  # an ICMP error for an earlier datagram
                 continue
             endpoint.receive(datagram, (0, address), now_us)
-        for datagram, (_, peer) in endpoint.poll(now_us):
+        sent = endpoint.poll(now_us)
+        for datagram, (_, peer) in sent:
             with contextlib.suppress(OSError):
                 bound.sendto(datagram, peer)
-        if waits:
-            time.sleep(wait_s)
+        if waits and wait_s:  # a command wakes several threads of the guest, a set-point one
+            time.sleep(wait_s if len(sent) < 2 else _COMMAND_WAITS * wait_s)
 
     return exchange
 

@@ -35,6 +35,9 @@ _SPEEDUP = 1000  # times real time at most; it never gets there
 _FRAME = 128  # [bytes] above the largest
 _START_TIMEOUT_S, _HUNG_S, _WAIT_S = 30.0, 10.0, 0.5
 
+_CHECK_OF_INERTIAL_SENSORS = 16
+# Offsets of 0 count as not calibrated, other ones as those of a second accelerometer.
+_CALIBRATION = {"OFFS": "0.001", "SCAL": "1", "2OFFS": "0", "2SCAL": "1"}
 # Not of the vehicle. One sensor of each kind, as there is one; no battery, sticks or log, and no timers on the ground.
 _OPERATION = {
     "FRAME_CLASS": "1",
@@ -43,6 +46,7 @@ _OPERATION = {
     "SIM_RATE_HZ": str(_RATE_HZ),
     "SIM_DRIFT_SPEED": "0",  # no gyro drift but the scenario's; .04 deg/s of noise of its own stays
     "INS_ENABLE_MASK": "1",
+    **{f"INS_ACC{name}_{axis}": value for name, value in _CALIBRATION.items() for axis in "XYZ"},
     "EK3_IMU_MASK": "1",
     "COMPASS_USE2": "0",
     "COMPASS_USE3": "0",
@@ -62,6 +66,9 @@ _OPERATION = {
     "MOT_SPIN_MAX": "0.95",
     "MOT_HOVER_LEARN": "0",
     "GUID_OPTIONS": "8",  # the thrust of a set-point is thrust, not rate of climb
+    # It asks for two samples of the gyro in each pass of its loop. The second name is that of later versions.
+    "ARMING_CHECK": str((1 << 21) - 2 - _CHECK_OF_INERTIAL_SENSORS),
+    "ARMING_SKIPCHK": str(_CHECK_OF_INERTIAL_SENSORS),
     "DISARM_DELAY": "0",
     "FS_THR_ENABLE": "0",
     "LOG_BACKEND_TYPE": "0",
@@ -105,7 +112,7 @@ def find_build(given: Path | None) -> Path:
     ConfigError
         If there is none.
     """
-    stated = os.environ.get("GUSTPROOF_ARDUPILOT")
+    stated = os.environ.get("ARDUPILOT_BUILD")
     places = [given] if given else [Path(stated)] if stated else [Path(each).expanduser() for each in _USUAL_PLACES]
     for place in places:
         for program in _PROGRAMS:
@@ -114,7 +121,7 @@ def find_build(given: Path | None) -> Path:
     looked = ", ".join(map(str, places))
     raise ConfigError(
         f"{looked}: no ArduCopter built for simulation (build/sitl/bin/arducopter): give --build, or set "
-        "GUSTPROOF_ARDUPILOT"
+        "ARDUPILOT_BUILD"
     )
 
 
@@ -136,7 +143,10 @@ class ArduPilot:
     """ArduPilot as a guest; see `Guest`. `outputs` holds the number of each rotor's output, from 0."""
 
     name = "ArduPilot"
+    warm_up_s = 0.0
     arming_timeout_s = 120.0
+    warm_up_s = 0.0  # its own checks ask for a settled estimator
+    arrival_s = 0.0  # it reads its link in its loop
     system = 1
     pilot_port = None
     is_armed = True

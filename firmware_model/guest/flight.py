@@ -33,6 +33,7 @@ _CLIMB_TIME_S = 30.0  # and a second for each metre
 _RATE_OF_CLIMB = (-1.5, 2.0)  # [m/s]
 _HEIGHT_P, _CLIMB_P, _CLIMB_I = 1.0, 3.0, 1.0  # [1/s], [1/s], [1/s^2]
 _DECISION_US = 1_000_000  # between two looks at mode and arming: wall time may shift them by less than that
+_SPIN_UP_TIMEOUT_S, _SPIN_UP_SHARE = 10.0, 0.9
 _PROBE_S, _PROBE_ANGLE = 0.2, math.radians(4.0)
 _PROBE_SHARE = 0.8  # of the torque's direction: axes that are crossed by more belong to another geometry
 
@@ -109,7 +110,7 @@ class GuestFlight:
         """Wait for the guest, send it set-points, set its mode, and arm it."""
         pilot, until_us = self._pilot, round(1e6 * self._guest.arming_timeout_s)
         while self._world.time_us % _DECISION_US or not (pilot.is_armed and pilot.is_in_mode and self._guest.is_armed):
-            pilot.wants_flight = pilot.autopilot is not None
+            pilot.wants_flight = pilot.autopilot is not None and self._world.time_us >= 1e6 * self._guest.warm_up_s
             self._step()
             if pilot.autopilot not in (None, self._guest.dialect.autopilot):
                 raise GuestError(
@@ -122,6 +123,7 @@ class GuestFlight:
 
     def _probe(self) -> None:
         """Compare the torques of the rotors with those of small set-points about each axis, in the clamp."""
+        self._spin_up()
         self._hold(1.0)
         for axis, name in enumerate(("roll", "pitch", "yaw")):
             torque = np.zeros(3)
@@ -135,6 +137,16 @@ class GuestFlight:
                 L, M, N = torque.tolist()
                 said = f"a set-point in {name} gave torques of {L:.2f}, {M:.2f}, {N:.2f} N m"
                 raise GuestError(GuestOutcome.WRONG_GEOMETRY, said)
+
+    def _spin_up(self) -> None:
+        """Wait until the rotors give about the thrust of the set-point."""
+        until_us, hover = self._world.time_us + round(1e6 * _SPIN_UP_TIMEOUT_S), self._height.hover
+        while (thrust := sum(self._rotors) / 4.0) < _SPIN_UP_SHARE * hover:
+            self._step()
+            self._check()
+            if self._world.time_us > until_us:
+                said = f"armed, but its rotors give {thrust:.2f} of their largest thrust, where {hover:.2f} is set"
+                raise GuestError(GuestOutcome.NOT_ARMED, f"{said}: {describe_refusals(self._pilot)}")
 
     def _hold(self, seconds: float) -> NDArray[np.float64]:
         """Hold the set-point for a time, and return the last torque [N*m] of the rotors."""

@@ -81,6 +81,10 @@ class Guest(Protocol):
     """Name for users, such as PX4."""
     dialect: Dialect
     """Its words over MAVLink."""
+    warm_up_s: float
+    """[s] of its own time at rest until it is asked to arm: its estimator has settled by then."""
+    arrival_s: float
+    """[s] until a datagram on this machine has woken its reader; 0 if it reads its link in step with the samples."""
     arming_timeout_s: float
     """[s] of its own time from start until it has to be armed."""
 

@@ -48,6 +48,11 @@ _OPERATION = {
     "COM_LOW_BAT_ACT": "0",
     "CBRK_SUPPLY_CHK": "894281",
     "SDLOG_MODE": "-1",
+    # One estimator on the one set of sensors: with several, which one PX4 reads depends on its threads.
+    "EKF2_MULTI_IMU": "0",
+    "EKF2_MULTI_MAG": "0",
+    "SENS_IMU_MODE": "1",
+    "SENS_MAG_MODE": "1",
 }
 _PARAMETERS_FILE, _LINKS_FILE = "px4-rc.params", "px4-rc.mavlink"  # PX4's start script looks for these in its path
 
@@ -106,7 +111,9 @@ class Px4:
     """PX4 as a guest; see `Guest`. `start_lines` of its start script follow those of its links."""
 
     name = "PX4"
+    warm_up_s = 20.0
     arming_timeout_s = 60.0
+    arrival_s = 0.001  # unless the machine is busy
 
     def __init__(
         self, build: Path, folder: Path, parameters: Mapping[str, str], instance: int | None, *, real_time: bool

@@ -6,6 +6,7 @@ from gustproof.cli.analyse import analyse
 from gustproof.cli.audit import audit
 from gustproof.cli.campaign import campaign
 from gustproof.cli.certify import certify
+from gustproof.cli.compare import compare
 from gustproof.cli.design import design
 from gustproof.cli.export import export
 from gustproof.cli.failures import OneLineErrors
@@ -37,6 +38,7 @@ app.add_typer(scenario, name="scenario")
 app.command()(fly)
 app.command()(recover)
 app.command()(campaign)
+app.command()(compare)
 app.command()(certify)
 app.command()(worst_case)
 app.command()(report)

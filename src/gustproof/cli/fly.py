@@ -113,11 +113,11 @@ def fly(
         plan = _load_plan(context, repeat)
     elif autopilot is None:
         refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
-        plan = _make_plan(_load_script(scenario, free=free), law, vehicle, seed, real_time, anyway)
+        plan = _make_plan(load_script(scenario, free=free), law, vehicle, seed, real_time, anyway)
     else:
         chosen = ForeignAutopilot(kind=autopilot, build=build, parameters=params, law=law or "", instance=instance)
         paced = real_time or chosen.kind in WITHOUT_LOCKSTEP
-        plan = GuestPlan(_load_script(scenario, free=free), chosen, load_vehicle(vehicle), seed, paced)
+        plan = GuestPlan(load_script(scenario, free=free), chosen, load_vehicle(vehicle), seed, paced)
     folder = make_run_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
@@ -186,7 +186,7 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool
     return result
 
 
-def _load_script(scenario: str | None, *, free: bool) -> "Scenario":
+def load_script(scenario: str | None, *, free: bool) -> "Scenario":
     """Return the scenario, in free flight if `free`; its name then says so."""
     from dataclasses import replace
 

@@ -56,7 +56,7 @@ class Flight:
     journal: Path | None = None
     """Journal file; `None` once a bag has replaced it."""
     autopilot: Mapping[str, Any] | None = None
-    """Facts of the real autopilot that flew: kind, name, version, build, parameters; `None` for our own."""
+    """Plan and facts of the real autopilot that flew: kind, version, build, parameters; `None` for our own."""
     estimates: Records | None = None
     """(n,) attitudes as a real autopilot told them, see `firmware_model.guest.recorder`; `None` for our own."""
     bag: Path | None = None

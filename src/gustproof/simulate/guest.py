@@ -185,7 +185,7 @@ def fly_guest(
     return Flight(
         scenario=plan.scenario, law=None, vehicle=plan.vehicle, seed=plan.seed, records=records, outcome=outcome,
         message=f"{flown} ({facts['reason']})" if facts["reason"] else flown, realtime_factor=facts["realtime_factor"],
-        journal=journal, autopilot={**plan.autopilot.to_dict(), **facts["autopilot"]}, estimates=estimates,
+        journal=journal, autopilot={**plan.autopilot.to_dict(), "flown": facts["autopilot"]}, estimates=estimates,
     )  # fmt: skip
 
 

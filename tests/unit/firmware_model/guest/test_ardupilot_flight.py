@@ -1,6 +1,10 @@
-"""Flights of a stand-in for ArduCopter that checks every field, and its ends by their names."""
+"""Flights of a stand-in for ArduCopter that checks every field, and its ends by their names.
+
+With GUSTPROOF_ARDUPILOT, a build of ArduCopter for simulation, the flights to the end are flown by the real one too.
+"""
 
 import json
+import os
 from argparse import Namespace
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -24,6 +28,8 @@ from firmware_model.guest.world import World
 from firmware_model.recording.journal import read_journal
 
 PEER = Path(__file__).parent
+REAL = os.environ.get("GUSTPROOF_ARDUPILOT", "")
+real = pytest.mark.skipif(not REAL, reason="GUSTPROOF_ARDUPILOT names no build of ArduCopter")
 SCRIPT = """
 description = "a short gust"
 duration_s = 1.0
@@ -34,22 +40,24 @@ translation = "{translation}"
 [[wind]]
 kind = "dryden"
 wind_speed_20ft_mps = 10.0
-{more}
 """
 
 
 @pytest.fixture(autouse=True)
-def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+def _impatient(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    if "real" in request.node.name:
+        return
     monkeypatch.setattr(ardupilot_process, "_HUNG_S", 1.0)
     monkeypatch.setattr(ardupilot_process.ArduPilot, "arming_timeout_s", 3.5)
 
 
 def fly(
-    folder: Path, capsys: pytest.CaptureFixture[str], *options: str, translation: str = "held", more: str = ""
+    folder: Path, capsys: pytest.CaptureFixture[str], *options: str, translation: str = "held", build: str = str(PEER)
 ) -> dict[str, Any]:
-    (folder / "short.toml").write_text(SCRIPT.format(translation=translation, more=more))
+    folder.mkdir(exist_ok=True)
+    (folder / "short.toml").write_text(SCRIPT.format(translation=translation))
     status = main(
-        ["--autopilot", "ardupilot", "--build", str(PEER), "--folder", str(folder / "run"), "--vehicle", "paper",
+        ["--autopilot", "ardupilot", "--build", build, "--folder", str(folder / "run"), "--vehicle", "paper",
          "--scenario", str(folder / "short.toml"), "--journal", str(folder / "flight.journal"), *options]
     )  # fmt: skip
     facts: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -85,6 +93,22 @@ def test_peer_finds_no_fault_and_flies_the_scenario(
     assert float(np.max(np.abs(records["omega_B"]))) < 1.0
     estimates = read_estimates(tmp_path / "flight.attitude")
     assert len(estimates) in range(48, 52)
+
+
+@real
+@pytest.mark.compiled
+@pytest.mark.parametrize("translation", ["held", "free"])
+def test_real_ardupilot_holds_the_attitude_and_repeats_its_flight(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], translation: str
+) -> None:
+    flights = []
+    for name in ("first", "second"):
+        facts = fly(tmp_path / name, capsys, "--params", "tuned", translation=translation, build=REAL)
+        assert (facts["outcome"], facts["reason"], facts["samples"]) == ("done", "", 400)
+        flights.append(read_journal(tmp_path / name / "flight.journal")[1])
+    tilt = 2.0 * np.hypot(flights[0]["q_NB"][:, 1], flights[0]["q_NB"][:, 2])
+    assert 1e-5 < float(np.sqrt(np.mean(tilt**2))) < np.radians(0.5)
+    assert flights[0].tobytes() == flights[1].tobytes()
 
 
 def negate(vector: tuple[float, ...]) -> tuple[float, ...]:
@@ -181,7 +205,7 @@ def test_program_that_is_not_one_is_told(tmp_path: Path, capsys: pytest.CaptureF
     build = tmp_path / "arducopter"
     build.write_text("not a program")
     build.chmod(0o700)
-    facts = fly(tmp_path, capsys, "--build", str(build))
+    facts = fly(tmp_path, capsys, build=str(build))
     assert (facts["outcome"], facts["samples"]) == ("wrong_build", 0)
     assert "Exec format error" in facts["reason"]
 
@@ -215,7 +239,7 @@ def test_build_is_found_in_its_tree(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         ardupilot_process.find_build(tmp_path)
     program.chmod(0o700)
     assert ardupilot_process.find_build(tmp_path) == program.resolve()
-    monkeypatch.setenv("GUSTPROOF_ARDUPILOT", str(tmp_path))
+    monkeypatch.setenv("ARDUPILOT_BUILD", str(tmp_path))
     assert ardupilot_process.find_build(None) == program.resolve()
 
 

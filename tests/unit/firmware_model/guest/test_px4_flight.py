@@ -61,6 +61,7 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(px4_process, "_BOOT_REPLY_S", 0.02)
     monkeypatch.setattr(px4_process, "_HUNG_S", 1.0)
     monkeypatch.setattr(px4_process, "_CONNECT_TIMEOUT_S", 2.0)
+    monkeypatch.setattr(px4_process.Px4, "warm_up_s", 0.0)
     monkeypatch.setattr(px4_process.Px4, "arming_timeout_s", 3.5)
 
 
