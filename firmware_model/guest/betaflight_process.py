@@ -155,6 +155,7 @@ class Betaflight:
     name = "Betaflight"
     dialect = betaflight.DIALECT
     arming_timeout_s = 30.0
+    warm_up_s = arrival_s = 0.0
     system = 0
 
     def __init__(self, binary: Path, folder: Path, commands: Sequence[str]) -> None:
