@@ -24,12 +24,22 @@ from gustproof.audit.simulator import Air, Motion, NotReachable, Simulator
 from gustproof.audit.turbulence import expected_turbulence
 
 _PARAMETERS = {
-    "FRAME_CLASS": 1, "FRAME_TYPE": 1, "ARMING_CHECK": 0, "DISARM_DELAY": 0, "FS_THR_ENABLE": 0, "LOG_BACKEND_TYPE": 0,
+    "FRAME_CLASS": 1,
+    "FRAME_TYPE": 1,
+    "ARMING_CHECK": 0,
+    "DISARM_DELAY": 0,
+    "FS_THR_ENABLE": 0,
+    "LOG_BACKEND_TYPE": 0,
     "RC_OVERRIDE_TIME": -1,  # the sticks come at the pace of the clock, its time runs faster
-    "SIM_WIND_TC": 0.1, "SIM_WIND_T": 2,  # the same wind at all heights
-    "SIM_MAG1_OFS_X": 5, "SIM_MAG1_OFS_Y": 5, "SIM_MAG1_OFS_Z": 5,  # a compass without offsets is not calibrated
-    "COMPASS_OFS_X": 5, "COMPASS_OFS_Y": 5, "COMPASS_OFS_Z": 5,
-}  # fmt: skip
+    "SIM_WIND_TC": 0.1,
+    "SIM_WIND_T": 2,  # the same wind at all heights
+    "SIM_MAG1_OFS_X": 5,
+    "SIM_MAG1_OFS_Y": 5,
+    "SIM_MAG1_OFS_Z": 5,  # a compass without offsets is not calibrated
+    "COMPASS_OFS_X": 5,
+    "COMPASS_OFS_Y": 5,
+    "COMPASS_OFS_Z": 5,
+}
 _ALT_HOLD, _GUIDED = 2, 4
 _CENTRE, _UNUSED = 1500, 65535
 _PERIOD_US, _HEIGHT = 20_000, 20.0
@@ -94,10 +104,27 @@ class ArduPilotQuad(Simulator):
         (folder / "audit.parm").write_text("".join(f"{name} {value}\n" for name, value in values.items()))
         port = self._socket.getsockname()[1]
         command = [
-            str(self._program), "-w", "--model", "quad", "--speedup", str(_SPEEDUP), "--defaults", "audit.parm",
-            "--home", "47.397742,8.545594,0,0", "--serial0", f"udpclient:127.0.0.1:{port}",
-            "--serial1", "none:1", "--serial2", "none:2", "--serial4", "none:4", "--rc-in-port", "0",
-        ]  # fmt: skip
+            str(self._program),
+            "-w",
+            "--model",
+            "quad",
+            "--speedup",
+            str(_SPEEDUP),
+            "--defaults",
+            "audit.parm",
+            "--home",
+            "47.397742,8.545594,0,0",
+            "--serial0",
+            f"udpclient:127.0.0.1:{port}",
+            "--serial1",
+            "none:1",
+            "--serial2",
+            "none:2",
+            "--serial4",
+            "none:4",
+            "--rc-in-port",
+            "0",
+        ]
         self._process = ChildProcess(command, folder, os.environ)
         self._wait(lambda: "HEARTBEAT" in self._heard, "heartbeat")
         self._command(wire.MAV_CMD_SET_MESSAGE_INTERVAL, wire.MAVLINK_MSG_ID_SIM_STATE, _PERIOD_US)

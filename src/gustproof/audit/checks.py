@@ -1,7 +1,7 @@
 """Deterministic tests of a simulator's physics, each against what it states of itself or what a standard says.
 
-Every flight begins in a chosen state and lasts a fraction of a second, so that laws of motion can be read off before
-drag and attitude change them. An acceleration is extrapolated to the first instant from two spans.
+Every flight begins in a chosen state and lasts a fraction of a second, before drag and attitude change the motion. An
+acceleration is extrapolated to the first instant from two spans.
 """
 
 from collections.abc import Callable, Iterator
