@@ -48,12 +48,13 @@ class Row:
     expected: str
     """Value that it should have; for what is not reachable the reason."""
     found: tuple[float, ...]
-    """Values that were measured, in the unit of the quantity."""
+    """[unit of the quantity] Values that were measured."""
     tolerance: str
     """Allowed difference."""
     source: str
     """Law, standard or statement that the expected value is from."""
     verdict: Verdict
+    """Result."""
 
 
 def audit(simulator: Simulator) -> list[Row]:
