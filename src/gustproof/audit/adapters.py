@@ -4,13 +4,16 @@ import importlib.util
 from pathlib import Path
 
 from firmware_model.errors import ConfigError
+from gustproof.audit.ardupilot import ArduPilotQuad
 from gustproof.audit.own import OwnSimulator
 from gustproof.audit.rotorpy import load_rotorpy
 from gustproof.audit.simulator import Simulator
 
 
-def load_simulator(name: str) -> Simulator:
+def load_simulator(name: str, build: Path | None = None) -> Simulator:
     """Return the adapter of a known simulator, or the one that `make_simulator()` of a Python file makes.
+
+    `build` is the folder of an autopilot's build; without it the usual places are looked at.
 
     Raises
     ------
@@ -21,9 +24,11 @@ def load_simulator(name: str) -> Simulator:
         return OwnSimulator()
     if name == "rotorpy":
         return load_rotorpy()
+    if name == "ardupilot":
+        return ArduPilotQuad(build)
     path = Path(name)
     if path.suffix != ".py":
-        raise ConfigError(f"audit '{name}': must be own, rotorpy or a Python file with make_simulator()")
+        raise ConfigError(f"audit '{name}': must be own, rotorpy, ardupilot or a Python file with make_simulator()")
     if not path.is_file():
         raise ConfigError(f"{path}: no such file")
     return _load_file(path)

@@ -1,7 +1,7 @@
 """Deterministic tests of a simulator's physics, each against what it states of itself or what a standard says.
 
-Every flight begins in a chosen state and lasts a fraction of a second, so that laws of motion can be read off before
-drag and attitude change them. An acceleration is extrapolated to the first instant from two spans.
+Every flight begins in a chosen state and lasts a fraction of a second, before drag and attitude change the motion. An
+acceleration is extrapolated to the first instant from two spans.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,6 +19,7 @@ from gustproof.audit.turbulence import TURBULENT, chance_deviation, estimate_tur
 
 _DT = 0.004  # [s] step of the flights
 _COARSE_DT, _FINE_DT = 0.02, 0.004  # [s] steps of the two turbulence records
+_FLIGHT_STEPS, _FLIGHT_TIME = (0.005, 0.00125), 120.0  # [s] of level flights, where no record of the wind is had
 _SAMPLES = 50_000  # of a turbulence record
 _SPAN = 2  # [steps] the shorter of the two spans of an extrapolation
 _STEP = 0.05  # [-] change of a rotor command, small beside hover
@@ -47,23 +48,25 @@ class Row:
     expected: str
     """Value that it should have; for what is not reachable the reason."""
     found: tuple[float, ...]
-    """Values that were measured, in the unit of the quantity."""
+    """[unit of the quantity] Values that were measured."""
     tolerance: str
     """Allowed difference."""
     source: str
     """Law, standard or statement that the expected value is from."""
     verdict: Verdict
+    """Result."""
 
 
 def audit(simulator: Simulator) -> list[Row]:
     """Return the rows of all tests of a simulator."""
     rows: list[Row] = []
     for test, source, check in _TESTS:
+        results = (
+            Row(test, each.measured, each.expected, each.found, each.tolerance, source, each.verdict)
+            for each in check(simulator)
+        )
         try:
-            rows += [
-                Row(test, each.measured, each.expected, each.found, each.tolerance, source, each.verdict)
-                for each in check(simulator)
-            ]
+            rows.extend(results)
         except NotReachable as reason:
             rows.append(Row(test, "", str(reason), (), "", source, Verdict.NOT_REACHABLE))
     return rows
@@ -203,10 +206,10 @@ def _gyroscopic(simulator: Simulator) -> Iterator[_Result]:
 
 
 def _wind(simulator: Simulator) -> Iterator[_Result]:
-    calm = simulator.hover(_SEED, _DT, STILL, _BLOWN).velocity_N
+    calm = simulator.hover(_SEED, _DT, STILL, _BLOWN)[-1].velocity_N
     for axis, name in enumerate(("north", "east", "down")):
         wind = np.eye(3)[axis] * _BLOW
-        blown = simulator.hover(_SEED, _DT, Air((wind[0], wind[1], wind[2])), _BLOWN).velocity_N
+        blown = simulator.hover(_SEED, _DT, Air((wind[0], wind[1], wind[2])), _BLOWN)[-1].velocity_N
         gained = np.array([blown[axis] - calm[axis]])
         yield _Result(f"velocity gained {name} in {_BLOW:g} m/s of wind toward {name} [m/s]", gained)
 
@@ -221,11 +224,32 @@ def _spectrum(simulator: Simulator) -> Iterator[_Result]:
 
 
 def _step_size(simulator: Simulator) -> Iterator[_Result]:
+    try:
+        yield _intensity_ratio(simulator)
+    except NotReachable:
+        yield _shaking_ratio(simulator)
+
+
+def _shaking_ratio(simulator: Simulator) -> _Result:
+    """Return by how much more or less turbulence changes the velocity of a level vehicle at the finer step."""
+    air, spreads = Air(turbulence=TURBULENT.turbulence), []
+    for dt in _FLIGHT_STEPS:
+        period, motions = simulator.level_flight(_SEED, dt, air, _FLIGHT_TIME)
+        seconds = np.array([motion.velocity_N[:2] for motion in motions])[:: round(1.0 / period)]
+        spreads.append(float(np.diff(seconds, axis=0).std()))
+    # Four standard deviations of the ratio of two spreads, from one number for each second and horizontal axis.
+    tolerance = 4.0 / np.sqrt(2.0 * _FLIGHT_TIME)
+    coarse, fine = _FLIGHT_STEPS
+    measured = f"change of horizontal velocity in 1 s of level flight, steps of {fine:g} s by {coarse:g} s [-]"
+    return _Result(measured, np.array([spreads[1] / spreads[0]]), np.ones(1), tolerance)
+
+
+def _intensity_ratio(simulator: Simulator) -> _Result:
     coarse, fine = (simulator.sample_air(_SEED, dt, TURBULENT, _SAMPLES).std(axis=0) for dt in (_COARSE_DT, _FINE_DT))
     model = expected_turbulence()
     shares = [chance_deviation(model, dt * _SAMPLES)[1] / model.intensity for dt in (_COARSE_DT, _FINE_DT)]
     measured = f"intensity of u, v, w at steps of {_FINE_DT:g} s by that at {_COARSE_DT:g} s [-]"
-    yield _Result(measured, fine / coarse, np.ones(3), np.hypot(*shares))
+    return _Result(measured, fine / coarse, np.ones(3), np.hypot(*shares))
 
 
 def _seeds(simulator: Simulator) -> Iterator[_Result]:

@@ -1,6 +1,7 @@
 """Our own simulator, audited through the same interface as any other."""
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -63,7 +64,7 @@ class OwnSimulator(Simulator):
         return Motion(loop.true_vector("velocity_N"), loop.q_NB, loop.true_vector("omega_B"))
 
 
-def _scenario(dt: float, air: Air, translation: str) -> Scenario:
+def _scenario(dt: float, air: Air, translation: Literal["held", "free"]) -> Scenario:
     turbulence = () if air.turbulence is None else (air.turbulence,)
     return replace(
         load_scenario("calm"),

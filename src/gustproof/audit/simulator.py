@@ -115,13 +115,18 @@ class Simulator:
         """Fly a step under commands (n,) [0..1] of the rotors."""
         raise NotReachable("rotors cannot be commanded one by one")
 
-    def hover(self, seed: int, dt: float, air: Air, duration: float) -> Motion:
-        """Return the motion after `duration` [s] of level flight; by default the rotors keep their hover commands."""
+    def hover(self, seed: int, dt: float, air: Air, duration: float) -> list[Motion]:
+        """Return the motions of a hover of `duration` [s]; by default the rotors keep their hover commands."""
         rotors = self.airframe.hover()
-        motion = self.reset(seed, dt, air, Start(rotors))
-        for _ in range(round(duration / dt)):
-            motion = self.step(rotors)
-        return motion
+        begin = self.reset(seed, dt, air, Start(rotors))
+        return [begin, *(self.step(rotors) for _ in range(round(duration / dt)))]
+
+    def level_flight(self, seed: int, dt: float, air: Air, duration: float) -> tuple[float, list[Motion]]:
+        """Return motions of a level flight by its own autopilot, which leaves the place free, and their period [s]."""
+        raise NotReachable("it does not tell the wind at the vehicle")
+
+    def close(self) -> None:
+        """End everything that the audit has started."""
 
     def sample_air(self, seed: int, dt: float, air: Air, samples: int) -> Array:
         """Return the velocity (samples, 3) [m/s] N of the air at a vehicle that stays at its place."""

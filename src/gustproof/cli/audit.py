@@ -1,17 +1,19 @@
 """The command `gustproof audit`: tests of a simulator's physics."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from gustproof.cli.failures import ExitStatus
-from gustproof.cli.options import AsJson, print_json
+from gustproof.cli.options import AsJson, Build, print_json
 
 
 def audit(
     simulator: Annotated[
-        str, typer.Argument(help="own, rotorpy, or a Python file whose make_simulator() returns an adapter.")
+        str, typer.Argument(help="own, rotorpy, ardupilot, or a Python file whose make_simulator() returns an adapter.")
     ],
+    build: Build = "",
     as_json: AsJson = False,
 ) -> None:
     """Test the physics of a simulator against what it states of itself and against standards.
@@ -22,6 +24,8 @@ def audit(
         gustproof audit own
 
         gustproof audit rotorpy --json
+
+        gustproof audit ardupilot --build ~/ardupilot
     """
     from pydantic_core import to_jsonable_python
 
@@ -31,8 +35,11 @@ def audit(
     from gustproof.report.audit import render_audit
     from gustproof.report.terminal import show
 
-    audited = load_simulator(simulator)
-    rows = run(audited)
+    audited = load_simulator(simulator, Path(build) if build else None)
+    try:
+        rows = run(audited)
+    finally:
+        audited.close()
     if as_json:
         document = {"simulator": audited.name, "rows": rows}
         print_json(to_jsonable_python(document, inf_nan_mode="null"))

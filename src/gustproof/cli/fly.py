@@ -99,7 +99,6 @@ def fly(
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot/build/px4_sitl_default --params tuned
     """
     from firmware_model.config.vehicle import load_vehicle
-    from firmware_model.guest.guest import WITHOUT_LOCKSTEP
     from gustproof.recording.folder import make_run_folder
     from gustproof.report.terminal import render_flight, show
     from gustproof.simulate.guest import ForeignAutopilot, GuestPlan
@@ -112,7 +111,7 @@ def fly(
         plan = _load_plan(context, repeat)
     elif autopilot:
         chosen = ForeignAutopilot(kind=autopilot, build=build, parameters=params, law=law or "", instance=instance)
-        paced = real_time or chosen.kind in WITHOUT_LOCKSTEP
+        paced = real_time or not chosen.has_lockstep
         plan = GuestPlan(load_script(scenario, free=free), chosen, load_vehicle(vehicle), seed, paced)
     else:
         refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")

@@ -21,7 +21,7 @@ from pydantic_core import to_jsonable_python
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest.guest import SAMPLE_RATES_HZ, GuestOutcome, scenario_for
+from firmware_model.guest.guest import SAMPLE_RATES_HZ, WITHOUT_LOCKSTEP, GuestOutcome, scenario_for
 from firmware_model.guest.recorder import ATTITUDE_SUFFIX, read_estimates
 from firmware_model.recording.journal import RECORD, count_records, read_journal
 from gustproof.simulate.flight import Flight, flight_name, parse_metadata
@@ -66,6 +66,11 @@ class ForeignAutopilot:
     def name(self) -> str:
         """Name in texts and files."""
         return "-".join(filter(None, (self.kind, Path(self.parameters).stem, self.law)))
+
+    @property
+    def has_lockstep(self) -> bool:
+        """True if its clock is ours; otherwise it flies at the pace of the machine's, and no two flights are equal."""
+        return self.kind not in WITHOUT_LOCKSTEP
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON values, input of `parse_autopilot`."""
