@@ -58,18 +58,18 @@ class Foreign:
 
     def hear_all(self) -> None:
         """Read what is still on its way from a peer that has ended."""
-        for _ in range(100):
-            self.listen()
+        while self.listen():
+            pass
 
     def names(self) -> list[str]:
         return [message.get_type() for message in self.heard]
 
-    def listen(self) -> None:
-        """Read and answer what has come, if anything has."""
+    def listen(self) -> bool:
+        """Read and answer what has come; return whether anything has."""
         try:
             datagram, address = self.link.recvfrom(65_535)
         except (TimeoutError, ConnectionError):
-            return
+            return False
         address = self.peer if self.is_stream else address
         # PX4 answers its first peer only, until it ends.
         self.peer = address if self.peer is None or not self.faithful else self.peer
@@ -91,6 +91,7 @@ class Foreign:
                     self.hz = round(1e6 / message.param2) if self.grants else self.hz
                     result = wire.MAV_RESULT_ACCEPTED if self.grants else wire.MAV_RESULT_UNSUPPORTED
                     self._say(wire.MAVLink_command_ack_message(message.command, result))
+        return bool(datagram)
 
     def _speak(self, peer: tuple[str, int]) -> None:
         if time.monotonic() > self._beat_at:

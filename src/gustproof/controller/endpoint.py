@@ -183,7 +183,7 @@ class ControllerEndpoint:
 
     def interrupt(self) -> None:
         """End here: Ctrl-C or a termination signal. A vehicle that a pilot flew is handed back to stay in place."""
-        if self.phase is _FLYING and self._time_runs and not self.finished:
+        if self.phase in (_FLYING, Phase.ENTERING) and self._time_runs and not self.finished:
             self._request_mode(self._family.hold_mode)
         self._end(ControllerOutcome.INTERRUPTED, "interrupted")
 
