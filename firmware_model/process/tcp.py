@@ -4,7 +4,7 @@ import select
 import socket
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 
 from firmware_model.mavlink.frames import split_stream
 from firmware_model.process.udp import Endpoint
@@ -13,6 +13,7 @@ RECONNECT_S = 0.5
 """[s] wall time between attempts to connect."""
 _CONNECT_TIMEOUT_S = 1.0
 _SEND_TIMEOUT_S = 1.0  # a peer that reads nothing for so long counts as lost
+_LINGER_S = 0.3
 _READ_BYTES = 65_536
 
 
@@ -24,9 +25,9 @@ def serve(endpoint: Endpoint, address: tuple[str, int], report: Callable[[str], 
     """
     with closing(_Connection(address, report)) as connection:
         while True:
-            outbox = b"".join(datagram for datagram, _ in endpoint.poll(_now_us()))
-            frames = connection.exchange(outbox, 0 if endpoint.finished else endpoint.deadline_us())
-            if endpoint.finished:
+            outbox, finished = b"".join(datagram for datagram, _ in endpoint.poll(_now_us())), endpoint.finished
+            frames = connection.exchange(outbox, 0 if finished else endpoint.deadline_us())
+            if finished:
                 return
             for frame in frames:
                 endpoint.receive(frame, (0, address), _now_us())
@@ -64,9 +65,19 @@ class _Connection:
         return split_stream(self._stream)
 
     def close(self) -> None:
-        """Close the connection, if it is open."""
-        if self._link is not None:
-            self._link.close()
+        """Close the connection, if it is open.
+
+        What is still to be read is read for a moment. Closed with data unread, the system would reset the connection,
+        and the other side would lose what it has not read, such as a last request.
+        """
+        if self._link is None:
+            return
+        with self._link, suppress(OSError):
+            self._link.shutdown(socket.SHUT_WR)
+            self._link.settimeout(_LINGER_S)
+            end_us = _now_us() + round(_LINGER_S * 1e6)
+            while self._link.recv(_READ_BYTES) and _now_us() < end_us:
+                pass
         self._link = None
 
     def _open(self) -> None:

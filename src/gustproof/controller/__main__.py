@@ -48,10 +48,8 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
     target = connection.parse_target(options.connect)
     signing = connection.make_signing(options, target)
     report: Callable[[str], None] = (lambda _: None) if options.json or options.exit_on_stdin_eof else _report
-    endpoint = ControllerEndpoint(
-        law, (0, target.address), signing, references, report,
-        hold_height=options.height == "hold", correct_attitude=options.attitude == "autopilot",
-    )  # fmt: skip
+    flown = {"hold_height": options.height == "hold", "correct_attitude": options.attitude == "autopilot"}
+    endpoint = ControllerEndpoint(law, (0, target.address), signing, references, report, **flown)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: endpoint.interrupt())
     if options.exit_on_stdin_eof:

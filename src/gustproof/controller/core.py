@@ -43,7 +43,7 @@ class Controller:
         self.fractions: Vector = (0.0, 0.0, 0.0)
         self._references = deque(references)
         self._began_us = self._step_at_us = 0
-        self._before = (0.0,) * 6
+        self._before: tuple[float, ...] = (0.0,) * 6
         self._heading: float | None = None
 
     def answer(

@@ -183,7 +183,7 @@ class ControllerEndpoint:
 
     def interrupt(self) -> None:
         """End here: Ctrl-C or a termination signal. A vehicle that a pilot flew is handed back to stay in place."""
-        if self.phase is _FLYING and self._time_runs and not self.finished:
+        if self.phase in (_FLYING, Phase.ENTERING) and self._time_runs and not self.finished:
             self._request_mode(self._family.hold_mode)
         self._end(ControllerOutcome.INTERRUPTED, "interrupted")
 
@@ -251,10 +251,13 @@ class ControllerEndpoint:
         if self.phase is _READING:
             self._read_on(sample.time_us)
         controller = self._controller
-        if controller is None or self.phase is _READING:
-            return None
+        return None if controller is None or self.phase is _READING else self._answer(controller, sample, now_us)
+
+    def _answer(self, controller: Controller, sample: ImuSample, now_us: int) -> RejectReason | None:
+        """Step the law with a sample, and queue its command."""
         newer = sample.time_us > controller.last_sample_us
-        answer = controller.answer(sample, reset=self._law_reset, attitude=self._start_attitude(now_us))
+        reset = self._law_reset or (self._time_runs and controller.last_sample_us < 0)
+        answer = controller.answer(sample, reset=reset, attitude=self._start_attitude(now_us))
         if isinstance(answer, RejectReason):
             return answer
         if not self._missing_streams:

@@ -70,6 +70,7 @@ def fly_excitation(
         _excitation(),
         report,
         hold_height=True,
+        correct_attitude=True,
         recorder=recorder.add,
     )
     signal.signal(signal.SIGINT, lambda *_: endpoint.interrupt())

@@ -154,8 +154,8 @@ def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | Stru
     if result.gamma_opt is not None:
         parameters["gamma_opt"] = result.gamma_opt
     if design.inner is not None:
-        omega, damping = design.inner.without_delay()
-        parameters |= _by_axis("inner_omega_rad_s", omega.tolist()) | _by_axis("inner_damping", damping.tolist())
+        natural, ratio = design.inner.without_delay()
+        parameters |= _by_axis("inner_omega_rad_s", natural.tolist()) | _by_axis("inner_damping", ratio.tolist())
     elif design.rate_loop_lag is not None:
         parameters["rate_loop_lag_s"] = design.rate_loop_lag
     else:

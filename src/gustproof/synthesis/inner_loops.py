@@ -53,6 +53,13 @@ class InnerLoops:
     description: str = ""
     """Description in one line."""
 
+    def fastest(self) -> Matrix:
+        """Return the frequencies (3,) [rad/s] up to which the loops follow: natural, or of half power if less."""
+        omega, damping = self.without_delay()
+        a = 1.0 - 2.0 * damping**2
+        fastest: Matrix = omega * np.minimum(np.sqrt(a + np.sqrt(a**2 + 1.0)), 1.0)
+        return fastest
+
     def without_delay(self) -> tuple[Matrix, Matrix]:
         """Return natural frequencies (3,) [rad/s] and dampings (3,) [-], with the delays in them."""
         omega, damping = np.transpose([axis.without_delay() for axis in (self.roll, self.pitch, self.yaw)])
