@@ -1,7 +1,7 @@
 """PX4 in a process of its own: its build, its parameters for the vehicle file, its ports.
 
 Tried with PX4's main branch of February 2025. In lockstep two flights get the same bytes, and give the same ones back
-until PX4 arms: the thread that arms it does not wait for the sample, so that it may come a sample later.
+until PX4 arms. The thread that arms it does not wait for the sample, so that it may come a sample later.
 """
 
 import os

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from gustproof.campaign.rerun import CampaignRun
     from gustproof.simulate.flight import Flight, FlightPlan
-    from gustproof.simulate.guest import GuestPlan
+    from gustproof.simulate.guest import ForeignAutopilot, GuestPlan
 
 
 _AUTOPILOT_OPTIONS = ("build", "params", "instance")
@@ -98,10 +98,8 @@ def fly(
 
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot/build/px4_sitl_default --params tuned
     """
-    from firmware_model.config.vehicle import load_vehicle
     from gustproof.recording.folder import make_run_folder
-    from gustproof.report.terminal import render_flight, show
-    from gustproof.simulate.guest import ForeignAutopilot, GuestPlan
+    from gustproof.simulate.guest import ForeignAutopilot
     from gustproof.simulate.outcome import FlightOutcome
 
     table_run = _find_run(context, run, scenario, law) if run and not repeat else None
@@ -111,8 +109,7 @@ def fly(
         plan = _load_plan(context, repeat)
     elif autopilot:
         chosen = ForeignAutopilot(kind=autopilot, build=build, parameters=params, law=law or "", instance=instance)
-        paced = real_time or not chosen.has_lockstep
-        plan = GuestPlan(load_script(scenario, free=free), chosen, load_vehicle(vehicle), seed, paced)
+        plan = _make_guest_plan(load_script(scenario, free=free), chosen, vehicle, seed, real_time=real_time)
     else:
         refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
         plan = _make_plan(load_script(scenario, free=free), law, vehicle, seed, real_time, anyway)
@@ -126,15 +123,21 @@ def fly(
         raise exit_with(line, ExitStatus.INTERRUPTED) from None
     interrupted = result.outcome is FlightOutcome.INTERRUPTED
     comparison = None if interrupted else _compare(result, plan, repeat, table_run)
+    _print_flight(result, comparison, as_json=as_json)
+    if interrupted:
+        raise exit_with(f"interrupted; the recording so far is in {folder}", ExitStatus.INTERRUPTED)
+    _report_failures(result, comparison, folder)
+
+
+def _print_flight(result: "Flight", comparison: _Comparison | None, *, as_json: bool) -> None:
+    from gustproof.report.terminal import render_flight, show
+
     if as_json:
         compared = dict(zip(("equal", "comparison"), comparison, strict=True)) if comparison else {}
         print_json(result.to_dict() | compared)
     else:
         document = (result.message, result.metrics, result.bag, result.requirements, result.timing, result.warnings)
         show(render_flight(*document, result.own_view))
-    if interrupted:
-        raise exit_with(f"interrupted; the recording so far is in {folder}", ExitStatus.INTERRUPTED)
-    _report_failures(result, comparison, folder)
 
 
 def _report_failures(result: "Flight", comparison: _Comparison | None, folder: Path) -> None:
@@ -195,6 +198,15 @@ def load_script(scenario: str | None, *, free: bool) -> "Scenario":
         raise ConfigError("give a scenario, or --repeat, or --run")
     script = load_scenario(scenario)
     return replace(script, name=f"{script.name}-free", translation="free") if free and not script.free else script
+
+
+def _make_guest_plan(
+    script: "Scenario", autopilot: "ForeignAutopilot", vehicle: str, seed: int, *, real_time: bool
+) -> "GuestPlan":
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.simulate.guest import GuestPlan
+
+    return GuestPlan(script, autopilot, load_vehicle(vehicle), seed, real_time or not autopilot.has_lockstep)
 
 
 def _make_plan(

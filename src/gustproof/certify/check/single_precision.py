@@ -24,7 +24,7 @@ the kinematic excess differ by at most their slope within the box times the diff
 bounds each signal for ever. A start at a heading rounds the states at rest there, once: no more than at each step.
 
 **Attitude.** The law's own attitude differs by that bound. On strapdown attitude the true one also takes every rounding
-of the sum of the attitude. That is a turn of at most the sum of the three, each step: an Euler angle turns about an
+of the sum of the attitude. That is a turn of at most the sum of the three, each step. For an Euler angle turns about an
 axis of unit length, and rotation distance is bi-invariant. Both together bound the angle between the two attitudes.
 
 **Heading.** Only differences of yaw act on a law. Its sums hold yaw itself: sizes count for yaw and reference anywhere

@@ -350,12 +350,14 @@ class _Writer(NamedTuple):
                 wide += ["sum[0] = sum[1] = 0.0f;", *(_product(v, name, self.number) for name, v in factors.items())]
                 wide.append(f"settle(sum, &x[{i}], &x[{self.law.order + slow.index(i)}]);")
             elif factors or i < 6:
-                terms = [
-                    f"gyro[{i - 3}]" if i < 6 else "",
-                    *(_term(v, name, self.number) for name, v in factors.items()),
-                ]
-                lines.append(f"x[{i}] = " + " ".join(terms).strip().removeprefix(f"+{_NBSP}").replace(_NBSP, " ") + ";")
+                lines.append(f"x[{i}] = {self._resting_sum(i, factors)};")
         return indent("\n".join([*lines, "float sum[2];", *wide] if wide else lines), "    ")
+
+    def _resting_sum(self, i: int, factors: dict[str, float]) -> str:
+        """Return the sum of state i at rest; the three after the attitude begin with the gyro."""
+        first = [f"gyro[{i - 3}]"] if i < 6 else []
+        terms = " ".join([*first, *(_term(v, name, self.number) for name, v in factors.items())])
+        return terms.removeprefix(f"+{_NBSP}").replace(_NBSP, " ")
 
     def windup(self) -> str:
         """Return the sums that the excess of a command adds to the states."""
