@@ -146,7 +146,6 @@ class ArduPilot:
     """ArduPilot as a guest; see `Guest`. `outputs` holds the number of each rotor's output, from 0."""
 
     name = "ArduPilot"
-    warm_up_s = 0.0
     arming_timeout_s = 120.0
     warm_up_s = 0.0  # its own checks ask for a settled estimator
     arrival_s = 0.0  # it reads its link in its loop
