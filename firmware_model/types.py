@@ -47,6 +47,17 @@ class AttitudeTarget(NamedTuple):
     """[0..1] collective thrust as a fraction of the largest; `None`: altitude hold on board, at the height of entry."""
 
 
+class RotorCommand(NamedTuple):
+    """Thrust of each rotor, as an autopilot outside this process commands it past all on-board loops."""
+
+    time_us: int
+    """[us] stamp of the sample that this command answers."""
+    rotors: tuple[float, ...]
+    """[0..1] thrust of each rotor as a fraction of its largest, in the order of the vehicle file."""
+    clamped: bool
+    """True to hold the vehicle of a test stand at rest while its rotors turn."""
+
+
 class PositionTarget(NamedTuple):
     """Position and heading for the on-board position loop; on the test stand the vehicle only levels."""
 
@@ -72,5 +83,5 @@ class MotorsOff(NamedTuple):
 
 Command = TorqueCommand | AttitudeTarget
 """Command of a controller."""
-Setpoint = Command | PositionTarget | LevelFlight | Trim | MotorsOff
+Setpoint = Command | RotorCommand | PositionTarget | LevelFlight | Trim | MotorsOff
 """Input of the on-board loops."""

@@ -205,7 +205,31 @@ def parse(datagram: bytes) -> list[Frame | RejectReason]:
     return found
 
 
-def _frame_length(datagram: bytes, start: int, left: int) -> int | RejectReason:
+def split_stream(stream: bytearray) -> list[bytes]:
+    """Remove the complete frames from the front of a byte stream and return them, without bytes that are in no frame.
+
+    An unknown message can't be checked: it is returned as it is. After a damaged frame the search goes on in it.
+    """
+    frames: list[bytes] = []
+    start, end = 0, len(stream)
+    while start < end:
+        length = _frame_length(stream, start, end - start)
+        if length is RejectReason.TRUNCATED:
+            break
+        if isinstance(length, RejectReason):
+            start += 1
+            continue
+        frame = bytes(stream[start : start + length])
+        if _check_frame(frame) is RejectReason.BAD_CHECKSUM:
+            start += 1
+            continue
+        frames.append(frame)
+        start += length
+    del stream[:start]
+    return frames
+
+
+def _frame_length(datagram: bytes | bytearray, start: int, left: int) -> int | RejectReason:
     marker = datagram[start]
     if marker != _V2 and marker != _V1:
         return RejectReason.NOT_MAVLINK

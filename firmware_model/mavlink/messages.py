@@ -26,8 +26,10 @@ ABSENT = {wire.MAV_COMP_ID_GIMBAL: "gimbal", wire.MAV_COMP_ID_WINCH: "winch"}
 
 # Layouts of the per-sample messages; fields in wire order, largest first.
 _IMU = wire.MAVLink_highres_imu_message.unpacker
+_COARSE_IMU = {kind.id: kind.unpacker for kind in (wire.MAVLink_raw_imu_message, wire.MAVLink_scaled_imu_message)}
 _TORQUE = wire.MAVLink_set_actuator_control_target_message.unpacker
 _TARGET = wire.MAVLink_set_attitude_target_message.unpacker
+_MG = 9.80665e-3  # [m/s^2] unit of accelerations in RAW_IMU and SCALED_IMU
 _GYRO = 0x38  # HIGHRES_IMU_UPDATED_FLAGS: bits of the fields that carry a measurement
 _ACCELERATION_AND_GYRO = 0x7 | _GYRO
 # HIGHRES_IMU of this vehicle: stamp, specific force and rates change; magnetic field, pressures, altitude and
@@ -44,7 +46,14 @@ def imu_message(sample: ImuSample) -> EncodedMessage:
 
 
 def parse_imu(frame: Frame) -> ImuSample | RejectReason:
-    """Return the sample in a HIGHRES_IMU, or a reason if it has no gyro measurement or a number that is not finite."""
+    """Return the sample in a HIGHRES_IMU, or a reason if it has no gyro measurement or a number that is not finite.
+
+    RAW_IMU and SCALED_IMU are read as ArduPilot sends them: mrad/s and mg, stamped in us and ms.
+    """
+    if unpacker := _COARSE_IMU.get(frame.message_id):
+        stamp, x, y, z, p, q, r, *_ = unpacker.unpack(frame.payload)
+        time_us = stamp if frame.message_id == wire.MAVLINK_MSG_ID_RAW_IMU else 1000 * stamp
+        return ImuSample(time_us, (1e-3 * p, 1e-3 * q, 1e-3 * r), (_MG * x, _MG * y, _MG * z))
     time_us, x, y, z, p, q, r, _, _, _, _, _, _, _, updated, _ = _IMU.unpack(frame.payload)
     if updated & _GYRO != _GYRO or not math.isfinite(x + y + z + p + q + r):
         return RejectReason.NOT_FINITE
@@ -191,9 +200,9 @@ def heartbeat_message(custom_mode: int, armed: bool, *, critical: bool, generic:
     return wire.MAVLink_heartbeat_message(wire.MAV_TYPE_QUADROTOR, autopilot, base_mode, custom_mode, state, 3)
 
 
-def parse_parameter(message: Message) -> float:
-    """Return the value in a PARAM_VALUE; integers are encoded bytewise in the float field."""
-    if message.param_type == wire.MAV_PARAM_TYPE_REAL32:
+def parse_parameter(message: Message, *, bytewise: bool = True) -> float:
+    """Return the value in a PARAM_VALUE; integers are encoded `bytewise` in the float field, or cast to float."""
+    if message.param_type == wire.MAV_PARAM_TYPE_REAL32 or not bytewise:
         return float(message.param_value)
     return float(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
 

@@ -8,3 +8,5 @@ LINK_STREAM = 3
 """Link faults. `sample` is the number of the datagram in its direction, `block` the number of the fault table."""
 ACCELEROMETER_STREAM = 4
 """Accelerometer noise."""
+NAVIGATION_STREAM = 5
+"""Noise of the navigation sensors: magnetometer and barometer in block 0, GPS in blocks 1 and 2."""

@@ -11,7 +11,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from firmware_model.config.waveforms import Dryden
@@ -160,6 +159,8 @@ def _transverse(sigma: float, tau: float, lag: float, dt: float) -> _Transverse:
     v(s) / n(s) = sigma sqrt(tau) (1 + sqrt(3) tau s) / (1 + tau s)^2 gives variance sigma^2 for unit white noise. The
     angular gust is (s / V) / (1 + lag s) v(s). States: two first-order lags in a chain, then v low-passed by `lag`.
     """
+    import scipy.linalg  # takes a sixth of the time to start a vehicle, which flies in calm air without it
+
     root = math.sqrt(3.0)
     gain = sigma / math.sqrt(tau)
     c = np.array([gain * root, gain * (1.0 - root)])

@@ -118,8 +118,10 @@ def serve(endpoint: Endpoint, sockets: Sequence[socket.socket], *, real_time: bo
     """
     sleeps = cycle = 0
     while True:
-        _send(endpoint.poll(_now_us()), sockets)
-        if endpoint.finished:
+        # An interruption while datagrams are sent still has words of its own to send.
+        datagrams, finished = endpoint.poll(_now_us()), endpoint.finished
+        _send(datagrams, sockets)
+        if finished:
             return
         readable: list[socket.socket] = []
         if real_time:
@@ -160,12 +162,13 @@ def serve_lockstep(endpoint: Endpoint, bound: socket.socket) -> None:
     is_readable = False
     cycle = 0
     while True:
-        for datagram, (_, address) in endpoint.poll(now_us):
+        datagrams, finished = endpoint.poll(now_us), endpoint.finished
+        for datagram, (_, address) in datagrams:
             try:
                 _ = bound.send(datagram) if peer else bound.sendto(datagram, address)
             except OSError:
                 continue
-        if endpoint.finished:
+        if finished:
             return
         if not is_readable:
             wait_us = endpoint.deadline_us() - _now_us()

@@ -31,14 +31,15 @@ from firmware_model.sim.layout import WEIGHT, X_BODY, X_LOAD, X_POSITION, X_STAB
 from firmware_model.types import Quaternion, Vector
 
 # Kinds of set-points: the first number of each.
-TRIM, TORQUE, RATES, ATTITUDE, LEVEL, POSITION_TARGET, OFF = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
+TRIM, TORQUE, RATES, ATTITUDE, LEVEL, POSITION_TARGET, OFF, WRENCH = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0
 SETPOINT_WIDTH = 9
 """Length of a set-point.
 
 The kind comes first. Then follow torque fractions (3), or rates (3) [rad/s], or q_NB (4) and rates (3), or position (3)
 [m] N, yaw [rad] and v_down [m/s] or NaN. At `THRUST` stands a fraction of the largest thrust, or NaN for altitude hold.
+A wrench is a torque (3) [N*m] and a thrust [N] that rotors give; then comes 1 if the vehicle is clamped, else 0.
 """
-THRUST = 8
+CLAMPED, THRUST = 5, 8
 _TOUCHDOWN_LOAD = 0.1  # [-] of the weight on the ground, above which a descent has touched down
 _TOUCHDOWN_THRUST = 0.3  # [-] of the weight, given after touchdown
 
@@ -51,6 +52,11 @@ _load_position_state, _store_position_state = loader(PositionState), storer(Posi
 @kernel
 def track_setpoint(params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane, record: Lane) -> None:
     """Step the loops under a set-point of that kind, and write the actuator command to `record`."""
+    if kind == WRENCH:
+        put_vector(record, journal.TORQUE_COMMAND, get_vector(setpoint, 1))
+        put(record, journal.THRUST_COMMAND, -get(setpoint, 4))
+        put_vector(record, journal.OMEGA_COMMAND, (math.nan, math.nan, math.nan))
+        return
     touches_down = (
         kind == POSITION_TARGET
         and not math.isnan(get(setpoint, 5))

@@ -24,7 +24,7 @@ from firmware_model.physics.rotors import Float4, RotorParams, allocate, rotor_t
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
 from firmware_model.recording import journal
 from firmware_model.sim import layout
-from firmware_model.sim.inner_loop import OFF, track_setpoint
+from firmware_model.sim.inner_loop import CLAMPED, OFF, WRENCH, track_setpoint
 from firmware_model.sim.layout import X_BODY, X_DIRECT, X_DRYDEN, X_LOAD, X_NEXT_CHANGE, X_STABILIZER
 from firmware_model.sim.state import Array
 from firmware_model.types import Quaternion, Vector
@@ -76,7 +76,7 @@ def advance_kernel(
     body = start
     for _ in range(steps):
         body = integrate_body(one, x, free, True, body, dt, row)
-    if kind == OFF and not free:
+    if not free and (kind == OFF or (kind == WRENCH and setpoint[CLAMPED] != 0.0)):
         body = at_rest(start, body)
         estimate = attitude_loop.set_attitude(_load_stabilizer_state(x, X_STABILIZER), body.q_NB)
         _store_stabilizer_state(x, X_STABILIZER, estimate)

@@ -2,15 +2,18 @@
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
+from firmware_model.numerics.soa import field_offset
+from firmware_model.physics.rigid_body import Body
 from firmware_model.recording.journal import FORCE_B, GYRO_B, RECORD, WIDTH
 from firmware_model.sim import inner_loop, step
-from firmware_model.sim.layout import X_LOAD
+from firmware_model.sim.layout import X_BODY, X_DRYDEN, X_LOAD, X_POSITION, X_STABILIZER
 from firmware_model.sim.state import initial_state
 from firmware_model.types import (
     AttitudeTarget,
@@ -18,6 +21,7 @@ from firmware_model.types import (
     LevelFlight,
     PositionTarget,
     Quaternion,
+    RotorCommand,
     Setpoint,
     TorqueCommand,
     Trim,
@@ -45,6 +49,7 @@ class VehicleLoop:
         self._state = initial_state(vehicle, scenario, seed, interactive=interactive)
         self._free, self._interactive, self._clamped = scenario.free, interactive, interactive
         self._thrust_max = 4.0 * vehicle.rotors.thrust_max
+        self._wrench = vehicle.rotors.wrench * vehicle.rotors.thrust_max
         self._on_ground_load = _GROUND_LOAD_SHARE * vehicle.mass * GRAVITY
         self._sample_us, self._samples = scenario.sample_us, scenario.samples
         self._record = np.empty(WIDTH)
@@ -79,12 +84,12 @@ class VehicleLoop:
         samples, so the whole milliseconds of an attitude target's stamp do not show.
         """
         self.observe()
-        row = pack_setpoint(setpoint)
-        stamp_us = setpoint.time_us if isinstance(setpoint, (TorqueCommand, AttitudeTarget)) else None
-        if isinstance(setpoint, (TorqueCommand, AttitudeTarget, Trim)):
+        row = self._pack_rotors(setpoint) if isinstance(setpoint, RotorCommand) else pack_setpoint(setpoint)
+        stamp_us = setpoint.time_us if isinstance(setpoint, (TorqueCommand, AttitudeTarget, RotorCommand)) else None
+        if isinstance(setpoint, (TorqueCommand, AttitudeTarget, RotorCommand, Trim)):
             self._pending.append((row, stamp_us))
             row, stamp_us = self._pending.popleft()
-            self._clamped = False
+            self._clamped = isinstance(setpoint, RotorCommand) and setpoint.clamped
         else:
             self._pending = deque([(row, None)] * len(self._pending))
             self._clamped = row is _OFF
@@ -126,6 +131,16 @@ class VehicleLoop:
         a, b, c, d = (self._fields["rotors"] * (4.0 / self._thrust_max)).tolist()
         return a, b, c, d
 
+    def continue_from(self, earlier: "VehicleLoop") -> None:
+        """Take over the body and the on-board estimate of a flight before this one; air and time are one's own."""
+        self._state.state[X_BODY:X_DRYDEN] = earlier._state.state[X_BODY:X_DRYDEN]
+        self._state.state[X_STABILIZER:X_POSITION] = earlier._state.state[X_STABILIZER:X_POSITION]
+
+    def settle_rotors(self, rotors: Sequence[float], omega_B: Vector) -> None:
+        """Give the vehicle rotors that have settled at thrusts, as fractions of the largest, and rates [rad/s] B."""
+        body = self._state.state[X_BODY:X_DRYDEN]
+        body[field_offset(Body, "omega_B") :] = (*omega_B, *self._wrench @ rotors)
+
     def set_gust_scale(self, scale: float) -> None:
         """Scale all gusts from the next sample on by `scale` [-], on top of the scenario's; the mean wind stays."""
         self._state.set_gust_scale(scale)
@@ -142,6 +157,10 @@ class VehicleLoop:
         """Return a vector of the journal's record at the sample by its name, such as `omega_B` or `gust_B`."""
         a, b, c = self._fields[name].tolist()
         return a, b, c
+
+    def _pack_rotors(self, command: RotorCommand) -> Array:
+        wrench = self._wrench @ command.rotors
+        return np.array((inner_loop.WRENCH, *wrench, command.clamped, 0.0, 0.0, 0.0))
 
 
 def pack_setpoint(setpoint: Setpoint) -> Array:

@@ -27,6 +27,7 @@ from gustproof.certify.gain.l2_gain import certify_gain as certify_gain
 from gustproof.certify.mu.singular_value import disk_margin_bounds as disk_margin_bounds
 from gustproof.certify.mu.singular_value import mu as mu
 from gustproof.certify.mu.worst_gain import worst_gain as worst_gain
+from gustproof.certify.rounding import certify_rounding as certify_rounding
 from gustproof.errors import DesignError as DesignError
 from gustproof.falsify.worst_case import WorstCase as WorstCase
 from gustproof.falsify.worst_case import worst_case as worst_case
@@ -40,6 +41,7 @@ from gustproof.law.form import load_law as load_law
 from gustproof.law.io.c import save_c as save_c
 from gustproof.law.io.matrices import load_mat as load_mat
 from gustproof.law.io.matrices import save_mat as save_mat
+from gustproof.law.resample import resample as resample
 from gustproof.law.step import LawStepper as LawStepper
 from gustproof.lti.margins import margins as margins
 from gustproof.lti.norms import h2_norm as h2_norm
@@ -67,6 +69,7 @@ from gustproof.scoring.requirements import judge as judge
 from gustproof.simulate.batch import Case as Case
 from gustproof.simulate.batch import fly_many as fly_many
 from gustproof.simulate.direct import fly_direct as fly_direct
+from gustproof.simulate.guest import ForeignAutopilot as ForeignAutopilot
 from gustproof.simulate.loopback import fly_loopback as fly_loopback
 from gustproof.simulate.outcome import FlightOutcome as FlightOutcome
 from gustproof.simulate.processes import fly as fly

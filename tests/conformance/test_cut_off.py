@@ -11,10 +11,12 @@ from pathlib import Path
 
 import psutil
 import pytest
+from typer.testing import CliRunner
 
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from gustproof.cli.app import app
 from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag
 from gustproof.simulate.direct import fly_direct
@@ -29,16 +31,12 @@ KILLS = [POWER_LOSS, ("vehicle",), ("fly",), ("controller",), POWER_LOSS] * 2
 MOMENTS = random.Random(4).sample(range(1, 5000), len(KILLS))
 
 
-def gustproof(tmp_path: Path, *arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "gustproof", *arguments]
+def fly(tmp_path: Path, *arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
+    (tmp_path / "gusty.toml").write_text(SCRIPT)
+    command = [sys.executable, "-m", "gustproof", "fly", "gusty.toml", "--law", "hinf-d1", "--seed", "3", *arguments]
     return subprocess.run(
         command, cwd=tmp_path, capture_output=True, text=True, timeout=ENOUGH_S, check=False, **options
     )
-
-
-def fly(tmp_path: Path, *arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
-    (tmp_path / "gusty.toml").write_text(SCRIPT)
-    return gustproof(tmp_path, "fly", "gusty.toml", "--law", "hinf-d1", "--seed", "3", *arguments, **options)
 
 
 def wait_for_the_processes_of(run: Path) -> None:
@@ -66,8 +64,8 @@ def test_a_kill_at_any_moment_loses_a_second_at_most(tmp_path, undisturbed, vict
     if "fly" in victims:
         assert ended.returncode == -9
         wait_for_the_processes_of(run)
-        recovered = gustproof(tmp_path, "recover", str(run), "--json")
-        assert recovered.returncode == 0, recovered.stderr
+        recovered = CliRunner().invoke(app, ["recover", str(run), "--json"])
+        assert recovered.exit_code == 0, recovered.stderr
         (told,) = json.loads(recovered.stdout)
         assert (told["outcome"], told["scenario"], told["law"], told["seed"]) == ("cut_off", "gusty", "hinf-d1", 3)
     else:
@@ -93,9 +91,9 @@ def full_disk_is_told_and_nothing_is_lost(ended, run: Path, why: str) -> None:
     assert sorted(path.name for path in run.iterdir() if path.suffix != ".tlog") == [f"{NAME}.journal"]
 
 
-def is_recovered(tmp_path: Path, run: Path, undisturbed) -> None:
-    recovered = gustproof(tmp_path, "recover", str(run))
-    assert recovered.returncode == 0, recovered.stderr
+def is_recovered(run: Path, undisturbed) -> None:
+    recovered = CliRunner().invoke(app, ["recover", str(run)])
+    assert recovered.exit_code == 0, recovered.stderr
     _, records = read_bag(run / NAME)
     assert len(records) > 10 * A_SECOND
     assert records.tobytes() == undisturbed[: len(records)].tobytes()
@@ -111,7 +109,7 @@ def test_files_at_their_largest_size_end_the_flight_in_one_line_and_keep_it(tmp_
     run = tmp_path / "run"
     ended = fly(tmp_path, "--out", str(run), "--no-tlog", preexec_fn=limit)
     full_disk_is_told_and_nothing_is_lost(ended, run, "File too large")
-    is_recovered(tmp_path, run, undisturbed)
+    is_recovered(run, undisturbed)
 
 
 @pytest.fixture
@@ -132,4 +130,4 @@ def test_a_full_disk_ends_the_flight_in_one_line_and_keeps_it(tmp_path, small_di
     ended = fly(tmp_path, "--out", str(run))
     full_disk_is_told_and_nothing_is_lost(ended, run, "No space left on device")
     subprocess.run(["mount", "-o", "remount,size=64m", str(small_disk)], check=True, timeout=30)
-    is_recovered(tmp_path, run, undisturbed)
+    is_recovered(run, undisturbed)

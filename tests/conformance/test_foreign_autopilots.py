@@ -19,6 +19,8 @@ from firmware_model.types import ImuSample
 
 PATIENCE_S = 60.0
 HOLD, GUIDED = 4 << 16 | 3 << 24, 4
+IN_AIR, TAKEOFF = wire.MAV_LANDED_STATE_IN_AIR, wire.MAV_LANDED_STATE_TAKEOFF
+REALS = {"MPC_THR_HOVER": 0.5, "MOT_THST_HOVER": 0.4, "GUID_TIMEOUT": 3.0}
 SETPOINTS = {"SET_ATTITUDE_TARGET", "SET_ACTUATOR_CONTROL_TARGET"}
 
 
@@ -26,14 +28,16 @@ class Foreign:
     """Scripted autopilot with a fixed mode, its own parameters, and any stream of samples."""
 
     def __init__(self, link: socket.socket, *, kind: int = wire.MAV_AUTOPILOT_PX4, mode: int = HOLD, hz: int = 250,
-                 grants: bool = True, faithful: bool = False) -> None:  # fmt: skip
+                 grants: bool = True, faithful: bool = False, landed: int = 1) -> None:  # fmt: skip
         self.link, self.kind, self.mode, self.hz = link, kind, mode, hz
+        self.landed, self.armed = landed, landed != 1
         self.grants, self.faithful = grants, faithful
         self.peer: tuple[str, int] | None = None
         self.heard: list = []
         self.packer = wire.MAVLink(None, 1, 1)
         self.sample_us = 1_000_000
         self._began, self._beat_at = time.monotonic(), 0.0
+        self.is_stream = link.type == socket.SOCK_STREAM
         link.settimeout(0.002)
 
     def serve(self, ended: Callable[[], bool]) -> None:
@@ -41,7 +45,7 @@ class Foreign:
         patience = time.monotonic() + PATIENCE_S
         while not ended():
             assert time.monotonic() < patience, f"heard only {set(self.names())}"
-            self._listen()
+            self.listen()
             if self.peer is not None:
                 self._speak(self.peer)
 
@@ -52,33 +56,50 @@ class Foreign:
                 self.link.recv(2048)
         self.heard.clear()
 
+    def hear_all(self) -> None:
+        """Read what is still on its way from a peer that has ended."""
+        while self.listen():
+            pass
+
     def names(self) -> list[str]:
         return [message.get_type() for message in self.heard]
 
-    def _listen(self) -> None:
+    def listen(self) -> bool:
+        """Read and answer what has come; return whether anything has."""
         try:
-            datagram, address = self.link.recvfrom(2048)
-        except (TimeoutError, ConnectionRefusedError):
-            return
+            datagram, address = self.link.recvfrom(65_535)
+        except (TimeoutError, ConnectionError):
+            return False
+        address = self.peer if self.is_stream else address
         # PX4 answers its first peer only, until it ends.
         self.peer = address if self.peer is None or not self.faithful else self.peer
         for message in (frame.message() for frame in parse(datagram)):
             self.heard.append(message)
             match message.get_type():
-                case "PARAM_REQUEST_READ" if message.param_id == "MPC_THR_HOVER":
-                    self._say(wire.MAVLink_param_value_message(b"MPC_THR_HOVER", 0.5, 9, 2, 0))
+                case "PARAM_REQUEST_READ" if message.param_id in REALS:
+                    name = message.param_id
+                    self._say(wire.MAVLink_param_value_message(name.encode(), REALS[name], 9, 2, 0))
+                case "PARAM_REQUEST_READ" if message.param_id == "GUID_OPTIONS":  # integers are cast there
+                    self._say(wire.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 6, 2, 0))
                 case "PARAM_REQUEST_READ" if message.param_id == "IMU_INTEG_RATE":
                     bytewise = struct.unpack("<f", struct.pack("<i", 250))[0]
                     self._say(wire.MAVLink_param_value_message(b"IMU_INTEG_RATE", bytewise, 6, 2, 1))
-                case "COMMAND_LONG" if message.command == wire.MAV_CMD_SET_MESSAGE_INTERVAL:
+                case "COMMAND_LONG" if message.command == wire.MAV_CMD_DO_SET_MODE:
+                    self.mode = int(message.param2) << 16 | int(message.param3) << 24
+                    self._say(wire.MAVLink_command_ack_message(message.command, wire.MAV_RESULT_ACCEPTED))
+                case "COMMAND_LONG" if message.param1 == wire.MAVLINK_MSG_ID_HIGHRES_IMU:
                     self.hz = round(1e6 / message.param2) if self.grants else self.hz
                     result = wire.MAV_RESULT_ACCEPTED if self.grants else wire.MAV_RESULT_UNSUPPORTED
                     self._say(wire.MAVLink_command_ack_message(message.command, result))
+        return bool(datagram)
 
     def _speak(self, peer: tuple[str, int]) -> None:
         if time.monotonic() > self._beat_at:
             self._beat_at = time.monotonic() + 0.2
-            self._say(wire.MAVLink_heartbeat_message(2, self.kind, 1, self.mode, 3, 3))
+            self._say(wire.MAVLink_heartbeat_message(2, self.kind, 1 + 128 * self.armed, self.mode, 3, 3))
+            self._say(wire.MAVLink_extended_sys_state_message(0, self.landed))
+            self._say(wire.MAVLink_attitude_message(0, 0.02, -0.01, 2.0, 0.0, 0.0, 0.0))
+            self._say(wire.MAVLink_local_position_ned_message(0, 0.0, 0.0, -10.0, 0.0, 0.0, 0.0))
         interval_us = 1_000_000 // self.hz
         while self.sample_us + interval_us < 1_000_000 + (time.monotonic() - self._began) * 1e6:
             self.sample_us += interval_us
@@ -86,12 +107,17 @@ class Foreign:
             self._say(imu_message(at_rest))
 
     def _say(self, message) -> None:
-        self.link.sendto(message.pack(self.packer), self.peer)
+        with suppress(ConnectionError):
+            if self.is_stream:
+                self.link.sendall(message.pack(self.packer))
+            else:
+                self.link.sendto(message.pack(self.packer), self.peer)
 
 
 @contextmanager
 def controller(port: int, *options: str) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "gustproof.controller", "--law", "hinf-rates", "--connect", f"127.0.0.1:{port}"]
+    link = ["--connect", f"127.0.0.1:{port}"] if port else []
+    command = [sys.executable, "-m", "gustproof.controller", "--law", "hinf-rates", *link]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen([*command, *options], **pipes, text=True) as running:
         try:
@@ -132,14 +158,64 @@ def end(running: subprocess.Popen[str]) -> dict:
     return json.loads(out.splitlines()[-1])
 
 
-def test_ardupilot_in_guided_is_refused_by_name_and_sees_no_set_point(link):
-    autopilot = Foreign(link, kind=wire.MAV_AUTOPILOT_ARDUPILOTMEGA, mode=GUIDED)
-    with controller(link.getsockname()[1], "--json") as running:
+def test_ardupilot_in_guided_is_flown_in_the_air_and_sees_no_set_point_before(link):
+    autopilot = Foreign(link, kind=wire.MAV_AUTOPILOT_ARDUPILOTMEGA, mode=GUIDED, landed=TAKEOFF, hz=50)
+    with controller(link.getsockname()[1]) as running:
+        until = []
+
+        def has_waited() -> bool:
+            if autopilot.hz == 250 and not until:
+                until.append(time.monotonic() + 1.0)
+            return bool(until) and time.monotonic() > until[0]
+
+        autopilot.serve(has_waited)
+        assert not SETPOINTS & set(autopilot.names())
+        autopilot.landed = IN_AIR
+        autopilot.serve(lambda: bool(SETPOINTS & set(autopilot.names())))
+        running.send_signal(signal.SIGINT)
+        _, err = running.communicate(timeout=PATIENCE_S)
+    setpoint = next(message for message in autopilot.heard if message.get_type() in SETPOINTS)
+    assert (setpoint.type_mask, setpoint.thrust) == (128, pytest.approx(0.4))
+    assert "hinf-rates standing by: in control once GUIDED is set" in err
+    assert "levels and holds its height after 3 s (GUID_TIMEOUT)" in err
+
+
+def test_ardupilot_is_met_over_tcp_again_after_a_lost_connection():
+    with closing(socket.socket()) as server:
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        server.settimeout(PATIENCE_S)
+        connect = f"tcp:127.0.0.1:{server.getsockname()[1]}"
+        with controller(0, "--connect", connect) as running:
+            server.accept()[0].close()
+            with closing(server.accept()[0]) as link:
+                autopilot = Foreign(link, kind=wire.MAV_AUTOPILOT_ARDUPILOTMEGA, mode=GUIDED, landed=IN_AIR)
+                autopilot.peer = link.getpeername()
+                autopilot.serve(lambda: bool(SETPOINTS & set(autopilot.names())))
+                running.send_signal(signal.SIGINT)
+                autopilot.serve(lambda: running.poll() is not None)
+                autopilot.hear_all()
+            _, err = running.communicate(timeout=PATIENCE_S)
+    assert running.returncode == 130
+    assert err.count("trying again") == 1
+    last = [message for message in autopilot.heard if message.get_type() == "COMMAND_LONG"][-1]
+    assert (last.command, last.param2) == (wire.MAV_CMD_DO_SET_MODE, 17.0)  # handed back in BRAKE
+
+
+def test_udpin_meets_who_sends_an_autopilots_heartbeat(link):
+    with closing(socket.socket(type=socket.SOCK_DGRAM)) as found:
+        found.bind(("127.0.0.1", 0))
+        port = found.getsockname()[1]
+    with controller(0, "--connect", f"udpin:127.0.0.1:{port}") as running:
+        autopilot = Foreign(link, landed=IN_AIR)
+        autopilot.peer = ("127.0.0.1", port)
+        link.sendto(b"not MAVLink", autopilot.peer)
+        autopilot.serve(lambda: bool(SETPOINTS & set(autopilot.names())))
+        running.send_signal(signal.SIGINT)
         autopilot.serve(lambda: running.poll() is not None)
-        told = end(running)
-    assert (running.returncode, told["outcome"]) == (2, "not_supported")
-    assert told["message"].startswith("ArduPilot is not supported yet")
-    assert set(autopilot.names()) == {"HEARTBEAT"}
+        autopilot.hear_all()
+    assert running.returncode == 130
+    assert autopilot.mode == HOLD  # taken in OFFBOARD, and handed back
 
 
 def test_px4_at_50_hz_is_asked_for_the_rate_of_the_law(link):
@@ -190,4 +266,5 @@ def test_port_that_another_program_holds_is_told_and_another_one_is_used(px4_por
         f"waiting for an autopilot at 127.0.0.1:{link.getsockname()[1]}",
         "found PX4, system 1: reading MPC_THR_HOVER, IMU_INTEG_RATE, requesting HIGHRES_IMU at 250 Hz",
     ]
-    assert lines[3] == "hinf-rates standing by: in control once OFFBOARD is set"
+    assert "height: held by thrust, from LOCAL_POSITION_NED" in lines
+    assert "hinf-rates standing by: in control once OFFBOARD is set" in lines

@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from typer.testing import CliRunner
 
+from gustproof.cli.app import app
 from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag
 
@@ -65,9 +67,10 @@ def test_a_flight_is_flown_again_from_its_bag_alone_byte_for_byte(run):
         (("--repeat", "."), "no bag in it"),
     ],
 )
-def test_a_repetition_takes_nothing_but_the_recording(run, arguments, words):
-    ended = fly(run.parent, *arguments)
-    assert ended.returncode == 2
+def test_a_repetition_takes_nothing_but_the_recording(run, arguments, words, monkeypatch):
+    monkeypatch.chdir(run.parent)
+    ended = CliRunner().invoke(app, ["fly", *arguments])
+    assert ended.exit_code == 2
     (line,) = ended.stderr.strip().splitlines()
     assert words in line
 
@@ -166,8 +169,8 @@ def own(tmp_path_factory):
         controller = [sys.executable, "-m", "gustproof", "controller", "--law", "pid-fair"]
         subprocess.run([*controller, "--connect", f"127.0.0.1:{port}"], check=True, capture_output=True, timeout=60)
         vehicle.communicate(timeout=60)
-    command = [sys.executable, "-m", "gustproof", "recover", ".", "--json"]
-    told = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True, timeout=60)
+    told = CliRunner().invoke(app, ["recover", str(folder), "--json"])
+    assert told.exit_code == 0, told.stderr
     return folder, json.loads(told.stdout)[0]
 
 
@@ -188,11 +191,9 @@ def test_a_flight_of_an_own_controller_is_recovered_with_its_figures(own):
         (("report", "."), "flown by a controller of its own; a page needs its law"),
     ],
 )
-def test_what_needs_the_law_of_an_own_controller_says_so(own, command, words):
-    told = subprocess.run(
-        [sys.executable, "-m", "gustproof", *command], cwd=own[0], capture_output=True, text=True, check=False,
-        timeout=60,
-    )  # fmt: skip
-    assert told.returncode == 2
+def test_what_needs_the_law_of_an_own_controller_says_so(own, command, words, monkeypatch):
+    monkeypatch.chdir(own[0])
+    told = CliRunner().invoke(app, command)
+    assert told.exit_code == 2
     (line,) = told.stderr.strip().splitlines()
     assert words in line

@@ -70,7 +70,7 @@ class Watched:
 
 @contextmanager
 def watched(script: Scenario, out: Path, *, real_time: bool) -> Iterator[Watched]:
-    with LivePage(script, LAW, VEHICLE, real_time=real_time) as page:
+    with LivePage(script, LAW.name, VEHICLE, real_time=real_time) as page:
         flight = Watched(page, script, out, real_time=real_time)
         try:
             yield flight

@@ -14,7 +14,7 @@ from firmware_model.config.scenario import list_scenarios, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.boundedness import certify_boundedness
 from gustproof.law.form import LAWS, list_laws, load_law
-from gustproof.law.io.c import c_code
+from gustproof.law.io.c import c_unit
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.loopback import fly_loopback
@@ -45,7 +45,7 @@ def flights(name: str) -> dict[str, list[str]]:
 def laws() -> dict[str, list[str]]:
     """Return the digests of each shipped law's file and of its C code."""
     files = {name: (LAWS / f"{name}.json").read_bytes() for name in list_laws()}
-    return {name: [digest(content), digest(c_code(load_law(name)))] for name, content in files.items()}
+    return {name: [digest(content), digest(c_unit(load_law(name)).source)] for name, content in files.items()}
 
 
 def certificate() -> str:

@@ -122,5 +122,5 @@ def test_the_way_from_a_measured_inertia_to_c_runs_as_it_stands(
     assert list(told) == ["design", "analyse", "certify", "fly", "export"]
     assert max(float(peak) for peak in re.findall(r"Ms ([\d.]+) in", told["analyse"])) < 1.6
     assert "proven: " in told["certify"]
-    assert "void my_design_step(" in (tmp_path / "my-law.c").read_text()
+    assert "int my_design_step(" in (tmp_path / "my-law.c").read_text()
     assert len(list((tmp_path / "my-flight").rglob("*.mcap"))) == 1

@@ -1,18 +1,22 @@
 """Margins of a law at hover: the law as it flies, sampled and delayed, on the vehicle's linear model."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from firmware_model.config.scenario import Scenario
+from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.analysis.robustness import StabilityRange, robust_peak, robust_stability
-from gustproof.law.form import Law
+from gustproof.errors import DesignError
+from gustproof.law.form import Law, Output
 from gustproof.law.hover import hover_plant, is_stable_at_hover, loop_law
+from gustproof.law.resample import resample
 from gustproof.lti.margins import margins
 from gustproof.model.uncertainty import Spreads
 
 SPREADS = Spreads(inertia=0.2, actuator_lag=0.3)
 """Spreads of the vehicle for `axis_robustness`."""
+_WORSE = 1.15
+"""[-] most that the sensitivity peak may grow when a law is resampled."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,6 +61,48 @@ def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargin
         unstable_delay=scenario.delay_samples + math.ceil(delay_margin / scenario.dt),
         off_nominal_Ms=_off_nominal_peak(law, vehicle, scenario),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resampled:
+    """A law at another rate, with its margins at hover at either, a sample late each."""
+
+    law: Law
+    """The law at the new rate."""
+    before: HoverMargins | None
+    """Margins at the law's own rate; `None` for a rates law, whose loop is the autopilot's own."""
+    after: HoverMargins | None
+    """Margins at the new rate."""
+
+
+def resample_at_hover(law: Law, rate: int, vehicle: Vehicle) -> Resampled:
+    """Return the law at `rate` [Hz], if its loop at hover is about as good as at its own rate.
+
+    Raises
+    ------
+    DesignError
+        If the law cannot be resampled, or its loop is unstable or its sensitivity peak over 15 % larger.
+    ValueError
+        If the rate is none that a scenario may have.
+    """
+    if 1_000_000 % rate:
+        raise ValueError(f"is {rate} Hz, must divide 1,000,000: a sample is a whole number of microseconds")
+    scenario = load_scenario("paper-turbulence")
+
+    def at(hz: int) -> Scenario:
+        return replace(scenario, control_rate_hz=hz, physics_rate_hz=hz * math.ceil(1000 / hz), delay_samples=1)
+
+    scenarios = at(round(1.0 / law.dt)), at(rate)
+    moved = resample(law, rate)
+    if law.output is not Output.TORQUE:
+        return Resampled(law=moved, before=None, after=None)
+    before, after = (hover_margins(each, vehicle, day) for each, day in zip((law, moved), scenarios, strict=True))
+    if after is None:
+        raise DesignError(f"law '{law.name}' is unstable on vehicle '{vehicle.name}' at {rate} Hz")
+    if before is not None and after.Ms > _WORSE * before.Ms:
+        peaks = f"Ms is {after.Ms:.2f}, {before.Ms:.2f} at its own rate"
+        raise DesignError(f"law '{law.name}' is poor at {rate} Hz: {peaks}; design it for this rate")
+    return Resampled(law=moved, before=before, after=after)
 
 
 def _off_nominal_peak(law: Law, vehicle: Vehicle, scenario: Scenario) -> float | None:

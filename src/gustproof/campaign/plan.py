@@ -20,6 +20,7 @@ from firmware_model.errors import ConfigError
 from gustproof.campaign.sampling import Sampling, draw_deltas, flight_seeds
 from gustproof.law.form import Law, parse_law
 from gustproof.simulate.batch import Case
+from gustproof.simulate.guest import ForeignAutopilot, parse_autopilot
 from gustproof.types import Array
 from gustproof.version import software_versions
 
@@ -66,8 +67,8 @@ class Campaign:
 
     scenario: Scenario
     """Script."""
-    laws: tuple[Law, ...]
-    """Laws with distinct names."""
+    laws: tuple[Law | ForeignAutopilot, ...]
+    """Laws, and real autopilots that fly in place of one, with distinct names."""
     vehicles: VehicleSet
     """Vehicle with its spreads."""
     spreads: Mapping[str, Spread]
@@ -86,7 +87,7 @@ class Campaign:
             if names.count(name) > 1:
                 raise ConfigError(f"law '{name}': given {names.count(name)} times; names must be distinct")
         for law in self.laws:
-            if law.dt != self.scenario.dt:
+            if isinstance(law, Law) and law.dt != self.scenario.dt:
                 every = f"scenario '{self.scenario.name}' every {self.scenario.dt} s"
                 raise ConfigError(f"law '{law.name}' steps every {law.dt} s, {every}")
 
@@ -95,7 +96,12 @@ class Campaign:
         """Number of runs."""
         return self.cases * len(self.laws)
 
-    def law_of(self, run: int) -> Law:
+    @property
+    def flies_in_lanes(self) -> bool:
+        """True if many runs are flown side by side in one loop, without messages."""
+        return not self.scenario.has_link_script and all(isinstance(law, Law) for law in self.laws)
+
+    def law_of(self, run: int) -> Law | ForeignAutopilot:
         """Return the law that flies a run."""
         return self.laws[run // self.cases]
 
@@ -204,7 +210,7 @@ def parse_campaign(metadata: Any, source: Path | str) -> Campaign:
             raise ConfigError(f"{source}: its format is {metadata['format']!r}, not {FORMAT!r}")
         return Campaign(
             scenario=validate(Scenario, metadata["scenario"], f"{source}: scenario"),
-            laws=tuple(parse_law(law, f"{source}: law") for law in metadata["laws"]),
+            laws=tuple(_parse_contestant(law, source) for law in metadata["laws"]),
             vehicles=make_vehicle_set(metadata["vehicle"], f"{source}: vehicle"),
             spreads={name: Spread(**spread) for name, spread in metadata["spreads"].items()},
             cases=int(metadata["runs"]),
@@ -213,3 +219,9 @@ def parse_campaign(metadata: Any, source: Path | str) -> Campaign:
         )
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ConfigError(f"{source}: no description of a campaign") from None
+
+
+def _parse_contestant(document: Any, source: Path | str) -> Law | ForeignAutopilot:
+    if "autopilot" in document:
+        return parse_autopilot(document, source)
+    return parse_law(document, f"{source}: law")

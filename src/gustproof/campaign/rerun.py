@@ -13,6 +13,7 @@ from gustproof.campaign.reader import read_campaign, read_run
 from gustproof.campaign.worker import FIGURES, delta_column, requirement_columns
 from gustproof.law.form import load_law
 from gustproof.simulate.flight import Flight, FlightPlan
+from gustproof.simulate.guest import ForeignAutopilot, GuestPlan
 
 
 class CampaignRun(NamedTuple):
@@ -26,12 +27,15 @@ class CampaignRun(NamedTuple):
     """Results by column."""
 
     @property
-    def plan(self) -> FlightPlan:
+    def plan(self) -> FlightPlan | GuestPlan:
         """Plan of a flight that repeats the run."""
         delta = [self.row[delta_column(name)] for name in self.campaign.spreads]
         case = self.campaign.make_case(delta, self.row["seed"])
         law = self.campaign.law_of(self.row["run"])
-        return FlightPlan(case.apply_to(self.campaign.scenario), law, case.vehicle, case.seed, real_time=False)
+        script = case.apply_to(self.campaign.scenario)
+        if isinstance(law, ForeignAutopilot):
+            return GuestPlan(script, law, case.vehicle, case.seed, real_time=False)
+        return FlightPlan(script, law, case.vehicle, case.seed, real_time=False)
 
     def check(self, scenario: str | None, law: str | None) -> None:
         """Check that scenario and law are those of the run; `None` matches any.

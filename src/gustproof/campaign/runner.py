@@ -80,7 +80,7 @@ class _Runner:
         self._campaign, self._store, self._pool, self._task = campaign, store, pool, task
         self._metadata, self._progress = json.dumps(campaign.metadata()), progress
         self._fixed = chunk_runs is not None
-        self._least = 1 if campaign.scenario.has_link_script else LANES  # fewer lanes take as long
+        self._least = LANES if campaign.flies_in_lanes else 1  # fewer lanes take as long
         self._size = chunk_runs or self._least
         self._waiting = deque(store.missing_chunks())
         self._running: dict[Future[ChunkResult], Chunk] = {}

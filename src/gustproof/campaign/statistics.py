@@ -26,6 +26,7 @@ from gustproof.campaign.intervals import (
 from gustproof.campaign.plan import Campaign
 from gustproof.campaign.reader import open_table, read_campaign, read_column
 from gustproof.campaign.worker import FIGURES, delta_column, requirement_columns
+from gustproof.law.form import Law
 from gustproof.simulate.flight import warnings
 from gustproof.types import Array
 
@@ -137,7 +138,8 @@ class CampaignStatistics:
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the laws on the nominal vehicle, one line each; read them before the figures."""
         flown = self.campaign
-        return tuple(line for law in flown.laws for line in warnings(flown.scenario, law, flown.vehicles.nominal))
+        laws = (law for law in flown.laws if isinstance(law, Law))
+        return tuple(line for law in laws for line in warnings(flown.scenario, law, flown.vehicles.nominal))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the statistics as JSON values; numbers that are not finite become null."""

@@ -8,6 +8,8 @@ from dataclasses import fields
 from functools import lru_cache
 from itertools import chain
 from operator import attrgetter
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,8 +25,10 @@ from gustproof.scoring.metrics import Metrics, measure
 from gustproof.scoring.requirements import judge
 from gustproof.simulate.batch import Case, CaseResult, make_batch_simulator
 from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.guest import ForeignAutopilot, GuestPlan, fly_guest
 from gustproof.simulate.kernels import LANES
 from gustproof.simulate.loopback import fly_loopback
+from gustproof.simulate.outcome import FlightOutcome
 from gustproof.types import Array
 from gustproof.version import software_versions
 
@@ -89,7 +93,7 @@ def _load_campaign(metadata: str) -> Campaign:
 
 
 def _fly_cases(
-    campaign: Campaign, law: Law, fly: Simulator, delta: Array, seeds: Sequence[int]
+    campaign: Campaign, law: Law | ForeignAutopilot, fly: Simulator, delta: Array, seeds: Sequence[int]
 ) -> list[CaseResult | str]:
     """Return the result of each case, or the reason why it has none."""
     cases: list[Case | str] = []
@@ -114,7 +118,9 @@ def _fly_bisecting(fly: Simulator, cases: list[Case]) -> list[CaseResult | str]:
         return _fly_bisecting(fly, cases[:half]) + _fly_bisecting(fly, cases[half:])
 
 
-def _make_simulator(scenario: Scenario, law: Law) -> Simulator:
+def _make_simulator(scenario: Scenario, law: Law | ForeignAutopilot) -> Simulator:
+    if isinstance(law, ForeignAutopilot):
+        return lambda cases: [_fly_guest(scenario, law, case) for case in cases]
     if not scenario.has_link_script:
         return make_batch_simulator(scenario, law)
 
@@ -127,11 +133,22 @@ def _make_simulator(scenario: Scenario, law: Law) -> Simulator:
     return lambda cases: [fly(case) for case in cases]
 
 
-def _check_diverged(campaign: Campaign, law: Law, case: Case, judged: CaseResult | str) -> CaseResult | str:
+def _fly_guest(scenario: Scenario, autopilot: ForeignAutopilot, case: Case) -> CaseResult:
+    with TemporaryDirectory() as folder:
+        plan = GuestPlan(case.apply_to(scenario), autopilot, case.vehicle, case.seed, real_time=False)
+        flight = fly_guest(plan, Path(folder))
+    if flight.outcome is not FlightOutcome.DONE or flight.metrics is None:
+        raise ValueError(flight.message)
+    return CaseResult(metrics=flight.metrics, requirements=flight.requirements)
+
+
+def _check_diverged(
+    campaign: Campaign, law: Law | ForeignAutopilot, case: Case, judged: CaseResult | str
+) -> CaseResult | str:
     """Return the result, or the time of divergence if the flight diverged."""
     if isinstance(judged, str) or all(map(math.isfinite, _get_figures(judged.metrics))):
         return judged
-    if campaign.scenario.has_link_script:
+    if campaign.scenario.has_link_script or isinstance(law, ForeignAutopilot):
         return "diverged"
     records = fly_direct(case.apply_to(campaign.scenario), law, vehicle=case.vehicle, seed=case.seed)
     numbers = np.column_stack([records["q_NB"], records["omega_B"], records["torque_command_B"]])

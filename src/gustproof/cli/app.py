@@ -3,12 +3,15 @@
 import typer
 
 from gustproof.cli.analyse import analyse
+from gustproof.cli.audit import audit
 from gustproof.cli.campaign import campaign
 from gustproof.cli.certify import certify
+from gustproof.cli.compare import compare
 from gustproof.cli.design import design
 from gustproof.cli.export import export
 from gustproof.cli.failures import OneLineErrors
 from gustproof.cli.fly import fly
+from gustproof.cli.identify_rates import identify_rates
 from gustproof.cli.processes import autopilot, controller
 from gustproof.cli.recover import recover
 from gustproof.cli.report import report
@@ -32,14 +35,17 @@ app = typer.Typer(
 )
 app.command()(reproduce)
 app.command()(design)
+app.command()(identify_rates)
 app.add_typer(scenario, name="scenario")
 app.command()(fly)
 app.command()(recover)
 app.command()(campaign)
+app.command()(compare)
 app.command()(certify)
 app.command()(worst_case)
 app.command()(report)
 app.command()(analyse)
+app.command()(audit)
 app.command()(export)
 app.command(context_settings=PASS_THROUGH)(autopilot)
 app.command(context_settings=PASS_THROUGH)(controller)

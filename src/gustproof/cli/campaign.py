@@ -9,7 +9,17 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, exit_with
-from gustproof.cli.options import Anyway, AsJson, VehicleName, check_output, print_json, progress
+from gustproof.cli.options import (
+    Anyway,
+    AsJson,
+    AutopilotName,
+    Build,
+    Params,
+    VehicleName,
+    check_output,
+    print_json,
+    progress,
+)
 
 if TYPE_CHECKING:
     from gustproof.campaign.plan import Campaign
@@ -19,10 +29,14 @@ Choice = TypeVar("Choice", bound=Enum)
 
 def campaign(
     scenario: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a .toml file.")],
-    law: Annotated[
-        list[str], typer.Option(help="Name of a shipped law, or a .json file. Repeat it to compare laws case by case.")
-    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Write the table here (.parquet).")],
+    law: Annotated[
+        list[str] | None,
+        typer.Option(help="Name of a shipped law, or a .json file. Repeat it to compare laws case by case."),
+    ] = None,
+    autopilot: AutopilotName = None,
+    build: Build = "",
+    params: Params = "",
     runs: Annotated[int, typer.Option(min=1, help="Flights of each law.")] = 1000,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Worker processes [default: one for each core].", show_default=False)
@@ -58,25 +72,37 @@ def campaign(
         gustproof report mc.parquet -o mc.html
 
         gustproof fly --run mc.parquet:471
+
+    A real autopilot may fly beside the laws, some seconds a run:
+
+        gustproof campaign paper-turbulence --autopilot px4 --params tuned --runs 20 -o px4.parquet
     """
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
     from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads, usual_dispersions
     from gustproof.campaign.sampling import Sampling
     from gustproof.campaign.statistics import compute_statistics
-    from gustproof.law.form import load_law
+    from gustproof.law.form import Law, load_law
     from gustproof.report.campaign import render_campaign
     from gustproof.report.terminal import show
     from gustproof.simulate.flight import check
+    from gustproof.simulate.guest import ForeignAutopilot, check_guest
 
     script, vehicles = load_scenario(scenario), load_vehicle_set(vehicle)
     if spread is None:
         wanted = usual_dispersions(vehicles)
     else:
         wanted = [_parse_choice(DispersionKind, "--spread", word.strip()) for word in spread.split(",")]
+    laws = [load_law(name) for name in law or ()]
+    contestants: list[Law | ForeignAutopilot] = [*laws]
+    if autopilot is not None:
+        contestants.append(ForeignAutopilot(kind=autopilot, build=build, parameters=params))
+        check_guest(script)
+    if not contestants:
+        raise ConfigError("give --law, or --autopilot")
     plan = Campaign(
         scenario=script,
-        laws=tuple(load_law(name) for name in law),
+        laws=tuple(contestants),
         vehicles=vehicles,
         spreads=select_spreads(vehicles, script, wanted, gust=gust_spread, attitude_deg=attitude_spread),
         cases=runs,
@@ -84,7 +110,7 @@ def campaign(
         seed=seed,
     )
     if not anyway:
-        for flown in plan.laws:
+        for flown in laws:
             check(plan.scenario, flown, plan.vehicles.nominal)
     _fly(plan, output, workers, executor, quiet=as_json)
     found = compute_statistics(output)

@@ -36,6 +36,10 @@ def design(
     ] = None,
     starts: Annotated[int, typer.Option(min=1, help="hinfstruct: number of starts of the search.")] = 5,
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="hinfstruct: seed of random starts.")] = 1,
+    inner: Annotated[
+        Path | None,
+        typer.Option(help="Rate loops of the autopilot, from `identify-rates`, for a law that sends rates."),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Write the law here (.json), its singular values beside it.")
     ] = None,
@@ -48,15 +52,21 @@ def design(
     gustproof design D2 --gamma 0.25 -o my-law.json
 
     gustproof design D2 --method hinfstruct --order 6 -o reduced.json
+
+    gustproof design R1 --inner my-px4.toml -o my-rates.json
     """
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.report.laws import render_design, save_design_figure
     from gustproof.report.terminal import show
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import load_design
+    from gustproof.synthesis.inner_loops import load_inner_loops
+    from gustproof.synthesis.rate_law import derive_over
     from gustproof.synthesis.structured.fixed_order import solve_structured
 
     _check_method(method, order, gamma, backoff)
+    if inner is not None and (order is not None or gamma is not None):
+        raise ConfigError("--inner sets the level and the controller's order itself: give neither --gamma nor --order")
     check_output(output, ".json", "a law file")
     wanted = load_design(name)
     if gamma is not None:
@@ -66,7 +76,10 @@ def design(
     airframe = None if vehicle is None else load_vehicle(vehicle)
     with progress(f"searching, {wanted.name}", quiet=as_json or order is None) as shown:
         search = partial(solve_structured, order=order or 0, starts=starts, seed=seed, progress=shown)
-        law, report = derive(wanted, airframe, solve=None if order is None else search)
+        if inner is not None:
+            law, report = derive_over(wanted, load_inner_loops(inner), airframe)
+        else:
+            law, report = derive(wanted, airframe, solve=None if order is None else search)
     if output is not None:
         law.save(output)
         save_design_figure(report, output.with_suffix(".png"))

@@ -8,15 +8,29 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gustproof.cli.failures import ExitStatus, exit_with
-from gustproof.cli.options import SEED, Anyway, AsJson, VehicleName, print_json, progress, refuse_given
+from gustproof.cli.options import (
+    SEED,
+    Anyway,
+    AsJson,
+    AutopilotName,
+    Build,
+    Params,
+    VehicleName,
+    print_json,
+    progress,
+    refuse_given,
+)
 
 if TYPE_CHECKING:
+    from firmware_model.config.scenario import Scenario
     from gustproof.campaign.rerun import CampaignRun
     from gustproof.simulate.flight import Flight, FlightPlan
+    from gustproof.simulate.guest import ForeignAutopilot, GuestPlan
 
 
-_BAG_OPTIONS = ("scenario", "law", "vehicle", "seed", "real_time", "run")
-_TABLE_OPTIONS = ("vehicle", "seed", "real_time")
+_AUTOPILOT_OPTIONS = ("build", "params", "instance")
+_BAG_OPTIONS = (*_AUTOPILOT_OPTIONS, "autopilot", "free", "scenario", "law", "vehicle", "seed", "real_time", "run")
+_TABLE_OPTIONS = (*_AUTOPILOT_OPTIONS, "autopilot", "free", "vehicle", "seed", "real_time")
 _Comparison = tuple[bool | None, str]
 """True if all bits are equal, `None` if they cannot be compared; the result in words."""
 
@@ -35,6 +49,14 @@ def fly(
     real_time: Annotated[
         bool, typer.Option("--real-time", help="Fly at the pace of the clock, on the usual ports.")
     ] = False,
+    autopilot: AutopilotName = None,
+    build: Build = "",
+    params: Params = "",
+    instance: Annotated[
+        int | None,
+        typer.Option(min=0, max=199, help="Instance of the autopilot, which sets its ports [default: a free one]."),
+    ] = None,
+    free: Annotated[bool, typer.Option("--free", help="Fly free, even if the scenario holds the vehicle.")] = False,
     repeat: Annotated[
         Path | None,
         typer.Option(
@@ -71,16 +93,26 @@ def fly(
         gustproof fly --repeat runs/fly-001
 
         gustproof fly --run mc.parquet:4711
+
+    With --autopilot a real PX4 flies: it is started, armed, flown and ended here. --law then names a law built into it.
+
+        gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot/build/px4_sitl_default --params tuned
     """
     from gustproof.recording.folder import make_run_folder
-    from gustproof.report.terminal import render_flight, show
+    from gustproof.simulate.guest import ForeignAutopilot
     from gustproof.simulate.outcome import FlightOutcome
 
     table_run = _find_run(context, run, scenario, law) if run and not repeat else None
     if table_run:
         plan = table_run.plan
+    elif repeat:
+        plan = _load_plan(context, repeat)
+    elif autopilot:
+        chosen = ForeignAutopilot(kind=autopilot, build=build, parameters=params, law=law or "", instance=instance)
+        plan = _make_guest_plan(load_script(scenario, free=free), chosen, vehicle, seed, real_time=real_time)
     else:
-        plan = _load_plan(context, repeat) if repeat else _make_plan(scenario, law, vehicle, seed, real_time, anyway)
+        refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
+        plan = _make_plan(load_script(scenario, free=free), law, vehicle, seed, real_time, anyway)
     folder = make_run_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
@@ -91,15 +123,21 @@ def fly(
         raise exit_with(line, ExitStatus.INTERRUPTED) from None
     interrupted = result.outcome is FlightOutcome.INTERRUPTED
     comparison = None if interrupted else _compare(result, plan, repeat, table_run)
+    _print_flight(result, comparison, as_json=as_json)
+    if interrupted:
+        raise exit_with(f"interrupted; the recording so far is in {folder}", ExitStatus.INTERRUPTED)
+    _report_failures(result, comparison, folder)
+
+
+def _print_flight(result: "Flight", comparison: _Comparison | None, *, as_json: bool) -> None:
+    from gustproof.report.terminal import render_flight, show
+
     if as_json:
         compared = dict(zip(("equal", "comparison"), comparison, strict=True)) if comparison else {}
         print_json(result.to_dict() | compared)
     else:
         document = (result.message, result.metrics, result.bag, result.requirements, result.timing, result.warnings)
-        show(render_flight(*document))
-    if interrupted:
-        raise exit_with(f"interrupted; the recording so far is in {folder}", ExitStatus.INTERRUPTED)
-    _report_failures(result, comparison, folder)
+        show(render_flight(*document, result.own_view))
 
 
 def _report_failures(result: "Flight", comparison: _Comparison | None, folder: Path) -> None:
@@ -115,43 +153,72 @@ def _report_failures(result: "Flight", comparison: _Comparison | None, folder: P
         raise exit_with(f"{failed} of {len(result.requirements)} requirements failed", ExitStatus.REQUIREMENT_FAILED)
 
 
-def _fly(plan: "FlightPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "Flight":
+def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "Flight":
     """Fly with progress on standard error and, if `view`, on a page that starts the flight."""
-    from gustproof.simulate.flight import warnings
-    from gustproof.simulate.recorder import fly_and_record
+    from gustproof.simulate.flight import FlightPlan, warnings
+    from gustproof.simulate.recorder import fly_and_record, fly_guest_and_record
 
-    for warning in () if quiet else warnings(plan.scenario, plan.law, plan.vehicle):
+    if isinstance(plan, FlightPlan):
+        pilot, known = plan.law.name, warnings(plan.scenario, plan.law, plan.vehicle)
+    else:
+        pilot, known = plan.autopilot.name, ()
+    for warning in () if quiet else known:
         print(f"gustproof: warning: {warning}", file=sys.stderr)
-    title = f"{plan.scenario.name}, {plan.law.name}"
+    title = f"{plan.scenario.name}, {pilot}"
     with ExitStack() as stack:
         page = None
         if view:
             from gustproof.live.live import LivePage
 
-            page = stack.enter_context(LivePage(plan.scenario, plan.law, plan.vehicle, real_time=plan.real_time))
+            page = stack.enter_context(LivePage(plan.scenario, pilot, plan.vehicle, real_time=plan.real_time))
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
             page.wait()
         shown = stack.enter_context(progress(title, quiet=quiet))
         watch = page.watch if page else None
-        result = fly_and_record(plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=watch)
+        if isinstance(plan, FlightPlan):
+            result = fly_and_record(plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=watch)
+        else:
+            follow = page.follow if page else None
+            result = fly_guest_and_record(
+                plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=follow
+            )
         if page:
             page.end(result.message, result.records)
     return result
 
 
-def _make_plan(
-    scenario: str | None, law: str | None, vehicle: str, seed: int, real_time: bool, anyway: bool
-) -> "FlightPlan":
+def load_script(scenario: str | None, *, free: bool) -> "Scenario":
+    """Return the scenario, in free flight if `free`; its name then says so."""
+    from dataclasses import replace
+
     from firmware_model.config.scenario import load_scenario
+    from firmware_model.errors import ConfigError
+
+    if scenario is None:
+        raise ConfigError("give a scenario, or --repeat, or --run")
+    script = load_scenario(scenario)
+    return replace(script, name=f"{script.name}-free", translation="free") if free and not script.free else script
+
+
+def _make_guest_plan(
+    script: "Scenario", autopilot: "ForeignAutopilot", vehicle: str, seed: int, *, real_time: bool
+) -> "GuestPlan":
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.simulate.guest import GuestPlan
+
+    return GuestPlan(script, autopilot, load_vehicle(vehicle), seed, real_time or not autopilot.has_lockstep)
+
+
+def _make_plan(
+    script: "Scenario", law: str | None, vehicle: str, seed: int, real_time: bool, anyway: bool
+) -> "FlightPlan":
     from firmware_model.config.vehicle import load_vehicle
     from firmware_model.errors import ConfigError
     from gustproof.controller import DEFAULT_LAW
     from gustproof.law.form import load_law
     from gustproof.simulate.flight import FlightPlan, check
 
-    if scenario is None:
-        raise ConfigError("give a scenario, or --repeat, or --run")
-    script, airframe = load_scenario(scenario), load_vehicle(vehicle)
+    airframe = load_vehicle(vehicle)
     flown = load_law(DEFAULT_LAW if law is None else law)
     if law is None and flown.provenance.vehicle != airframe.name:
         raise ConfigError(
@@ -162,14 +229,16 @@ def _make_plan(
     return FlightPlan(script, flown, airframe, seed, real_time)
 
 
-def _load_plan(context: typer.Context, run: Path) -> "FlightPlan":
+def _load_plan(context: typer.Context, run: Path) -> "FlightPlan | GuestPlan":
     from gustproof.recording.bag import read_bag
     from gustproof.recording.folder import find_bag
     from gustproof.simulate.flight import parse_plan
+    from gustproof.simulate.guest import parse_guest_plan
 
     refuse_given(context, _BAG_OPTIONS, "--repeat flies the plan in the bag")
     bag = find_bag(run)
-    return parse_plan(read_bag(bag)[0], bag)
+    about, _ = read_bag(bag)
+    return parse_guest_plan(about, bag) if about.get("autopilot") else parse_plan(about, bag)
 
 
 def _find_run(context: typer.Context, run: str, scenario: str | None, law: str | None) -> "CampaignRun":
@@ -182,7 +251,7 @@ def _find_run(context: typer.Context, run: str, scenario: str | None, law: str |
 
 
 def _compare(
-    result: "Flight", plan: "FlightPlan", repeat: Path | None, table_run: "CampaignRun | None"
+    result: "Flight", plan: "FlightPlan | GuestPlan", repeat: Path | None, table_run: "CampaignRun | None"
 ) -> _Comparison | None:
     """Compare every bit of a flight with the one that it repeats; `None` if it repeats none."""
     from gustproof.recording.bag import read_bag

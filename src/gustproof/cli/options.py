@@ -19,6 +19,24 @@ Anyway = Annotated[
         "--anyway", help="Fly even a law that is unstable on the vehicle, or references that it does not hold."
     ),
 ]
+AutopilotName = Annotated[
+    str | None,
+    typer.Option(
+        "--autopilot",
+        help="Fly a real autopilot, px4, ardupilot or betaflight, in place of our own.",
+        show_default=False,
+    ),
+]
+Build = Annotated[
+    str, typer.Option(help="Folder of the autopilot's build [default: the usual places].", show_default=False)
+]
+Params = Annotated[
+    str,
+    typer.Option(
+        help="Parameters of the autopilot, a file or a shipped set such as tuned, on top of those for the vehicle.",
+        show_default=False,
+    ),
+]
 VehicleName = Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")]
 SEED = typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")
 

@@ -21,7 +21,7 @@ def autopilot(context: typer.Context) -> None:
 
 
 def controller(context: typer.Context) -> None:
-    """Fly a law file against an autopilot over UDP; `gustproof controller --help` shows its options.
+    """Fly a law file against an autopilot over MAVLink; `gustproof controller --help` shows its options.
 
     gustproof controller --law hinf-scheduled
     """

@@ -26,4 +26,4 @@ def recover(
         print_json([flight.to_dict() for flight in flights])
         return
     for flight in flights:
-        show(render_flight(flight.message, flight.metrics, flight.bag, flight.requirements))
+        show(render_flight(flight.message, flight.metrics, flight.bag, flight.requirements, own_view=flight.own_view))

@@ -1,9 +1,8 @@
-"""`python -m gustproof.controller`: fly a law file against an autopilot over UDP."""
+"""`python -m gustproof.controller`: fly a law file against an autopilot over MAVLink."""
 
 import argparse
 import json
 import signal
-import socket
 import sys
 from collections.abc import Callable, Sequence
 
@@ -11,9 +10,9 @@ from firmware_model.config.files import read_json
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.validation import Parser, printable
 from firmware_model.errors import ConfigError
-from firmware_model.process import access, realtime, udp
+from firmware_model.process import realtime
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
-from gustproof.controller import DEFAULT_LAW
+from gustproof.controller import DEFAULT_LAW, connection
 from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
 from gustproof.law.form import Law, Output, list_laws, load_law
 from gustproof.law.step import LawStepper
@@ -25,9 +24,6 @@ _EXIT = {
     ControllerOutcome.INTERRUPTED: 130,
 }
 _EXIT_BROKEN_OFF = 3
-# PX4's simulation listens on 14580 + instance. It sends to 14540 + instance unless another port sends to it first; then
-# it sends to that one until it ends.
-_PX4_PORTS, _PX4_OFFSET = range(14580, 14590), -40
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,21 +45,18 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
     realtime.freeze_gc(off=True)
     name = options.scenario
     references = (read_json(Scenario, name) or load_scenario(name)).references if name else ()
-    vehicle = _address(options.connect)
-    signing = access.make_signing(options, vehicle[0], strict=True)
-    quiet = options.json or options.exit_on_stdin_eof
-    with _bind(options, vehicle) as bound:
-        report: Callable[[str], None] = (lambda _: None) if quiet else _report
-        endpoint = ControllerEndpoint(law, (0, vehicle), signing, references, report)
-        report(f"waiting for an autopilot at {vehicle[0]}:{vehicle[1]}")
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: endpoint.interrupt())
-        if options.exit_on_stdin_eof:
-            exit_on_stdin_eof(endpoint.interrupt)
-        if options.real_time:
-            realtime.request_fifo_scheduling()
-        udp.connect(bound, vehicle)
-        udp.serve_lockstep(endpoint, bound)
+    target = connection.parse_target(options.connect)
+    signing = connection.make_signing(options, target)
+    report: Callable[[str], None] = (lambda _: None) if options.json or options.exit_on_stdin_eof else _report
+    flown = {"hold_height": options.height == "hold", "correct_attitude": options.attitude == "autopilot"}
+    endpoint = ControllerEndpoint(law, (0, target.address), signing, references, report, **flown)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: endpoint.interrupt())
+    if options.exit_on_stdin_eof:
+        exit_on_stdin_eof(endpoint.interrupt)
+    if options.real_time:
+        realtime.request_fifo_scheduling()
+    connection.serve(endpoint, target, options.bind_port, report)
     outcome = endpoint.outcome or ControllerOutcome.INTERRUPTED
     _print_summary(law, endpoint, outcome, as_json=options.json)
     return _EXIT.get(outcome, _EXIT_BROKEN_OFF)
@@ -87,48 +80,34 @@ def _report(text: str) -> None:
     print(f"gustproof controller: {printable(text)}", file=sys.stderr, flush=True)
 
 
-def _bind(options: argparse.Namespace, vehicle: tuple[str, int]) -> socket.socket:
-    """Return the socket to send from; for PX4 its default peer port, if that is free."""
-    host, port = access.LOOPBACK if udp.is_loopback(vehicle[0]) else "0.0.0.0", vehicle[1]
-    if options.bind_port is not None:
-        return udp.bind(options.bind_port, host)
-    if options.connect != "-" and port in _PX4_PORTS:
-        try:
-            return udp.bind(port + _PX4_OFFSET, host)
-        except ConfigError as error:
-            _report(f"{error}; a free port is used, which PX4 accepts only as its first peer since its start")
-    return udp.bind(0, host)
-
-
-def _address(text: str) -> tuple[str, int]:
-    """Return host and port; `-` waits for them in the first line of standard input."""
-    host, _, port = (sys.stdin.readline().strip() if text == "-" else text).rpartition(":")
-    if not (host and not set(host) & set("/:") and port.isdecimal() and 0 < int(port) < 65536):
-        raise ConfigError(f"--connect is '{text}', must be HOST:PORT, as 127.0.0.1:14580")
-    return udp.resolve(host, int(port))
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="gustproof controller",
         description="Fly a law: find the autopilot, read its limits, answer every sample. A vehicle that waits for its "
         "script is armed and flown in OFFBOARD to the end. If a pilot is flying, take over once; yield on any mode "
-        "change, and fly again when OFFBOARD is set.",
+        "change, and fly again when OFFBOARD, or GUIDED of ArduPilot, is set. Ctrl-C hands back to HOLD, or BRAKE.",
         epilog="Exit status: 0 flown to the end, 2 bad input, 3 the flight broke off, 130 interrupted.",
     )
     add = parser.add_argument
     names = ", ".join(list_laws())
     add("--law", default=DEFAULT_LAW, help=f"a .json file, or one of {names} [%(default)s, for the vehicle 'paper']")
     add("--via", choices=[output.value for output in Output], help="command message [the law's output]")
-    add("--connect", default="127.0.0.1:14580", help="HOST:PORT of the autopilot, - reads it from stdin [%(default)s]")
+    connection.add_options(parser)
     add(
-        "--bind-port",
-        type=int,
-        help="port to send from, 0 for a free one [14540 + N for PX4's simulation at 14580 + N, else free]",
+        "--height",
+        choices=["hold", "free"],
+        default="hold",
+        help="thrust beside rates, when a pilot has flown: hold the height, or send the hover thrust [%(default)s]",
+    )
+    add(
+        "--attitude",
+        choices=["autopilot", "own"],
+        default="autopilot",
+        help="attitude of a law with an estimate, when a pilot has flown: corrected by ATTITUDE, or its own "
+        "[%(default)s]",
     )
     add("--scenario", help="file with the attitude references to hold [level]")
     add("--real-time", action="store_true", help="request real-time scheduling (SCHED_FIFO); not for lockstep")
-    access.add_options(parser)
     add("--exit-on-stdin-eof", action="store_true", help=argparse.SUPPRESS)
     add("--json", action="store_true", help="print JSON, one object a line")
     return parser

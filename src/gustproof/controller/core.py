@@ -9,6 +9,10 @@ from gustproof.law.form import Law, Output
 from gustproof.law.step import LawStepper
 
 References = Sequence[tuple[int, Vector]]
+_CORRECTION_RATE = 0.5  # [1/s]; ten times the leak of a law's estimate, a tenth of the loop's bandwidth
+_LARGEST_CORRECTION = 0.1  # [rad] difference that counts
+_LONGEST_CORRECTION_S = 0.1
+_LONGEST_GAP_US = 1_000_000  # a longer silence is no motion to interpolate
 
 
 class Controller:
@@ -17,52 +21,88 @@ class Controller:
     A law knows no attitude but the one that it integrates: its level is the attitude in which it begins.
 
     `scale` is the command that is 1.0 on the wire: the published torque limits [N*m] B for torques, 1 rad/s for rates.
-    The command is divided by it and rounded to float32, as on every other route. `hover` is the published thrust sent
-    beside rates; beside torques the vehicle holds its height.
+    The command is divided by it and rounded to float32, as on every other route. `thrust` is sent beside rates, at
+    first the published hover thrust; beside torques the vehicle holds its height.
 
     `missed` counts samples that the vehicle took between two steps of the law and that never came. The law's attitude
-    lacks the rotation in that time.
+    lacks the rotation in that time, unless the law is `interpolating`. It then steps at instants of its own, `dt`
+    apart, on gyro and force interpolated between samples: any stamps at nearly its rate will do.
 
     `references` are rising stamps [us], each with the attitude to hold from that sample on: roll, pitch, yaw [rad];
-    level before the first.
+    level before the first. If the law is interpolating, they count from the last sample that reset it.
     """
 
-    def __init__(self, law: Law, scale: Vector, hover: float, references: References = ()) -> None:
-        self.hover = hover
+    def __init__(self, law: Law, scale: Vector, thrust: float, references: References = ()) -> None:
+        self.thrust = thrust
         self._law = LawStepper(law, scale)
         self.torque = law.output is Output.TORQUE
+        self.interpolating = False
         self.last_sample_us = -1
         self.missed = 0
         self._sample_us = round(law.dt * 1e6)
         self.fractions: Vector = (0.0, 0.0, 0.0)
         self._references = deque(references)
+        self._began_us = self._step_at_us = 0
+        self._before: tuple[float, ...] = (0.0,) * 6
+        self._heading: float | None = None
 
-    def answer(self, sample: ImuSample, *, reset: bool = False) -> Command | RejectReason:
+    def answer(
+        self, sample: ImuSample, *, reset: bool = False, attitude: Vector | None = None
+    ) -> Command | RejectReason:
         """Return the command for a sample; the law steps if the sample is newer than the last one.
 
-        With `reset` the law restarts from its initial state first: another flew the vehicle until now.
+        With `reset` the law restarts first: another flew the vehicle until now. It starts at `attitude` [rad], if
+        given and if it has an attitude estimate; its heading is 0 there.
         """
         time_us = sample.time_us
         if time_us < self.last_sample_us:
             return RejectReason.STALE
         if time_us > self.last_sample_us:
             if reset:
-                self._law.restart()
+                self._law.restart(attitude)
+                self._heading = attitude[2] if attitude else None
                 self.last_sample_us = -1
+                self._began_us = time_us if self.interpolating else 0
             self.step(time_us, sample.gyro_B, sample.specific_force_B)
         return self.command(time_us, self.fractions)
+
+    def correct(self, attitude: Vector, step_s: float) -> None:
+        """Correct the law's attitude estimate slowly by the autopilot's [rad], `step_s` after the last correction.
+
+        The autopilot knows gravity and north: a law that integrates the gyro alone drifts, faster where samples are
+        lost. Headings are taken from that of the start; without one there is no correction.
+        """
+        if self._heading is not None:
+            roll, pitch, yaw = attitude
+            share = _CORRECTION_RATE * min(step_s, _LONGEST_CORRECTION_S)
+            self._law.correct((roll, pitch, yaw - self._heading), share, _LARGEST_CORRECTION)
 
     def command(self, time_us: int, fractions: Vector) -> Command:
         """Return `fractions` of `scale` as the command for the sample with this stamp."""
         if self.torque:
             return TorqueCommand(time_us=time_us, torque_B=fractions, throttle=None)
-        return AttitudeTarget(time_us=time_us, q_NB=None, omega_B=fractions, thrust=self.hover)
+        return AttitudeTarget(time_us=time_us, q_NB=None, omega_B=fractions, thrust=self.thrust)
 
     def step(self, time_us: int, gyro_B: Vector, force_B: Vector) -> None:
         """Step the law with a newer sample; its command is `fractions` of `scale`."""
-        while self._references and self._references[0][0] <= time_us:
+        while self._references and self._references[0][0] <= time_us - self._began_us:
             self._law.set_reference(self._references.popleft()[1])
-        if time_us - self.last_sample_us != self._sample_us and self.last_sample_us >= 0:
-            self.missed += max(round((time_us - self.last_sample_us) / self._sample_us) - 1, 0)
-        self.last_sample_us = time_us
-        self.fractions = self._law.step(gyro_B, force_B)
+        before_us, self.last_sample_us = self.last_sample_us, time_us
+        if time_us - before_us != self._sample_us and before_us >= 0:
+            self.missed += max(round((time_us - before_us) / self._sample_us) - 1, 0)
+        if self.interpolating:
+            self._interpolate(before_us, time_us, (*gyro_B, *force_B))
+        else:
+            self.fractions = self._law.step(gyro_B, force_B)
+
+    def _interpolate(self, before_us: int, time_us: int, now: tuple[float, ...]) -> None:
+        """Step the law at its own instants up to half a step after this sample."""
+        gap_us = time_us - before_us
+        if not 0 <= before_us < time_us <= before_us + _LONGEST_GAP_US:
+            self._step_at_us, self._before, gap_us = time_us, now, 1
+        while self._step_at_us <= time_us + self._sample_us // 2:
+            share = min(max((self._step_at_us - time_us) / gap_us + 1.0, 0.0), 1.0)
+            p, q, r, x, y, z = (old + share * (new - old) for old, new in zip(self._before, now, strict=True))
+            self.fractions = self._law.step((p, q, r), (x, y, z))
+            self._step_at_us += self._sample_us
+        self._before = now

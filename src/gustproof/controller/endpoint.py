@@ -5,38 +5,51 @@
                               +--time runs: flown by a pilot-- in the air --+      OFFBOARD set |    | another mode
                               +--on the ground, landing or taking off--------------> STANDING_BY <---+
 
-A vehicle whose time stands at 0 waits for this controller, which arms it and flies it until it is disarmed. If the
-time runs, a pilot is flying: the controller requests OFFBOARD once if the vehicle is in the air, and never arms it. Any
-other mode takes the vehicle away. The controller then requests nothing, and flies again when OFFBOARD is set. While it
-is not in command the law stays at its initial state.
+The mode that takes set-points is OFFBOARD, or GUIDED of ArduPilot. A vehicle whose time stands at 0 waits for this
+controller, which arms it and flies it until it is disarmed. If the time runs, a pilot is flying: the controller
+requests the mode once if the vehicle is in the air, and never arms it. Any other mode takes the vehicle away. The
+controller then requests nothing, and flies again when the mode is set. While it is not in command the law is held at
+its start. That is level, or roll and pitch of ATTITUDE for a law that carries an attitude estimate.
 
 PX4 obeys set-points in OFFBOARD alone, and enters that mode only while they flow, so the controller streams while
-standing by. It then sends none to any other autopilot. ArduPilot obeys set-points in GUIDED without a request, so it
-gets none at all.
+standing by. It then sends none to any other autopilot: ArduPilot obeys set-points in GUIDED without a request. That is
+also the mode of its take-off, so ArduPilot is flown only once it reports to be in the air.
 
 A request is repeated on wall time until it is answered, and given up after a stated number of times. Samples are
-requested at the law's rate; no set-point is sent before their stamps show that rate. Of samples that waited together
-each one is a step of the law, in order. Only the newest are answered: the autopilot has no use for older commands, and
-the link may have no room.
+requested at the law's rate; no set-point is sent before their stamps show that they come often enough. Of samples that
+waited together each one is a step of the law, in order. Only the newest are answered: the autopilot has no use for
+older commands, and the link may have no room.
+
+The thrust beside rates is the controller's own: a height loop on LOCAL_POSITION_NED, or the published hover thrust. A
+vehicle whose time stands at 0 always gets the hover thrust.
 """
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from enum import Enum
-from statistics import median
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.autopilot.modes import Mode
-from firmware_model.autopilot.parameters import HOVER_NAME, RATE_NAME, TORQUE_LIMIT_NAMES
+from firmware_model.autopilot.modes import LandedState
+from firmware_model.autopilot.parameters import RATE_NAME, TORQUE_LIMIT_NAMES
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
 from firmware_model.mavlink.messages import AUTOPILOT, CONTROLLER
 from firmware_model.mavlink.signing import Signing
-from firmware_model.types import Vector
+from firmware_model.types import ImuSample, Vector
 from gustproof.controller.core import Controller, References
+from gustproof.controller.families import (
+    FAMILIES,
+    THRUST_OPTION,
+    Family,
+    describe_fail_safe,
+    mode_parameters,
+    takes_thrust,
+)
+from gustproof.controller.height import HeightLoop
+from gustproof.controller.stream import SampleStream
 from gustproof.law.form import Law, Output
 
 HEARTBEAT_US = 1_000_000
@@ -54,30 +67,30 @@ class Phase(Enum):
 
     SEEKING = "no autopilot answers"  # wait for the vehicle's heartbeat
     READING = "the autopilot does not report its parameters"
-    """Read torque limits, hover thrust and sample rate; wait for samples at the law's rate."""
+    """Read torque limits, hover thrust and sample rate; wait for samples that come often enough."""
     ARMING = "the autopilot does not arm"  # request arming
-    ENTERING = "the autopilot does not enter OFFBOARD"  # request OFFBOARD
+    ENTERING = "the autopilot does not enter {mode}"  # request the mode that takes set-points
     FLYING = "the flight was left"  # the vehicle follows the law
-    STANDING_BY = "the vehicle left OFFBOARD"
+    STANDING_BY = "the vehicle left {mode}"
     """Another flies; PX4 still gets set-points, so that OFFBOARD can be set at any time."""
 
 
 # Looked up once: a member costs .1 us, and some are read each sample.
 _FLYING, _READING, _STANDING_BY = Phase.FLYING, Phase.READING, Phase.STANDING_BY
 _STREAMING = (_FLYING, _STANDING_BY)
-# Modes of open-ended flight by a pilot: take-off, landing and return are not interrupted.
-_PILOT_MODES = (Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.HOLD, Mode.STABILIZED)
-_TAKEOVER_MODES = frozenset(mode.value for mode in _PILOT_MODES)
 _ANSWERED = 16  # newest samples that are answered of those that waited together: all that jitter brings
-_INTERVALS = 10  # between samples; their median gives the rate
-_RATE_TOLERANCE = 0.1  # [-] of the law's sample time: a clock's error is far less, another rate's far more
-_FAMILIES = {wire.MAV_AUTOPILOT_PX4: "PX4", wire.MAV_AUTOPILOT_GENERIC: "a generic autopilot"}
-_ARDUPILOT = "ArduPilot is not supported yet: in GUIDED it obeys set-points without a request, so none is sent"
+_ATTITUDE_AGE_US = 500_000  # of the newest ATTITUDE at the start of the law
+_CLIMB_RATE_ZERO = 0.5  # thrust that ArduPilot reads as no climb, unless thrust is a thrust
+_NAVIGATION = {  # messages requested from a vehicle whose time runs, with their intervals [us]
+    wire.MAVLINK_MSG_ID_ATTITUDE: 20_000,
+    wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 20_000,
+    wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 200_000,
+}
 _PROGRESS = {
     Phase.ARMING: "arming the vehicle",
-    Phase.ENTERING: "requesting OFFBOARD",
+    Phase.ENTERING: "requesting {mode}",
     Phase.FLYING: "{law} in control",
-    Phase.STANDING_BY: "{law} standing by: in control once OFFBOARD is set",
+    Phase.STANDING_BY: "{law} standing by: in control once {mode} is set",
 }
 
 
@@ -96,7 +109,10 @@ class ControllerOutcome(Enum):
 class ControllerEndpoint:
     """One law for one vehicle; pass it datagrams and the time, send the datagrams it returns.
 
-    `report` is called with lines for people on its progress.
+    `report` is called with lines for people on its progress. Of a vehicle that a pilot flew, with `hold_height` the
+    thrust beside rates holds the height, and with `correct_attitude` ATTITUDE corrects the law's estimate. `recorder`
+    is called in flight with each sample and the command after it; once it returns true the flight ends and the vehicle
+    is handed back.
     """
 
     def __init__(
@@ -106,6 +122,10 @@ class ControllerEndpoint:
         signing: Signing | None = None,
         references: References = (),
         report: Callable[[str], None] = lambda _: None,
+        *,
+        hold_height: bool = False,
+        correct_attitude: bool = False,
+        recorder: Callable[[ImuSample, Vector], bool] | None = None,
     ) -> None:
         self.phase = Phase.SEEKING
         self.outcome: ControllerOutcome | None = None
@@ -114,22 +134,33 @@ class ControllerEndpoint:
         self._report = report
         self.channel = Channel(1, CONTROLLER, signing)
         self._signing = signing
-        self._law, self._vehicle, self._references = law, vehicle, references
+        self._recorder = recorder
+        self.vehicle = vehicle
+        self._law, self._references = law, references
         self._packer = self.channel.packer
         self._outbox: list[tuple[bytes, Address]] = []
         self._answers: deque[tuple[int, Vector]] = deque(maxlen=_ANSWERED)
         self._controller: Controller | None = None
         self._fast_path_ready = False
-        self._piloted = self._law_reset = self._missing_streams = False
+        self._piloted = self._time_runs = self._law_reset = self._missing_streams = False
         self._armed, self._mode = False, 0
-        self._px4 = False
-        self._rate_hz = 1.0 / law.dt
-        self._intervals_us: deque[int] = deque(maxlen=_INTERVALS)
-        self._sampled_us: int | None = None
-        self._rate_granted = False
-        self._declined: str | None = None
-        wanted = (*(TORQUE_LIMIT_NAMES if law.output is Output.TORQUE else ()), HOVER_NAME, RATE_NAME)
-        self._parameters: dict[str, float | None] = dict.fromkeys(wanted)
+        self._family: Family = FAMILIES[wire.MAV_AUTOPILOT_PX4]
+        self._stream = SampleStream(law.name, law.dt, self._family.samples)
+        self._parameters: dict[str, float | None] = {}
+        self._fail_safe: dict[str, float] = {}
+        self._hold_height = hold_height and law.output is Output.RATES
+        self._height: HeightLoop | None = None
+        self._correct_attitude = correct_attitude
+        self._attitude: tuple[int, Vector] | None = None
+        self._attitude_ms = 0
+        self._landed = 0
+        self._navigation = _NAVIGATION if law.output is Output.RATES else {}
+        self._absent = set(self._navigation)
+        self._navigation_handlers: dict[int, Callable[[Message], None]] = {
+            wire.MAVLINK_MSG_ID_ATTITUDE: self._on_attitude,
+            wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._on_position,
+            wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_landed_state,
+        }
         self._heartbeat_at_us = self._retry_at_us = 0
         self._retries = 0
         self._last_received_us = 0
@@ -151,7 +182,9 @@ class ControllerEndpoint:
         return self._controller.missed if self._controller else 0
 
     def interrupt(self) -> None:
-        """End here: Ctrl-C or a termination signal."""
+        """End here: Ctrl-C or a termination signal. A vehicle that a pilot flew is handed back to stay in place."""
+        if self.phase in (_FLYING, Phase.ENTERING) and self._time_runs and not self.finished:
+            self._request_mode(self._family.hold_mode)
         self._end(ControllerOutcome.INTERRUPTED, "interrupted")
 
     def receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
@@ -176,7 +209,7 @@ class ControllerEndpoint:
             self._signing.tick(now_us)
         if self._answers and self._controller is not None:
             for answer in self._answers:
-                self._outbox.append((self._packed(self._controller, *answer), self._vehicle))
+                self._outbox.append((self._packed(self._controller, *answer), self.vehicle))
             self._answers.clear()
         if now_us >= self._heartbeat_at_us:
             self._heartbeat_at_us = now_us + HEARTBEAT_US
@@ -196,56 +229,84 @@ class ControllerEndpoint:
         return min(self._heartbeat_at_us, other_us)
 
     def _dispatch(self, frame: Frame, peer: Address, now_us: int) -> RejectReason | None:
-        if peer != self._vehicle or frame.component != AUTOPILOT:
+        is_known = self.phase is Phase.SEEKING or frame.system == self._packer.srcSystem
+        if peer != self.vehicle or frame.component != AUTOPILOT or not is_known:
             return RejectReason.OTHER_TARGET
         if self._signing is not None and (cause := self._signing.check(frame)):
             return cause
         self.channel.count(frame)
         self._last_received_us = now_us
-        if frame.message_id == wire.MAVLINK_MSG_ID_HIGHRES_IMU:
-            return self._on_sample(frame)
+        if frame.message_id == self._stream.message_id:
+            return self._on_sample(frame, now_us)
         handler = self._handlers.get(frame.message_id)
         if handler is None:
             return RejectReason.UNUSED_MESSAGE
         handler(frame.message())
         return None
 
-    def _on_sample(self, frame: Frame) -> RejectReason | None:
+    def _on_sample(self, frame: Frame, now_us: int) -> RejectReason | None:
         sample = messages.parse_imu(frame)
         if isinstance(sample, RejectReason):
             return sample
         if self.phase is _READING:
             self._read_on(sample.time_us)
         controller = self._controller
-        if controller is None or self.phase is _READING:
-            return None
+        return None if controller is None or self.phase is _READING else self._answer(controller, sample, now_us)
+
+    def _answer(self, controller: Controller, sample: ImuSample, now_us: int) -> RejectReason | None:
+        """Step the law with a sample, and queue its command."""
         newer = sample.time_us > controller.last_sample_us
-        answer = controller.answer(sample, reset=self._law_reset)
+        reset = self._law_reset or (self._time_runs and controller.last_sample_us < 0)
+        answer = controller.answer(sample, reset=reset, attitude=self._start_attitude(now_us))
         if isinstance(answer, RejectReason):
             return answer
         if not self._missing_streams:
             self.late += newer and bool(self._answers)
             self._answers.append((sample.time_us, controller.fractions))
-        self._fast_path_ready = self.phase is _FLYING and self._signing is None
+        if self._recorder is not None and self.phase is _FLYING:
+            self._record(sample, controller.fractions)
+        self._fast_path_ready = self.phase is _FLYING and self._signing is None and self._recorder is None
         return None
 
+    def _record(self, sample: ImuSample, command: Vector) -> None:
+        """Pass a sample to the recorder; end the flight and hand the vehicle back once it has enough."""
+        if self._recorder is not None and self._recorder(sample, command):
+            self._request_mode(self._family.hold_mode)
+            self._end(ControllerOutcome.DONE, "")
+
+    def _start_attitude(self, now_us: int) -> Vector | None:
+        """Return the autopilot's newest attitude [rad], if it is new enough to start the law."""
+        if self._attitude is None or now_us > self._attitude[0] + _ATTITUDE_AGE_US:
+            return None
+        return self._attitude[1]
+
     def _read_on(self, time_us: int) -> None:
-        """Take over once all is known and samples come at the law's rate; end if the vehicle declines that rate."""
-        if self._sampled_us is not None:
-            self._intervals_us.append(time_us - self._sampled_us)
-        self._sampled_us = time_us
-        interval_us = self._interval_us
-        stands = time_us == 0 or interval_us == 0
-        if stands or abs(interval_us * 1e-6 * self._rate_hz - 1.0) < _RATE_TOLERANCE:
-            if self._controller is not None:
-                self._take_over(time_us)
-        elif self._declined and len(self._intervals_us) == _INTERVALS:
-            self._end(ControllerOutcome.WRONG_RATE, self._wrong_rate(self._declined))
+        """Take over once all is known and samples come often enough; end if the vehicle declines to send more."""
+        self._stream.observe(time_us)
+        if self._stream.interval_us > 0.0 and not self._time_runs:
+            self._time_runs = True
+            self._handlers |= self._navigation_handlers
+        if self._stream.is_refused:
+            self._end(ControllerOutcome.WRONG_RATE, self._stream.describe_fault())
+        elif self._controller is not None and self._stream.is_flyable and not self._lacks_navigation():
+            self._take_over(self._controller, time_us)
+
+    def _lacks_navigation(self) -> bool:
+        """Return whether a message is still to come without which a vehicle whose time runs is not flown."""
+        return self._time_runs and bool(self._missing_navigation())
+
+    def _missing_navigation(self) -> list[int]:
+        needed = set()
+        if self._height is not None:
+            needed.add(wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
+        if self._family.mode_takes_off:
+            needed.add(wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
+        return [number for number in self._absent if number in needed]
 
     def _answer_fast(self, datagram: bytes, peer: Address, now_us: int) -> bool:
         """Fast path for one valid, newer sample; return False, without side effects, for any other datagram."""
         controller, channel, system = self._controller, self.channel, self._packer.srcSystem
-        if peer != self._vehicle or controller is None:
+        if peer != self.vehicle or controller is None:
             return False
         fields = channel.read(self._samples, (system, AUTOPILOT), datagram)
         if fields is None:
@@ -268,14 +329,9 @@ class ControllerEndpoint:
             return self.channel.pack(messages.command_message(command, self._packer.srcSystem))
         if controller.torque:
             return self.channel.make(self._commands, time_us, *fractions, math.nan)
-        return self.channel.make(self._commands, messages.boot_ms(time_us), *fractions, controller.hover)
+        return self.channel.make(self._commands, messages.boot_ms(time_us), *fractions, controller.thrust)
 
-    @property
-    def _interval_us(self) -> float:
-        """[us] median time between samples, by their stamps; NaN before it is known."""
-        return median(self._intervals_us) if len(self._intervals_us) > 1 else math.nan
-
-    def _lacking(self) -> tuple[ControllerOutcome, str]:
+    def _describe_lack(self) -> tuple[ControllerOutcome, str]:
         """Return outcome and message for a vehicle that does not provide everything needed."""
         absent = [name for name, value in self._parameters.items() if value is None]
         if absent == list(TORQUE_LIMIT_NAMES):
@@ -283,36 +339,103 @@ class ControllerEndpoint:
             return ControllerOutcome.NOT_STARTED, f"{text}: --law hinf-rates --via rates"
         if absent:
             return ControllerOutcome.NOT_STARTED, f"{self.phase.value}: {', '.join(absent)}"
-        if math.isnan(self._interval_us):
-            return ControllerOutcome.NOT_STARTED, "no samples: the autopilot sends no HIGHRES_IMU on this link"
-        return ControllerOutcome.WRONG_RATE, self._wrong_rate("the autopilot does not change it on request")
+        if fault := self._stream.describe_fault():
+            has_samples = self._stream.interval_us > 0.0
+            return ControllerOutcome.WRONG_RATE if has_samples else ControllerOutcome.NOT_STARTED, fault
+        names = [wire.mavlink_map[number].msgname for number in self._missing_navigation()]
+        hint = "; --height free needs no height" if "LOCAL_POSITION_NED" in names else ""
+        return ControllerOutcome.NOT_STARTED, f"the autopilot does not send {', '.join(names)}{hint}"
 
-    def _wrong_rate(self, why: str) -> str:
-        arrives, needs = f"HIGHRES_IMU arrives at {1e6 / self._interval_us:.3g} Hz", f"needs {self._rate_hz:g} Hz"
-        return f"{arrives}, law '{self._law.name}' {needs}: {why}"
-
-    def _take_over(self, time_us: int) -> None:
+    def _take_over(self, controller: Controller, time_us: int) -> None:
         """Arm a vehicle that waits, take over one that flies; stand by on the ground, in take-off or landing.
 
-        A vehicle in OFFBOARD has just lost its controller: no request is needed.
+        A vehicle already in the mode that takes set-points has just lost its controller: no request is needed.
         """
-        self._piloted = time_us > 0
+        self._piloted, controller.interpolating = time_us > 0, self._time_runs
+        rate_hz = self._parameters.get(RATE_NAME)
+        if not self._time_runs and rate_hz is not None and rate_hz * self._law.dt != 1.0:
+            text = f"law '{self._law.name}' steps every {self._law.dt} s, the vehicle samples at {rate_hz:g} Hz"
+            self._end(ControllerOutcome.WRONG_RATE, f"{text}: set {RATE_NAME} to {1.0 / self._law.dt:g}")
+            return
+        if self._time_runs:
+            self._request_navigation(self._navigation)
+            self._request_parameters(self._family.fail_safe)
+            self._report_flight()
         if not self._piloted:
             self._enter(Phase.ARMING)
-        elif self._armed and self._mode == Mode.OFFBOARD.value:
+        elif self._is_given:
             self._enter(_FLYING)
-        elif self._armed and self._mode in _TAKEOVER_MODES:
+        elif self._armed and self._mode in self._family.takeover_modes and self._is_airborne:
             self._enter(Phase.ENTERING)
         else:
             self._enter(_STANDING_BY)
 
+    def _report_flight(self) -> None:
+        """Report to people how samples, height and thrust are dealt with."""
+        if text := self._stream.describe():
+            self._report(text)
+        if self._law.output is not Output.RATES:
+            return
+        if self._height is not None:
+            self._report("height: held by thrust, from LOCAL_POSITION_NED")
+        elif takes_thrust(self._parameters):
+            self._report("height: not held, thrust is the published hover thrust")
+        else:
+            self._report(
+                f"height: {self._family.name} holds it; thrust is a climb rate until {THRUST_OPTION} has bit 3"
+            )
+
+    @property
+    def _is_airborne(self) -> bool:
+        """True if the vehicle reports to be in the air, or its family need not."""
+        return self._landed == LandedState.IN_AIR.value or (self._landed == 0 and not self._family.mode_takes_off)
+
+    @property
+    def _is_given(self) -> bool:
+        """True if the vehicle obeys set-points, and its pilot has left it to them."""
+        obeys = self._armed and self._mode in self._family.modes
+        return obeys and (self._is_airborne or not self._family.mode_takes_off)
+
+    def _on_attitude(self, message: Message) -> None:
+        angles = float(message.roll), float(message.pitch), float(message.yaw)
+        if not math.isfinite(sum(angles)):
+            return
+        self._absent.discard(message.get_msgId())
+        if (
+            self._correct_attitude
+            and self._controller is not None
+            and self._attitude is not None
+            and self.phase is _FLYING
+        ):
+            self._controller.correct(angles, 1e-3 * max(message.time_boot_ms - self._attitude_ms, 0))
+        self._attitude, self._attitude_ms = (self._last_received_us, angles), message.time_boot_ms
+
+    def _on_position(self, message: Message) -> None:
+        """Set the thrust that holds the height; while another flies the height is his."""
+        down, v_down = float(message.z), float(message.vz)
+        if not math.isfinite(down + v_down):
+            return
+        self._absent.discard(message.get_msgId())
+        if self._height is not None and self._controller is not None:
+            if self.phase is not _FLYING:
+                self._height.release()
+            self._controller.thrust = self._height.thrust(message.time_boot_ms, down, v_down)
+
+    def _on_landed_state(self, message: Message) -> None:
+        self._absent.discard(message.get_msgId())
+        self._landed = message.landed_state
+        if self._family.mode_takes_off and self.phase in _STREAMING:
+            self._update_phase()
+
     def _on_text(self, message: Message) -> None:
         self.message = message.text
+        if message.severity <= wire.MAV_SEVERITY_WARNING:
+            self._report(f"the autopilot reports: {message.text}")
 
     def _on_heartbeat(self, message: Message) -> None:
         self._armed, mode = bool(message.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED), message.custom_mode
         # A change of mode is the pilot's decision.
-        overruled = self._piloted and self.phase is Phase.ENTERING and mode not in (self._mode, Mode.OFFBOARD.value)
+        overruled = self._piloted and self.phase is Phase.ENTERING and mode not in {self._mode, *self._family.modes}
         self._mode = mode
         if self.phase is Phase.SEEKING:
             self._find(message.autopilot, message.get_srcSystem())
@@ -323,20 +446,26 @@ class ControllerEndpoint:
 
     def _find(self, autopilot: int, system: int) -> None:
         """Begin to read from a supported autopilot; end at another."""
-        if autopilot not in _FAMILIES:
-            other = f"{_name('MAV_AUTOPILOT', autopilot)} is not supported"
-            why = _ARDUPILOT if autopilot == wire.MAV_AUTOPILOT_ARDUPILOTMEGA else other
-            self._end(ControllerOutcome.NOT_SUPPORTED, why)
+        family = FAMILIES.get(autopilot)
+        if family is None:
+            self._end(ControllerOutcome.NOT_SUPPORTED, f"{_name('MAV_AUTOPILOT', autopilot)} is not supported")
             return
-        self._px4 = autopilot == wire.MAV_AUTOPILOT_PX4
+        torque = self._law.output is Output.TORQUE
+        if torque and not family.takes_torques:
+            text = f"{family.name} takes no torques, law '{self._law.name}' commands them: --law hinf-rates --via rates"
+            self._end(ControllerOutcome.NOT_SUPPORTED, text)
+            return
+        self._family = family
+        self._stream = SampleStream(self._law.name, self._law.dt, family.samples)
+        self._parameters = dict.fromkeys((*(TORQUE_LIMIT_NAMES if torque else ()), *family.parameters))
         self._packer.srcSystem = system  # an on-board controller shares the vehicle's system id
-        reads = f"reading {', '.join(self._parameters)}, requesting HIGHRES_IMU at {self._rate_hz:g} Hz"
-        self._report(f"found {_FAMILIES[autopilot]}, system {system}: {reads}")
+        reads = f"reading {', '.join(self._parameters)}, requesting HIGHRES_IMU at {1.0 / self._law.dt:g} Hz"
+        self._report(f"found {family.name}, system {system}: {reads}")
         self._enter(_READING)
 
     def _update_phase(self) -> None:
-        """Fly while the vehicle is armed in OFFBOARD; disarming ends a flight that this controller began."""
-        if self._armed and self._mode == Mode.OFFBOARD.value:
+        """Fly while the vehicle is given; disarming ends a flight that this controller began."""
+        if self._is_given:
             wanted = _FLYING
         elif self._armed or self._piloted:
             wanted = _STANDING_BY
@@ -344,27 +473,33 @@ class ControllerEndpoint:
             self._end(ControllerOutcome.DONE, "")
             return
         else:
-            self._end(ControllerOutcome.MODE_LOST, self.message or self.phase.value)
+            self._end(ControllerOutcome.MODE_LOST, self.message or self._describe_phase())
             return
         if wanted is not self.phase:
             self._enter(wanted)
 
     def _on_parameter(self, message: Message) -> None:
-        name = message.param_id
+        name, value = message.param_id, messages.parse_parameter(message, bytewise=self._family.bytewise)
+        if name in self._family.fail_safe and self._piloted:
+            self._fail_safe[name] = value
+            if len(self._fail_safe) == len(self._family.fail_safe):
+                self._report(describe_fail_safe(self._family, self._fail_safe))
+                self._fail_safe = {}
+            return
         if self.phase is not _READING or self._controller is not None or name not in self._parameters:
             return
-        self._parameters[name] = messages.parse_parameter(message)
-        known = [value for value in self._parameters.values() if value is not None]
-        if len(known) < len(self._parameters):
-            return
-        rate = known.pop()
-        if rate * self._law.dt != 1.0:
-            text = f"law '{self._law.name}' steps every {self._law.dt} s, the vehicle samples at {rate:g} Hz"
-            self._end(ControllerOutcome.WRONG_RATE, f"{text}: set {RATE_NAME} to {self._rate_hz:g}")
-            return
-        hover = known.pop()
-        roll, pitch, yaw = known or (1.0, 1.0, 1.0)
-        self._controller = Controller(self._law, (roll, pitch, yaw), hover, self._references)
+        self._parameters[name] = value
+        known = {each: number for each, number in self._parameters.items() if number is not None}
+        if len(known) == len(self._parameters):
+            self._make_controller(known)
+
+    def _make_controller(self, known: Mapping[str, float]) -> None:
+        hover = known[self._family.parameters[0]]
+        thrust = hover if takes_thrust(known) else _CLIMB_RATE_ZERO
+        roll, pitch, yaw = (known.get(name, 1.0) for name in TORQUE_LIMIT_NAMES)
+        self._controller = Controller(self._law, (roll, pitch, yaw), thrust, self._references)
+        if self._hold_height and takes_thrust(known):
+            self._height = HeightLoop(hover)
         system = self._packer.srcSystem
         self._samples = messages.imu_template(system)
         self._commands = messages.torque_template(system) if self._controller.torque else messages.rate_template(system)
@@ -374,8 +509,7 @@ class ControllerEndpoint:
         declined = not accepted and message.result != wire.MAV_RESULT_TEMPORARILY_REJECTED
         answer = f"the answer to {_name('MAV_CMD', message.command)} is {_name('MAV_RESULT', message.result)}"
         if message.command == wire.MAV_CMD_SET_MESSAGE_INTERVAL:
-            self._rate_granted = self._rate_granted or accepted
-            self._declined = answer if declined else None
+            self._stream.on_answer(accepted=accepted, declined=answer if declined else None)
             return
         request = {
             Phase.ARMING: (wire.MAV_CMD_COMPONENT_ARM_DISARM, Phase.ENTERING),
@@ -390,15 +524,15 @@ class ControllerEndpoint:
         elif self._piloted:
             self._enter(_STANDING_BY)
         else:
-            self._end(ControllerOutcome.NOT_STARTED, f"{self.phase.value}: {self.message or answer}")
+            self._end(ControllerOutcome.NOT_STARTED, f"{self._describe_phase()}: {self.message or answer}")
 
     def _enter(self, phase: Phase) -> None:
         self.phase = phase
         self._retries = self._retry_at_us = 0
         self._law_reset = phase is _STANDING_BY or (self._piloted and phase is Phase.ENTERING)
-        self._missing_streams = phase is _STANDING_BY and not self._px4
+        self._missing_streams = phase is _STANDING_BY and not self._family.streams_on_standby
         if phase in _PROGRESS:
-            self._report(_PROGRESS[phase].format(law=self._law.name))
+            self._report(_PROGRESS[phase].format(law=self._law.name, mode=self._family.mode_name))
         if phase in _STREAMING:
             state = "in control" if phase is _FLYING else "standing by"
             text = f"{self._law.name} {state}".encode("ascii", "replace")
@@ -408,33 +542,49 @@ class ControllerEndpoint:
         self._retry_at_us = now_us + RETRY_US
         self._retries += 1
         if self._retries > RETRIES:
-            if self._piloted:
+            if self.phase is _READING:
+                self._end(*self._describe_lack())
+            elif self._piloted:
                 self._enter(_STANDING_BY)
-            elif self.phase is _READING:
-                self._end(*self._lacking())
             else:
-                self._end(ControllerOutcome.NOT_STARTED, self.phase.value)
+                self._end(ControllerOutcome.NOT_STARTED, self._describe_phase())
             return
-        system = self._packer.srcSystem
         match self.phase:
             case Phase.READING:
-                for name in [name for name, value in self._parameters.items() if value is None]:
-                    self._send(wire.MAVLink_param_request_read_message(system, AUTOPILOT, name.encode(), -1))
-                if not (self._rate_granted or self._declined):
-                    stream, interval_us = float(wire.MAVLINK_MSG_ID_HIGHRES_IMU), round(1e6 * self._law.dt)
-                    self._command(wire.MAV_CMD_SET_MESSAGE_INTERVAL, stream, interval_us)
+                self._request_missing()
             case Phase.ARMING:
                 self._command(wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
             case Phase.ENTERING:
-                custom, main_mode = wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, Mode.OFFBOARD.value >> 16
-                self._command(wire.MAV_CMD_DO_SET_MODE, custom, main_mode)
+                self._request_mode(self._family.mode)
 
-    def _command(self, command: int, first: float, second: float = 0.0) -> None:
-        numbers = first, second, 0.0, 0.0, 0.0, 0.0, 0.0
+    def _request_missing(self) -> None:
+        """Request parameters, samples and, once these are settled, navigation of a vehicle whose time runs."""
+        self._request_parameters(name for name, value in self._parameters.items() if value is None)
+        if (wanted := self._stream.request()) is not None:
+            self._command(wire.MAV_CMD_SET_MESSAGE_INTERVAL, *wanted)
+        elif self._time_runs:
+            self._request_navigation(self._absent)
+
+    def _request_navigation(self, numbers: Iterable[int]) -> None:
+        for number in numbers:
+            self._command(wire.MAV_CMD_SET_MESSAGE_INTERVAL, number, _NAVIGATION[number])
+
+    def _request_mode(self, mode: int) -> None:
+        self._command(wire.MAV_CMD_DO_SET_MODE, wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *mode_parameters(mode))
+
+    def _request_parameters(self, names: Iterable[str]) -> None:
+        for name in names:
+            self._send(wire.MAVLink_param_request_read_message(self._packer.srcSystem, AUTOPILOT, name.encode(), -1))
+
+    def _describe_phase(self) -> str:
+        return self.phase.value.format(mode=self._family.mode_name)
+
+    def _command(self, command: int, first: float, second: float = 0.0, third: float = 0.0) -> None:
+        numbers = first, second, third, 0.0, 0.0, 0.0, 0.0
         self._send(wire.MAVLink_command_long_message(self._packer.srcSystem, AUTOPILOT, command, 0, *numbers))
 
     def _send(self, message: Message | EncodedMessage) -> None:
-        self._outbox.append((self.channel.pack(message), self._vehicle))
+        self._outbox.append((self.channel.pack(message), self.vehicle))
 
     def _end(self, outcome: ControllerOutcome, message: str) -> None:
         if self.outcome is None:

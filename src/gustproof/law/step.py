@@ -69,7 +69,9 @@ def sparse_law(law: Law) -> SparseLaw:
         filled.append(terms + [(float(n + ZERO), 0.0)] * (-len(terms) % TERM_BLOCK if terms else TERM_BLOCK))
     ends = np.cumsum([len(terms) for terms in filled])
     every = np.array([term for terms in filled for term in terms])
-    return SparseLaw(ends, every, law.is_scheduled, law.uses_accelerometer, law.limits, own.limits, law.attitude_limits)
+    # Copied, as a law's own are read-only and the default is not: kernels would be compiled for each of the two.
+    rates = own.limits.copy()
+    return SparseLaw(ends, every, law.is_scheduled, law.uses_accelerometer, law.limits, rates, law.attitude_limits)
 
 
 @kernel
@@ -206,9 +208,25 @@ class LawStepper:
         self._memory = np.concatenate([np.zeros(2 * n + EXTRA_SIZE + 3), *summed[4:], scale])
         self._order = n
 
-    def restart(self) -> None:
-        """Return to the initial state; the reference stays."""
+    def restart(self, attitude: Vector | None = None) -> None:
+        """Return to the initial state; the reference stays.
+
+        With `attitude`, a law that carries an attitude estimate starts at this roll and pitch [rad], heading 0.
+        """
         self._memory[: self._order] = 0.0
+        if attitude is not None and self._kind % 2 == 1:
+            self._memory[:2] = attitude[:2]
+
+    def correct(self, attitude: Vector, share: float, most: float) -> None:
+        """Move the attitude estimate of a law that carries one by a share of its distance from `attitude` [rad].
+
+        Each distance is taken as `most` [rad] at most; the heading's is the shorter way round.
+        """
+        if self._kind % 2 == 1:
+            for axis, angle in enumerate(attitude):
+                away = angle - self._memory[axis]
+                away -= 2.0 * math.pi * round(away / (2.0 * math.pi))
+                self._memory[axis] += share * min(max(away, -most), most)
 
     def set_reference(self, euler: Vector) -> None:
         """Set the attitude to hold from the next step on: roll, pitch, yaw [rad]."""

@@ -21,7 +21,6 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.process import udp
 from firmware_model.recording.journal import RECORD, read_journal
-from gustproof.law.form import Law
 from gustproof.live.ground_station import STREAM_US, GroundStation
 from gustproof.live.journal_follower import follow_journal
 from gustproof.live.requirement_status import requirement_status
@@ -38,13 +37,13 @@ _NO_RECORDS = np.empty(0, dtype=RECORD)
 class LivePage:
     """The page and its data sources; a context manager that leaves no thread and no socket behind."""
 
-    def __init__(self, scenario: Scenario, law: Law, vehicle: Vehicle, *, real_time: bool) -> None:
+    def __init__(self, scenario: Scenario, pilot: str, vehicle: Vehicle, *, real_time: bool) -> None:
         self._scenario, self._vehicle, self._real_time = scenario, vehicle, real_time
         self._every = max(round(STREAM_US / scenario.sample_us), 1)
         parameters = Parameters(vehicle, scenario)
         self._gust = parameters.table[parameters.index(GUST_SCALE_NAME) or 0]
         self._buffer = TelemetryBuffer(
-            scenario=scenario.name, law=law.name, vehicle=vehicle.name, duration_s=scenario.duration_s,
+            scenario=scenario.name, law=pilot, vehicle=vehicle.name, duration_s=scenario.duration_s,
             real_time=real_time, phase="ready", message="", mode="", armed=False, paused=False, texts=[], link=None,
             gust_scale=self._gust.default, gust_scale_limits=[self._gust.minimum, self._gust.maximum],
             lights=requirement_status(_NO_RECORDS, scenario, vehicle, over=False),
@@ -85,6 +84,13 @@ class LivePage:
         if self._scenario.require:
             self._run(self._judge, journal)
         station.parameters_confirmed.wait(_JOIN_TIMEOUT_S)
+        self._buffer.update(phase="flying")
+
+    def follow(self, journal: Path) -> None:
+        """Show the flight of a real autopilot, whose journal is all that comes here."""
+        self._run(follow_journal, journal, self._every, self._scenario.sample_us, self._buffer, self._done, SERIES)
+        if self._scenario.require:
+            self._run(self._judge, journal)
         self._buffer.update(phase="flying")
 
     def end(self, message: str, records: Records = _NO_RECORDS) -> None:

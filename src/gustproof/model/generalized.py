@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from firmware_model.config.vehicle import Vehicle
 from gustproof.lti.state_space import Lti, Matrix, gain
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
-from gustproof.model.lpv import actuators, airframe, rate_loop
+from gustproof.model.lpv import actuators, airframe, inner_loops, rate_loop
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,10 +53,13 @@ def torque_problem(vehicle: Vehicle, weights: Weights, *, leak: float, rate_damp
     return _problem(blocks, extra, (moment,), weights, "N m")
 
 
-def rates_problem(vehicle: Vehicle, weights: Weights, *, leak: float, tau: float) -> Interconnection:
+def rates_problem(
+    vehicle: Vehicle, weights: Weights, *, leak: float, tau: float, inner: tuple[Matrix, Matrix] | None = None
+) -> Interconnection:
     """Return the design problem of a law that commands rates: the autopilot's rate loop replaces the actuators.
 
-    Signals as in `torque_problem`, but `u` = rate command [rad/s] B, tracked with the lag `tau` [s].
+    Signals as in `torque_problem`, but `u` = rate command [rad/s] B, tracked with the lag `tau` [s], or by second-order
+    loops with the natural frequencies (3,) [rad/s] and dampings (3,) [-] of `inner`.
 
     Raises
     ------
@@ -64,7 +67,10 @@ def rates_problem(vehicle: Vehicle, weights: Weights, *, leak: float, tau: float
         If there is a `W_m`: the diagram has no signal for the autopilot's torque.
     """
     leaks = _leaks(leak, weights)
-    body = rate_loop(vehicle, leak=leaks, tau=tau)
+    if inner is None:
+        body = rate_loop(vehicle, leak=leaks, tau=tau)
+    else:
+        body = inner_loops(vehicle, leak=leaks, omega=inner[0], damping=inner[1])
     block = _body_block("rate_loop", "autopilot's\nrate loop", body, ("u", "disturbance"), leaks, weights)
     return _problem([block], (), (), weights, "rad/s")
 
@@ -76,7 +82,7 @@ def _leaks(leak: float, weights: Weights) -> Matrix:
 
 def _body_block(name: str, label: str, body: Lti, inputs: tuple[str, ...], leaks: Matrix, weights: Weights) -> Block:
     if weights.W_r is not None:
-        pull = np.vstack([np.diag(leaks), np.zeros((3, 3))])
+        pull = np.vstack([np.diag(leaks), np.zeros((body.order - 3, 3))])
         body = Lti(A=body.A, B=np.hstack([body.B, pull]), C=body.C, D=np.hstack([body.D, np.zeros((6, 3))]))
         inputs = (*inputs, "reference")
     return Block(name=name, label=label, system=body, inputs=inputs, outputs=("attitude", "rates"))

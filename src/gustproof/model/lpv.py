@@ -114,6 +114,22 @@ def rate_loop(vehicle: Vehicle, *, leak: ArrayLike, tau: float) -> Lti:
     return Lti(A=A, B=np.hstack([B_rates, B_moment]), C=np.eye(6), D=np.zeros((6, 6)))
 
 
+def inner_loops(vehicle: Vehicle, *, leak: ArrayLike, omega: Matrix, damping: Matrix) -> Lti:
+    """Return an airframe whose autopilot tracks rates with second-order loops, each axis on its own.
+
+    `omega'' + 2 damping omega_n omega' + omega_n^2 (omega - command) = d/dt (d / I)`, with natural frequency `omega`
+    (3,) [rad/s] and `damping` (3,) [-]. The third group of states is the autopilot's share of the angular acceleration
+    (3,) [rad/s^2] B: the disturbance moment is answered by it alone. Inputs and outputs as of `rate_loop`.
+    """
+    A = np.zeros((9, 9))
+    A[:6, :6] = lpv_matrix(HOVER, vehicle.inertia_B) - np.diag([*np.broadcast_to(leak, 3), 0.0, 0.0, 0.0])
+    A[3:6, 6:] = np.eye(3)
+    A[6:, 3:] = np.hstack([-np.diag(omega**2), -np.diag(2.0 * damping * omega)])
+    B = np.zeros((9, 6))
+    B[6:, :3], B[3:6, 3:] = np.diag(omega**2), np.diag(1.0 / np.asarray(vehicle.inertia_B))
+    return Lti(A=A, B=B, C=np.eye(6, 9), D=np.zeros((6, 6)))
+
+
 def actuators(vehicle: Vehicle) -> Lti:
     """Return the first-order torque actuators: command (3,) [N*m] B to moment (3,) [N*m] B, their state."""
     rate = np.eye(3) / vehicle.actuator_lag

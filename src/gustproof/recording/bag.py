@@ -20,10 +20,11 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from firmware_model.config.files import TEXT, parse_json
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
+from firmware_model.guest.recorder import ESTIMATE
 from gustproof.recording import definitions
 from gustproof.recording.definitions import TYPES, definition
 from gustproof.recording.mcap import messages
-from gustproof.recording.topics import BASE_LINK_FRD, TOPICS, decode, encode, nan_records, times_us
+from gustproof.recording.topics import BASE_LINK_FRD, ESTIMATE_TOPICS, TOPICS, decode, encode, nan_records, times_us
 
 FLIGHT_TOPIC, MODE_TOPIC = "/flight", "/mode"
 UNFINISHED_PREFIX = ".bag-"
@@ -35,8 +36,10 @@ _LATCHED = Qos(*_RELIABLE, _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER
 Records = NDArray[np.void]
 
 
-def write_bag(path: Path, records: Records, flight: Mapping[str, Any]) -> None:
+def write_bag(path: Path, records: Records, flight: Mapping[str, Any], estimates: Records | None = None) -> None:
     """Write the journal `records` (n,) as a bag, the folder `path`, with `flight` as JSON on /flight.
+
+    `estimates` (m,) are the attitudes that a real autopilot told, see `firmware_model.guest.recorder`.
 
     Equal records and an equal `flight` give equal bytes of every message. Stamps are model time. Without commanded
     rates there is no topic /command/rates.
@@ -68,6 +71,8 @@ def write_bag(path: Path, records: Records, flight: Mapping[str, Any]) -> None:
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         with writer:
             _write(writer, records, flight)
+            if estimates is not None:
+                _write_estimates(writer, estimates)
         staged.rename(path)
 
 
@@ -150,6 +155,30 @@ def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
             writer.write(mode, time_us * 1000, _serialize(definitions.MODE, _header(time_us), int(modes[i])))
         for connection, payload, size in streams:
             writer.write(connection, time_us * 1000, payload[i * size : (i + 1) * size])
+
+
+def _write_estimates(writer: Writer, estimates: Records) -> None:
+    for topic in ESTIMATE_TOPICS:
+        connection = _add_topic(writer, topic.name, topic.message)
+        payload, size = encode(topic, estimates).tobytes(), topic.layout.itemsize
+        for i, time_us in enumerate(estimates["time_us"].astype(np.int64).tolist()):
+            writer.write(connection, time_us * 1000, payload[i * size : (i + 1) * size])
+
+
+def read_estimate_topics(path: Path) -> Records:
+    """Return the attitudes (m,) of `ESTIMATE` that a real autopilot told, from its bag; none in any other bag."""
+    payloads: dict[str, bytearray] = {topic.name: bytearray() for topic in ESTIMATE_TOPICS}
+    for file in sorted(path.glob("*.mcap")):
+        for name, _, payload in messages(file):
+            if name in payloads:
+                payloads[name] += payload
+    first = ESTIMATE_TOPICS[0]
+    estimates = np.full(len(payloads[first.name]) // first.layout.itemsize, np.nan, dtype=ESTIMATE)
+    for topic in ESTIMATE_TOPICS:
+        rows: NDArray[np.void] = np.frombuffer(payloads[topic.name], dtype=topic.layout)
+        decode(topic, rows, estimates)
+        estimates["time_us"] = times_us(rows)
+    return estimates
 
 
 def _add_topic(writer: Writer, topic: str, message: str, *, latched: bool = False) -> Any:

@@ -66,6 +66,13 @@ TOPICS = (
 )
 """All fields of the journal but the mode, which is written when it changes."""
 
+_QUATERNION, _SCALAR_LAST = "geometry_msgs/msg/QuaternionStamped", (3, 0, 1, 2)
+ESTIMATE_TOPICS = (
+    Topic("/autopilot/attitude", _QUATERNION, MAP_NED, 4, {"q_NB": _SCALAR_LAST}),
+    Topic("/autopilot/setpoint", _QUATERNION, MAP_NED, 4, {"setpoint_q_NB": _SCALAR_LAST}),
+)
+"""Attitude and set-point as a real autopilot told them."""
+
 
 def encode(topic: Topic, records: NDArray[np.void]) -> NDArray[np.void]:
     """Return the messages (n,) of `topic.layout` of the journal `records` (n,)."""

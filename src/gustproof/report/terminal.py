@@ -12,6 +12,7 @@ from rich.text import Text
 
 from firmware_model.config.validation import printable
 from gustproof.scoring.metrics import Metrics
+from gustproof.scoring.own_view import OwnView
 from gustproof.scoring.requirements import (
     RequirementResult,
     requirement_label,
@@ -78,18 +79,35 @@ def render_flight(
     requirements: Sequence[RequirementResult] = (),
     timing: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
+    own_view: OwnView | None = None,
 ) -> Renderable:
-    """Return figures, requirements, timing, warnings and the bag of one flight."""
+    """Return figures, requirements, timing, warnings and the bag of one flight, and a real autopilot's own view."""
     # The title of a table would be broken to its narrow width.
     parts: list[RenderableType] = [Text(title, style="bold")]
     if metrics:
         parts.append(figures_table("", {"": metrics}))
+    if own_view:
+        parts.extend(map(Text, own_view_lines(own_view)))
     if requirements:
         parts.append(requirements_table(requirements))
     if timing:
         parts.extend(map(Text, timing_lines(timing)))
     parts += [Text(f"warning: {line}", style="yellow") for line in warnings]
     return Group(*parts, Text(f"recorded in {bag}" if bag else "no samples were flown or recorded"))
+
+
+def own_view_lines(view: OwnView) -> Iterable[str]:
+    """Yield the errors of a real autopilot's attitude, as it sees them and in truth."""
+    roll, pitch, yaw = map(format_number, view.estimate_axes_deg)
+    yield (
+        f"against its set-point: RMSE {format_number(view.control_rmse_deg)} deg by its own attitude, "
+        f"{format_number(view.true_control_rmse_deg)} in truth, {format_number(view.true_control_steady_deg)} "
+        "with each axis' mean removed"
+    )
+    yield (
+        f"its attitude is wrong by RMSE {format_number(view.estimate_rmse_deg)} deg (roll {roll}, pitch {pitch}, "
+        f"yaw {yaw}), {format_number(view.estimate_steady_deg)} with each axis' mean removed"
+    )
 
 
 def timing_lines(timing: Mapping[str, Any]) -> Iterable[str]:

@@ -17,6 +17,7 @@ from firmware_model.sim.fault_schedule import fault_schedule
 from gustproof.law.form import Law, parse_law
 from gustproof.law.hover import is_stable_at_hover
 from gustproof.scoring.metrics import Metrics, measure
+from gustproof.scoring.own_view import OwnView, compare_estimates
 from gustproof.scoring.requirements import RequirementResult, judge
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.types import Records
@@ -54,6 +55,10 @@ class Flight:
     """Effects of scripted link faults, by direction; empty if the script has none."""
     journal: Path | None = None
     """Journal file; `None` once a bag has replaced it."""
+    autopilot: Mapping[str, Any] | None = None
+    """Plan and facts of the real autopilot that flew: kind, version, build, parameters; `None` for our own."""
+    estimates: Records | None = None
+    """(n,) attitudes as a real autopilot told them, see `firmware_model.guest.recorder`; `None` for our own."""
     bag: Path | None = None
     """Folder of the bag; `None` if no sample was flown, or nothing was recorded."""
 
@@ -68,6 +73,16 @@ class Flight:
     def requirements(self) -> tuple[RequirementResult, ...]:
         """Result of each requirement of the scenario."""
         return judge(self.records, self.scenario, self.vehicle)
+
+    @property
+    def pilot_name(self) -> str:
+        """Name of the law or the autopilot that flew, in texts and files."""
+        return law_name(self.law) if self.autopilot is None else str(self.autopilot["name"])
+
+    @cached_property
+    def own_view(self) -> OwnView | None:
+        """Errors of a real autopilot's own attitude; `None` for our own autopilot, or if too little was told."""
+        return None if self.estimates is None else compare_estimates(self.records, self.estimates)
 
     @property
     def has_expected_outcome(self) -> bool:
@@ -96,6 +111,7 @@ class Flight:
         return {
             "scenario": self.scenario.name,
             "law": None if self.law is None else self.law.name,
+            **({} if self.autopilot is None else {"autopilot": dict(self.autopilot)}),
             "vehicle": self.vehicle.name,
             "seed": self.seed,
             "outcome": self.outcome.name.lower(),
@@ -103,6 +119,7 @@ class Flight:
             "bag": None if self.bag is None else str(self.bag),
             "warnings": list(self.warnings),
             **({} if self.metrics is None else asdict(self.metrics)),
+            **({} if self.own_view is None else {"own_view": asdict(self.own_view)}),
             "pace": None if self.timing is None else dict(self.timing),
             "requirements": [result.to_dict() for result in self.requirements],
         }
@@ -125,7 +142,7 @@ class FlightPlan(NamedTuple):
     @property
     def name(self) -> str:
         """Name of the files of this flight."""
-        return flight_name(self.scenario, self.law, self.seed)
+        return flight_name(self.scenario, self.law.name, self.seed)
 
     def metadata(self) -> dict[str, Any]:
         """Return the plan as JSON for `parse_plan`, with the versions of the software that flies it."""
@@ -219,9 +236,9 @@ def first_difference_s(records: Records, others: Records) -> float | None:
     return float(records["time_us"][rows[0]] * 1e-6) if len(rows) else None
 
 
-def flight_name(scenario: Scenario, law: Law | None, seed: int) -> str:
-    """Return the name of a flight's files."""
-    return f"{scenario.name}-{law_name(law)}-seed{seed}"
+def flight_name(scenario: Scenario, pilot: str, seed: int) -> str:
+    """Return the name of a flight's files; `pilot` is the law or the autopilot."""
+    return f"{scenario.name}-{pilot}-seed{seed}"
 
 
 def law_name(law: Law | None) -> str:

@@ -137,7 +137,7 @@ class _ProcessPair:
 
     def __exit__(self, *_: object) -> None:
         for process in self._processes.values():
-            _terminate(process)
+            terminate(process)
             for stream in (process.stdin, process.stdout, process.stderr):
                 with contextlib.suppress(BrokenPipeError):
                     if stream:
@@ -152,7 +152,7 @@ class _ProcessPair:
             self._watch(samples, progress)
         except KeyboardInterrupt:
             for process in self._processes.values():
-                _terminate(process)
+                terminate(process)
             return FlightOutcome.INTERRUPTED
         return self._read_outcome()
 
@@ -222,7 +222,7 @@ class _ProcessPair:
                 alone_since = alone_since or time.monotonic()
                 if not flown and time.monotonic() > alone_since + _ORPHAN_TIMEOUT_S:
                     self._gave_up = True
-                    _terminate(vehicle)
+                    terminate(vehicle)
             time.sleep(_POLL_S)
         with contextlib.suppress(subprocess.TimeoutExpired):
             # A spare controller took over a flying vehicle: it does not end with this flight.
@@ -256,7 +256,7 @@ class _ProcessPair:
     def _last_stderr_line(self, name: str) -> str:
         """Return the last line that an ended process left on stderr."""
         process = self._processes[name]
-        _terminate(process)
+        terminate(process)
         lines = process.stderr.read().strip().splitlines() if process.stderr else []
         return lines[-1] if lines else ""
 
@@ -269,7 +269,7 @@ def _share_core(pids: list[int]) -> None:
             os.sched_setaffinity(pid, (int(fields[36]),))  # the core that it ran on last
 
 
-def _terminate(process: subprocess.Popen[str]) -> None:
+def terminate(process: subprocess.Popen[str]) -> None:
     """End a process, with SIGTERM first, so that it can close its files."""
     if process.poll() is None:
         process.terminate()

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from firmware_model.errors import ConfigError
+from firmware_model.guest.recorder import ATTITUDE_SUFFIX, read_estimates
 from firmware_model.recording.durable_file import is_growing
 from firmware_model.recording.journal import read_journal
 from gustproof.errors import FlightError
 from gustproof.recording.bag import UNFINISHED_PREFIX, read_bag, write_bag
-from gustproof.simulate.flight import Flight, FlightPlan, flight_name, law_name, parse_metadata
+from gustproof.simulate.flight import Flight, FlightPlan, flight_name, parse_metadata
+from gustproof.simulate.guest import GuestPlan, fly_guest
 from gustproof.simulate.outcome import describe, infer_outcome
 from gustproof.simulate.processes import WORKING_PREFIX, fly
 
@@ -38,6 +40,28 @@ def fly_and_record(
     """
     flight = fly(**plan._asdict(), out=out, progress=progress, tlog=tlog, on_listening=on_listening)
     return _replace_journal(flight, plan.metadata())
+
+
+def fly_guest_and_record(
+    plan: GuestPlan,
+    out: Path,
+    *,
+    tlog: bool = False,
+    progress: Callable[[float], None] | None = None,
+    on_listening: Callable[[Path], None] | None = None,
+) -> Flight:
+    """Fly a real autopilot and leave its bag in the folder `out`; the rest is as for `fly_and_record`.
+
+    Raises
+    ------
+    ConfigError
+        If the bag exists already, or the flight can't be started as requested.
+    FlightError
+        If the bag can't be written; the journal stays for `recover`.
+    """
+    flight = fly_guest(plan, out, tlog=tlog, progress=progress, on_listening=on_listening)
+    flown = plan._replace(scenario=flight.scenario)
+    return _replace_journal(flight, {**flown.metadata(), "autopilot": flight.autopilot})
 
 
 def recover(folder: Path) -> list[Flight]:
@@ -72,8 +96,10 @@ def _recover(journal: Path) -> Flight:
     ended = f"{describe(outcome, scenario, records)}, {len(records)} of {scenario.samples} samples"
     flight = Flight(
         scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
-        message=f"{scenario.name}, {law_name(law)}, seed {seed}: {ended}", journal=journal,
+        message="", journal=journal, autopilot=metadata.get("autopilot"),
+        estimates=read_estimates(journal.with_suffix(ATTITUDE_SUFFIX)) if "autopilot" in metadata else None,
     )  # fmt: skip
+    flight = replace(flight, message=f"{scenario.name}, {flight.pilot_name}, seed {seed}: {ended}")
     return _replace_journal(flight, metadata)
 
 
@@ -83,14 +109,16 @@ def _replace_journal(flight: Flight, metadata: Mapping[str, Any]) -> Flight:
     if journal is None:
         raise ValueError("the flight has no journal")
     if len(flight.records):
-        bag = journal.parent / flight_name(flight.scenario, flight.law, flight.seed)
+        bag = journal.parent / flight_name(flight.scenario, flight.pilot_name, flight.seed)
         try:
             # a writer that was killed before removing the journal has left the bag already
             if not (bag.exists() and read_bag(bag)[1].tobytes() == flight.records.tobytes()):
                 timing = {} if flight.timing is None else {"pace": dict(flight.timing)}
-                write_bag(bag, flight.records, {**metadata, "outcome": flight.outcome.name.lower(), **timing})
+                about = {**metadata, "outcome": flight.outcome.name.lower(), **timing}
+                write_bag(bag, flight.records, about, flight.estimates)
         except OSError as error:
             kept = f"what was flown is in {journal}: make room, then gustproof recover {bag.parent}"
             raise FlightError(f"{bag}: {error.strerror}; {kept}") from None
     journal.unlink(missing_ok=True)
+    journal.with_suffix(ATTITUDE_SUFFIX).unlink(missing_ok=True)
     return replace(flight, bag=bag, journal=None)

@@ -153,7 +153,10 @@ def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | Stru
     parameters = {"gamma": result.gamma, "norm": result.norm, "leak_per_s": design.leak}
     if result.gamma_opt is not None:
         parameters["gamma_opt"] = result.gamma_opt
-    if design.rate_loop_lag is not None:
+    if design.inner is not None:
+        natural, ratio = design.inner.without_delay()
+        parameters |= _by_axis("inner_omega_rad_s", natural.tolist()) | _by_axis("inner_damping", ratio.tolist())
+    elif design.rate_loop_lag is not None:
         parameters["rate_loop_lag_s"] = design.rate_loop_lag
     else:
         damping, name = model_damping(design, vehicle), "rate_damping_per_s"

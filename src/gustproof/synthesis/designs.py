@@ -13,6 +13,7 @@ from gustproof.lti.state_space import Lti
 from gustproof.model.generalized import Weights, rates_problem, torque_problem
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.weights import constant_weight, first_order_weight
+from gustproof.synthesis.inner_loops import InnerLoops
 
 DESIGNS = Path(__file__).parent / "data"
 
@@ -80,6 +81,8 @@ class Design:
     """[1/s] the model's damping of rates; defaults to the vehicle's."""
     rate_loop_lag: Positive | None = None
     """[s] lag of the autopilot's rate loop; if given, the law commands rates instead of torque."""
+    inner: InnerLoops | None = None
+    """The autopilot's rate loops, in place of the lag alone; only beside `rate_loop_lag`, and without `W_r`."""
     gamma: Positive | None = None
     """[-] level to design for; defaults to `backoff` times the least."""
     backoff: Annotated[float, Field(gt=1.0, allow_inf_nan=False)] = 1.05
@@ -98,6 +101,8 @@ class Design:
     def _check_moment_weight(self) -> Self:
         if self.W_m is not None and self.rate_loop_lag is not None:
             raise ValueError("W_m weights the moment of a law that commands torque, not rates")
+        if self.inner is not None and (self.rate_loop_lag is None or self.W_r is not None):
+            raise ValueError("inner is for a law with rate_loop_lag and without W_r")
         return self
 
 
@@ -150,7 +155,8 @@ def design_problem(design: Design, vehicle: Vehicle) -> Interconnection:
         W_m=None if design.W_m is None else constant_weight(design.W_m),
     )
     if design.rate_loop_lag is not None:
-        return rates_problem(vehicle, weights, leak=design.leak, tau=design.rate_loop_lag)
+        inner = None if design.inner is None else design.inner.without_delay()
+        return rates_problem(vehicle, weights, leak=design.leak, tau=design.rate_loop_lag, inner=inner)
     return torque_problem(vehicle, weights, leak=design.leak, rate_damping=model_damping(design, vehicle))
 
 

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
 from gustproof.errors import DesignError, FlightError
 from gustproof.law.form import load_law
@@ -27,6 +29,31 @@ def one_line(result) -> str:
     assert "Traceback" not in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     return result.stderr.strip()
+
+
+@pytest.fixture(scope="module")
+def second():
+    """Fly one second of `calm`."""
+    scenario = replace(load_scenario("calm"), duration_s=1.0)
+    return fly_direct(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper"), seed=5)
+
+
+@pytest.fixture
+def end_flight(monkeypatch):
+    """Return what ends each flight in an outcome with these records; by default it is flown without processes."""
+
+    def end(records=None, outcome=FlightOutcome.DONE):
+        def fly(scenario, law, *, vehicle, seed, out, **_):
+            (journal := out / f"{scenario.name}.journal").touch()
+            flown = fly_direct(scenario, law, vehicle=vehicle, seed=seed) if records is None else records
+            return Flight(
+                scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=flown, outcome=outcome,
+                message="it ended", realtime_factor=9.0, timing=None, journal=journal,
+            )  # fmt: skip
+
+        monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
+
+    return end
 
 
 @pytest.mark.parametrize("command", ["reproduce", "design", "fly"])
@@ -160,26 +187,10 @@ def test_the_flagship_flies_unless_another_law_is_asked_for(tmp_path, monkeypatc
     ("outcome", "status"),
     [(FlightOutcome.DONE, 0), (FlightOutcome.CONTROLLER_LOST, 3), (FlightOutcome.INTERRUPTED, 130)],
 )
-def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outcome, status, tmp_path, monkeypatch):
-    def fly(scenario, law, *, vehicle, seed, out, **_):
-        journal = out / "journal"
-        journal.touch()
-        short = replace(scenario, duration_s=1.0)
-        records = fly_direct(short, law, vehicle=vehicle, seed=seed)
-        return Flight(
-            scenario=scenario,
-            law=law,
-            vehicle=vehicle,
-            seed=seed,
-            records=records,
-            outcome=outcome,
-            message="it ended",
-            realtime_factor=9.0,
-            timing=None,
-            journal=journal,
-        )
-
-    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
+def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(
+    outcome, status, tmp_path, second, end_flight
+):
+    end_flight(second, outcome)
     result = run("fly", "calm", "--law", "hinf-d1", "--seed", "5", "--json", "--out", str(tmp_path / "out"))
     assert result.exit_code == status
     told = json.loads(result.stdout)
@@ -194,18 +205,9 @@ def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(outc
 
 
 @pytest.fixture
-def direct(monkeypatch):
+def direct(end_flight):
     """Fly without processes."""
-
-    def fly(scenario, law, *, vehicle, seed, out, **_):
-        (out / "journal").touch()
-        records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
-        return Flight(scenario=scenario, law=law, vehicle=vehicle, seed=seed,
-            records=records, outcome=FlightOutcome.DONE, message="it ended", realtime_factor=9.0, timing=None,
-            journal=out / "journal",
-        )  # fmt: skip
-
-    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
+    end_flight()
 
 
 @pytest.mark.compiled
@@ -263,26 +265,11 @@ def test_a_report_is_not_written_over_another_file(tmp_path, direct):
     assert one_line(refused) == f"gustproof: {page}: exists already; nothing is overwritten"
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("law", ["hinf-d1", "pid-fair"])
-def test_references_that_a_law_ignores_are_warned_of_once(law, tmp_path, monkeypatch):
-    def fly(scenario, law, *, vehicle, seed, out, **_):
-        records = fly_direct(scenario, law, vehicle=vehicle, seed=seed)
-        return Flight(
-            scenario=scenario,
-            law=law,
-            vehicle=vehicle,
-            seed=seed,
-            records=records,
-            outcome=FlightOutcome.DONE,
-            message="it ended",
-            realtime_factor=9.0,
-            timing=None,
-            journal=out / "journal",
-        )
-
+def test_references_that_a_law_ignores_are_warned_of_once(law, tmp_path, direct):
     turn = 'kind = "attitude"\nat_s = 0.5\neuler_deg = [5.0, 0.0, 0.0]\n'
     (tmp_path / "turn.toml").write_text(f'description = "turn"\nduration_s = 1.0\n[[event]]\n{turn}')
-    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
     plain, json_ = (
         run("fly", str(tmp_path / "turn.toml"), "--law", law, "--out", str(tmp_path / str(i)), *form)
         for i, form in enumerate(((), ("--json",)))
@@ -293,28 +280,13 @@ def test_references_that_a_law_ignores_are_warned_of_once(law, tmp_path, monkeyp
     assert json_.stderr == ""
 
 
-def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(tmp_path, monkeypatch):
-    def fly(scenario, law, *, vehicle, seed, out, **_):
-        journal = out / "calm.journal"
-        journal.touch()
-        records = fly_direct(replace(scenario, duration_s=1.0), law, vehicle=vehicle, seed=seed)
-        return Flight(
-            scenario=scenario,
-            law=law,
-            vehicle=vehicle,
-            seed=seed,
-            records=records,
-            outcome=FlightOutcome.DONE,
-            message="it ended",
-            realtime_factor=9.0,
-            timing=None,
-            journal=journal,
-        )
-
+def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(
+    tmp_path, monkeypatch, second, end_flight
+):
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
+    end_flight(second)
     monkeypatch.setattr("gustproof.simulate.recorder.write_bag", interrupted)
     out = tmp_path / "out"
     result = run("fly", "calm", "--law", "hinf-d1", "--out", str(out))
@@ -338,6 +310,73 @@ def test_export_names_the_header_that_it_writes_beside_the_source(tmp_path, monk
     assert run("export", "pid-default", "--c", "my-law.c").stdout == "law 'pid-default' in my-law.c and my-law.h\n"
     assert '#include "my-law.h"' in (tmp_path / "my-law.c").read_text()
     assert "int pid_default_self_test(void);" in (tmp_path / "my-law.h").read_text()
+
+
+def test_export_at_another_rate_tells_the_margins_of_both(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lines = run("export", "flagship", "--rate", "400", "--law", "fast.json").stdout.splitlines()
+    assert [line[:14] for line in lines[:2]] == ["250 Hz: Ms 1.3", "400 Hz: Ms 1.3"]
+    assert load_law("fast.json").dt == 1.0 / 400.0
+
+
+def test_export_in_single_precision_proves_its_rounding(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    told = json.loads(run("export", "flagship", "--float32", "--c", "law.c", "--json").stdout)
+    assert told["rounding"]["proven"]
+    assert told["rounding"]["attitude_deg"] <= 0.02
+    assert told["instructions"] >= told["operations"] > 1000
+    header = " ".join((tmp_path / "law.h").read_text().replace("\n *", " ").split())
+    assert told["rounding"]["statement"] in header
+    assert "void flagship_init(float x[" in header
+
+
+def test_export_says_where_no_bound_of_rounding_is_proved(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run("export", "flagship", "--float32", "--attitude", "autopilot", "--c", "law.c")
+    assert "No bound of the rounding is proved with the autopilot's attitude." in result.stdout
+    assert "No bound of the rounding is proved" in (tmp_path / "law.h").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["flagship", "--rate", "125", "--c", "law.c"], "poor at 125 Hz"),
+        (["flagship", "--rate", "333", "--c", "law.c"], "must divide 1,000,000"),
+        (["flagship", "--vehicle", "paper", "--c", "law.c"], "--vehicle: belongs to --rate"),
+        (["flagship", "--float32", "--law", "law.json"], "belong to --c"),
+        (["flagship", "--attitude", "theirs", "--c", "law.c"], "must be one of own, autopilot"),
+        (["hinf-d1", "--attitude", "autopilot", "--c", "law.c"], "is linear"),
+        (["aided", "--float32", "--c", "law.c"], "reads the accelerometer"),
+    ],
+)
+def test_export_refuses_in_one_line_and_writes_nothing(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run("export", *arguments)
+    assert result.exit_code == 2
+    assert words in one_line(result)
+    assert not list(tmp_path.iterdir())
+
+
+def test_export_writes_a_folder_for_each_autopilot_at_its_rate(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run("export", "pid-fair", "--px4", "p", "--ardupilot", "a", "--crazyflie", "c", "--json")
+    told = json.loads(result.stdout)
+    assert [(each["files"], each["rate_hz"]) for each in told] == [(["p"], 250.0), (["a"], 400.0), (["c"], 250.0)]
+    assert {each["attitude"] for each in told} == {"autopilot"}
+    assert (tmp_path / "p/src/modules/gustproof/gustproof_law.c").is_file()
+    again = run("export", "pid-fair", "--px4", "p")
+    assert one_line(again) == "gustproof: p: exists already"
+
+
+def test_export_of_a_linear_law_keeps_its_own_attitude(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert (
+        run("export", "hinf-d1", "--px4", "p").stdout == "law 'hinf-d1' in p for vehicle 'paper', see its README.md\n"
+    )
+    assert "The law is linear" in (tmp_path / "p/README.md").read_text()
+    refused = run("export", "hinf-d1", "--px4", "q", "--attitude", "autopilot")
+    assert (refused.exit_code, (tmp_path / "q").exists()) == (2, False)
+    assert "linear" in one_line(refused)
 
 
 @pytest.mark.compiled

@@ -1,13 +1,14 @@
 """`gustproof scenario`, and what becomes of a flight whose scenario requires something."""
 
 import json
-from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
 
-from firmware_model.config.scenario import SCENARIOS, list_scenarios
+from firmware_model.config.scenario import SCENARIOS, Scenario, list_scenarios
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
+from gustproof.law.form import load_law
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.flight import Flight
 from gustproof.simulate.outcome import FlightOutcome
@@ -70,20 +71,26 @@ def test_no_such_scenario_is_one_line():
         assert "no scenario named 'nowhere'" in result.stderr
 
 
+@pytest.fixture(scope="module")
+def second():
+    """Fly one second in still air: what the scenarios of these tests fly."""
+    still = Scenario(name="still", description="x", duration_s=1.0)
+    return fly_direct(still, load_law("hinf-d1"), vehicle=load_vehicle("paper"), seed=1)
+
+
 @pytest.fixture
-def flown(tmp_path, monkeypatch):
-    """Fly a scenario's text without processes; `samples` of it if it breaks off."""
+def flown(tmp_path, monkeypatch, second):
+    """Take the `second` for the flight of a scenario's text; `samples` of it if it breaks off."""
 
     def run_it(text: str, *options: str, outcome: FlightOutcome = FlightOutcome.DONE, samples: int | None = None):
         def fly(scenario, law, *, vehicle, seed, out, **_):
             (out / "journal").touch()
-            records = fly_direct(replace(scenario, event=()), law, vehicle=vehicle, seed=seed)[:samples]
             return Flight(
                 scenario=scenario,
                 law=law,
                 vehicle=vehicle,
                 seed=seed,
-                records=records,
+                records=second[:samples],
                 outcome=outcome,
                 message="it ended",
                 realtime_factor=9.0,

@@ -118,3 +118,48 @@ def test_samples_between_two_that_came_are_missed_and_a_fresh_law_misses_none():
     assert controller.missed == 1 + 3
     controller.answer(sample(2_000_000), reset=True)
     assert controller.missed == 4
+
+
+def counter() -> Law:
+    """u = roll rate of this sample, so that a command tells the sample that was stepped."""
+    law = integrator(Output.RATES)
+    D = np.hstack([np.eye(3), np.zeros((3, 3))])
+    return replace(law, A=np.zeros((3, 3)), B=np.zeros((3, 6)), C=np.zeros((3, 3)), D=D)
+
+
+def test_interpolating_law_takes_exact_stamps_as_they_are():
+    plain, between = (Controller(integrator(), (1.0, 1.0, 1.0), 0.5) for _ in range(2))
+    between.interpolating = True
+    for k in range(50):
+        taken = sample(1_000_000 + 4000 * k, 0.1 * math.sin(k))
+        assert between.answer(taken, reset=k == 0) == plain.answer(taken, reset=k == 0)
+
+
+def test_interpolating_law_steps_at_its_own_instants_between_samples():
+    controller = Controller(counter(), (1.0, 1.0, 1.0), 0.5)
+    controller.interpolating = True
+    steps = []
+    step = controller._law.step
+    controller._law.step = lambda gyro, force: steps.append(gyro[0]) or step(gyro, force)
+    for time_us in (100_000, 105_000, 110_000, 115_000, 120_000):  # 200 Hz; the rate grows by 1e-5 a microsecond
+        controller.answer(sample(time_us, 1e-5 * time_us), reset=time_us == 100_000)
+    expected = [1.0, 1.04, 1.08, 1.10, 1.15, 1.2]  # 112 and 116 ms are less than half a step ahead: held, not awaited
+    np.testing.assert_allclose(steps, expected, atol=1e-9)
+
+
+def test_lost_samples_are_bridged_by_interpolation_and_counted():
+    controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
+    controller.interpolating = True
+    for time_us in (100_000, 104_000, 120_000):
+        controller.answer(sample(time_us, 1.0), reset=time_us == 100_000)
+    assert controller.missed == 3
+    assert controller.fractions[0] == pytest.approx(0.2)  # five steps of 1 before: all of the turn
+
+
+def test_references_of_an_interpolating_law_count_from_its_start():
+    D = np.hstack([np.zeros((3, 3)), np.eye(3)])
+    law = replace(integrator(), A=np.zeros((3, 3)), B=np.zeros((3, 6)), C=np.zeros((3, 3)), D=D)
+    controller = Controller(law, (1.0, 1.0, 1.0), 0.5, [(0, (0.25, 0.0, 0.0)), (8000, (0.5, 0.0, 0.0))])
+    controller.interpolating = True
+    asked = [controller.answer(sample(9_000_000 + 4000 * k), reset=k == 0).torque_B[0] for k in range(4)]
+    assert asked == [0.25, 0.25, 0.5, 0.5]

@@ -189,7 +189,7 @@ def test_it_repeats_a_request_and_then_gives_up_with_a_name(autopilot, phase):
         polls += 1
     assert polls == RETRIES + 1
     assert autopilot.endpoint.outcome is ControllerOutcome.NOT_STARTED
-    assert autopilot.endpoint.message.startswith(phase.value)
+    assert autopilot.endpoint.message.startswith(phase.value.format(mode="OFFBOARD"))
 
 
 def test_refused_arming_ends_with_the_autopilots_words(autopilot):
@@ -210,7 +210,7 @@ def test_temporary_rejection_is_tried_again(autopilot):
 
 def test_vehicle_of_another_rate_is_not_flown(autopilot):
     autopilot.reach(Phase.READING)
-    autopilot.say(*parameters(rate_hz=400))
+    autopilot.say(*parameters(rate_hz=400), imu(0))
     assert autopilot.endpoint.outcome is ControllerOutcome.WRONG_RATE
     assert "400 Hz: set IMU_INTEG_RATE to 250" in autopilot.endpoint.message
 
@@ -297,7 +297,7 @@ def test_autopilot_that_takes_no_torques_is_told_what_it_needs(autopilot):
 
 @pytest.mark.parametrize(
     ("kind", "words"),
-    [(wire.MAV_AUTOPILOT_ARDUPILOTMEGA, "ArduPilot is not supported yet"), (wire.MAV_AUTOPILOT_PPZ, "_PPZ is not")],
+    [(wire.MAV_AUTOPILOT_ARDUPILOTMEGA, "ArduPilot takes no torques"), (wire.MAV_AUTOPILOT_PPZ, "_PPZ is not")],
 )
 def test_autopilot_of_another_kind_is_refused_and_sent_no_set_point(autopilot, kind, words):
     autopilot.say(wire.MAVLink_heartbeat_message(2, kind, 209, 4, 4, 3), *parameters(), imu(0), imu(4000))
@@ -596,3 +596,189 @@ def test_parameters_are_asked_for_by_name_and_those_known_no_more(autopilot):
     autopilot.say(*list(parameters())[:3], imu(0))
     autopilot.now_us += RETRY_US
     assert autopilot.parameters_asked_for() == ["MPC_THR_HOVER", "IMU_INTEG_RATE"]
+
+
+ARDUPILOT, GUIDED, LOITER, BRAKE = wire.MAV_AUTOPILOT_ARDUPILOTMEGA, 4, 5, 17
+IN_AIR = wire.MAV_LANDED_STATE_IN_AIR
+
+
+def ardupilot_beat(mode: int, *, armed: bool = True):
+    return wire.MAVLink_heartbeat_message(2, ARDUPILOT, 1 + 128 * armed, mode, 4, 3)
+
+
+def position(time_ms: int, height: float = 10.0, v_down: float = 0.0):
+    return wire.MAVLink_local_position_ned_message(time_ms, 0.0, 0.0, -height, 0.0, 0.0, v_down)
+
+
+def landed(state: int):
+    return wire.MAVLink_extended_sys_state_message(0, state)
+
+
+def read(autopilot: Autopilot, *, mode: int, options: float = 8.0, stream=imu, interval_us: int = 4000) -> None:
+    """Answer an endpoint as ArduPilot does, up to the take-over; its integers are cast."""
+    autopilot.hear()
+    autopilot.say(ardupilot_beat(mode))
+    autopilot.hear()
+    autopilot.say(
+        wire.MAVLink_param_value_message(b"MOT_THST_HOVER", 0.25, 9, 2, 0),
+        wire.MAVLink_param_value_message(b"GUID_OPTIONS", options, 6, 2, 1),
+        *(stream(1_000_000 + interval_us * k) for k in range(12)),
+        wire.MAVLink_attitude_message(1000, 0.1, -0.2, 3.0, 0.0, 0.0, 0.0),
+        position(1000),
+    )
+
+
+def flying_ardupilot(told: list[str] | None = None, options: float = 8.0, **options_of_endpoint) -> Autopilot:
+    autopilot = Autopilot("hinf-rates")
+    report = (lambda _: None) if told is None else told.append
+    autopilot.endpoint = ControllerEndpoint(
+        load_law("hinf-rates"), VEHICLE, report=report, hold_height=True, **options_of_endpoint
+    )
+    read(autopilot, mode=GUIDED, options=options)
+    autopilot.say(landed(IN_AIR), imu(1_100_000))
+    assert autopilot.endpoint.phase is Phase.FLYING
+    return autopilot
+
+
+def setpoints(autopilot: Autopilot) -> list:
+    return [message for message in autopilot.hear() if message.get_type() == "SET_ATTITUDE_TARGET"]
+
+
+@pytest.mark.parametrize(("mode", "phase"), [(GUIDED, Phase.FLYING), (LOITER, Phase.ENTERING), (9, Phase.STANDING_BY)])
+def test_ardupilot_in_the_air_is_taken_by_its_own_modes(mode, phase):
+    autopilot = Autopilot("hinf-rates")
+    read(autopilot, mode=mode)
+    assert autopilot.endpoint.phase is Phase.READING  # whether it flies is not known yet
+    autopilot.say(landed(IN_AIR), imu(1_100_000))
+    assert autopilot.endpoint.phase is phase
+    requests = [message.param2 for message in autopilot.hear() if getattr(message, "command", 0) == MODE]
+    assert requests == ([GUIDED] if phase is Phase.ENTERING else [])
+
+
+def test_ardupilot_gets_nothing_in_its_take_off_and_after_its_landing():
+    autopilot = Autopilot("hinf-rates")
+    read(autopilot, mode=GUIDED)
+    for k, state in enumerate((wire.MAV_LANDED_STATE_TAKEOFF, IN_AIR, wire.MAV_LANDED_STATE_ON_GROUND)):
+        autopilot.say(landed(state), imu(1_100_000 + 8000 * k))
+        autopilot.hear()
+        autopilot.say(imu(1_104_000 + 8000 * k))
+        assert bool(setpoints(autopilot)) is (state == IN_AIR)
+
+
+@pytest.mark.parametrize("mode", [0, LOITER, BRAKE])
+def test_pilot_takes_ardupilot_by_any_mode_and_gives_it_by_guided(mode):
+    autopilot = flying_ardupilot()
+    autopilot.say(ardupilot_beat(mode))
+    autopilot.hear()
+    autopilot.say(imu(1_104_000))
+    assert not setpoints(autopilot)
+    autopilot.say(ardupilot_beat(20), imu(1_108_000))  # GUIDED_NOGPS
+    assert len(setpoints(autopilot)) == 1
+
+
+def test_raw_imu_is_requested_and_read_where_highres_imu_is_declined():
+    def raw(time_us: int):
+        return wire.MAVLink_raw_imu_message(time_us, 0, 0, -1000, 100, 0, 0, 0, 0, 0)
+
+    autopilot = Autopilot("hinf-rates")
+    autopilot.hear()
+    autopilot.say(ardupilot_beat(GUIDED))
+    autopilot.hear()
+    autopilot.say(accepted(INTERVAL, wire.MAV_RESULT_FAILED))
+    autopilot.now_us += RETRY_US
+    wanted = [message.param1 for message in autopilot.hear() if getattr(message, "command", 0) == INTERVAL]
+    assert wanted == [wire.MAVLINK_MSG_ID_RAW_IMU]
+    read(autopilot, mode=GUIDED, stream=raw)
+    autopilot.say(landed(IN_AIR), raw(1_100_000), raw(1_104_000))
+    (_, answer) = setpoints(autopilot)
+    assert answer.time_boot_ms == 1104
+
+
+def test_handover_starts_at_the_attitude_of_the_autopilot():
+    autopilot = flying_ardupilot()
+    (answer,) = setpoints(autopilot)
+    # rolled to the right, pitched down: the law turns back, and keeps the heading that it has found
+    assert answer.body_roll_rate < -0.5
+    assert answer.body_pitch_rate > 1.0
+    assert abs(answer.body_yaw_rate) < 1e-6
+
+
+def test_attitude_corrects_the_estimate_only_if_it_may():
+    def commanded(heading: float, *, correct_attitude: bool) -> float:
+        autopilot = flying_ardupilot(correct_attitude=correct_attitude)
+        for k in range(1, 500):
+            turned = wire.MAVLink_attitude_message(1000 + 20 * k, 0.0, 0.0, heading, 0.0, 0.0, 0.0)
+            autopilot.say(turned, imu(1_100_000 + 4000 * k, 0.0))
+            answers = setpoints(autopilot)
+        return answers[-1].body_yaw_rate
+
+    assert commanded(3.05, correct_attitude=True) < commanded(2.95, correct_attitude=True) - 0.5
+    assert commanded(3.05, correct_attitude=False) == commanded(2.95, correct_attitude=False)
+
+
+def test_thrust_holds_the_height_where_it_is_a_thrust():
+    autopilot = flying_ardupilot()
+    thrust = []
+    for k, height in enumerate((10.0, 9.0, 11.0), start=1):
+        autopilot.hear()
+        autopilot.say(position(1000 + 20 * k, height), imu(1_100_000 + 4000 * k))
+        thrust.append(setpoints(autopilot)[0].thrust)
+    assert thrust[0] == 0.25
+    assert thrust[1] > 0.3
+    assert thrust[2] < 0.2
+
+
+def test_thrust_is_no_climb_where_it_is_a_climb_rate():
+    told: list[str] = []
+    autopilot = flying_ardupilot(told, options=0.0)
+    autopilot.hear()
+    autopilot.say(position(1020, 5.0), imu(1_104_000))
+    assert setpoints(autopilot)[0].thrust == 0.5
+    assert "height: ArduPilot holds it; thrust is a climb rate until GUID_OPTIONS has bit 3" in told
+
+
+def test_interruption_hands_ardupilot_back_to_stay_in_place():
+    autopilot = flying_ardupilot()
+    autopilot.hear()
+    autopilot.endpoint.interrupt()
+    (request,) = [message for message in autopilot.hear() if message.get_type() == "COMMAND_LONG"]
+    assert (request.command, request.param1, request.param2) == (MODE, 1.0, BRAKE)
+
+
+def test_words_of_the_autopilot_and_its_fail_safe_are_told():
+    told: list[str] = []
+    autopilot = flying_ardupilot(told)
+    autopilot.say(
+        wire.MAVLink_statustext_message(2, b"EKF variance"),
+        wire.MAVLink_statustext_message(6, b"no matter"),
+        wire.MAVLink_param_value_message(b"GUID_TIMEOUT", 3.0, 9, 2, 2),
+    )
+    assert told[-2:] == [
+        "the autopilot reports: EKF variance",
+        "if set-points stop, ArduPilot levels and holds its height after 3 s (GUID_TIMEOUT)",
+    ]
+
+
+def test_unknown_height_is_told_with_the_way_out():
+    autopilot = Autopilot()
+    autopilot.endpoint = ControllerEndpoint(load_law("hinf-rates"), VEHICLE, hold_height=True)
+    autopilot.reach(Phase.READING)
+    autopilot.say(accepted(INTERVAL), *parameters())
+    words = "the autopilot does not send LOCAL_POSITION_NED; --height free needs no height"
+    assert give_up(autopilot, 4000) == words
+
+
+def test_another_vehicle_on_the_link_is_not_listened_to(autopilot):
+    autopilot.reach(Phase.READING)
+    other = wire.MAVLink(None, 9, 1)
+    autopilot.endpoint.receive(heartbeat_message(OFFBOARD, True, critical=False).pack(other), VEHICLE, 0)
+    assert autopilot.endpoint.channel.dropped == {RejectReason.OTHER_TARGET: 1}
+
+
+def test_recorder_ends_the_flight_and_hands_the_vehicle_back():
+    seen: list[int] = []
+    autopilot = flying_ardupilot(recorder=lambda sample, _: seen.append(sample.time_us) or len(seen) == 3)
+    autopilot.say(imu(1_104_000), imu(1_108_000))
+    assert autopilot.endpoint.outcome is ControllerOutcome.DONE
+    assert seen == [1_100_000, 1_104_000, 1_108_000]
+    assert [message.param2 for message in autopilot.hear() if getattr(message, "command", 0) == MODE] == [BRAKE]

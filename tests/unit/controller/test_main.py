@@ -240,6 +240,6 @@ def test_options_of_its_parent_and_of_the_machine_are_taken(served, monkeypatch)
 )
 def test_address_that_is_none_is_refused(served, connect, capsys):
     assert command.main(["--law", "hinf-d1", "--connect", connect]) == 2
-    told = f"gustproof controller: --connect is '{connect}', must be HOST:PORT, as 127.0.0.1:14580\n"
+    told = f"gustproof controller: --connect is '{connect}', must be [udp:|udpin:|tcp:]HOST:PORT, as 127.0.0.1:14580\n"
     assert capsys.readouterr().err == told
     assert served.endpoint is None

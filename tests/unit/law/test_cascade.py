@@ -88,6 +88,7 @@ def tumbling(t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.array([phi, theta, 0.2 * t]), np.array([p, q, r])
 
 
+@pytest.mark.compiled
 def test_strapdown_attitude_does_not_drift_in_a_minute_of_coupled_motion() -> None:
     law = law_of([strapdown_axis(PID, 1.0, DT)] * 3)
     x = np.zeros(12)

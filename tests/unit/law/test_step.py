@@ -4,10 +4,11 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
 
-from gustproof.law.form import Law, load_law
+from gustproof.law.form import Law, list_laws, load_law
 from gustproof.law.step import EXTRA_SIZE, TERM_BLOCK, LawStepper, euler_rates, rate_excess, sparse_law, step, tilt
 
 Maker = Callable[..., Law]
@@ -22,6 +23,10 @@ def kinematics(phi: float, theta: float) -> np.ndarray:
             [0.0, math.sin(phi) / math.cos(theta), math.cos(phi) / math.cos(theta)],
         ]
     )
+
+
+def test_kernels_are_compiled_once_for_every_shipped_law() -> None:
+    assert len({tuple(map(numba.typeof, sparse_law(load_law(name)))) for name in list_laws()}) == 1
 
 
 @pytest.mark.parametrize("limited", [False, True])

@@ -20,7 +20,7 @@ class Watched:
     """A vehicle that stands in turbulence, and a station that watches it."""
 
     def __init__(self, *, streams: bool = True) -> None:
-        scenario = replace(load_scenario("paper-turbulence"), translation="free")
+        scenario = replace(load_scenario("paper-turbulence"), translation="free", physics_rate_hz=500)
         self.vehicle = VehicleEndpoint(
             load_vehicle("paper"), scenario, 1, lambda _: None, lockstep=False, interactive=True
         )
@@ -48,6 +48,7 @@ def watched() -> Watched:
     return Watched()
 
 
+@pytest.mark.compiled
 def test_station_is_told_attitude_and_wind_fifty_times_a_second_and_little_else(watched):
     watched.run(3_000_000)
     watched.reader.read()
@@ -61,6 +62,7 @@ def test_station_is_told_attitude_and_wind_fifty_times_a_second_and_little_else(
     assert len(watched.heard) < 230
 
 
+@pytest.mark.compiled
 def test_what_was_sent_before_the_end_is_heard_before_it_finishes(watched):
     watched.run(1_000_000)
     watched.station.end()
@@ -76,6 +78,7 @@ def test_what_was_sent_before_the_end_is_heard_before_it_finishes(watched):
     assert watched.feed["texts"][-3:] == ["landed"] * 3
 
 
+@pytest.mark.compiled
 def test_rows_are_the_truth_at_their_time(watched):
     watched.run(1_500_000)
     time_s, *numbers = watched.reader.read()["attitude"][-1]
@@ -98,6 +101,7 @@ def test_torque_that_is_held_is_told_as_held(watched):
     assert [row[:2] for row in rows] == [[0.02, 2.5], [0.04, 2.5], [0.06, 5.0]]
 
 
+@pytest.mark.compiled
 def test_mode_and_link_are_told(watched):
     watched.run(2_500_000)
     facts = watched.reader.read()["facts"]
@@ -108,6 +112,7 @@ def test_mode_and_link_are_told(watched):
     assert facts["link"]["round_trip_ms"] >= 0.0
 
 
+@pytest.mark.compiled
 def test_wishes_are_repeated_until_the_vehicle_has_taken_them(watched):
     watched.run(1_000_000)
     assert watched.station.parameters_confirmed.is_set()
@@ -143,6 +148,7 @@ def test_refused_wish_is_given_up(watched):
     assert any("out of range" in text for text in watched.feed["texts"])
 
 
+@pytest.mark.compiled
 def test_in_lockstep_it_asks_for_no_stream_at_all():
     watched = Watched(streams=False)
     watched.run(4_000_000)

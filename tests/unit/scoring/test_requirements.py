@@ -47,6 +47,7 @@ def test_without_requirements_nothing_is_judged():
     assert judge(flight(), SCENARIO, VEHICLE) == ()
 
 
+@pytest.mark.compiled
 def test_the_whole_flight_gives_the_figures_of_every_flight():
     records = flight()
     rng = np.random.default_rng(1)

@@ -71,6 +71,7 @@ def test_a_note_that_says_too_little_is_refused_in_one_line(change, words):
         parse_plan({**PLAN.metadata(), **change}, "here")
 
 
+@pytest.mark.compiled
 def test_a_flight_that_was_whole_gives_the_bag_that_it_would_have_left(tmp_path, records):
     write_journal(tmp_path, records)
     (recovered,) = recover(tmp_path)

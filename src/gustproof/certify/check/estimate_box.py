@@ -75,30 +75,68 @@ def _map_axis(
     system: LoopSystem, norms: AxisNorms, case: Case, box: Box, e: list[Fraction], axis: int
 ) -> list[Fraction]:
     """Return the bounds of an axis, the largest over all cells; doubles that are not negative, rounded up by `UP`."""
-    h, m = _up(system.dt), norms.entries.shape[2]
-    torque, demand, gap = (_up(box[axis][k]) for k in (TORQUE, DEMAND, GAP))
-    centre, off = norms.inverse_inertia.T
-    a = (centre + off) * _up(case.moment[axis]) + off * torque + _up(system.gyroscopic[axis] * _product(box, axis))
-    pull = h * norms.inverse_lag[:, 1] * gap  # [N*m] a sample, from the lag's distance to the centre
     states, held = _rounding(system, case, box, e, axis)
+    states[COMMAND] += _FLOAT32 * box[axis][COMMAND] + _TINY
+    causes = Causes(
+        case.moment[axis],
+        system.gyroscopic[axis] * _product(box, axis),
+        e[axis],
+        states,
+        held,
+        gyro_rounding(case, box[axis]),
+        case.deviations * case.noise,
+    )
+    return bound_signals(system, norms, axis, box[axis], causes)
+
+
+class Causes(NamedTuple):
+    """Bounds of all that drives the loop of an axis."""
+
+    moment: Fraction
+    """[N*m] disturbance moment."""
+    coupling: Fraction
+    """[rad/s^2] gyroscopic terms."""
+    excess: Fraction
+    """[rad/s] kinematic excess that the law computes."""
+    states: list[Fraction]
+    """Numbers added to the first states of the loop in a sample, `COMMAND` and law's states among them."""
+    held: Fraction
+    """[N*m] number added to the demanded torque."""
+    gyro: Fraction
+    """[rad/s] number added to the gyro."""
+    noise: Fraction
+    """[rad/s] noise of the gyro, by which its norm for white noise is multiplied."""
+
+
+def bound_signals(
+    system: LoopSystem, norms: AxisNorms, axis: int, row: list[Fraction], causes: Causes
+) -> list[Fraction]:
+    """Return the bounds of an axis's signals that follow from `causes`, and from bounds `row` of these signals.
+
+    The latter enter through the distance of inertia and lag from a cell's centre, and between the samples.
+    """
+    h, m = _up(system.dt), norms.entries.shape[2]
+    torque, demand, gap = (_up(row[k]) for k in (TORQUE, DEMAND, GAP))
+    centre, off = norms.inverse_inertia.T
+    held = _up(causes.held)
+    a = (centre + off) * _up(causes.moment) + off * torque + _up(causes.coupling)
+    pull = h * norms.inverse_lag[:, 1] * gap  # [N*m] a sample, from the lag's distance to the centre
     inputs = np.zeros((len(a), m))
-    inputs[:] = [_up(value) for value in states]
-    inputs[:, COMMAND] += _up(_FLOAT32 * box[axis][COMMAND] + _TINY)
-    inputs[:, TORQUE] += pull + _up(held)
-    turned = h * a + h * centre * (pull / 2.0 + _up(held))
+    inputs[:, : len(causes.states)] = [_up(value) for value in causes.states]
+    inputs[:, TORQUE] += pull + held
+    turned = h * a + h * centre * (pull / 2.0 + held)
     inputs[:, OMEGA] += turned
     signals = (
         (norms.entries @ inputs[:, :, None])[:, :, 0]
-        + norms.excess * _up(e[axis])
-        + norms.gyro * _up(gyro_rounding(case, box[axis]))
-        + norms.noise * _up(case.deviations * case.noise)
+        + norms.excess * _up(causes.excess)
+        + norms.gyro * _up(causes.gyro)
+        + norms.noise * _up(causes.noise)
     )
     signals[:, m] += turned  # a change before the sample has ended counts in full
-    newest = norms.demand_gyro * _up(gyro_rounding(case, box[axis]) + case.deviations * case.noise) + _up(held)
-    signals[:, m + 1 :] += newest
+    signals[:, m + 1 :] += norms.demand_gyro * _up(causes.gyro + causes.noise) + held
     # Between samples: half of h a from the input, and a chord with h^2 / 8 times the torque's second derivative.
     bend = h * h / 8.0 * (demand + torque) * np.sum(norms.inverse_lag, axis=1) * (centre + off)
-    drag = _up(system.damping[axis] * box[axis][PEAK_RATE])
+    drag = _up(system.damping[axis] * row[PEAK_RATE])
     peak = signals[:, OMEGA] + h / 2.0 * (a + drag) + bend
     highest = UP * np.max(np.column_stack([signals, peak]), axis=0)
     if not np.all(np.isfinite(highest)):

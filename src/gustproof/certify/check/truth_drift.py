@@ -176,10 +176,10 @@ def _kinematic_error(system: LoopSystem, case: Case, box: Box, noise: _Noise, es
     wide = [value + 2 * h * _norm(gyro) for value in estimate]
     base = [h**3 / 12 * value for value in _angles(wide, gyro, change).third]
     off = [h / 2 * e for e in _own_excess(box)]
-    at_nodes = [h * value for value in _slope_of_T(wide, gyro, off)]
+    at_nodes = [h * value for value in slope_of_T(wide, gyro, off)]
     own = [a + b + _ROUNDING for a, b in zip(base, at_nodes, strict=True)]
     # the last node holds the error itself; h/2 times the slope of T is below 1/100
-    unit = max(_slope_of_T(wide, gyro, [Fraction(1)] * 3))
+    unit = max(slope_of_T(wide, gyro, [Fraction(1)] * 3))
     if h / 2 * unit > Fraction(1, 100):
         raise Refusal("a sample is too long for the rates")
     wrong = [value + h * unit * max(own) for value in own]
@@ -207,7 +207,7 @@ def _angles(E: Three, omega: Three, change: Three) -> _Angles:
     return _Angles([round_up(value) for value in second], [round_up(value) for value in (phi3, theta3, psi3)])
 
 
-def _slope_of_T(E: Three, omega: Three, off: Three) -> Three:
+def slope_of_T(E: Three, omega: Three, off: Three) -> Three:
     """Return bounds of `|(T(E) - T(E')) omega|` for angles within E that differ by at most `off`."""
     s_phi, t, s = trigonometry(E)
     a, b = s_phi * omega[1] + omega[2], omega[1] + s_phi * omega[2]

@@ -5,27 +5,74 @@ decimals of the law's doubles: poles and gains stay legible, and compilers round
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from enum import Enum
 from pathlib import Path
 from string import Template
 from textwrap import indent, wrap
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.files import write_text
 from gustproof.law.form import GYRO_REFERENCE_SIZE, Law, Output
+from gustproof.law.io.operations import INSTRUCTIONS, count_operations
+from gustproof.law.io.single import SingleLaw, single_number, split
 from gustproof.law.step import MEASURED_SIZE, step
 from gustproof.version import __version__
 
 _FOLDER = Path(__file__).parent
-_FORCE = ";\n *          specific force x, y, z [m/s^2], (0, 0, -9.81) at rest"
 _COMMANDS = {Output.TORQUE: "torque [N m]", Output.RATES: "body rates [rad/s]"}
 _ESTIMATES = {0: "estimated attitude [rad]", 3: "estimated rates [rad/s]", 6: "other states"}
 """Meaning of the states of a scheduled law, by the first of each group."""
 _STATES = ("PHI", "THETA", "PSI", "P", "Q", "R")
 """Names of the first states of a scheduled law."""
-_START = ": level, yaw 0, at rest. For another attitude, write it to the first three afterwards"
+_STARTS = {
+    (True, True): "\n * The law holds this attitude if it is the reference.",
+    (True, False): "\n * It takes no reference: it turns to level and yaw 0.",
+    (False, True): "\n * The law is linear: no state is named, all become 0, and attitude counts from here.",
+    (False, False): "\n * The law is linear: no state is named, all become 0, and attitude counts from here.",
+}
+"""Words about the start of a law that is scheduled, and takes references."""
+_NO_WINDUP = " This law\n * cannot wind up: it needs no word of it."
+_ALIGN = """
+/* Replace the attitude of the law by another estimate of it [rad], of the time of the last step's gyro sample. */
+void ${prefix}_align($real x[$rows], const $real euler[3])"""
+_ALIGN_BODY = """
+{
+    for (int i = 0; i < 3; i++)
+        x[i] = ${prefix}_nearest(euler[i], x[i]);
+$exact}
+"""
+_DOUBLE = {
+    "real": "double",
+    "whole": "long long",
+    "zero": "0.0",
+    "half": "0.5",
+    "one": "1.0",
+    "turns": "0.15915494309189535",
+    "turn": "6.283185307179586",
+    "guard": (
+        "/* Fails to compile if the build makes constants floats and its compiler has no pragma against it. */\n"
+        "typedef char ${prefix}_constants_are_double[sizeof(1.0) == sizeof(double) ? 1 : -1];\n"
+    ),
+}
+"""Words and numbers of C in double precision."""
+_SINGLE = {
+    "real": "float",
+    "whole": "int",
+    "zero": "0.0f",
+    "half": "0.5f",
+    "one": "1.0f",
+    "turns": "0.15915494f",
+    "turn": "6.2831855f",
+    "guard": (
+        "/* Fails to compile if a float is not IEEE single precision. */\n"
+        "typedef char ${prefix}_floats_are_single[sizeof(float) == 4 && FLT_MANT_DIG == 24 ? 1 : -1];\n"
+    ),
+}
+"""The same in single precision."""
 _GROWING, _SHRINKING = np.geomspace(0.01, 100.0, 16), np.geomspace(10.0, 0.01, 8)
 """Sizes of the inputs of the self-test, one a step: until limits are met, and while a limited rate turns back."""
 _WIDTH = 120
@@ -33,8 +80,30 @@ _NBSP = "\u00a0"
 """Space without a line break."""
 
 
-def save_c(law: Law, path: Path) -> None:
-    """Write the law as C source, and its header beside it.
+class Attitude(Enum):
+    """Source of the attitude of an exported law."""
+
+    OWN = "own"
+    """The law integrates its gyro."""
+    AUTOPILOT = "autopilot"
+    """An estimate is given at each step, in place of the law's own attitude after it."""
+
+
+class CUnit(NamedTuple):
+    """Texts of a unit in C."""
+
+    source: str
+    """Text of the `.c` file, which includes the header by its name."""
+    header: str
+    """Text of the `.h` file."""
+    operations: int
+    """Bound of the operations of a step; `gustproof.law.io.operations` tells what counts."""
+
+
+def save_c(
+    law: Law, path: Path, attitude: Attitude = Attitude.OWN, *, single: bool = False, notes: Sequence[str] = ()
+) -> CUnit:
+    """Write the law as C source, and its header beside it; return the texts, see `c_unit`.
 
     Examples
     --------
@@ -42,84 +111,358 @@ def save_c(law: Law, path: Path) -> None:
     >>> from tempfile import TemporaryDirectory
     >>> from gustproof import load_law, save_c
     >>> with TemporaryDirectory() as folder:
-    ...     save_c(load_law("pid-fair"), Path(folder) / "law.c")
+    ...     unit = save_c(load_law("pid-fair"), Path(folder) / "law.c")
     ...     sorted(file.name for file in Path(folder).iterdir())
     ['law.c', 'law.h']
     """
     header = path.with_suffix(".h")
-    write_text(path, c_code(law, header.name))
-    write_text(header, c_header(law))
+    unit = c_unit(law, header.name, attitude, single=single, notes=notes)
+    write_text(path, unit.source)
+    write_text(header, unit.header)
+    return unit
 
 
-def c_code(law: Law, header: str = "law.h") -> str:
-    """Return the law as C99 source with `<name>_init` and `<name>_step`; its numbers are the law's to the bit.
+def c_unit(
+    law: Law,
+    header: str = "law.h",
+    attitude: Attitude = Attitude.OWN,
+    *,
+    single: bool = False,
+    notes: Sequence[str] = (),
+) -> CUnit:
+    """Return the law as C99 and C++ that needs no library; its numbers are the law's to the bit.
 
-    With IEEE doubles it gives the bits of `gustproof.law.step.step`, for attitude estimates up to 1e5 rad. With
-    `<name>_SELF_TEST` defined `<name>_self_test` compares them over some steps, the last of them at the limits.
+    With IEEE doubles `<name>_step` gives the bits of `gustproof.law.step.step`, for attitude estimates up to 1e5 rad.
+    With `single` it computes in IEEE single precision, to the bits of `gustproof.law.io.single.SingleLaw`.
+    With `<name>_SELF_TEST` defined `<name>_self_test` compares them over some steps, the last of them at the limits.
+    The header tells how to start, align and reset it; `notes` are paragraphs of its comment.
+
+    Raises
+    ------
+    ValueError
+        If the autopilot's attitude is asked for and the law is linear: none of its states is known as attitude. If
+        single precision is asked for and the law reads the accelerometer.
     """
+    if attitude is Attitude.AUTOPILOT and not law.is_scheduled:
+        raise ValueError(f"law '{law.name}' is linear: none of its states is known as attitude, so it keeps its own")
+    writer = _Writer(law, attitude, SingleLaw(law) if single else None)
+    words = {**writer.words(), "header": header}
+    source = _source(writer, words)
+    operations = count_operations(source, f"{words['prefix']}_step")
+    cost = (
+        f"A step takes at most {operations} operations on every path, and below {INSTRUCTIONS * operations} machine "
+        "instructions where the processor has them: GCC at -O2, x86-64 and ARM."
+    )
+    told = "".join(f"\n *\n * {_in_comment(note)}" for note in (cost, *notes))
+    return CUnit(source, _header(writer, {**words, "notes": told}), operations)
+
+
+def c_name(name: str) -> str:
+    """Return a law's name as a C identifier."""
+    identifier = re.sub(r"\W", "_", name, flags=re.ASCII)
+    return identifier if re.match(r"[A-Za-z]", identifier) else f"law_{identifier}"
+
+
+def _source(writer: "_Writer", words: dict[str, str]) -> str:
+    law = writer.law
     kind = "Scheduled with the exact kinematics of its own attitude estimate." if law.is_scheduled else "Linear."
+    if writer.attitude is Attitude.AUTOPILOT:
+        kind += " After each step its attitude becomes the autopilot's."
     if law.rate_limit is not None:
-        kind += f" The rates commanded from attitude are within {_numbers(law.rate_limit.limits)} rad/s."
+        kind += f" The rates commanded from attitude are within {_numbers(law.rate_limit.limits.tolist(), repr)} rad/s."
     made = f"{kind} Designed for vehicle '{law.provenance.vehicle}': {law.provenance.design}."
-    used = {"euler_rates": law.is_scheduled, "rate_excess": law.rate_limit is not None, "tilt": law.uses_accelerometer}
-    files = [name for name, needed in {"sin_cos": any(used.values()), **used}.items() if needed]
-    functions = "".join((_FOLDER / f"{name}.c").read_text(encoding="utf-8") + "\n" for name in files)
+    turns = law.is_scheduled or law.rate_limit is not None or law.uses_accelerometer
+    if writer.single is None:
+        made += " The arithmetic equals the flown law's to the bit."
+        parts = {"sin_cos": turns, "euler_rates": law.is_scheduled}
+    else:
+        made += " In single precision; sums of slow states carry a second float."
+        parts = {
+            "wide_sum": bool(writer.single.wide),
+            "sin_versine": turns,
+            "euler_excess": law.is_scheduled,
+            "sin_cos_single": law.rate_limit is not None,
+        }
+    parts |= {"rate_excess": law.rate_limit is not None, "tilt": law.uses_accelerometer}
     return _filled(
-        "law.c.in", law, header=header, summary="\n * ".join(wrap(_comment(made), _WIDTH - 3)), functions=functions,
-        body=_body(law), **_self_test(law),
-    )  # fmt: skip
+        "law.c.in",
+        {
+            **words,
+            **_self_test(writer),
+            "guard": Template(words["guard"]).substitute(words),
+            "include": "" if writer.single is None else "#include <float.h>\n",
+            "summary": _in_comment(made),
+            "functions": "".join(_filled(f"{name}.c", words) + "\n" for name, needed in parts.items() if needed),
+            "start": writer.start(),
+            "body": writer.body(),
+            "windup": writer.windup(),
+            "align": _align(writer, words, _ALIGN.split("*/")[1] + _ALIGN_BODY),
+        },
+    )
 
 
-def c_header(law: Law) -> str:
-    """Return the header of `c_code`: prototypes, sizes and sample time, names of states, units and signs."""
-    prefix, states = c_name(law.name), ""
+def _header(writer: "_Writer", words: dict[str, str]) -> str:
+    law, prefix, states = writer.law, words["prefix"], ""
     if law.is_scheduled:
         names = [f"    {prefix}_{name} = {i}," for i, name in enumerate(_STATES)]
         for i, what in sorted(_ESTIMATES.items(), reverse=True)[1:]:
             names.insert(i, f"    /* {what} */")
         states = "\n/* Offsets of the named states in x. */\nenum {\n" + "\n".join(names)[:-1] + "\n};\n"
+    inputs = ["gyro p, q, r [rad/s]", "reference phi, theta, psi [rad]"]
+    if law.uses_accelerometer:
+        inputs.append("specific force x, y, z [m/s^2], (0, 0, -9.81) at rest")
+    if writer.attitude is Attitude.AUTOPILOT:
+        inputs.append("attitude phi, theta, psi [rad] by the autopilot, of the gyro's time")
     return _filled(
-        "law.h.in", law, dt=repr(law.dt), command=_COMMANDS[law.output], force=_FORCE if law.uses_accelerometer else "",
-        states=states, start=_START if law.is_scheduled else "",
-    )  # fmt: skip
+        "law.h.in",
+        {
+            **words,
+            "inputs": ";\n *          ".join(inputs),
+            "states": states,
+            "start": _STARTS[law.is_scheduled, law.takes_references],
+            "windup": "" if np.any(law.H) else _NO_WINDUP,
+            "align": _align(writer, words, _ALIGN + ";\n"),
+            "bits": "flown law's" if writer.single is None else "single-precision law's",
+        },
+    )
 
 
-def _filled(template: str, law: Law, **parts: str) -> str:
-    # C has no empty arrays; a static law gets one unused state.
-    return Template((_FOLDER / template).read_text(encoding="utf-8")).substitute(
-        name=_comment(law.name), prefix=c_name(law.name), version=__version__, rows=str(max(law.order, 1)),
-        measured=str(_inputs(law)), **parts,
-    )  # fmt: skip
+def _align(writer: "_Writer", words: dict[str, str], template: str) -> str:
+    if not writer.law.is_scheduled:
+        return ""
+    low = (
+        "" if writer.single is None else f"    for (int i = 0; i < 3; i++)\n        x[{writer.law.order} + i] = 0.0f;\n"
+    )
+    return Template(template).substitute(words, exact=low)
 
 
-def _self_test(law: Law) -> dict[str, str]:
+def _filled(template: str, words: dict[str, str]) -> str:
+    return Template((_FOLDER / template).read_text(encoding="utf-8")).substitute(words)
+
+
+def _self_test(writer: "_Writer") -> dict[str, str]:
     """Return inputs that grow from 0, with commands and last state while these are finite."""
+    law, single = writer.law, writer.single
     sizes = _GROWING if law.rate_limit is None else np.concatenate([_GROWING, _SHRINKING])
-    inputs = np.round(sizes[:, None] * np.random.default_rng(1).normal(size=(len(sizes), _inputs(law))), 3)
+    inputs = np.round(sizes[:, None] * np.random.default_rng(1).normal(size=(len(sizes), writer.measured)), 3)
     inputs[0] = 0.0
-    x, last, commands = np.zeros(law.order), np.zeros(max(law.order, 1)), []
+    x, last, commands = np.zeros(writer.rows), np.zeros(writer.rows), []
     for y in inputs:
         with np.errstate(all="ignore"):
-            x, command = step(law, x, y)
+            if single is None:
+                x, command = step(law, x[: law.order], y[: inputs_of(law)])
+            else:
+                x, command = single.step(x, y)
         if not (np.all(np.isfinite(x)) and np.all(np.isfinite(command))):
             break
-        last[: law.order] = x
+        if writer.attitude is Attitude.AUTOPILOT:
+            x[:3] = nearest(y[-3:], x[:3]) if single is None else single.nearest(y[-3:], x[:3])
+            x[law.order : law.order + 3] = 0.0  # the low parts of the attitude
+        last[: len(x)] = x
         commands.append(command.tolist())
     return {
         "steps": str(len(commands)),
-        "inputs": _rows(map(repr, row) for row in inputs[: len(commands)].tolist()),
-        "commands": _rows(map(float.hex, row) for row in commands),
-        "last": _listed(map(float.hex, last.tolist()), 8),
+        "samples": _rows(map(writer.number, row) for row in inputs[: len(commands)].tolist()),
+        "commands": _rows(map(writer.number, row) for row in commands),
+        "last": _listed(map(writer.number, last.tolist()), 8),
     }
 
 
-def _inputs(law: Law) -> int:
-    """Return how many numbers the step reads: gyro and reference, and specific force if the law uses it."""
+def nearest(angle: NDArray[np.float64], to: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angles [rad] whole turns from `angle` that are nearest to `to`, as `<name>_nearest`."""
+    return np.asarray(angle + np.floor((to - angle) * 0.15915494309189535 + 0.5) * 6.283185307179586)
+
+
+def inputs_of(law: Law) -> int:
+    """Return how many numbers a law reads on its own attitude."""
     return MEASURED_SIZE if law.uses_accelerometer else GYRO_REFERENCE_SIZE
 
 
-def _numbers(values: NDArray[np.float64]) -> str:
-    return ", ".join(map(repr, values.tolist()))
+def resting_states(law: Law) -> NDArray[np.float64]:
+    """Return the states (n, 3) of a law that holds a unit attitude, its reference, at rest and without command.
+
+    If attitude leaks, it has no such equilibrium: then the others are at theirs. Without reference they are 0. A linear
+    law has no state that is known as attitude: all are 0.
+    """
+    n, limit = law.order, law.rate_limit
+    states = np.eye(n, 3) if law.is_scheduled else np.zeros((n, 3))
+    if not (law.is_scheduled and law.takes_references):
+        return states
+    own = np.hstack([law.A + law.G @ np.eye(3, n, 3) - np.eye(n), law.B[:, 3:6]])[3:]
+    sums = [np.hstack([law.C, law.D[:, 3:6]]), *([] if limit is None else [np.hstack([limit.S, limit.T[:, 3:6]])])]
+    for whole in (np.vstack([own, *sums]), own):
+        held = whole[:, :3] + whole[:, n:]
+        rest = np.linalg.lstsq(whole[:, 3:n], -held, rcond=1e-10)[0]
+        if np.max(np.abs(held + whole[:, 3:n] @ rest)) <= 1e-9 * np.max(np.abs(whole[:, :3])):
+            break
+    states[3:] = np.where(np.abs(rest) > 1e-9 * (1.0 + np.max(np.abs(rest))), rest, 0.0)
+    return states
+
+
+class _Writer(NamedTuple):
+    """A law and the form of its C."""
+
+    law: Law
+    attitude: Attitude
+    single: SingleLaw | None
+    """The law in single precision; `None` in double."""
+
+    @property
+    def measured(self) -> int:
+        """Count of numbers that the step reads."""
+        return inputs_of(self.law) + 3 * (self.attitude is Attitude.AUTOPILOT)
+
+    @property
+    def rows(self) -> int:
+        """Count of states; C has no empty arrays, so a static law gets one unused state."""
+        return max(self.law.order + (0 if self.single is None else len(self.single.wide)), 1)
+
+    def words(self) -> dict[str, str]:
+        """Return the words that templates have in common."""
+        law = self.law
+        return {
+            **(_DOUBLE if self.single is None else _SINGLE),
+            "name": _comment(law.name),
+            "prefix": c_name(law.name),
+            "version": __version__,
+            "rows": str(self.rows),
+            "measured": str(self.measured),
+            "dt": self.number(law.dt),
+            "rate": self.number(round(1.0 / law.dt, 9)),
+            "early": self.number(0.5 * law.dt),
+            "late": self.number(1.5 * law.dt),
+            "command": _COMMANDS[law.output],
+        }
+
+    def number(self, value: float) -> str:
+        """Return the shortest decimal of a number."""
+        return repr(value) if self.single is None else single_number(value)
+
+    def start(self) -> str:
+        """Return the assignments of `<name>_start`; a scheduled law knows its rates too."""
+        if not self.law.is_scheduled:
+            return "    (void)euler;\n    (void)gyro;"
+        lines, wide = [f"x[{i}] = euler[{i}];" for i in range(3)], []
+        slow = () if self.single is None else self.single.wide
+        for i, row in enumerate(resting_states(self.law).tolist()[3:], 3):
+            factors = {f"euler[{j}]": value for j, value in enumerate(row) if value}
+            if i in slow:
+                wide += ["sum[0] = sum[1] = 0.0f;", *(_product(v, name, self.number) for name, v in factors.items())]
+                wide.append(f"settle(sum, &x[{i}], &x[{self.law.order + slow.index(i)}]);")
+            elif factors or i < 6:
+                lines.append(f"x[{i}] = {self._resting_sum(i, factors)};")
+        return indent("\n".join([*lines, "float sum[2];", *wide] if wide else lines), "    ")
+
+    def _resting_sum(self, i: int, factors: dict[str, float]) -> str:
+        """Return the sum of state i at rest; the three after the attitude begin with the gyro."""
+        first = [f"gyro[{i - 3}]"] if i < 6 else []
+        terms = " ".join([*first, *(_term(v, name, self.number) for name, v in factors.items())])
+        return terms.removeprefix(f"+{_NBSP}").replace(_NBSP, " ")
+
+    def windup(self) -> str:
+        """Return the sums that the excess of a command adds to the states."""
+        lines = ["(void)x;", "(void)missing;"] if not np.any(self.law.H) else []
+        for i, row in enumerate(self.law.H.tolist()):
+            lines += [f"x[{i}] += {self.number(value)} * missing[{j}];" for j, value in enumerate(row) if value]
+        return indent("\n".join(lines), "    ")
+
+    def body(self) -> str:
+        """Return the body of the step; parts that a law does not need are neither declared nor computed."""
+        law, n, real = self.law, self.law.order, "double" if self.single is None else "float"
+        names = self._names()
+        none, limit = np.zeros((3, 6)), law.rate_limit
+        parts = [
+            "/* roll and pitch by gravity */\ndouble tilt[2];\ntilt_of(y + 6, x, tilt);\n"
+        ] * law.uses_accelerometer
+        if limit is not None:
+            parts += [
+                "/* rates commanded from attitude, and what is over their limits */",
+                f"static const {real} rate_limits[3] = {{{_numbers(limit.limits.tolist(), self.number)}}};",
+                f"static const {real} attitude_limits[3] = {{{_numbers(law.attitude_limits.tolist(), self.number)}}};",
+                f"{real} s[3], over[3];",
+                *self._sums("s", np.hstack([limit.S, limit.T]), names),
+                "rate_excess(x, s, rate_limits, attitude_limits, over);\n",
+            ]
+        U, V = (np.zeros((3, 0)), np.zeros((n, 0))) if limit is None else (limit.U, limit.V)
+        parts += [
+            f"/* command about each axis, before and within its limit */\n{real} u[3];",
+            *self._sums("u", np.hstack([law.C, law.D, none, U]), names),
+            *(f"command[{i}] = limited(u[{i}], {self.number(bound)});" for i, bound in enumerate(law.limits.tolist())),
+        ]
+        if np.any(law.H):
+            parts.append(f"const {real} excess[3] = {{command[0] - u[0], command[1] - u[1], command[2] - u[2]}};")
+        if law.is_scheduled:
+            parts.append(f"\n{real} rates[3];\n{'euler_rates' if self.single is None else 'euler_excess'}(x, rates);")
+        if n:
+            A = law.A if self.single is None else self.single.A
+            parts += self._next(np.hstack([A, law.B, law.G, law.H, V]), names)
+        if self.attitude is Attitude.AUTOPILOT:
+            parts.append(f"{c_name(law.name)}_align(x, y + {inputs_of(law)});")
+        parts.append("\nint met = 0;\nfor (int i = 0; i < 3; i++)")
+        parts.append("    met |= (command[i] < u[i] || command[i] > u[i]) << i;\nreturn met;")
+        unread = [f"(void){array};" for array in ("x", "y") if not any(f"{array}[" in part for part in parts)]
+        return indent("\n".join(unread + parts), "    ")
+
+    def _names(self) -> list[str]:
+        law = self.law
+        sizes = {
+            "x": law.order,
+            "y": GYRO_REFERENCE_SIZE,
+            "tilt": 2 * law.uses_accelerometer,
+            "rates": 3,
+            "excess": 3,
+            "over": 3,
+        }
+        return [f"{array}[{i}]" for array, size in sizes.items() for i in range(size)]
+
+    def _next(self, matrix: NDArray[np.float64], names: list[str]) -> Iterator[str]:
+        """Yield the sums of the next states and their assignment."""
+        n, real = self.law.order, "double" if self.single is None else "float"
+        wide = () if self.single is None else self.single.wide
+        yield f"\n{real} next[{self.rows}];" + ("\nfloat sum[2];" if wide else "")
+        for i, line in enumerate(self._sums("next", matrix, names)):
+            if self.law.is_scheduled and i in _ESTIMATES:
+                yield f"/* {_ESTIMATES[i]} */"
+            if self.single is None or i not in wide:
+                yield line
+            else:
+                yield from self._wide_sum(i, n + wide.index(i), matrix[i], names)
+        yield f"for (int i = 0; i < {self.rows}; i++)\n    x[i] = next[i];"
+
+    def _wide_sum(self, i: int, low: int, row: NDArray[np.float64], names: list[str]) -> Iterator[str]:
+        """Yield the sum of a state that is held in two floats, `x[i]` and `x[low]`."""
+        own = float(row[i])
+        yield f"sum[0] = {f'x[{i}]' if own == 1.0 else '0.0f'};"
+        yield f"sum[1] = {'' if own == 1.0 else self.number(own) + ' * '}x[{low}];"
+        for j, (value, name) in enumerate(zip(row.tolist(), names, strict=False)):
+            if not value or (j == i and own == 1.0):
+                continue
+            if abs(value) == 1.0 or name.startswith(("rates", "excess", "over")):
+                yield f"add(sum, {_term(value, name, self.number).removeprefix('+' + _NBSP).replace(_NBSP, ' ')});"
+            else:
+                yield _product(value, name, self.number)
+        yield f"settle(sum, &next[{i}], &next[{low}]);"
+
+    def _sums(self, target: str, matrix: NDArray[np.float64], names: Sequence[str]) -> Iterator[str]:
+        """Yield one sum a row; it begins with 0.0, as in `gustproof.law.step`, so that no sum is -0.0."""
+        for i, row in enumerate(matrix.tolist()):
+            terms = [_term(value, name, self.number) for value, name in zip(row, names, strict=False) if value]
+            sum_ = " ".join([f"{target}[{i}]{_NBSP}={_NBSP}{self.number(0.0)}", *terms]) + ";"
+            yield "\n    ".join(wrap(sum_, _WIDTH - 8, break_on_hyphens=False)).replace(_NBSP, " ")
+
+
+def _product(value: float, name: str, number: Callable[[float], str]) -> str:
+    coarse, fine = split(value)
+    return f"add_product(sum, {number(coarse)}, {number(fine)}, {name});"
+
+
+def _term(value: float, name: str, number: Callable[[float], str]) -> str:
+    factor = "" if abs(value) == 1.0 else f"{number(abs(value))} * "
+    return f"{'-' if value < 0.0 else '+'} {factor}{name}".replace(" ", _NBSP)
+
+
+def _numbers(values: Iterable[float], number: Callable[[float], str]) -> str:
+    return ", ".join(map(number, values))
 
 
 def _rows(rows: Iterable[Iterable[str]]) -> str:
@@ -130,60 +473,9 @@ def _listed(numbers: Iterable[str], margin: int) -> str:
     return indent("\n".join(wrap(", ".join(numbers), _WIDTH - margin, break_on_hyphens=False)), margin * " ")
 
 
-def c_name(name: str) -> str:
-    """Return a law's name as a C identifier."""
-    identifier = re.sub(r"\W", "_", name, flags=re.ASCII)
-    return identifier if re.match(r"[A-Za-z]", identifier) else f"law_{identifier}"
-
-
 def _comment(text: str) -> str:
     return " ".join(text.replace("/*", "/ *").replace("*/", "* /").split())
 
 
-def _body(law: Law) -> str:
-    """Return the body of the step; parts that a law does not need are neither declared nor computed."""
-    n = law.order
-    sizes = {"x": n, "y": GYRO_REFERENCE_SIZE, "tilt": 2 * law.uses_accelerometer, "rates": 3, "excess": 3, "over": 3}
-    names = [f"{array}[{i}]" for array, size in sizes.items() for i in range(size)]
-    none, limit = np.zeros((3, 6)), law.rate_limit
-    parts = ["/* roll and pitch by gravity */\ndouble tilt[2];\ntilt_of(y + 6, x, tilt);\n"] * law.uses_accelerometer
-    if limit is not None:
-        parts += [
-            "/* rates commanded from attitude, and what is over their limits */",
-            f"static const double rate_limits[3] = {{{_numbers(limit.limits)}}};",
-            f"static const double attitude_limits[3] = {{{_numbers(law.attitude_limits)}}};",
-            "double s[3], over[3];",
-            *_sums("s", np.hstack([limit.S, limit.T]), names),
-            "rate_excess(x, s, rate_limits, attitude_limits, over);\n",
-        ]
-    U, V = (np.zeros((3, 0)), np.zeros((n, 0))) if limit is None else (limit.U, limit.V)
-    parts += [
-        "/* command about each axis, before and within its limit */\ndouble u[3];",
-        *_sums("u", np.hstack([law.C, law.D, none, U]), names),
-        *(f"command[{i}] = limited(u[{i}], {bound!r});" for i, bound in enumerate(law.limits.tolist())),
-    ]
-    if np.any(law.H):
-        parts.append("const double excess[3] = {command[0] - u[0], command[1] - u[1], command[2] - u[2]};")
-    if law.is_scheduled:
-        parts.append("\ndouble rates[3];\neuler_rates(x, rates);")
-    if n:
-        parts.append(f"\ndouble next[{n}];")
-        for i, line in enumerate(_sums("next", np.hstack([law.A, law.B, law.G, law.H, V]), names)):
-            parts += [f"/* {_ESTIMATES[i]} */"] if law.is_scheduled and i in _ESTIMATES else []
-            parts.append(line)
-        parts.append(f"for (int i = 0; i < {n}; i++)\n    x[i] = next[i];")
-    unread = [f"(void){array};" for array in ("x", "y") if not any(f"{array}[" in part for part in parts)]
-    return indent("\n".join(unread + parts), "    ")
-
-
-def _sums(target: str, matrix: NDArray[np.float64], names: Sequence[str]) -> Iterator[str]:
-    """Yield one sum a row; it begins with 0.0, as in `gustproof.law.step`, so that no sum is -0.0."""
-    for i, row in enumerate(matrix.tolist()):
-        terms = [_term(value, name) for value, name in zip(row, names, strict=False) if value]
-        sum_ = " ".join([f"{target}[{i}]{_NBSP}={_NBSP}0.0", *terms]) + ";"
-        yield "\n    ".join(wrap(sum_, _WIDTH - 8, break_on_hyphens=False)).replace(_NBSP, " ")
-
-
-def _term(value: float, name: str) -> str:
-    factor = "" if abs(value) == 1.0 else f"{abs(value)!r} * "
-    return f"{'-' if value < 0.0 else '+'} {factor}{name}".replace(" ", _NBSP)
+def _in_comment(text: str) -> str:
+    return "\n * ".join(wrap(_comment(text), _WIDTH - 3))

@@ -1,9 +1,3 @@
-static double floor_of(double x)
-{
-    double t = (double)(long long)x;
-    return t > x ? t - 1.0 : t;
-}
-
 static double absolute(double x)
 {
     return x < 0.0 ? -x : x;

@@ -24,6 +24,6 @@ static void tilt_of(const double *force, const double *x, double *tilt)
     sin_cos(roll, &sine, &cosine);
     pitch = arctan2(force[0], -(force[1] * sine + force[2] * cosine));
     roll += upside_down * 3.141592653589793;
-    tilt[0] = roll + floor_of((x[0] - roll) * 0.15915494309189535 + 0.5) * 6.283185307179586;
+    tilt[0] = ${prefix}_nearest(roll, x[0]);
     tilt[1] = half_turns * 3.141592653589793 + (1.0 - 2.0 * upside_down) * pitch;
 }

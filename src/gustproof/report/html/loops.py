@@ -50,6 +50,8 @@ def collect_laws(runs: Sequence[ReportRun]) -> tuple[ReportLaw, ...]:
     """Return each law of the runs, once for each vehicle, sample rate and delay."""
     found: dict[tuple[object, ...], ReportLaw] = {}
     for i, run in enumerate(runs):
+        if run.law is None:  # a real autopilot's loops are its own
+            continue
         key = (run.law.name, run.vehicle, run.scenario.dt, run.scenario.delay_samples)
         if key not in found:
             hover = hover_loop(run.law, run.vehicle, run.scenario)

@@ -1,19 +1,28 @@
 """Tables of the page: flights, figures, requirements, margins."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
+from typing import Any
 
 from gustproof.analysis.analyse import pole_pairs
+from gustproof.law.form import Law
 from gustproof.report.html.loops import ReportLaw
 from gustproof.report.html.markup import render_table
 from gustproof.report.html.runs import ReportRun
 from gustproof.report.laws import MARGINS, format_margin, format_poles
-from gustproof.report.terminal import figure_rows
+from gustproof.report.terminal import figure_rows, format_number
 from gustproof.scoring.requirements import requirement_label, requirement_limits, requirement_window
 from gustproof.synthesis.derive import margins_to_dict
 
 _AXES = ("roll", "pitch", "yaw")
+_OWN_VIEW = {
+    "control_rmse_deg": "RMSE against its set-point, as the autopilot sees it",
+    "true_control_rmse_deg": "RMSE against its set-point, in truth",
+    "true_control_steady_deg": "the same with each axis' mean removed",
+    "estimate_rmse_deg": "RMSE of the autopilot's own attitude",
+    "estimate_steady_deg": "the same, with each axis' mean removed",
+}
 _PACE = {
     "missed": "missed deadlines",
     "held": "repeated set-points",
@@ -32,8 +41,9 @@ def render_flights(runs: Sequence[ReportRun]) -> str:
 
 def _facts(runs: Sequence[ReportRun]) -> list[tuple[str, list[str]]]:
     return [
-        ("law", [f"{run.law.name}, {run.law.order} states" for run in runs]),
-        ("made by", [run.law.provenance.design for run in runs]),
+        ("law", [_describe_law(run.law) for run in runs]),
+        ("made by", [run.law.provenance.design if run.law else "" for run in runs]),
+        ("autopilot", [_describe_autopilot(run.autopilot) for run in runs]),
         ("scenario", [run.scenario.name for run in runs]),
         ("vehicle", [run.vehicle.name for run in runs]),
         ("seed", [str(run.seed) for run in runs]),
@@ -43,9 +53,28 @@ def _facts(runs: Sequence[ReportRun]) -> list[tuple[str, list[str]]]:
     ]
 
 
+def _describe_law(law: Law | None) -> str:
+    return "" if law is None else f"{law.name}, {law.order} states"
+
+
+def _describe_autopilot(facts: Mapping[str, Any] | None) -> str:
+    if facts is None:
+        return ""
+    flown, law = facts.get("flown", {}), facts.get("law")
+    said = f"{flown.get('program', facts['autopilot'])} {flown.get('version', '')}".strip()
+    return f"{said}, law '{law}' inside" if law else said
+
+
+def _own_views(runs: Sequence[ReportRun]) -> Iterator[tuple[str, Sequence[str]]]:
+    for name, label in _OWN_VIEW.items():
+        values = [getattr(run.own_view, name, math.nan) for run in runs]
+        yield f"{label} [deg]", ["" if math.isnan(value) else format_number(value) for value in values]
+
+
 def _figures(runs: Sequence[ReportRun]) -> Iterator[tuple[str, Sequence[str]]]:
     for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs) if run.metrics}):
         yield f"{label} [{unit}]" if unit else label, cells
+    yield from _own_views(runs)
     for name, label in _PACE.items():
         yield label, [str((run.timing or {}).get(name, "")) for run in runs]
 

@@ -150,6 +150,7 @@ def test_balanced_rotors_do_not_turn_it(vehicle):
     assert records["velocity_N"][-1, 2] < -3.0
 
 
+@pytest.mark.compiled
 @by_vehicle
 def test_rotors_that_turn_left_turn_it_right_by_their_drag(vehicle):
     records = fly(vehicle, CALM, torque(0.0, 0.0, 0.1), 1.0)
@@ -158,6 +159,7 @@ def test_rotors_that_turn_left_turn_it_right_by_their_drag(vehicle):
     assert records["omega_B"][-1, 2] > 0.1
 
 
+@pytest.mark.compiled
 @by_vehicle
 def test_a_gust_pushes_it_the_way_it_blows_and_turns_it_as_on_the_stand(vehicle):
     gust = GustCosine(kind="one_minus_cosine", amplitude_mps=(0.0, 4.0, 0.0), start_s=0.0, length_s=1.0)

@@ -88,6 +88,7 @@ def test_the_accelerometers_noise_is_the_density_at_every_rate(rate_hz: int) -> 
     assert noise.std() == pytest.approx(sigma, rel=5.0 / math.sqrt(2.0 * len(records)))
 
 
+@pytest.mark.compiled
 def test_bias_is_of_the_vehicle_and_of_the_scenario() -> None:
     quiet = AccelerometerFault(noise=False)
     biased = replace(AIRFRAME, accelerometer=Accelerometer(bias_B=(0.0, 0.5, 0.0)))

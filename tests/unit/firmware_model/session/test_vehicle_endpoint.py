@@ -670,6 +670,7 @@ def test_lockstep_sends_and_flies_the_same_on_its_fast_path(rates, watched, monk
     assert len(flights[0][0]) == 100
 
 
+@pytest.mark.compiled
 def test_fast_path_leaves_room_for_heartbeats_and_the_streams_of_others():
     vehicle = Controlled(duration_s=4.0)
     vehicle.say(HEARTBEAT, port=2, component=190)
@@ -804,6 +805,7 @@ def test_signed_lockstep_flies_like_an_unsigned_one():
     assert len(flights[0]) == 25
 
 
+@pytest.mark.compiled
 def test_commander_that_is_silent_for_10_s_is_forgotten_and_the_next_one_heard_at_once():
     vehicle = Vehicle(lockstep=False, interactive=True)
     vehicle.setpoint()

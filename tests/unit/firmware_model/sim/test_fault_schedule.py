@@ -48,6 +48,7 @@ def scripted(**table: Any) -> Scenario:
     return validate(Scenario, {"name": "a", "description": "b", "duration_s": 1.0, **table}, "mine.toml")
 
 
+@pytest.mark.compiled
 def test_a_bias_is_there_from_its_sample_on_and_the_next_takes_its_place() -> None:
     first = GyroBias(kind="gyro_bias", at_s=1.0, bias_rad_s=(0.25, 0.0, -0.5))
     second = GyroBias(kind="gyro_bias", at_s=1.5, bias_rad_s=(0.0, 0.125, 0.0))
@@ -73,6 +74,7 @@ def test_drifts_of_the_bias_follow_each_other() -> None:
         scripted(event=[first, {**first, "at_s": 0.5}])
 
 
+@pytest.mark.compiled
 def test_noise_grows_by_its_factor_and_its_draws_stay() -> None:
     noisy = replace(QUIET, gyro=GyroFault())
     plain = fly(noisy)["gyro_B"]

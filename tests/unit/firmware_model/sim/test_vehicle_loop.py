@@ -61,12 +61,14 @@ def test_a_sample_stays_the_same_until_the_vehicle_advances() -> None:
     assert loop.observe().time_us == 4000
 
 
+@pytest.mark.compiled
 def test_the_on_board_loop_turns_to_an_attitude_and_holds_it() -> None:
     target = AttitudeTarget(time_us=0, q_NB=from_euler(0.3, -0.2, 0.5), omega_B=None, thrust=0.5)
     angles = euler_angles(fly(QUIET, target)["q_NB"])
     np.testing.assert_allclose(angles[-1], (0.3, -0.2, 0.5), atol=2e-3)
 
 
+@pytest.mark.compiled
 def test_the_on_board_loop_tracks_body_rates() -> None:
     target = AttitudeTarget(time_us=0, q_NB=None, omega_B=(0.2, 0.0, -0.1), thrust=0.5)
     records = fly(QUIET, target)
@@ -74,6 +76,7 @@ def test_the_on_board_loop_tracks_body_rates() -> None:
     np.testing.assert_allclose(records["omega_command_B"][1:], [(0.2, 0.0, -0.1)] * (len(records) - 1))
 
 
+@pytest.mark.compiled
 def test_without_a_controller_the_vehicle_levels_itself_in_a_steady_torque() -> None:
     # .3 N m at 1e-6 rad/s and a quarter turn of phase: constant for the flight.
     push = MomentSine(kind="sine", amplitude_nm=(0.3, 0.0, 0.0), rate_rad_s=1e-6, phase_rad=math.pi / 2)
@@ -90,6 +93,7 @@ def test_lost_commands_on_their_way_are_dropped_when_the_controller_is_lost() ->
     assert abs(loop.advance(LevelFlight(), 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
 
 
+@pytest.mark.compiled
 def test_the_torque_stays_inside_its_limit_and_the_rate_integral_does_not_wind_up() -> None:
     spin = AttitudeTarget(time_us=0, q_NB=None, omega_B=(30.0, 0.0, 0.0), thrust=0.5)
     loop = VehicleLoop(VEHICLE, QUIET, 1)
@@ -101,6 +105,7 @@ def test_the_torque_stays_inside_its_limit_and_the_rate_integral_does_not_wind_u
     assert min(rates) > -0.5 * max(rates)  # a wound-up integral would throw it far to the other side
 
 
+@pytest.mark.compiled
 def test_the_strapdown_attitude_follows_the_truth() -> None:
     loop = VehicleLoop(VEHICLE, QUIET, 1)
     target = AttitudeTarget(time_us=0, q_NB=from_euler(0.5, 0.4, -0.8), omega_B=None, thrust=0.5)
@@ -159,6 +164,7 @@ def test_off_clamps_on_the_stand_and_the_next_set_point_frees() -> None:
     assert not loop.finished
 
 
+@pytest.mark.compiled
 def test_on_the_stand_the_rotors_turn_as_in_hover_and_share_out_the_torque() -> None:
     records = fly(QUIET, torque(0.2))
     weight = VEHICLE.mass * GRAVITY
@@ -176,6 +182,7 @@ def test_a_steady_wind_gives_no_moment_on_the_stand() -> None:
         assert blown[field].tobytes() == still[field].tobytes(), field
 
 
+@pytest.mark.compiled
 def test_on_board_loop_takes_over_with_the_moment_that_the_torque_held_against() -> None:
     moment, rise = 4.0, 250  # [N*m], and the samples of its growth; the controller allows for lag and delay
     late_s = VEHICLE.actuator_lag + QUIET.delay_samples * QUIET.dt

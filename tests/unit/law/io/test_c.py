@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gustproof.law.form import Law, RateLimit, list_laws, load_law
-from gustproof.law.io.c import c_code, c_header, c_name, save_c
+from gustproof.law.io.c import c_name, c_unit, save_c
 from gustproof.law.step import sparse_law, step
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
@@ -69,7 +69,7 @@ def compiled(law: Law, tmp_path, *flags: str, compiler: str | None = COMPILER) -
 def compiled_step(law: Law, tmp_path):
     library = compiled(law, tmp_path)
     function = getattr(CDLL(str(library)), f"{c_name(law.name)}_step")
-    function.argtypes, function.restype = [POINTER(c_double)] * 3, None
+    function.argtypes = [POINTER(c_double)] * 3
     return function
 
 
@@ -167,12 +167,13 @@ def test_self_test_finds_the_bits_of_every_shipped_law_in_strict_builds(build, n
 @pytest.mark.parametrize("place", [0, -1])
 def test_self_test_finds_a_coefficient_that_is_off(place, tmp_path, monkeypatch):
     law = load_law("hinf-scheduled")
-    code = c_code(law, "law.h")
+    unit = c_unit(law)
+    code = unit.source
     term = list(re.finditer(r"(\d\S*) \* (?:x|rates)\[\d+\]", code[: code.index("_self_test")]))[place]
     off = float(term[1]) * (1.0 + 1e-12)
     monkeypatch.setattr(
-        "gustproof.law.io.c.c_code",
-        lambda _law, _header: code[: term.start(1)] + repr(off) + code[term.end(1) :],
+        "gustproof.law.io.c.c_unit",
+        lambda *_args, **_form: unit._replace(source=code[: term.start(1)] + repr(off) + code[term.end(1) :]),
     )
     library = compiled(law, tmp_path, "-Dhinf_scheduled_SELF_TEST")
     assert 0 < CDLL(str(library)).hinf_scheduled_self_test() <= 24
@@ -193,7 +194,7 @@ def test_c_whose_constants_would_be_floats_is_refused(tmp_path):
 
 @pytest.mark.parametrize("name", list_laws())
 def test_only_what_a_law_computes_is_written(name):
-    law, code = load_law(name), c_code(load_law(name))
+    law, code = load_law(name), c_unit(load_law(name)).source
     function = code[code.index("_step(double") :]
     terms = re.findall(r"[+-] [^;+-]*?(?:e-\d+[^;+-]*?)?\b(?:x|y|tilt|rates|excess|over)\[\d+\]", function)
     parts = [law.A, law.B, law.C, law.D, law.G, law.H]
@@ -210,10 +211,10 @@ def test_only_what_a_law_computes_is_written(name):
 def test_a_design_can_not_end_or_nest_the_comment_it_stands_in():
     law = load_law("hinf-d1")
     hostile = replace(law, provenance=replace(law.provenance, design="a */ int b; /*/ /*\nc"))
-    header = c_code(hostile).split("#if")[0]
+    header = c_unit(hostile).source.split("#if")[0]
     assert header.count("*/") == 1
     assert header.count("/*") == 1
-    header = c_header(hostile).split("#ifndef")[0]
+    header = c_unit(hostile).header.split("#ifndef")[0]
     assert header.count("*/") == 1
     assert header.count("/*") == 1
 

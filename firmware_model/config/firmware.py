@@ -1,0 +1,93 @@
+"""Parameters by which PX4 and ArduPilot know a vehicle, and the torque that their full commands then mean.
+
+PX4 divides each column of its mixer by a scale of its own, ArduPilot has fixed factors for each frame. So a normalised
+torque of 1.0 is not the vehicle's `torque_limit`. Motors are linear: thrust is a fraction of `thrust_max`.
+"""
+
+import numpy as np
+
+from firmware_model.config.vehicle import GRAVITY, Rotors, Vehicle
+from firmware_model.errors import ConfigError
+from firmware_model.types import Vector
+
+Parameters = dict[str, str]
+_SPIN_RANGE = (0.15, 0.95)  # ArduPilot's MOT_SPIN_MIN and MOT_SPIN_MAX by default: motor commands of thrust 0 and 1
+_X_SIDES = ((1, 1), (-1, -1), (1, -1), (-1, 1))  # forward, right
+_X_SPIN = (1, 1, -1, -1)
+
+
+def hover_fraction(vehicle: Vehicle) -> float:
+    """Return the thrust of hover as a fraction of the largest."""
+    return vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max)
+
+
+def px4_parameters(vehicle: Vehicle) -> Parameters:
+    """Return PX4's parameters for the geometry and the motors of a vehicle, whose thrust is linear in the command."""
+    rotors = vehicle.rotors
+    values = {"CA_AIRFRAME": "0", "CA_ROTOR_COUNT": "4", "THR_MDL_FAC": "0"}
+    for i, ((x, y, z), spin) in enumerate(zip(rotors.position_B, rotors.spin, strict=True)):
+        place = {"PX": x, "PY": y, "PZ": z, "KM": spin * rotors.drag_ratio}
+        values |= {f"CA_ROTOR{i}_{name}": f"{value:.7g}" for name, value in place.items()}
+    values["MC_YAW_TQ_CUTOFF"] = "0"  # its filter against the noise of propellers, in the loop: yaw would oscillate
+    values["MPC_THR_HOVER"] = f"{hover_fraction(vehicle):.7g}"
+    return values
+
+
+def px4_full_torque(rotors: Rotors) -> Vector:
+    """Return the torque [N*m] B of PX4's torque set-point 1.0 about each axis, with `px4_parameters`.
+
+    Roll and pitch have one scale, the larger rms of their mixer columns times sqrt 2; yaw has the largest entry.
+    """
+    columns = np.linalg.inv(rotors.wrench)[:, :3]
+    tilt = np.max(np.linalg.norm(columns[:, :2], axis=0)) / 2.0**0.5
+    return _full_torque(rotors, columns / (tilt, tilt, np.max(columns[:, 2])))
+
+
+def ardupilot_parameters(vehicle: Vehicle) -> Parameters:
+    """Return ArduPilot's parameters of frame and motors.
+
+    Raises
+    ------
+    ConfigError
+        If the rotors are no quadrotor X in PX4's order, which is ArduPilot's too.
+    """
+    _check_x(vehicle)
+    low, high = _SPIN_RANGE
+    return {
+        "FRAME_CLASS": "1",
+        "FRAME_TYPE": "1",
+        "MOT_THST_EXPO": "0",
+        "MOT_SPIN_MIN": f"{low}",
+        "MOT_SPIN_MAX": f"{high}",
+        "MOT_THST_HOVER": f"{(hover_fraction(vehicle) - low) / (high - low):.7g}",
+    }
+
+
+def ardupilot_full_torque(vehicle: Vehicle) -> Vector:
+    """Return the torque [N*m] B of ArduPilot's motor input 1.0 about each axis, if motors span thrust 0 to 1.
+
+    With MOT_SPIN_MIN and MOT_SPIN_MAX it is their difference times that.
+
+    Raises
+    ------
+    ConfigError
+        If the rotors are no quadrotor X.
+    """
+    _check_x(vehicle)
+    roll_pitch = [(-0.5 * right, 0.5 * forward) for forward, right in _X_SIDES]
+    return _full_torque(vehicle.rotors, np.column_stack([roll_pitch, 0.5 * np.array(_X_SPIN)]))
+
+
+def _full_torque(rotors: Rotors, mixer: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Vector:
+    """Return the torque [N*m] of 1.0 about each axis by a mixer (4, 3) of fractions of a rotor's largest thrust."""
+    roll, pitch, yaw = np.diag(rotors.wrench[:3] @ mixer * rotors.thrust_max).tolist()
+    return roll, pitch, yaw
+
+
+def _check_x(vehicle: Vehicle) -> None:
+    sides = tuple((int(np.sign(x)), int(np.sign(y))) for x, y, _ in vehicle.rotors.position_B)
+    if (sides, vehicle.rotors.spin) != (_X_SIDES, _X_SPIN):
+        raise ConfigError(
+            f"vehicle '{vehicle.name}': rotors must be front right, rear left (spin 1), front left, rear right "
+            "(spin -1), ArduPilot's quadrotor X"
+        )

@@ -1,0 +1,205 @@
+"""`python -m firmware_model.guest`: a scripted flight of a real autopilot, which this process starts and ends.
+
+It prints one line of JSON when the autopilot is about to start, and one with the facts of the flight at its end.
+"""
+
+import argparse
+import contextlib
+import json
+import math
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from firmware_model.autopilot.modes import Mode
+from firmware_model.config.files import parse_json, read_json, read_text
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.validation import Parser, printable
+from firmware_model.config.vehicle import Vehicle, load_vehicle
+from firmware_model.errors import ConfigError, RecordingError
+from firmware_model.guest.betaflight_process import Betaflight, make_betaflight
+from firmware_model.guest.flight import GuestFlight
+from firmware_model.guest.guest import Guest, GuestError, GuestOutcome
+from firmware_model.guest.pilot import Pilot
+from firmware_model.guest.recorder import ATTITUDE_SUFFIX, EstimateWriter
+from firmware_model.guest.world import World
+from firmware_model.process import realtime, udp
+from firmware_model.process.exit_on_eof import exit_on_stdin_eof
+from firmware_model.process.tlog import Tlog
+from firmware_model.recording.journal import JournalWriter
+from firmware_model.sim.vehicle_loop import VehicleLoop
+from firmware_model.types import LevelFlight
+
+_EXIT_FAILED, _EXIT_BAD_INPUT = 3, 2
+_COMMAND_WAITS = 20
+_MAX_DATAGRAM = 65_535  # bytes
+_DATAGRAMS = 1000  # of one exchange at most; a flood must not stop the flight
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly one scenario and return the exit status."""
+    options = _make_parser().parse_args(arguments)
+    try:
+        scenario = read_json(Scenario, options.scenario) or load_scenario(options.scenario)
+        vehicle = read_json(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
+        facts = _fly(options, scenario, vehicle)
+    except (ConfigError, RecordingError) as error:
+        print(f"guest: {printable(str(error))}", file=sys.stderr)
+        return _EXIT_BAD_INPUT if isinstance(error, ConfigError) else _EXIT_FAILED
+    print(json.dumps(facts), flush=True)
+    return 0 if facts["outcome"] == GuestOutcome.DONE.value else _EXIT_FAILED
+
+
+def make_guest(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> Guest:
+    """Return the guest that the command line names, not started.
+
+    Raises
+    ------
+    ConfigError
+        If an option is wrong.
+    """
+    if options.autopilot == "betaflight":
+        return make_betaflight(options, scenario, vehicle)
+    if options.autopilot == "ardupilot":
+        from firmware_model.guest.ardupilot_process import make_ardupilot
+
+        return make_ardupilot(options, scenario, vehicle)
+    from firmware_model.guest.px4_process import make_px4
+
+    return make_px4(options, scenario, vehicle)
+
+
+def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> dict[str, Any]:
+    with ExitStack() as stack:
+        guest = make_guest(options, scenario, vehicle)
+        stack.callback(guest.close)
+        note = parse_json(read_text(options.metadata)) if options.metadata else {}
+        names = {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
+        try:
+            journal = JournalWriter(options.journal, {**names, "note": note}, scenario.control_rate_hz)
+            estimates = stack.enter_context(EstimateWriter(options.journal.with_suffix(ATTITUDE_SUFFIX)))
+        except OSError as error:
+            raise ConfigError(f"{error.filename}: {error.strerror}") from None
+        stack.enter_context(journal)
+        bound = stack.enter_context(udp.bind(0))
+        world = World(vehicle, scenario, options.seed, journal.append)
+        pilot = guest.pilot if isinstance(guest, Betaflight) else Pilot(guest.dialect)
+        endpoint: udp.Endpoint = pilot
+        if options.tlog:
+            unix_us = time.time_ns() // 1000
+            endpoint = stack.enter_context(Tlog(options.tlog, pilot, lambda now_us: unix_us + now_us))
+        flight = GuestFlight(
+            guest,
+            pilot,
+            world,
+            vehicle,
+            scenario,
+            exchange=_exchanger(endpoint, bound, 0.0 if options.real_time else guest.arrival_s),
+            estimate=estimates.append,
+            wait=_pacer() if options.real_time else lambda _: None,
+        )
+        signal.signal(signal.SIGINT, lambda *_: flight.interrupt())
+        signal.signal(signal.SIGTERM, lambda *_: flight.interrupt())
+        if options.exit_on_stdin_eof:
+            exit_on_stdin_eof(flight.interrupt)
+        # Load or compile the machine code before the guest waits for it.
+        VehicleLoop(vehicle, scenario, options.seed).advance(LevelFlight(), Mode.STABILIZED.value)
+        realtime.freeze_gc(off=True)
+        print(json.dumps({"listening": bound.getsockname()[1], **names}), flush=True)
+        outcome, reason, flown_s = _run(guest, pilot, flight, bound.getsockname()[1])
+        model_s = world.loop.time_us * 1e-6
+        world.record_preparation()
+        return {
+            "outcome": outcome.value,
+            "reason": reason,
+            "samples": world.loop.sample if world.flying else 0,
+            "wall_s": flown_s if world.flying else 0.0,
+            "realtime_factor": model_s / flown_s if world.flying else 0.0,
+            "autopilot": {"program": guest.name, "version": pilot.version, **guest.facts()},
+            "texts": list(pilot.texts),
+            "link": pilot.channel.stats(),
+        }
+
+
+def _run(guest: Guest, pilot: Pilot, flight: GuestFlight, port: int) -> tuple[GuestOutcome, str, float]:
+    """Return outcome, reason, and wall time [s] of the scenario."""
+    began_s = math.nan
+    outcome, reason = GuestOutcome.DONE, ""
+    try:
+        guest.start(port)
+        pilot.meet(guest.system, guest.pilot_port)
+        flight.prepare()
+        began_s = time.monotonic()
+        flight.fly()
+    except GuestError as error:
+        outcome, reason = error.outcome, printable(str(error))
+    return outcome, reason, time.monotonic() - began_s
+
+
+def _exchanger(endpoint: udp.Endpoint, bound: socket.socket, wait_s: float) -> Callable[[int, bool], None]:
+    """Return the function that passes on all waiting datagrams, and sends those that are due.
+
+    It can wait `wait_s` [s] before and after, for what is on its way.
+    """
+
+    def exchange(now_us: int, waits: bool) -> None:
+        if waits and wait_s:
+            time.sleep(wait_s)
+        for _ in range(_DATAGRAMS):
+            try:
+                datagram, address = bound.recvfrom(_MAX_DATAGRAM)
+            except BlockingIOError:
+                break
+            except OSError:  # an ICMP error for an earlier datagram
+                continue
+            endpoint.receive(datagram, (0, address), now_us)
+        sent = endpoint.poll(now_us)
+        for datagram, (_, peer) in sent:
+            with contextlib.suppress(OSError):
+                bound.sendto(datagram, peer)
+        if waits and wait_s:  # a command wakes several threads of the guest, a set-point one
+            time.sleep(wait_s if len(sent) < 2 else _COMMAND_WAITS * wait_s)
+
+    return exchange
+
+
+def _pacer() -> Callable[[int], None]:
+    """Return the function that waits until the clock has reached a sample, counted from its first call."""
+    start_s: float | None = None
+
+    def wait(time_us: int) -> None:
+        nonlocal start_s
+        now_s = time.monotonic()
+        start_s = now_s - time_us * 1e-6 if start_s is None else start_s
+        time.sleep(max(start_s + time_us * 1e-6 - now_s, 0.0))
+
+    return wait
+
+
+def _make_parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="guest", description="Fly a scenario with a real autopilot.")
+    add = parser.add_argument
+    add("--autopilot", required=True, choices=("px4", "ardupilot", "betaflight"), help="autopilot")
+    add("--build", type=Path, help="folder of its build")
+    add("--params", type=Path, help="file of parameters, on top of those that the vehicle file gives")
+    add("--law", default="", help="law inside of it, built into the autopilot")
+    add("--instance", type=int, help="number of the instance, from 0 [a free one]")
+    add("--folder", type=Path, required=True, help="new folder that the autopilot runs in")
+    add("--scenario", required=True)
+    add("--vehicle", required=True)
+    add("--seed", type=int, default=1, help="seed of gusts and noise")
+    add("--real-time", action="store_true", help="at the pace of the clock")
+    add("--journal", type=Path, required=True, help="new file for the records of the flight")
+    add("--metadata", type=Path, help="JSON file with the metadata for the journal's header")
+    add("--tlog", type=Path, help="new telemetry log of the pilot's link")
+    add("--exit-on-stdin-eof", action="store_true")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

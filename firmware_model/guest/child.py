@@ -1,0 +1,79 @@
+"""Process of a guest: started in a folder of its own, and ended with all that it started."""
+
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+_SET_PARENT_DEATH_SIGNAL = 1  # prctl(2), PR_SET_PDEATHSIG
+_EXIT_TIMEOUT_S = 1.0
+_TAIL = 4096  # bytes of its output that are searched for its last words
+
+
+class ChildProcess:
+    """A process in a session of its own, with its output in `folder/output.txt`.
+
+    Ctrl-C does not reach it. On Linux it ends when this process is killed; elsewhere only `close` ends it.
+    """
+
+    def __init__(self, command: Sequence[str], folder: Path, environment: Mapping[str, str]) -> None:
+        self._output = folder / "output.txt"
+        with self._output.open("wb") as output:
+            self._process = subprocess.Popen(
+                command,
+                cwd=folder,
+                env=dict(environment),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                preexec_fn=_die_with_parent,
+            )
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    @property
+    def ending(self) -> str:
+        """Cause of its end in words; empty while it runs."""
+        status = self._process.poll()
+        if status is None:
+            return ""
+        return f"ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
+
+    @property
+    def last_words(self) -> str:
+        """Last line of its output that has any letters; empty if there is none."""
+        with self._output.open("rb") as output:
+            output.seek(max(self._output.stat().st_size - _TAIL, 0))
+            lines = output.read().decode(errors="replace").splitlines()
+        return next((line.strip() for line in reversed(lines) if any(map(str.isalpha, line))), "")
+
+    def has_said(self, words: bytes) -> bool:
+        """Return whether its output holds some words."""
+        return words in self._output.read_bytes()
+
+    def wait_for_ending(self) -> str:
+        """Return the cause of its end, soon after its link has ended."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_EXIT_TIMEOUT_S)
+        return self.ending
+
+    def close(self) -> None:
+        """End it and all processes of its session."""
+        for kind in (signal.SIGTERM, signal.SIGKILL):
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._process.pid, kind)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_EXIT_TIMEOUT_S)
+
+
+def _die_with_parent() -> None:
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)

@@ -1,0 +1,271 @@
+"""Conductor of a guest's flight: bring-up until it holds the vehicle still, the scenario, and the end by its name.
+
+    stand    armed in its clamp, level, hover thrust -> clamp open, calm air, settled -> scenario
+    free     armed on the ground, climbs to the scenario's height -> settled -> scenario
+
+In all phases the guest follows attitude set-points; those of the scenario are the references of its events, level
+before the first. In free flight their thrust holds the scenario's height by the true height, so that no autopilot's
+own height loop makes a difference between two of them. The place is not held, as with a law of ours.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import GRAVITY, Vehicle
+from firmware_model.guest.guest import Guest, GuestError, GuestOutcome
+from firmware_model.guest.pilot import PERIOD_US, Estimate, Pilot, describe_refusals
+from firmware_model.guest.readings import Readings
+from firmware_model.guest.world import World
+from firmware_model.numerics.rotations import from_euler, multiply
+from firmware_model.types import AttitudeTarget, Quaternion, Vector
+
+_STILL_S = 3.0  # a guest that was still for this long has settled
+_STILL_RATE = 0.03  # [rad/s] largest rate of a still vehicle, about three times that of a quantised gyro
+_SETTLE_TIMEOUT_S = 40.0
+_SWITCH_TIMEOUT_S = 3.0
+_OVERTURNED = math.cos(math.radians(60.0))  # of the tilt, in calm air
+_HEIGHT_TOLERANCE = 0.3  # [m]
+_CLIMB_TIME_S = 30.0  # and a second for each metre
+_RATE_OF_CLIMB = (-1.5, 2.0)  # [m/s]
+_HEIGHT_P, _CLIMB_P, _CLIMB_I = 1.0, 3.0, 1.0  # [1/s], [1/s], [1/s^2]
+_DECISION_US = 1_000_000  # between two looks at mode and arming: wall time may shift them by less than that
+_SPIN_UP_TIMEOUT_S, _SPIN_UP_SHARE = 10.0, 0.9
+_PROBE_S, _PROBE_ANGLE = 0.2, math.radians(4.0)
+_PROBE_SHARE = 0.8  # of the torque's direction: axes that are crossed by more belong to another geometry
+
+
+class GuestFlight:
+    """One flight of a guest in a world: `prepare`, then `fly`.
+
+    `exchange` carries the pilot's datagrams, called with the world's time [us]. With True it waits until they have
+    arrived: then two flights get the same set-point at the same sample. `estimate` gets each attitude estimate
+    of the scenario, on the scenario's clock.
+    """
+
+    def __init__(
+        self,
+        guest: Guest,
+        pilot: Pilot,
+        world: World,
+        vehicle: Vehicle,
+        scenario: Scenario,
+        *,
+        exchange: Callable[[int, bool], None],
+        estimate: Callable[[Estimate], None] = lambda _: None,
+        wait: Callable[[int], None] = lambda _: None,
+    ) -> None:
+        self._guest, self._pilot, self._world = guest, pilot, world
+        self._vehicle, self._scenario = vehicle, scenario
+        self._exchange, self._estimate, self._wait = exchange, estimate, wait
+        self._references = list(scenario.references)
+        self._initial = self._reference = _euler(scenario.initial_attitude_deg)
+        self._height = HeightLoop(vehicle, scenario)
+        self._thrust = 0.0 if scenario.free else self._height.hover
+        self._rotors: tuple[float, ...] = (0.0,) * 4
+        self._readings = world.readings()
+        self._interrupted = False
+        self._pilot_at_us = 0
+
+    def interrupt(self) -> None:
+        """End the flight at the next sample."""
+        self._interrupted = True
+
+    def prepare(self) -> None:
+        """Bring the started guest to hold the vehicle still, and begin the scenario.
+
+        Raises
+        ------
+        GuestError
+            If the flight ends before that, with its outcome.
+        """
+        self._arm()
+        if self._scenario.free:
+            self._climb()
+        else:
+            self._probe()
+        self._switch_law_on()
+        self._world.release()
+        self._settle()
+        self._world.begin()
+        self._pilot.take_estimates()
+
+    def fly(self) -> None:
+        """Fly the scenario to its end.
+
+        Raises
+        ------
+        GuestError
+            If the flight ends before that, with its outcome.
+        """
+        while not self._world.finished:
+            self._follow_script()
+            self._step()
+            self._check()
+
+    def _arm(self) -> None:
+        """Wait for the guest, send it set-points, set its mode, and arm it."""
+        pilot, until_us = self._pilot, round(1e6 * self._guest.arming_timeout_s)
+        while self._world.time_us % _DECISION_US or not (pilot.is_armed and pilot.is_in_mode and self._guest.is_armed):
+            pilot.wants_flight = pilot.autopilot is not None and self._world.time_us >= 1e6 * self._guest.warm_up_s
+            self._step()
+            if pilot.autopilot not in (None, self._guest.dialect.autopilot):
+                raise GuestError(
+                    GuestOutcome.WRONG_BUILD, f"it is not {self._guest.name}: MAV_AUTOPILOT {pilot.autopilot}"
+                )
+            if self._world.time_us >= until_us:
+                waited = f"not armed in {self._guest.dialect.mode_name} after {until_us / 1e6:g} s"
+                raise GuestError(GuestOutcome.NOT_ARMED, f"{waited}: {describe_refusals(pilot)}")
+        pilot.wants_flight = False
+
+    def _probe(self) -> None:
+        """Compare the torques of the rotors with those of small set-points about each axis, in the clamp."""
+        self._spin_up()
+        self._hold(1.0)
+        for axis, name in enumerate(("roll", "pitch", "yaw")):
+            torque = np.zeros(3)
+            for angle in (_PROBE_ANGLE, -_PROBE_ANGLE):
+                turn = from_euler(*(angle if i == axis else 0.0 for i in range(3)))
+                self._reference = multiply(self._initial, turn)
+                torque += math.copysign(1.0, angle) * self._hold(_PROBE_S)
+            self._reference = self._initial
+            acceleration = torque / np.array(self._vehicle.inertia_B)
+            if not acceleration[axis] > _PROBE_SHARE * float(np.linalg.norm(acceleration)):
+                L, M, N = torque.tolist()
+                said = f"a set-point in {name} gave torques of {L:.2f}, {M:.2f}, {N:.2f} N m"
+                raise GuestError(GuestOutcome.WRONG_GEOMETRY, said)
+
+    def _spin_up(self) -> None:
+        """Wait until the rotors give about the thrust of the set-point."""
+        until_us, hover = self._world.time_us + round(1e6 * _SPIN_UP_TIMEOUT_S), self._height.hover
+        while (thrust := sum(self._rotors) / 4.0) < _SPIN_UP_SHARE * hover:
+            self._step()
+            self._check()
+            if self._world.time_us > until_us:
+                said = f"armed, but its rotors give {thrust:.2f} of their largest thrust, where {hover:.2f} is set"
+                raise GuestError(GuestOutcome.NOT_ARMED, f"{said}: {describe_refusals(self._pilot)}")
+
+    def _hold(self, seconds: float) -> NDArray[np.float64]:
+        """Hold the set-point for a time, and return the last torque [N*m] of the rotors."""
+        until_us = self._world.time_us + round(1e6 * seconds)
+        while self._world.time_us < until_us:
+            self._step()
+            self._check()
+        rotors = self._vehicle.rotors
+        return np.asarray((rotors.wrench @ self._rotors)[:3] * rotors.thrust_max)
+
+    def _climb(self) -> None:
+        """Climb to the scenario's height."""
+        height, until_us = self._scenario.altitude_m, self._world.time_us
+        until_us += round(1e6 * (_CLIMB_TIME_S + height))
+        while abs(height + self._readings.position_N[2]) > _HEIGHT_TOLERANCE:
+            self._step()
+            self._check(calm=True)
+            if self._world.time_us > until_us:
+                reached = f"at {-self._readings.position_N[2]:.1f} m, not {height:g} m, in time"
+                raise GuestError(GuestOutcome.UNSETTLED, reached)
+
+    def _settle(self) -> None:
+        """Wait until the vehicle has been still for a while."""
+        still_us, until_us = self._world.time_us, self._world.time_us + round(1e6 * _SETTLE_TIMEOUT_S)
+        while self._world.time_us < still_us + 1e6 * _STILL_S:
+            self._step()
+            self._check(calm=True)
+            if max(map(abs, self._readings.omega_B)) > _STILL_RATE or not self._is_at_height():
+                still_us = self._world.time_us
+            if self._world.time_us > until_us:
+                p, q, r = self._readings.omega_B
+                raise GuestError(
+                    GuestOutcome.UNSETTLED,
+                    f"still turning in calm air after {_SETTLE_TIMEOUT_S:g} s, at {p:.2f}, {q:.2f}, {r:.2f} rad/s",
+                )
+
+    def _switch_law_on(self) -> None:
+        """Give control to the law inside, if the guest's mode does not."""
+        pilot, dialect = self._pilot, self._guest.dialect
+        pilot.wants_law, until_us = bool(dialect.law_switch), self._world.time_us + round(1e6 * _SWITCH_TIMEOUT_S)
+        while pilot.wants_law:
+            self._step()
+            self._check()
+            pilot.wants_law = dialect.law_is_on not in pilot.texts
+            if self._world.time_us > until_us:
+                raise GuestError(GuestOutcome.WRONG_BUILD, f"no law inside takes control: {describe_refusals(pilot)}")
+
+    def _is_at_height(self) -> bool:
+        off = self._scenario.altitude_m + self._readings.position_N[2]
+        return not self._scenario.free or abs(off) < _HEIGHT_TOLERANCE
+
+    def _follow_script(self) -> None:
+        time_us = self._world.loop.time_us
+        while self._references and self._references[0][0] <= time_us:
+            self._reference = from_euler(*self._references.pop(0)[1])
+
+    def _step(self) -> None:
+        """Exchange one sample with the guest, and let its pilot speak when it is due."""
+        if self._interrupted:
+            raise GuestError(GuestOutcome.INTERRUPTED, "interrupted")
+        world, guest = self._world, self._guest
+        readings = self._readings = world.readings()
+        if readings.time_us >= self._pilot_at_us:
+            self._pilot_at_us = readings.time_us + PERIOD_US
+            self._speak(readings)
+        self._wait(readings.time_us)
+        guest.send(readings)
+        if world.overlaps:
+            world.advance()
+            if not world.finished:
+                world.readings()  # the next ones, while the guest computes
+        self._rotors = guest.receive() or self._rotors
+        world.answer(readings.time_us, self._rotors)
+        if not world.overlaps:
+            world.advance()
+
+    def _speak(self, readings: Readings) -> None:
+        pilot = self._pilot
+        if self._scenario.free and pilot.is_armed and pilot.is_in_mode:
+            self._thrust = self._height.thrust(readings)
+        low, high = self._guest.dialect.thrust_range
+        thrust = min(max((self._thrust - low) / (high - low), 0.0), 1.0)
+        before, pilot.target = pilot.target, AttitudeTarget(0, self._reference, None, thrust)
+        self._exchange(readings.time_us, not self._world.flying or pilot.target != before)
+        if self._world.flying:
+            for each in pilot.take_estimates():
+                if each.time_us >= self._world.started_us:
+                    self._estimate(each._replace(time_us=each.time_us - self._world.started_us))
+
+    def _check(self, *, calm: bool = False) -> None:
+        """Name the end of a flight that the guest no longer flies."""
+        pilot, (w, x, y, z) = self._pilot, self._readings.q_NB
+        if not (pilot.is_armed and self._guest.is_armed):
+            raise GuestError(GuestOutcome.DISARMED, f"disarmed in flight: {describe_refusals(pilot)}")
+        if not pilot.is_in_mode:
+            left = f"left {self._guest.dialect.mode_name} for mode {pilot.custom_mode}"
+            raise GuestError(GuestOutcome.LEFT_MODE, f"{left}: {describe_refusals(pilot)}")
+        if calm and w * w - x * x - y * y + z * z < _OVERTURNED:
+            raise GuestError(
+                GuestOutcome.WRONG_GEOMETRY, "overturned in calm air: do its rotors stand as in the vehicle file?"
+            )
+
+
+class HeightLoop:
+    """Thrust that holds the scenario's height, by the true height; stepped once in `PERIOD_US`."""
+
+    def __init__(self, vehicle: Vehicle, scenario: Scenario) -> None:
+        self.hover = vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max)
+        self._height, self._sum = scenario.altitude_m, 0.0
+
+    def thrust(self, readings: Readings) -> float:
+        """Return the collective thrust, 0..1 of the largest."""
+        low, high = _RATE_OF_CLIMB
+        climb = min(max(_HEIGHT_P * (self._height + readings.position_N[2]), low), high) + readings.velocity_N[2]
+        limit = 0.3 * GRAVITY
+        self._sum = min(max(self._sum + _CLIMB_I * climb * PERIOD_US * 1e-6, -limit), limit)
+        return min(max(self.hover * (1.0 + (_CLIMB_P * climb + self._sum) / GRAVITY), 0.1), 0.95)
+
+
+def _euler(degrees: Vector) -> Quaternion:
+    phi, theta, psi = degrees
+    return from_euler(math.radians(phi), math.radians(theta), math.radians(psi))

@@ -1,0 +1,128 @@
+"""Interface of a guest: a real autopilot, in a process of its own, that takes our world for its simulator."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from enum import Enum
+from typing import Any, NamedTuple, Protocol
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.guest.readings import Readings
+
+SAMPLE_RATES_HZ = {"px4": 250, "ardupilot": 400, "betaflight": 250}
+"""[Hz] Samples that each autopilot takes; one sample is one exchange with it, one pass of its rate loops."""
+
+WITHOUT_LOCKSTEP = ("betaflight",)
+"""Autopilots that run on the clock of the machine: flown at its pace, and no two flights are equal."""
+
+
+class GuestOutcome(Enum):
+    """Outcome of a guest's flight."""
+
+    DONE = "done"
+    """Flown from start to end under its own loops."""
+    KILLED = "killed"
+    """Its process ended."""
+    HUNG = "hung"
+    """It stopped to answer."""
+    WRONG_BUILD = "wrong_build"
+    """No such autopilot is there, or it does not speak the protocol."""
+    PORT_TAKEN = "port_taken"
+    """Another program uses a port that it needs."""
+    WRONG_GEOMETRY = "wrong_geometry"
+    """Its rotors do not turn the vehicle as it means to: order, place or spin differ from the vehicle file's."""
+    NOT_ARMED = "not_armed"
+    """It refused to arm, or to take set-points; the reason holds its own words."""
+    UNSETTLED = "unsettled"
+    """It did not hold the vehicle still in calm air, so that the scenario did not begin."""
+    DISARMED = "disarmed"
+    """It disarmed in flight."""
+    LEFT_MODE = "left_mode"
+    """It left the mode that follows set-points."""
+    INTERRUPTED = "interrupted"
+    """Ctrl-C or a termination signal."""
+
+
+class GuestError(Exception):
+    """End of a flight before its time; the text is one line."""
+
+    def __init__(self, outcome: GuestOutcome, reason: str) -> None:
+        super().__init__(reason)
+        self.outcome = outcome
+
+
+class Dialect(NamedTuple):
+    """Numbers in which autopilots differ over MAVLink."""
+
+    autopilot: int
+    """MAV_AUTOPILOT."""
+    mode_name: str
+    """Mode that follows attitude set-points, as its users call it."""
+    mode: tuple[float, float]
+    """[-] parameters 2 and 3 of MAV_CMD_DO_SET_MODE for that mode."""
+    custom_mode: int
+    """The mode in its heartbeat."""
+    array_name: str = ""
+    """Name of the array that carries attitude and thrust to a law inside; empty for attitude targets."""
+    thrust_range: tuple[float, float] = (0.0, 1.0)
+    """[-] thrust at the least and at the largest thrust command, as a fraction of the rotors' largest."""
+    law_switch: tuple[float, ...] = ()
+    """[-] MAV_CMD and its parameters that give control to a law inside; empty if there is none, or the mode does."""
+    law_is_on: str = ""
+    """Text that tells of it."""
+
+
+class Guest(Protocol):
+    """A guest: `start` it, then for each sample `send` the readings and `receive` the rotor commands, then `close` it.
+
+    Each method but `close` raises a `GuestError` that names the outcome.
+    """
+
+    name: str
+    """Name for users, such as PX4."""
+    dialect: Dialect
+    """Its words over MAVLink."""
+    warm_up_s: float
+    """[s] of its own time at rest until it is asked to arm: its estimator has settled by then."""
+    arrival_s: float
+    """[s] until a datagram on this machine has woken its reader; 0 if it reads its link in step with the samples."""
+    arming_timeout_s: float
+    """[s] of its own time from start until it has to be armed."""
+
+    @property
+    def system(self) -> int:
+        """MAVLink system id."""
+
+    @property
+    def pilot_port(self) -> int | None:
+        """UDP port on this machine for the pilot's first datagram; `None` if the guest speaks first."""
+
+    @property
+    def is_armed(self) -> bool:
+        """True if its last answer came armed, or does not say."""
+
+    def start(self, pilot_port: int) -> None:
+        """Start its process; its pilot listens on the UDP port `pilot_port`."""
+
+    def send(self, readings: Readings) -> None:
+        """Send the readings of a sample."""
+
+    def receive(self) -> tuple[float, ...] | None:
+        """Return each rotor's thrust, 0..1 of its largest, in the vehicle file's order; `None` if it has no answer."""
+
+    def close(self) -> None:
+        """End its process; never raises."""
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return all that a record of the flight must say of it: build, parameters, ports."""
+
+
+def scenario_for(autopilot: str, scenario: Scenario) -> Scenario:
+    """Return a scenario at the sample rate of an autopilot, with steps that are no longer than before.
+
+    The gusts are then those of the seed at that rate: they depend on the step, their statistics do not.
+    """
+    rate_hz = SAMPLE_RATES_HZ[autopilot]
+    steps = -(-scenario.physics_rate_hz // rate_hz)
+    if scenario.control_rate_hz == rate_hz:
+        return scenario
+    return replace(scenario, control_rate_hz=rate_hz, physics_rate_hz=steps * rate_hz)

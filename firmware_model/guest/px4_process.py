@@ -1,0 +1,298 @@
+"""PX4 in a process of its own: its build, its parameters for the vehicle file, its ports.
+
+Tried with PX4's main branch of February 2025. In lockstep two flights get the same bytes, and give the same ones back
+until PX4 arms. The thread that arms it does not wait for the sample, so that it may come a sample later.
+"""
+
+import os
+import socket
+import time
+from argparse import Namespace
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.config.firmware import px4_parameters
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.errors import ConfigError
+from firmware_model.guest.child import ChildProcess
+from firmware_model.guest.guest import Dialect, GuestError, GuestOutcome
+from firmware_model.guest.parameter_files import read_parameters, write_parameters
+from firmware_model.guest.px4 import SimulatorLink
+from firmware_model.guest.readings import Readings
+
+RATE_HZ = 250
+"""[Hz] rate of samples that PX4's start script sets its estimator to."""
+_OFFBOARD = 6  # main mode
+_EXTERNAL = 4.0, 11.0  # main mode AUTO, first mode that a module registers
+_LAW_INSIDE = "gustproof"  # module of `gustproof export --px4`, and its array of set-points
+_DIALECT = Dialect(wire.MAV_AUTOPILOT_PX4, "OFFBOARD", (_OFFBOARD, 0.0), _OFFBOARD << 16)
+_INSIDE = Dialect(wire.MAV_AUTOPILOT_PX4, "the law's own mode", _EXTERNAL, 4 << 16 | 11 << 24, array_name=_LAW_INSIDE)
+_LINK = "mavlink start -x -u {port} -r 4000000 -f -m onboard"  # the only one: others would take time from each sample
+_MODEL = "none_iris"  # an airframe without a simulator of its own; all of its geometry is replaced
+_SIMULATOR, _PILOT, _OTHERS = 4560, 14580, (18570, 14280, 13030)  # ports of instance 0
+_INSTANCES = 200
+_USUAL_PLACES = ("PX4-Autopilot", "~/PX4-Autopilot", "~/src/PX4-Autopilot")
+_SITL = Path("build/px4_sitl_default")
+_CONNECT_TIMEOUT_S, _BOOT_TIMEOUT_S, _HUNG_S = 60.0, 60.0, 10.0
+_BOOT_REPLY_S, _BOOT_POLL_S = 0.25, 0.02  # a sample without an answer by then has none: filters need the first ones
+_BOOTED = b"Startup script returned"
+_RECEIVE = 4096  # bytes
+
+# Not of the vehicle: no sticks, no ground station, no log, no battery that runs down, and no timers of wall time.
+_OPERATION = {
+    "COM_RC_IN_MODE": "4",
+    "NAV_RCL_ACT": "0",
+    "NAV_DLL_ACT": "0",
+    "COM_OF_LOSS_T": "10",
+    "COM_DISARM_PRFLT": "-1",
+    "COM_DISARM_LAND": "-1",
+    "COM_LOW_BAT_ACT": "0",
+    "CBRK_SUPPLY_CHK": "894281",
+    "SDLOG_MODE": "-1",
+    # One estimator on the one set of sensors: with several, which one PX4 reads depends on its threads.
+    "EKF2_MULTI_IMU": "0",
+    "EKF2_MULTI_MAG": "0",
+    "SENS_IMU_MODE": "1",
+    "SENS_MAG_MODE": "1",
+}
+_PARAMETERS_FILE, _LINKS_FILE = "px4-rc.params", "px4-rc.mavlink"  # PX4's start script looks for these in its path
+
+
+def make_px4(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> "Px4":
+    """Return PX4 for a flight, not started.
+
+    Raises
+    ------
+    ConfigError
+        If there is no build, the parameter file is wrong, or PX4 can't fly at the scenario's rate.
+    """
+    if scenario.control_rate_hz != RATE_HZ:
+        raise ConfigError(
+            f"scenario '{scenario.name}' has {scenario.control_rate_hz} samples a second, PX4 takes {RATE_HZ}"
+        )
+    extra = read_parameters(options.params, "px4") if options.params else {}
+    values = {**px4_parameters(vehicle), **_OPERATION, **extra}
+    px4 = Px4(find_build(options.build), options.folder, values, options.instance, real_time=options.real_time)
+    if options.law:
+        px4.dialect, px4.start_lines = _INSIDE, [f"{_LAW_INSIDE} start"]
+    return px4
+
+
+def find_build(given: Path | None) -> Path:
+    """Return the build folder of a PX4 for simulation: given, in the environment, or at a usual place.
+
+    Raises
+    ------
+    ConfigError
+        If there is none.
+    """
+    stated = os.environ.get("PX4_BUILD")
+    places = [given] if given else [Path(stated)] if stated else [Path(each).expanduser() for each in _USUAL_PLACES]
+    for place in places:
+        for folder in (place, place / _SITL):
+            if (folder / "bin" / "px4").is_file() and (folder / "etc").is_dir():
+                return folder.resolve()
+    looked = ", ".join(map(str, places))
+    raise ConfigError(f"{looked}: no PX4 built for simulation (bin/px4 and etc): give --build, or set PX4_BUILD")
+
+
+class Px4:
+    """PX4 as a guest; see `Guest`. `start_lines` of its start script follow those of its links."""
+
+    name = "PX4"
+    warm_up_s = 20.0
+    arming_timeout_s = 60.0
+    arrival_s = 0.001  # unless the machine is busy
+
+    def __init__(
+        self, build: Path, folder: Path, parameters: Mapping[str, str], instance: int | None, *, real_time: bool
+    ) -> None:
+        self._build, self._folder, self._parameters = build, folder, dict(parameters)
+        self._wanted, self._real_time = instance, real_time
+        self._server: socket.socket | None = None
+        self._peer: socket.socket | None = None
+        self._process: ChildProcess | None = None
+        self._link = SimulatorLink()
+        self._booted = False
+        self._begun_s = self._reply_s = 0.0
+        self._replies = 0
+        self._sent_s = 0.0
+        self._time_us = 0
+        self.instance = -1
+        self.dialect, self.start_lines = _DIALECT, list[str]()
+
+    @property
+    def system(self) -> int:
+        """MAVLink system id."""
+        return self.instance + 1
+
+    @property
+    def pilot_port(self) -> int | None:
+        """UDP port of PX4's on-board link."""
+        return _PILOT + self.instance
+
+    @property
+    def is_armed(self) -> bool:
+        """True if PX4's last answer came armed."""
+        answer = self._link.answer
+        return answer is not None and answer.is_armed
+
+    def start(self, pilot_port: int) -> None:
+        """Start PX4 with its files in its folder, and accept its link to the simulator."""
+        self._reserve()
+        self._folder.mkdir(parents=True)
+        write_parameters(self._parameters, self._folder / _PARAMETERS_FILE, "param set {name} {value}")
+        if self.start_lines or not self._real_time:
+            lines = [_LINK.format(port=_PILOT + self.instance), *self.start_lines]
+            (self._folder / _LINKS_FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        ours = {name: value for name, value in os.environ.items() if not name.startswith("PX4_")}
+        ours |= {"PX4_SIM_MODEL": _MODEL, "PATH": f"{self._folder.resolve()}:{ours.get('PATH', '')}", "HEADLESS": "1"}
+        command = [str(self._build / "bin" / "px4"), "-i", str(self.instance), "-d", str(self._build / "etc")]
+        try:
+            self._process = ChildProcess(command, self._folder, ours)
+        except OSError as error:
+            raise GuestError(GuestOutcome.WRONG_BUILD, f"{command[0]}: {error.strerror}") from None
+        self._accept()
+
+    def send(self, readings: Readings) -> None:
+        """Send a sample."""
+        frames = self._link.pack(readings)
+        self._time_us, self._sent_s = readings.time_us, time.monotonic()
+        try:
+            self._connected.sendall(frames)
+        except OSError:
+            raise self._ending() from None
+
+    def receive(self) -> tuple[float, ...] | None:
+        """Return the rotor commands that answer the sample; `None` for one of the first, which have no answer."""
+        link = self._link
+        if not self._booted:
+            self._wait_for_boot()
+            return None
+        while link.answer is None or link.answer.time_us < self._time_us:
+            try:
+                received = self._connected.recv(_RECEIVE)
+            except TimeoutError:
+                if link.answer is not None or time.monotonic() > self._begun_s + _BOOT_TIMEOUT_S:
+                    raise self._hang() from None
+                return None
+            except OSError:
+                raise self._ending() from None
+            if not received:
+                raise self._ending()
+            link.feed(received)
+        if not self._replies:
+            self._connected.settimeout(_HUNG_S)
+            if not link.answer.is_lockstep:
+                raise GuestError(GuestOutcome.WRONG_BUILD, "it was built without lockstep")
+        self._reply_s += time.monotonic() - self._sent_s
+        self._replies += 1
+        return link.answer.controls[:4]
+
+    def close(self) -> None:
+        """End PX4 and free its ports."""
+        if self._process is not None:
+            self._process.close()
+        for each in (self._peer, self._server):
+            if each is not None:
+                each.close()
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return build, instance, parameters and the mean time of an answer."""
+        return {
+            "build": str(self._build),
+            "instance": self.instance,
+            "folder": str(self._folder),
+            "parameters": self._parameters,
+            "reply_us": 1e6 * self._reply_s / self._replies if self._replies else 0.0,
+        }
+
+    @property
+    def _connected(self) -> socket.socket:
+        if self._peer is None:
+            raise RuntimeError("PX4 is not started")
+        return self._peer
+
+    def _reserve(self) -> None:
+        """Take the first free instance, or the one that is wanted: no other flight can take it until `close`."""
+        for instance in range(_INSTANCES) if self._wanted is None else [self._wanted]:
+            server = _listen(_SIMULATOR + instance)
+            if server is None:
+                continue
+            if all(_is_free(port + instance) for port in (_PILOT, *_OTHERS)):
+                self._server, self.instance = server, instance
+                return
+            server.close()
+        which = "of all instances" if self._wanted is None else f"of instance {self._wanted}"
+        raise GuestError(
+            GuestOutcome.PORT_TAKEN, f"another program uses the ports {which}: TCP {_SIMULATOR}, UDP {_PILOT}"
+        )
+
+    def _accept(self) -> None:
+        """Wait for PX4's connection and its heartbeat."""
+        server, until_s = self._server, time.monotonic() + _CONNECT_TIMEOUT_S
+        if server is None:
+            raise RuntimeError("PX4 has no instance")
+        server.settimeout(0.1)
+        while self._peer is None:
+            try:
+                self._peer, _ = server.accept()
+            except TimeoutError:
+                if self._process is not None and self._process.ending:
+                    raise self._ending(GuestOutcome.WRONG_BUILD) from None
+                if time.monotonic() > until_s:
+                    said = f"it did not connect to TCP port {_SIMULATOR + self.instance} in {_CONNECT_TIMEOUT_S:g} s"
+                    raise GuestError(GuestOutcome.WRONG_BUILD, said) from None
+        self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._peer.settimeout(_BOOT_REPLY_S)
+        self._begun_s = time.monotonic()
+
+    def _wait_for_boot(self) -> None:
+        """Wait for the end of PX4's start script, after the first sample: so all modules start at one model time."""
+        process, until_s = self._process, self._begun_s + _BOOT_TIMEOUT_S
+        while process is None or not process.has_said(_BOOTED):
+            if process is None or process.ending:
+                raise self._ending(GuestOutcome.WRONG_BUILD)
+            if time.monotonic() > until_s:
+                said = f"not started after {_BOOT_TIMEOUT_S:g} s: {process.last_words}"
+                raise GuestError(GuestOutcome.WRONG_BUILD, said)
+            time.sleep(_BOOT_POLL_S)
+        time.sleep(_BOOT_REPLY_S)
+        self._booted = True
+
+    def _hang(self) -> GuestError:
+        if self._process is not None and self._process.ending:
+            return self._ending()
+        return GuestError(GuestOutcome.HUNG, f"no answer to the sample at {self._time_us * 1e-6:g} s in {_HUNG_S:g} s")
+
+    def _ending(self, outcome: GuestOutcome = GuestOutcome.KILLED) -> GuestError:
+        process = self._process
+        ending = process.wait_for_ending() if process else ""
+        words = process.last_words if process else ""
+        return GuestError(outcome, f"PX4 {ending or 'closed its link'}: {words or 'it said nothing'}")
+
+
+def _listen(port: int) -> socket.socket | None:
+    server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        server.bind(("127.0.0.1", port))
+        server.listen(1)
+    except OSError:
+        server.close()
+        return None
+    return server
+
+
+def _is_free(port: int) -> bool:
+    """Return whether PX4, which binds all interfaces, can bind a UDP port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as tried:
+        try:
+            tried.bind(("0.0.0.0", port))
+        except OSError:
+            return False
+    return True

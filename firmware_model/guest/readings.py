@@ -1,0 +1,113 @@
+"""Readings of all sensors at a sample, with noise: what a guest autopilot gets of the simulated world."""
+
+import math
+from typing import NamedTuple
+
+from firmware_model.mavlink.services.geodesy import ORIGIN_DEG, ORIGIN_HEIGHT
+from firmware_model.numerics.compiled import compiled, kernel
+from firmware_model.numerics.elementary import normals
+from firmware_model.numerics.random import NAVIGATION_STREAM
+from firmware_model.numerics.rotations import conjugate, rotate
+from firmware_model.sim.vehicle_loop import VehicleLoop
+from firmware_model.types import Quaternion, Vector
+
+FIELD_N = (0.21744, 0.01294, 0.43045)
+"""[gauss] N, magnetic field at the origin of the geodesy, by the World Magnetic Model 2020 in mid 2024.
+
+Autopilots correct the compass by a table of that model: 3.41 deg east, 63.2 deg down, .4824 gauss.
+"""
+DECLINATION = math.atan2(FIELD_N[1], FIELD_N[0])
+"""[rad] from true to magnetic north."""
+_LATITUDE = math.radians(ORIGIN_DEG[0])
+EARTH_RATE_N = (7.2921e-5 * math.cos(_LATITUDE), 0.0, -7.2921e-5 * math.sin(_LATITUDE))
+"""[rad/s] N, turn of the earth at the origin (IERS): a gyro measures it, and estimators subtract it."""
+_FIELD_NOISE = 0.0002  # [gauss] rms of a sample, as of a common magnetometer at rest
+_PRESSURE_NOISE = 0.02  # [hPa] rms of a sample, .17 m of height
+_POSITION_NOISE = (0.2, 0.2, 0.3)  # [m] rms of a fix
+_VELOCITY_NOISE = (0.05, 0.05, 0.08)  # [m/s] rms of a fix
+
+
+class Readings(NamedTuple):
+    """Everything that sensors tell at a sample, and the truth beside it; noise on every measured value."""
+
+    time_us: int
+    """[us] clock of the world, from its first sample on."""
+    gyro_B: Vector
+    """[rad/s] B, measured."""
+    specific_force_B: Vector
+    """[m/s^2] B, measured."""
+    field_B: Vector
+    """[gauss] B, measured magnetic field."""
+    pressure: float
+    """[hPa] measured static pressure, standard atmosphere."""
+    temperature: float
+    """[degC] of the standard atmosphere."""
+    gps_position_N: Vector
+    """[m] N, measured about the origin."""
+    gps_velocity_N: Vector
+    """[m/s] N, measured."""
+    position_N: Vector
+    """[m] N, true."""
+    velocity_N: Vector
+    """[m/s] N, true."""
+    q_NB: Quaternion
+    """True attitude, B to N, scalar first."""
+    omega_B: Vector
+    """[rad/s] B, true."""
+    wind_N: Vector
+    """[m/s] true mean wind, blowing toward."""
+
+
+def read_sensors(loop: VehicleLoop, seed: int, time_us: int) -> Readings:
+    """Return the readings at a loop's sample; `time_us` [us] is the world's clock."""
+    imu = loop.observe()
+    position, velocity = loop.true_vector("position_N"), loop.true_vector("velocity_N")
+    q_NB = loop.q_NB
+    gyro, field, air, fix, speed = _measure(imu.gyro_B, position, velocity, q_NB, seed, loop.sample)
+    pressure, temperature = air
+    return Readings(
+        time_us=time_us,
+        gyro_B=gyro,
+        specific_force_B=imu.specific_force_B,
+        field_B=field,
+        pressure=pressure,
+        temperature=temperature,
+        gps_position_N=fix,
+        gps_velocity_N=speed,
+        position_N=position,
+        velocity_N=velocity,
+        q_NB=q_NB,
+        omega_B=loop.true_vector("omega_B"),
+        wind_N=loop.true_vector("wind_N"),
+    )
+
+
+@kernel
+def atmosphere(height: float) -> tuple[float, float]:
+    """Return pressure [hPa] and temperature [degC] at a height [m] above the sea, ISO 2533, below 11 km."""
+    ratio = 1.0 - 0.0065 / 288.15 * height
+    return 1013.25 * ratio**5.25588, 15.0 - 0.0065 * height
+
+
+@kernel
+def _add_noise(value: Vector, sigma: Vector, normal: Vector) -> Vector:
+    return value[0] + sigma[0] * normal[0], value[1] + sigma[1] * normal[1], value[2] + sigma[2] * normal[2]
+
+
+@compiled
+def _measure(
+    gyro_B: Vector, position_N: Vector, velocity_N: Vector, q_NB: Quaternion, seed: int, sample: int
+) -> tuple[Vector, Vector, tuple[float, float], Vector, Vector]:
+    """Return rates with the turn of the earth, magnetic field, pressure and temperature, and a fix, with noise."""
+    a, b, c, d = normals(seed, NAVIGATION_STREAM, sample, 0)
+    e, f, g, _ = normals(seed, NAVIGATION_STREAM, sample, 1)
+    h, i, j, _ = normals(seed, NAVIGATION_STREAM, sample, 2)
+    to_B = conjugate(q_NB)
+    pressure, temperature = atmosphere(ORIGIN_HEIGHT - position_N[2])
+    return (
+        _add_noise(gyro_B, (1.0, 1.0, 1.0), rotate(to_B, EARTH_RATE_N)),
+        _add_noise(rotate(to_B, FIELD_N), (_FIELD_NOISE, _FIELD_NOISE, _FIELD_NOISE), (a, b, c)),
+        (pressure + _PRESSURE_NOISE * d, temperature),
+        _add_noise(position_N, _POSITION_NOISE, (e, f, g)),
+        _add_noise(velocity_N, _VELOCITY_NOISE, (h, i, j)),
+    )

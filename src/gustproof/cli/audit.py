@@ -1,0 +1,49 @@
+"""The command `gustproof audit`: tests of a simulator's physics."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gustproof.cli.failures import ExitStatus
+from gustproof.cli.options import AsJson, Build, print_json
+
+
+def audit(
+    simulator: Annotated[
+        str, typer.Argument(help="own, rotorpy, ardupilot, or a Python file whose make_simulator() returns an adapter.")
+    ],
+    build: Build = "",
+    as_json: AsJson = False,
+) -> None:
+    """Test the physics of a simulator against what it states of itself and against standards.
+
+    Signs of axes and wind, gravity, thrust, rotor geometry, lag, gyroscopic term, turbulence and seeds. A quantity that
+    the simulator neither takes nor tells is shown as not reachable. Exit status 1: a test failed.
+
+        gustproof audit own
+
+        gustproof audit rotorpy --json
+
+        gustproof audit ardupilot --build ~/ardupilot
+    """
+    from pydantic_core import to_jsonable_python
+
+    from gustproof.audit.adapters import load_simulator
+    from gustproof.audit.checks import Verdict
+    from gustproof.audit.checks import audit as run
+    from gustproof.report.audit import render_audit
+    from gustproof.report.terminal import show
+
+    audited = load_simulator(simulator, Path(build) if build else None)
+    try:
+        rows = run(audited)
+    finally:
+        audited.close()
+    if as_json:
+        document = {"simulator": audited.name, "rows": rows}
+        print_json(to_jsonable_python(document, inf_nan_mode="null"))
+    else:
+        show(render_audit(audited.name, rows))
+    if any(row.verdict is Verdict.FAILED for row in rows):
+        raise typer.Exit(ExitStatus.REQUIREMENT_FAILED.value)

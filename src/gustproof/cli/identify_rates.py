@@ -1,0 +1,50 @@
+"""The command `gustproof identify-rates`: the autopilot's rate loops, measured in flight over MAVLink."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from firmware_model.config.validation import printable
+from gustproof.cli.options import check_output
+
+
+def identify_rates(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Write the rate loops here (.toml), a new file.")],
+    connect: Annotated[
+        str, typer.Option(help="The autopilot: [udp:]HOST:PORT, udpin:HOST:PORT or tcp:HOST:PORT.")
+    ] = "127.0.0.1:14580",
+    bind_port: Annotated[int | None, typer.Option(help="Port to send from, as of `gustproof controller`.")] = None,
+    signing_key: Annotated[Path | None, typer.Option(help="Sign every message with the key in this file.")] = None,
+    unsigned: Annotated[bool, typer.Option("--unsigned", help="Allow a link beyond this machine without key.")] = False,
+) -> None:
+    """Measure the autopilot's rate loops, axis by axis, on a vehicle that hovers under its pilot.
+
+    It adds sines of up to .3 rad/s in sum to the rates for 75 s, in the mode that takes set-points, and hands back. The
+    height is held, the place is not: leave 20 m on all sides, and choose calm air.
+
+    gustproof identify-rates --connect udp:127.0.0.1:14580 -o my-px4.toml
+
+    gustproof design R1 --inner my-px4.toml -o my-rates.json
+    """
+    from firmware_model.config.files import write_toml
+    from gustproof.controller.excitation import DT, OMEGA, fly_excitation
+    from gustproof.synthesis.inner_loops import InnerLoops, fit_inner_loop
+    from gustproof.synthesis.pid.autotune import phasors
+
+    check_output(output, ".toml", "a file of rate loops", new=True)
+
+    def report(text: str) -> None:
+        print(f"gustproof: {printable(text)}", file=sys.stderr, flush=True)
+
+    records = fly_excitation(connect, report, bind_port=bind_port, signing_key=signing_key, unsigned=unsigned)
+    responses = [
+        phasors(record.time, record.rate, OMEGA) / phasors(record.time, record.command, OMEGA) for record in records
+    ]
+    roll, pitch, yaw = (fit_inner_loop(OMEGA, response, DT) for response in responses)
+    write_toml(InnerLoops(name=output.stem, roll=roll, pitch=pitch, yaw=yaw), output)
+    for axis, loop in (("roll", roll), ("pitch", pitch), ("yaw", yaw)):
+        model = f"{loop.omega:.1f} rad/s, damping {loop.damping:.2f}, delay {1e3 * loop.delay:.0f} ms"
+        print(f"{axis:<6} {model}, misfit {loop.misfit:.2f}")
+    print(f"rate loops in {output}")

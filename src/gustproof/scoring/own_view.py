@@ -1,0 +1,69 @@
+"""Attitude errors of a real autopilot as it sees them itself, beside the true ones.
+
+An autopilot steers its own estimate to its own set-point. So its loops are judged by the error that it sees, and its
+estimator by the difference to the truth. A heading error of its compass stands in the true error as a mean.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from firmware_model.numerics.rotations import euler_angles
+from gustproof.types import Array, Records
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OwnView:
+    """Root mean squares over the three axes, at the times at which the autopilot told its attitude."""
+
+    estimate_rmse_deg: float
+    """[deg] estimated minus true attitude."""
+    estimate_steady_deg: float
+    """[deg] the same with each axis' mean removed."""
+    control_rmse_deg: float
+    """[deg] estimated attitude minus the autopilot's set-point: the error that its loops see."""
+    true_control_rmse_deg: float
+    """[deg] true attitude minus the autopilot's set-point."""
+    true_control_steady_deg: float
+    """[deg] the same with each axis' mean removed."""
+    estimate_axes_deg: tuple[float, float, float]
+    """[deg] root mean square of estimated minus true roll, pitch, yaw."""
+
+
+def compare_estimates(records: Records, estimates: Records) -> OwnView | None:
+    """Return the errors of `estimates` (m,) beside journal `records` (n,); `None` without two of them in the flight."""
+    if not len(records):
+        return None
+    rows = np.searchsorted(records["time_us"], estimates["time_us"])
+    inside = (rows < len(records)) & np.isfinite(estimates["setpoint_q_NB"]).all(axis=1)
+    estimates, rows = estimates[inside], rows[inside]
+    if len(rows) < 2:
+        return None
+    true, told, wanted = (
+        euler_angles(q_NB) for q_NB in (records["q_NB"][rows], estimates["q_NB"], estimates["setpoint_q_NB"])
+    )
+    estimate, true_control = _differences(told, true), _differences(true, wanted)
+    roll, pitch, yaw = np.degrees(np.sqrt(np.mean(estimate**2, axis=0))).tolist()
+    return OwnView(
+        estimate_rmse_deg=_rms(estimate),
+        estimate_steady_deg=_rms(estimate - estimate.mean(axis=0)),
+        control_rmse_deg=_rms(_differences(told, wanted)),
+        true_control_rmse_deg=_rms(true_control),
+        true_control_steady_deg=_rms(true_control - true_control.mean(axis=0)),
+        estimate_axes_deg=(roll, pitch, yaw),
+    )
+
+
+def steady_rmse_deg(records: Records) -> float:
+    """Return the rms [deg] of the true Euler angles of a flight (n,), with each axis' mean removed."""
+    angles = euler_angles(records["q_NB"])
+    return _rms(angles - angles.mean(axis=0))
+
+
+def _differences(a: Array, b: Array) -> Array:
+    """Return the differences of angles (n, 3) [rad], each within half a turn."""
+    return np.asarray((a - b + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def _rms(angles: Array) -> float:
+    return float(np.degrees(np.sqrt(np.mean(angles**2))))

@@ -1,0 +1,225 @@
+"""Flights of a stand-in for PX4 that checks every field, and its ends by their names.
+
+With GUSTPROOF_PX4, the folder of a build, the flights to the end are flown by the real one too.
+"""
+
+import json
+import os
+import socket
+from argparse import Namespace
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from runpy import run_path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as wire
+
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.errors import ConfigError
+from firmware_model.guest import px4_process
+from firmware_model.guest.__main__ import main
+from firmware_model.guest.parameter_files import read_parameters
+from firmware_model.guest.px4 import SimulatorLink
+from firmware_model.guest.readings import Readings
+from firmware_model.guest.recorder import read_estimates
+from firmware_model.guest.world import World
+from firmware_model.recording.journal import read_journal
+
+PEER = Path(__file__).parent / "px4_build"
+REAL = os.environ.get("GUSTPROOF_PX4", "")
+real = pytest.param(REAL, marks=pytest.mark.skipif(not REAL, reason="GUSTPROOF_PX4 names no build of PX4"), id="real")
+SCRIPT = """
+description = "a short gust"
+duration_s = 1.0
+translation = "{translation}"
+
+[[wind]]
+kind = "dryden"
+wind_speed_20ft_mps = 10.0
+"""
+
+
+def fly(
+    folder: Path, capsys: pytest.CaptureFixture[str], *options: str, build: str = str(PEER), translation: str = "held"
+) -> dict[str, Any]:
+    (folder / "short.toml").write_text(SCRIPT.format(translation=translation))
+    status = main(
+        ["--autopilot", "px4", "--build", build, "--folder", str(folder / "run"), "--vehicle", "paper",
+         "--scenario", str(folder / "short.toml"), "--journal", str(folder / "flight.journal"), *options]
+    )  # fmt: skip
+    facts: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (status == 0) == (facts["outcome"] == "done")
+    return facts
+
+
+@pytest.fixture
+def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(px4_process, "_BOOT_REPLY_S", 0.02)
+    monkeypatch.setattr(px4_process, "_HUNG_S", 1.0)
+    monkeypatch.setattr(px4_process, "_CONNECT_TIMEOUT_S", 2.0)
+    monkeypatch.setattr(px4_process.Px4, "warm_up_s", 0.0)
+    monkeypatch.setattr(px4_process.Px4, "arming_timeout_s", 3.5)
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("translation", ["held", "free"])
+@pytest.mark.parametrize("build", [pytest.param(str(PEER), id="peer"), real])
+def test_peer_finds_no_fault_and_flies_the_scenario(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], build: str, translation: str, request: pytest.FixtureRequest
+) -> None:
+    if build != REAL:
+        request.getfixturevalue("_impatient")
+    facts = fly(tmp_path, capsys, "--tlog", str(tmp_path / "flight.tlog"), build=build, translation=translation)
+    assert (facts["outcome"], facts["reason"], facts["samples"]) == ("done", "", 250)
+    assert facts["autopilot"]["version"] == "1.16.0 (cdef01)" or build == REAL
+    _, records = read_journal(tmp_path / "flight.journal")
+    assert np.array_equal(np.diff(records["time_us"]), np.full(249, 4000.0))
+    assert set(records["command_age"][:, 0]) == {1.0}
+    assert float(np.max(np.abs(records["omega_B"]))) < 1.0
+    assert len(read_estimates(tmp_path / "flight.attitude")) in range(47, 52)
+    assert (tmp_path / "flight.tlog").stat().st_size > 10_000
+
+
+def negate(vector: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(-each for each in vector)
+
+
+SPOILED: dict[str, Callable[[Readings], Readings]] = {
+    "gyro": lambda each: each._replace(gyro_B=negate(each.gyro_B)),
+    "gyro in deg/s": lambda each: each._replace(gyro_B=tuple(57.3 * rate for rate in each.gyro_B)),
+    "force": lambda each: each._replace(specific_force_B=negate(each.specific_force_B)),
+    "field": lambda each: each._replace(field_B=negate(each.field_B)),
+    "declination": lambda each: each._replace(field_B=(*each.field_B[:1], -each.field_B[1], *each.field_B[2:])),
+    "pressure": lambda each: each._replace(pressure=100.0 * each.pressure),
+    "pressure without noise": lambda each: each._replace(pressure=950.0),
+    "place of the fix": lambda each: each._replace(gps_position_N=negate(each.gps_position_N)),
+    "velocity of the fix": lambda each: each._replace(gps_velocity_N=negate(each.gps_velocity_N)),
+    "attitude": lambda each: each._replace(q_NB=(each.q_NB[0], *negate(each.q_NB[1:]))),
+    "clock": lambda each: each._replace(time_us=each.time_us - each.time_us % 8000),
+}
+
+
+@pytest.fixture(scope="module")
+def motion() -> list[Readings]:
+    """Readings of a free flight that turns about all axes and climbs."""
+    scenario = replace(load_scenario("calm"), translation="free")
+    world, found = World(load_vehicle("paper"), scenario, 1, lambda _: None), []
+    world.begin()
+    for sample in range(800):
+        climbs = sample < 400
+        if not climbs:
+            found.append(world.readings())
+        world.answer(world.time_us, (0.6, 0.6, 0.6, 0.6) if climbs else (0.62, 0.55, 0.58, 0.61))
+        world.advance()
+    return found
+
+
+def check(readings: Iterable[Readings]) -> None:
+    link, checker, parser = SimulatorLink(), run_path(str(PEER / "bin" / "px4"))["Checker"](), wire.MAVLink(None)
+    for each in readings:
+        messages = parser.parse_buffer(link.pack(each)) or []
+        for message in messages:
+            checker.check(message)
+        assert messages[-1].get_type() == "HIL_SENSOR"
+
+
+def test_peer_accepts_the_motion_that_a_spoiled_field_contradicts(motion: list[Readings]) -> None:
+    check(motion)
+
+
+@pytest.mark.parametrize("field", SPOILED)
+def test_peer_finds_a_spoiled_field(motion: list[Readings], field: str) -> None:
+    with pytest.raises(AssertionError):
+        check(SPOILED[field](readings) for readings in motion)
+
+
+@pytest.mark.compiled
+@pytest.mark.usefixtures("_impatient")
+@pytest.mark.parametrize(
+    ("fault", "outcome", "said"),
+    [
+        ("refuse", "not_armed", "Preflight Fail: waiting for the peer"),
+        ("plus", "wrong_geometry", "a set-point in roll gave torques of"),
+        ("exit", "killed", "the peer gives up"),
+        ("hang", "hung", "no answer to the sample at 3.5 s in 1 s"),
+        ("disarm", "disarmed", "disarmed in flight"),
+        ("land", "left_mode", "left OFFBOARD for mode"),
+        ("silent", "wrong_build", "it did not connect to TCP port"),
+        ("no lockstep", "wrong_build", "without lockstep"),
+        ("stranger", "wrong_build", "it is not PX4: MAV_AUTOPILOT 3"),
+    ],
+)
+def test_flight_that_ends_early_tells_how(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    fault: str,
+    outcome: str,
+    said: str,
+) -> None:
+    monkeypatch.setenv("PEER_FAULT", fault)
+    facts = fly(tmp_path, capsys)
+    assert facts["outcome"] == outcome
+    assert said in facts["reason"]
+    assert len(read_journal(tmp_path / "flight.journal")[1]) == 1  # all ends here are before the scenario
+
+
+def test_port_that_another_program_uses_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(px4_process, "_PILOT", taken.getsockname()[1] - 150)
+            facts = fly(tmp_path, capsys, "--instance", "150")
+    assert facts["outcome"] == "port_taken"
+    assert "of instance 150" in facts["reason"]
+    assert len(read_journal(tmp_path / "flight.journal")[1]) == 1
+
+
+def test_program_that_is_none_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for folder in ("bin", "etc"):
+        (tmp_path / "build" / folder).mkdir(parents=True)
+    (tmp_path / "build" / "bin" / "px4").write_text("not a program")
+    (tmp_path / "build" / "bin" / "px4").chmod(0o700)
+    facts = fly(tmp_path, capsys, build=str(tmp_path / "build"))
+    assert facts["outcome"] == "wrong_build"
+    assert "Exec format error" in facts["reason"]
+
+
+@pytest.mark.parametrize("below", ["", "build/px4_sitl_default"])
+def test_build_is_found_in_its_tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, below: str) -> None:
+    folder = tmp_path / below
+    (folder / "bin").mkdir(parents=True)
+    (folder / "bin" / "px4").write_text("")
+    with pytest.raises(ConfigError, match="no PX4 built for simulation"):
+        px4_process.find_build(tmp_path)
+    (folder / "etc").mkdir()
+    assert px4_process.find_build(tmp_path) == folder.resolve()
+    monkeypatch.setenv("PX4_BUILD", str(tmp_path))
+    assert px4_process.find_build(None) == folder.resolve()
+
+
+def test_parameters_of_the_user_come_last(tmp_path: Path) -> None:
+    given = tmp_path / "mine.params"
+    given.write_text("# Onboard parameters\n1\t1\tMC_ROLL_P\t7.5\t9\n1\t1\tCA_ROTOR0_PX\t0.352\t9\n")
+    options = Namespace(params=str(given), law="", build=PEER, folder=tmp_path / "run", instance=None, real_time=False)
+    guest = px4_process.make_px4(options, load_scenario("calm"), load_vehicle("paper"))
+    parameters = guest.facts()["parameters"]
+    assert (parameters["MC_ROLL_P"], parameters["CA_ROTOR0_PX"], parameters["CA_ROTOR0_PY"]) == ("7.5", "0.352", "0.22")
+
+
+@pytest.mark.parametrize("line", ["MC_ROLL_P", "mc_roll_p 1", "MC_ROLL_P 1; rm", "MC_ROLL_P $(x)", "MC_ROLL_P 1 2"])
+def test_line_that_is_no_parameter_is_refused(tmp_path: Path, line: str) -> None:
+    (tmp_path / "mine.params").write_text(line)
+    with pytest.raises(ConfigError, match="line 1"):
+        read_parameters(str(tmp_path / "mine.params"), "px4")
+
+
+def test_shipped_gains_are_read() -> None:
+    assert read_parameters("stock", "px4") == {}
+    assert float(read_parameters("tuned", "px4")["MC_ROLLRATE_P"]) == 0.2
+    with pytest.raises(ConfigError, match="no parameter set named 'best'"):
+        read_parameters("best", "px4")

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+
+from firmware_model.config.files import write_toml
+from firmware_model.errors import ConfigError
+from gustproof.controller.excitation import DT, OMEGA
+from gustproof.errors import DesignError
+from gustproof.law.hover import loop_law
+from gustproof.lti.margins import margins
+from gustproof.lti.state_space import Lti, delay, discretize_zoh, series
+from gustproof.synthesis.designs import load_design
+from gustproof.synthesis.inner_loops import InnerLoop, InnerLoops, fit_inner_loop, load_inner_loops
+from gustproof.synthesis.rate_law import derive_over
+
+STOCK = InnerLoops(
+    name="stock",
+    roll=InnerLoop(omega=9.0, damping=0.7, delay=0.01),
+    pitch=InnerLoop(omega=8.0, damping=0.7, delay=0.01),
+    yaw=InnerLoop(omega=3.0, damping=0.9, delay=0.03),
+)
+
+
+def response(loop: InnerLoop, omega: np.ndarray, late: float = 0.0) -> np.ndarray:
+    s = 1j * omega
+    lag = np.exp(-(loop.delay + late) * s)
+    return loop.omega**2 * lag / (s**2 + 2.0 * loop.damping * loop.omega * s + loop.omega**2)
+
+
+@pytest.mark.parametrize("axis", ["roll", "pitch", "yaw"])
+def test_fit_finds_the_loop_and_takes_hold_and_delay_of_sampling_off(axis):
+    loop = getattr(STOCK, axis)
+    found = fit_inner_loop(OMEGA, response(loop, OMEGA, 1.5 * DT), DT)
+    assert (found.omega, found.damping, found.delay) == pytest.approx((loop.omega, loop.damping, loop.delay), rel=1e-3)
+    assert found.misfit < 1e-3
+
+
+def test_noise_is_no_rate_loop():
+    rng = np.random.default_rng(1)
+    with pytest.raises(DesignError, match="not that of a rate loop"):
+        fit_inner_loop(OMEGA, rng.normal(size=8) + 1j * rng.normal(size=8), DT)
+
+
+def test_delay_in_the_loop_agrees_to_second_order():
+    omega, damping = STOCK.yaw.without_delay()
+    for slow in (0.05, 0.1, 0.2):
+        exact = response(STOCK.yaw, np.array([slow]))[0]
+        folded = response(InnerLoop(omega=omega, damping=damping), np.array([slow]))[0]
+        assert abs(folded - exact) < 0.1 * slow**3
+
+
+def test_file_is_read_back_equal_and_a_wrong_key_is_named(tmp_path):
+    path = tmp_path / "stock.toml"
+    write_toml(STOCK, path)
+    assert load_inner_loops(path) == STOCK
+    path.write_text(path.read_text(encoding="utf-8").replace("damping", "dumping", 1), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"roll\.d[au]mping"):
+        load_inner_loops(path)
+
+
+def test_law_is_no_faster_than_each_loop_and_stable_on_the_exact_one():
+    law, report = derive_over(load_design("R1"), STOCK)
+    assert (law.name, report.design.name) == ("hinf-rates-stock", "R1-stock")
+    crossovers = [loop.crossover for loop in report.sampled.input[:3]]
+    assert np.all(np.array(crossovers) < 1.05 * STOCK.fastest())
+    assert crossovers[2] < 0.5 * crossovers[0]
+    # the loops themselves, on the axes' integrators, their delay as whole samples
+    A, B = np.zeros((9, 9)), np.zeros((9, 3))
+    A[:3, 3:6], A[3:6, 6:] = np.eye(3), np.eye(3)
+    A[:3, :3] = -1e-3 * np.eye(3)
+    for k, loop in enumerate((STOCK.roll, STOCK.pitch, STOCK.yaw)):
+        A[6 + k, 3 + k], A[6 + k, 6 + k] = -(loop.omega**2), -2.0 * loop.damping * loop.omega
+        B[6 + k, k] = loop.omega**2
+    plant = discretize_zoh(Lti(A=A, B=B, C=np.eye(3, 9, 3), D=np.zeros((3, 3))), law.dt)
+    worst = []
+    for late in range(1, 10):
+        plant = series(delay(3, law.dt), plant)
+        Ms = [loop.Ms for loop in margins(plant, loop_law(law)).input[:3]]
+        worst += Ms[:2] if late == 4 else Ms[2:] if late == 9 else []
+    assert len(worst) == 3
+    assert max(worst) < 1.7
+
+
+def test_design_that_commands_torque_is_refused():
+    with pytest.raises(DesignError, match="commands torque"):
+        derive_over(load_design("D1"), STOCK)
