@@ -3,7 +3,6 @@
 All ports are free ones of this flight alone, so flights side by side do not meet.
 """
 
-import contextlib
 import os
 import socket
 import struct
@@ -168,7 +167,6 @@ class ArduPilot:
         self._answer = b""
         self._sent_s = self._reply_s = 0.0
         self._replies = 0
-        self._cores: set[int] = set()
 
     def start(self, pilot_port: int) -> None:
         """Start ArduPilot in its folder, and wait for its first frame."""
@@ -208,7 +206,7 @@ class ArduPilot:
             self._process = ChildProcess(command, self._folder, os.environ)
         except OSError as error:
             raise GuestError(GuestOutcome.WRONG_BUILD, f"{command[0]}: {error.strerror}") from None
-        self._share_core(self._process.pid)
+        self._process.share_core()
         self._accept()
 
     def send(self, readings: Readings) -> None:
@@ -246,8 +244,6 @@ class ArduPilot:
             self._process.close()
         if self._bound is not None:
             self._bound.close()
-        if self._cores:
-            os.sched_setaffinity(0, self._cores)
 
     def facts(self) -> Mapping[str, Any]:
         """Return build, parameters and the mean time of an answer."""
@@ -263,18 +259,6 @@ class ArduPilot:
         if self._bound is None:
             raise RuntimeError("ArduPilot is not started")
         return self._bound
-
-    def _share_core(self, pid: int) -> None:
-        """Pin ArduPilot and this process to one core.
-
-        They alternate, and to wake another core takes longer. On two cores datagrams of two links can also overtake
-        each other, and two flights differ.
-        """
-        with contextlib.suppress(OSError, AttributeError, ValueError):  # a system without this call goes on without it
-            self._cores = os.sched_getaffinity(0)
-            last = Path("/proc/self/stat").read_text(encoding="ascii").rpartition(")")[2].split()[36]
-            for each in (pid, 0):
-                os.sched_setaffinity(each, (int(last),))
 
     def _accept(self) -> None:
         """Wait for the first frame, and take its sender for the only one."""

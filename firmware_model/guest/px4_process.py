@@ -156,6 +156,7 @@ class Px4:
             self._process = ChildProcess(command, self._folder, ours)
         except OSError as error:
             raise GuestError(GuestOutcome.WRONG_BUILD, f"{command[0]}: {error.strerror}") from None
+        self._process.share_core()
         self._accept()
 
     def send(self, readings: Readings) -> None:
