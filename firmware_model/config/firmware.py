@@ -59,8 +59,14 @@ def ardupilot_parameters(vehicle: Vehicle) -> Parameters:
         "MOT_THST_EXPO": "0",
         "MOT_SPIN_MIN": f"{low}",
         "MOT_SPIN_MAX": f"{high}",
-        "MOT_THST_HOVER": f"{(hover_fraction(vehicle) - low) / (high - low):.7g}",
+        "MOT_THST_HOVER": ardupilot_hover(vehicle, _SPIN_RANGE),
     }
+
+
+def ardupilot_hover(vehicle: Vehicle, thrust_range: tuple[float, float]) -> str:
+    """Return ArduPilot's throttle of hover, whose 0 and 1 are the thrusts of a range, as fractions of the largest."""
+    low, high = thrust_range
+    return f"{(hover_fraction(vehicle) - low) / (high - low):.7g}"
 
 
 def ardupilot_full_torque(vehicle: Vehicle) -> Vector:

@@ -22,7 +22,6 @@ from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.validation import Parser, printable
 from firmware_model.config.vehicle import Vehicle, load_vehicle
 from firmware_model.errors import ConfigError, RecordingError
-from firmware_model.guest.betaflight_process import Betaflight, make_betaflight
 from firmware_model.guest.flight import GuestFlight
 from firmware_model.guest.guest import Guest, GuestError, GuestOutcome
 from firmware_model.guest.pilot import Pilot
@@ -64,6 +63,8 @@ def make_guest(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle
         If an option is wrong.
     """
     if options.autopilot == "betaflight":
+        from firmware_model.guest.betaflight_process import make_betaflight
+
         return make_betaflight(options, scenario, vehicle)
     if options.autopilot == "ardupilot":
         from firmware_model.guest.ardupilot_process import make_ardupilot
@@ -88,7 +89,7 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> d
         stack.enter_context(journal)
         bound = stack.enter_context(udp.bind(0))
         world = World(vehicle, scenario, options.seed, journal.append)
-        pilot = guest.pilot if isinstance(guest, Betaflight) else Pilot(guest.dialect)
+        pilot = guest.make_pilot()
         endpoint: udp.Endpoint = pilot
         if options.tlog:
             unix_us = time.time_ns() // 1000
@@ -100,7 +101,7 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> d
             vehicle,
             scenario,
             exchange=_exchanger(endpoint, bound, 0.0 if options.real_time else guest.arrival_s),
-            estimate=estimates.append,
+            estimate=estimates.append_estimate,
             wait=_pacer() if options.real_time else lambda _: None,
         )
         signal.signal(signal.SIGINT, lambda *_: flight.interrupt())

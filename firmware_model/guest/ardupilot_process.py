@@ -14,13 +14,22 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as wire
 
+from firmware_model.config.firmware import ardupilot_hover
 from firmware_model.config.scenario import Scenario
-from firmware_model.config.vehicle import GRAVITY, Vehicle
+from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.ardupilot import FrameKind, FrameReader, encode_answer, map_outputs
 from firmware_model.guest.child import ChildProcess
-from firmware_model.guest.guest import SAMPLE_RATES_HZ, Dialect, GuestError, GuestOutcome
+from firmware_model.guest.guest import (
+    SAMPLE_RATES_HZ,
+    Dialect,
+    GuestError,
+    GuestOutcome,
+    candidate_places,
+    check_rate,
+)
 from firmware_model.guest.parameter_files import read_parameters, write_parameters
+from firmware_model.guest.pilot import Pilot
 from firmware_model.guest.readings import Readings
 from firmware_model.mavlink.services.geodesy import ORIGIN_DEG
 from firmware_model.process import udp
@@ -89,15 +98,10 @@ def make_ardupilot(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> 
         If there is no build, the parameter file is wrong, the vehicle has no frame of ArduPilot, or the scenario has
         another rate.
     """
-    if scenario.control_rate_hz != _RATE_HZ:
-        raise ConfigError(
-            f"scenario '{scenario.name}' has {scenario.control_rate_hz} samples a second, ArduPilot takes {_RATE_HZ}"
-        )
+    check_rate("ardupilot", ArduPilot.name, scenario)
     extra = read_parameters(options.params, "ardupilot") if options.params else {}
     values = {"MOT_THST_EXPO": "0", **_OPERATION, **(_LAW if options.law else {}), **extra}
-    hover = vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max)
-    low, high = thrust_range(values)
-    values = {"MOT_THST_HOVER": f"{(hover - low) / (high - low):.7g}", **values}
+    values = {"MOT_THST_HOVER": ardupilot_hover(vehicle, thrust_range(values)), **values}
     guest = ArduPilot(find_build(options.build), options.folder, values, map_outputs(vehicle))
     if options.law:
         guest.dialect = guest.dialect._replace(law_switch=_LAW_SWITCH, law_is_on=_LAW_IS_ON)
@@ -114,8 +118,7 @@ def find_build(given: Path | None) -> Path:
     ConfigError
         If there is none.
     """
-    stated = os.environ.get("ARDUPILOT_BUILD")
-    places = [given] if given else [Path(stated)] if stated else [Path(each).expanduser() for each in _USUAL_PLACES]
+    places = candidate_places(given, "ARDUPILOT_BUILD", _USUAL_PLACES)
     for place in places:
         for program in _PROGRAMS:
             if (path := place / program).is_file() and os.access(path, os.X_OK):
@@ -125,6 +128,17 @@ def find_build(given: Path | None) -> Path:
         f"{looked}: no ArduCopter built for simulation (build/sitl/bin/arducopter): give --build, or set "
         "ARDUPILOT_BUILD"
     )
+
+
+def place_and_links(pilot_port: int) -> list[str]:
+    """Return the options for its home, and for one link alone: to the UDP port of its pilot.
+
+    Home is at sea level: above it the commands would grow with thinner air, which the rotors here do not feel.
+    """
+    latitude, longitude = ORIGIN_DEG
+    links = {"--serial0": f"udpclient:127.0.0.1:{pilot_port}", "--rc-in-port": "0"}
+    links |= {f"--serial{i}": f"none:{i}" for i in (1, 2, 4)}
+    return ["--home", f"{latitude},{longitude},0,0", *(word for pair in links.items() for word in pair)]
 
 
 def thrust_range(parameters: Mapping[str, str]) -> tuple[float, float]:
@@ -168,6 +182,10 @@ class ArduPilot:
         self._sent_s = self._reply_s = 0.0
         self._replies = 0
 
+    def make_pilot(self) -> Pilot:
+        """Return a pilot that speaks its dialect."""
+        return Pilot(self.dialect)
+
     def start(self, pilot_port: int) -> None:
         """Start ArduPilot in its folder, and wait for its first frame."""
         self._bound = bound = udp.bind(0)
@@ -175,8 +193,6 @@ class ArduPilot:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, round(1e6 * _WAIT_S)))
         self._folder.mkdir(parents=True)
         write_parameters(self._parameters, self._folder / _PARAMETERS_FILE, "{name} {value}")
-        # At sea level, as above it the commands would grow with thinner air, which the rotors here do not feel.
-        latitude, longitude = ORIGIN_DEG
         command = [
             str(self._program),
             "--model",
@@ -185,22 +201,11 @@ class ArduPilot:
             str(bound.getsockname()[1]),
             "--speedup",
             str(_SPEEDUP),
-            "--home",
-            f"{latitude},{longitude},0,0",
             "--start-time",
             str(_START_S),
             "--defaults",
             _PARAMETERS_FILE,
-            "--serial0",
-            f"udpclient:127.0.0.1:{pilot_port}",
-            "--serial1",
-            "none:1",
-            "--serial2",
-            "none:2",
-            "--serial4",
-            "none:4",
-            "--rc-in-port",
-            "0",
+            *place_and_links(pilot_port),
         ]
         try:
             self._process = ChildProcess(command, self._folder, os.environ)
@@ -285,7 +290,5 @@ class ArduPilot:
             raise self._ending(outcome)
 
     def _ending(self, outcome: GuestOutcome = GuestOutcome.KILLED) -> GuestError:
-        process = self._process
-        ending = process.wait_for_ending() if process else ""
-        words = process.last_words if process else ""
-        return GuestError(outcome, f"ArduPilot {ending or 'closed its port'}: {words or 'it said nothing'}")
+        said = self._process.describe_ending("closed its port") if self._process else "is not started"
+        return GuestError(outcome, f"ArduPilot {said}")

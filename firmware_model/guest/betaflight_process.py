@@ -179,6 +179,10 @@ class Betaflight:
         """True: its motor packets do not say; its status does, to the pilot."""
         return True
 
+    def make_pilot(self) -> SticksPilot:
+        """Return its pilot, which hears its state from here."""
+        return self.pilot
+
     def start(self, pilot_port: int) -> None:
         """Start it twice: to set its parameters, which ends it, and to fly."""
         for port in (PORTS.state, PORTS.sticks):

@@ -54,14 +54,11 @@ class ChildProcess:
     def share_core(self) -> None:
         """Pin it and this process to one core until it ends.
 
-        They alternate, and to wake another core takes longer. On two cores datagrams of two links can also overtake
-        each other, and two flights differ.
+        On two cores datagrams of two links can overtake each other, and two flights differ.
         """
-        with contextlib.suppress(OSError, AttributeError, ValueError):  # a system without this call goes on without it
+        with contextlib.suppress(OSError, AttributeError):
             self._cores = os.sched_getaffinity(0)
-            last = Path("/proc/self/stat").read_text(encoding="ascii").rpartition(")")[2].split()[36]
-            for each in (self._process.pid, 0):
-                os.sched_setaffinity(each, (int(last),))
+        share_core([os.getpid(), self._process.pid])
 
     def has_said(self, words: bytes) -> bool:
         """Return whether its output holds some words."""
@@ -73,6 +70,10 @@ class ChildProcess:
             self._process.wait(_EXIT_TIMEOUT_S)
         return self.ending
 
+    def describe_ending(self, gone: str) -> str:
+        """Return the cause of its end, `gone` if it still runs, and its last words."""
+        return f"{self.wait_for_ending() or gone}: {self.last_words or 'it said nothing'}"
+
     def close(self) -> None:
         """End it and all processes of its session."""
         for kind in (signal.SIGTERM, signal.SIGKILL):
@@ -82,6 +83,14 @@ class ChildProcess:
                 self._process.wait(_EXIT_TIMEOUT_S)
         if self._cores:
             os.sched_setaffinity(0, self._cores)
+
+
+def share_core(pids: Sequence[int]) -> None:
+    """Pin processes that alternate to the core of the first: to wake another core takes longer."""
+    with contextlib.suppress(OSError, AttributeError):  # a system without this call goes on without it
+        fields = Path(f"/proc/{pids[0]}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+        for pid in pids:
+            os.sched_setaffinity(pid, (int(fields[36]),))  # the core that it ran on last
 
 
 def _die_with_parent() -> None:

@@ -14,6 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_model.config.firmware import hover_fraction
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.guest.guest import Guest, GuestError, GuestOutcome
@@ -254,7 +255,7 @@ class HeightLoop:
     """Thrust that holds the scenario's height, by the true height; stepped once in `PERIOD_US`."""
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario) -> None:
-        self.hover = vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max)
+        self.hover = hover_fraction(vehicle)
         self._height, self._sum = scenario.altitude_m, 0.0
 
     def thrust(self, readings: Readings) -> float:

@@ -1,12 +1,18 @@
 """Interface of a guest: a real autopilot, in a process of its own, that takes our world for its simulator."""
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
-from typing import Any, NamedTuple, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from firmware_model.config.scenario import Scenario
+from firmware_model.errors import ConfigError
 from firmware_model.guest.readings import Readings
+
+if TYPE_CHECKING:
+    from firmware_model.guest.pilot import Pilot
 
 SAMPLE_RATES_HZ = {"px4": 250, "ardupilot": 400, "betaflight": 250}
 """[Hz] Samples that each autopilot takes; one sample is one exchange with it, one pass of its rate loops."""
@@ -100,6 +106,9 @@ class Guest(Protocol):
     def is_armed(self) -> bool:
         """True if its last answer came armed, or does not say."""
 
+    def make_pilot(self) -> "Pilot":
+        """Return the pilot that flies it."""
+
     def start(self, pilot_port: int) -> None:
         """Start its process; its pilot listens on the UDP port `pilot_port`."""
 
@@ -114,6 +123,25 @@ class Guest(Protocol):
 
     def facts(self) -> Mapping[str, Any]:
         """Return all that a record of the flight must say of it: build, parameters, ports."""
+
+
+def candidate_places(given: Path | None, variable: str, usual: Sequence[str]) -> list[Path]:
+    """Return where to look for a build: where it is given, else where a variable says, else at the usual places."""
+    stated = os.environ.get(variable)
+    return [given] if given else [Path(stated)] if stated else [Path(each).expanduser() for each in usual]
+
+
+def check_rate(autopilot: str, name: str, scenario: Scenario) -> None:
+    """Refuse a scenario at another rate than that of an autopilot, whose name for users is `name`.
+
+    Raises
+    ------
+    ConfigError
+        If its rate is another.
+    """
+    if scenario.control_rate_hz != (rate_hz := SAMPLE_RATES_HZ[autopilot]):
+        has = f"has {scenario.control_rate_hz} samples a second"
+        raise ConfigError(f"scenario '{scenario.name}' {has}, {name} takes {rate_hz}")
 
 
 def scenario_for(autopilot: str, scenario: Scenario) -> Scenario:

@@ -19,13 +19,12 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.child import ChildProcess
-from firmware_model.guest.guest import Dialect, GuestError, GuestOutcome
+from firmware_model.guest.guest import Dialect, GuestError, GuestOutcome, candidate_places, check_rate
 from firmware_model.guest.parameter_files import read_parameters, write_parameters
+from firmware_model.guest.pilot import Pilot
 from firmware_model.guest.px4 import SimulatorLink
 from firmware_model.guest.readings import Readings
 
-RATE_HZ = 250
-"""[Hz] rate of samples that PX4's start script sets its estimator to."""
 _OFFBOARD = 6  # main mode
 _EXTERNAL = 4.0, 11.0  # main mode AUTO, first mode that a module registers
 _LAW_INSIDE = "gustproof"  # module of `gustproof export --px4`, and its array of set-points
@@ -70,10 +69,7 @@ def make_px4(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> "Px4":
     ConfigError
         If there is no build, the parameter file is wrong, or PX4 can't fly at the scenario's rate.
     """
-    if scenario.control_rate_hz != RATE_HZ:
-        raise ConfigError(
-            f"scenario '{scenario.name}' has {scenario.control_rate_hz} samples a second, PX4 takes {RATE_HZ}"
-        )
+    check_rate("px4", Px4.name, scenario)
     extra = read_parameters(options.params, "px4") if options.params else {}
     values = {**px4_parameters(vehicle), **_OPERATION, **extra}
     px4 = Px4(find_build(options.build), options.folder, values, options.instance, real_time=options.real_time)
@@ -90,8 +86,7 @@ def find_build(given: Path | None) -> Path:
     ConfigError
         If there is none.
     """
-    stated = os.environ.get("PX4_BUILD")
-    places = [given] if given else [Path(stated)] if stated else [Path(each).expanduser() for each in _USUAL_PLACES]
+    places = candidate_places(given, "PX4_BUILD", _USUAL_PLACES)
     for place in places:
         for folder in (place, place / _SITL):
             if (folder / "bin" / "px4").is_file() and (folder / "etc").is_dir():
@@ -140,6 +135,10 @@ class Px4:
         """True if PX4's last answer came armed."""
         answer = self._link.answer
         return answer is not None and answer.is_armed
+
+    def make_pilot(self) -> Pilot:
+        """Return a pilot that speaks its dialect."""
+        return Pilot(self.dialect)
 
     def start(self, pilot_port: int) -> None:
         """Start PX4 with its files in its folder, and accept its link to the simulator."""
@@ -271,10 +270,8 @@ class Px4:
         return GuestError(GuestOutcome.HUNG, f"no answer to the sample at {self._time_us * 1e-6:g} s in {_HUNG_S:g} s")
 
     def _ending(self, outcome: GuestOutcome = GuestOutcome.KILLED) -> GuestError:
-        process = self._process
-        ending = process.wait_for_ending() if process else ""
-        words = process.last_words if process else ""
-        return GuestError(outcome, f"PX4 {ending or 'closed its link'}: {words or 'it said nothing'}")
+        said = self._process.describe_ending("closed its link") if self._process else "is not started"
+        return GuestError(outcome, f"PX4 {said}")
 
 
 def _listen(port: int) -> socket.socket | None:

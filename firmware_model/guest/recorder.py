@@ -1,18 +1,16 @@
 """Recording of a guest's own attitude: one record for each estimate that it told in flight.
 
-The file is like the journal: a line of JSON, then records of little-endian float64.
+The file has the form of the journal: a line of JSON, then records of little-endian float64.
 """
 
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.files import TEXT, open_regular
 from firmware_model.guest.pilot import Estimate
-from firmware_model.recording.durable_file import AppendOnlyFile
+from firmware_model.recording.journal import JournalWriter
 
 ESTIMATE = np.dtype(
     [
@@ -24,36 +22,18 @@ ESTIMATE = np.dtype(
 ATTITUDE_SUFFIX = ".attitude"
 """Suffix of the file, beside the journal."""
 _BUFFER = 50  # records, a second
-_HEADER = b'{"kind":"attitude of a guest autopilot"}\n'
+_HEADER = {"kind": "attitude of a guest autopilot"}
 
 
-class EstimateWriter:
+class EstimateWriter(JournalWriter):
     """Writer of a new file of estimates; as a context manager it leaves the file complete."""
 
     def __init__(self, path: Path) -> None:
-        self._file, self._rows = AppendOnlyFile(path), list[float]()
-        self._file.write(_HEADER)
+        super().__init__(path, _HEADER, _BUFFER, ESTIMATE)
 
-    def append(self, estimate: Estimate) -> None:
+    def append_estimate(self, estimate: Estimate) -> None:
         """Append one estimate."""
-        self._rows += (estimate.time_us, *estimate.q_NB, *estimate.setpoint_q_NB)
-        if len(self._rows) >= _BUFFER * ESTIMATE.itemsize // 8:
-            self._flush()
-
-    def _flush(self) -> None:
-        rows, self._rows = self._rows, []
-        self._file.write(np.array(rows, dtype="<f8").tobytes())
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            self._flush()
-        finally:
-            self._file.close()
+        self.append((estimate.time_us, *estimate.q_NB, *estimate.setpoint_q_NB))
 
 
 def read_estimates(path: Path) -> NDArray[np.void]:

@@ -58,7 +58,8 @@ THRUST_COMMAND, THRUST, ROTORS = _OFFSETS["thrust_z_command"], _OFFSETS["thrust_
 class JournalWriter:
     """Writer of a new journal file; as a context manager it leaves the file complete.
 
-    A crash of the process can lose `buffer_records`: by default a second at 250 Hz.
+    A crash of the process can lose `buffer_records`: by default a second at 250 Hz. A `record` other than `RECORD` is
+    of float64 too.
 
     Raises
     ------
@@ -68,14 +69,16 @@ class JournalWriter:
         If the disk is full; earlier records stay readable.
     """
 
-    def __init__(self, path: Path, header: Mapping[str, Any], buffer_records: int = 250) -> None:
+    def __init__(
+        self, path: Path, header: Mapping[str, Any], buffer_records: int = 250, record: np.dtype[np.void] = RECORD
+    ) -> None:
         self._file = AppendOnlyFile(path)
         self._file.write(json.dumps(header, separators=(",", ":")).encode() + b"\n")
-        self._block = np.empty((buffer_records, WIDTH))
+        self._block = np.empty((buffer_records, record.itemsize // 8))
         self._used = 0
 
-    def append(self, record: NDArray[np.float64]) -> None:
-        """Append one record (WIDTH,)."""
+    def append(self, record: NDArray[np.float64] | Sequence[float]) -> None:
+        """Append the numbers of one record, (WIDTH,) of a `RECORD`."""
         self._block[self._used] = record
         self._used += 1
         if self._used == len(self._block):

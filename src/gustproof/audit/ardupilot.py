@@ -18,7 +18,7 @@ from typing import Any
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.errors import ConfigError
-from firmware_model.guest.ardupilot_process import find_build
+from firmware_model.guest.ardupilot_process import find_build, place_and_links
 from firmware_model.guest.child import ChildProcess
 from gustproof.audit.simulator import Air, Motion, NotReachable, Simulator
 from gustproof.audit.turbulence import expected_turbulence
@@ -102,7 +102,6 @@ class ArduPilotQuad(Simulator):
         rate = round(1.0 / dt)
         values = {**_PARAMETERS, "SIM_RATE_HZ": rate, "SCHED_LOOP_RATE": min(rate, 200)}
         (folder / "audit.parm").write_text("".join(f"{name} {value}\n" for name, value in values.items()))
-        port = self._socket.getsockname()[1]
         command = [
             str(self._program),
             "-w",
@@ -112,18 +111,7 @@ class ArduPilotQuad(Simulator):
             str(_SPEEDUP),
             "--defaults",
             "audit.parm",
-            "--home",
-            "47.397742,8.545594,0,0",
-            "--serial0",
-            f"udpclient:127.0.0.1:{port}",
-            "--serial1",
-            "none:1",
-            "--serial2",
-            "none:2",
-            "--serial4",
-            "none:4",
-            "--rc-in-port",
-            "0",
+            *place_and_links(self._socket.getsockname()[1]),
         ]
         self._process = ChildProcess(command, folder, os.environ)
         self._wait(lambda: "HEARTBEAT" in self._heard, "heartbeat")

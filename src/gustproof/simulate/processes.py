@@ -7,7 +7,6 @@ The vehicle's process leaves the journal; law, scenario and seed give the same b
 
 import contextlib
 import json
-import os
 import subprocess
 import sys
 import time
@@ -22,6 +21,7 @@ from pydantic_core import to_jsonable_python
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
+from firmware_model.guest.child import share_core
 from firmware_model.recording.journal import RECORD, count_records, read_journal
 from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
 from gustproof.law.form import Law
@@ -173,7 +173,7 @@ class _ProcessPair:
         on_listening(ports[0], self._journal)
         self._address = f"127.0.0.1:{ports[-1]}\n"
         if "--lockstep" in self._options:
-            _share_core([process.pid for process in self._processes.values()])
+            share_core([process.pid for process in self._processes.values()])
         self._send_address()
 
     def _launch_controller(self, name: str) -> None:
@@ -259,14 +259,6 @@ class _ProcessPair:
         terminate(process)
         lines = process.stderr.read().strip().splitlines() if process.stderr else []
         return lines[-1] if lines else ""
-
-
-def _share_core(pids: list[int]) -> None:
-    """Pin processes that alternate to the core of the first: to wake another core takes longer."""
-    with contextlib.suppress(OSError, AttributeError):  # a system without this call goes on without it
-        fields = Path(f"/proc/{pids[0]}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-        for pid in pids:
-            os.sched_setaffinity(pid, (int(fields[36]),))  # the core that it ran on last
 
 
 def terminate(process: subprocess.Popen[str]) -> None:
