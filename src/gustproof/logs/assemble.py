@@ -1,5 +1,6 @@
 """Make a flight log of what a reader found in a file: one clock, plausible numbers, and what is wrong in words."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -15,8 +16,10 @@ _LARGEST = {"gyro": 100.0, "command": 1e6, "motors": 1e3, "accelerometer": 2000.
 """In the signal's unit; no instrument or set-point of a vehicle that flies is beyond it."""
 _RESET_US, _PAUSE_US = -1e6, 600e6  # steps of a clock that was set anew
 _WANTED_RATE = 100.0  # [Hz] below which the loop's lag can't be told from the sampling
+_NEARLY = 0.8  # share of the highest rate
 _GAP = 1.5  # share of the usual step
 _CLIPPED = 3.0  # [rad/s] below the least range of a gyro, 250 deg/s
+_NAMED = 8  # parameters in a line
 _MOTORS_RUN = 0.25  # share of the flight's usual motor command
 _SHORTEST_S = 0.5  # stretch in the air, and pause that ends one
 
@@ -48,6 +51,29 @@ class Draft:
     command_unit: CommandUnit = CommandUnit.NORMALISED
     parameters: dict[str, float] = field(default_factory=dict)
     findings: list[str] = field(default_factory=list)
+
+
+class Parameters:
+    """Parameters as they are logged: the last value counts."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, float] = {}
+        self._changed: set[str] = set()
+
+    def add(self, name: str, value: float) -> None:
+        """Take a value; one that is not finite has no effect."""
+        if math.isfinite(value):
+            if self.values.get(name, value) != value:
+                self._changed.add(name)
+            self.values[name] = value
+
+    def findings(self) -> list[str]:
+        """Return a line if parameters have changed during the log."""
+        names = sorted(self._changed)
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        return [f"parameters: changed in this log, the last value counts: {', '.join(names[:_NAMED])}{more}"] * bool(
+            names
+        )
 
 
 def assemble(draft: Draft) -> FlightLog:
@@ -192,6 +218,14 @@ def _stretches(time: Array, in_air: NDArray[np.bool_], end: float) -> tuple[tupl
             begin = merged.pop()[0]
         merged.append((max(begin, 0.0), stop))
     return tuple((begin, stop) for begin, stop in merged if stop - begin >= _SHORTEST_S)
+
+
+def fastest(sources: Sequence[Rows]) -> Rows:
+    """Return the first of the sources of a signal that has nearly the highest rate of them all."""
+    rates = [
+        len(rows.time_us) / max(float(np.ptp(rows.time_us)), 1.0) if len(rows.time_us) else 0.0 for rows in sources
+    ]
+    return next(rows for rows, rate in zip(sources, rates, strict=True) if rate >= _NEARLY * max(rates))
 
 
 def stack(columns: Sequence[Array]) -> Array:

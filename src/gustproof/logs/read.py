@@ -7,17 +7,21 @@ from pathlib import Path
 from firmware_model.config.files import open_regular
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
-from gustproof.logs import crazyflie
+from gustproof.logs import crazyflie, dataflash, ulog
 from gustproof.logs.assemble import Draft, assemble
 from gustproof.logs.bag import read_own_bag
 from gustproof.logs.crazyflie import read_crazyflie
+from gustproof.logs.dataflash import read_dataflash
 from gustproof.logs.flight_log import FlightLog
 from gustproof.logs.table import read_table
+from gustproof.logs.ulog import read_ulog
 
 _DAMAGED = (ArithmeticError, LookupError, UnicodeError, struct.error)
 _Reader = Callable[[Path], Draft]
 _BY_MAGIC: dict[bytes, _Reader] = {
     b"\x89MCAP0\r\n": read_own_bag,
+    ulog.MAGIC: read_ulog,
+    dataflash.MAGIC: read_dataflash,
     crazyflie.MAGIC: read_crazyflie,
 }
 _BY_SUFFIX: dict[str, _Reader] = {".csv": read_table, ".txt": read_table}
