@@ -35,6 +35,12 @@ class Rows:
     values: Array
     """(n, k) in the unit of the signal in `FlightLog`."""
 
+    def chosen(self, which: NDArray[np.bool_]) -> "Rows":
+        """Return the samples (m,) where `which` (n,) is true."""
+        if which.all():
+            return self
+        return Rows(position=self.position[which], time_us=self.time_us[which], values=self.values[which])
+
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class Draft:
@@ -90,7 +96,7 @@ def assemble(draft: Draft) -> FlightLog:
     findings = list(draft.findings)
     if "gyro" not in draft.rows or len(draft.rows["gyro"].time_us) == 0:
         raise ValueError("no gyro in it")
-    begin, end = _longest_piece(draft.rows["gyro"], findings)
+    begin, end = longest_piece(draft.rows["gyro"], findings)
     sound = {name: _sound(name, _cut(rows, begin, end), findings) for name, rows in draft.rows.items()}
     kept = {name: rows for name, rows in sound.items() if len(rows.time_us) > 1}
     if "gyro" not in kept:
@@ -119,7 +125,7 @@ def assemble(draft: Draft) -> FlightLog:
     )
 
 
-def _longest_piece(gyro: Rows, findings: list[str]) -> tuple[int, int]:
+def longest_piece(gyro: Rows, findings: list[str]) -> tuple[int, int]:
     """Return first and last place in the file of the longest piece without a reset of the clock."""
     finite = np.isfinite(gyro.time_us)
     time_us, position = gyro.time_us[finite], gyro.position[finite]
@@ -143,13 +149,7 @@ def _longest_piece(gyro: Rows, findings: list[str]) -> tuple[int, int]:
 
 def _cut(rows: Rows, begin: int, end: int) -> Rows:
     """Return the rows from place `begin` to `end`, both included."""
-    return _chosen(rows, (rows.position >= begin) & (rows.position <= end))
-
-
-def _chosen(rows: Rows, which: NDArray[np.bool_]) -> Rows:
-    if which.all():
-        return rows
-    return Rows(position=rows.position[which], time_us=rows.time_us[which], values=rows.values[which])
+    return rows.chosen((rows.position >= begin) & (rows.position <= end))
 
 
 def _sound(name: str, rows: Rows, findings: list[str]) -> Rows:
@@ -159,12 +159,12 @@ def _sound(name: str, rows: Rows, findings: list[str]) -> Rows:
     absurd = len(usable) - int(np.count_nonzero(usable))
     if absurd:
         findings.append(f"{name}: {absurd:,} of {len(usable):,} samples are no plausible numbers: left out")
-    rows = _chosen(rows, usable)
+    rows = rows.chosen(usable)
     latest = np.maximum.accumulate(np.concatenate(([-np.inf], rows.time_us)))[:-1]
     rising = rows.time_us > latest
     if late := len(rising) - int(np.count_nonzero(rising)):
         findings.append(f"{name}: {late:,} of {len(rising):,} samples are out of order or twice: left out")
-    return _chosen(rows, rising)
+    return rows.chosen(rising)
 
 
 def _shortcomings(signals: dict[str, Signal]) -> list[str]:

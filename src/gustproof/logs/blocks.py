@@ -1,5 +1,6 @@
 """Read a binary log block by block, and keep the records that are wanted: memory is bounded, whatever the file says."""
 
+import os
 from array import array
 from collections.abc import Callable, Hashable
 from pathlib import Path
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from firmware_model.config.files import MIB, open_regular
 
 _BLOCK = 4 * MIB
+_LARGEST = 4096 * MIB
 _KEPT = 256 * MIB
 _RECORD = 24  # [bytes] of bookkeeping that a record takes
 
@@ -24,9 +26,13 @@ def read_blocks(path: Path, consume: Callable[[bytes, int], int]) -> int:
     ------
     OSError
         If the file can't be read.
+    ValueError
+        If it is too large to be read in minutes.
     """
     buffer, place = b"", 0
     with open_regular(path) as file:
+        if os.fstat(file.fileno()).st_size > _LARGEST:
+            raise ValueError(f"is larger than {_LARGEST // MIB:,} MiB")
         while block := file.read(_BLOCK):
             buffer += block
             used = consume(buffer, place)

@@ -6,12 +6,13 @@ that is filtered less. Batches of the sampler (ISBD) are not used: they are burs
 
 References
 ----------
-ArduPilot, `libraries/AP_Logger/README.md` and `LogStructure.h`; AP_Motors, `MOT_PWM_MIN` and `MOT_PWM_MAX`.
+ArduPilot, `libraries/AP_Logger/README.md` and `LogStructure.h`; AP_Motors.
 """
 
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from gustproof.logs.assemble import Draft, Parameters, Rows, fastest
 from gustproof.logs.blocks import Kept, read_blocks
+from gustproof.logs.pulses import motor_commands
 from gustproof.types import Array
 
 _BEGIN = b"\xa3\x95"
@@ -46,8 +48,7 @@ _TYPES = {
 _HUNDREDTHS = "cCeE"
 _DEGREE = math.pi / 180.0
 _TAKEN_OFF, _ON_GROUND = 28, (11, 18)  # events NOT_LANDED; DISARMED, LAND_COMPLETE
-_MOTOR_FUNCTIONS = (*range(33, 41), *range(82, 86))  # SERVOn_FUNCTION of motors 1 to 12
-_PWM = (1000.0, 2000.0)  # [us] motor off and full, unless the log tells them
+_OUTPUT = re.compile(r"C(?:h|han)?(\d{1,2})")
 
 
 class _Source(NamedTuple):
@@ -195,22 +196,13 @@ def _parameters(parser: _Parser) -> Parameters:
 
 
 def _motors(parser: _Parser, parameters: dict[str, float]) -> Rows | None:
-    """Return the commands 0..1 of the motors by their pulses, in the order of the motors."""
+    """Return the commands 0..1 of the motors."""
     _, table = parser.message("RCOU")
-    names = table.dtype.names or ()
-    channel = re.compile(r"C(?:h|han)?(\d+)")
-    outputs = {int(match[1]): name for name in names if (match := channel.fullmatch(name))}
-    functions = {number: parameters.get(f"SERVO{number}_FUNCTION", 0.0) for number in outputs}
-    motors = sorted((_MOTOR_FUNCTIONS.index(int(f)), n) for n, f in functions.items() if f in _MOTOR_FUNCTIONS)
-    numbers = [number for _, number in motors] or [number for number in (1, 2, 3, 4) if number in outputs]
-    rows = parser.rows(_Source("RCOU", tuple(outputs[number] for number in numbers))) if numbers else None
-    if rows is None:
+    outputs = {int(match[1]): name for name in table.dtype.names or () if (match := _OUTPUT.fullmatch(name))}
+    if not outputs or (rows := parser.rows(_Source("RCOU", tuple(outputs.values())))) is None:
         return None
-    least, most = (
-        parameters.get(name) or usual for name, usual in zip(("MOT_PWM_MIN", "MOT_PWM_MAX"), _PWM, strict=True)
-    )
-    share = (rows.values - least) / max(most - least, 1.0)
-    return Rows(position=rows.position, time_us=rows.time_us, values=np.clip(share, 0.0, 1.0))
+    values = motor_commands(dict(zip(outputs, rows.values.T, strict=True)), parameters)
+    return None if values is None else replace(rows, values=values)
 
 
 def _in_air(parser: _Parser) -> Rows | None:

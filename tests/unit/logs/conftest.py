@@ -1,11 +1,14 @@
 """Writers of small, valid logs in the formats of others."""
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from firmware_model.errors import ConfigError
+from gustproof.logs.read import read_log
 
 ULOG_TYPES = {"uint64_t": "Q", "uint32_t": "I", "uint8_t": "B", "float": "f", "bool": "?", "int16_t": "h"}
 
@@ -61,7 +64,7 @@ def px4_topics() -> list[list[bytes]]:
         ulog_topic(
             3,
             "sensor_combined",
-            "uint64_t timestamp;float[3] gyro_rad;uint32_t gyro_integral_dt;uint32_t unused;float[3] accelerometer_m_s2",
+            "uint64_t timestamp;float[3] gyro_rad;uint32_t gyro_integral_dt;uint32_t flags;float[3] accelerometer_m_s2",
             combined,
         ),
         ulog_topic(
@@ -138,6 +141,56 @@ def written(tmp_path: Path) -> Callable[[str, bytes], Path]:
         return path
 
     return write
+
+
+SEEDS = 25  # for each format, four files a seed
+
+
+def mutations(content: bytes, seed: int) -> Iterator[bytes]:
+    """Yield a file with some bits, or a run of bytes, changed; one that is cut, and one with a part twice."""
+    rng = np.random.default_rng(seed)
+    flipped = bytearray(content)
+    for place in rng.integers(len(content), size=int(rng.choice([1, 10, 300]))):
+        flipped[place] = int(rng.integers(256))
+    yield bytes(flipped)
+    begin, end = sorted(rng.integers(len(content), size=2).tolist())
+    filled = bytearray(content)
+    filled[begin:end] = bytes([int(rng.choice([0, 255, 68, 163]))]) * (end - begin)
+    yield bytes(filled)
+    yield content[:end]
+    yield content[:end] + content[begin:]
+
+
+def read_or_refuse(path: Path) -> None:
+    """Read a log, or see it refused in one line that names it."""
+    refusal = ""
+    try:
+        log = read_log(path)
+    except ConfigError as error:
+        refusal = str(error)
+    if refusal:
+        assert refusal.startswith(f"{path}: ")
+        assert len(refusal) > len(f"{path}: ")
+        assert refusal.isprintable()
+        return
+    assert len(log.gyro.time) > 1
+    for signal in (log.gyro, log.command, log.motors, log.accelerometer, log.attitude, log.reference):
+        if signal is not None:
+            assert np.all(np.diff(signal.time) > 0.0)
+            assert np.all(np.isfinite(signal.values))
+    assert all(line.isprintable() for line in log.findings)
+
+
+@pytest.fixture
+def check_mutations(written: Callable[[str, bytes], Path]) -> Callable[..., None]:
+    """Read a hundred mutations of a file, each finished by a function."""
+
+    def check(name: str, content: bytes, finish: Callable[[bytes], bytes] = lambda mutated: mutated) -> None:
+        for seed in range(SEEDS):
+            for mutated in mutations(content, seed):
+                read_or_refuse(written(name, finish(mutated)))
+
+    return check
 
 
 @pytest.fixture
