@@ -4,9 +4,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gustproof.identification.likelihood import CORNER, DAMPING, DELAY, DRIVE, GAINS, LAG, NOISE, AxisData
+from gustproof.identification.likelihood import (
+    DAMPING,
+    DELAY,
+    FAST,
+    FAST_DRIVE,
+    GAINS,
+    LAG,
+    NOISE,
+    SLOW,
+    SLOW_DRIVE,
+    AxisData,
+)
 from gustproof.identification.spectra import (
-    FrequencyResponse, even_series, frequency_response, high_pass, low_pass, power_share,
+    FrequencyResponse,
+    even_series,
+    frequency_response,
+    high_pass,
+    low_pass,
+    power_share,
 )  # fmt: skip
 from gustproof.logs.flight_log import Signal
 from gustproof.types import Array
@@ -97,8 +113,21 @@ def disturbance_rms(curves: Curves, theta: Array) -> float:
         residual = np.gradient(rate - caused, curves.dt) + curves.damping * (rate - caused)
         n = len(residual)
         omega = 2.0 * np.pi * np.fft.rfftfreq(n, curves.dt)[1:]
-        wanted = 2.0 * np.exp(theta[DRIVE]) / (omega**2 + np.exp(2.0 * theta[CORNER]))
+        wanted = _disturbance_density(theta, omega)
         share = wanted / (wanted + noise * (omega**2 + curves.damping**2))
         spectrum = np.abs(np.fft.rfft(residual - residual.mean())[1:]) ** 2
         power, weight = power + float(2.0 * share @ spectrum) / n, weight + n
     return float(np.sqrt(power / weight))
+
+
+def disturbance_corner(theta: Array) -> float:
+    """Return the frequency [rad/s] at which the spectrum of the disturbance falls to a half of its highest."""
+    omega = np.geomspace(1e-2, 1e3, 2001)
+    density = _disturbance_density(theta, omega)
+    return float(omega[np.flatnonzero(density > 0.5 * density[0])[-1]])
+
+
+def _disturbance_density(theta: Array, omega: Array) -> Array:
+    """Return the one-sided density [rad^2/s^4/(rad/s) times pi] of the disturbance at `omega` [rad/s]."""
+    parts = ((theta[SLOW], theta[SLOW_DRIVE]), (theta[FAST], theta[FAST_DRIVE]))
+    return np.asarray(sum(2.0 * np.exp(drive) / (omega**2 + np.exp(2.0 * corner)) for corner, drive in parts))

@@ -6,14 +6,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from gustproof.errors import ConfigError
-from gustproof.identification.curves import Curves, disturbance_rms, make_curves, model_response
+from gustproof.identification.curves import Curves, disturbance_corner, disturbance_rms, make_curves, model_response
 from gustproof.identification.identification import AxisEstimate, Identification, Interval
 from gustproof.identification.intervals import bootstrap, interval
 from gustproof.identification.likelihood import (
-    CORNER, DAMPING, DELAY, GAINS, LAG, NOISE, SHARED, AxisData, Fit, maximise, places, solve_gains,
+    DAMPING,
+    DELAY,
+    GAINS,
+    LAG,
+    NOISE,
+    SHARED,
+    AxisData,
+    Fit,
+    maximise,
+    places,
+    solve_gains,
 )  # fmt: skip
 from gustproof.identification.stretches import (
-    BIN, SHORTEST, Stretch, cut_stretch, find_stretches, keep_first, keep_rest, sample_time,
+    BIN,
+    SHORTEST,
+    Stretch,
+    cut_stretch,
+    find_stretches,
+    keep_first,
+    keep_rest,
+    sample_time,
 )  # fmt: skip
 from gustproof.logs.flight_log import CommandUnit, FlightLog, Signal
 from gustproof.types import Array
@@ -128,7 +145,7 @@ def _guess(group: list[AxisData], lag: float, delay: float) -> Array:
         rate, dt = data.rate(), float(np.median(np.diff(data.time)))
         noise = float(np.var(np.diff(rate, 2))) / 6.0 + 1e-14
         power = float(np.var(np.diff(rate))) / dt**2 + 1e-8
-        theta = np.array([np.log(lag), delay, 0.3, *np.log([noise, 2.0, power, 1e-4 * dt * power])])
+        theta = np.array([np.log(lag), delay, 0.3, *np.log([noise, 0.5, power, 30.0, 10.0 * power])])
         parts.append(solve_gains(data, np.concatenate([theta, np.zeros(len(data.channels))]))[SHARED:])
     return np.concatenate(parts)
 
@@ -187,7 +204,7 @@ def _estimate(axis: _Axis, curves: Curves, held_out: float, dt: float) -> AxisEs
         damping=None if gain is None else damping,
         noise=float(np.sqrt(2.0 * np.exp(theta[NOISE]) * dt)),
         disturbance_rms=disturbance_rms(curves, theta),
-        disturbance_corner=float(np.exp(theta[CORNER])),
+        disturbance_corner=disturbance_corner(theta),
         held_out_r2=None if gain is None else held_out,
         advice="" if gain is not None else _advise(axis, curves),
     )

@@ -13,14 +13,14 @@ from gustproof.identification.rate_response import prediction_errors
 from gustproof.identification.stretches import Stretch
 from gustproof.types import Array
 
-LAG, DELAY, DAMPING, NOISE, CORNER, DRIVE, WHITE, GAINS = range(8)
+LAG, DELAY, DAMPING, NOISE, SLOW, SLOW_DRIVE, FAST, FAST_DRIVE, GAINS = range(9)
 """Places of an axis' parameters: logarithms apart from delay, damping and gains."""
 SHARED = 2
 """First parameters of an axis, which all axes share."""
-_LOW = np.array([np.log(0.004), -0.01, 0.0, -40.0, np.log(0.02), -40.0, -40.0])
-_HIGH = np.array([np.log(0.4), 0.12, 25.0, 5.0, np.log(40.0), 25.0, 10.0])
-_REACH = np.array([0.5, 0.02, 2.0, 2.0, 2.0, 2.0, 2.0])  # of one step
-_STEP = np.array([1e-4, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4])
+_LOW = np.array([np.log(0.004), -0.01, 0.0, -40.0, np.log(0.02), -40.0, np.log(4.0), -40.0])
+_HIGH = np.array([np.log(0.4), 0.12, 25.0, 5.0, np.log(40.0), 30.0, np.log(200.0), 35.0])
+_REACH = np.array([0.5, 0.02, 2.0, 2.0, 1.0, 2.0, 1.0, 2.0])  # of one step
+_STEP = np.array([1e-4, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,7 +62,7 @@ class AxisData:
         count = np.concatenate([s.count for s in self.stretches])
         out, variance = np.empty_like(signals), np.empty(len(signals))
         model = np.array([theta[DAMPING], *np.exp(theta[NOISE:GAINS])])
-        prediction_errors(self.time, count, start, signals, model, np.empty((2, signals.shape[1])), out, variance)
+        prediction_errors(self.time, count, start, signals, model, np.empty((3, signals.shape[1])), out, variance)
         out[start != 0.0] = 0.0
         return out, variance
 

@@ -23,7 +23,7 @@ def command_response(
     """Write the rate's response (n, k) at `time` (n,) [s] to k commands, from rest, per unit of angular acceleration.
 
     Each of the commands (m, k) is held from its `command_time` (m,) [s] plus delay, passes a first-order lag, is
-    squared if `square`, and drives a rate that decays by its damping. The lag starts settled at the first. `model` holds lag [s],
+    squared if `square`, and drives a rate that decays by its damping. The lag starts settled. `model` holds lag [s],
     delay [s], damping [1/s]; `state` (2, k) is work space.
     """
     lag, delay, damping = model[0], model[1], model[2]
@@ -59,60 +59,72 @@ def prediction_errors(
 ) -> None:
     """Write the errors (n, k) of predicting each of k signals (n, k) from its own past, and their variance (n,).
 
-    The predictor is the Kalman filter of a rate that decays by its damping under white and coloured angular
-    acceleration, seen with white noise. It is linear: errors of `y - W g` are those of y minus those of W times g.
+    The predictor is the Kalman filter of a rate that decays by its damping under two disturbances of first order, a
+    slow one and a fast one, seen with white noise. It is linear: errors of `y - W g` are those of y minus those of W
+    times g.
 
     Parameters
     ----------
     time
         (n,) [s] strictly increasing within a stretch.
     count
-        (n,) samples averaged into each; 0 if it is to be predicted only.
+        (n,) samples averaged into each.
     start
-        (n,) 1 where a stretch begins: all that is known there is the spectrum of the disturbance.
+        (n,) 1 where a stretch begins: all that is known there are the spectra of the disturbances.
     model
-        Damping [1/s], variance of the noise of a sample, corner [rad/s] of the disturbance, its drive [rad^2/s^5],
-        which is `2 corner rms^2`, and the spectral density of the white acceleration [rad^2/s^3].
+        Damping [1/s], variance [rad^2/s^2] of the noise of a sample; of the slow, then of the fast disturbance the
+        corner [rad/s] and the drive `2 corner rms^2` [rad^2/s^5].
     state
-        (2, k) work space.
+        (3, k) work space.
     """
-    damping, noise, corner, drive, white = model[0], model[1], model[2], model[3], model[4]
-    p11, p12, p22, before, h_before = 0.0, 0.0, 0.0, 0.0, -1.0
-    a, b, rho, q11, q12, q22 = 1.0, 0.0, 1.0, 0.0, 0.0, 0.0
+    damping, noise, slow, slow_drive, fast, fast_drive = model[0], model[1], model[2], model[3], model[4], model[5]
+    before, h_before = 0.0, -1.0
+    pww, pws, pwf, pss, psf, pff = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    a, b, c, r, s = 1.0, 0.0, 0.0, 1.0, 1.0
+    qww, qws, qwf, qss, qff = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(time.size):
         if start[k] != 0.0:
-            p11, p12, p22 = 1e4, 0.0, drive / (2.0 * corner)
-            for c in range(signals.shape[1]):
-                state[0, c], state[1, c] = 0.0, 0.0
+            pww, pws, pwf, psf = 1e4, 0.0, 0.0, 0.0
+            pss, pff = slow_drive / (2.0 * slow), fast_drive / (2.0 * fast)
+            for i in range(signals.shape[1]):
+                state[0, i], state[1, i], state[2, i] = 0.0, 0.0, 0.0
         else:
             h = time[k] - before
             if abs(h - h_before) > 1e-9:
-                h_before = h
-                half, rho_half = math.exp(-0.5 * damping * h), math.exp(-0.5 * corner * h)
-                a, rho = half * half, rho_half * rho_half
-                b_half = _decay_integral(corner, half, 0.5 * h, damping)
-                b = _decay_integral(corner, a, h, damping)
-                w = drive * h / 6.0  # Simpson's rule over the step: positive weights, so Q is positive semidefinite
-                q11 = w * (4.0 * b_half * b_half + b * b) + white * h
-                q12 = w * (4.0 * b_half * rho_half + b * rho)
-                q22 = w * (1.0 + 4.0 * rho_half * rho_half + rho * rho)
-            p11 = a * a * p11 + 2.0 * a * b * p12 + b * b * p22 + q11
-            p12 = rho * (a * p12 + b * p22) + q12
-            p22 = rho * rho * p22 + q22
-            for c in range(signals.shape[1]):
-                state[0, c] = a * state[0, c] + b * state[1, c]
-                state[1, c] = rho * state[1, c]
+                h_before, a = h, math.exp(-damping * h)
+                b, r, v, qws, qss = _disturbance(slow, slow_drive, h, damping)
+                c, s, qww, qwf, qff = _disturbance(fast, fast_drive, h, damping)
+                qww += v
+            fww, fws, fwf = a * pww + b * pws + c * pwf, a * pws + b * pss + c * psf, a * pwf + b * psf + c * pff
+            pww = a * fww + b * fws + c * fwf + qww
+            pws, pwf, psf = r * fws + qws, s * fwf + qwf, r * s * psf
+            pss, pff = r * r * pss + qss, s * s * pff + qff
+            for i in range(signals.shape[1]):
+                state[0, i] = a * state[0, i] + b * state[1, i] + c * state[2, i]
+                state[1, i], state[2, i] = r * state[1, i], s * state[2, i]
         before = time[k]
-        s = p11 + noise / max(count[k], 1.0)
-        gain1, gain2 = p11 / s, p12 / s
-        variance[k] = s
-        if count[k] == 0.0:
-            gain1, gain2 = 0.0, 0.0
-        for c in range(signals.shape[1]):
-            error = signals[k, c] - state[0, c]
-            errors[k, c] = error
-            state[0, c] += gain1 * error
-            state[1, c] += gain2 * error
-        p22 -= gain2 * p12
-        p12 -= gain1 * p12
-        p11 -= gain1 * p11
+        total = pww + noise / count[k]
+        gain, to_slow, to_fast = pww / total, pws / total, pwf / total
+        variance[k] = total
+        for i in range(signals.shape[1]):
+            error = signals[k, i] - state[0, i]
+            errors[k, i] = error
+            state[0, i] += gain * error
+            state[1, i] += to_slow * error
+            state[2, i] += to_fast * error
+        pss, psf, pff = pss - to_slow * pws, psf - to_slow * pwf, pff - to_fast * pwf
+        pww, pws, pwf = pww - gain * pww, pws - gain * pws, pwf - gain * pwf
+
+
+@kernel
+def _disturbance(corner: float, drive: float, h: float, damping: float) -> tuple[float, float, float, float, float]:
+    """Return what a disturbance does in a step of `h` [s] to the rate and keeps of itself, and its noise.
+
+    The noise is the variance of the rate, the covariance with the disturbance, and the disturbance's variance, by
+    Simpson's rule: its weights are positive, so that the covariance has no negative eigenvalue.
+    """
+    half, decay = math.exp(-0.5 * corner * h), math.exp(-0.5 * damping * h)
+    middle, whole = _decay_integral(corner, decay, 0.5 * h, damping), _decay_integral(corner, decay * decay, h, damping)
+    w, kept = drive * h / 6.0, half * half
+    variance, covariance = w * (4.0 * middle * middle + whole * whole), w * (4.0 * middle * half + whole * kept)
+    return whole, kept, variance, covariance, w * (1.0 + 4.0 * kept + kept * kept)
