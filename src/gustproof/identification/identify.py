@@ -1,0 +1,237 @@
+"""Identification of a vehicle from a flight log: gains, actuator lag, delay, damping, disturbance and gyro noise."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gustproof.errors import ConfigError
+from gustproof.identification.curves import Curves, disturbance_corner, disturbance_rms, make_curves, model_response
+from gustproof.identification.identification import AxisEstimate, Identification, Interval
+from gustproof.identification.intervals import bootstrap, interval
+from gustproof.identification.likelihood import (
+    DAMPING,
+    DELAY,
+    GAINS,
+    LAG,
+    NOISE,
+    SHARED,
+    AxisData,
+    Fit,
+    maximise,
+    places,
+    solve_gains,
+)  # fmt: skip
+from gustproof.identification.stretches import (
+    BIN,
+    SHORTEST,
+    Stretch,
+    cut_stretch,
+    find_stretches,
+    keep_first,
+    keep_rest,
+    sample_time,
+)  # fmt: skip
+from gustproof.logs.flight_log import CommandUnit, FlightLog, Signal
+from gustproof.types import Array
+
+_AXES = ("roll", "pitch", "yaw")
+_LEARNT = 2.0 / 3.0  # of the flight; the rest is predicted
+_LAGS, _DELAYS = (0.015, 0.04, 0.1), (0.002, 0.02)  # [s] where the search starts
+_LOOSE = 0.5  # half width of a gain's interval by the gain, beyond which it is not told
+_APART = 3.0  # standard deviations between lags that are not one
+
+Spans = Sequence[tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Axis:
+    """Fitted model of one axis."""
+
+    data: AxisData
+    theta: Array
+    """(p,) parameters, see `likelihood`."""
+    replicates: Array
+    """(r, p) the same, bootstrapped."""
+
+    @property
+    def gain(self) -> Interval | None:
+        """[rad/s^2 per unit] sum of the channels' magnitudes, `None` if it is too loose."""
+        gain = interval(self.theta, self.replicates, lambda p: np.abs(p[..., GAINS:-1]).sum(axis=-1))
+        reach = max(gain.high - gain.nominal, gain.nominal - gain.low)
+        sound = gain.nominal > 0.0 and (self.data.square or self.theta[GAINS] > 0.0)
+        return gain if sound and reach < _LOOSE * gain.nominal else None
+
+
+def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None) -> Identification:
+    """Return the estimates of a vehicle from one log.
+
+    `progress` is called with the share of the work that is done, 0..1. The same log gives the same bits. A log does not
+    say if its command is held between samples or a sample of something faster. So the delay's interval spans half of a
+    sample more.
+
+    Raises
+    ------
+    ConfigError
+        If the log has no commands, or is too short in the air.
+    """
+    tell = progress or (lambda _: None)
+    command, square = _find_command(log)
+    spans = find_stretches(log, command)
+    learnt = keep_first(spans, _LEARNT)
+    rest = keep_rest(spans, _LEARNT)
+    if not learnt or not rest:
+        raise ConfigError(f"{log.source}: too short: {3.0 * SHORTEST:g} s in the air without a gap are needed")
+    tell(0.02)
+    trained = _fit_axes(_cut(log, command, learnt), square, None)
+    tell(0.5)
+    axes = _fit_axes(_cut(log, command, spans), square, [axis.theta for axis in trained])
+    tell(0.9)
+    ahead = _cut(log, command, rest)
+    dt = max(BIN, sample_time(log.gyro))
+    held_out = [_held_out(axis, ahead, dt) for axis in trained]
+    return _collect(log, command, axes, held_out, dt)
+
+
+def _find_command(log: FlightLog) -> tuple[Signal, bool]:
+    """Return the commands to explain the rates by, and whether they are of motors."""
+    if log.command is not None and len(log.command.time) > 1:
+        return log.command, False
+    if log.motors is not None and len(log.motors.time) > 1:
+        return log.motors, True
+    raise ConfigError(f"{log.source}: neither torque commands nor motor outputs are logged")
+
+
+def _cut(log: FlightLog, command: Signal, spans: Spans) -> list[Stretch]:
+    return [cut_stretch(log.gyro, command, begin, end) for begin, end in spans]
+
+
+def _fit_axes(stretches: list[Stretch], square: bool, near: list[Array] | None) -> list[_Axis]:
+    """Return the fit of each axis; begin `near` earlier parameters.
+
+    Lag and delay are shared by roll and pitch, and by yaw if its own are not far from theirs: the rotors' inertia
+    can make it faster.
+    """
+    width = stretches[0].command.shape[1]
+    data = [
+        AxisData(
+            stretches=stretches, axis=i, channels=[*(range(width - 1) if square else (i,)), width - 1], square=square
+        )
+        for i in range(3)
+    ]
+    fits = [_fit(data[:2], near), _fit(data[2:], near and near[2:])]
+    if _agree(*fits):
+        fits = [maximise(data, np.concatenate([fits[0].theta, fits[1].theta[SHARED:]]))]
+    axes = []
+    for fit in fits:
+        replicates = bootstrap(fit)
+        for one, at in zip(fit.axes, places(fit.axes), strict=True):
+            axes.append(_Axis(data=one, theta=fit.theta[at], replicates=replicates[:, at]))
+    return axes
+
+
+def _fit(group: list[AxisData], near: list[Array] | None) -> Fit:
+    """Return the best fit of axes that share lag and delay."""
+    if near is not None:
+        return maximise(group, np.concatenate([near[0][:SHARED], *(theta[SHARED:] for theta in near[: len(group)])]))
+    starts = [maximise(group, _guess(group, lag, delay), rounds=3) for lag in _LAGS for delay in _DELAYS]
+    return maximise(group, min(starts, key=lambda fit: fit.cost).theta)
+
+
+def _guess(group: list[AxisData], lag: float, delay: float) -> Array:
+    """Return a first guess of all parameters."""
+    parts = [np.array([np.log(lag), delay])]
+    for data in group:
+        rate, dt = data.rate(), float(np.median(np.diff(data.time)))
+        noise = float(np.var(np.diff(rate, 2))) / 6.0 + 1e-14
+        power = float(np.var(np.diff(rate))) / dt**2 + 1e-8
+        theta = np.array([np.log(lag), delay, 0.3, *np.log([noise, 0.5, power, 30.0, 10.0 * power])])
+        parts.append(solve_gains(data, np.concatenate([theta, np.zeros(len(data.channels))]))[SHARED:])
+    return np.concatenate(parts)
+
+
+def _agree(first: Fit, second: Fit) -> bool:
+    """Return whether two fits may have one lag and one delay."""
+    spread = sum(np.linalg.pinv(fit.information())[:SHARED, :SHARED] for fit in (first, second))
+    apart = first.theta[:SHARED] - second.theta[:SHARED]
+    return bool(apart @ np.linalg.pinv(spread) @ apart < _APART**2)
+
+
+def _held_out(axis: _Axis, ahead: list[Stretch], dt: float) -> float:
+    """Return R^2 of the prediction of stretches that the fit has not seen."""
+    seen = make_curves(axis.data, axis.theta, dt)
+    data = AxisData(stretches=ahead, axis=axis.data.axis, channels=axis.data.channels, square=axis.data.square)
+    return make_curves(data, axis.theta, dt).explained(seen.corner())
+
+
+def _collect(log: FlightLog, command: Signal, axes: list[_Axis], held_out: list[float], dt: float) -> Identification:
+    """Return the results in the form that others read."""
+    leader = next((axis for axis in axes if axis.gain is not None), None)
+    lag = delay = None
+    if leader is not None:
+        hold = 0.5 * sample_time(command)
+        lag = interval(leader.theta, leader.replicates, lambda p: np.exp(p[..., LAG]))
+        held = interval(leader.theta, leader.replicates, lambda p: p[..., DELAY])
+        delay = Interval(held.low, held.nominal + 0.5 * hold, held.high + hold)
+    curves = [make_curves(axis.data, axis.theta, dt) for axis in axes]
+    corner = max(each.corner() for each in curves)
+    responses = [each.response(log.reference, i) for i, each in enumerate(curves)]
+    roll, pitch, yaw = (
+        _estimate(axis, each, r2, sample_time(log.gyro)) for axis, each, r2 in zip(axes, curves, held_out, strict=True)
+    )
+    omega = responses[0].omega
+    accelerations = [each.accelerations(corner) for each in curves]
+    motors, motor_intervals = _motor_gains(axes)
+    return Identification(
+        source=log.source, dt=dt, actuator_lag=lag, delay=delay, axes=(roll, pitch, yaw),
+        command_unit=log.command_unit if log.command is not None else CommandUnit.NORMALISED,
+        motor_gains=motors, motor_intervals=motor_intervals, omega=omega,
+        response=np.array([each.response for each in responses]),
+        model=np.array([model_response(axis.theta, omega, np.abs(axis.theta[GAINS:-1]).sum()) for axis in axes]),
+        coherence=np.array([each.coherence for each in responses]), time=np.concatenate(curves[0].time),
+        acceleration=np.column_stack([measured for measured, _ in accelerations]),
+        predicted=np.column_stack([predicted for _, predicted in accelerations]),
+        findings=(*log.findings, *_doubts(axes, leader)),
+    )  # fmt: skip
+
+
+def _estimate(axis: _Axis, curves: Curves, held_out: float, dt: float) -> AxisEstimate:
+    """Return the numbers of one axis; `dt` [s] is that of the gyro's samples."""
+    gain, theta = axis.gain, axis.theta
+    damping = interval(theta, axis.replicates, lambda p: np.maximum(p[..., DAMPING], 0.0))
+    return AxisEstimate(
+        gain=gain,
+        damping=None if gain is None else damping,
+        noise=float(np.sqrt(2.0 * np.exp(theta[NOISE]) * dt)),
+        disturbance_rms=disturbance_rms(curves, theta),
+        disturbance_corner=disturbance_corner(theta),
+        held_out_r2=None if gain is None else held_out,
+        advice="" if gain is not None else _advise(axis, curves),
+    )
+
+
+def _advise(axis: _Axis, curves: Curves) -> str:
+    """Return the reason why an axis is not identified, and the manoeuvre that would excite it."""
+    name, caused = _AXES[axis.data.axis], np.std(np.concatenate([high for high in curves.caused]))
+    return (
+        f"{name} is not excited: the command turns it by {caused:.2g} rad/s rms. Fly steps of 10 deg of {name} a second "
+        "apart, or a chirp of .5 to 8 Hz, for 20 s, and log gyro and torque command at 250 Hz or more"
+    )
+
+
+def _motor_gains(axes: list[_Axis]) -> tuple[Array | None, Array | None]:
+    """Return the gains (3, m) of motors and their intervals (3, m, 2)."""
+    if not axes[0].data.square:
+        return None, None
+    gains = np.array([axis.theta[GAINS:-1] for axis in axes])
+    ends = np.array([np.quantile(axis.replicates[:, GAINS:-1], [0.025, 0.975], axis=0).T for axis in axes])
+    return gains, np.asarray(np.sort(np.dstack([ends, gains[..., None]]), axis=-1)[..., [0, -1]])
+
+
+def _doubts(axes: list[_Axis], leader: _Axis | None) -> list[str]:
+    """Return the doubts about the results, a line each."""
+    doubts = [_AXES[axis.data.axis] + " is not excited" for axis in axes if axis.gain is None]
+    if leader is not None and axes[2].gain is not None and axes[2].theta[LAG] != leader.theta[LAG]:
+        lag = np.exp(axes[2].theta[LAG])
+        doubts.append(f"yaw answers with a lag of {lag:.3f} s, unlike roll and pitch: the lag told is of those")
+    return doubts
