@@ -51,6 +51,7 @@ def identify(
 
     An axis that the flight does not excite is named, with the manoeuvre that would. `gustproof fly identify` flies it.
     """
+    from firmware_model.config.vehicle import load_vehicle
     from gustproof.identification.identify import identify as identified
     from gustproof.identification.vehicle_file import Known
     from gustproof.logs.read import read_log
@@ -66,9 +67,12 @@ def identify(
         thrust_max=thrust_max,
         inertia_B=None if inertia is None else parse_positive_vector("--inertia", inertia),
     )
+    if like is not None:
+        load_vehicle(like)  # refused before the work, not after it
     flight = read_log(log)
-    with progress(f"identify {flight.source}", quiet=as_json) as shown:
-        found = identified(flight, progress=shown)
+    title = f"identify {flight.source}"
+    with progress(title, quiet=as_json) as shown:
+        found = identified(flight, progress=lambda share: shown(share, title))
     vehicle, air, findings = _complete(flight, found, known, outputs)
     _write(found, vehicle, air, findings, outputs)
     if as_json:
@@ -98,10 +102,9 @@ def _complete(
     from gustproof.identification.vehicle_file import make_vehicle_file
 
     name = (outputs["vehicle"] or Path(found.source)).stem
-    advice = [
-        f"{axis}: {each.advice}" for axis, each in zip(("roll", "pitch", "yaw"), found.axes, strict=True) if each.advice
-    ]
-    vehicle, air, findings = None, None, [*found.findings, *advice]
+    advice = [axis.advice for axis in found.axes if axis.advice]
+    doubts = [line for line in found.findings if not any(each.startswith(line) for each in advice)]
+    vehicle, air, findings = None, None, [*doubts, *advice]
     try:
         vehicle = make_vehicle_file(name, found, known)
         air = estimate_air(flight, found, vehicle.vehicle)
@@ -110,7 +113,8 @@ def _complete(
         if outputs["wind"] or outputs["scenario"] or (outputs["vehicle"] and vehicle is None):
             raise
         findings.append(str(error))
-    return vehicle, air, (*findings, *(() if vehicle is None else vehicle.findings))
+    findings += [] if vehicle is None else vehicle.findings
+    return vehicle, air, (*findings, *([air.doubt] if air is not None and air.doubt else []))
 
 
 def _write(

@@ -30,6 +30,8 @@ _SHORTEST_S = 5.0
 _SEGMENT_S = 60.0  # of Welch's method: the air is slow
 _BAND_HZ = 30.0  # above it vibration hides the air
 _REPLAY_HZ = 50.0
+_WORST_LAG_ERROR = 0.005  # [s]
+_UNLIKE = 3.0  # airspeed over wind
 _SLOWEST, _FASTEST = 1.0, 500.0  # [m/s] airspeed
 _TRUST = 0.7  # [-] standard deviation of the logarithms of airspeed over mean wind, and of the yaw ratio
 
@@ -69,11 +71,21 @@ class Air:
     omega: Array
     """(f,) [rad/s] frequencies of the spectra."""
     measured: Array
-    """(3, f) [(rad/s^2)^2/(rad/s)] one-sided density of what the model leaves, gyro noise included."""
+    """(3, f) [(rad/s^2)^2/(rad/s)] one-sided density of what the model leaves, errors included."""
     fitted: Array
     """(3, f) likewise of the turbulence."""
     noise: Array
-    """(3, f) likewise of the gyro's noise."""
+    """(3, f) likewise of errors: the gyro's noise, and the model's by its lag."""
+
+    @property
+    def doubt(self) -> str:
+        """Line that says if the disturbance is unlike turbulence in the mean wind, else empty."""
+        if self.airspeed < _UNLIKE * max(self.wind_speed_20ft, 1.0):
+            return ""
+        return (
+            f"the disturbance is quicker than turbulence: gusts of {self.wind_speed_20ft:.2g} m/s of wind would pass at "
+            f"{self.airspeed:.2g} m/s. It may be of motors, or of what the model lacks"
+        )
 
 
 def estimate_air(log: FlightLog, found: Identification, vehicle: Vehicle) -> Air:
@@ -93,21 +105,19 @@ def estimate_air(log: FlightLog, found: Identification, vehicle: Vehicle) -> Air
     if not stretches:
         raise ConfigError(f"{log.source}: no {_SHORTEST_S:g} s in the air: too short to tell the air")
     steps = [_step(0.0 if axis.damping is None else axis.damping.nominal, found.dt) for axis in found.axes]
-    omega, measured = _leftover_density(stretches, steps, found.dt)
-    # A gyro's error n appears as (n+ - a n) / b, see `_step`.
-    shape = np.array([np.abs(np.exp(1j * omega * found.dt) - a) ** 2 / b**2 for a, b in steps])
-    noise = np.array([[axis.noise**2 / math.tau] for axis in found.axes]) * shape
-    wind, airspeed, yaw_ratio, factors = _fit(omega, measured, noise, vehicle, known)
+    spectra = _make_spectra(stretches, steps, found)
+    omega = spectra.omega
+    wind, airspeed, yaw_ratio, errors = _fit(spectra, vehicle, known)
     wide = np.geomspace(1e-4, 1e4, 4000)
     density = turbulence_density(wide, vehicle, airspeed, yaw_ratio)
     variance = np.array([wind**2 * np.trapezoid(each, wide) for each in density])
-    spectrum = dryden_spectrum(_dryden(1.0, airspeed), ALTITUDE_M, vehicle.span)
-    length = np.array([spectrum.L_v, spectrum.L_u, spectrum.L_w])
+    model = dryden_spectrum(_dryden(1.0, airspeed), ALTITUDE_M, vehicle.span)
+    length = np.array([model.L_v, model.L_u, model.L_w])
     longest = max(stretches, key=lambda each: len(each.time))
     smoothed = np.zeros((len(longest.time) - 1, 3))
     for k in known:
         prior = math.sqrt(variance[k]), math.exp(-found.dt * airspeed / float(length[k]))
-        smoothed[:, k] = _smooth(longest, k, steps[k], prior, found.axes[k].noise ** 2 * factors[k])
+        smoothed[:, k] = _smooth(longest, k, steps[k], prior, (_noise(found, k) * errors[0, k]) ** 2)
     return Air(
         wind_speed_20ft=wind,
         airspeed=airspeed,
@@ -117,9 +127,9 @@ def estimate_air(log: FlightLog, found: Identification, vehicle: Vehicle) -> Air
         time=longest.time[:-1] - longest.time[0],
         acceleration=smoothed - smoothed.mean(axis=0),
         omega=omega,
-        measured=measured,
+        measured=spectra.measured,
         fitted=wind**2 * turbulence_density(omega, vehicle, airspeed, yaw_ratio),
-        noise=noise * np.array(factors)[:, None],
+        noise=spectra.errors(errors),
     )
 
 
@@ -208,11 +218,11 @@ def _lag_density(omega: Array, sigma: float, tau: float) -> Array:
 def _force(log: FlightLog, found: Identification, k: int) -> tuple[Signal, Array, int] | None:
     """Return commands (n, m), gains (m,) [rad/s^2] and the power of a command, `None` for an axis not identified."""
     gain = found.axes[k].gain
-    if gain is not None and log.command is not None:
-        return log.command, gain.nominal * np.eye(3)[k], 1
-    if found.motor_gains is not None and log.motors is not None and not found.axes[k].advice:
+    if gain is None:
+        return None
+    if found.motor_gains is not None and log.motors is not None:
         return log.motors, found.motor_gains[k], 2
-    return None
+    return None if log.command is None else (log.command, gain.nominal * np.eye(3)[k], 1)
 
 
 def _drive(log: FlightLog, found: Identification, k: int, grid: Array) -> Array:
@@ -242,51 +252,75 @@ def _leftover(stretch: Stretch, k: int, step: tuple[float, float]) -> Array:
     return np.asarray((y[1:] - a * y[:-1]) / b - stretch.drive[:-1, k])
 
 
-def _leftover_density(
-    stretches: Sequence[Stretch], steps: Sequence[tuple[float, float]], dt: float
-) -> tuple[Array, Array]:
-    """Return frequencies (f,) [rad/s] and one-sided densities (3, f) of what is left, by Welch's method."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Spectra:
+    """One-sided densities (3, f) [(rad/s^2)^2/(rad/s)]."""
+
+    omega: Array
+    """(f,) [rad/s]."""
+    measured: Array
+    """(3, f) of what the model leaves."""
+    noise: Array
+    """(3, f) of the gyro's noise as it is stated."""
+    slope: Array
+    """(3, f) of the commanded acceleration's derivative: what an error of lag or delay leaves, per s^2."""
+
+    def errors(self, sizes: Array) -> Array:
+        """Return the density of errors of `sizes` (2, 3): factor on the gyro's noise, and error of the lag [s]."""
+        return np.asarray(sizes[0][:, None] ** 2 * self.noise + sizes[1][:, None] ** 2 * self.slope)
+
+
+def _noise(found: Identification, k: int) -> float:
+    return max(found.axes[k].noise, 1e-7)
+
+
+def _make_spectra(
+    stretches: Sequence[Stretch], steps: Sequence[tuple[float, float]], found: Identification
+) -> _Spectra:
+    """Return the spectra of all stretches, by Welch's method."""
+    dt = found.dt
     size = min(round(_SEGMENT_S / dt), max(len(each.time) for each in stretches) - 1)
     used = [each for each in stretches if len(each.time) > size]
-    total = np.zeros((3, size // 2 + 1))
+    total = np.zeros((6, size // 2 + 1))
     for each in used:
         leftover = np.array([_leftover(each, k, steps[k]) for k in range(3)])
-        frequency, density = welch(leftover, fs=1.0 / dt, nperseg=size)
+        frequency, density = welch(np.vstack([leftover, each.drive[:-1].T]), fs=1.0 / dt, nperseg=size)
         total += density * len(each.time) / math.tau
     kept = (frequency > 0.0) & (frequency < min(_BAND_HZ, 0.4 / dt))
-    return math.tau * frequency[kept], total[:, kept] / sum(len(each.time) for each in used)
+    omega = math.tau * frequency[kept]
+    measured, drive = np.split(total[:, kept] / sum(len(each.time) for each in used), 2)
+    # A gyro's error n appears as (n+ - a n) / b, see `_step`.
+    shape = np.array([np.abs(np.exp(1j * omega * dt) - a) ** 2 / b**2 for a, b in steps])
+    noise = np.array([[_noise(found, k) ** 2 / math.tau] for k in range(3)]) * shape
+    return _Spectra(omega=omega, measured=np.maximum(measured, 1e-20), noise=noise, slope=omega**2 * drive)
 
 
-def _fit(
-    omega: Array, measured: Array, noise: Array, vehicle: Vehicle, known: Sequence[int]
-) -> tuple[float, float, float, list[float]]:
-    """Return wind [m/s], airspeed [m/s], yaw ratio and a factor on each axis' noise: the most likely, by Whittle.
+def _fit(spectra: _Spectra, vehicle: Vehicle, known: Sequence[int]) -> tuple[float, float, float, Array]:
+    """Return wind [m/s], airspeed [m/s], yaw ratio and sizes of errors (2, 3): the most likely, by Whittle.
 
     A flight short beside the air's own time tells wind and airspeed by one product only. The rule for hover, that the
     field passes at the mean wind, then parts them: it is a prior here, as is the vehicle's yaw ratio.
     """
-
-    def model(x: Array) -> Array:
-        wind, airspeed, yaw_ratio = np.exp(x[:3])
-        turbulence = turbulence_density(omega, vehicle, airspeed, yaw_ratio)
-        return np.asarray(wind**2 * turbulence + np.exp(x[3:])[:, None] * noise)
+    omega, measured = spectra.omega, spectra.measured[known]
 
     def distance(x: Array) -> float:
-        density = model(x)[known]
+        wind, airspeed, yaw_ratio = np.exp(x[:3])
+        turbulence = wind**2 * turbulence_density(omega, vehicle, airspeed, yaw_ratio)
+        density = (turbulence + spectra.errors(np.exp(x[3:]).reshape(2, 3)))[known]
         prior = (x[1] - max(x[0], 0.0)) ** 2 + (x[2] - math.log(ratio)) ** 2
-        return float(np.sum(np.log(density) + measured[known] / density) + 0.5 * prior / _TRUST**2)
+        return float(np.sum(np.log(density) + measured / density) + 0.5 * prior / _TRUST**2)
 
     ratio = vehicle.gust_yaw_ratio or 0.3
-    lowest, highest = np.log([(1e-3, 1e3), (_SLOWEST, _FASTEST), (1e-3, 1e3), *[(0.1, 10.0)] * 3]).T
+    limits = [(1e-3, 1e3), (_SLOWEST, _FASTEST), (1e-3, 1e3), *[(0.3, 3.0)] * 3, *[(1e-6, _WORST_LAG_ERROR)] * 3]
+    lowest, highest = np.log(limits).T
     found = []
     for airspeed in (3.0, 10.0, 30.0):
-        unit = turbulence_density(omega, vehicle, airspeed, ratio)
-        low = omega < 10.0
-        wind = math.sqrt(max(np.sum(measured[known][:, low]) / np.sum(unit[known][:, low]), 1e-4))
-        start = np.clip(np.log([wind, airspeed, ratio, 1.0, 1.0, 1.0]), lowest, highest)
+        unit, low = turbulence_density(omega, vehicle, airspeed, ratio)[known], omega < 10.0
+        wind = math.sqrt(np.sum(measured[:, low]) / np.sum(unit[:, low]))
+        start = np.clip(np.log([wind, airspeed, ratio, *[1.0] * 3, *[1e-3] * 3]), lowest, highest)
         found.append(minimize(distance, start, method="L-BFGS-B", bounds=Bounds(lowest, highest)))
-    wind, airspeed, yaw_ratio, *factors = np.exp(min(found, key=lambda each: float(each.fun)).x).tolist()
-    return wind, airspeed, yaw_ratio, factors
+    x = np.exp(min(found, key=lambda each: float(each.fun)).x)
+    return float(x[0]), float(x[1]), float(x[2]), x[3:].reshape(2, 3)
 
 
 def _smooth(

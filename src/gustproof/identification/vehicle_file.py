@@ -27,6 +27,7 @@ from gustproof.version import __version__
 
 _DEFAULT_LIKE = "iris"
 _ASSUMED_SPREAD = 0.3
+_DELAY_TOLD = 0.002  # [s]
 _NARROWEST = 1e-3  # of a spread, beside its number
 _AXES = ("roll", "pitch", "yaw")
 _POWERS = {
@@ -127,7 +128,7 @@ def make_vehicle_file(name: str, found: Identification, known: Known, air: Air |
             np.mean([d.nominal for d in damping]),
             max(d.high for d in damping),
         )
-        value = _spread(Interval(max(low, 0.0), float(nominal), high)) if nominal > 0.0 else 0.0
+        value = _spread(Interval(max(low, _NARROWEST * float(nominal)), float(nominal), high)) if nominal > 0.0 else 0.0
         draft.set("rate_damping", value, "measured in roll and pitch")
     _add_gyro(draft, found)
     if air is not None and air.yaw_ratio is not None:
@@ -135,6 +136,11 @@ def make_vehicle_file(name: str, found: Identification, known: Known, air: Air |
     draft.findings.append(
         f"a log shows gust_gain times wind, neither alone: gust_gain is {draft.origin}, and the wind follows from it"
     )
+    if found.delay is not None and found.delay.nominal > _DELAY_TOLD:
+        draft.findings.append(
+            f"torque begins {1e3 * found.delay.nominal:.1f} ms after its command is logged: a vehicle file has no delay, "
+            "give scenarios delay_samples for it"
+        )
     document = {"source": f"{found.source}, identified by gustproof {__version__}; the rest {draft.origin}"}
     document |= {key: value for key, value in draft.document.items() if key not in ("name", "source", "description")}
     text = _render(document, draft)
@@ -147,18 +153,16 @@ def full_scale_gain(found: Identification, k: int) -> Interval | None:
 
     Where motors alone are logged, a full command is all of one sign at full thrust, and the others off.
     """
-    if found.axes[k].gain is not None or found.axes[k].advice or found.motor_gains is None:
-        return found.axes[k].gain
-    lifting = found.motor_gains[k] > 0.0
-    nominal = float(found.motor_gains[k][lifting].sum())
-    if found.motor_intervals is None or nominal == 0.0:
-        return None
-    low, high = found.motor_intervals[k][lifting].sum(axis=0).tolist()
-    return Interval(low, nominal, high)
+    gain = found.axes[k].gain
+    if gain is None or found.motor_gains is None:
+        return gain
+    motors = found.motor_gains[k]
+    share = float(np.maximum(motors, 0.0).sum() / np.abs(motors).sum())
+    return Interval(share * gain.low, share * gain.nominal, share * gain.high)
 
 
 def _in_newton_metres(found: Identification) -> bool:
-    return found.command_unit is CommandUnit.NEWTON_METRES and any(axis.gain is not None for axis in found.axes)
+    return found.command_unit is CommandUnit.NEWTON_METRES
 
 
 def _start(found: Identification, known: Known) -> _Draft:

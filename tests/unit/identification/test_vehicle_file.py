@@ -53,9 +53,12 @@ def test_commands_without_a_unit_give_the_torque_limit_of_an_inertia(perfect, tm
 def test_motors_alone_give_the_torque_of_all_on_one_side(perfect, tmp_path):
     found = perfect(IRIS, unit=CommandUnit.NORMALISED)
     gains = np.array([[-30.0, 31.0, 29.0, -30.0], [20.0, -20.0, 21.0, -20.0], [3.0, 3.0, -3.0, -3.0]])
-    intervals = gains[..., None] + np.abs(gains[..., None]) * (-0.1, 0.1)
-    axes = tuple(replace(axis, gain=None) for axis in found.axes)
-    found = replace(found, axes=axes, motor_gains=gains, motor_intervals=intervals)
+    sums = np.abs(gains).sum(axis=1).tolist()
+    axes = tuple(
+        replace(axis, gain=Interval(0.9 * total, total, 1.1 * total))
+        for axis, total in zip(found.axes, sums, strict=True)
+    )
+    found = replace(found, axes=axes, motor_gains=gains)
     vehicles = loaded(make_vehicle_file("mine", found, Known(mass=0.035)), tmp_path)
     limit = np.array([60.0, 41.0, 6.0]) * vehicles.nominal.inertia_B
     assert vehicles.nominal.torque_limit == pytest.approx(limit, rel=1e-4)

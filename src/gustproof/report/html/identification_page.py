@@ -57,8 +57,8 @@ def render_identification_page(found: Identification, air: Air | None, findings:
 
 
 def _response_groups(found: Identification) -> Iterator[ChartGroup]:
-    """Yield magnitude, phase and coherence of each axis, with the model where there is one."""
-    known = [k for k in range(3) if np.any(np.abs(found.model[k]) > 0.0)]
+    """Yield magnitude, phase and coherence of each axis that is identified, measured and of the model."""
+    known = [k for k in range(3) if not found.axes[k].advice]
     responses = {"measured": found.response, "model": found.model}
     styles = {"measured": CurveStyle.SOLID, "model": CurveStyle.DASHED}
 
@@ -96,14 +96,14 @@ def _air_groups(air: Air, found: Identification) -> Iterator[ChartGroup]:
         omega, measured = _bin(air.omega, air.measured[k])
         whole = air.fitted[k] + air.noise[k]
         curves = (
-            _curve("measured, with gyro noise", 0, omega, measured),
+            _curve("measured", 0, omega, measured),
             _curve("Dryden turbulence", 1, air.omega, air.fitted[k], CurveStyle.DASHED),
-            _curve("turbulence and noise", 2, air.omega, whole, CurveStyle.DASHED),
+            _curve("turbulence, gyro noise and model error", 2, air.omega, whole, CurveStyle.DASHED),
         )
         spectra.append(frequency_chart(f"{axis} [(rad/s²)²/(rad/s)]", curves))
     note = (
         f"As a wind of {air.wind_speed_20ft:.3g} m/s at 20 ft that passes at {air.airspeed:.3g} m/s. "
-        "Differentiated, the gyro's noise rises with frequency."
+        "The gyro's noise, differentiated, rises with frequency."
     )
     yield ChartGroup(title="Spectrum of what the model leaves", charts=tuple(spectra), note=note)
 
