@@ -8,7 +8,7 @@ import numpy as np
 from gustproof.errors import ConfigError
 from gustproof.identification.curves import Curves, disturbance_corner, disturbance_rms, make_curves, model_response
 from gustproof.identification.identification import AxisEstimate, Identification, Interval
-from gustproof.identification.intervals import bootstrap, interval
+from gustproof.identification.intervals import bootstrap, interval, widen
 from gustproof.identification.likelihood import (
     DAMPING,
     DELAY,
@@ -39,7 +39,9 @@ _AXES = ("roll", "pitch", "yaw")
 _LEARNT = 2.0 / 3.0  # of the flight; the rest is predicted
 _LAGS, _DELAYS = (0.015, 0.04, 0.1), (0.002, 0.02)  # [s] where the search starts
 _LOOSE = 0.5  # half width of a gain's interval by the gain, beyond which it is not told
-_APART = 3.0  # standard deviations between lags that are not one
+_FLOOR = 0.01  # of a gain: what the model leaves out, such as gyroscopic moments
+_BLUR = 0.2  # of half a sample of the command: noise above its Nyquist frequency folds down and looks like lag
+_APART = 6.0  # loss of log likelihood by one lag and delay for all axes: beyond it (p = .002) yaw has its own
 
 Spans = Sequence[tuple[float, float]]
 
@@ -58,6 +60,7 @@ class _Axis:
     def gain(self) -> Interval | None:
         """[rad/s^2 per unit] sum of the channels' magnitudes, `None` if it is too loose."""
         gain = interval(self.theta, self.replicates, lambda p: np.abs(p[..., GAINS:-1]).sum(axis=-1))
+        gain = widen(gain, _FLOOR * gain.nominal)
         reach = max(gain.high - gain.nominal, gain.nominal - gain.low)
         sound = gain.nominal > 0.0 and (self.data.square or self.theta[GAINS] > 0.0)
         return gain if sound and reach < _LOOSE * gain.nominal else None
@@ -120,8 +123,9 @@ def _fit_axes(stretches: list[Stretch], square: bool, near: list[Array] | None) 
         for i in range(3)
     ]
     fits = [_fit(data[:2], near), _fit(data[2:], near and near[2:])]
-    if _agree(*fits):
-        fits = [maximise(data, np.concatenate([fits[0].theta, fits[1].theta[SHARED:]]))]
+    pooled = maximise(data, np.concatenate([fits[0].theta, fits[1].theta[SHARED:]]))
+    if pooled.cost - sum(fit.cost for fit in fits) < _APART:
+        fits = [pooled]
     axes = []
     for fit in fits:
         replicates = bootstrap(fit)
@@ -134,7 +138,7 @@ def _fit(group: list[AxisData], near: list[Array] | None) -> Fit:
     """Return the best fit of axes that share lag and delay."""
     if near is not None:
         return maximise(group, np.concatenate([near[0][:SHARED], *(theta[SHARED:] for theta in near[: len(group)])]))
-    starts = [maximise(group, _guess(group, lag, delay), rounds=3) for lag in _LAGS for delay in _DELAYS]
+    starts = [maximise(group, _guess(group, lag, delay), rounds=6) for lag in _LAGS for delay in _DELAYS]
     return maximise(group, min(starts, key=lambda fit: fit.cost).theta)
 
 
@@ -150,13 +154,6 @@ def _guess(group: list[AxisData], lag: float, delay: float) -> Array:
     return np.concatenate(parts)
 
 
-def _agree(first: Fit, second: Fit) -> bool:
-    """Return whether two fits may have one lag and one delay."""
-    spread = sum(np.linalg.pinv(fit.information())[:SHARED, :SHARED] for fit in (first, second))
-    apart = first.theta[:SHARED] - second.theta[:SHARED]
-    return bool(apart @ np.linalg.pinv(spread) @ apart < _APART**2)
-
-
 def _held_out(axis: _Axis, ahead: list[Stretch], dt: float) -> float:
     """Return R^2 of the prediction of stretches that the fit has not seen."""
     seen = make_curves(axis.data, axis.theta, dt)
@@ -170,8 +167,8 @@ def _collect(log: FlightLog, command: Signal, axes: list[_Axis], held_out: list[
     lag = delay = None
     if leader is not None:
         hold = 0.5 * sample_time(command)
-        lag = interval(leader.theta, leader.replicates, lambda p: np.exp(p[..., LAG]))
-        held = interval(leader.theta, leader.replicates, lambda p: p[..., DELAY])
+        lag = widen(interval(leader.theta, leader.replicates, lambda p: np.exp(p[..., LAG])), _BLUR * hold)
+        held = widen(interval(leader.theta, leader.replicates, lambda p: p[..., DELAY]), _BLUR * hold)
         delay = Interval(held.low, held.nominal + 0.5 * hold, held.high + hold)
     curves = [make_curves(axis.data, axis.theta, dt) for axis in axes]
     corner = max(each.corner() for each in curves)
@@ -212,10 +209,10 @@ def _estimate(axis: _Axis, curves: Curves, held_out: float, dt: float) -> AxisEs
 
 def _advise(axis: _Axis, curves: Curves) -> str:
     """Return the reason why an axis is not identified, and the manoeuvre that would excite it."""
-    name, caused = _AXES[axis.data.axis], np.std(np.concatenate([high for high in curves.caused]))
+    name, caused = _AXES[axis.data.axis], np.std(np.concatenate(curves.caused))
     return (
-        f"{name} is not excited: the command turns it by {caused:.2g} rad/s rms. Fly steps of 10 deg of {name} a second "
-        "apart, or a chirp of .5 to 8 Hz, for 20 s, and log gyro and torque command at 250 Hz or more"
+        f"{name} is not excited: the command turns it by {caused:.2g} rad/s rms. Fly steps of 10 deg of {name}, a second "
+        "each, or a chirp of .5 to 8 Hz, for 20 s; log gyro and torque command at 250 Hz or more"
     )
 
 

@@ -10,7 +10,7 @@ from gustproof.identification.likelihood import Fit, places, solve_scaled
 from gustproof.types import Array
 
 _REPLICATES = 1000
-_BLOCK = 2.0  # [s] longer than errors of the disturbance's shape are correlated
+_BLOCK = 1.0  # [s] prediction errors are nearly white: it is longer than what correlation is left
 _SEED = 16
 
 
@@ -18,8 +18,9 @@ def bootstrap(fit: Fit) -> Array:
     """Return replicates (r, p) of a fit's parameters.
 
     Blocks of the flight are drawn with replacement; each draw moves the maximum by one Newton step, the sum of the
-    drawn scores times the inverse information. Replicates are spread by the quantile of Student's t for the number of
-    blocks. Blocks make the spread right also where the disturbance has another shape than the model's.
+    drawn scores times the inverse information. Blocks make the spread right also where the disturbance has another
+    shape than the model's. Scores at a maximum are smaller than at the truth, by the share of parameters in blocks;
+    replicates are spread by that, and by the quantile of Student's t for the rest.
 
     References
     ----------
@@ -33,7 +34,9 @@ def bootstrap(fit: Fit) -> Array:
     )
     steps = (weights - 1.0) @ solve_scaled(fit.information()[free], scores.T).T
     replicates = np.tile(fit.theta, (_REPLICATES, 1))
-    replicates[:, fit.free] += steps * stats.t.ppf(0.975, max(len(scores) - 1, 1)) / stats.norm.ppf(0.975)
+    rest = max(len(scores) - max(data.size for data in fit.axes), 1)
+    spread = np.sqrt(len(scores) / rest) * stats.t.ppf(0.975, rest) / stats.norm.ppf(0.975)
+    replicates[:, fit.free] += spread * steps
     return replicates
 
 
@@ -54,3 +57,9 @@ def interval(nominal: Array, replicates: Array, function: Callable[[Array], Arra
     low, high = np.quantile(function(replicates), [0.025, 0.975])
     value = float(function(nominal))
     return Interval(min(float(low), value), value, max(float(high), value))
+
+
+def widen(given: Interval, floor: float) -> Interval:
+    """Return an interval that also has an error of `floor`, independent of the others."""
+    low, nominal, high = given
+    return Interval(nominal - np.hypot(nominal - low, floor), nominal, nominal + np.hypot(high - nominal, floor))

@@ -6,6 +6,7 @@ of a model with its own disturbance are not, if that has the right shape (Ljung,
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from gustproof.types import Array
 
 LAG, DELAY, DAMPING, NOISE, SLOW, SLOW_DRIVE, FAST, FAST_DRIVE, GAINS = range(9)
 """Places of an axis' parameters: logarithms apart from delay, damping and gains."""
+DAMPING_PRIOR = 2.0
+"""[1/s] standard deviation of the damping before the flight: rotors' drag gives 0 to 3. A slow lag under weak
+excitation can't be told from damping otherwise: both are poles."""
 SHARED = 2
 """First parameters of an axis, which all axes share."""
 _LOW = np.array([np.log(0.004), -0.01, 0.0, -40.0, np.log(0.02), -40.0, np.log(4.0), -40.0])
@@ -89,14 +93,12 @@ class _Linear:
         return np.asarray(error.T @ error + 0.5 * variance.T @ variance)
 
 
-def _cost(error: Array, variance: Array) -> float:
-    return 0.5 * float(np.sum(np.log(variance) + error**2 / variance))
-
-
 def axis_cost(data: AxisData, theta: Array) -> float:
-    """Return minus the log likelihood of an axis."""
+    """Return minus the log likelihood of an axis, with the prior."""
     errors, variance = data.errors(theta, data.response(theta))
-    return _cost(errors[:, 0] - errors[:, 1:] @ theta[GAINS:], variance)
+    error = errors[:, 0] - errors[:, 1:] @ theta[GAINS:]
+    prior = (theta[DAMPING] / DAMPING_PRIOR) ** 2
+    return 0.5 * float(np.sum(np.log(variance) + error**2 / variance) + prior)
 
 
 def linearise(data: AxisData, theta: Array) -> _Linear:
@@ -126,7 +128,7 @@ def solve_gains(data: AxisData, theta: Array) -> Array:
 def places(axes: Sequence[AxisData]) -> list[Array]:
     """Return the place of each axis' parameters in the vector of all."""
     ends = np.cumsum([SHARED, *(data.size - SHARED for data in axes)])
-    return [np.concatenate([np.arange(SHARED), np.arange(a, b)]) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return [np.concatenate([np.arange(SHARED), np.arange(a, b)]) for a, b in pairwise(ends)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -150,22 +152,24 @@ class Fit:
 
     def information(self) -> Array:
         """Return Fisher's information (p, p)."""
-        return _assemble(self.axes, self.linear)[1]
+        return _assemble(self.axes, self.linear, self.theta)[1]
 
 
-def _assemble(axes: Sequence[AxisData], linear: Sequence[_Linear]) -> tuple[Array, Array]:
+def _assemble(axes: Sequence[AxisData], linear: Sequence[_Linear], theta: Array) -> tuple[Array, Array]:
     """Return score (p,) and information (p, p) of all axes."""
     index = places(axes)
     size = int(index[-1][-1]) + 1
     score, information = np.zeros(size), np.zeros((size, size))
     for at, one in zip(index, linear, strict=True):
         score[at] += one.scores.sum(axis=0)
+        score[at[DAMPING]] -= theta[at[DAMPING]] / DAMPING_PRIOR**2
         information[np.ix_(at, at)] += one.information
+        information[at[DAMPING], at[DAMPING]] += 1.0 / DAMPING_PRIOR**2
     return score, information
 
 
 def solve_scaled(H: Array, g: Array, mu: float = 1e-9) -> Array:
-    """Return `H^-1 g`, with H damped by `mu` once its diagonal is scaled to one; directions without data do not move."""
+    """Return `H^-1 g`; H is scaled to a diagonal of one and damped by `mu`, so directions without data stay."""
     scale = np.sqrt(np.diag(H)) + 1e-12
     scaled = (g.T / scale).T
     return np.asarray((np.linalg.solve(H / np.outer(scale, scale) + mu * np.eye(len(H)), scaled).T / scale).T)
@@ -185,7 +189,7 @@ def maximise(axes: Sequence[AxisData], theta: Array, *, held: int = 0, rounds: i
     theta, mu, free = np.clip(theta, low, high), 1e-3, np.ones(len(theta), dtype=bool)
     cost, linear = cost_of(theta), [linearise(d, theta[at]) for d, at in zip(axes, index, strict=True)]
     for _ in range(rounds):
-        score, information = _assemble(axes, linear)
+        score, information = _assemble(axes, linear, theta)
         free = ~((theta <= low) & (score < 0.0) | (theta >= high) & (score > 0.0))
         free[:held] = False
         H, g = information[np.ix_(free, free)], score[free]

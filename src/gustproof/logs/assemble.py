@@ -1,5 +1,6 @@
 """Make a flight log of what a reader found in a file: one clock, plausible numbers, and what is wrong in words."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -15,8 +16,10 @@ _LARGEST = {"gyro": 100.0, "command": 1e6, "motors": 1e3, "accelerometer": 2000.
 """In the signal's unit; no instrument or set-point of a vehicle that flies is beyond it."""
 _RESET_US, _PAUSE_US = -1e6, 600e6  # steps of a clock that was set anew
 _WANTED_RATE = 100.0  # [Hz] below which the loop's lag can't be told from the sampling
+_NEARLY = 0.8  # share of the highest rate
 _GAP = 1.5  # share of the usual step
 _CLIPPED = 3.0  # [rad/s] below the least range of a gyro, 250 deg/s
+_NAMED = 8  # parameters in a line
 _MOTORS_RUN = 0.25  # share of the flight's usual motor command
 _SHORTEST_S = 0.5  # stretch in the air, and pause that ends one
 
@@ -31,6 +34,12 @@ class Rows:
     """(n,) [us] stamps on the clock of the log."""
     values: Array
     """(n, k) in the unit of the signal in `FlightLog`."""
+
+    def chosen(self, which: NDArray[np.bool_]) -> "Rows":
+        """Return the samples (m,) where `which` (n,) is true."""
+        if which.all():
+            return self
+        return Rows(position=self.position[which], time_us=self.time_us[which], values=self.values[which])
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -50,6 +59,29 @@ class Draft:
     findings: list[str] = field(default_factory=list)
 
 
+class Parameters:
+    """Parameters as they are logged: the last value counts."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, float] = {}
+        self._changed: set[str] = set()
+
+    def add(self, name: str, value: float) -> None:
+        """Take a value; one that is not finite has no effect."""
+        if math.isfinite(value):
+            if self.values.get(name, value) != value:
+                self._changed.add(name)
+            self.values[name] = value
+
+    def findings(self) -> list[str]:
+        """Return a line if parameters have changed during the log."""
+        names = sorted(self._changed)
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        return [f"parameters: changed in this log, the last value counts: {', '.join(names[:_NAMED])}{more}"] * bool(
+            names
+        )
+
+
 def assemble(draft: Draft) -> FlightLog:
     """Return the log with all signals on one rising clock [s] from its begin.
 
@@ -64,7 +96,7 @@ def assemble(draft: Draft) -> FlightLog:
     findings = list(draft.findings)
     if "gyro" not in draft.rows or len(draft.rows["gyro"].time_us) == 0:
         raise ValueError("no gyro in it")
-    begin, end = _longest_piece(draft.rows["gyro"], findings)
+    begin, end = longest_piece(draft.rows["gyro"], findings)
     sound = {name: _sound(name, _cut(rows, begin, end), findings) for name, rows in draft.rows.items()}
     kept = {name: rows for name, rows in sound.items() if len(rows.time_us) > 1}
     if "gyro" not in kept:
@@ -93,7 +125,7 @@ def assemble(draft: Draft) -> FlightLog:
     )
 
 
-def _longest_piece(gyro: Rows, findings: list[str]) -> tuple[int, int]:
+def longest_piece(gyro: Rows, findings: list[str]) -> tuple[int, int]:
     """Return first and last place in the file of the longest piece without a reset of the clock."""
     finite = np.isfinite(gyro.time_us)
     time_us, position = gyro.time_us[finite], gyro.position[finite]
@@ -117,13 +149,7 @@ def _longest_piece(gyro: Rows, findings: list[str]) -> tuple[int, int]:
 
 def _cut(rows: Rows, begin: int, end: int) -> Rows:
     """Return the rows from place `begin` to `end`, both included."""
-    return _chosen(rows, (rows.position >= begin) & (rows.position <= end))
-
-
-def _chosen(rows: Rows, which: NDArray[np.bool_]) -> Rows:
-    if which.all():
-        return rows
-    return Rows(position=rows.position[which], time_us=rows.time_us[which], values=rows.values[which])
+    return rows.chosen((rows.position >= begin) & (rows.position <= end))
 
 
 def _sound(name: str, rows: Rows, findings: list[str]) -> Rows:
@@ -133,12 +159,12 @@ def _sound(name: str, rows: Rows, findings: list[str]) -> Rows:
     absurd = len(usable) - int(np.count_nonzero(usable))
     if absurd:
         findings.append(f"{name}: {absurd:,} of {len(usable):,} samples are no plausible numbers: left out")
-    rows = _chosen(rows, usable)
+    rows = rows.chosen(usable)
     latest = np.maximum.accumulate(np.concatenate(([-np.inf], rows.time_us)))[:-1]
     rising = rows.time_us > latest
     if late := len(rising) - int(np.count_nonzero(rising)):
         findings.append(f"{name}: {late:,} of {len(rising):,} samples are out of order or twice: left out")
-    return _chosen(rows, rising)
+    return rows.chosen(rising)
 
 
 def _shortcomings(signals: dict[str, Signal]) -> list[str]:
@@ -192,6 +218,14 @@ def _stretches(time: Array, in_air: NDArray[np.bool_], end: float) -> tuple[tupl
             begin = merged.pop()[0]
         merged.append((max(begin, 0.0), stop))
     return tuple((begin, stop) for begin, stop in merged if stop - begin >= _SHORTEST_S)
+
+
+def fastest(sources: Sequence[Rows]) -> Rows:
+    """Return the first of the sources of a signal that has nearly the highest rate of them all."""
+    rates = [
+        len(rows.time_us) / max(float(np.ptp(rows.time_us)), 1.0) if len(rows.time_us) else 0.0 for rows in sources
+    ]
+    return next(rows for rows, rate in zip(sources, rates, strict=True) if rate >= _NEARLY * max(rates))
 
 
 def stack(columns: Sequence[Array]) -> Array:

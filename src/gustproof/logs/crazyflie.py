@@ -26,7 +26,7 @@ from firmware_model.config.validation import sanitize_line
 from gustproof.logs.assemble import Draft, Rows, stack
 
 MAGIC = b"\xbc"
-_LARGEST = 96 * MIB
+_LARGEST = 64 * MIB
 _EVENT = "fixedFrequency"
 _STAMPS = {1: ("<u4", 1e3), 2: ("<u8", 1.0)}  # by version: type, and microseconds of a tick
 _NUMBERS = {"B": "<u1", "b": "<i1", "H": "<u2", "h": "<i2", "I": "<u4", "i": "<i4", "f": "<f4", "Q": "<u8", "q": "<i8"}

@@ -4,23 +4,37 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from firmware_model.config.files import open_regular
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
-from gustproof.logs import crazyflie
+from gustproof.logs import crazyflie, dataflash, ulog
 from gustproof.logs.assemble import Draft, assemble
 from gustproof.logs.bag import read_own_bag
 from gustproof.logs.crazyflie import read_crazyflie
+from gustproof.logs.dataflash import read_dataflash
 from gustproof.logs.flight_log import FlightLog
 from gustproof.logs.table import read_table
+from gustproof.logs.ulog import read_ulog
 
 _DAMAGED = (ArithmeticError, LookupError, UnicodeError, struct.error)
+
+
+def _read_tlog(path: Path) -> Draft:
+    from gustproof.logs.tlog import read_tlog  # the dialect takes half a second to load
+
+    return read_tlog(path)
+
+
 _Reader = Callable[[Path], Draft]
 _BY_MAGIC: dict[bytes, _Reader] = {
     b"\x89MCAP0\r\n": read_own_bag,
+    ulog.MAGIC: read_ulog,
+    dataflash.MAGIC: read_dataflash,
     crazyflie.MAGIC: read_crazyflie,
 }
-_BY_SUFFIX: dict[str, _Reader] = {".csv": read_table, ".txt": read_table}
+_BY_SUFFIX: dict[str, _Reader] = {".csv": read_table, ".txt": read_table, ".tlog": _read_tlog}
 _LONGEST_MAGIC = max(map(len, _BY_MAGIC))
 _KINDS = "ULog (.ulg), DataFlash (.bin), .tlog, a bag of ours, a Crazyflie's uSD log or .csv"
 
@@ -37,7 +51,8 @@ def read_log(path: Path) -> FlightLog:
         If it can't be read, is damaged, or has no gyro; one line that names the file.
     """
     try:
-        return assemble(_find_reader(path)(path))
+        with np.errstate(all="ignore"):  # numbers of a damaged file overflow; they are left out
+            return assemble(_find_reader(path)(path))
     except ConfigError:
         raise
     except OSError as error:

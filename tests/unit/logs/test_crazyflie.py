@@ -1,6 +1,7 @@
 import struct
 from binascii import crc32
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -75,8 +76,8 @@ def test_read_log_of_a_crazyflie_skips_other_events(tmp_path: Path, version: int
         ({"count": 2, "events": GYRO}, "it is damaged|subsection"),
     ],
 )
-def test_read_log_of_a_crazyflie_names_the_fault(tmp_path: Path, content: dict[str, bytes], fault: str) -> None:
-    path = crazyflie_log(tmp_path / "log00", **content)  # type: ignore[arg-type]
+def test_read_log_of_a_crazyflie_names_the_fault(tmp_path: Path, content: dict[str, Any], fault: str) -> None:
+    path = crazyflie_log(tmp_path / "log00", **content)
     with pytest.raises(ConfigError, match=fault) as told:
         read_log(path)
     assert str(told.value).startswith(f"{path}: ")
