@@ -76,15 +76,15 @@ def identify(
     vehicle, air, findings = _complete(flight, found, known, outputs)
     _write(found, vehicle, air, findings, outputs)
     if as_json:
-        from gustproof.report.identification import identification_document
+        from gustproof.report.vehicle_numbers import identification_document
 
         print_json(
             identification_document(found, air, findings)
             | {"files": {kind: None if path is None else str(path) for kind, path in outputs.items()}}
         )
         return
-    from gustproof.report.identification import render_identification
     from gustproof.report.terminal import show
+    from gustproof.report.vehicle_numbers import render_identification
 
     show(render_identification(found, air, findings))
     for kind, path in outputs.items():
@@ -100,11 +100,10 @@ def _complete(
     """Return vehicle and air as far as the log tells them, and all findings; what an output needs must be told."""
     from gustproof.identification.air import estimate_air
     from gustproof.identification.vehicle_file import make_vehicle_file
+    from gustproof.report.vehicle_numbers import doubts
 
     name = (outputs["vehicle"] or Path(found.source)).stem
-    advice = [axis.advice for axis in found.axes if axis.advice]
-    doubts = [line for line in found.findings if not any(each.startswith(line) for each in advice)]
-    vehicle, air, findings = None, None, [*doubts, *advice]
+    vehicle, air, findings = None, None, doubts(found)
     try:
         vehicle = make_vehicle_file(name, found, known)
         air = estimate_air(flight, found, vehicle.vehicle)
@@ -113,8 +112,8 @@ def _complete(
         if outputs["wind"] or outputs["scenario"] or (outputs["vehicle"] and vehicle is None):
             raise
         findings.append(str(error))
-    findings += [] if vehicle is None else vehicle.findings
-    return vehicle, air, (*findings, *([air.doubt] if air is not None and air.doubt else []))
+    findings += vehicle.findings if vehicle else ()
+    return vehicle, air, (*findings, *([air.doubt] if air and air.doubt else ()))
 
 
 def _write(

@@ -1,7 +1,7 @@
 """Vehicle file of an identification: what the log shows with its interval, the rest from a known vehicle.
 
-A log in N m shows inertias. One in shares of the autopilot's full scale shows only torque over inertia: then inertias
-are given, or those of a known vehicle, and the torque limits follow from them.
+A log in N m shows inertias. One in shares of the autopilot's full scale shows only torque over inertia. Then inertias
+are given, or taken from a known vehicle, and torque limits follow from them.
 
 A vehicle of another mass is scaled as models are in free flight (Froude): lengths as the cube root of mass, times as
 the root of length.
@@ -94,11 +94,13 @@ class _Draft:
     """Document of a file with the origin of its numbers."""
 
     document: dict[str, Any]
+    """Content of the file, numbers with the units of a vehicle's fields."""
     origin: str
     """Origin of numbers that have none of their own."""
     origins: dict[str, str]
     """Origins by dotted key."""
     findings: list[str]
+    """Doubts, a line each."""
 
     def set(self, key: str, value: Any, origin: str) -> None:
         """Set a number and its origin."""
@@ -121,15 +123,7 @@ def make_vehicle_file(name: str, found: Identification, known: Known, air: Air |
     draft = _start(found, known)
     _add_inertia(draft, found, known)
     draft.set("actuator_lag", _spread(found.actuator_lag), "measured")
-    damping = [axis.damping for axis in found.axes[:2] if axis.damping is not None]
-    if damping:
-        low, nominal, high = (
-            min(d.low for d in damping),
-            np.mean([d.nominal for d in damping]),
-            max(d.high for d in damping),
-        )
-        value = _spread(Interval(max(low, _NARROWEST * float(nominal)), float(nominal), high)) if nominal > 0.0 else 0.0
-        draft.set("rate_damping", value, "measured in roll and pitch")
+    _add_damping(draft, found)
     _add_gyro(draft, found)
     if air is not None and air.yaw_ratio is not None:
         draft.set("gust_yaw_ratio", air.yaw_ratio, "measured: moment in yaw beside roll and pitch")
@@ -138,14 +132,13 @@ def make_vehicle_file(name: str, found: Identification, known: Known, air: Air |
     )
     if found.delay is not None and found.delay.nominal > _DELAY_TOLD:
         draft.findings.append(
-            f"torque begins {1e3 * found.delay.nominal:.1f} ms after its command is logged: a vehicle file has no delay, "
-            "give scenarios delay_samples for it"
+            f"torque begins {1e3 * found.delay.nominal:.1f} ms after its command is logged: a vehicle file has no "
+            "delay, give scenarios delay_samples for it"
         )
     document = {"source": f"{found.source}, identified by gustproof {__version__}; the rest {draft.origin}"}
     document |= {key: value for key, value in draft.document.items() if key not in ("name", "source", "description")}
-    text = _render(document, draft)
     vehicle = make_vehicle_set({"name": name, **document}, name).nominal
-    return VehicleFile(text=text, vehicle=vehicle, findings=tuple(draft.findings))
+    return VehicleFile(text=_render(document, draft), vehicle=vehicle, findings=tuple(draft.findings))
 
 
 def full_scale_gain(found: Identification, k: int) -> Interval | None:
@@ -168,37 +161,43 @@ def _in_newton_metres(found: Identification) -> bool:
 def _start(found: Identification, known: Known) -> _Draft:
     """Return the document of the vehicle that the rest is taken from, of the mass that is known."""
     like = load_vehicle(known.like or _DEFAULT_LIKE)
-    findings = []
-    if known.inertia_B is not None and _in_newton_metres(found):
-        raise ConfigError(f"{found.source}: its commands are in N m, which measure the inertia: it can't be given")
-    if known.like is not None:
-        factor, origin = 1.0, f"taken from {like.name}"
-    elif known.mass is not None:
-        factor, origin = known.mass / like.mass, f"assumed: {like.name} scaled to this mass"
-    else:
-        rows = known.inertia_B or (_measured_inertia(found) if _in_newton_metres(found) else None)
-        if rows is None:
-            raise ConfigError(
-                f"{found.source}: its commands have no unit: give mass or inertia, or a vehicle that it is like"
-            )
-        ratio = [row / of for row, of in zip(rows[:2], like.inertia_B[:2], strict=True) if row is not None]
-        factor, origin = float(np.mean(ratio)) ** 0.6, f"assumed: {like.name} scaled to this inertia"
-        findings.append(f"the mass is {origin.replace('assumed: ', '')}: weigh the vehicle and give it")
+    factor, origin = _compare_mass(found, known, like)
     document = _scaled(to_jsonable_python(like, exclude_none=True), factor ** (1.0 / 3.0))
+    draft = _Draft(document=document, origin=origin, origins={}, findings=[])
     if known.like is None and found.actuator_lag is not None:
         _slow_down(document["stabilizer"], found.actuator_lag.nominal / like.actuator_lag)
-    draft = _Draft(document=document, origin=origin, origins={}, findings=findings)
     if known.mass is not None:
         draft.set("mass", known.mass, "given")
+    elif known.like is None:
+        draft.findings.append(f"the mass of {document['mass']:.3g} kg is {origin}: weigh the vehicle and give it")
     if known.thrust_max is not None:
         of = document["rotors"]["thrust_max"]
         draft.set("rotors.thrust_max", known.thrust_max, "given")
         limits = [limit * known.thrust_max / of for limit in document["torque_limit"]]
         draft.set("torque_limit", limits, f"{origin}; by the thrust given")
-    rotors = len(draft.document["rotors"]["position_B"])
+    rotors = len(document["rotors"]["position_B"])
     if found.motor_gains is not None and found.motor_gains.shape[1] != rotors:
-        findings.append(f"the log has {found.motor_gains.shape[1]} motors, the file {rotors}: rotors are {origin}")
+        draft.findings.append(
+            f"the log has {found.motor_gains.shape[1]} motors, the file {rotors}: rotors are {origin}"
+        )
     return draft
+
+
+def _compare_mass(found: Identification, known: Known, like: Vehicle) -> tuple[float, str]:
+    """Return the factor on the mass of the vehicle that the rest is taken from, and the origin of what it gives."""
+    if known.inertia_B is not None and _in_newton_metres(found):
+        raise ConfigError(f"{found.source}: its commands are in N m, which measure the inertia: it can't be given")
+    if known.like is not None:
+        return 1.0, f"taken from {like.name}"
+    if known.mass is not None:
+        return known.mass / like.mass, f"assumed: {like.name} scaled to this mass"
+    rows = known.inertia_B or (_measured_inertia(found) if _in_newton_metres(found) else None)
+    if rows is None:
+        raise ConfigError(
+            f"{found.source}: its commands have no unit: give mass or inertia, or a vehicle that it is like"
+        )
+    ratio = [row / of for row, of in zip(rows[:2], like.inertia_B[:2], strict=True) if row is not None]
+    return float(np.mean(ratio)) ** 0.6, f"assumed: {like.name} scaled to this inertia"
 
 
 def _scaled(document: dict[str, Any], factor: float, prefix: str = "") -> dict[str, Any]:
@@ -225,34 +224,40 @@ def _measured_inertia(found: Identification) -> tuple[float | None, ...]:
 
 
 def _add_inertia(draft: _Draft, found: Identification, known: Known) -> None:
-    """Set inertias with their spreads, and torque limits, of the gains."""
-    base, limits = draft.document["inertia_B"], list(draft.document["torque_limit"])
+    """Set inertias with their spreads, those of the gains, and the torque limits of commands without a unit."""
     gains = [full_scale_gain(found, k) for k in range(3)]
-    physical = _in_newton_metres(found)
-    if physical:
-        measured = _measured_inertia(found)
-        factor = float(np.mean([row / of for row, of in zip(measured, base, strict=True) if row is not None]))
-        nominal = [factor * of if row is None else row for row, of in zip(measured, base, strict=True)]
-        origin = "measured"
+    if _in_newton_metres(found):
+        nominal, origin = _complete_inertia(found, draft.document["inertia_B"]), "measured"
     else:
-        nominal = list(known.inertia_B or base)
-        origin = f"{'given' if known.inertia_B else draft.origin}; spread of the measured gain"
-        limits = [of if g is None else g.nominal * row for g, row, of in zip(gains, nominal, limits, strict=True)]
-        draft.set("torque_limit", limits, "measured gain times inertia: what 1.0 of the command gives")
-        draft.findings.append(
-            "the log's commands have no unit: torque over inertia is measured, and inertia_B is "
-            + origin.partition(";")[0]
+        nominal, origin = (
+            list(known.inertia_B or draft.document["inertia_B"]),
+            "given" if known.inertia_B else draft.origin,
         )
+        draft.findings.append(
+            f"the log's commands have no unit: torque over inertia is measured, and inertia_B is {origin}"
+        )
+        origin += "; spread of the measured gain"
+        known_limits = draft.document["torque_limit"]
+        limits = [of if g is None else g.nominal * row for g, row, of in zip(gains, nominal, known_limits, strict=True)]
+        draft.set("torque_limit", limits, "measured gain times inertia: what 1.0 of the command gives")
     missing = [axis for axis, gain in zip(_AXES, gains, strict=True) if gain is None]
     if missing:
         origin += f"; {' and '.join(missing)} assumed, 30 % either way"
-    spreads = [
-        Interval(row * (1.0 - _ASSUMED_SPREAD), row, row * (1.0 + _ASSUMED_SPREAD))
-        if gain is None
-        else Interval(row * gain.nominal / gain.high, row, row * gain.nominal / gain.low)
-        for row, gain in zip(nominal, gains, strict=True)
-    ]
+    spreads = [_inertia_spread(row, gain) for row, gain in zip(nominal, gains, strict=True)]
     draft.set("inertia_B", [_spread(row) for row in _fit_body(spreads, draft)], origin)
+
+
+def _complete_inertia(found: Identification, base: list[float]) -> list[float]:
+    """Return the measured inertias (3,) [kg*m^2]; of axes not identified, those of a body shaped as `base`."""
+    measured = _measured_inertia(found)
+    factor = float(np.mean([row / of for row, of in zip(measured, base, strict=True) if row is not None]))
+    return [factor * of if row is None else row for row, of in zip(measured, base, strict=True)]
+
+
+def _inertia_spread(inertia: float, gain: Interval | None) -> Interval:
+    if gain is None:
+        return Interval(inertia * (1.0 - _ASSUMED_SPREAD), inertia, inertia * (1.0 + _ASSUMED_SPREAD))
+    return Interval(inertia * gain.nominal / gain.high, inertia, inertia * gain.nominal / gain.low)
 
 
 def _fit_body(rows: list[Interval], draft: _Draft) -> list[Interval]:
@@ -271,6 +276,17 @@ def _fit_body(rows: list[Interval], draft: _Draft) -> list[Interval]:
         low = min(max(row.low, least), nominal * (1.0 - _NARROWEST))
         fitted[k] = Interval(low, nominal, min(max(row.high, nominal), one.high + other.high))
     return fitted
+
+
+def _add_damping(draft: _Draft, found: Identification) -> None:
+    """Set the damping of roll and pitch; a vehicle file has one number for all axes."""
+    known = [axis.damping for axis in found.axes[:2] if axis.damping is not None]
+    nominal = float(np.mean([each.nominal for each in known])) if known else 0.0
+    if nominal > 0.0:
+        low, high = max(min(each.low for each in known), _NARROWEST * nominal), max(each.high for each in known)
+        draft.set("rate_damping", _spread(Interval(low, nominal, high)), "measured in roll and pitch")
+    elif known:
+        draft.set("rate_damping", 0.0, "measured in roll and pitch")
 
 
 def _add_gyro(draft: _Draft, found: Identification) -> None:

@@ -145,7 +145,9 @@ def test_motors_explain_what_torques_do(perfect, log_of):
     motors = np.sqrt(np.stack([share, 1.0 - share], axis=1))
     gains = np.zeros((3, 2))
     gains[1] = np.array([1.0, -1.0]) / (0.4 * IRIS.inertia_B[1])
-    axes = tuple(axis if k == 1 else replace(axis, gain=None, advice="fly a chirp") for k, axis in enumerate(found.axes))
+    axes = tuple(
+        axis if k == 1 else replace(axis, gain=None, advice="fly a chirp") for k, axis in enumerate(found.axes)
+    )
     told = replace(found, axes=axes, motor_gains=gains)
     by_motors = estimate_air(replace(log, command=None, motors=Signal(time=log.gyro.time, values=motors)), told, IRIS)
     assert by_motors.yaw_ratio is None

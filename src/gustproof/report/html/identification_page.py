@@ -22,7 +22,7 @@ from gustproof.report.html.charts import (
 )
 from gustproof.report.html.markup import fill_page, render_table
 from gustproof.report.html.page import NumberBlock, chart_parts
-from gustproof.report.identification import AXES, number_rows
+from gustproof.report.vehicle_numbers import AXES, number_rows
 from gustproof.types import Array
 from gustproof.version import __version__
 

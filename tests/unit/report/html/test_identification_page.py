@@ -10,7 +10,7 @@ import pytest
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.identification.air import Air
 from gustproof.report.html.identification_page import render_identification_page
-from gustproof.report.identification import identification_document
+from gustproof.report.vehicle_numbers import identification_document
 
 AXES = ("roll", "pitch", "yaw")
 

@@ -54,6 +54,12 @@ def _interval(interval: Interval | None) -> dict[str, float] | None:
     return None if interval is None else {name: float(value) for name, value in interval._asdict().items()}
 
 
+def doubts(found: Identification) -> list[str]:
+    """Return the findings, and the manoeuvre for each axis that is not identified."""
+    advice = [axis.advice for axis in found.axes if axis.advice]
+    return [*(line for line in found.findings if not any(each.startswith(line) for each in advice)), *advice]
+
+
 def number_rows(found: Identification, air: Air | None) -> list[tuple[str, ...]]:
     """Return quantity with unit, and its texts for roll, pitch and yaw; those of the whole vehicle have one text."""
     torque = found.command_unit.value
