@@ -18,7 +18,7 @@ from gustproof.simulate.loopback import fly_loopback
 pytestmark = pytest.mark.compiled
 
 VEHICLE = load_vehicle("paper")
-LAWS = {"attitude-steps": "pid-fair", "large-step": "flagship"}
+LAWS = {"attitude-steps": "pid-fair", "identify": "flagship", "large-step": "flagship"}
 """Who flies; `hinf-scheduled` regulates to level and takes no reference."""
 
 

@@ -11,6 +11,7 @@ from gustproof.cli.design import design
 from gustproof.cli.export import export
 from gustproof.cli.failures import OneLineErrors
 from gustproof.cli.fly import fly
+from gustproof.cli.identify import identify
 from gustproof.cli.identify_rates import identify_rates
 from gustproof.cli.processes import autopilot, controller
 from gustproof.cli.recover import recover
@@ -35,6 +36,7 @@ app = typer.Typer(
 )
 app.command()(reproduce)
 app.command()(design)
+app.command()(identify)
 app.command()(identify_rates)
 app.add_typer(scenario, name="scenario")
 app.command()(fly)

@@ -24,6 +24,7 @@ class ChartKind(Enum):
 
     TIME = "time"  # time and a value; all charts of time share zoom and cursor
     FREQUENCY = "frequency"  # both logarithmic
+    SEMILOG = "semilog"  # frequency, logarithmic, and a value
     PLANE = "plane"  # the complex plane, both axes logarithmic away from 0; points without lines
 
 
@@ -154,9 +155,9 @@ def spectra(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
     return tuple(groups)
 
 
-def frequency_chart(title: str, curves: tuple[Curve, ...]) -> Chart:
+def frequency_chart(title: str, curves: tuple[Curve, ...], kind: ChartKind = ChartKind.FREQUENCY) -> Chart:
     """Return a chart over frequency."""
-    return Chart(title=title, x_label="frequency [rad/s]", kind=ChartKind.FREQUENCY, curves=curves)
+    return Chart(title=title, x_label="frequency [rad/s]", kind=kind, curves=curves)
 
 
 def bracket_unit(unit: str) -> str:

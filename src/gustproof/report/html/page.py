@@ -8,7 +8,7 @@ import base64
 import json
 import re
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from gustproof.report.html.tables import render_flights, render_margins, render_
 from gustproof.types import Array
 from gustproof.version import __version__
 
-_SCRIPTS = ("uPlot.min.js", "numbers.js", "charts.js", "attitude.js", "replay.js", "page.js")
+_SCRIPTS = ("attitude.js", "replay.js", "page.js")
 
 
 def write_report(runs: Sequence[ReportRun], path: Path) -> None:
@@ -34,7 +34,7 @@ def write_report(runs: Sequence[ReportRun], path: Path) -> None:
 
 def render_page(runs: Sequence[ReportRun]) -> str:
     """Return the page as HTML."""
-    laws, numbers = collect_laws(runs), _NumberBlock()
+    laws, numbers = collect_laws(runs), NumberBlock()
     scenarios = ", ".join(dict.fromkeys(run.scenario.name for run in runs))
     sections = {
         "time": numbers.encode_groups(time_histories(runs)),
@@ -57,18 +57,25 @@ def render_page(runs: Sequence[ReportRun]) -> str:
         "flights": render_flights(runs) + render_requirements(runs),
         "margins": render_margins(laws),
         "footer": escape(f"Flown by gustproof {flown}, drawn by gustproof {__version__}.{shown}"),
+    }
+    return fill_page("page.html", parts | chart_parts(page, numbers, _SCRIPTS))
+
+
+def chart_parts(page: Mapping[str, Any], numbers: "NumberBlock", scripts: Iterable[str]) -> dict[str, str]:
+    """Return the parts that all pages with charts share: data, numbers, and the scripts that draw them."""
+    names = ("uPlot.min.js", "numbers.js", "charts.js", *scripts)
+    return {
         "licence": escape(read_asset("uPlot.LICENSE")),
         "policy": "script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:",
         "styles": f"{read_asset('uPlot.min.css')}\n{read_asset('page.css')}",
         # no text in the JSON may end the script
         "page": json.dumps(page, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
         "numbers": numbers.encode(),
-        "scripts": "\n".join(f"<script>\n{read_asset(name)}\n</script>" for name in _SCRIPTS),
+        "scripts": "\n".join(f"<script>\n{read_asset(name)}\n</script>" for name in names),
     }
-    return fill_page("page.html", parts)
 
 
-class _NumberBlock:
+class NumberBlock:
     """All numbers of the page, each array once, referred to by offset and length."""
 
     def __init__(self) -> None:
