@@ -11,7 +11,8 @@ from firmware_model.errors import ConfigError
 DATA = Path(__file__).parent / "data"
 """Folder of the shipped sets, one below for each autopilot."""
 _NAME, _NUMBER = re.compile(r"[A-Z][A-Z0-9_]{0,15}"), re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-_SUFFIXES = (".params", ".param", ".parm")
+SUFFIXES = (".params", ".param", ".parm")
+"""Ends of the names of parameter files."""
 
 
 def read_parameters(name_or_path: str, autopilot: str) -> dict[str, str]:
@@ -26,7 +27,7 @@ def read_parameters(name_or_path: str, autopilot: str) -> dict[str, str]:
         If there is no such file or set, or a line holds no parameter.
     """
     path = Path(name_or_path)
-    if path.suffix not in _SUFFIXES:
+    if path.suffix not in SUFFIXES:
         path = shipped_path("parameter set", name_or_path, DATA / autopilot, ".params")
     try:
         text = read_text(path)
