@@ -133,5 +133,6 @@ ARDUPILOT = Autopilot(
     r"ATC_RATE_(FF_ENAB|WPY_MAX)|INS_GYRO_RATE|INS_HNTC[H2]_(MODE|REF|FM_RAT)",
     full_torque=_full_torque,
     build=_build,
+    thrust_steps=1000,  # microseconds of a pulse
     remarks=_remarks,
 )

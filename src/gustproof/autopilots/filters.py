@@ -73,7 +73,7 @@ class AxisLoop:
         self.dt = dt
         self._next: list[Matrix] = []
         self._excess: list[float] = []
-        self.rate, self.reference = np.eye(2, _SIZE + 2, _SIZE)
+        self.rate, self.reference = _unit(_SIZE), _unit(_SIZE + 1)
         self.attitude, self.last_rate = self.state(), self.state()
         self.set_next(self.attitude, self.attitude + 0.5 * dt * (self.rate - self.last_rate))
         self.set_next(self.last_rate, self.rate)
@@ -82,7 +82,7 @@ class AxisLoop:
         """Return the signal of a new state."""
         self._next.append(np.zeros(_SIZE + 2))
         self._excess.append(0.0)
-        return np.eye(1, _SIZE + 2, len(self._next) - 1)[0]
+        return _unit(len(self._next) - 1)
 
     def set_next(self, state: Matrix, signal: Matrix, excess: float = 0.0) -> None:
         """Set what a state becomes: a signal, and `excess` times the command's saturation excess [N*m]."""
@@ -144,3 +144,7 @@ class AxisLoop:
             A=rows[:, :n], B=B, C=command[kept][None, :n], D=D, G=self.dt * np.eye(n, 1), H=H,
             rate_limit=limit_by_reference(commanded[kept], B, D, limit),
         )  # fmt: skip
+
+
+def _unit(at: int) -> Matrix:
+    return np.asarray(np.eye(1, _SIZE + 2, at)[0])

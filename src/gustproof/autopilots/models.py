@@ -46,6 +46,8 @@ class AutopilotLaw:
     """Torque law; its provenance has all parameters of the loops."""
     rate_hz: int
     """[Hz] rate of the law."""
+    thrust_step: float
+    """[N] step in which a rotor's thrust is told; 0 if it is not rounded. See `performance.rounding`."""
     remarks: tuple[str, ...]
     """What the law's form does not hold of the loops, a line each."""
 
@@ -85,7 +87,12 @@ def autopilot_law(
     strange = [each for each in parameters if each.startswith(autopilot.family) and each not in values]
     strange = [each for each in strange if not re.fullmatch(autopilot.known, each)]
     remarks = [f"not known: {', '.join(strange)}"] if strange else []
-    return AutopilotLaw(law=law, rate_hz=rate, remarks=(*remarks, *autopilot.remarks(parameters)))
+    return AutopilotLaw(
+        law=law,
+        rate_hz=rate,
+        thrust_step=vehicle.rotors.thrust_max / autopilot.thrust_steps if autopilot.thrust_steps else 0.0,
+        remarks=(*remarks, *autopilot.remarks(parameters)),
+    )
 
 
 def read_autopilot_law(path: Path, vehicle: Vehicle, *, rate_hz: int | None = None) -> AutopilotLaw:

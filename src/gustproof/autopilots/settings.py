@@ -58,6 +58,8 @@ class Autopilot(NamedTuple):
     """Vehicle and parameters to the torque [N*m] of a command of 1.0 about each axis."""
     build: Callable[[int, Mapping[str, float], float, float], LoopSignals]
     """Axis 0 to 2, parameters, that torque [N*m] and the rate [Hz] to the loop."""
+    thrust_steps: int
+    """Steps from no thrust to the largest in which outputs are told in simulation; 0 if they are not rounded."""
     remarks: Callable[[Mapping[str, float]], list[str]]
     """Parameters, with those that are not of the loops, to what the form does not hold of them."""
 
