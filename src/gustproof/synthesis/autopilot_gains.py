@@ -21,7 +21,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.guest.guest import scenario_for
-from firmware_model.guest.parameter_files import write_parameters
+from firmware_model.guest.parameter_files import GROUND_STATION_FORMS, write_parameters
 from gustproof.autopilots.models import AUTOPILOTS, autopilot_law
 from gustproof.autopilots.settings import complete
 from gustproof.errors import DesignError
@@ -71,7 +71,9 @@ class _Structure(NamedTuple):
 
 
 _PX4 = _Structure(
-    own=tuple(tuple(f"MC_{a}{each}" for each in ("_P", "RATE_P", "RATE_I", "RATE_D")) for a in ("ROLL", "PITCH", "YAW")),
+    own=tuple(
+        tuple(f"MC_{axis}{each}" for each in ("_P", "RATE_P", "RATE_I", "RATE_D")) for axis in ("ROLL", "PITCH", "YAW")
+    ),
     shared=("IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF"),
     corners=(10.0, 0.45),
     angle_p=(12.0, 12.0, 5.0),
@@ -80,7 +82,8 @@ _PX4 = _Structure(
 )  # fmt: skip
 _ARDUPILOT = _Structure(
     own=tuple(
-        (f"ATC_ANG_{a}_P", *(f"ATC_RAT_{a}_{each}" for each in ("P", "I", "D", "FLTD"))) for a in ("RLL", "PIT", "YAW")
+        (f"ATC_ANG_{axis}_P", *(f"ATC_RAT_{axis}_{each}" for each in ("P", "I", "D", "FLTD")))
+        for axis in ("RLL", "PIT", "YAW")
     ),
     shared=("INS_GYRO_FILTER",),
     corners=(5.0, 0.25),
@@ -109,10 +112,6 @@ class AutopilotTuning:
     """[-] largest sensitivity peak of the axes."""
     corner_Ms: float
     """[-] the same at the corners of the vehicle's spreads."""
-
-    def save(self, path: Path, vehicle: Vehicle) -> None:
-        """Write the parameters, with those of the vehicle's frame, as a file that ground stations load."""
-        write_tuning(self, vehicle, path)
 
 
 def tune_gains(
@@ -148,7 +147,8 @@ def tune_gains(
     parameters = {**structure.fixed, **{name: float(f"{value:.{_DIGITS}g}") for name, value in values.items()}}
     law = autopilot_law(kind, parameters, vehicle, name=f"{kind}-{vehicle.name}").law
     predicted = predict(law, vehicle, script)
-    assert predicted is not None and predicted.seen_rmse is not None  # a torque law on strapdown
+    assert predicted is not None  # as for a law of torque
+    assert predicted.seen_rmse is not None  # on strapdown
     nominal, corner = search.peaks(values)
     return AutopilotTuning(
         kind=kind,
@@ -161,23 +161,20 @@ def tune_gains(
     )
 
 
-def write_tuning(tuning: AutopilotTuning, vehicle: Vehicle, path: Path) -> None:
+def save_tuning(tuning: AutopilotTuning, vehicle: Vehicle, path: Path) -> None:
     """Write the parameters of a tuning and of the vehicle's frame as a file that ground stations load."""
     frame = px4_parameters(vehicle) if tuning.kind == "px4" else ardupilot_parameters(vehicle)
     curve = "THR_MDL_FAC" if tuning.kind == "px4" else "MOT_THST_EXPO"
     values = {name: value for name, value in frame.items() if name != curve}
     values |= {name: f"{value:g}" for name, value in tuning.parameters.items()}
-    write_parameters(
-        values,
-        path,
-        tuning.kind,
-        [
-            f"{AUTOPILOTS[tuning.kind].name}, vehicle '{vehicle.name}': gains of least attitude error in gusts",
-            f"predicted: error {math.degrees(tuning.rmse):.3g} deg, slew {tuning.slew:.3g} N m/s, "
-            f"sensitivity peak {tuning.Ms:.3g}, {tuning.corner_Ms:.3g} over the vehicle's spreads",
-            f"{curve} is not set here: it must make the thrust of your motors linear in the command",
-        ],
-    )
+    head = [
+        f"{AUTOPILOTS[tuning.kind].name}, vehicle '{vehicle.name}': gains of least attitude error in gusts",
+        f"predicted: error {math.degrees(tuning.rmse):.3g} deg as the autopilot sees it, "
+        f"torque slew {tuning.slew:.3g} N m/s,",
+        f"sensitivity peak {tuning.Ms:.3g}, {tuning.corner_Ms:.3g} over the spreads of inertia and lag",
+        f"{curve} is not set here: it must make the thrust of your motors linear in the command",
+    ]
+    write_parameters(values, path, GROUND_STATION_FORMS[tuning.kind], head)
 
 
 class _Search:
