@@ -245,8 +245,8 @@ class _Search:
             error,
             z,
             method="SLSQP",
-            bounds=list(zip(low, high, strict=True)),
-            constraints={"type": "ineq", "fun": room},
+            bounds=list(zip(low.tolist(), high.tolist(), strict=True)),
+            constraints=scipy.optimize.NonlinearConstraint(room, 0.0, np.inf),
             options={"maxiter": _ITERATIONS, "ftol": 1e-7},
         )
         return found.x if np.min(room(found.x)) > -_TOLERANCE else None
