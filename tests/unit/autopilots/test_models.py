@@ -245,6 +245,7 @@ def test_what_is_predicted_is_what_the_real_autopilot_did(kind: str, gains: str)
     assert slew == pytest.approx(flown, rel=0.2)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("kind", AUTOPILOTS)
 def test_a_flight_of_the_law_is_as_predicted(kind: str) -> None:
     rate = AUTOPILOTS[kind].rate_hz
