@@ -39,7 +39,7 @@ _GRID_MARGIN = 2e-3
 """[-] share of a peak reserved for a rise of the sensitivity between two frequencies of the grid."""
 _CORNER_PEAKS = (1.5, 2.5, 4.0)
 """[-] sensitivity peaks at the corners of the spreads over the nominal one, tried in this order."""
-_SPEEDS = (1.0, 0.5, 0.25)
+_SPEEDS = (1.0, 0.4)
 """[-] of the starts, tried in this order until one leads to gains within the limits."""
 _START = (4.0, 8.0, 16.0, 0.3)
 """[1/s, 1/s, 1/s^2, -] angle P, rate P, I and D of angular acceleration: stable at a lateness of `_LATENESS`."""
