@@ -47,13 +47,14 @@ function axisOf(label, k, side) {
 
 // k scales everything, for a picture of higher resolution.
 function optionsOf(chart, width, height, k = 1) {
-  const distr = { time: 1, frequency: 3, plane: 4 }[chart.kind];
-  const values = (_, splits) => (chart.kind === "time" ? splits.map(plain) : decades(splits));
-  const range = rangesOf(chart), splits = chart.kind === "frequency" && { splits: (_, __, low, high) => lines(low, high) };
+  const [across, upward] = { time: [1, 1], frequency: [3, 3], phase: [3, 1], plane: [4, 4] }[chart.kind];
+  const values = (distr) => (_, splits) => (distr === 1 ? splits.map(plain) : decades(splits));
+  const splits = (distr) => distr === 3 && { splits: (_, __, low, high) => lines(low, high) };
+  const range = rangesOf(chart);
   return {
     width, height, padding: [8 * k, 16 * k, 0, 0],
-    scales: { x: { time: false, distr, asinh: 0.1, ...range.x }, y: { distr, asinh: 0.1, ...range.y } },
-    axes: [{ ...axisOf(chart.x, k, "x"), values, ...splits }, { ...axisOf("", k, "y"), values, ...splits }],
+    scales: { x: { time: false, distr: across, asinh: 0.1, ...range.x }, y: { distr: upward, asinh: 0.1, ...range.y } },
+    axes: [{ ...axisOf(chart.x, k, "x"), values: values(across), ...splits(across) }, { ...axisOf("", k, "y"), values: values(upward), ...splits(upward) }],
     series: [{ label: chart.x.split(" [")[0], value: (_, v) => format(v) }, ...chart.curves.map((curve) => seriesOf(curve, chart.kind, k))],
     legend: { live: true, markers: { width: 2, stroke: (_, i) => colourOf(chart.curves[i - 1]), dash: (_, i) => (chart.curves[i - 1].style === "dashed" ? "dashed" : "solid") } },
     cursor: {
@@ -65,7 +66,7 @@ function optionsOf(chart, width, height, k = 1) {
 
 // Frequency charts show six decades at most. Poles keep clear of the edges. A flat curve gets an axis of height 2.
 function rangesOf(chart) {
-  if (chart.kind === "time") return { y: { range: (_, low, high) => (low === high ? [low - 1, high + 1] : uPlot.rangeNum(low, high, 0.08, true)) } };
+  if (chart.kind === "time" || chart.kind === "phase") return { y: { range: (_, low, high) => (low === high ? [low - 1, high + 1] : uPlot.rangeNum(low, high, 0.08, true)) } };
   if (chart.kind === "frequency") return { y: { range: (_, low, high) => [Math.max(low, high * 1e-6) / 1.4, high * 1.4] } };
   const widest = (_, low, high) => 3 * Math.max(-low, high, 1);
   return { x: { range: (_, low, high) => [-widest(_, low, high), Math.max(3 * high, 0.1)] }, y: { range: (...all) => [-widest(...all), widest(...all)] } };

@@ -24,6 +24,7 @@ class ChartKind(Enum):
 
     TIME = "time"  # time and a value; all charts of time share zoom and cursor
     FREQUENCY = "frequency"  # both logarithmic
+    PHASE = "phase"  # frequency logarithmic, the value not
     PLANE = "plane"  # the complex plane, both axes logarithmic away from 0; points without lines
 
 
