@@ -79,6 +79,8 @@ def write_bag(path: Path, records: Records, flight: Mapping[str, Any], estimates
 def read_bag(path: Path) -> tuple[dict[str, Any], Records]:
     """Return the metadata on /flight and the journal records (n,) from `write_bag`, to the bit.
 
+    `path` is the bag's folder or its one .mcap file.
+
     Raises
     ------
     ConfigError
@@ -111,7 +113,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Records]:
     known = {FLIGHT_TOPIC, MODE_TOPIC, *(topic.name for topic in TOPICS)}
     payloads: dict[str, bytearray] = defaultdict(bytearray)
     changed_us: list[int] = []
-    for file in sorted(path.glob("*.mcap")):
+    for file in _files(path):
         for name, time_ns, payload in messages(file):
             if name in known and not (name == FLIGHT_TOPIC and FLIGHT_TOPIC in payloads):
                 payloads[name] += payload
@@ -134,6 +136,11 @@ def _read(path: Path) -> tuple[dict[str, Any], Records]:
     if not isinstance(flight, dict):
         raise ConfigError(f"{path}: does not say what was flown")
     return flight, records
+
+
+def _files(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag, its folder or its one file."""
+    return [path] if path.suffix == ".mcap" else sorted(path.glob("*.mcap"))
 
 
 def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
@@ -168,7 +175,7 @@ def _write_estimates(writer: Writer, estimates: Records) -> None:
 def read_estimate_topics(path: Path) -> Records:
     """Return the attitudes (m,) of `ESTIMATE` that a real autopilot told, from its bag; none in any other bag."""
     payloads: dict[str, bytearray] = {topic.name: bytearray() for topic in ESTIMATE_TOPICS}
-    for file in sorted(path.glob("*.mcap")):
+    for file in _files(path):
         for name, _, payload in messages(file):
             if name in payloads:
                 payloads[name] += payload
