@@ -13,6 +13,7 @@ from gustproof.cli.failures import OneLineErrors
 from gustproof.cli.fly import fly
 from gustproof.cli.identify import identify
 from gustproof.cli.identify_rates import identify_rates
+from gustproof.cli.judge import judge
 from gustproof.cli.processes import autopilot, controller
 from gustproof.cli.recover import recover
 from gustproof.cli.report import report
@@ -47,6 +48,7 @@ app.command()(certify)
 app.command()(worst_case)
 app.command()(report)
 app.command()(analyse)
+app.command()(judge)
 app.command()(audit)
 app.command()(export)
 app.command(context_settings=PASS_THROUGH)(autopilot)

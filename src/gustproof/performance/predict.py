@@ -31,6 +31,10 @@ class Prediction:
     """[rad] `rmse` of the attitude that the law sees: without its gyro's drift, which an autopilot's estimator removes.
 
     `None` for a law without an estimate of attitude."""
+    rmse_B: tuple[float, ...]
+    """(3,) [rad] `rmse` of phi, theta and psi by themselves."""
+    slew_B: tuple[float, ...]
+    """(3,) [N*m/s] B, `slew` of each axis by itself."""
 
 
 def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None:
@@ -55,8 +59,9 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
     if law.output is not Output.TORQUE:
         return None
     models = axis_models(vehicle, scenario)
-    whole = _mean_squares(models, law, vehicle, scenario)
-    quiet = _mean_squares([replace(model, noise=0.0) for model in models], law, vehicle, scenario)
+    by_axis = _mean_squares(models, law, vehicle, scenario)
+    still = _mean_squares([replace(model, noise=0.0) for model in models], law, vehicle, scenario)
+    whole, quiet = by_axis.mean(axis=1), still.mean(axis=1)
     # Mean squares are linear in the noise's variance s, in units of the one set by the reference rate r. Its ratio to
     # the rate stays for s r^2 = quiet + s (whole - quiet).
     by_noise, reference_square = whole - quiet, vehicle.gyro.reference_rate**2
@@ -70,20 +75,22 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
         own_rate=own_rate,
         own_rate_rmse=own_rate_rmse,
         seen_rmse=math.sqrt(whole[3]) if law.is_scheduled else None,
+        rmse_B=tuple(np.sqrt(by_axis[0]).tolist()),
+        slew_B=tuple((np.sqrt(by_axis[1]) / scenario.dt).tolist()),
     )
 
 
 def _mean_squares(models: Sequence[AxisModel], law: Law, vehicle: Vehicle, scenario: Scenario) -> Matrix:
-    """Return mean squares (4,) of attitude [rad^2], command change [(N*m)^2], rate [(rad/s)^2] and first states.
+    """Return mean squares (4, 3) of attitude [rad^2], command change [(N*m)^2], rate [(rad/s)^2] and first states.
 
-    They are pooled over the axes. The law's first three states are its attitude [rad], if it estimates one.
+    Columns are the axes. The law's first three states are its attitude [rad], if it estimates one.
     """
     closed = close_vehicle(models, law, vehicle, scenario)
     first = np.eye(3, closed.order, closed.order - law.order)
     seen = Lti(
         A=closed.A, B=closed.B, C=np.vstack([closed.C, first]), D=np.pad(closed.D, ((0, 3), (0, 0))), dt=closed.dt
     )
-    return np.asarray(np.mean(np.diag(mean_second_moments(models, seen)).reshape(4, 3), axis=1))
+    return np.diag(mean_second_moments(models, seen)).reshape(4, 3)
 
 
 def close_vehicle(models: Sequence[AxisModel], law: Law, vehicle: Vehicle, scenario: Scenario) -> Lti:

@@ -32,13 +32,13 @@ def write_report(runs: Sequence[ReportRun], path: Path) -> None:
     write_atomic(path, render_page(runs))
 
 
-def render_page(runs: Sequence[ReportRun]) -> str:
-    """Return the page as HTML."""
+def render_page(runs: Sequence[ReportRun], *, intro: str = "", loops: Sequence[ChartGroup] = ()) -> str:
+    """Return the page as HTML, with an `intro` as HTML before all else and charts of `loops` before the laws' own."""
     laws, numbers = collect_laws(runs), NumberBlock()
     scenarios = ", ".join(dict.fromkeys(run.scenario.name for run in runs))
     sections = {
         "time": numbers.encode_groups(time_histories(runs)),
-        "frequency": numbers.encode_groups(frequency_charts(laws)),
+        "frequency": numbers.encode_groups([*loops, *frequency_charts(laws)]),
         "poles": numbers.encode_groups(pole_charts(laws)),
         "spectra": numbers.encode_groups(spectra(runs)),
     }
@@ -54,6 +54,7 @@ def render_page(runs: Sequence[ReportRun]) -> str:
     parts = {
         "title": escape(f"{scenarios}: {', '.join(run.label for run in runs)}"),
         "scenarios": "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(described)),
+        "intro": intro,
         "flights": render_flights(runs) + render_requirements(runs),
         "margins": render_margins(laws),
         "footer": escape(f"Flown by gustproof {flown}, drawn by gustproof {__version__}.{shown}"),

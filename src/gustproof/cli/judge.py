@@ -1,0 +1,118 @@
+"""The command `gustproof judge`: a user's gains on his vehicle."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from firmware_model.errors import ConfigError
+from gustproof.cli.failures import ExitStatus
+from gustproof.cli.options import SEED, AsJson, VehicleName, check_output, parse_positive_vector, print_json, progress
+
+if TYPE_CHECKING:
+    from firmware_model.config.vehicle import Vehicle
+    from gustproof.law.form import Law
+
+_LAWS, _LOGS = ("", ".json", ".mat"), (".ulg", ".bin")
+
+
+def judge(
+    gains: Annotated[
+        str,
+        typer.Argument(
+            help="Parameters of PX4 or ArduPilot (.params, .param), a flight log (.ulg, .bin) that has them, px4 or "
+            "ardupilot for their defaults, or a law."
+        ),
+    ],
+    vehicle: VehicleName = "paper",
+    air: Annotated[str, typer.Option(help="Scenario that gives turbulence and delay.")] = "paper-turbulence",
+    moment: Annotated[
+        str | None,
+        typer.Option(help="Budget of the worst gust, L,M,N [N m] [default: 3 times the rms moment of the air]."),
+    ] = None,
+    better: Annotated[
+        Path | None, typer.Option(help="Write better gains of the same autopilot here (.params).")
+    ] = None,
+    seed: Annotated[int, SEED] = 1,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Write a page here (.html).")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Judge gains on a vehicle and its spreads: sound, fragile or unstable, with the evidence.
+
+    Margins nominal and over the spreads of inertia and lag in the vehicle file, proved where the law permits. Predicted
+    error and slew in the air, beside the least possible at that price. The worst gust found within a moment budget. A
+    proved bound of the attitude, and the nearest case that fails, flown. Then advice from the loop itself: what each
+    filter and gain costs, what another value would allow, and better gains.
+
+    Sound means stable over the spreads, Ms at most 2 with the nominal vehicle and 2.5 over the spreads, a delay margin
+    of a sample and 5 ms, and no gust found that costs the attitude. Exit status: 0 sound, 1 fragile or unstable, 2 bad
+    input.
+
+        gustproof judge my.params --vehicle my-quad.toml -o my.html
+
+        gustproof judge flight.ulg --vehicle my-quad.toml --better my-better.params
+
+        gustproof judge flagship --json
+    """
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.uncertainty import load_vehicle_set
+    from gustproof.analysis.judge import Verdict, improve, judge_law
+    from gustproof.report.judgement import render_judgement
+    from gustproof.report.terminal import show
+    from gustproof.synthesis.autopilot_gains import save_tuning
+
+    check_output(output, ".html", "a page")
+    check_output(better, ".params", "a parameter file", new=True)
+    budget = None if moment is None else parse_positive_vector("--moment", moment)
+    vehicles, script = load_vehicle_set(vehicle), load_scenario(air)
+    law, step, remarks = _read(gains, vehicles.nominal)
+    try:
+        with progress(f"judging {law.name}", quiet=as_json) as shown:
+            found = judge_law(law, vehicles, script, moment=budget, thrust_step=step, seed=seed, progress=shown)
+            shown(0.9, "better gains")
+            tuned = improve(found, vehicles)
+            improved = None
+            if tuned is not None:
+                improved = judge_law(tuned.law, vehicles, script, moment=budget, thrust_step=step, seed=seed)
+    except (ValueError, OverflowError) as error:
+        raise ConfigError(f"law '{law.name}' cannot be judged on vehicle '{vehicles.nominal.name}': {error}") from None
+    if better is not None:
+        if tuned is None:
+            raise ConfigError(f"no better gains of '{law.name}' were found: {better} is not written")
+        save_tuning(tuned, vehicles.nominal, better)
+    if output is not None:
+        from gustproof.report.html.judgement_page import write_judgement
+
+        write_judgement(found, improved, remarks, output)
+    if as_json:
+        print_json({**found.to_dict(), "remarks": remarks, "better": None if improved is None else improved.to_dict()})
+    else:
+        show(render_judgement(found, improved))
+        lines = [f"model: {remark}" for remark in remarks]
+        print("\n".join([*lines, *(f"{path} is written" for path in (better, output) if path is not None)]))
+    if found.verdict is not Verdict.SOUND:
+        raise typer.Exit(ExitStatus.REQUIREMENT_FAILED.value)
+
+
+def _read(gains: str, vehicle: "Vehicle") -> "tuple[Law, float, tuple[str, ...]]":
+    """Return the law of a file's gains, the step of its rotors' thrust [N], and remarks on the model."""
+    from gustproof.autopilots.models import AUTOPILOTS, autopilot_law, read_autopilot_law
+    from gustproof.law.io.matrices import read_law
+
+    path = Path(gains)
+    if gains in AUTOPILOTS:
+        model = autopilot_law(gains, {}, vehicle)
+        return model.law, model.thrust_step, model.remarks
+    if path.suffix in _LAWS:
+        return read_law(gains), 0.0, ()
+    findings: tuple[str, ...] = ()
+    if path.suffix.lower() in _LOGS:
+        from gustproof.logs.read import read_log
+
+        log = read_log(path)
+        if not log.parameters:
+            raise ConfigError(f"{path}: the log has no parameters")
+        model, findings = autopilot_law(log.system, log.parameters, vehicle), log.findings
+    else:
+        model = read_autopilot_law(path, vehicle)
+    return model.law, model.thrust_step, (*model.remarks, *findings)
