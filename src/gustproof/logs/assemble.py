@@ -55,8 +55,11 @@ class Draft:
     in_air: Rows | None = None
     """(n, 1) 1 from a sample on that is in the air, else 0; `None` if the log does not tell."""
     command_unit: CommandUnit = CommandUnit.NORMALISED
+    """Unit of the command."""
     parameters: dict[str, float] = field(default_factory=dict)
+    """Parameters of the autopilot by name."""
     findings: list[str] = field(default_factory=list)
+    """Shortcomings that the reader has seen, a line each."""
 
 
 class Parameters:

@@ -1,7 +1,7 @@
 """Read a PX4 log, ULog.
 
-Messages of a size (uint16) and a kind (a letter): F names the fields of a topic, A gives a topic a number, D is a
-sample of a number, P a parameter, O a drop-out of the logger. Damage is passed over to the next sync marker.
+A message has a size (uint16) and a kind, a letter. F names the fields of a topic, A gives a topic a number, and D is a
+sample of a number. P is a parameter, O a drop-out of the logger. Damage is passed over to the next sync marker.
 
 The gyro is the topic of the highest rate; of nearly equal ones the one that is filtered less. `sensor_combined` is a
 mean over its interval, so its stamps are put in the middle. A command has the stamp of its message.
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gustproof.logs.assemble import Draft, Parameters, Rows, euler_angles, fastest
-from gustproof.logs.blocks import Kept, read_blocks
+from gustproof.logs.kept import Kept, read_blocks
 from gustproof.types import Array
 
 MAGIC = b"ULog\x01\x12\x35"
