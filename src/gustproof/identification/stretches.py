@@ -5,17 +5,20 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gustproof.identification.rate_response import command_response
 from gustproof.logs.flight_log import FlightLog, Signal
 from gustproof.types import Array
+
+Indices = NDArray[np.int64]
 
 BIN = 0.004
 """[s] gyro samples within it are averaged: below 25 Hz, where vehicles turn, that loses nothing."""
 SETTLING = 0.35
 """[s] left out at the begin of a stretch: the actuators' state is unknown there."""
 _GROUND = 1.5  # [s] left out beside take-off and landing: the ground pushes on the vehicle
-_ENOUGH, _PIECE = 150.0, 10.0  # [s] of a long log that are used, and of the pieces that are chosen
+_PIECE = 10.0  # [s] of the pieces of a long log
 _LONGEST_GAP = 0.1  # [s] beyond it a stretch ends
 SHORTEST = 2.0
 """[s] of a stretch that is used."""
@@ -31,8 +34,8 @@ class Stretch:
     """(m, k) torque commands or motor commands, and a last column of ones for the trim."""
     gyro_time: Array
     """(n,) [s]."""
-    bins: Array
-    """(b,) first gyro sample of each bin, as integers."""
+    bins: Indices
+    """(b,) first gyro sample of each bin."""
     time: Array
     """(b,) [s] mean time of each bin."""
     count: Array
@@ -65,15 +68,15 @@ def find_stretches(log: FlightLog, command: Signal) -> list[tuple[float, float]]
     return [(begin, end) for begin, end in found if end - begin >= SHORTEST]
 
 
-def limit_time(spans: list[tuple[float, float]], command: Signal) -> list[tuple[float, float]]:
-    """Return the liveliest pieces of the spans [s] of a long log, those in which the command moves most."""
-    if sum(end - begin for begin, end in spans) <= _ENOUGH:
+def limit_time(spans: list[tuple[float, float]], command: Signal, enough: float) -> list[tuple[float, float]]:
+    """Return `enough` [s] of the liveliest pieces of the spans [s], those in which the command moves most."""
+    if sum(end - begin for begin, end in spans) <= enough:
         return spans
     cuts = [np.append(np.arange(begin, end, _PIECE), end) for begin, end in spans]
     pieces = [(float(a), float(b)) for cut in cuts for a, b in pairwise(cut) if b - a >= SHORTEST]
     moved = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(command.values, axis=0)).sum(axis=1))])
     activity = [float(np.ptp(np.interp((a, b), command.time, moved))) / (b - a) for a, b in pieces]
-    chosen = sorted(np.argsort(activity, kind="stable")[::-1][: round(_ENOUGH / _PIECE)])
+    chosen = sorted(np.argsort(activity, kind="stable")[::-1][: round(enough / _PIECE)])
     return [pieces[i] for i in chosen]
 
 
@@ -113,7 +116,7 @@ def cut_stretch(gyro: Signal, command: Signal, begin: float, end: float) -> Stre
     time, dt = gyro.time[inside], sample_time(gyro)
     width = dt * max(1, round(BIN / dt))
     number = np.floor((time - time[0] + 0.5 * dt) / width)
-    bins = np.flatnonzero(np.diff(number, prepend=-1.0))
+    bins = np.flatnonzero(np.diff(number, prepend=-1.0)).astype(np.int64)
     count = np.diff(bins, append=len(time)).astype(np.float64)
     return Stretch(
         command_time=held.time, command=np.column_stack([held.values, np.ones(len(held.time))]), gyro_time=time,
