@@ -1,7 +1,7 @@
 """Identification of a vehicle from a flight log: gains, actuator lag, delay, damping, disturbance and gyro noise."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from gustproof.identification.stretches import (
     find_stretches,
     keep_first,
     keep_rest,
+    limit_time,
     sample_time,
 )  # fmt: skip
 from gustproof.logs.flight_log import CommandUnit, FlightLog, Signal
@@ -38,7 +39,8 @@ from gustproof.types import Array
 _AXES = ("roll", "pitch", "yaw")
 _LEARNT = 2.0 / 3.0  # of the flight; the rest is predicted
 _LAGS, _DELAYS = (0.015, 0.04, 0.1), (0.002, 0.02)  # [s] where the search starts
-_LOOSE = 0.5  # half width of a gain's interval by the gain, beyond which it is not told
+_LOOSE = 0.3  # half width of a gain's interval by the gain, beyond which it is not told
+_VAGUE, _EXPLAINED = 0.1, 0.1  # the same, where the command explains less than this share of the accelerations
 _FLOOR = 0.01  # of a gain: what the model leaves out, such as gyroscopic moments
 _BLUR = 0.2  # of half a sample of the command: noise above its Nyquist frequency folds down and looks like lag
 _APART = 6.0  # loss of log likelihood by one lag and delay for all axes: beyond it (p = .002) yaw has its own
@@ -56,14 +58,22 @@ class _Axis:
     replicates: Array
     """(r, p) the same, bootstrapped."""
 
+    curves: Curves
+    """Series."""
+
+    @property
+    def wide_gain(self) -> Interval:
+        """[rad/s^2 per unit] sum of the channels' magnitudes, however uncertain."""
+        gain = interval(self.theta, self.replicates, lambda p: np.abs(p[..., GAINS:-1]).sum(axis=-1))
+        return widen(gain, _FLOOR * gain.nominal)
+
     @property
     def gain(self) -> Interval | None:
-        """[rad/s^2 per unit] sum of the channels' magnitudes, `None` if it is too loose."""
-        gain = interval(self.theta, self.replicates, lambda p: np.abs(p[..., GAINS:-1]).sum(axis=-1))
-        gain = widen(gain, _FLOOR * gain.nominal)
-        reach = max(gain.high - gain.nominal, gain.nominal - gain.low)
-        sound = gain.nominal > 0.0 and (self.data.square or self.theta[GAINS] > 0.0)
-        return gain if sound and reach < _LOOSE * gain.nominal else None
+        """[rad/s^2 per unit] the same; `None` if the flight does not show it."""
+        low, gain, high = self.wide_gain
+        loose = _LOOSE if self.curves.explained(self.curves.corner()) > _EXPLAINED else _VAGUE
+        sound = gain > 0.0 and (self.data.square or self.theta[GAINS] > 0.0)
+        return self.wide_gain if sound and max(high - gain, gain - low) < loose * gain else None
 
 
 def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None) -> Identification:
@@ -80,20 +90,20 @@ def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None)
     """
     tell = progress or (lambda _: None)
     command, square = _find_command(log)
-    spans = find_stretches(log, command)
+    spans = limit_time(find_stretches(log, command), command)
     learnt = keep_first(spans, _LEARNT)
     rest = keep_rest(spans, _LEARNT)
     if not learnt or not rest:
         raise ConfigError(f"{log.source}: too short: {3.0 * SHORTEST:g} s in the air without a gap are needed")
     tell(0.02)
-    trained = _fit_axes(_cut(log, command, learnt), square, None)
+    dt = max(BIN, sample_time(log.gyro))
+    trained = _fit_axes(_cut(log, command, learnt), square, dt, None)
     tell(0.5)
-    axes = _fit_axes(_cut(log, command, spans), square, [axis.theta for axis in trained])
+    axes = _fit_axes(_cut(log, command, spans), square, dt, [axis.theta for axis in trained])
     tell(0.9)
     ahead = _cut(log, command, rest)
-    dt = max(BIN, sample_time(log.gyro))
-    held_out = [_held_out(axis, ahead, dt) for axis in trained]
-    return _collect(log, command, axes, held_out, dt)
+    held_out = [_held_out(axis, ahead) for axis in trained]
+    return _collect(log, command, axes, held_out)
 
 
 def _find_command(log: FlightLog) -> tuple[Signal, bool]:
@@ -109,7 +119,7 @@ def _cut(log: FlightLog, command: Signal, spans: Spans) -> list[Stretch]:
     return [cut_stretch(log.gyro, command, begin, end) for begin, end in spans]
 
 
-def _fit_axes(stretches: list[Stretch], square: bool, near: list[Array] | None) -> list[_Axis]:
+def _fit_axes(stretches: list[Stretch], square: bool, dt: float, near: list[Array] | None) -> list[_Axis]:
     """Return the fit of each axis; begin `near` earlier parameters.
 
     Lag and delay are shared by roll and pitch, and by yaw if its own are not far from theirs: the rotors' inertia
@@ -130,7 +140,9 @@ def _fit_axes(stretches: list[Stretch], square: bool, near: list[Array] | None) 
     for fit in fits:
         replicates = bootstrap(fit)
         for one, at in zip(fit.axes, places(fit.axes), strict=True):
-            axes.append(_Axis(data=one, theta=fit.theta[at], replicates=replicates[:, at]))
+            theta = fit.theta[at]
+            curves = make_curves(one, theta, dt)
+            axes.append(_Axis(data=one, theta=theta, replicates=replicates[:, at], curves=curves))
     return axes
 
 
@@ -154,14 +166,13 @@ def _guess(group: list[AxisData], lag: float, delay: float) -> Array:
     return np.concatenate(parts)
 
 
-def _held_out(axis: _Axis, ahead: list[Stretch], dt: float) -> float:
+def _held_out(axis: _Axis, ahead: list[Stretch]) -> float:
     """Return R^2 of the prediction of stretches that the fit has not seen."""
-    seen = make_curves(axis.data, axis.theta, dt)
-    data = AxisData(stretches=ahead, axis=axis.data.axis, channels=axis.data.channels, square=axis.data.square)
-    return make_curves(data, axis.theta, dt).explained(seen.corner())
+    data = replace(axis.data, stretches=ahead)
+    return make_curves(data, axis.theta, axis.curves.dt).explained(axis.curves.corner())
 
 
-def _collect(log: FlightLog, command: Signal, axes: list[_Axis], held_out: list[float], dt: float) -> Identification:
+def _collect(log: FlightLog, command: Signal, axes: list[_Axis], held_out: list[float]) -> Identification:
     """Return the results in the form that others read."""
     leader = next((axis for axis in axes if axis.gain is not None), None)
     lag = delay = None
@@ -170,29 +181,26 @@ def _collect(log: FlightLog, command: Signal, axes: list[_Axis], held_out: list[
         lag = widen(interval(leader.theta, leader.replicates, lambda p: np.exp(p[..., LAG])), _BLUR * hold)
         held = widen(interval(leader.theta, leader.replicates, lambda p: p[..., DELAY]), _BLUR * hold)
         delay = Interval(held.low, held.nominal + 0.5 * hold, held.high + hold)
-    curves = [make_curves(axis.data, axis.theta, dt) for axis in axes]
-    corner = max(each.corner() for each in curves)
-    responses = [each.response(log.reference, i) for i, each in enumerate(curves)]
-    roll, pitch, yaw = (
-        _estimate(axis, each, r2, sample_time(log.gyro)) for axis, each, r2 in zip(axes, curves, held_out, strict=True)
-    )
+    corner = max(axis.curves.corner() for axis in axes)
+    responses = [axis.curves.response(log.reference, i) for i, axis in enumerate(axes)]
+    roll, pitch, yaw = (_estimate(axis, r2, sample_time(log.gyro)) for axis, r2 in zip(axes, held_out, strict=True))
     omega = responses[0].omega
-    accelerations = [each.accelerations(corner) for each in curves]
+    accelerations = [axis.curves.accelerations(corner) for axis in axes]
     motors, motor_intervals = _motor_gains(axes)
     return Identification(
-        source=log.source, dt=dt, actuator_lag=lag, delay=delay, axes=(roll, pitch, yaw),
+        source=log.source, dt=axes[0].curves.dt, actuator_lag=lag, delay=delay, axes=(roll, pitch, yaw),
         command_unit=log.command_unit if log.command is not None else CommandUnit.NORMALISED,
         motor_gains=motors, motor_intervals=motor_intervals, omega=omega,
         response=np.array([each.response for each in responses]),
         model=np.array([model_response(axis.theta, omega, np.abs(axis.theta[GAINS:-1]).sum()) for axis in axes]),
-        coherence=np.array([each.coherence for each in responses]), time=np.concatenate(curves[0].time),
+        coherence=np.array([each.coherence for each in responses]), time=np.concatenate(axes[0].curves.time),
         acceleration=np.column_stack([measured for measured, _ in accelerations]),
         predicted=np.column_stack([predicted for _, predicted in accelerations]),
         findings=(*log.findings, *_doubts(axes, leader)),
     )  # fmt: skip
 
 
-def _estimate(axis: _Axis, curves: Curves, held_out: float, dt: float) -> AxisEstimate:
+def _estimate(axis: _Axis, held_out: float, dt: float) -> AxisEstimate:
     """Return the numbers of one axis; `dt` [s] is that of the gyro's samples."""
     gain, theta = axis.gain, axis.theta
     damping = interval(theta, axis.replicates, lambda p: np.maximum(p[..., DAMPING], 0.0))
@@ -200,19 +208,22 @@ def _estimate(axis: _Axis, curves: Curves, held_out: float, dt: float) -> AxisEs
         gain=gain,
         damping=None if gain is None else damping,
         noise=float(np.sqrt(2.0 * np.exp(theta[NOISE]) * dt)),
-        disturbance_rms=disturbance_rms(curves, theta),
+        disturbance_rms=disturbance_rms(axis.curves, theta),
         disturbance_corner=disturbance_corner(theta),
         held_out_r2=None if gain is None else held_out,
-        advice="" if gain is not None else _advise(axis, curves),
+        advice="" if gain is not None else _advise(axis),
     )
 
 
-def _advise(axis: _Axis, curves: Curves) -> str:
+def _advise(axis: _Axis) -> str:
     """Return the reason why an axis is not identified, and the manoeuvre that would excite it."""
-    name, caused = _AXES[axis.data.axis], np.std(np.concatenate(curves.caused))
+    name, gain = _AXES[axis.data.axis], axis.wide_gain
+    share = max(axis.curves.explained(axis.curves.corner()), 0.0)
+    reach = max(gain.high - gain.nominal, gain.nominal - gain.low) / max(gain.nominal, 1e-300)
+    known = f"its gain is known to {100.0 * reach:.0f} % only" if reach < 1.0 else "its gain can't be told from 0"
     return (
-        f"{name} is not excited: the command turns it by {caused:.2g} rad/s rms. Fly steps of 10 deg of {name}, a second "
-        "each, or a chirp of .5 to 8 Hz, for 20 s; log gyro and torque command at 250 Hz or more"
+        f"{name} is not excited: the command explains {100.0 * share:.0f} % of its acceleration, {known}. Fly steps of 10 "
+        f"deg of {name}, a second each, or a chirp of .5 to 8 Hz, for 30 s; log gyro and torque command at 250 Hz"
     )
 
 

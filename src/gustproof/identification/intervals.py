@@ -12,6 +12,7 @@ from gustproof.types import Array
 _REPLICATES = 1000
 _BLOCK = 1.0  # [s] prediction errors are nearly white: it is longer than what correlation is left
 _SEED = 16
+_MISFIT = 1.25  # spread of real errors by that of the bootstrap: disturbances are not of the model's shape
 
 
 def bootstrap(fit: Fit) -> Array:
@@ -20,7 +21,8 @@ def bootstrap(fit: Fit) -> Array:
     Blocks of the flight are drawn with replacement; each draw moves the maximum by one Newton step, the sum of the
     drawn scores times the inverse information. Blocks make the spread right also where the disturbance has another
     shape than the model's. Scores at a maximum are smaller than at the truth, by the share of parameters in blocks;
-    replicates are spread by that, and by the quantile of Student's t for the rest.
+    replicates are spread by that, by the quantile of Student's t for the rest, and by a quarter for the bias that a
+    disturbance of another shape leaves (`trial` measures it).
 
     References
     ----------
@@ -35,7 +37,7 @@ def bootstrap(fit: Fit) -> Array:
     steps = (weights - 1.0) @ solve_scaled(fit.information()[free], scores.T).T
     replicates = np.tile(fit.theta, (_REPLICATES, 1))
     rest = max(len(scores) - max(data.size for data in fit.axes), 1)
-    spread = np.sqrt(len(scores) / rest) * stats.t.ppf(0.975, rest) / stats.norm.ppf(0.975)
+    spread = _MISFIT * np.sqrt(len(scores) / rest) * stats.t.ppf(0.975, rest) / stats.norm.ppf(0.975)
     replicates[:, fit.free] += spread * steps
     return replicates
 

@@ -14,6 +14,8 @@ BIN = 0.004
 """[s] gyro samples within it are averaged: below 25 Hz, where vehicles turn, that loses nothing."""
 SETTLING = 0.35
 """[s] left out at the begin of a stretch: the actuators' state is unknown there."""
+_GROUND = 1.5  # [s] left out beside take-off and landing: the ground pushes on the vehicle
+_ENOUGH, _PIECE = 150.0, 10.0  # [s] of a long log that are used, and of the pieces that are chosen
 _LONGEST_GAP = 0.1  # [s] beyond it a stretch ends
 SHORTEST = 2.0
 """[s] of a stretch that is used."""
@@ -57,9 +59,22 @@ def sample_time(signal: Signal) -> float:
 
 def find_stretches(log: FlightLog, command: Signal) -> list[tuple[float, float]]:
     """Return begin and end [s] of the airborne stretches in which gyro and `command` have no long gap."""
-    airborne = log.airborne or ((log.gyro.time[0], log.gyro.time[-1]),)
+    airborne = tuple((begin + _GROUND, end - _GROUND) for begin, end in log.airborne)
+    airborne = airborne or ((float(log.gyro.time[0]), float(log.gyro.time[-1])),)
     found = [part for whole in airborne for part in _split(whole, (log.gyro, command))]
     return [(begin, end) for begin, end in found if end - begin >= SHORTEST]
+
+
+def limit_time(spans: list[tuple[float, float]], command: Signal) -> list[tuple[float, float]]:
+    """Return the liveliest pieces of the spans [s] of a long log, those in which the command moves most."""
+    if sum(end - begin for begin, end in spans) <= _ENOUGH:
+        return spans
+    cuts = [np.append(np.arange(begin, end, _PIECE), end) for begin, end in spans]
+    pieces = [(float(a), float(b)) for cut in cuts for a, b in pairwise(cut) if b - a >= SHORTEST]
+    moved = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(command.values, axis=0)).sum(axis=1))])
+    activity = [float(np.ptp(np.interp((a, b), command.time, moved))) / (b - a) for a, b in pieces]
+    chosen = sorted(np.argsort(activity, kind="stable")[::-1][: round(_ENOUGH / _PIECE)])
+    return [pieces[i] for i in chosen]
 
 
 def keep_first(spans: list[tuple[float, float]], share: float) -> list[tuple[float, float]]:
