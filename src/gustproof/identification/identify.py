@@ -17,7 +17,6 @@ from gustproof.identification.likelihood import (
     NOISE,
     SHARED,
     AxisData,
-    Fit,
     maximise,
     places,
     solve_gains,
@@ -37,6 +36,7 @@ from gustproof.logs.flight_log import CommandUnit, FlightLog, Signal
 from gustproof.types import Array
 
 _AXES = ("roll", "pitch", "yaw")
+_ENOUGH, _BRIEF = 150.0, 20.0  # [s] of a long log that are used, and for the first search
 _LEARNT = 2.0 / 3.0  # of the flight; the rest is predicted
 _LAGS, _DELAYS = (0.015, 0.04, 0.1), (0.002, 0.02)  # [s] where the search starts
 _LOOSE = 0.3  # half width of a gain's interval by the gain, beyond which it is not told
@@ -90,16 +90,18 @@ def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None)
     """
     tell = progress or (lambda _: None)
     command, square = _find_command(log)
-    spans = limit_time(find_stretches(log, command), command)
+    spans = limit_time(find_stretches(log, command), command, _ENOUGH)
     learnt = keep_first(spans, _LEARNT)
     rest = keep_rest(spans, _LEARNT)
     if not learnt or not rest:
         raise ConfigError(f"{log.source}: too short: {3.0 * SHORTEST:g} s in the air without a gap are needed")
     tell(0.02)
     dt = max(BIN, sample_time(log.gyro))
-    trained = _fit_axes(_cut(log, command, learnt), square, dt, None)
-    tell(0.5)
-    axes = _fit_axes(_cut(log, command, spans), square, dt, [axis.theta for axis in trained])
+    near = _search(_axis_data(_cut(log, command, limit_time(learnt, command, _BRIEF)), square))
+    tell(0.3)
+    trained = _fit_axes(_axis_data(_cut(log, command, learnt), square), dt, near)
+    tell(0.6)
+    axes = _fit_axes(_axis_data(_cut(log, command, spans), square), dt, [axis.theta for axis in trained])
     tell(0.9)
     ahead = _cut(log, command, rest)
     held_out = [_held_out(axis, ahead) for axis in trained]
@@ -119,20 +121,29 @@ def _cut(log: FlightLog, command: Signal, spans: Spans) -> list[Stretch]:
     return [cut_stretch(log.gyro, command, begin, end) for begin, end in spans]
 
 
-def _fit_axes(stretches: list[Stretch], square: bool, dt: float, near: list[Array] | None) -> list[_Axis]:
-    """Return the fit of each axis; begin `near` earlier parameters.
+def _axis_data(stretches: list[Stretch], square: bool) -> list[AxisData]:
+    """Return the measurements of each axis."""
+    trim = stretches[0].command.shape[1] - 1
+    channels = [[*range(trim), trim] if square else [i, trim] for i in range(3)]
+    return [AxisData(stretches=stretches, axis=i, channels=each, square=square) for i, each in enumerate(channels)]
+
+
+def _search(data: list[AxisData]) -> list[Array]:
+    """Return rough parameters of each axis, the best of several beginnings."""
+    tilts = [maximise(data[:2], _guess(data[:2], lag, delay), rounds=5) for lag in _LAGS for delay in _DELAYS]
+    tilt = min(tilts, key=lambda fit: fit.cost)
+    begins = [(float(np.exp(tilt.theta[LAG])), float(tilt.theta[DELAY])), (_LAGS[0], _DELAYS[0])]
+    yaws = [maximise(data[2:], _guess(data[2:], *begin), rounds=5) for begin in begins]
+    return [tilt.axis(0), tilt.axis(1), min(yaws, key=lambda fit: fit.cost).axis(0)]
+
+
+def _fit_axes(data: list[AxisData], dt: float, near: list[Array]) -> list[_Axis]:
+    """Return the fit of each axis, found from parameters `near` it; its curves have samples `dt` [s] apart.
 
     Lag and delay are shared by roll and pitch, and by yaw if its own are not far from theirs: the rotors' inertia
     can make it faster.
     """
-    width = stretches[0].command.shape[1]
-    data = [
-        AxisData(
-            stretches=stretches, axis=i, channels=[*(range(width - 1) if square else (i,)), width - 1], square=square
-        )
-        for i in range(3)
-    ]
-    fits = [_fit(data[:2], near), _fit(data[2:], near and near[2:])]
+    fits = [maximise(data[:2], np.concatenate([near[0], near[1][SHARED:]])), maximise(data[2:], near[2])]
     pooled = maximise(data, np.concatenate([fits[0].theta, fits[1].theta[SHARED:]]))
     if pooled.cost - sum(fit.cost for fit in fits) < _APART:
         fits = [pooled]
@@ -144,14 +155,6 @@ def _fit_axes(stretches: list[Stretch], square: bool, dt: float, near: list[Arra
             curves = make_curves(one, theta, dt)
             axes.append(_Axis(data=one, theta=theta, replicates=replicates[:, at], curves=curves))
     return axes
-
-
-def _fit(group: list[AxisData], near: list[Array] | None) -> Fit:
-    """Return the best fit of axes that share lag and delay."""
-    if near is not None:
-        return maximise(group, np.concatenate([near[0][:SHARED], *(theta[SHARED:] for theta in near[: len(group)])]))
-    starts = [maximise(group, _guess(group, lag, delay), rounds=6) for lag in _LAGS for delay in _DELAYS]
-    return maximise(group, min(starts, key=lambda fit: fit.cost).theta)
 
 
 def _guess(group: list[AxisData], lag: float, delay: float) -> Array:
@@ -222,8 +225,8 @@ def _advise(axis: _Axis) -> str:
     reach = max(gain.high - gain.nominal, gain.nominal - gain.low) / max(gain.nominal, 1e-300)
     known = f"its gain is known to {100.0 * reach:.0f} % only" if reach < 1.0 else "its gain can't be told from 0"
     return (
-        f"{name} is not excited: the command explains {100.0 * share:.0f} % of its acceleration, {known}. Fly steps of 10 "
-        f"deg of {name}, a second each, or a chirp of .5 to 8 Hz, for 30 s; log gyro and torque command at 250 Hz"
+        f"{name} is not excited: the command explains {100.0 * share:.0f} % of its acceleration, {known}. Fly steps of "
+        f"10 deg of {name}, a second each, or a chirp of .5 to 8 Hz, for 30 s; log gyro and torque command at 250 Hz"
     )
 
 

@@ -15,7 +15,7 @@ BIN = 0.004
 SETTLING = 0.35
 """[s] left out at the begin of a stretch: the actuators' state is unknown there."""
 _GROUND = 1.5  # [s] left out beside take-off and landing: the ground pushes on the vehicle
-_ENOUGH, _PIECE = 150.0, 10.0  # [s] of a long log that are used, and of the pieces that are chosen
+_PIECE = 10.0  # [s] of the pieces of a long log
 _LONGEST_GAP = 0.1  # [s] beyond it a stretch ends
 SHORTEST = 2.0
 """[s] of a stretch that is used."""
@@ -65,15 +65,15 @@ def find_stretches(log: FlightLog, command: Signal) -> list[tuple[float, float]]
     return [(begin, end) for begin, end in found if end - begin >= SHORTEST]
 
 
-def limit_time(spans: list[tuple[float, float]], command: Signal) -> list[tuple[float, float]]:
-    """Return the liveliest pieces of the spans [s] of a long log, those in which the command moves most."""
-    if sum(end - begin for begin, end in spans) <= _ENOUGH:
+def limit_time(spans: list[tuple[float, float]], command: Signal, enough: float) -> list[tuple[float, float]]:
+    """Return `enough` [s] of the liveliest pieces of the spans [s], those in which the command moves most."""
+    if sum(end - begin for begin, end in spans) <= enough:
         return spans
     cuts = [np.append(np.arange(begin, end, _PIECE), end) for begin, end in spans]
     pieces = [(float(a), float(b)) for cut in cuts for a, b in pairwise(cut) if b - a >= SHORTEST]
     moved = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(command.values, axis=0)).sum(axis=1))])
     activity = [float(np.ptp(np.interp((a, b), command.time, moved))) / (b - a) for a, b in pieces]
-    chosen = sorted(np.argsort(activity, kind="stable")[::-1][: round(_ENOUGH / _PIECE)])
+    chosen = sorted(np.argsort(activity, kind="stable")[::-1][: round(enough / _PIECE)])
     return [pieces[i] for i in chosen]
 
 
