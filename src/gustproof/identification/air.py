@@ -84,7 +84,7 @@ class Air:
         if self.airspeed < _UNLIKE * max(self.wind_speed_20ft, 1.0):
             return ""
         return (
-            f"the disturbance is quicker than turbulence: in a wind of {self.wind_speed_20ft:.2g} m/s, gusts would pass "
+            f"the disturbance is quicker than turbulence: in {self.wind_speed_20ft:.2g} m/s of wind, gusts would pass "
             f"at {self.airspeed:.2g} m/s. It may be of motors, or of what the model lacks"
         )
 
@@ -144,7 +144,7 @@ def make_grids(log: FlightLog, found: Identification) -> list[Grid]:
     for begin, end in () if command is None else find_stretches(log, command):
         if end - begin < _SHORTEST_S:
             continue
-        grid = begin + found.dt * np.arange(int((end - begin) / found.dt))
+        grid = np.asarray(begin + found.dt * np.arange(int((end - begin) / found.dt)), dtype=np.float64)
         cell = np.rint((time - begin) / found.dt)
         inside = (cell >= 0) & (cell < len(grid))
         index = cell[inside].astype(np.int64)

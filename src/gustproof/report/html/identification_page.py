@@ -95,11 +95,11 @@ def _air_groups(air: Air, found: Identification) -> Iterator[ChartGroup]:
         if found.axes[k].advice:
             continue
         omega, measured = _bin(air.omega, air.measured[k])
-        whole = air.fitted[k] + air.noise[k]
+        _, whole = _bin(air.omega, air.fitted[k] + air.noise[k])
         curves = (
             _curve("measured", 0, omega, measured),
             _curve("Dryden turbulence", 1, air.omega, air.fitted[k], CurveStyle.DASHED),
-            _curve("turbulence, gyro noise and model error", 2, air.omega, whole, CurveStyle.DASHED),
+            _curve("turbulence, gyro noise and model error", 2, omega, whole, CurveStyle.DASHED),
         )
         spectra.append(frequency_chart(f"{axis} [(rad/s²)²/(rad/s)]", curves))
     note = (
