@@ -21,6 +21,7 @@ from firmware_model.config.waveforms import MAX_ROWS, Dryden
 from firmware_model.errors import ConfigError
 from firmware_model.physics.dryden import dryden_spectrum
 from gustproof.identification.identification import Identification
+from gustproof.identification.stretches import SETTLING, find_stretches
 from gustproof.logs.flight_log import FlightLog, Signal
 from gustproof.types import Array
 
@@ -37,8 +38,8 @@ _TRUST = 0.7  # [-] standard deviation of the logarithms of airspeed over mean w
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stretch:
-    """One airborne stretch on an even grid."""
+class Grid:
+    """One airborne stretch at even times."""
 
     time: Array
     """(n,) [s]."""
@@ -65,7 +66,7 @@ class Air:
     length: Array
     """(3,) [m] scale length of the gust behind each axis: across, along, vertical."""
     time: Array
-    """(n,) [s] of the longest stretch, from 0, evenly spaced."""
+    """(n,) [s] of the longest stretch, from the begin of the log, evenly spaced."""
     acceleration: Array
     """(n, 3) [rad/s^2] smoothed disturbance without its mean; 0 about an axis that is not identified."""
     omega: Array
@@ -83,8 +84,8 @@ class Air:
         if self.airspeed < _UNLIKE * max(self.wind_speed_20ft, 1.0):
             return ""
         return (
-            f"the disturbance is quicker than turbulence: gusts of {self.wind_speed_20ft:.2g} m/s of wind would pass at "
-            f"{self.airspeed:.2g} m/s. It may be of motors, or of what the model lacks"
+            f"the disturbance is quicker than turbulence: in {self.wind_speed_20ft:.2g} m/s of wind, gusts would pass "
+            f"at {self.airspeed:.2g} m/s. It may be of motors, or of what the model lacks"
         )
 
 
@@ -96,16 +97,18 @@ def estimate_air(log: FlightLog, found: Identification, vehicle: Vehicle) -> Air
     Raises
     ------
     ConfigError
-        If neither roll nor pitch is identified, or no stretch in the air is long enough.
+        If neither roll nor pitch is identified, no stretch in the air is long enough, or no wind turns the vehicle.
     """
     known = [k for k in range(3) if _force(log, found, k) is not None]
     if found.actuator_lag is None or not {0, 1} & set(known):
         raise ConfigError(f"{log.source}: neither roll nor pitch is identified: nothing tells the air")
-    stretches = [each for each in make_stretches(log, found) if len(each.time) * found.dt >= _SHORTEST_S]
-    if not stretches:
-        raise ConfigError(f"{log.source}: no {_SHORTEST_S:g} s in the air: too short to tell the air")
+    if vehicle.gust_gain == 0.0:
+        raise ConfigError(f"vehicle '{vehicle.name}': gust_gain is 0: no wind gives it a moment")
+    grids = make_grids(log, found)
+    if not grids:
+        raise ConfigError(f"{log.source}: no {_SHORTEST_S:g} s in the air without a gap: too short to tell the air")
     steps = [_step(0.0 if axis.damping is None else axis.damping.nominal, found.dt) for axis in found.axes]
-    spectra = _make_spectra(stretches, steps, found)
+    spectra = _make_spectra(grids, steps, found)
     omega = spectra.omega
     wind, airspeed, yaw_ratio, errors = _fit(spectra, vehicle, known)
     wide = np.geomspace(1e-4, 1e4, 4000)
@@ -113,7 +116,7 @@ def estimate_air(log: FlightLog, found: Identification, vehicle: Vehicle) -> Air
     variance = np.array([wind**2 * np.trapezoid(each, wide) for each in density])
     model = dryden_spectrum(_dryden(1.0, airspeed), ALTITUDE_M, vehicle.span)
     length = np.array([model.L_v, model.L_u, model.L_w])
-    longest = max(stretches, key=lambda each: len(each.time))
+    longest = max(grids, key=lambda each: len(each.time))
     smoothed = np.zeros((len(longest.time) - 1, 3))
     for k in known:
         prior = math.sqrt(variance[k]), math.exp(-found.dt * airspeed / float(length[k]))
@@ -124,7 +127,7 @@ def estimate_air(log: FlightLog, found: Identification, vehicle: Vehicle) -> Air
         yaw_ratio=yaw_ratio if 2 in known else None,
         sigma=np.sqrt(variance),
         length=length,
-        time=longest.time[:-1] - longest.time[0],
+        time=longest.time[:-1] - float(log.gyro.time[0]),
         acceleration=smoothed - smoothed.mean(axis=0),
         omega=omega,
         measured=spectra.measured,
@@ -133,27 +136,26 @@ def estimate_air(log: FlightLog, found: Identification, vehicle: Vehicle) -> Air
     )
 
 
-def make_stretches(log: FlightLog, found: Identification) -> list[Stretch]:
-    """Return the airborne stretches of a log on the grid of its identification."""
+def make_grids(log: FlightLog, found: Identification) -> list[Grid]:
+    """Return the airborne stretches of a log that are long enough, with the sample time of its identification."""
     time, gyro = log.gyro.time, log.gyro.values
-    stretches = []
-    for begin, end in log.airborne or ((time[0], time[-1]),):
-        count = int((min(end, time[-1]) - max(begin, time[0])) / found.dt)
-        if count < 2:
+    command = log.motors if found.motor_gains is not None else log.command
+    grids = []
+    for begin, end in () if command is None else find_stretches(log, command):
+        if end - begin < _SHORTEST_S:
             continue
-        grid = max(begin, time[0]) + found.dt * np.arange(count)
-        cell = np.rint((time - grid[0]) / found.dt)
-        inside = (cell >= 0) & (cell < count)
+        grid = np.asarray(begin + found.dt * np.arange(int((end - begin) / found.dt)), dtype=np.float64)
+        cell = np.rint((time - begin) / found.dt)
+        inside = (cell >= 0) & (cell < len(grid))
         index = cell[inside].astype(np.int64)
-        filled = np.bincount(index, minlength=count).astype(np.float64)
-        mean = np.empty((count, 3))
-        for k in range(3):
-            total = np.bincount(index, gyro[inside, k], minlength=count)
-            seen = filled > 0.0
-            mean[:, k] = np.interp(grid, grid[seen], total[seen] / filled[seen])
+        count = np.bincount(index, minlength=len(grid)).astype(np.float64)
+        seen = count > 0.0
+        sums = [np.bincount(index, gyro[inside, k], minlength=len(grid)) for k in range(3)]
+        mean = np.stack([np.interp(grid, grid[seen], each[seen] / count[seen]) for each in sums], axis=1)
         drive = np.stack([_drive(log, found, k, grid) for k in range(3)], axis=1)
-        stretches.append(Stretch(time=grid, gyro=mean, count=filled, drive=drive))
-    return stretches
+        settled = slice(round(SETTLING / found.dt), None)
+        grids.append(Grid(time=grid[settled], gyro=mean[settled], count=count[settled], drive=drive[settled]))
+    return grids
 
 
 def turbulence_density(omega: Array, vehicle: Vehicle, airspeed: float, yaw_ratio: float) -> Array:
@@ -245,11 +247,11 @@ def _step(damping: float, dt: float) -> tuple[float, float]:
     return a, (1.0 - a) / damping if damping else dt
 
 
-def _leftover(stretch: Stretch, k: int, step: tuple[float, float]) -> Array:
+def _leftover(grid: Grid, k: int, step: tuple[float, float]) -> Array:
     """Return the acceleration (n - 1,) that the command leaves unexplained, with the gyro's noise differentiated."""
     a, b = step
-    y = stretch.gyro[:, k]
-    return np.asarray((y[1:] - a * y[:-1]) / b - stretch.drive[:-1, k])
+    y = grid.gyro[:, k]
+    return np.asarray((y[1:] - a * y[:-1]) / b - grid.drive[:-1, k])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -274,13 +276,11 @@ def _noise(found: Identification, k: int) -> float:
     return max(found.axes[k].noise, 1e-7)
 
 
-def _make_spectra(
-    stretches: Sequence[Stretch], steps: Sequence[tuple[float, float]], found: Identification
-) -> _Spectra:
+def _make_spectra(grids: Sequence[Grid], steps: Sequence[tuple[float, float]], found: Identification) -> _Spectra:
     """Return the spectra of all stretches, by Welch's method."""
     dt = found.dt
-    size = min(round(_SEGMENT_S / dt), max(len(each.time) for each in stretches) - 1)
-    used = [each for each in stretches if len(each.time) > size]
+    size = min(round(_SEGMENT_S / dt), max(len(each.time) for each in grids) - 1)
+    used = [each for each in grids if len(each.time) > size]
     total = np.zeros((6, size // 2 + 1))
     for each in used:
         leftover = np.array([_leftover(each, k, steps[k]) for k in range(3)])
@@ -323,17 +323,15 @@ def _fit(spectra: _Spectra, vehicle: Vehicle, known: Sequence[int]) -> tuple[flo
     return float(x[0]), float(x[1]), float(x[2]), x[3:].reshape(2, 3)
 
 
-def _smooth(
-    stretch: Stretch, k: int, step: tuple[float, float], prior: tuple[float, float], noise_power: float
-) -> Array:
+def _smooth(grid: Grid, k: int, step: tuple[float, float], prior: tuple[float, float], noise_power: float) -> Array:
     """Return the most likely disturbance (n - 1,) [rad/s^2], that of a fixed-interval Kalman smoother.
 
     `prior` is its rms [rad/s^2] and its correlation from sample to sample, `noise_power` [(rad/s)^2/Hz] that of the
     gyro. The rates are the unknowns of one least-squares problem, whose normal equations have five diagonals.
     """
     (a, b), (sigma, kept) = step, prior
-    count = len(stretch.time)
-    force = stretch.drive[:-1, k] + _leftover(stretch, k, step).mean()
+    count = len(grid.time)
+    force = grid.drive[:-1, k] + _leftover(grid, k, step).mean()
     rows = np.tile([kept * a / b, -(a + kept) / b, 1.0 / b], (count - 1, 1))
     rows[0] = 0.0, -a / b, 1.0 / b
     target = force - kept * np.concatenate(([0.0], force[:-1]))
@@ -341,8 +339,8 @@ def _smooth(
     scale[0] = 1.0 / sigma
     rows, target = rows * scale[:, None], target * scale
     before, at, after = rows.T
-    weight = stretch.count * 2.0 * np.ptp(stretch.time) / (noise_power * stretch.count.sum())
-    bands, right = np.zeros((3, count)), weight * stretch.gyro[:, k]
+    weight = grid.count * 2.0 * np.ptp(grid.time) / (noise_power * grid.count.sum())
+    bands, right = np.zeros((3, count)), weight * grid.gyro[:, k]
     bands[2] = weight
     bands[2, :-1] += at**2
     bands[2, 1:] += after**2

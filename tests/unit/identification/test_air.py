@@ -9,7 +9,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.physics.dryden import dryden_spectrum
 from gustproof.identification.air import (
     ALTITUDE_M,
-    Stretch,
+    Grid,
     _dryden,
     _smooth,
     estimate_air,
@@ -62,13 +62,13 @@ def test_the_smoother_is_the_conditional_mean_of_gaussian_signals():
     b, rng = dt * 0.98, np.random.default_rng(1)
     count = rng.integers(0, 3, n).astype(float)
     force, y = rng.standard_normal(n), 0.1 * rng.standard_normal(n)
-    stretch = Stretch(
+    grid = Grid(
         time=dt * np.arange(n),
         gyro=np.tile(y[:, None], 3),
         count=count,
         drive=np.tile(force[:, None], 3),
     )
-    found = _smooth(stretch, 0, (a, b), (sigma, kept), power)
+    found = _smooth(grid, 0, (a, b), (sigma, kept), power)
     trim = ((y[1:] - a * y[:-1]) / b - force[:-1]).mean()
     lags = np.abs(np.subtract.outer(np.arange(n - 1), np.arange(n - 1)))
     P = sigma**2 * kept**lags
@@ -86,7 +86,7 @@ def test_the_smoother_is_the_conditional_mean_of_gaussian_signals():
 def test_the_disturbance_of_a_flight_is_found(perfect, log_of):
     records = fly()
     air = estimate_air(log_of(records), perfect(IRIS), IRIS)
-    truth = disturbance(records)[: len(air.time)]
+    truth = disturbance(records)[np.rint(air.time / 0.004).astype(int)]
     assert np.all(np.abs(decibels(air.acceleration.std(axis=0) / truth.std(axis=0))) < 2.0)
     for k, least in enumerate((0.95, 0.98, 0.85)):
         assert np.corrcoef(air.acceleration[:, k], truth[:, k])[0, 1] > least
@@ -123,7 +123,7 @@ def test_the_wind_file_replays_the_moments(perfect, log_of, tmp_path):
     again = fly(seed=9, scenario=tmp_path / "day.toml")
     ratio = disturbance(again).std(axis=0) / disturbance(records).std(axis=0)
     assert np.all(np.abs(decibels(ratio)) < 2.0)
-    assert np.corrcoef(again["moment_B"][:14000, 1], records["moment_B"][:14000, 1])[0, 1] > 0.98
+    assert np.corrcoef(*(each["moment_B"][500:14000, 1] for each in (again, records)))[0, 1] > 0.98
 
 
 @pytest.mark.compiled

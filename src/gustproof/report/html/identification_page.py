@@ -27,6 +27,7 @@ from gustproof.types import Array
 from gustproof.version import __version__
 
 _BINS_A_DECADE = 20
+_GAP_S = 0.1  # no line is drawn across it
 _HELD_OUT = 2.0 / 3.0  # begin of the stretch that the model did not see, as a share of the whole
 
 
@@ -38,7 +39,7 @@ def write_identification_report(found: Identification, air: Air | None, findings
 def render_identification_page(found: Identification, air: Air | None, findings: Iterable[str]) -> str:
     """Return the page as HTML."""
     numbers = NumberBlock()
-    held_out = found.time >= found.time[0] + _HELD_OUT * np.ptp(found.time) if len(found.time) else found.time > 0.0
+    held_out = np.arange(len(found.time)) >= _HELD_OUT * len(found.time)
     span = found.time[held_out][[0, -1]].tolist() if np.any(held_out) else [0.0, 1.0]
     sections = {
         "response": numbers.encode_groups(_response_groups(found)),
@@ -94,11 +95,11 @@ def _air_groups(air: Air, found: Identification) -> Iterator[ChartGroup]:
         if found.axes[k].advice:
             continue
         omega, measured = _bin(air.omega, air.measured[k])
-        whole = air.fitted[k] + air.noise[k]
+        _, whole = _bin(air.omega, air.fitted[k] + air.noise[k])
         curves = (
             _curve("measured", 0, omega, measured),
             _curve("Dryden turbulence", 1, air.omega, air.fitted[k], CurveStyle.DASHED),
-            _curve("turbulence, gyro noise and model error", 2, air.omega, whole, CurveStyle.DASHED),
+            _curve("turbulence, gyro noise and model error", 2, omega, whole, CurveStyle.DASHED),
         )
         spectra.append(frequency_chart(f"{axis} [(rad/s²)²/(rad/s)]", curves))
     note = (
@@ -126,7 +127,8 @@ def _prediction_groups(found: Identification, held_out: NDArray[np.bool_]) -> It
 
 
 def _history(label: str, colour: int, time: Array, values: Array) -> Curve:
-    return _curve(label, colour, *decimate(time, values))
+    broken = np.where(np.diff(time, prepend=time[0]) > _GAP_S, np.nan, values)
+    return _curve(label, colour, *decimate(time, broken))
 
 
 def _curve(label: str, colour: int, x: Array, y: Array, style: CurveStyle = CurveStyle.SOLID) -> Curve:
