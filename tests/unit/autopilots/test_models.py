@@ -19,8 +19,8 @@ from gustproof.autopilots.models import AUTOPILOTS, autopilot_law, read_autopilo
 from gustproof.autopilots.settings import complete
 from gustproof.law.form import Law
 from gustproof.law.step import step
+from gustproof.performance.output_rounding import rounding_slew
 from gustproof.performance.predict import predict
-from gustproof.performance.rounding import rounding_slew
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.performance.rounding import rounding_slew
+from gustproof.performance.output_rounding import rounding_slew
 
 ROTORS = load_vehicle("paper").rotors
 STEP, DT = 0.05, 0.0025
