@@ -66,15 +66,12 @@ def export(
 
     gustproof export mine.mat --law mine.json && gustproof fly paper-turbulence --law mine.json
     """
-    from firmware_model.config.vehicle import load_vehicle
-
     folders = {name: path for name, path in (("px4", px4), ("ardupilot", ardupilot), ("crazyflie", crazyflie)) if path}
     wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
     _check_outputs({**wanted, **dict.fromkeys(folders.values(), "")}, c)
     _check_attitude(attitude)
-    on = None if is_parameter_file(law) else vehicle  # whose loops are on a vehicle without further options
-    _check_options(bool(c or folders), rate, on, attitude, checked=float32 or bool(folders))
-    read = find_law(law, load_vehicle(vehicle or "paper"), rate)
+    _check_options(bool(c or folders), rate, _checked_on(law, vehicle), attitude, checked=float32 or bool(folders))
+    read = _read_law(law, vehicle, rate)
     told = [_export_folder(read, name, path, attitude, rate, vehicle, float32) for name, path in folders.items()]
     if wanted:
         margins = {}
@@ -152,6 +149,18 @@ def _check_options(in_c: bool, rate: int | None, vehicle: str | None, attitude: 
         raise ConfigError(
             "--vehicle: belongs to --rate and --float32, whose loops are checked on it, and to autopilots"
         )
+
+
+def _read_law(law: str, vehicle: str | None, rate: int | None) -> "Law":
+    """Return the law; an autopilot's loops on the vehicle, `paper` if none is given, at `rate` [Hz]."""
+    from firmware_model.config.vehicle import load_vehicle
+
+    return find_law(law, load_vehicle(vehicle or "paper"), rate)
+
+
+def _checked_on(law: str, vehicle: str | None) -> str | None:
+    """Return the vehicle that a loop must be checked on; an autopilot's loops need one themselves."""
+    return None if is_parameter_file(law) else vehicle
 
 
 def _check_attitude(attitude: str | None) -> None:

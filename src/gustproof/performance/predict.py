@@ -9,6 +9,7 @@ import scipy.linalg
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle
+from firmware_model.types import Vector
 from gustproof.law.form import Law, Matrix, Output
 from gustproof.law.hover import loop_law
 from gustproof.lti.state_space import Lti, lft
@@ -31,9 +32,9 @@ class Prediction:
     """[rad] `rmse` of the attitude that the law sees: without its gyro's drift, which an autopilot's estimator removes.
 
     `None` for a law without an estimate of attitude."""
-    rmse_B: tuple[float, ...]
+    rmse_B: Vector
     """(3,) [rad] `rmse` of phi, theta and psi by themselves."""
-    slew_B: tuple[float, ...]
+    slew_B: Vector
     """(3,) [N*m/s] B, `slew` of each axis by itself."""
 
 
@@ -75,9 +76,14 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
         own_rate=own_rate,
         own_rate_rmse=own_rate_rmse,
         seen_rmse=math.sqrt(whole[3]) if law.is_scheduled else None,
-        rmse_B=tuple(np.sqrt(by_axis[0]).tolist()),
-        slew_B=tuple((np.sqrt(by_axis[1]) / scenario.dt).tolist()),
+        rmse_B=_vector(np.sqrt(by_axis[0])),
+        slew_B=_vector(np.sqrt(by_axis[1]) / scenario.dt),
     )
+
+
+def _vector(values: Matrix) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z
 
 
 def _mean_squares(models: Sequence[AxisModel], law: Law, vehicle: Vehicle, scenario: Scenario) -> Matrix:

@@ -30,8 +30,8 @@ from gustproof.law.form import Law, Matrix
 from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import Lti, sensitivity
 from gustproof.performance.covariance import AxisModel, axis_models, open_loop, rms
+from gustproof.performance.output_rounding import rounding_slew
 from gustproof.performance.predict import predict
-from gustproof.performance.rounding import rounding_slew
 
 _GRID = 120
 """Number of frequencies, evenly spaced in the logarithm, at which sensitivity peaks are constrained."""
@@ -45,8 +45,8 @@ _START = (4.0, 8.0, 16.0, 0.3)
 """[1/s, 1/s, 1/s^2, -] angle P, rate P, I and D of angular acceleration: stable at a lateness of `_LATENESS`."""
 _LATENESS = 0.054
 """[s] actuator lag and delay for which `_START` is stated."""
-_LEAST = 1e-3
-"""[-] least gain as a share of the start's, and [1/s] least angle P."""
+_LEAST, _LEAST_ANGLE_P, _LEAST_I = 1e-3, 0.5, 0.25
+"""[-] least gain as a share of the fastest start's; least angle P and I, so that both hold against a steady moment."""
 _ROUNDS, _ITERATIONS, _TOLERANCE = 4, 150, 1e-3
 """Searches, each tightened by the excess of the last one; steps of each; relative excess that is rounding."""
 _UNSTABLE = 1e6
@@ -135,7 +135,7 @@ def tune_gains(
     autopilot, structure, vehicle = AUTOPILOTS[kind], _STRUCTURES[kind], vehicles.nominal
     script = scenario_for(kind, scenario)
     step = vehicle.rotors.thrust_max / autopilot.thrust_steps if autopilot.thrust_steps else 0.0
-    rounding = min(rounding_slew(slew, vehicle.rotors, step, script.dt), 0.9 * slew)
+    rounding = min(rounding_slew((slew, slew, slew), vehicle.rotors, step, script.dt), 0.9 * slew)
     search = _Search(kind, vehicles, script, sensitivity_peak, math.sqrt(slew**2 - rounding**2))
     tries = product(_CORNER_PEAKS, _SPEEDS)
     values = next((found for corner, speed in tries if (found := search.run(corner, speed)) is not None), None)
@@ -155,7 +155,7 @@ def tune_gains(
         parameters=parameters,
         law=law,
         rmse=predicted.seen_rmse,
-        slew=math.hypot(predicted.slew, rounding_slew(predicted.slew, vehicle.rotors, step, script.dt)),
+        slew=math.hypot(predicted.slew, rounding_slew(predicted.slew_B, vehicle.rotors, step, script.dt)),
         Ms=nominal,
         corner_Ms=corner,
     )
@@ -275,15 +275,17 @@ class _Search:
     def _start(self, speed: float) -> tuple[Matrix, Matrix, Matrix]:
         """Return start, least and largest `z`."""
         lateness = self._vehicle.actuator_lag + self._axes[0][0].delay_samples / self._rate
-        fast = speed * _LATENESS / lateness
-        angle, p, i, d = _START[0] * fast, _START[1] * fast, _START[2] * fast**2, _START[3]
+        usual = _LATENESS / lateness
+        angle, p, i, d = _START[0] * usual, _START[1] * usual, _START[2] * usual**2, _START[3]
         least, most = self._structure.corners[0], self._structure.corners[1] * self._rate
         filters = len(self._structure.own[0]) - 4
         rows = []
         for axis, largest in enumerate(self._structure.angle_p):
-            unit = self._vehicle.inertia_B[axis] / self._torque[axis]
-            gains = [(unit * value, unit * value * _LEAST, unit * value / _LEAST) for value in (p, i, d)]
-            rows += [(min(angle, largest), _LEAST, largest), *gains, *[(0.7 * most, least, most)] * filters]
+            unit, slowest = self._vehicle.inertia_B[axis] / self._torque[axis], min(_LEAST_ANGLE_P * angle, largest)
+            rows += [(min(max(speed * angle, slowest), largest), slowest, largest)]
+            rows += [(speed * unit * p, _LEAST * unit * p, unit * p / _LEAST)]
+            rows += [(max(speed**2, _LEAST_I) * unit * i, _LEAST_I * unit * i, unit * i / _LEAST)]
+            rows += [(unit * d, _LEAST * unit * d, unit * d / _LEAST), *[(0.7 * most, least, most)] * filters]
         rows += [(0.7 * most, least, most)] * len(self._structure.shared)
         z, low, high = np.log(np.array(rows)).T
         return z, low, high

@@ -103,6 +103,6 @@ PX4 = Autopilot(
     known=r"MC_(ACRO|AT|MAN|ORBIT|SLOW|[RPY]R_INT)_\w+|MC_(AIRMODE|BAT_SCALE_EN)|IMU_(ACCEL|INTEG|GYRO_[CDFR])\w+",
     full_torque=_full_torque,
     build=_build,
-    thrust_steps=0,
+    thrust_steps=1000,  # microseconds of a pulse, though its simulator gets fractions
     remarks=_remarks,
 )
