@@ -27,6 +27,10 @@ class Prediction:
     """[rad/s] root mean square rate where the gyro's noise keeps its ratio to this rate; `None` at no such noise."""
     own_rate_rmse: float | None
     """[rad] `rmse` with that noise, in place of the one that the vehicle's `reference_rate` sets."""
+    seen_rmse: float | None
+    """[rad] `rmse` of the attitude that the law sees: without its gyro's drift, which an autopilot's estimator removes.
+
+    `None` for a law without an estimate of attitude."""
 
 
 def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None:
@@ -65,13 +69,21 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
         slew=math.sqrt(whole[1]) / scenario.dt,
         own_rate=own_rate,
         own_rate_rmse=own_rate_rmse,
+        seen_rmse=math.sqrt(whole[3]) if law.is_scheduled else None,
     )
 
 
 def _mean_squares(models: Sequence[AxisModel], law: Law, vehicle: Vehicle, scenario: Scenario) -> Matrix:
-    """Return mean squares (3,) of attitude [rad^2], command change [(N*m)^2] and rate [(rad/s)^2], all axes pooled."""
-    moments = mean_second_moments(models, close_vehicle(models, law, vehicle, scenario))
-    return np.asarray(np.mean(np.diag(moments).reshape(3, 3), axis=1))
+    """Return mean squares (4,) of attitude [rad^2], command change [(N*m)^2], rate [(rad/s)^2] and first states.
+
+    They are pooled over the axes. The law's first three states are its attitude [rad], if it estimates one.
+    """
+    closed = close_vehicle(models, law, vehicle, scenario)
+    first = np.eye(3, closed.order, closed.order - law.order)
+    seen = Lti(
+        A=closed.A, B=closed.B, C=np.vstack([closed.C, first]), D=np.pad(closed.D, ((0, 3), (0, 0))), dt=closed.dt
+    )
+    return np.asarray(np.mean(np.diag(mean_second_moments(models, seen)).reshape(4, 3), axis=1))
 
 
 def close_vehicle(models: Sequence[AxisModel], law: Law, vehicle: Vehicle, scenario: Scenario) -> Lti:
