@@ -9,17 +9,17 @@ rate ask for a law of that rate; such a law is not resampled.
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.parameter_files import SUFFIXES, read_parameters
-from gustproof.autopilots.ardupilot import ARDUPILOT
-from gustproof.autopilots.px4 import PX4
-from gustproof.autopilots.settings import Autopilot, complete
-from gustproof.law.cascade import cascade_law
+from gustproof.autopilots.ardupilot_loops import ARDUPILOT
+from gustproof.autopilots.px4_loops import PX4
+from gustproof.autopilots.settings import Autopilot, LoopSignals, complete
+from gustproof.law.cascade import AxisLaw, cascade_law
 from gustproof.law.form import Law, Provenance
 from gustproof.version import __version__
 
@@ -47,9 +47,9 @@ class AutopilotLaw:
     rate_hz: int
     """[Hz] rate of the law."""
     thrust_step: float
-    """[N] step in which a rotor's thrust is told; 0 if it is not rounded. See `performance.rounding`."""
+    """[N] step in which a rotor's thrust is told; 0 if it is not rounded. See `performance.output_rounding`."""
     remarks: tuple[str, ...]
-    """What the law's form does not hold of the loops, a line each."""
+    """Parts of the loops that the law's form does not hold, a line each."""
 
 
 def autopilot_law(
@@ -70,11 +70,9 @@ def autopilot_law(
     values, rate = complete(autopilot, parameters), autopilot.rate_hz if rate_hz is None else rate_hz
     full_torque = autopilot.full_torque(vehicle, values)
     axes = [autopilot.build(axis, values, full_torque[axis], rate) for axis in range(3)]
-    order = max(each.loop.order for each in axes)
-    is_limited = any(each.limit for each in axes)
     law = cascade_law(
         name or kind,
-        [each.axis_law(order, (each.limit or _FREE_RATE) if is_limited else None) for each in axes],
+        _match(axes),
         vehicle,
         1.0 / rate,
         Provenance(
@@ -84,14 +82,11 @@ def autopilot_law(
             version=__version__,
         ),
     )
-    strange = [each for each in parameters if each.startswith(autopilot.family) and each not in values]
-    strange = [each for each in strange if not re.fullmatch(autopilot.known, each)]
-    remarks = [f"not known: {', '.join(strange)}"] if strange else []
     return AutopilotLaw(
         law=law,
         rate_hz=rate,
         thrust_step=vehicle.rotors.thrust_max / autopilot.thrust_steps if autopilot.thrust_steps else 0.0,
-        remarks=(*remarks, *autopilot.remarks(parameters)),
+        remarks=(*_strange(autopilot, parameters), *autopilot.remarks(parameters)),
     )
 
 
@@ -117,3 +112,19 @@ def read_autopilot_law(path: Path, vehicle: Vehicle, *, rate_hz: int | None = No
         return autopilot_law(kinds[0], parameters, vehicle, rate_hz=rate_hz, name=name)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
+
+
+def _match(axes: Sequence[LoopSignals]) -> list[AxisLaw]:
+    """Return laws of one order, all with a limit of the commanded rate or none."""
+    order = max(each.loop.order for each in axes)
+    limits = [each.limit for each in axes]
+    if any(limits):
+        limits = [limit or _FREE_RATE for limit in limits]
+    return [each.axis_law(order, limit) for each, limit in zip(axes, limits, strict=True)]
+
+
+def _strange(autopilot: Autopilot, parameters: Mapping[str, float]) -> list[str]:
+    """Return a remark on names that look as if they were of the loops, if there are such."""
+    names = [name for name in parameters if name.startswith(autopilot.family) and name not in autopilot.settings]
+    names = [name for name in names if not re.fullmatch(autopilot.known, name)]
+    return [f"not known: {', '.join(names)}"] if names else []

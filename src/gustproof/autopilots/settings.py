@@ -61,7 +61,7 @@ class Autopilot(NamedTuple):
     thrust_steps: int
     """Steps from no thrust to the largest in which outputs are told in simulation; 0 if they are not rounded."""
     remarks: Callable[[Mapping[str, float]], list[str]]
-    """Parameters, with those that are not of the loops, to what the form does not hold of them."""
+    """Parameters [in their units], with those not of the loops, to what the form does not hold of them."""
 
 
 def complete(autopilot: Autopilot, parameters: Mapping[str, float]) -> dict[str, float]:

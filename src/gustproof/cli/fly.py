@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gustproof.cli.failures import ExitStatus, exit_with
+from gustproof.cli.laws import LAW_HELP, find_law
 from gustproof.cli.options import (
     SEED,
     Anyway,
@@ -42,7 +43,7 @@ def fly(
     ] = None,
     law: Annotated[
         str | None,
-        typer.Option(help="Name of a shipped law, or a .json file [default: flagship, if it is for the vehicle]."),
+        typer.Option(help=f"{LAW_HELP} [default: flagship, if it is for the vehicle]."),
     ] = None,
     vehicle: VehicleName = "paper",
     seed: Annotated[int, SEED] = 1,
@@ -215,11 +216,10 @@ def _make_plan(
     from firmware_model.config.vehicle import load_vehicle
     from firmware_model.errors import ConfigError
     from gustproof.controller import DEFAULT_LAW
-    from gustproof.law.form import load_law
     from gustproof.simulate.flight import FlightPlan, check
 
     airframe = load_vehicle(vehicle)
-    flown = load_law(DEFAULT_LAW if law is None else law)
+    flown = find_law(DEFAULT_LAW if law is None else law, airframe, script.control_rate_hz)
     if law is None and flown.provenance.vehicle != airframe.name:
         raise ConfigError(
             f"law '{flown.name}' is for vehicle '{flown.provenance.vehicle}', not '{airframe.name}': give --law"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from firmware_model.errors import ConfigError
+from gustproof.cli.laws import LAW_HELP, find_law
 from gustproof.cli.options import AsJson, VehicleName, check_output, parse_positive_vector, print_json, progress
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def worst_case(
-    law: Annotated[str, typer.Argument(help="Name of a shipped law, or a .json file.")],
+    law: Annotated[str, typer.Argument(help=LAW_HELP)],
     budget: Annotated[
         str, typer.Option("--moment", help="Largest moment about each axis, L,M,N [N m].")
     ] = "0.65,0.65,0.3",
@@ -48,12 +49,12 @@ def worst_case(
     from firmware_model.config.files import write_toml
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.falsify.worst_case import worst_case as search
-    from gustproof.law.form import load_law
     from gustproof.model.uncertainty import Spreads
 
     moment = parse_positive_vector("--moment", budget)
     check_output(output, ".toml", "a scenario file")
-    flown, airframe = load_law(law), load_vehicle(vehicle)
+    airframe = load_vehicle(vehicle)
+    flown = find_law(law, airframe, None)
     title = f"searching, {flown.name}"
     try:
         with progress(title, quiet=as_json) as shown:

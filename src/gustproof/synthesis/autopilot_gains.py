@@ -30,23 +30,23 @@ from gustproof.law.form import Law, Matrix
 from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import Lti, sensitivity
 from gustproof.performance.covariance import AxisModel, axis_models, open_loop, rms
+from gustproof.performance.output_rounding import rounding_slew
 from gustproof.performance.predict import predict
-from gustproof.performance.rounding import rounding_slew
 
 _GRID = 120
 """Number of frequencies, evenly spaced in the logarithm, at which sensitivity peaks are constrained."""
 _GRID_MARGIN = 2e-3
 """[-] share of a peak reserved for a rise of the sensitivity between two frequencies of the grid."""
-_CORNER_PEAK = 2.0
-"""[-] sensitivity peak at the corners of the spreads, or 1.5 times the nominal one if that is more."""
-_SPEEDS = (1.0, 0.5, 0.25)
+_CORNER_PEAKS = (1.5, 2.5, 4.0)
+"""[-] sensitivity peaks at the corners of the spreads over the nominal one, tried in this order."""
+_SPEEDS = (1.0, 0.4)
 """[-] of the starts, tried in this order until one leads to gains within the limits."""
 _START = (4.0, 8.0, 16.0, 0.3)
 """[1/s, 1/s, 1/s^2, -] angle P, rate P, I and D of angular acceleration: stable at a lateness of `_LATENESS`."""
 _LATENESS = 0.054
 """[s] actuator lag and delay for which `_START` is stated."""
-_LEAST = 1e-3
-"""[-] least gain as a share of the start's, and [1/s] least angle P."""
+_LEAST, _LEAST_ANGLE_P, _LEAST_I = 1e-3, 0.5, 0.25
+"""[-] least gain as a share of the fastest start's; least angle P and I, so that both hold against a steady moment."""
 _ROUNDS, _ITERATIONS, _TOLERANCE = 4, 150, 1e-3
 """Searches, each tightened by the excess of the last one; steps of each; relative excess that is rounding."""
 _UNSTABLE = 1e6
@@ -136,13 +136,13 @@ def tune_gains(
     script = scenario_for(kind, scenario)
     step = vehicle.rotors.thrust_max / autopilot.thrust_steps if autopilot.thrust_steps else 0.0
     rounding = min(rounding_slew(slew, vehicle.rotors, step, script.dt), 0.9 * slew)
-    peaks = sensitivity_peak, max(_CORNER_PEAK, 1.5 * sensitivity_peak)
-    search = _Search(kind, vehicles, script, peaks, math.sqrt(slew**2 - rounding**2))
-    values = next((found for speed in _SPEEDS if (found := search.run(speed)) is not None), None)
+    search = _Search(kind, vehicles, script, sensitivity_peak, math.sqrt(slew**2 - rounding**2))
+    tries = product(_CORNER_PEAKS, _SPEEDS)
+    values = next((found for corner, speed in tries if (found := search.run(corner, speed)) is not None), None)
     if values is None:
         raise DesignError(
-            f"no gains of {autopilot.name} found at sensitivity peak {sensitivity_peak:g}, {peaks[1]:g} off nominal, "
-            f"and slew {slew:g} N*m/s"
+            f"no gains of {autopilot.name} found at sensitivity peak {sensitivity_peak:g}, "
+            f"{_CORNER_PEAKS[-1] * sensitivity_peak:g} off nominal, and slew {slew:g} N*m/s"
         )
     parameters = {**structure.fixed, **{name: float(f"{value:.{_DIGITS}g}") for name, value in values.items()}}
     law = autopilot_law(kind, parameters, vehicle, name=f"{kind}-{vehicle.name}").law
@@ -180,13 +180,11 @@ def save_tuning(tuning: AutopilotTuning, vehicle: Vehicle, path: Path) -> None:
 class _Search:
     """Search for one vehicle and scenario.
 
-    The logarithms `z` are those of the own parameters of roll, pitch and yaw, then of the shared ones. `peaks` are the
-    largest sensitivity peaks [-] of the nominal vehicle and at the corners of its spreads.
+    The logarithms `z` are those of the own parameters of roll, pitch and yaw, then of the shared ones. `peak` is the
+    largest sensitivity peak [-] of each axis of the nominal vehicle.
     """
 
-    def __init__(
-        self, kind: str, vehicles: VehicleSet, scenario: Scenario, peaks: tuple[float, float], slew: float
-    ) -> None:
+    def __init__(self, kind: str, vehicles: VehicleSet, scenario: Scenario, peak: float, slew: float) -> None:
         self._autopilot, self._structure, self._slew = AUTOPILOTS[kind], _STRUCTURES[kind], slew
         self._fixed = complete(self._autopilot, self._structure.fixed)
         self._vehicle, self._rate = vehicles.nominal, float(scenario.control_rate_hz)
@@ -196,18 +194,22 @@ class _Search:
         )
         self._omega = np.geomspace(0.3, 0.999 * math.pi / scenario.dt, _GRID)
         self._plants = [np.array([self._response(model) for model in models]) for models in self._axes]
-        self._peaks = np.array([peaks[0], *[peaks[1]] * (len(self._axes[0]) - 1)])
+        self._peak = peak
 
-    def run(self, speed: float) -> dict[str, float] | None:
-        """Return the parameters found from a start of a `speed` [-]; `None` if none are within the limits."""
+    def run(self, corner: float, speed: float) -> dict[str, float] | None:
+        """Return the parameters found from a start of a `speed` [-]; `None` if none are within the limits.
+
+        The peak off nominal is at most `corner` [-] times the nominal one.
+        """
+        peaks = self._peak * np.array([1.0, *[corner] * (len(self._axes[0]) - 1)])
         z, low, high = self._start(speed)
         room = _GRID_MARGIN
         for _ in range(_ROUNDS):
-            found = self._minimize(z, low, high, np.log(self._peaks * (1.0 - room)))
+            found = self._minimize(z, low, high, np.log(peaks * (1.0 - room)))
             if found is None:
                 return None
             z, values = found, self._named(np.exp(found))
-            excess = max(peak / allowed for peak, allowed in zip(self.peaks(values), self._peaks[[0, -1]], strict=True))
+            excess = max(peak / allowed for peak, allowed in zip(self.peaks(values), peaks[[0, -1]], strict=True))
             if excess <= 1.0:
                 return values
             room += 1.1 * (excess - 1.0)
@@ -219,7 +221,7 @@ class _Search:
             [_peak(model, self._law(axis, values).controller(model.plant.dt)) for model in models]
             for axis, models in enumerate(self._axes)
         ]
-        return max(each[0] for each in found), max(each[-1 - k] for each in found for k in range(len(each) - 1 or 1))
+        return max(each[0] for each in found), max(max(each[1:] or each) for each in found)
 
     def _minimize(self, z: Matrix, low: Matrix, high: Matrix, log_peaks: Matrix) -> Matrix | None:
         width = len(self._structure.own[0])
@@ -273,15 +275,17 @@ class _Search:
     def _start(self, speed: float) -> tuple[Matrix, Matrix, Matrix]:
         """Return start, least and largest `z`."""
         lateness = self._vehicle.actuator_lag + self._axes[0][0].delay_samples / self._rate
-        fast = speed * _LATENESS / lateness
-        angle, p, i, d = _START[0] * fast, _START[1] * fast, _START[2] * fast**2, _START[3]
+        usual = _LATENESS / lateness
+        angle, p, i, d = _START[0] * usual, _START[1] * usual, _START[2] * usual**2, _START[3]
         least, most = self._structure.corners[0], self._structure.corners[1] * self._rate
         filters = len(self._structure.own[0]) - 4
         rows = []
         for axis, largest in enumerate(self._structure.angle_p):
-            unit = self._vehicle.inertia_B[axis] / self._torque[axis]
-            gains = [(unit * value, unit * value * _LEAST, unit * value / _LEAST) for value in (p, i, d)]
-            rows += [(min(angle, largest), _LEAST, largest), *gains, *[(0.7 * most, least, most)] * filters]
+            unit, slowest = self._vehicle.inertia_B[axis] / self._torque[axis], min(_LEAST_ANGLE_P * angle, largest)
+            rows += [(min(max(speed * angle, slowest), largest), slowest, largest)]
+            rows += [(speed * unit * p, _LEAST * unit * p, unit * p / _LEAST)]
+            rows += [(max(speed**2, _LEAST_I) * unit * i, _LEAST_I * unit * i, unit * i / _LEAST)]
+            rows += [(unit * d, _LEAST * unit * d, unit * d / _LEAST), *[(0.7 * most, least, most)] * filters]
         rows += [(0.7 * most, least, most)] * len(self._structure.shared)
         z, low, high = np.log(np.array(rows)).T
         return z, low, high

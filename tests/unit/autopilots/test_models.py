@@ -19,8 +19,8 @@ from gustproof.autopilots.models import AUTOPILOTS, autopilot_law, read_autopilo
 from gustproof.autopilots.settings import complete
 from gustproof.law.form import Law
 from gustproof.law.step import step
+from gustproof.performance.output_rounding import rounding_slew
 from gustproof.performance.predict import predict
-from gustproof.performance.rounding import rounding_slew
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
 
@@ -245,6 +245,7 @@ def test_what_is_predicted_is_what_the_real_autopilot_did(kind: str, gains: str)
     assert slew == pytest.approx(flown, rel=0.2)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("kind", AUTOPILOTS)
 def test_a_flight_of_the_law_is_as_predicted(kind: str) -> None:
     rate = AUTOPILOTS[kind].rate_hz

@@ -385,3 +385,23 @@ def test_analyse_of_numbers_beyond_all_routines_is_one_clear_line(tmp_path):
     result = run("analyse", str(tmp_path / "huge.json"), "-o", str(tmp_path / "huge.png"))
     assert result.exit_code == 2
     assert "law 'huge' cannot be analysed on vehicle 'paper'" in one_line(result)
+
+
+def test_a_parameter_file_is_a_law_and_what_it_lacks_is_told(tmp_path):
+    path = tmp_path / "mine.params"
+    path.write_text("MC_ROLL_P 5\nMC_ROLRATE_P 0.1\n")
+    result = run("export", str(path), "--law", str(tmp_path / "mine.json"), "--rate", "500")
+    assert result.exit_code == 0, result.stderr
+    assert "px4-mine: not known: MC_ROLRATE_P" in result.stderr
+    law = load_law(tmp_path / "mine.json")
+    assert (law.name, law.dt) == ("px4-mine", 0.002)
+    assert law.provenance.parameters["MC_ROLL_P"] == 5.0
+
+
+def test_a_bad_parameter_file_is_one_line(tmp_path):
+    path = tmp_path / "mine.param"
+    path.write_text("ATC_RAT_RLL_P -1\n")
+    for arguments in (("analyse", str(path)), ("fly", "calm", "--law", str(path)), ("worst-case", str(path))):
+        result = run(*arguments)
+        assert result.exit_code == 2
+        assert one_line(result) == f"gustproof: {path}: ATC_RAT_RLL_P: is -1, must be 0 to 100"

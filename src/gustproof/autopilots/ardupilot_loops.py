@@ -23,6 +23,7 @@ from gustproof.autopilots.settings import Autopilot, LoopSignals, Setting
 
 _NAMES = ("RLL", "PIT", "YAW")
 _NOTCHES = ("INS_HNTCH", "INS_HNTC2")
+_NOTCH_KEYS = ("FREQ", "BW", "ATT", "HMNCS", "OPTS")
 _DOUBLE, _TRIPLE, _HARMONICS = 1, 16, 16  # bits of OPTS, number of bits of HMNCS
 _NOTCH_END, _LOW_PASS_END = 0.48, 0.4  # shares of the sample rate above which a notch is off and a low-pass is cut
 _UNMODELLED = ("SMAX", "PDMX", "D_FF", "NTF", "NEF")
@@ -61,24 +62,27 @@ def _full_torque(vehicle: Vehicle, parameters: Mapping[str, float]) -> Vector:
 
 
 def _iter_notches(parameters: Mapping[str, float], rate_hz: float) -> Iterator[Biquad]:
-    """Yield the filters of all harmonic notches that are on; several in one place share their bandwidth."""
+    """Yield the filters of all harmonic notches that are on."""
     for name in _NOTCHES:
-        enable, frequency, bandwidth, depth_db, harmonics, options = (
-            parameters[f"{name}_{key}"] for key in ("ENABLE", "FREQ", "BW", "ATT", "HMNCS", "OPTS")
-        )
-        count = 2 if int(options) & _DOUBLE else 3 if int(options) & _TRIPLE else 1
-        center = min(max(frequency, 0.52 * bandwidth), _NOTCH_END * rate_hz)
-        if not enable or bandwidth <= 0.0 or 2.0 * center <= bandwidth / count:
-            continue
-        spread = {1: (0.0,), 2: (-1.0, 1.0), 3: (0.0, -1.0, 1.0)}[count]
-        ratio = (center / (center - 0.5 * bandwidth / count)) ** 2  # of the ends of the bandwidth
-        quality, depth = math.sqrt(ratio) / (ratio - 1.0), 10.0 ** (-depth_db / 20.0)
-        for harmonic in range(1, _HARMONICS + 1):
-            if not int(harmonics) >> (harmonic - 1) & 1 or harmonic * center >= _NOTCH_END * rate_hz:
-                continue
-            for side in spread:
-                place = harmonic * center * (1.0 + side * bandwidth / (32.0 * center))
-                yield notch(place, math.sin(2.0 * math.pi * place / rate_hz) / (2.0 * quality), depth, rate_hz)
+        if parameters[f"{name}_ENABLE"]:
+            yield from _harmonics({key: parameters[f"{name}_{key}"] for key in _NOTCH_KEYS}, rate_hz)
+
+
+def _harmonics(values: Mapping[str, float], rate_hz: float) -> Iterator[Biquad]:
+    """Yield the filters of a harmonic notch; several beside each other share its bandwidth."""
+    bandwidth, options = values["BW"], int(values["OPTS"])
+    spread = (-1.0, 1.0) if options & _DOUBLE else (0.0, -1.0, 1.0) if options & _TRIPLE else (0.0,)
+    center = min(max(values["FREQ"], 0.52 * bandwidth), _NOTCH_END * rate_hz)
+    share = 0.5 * bandwidth / len(spread)
+    if not 0.0 < share < center:
+        return
+    ratio = (center / (center - share)) ** 2  # of the ends of the bandwidth
+    quality, depth = math.sqrt(ratio) / (ratio - 1.0), 10.0 ** (-values["ATT"] / 20.0)
+    wanted = [k * center for k in range(1, _HARMONICS + 1) if int(values["HMNCS"]) >> (k - 1) & 1]
+    for each in (frequency for frequency in wanted if frequency < _NOTCH_END * rate_hz):
+        for side in spread:
+            place = each * (1.0 + side * bandwidth / (32.0 * center))
+            yield notch(place, math.sin(2.0 * math.pi * place / rate_hz) / (2.0 * quality), depth, rate_hz)
 
 
 def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_hz: float) -> LoopSignals:
