@@ -27,8 +27,8 @@ from gustproof.law.form import Law, Output
 from gustproof.law.hover import hover_plant, loop_law
 from gustproof.lti.margins import LoopMargins, margins
 from gustproof.performance.covariance import axis_models
+from gustproof.performance.output_rounding import rounding_slew
 from gustproof.performance.predict import Prediction, predict
-from gustproof.performance.rounding import rounding_slew
 from gustproof.performance.tradeoff import linear_laws
 from gustproof.synthesis.autopilot_gains import AutopilotTuning, tune_gains
 
@@ -81,7 +81,15 @@ class AxisJudgement:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Judgement:
-    """Verdict on a law, with its evidence."""
+    """Verdict on a law, with its evidence.
+
+    Examples
+    --------
+    >>> from gustproof import judge_law, load_law, load_scenario, load_vehicle_set
+    >>> found = judge_law(load_law("pid-fair"), load_vehicle_set("iris"), load_scenario("paper-turbulence"))
+    >>> found.reasons
+    ('unstable with the nominal vehicle (5 of 5 tried are)',)
+    """
 
     law: Law
     """Judged law."""
@@ -209,7 +217,7 @@ def judge_law(
     moment
         (3,) [N*m] B, budget of the worst gust and of the proof; `air_budget` by default.
     thrust_step
-        [N] step in which an autopilot tells a rotor's thrust, see `gustproof.performance.rounding`.
+        [N] step in which an autopilot tells a rotor's thrust, see `gustproof.performance.output_rounding`.
     seed
         Seed of the search and of the flights.
     progress
