@@ -102,7 +102,8 @@ def _tuned(folder: Path) -> Path:
         (("hinf-rates",), "commands rates"),
         (("flagship", "--moment", "1,2,0"), "must be positive"),
         (("flagship", "-o", "page.txt"), "ends in .html"),
-        (("flagship", "--better", "better.json"), "ends in .params"),
+        (("flagship", "--better", "better.params"), "ends in .json"),
+        (("px4", "--better", "better.json"), "ends in .params"),
         (("flagship", "--vehicle", "none"), "no vehicle named 'none'"),
     ],
 )
