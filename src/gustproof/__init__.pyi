@@ -8,6 +8,8 @@ from firmware_model.config.vehicle import list_vehicles as list_vehicles
 from firmware_model.config.vehicle import load_vehicle as load_vehicle
 from firmware_model.errors import ConfigError as ConfigError
 from gustproof.analysis.analyse import analyse as analyse
+from gustproof.analysis.judge import Judgement as Judgement
+from gustproof.analysis.judge import judge_law as judge_law
 from gustproof.analysis.law_margins import hover_margins as hover_margins
 from gustproof.analysis.robustness import robust_peak as robust_peak
 from gustproof.analysis.robustness import robust_stability as robust_stability

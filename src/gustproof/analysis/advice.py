@@ -13,7 +13,7 @@ import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.autopilots.models import autopilot_law
+from gustproof.autopilots.models import AUTOPILOTS, autopilot_law
 from gustproof.law.form import Law
 from gustproof.law.hover import loop_law
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix
@@ -99,20 +99,19 @@ class Advice:
     """[-] scale of the rate gains P, I, D by axis."""
     Ms: dict[str, float]
     """[-] sensitivity peak by axis after that: the one before, or 2 where it was larger and can be reached."""
-    rmse_deg: tuple[float | None, float | None]
+    rmse_deg: tuple[float | None, float]
     """[deg] predicted error of the three axes before and after; `None` for an unstable loop."""
-    slew: tuple[float | None, float | None]
+    slew: tuple[float | None, float]
     """[N*m/s] predicted torque slew likewise."""
     open_axes: int
     """Number of axes with a sensitivity peak that is still above 2."""
-    spoilt: bool
-    """True if an axis that was within its peak cannot be brought back to it."""
 
     def describe(self) -> str:
         """Return the advice in a line or two."""
         scaled = ", ".join(f"{axis} {gain:.2g} times (Ms {self.Ms[axis]:.3g})" for axis, gain in self.gains.items())
-        (e0, e1), (s0, s1) = ([_number(value) for value in pair] for pair in (self.rmse_deg, self.slew))
-        brings = f"rate P, I, D {scaled}: error {e0} to {e1} deg, slew {s0} to {s1} N m/s"
+        before = [_number(pair[0]) for pair in (self.rmse_deg, self.slew)]
+        error, slew = f"{before[0]} to {self.rmse_deg[1]:.3g} deg", f"{before[1]} to {self.slew[1]:.3g} N m/s"
+        brings = f"rate P, I, D {scaled}: error {error}, slew {slew}"
         if not self.changes:
             return brings
         unit = f" {self.family.unit}" if self.family.unit else ""
@@ -182,26 +181,25 @@ class _Advisor:
         self._targets = [min(peak, TARGET) for peak in peaks]
 
     def advise(self, slew: float) -> tuple[Advice, ...]:
-        alone = [self._assess(family, {}) for family in _SCALES]
+        alone = [found for family in _SCALES if (found := self._assess(family, {}, slew))]
         alone = [each for each in alone if any(abs(gain - 1.0) > 1.0 - _WORTH for gain in each.gains.values())]
-        alone = [each for each in alone if _is_within(each, slew)]
-        usual = min(
-            [(len(self._open), _pooled([axis.performance(_AS_IS) for axis in self._now])[0]), *map(_rank, alone)]
-        )
+        now = len(self._open), _pooled([axis.performance(_AS_IS) for axis in self._now])[0]
+        usual = min([now, *map(_rank, alone)])
         best = []
         for family in FAMILIES[self._kind]:
-            tried = [self._assess(family, change) for change in self._changes(family)]
-            tried = [each for each in tried if _is_within(each, slew) and not each.spoilt]
-            best += sorted(tried, key=_rank)[:1]
+            tried = (self._assess(family, change, slew) for change in self._changes(family))
+            best += sorted((each for each in tried if each is not None), key=_rank)[:1]
         worth = [each for each in best if _rank(each) < (usual[0], _WORTH * usual[1])]
         return (*alone, *sorted(worth, key=_rank)[:_MOST])
 
     def _changes(self, family: Family) -> Iterator[dict[str, float]]:
-        """Yield new values of a family; a filter may be switched off too, nothing is switched on."""
+        """Yield new values of a family within their ranges; filters are also switched off, nothing is switched on."""
         values = {name: self._parameters[name] for name in family.names if self._parameters[name]}
-        if values:
-            for factor in (*_CHANGES, *([0.0] if family.unit else [])):
-                yield {name: factor * value for name, value in values.items()}
+        ranges = AUTOPILOTS[self._kind].settings
+        for factor in (*_CHANGES, *([0.0] if family.unit else [])):
+            changed = {name: factor * value for name, value in values.items()}
+            if changed and all(ranges[name].low <= value <= ranges[name].high for name, value in changed.items()):
+                yield changed
 
     def _axes(self, changes: Mapping[str, float], axes: Sequence[int] = _ALL) -> list[_Axis]:
         """Return the loops with other values; those of other axes than `axes` are as they were."""
@@ -211,23 +209,27 @@ class _Advisor:
             for axis, model in enumerate(self._models)
         ]
 
-    def _assess(self, family: Family, changes: Mapping[str, float]) -> Advice:
-        """Return what a change brings with the rate gains of the family's axes scaled to the targets."""
+    def _assess(self, family: Family, changes: Mapping[str, float], most: float) -> Advice | None:
+        """Return what a change brings with the rate gains of the family's axes scaled to the targets.
+
+        It is `None` if an axis cannot be brought to its target, a loop is unstable, or the slew is above `most`.
+        """
         axes = self._axes(changes, family.axes) if changes else self._now
         found = {axis: axes[axis].scale(self._targets[axis]) for axis in family.axes}
         scales = [_AS_IS if (index := found.get(axis)) is None else index for axis in _ALL]
         before = _pooled([axis.performance(_AS_IS) for axis in self._now])
-        after = _pooled([axis.performance(index) for axis, index in zip(axes, scales, strict=True)])
+        rmse, slew = _pooled([axis.performance(index) for axis, index in zip(axes, scales, strict=True)])
+        if None in found.values() or not math.isfinite(rmse) or slew > most:
+            return None
         return Advice(
             family=family,
             changes={name: (self._parameters[name], value) for name, value in changes.items()},
             phase=self._phase_cost(family) if family.unit else None,
             gains={_AXES[axis]: float(_FACTORS[scales[axis]]) for axis in family.axes},
             Ms={_AXES[axis]: float(axes[axis].peaks[scales[axis]]) for axis in family.axes},
-            rmse_deg=(_finite(before[0]), _finite(after[0])),
-            slew=(_finite(before[1]), _finite(after[1])),
+            rmse_deg=(_finite(before[0]), rmse),
+            slew=(_finite(before[1]), slew),
             open_axes=sum(found.get(axis) is None for axis in self._open),
-            spoilt=any(index is None and axis not in self._open for axis, index in found.items()),
         )
 
     def _phase_cost(self, family: Family) -> tuple[float, float]:
@@ -268,11 +270,7 @@ def _pooled(axes: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
 
 def _rank(advice: Advice) -> tuple[int, float]:
-    return advice.open_axes, math.inf if advice.rmse_deg[1] is None else advice.rmse_deg[1]
-
-
-def _is_within(advice: Advice, slew: float) -> bool:
-    return advice.slew[1] is None or advice.slew[1] <= slew
+    return advice.open_axes, advice.rmse_deg[1]
 
 
 def _finite(value: float) -> float | None:

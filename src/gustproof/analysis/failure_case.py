@@ -21,6 +21,8 @@ LOST_DEG = 60.0
 """[deg] roll or pitch beyond which attitude counts as lost."""
 _BEYOND = 1.1
 """[-] share by which a case lies beyond the edge of stability: its oscillation grows within the flight."""
+_MOST_DELAY = 50
+"""[samples] most delay of a scenario."""
 _LEAST = 0.05
 """[-] least inertia and lag of a case, as a share of the middle of the spreads."""
 
@@ -137,7 +139,7 @@ def _nearest_case(
     cases = []
     margin, least = delays
     late = math.ceil(_BEYOND * margin / scenario.dt) if math.isfinite(margin) else 0
-    slow = replace(scenario, delay_samples=scenario.delay_samples + late)
+    slow = replace(scenario, delay_samples=min(scenario.delay_samples + late, _MOST_DELAY))
     if late and spectral_radius(law, box.nominal, slow) >= 1.0:
         cases.append((margin / least, (f"{1e3 * late * scenario.dt:.3g} ms more of delay", box.nominal, slow)))
     if edge is not None:

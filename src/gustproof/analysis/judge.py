@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -27,10 +28,11 @@ from gustproof.law.form import Law, Output
 from gustproof.law.hover import hover_plant, loop_law
 from gustproof.lti.margins import LoopMargins, margins
 from gustproof.performance.covariance import axis_models
+from gustproof.performance.output_rounding import rounding_slew
 from gustproof.performance.predict import Prediction, predict
-from gustproof.performance.rounding import rounding_slew
 from gustproof.performance.tradeoff import linear_laws
 from gustproof.synthesis.autopilot_gains import AutopilotTuning, tune_gains
+from gustproof.synthesis.tune import LawKind, Tuning, default_slew, tune_law
 
 AXES = ("roll", "pitch", "yaw")
 NOMINAL_PEAK, SPREAD_PEAK = 2.0, 2.5
@@ -81,7 +83,15 @@ class AxisJudgement:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Judgement:
-    """Verdict on a law, with its evidence."""
+    """Verdict on a law, with its evidence.
+
+    Examples
+    --------
+    >>> from gustproof import judge_law, load_law, load_scenario, load_vehicle_set
+    >>> found = judge_law(load_law("pid-fair"), load_vehicle_set("iris"), load_scenario("paper-turbulence"))
+    >>> found.reasons
+    ('unstable with the nominal vehicle (5 of 5 tried are)',)
+    """
 
     law: Law
     """Judged law."""
@@ -209,7 +219,7 @@ def judge_law(
     moment
         (3,) [N*m] B, budget of the worst gust and of the proof; `air_budget` by default.
     thrust_step
-        [N] step in which an autopilot tells a rotor's thrust, see `gustproof.performance.rounding`.
+        [N] step in which an autopilot tells a rotor's thrust, see `gustproof.performance.output_rounding`.
     seed
         Seed of the search and of the flights.
     progress
@@ -230,7 +240,7 @@ def judge_law(
     if law.output is not Output.TORQUE:
         raise ValueError(f"law '{law.name}' commands rates: its loop is the autopilot's own")
     scenario, vehicle, box = scenario_for(law, scenario), vehicles.nominal, plant_box(vehicles)
-    budget, usual = moment or air_budget(vehicle, scenario), usual_slew(vehicle, scenario)
+    budget, usual = moment or air_budget(vehicle, scenario), default_slew(vehicle, scenario)
     progress(0.0, "margins over the spreads")
     tried = [vehicle, *box.corners()]
     unstable = [each for each in tried if spectral_radius(law, each, scenario) >= 1.0]
@@ -269,19 +279,18 @@ def judge_law(
     return replace(found, verdict=verdict, reasons=reasons)
 
 
-def improve(found: Judgement, vehicles: VehicleSet) -> AutopilotTuning | None:
-    """Return an autopilot's gains of least error at the Ms and slew of those judged, or at usual ones if they are less.
+def improve(found: Judgement, vehicles: VehicleSet) -> AutopilotTuning | Tuning | None:
+    """Return gains of least error at the Ms and slew of those judged, or at usual ones if they are less.
 
-    It is `None` for another law, and if no such gains are found.
+    For an autopilot's loops these are its own parameters, for another law a flagship. It is `None` if none are found.
     """
     kind = autopilot_kind(found.law)
-    if kind is None:
-        return None
-    usual, (low, high) = usual_slew(found.vehicle, found.scenario), _TUNED_PEAKS
+    search = partial(tune_gains, kind) if kind else partial(tune_law, LawKind.FLAGSHIP)
+    usual, (low, high) = default_slew(found.vehicle, found.scenario), _TUNED_PEAKS
     slew, Ms = max(usual, found.slew or 0.0), min(max(found.Ms or low, low), high)
     for price in dict.fromkeys(((slew, Ms), (slew, low), (usual, low))):
         try:
-            return tune_gains(kind, vehicles, found.scenario, slew=price[0], sensitivity_peak=price[1])
+            return search(vehicles, found.scenario, slew=price[0], sensitivity_peak=price[1])
         except DesignError:  # too tight, or the search fails from each of its starts
             continue
     return None
@@ -299,11 +308,6 @@ def air_budget(vehicle: Vehicle, scenario: Scenario) -> Vector:
     variances = (float((model.gust.C @ model.gust_covariance @ model.gust.C.T)[0, 0]) for model in models)
     L, M, N = (_BUDGET * math.sqrt(variance) for variance in variances)
     return L, M, N
-
-
-def usual_slew(vehicle: Vehicle, scenario: Scenario) -> float:
-    """Return the torque slew [N*m/s] that is usual for a vehicle in an air: 20 for the vehicle `paper`."""
-    return 2.0 * math.sqrt(float(np.mean(np.square(air_budget(vehicle, scenario))))) / vehicle.actuator_lag
 
 
 def _judge_axes(

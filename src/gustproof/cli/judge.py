@@ -31,7 +31,8 @@ def judge(
         typer.Option(help="Budget of the worst gust, L,M,N [N m] [default: 3 times the rms moment of the air]."),
     ] = None,
     better: Annotated[
-        Path | None, typer.Option(help="Write better gains of the same autopilot here (.params).")
+        Path | None,
+        typer.Option(help="Write better gains here: of the autopilot (.params) or, for a law, a flagship (.json)."),
     ] = None,
     seed: Annotated[int, SEED] = 1,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write a page here (.html).")] = None,
@@ -42,7 +43,7 @@ def judge(
     Margins nominal and over the spreads of inertia and lag in the vehicle file, proved where the law permits. Predicted
     error and slew in the air, beside the least possible at that price. The worst gust found within a moment budget. A
     proved bound of the attitude, and the nearest case that fails, flown. Then advice from the loop itself: what each
-    filter and gain costs, what another value would allow, and better gains.
+    filter and gain costs, what another value would allow, and better gains; for a law those if --better is given.
 
     Sound means stable over the spreads, Ms at most 2 with the nominal vehicle and 2.5 over the spreads, a delay margin
     of a sample and 5 ms, and no gust found that costs the attitude. Exit status: 0 sound, 1 fragile or unstable, 2 bad
@@ -56,21 +57,23 @@ def judge(
     """
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
+    from gustproof.analysis.advice import autopilot_kind
     from gustproof.analysis.judge import Verdict, improve, judge_law
     from gustproof.report.judgement import render_judgement
     from gustproof.report.terminal import show
-    from gustproof.synthesis.autopilot_gains import save_tuning
+    from gustproof.synthesis.autopilot_gains import AutopilotTuning, save_tuning
 
     check_output(output, ".html", "a page")
-    check_output(better, ".params", "a parameter file", new=True)
     budget = None if moment is None else parse_positive_vector("--moment", moment)
     vehicles, script = load_vehicle_set(vehicle), load_scenario(air)
     law, step, remarks = _read(gains, vehicles.nominal)
+    is_autopilot = autopilot_kind(law) is not None
+    check_output(better, *((".params", "a parameter file") if is_autopilot else (".json", "a law")), new=True)
     try:
         with progress(f"judging {law.name}", quiet=as_json) as shown:
             found = judge_law(law, vehicles, script, moment=budget, thrust_step=step, seed=seed, progress=shown)
             shown(0.9, "better gains")
-            tuned = improve(found, vehicles)
+            tuned = improve(found, vehicles) if is_autopilot or better is not None else None
             improved = None
             if tuned is not None:
                 improved = judge_law(tuned.law, vehicles, script, moment=budget, thrust_step=step, seed=seed)
@@ -79,7 +82,10 @@ def judge(
     if better is not None:
         if tuned is None:
             raise ConfigError(f"no better gains of '{law.name}' were found: {better} is not written")
-        save_tuning(tuned, vehicles.nominal, better)
+        if isinstance(tuned, AutopilotTuning):
+            save_tuning(tuned, vehicles.nominal, better)
+        else:
+            tuned.law.save(better)
     if output is not None:
         from gustproof.report.html.judgement_page import write_judgement
 

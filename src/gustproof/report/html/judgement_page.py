@@ -25,6 +25,9 @@ from gustproof.simulate.outcome import FlightOutcome
 from gustproof.types import Array
 from gustproof.version import software_versions
 
+_MOST_GAIN = 100.0
+"""[-] loop gain of the nominal vehicle above which frequencies are not drawn."""
+
 
 def write_judgement(found: Judgement, better: Judgement | None, remarks: tuple[str, ...], path: Path) -> None:
     """Write the page; the same judgement gives the same bytes."""
@@ -36,6 +39,7 @@ def render_judgement_page(found: Judgement, better: Judgement | None, remarks: t
     loops = [_loop_charts(each) for each in (found, better) if each is not None]
     return render_page(
         tuple(_flights(found, better)),
+        title=f"{found.law.name} on '{found.vehicle.name}'",
         intro=_render_verdict(found, better, remarks),
         loops=[group for groups in loops for group in groups],
     )
@@ -47,8 +51,7 @@ def _render_verdict(found: Judgement, better: Judgement | None, remarks: tuple[s
     if found.axes:
         margins = render_table(COLUMNS, [[escape(cell) for cell in row] for row in iter_margins(found)])
         parts.append(f"<h3>Margins over the spreads</h3><p class='note'>{escape(found.box.describe())}</p>{margins}")
-    evidence = [[escape(name), escape(text)] for name, text in iter_evidence(found)]
-    parts.append(f"<h3>Evidence</h3>{render_table(['', ''], evidence)}")
+    parts.append(f"<h3>Evidence</h3>{_render_list([f'{name}: {text}' for name, text in iter_evidence(found)])}")
     if found.advice:
         advice = _render_list([each.describe() for each in found.advice])
         parts.append(f"<h3>Advice, each change by itself, predicted</h3>{advice}")
@@ -71,18 +74,19 @@ def _loop_charts(found: Judgement) -> Iterator[ChartGroup]:
         replace(vehicle, inertia_B=each, actuator_lag=lag) for each, lag in product((box.low, box.high), box.lag)
     ]
     responses = [hover_loop(found.law, each, found.scenario) for each in (vehicle, *corners)]
-    names, omega = ("nominal", *(f"corner {i}" for i in range(1, 5))), responses[0].omega
+    shown = np.max(np.abs(responses[0].loop), axis=1) <= _MOST_GAIN
+    names, omega = ("nominal", *(f"corner {i}" for i in range(1, 5))), responses[0].omega[shown]
     bode, phase, peaks = [], [], []
     for axis, name in enumerate(AXES):
-        L = [each.loop[:, axis] for each in responses]
+        L = [each.loop[shown, axis] for each in responses]
         bode.append(frequency_chart(f"{name}: |L| [-]", (*_curves(names, omega, map(np.abs, L)), _limit(omega, 1.0))))
-        phases = _curves(names, omega, map(_phase, L))
+        phases = (*_curves(names, omega, map(_phase, L)), _limit(omega, -180.0))
         label = f"{name}: phase of L [deg]"
         phase.append(frequency_chart(label, phases, ChartKind.SEMILOG))
         S = _curves(names, omega, (1.0 / np.abs(1.0 + each) for each in L))
-        limits = _limit(omega, NOMINAL_PEAK, "nominal"), _limit(omega, SPREAD_PEAK, "over the spreads")
+        limits = _limit(omega, NOMINAL_PEAK, "limit nominal"), _limit(omega, SPREAD_PEAK, "limit over the spreads")
         peaks.append(frequency_chart(f"{name}: |S| [-]", (*S, *limits)))
-    note = "Corners: light and heavy, with small and large lag. Dashed: the limits of a sound law, and |L| = 1."
+    note = "Corners: light and heavy, with small and large lag. Dashed: the limits of a sound law, |L| = 1, -180 deg."
     for what, charts in (("Loop gain", bode), ("Loop phase", phase), ("Sensitivity", peaks)):
         yield ChartGroup(title=f"{what}, {found.law.name}", charts=tuple(charts), note=note)
 
@@ -95,12 +99,14 @@ def _curves(names: tuple[str, ...], omega: Array, values: Iterable[Array]) -> tu
     return (*curves[1:], curves[0])
 
 
-def _limit(omega: Array, value: float, label: str = "1") -> Curve:
+def _limit(omega: Array, value: float, label: str = "limit") -> Curve:
     return Curve(label=label, colour=None, x=omega, y=np.full(len(omega), value), style=CurveStyle.DASHED)
 
 
 def _phase(L: ComplexMatrix) -> Array:
-    return np.degrees(np.unwrap(np.angle(L)))
+    """Return the phase [deg], unwrapped, from -360 to 0 at the least frequency."""
+    phase = np.degrees(np.unwrap(np.angle(L)))
+    return np.asarray(phase - 360.0 * np.ceil(phase[0] / 360.0))
 
 
 def _flights(found: Judgement, better: Judgement | None) -> Iterator[ReportRun]:

@@ -32,8 +32,10 @@ def write_report(runs: Sequence[ReportRun], path: Path) -> None:
     write_atomic(path, render_page(runs))
 
 
-def render_page(runs: Sequence[ReportRun], *, intro: str = "", loops: Sequence[ChartGroup] = ()) -> str:
-    """Return the page as HTML, with an `intro` as HTML before all else and charts of `loops` before the laws' own."""
+def render_page(
+    runs: Sequence[ReportRun], *, title: str = "", intro: str = "", loops: Sequence[ChartGroup] = ()
+) -> str:
+    """Return the page as HTML, with a `title` of its own, an `intro` as HTML, and charts before the laws' own loops."""
     laws, numbers = collect_laws(runs), NumberBlock()
     scenarios = ", ".join(dict.fromkeys(run.scenario.name for run in runs))
     sections = {
@@ -52,7 +54,7 @@ def render_page(runs: Sequence[ReportRun], *, intro: str = "", loops: Sequence[C
     thinned = max(len(run.records) for run in runs) > MAX_SAMPLES
     shown = f" Curves of long flights show the extremes of {MAX_SAMPLES // 2} sections." if thinned else ""
     parts = {
-        "title": escape(f"{scenarios}: {', '.join(run.label for run in runs)}"),
+        "title": escape(title or f"{scenarios}: {', '.join(run.label for run in runs)}"),
         "scenarios": "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(described)),
         "intro": intro,
         "flights": render_flights(runs) + render_requirements(runs),
