@@ -9,18 +9,18 @@ from firmware_model.physics.dryden import DrydenParams, DrydenState
 from firmware_model.physics.ground import GroundParams
 from firmware_model.physics.mean_wind import MeanWindParams
 from firmware_model.physics.rigid_body import Body, BodyParams
-from firmware_model.physics.rotors import RotorParams
+from firmware_model.physics.rotors import LossParams
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams
 
-# Constants: the offset of each NamedTuple, then single numbers.
-BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUATORS, ACCELEROMETER, _SINGLE = offsets(
+# Constants: the offset of each NamedTuple, then single numbers, then as many RotorParams as there are rotors.
+BODY, DRYDEN, GYRO, STABILIZER, POSITION, LOSS, AIR, GROUND, MEAN_WIND, ACTUATORS, ACCELEROMETER, _SINGLE = offsets(
     [
         BodyParams,
         DrydenParams,
         GyroParams,
         StabilizerParams,
         PositionParams,
-        RotorParams,
+        LossParams,
         AirParams,
         GroundParams,
         MeanWindParams,
@@ -28,7 +28,7 @@ BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUAT
         AccelerometerParams,
     ]
 )
-FREE, STEPS, GUST_SCALE, WEIGHT = _SINGLE, _SINGLE + 1, _SINGLE + 2, _SINGLE + 3
+FREE, STEPS, GUST_SCALE, WEIGHT, TOTAL_THRUST, ROTOR_COUNT, ROTORS = range(_SINGLE, _SINGLE + 7)
 
 # State, in the same form.
 X_BODY, X_DRYDEN, X_STABILIZER, X_POSITION, X_LOAD = offsets([Body, DrydenState, StabilizerState, PositionState])

@@ -12,6 +12,7 @@ from firmware_model.config.events import (
     GyroBias,
     GyroNoise,
     Payload,
+    RotorFailure,
 )
 from firmware_model.config.scenario import AccelerometerFault, load_scenario
 from firmware_model.config.vehicle import load_vehicle
@@ -67,6 +68,17 @@ def test_a_law_that_feels_force_is_the_same_to_the_bit_on_every_route(scenario, 
     direct = fly_direct(scenario, law, vehicle=airframe, seed=7)
     faultless = replace(scenario, accelerometer=AccelerometerFault(noise=False))
     assert direct["q_NB"].tobytes() != fly_direct(faultless, law, vehicle=airframe, seed=7)["q_NB"].tobytes()
+    assert fly_loopback(scenario, law, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
+    assert fly(scenario, law, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
+
+
+def test_a_rotor_of_eight_that_fails_is_the_same_to_the_bit_on_every_route(tmp_path):
+    law, airframe = load_law("flagship"), load_vehicle("octo")
+    failure = RotorFailure(kind="rotor_failure", at_s=1.0, rotor=6, share=0.2)
+    scenario = replace(FREE, event=(failure,))
+    direct = fly_direct(scenario, law, vehicle=airframe, seed=7)
+    assert direct["rotors"].shape == (500, 8)
+    assert direct["rotors"][-1, 5] < 0.5 * direct["rotors"][-1, 4]
     assert fly_loopback(scenario, law, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
     assert fly(scenario, law, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
 

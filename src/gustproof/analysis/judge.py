@@ -354,7 +354,7 @@ def _worst_margins(loops: list[LoopMargins]) -> LoopMargins:
 
 
 def _slew(predicted: Prediction, vehicle: Vehicle, thrust_step: float, scenario: Scenario) -> float:
-    return math.hypot(predicted.slew, rounding_slew(predicted.slew, vehicle.rotors, thrust_step, scenario.dt))
+    return math.hypot(predicted.slew, rounding_slew(predicted.slew_B, vehicle.rotors, thrust_step, scenario.dt))
 
 
 def _worst_error(law: Law, corners: list[Vehicle], scenario: Scenario) -> float:

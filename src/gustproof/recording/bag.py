@@ -24,7 +24,18 @@ from firmware_model.guest.recorder import ESTIMATE
 from gustproof.recording import definitions
 from gustproof.recording.definitions import TYPES, definition
 from gustproof.recording.mcap import messages
-from gustproof.recording.topics import BASE_LINK_FRD, ESTIMATE_TOPICS, TOPICS, decode, encode, nan_records, times_us
+from gustproof.recording.topics import (
+    BASE_LINK_FRD,
+    ESTIMATE_TOPICS,
+    ROTORS_TOPIC,
+    TOPICS,
+    decode,
+    encode,
+    list_topics,
+    nan_records,
+    rotors_in,
+    times_us,
+)
 
 FLIGHT_TOPIC, MODE_TOPIC = "/flight", "/mode"
 UNFINISHED_PREFIX = ".bag-"
@@ -123,8 +134,10 @@ def _read(path: Path) -> tuple[dict[str, Any], Records]:
         raise ConfigError(f"{path}: no topic {min(missing)}: not a bag of a gustproof flight")
     if len(payloads[FLIGHT_TOPIC]) > TEXT:
         raise ConfigError(f"{path}: the message on {FLIGHT_TOPIC} is longer than {TEXT:,} bytes")
-    records = nan_records(len(payloads[TOPICS[0].name]) // TOPICS[0].layout.itemsize)
-    for topic in TOPICS:
+    samples = len(payloads[TOPICS[0].name]) // TOPICS[0].layout.itemsize
+    rotors = rotors_in(len(payloads[ROTORS_TOPIC]) // max(samples, 1))
+    records = nan_records(samples, rotors)
+    for topic in list_topics(rotors):
         if topic.name in payloads:
             rows: NDArray[np.void] = np.frombuffer(payloads[topic.name], dtype=topic.layout)
             decode(topic, rows, records)
@@ -145,7 +158,9 @@ def _files(path: Path) -> list[Path]:
 
 def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
     has_rates = not np.all(np.isnan(records["omega_command_B"]))
-    topics = [topic for topic in TOPICS if topic.name != "/command/rates" or has_rates]
+    topics = [
+        topic for topic in list_topics(records.dtype["rotors"].shape[0]) if topic.name != "/command/rates" or has_rates
+    ]
     start_ns = int(records["time_us"][0]) * 1000
     text = json.dumps(flight, sort_keys=True)
     about = _add_topic(writer, FLIGHT_TOPIC, definitions.FLIGHT, latched=True)

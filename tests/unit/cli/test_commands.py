@@ -92,7 +92,6 @@ def test_help_loads_nothing_heavy():
         (("fly", "paper", "--vehicle", "iris"), "'flagship' is for vehicle 'paper', not 'iris': give --law"),
         (("fly", "paper", "--law", ""), "no law named ''"),
         (("fly", "paper", "--law", "pid-fair", "--vehicle", "iris"), "'pid-fair' is unstable on vehicle 'iris'"),
-        (("fly", "payload-drop", "--law", "pid-default", "--vehicle", "iris"), "of 1.5 kg can't be with -3 kg"),
         (("reproduce", "--vehicle", "iris", "--out", "r"), "unstable on vehicle 'iris': pid-fair, indi, flagship"),
         (("fly", "paper", "--law", "/nowhere/law.json"), "/nowhere/law.json: No such file"),
         (("design", "D99"), "no design named 'D99'"),
@@ -117,6 +116,24 @@ def test_a_scenario_with_an_unknown_key_names_file_and_key(tmp_path):
     result = run("fly", str(path), "--law", "hinf-d1")
     assert result.exit_code == 2
     assert f"{path}: durationn_s: unknown key" in one_line(result)
+
+
+@pytest.mark.parametrize(
+    ("event", "words"),
+    [
+        ("kind = 'payload'\nmass_kg = -3.0", "event 'payload' at 0.5 s: vehicle 'iris' of 1.5 kg can't be with -3 kg"),
+        ("kind = 'payload'\ninertia_share = [0.0, 0.0, 2.0]", "from 0.5 s on: inertia_B: no rigid body has"),
+        ("kind = 'rotor_failure'\nrotor = 5", "event 'rotor_failure': vehicle 'iris' has 4 rotors, no 5"),
+    ],
+)
+def test_an_event_that_the_vehicle_can_not_have_is_one_line(event, words, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(f"description = 'x'\nduration_s = 1.0\ntranslation = 'free'\n[[event]]\nat_s = 0.5\n{event}\n")
+    for arguments in (("fly", str(path), "--law"), ("campaign", str(path), "--law")):
+        result = run(*arguments, "pid-default", "--vehicle", "iris", "--out" if arguments[0] == "fly" else "-o",
+                     str(tmp_path / "out.parquet"))  # fmt: skip
+        assert result.exit_code == 2
+        assert words in one_line(result)
 
 
 def test_a_taken_output_folder_is_refused(tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.config.events import ActuatorEffect, AttitudeReference, GyroBias, Payload
+from firmware_model.config.events import ActuatorEffect, AttitudeReference, GyroBias, Payload, RotorFailure
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import list_scenarios, load_scenario
 from firmware_model.config.vehicle import load_vehicle
@@ -143,6 +143,23 @@ def test_flights_side_by_side_are_those_one_by_one_in_every_scenario_without_mes
 def test_events_winds_and_all_that_can_be_required_are_the_same_side_by_side(law, translation):
     scenario = replace(EVENTFUL, require=tuple(every_requirement()), translation=translation)
     assert_same(scenario, load_law(law), cases(LANES + 3))
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("law", ["hinf-scheduled", "hinf-rates"])
+def test_vehicles_with_other_rotors_and_failures_are_the_same_side_by_side(law):
+    octo, quad = load_vehicle("octo"), VEHICLE
+    five = replace(octo.rotors, position_B=octo.rotors.position_B[:5], spin=octo.rotors.spin[:5])
+    vehicles = [octo, quad, replace(octo, rotors=five), quad, octo]
+    many = [Case(vehicle=each, seed=i) for i, each in enumerate(vehicles)]
+    failures = tuple(
+        RotorFailure(kind="rotor_failure", at_s=at_s, rotor=rotor, share=share)
+        for at_s, rotor, share in ((0.1, 1, 0.0), (0.2, 4, 0.6), (0.3, 1, 1.0))
+    )
+    free = replace(SHORT, translation="free")
+    assert_same(replace(free, event=failures), load_law(law), many)
+    assert_same(replace(free, event=failures, altitude_m=0.3), load_law(law), many)
+    assert_same(SHORT, load_law(law), many)
 
 
 @pytest.mark.compiled

@@ -5,8 +5,11 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.modes import Mode
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
 from firmware_model.mavlink.services import identity, motion, outputs, status, storage
 from firmware_model.numerics.rotations import rotate
+from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import AttitudeTarget, TorqueCommand
 
 HALF = math.sqrt(0.5)
@@ -114,3 +117,13 @@ def test_rotors_are_told_as_fractions_and_as_pulses(craft):
     assert thrusts.active == 0b1111
     servos = told(service, wire.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)
     assert [servos.servo1_raw, servos.servo4_raw, servos.servo5_raw] == [1500, 1500, 0]
+
+
+def test_all_of_eight_rotors_are_told(craft):
+    octo = VehicleLoop(load_vehicle("octo"), load_scenario("calm"), 1)
+    service = outputs.make_service(SimpleNamespace(loop=octo))
+    thrusts = told(service, wire.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS)
+    assert thrusts.actuator[:9] == pytest.approx([*[1.0 / 3.0] * 8, 0.0], rel=1e-3)
+    assert thrusts.active == 0xFF
+    servos = told(service, wire.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)
+    assert [servos.servo1_raw, servos.servo8_raw, servos.servo9_raw] == [1333, 1333, 0]
