@@ -47,6 +47,8 @@ _MOST_WORK = 1 << 22
 UP = 1.0 + 2.0**-40
 """[-] covers the rounding of a sum of at most 2^10 products of numbers that are not negative, some times over."""
 _ULP = 2.0**-52
+_DIVERGED = 1e30
+"""Size of a state after a unit input that shows an unstable loop early."""
 _MOST_LEFT = 1e-3
 """[-] of a unit that may be left after the simulation; the tail adds that share of the largest norm."""
 
@@ -100,7 +102,7 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
     total, peak = np.zeros((len(pairs), m + 3, m + 2)), np.zeros_like(x)
     square = np.zeros((len(pairs), m + 3))
     with np.errstate(over="ignore", invalid="ignore"):
-        for k in range(samples):
+        for _ in range(samples):
             after = Phi @ x
             held = demand @ x
             change, gap = after[:, OMEGA] - x[:, OMEGA], held - x[:, TORQUE]
@@ -108,7 +110,7 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
             total += np.abs(signals)
             square += signals[:, :, -1] ** 2
             peak = np.maximum(peak, np.abs(x))
-            if k % 64 == 0 and not np.max(peak) < 1e30:
+            if not np.max(peak) < _DIVERGED:
                 raise Refusal("the norms have no bound: the loop is unstable")
             x = after
     peak = np.max(peak, axis=2)  # of each state over all columns
