@@ -420,6 +420,7 @@ def test_a_law_without_schedule_has_no_excess_and_wide_angles_are_refused():
     of, box = loop(), some_box(10)
     linear = of._replace(G=tuple((Fraction(0),) * 3 for _ in range(9)))
     assert estimate_box.estimate_excess(linear, box) == [0, 0, 0]
+    assert single_precision._excess_difference(linear, box, box) == [0, 0, 0]
     assert estimate_box.estimate_excess(of, box) == estimate_box.excess(
         [row[3] for row in box], [row[4] for row in box]
     )
@@ -458,6 +459,9 @@ def test_norms_are_refused_where_they_have_no_bound(monkeypatch):
     unstable = of._replace(D=tuple(tuple(-9 * value for value in row) for row in of.D))
     with pytest.raises(Refusal, match="have no bound: the loop is unstable"):
         axis_norms(unstable, 0, 4096)
+    with monkeypatch.context() as patch, pytest.raises(Refusal, match="have no bound: the loop is unstable"):
+        patch.setattr(kernel_norms, "_DIVERGED", 1.0)  # the size of the input itself
+        axis_norms(of, 1, 1)
     monkeypatch.setattr(kernel_norms, "LONGEST", 512)
     assert axis_norms(of, 0, 512)
     wide = of._replace(cells=(3, 5))
@@ -706,6 +710,40 @@ def test_noise_over_too_short_or_long_a_flight_is_refused():
         else:
             assert truth_drift._noise(of, CASE._replace(noise=Fraction(1, 2**12)), disturbance).walk > 0
     assert truth_drift._noise(of, QUIET, Disturbance(zeros, zeros, 1, Fraction(0))) == (0, 0)
+
+
+def test_the_noise_has_least_deviations_that_cover_its_risk(monkeypatch):
+    """The bounds of exp and of the root are round numbers here, at which every comparison is an equality."""
+    of, zeros, half = loop(), [Fraction(0)] * 3, Fraction(1, 256)
+    case = CASE._replace(noise=Fraction(1))
+
+    def exp(x: Fraction) -> Fraction:
+        if x > 6:  # of the mean square
+            return 3 / half
+        return Fraction(21, 5) * x / half if x <= 2 else Fraction(10**9)  # equal up to two deviations
+
+    monkeypatch.setattr(truth_drift, "exp_lower_bound", exp)
+    monkeypatch.setattr(truth_drift, "sqrt_upper_bound", lambda _: Fraction(1))
+    found = truth_drift._noise(of, case, Disturbance(zeros, zeros, 64, 2 * half))
+    assert found == (1, 2 * (Fraction(1, 2) + Fraction(1, 16)))  # two deviations: half a radian in the vector part
+    with pytest.raises(Refusal, match="may turn the attitude by a radian"):
+        truth_drift._noise(of, case._replace(noise=1 + Fraction(1, 10**9)), Disturbance(zeros, zeros, 64, 2 * half))
+    monkeypatch.setattr(truth_drift, "exp_lower_bound", lambda x: (1 - Fraction(1, 10**9)) * exp(x))
+    with pytest.raises(Refusal, match="too short to bound"):
+        truth_drift._noise(of, case, Disturbance(zeros, zeros, 64, 2 * half))
+
+
+def test_the_mean_square_of_the_noise_may_be_twice_its_value():
+    zeros, n = [Fraction(0)] * 3, 45
+    case = CASE._replace(noise=Fraction(1, 2**12))
+    for share, kept in ((0.99995, True), (1.00005, False)):
+        risk = Fraction(6.0 * math.exp(-0.15 * n * share**2))
+        if kept:
+            mean = truth_drift._noise(loop(), case, Disturbance(zeros, zeros, n, risk)).mean
+            assert float(mean / case.noise) == pytest.approx(math.sqrt(2.0), rel=1e-12)
+        else:
+            with pytest.raises(Refusal, match="too short to bound"):
+                truth_drift._noise(loop(), case, Disturbance(zeros, zeros, n, risk))
 
 
 def test_rotations_of_more_than_a_radian_are_refused():
