@@ -125,6 +125,8 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
         If the law reads the accelerometer or couples its axes, or a number is out of range.
     """
     law, vehicle = json.loads(law_text), tomllib.loads(vehicle_text)
+    if not law["name"].isprintable() or "'" in law["name"]:
+        raise Refusal(f"the law is named {law['name']!r}: the statement quotes the name, so it holds no quote")
     if law["output"] not in (TORQUE, RATES):
         raise Refusal(f"law '{law['name']}' commands {law['output']}, the proof is about torque and rates")
     n = len(law["A"])
@@ -148,7 +150,7 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
     if not tracks:
         limits = tuple(min(pair) for pair in zip(limits, torque_limits, strict=True))
     return LoopSystem(
-        name=str(law["name"]),
+        name=law["name"],
         A=matrices[0],
         B=matrices[1],
         C=matrices[2],
