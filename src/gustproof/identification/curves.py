@@ -112,7 +112,7 @@ def disturbance_rms(curves: Curves, theta: Array) -> float:
     for rate, caused in zip(curves.rate, curves.caused, strict=True):
         residual = np.gradient(rate - caused, curves.dt) + curves.damping * (rate - caused)
         n = len(residual)
-        omega = 2.0 * np.pi * np.fft.rfftfreq(n, curves.dt)[1:]
+        omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(n, curves.dt)[1:], dtype=np.float64)
         wanted = _disturbance_density(theta, omega)
         share = wanted / (wanted + noise * (omega**2 + curves.damping**2))
         spectrum = np.abs(np.fft.rfft(residual - residual.mean())[1:]) ** 2

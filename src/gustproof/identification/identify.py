@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gustproof.errors import ConfigError
+from firmware_model.errors import ConfigError
 from gustproof.identification.curves import Curves, disturbance_corner, disturbance_rms, make_curves, model_response
 from gustproof.identification.identification import AxisEstimate, Identification, Interval
 from gustproof.identification.intervals import bootstrap, interval, widen

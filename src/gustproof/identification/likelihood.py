@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from gustproof.identification.rate_response import prediction_errors
-from gustproof.identification.stretches import Stretch
+from gustproof.identification.stretches import Indices, Stretch
 from gustproof.types import Array
 
 LAG, DELAY, DAMPING, NOISE, SLOW, SLOW_DRIVE, FAST, FAST_DRIVE, GAINS = range(9)
@@ -125,7 +125,7 @@ def solve_gains(data: AxisData, theta: Array) -> Array:
     return np.concatenate([theta[:GAINS], gains])
 
 
-def places(axes: Sequence[AxisData]) -> list[Array]:
+def places(axes: Sequence[AxisData]) -> list[Indices]:
     """Return the place of each axis' parameters in the vector of all."""
     ends = np.cumsum([SHARED, *(data.size - SHARED for data in axes)])
     return [np.concatenate([np.arange(SHARED), np.arange(a, b)]) for a, b in pairwise(ends)]

@@ -5,10 +5,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gustproof.identification.rate_response import command_response
 from gustproof.logs.flight_log import FlightLog, Signal
 from gustproof.types import Array
+
+Indices = NDArray[np.int64]
 
 BIN = 0.004
 """[s] gyro samples within it are averaged: below 25 Hz, where vehicles turn, that loses nothing."""
@@ -31,8 +34,8 @@ class Stretch:
     """(m, k) torque commands or motor commands, and a last column of ones for the trim."""
     gyro_time: Array
     """(n,) [s]."""
-    bins: Array
-    """(b,) first gyro sample of each bin, as integers."""
+    bins: Indices
+    """(b,) first gyro sample of each bin."""
     time: Array
     """(b,) [s] mean time of each bin."""
     count: Array
@@ -113,7 +116,7 @@ def cut_stretch(gyro: Signal, command: Signal, begin: float, end: float) -> Stre
     time, dt = gyro.time[inside], sample_time(gyro)
     width = dt * max(1, round(BIN / dt))
     number = np.floor((time - time[0] + 0.5 * dt) / width)
-    bins = np.flatnonzero(np.diff(number, prepend=-1.0))
+    bins = np.flatnonzero(np.diff(number, prepend=-1.0)).astype(np.int64)
     count = np.diff(bins, append=len(time)).astype(np.float64)
     return Stretch(
         command_time=held.time, command=np.column_stack([held.values, np.ones(len(held.time))]), gyro_time=time,

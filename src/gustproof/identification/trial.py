@@ -116,12 +116,12 @@ def _random_vehicle(random: _Random, lag: float, stiffness: float) -> Vehicle:
     I_y = I_x * random.uniform(0.7, 1.3)
     I_z = max((I_x + I_y) * random.uniform(0.4, 0.95), 1.05 * abs(I_x - I_y))
     gust = stiffness * _log_uniform(random, 0.005, 0.06) / 2.5  # [rad/s^2 per m/s], in gusts of about 2.5 m/s
-    arms = tuple(tuple(size * c for c in hub) for hub in paper.rotors.position_B)
+    a, b, c, d = ((size * x, size * y, size * z) for x, y, z in paper.rotors.position_B)
     return replace(
         paper, name="random", mass=mass, inertia_B=(I_x, I_y, I_z), actuator_lag=lag,
         torque_limit=(60.0 * I_x, 60.0 * I_y, 60.0 * I_z), span=size * paper.span, gust_gain=gust * I_x,
         gust_yaw_ratio=random.uniform(0.1, 0.5) * I_z / I_x, rate_damping=random.uniform(0.0, 0.5),
-        rotors=replace(paper.rotors, position_B=arms, thrust_max=0.5 * GRAVITY * mass),
+        rotors=replace(paper.rotors, position_B=(a, b, c, d), thrust_max=0.5 * GRAVITY * mass),
         gyro=replace(paper.gyro, snr_db=paper.gyro.snr_db + random.uniform(-9.5, 9.5)),
     )  # fmt: skip
 
