@@ -55,8 +55,11 @@ class Draft:
     in_air: Rows | None = None
     """(n, 1) 1 from a sample on that is in the air, else 0; `None` if the log does not tell."""
     command_unit: CommandUnit = CommandUnit.NORMALISED
+    """Unit of the command."""
     parameters: dict[str, float] = field(default_factory=dict)
+    """Parameters of the autopilot by name."""
     findings: list[str] = field(default_factory=list)
+    """Shortcomings that the reader has seen, a line each."""
 
 
 class Parameters:
@@ -91,14 +94,17 @@ def assemble(draft: Draft) -> FlightLog:
     Raises
     ------
     ValueError
-        If there is no gyro.
+        If there is no gyro, or a vector has not three components.
     """
     findings = list(draft.findings)
     if "gyro" not in draft.rows or len(draft.rows["gyro"].time_us) == 0:
         raise ValueError("no gyro in it")
+    for name, rows in draft.rows.items():
+        if name != "motors" and rows.values.shape[1] != 3:
+            raise ValueError(f"{name} has {rows.values.shape[1]} components, must have 3")
     begin, end = longest_piece(draft.rows["gyro"], findings)
     sound = {name: _sound(name, _cut(rows, begin, end), findings) for name, rows in draft.rows.items()}
-    kept = {name: rows for name, rows in sound.items() if len(rows.time_us) > 1}
+    kept = {name: rows for name, rows in sound.items() if len(rows.time_us) > 1 and rows.values.size}
     if "gyro" not in kept:
         raise ValueError("no two gyro samples that can be used")
     start_us = min(rows.time_us[0] for rows in kept.values())
