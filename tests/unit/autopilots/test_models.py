@@ -197,6 +197,18 @@ def test_a_bad_file_is_refused_in_a_line(tmp_path: Path, text: str, wrong: str) 
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize("kind", AUTOPILOTS)
+@pytest.mark.parametrize("end", ["low", "high", "tiny"])
+def test_any_values_in_range_make_a_law(kind: str, end: str) -> None:
+    settings = AUTOPILOTS[kind].settings
+    values = {name: max(each.low, 1e-300) if end == "tiny" else getattr(each, end) for name, each in settings.items()}
+    if kind == "ardupilot":
+        values |= {"INS_HNTCH_ENABLE": 1.0, "INS_HNTC2_ENABLE": 1.0, "INS_HNTCH_FREQ": 12.0, "INS_HNTC2_FREQ": 12.0}
+        values |= {"INS_HNTCH_BW": 10.0, "INS_HNTC2_BW": 1e-300}
+    law = autopilot_law(kind, values, VEHICLE).law  # whose arrays are finite
+    assert np.abs(law.A).max() > 0.0
+
+
 def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"mine\.json: a parameter file ends in \.params"):
         read_autopilot_law(tmp_path / "mine.json", VEHICLE)
