@@ -13,6 +13,7 @@ from gustproof.identification.likelihood import (
     DAMPING,
     DELAY,
     GAINS,
+    HIGHEST_DAMPING,
     LAG,
     NOISE,
     SHARED,
@@ -41,6 +42,7 @@ _LEARNT = 2.0 / 3.0  # of the flight; the rest is predicted
 _LAGS, _DELAYS = (0.015, 0.04, 0.1), (0.002, 0.02)  # [s] where the search starts
 _LOOSE = 0.3  # half width of a gain's interval by the gain, beyond which it is not told
 _VAGUE, _EXPLAINED = 0.1, 0.1  # the same, where the command explains less than this share of the accelerations
+_WHITE = 1e-3  # of the prediction errors' mean square; white noise below it means that a filter took it away
 _FLOOR = 0.01  # of a gain: what the model leaves out, such as gyroscopic moments
 _BLUR = 0.2  # of half a sample of the command: noise above its Nyquist frequency folds down and looks like lag
 _APART = 6.0  # loss of log likelihood by one lag and delay for all axes: beyond it (p = .002) yaw has its own
@@ -58,6 +60,8 @@ class _Axis:
     replicates: Array
     """(r, p) the same, bootstrapped."""
 
+    unexplained: float
+    """[rad^2/s^2] mean square of the prediction errors."""
     curves: Curves
     """Series."""
 
@@ -71,8 +75,10 @@ class _Axis:
     def gain(self) -> Interval | None:
         """[rad/s^2 per unit] the same; `None` if the flight does not show it."""
         low, gain, high = self.wide_gain
-        loose = _LOOSE if self.curves.explained(self.curves.corner()) > _EXPLAINED else _VAGUE
-        sound = gain > 0.0 and (self.data.square or self.theta[GAINS] > 0.0)
+        explained = self.curves.explained(self.curves.corner())
+        loose = _LOOSE if explained > _EXPLAINED else _VAGUE
+        sound = gain > 0.0 and explained > 0.0 and self.theta[DAMPING] < HIGHEST_DAMPING
+        sound = sound and (self.data.square or self.theta[GAINS] > 0.0)
         return self.wide_gain if sound and max(high - gain, gain - low) < loose * gain else None
 
 
@@ -150,10 +156,10 @@ def _fit_axes(data: list[AxisData], dt: float, near: list[Array]) -> list[_Axis]
     axes = []
     for fit in fits:
         replicates = bootstrap(fit)
-        for one, at in zip(fit.axes, places(fit.axes), strict=True):
-            theta = fit.theta[at]
+        for one, at, linear in zip(fit.axes, places(fit.axes), fit.linear, strict=True):
+            theta, left = fit.theta[at], float(np.mean(linear.error**2))
             curves = make_curves(one, theta, dt)
-            axes.append(_Axis(data=one, theta=theta, replicates=replicates[:, at], curves=curves))
+            axes.append(_Axis(data=one, theta=theta, replicates=replicates[:, at], unexplained=left, curves=curves))
     return axes
 
 
@@ -245,4 +251,9 @@ def _doubts(axes: list[_Axis], leader: _Axis | None) -> list[str]:
     if leader is not None and axes[2].gain is not None and axes[2].theta[LAG] != leader.theta[LAG]:
         lag = np.exp(axes[2].theta[LAG])
         doubts.append(f"yaw answers with a lag of {lag:.3f} s, unlike roll and pitch: the lag told is of those")
+    coloured = [_AXES[axis.data.axis] for axis in axes if np.exp(axis.theta[NOISE]) < _WHITE * axis.unexplained]
+    if coloured:
+        doubts.append(
+            f"gyro: filtered before it is logged ({', '.join(coloured)}): lag, delay and gains may be off by more"
+        )
     return doubts

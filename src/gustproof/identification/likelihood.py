@@ -21,8 +21,10 @@ DAMPING_PRIOR = 2.0
 excitation can't be told from damping otherwise: both are poles."""
 SHARED = 2
 """First parameters of an axis, which all axes share."""
+HIGHEST_DAMPING = 25.0
+"""[1/s] no fit goes beyond; one that ends there has found no multirotor."""
 _LOW = np.array([np.log(0.004), -0.01, 0.0, -40.0, np.log(0.02), -40.0, np.log(4.0), -40.0])
-_HIGH = np.array([np.log(0.4), 0.12, 25.0, 5.0, np.log(40.0), 30.0, np.log(200.0), 35.0])
+_HIGH = np.array([np.log(0.4), 0.12, HIGHEST_DAMPING, 5.0, np.log(40.0), 30.0, np.log(200.0), 35.0])
 _REACH = np.array([0.5, 0.02, 2.0, 2.0, 1.0, 2.0, 1.0, 2.0])  # of one step
 _STEP = np.array([1e-4, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4])
 
