@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.recording.journal import RECORD
+from firmware_model.recording.journal import record_type
 from gustproof.law.form import Law, Output, Provenance, RateLimit, load_law
 from gustproof.recording.bag import write_bag
 from gustproof.simulate.flight import FlightPlan
@@ -80,7 +80,7 @@ def recorded(tmp_path):
     def make(folder, *, scenario="coning", law="hinf-d1", seed=1, n=500, require=(), **fields):
         script = replace(load_scenario(scenario), duration_s=n / 250, require=require)
         plan = FlightPlan(script, load_law(law), load_vehicle("paper"), seed, False)
-        records = np.zeros(n, dtype=RECORD)
+        records = np.zeros(n, dtype=record_type(np.shape(fields.get("rotors", [0.0] * 4))[-1]))
         records["time_us"] = 4000.0 * np.arange(n)
         records["q_NB"][:, 0] = 1.0
         records["omega_command_B"] = np.nan
