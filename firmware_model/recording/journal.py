@@ -95,7 +95,7 @@ class JournalWriter:
         self, path: Path, header: Mapping[str, Any], buffer_records: int = 250, record: np.dtype[np.void] = RECORD
     ) -> None:
         self._file = AppendOnlyFile(path)
-        if record is not RECORD and "rotors" in (record.names or ()):
+        if record != RECORD and "rotors" in (record.names or ()):
             header = {"rotors": record["rotors"].shape[0], **header}
         self._file.write(json.dumps(header, separators=(",", ":")).encode() + b"\n")
         self._block = np.empty((buffer_records, record.itemsize // 8))

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import Vehicle, load_vehicle
-from firmware_model.recording.journal import RECORD
+from firmware_model.recording.journal import record_type
 from gustproof.identification.identification import AxisEstimate, Identification, Interval
 from gustproof.law.form import Law, Output, Provenance, RateLimit, load_law
 from gustproof.logs.flight_log import CommandUnit, FlightLog, Signal
@@ -83,7 +83,7 @@ def recorded(tmp_path):
     def make(folder, *, scenario="coning", law="hinf-d1", seed=1, n=500, require=(), **fields):
         script = replace(load_scenario(scenario), duration_s=n / 250, require=require)
         plan = FlightPlan(script, load_law(law), load_vehicle("paper"), seed, False)
-        records = np.zeros(n, dtype=RECORD)
+        records = np.zeros(n, dtype=record_type(np.shape(fields.get("rotors", [0.0] * 4))[-1]))
         records["time_us"] = 4000.0 * np.arange(n)
         records["q_NB"][:, 0] = 1.0
         records["omega_command_B"] = np.nan
