@@ -67,12 +67,14 @@ def default_law(vehicles: "VehicleSet", script: "Scenario", *, quiet: bool) -> "
     shipped, name = load_law(DEFAULT_LAW), vehicles.nominal.name
     if shipped.provenance.vehicle == name:
         return shipped
-    air = load_scenario("paper-turbulence")
-    rates = {"control_rate_hz": script.control_rate_hz, "physics_rate_hz": script.physics_rate_hz}
+    air = replace(
+        load_scenario("paper-turbulence"),
+        control_rate_hz=script.control_rate_hz,
+        physics_rate_hz=script.physics_rate_hz,
+        delay_samples=script.delay_samples,
+    )
     with progress(f"tuning {DEFAULT_LAW} for {name}", quiet=quiet) as shown:
-        tuning = tune_law(
-            DEFAULT_LAW, vehicles, replace(air, **rates, delay_samples=script.delay_samples), progress=shown
-        )
+        tuning = tune_law(DEFAULT_LAW, vehicles, air, progress=shown)
     price = f"Ms {tuning.Ms:.3g}, slew {tuning.slew:.3g} N m/s"
     print(f"gustproof: {DEFAULT_LAW} tuned for '{printable(name)}': {price}", file=sys.stderr)
     return tuning.law
