@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from firmware_model.config.scenario import list_scenarios, load_scenario
 from gustproof.cli.app import app
-from gustproof.law.form import list_laws
+from gustproof.law.form import list_laws, load_law
 
 ROOT = Path(__file__).parents[2]
 
@@ -137,8 +137,13 @@ def test_the_way_from_a_measured_inertia_to_c_runs_as_it_stands(
         name = file.splitlines()[0].removeprefix("# ")
         (tmp_path / name).write_text(file, encoding="utf-8")
     told = run_section("A vehicle of your own")
-    assert list(told) == ["design", "analyse", "certify", "fly", "export"]
-    assert max(float(peak) for peak in re.findall(r"Ms ([\d.]+) in", told["analyse"])) < 1.6
+    assert list(told) == ["tune", "fly", "certify", "export"]
+    (least,) = re.findall(r"least: ([\d.]+) at this Ms and slew", told["tune"])
+    figures = load_law("my-law.json").provenance.parameters
+    assert figures["foretold_slew_nm_per_s"] <= 6.9
+    assert figures["foretold_rmse_deg"] <= 1.15 * float(least) <= 0.095
+    (flown,) = re.findall(r"RMSE +│ ([\d.]+)", told["fly"])
+    assert float(flown) <= 0.07
     assert "proven: " in told["certify"]
-    assert "int my_design_step(" in (tmp_path / "my-law.c").read_text()
+    assert "int flagship_my_quad_step(" in (tmp_path / "my-law.c").read_text()
     assert len(list((tmp_path / "my-flight").rglob("*.mcap"))) == 1

@@ -42,7 +42,7 @@ _ROUNDS = 20
 _POWER = 3.0
 """[-] of the slew that its weight falls with, at first."""
 _SLEW_TOLERANCE, _PATIENCE, _LATE_TOLERANCE = 1e-4, 8, 0.02
-"""[-] largest relative distance of the slew below its limit, the number of weights tried for it, and that after them."""
+"""[-] largest relative distance of the slew below its limit; number of weights tried for it; distance after these."""
 _STRESS_PEAK, _LAST_PEAK = 10.0, 20.0
 """[-] sensitivity peaks below and near a delay or gain that must be stable: finite at all of them, so none is lost."""
 _GAIN_TOLERANCE = 0.03

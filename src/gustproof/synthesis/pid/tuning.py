@@ -111,7 +111,7 @@ def tune(
     """Return the gains of each axis with the least attitude error, pooled over the axes.
 
     Sequential quadratic programming (SLSQP) on the logarithms of all gains, from each of `starts` until one leads to
-    gains within the limits: a dataclass of positive numbers, the same for each axis. It finds a local optimum. `build`
+    gains within the limits. A start is a dataclass of positive numbers, for each axis. The optimum is local. `build`
     makes the law of an axis from its gains and its model in turbulence. Delay and gain in the limits are not used.
 
     Raises
