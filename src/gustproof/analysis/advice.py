@@ -27,6 +27,8 @@ TARGET = 2.0
 """[-] sensitivity peak that the gains of a loop above it, or of an unstable one, are scaled to."""
 _WORTH = 0.95
 """[-] share of the error at the same sensitivity peak below which a change is worth telling."""
+_LEAST_COST = 0.1
+"""[deg] least phase that is told as a filter's cost."""
 _MOST = 3
 """Most changes that are told."""
 _POINTS = 300
@@ -116,7 +118,9 @@ class Advice:
             return brings
         unit = f" {self.family.unit}" if self.family.unit else ""
         values = [f"{name} {old:.3g}{unit} to {_value(new, unit)}" for name, (old, new) in self.changes.items()]
-        cost = f" (costs {self.phase[0]:.2g} deg of phase at {self.phase[1]:.3g} rad/s)" if self.phase else ""
+        cost = ""
+        if self.phase is not None and self.phase[0] >= _LEAST_COST:
+            cost = f" (costs {self.phase[0]:.2g} deg of phase at {self.phase[1]:.3g} rad/s)"
         return f"{self.family.label}{cost}: {', '.join(values)} allows {brings}"
 
 
