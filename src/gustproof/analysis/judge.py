@@ -338,8 +338,8 @@ def _judge_axes(
                 worst=worst,
                 Ms_found=peak,
                 Ms_proved=bound,
-                rmse_deg=math.degrees(predicted.rmse_B[axis]),
-                slew=predicted.slew_B[axis],
+                rmse_deg=math.degrees(predicted.axes_rmse[axis]),
+                slew=predicted.axes_slew[axis],
             )
         )
     return predicted, tuple(found)
@@ -359,7 +359,7 @@ def _worst_margins(loops: list[LoopMargins]) -> LoopMargins:
 def _slew(predicted: Prediction | None, vehicle: Vehicle, thrust_step: float, scenario: Scenario) -> float | None:
     if predicted is None:
         return None
-    return math.hypot(predicted.slew, rounding_slew(predicted.slew, vehicle.rotors, thrust_step, scenario.dt))
+    return math.hypot(predicted.slew, rounding_slew(predicted.axes_slew, vehicle.rotors, thrust_step, scenario.dt))
 
 
 def _worst_error(law: Law, corners: list[Vehicle], scenario: Scenario) -> float:

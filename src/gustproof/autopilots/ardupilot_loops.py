@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from firmware_model.config.firmware import ardupilot_full_torque
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
-from gustproof.autopilots.filters import AxisLoop, Biquad, butterworth, notch, smoothing
+from gustproof.autopilots.filters import LEAST_SHARE, AxisLoop, Biquad, butterworth, notch, smoothing
 from gustproof.autopilots.settings import Autopilot, LoopSignals, Setting
 
 _NAMES = ("RLL", "PIT", "YAW")
@@ -74,7 +74,7 @@ def _harmonics(values: Mapping[str, float], rate_hz: float) -> Iterator[Biquad]:
     spread = (-1.0, 1.0) if options & _DOUBLE else (0.0, -1.0, 1.0) if options & _TRIPLE else (0.0,)
     center = min(max(values["FREQ"], 0.52 * bandwidth), _NOTCH_END * rate_hz)
     share = 0.5 * bandwidth / len(spread)
-    if not 0.0 < share < center:
+    if not LEAST_SHARE * center < share < center:
         return
     ratio = (center / (center - share)) ** 2  # of the ends of the bandwidth
     quality, depth = math.sqrt(ratio) / (ratio - 1.0), 10.0 ** (-values["ATT"] / 20.0)

@@ -12,7 +12,9 @@ import numpy as np
 from gustproof.law.cascade import AxisLaw, limit_by_reference
 from gustproof.law.form import Matrix
 
-_SIZE = 64  # states that an axis may have; more than any parameters ask for
+_SIZE = 256  # states that an axis may have; more than any parameters ask for
+LEAST_SHARE = 1e-3
+"""[-] least frequency and bandwidth of a filter, as a share of the rate, so that its coefficients keep their digits."""
 
 
 class Biquad(NamedTuple):
@@ -31,13 +33,13 @@ class Biquad(NamedTuple):
 
 
 def butterworth(cutoff: float, rate: float) -> Biquad:
-    """Return the low-pass with a corner at `cutoff` [Hz], exact there, at `rate` [Hz].
+    """Return the low-pass with a corner at `cutoff` [Hz], but a thousandth of `rate` [Hz] at least; exact there.
 
     References
     ----------
     A. V. Oppenheim, R. W. Schafer, Discrete-Time Signal Processing, section 7.1: bilinear transform, Butterworth.
     """
-    t = math.tan(math.pi * cutoff / rate)
+    t = math.tan(math.pi * max(cutoff / rate, LEAST_SHARE))
     c = 1.0 + math.sqrt(2.0) * t + t * t
     b = t * t / c
     return Biquad(b, 2.0 * b, b, 2.0 * (t * t - 1.0) / c, (1.0 - math.sqrt(2.0) * t + t * t) / c)

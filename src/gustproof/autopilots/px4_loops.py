@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from firmware_model.config.firmware import px4_full_torque
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
-from gustproof.autopilots.filters import AxisLoop, butterworth, notch, smoothing
+from gustproof.autopilots.filters import LEAST_SHARE, AxisLoop, butterworth, notch, smoothing
 from gustproof.autopilots.settings import Autopilot, LoopSignals, Setting
 
 _NAMES, _LIMITS = ("ROLL", "PITCH", "YAW"), ("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
@@ -59,7 +59,8 @@ def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_
     for each in ("IMU_GYRO_NF0", "IMU_GYRO_NF1"):
         frequency, bandwidth = parameters[f"{each}_FRQ"], parameters[f"{each}_BW"]
         if 0.0 < frequency < 0.5 * rate_hz and bandwidth > 0.0:
-            omega = loop.filtered(omega, notch(frequency, math.tan(math.pi * bandwidth * dt), 0.0, rate_hz))
+            place, width = max(frequency, LEAST_SHARE * rate_hz), max(bandwidth * dt, LEAST_SHARE)
+            omega = loop.filtered(omega, notch(place, math.tan(math.pi * width), 0.0, rate_hz))
     if 0.0 < parameters["IMU_GYRO_CUTOFF"] < 0.5 * rate_hz:
         omega = loop.filtered(omega, butterworth(parameters["IMU_GYRO_CUTOFF"], rate_hz))
     commanded = parameters[f"MC_{name}_P"] * (loop.reference - loop.attitude)
@@ -103,6 +104,6 @@ PX4 = Autopilot(
     known=r"MC_(ACRO|AT|MAN|ORBIT|SLOW|[RPY]R_INT)_\w+|MC_(AIRMODE|BAT_SCALE_EN)|IMU_(ACCEL|INTEG|GYRO_[CDFR])\w+",
     full_torque=_full_torque,
     build=_build,
-    thrust_steps=0,
+    thrust_steps=1000,  # microseconds of a pulse, though its simulator gets fractions
     remarks=_remarks,
 )

@@ -135,7 +135,7 @@ def tune_gains(
     autopilot, structure, vehicle = AUTOPILOTS[kind], _STRUCTURES[kind], vehicles.nominal
     script = scenario_for(kind, scenario)
     step = vehicle.rotors.thrust_max / autopilot.thrust_steps if autopilot.thrust_steps else 0.0
-    rounding = min(rounding_slew(slew, vehicle.rotors, step, script.dt), 0.9 * slew)
+    rounding = min(rounding_slew((slew, slew, slew), vehicle.rotors, step, script.dt), 0.9 * slew)
     search = _Search(kind, vehicles, script, sensitivity_peak, math.sqrt(slew**2 - rounding**2))
     tries = product(_CORNER_PEAKS, _SPEEDS)
     values = next((found for corner, speed in tries if (found := search.run(corner, speed)) is not None), None)
@@ -155,7 +155,7 @@ def tune_gains(
         parameters=parameters,
         law=law,
         rmse=predicted.seen_rmse,
-        slew=math.hypot(predicted.slew, rounding_slew(predicted.slew, vehicle.rotors, step, script.dt)),
+        slew=math.hypot(predicted.slew, rounding_slew(predicted.axes_slew, vehicle.rotors, step, script.dt)),
         Ms=nominal,
         corner_Ms=corner,
     )

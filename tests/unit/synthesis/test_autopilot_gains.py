@@ -32,7 +32,7 @@ def test_limits_are_kept_and_reached(tuning: AutopilotTuning) -> None:
     script = scenario_for(tuning.kind, SCENARIO)
     assert tuning.Ms <= 1.4
     assert tuning.corner_Ms <= 1.5 * 1.4
-    assert tuning.slew == pytest.approx(7.0, rel=1e-2)
+    assert 0.97 * 7.0 < tuning.slew <= 7.0
     assert max(tuning.Ms / 1.4, tuning.corner_Ms / (1.5 * 1.4)) == pytest.approx(1.0, rel=1e-2)
     found = predict(tuning.law, VEHICLES.nominal, script)
     assert found is not None
