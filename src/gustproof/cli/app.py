@@ -18,6 +18,7 @@ from gustproof.cli.recover import recover
 from gustproof.cli.report import report
 from gustproof.cli.reproduce import reproduce
 from gustproof.cli.scenario import scenario
+from gustproof.cli.tune import tune
 from gustproof.cli.worst_case import worst_case
 
 PASS_THROUGH = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
@@ -36,6 +37,7 @@ app = typer.Typer(
 )
 app.command()(reproduce)
 app.command()(design)
+app.command()(tune)
 app.command()(identify_rates)
 app.add_typer(scenario, name="scenario")
 app.command()(fly)

@@ -9,7 +9,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, exit_with
-from gustproof.cli.laws import LAW_HELP, find_law
+from gustproof.cli.laws import LAW_HELP, default_law, find_law
 from gustproof.cli.options import (
     Anyway,
     AsJson,
@@ -33,7 +33,9 @@ def campaign(
     output: Annotated[Path, typer.Option("-o", "--output", help="Write the table here (.parquet).")],
     law: Annotated[
         list[str] | None,
-        typer.Option(help=f"{LAW_HELP} Repeat it to compare laws case by case."),
+        typer.Option(
+            help=f"{LAW_HELP} Repeat it to compare laws case by case [default: flagship, tuned for your vehicle]."
+        ),
     ] = None,
     autopilot: AutopilotName = None,
     build: Build = "",
@@ -100,7 +102,8 @@ def campaign(
         contestants.append(ForeignAutopilot(kind=autopilot, build=build, parameters=params))
         check_guest(script)
     if not contestants:
-        raise ConfigError("give --law, or --autopilot")
+        laws = [default_law(vehicles, script, quiet=as_json)]
+        contestants = [*laws]
     plan = Campaign(
         scenario=script,
         laws=tuple(contestants),

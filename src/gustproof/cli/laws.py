@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from firmware_model.config.validation import printable
 
 if TYPE_CHECKING:
+    from firmware_model.config.scenario import Scenario
+    from firmware_model.config.uncertainty import VehicleSet
     from firmware_model.config.vehicle import Vehicle
     from gustproof.law.form import Law
 
@@ -42,3 +44,35 @@ def find_law(name_or_path: str, vehicle: "Vehicle", rate_hz: int | None) -> "Law
     for remark in found.remarks:
         print(f"{found.law.name}: {printable(remark)}", file=sys.stderr)
     return found.law
+
+
+def default_law(vehicles: "VehicleSet", script: "Scenario", *, quiet: bool) -> "Law":
+    """Return the default law, tuned for the vehicle if the shipped one is for another; a line on stderr says so.
+
+    It is tuned in the turbulence of `paper-turbulence`, at the sample rate and delay of `script`.
+
+    Raises
+    ------
+    DesignError
+        If there is none.
+    """
+    from dataclasses import replace
+
+    from firmware_model.config.scenario import load_scenario
+    from gustproof.cli.options import progress
+    from gustproof.controller import DEFAULT_LAW
+    from gustproof.law.form import load_law
+    from gustproof.synthesis.tune import tune_law
+
+    shipped, name = load_law(DEFAULT_LAW), vehicles.nominal.name
+    if shipped.provenance.vehicle == name:
+        return shipped
+    air = load_scenario("paper-turbulence")
+    rates = {"control_rate_hz": script.control_rate_hz, "physics_rate_hz": script.physics_rate_hz}
+    with progress(f"tuning {DEFAULT_LAW} for {name}", quiet=quiet) as shown:
+        tuning = tune_law(
+            DEFAULT_LAW, vehicles, replace(air, **rates, delay_samples=script.delay_samples), progress=shown
+        )
+    price = f"Ms {tuning.Ms:.3g}, slew {tuning.slew:.3g} N m/s"
+    print(f"gustproof: {DEFAULT_LAW} tuned for '{printable(name)}': {price}", file=sys.stderr)
+    return tuning.law

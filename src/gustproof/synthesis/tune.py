@@ -5,6 +5,7 @@ Nothing is drawn at random: the same vehicle has the same law, bit by bit.
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
@@ -23,7 +24,7 @@ from gustproof.lti.state_space import Matrix
 from gustproof.performance.covariance import axis_models
 from gustproof.performance.limits import output_feedback_limit
 from gustproof.performance.predict import predict
-from gustproof.performance.tradeoff import linear_laws
+from gustproof.performance.tradeoff import LinearLaws, TradeOff, linear_laws
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.derive import derive
@@ -49,6 +50,8 @@ _MORE_SLEW, _MORE_PEAK, _HALVINGS = (1.5, 2.5, 5.0, 10.0), (1.1, 1.25, 1.5), 3
 """[-] factors on a slew or a peak that could not be met; halvings of the interval of slew, once one is met."""
 _MOMENT_WEIGHT = 0.02
 """[1/(N*m)] initial `W_m` of yaw in the design of `hinf`."""
+_SLEWS, _PEAKS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0), (1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.6, 1.8, 2.0)
+"""[-] slews over the law's, and peaks, of the trade-off's points."""
 _SEEDS = (1, 2, 3)
 """Seeds of the flights of a law of rates."""
 _ROUNDS = 40
@@ -159,6 +162,24 @@ def default_slew(vehicle: Vehicle, scenario: Scenario) -> float:
     return _SLEWS_PER_GUST * moment / vehicle.actuator_lag
 
 
+def wanted_slew(vehicle: Vehicle, scenario: Scenario, slew: float | None, sensitivity_peak: float) -> float:
+    """Return the slew [N*m/s] to tune for, `default_slew` for `None`.
+
+    Raises
+    ------
+    DesignError
+        If nothing can be tuned for such limits, or in a scenario without turbulence.
+    """
+    if not any(isinstance(item, Dryden) for item in scenario.wind):
+        raise DesignError(f"scenario '{scenario.name}' has no turbulence, no wind of kind 'dryden', to tune for")
+    price = default_slew(vehicle, scenario) if slew is None else slew
+    if not (math.isfinite(price) and price > 0.0):
+        raise DesignError(f"slew {price} N m/s: must be above 0 (in calm air give one)")
+    if not 1.0 < sensitivity_peak < 10.0:
+        raise DesignError(f"sensitivity peak {sensitivity_peak}: must be between 1 and 10")
+    return price
+
+
 def tune_law(
     kind: str,
     vehicles: VehicleSet,
@@ -187,18 +208,13 @@ def tune_law(
     >>> f"{tuning.law.name}: Ms {tuning.Ms:.2f}, {tuning.slew:.1f} N m/s"
     'pid-iris: Ms 1.40, 8.1 N m/s'
     """
-    vehicle = vehicles.nominal
-    if not any(isinstance(item, Dryden) for item in scenario.wind):
-        raise DesignError(f"scenario '{scenario.name}' has no turbulence, no wind of kind 'dryden', to tune for")
-    slew = default_slew(vehicle, scenario) if slew is None else slew
-    if not (math.isfinite(slew) and slew > 0.0 and 1.0 < sensitivity_peak < 10.0):
-        raise DesignError(f"slew {slew} N m/s must be above 0, and the sensitivity peak {sensitivity_peak} in (1, 10)")
+    price = wanted_slew(vehicles.nominal, scenario, slew, sensitivity_peak)
     task = _Task(
         kind=LawKind(kind),
-        vehicle=vehicle,
+        vehicle=vehicles.nominal,
         corners=file_corners(vehicles),
         scenario=scenario,
-        limits=TuningLimits(sensitivity_peak=sensitivity_peak, slew=slew),
+        limits=TuningLimits(sensitivity_peak=sensitivity_peak, slew=price),
         progress=progress,
     )
     if task.kind is LawKind.HINF_RATES:
@@ -228,6 +244,21 @@ def file_corners(vehicles: VehicleSet) -> list[Vehicle]:
             lag = end("actuator_lag", nominal.actuator_lag, SPREADS.actuator_lag, slower)
             corners.append(replace(nominal, inertia_B=(x, y, z), actuator_lag=lag))
     return corners
+
+
+def least_errors(vehicle: Vehicle, scenario: Scenario, tuning: Tuning) -> tuple[list[TradeOff], list[TradeOff]]:
+    """Return the least errors of linear laws around those of a tuning: over the slew, and over the sensitivity peak."""
+    linear = linear_laws(axis_models(vehicle, scenario), around=tuning.slew)
+    prices = [(tuning.Ms, factor * tuning.slew) for factor in _SLEWS]
+    return _points(linear, prices), _points(linear, [(peak, tuning.slew) for peak in _PEAKS])
+
+
+def _points(linear: LinearLaws, prices: Sequence[tuple[float, float]]) -> list[TradeOff]:
+    found = []
+    for peak, slew in prices:
+        with suppress(DesignError):  # too small a peak or slew
+            found.append(linear.minimize_error(peak, slew))
+    return found
 
 
 def worst_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> LoopMargins:

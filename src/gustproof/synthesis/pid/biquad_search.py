@@ -55,8 +55,8 @@ class AxisSearch:
     """Search for one axis with fixed plants, peaks and air; each call takes its own weight of slew.
 
     `peak` is the largest sensitivity peak [-] of `model`. `others` are the axis off nominal, in plant or delay only,
-    each with its own largest peak. Those from `guarded` on are far from nominal: beyond a limit their sensitivity may be
-    small again, in an unstable loop, so their stability is watched.
+    each with its own largest peak. Those from `guarded` on are far from nominal: beyond a limit their sensitivity may
+    be small again, in an unstable loop, so their stability is watched.
     """
 
     def __init__(

@@ -38,11 +38,11 @@ from gustproof.version import __version__
 _WEIGHT = 1e-9
 """[s^2 rad^2/(N*m)^2] initial weight of mean square slew, at the slew of `SHIPPED_LIMITS`."""
 _ROUNDS = 20
-"""Largest number of weights tried; the slew falls with about the third root of its weight, so a few suffice."""
-_PATIENCE = 8
-"""Number of weights after which the best gains within the limits will do: the slew is not reached, or jumps."""
-_SLEW_TOLERANCE = 1e-4
-"""[-] largest relative distance of the slew below its limit."""
+"""Largest number of weights tried."""
+_POWER = 3.0
+"""[-] of the slew that its weight falls with, at first."""
+_SLEW_TOLERANCE, _PATIENCE, _LATE_TOLERANCE = 1e-4, 8, 0.02
+"""[-] largest relative distance of the slew below its limit; number of weights tried for it; distance after these."""
 _STRESS_PEAK, _LAST_PEAK = 10.0, 20.0
 """[-] sensitivity peaks below and near a delay or gain that must be stable: finite at all of them, so none is lost."""
 _GAIN_TOLERANCE = 0.03
@@ -115,8 +115,8 @@ def tune_flagship(
 
     All axes have the same weight of slew, which shares the slew optimally among them. It is raised until the slew is
     within its limit. A few fixed starts are searched, the gains of a `pid` too if given, and the best optimum is taken:
-    the same gains every time. The scenario gives turbulence, delay, sample time and duration. `corners` are vehicles off
-    nominal, for the limit of the peak there.
+    the same gains every time. The scenario gives turbulence, delay, sample time and duration. `corners` are vehicles
+    off nominal, for the limit of the peak there.
 
     Raises
     ------
@@ -140,6 +140,8 @@ def tune_flagship(
     found: tuple[float, ThreeGains] | None = None
     # a weight of mean square error per mean square slew: the unit of slew is that of its limit
     low, weight, high = 0.0, _WEIGHT * (SHIPPED_LIMITS.slew / limits.slew) ** 2, math.inf
+    last: tuple[float, ...] = ()
+    power = _POWER
     for number in range(_ROUNDS):
         results = [search.search(start, weight) for search, start in zip(searches, starts, strict=True)]
         gains = [each.gains for each in results if each]
@@ -151,10 +153,13 @@ def tune_flagship(
         within = all(_is_within(*axis, limits) for axis in zip(models, gains, performances, strict=True))
         if within and excess <= 1.0 and (found is None or rmse < found[0]):
             found = rmse, (gains[0], gains[1], gains[2])
-        if 1.0 - _SLEW_TOLERANCE < excess <= 1.0 or (found and number >= _PATIENCE):
+        if 1.0 - (_SLEW_TOLERANCE if number < _PATIENCE else _LATE_TOLERANCE) < excess <= 1.0:
             break
         low, high = (weight, high) if excess > 1.0 else (low, weight)
-        weight *= (excess / (1.0 - 0.5 * _SLEW_TOLERANCE)) ** 3
+        if number >= _PATIENCE // 2:  # slow: the secant in logarithms
+            power = math.log(weight / last[0]) / math.log(last[1] / excess) if excess != last[1] else 0.0
+        last = weight, excess
+        weight *= (excess / (1.0 - 0.5 * _SLEW_TOLERANCE)) ** min(max(power, 2.0), 20.0)
         if not low < weight < high:  # the optimum jumps
             weight = math.sqrt(low * high)
         starts = [[each] for each in gains]
