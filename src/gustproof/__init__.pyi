@@ -45,6 +45,7 @@ from gustproof.law.io.matrices import load_mat as load_mat
 from gustproof.law.io.matrices import save_mat as save_mat
 from gustproof.law.resample import resample as resample
 from gustproof.law.step import LawStepper as LawStepper
+from gustproof.logs.read import read_log as read_log
 from gustproof.lti.margins import margins as margins
 from gustproof.lti.norms import h2_norm as h2_norm
 from gustproof.lti.norms import hinf_norm as hinf_norm

@@ -1,7 +1,7 @@
 """Make a flight log of what a reader found in a file: one clock, plausible numbers, and what is wrong in words."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -55,8 +55,11 @@ class Draft:
     in_air: Rows | None = None
     """(n, 1) 1 from a sample on that is in the air, else 0; `None` if the log does not tell."""
     command_unit: CommandUnit = CommandUnit.NORMALISED
+    """Unit of the command."""
     parameters: dict[str, float] = field(default_factory=dict)
+    """Parameters of the autopilot by name."""
     findings: list[str] = field(default_factory=list)
+    """Shortcomings that the reader has seen, a line each."""
 
 
 class Parameters:
@@ -91,38 +94,39 @@ def assemble(draft: Draft) -> FlightLog:
     Raises
     ------
     ValueError
-        If there is no gyro.
+        If there is no gyro, or a vector has not three components.
     """
     findings = list(draft.findings)
-    if "gyro" not in draft.rows or len(draft.rows["gyro"].time_us) == 0:
-        raise ValueError("no gyro in it")
+    _check_shapes(draft.rows)
     begin, end = longest_piece(draft.rows["gyro"], findings)
     sound = {name: _sound(name, _cut(rows, begin, end), findings) for name, rows in draft.rows.items()}
-    kept = {name: rows for name, rows in sound.items() if len(rows.time_us) > 1}
+    kept = {name: rows for name, rows in sound.items() if len(rows.time_us) > 1 and rows.values.size}
     if "gyro" not in kept:
         raise ValueError("no two gyro samples that can be used")
-    start_us = min(rows.time_us[0] for rows in kept.values())
+    start_us = float(min(rows.time_us[0] for rows in kept.values()))
     signals = {
         name: Signal(time=(rows.time_us - start_us) * 1e-6, values=np.ascontiguousarray(rows.values, dtype=np.float64))
         for name, rows in kept.items()
     }
     findings += _shortcomings(signals)
-    if draft.in_air is not None:
-        states = _cut(draft.in_air, begin, end)
-        airborne = _stretches((states.time_us - start_us) * 1e-6, states.values[:, 0] > 0.5, signals["gyro"].time[-1])
-    else:
-        airborne = _airborne_by_motors(signals, findings)
-    if not airborne:
-        findings.append("airborne: never, by this log")
+    states = None if draft.in_air is None else _cut(draft.in_air, begin, end)
     return FlightLog(
         source=draft.source,
         system=draft.system,
         command_unit=draft.command_unit,
-        airborne=airborne,
+        airborne=_airborne(states, signals, start_us, findings),
         parameters=draft.parameters,
         findings=tuple(findings),
         **signals,
     )
+
+
+def _check_shapes(signals: Mapping[str, Rows]) -> None:
+    if "gyro" not in signals or len(signals["gyro"].time_us) == 0:
+        raise ValueError("no gyro in it")
+    for name, rows in signals.items():
+        if name != "motors" and rows.values.shape[1] != 3:
+            raise ValueError(f"{name} has {rows.values.shape[1]} components, must have 3")
 
 
 def longest_piece(gyro: Rows, findings: list[str]) -> tuple[int, int]:
@@ -197,14 +201,22 @@ def _is_clipped(values: Array) -> bool:
     return top > _CLIPPED and bool(np.any(at_top[2:] & at_top[1:-1] & at_top[:-2]))
 
 
-def _airborne_by_motors(signals: dict[str, Signal], findings: list[str]) -> tuple[tuple[float, float], ...]:
-    """Return the stretches in which the motors run; without motors the whole log."""
+def _airborne(
+    states: Rows | None, signals: Mapping[str, Signal], start_us: float, findings: list[str]
+) -> tuple[tuple[float, float], ...]:
+    """Return the stretches in the air [s]: as told, else those in which the motors run, else the whole log."""
     end = float(signals["gyro"].time[-1])
-    if "motors" not in signals:
+    if states is not None:
+        found = _stretches((states.time_us - start_us) * 1e-6, states.values[:, 0] > 0.5, end)
+    elif "motors" in signals:
+        mean = signals["motors"].values.mean(axis=1)
+        found = _stretches(signals["motors"].time, mean > _MOTORS_RUN * np.quantile(mean, 0.9), end)
+    else:
         findings.append("airborne: not told, and no motors: the whole log is taken")
         return ((float(signals["gyro"].time[0]), end),)
-    time, mean = signals["motors"].time, signals["motors"].values.mean(axis=1)
-    return _stretches(time, mean > _MOTORS_RUN * np.quantile(mean, 0.9), end)
+    if not found:
+        findings.append("airborne: never, by this log")
+    return found
 
 
 def _stretches(time: Array, in_air: NDArray[np.bool_], end: float) -> tuple[tuple[float, float], ...]:

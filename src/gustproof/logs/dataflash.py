@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gustproof.logs.assemble import Draft, Parameters, Rows, fastest
-from gustproof.logs.blocks import Kept, read_blocks
+from gustproof.logs.kept import Kept, read_blocks
 from gustproof.logs.pulses import motor_commands
 from gustproof.types import Array
 
@@ -114,11 +114,8 @@ class _Parser:
         if length < 3 or kind in self._lengths:
             return
         self._lengths[kind] = length
-        fields = columns.split(",")
-        if name not in _KEPT or name in self.layouts or len(fields) != len(letters) or len({*fields}) != len(fields):
-            return
-        layout = np.dtype([(field, _TYPES.get(letter, "V0")) for field, letter in zip(fields, letters, strict=True)])
-        if "" not in fields and {*letters} <= _TYPES.keys() and layout.itemsize == length - 3:
+        layout = _layout(letters, columns.split(","))
+        if name in _KEPT and name not in self.layouts and layout is not None and layout.itemsize == length - 3:
             self._names[kind], self.layouts[name] = name, (layout, letters)
 
     def message(self, name: str) -> tuple[NDArray[np.int64], NDArray[np.void]]:
@@ -153,6 +150,13 @@ class _Parser:
             if column in names and table.dtype[column].kind in "iu":
                 return table[column].astype(np.float64) * unit_us
         raise ValueError("messages without a time")
+
+
+def _layout(letters: str, columns: list[str]) -> np.dtype[np.void] | None:
+    """Return the layout of a message by the formats and names of its columns; `None` if they are no sound ones."""
+    if len(columns) != len(letters) or len({*columns, ""}) <= len(columns) or not {*letters} <= _TYPES.keys():
+        return None
+    return np.dtype([(column, _TYPES[letter]) for column, letter in zip(columns, letters, strict=True)])
 
 
 def read_dataflash(path: Path) -> Draft:

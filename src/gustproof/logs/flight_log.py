@@ -51,6 +51,6 @@ class FlightLog:
     airborne: tuple[tuple[float, float], ...] = ()
     """[s] begin and end of each stretch in the air."""
     parameters: Mapping[str, float] = field(default_factory=dict)
-    """Parameters of the autopilot by name, as logged."""
+    """Parameters of the autopilot by name, [in its own units], as logged."""
     findings: tuple[str, ...] = ()
     """Shortcomings of the log, a line each: absent, clipped, lost or too slow signals."""

@@ -11,10 +11,10 @@ from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
 from gustproof.logs import crazyflie, dataflash, ulog
 from gustproof.logs.assemble import Draft, assemble
-from gustproof.logs.bag import read_own_bag
 from gustproof.logs.crazyflie import read_crazyflie
 from gustproof.logs.dataflash import read_dataflash
 from gustproof.logs.flight_log import FlightLog
+from gustproof.logs.own_bag import read_own_bag
 from gustproof.logs.table import read_table
 from gustproof.logs.ulog import read_ulog
 
@@ -42,13 +42,29 @@ _KINDS = "ULog (.ulg), DataFlash (.bin), .tlog, a bag of ours, a Crazyflie's uSD
 def read_log(path: Path) -> FlightLog:
     """Return the signals and facts of a flight's log.
 
-    It may be a PX4 ULog, an ArduPilot DataFlash log, a MAVLink .tlog, a bag of ours (folder or .mcap), the binary log
-    of a Crazyflie's uSD deck, or a CSV, see `gustproof.logs.table`.
+    It may be a PX4 ULog, an ArduPilot DataFlash log, a MAVLink .tlog, or a bag of ours, folder or .mcap. Others are the
+    binary log of a Crazyflie's uSD deck, and a CSV, see `gustproof.logs.table`.
 
     Raises
     ------
     ConfigError
         If it can't be read, is damaged, or has no gyro; one line that names the file.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> from gustproof import read_log
+    >>> rows = [(0.002 * i, 0.1 * i, 0.0, 0.0) for i in range(500)]
+    >>> with TemporaryDirectory() as folder:
+    ...     table = Path(folder) / "flight.csv"
+    ...     np.savetxt(table, rows, delimiter=",", header="time_s,p_dps,q_dps,r_dps", comments="")
+    ...     log = read_log(table)
+    >>> log.gyro.values.shape, round(float(log.gyro.time[-1]), 3)
+    ((500, 3), 0.998)
+    >>> log.findings[0]
+    'command: none in this log'
     """
     try:
         with np.errstate(all="ignore"):  # numbers of a damaged file overflow; they are left out

@@ -22,8 +22,8 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.autopilot.parameters import TORQUE_LIMIT_NAMES
 from firmware_model.mavlink.frames import Frame, parse
 from gustproof.logs.assemble import Draft, Parameters, Rows, euler_angles, fastest, longest_piece
-from gustproof.logs.blocks import Kept, read_blocks
 from gustproof.logs.flight_log import CommandUnit
+from gustproof.logs.kept import Kept, read_blocks
 from gustproof.logs.pulses import motor_commands
 from gustproof.types import Array
 
@@ -221,20 +221,29 @@ def _find_samples(parser: _Parser, draft: Draft) -> dict[str, _Samples]:
         if found:
             best = fastest([each.rows for each in found]) if signal == "gyro" else found[0].rows
             samples[signal] = next(each for each in found if each.rows is best)
-    if (command := _sample(parser, _TORQUES)) is not None:
-        if {*TORQUE_LIMIT_NAMES} <= draft.parameters.keys():
-            limits = [draft.parameters[name] for name in TORQUE_LIMIT_NAMES]
-            command = command._replace(rows=replace(command.rows, values=command.rows.values * limits))
-            draft.command_unit, draft.system = CommandUnit.NEWTON_METRES, "gustproof"
-        samples["command"] = command
-    if (servos := _sample(parser, _SERVO_OUTPUTS)) is not None:
-        pulses = dict(enumerate(servos.rows.values.T, start=1))
-        if (motors := motor_commands(pulses, draft.parameters)) is not None and np.any(motors):
-            samples["motors"] = servos._replace(rows=replace(servos.rows, values=motors))
-    for source in (_LANDED_STATE, _BASE_MODE):
-        if _IN_AIR not in samples and (told := _sample(parser, source)) is not None:
-            samples[_IN_AIR] = told
-    return samples
+    others = {"command": _find_command(parser, draft), "motors": _find_motors(parser, draft.parameters)}
+    others[_IN_AIR] = _sample(parser, _LANDED_STATE) or _sample(parser, _BASE_MODE)
+    return samples | {name: each for name, each in others.items() if each is not None}
+
+
+def _find_command(parser: _Parser, draft: Draft) -> _Samples | None:
+    """Return the torque command, in N m if the limits are published as our autopilot does; then say so in `draft`."""
+    command = _sample(parser, _TORQUES)
+    if command is None or not draft.parameters.keys() >= {*TORQUE_LIMIT_NAMES}:
+        return command
+    draft.command_unit, draft.system = CommandUnit.NEWTON_METRES, "gustproof"
+    limits = [draft.parameters[name] for name in TORQUE_LIMIT_NAMES]
+    return command._replace(rows=replace(command.rows, values=command.rows.values * limits))
+
+
+def _find_motors(parser: _Parser, parameters: dict[str, float]) -> _Samples | None:
+    """Return the commands of the motors, `None` if they never run."""
+    servos = _sample(parser, _SERVO_OUTPUTS)
+    pulses = {} if servos is None else dict(enumerate(servos.rows.values.T, start=1))
+    motors = motor_commands(pulses, parameters)
+    if servos is None or motors is None or not np.any(motors):
+        return None
+    return servos._replace(rows=replace(servos.rows, values=motors))
 
 
 def _parameters(parser: _Parser) -> Parameters:

@@ -1,7 +1,7 @@
 """Read a PX4 log, ULog.
 
-Messages of a size (uint16) and a kind (a letter): F names the fields of a topic, A gives a topic a number, D is a
-sample of a number, P a parameter, O a drop-out of the logger. Damage is passed over to the next sync marker.
+A message has a size (uint16) and a kind, a letter. F names the fields of a topic, A gives a topic a number, and D is a
+sample of a number. P is a parameter, O a drop-out of the logger. Damage is passed over to the next sync marker.
 
 The gyro is the topic of the highest rate; of nearly equal ones the one that is filtered less. `sensor_combined` is a
 mean over its interval, so its stamps are put in the middle. A command has the stamp of its message.
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gustproof.logs.assemble import Draft, Parameters, Rows, euler_angles, fastest
-from gustproof.logs.blocks import Kept, read_blocks
+from gustproof.logs.kept import Kept, read_blocks
 from gustproof.types import Array
 
 MAGIC = b"ULog\x01\x12\x35"
@@ -35,6 +35,8 @@ _TYPES = {
 }
 _FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)")
 _SAMPLE, _MESSAGE = "timestamp_sample", "timestamp"
+_MOST_RAW = 4_000_000  # samples of the gyro: eight minutes at 8 kHz; of longer logs the other topics are used
+_LONGEST = 64  # numbers of a field
 _PWM = (1000.0, 2000.0)  # [us] motor off and full, where only its output is logged
 
 
@@ -131,11 +133,16 @@ class _Parser:
             raise ValueError("a ULog with features that are not known here")
 
     def topic(self, name: str, fields: Iterable[str]) -> tuple[NDArray[np.int64], NDArray[np.void]] | None:
-        """Return places and samples of a topic: these fields and its stamps; `None` if they are not logged."""
+        """Return places and samples of a topic, with these fields and its stamps.
+
+        `None` if they are not logged, or have absurdly many numbers.
+        """
         known = self._fields.get(name, {})
         wanted = [field for field in (_MESSAGE, _SAMPLE) if field in known] + list(fields)
         has_stamps = _MESSAGE in known and known[_MESSAGE].type == _TYPES["uint64_t"]
         if name not in self.kept or not has_stamps or not known.keys() >= {*fields}:
+            return None
+        if max(known[field].length for field in wanted) > _LONGEST:
             return None
         layout: Any = {
             "names": wanted,
@@ -256,6 +263,8 @@ def _fifo(parser: _Parser) -> Iterator[Rows]:
         return
     places, table = found
     most = table["x"].shape[1]
+    if table["x"].size > _MOST_RAW or not table["x"].shape == table["y"].shape == table["z"].shape:
+        return
     count = np.minimum(table["samples"][:, 0].astype(np.int64), most)
     taken = np.arange(most) < count[:, np.newaxis]
     age = (count[:, np.newaxis] - 1 - np.arange(most)) * table["dt"].astype(np.float64)

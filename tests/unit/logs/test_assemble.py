@@ -100,3 +100,14 @@ def test_euler_angles_of_known_rotations() -> None:
     assert angles[2, 1] == pytest.approx(np.pi / 2)
     assert angles[3] == pytest.approx([0, 0, np.pi / 2])
     assert np.all(np.isnan(angles[4]))
+
+
+def test_assemble_without_a_motor_in_use_has_no_motors() -> None:
+    log = assemble(draft(TIME, motors=rows(TIME, np.empty((2000, 0)))))
+    assert log.motors is None
+    assert "motors: none in this log" in log.findings
+
+
+def test_assemble_refuses_a_vector_of_two() -> None:
+    with pytest.raises(ValueError, match="gyro has 2 components, must have 3"):
+        assemble(draft(TIME, gyro=np.zeros((2000, 2))))

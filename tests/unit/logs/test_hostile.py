@@ -13,7 +13,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.law.form import load_law
-from gustproof.logs import blocks
+from gustproof.logs import kept
 from gustproof.logs.read import read_log
 from gustproof.recording.bag import write_bag
 from gustproof.simulate.direct import fly_direct
@@ -87,9 +87,9 @@ def test_read_log_of_what_is_no_file(tmp_path: Path) -> None:
 
 
 def test_read_log_bounds_what_it_keeps(written: Write, px4_log: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(blocks, "_KEPT", 20_000)
+    monkeypatch.setattr(kept, "_KEPT", 20_000)
     with pytest.raises(ConfigError, match="more than 0 MiB of the signals that are used: cut it"):
         read_log(written("a.ulg", px4_log))
-    monkeypatch.setattr(blocks, "_LARGEST", 1000)
+    monkeypatch.setattr(kept, "_LARGEST", 1000)
     with pytest.raises(ConfigError, match="is larger than"):
         read_log(written("a.ulg", px4_log))

@@ -8,6 +8,7 @@ import pytest
 from pyulog import ULog
 
 from firmware_model.errors import ConfigError
+from gustproof.logs import ulog
 from gustproof.logs.flight_log import CommandUnit
 from gustproof.logs.read import read_log
 
@@ -47,9 +48,8 @@ def test_read_log_of_px4_matches_pyulog(written: Write, px4_log: bytes) -> None:
         assert np.array_equal(values, np.column_stack([data[f"{field}[{i}]"] for i in range(3)]))
 
 
-def test_read_log_of_px4_takes_the_fastest_gyro(
-    written: Write, px4_topics: list[list[bytes]], make_ulog: Callable[..., bytes]
-) -> None:
+def raw_gyro() -> list[bytes]:
+    """Return two seconds of the raw gyro at 1 kHz, four samples a message."""
     fields = b"uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float dt;float scale;uint8_t samples;"
     fields += b"int16_t[4] x;int16_t[4] y;int16_t[4] z;"
     samples = [[4 * i + j for j in range(4)] for i in range(500)]
@@ -61,11 +61,24 @@ def test_read_log_of_px4_takes_the_fastest_gyro(
         struct.pack("<HB", 17 + len(fields), ord("F")) + b"sensor_gyro_fifo:" + fields,
         struct.pack("<HBBH", 19, ord("A"), 0, 40) + b"sensor_gyro_fifo",
     ]
-    fifo = [*head, *(struct.pack("<HB", len(each), ord("D")) + each for each in data)]
-    log = read_log(written("a.ulg", make_ulog([*px4_topics, fifo])))
+    return [*head, *(struct.pack("<HB", len(each), ord("D")) + each for each in data)]
+
+
+def test_read_log_of_px4_takes_the_fastest_gyro(
+    written: Write, px4_topics: list[list[bytes]], make_ulog: Callable[..., bytes]
+) -> None:
+    log = read_log(written("a.ulg", make_ulog([*px4_topics, raw_gyro()])))
     assert len(log.gyro.time) == 2000
     assert np.diff(log.gyro.time) == pytest.approx(0.001)
     assert log.gyro.values[1234] == pytest.approx([1.234, 1.234, 0.0])
+
+
+def test_read_log_of_px4_leaves_out_too_many_raw_samples(
+    written: Write, px4_topics: list[list[bytes]], make_ulog: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ulog, "_MOST_RAW", 1999)
+    log = read_log(written("a.ulg", make_ulog([*px4_topics, raw_gyro()])))
+    assert len(log.gyro.time) == 500
 
 
 def test_read_log_of_px4_tells_damage_and_reads_on_after_it(written: Write, px4_log: bytes) -> None:
@@ -104,6 +117,9 @@ def test_read_log_of_px4_refuses_features_of_later_formats(written: Write, px4_l
     "fields",
     [
         "uint64_t timestamp;float[65535] gyro_rad",
+        "uint64_t timestamp;float[2] gyro_rad",
+        "uint64_t timestamp;uint8_t[32] gyro_rad",
+        "uint64_t timestamp;uint8_t[0] gyro_rad",
         "uint64_t timestamp;float[99999999999] gyro_rad",
         "uint64_t timestamp;sensor_combined nested;float[3] gyro_rad",
         "uint64_t timestamp;float gyro_rad",
