@@ -1,6 +1,6 @@
 """Advice on an autopilot's gains, computed from its loop: what a parameter costs, and what another value would allow.
 
-Each parameter is changed by itself, the loop is built again, and all rate gains of an axis (P, I and D) are scaled
+Each parameter is changed by itself and the loop is built again. Then all rate gains of an axis (P, I and D) are scaled
 together until the sensitivity peak is the one before. What that brings is the predicted error in the air.
 """
 
@@ -27,6 +27,8 @@ TARGET = 2.0
 """[-] sensitivity peak that the gains of a loop above it, or of an unstable one, are scaled to."""
 _WORTH = 0.95
 """[-] share of the error at the same sensitivity peak below which a change is worth telling."""
+_LEAST_COST = 0.1
+"""[deg] least phase that is told as a filter's cost."""
 _MOST = 3
 """Most changes that are told."""
 _POINTS = 300
@@ -116,7 +118,9 @@ class Advice:
             return brings
         unit = f" {self.family.unit}" if self.family.unit else ""
         values = [f"{name} {old:.3g}{unit} to {_value(new, unit)}" for name, (old, new) in self.changes.items()]
-        cost = f" (costs {self.phase[0]:.2g} deg of phase at {self.phase[1]:.3g} rad/s)" if self.phase else ""
+        cost = ""
+        if self.phase is not None and self.phase[0] >= _LEAST_COST:
+            cost = f" (costs {self.phase[0]:.2g} deg of phase at {self.phase[1]:.3g} rad/s)"
         return f"{self.family.label}{cost}: {', '.join(values)} allows {brings}"
 
 
@@ -179,12 +183,12 @@ class _Advisor:
         peaks = [float(axis.peaks[_AS_IS]) for axis in self._now]
         self._open = [axis for axis, peak in enumerate(peaks) if peak > TARGET]
         self._targets = [min(peak, TARGET) for peak in peaks]
+        self._before = _pooled([axis.performance(_AS_IS) for axis in self._now])
 
     def advise(self, slew: float) -> tuple[Advice, ...]:
         alone = [found for family in _SCALES if (found := self._assess(family, {}, slew))]
         alone = [each for each in alone if any(abs(gain - 1.0) > 1.0 - _WORTH for gain in each.gains.values())]
-        now = len(self._open), _pooled([axis.performance(_AS_IS) for axis in self._now])[0]
-        usual = min([now, *map(_rank, alone)])
+        usual = min([(len(self._open), self._before[0]), *map(_rank, alone)])
         best = []
         for family in FAMILIES[self._kind]:
             tried = (self._assess(family, change, slew) for change in self._changes(family))
@@ -215,11 +219,14 @@ class _Advisor:
         It is `None` if an axis cannot be brought to its target, a loop is unstable, or the slew is above `most`.
         """
         axes = self._axes(changes, family.axes) if changes else self._now
-        found = {axis: axes[axis].scale(self._targets[axis]) for axis in family.axes}
-        scales = [_AS_IS if (index := found.get(axis)) is None else index for axis in _ALL]
-        before = _pooled([axis.performance(_AS_IS) for axis in self._now])
-        rmse, slew = _pooled([axis.performance(index) for axis, index in zip(axes, scales, strict=True)])
-        if None in found.values() or not math.isfinite(rmse) or slew > most:
+        scales = dict.fromkeys(_ALL, _AS_IS)
+        for axis in family.axes:
+            index = axes[axis].scale(self._targets[axis])
+            if index is None:
+                return None
+            scales[axis] = index
+        rmse, slew = _pooled([axes[axis].performance(scales[axis]) for axis in _ALL])
+        if not math.isfinite(rmse) or slew > most:
             return None
         return Advice(
             family=family,
@@ -227,9 +234,9 @@ class _Advisor:
             phase=self._phase_cost(family) if family.unit else None,
             gains={_AXES[axis]: float(_FACTORS[scales[axis]]) for axis in family.axes},
             Ms={_AXES[axis]: float(axes[axis].peaks[scales[axis]]) for axis in family.axes},
-            rmse_deg=(_finite(before[0]), rmse),
-            slew=(_finite(before[1]), slew),
-            open_axes=sum(found.get(axis) is None for axis in self._open),
+            rmse_deg=(_finite(self._before[0]), rmse),
+            slew=(_finite(self._before[1]), slew),
+            open_axes=len({*self._open} - {*family.axes}),
         )
 
     def _phase_cost(self, family: Family) -> tuple[float, float]:

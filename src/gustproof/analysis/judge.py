@@ -1,7 +1,7 @@
 """Judgement of a law on a vehicle with spreads: verdict, margins, predicted error, worst gust, proof, failure."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
 from functools import partial
@@ -205,8 +205,8 @@ def judge_law(
 ) -> Judgement:
     """Judge a torque law on a vehicle and its spreads of inertia and lag, in the turbulence of a scenario.
 
-    Proved are, for a law of three loops of one gyro each, the bound of Ms and with it stability over the spreads (see
-    `robust_peak`), with the damping as in their middle. Otherwise corners of the spreads are sampled.
+    For a law of three loops of one gyro each, the bound of Ms over the spreads is proved, and with it stability (see
+    `robust_peak`). The damping is that in their middle. Otherwise corners of the spreads are sampled.
 
     Parameters
     ----------
@@ -244,15 +244,14 @@ def judge_law(
     progress(0.0, "margins over the spreads")
     tried = [vehicle, *box.corners()]
     unstable = [each for each in tried if spectral_radius(law, each, scenario) >= 1.0]
-    predicted = None if vehicle in unstable else predict(law, vehicle, scenario)
-    axes = () if predicted is None else _judge_axes(law, box, unstable, predicted, scenario)
-    edge = None if unstable else nearest_instability(law, box, scenario)
-    if edge is not None and edge.times <= 1.0:  # stable at the corners, but not between them
+    predicted, axes = _judge_axes(law, box, unstable, scenario)
+    edge = nearest_instability(law, box, scenario)
+    if edge is not None and edge.times <= 1.0 and not unstable:  # stable at the corners, but not between them
         unstable.append(edge.vehicle())
     progress(0.2, "worst gust")
-    gust, gust_note = (None, _UNSTABLE) if unstable else _search(law, box, budget, scenario, seed)
+    gust, gust_note = _search(law, box, unstable, budget, scenario, seed)
     progress(0.4, "proof")
-    proof, proof_note = (None, _UNSTABLE) if unstable else _prove(law, box, budget, scenario)
+    proof, proof_note = _prove(law, box, unstable, budget, scenario)
     progress(0.8, "failure and advice")
     delays = min((axis.nominal.delay_margin for axis in axes), default=math.inf), scenario.dt + SPARE_DELAY
     found = Judgement(
@@ -264,19 +263,20 @@ def judge_law(
         reasons=(),
         axes=axes,
         predicted=predicted,
-        slew=None if predicted is None else _slew(predicted, vehicle, thrust_step, scenario),
+        slew=_slew(predicted, vehicle, thrust_step, scenario),
         worst_rmse_deg=None if unstable else _worst_error(law, tried, scenario),
-        least_rmse_deg=None if predicted is None else _least_error(axes, predicted, vehicle, scenario),
+        least_rmse_deg=_least_error(axes, predicted, vehicle, scenario),
         budget=budget,
         gust=gust,
         gust_note=gust_note,
         proof=proof,
         proof_note=proof_note,
         failure=fly_failure(law, box, unstable, edge, delays, scenario, seed),
-        advice=advise(law, vehicle, scenario, slew=max(usual, _MORE_SLEW * predicted.slew) if predicted else usual),
+        advice=(),
     )
+    advice = advise(law, vehicle, scenario, slew=max(usual, _MORE_SLEW * (found.slew or 0.0)))
     verdict, reasons = _conclude(found, len(tried), unstable)
-    return replace(found, verdict=verdict, reasons=reasons)
+    return replace(found, verdict=verdict, reasons=reasons, advice=advice)
 
 
 def improve(found: Judgement, vehicles: VehicleSet) -> AutopilotTuning | Tuning | None:
@@ -311,9 +311,12 @@ def air_budget(vehicle: Vehicle, scenario: Scenario) -> Vector:
 
 
 def _judge_axes(
-    law: Law, box: PlantBox, unstable: Sequence[Vehicle], predicted: Prediction, scenario: Scenario
-) -> tuple[AxisJudgement, ...]:
-    """Return the margins of a law that is stable with the nominal vehicle."""
+    law: Law, box: PlantBox, unstable: Sequence[Vehicle], scenario: Scenario
+) -> tuple[Prediction | None, tuple[AxisJudgement, ...]]:
+    """Return prediction and margins; `None` and empty if the nominal vehicle is unstable."""
+    predicted = None if box.nominal in unstable else predict(law, box.nominal, scenario)
+    if predicted is None:
+        return None, ()
     K, levelled = loop_law(law), law.uses_accelerometer
     tried = [box.nominal, *(each for each in box.corners() if each not in unstable)]
     sampled = [margins(hover_plant(each, scenario, with_attitude=levelled), K).input for each in tried]
@@ -335,11 +338,11 @@ def _judge_axes(
                 worst=worst,
                 Ms_found=peak,
                 Ms_proved=bound,
-                rmse_deg=math.degrees(predicted.rmse_B[axis]),
-                slew=predicted.slew_B[axis],
+                rmse_deg=math.degrees(predicted.axes_rmse[axis]),
+                slew=predicted.axes_slew[axis],
             )
         )
-    return tuple(found)
+    return predicted, tuple(found)
 
 
 def _worst_margins(loops: list[LoopMargins]) -> LoopMargins:
@@ -353,8 +356,10 @@ def _worst_margins(loops: list[LoopMargins]) -> LoopMargins:
     )
 
 
-def _slew(predicted: Prediction, vehicle: Vehicle, thrust_step: float, scenario: Scenario) -> float:
-    return math.hypot(predicted.slew, rounding_slew(predicted.slew_B, vehicle.rotors, thrust_step, scenario.dt))
+def _slew(predicted: Prediction | None, vehicle: Vehicle, thrust_step: float, scenario: Scenario) -> float | None:
+    if predicted is None:
+        return None
+    return math.hypot(predicted.slew, rounding_slew(predicted.axes_slew, vehicle.rotors, thrust_step, scenario.dt))
 
 
 def _worst_error(law: Law, corners: list[Vehicle], scenario: Scenario) -> float:
@@ -363,8 +368,10 @@ def _worst_error(law: Law, corners: list[Vehicle], scenario: Scenario) -> float:
 
 
 def _least_error(
-    axes: tuple[AxisJudgement, ...], predicted: Prediction, vehicle: Vehicle, scenario: Scenario
+    axes: tuple[AxisJudgement, ...], predicted: Prediction | None, vehicle: Vehicle, scenario: Scenario
 ) -> float | None:
+    if predicted is None:
+        return None
     try:
         laws = linear_laws(axis_models(vehicle, scenario), around=predicted.slew)
         return math.degrees(laws.minimize_error(max(axis.nominal.Ms for axis in axes), predicted.slew).rmse)
@@ -372,8 +379,12 @@ def _least_error(
         return None
 
 
-def _search(law: Law, box: PlantBox, budget: Vector, scenario: Scenario, seed: int) -> tuple[WorstCase | None, str]:
+def _search(
+    law: Law, box: PlantBox, unstable: Sequence[Vehicle], budget: Vector, scenario: Scenario, seed: int
+) -> tuple[WorstCase | None, str]:
     """Return the worst flight found over the spreads, or the reason why there is none."""
+    if unstable:
+        return None, _UNSTABLE
     try:
         found = worst_case(
             law,
@@ -390,8 +401,12 @@ def _search(law: Law, box: PlantBox, budget: Vector, scenario: Scenario, seed: i
     return found, ""
 
 
-def _prove(law: Law, box: PlantBox, budget: Vector, scenario: Scenario) -> tuple[FlightCertificate | None, str]:
+def _prove(
+    law: Law, box: PlantBox, unstable: Sequence[Vehicle], budget: Vector, scenario: Scenario
+) -> tuple[FlightCertificate | None, str]:
     """Return the certificate of the attitude's bound over the spreads, or the reason why there is none."""
+    if unstable:
+        return None, _UNSTABLE
     if scenario.delay_samples != 1:
         return None, f"the check knows a delay of one sample; this scenario has {scenario.delay_samples}"
     spreads = box.shares()
@@ -422,14 +437,7 @@ def _conclude(found: Judgement, corners: int, unstable: list[Vehicle]) -> tuple[
     least = found.scenario.dt + SPARE_DELAY
     reasons = []
     for name, axis in zip(AXES, found.axes, strict=True):
-        peak = axis.Ms_proved or axis.Ms_found
-        if axis.nominal.Ms > NOMINAL_PEAK:
-            reasons.append(f"{name}: Ms {axis.nominal.Ms:.3g}, above {NOMINAL_PEAK:g}")
-        if peak > SPREAD_PEAK:
-            reasons.append(f"{name}: Ms {peak:.3g} over the spreads, above {SPREAD_PEAK:g}")
-        if axis.worst.delay_margin < least:
-            late = f"{1e3 * axis.worst.delay_margin:.3g} ms of further delay"
-            reasons.append(f"{name}: unstable at {late}, a sample and {1e3 * SPARE_DELAY:g} ms is {1e3 * least:.3g} ms")
+        reasons += [f"{name}: {reason}" for reason in _find_weakness(axis, least)]
     if found.gust is None:
         reasons.append(f"gusts: {found.gust_note}")
     elif max(found.gust.peaks_deg[:2]) > LOST_DEG:
@@ -439,3 +447,15 @@ def _conclude(found: Judgement, corners: int, unstable: list[Vehicle]) -> tuple[
     how = "proved for all of them" if found.is_proved else f"sampled at {corners} vehicles, not proved"
     limits = f"Ms ≤ {NOMINAL_PEAK:g}, ≤ {SPREAD_PEAK:g} over the spreads, delay margin ≥ {1e3 * least:.3g} ms"
     return Verdict.SOUND, (f"stable over the spreads, {how}; {limits}",)
+
+
+def _find_weakness(axis: AxisJudgement, least_delay: float) -> Iterator[str]:
+    """Yield what an axis has beyond a threshold."""
+    peak = axis.Ms_proved or axis.Ms_found
+    if axis.nominal.Ms > NOMINAL_PEAK:
+        yield f"Ms {axis.nominal.Ms:.3g}, above {NOMINAL_PEAK:g}"
+    if peak > SPREAD_PEAK:
+        yield f"Ms {peak:.3g} over the spreads, above {SPREAD_PEAK:g}"
+    if axis.worst.delay_margin < least_delay:
+        late = f"unstable at {1e3 * axis.worst.delay_margin:.3g} ms of further delay"
+        yield f"{late}, a sample and {1e3 * SPARE_DELAY:g} ms is {1e3 * least_delay:.3g} ms"

@@ -1,7 +1,7 @@
 """The command `gustproof judge`: a user's gains on his vehicle."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -10,8 +10,13 @@ from gustproof.cli.failures import ExitStatus
 from gustproof.cli.options import SEED, AsJson, VehicleName, check_output, parse_positive_vector, print_json, progress
 
 if TYPE_CHECKING:
+    from firmware_model.config.scenario import Scenario
+    from firmware_model.config.uncertainty import VehicleSet
     from firmware_model.config.vehicle import Vehicle
+    from gustproof.analysis.judge import Judgement
     from gustproof.law.form import Law
+    from gustproof.synthesis.autopilot_gains import AutopilotTuning
+    from gustproof.synthesis.tune import Tuning
 
 _LAWS, _LOGS = ("", ".json", ".mat"), (".ulg", ".bin")
 
@@ -45,9 +50,9 @@ def judge(
     proved bound of the attitude, and the nearest case that fails, flown. Then advice from the loop itself: what each
     filter and gain costs, what another value would allow, and better gains; for a law those if --better is given.
 
-    Sound means stable over the spreads, Ms at most 2 with the nominal vehicle and 2.5 over the spreads, a delay margin
-    of a sample and 5 ms, and no gust found that costs the attitude. Exit status: 0 sound, 1 fragile or unstable, 2 bad
-    input.
+    Sound means stable over the spreads, with Ms at most 2 for the nominal vehicle and 2.5 over the spreads. It also
+    means a delay margin of a sample and 5 ms, and no gust found that costs the attitude. Exit status: 0 sound, 1
+    fragile or unstable, 2 bad input.
 
         gustproof judge my.params --vehicle my-quad.toml -o my.html
 
@@ -58,10 +63,7 @@ def judge(
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
     from gustproof.analysis.advice import autopilot_kind
-    from gustproof.analysis.judge import Verdict, improve, judge_law
-    from gustproof.report.judgement import render_judgement
-    from gustproof.report.terminal import show
-    from gustproof.synthesis.autopilot_gains import AutopilotTuning, save_tuning
+    from gustproof.analysis.judge import Verdict
 
     check_output(output, ".html", "a page")
     budget = None if moment is None else parse_positive_vector("--moment", moment)
@@ -69,23 +71,12 @@ def judge(
     law, step, remarks = _read(gains, vehicles.nominal)
     is_autopilot = autopilot_kind(law) is not None
     check_output(better, *((".params", "a parameter file") if is_autopilot else (".json", "a law")), new=True)
-    try:
-        with progress(f"judging {law.name}", quiet=as_json) as shown:
-            found = judge_law(law, vehicles, script, moment=budget, thrust_step=step, seed=seed, progress=shown)
-            shown(0.9, "better gains")
-            tuned = improve(found, vehicles) if is_autopilot or better is not None else None
-            improved = None
-            if tuned is not None:
-                improved = judge_law(tuned.law, vehicles, script, moment=budget, thrust_step=step, seed=seed)
-    except (ValueError, OverflowError) as error:
-        raise ConfigError(f"law '{law.name}' cannot be judged on vehicle '{vehicles.nominal.name}': {error}") from None
+    asked: dict[str, Any] = {"moment": budget, "thrust_step": step, "seed": seed}
+    search = is_autopilot or better is not None
+    found, tuned, improved = _judge_both(law, vehicles, script, search=search, quiet=as_json, **asked)
+    written = filter(None, (better, output))
     if better is not None:
-        if tuned is None:
-            raise ConfigError(f"no better gains of '{law.name}' were found: {better} is not written")
-        if isinstance(tuned, AutopilotTuning):
-            save_tuning(tuned, vehicles.nominal, better)
-        else:
-            tuned.law.save(better)
+        _save(tuned, vehicles.nominal, better)
     if output is not None:
         from gustproof.report.html.judgement_page import write_judgement
 
@@ -93,11 +84,52 @@ def judge(
     if as_json:
         print_json({**found.to_dict(), "remarks": remarks, "better": None if improved is None else improved.to_dict()})
     else:
-        show(render_judgement(found, improved))
-        lines = [f"model: {remark}" for remark in remarks]
-        print("\n".join([*lines, *(f"{path} is written" for path in (better, output) if path is not None)]))
+        _print(
+            found, improved, [*(f"model: {remark}" for remark in remarks), *(f"{path} is written" for path in written)]
+        )
     if found.verdict is not Verdict.SOUND:
         raise typer.Exit(ExitStatus.REQUIREMENT_FAILED.value)
+
+
+def _judge_both(
+    law: "Law", vehicles: "VehicleSet", scenario: "Scenario", *, search: bool, quiet: bool, **asked: Any
+) -> "tuple[Judgement, AutopilotTuning | Tuning | None, Judgement | None]":
+    """Return the judgement of a law, better gains if they are searched and found, and their judgement.
+
+    Raises
+    ------
+    ConfigError
+        If the law cannot be judged on the vehicle or in the scenario.
+    """
+    from gustproof.analysis.judge import improve, judge_law
+
+    try:
+        with progress(f"judging {law.name}", quiet=quiet) as shown:
+            found = judge_law(law, vehicles, scenario, progress=shown, **asked)
+            shown(0.9, "better gains")
+            tuned = improve(found, vehicles) if search else None
+            return found, tuned, None if tuned is None else judge_law(tuned.law, vehicles, scenario, **asked)
+    except (ValueError, OverflowError) as error:
+        raise ConfigError(f"law '{law.name}' cannot be judged on vehicle '{vehicles.nominal.name}': {error}") from None
+
+
+def _print(found: "Judgement", improved: "Judgement | None", lines: list[str]) -> None:
+    from gustproof.report.judgement import render_judgement
+    from gustproof.report.terminal import show
+
+    show(render_judgement(found, improved))
+    print("\n".join(lines))
+
+
+def _save(tuned: "AutopilotTuning | Tuning | None", vehicle: "Vehicle", path: Path) -> None:
+    from gustproof.synthesis.autopilot_gains import AutopilotTuning, save_tuning
+
+    if tuned is None:
+        raise ConfigError(f"no better gains were found: {path} is not written")
+    if isinstance(tuned, AutopilotTuning):
+        save_tuning(tuned, vehicle, path)
+    else:
+        tuned.law.save(path)
 
 
 def _read(gains: str, vehicle: "Vehicle") -> "tuple[Law, float, tuple[str, ...]]":

@@ -24,6 +24,10 @@ class Prediction:
     """[rad] root mean square of the Euler angles over the scenario, of all flights."""
     slew: float
     """[N*m/s] root mean square of the commands' change from sample to sample, divided by the sample time."""
+    axes_rmse: Vector
+    """[rad] `rmse` of phi, theta and psi."""
+    axes_slew: Vector
+    """[N*m/s] `slew` about each axis."""
     own_rate: float | None
     """[rad/s] root mean square rate where the gyro's noise keeps its ratio to this rate; `None` at no such noise."""
     own_rate_rmse: float | None
@@ -32,10 +36,6 @@ class Prediction:
     """[rad] `rmse` of the attitude that the law sees: without its gyro's drift, which an autopilot's estimator removes.
 
     `None` for a law without an estimate of attitude."""
-    rmse_B: Vector
-    """(3,) [rad] `rmse` of phi, theta and psi by themselves."""
-    slew_B: Vector
-    """(3,) [N*m/s] B, `slew` of each axis by itself."""
 
 
 def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None:
@@ -60,11 +60,12 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
     if law.output is not Output.TORQUE:
         return None
     models = axis_models(vehicle, scenario)
-    by_axis = _mean_squares(models, law, vehicle, scenario)
-    still = _mean_squares([replace(model, noise=0.0) for model in models], law, vehicle, scenario)
-    whole, quiet = by_axis.mean(axis=1), still.mean(axis=1)
+    whole = _mean_squares(models, law, vehicle, scenario)
+    quiet = _mean_squares([replace(model, noise=0.0) for model in models], law, vehicle, scenario)
     # Mean squares are linear in the noise's variance s, in units of the one set by the reference rate r. Its ratio to
     # the rate stays for s r^2 = quiet + s (whole - quiet).
+    axes_rmse, axes_slew = np.sqrt(whole[0]), np.sqrt(whole[1]) / scenario.dt
+    whole, quiet = np.mean([whole, quiet], axis=2)
     by_noise, reference_square = whole - quiet, vehicle.gyro.reference_rate**2
     own_rate = own_rate_rmse = None
     if by_noise[2] < reference_square:
@@ -73,23 +74,18 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
     return Prediction(
         rmse=math.sqrt(whole[0]),
         slew=math.sqrt(whole[1]) / scenario.dt,
+        axes_rmse=(float(axes_rmse[0]), float(axes_rmse[1]), float(axes_rmse[2])),
+        axes_slew=(axes_slew[0], axes_slew[1], axes_slew[2]),
         own_rate=own_rate,
         own_rate_rmse=own_rate_rmse,
         seen_rmse=math.sqrt(whole[3]) if law.is_scheduled else None,
-        rmse_B=_vector(np.sqrt(by_axis[0])),
-        slew_B=_vector(np.sqrt(by_axis[1]) / scenario.dt),
     )
-
-
-def _vector(values: Matrix) -> Vector:
-    x, y, z = values.tolist()
-    return x, y, z
 
 
 def _mean_squares(models: Sequence[AxisModel], law: Law, vehicle: Vehicle, scenario: Scenario) -> Matrix:
     """Return mean squares (4, 3) of attitude [rad^2], command change [(N*m)^2], rate [(rad/s)^2] and first states.
 
-    Columns are the axes. The law's first three states are its attitude [rad], if it estimates one.
+    The law's first three states are its attitude [rad], if it estimates one.
     """
     closed = close_vehicle(models, law, vehicle, scenario)
     first = np.eye(3, closed.order, closed.order - law.order)

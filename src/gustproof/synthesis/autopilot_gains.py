@@ -155,7 +155,7 @@ def tune_gains(
         parameters=parameters,
         law=law,
         rmse=predicted.seen_rmse,
-        slew=math.hypot(predicted.slew, rounding_slew(predicted.slew_B, vehicle.rotors, step, script.dt)),
+        slew=math.hypot(predicted.slew, rounding_slew(predicted.axes_slew, vehicle.rotors, step, script.dt)),
         Ms=nominal,
         corner_Ms=corner,
     )

@@ -251,7 +251,7 @@ def test_what_is_predicted_is_what_the_real_autopilot_did(kind: str, gains: str)
     predicted = predict(found.law, VEHICLE, script)
     assert predicted is not None
     assert predicted.seen_rmse is not None
-    slew = math.hypot(predicted.slew, rounding_slew(predicted.slew_B, VEHICLE.rotors, found.thrust_step, script.dt))
+    slew = math.hypot(predicted.slew, rounding_slew(predicted.axes_slew, VEHICLE.rotors, found.thrust_step, script.dt))
     error, flown = RECORDED[kind, gains]
     assert math.degrees(predicted.seen_rmse) == pytest.approx(error, rel=0.1)
     assert slew == pytest.approx(flown, rel=0.1)
