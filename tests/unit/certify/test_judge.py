@@ -229,7 +229,7 @@ def figures_of_single(output: str) -> Figures:
     box = [[value / 16 for value in row] for row in some_box(norms[0].excess.shape[1] + 1)]
     case = CASE._replace(noise=Fraction(1, 1 << 12))
     form = Form(frozenset({0, 1, 7}), Fraction(3, 4), [Fraction(k, 64) for k in range(9)])
-    reference = [[Fraction(k % 3, 8), Fraction(0), Fraction(k % 4, 16)] for k in range(12)]
+    reference = [[Fraction(k % 3, 8), Fraction(0), Fraction(k % 4 - 2, 16)] for k in range(12)]
     errors = [single_precision._row_error(of, case, box, form, reference, i) for i in range(12)]
     difference = [[value / 4 for value in row] for row in box]
     yield "rows", errors
@@ -430,6 +430,19 @@ def test_a_law_without_schedule_has_no_excess_and_wide_angles_are_refused():
             estimate_box.trigonometry([value * Fraction(10**9 + 1, 10**9) for value in E])
 
 
+@pytest.mark.parametrize("output", list(SAMPLES))
+@pytest.mark.parametrize("name", "ABCDG")
+def test_roundings_do_not_depend_on_signs(output, name):
+    of = loop(output)
+    turned = of._replace(**{name: tuple(tuple(-value for value in row) for row in getattr(of, name))})
+    box = some_box(12)
+    e = [Fraction(k, 64) for k in (1, 2, 3)]
+    for axis in range(3):
+        found = [estimate_box._rounding(one, CASE, box, e, axis) for one in (of, turned)]
+        assert found[0] == found[1]
+        assert min(found[0][0]) >= 0
+
+
 def test_underflow_counts_where_nothing_else_does():
     row = [Fraction(0)] * 10
     assert estimate_box.gyro_rounding(QUIET, row) == Fraction(2) ** -140
@@ -459,9 +472,10 @@ def test_norms_are_refused_where_they_have_no_bound(monkeypatch):
     unstable = of._replace(D=tuple(tuple(-9 * value for value in row) for row in of.D))
     with pytest.raises(Refusal, match="have no bound: the loop is unstable"):
         axis_norms(unstable, 0, 4096)
-    with monkeypatch.context() as patch, pytest.raises(Refusal, match="have no bound: the loop is unstable"):
+    with monkeypatch.context() as patch:
         patch.setattr(kernel_norms, "_DIVERGED", 1.0)  # the size of the input itself
-        axis_norms(of, 1, 1)
+        with pytest.raises(Refusal, match="have no bound: the loop is unstable"):
+            axis_norms(of, 1, 1)
     monkeypatch.setattr(kernel_norms, "LONGEST", 512)
     assert axis_norms(of, 0, 512)
     wide = of._replace(cells=(3, 5))
@@ -673,9 +687,12 @@ def test_the_risk_is_shared_by_all_samples_and_signals(monkeypatch):
 def test_deviations_that_do_not_cover_the_risk_are_refused(monkeypatch):
     count, risk = Fraction(1000), Fraction(1, 8)
     for factor, kept in ((1, True), (1 - Fraction(1, 10**12), False)):
-        monkeypatch.setattr(estimate_box, "exp_lower_bound", lambda _, factor=factor: factor * count / risk)
+        asked: list[Fraction] = []
+        value = factor * count / risk
+        monkeypatch.setattr(estimate_box, "exp_lower_bound", lambda x, a=asked, value=value: a.append(x) or value)
         if kept:
-            assert estimate_box.least_deviations(count, risk) > 4
+            found = estimate_box.least_deviations(count, risk)
+            assert asked == [found**2 / 2]
         else:
             with pytest.raises(Refusal, match=r"risk of 0\.125"):
                 estimate_box.least_deviations(count, risk)
@@ -832,6 +849,28 @@ def test_copies_are_exact_in_floats_and_sums_are_not():
         tuple(Fraction(1) if (i, j) == (3, 0) else value for j, value in enumerate(row)) for i, row in enumerate(of.G)
     )
     assert single_precision._row_error(of._replace(G=G), QUIET, box, form, none, 3) > tiny
+
+
+def test_underflow_counts_in_every_sum_of_floats():
+    of, nothing = loop(), [[Fraction(0)] * 10] * 3
+    for wide in (frozenset[int](), frozenset(range(9))):
+        form = Form(wide, Fraction(0), [Fraction(0)] * 9)
+        errors = [single_precision._row_error(of, QUIET, nothing, form, [[Fraction(0)] * 3] * 12, i) for i in range(12)]
+        assert errors == [Fraction(2) ** -110] * 12
+
+
+def test_roundings_may_use_up_what_the_wider_box_leaves(monkeypatch):
+    of, box = loop(), [[value / 16 for value in row] for row in some_box(10)]
+    form = Form(frozenset(), Fraction(0), [Fraction(0)] * 9)
+    spare = [[value / 50 for value in row] for row in box]
+    monkeypatch.setattr(single_precision, "_fixed_point", lambda *_: spare)
+    single_precision.bound_rounding(of, [], QUIET, box, form, [[Fraction(0)] * 3] * 12)
+    for axis, k in product(range(3), range(10)):
+        more = [list(row) for row in spare]
+        more[axis][k] *= Fraction(10**9 + 1, 10**9)
+        monkeypatch.setattr(single_precision, "_fixed_point", lambda *_, more=more: more)
+        with pytest.raises(Refusal, match="not small beside the box"):
+            single_precision.bound_rounding(of, [], QUIET, box, form, [[Fraction(0)] * 3] * 12)
 
 
 def test_roundings_that_are_not_small_are_refused():
