@@ -14,6 +14,7 @@ from gustproof.cli.options import AsJson, check_output, parse_positive_vector, p
 if TYPE_CHECKING:
     from gustproof.certify.boundedness import FlightCertificate
     from gustproof.certify.certificate import Certificate
+    from gustproof.certify.check.evidence import CheckResult
     from gustproof.lti.state_space import LinearSystem
     from gustproof.model.interconnection import Interconnection
     from gustproof.model.lft import Uncertain
@@ -123,8 +124,8 @@ def certify(
     ever, under any moment within --moment. The true attitude leaves that of a strapdown law by at most a drift, which
     grows with the horizon: a gyro does not observe attitude. Nothing is assumed of the motion. The part is the
     certified share of the moment, at most 1. --check derives the loop again from the law and vehicle files. Of a gain,
-    given the design and its envelope, it proves the gain of the loop derived again, whatever rounding did to its
-    numbers, and flies the lower bound again.
+    given the design and its envelope, it proves the gain of the loop derived again, and of all within its rounding. It
+    flies the lower bound again.
 
     With --air nothing is proved. A linear Gaussian model predicts the box that the true attitude leaves with --risk at
     most, in the scenario's turbulence and gyro noise, over its duration. Tails are summed over all samples and axes.
@@ -378,23 +379,32 @@ def _check(
         raise ConfigError(f"{path}: not a certificate: its format must be '{FORMAT}'")
     loop = None if derived is None else derived_loop(*derived)
     verdict = check_certificate(text, law=law_text, vehicle=vehicle_text, loop=loop)
-    figures = verdict.figures
     if verdict.accepted and derived is not None:
-        figures = {**figures, "lower_bound": lower_bound(*derived)}
-        if figures["lower_bound"] > figures["gain"]:
-            reason = f"a simulation reached {figures['lower_bound']:.4g}, above the gain {figures['gain']:.4g}"
-            verdict, figures = replace(verdict, accepted=False, reason=reason), {}
+        verdict = _weigh(verdict, lower_bound(*derived))
+    _show_verdict(verdict, as_json=as_json)
+    return ExitStatus.DONE if verdict.accepted else ExitStatus.REQUIREMENT_FAILED
+
+
+def _weigh(verdict: "CheckResult", reached: float) -> "CheckResult":
+    """Return the verdict on a gain with what a simulation `reached`; one that exceeds the gain refutes it."""
+    gain = verdict.figures["gain"]
+    if reached > gain:
+        reason = f"a simulation reached {reached:.4g}, above the gain {gain:.4g}"
+        return replace(verdict, accepted=False, reason=reason, figures={})
+    return replace(verdict, figures={**verdict.figures, "lower_bound": reached})
+
+
+def _show_verdict(verdict: "CheckResult", *, as_json: bool) -> None:
     if as_json:
         made = {"assumes": verdict.assumes} if verdict.accepted else {}
-        print_json({"proven": verdict.accepted, "reason": verdict.reason, **figures, **made})
+        print_json({"proven": verdict.accepted, "reason": verdict.reason, **verdict.figures, **made})
     elif verdict.accepted:
         say(f"proven: {verdict.reason}")
-        if "lower_bound" in figures:
-            print(f"a simulation of the derived loop reached {figures['lower_bound']:.4g}")
+        if "lower_bound" in verdict.figures:
+            print(f"a simulation of the derived loop reached {verdict.figures['lower_bound']:.4g}")
         _show_assumptions(verdict.assumes)
     else:
         say(f"refused: {verdict.reason}")
-    return ExitStatus.DONE if verdict.accepted else ExitStatus.REQUIREMENT_FAILED
 
 
 def _show(name: str, certificate: "Certificate | FlightCertificate", output: Path | None, *, as_json: bool) -> None:

@@ -191,12 +191,10 @@ class _System:
     """
 
     def __init__(self, evidence: dict[str, Any], share: Fraction) -> None:
-        A, B, C, D = (to_rational(evidence["system"][name]) for name in "ABCD")
         sizes = [block["size"] for block in evidence["blocks"]]
-        n, m, k = len(A), len(D[0]), sum(sizes)
-        widths = {len(row) for row in A + C} - {n} | {len(row) for row in B + D} - {m}
-        if widths or len(B) != n or len(C) != len(D) or k > min(m, len(D)):
-            raise ValueError("the system has matrices of wrong shapes")
+        k = sum(sizes)
+        A, B, C, D = _read_system(evidence, k)
+        n, m = len(A), len(D[0])
         S = _coordinates(evidence) if share else identity(n)
         self.x = [row + [Fraction(0)] * m for row in S]
         rest = [[Fraction(0)] * n + row for row in identity(m)]
@@ -233,6 +231,16 @@ class _System:
                 cross,
                 _turned(cross),
             )
+
+
+def _read_system(evidence: dict[str, Any], k: int) -> list[RationalMatrix]:
+    """Return A, B, C and D, with at least k inputs and outputs."""
+    A, B, C, D = matrices = [to_rational(evidence["system"][name]) for name in "ABCD"]
+    n, m = len(A), len(D[0])
+    widths = {len(row) for row in A + C} - {n} | {len(row) for row in B + D} - {m}
+    if widths or len(B) != n or len(C) != len(D) or k > min(m, len(D)):
+        raise ValueError("the system has matrices of wrong shapes")
+    return matrices
 
 
 def _coordinates(evidence: dict[str, Any]) -> RationalMatrix:

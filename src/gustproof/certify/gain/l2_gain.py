@@ -139,8 +139,6 @@ def certify_lft(
     """
     if level is not None and not 0.0 < level < math.inf:
         raise ValueError(f"level is {level}, must be positive")
-    if odd := [block.name for block in loop.blocks if not is_name(block.name)]:
-        raise ValueError(f"block '{odd[0]}': a certificate names blocks by letters, digits, '_', '-' and '.' alone")
     bounds = _speed_bounds(loop, speeds)
     multipliers = best_multipliers(loop) if speeds is None else rate_bounded_multipliers(loop, bounds)
     wanted, proven = level, False
@@ -192,6 +190,8 @@ def envelope_speeds(angle: float, rate: float, *, leak: float) -> dict[str, floa
 def _speed_bounds(loop: Uncertain, speeds: Mapping[str, float] | None) -> list[float | None]:
     """Return the bound on the speed of each block; `None` without one."""
     names, bounds = [block.name for block in loop.blocks], speeds or {}
+    if odd := [name for name in names if not is_name(name)]:
+        raise ValueError(f"block '{odd[0]}': a certificate names blocks by letters, digits, '_', '-' and '.' alone")
     if unknown := sorted(set(bounds) - set(names)):
         raise ValueError(f"speeds name '{unknown[0]}', there are {', '.join(names)}")
     return [bounds.get(name) for name in names]

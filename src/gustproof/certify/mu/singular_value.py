@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from gustproof.certify.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
 from gustproof.certify.mu.worst_delta import most_unstable_delta, worst_delta
-from gustproof.certify.mu.worst_gain import best_halves, restrict
+from gustproof.certify.mu.worst_gain import ParameterBox, best_halves, restrict
 from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, as_lti, sensitivity
 from gustproof.model.lft import Uncertain
 from gustproof.model.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
@@ -96,7 +96,7 @@ def _branch_and_bound(system: Uncertain, found: Bracket, accuracy: float, boxes:
 
 def _is_stable_within(system: Uncertain, radius: float, accuracy: float, boxes: int) -> bool:
     """Return whether the system is proved stable for every Delta of norm `radius`, by at most `boxes` boxes."""
-    whole = {block.name: (-radius, radius) for block in system.blocks if isinstance(block, RealBlock)}
+    whole: ParameterBox = {block.name: (-radius, radius) for block in system.blocks if isinstance(block, RealBlock)}
     pending, seen = [whole], 1
     while pending:
         box = pending.pop()
