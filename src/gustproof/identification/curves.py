@@ -23,7 +23,7 @@ from gustproof.identification.spectra import (
     high_pass,
     low_pass,
     power_share,
-)  # fmt: skip
+)
 from gustproof.logs.flight_log import Signal
 from gustproof.types import Array
 
@@ -104,8 +104,8 @@ def model_response(theta: Array, omega: Array, gain: float) -> Array:
 def disturbance_rms(curves: Curves, theta: Array) -> float:
     """Return the rms [rad/s^2] of the disturbance in this flight, about its mean.
 
-    The residual holds disturbance and gyro noise; of its spectrum at each frequency the share is taken that the model
-    gives to the disturbance (Wiener's filter; the mean square of signal and its uncertainty together).
+    The residual holds disturbance and gyro noise. Of its spectrum at each frequency counts the share that the model
+    gives to the disturbance (Wiener's filter). That is the mean square of the estimate and its uncertainty together.
     """
     noise = 2.0 * np.exp(theta[NOISE]) * curves.dt
     power = weight = 0.0

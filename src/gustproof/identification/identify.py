@@ -21,7 +21,7 @@ from gustproof.identification.likelihood import (
     maximise,
     places,
     solve_gains,
-)  # fmt: skip
+)
 from gustproof.identification.stretches import (
     BIN,
     SHORTEST,
@@ -32,7 +32,7 @@ from gustproof.identification.stretches import (
     keep_rest,
     limit_time,
     sample_time,
-)  # fmt: skip
+)
 from gustproof.logs.flight_log import CommandUnit, FlightLog, Signal
 from gustproof.types import Array
 
@@ -55,6 +55,7 @@ class _Axis:
     """Fitted model of one axis."""
 
     data: AxisData
+    """Measurements."""
     theta: Array
     """(p,) parameters, see `likelihood`."""
     replicates: Array
@@ -184,12 +185,7 @@ def _held_out(axis: _Axis, ahead: list[Stretch]) -> float:
 def _collect(log: FlightLog, command: Signal, axes: list[_Axis], held_out: list[float]) -> Identification:
     """Return the results in the form that others read."""
     leader = next((axis for axis in axes if axis.gain is not None), None)
-    lag = delay = None
-    if leader is not None:
-        hold = 0.5 * sample_time(command)
-        lag = widen(interval(leader.theta, leader.replicates, lambda p: np.exp(p[..., LAG])), _BLUR * hold)
-        held = widen(interval(leader.theta, leader.replicates, lambda p: p[..., DELAY]), _BLUR * hold)
-        delay = Interval(held.low, held.nominal + 0.5 * hold, held.high + hold)
+    lag, delay = _lag_and_delay(leader, 0.5 * sample_time(command)) if leader else (None, None)
     corner = max(axis.curves.corner() for axis in axes)
     responses = [axis.curves.response(log.reference, i) for i, axis in enumerate(axes)]
     roll, pitch, yaw = (_estimate(axis, r2, sample_time(log.gyro)) for axis, r2 in zip(axes, held_out, strict=True))
@@ -197,16 +193,30 @@ def _collect(log: FlightLog, command: Signal, axes: list[_Axis], held_out: list[
     accelerations = [axis.curves.accelerations(corner) for axis in axes]
     motors, motor_intervals = _motor_gains(axes)
     return Identification(
-        source=log.source, dt=axes[0].curves.dt, actuator_lag=lag, delay=delay, axes=(roll, pitch, yaw),
+        source=log.source,
+        dt=axes[0].curves.dt,
+        actuator_lag=lag,
+        delay=delay,
+        axes=(roll, pitch, yaw),
         command_unit=log.command_unit if log.command is not None else CommandUnit.NORMALISED,
-        motor_gains=motors, motor_intervals=motor_intervals, omega=omega,
+        motor_gains=motors,
+        motor_intervals=motor_intervals,
+        omega=omega,
         response=np.array([each.response for each in responses]),
         model=np.array([model_response(axis.theta, omega, np.abs(axis.theta[GAINS:-1]).sum()) for axis in axes]),
-        coherence=np.array([each.coherence for each in responses]), time=np.concatenate(axes[0].curves.time),
+        coherence=np.array([each.coherence for each in responses]),
+        time=np.concatenate(axes[0].curves.time),
         acceleration=np.column_stack([measured for measured, _ in accelerations]),
         predicted=np.column_stack([predicted for _, predicted in accelerations]),
         findings=(*log.findings, *_doubts(axes, leader)),
-    )  # fmt: skip
+    )
+
+
+def _lag_and_delay(axis: _Axis, hold: float) -> tuple[Interval, Interval]:
+    """Return actuator lag and delay [s] for commands that may be held for up to twice `hold` [s]."""
+    lag = widen(interval(axis.theta, axis.replicates, lambda p: np.exp(p[..., LAG])), _BLUR * hold)
+    held = widen(interval(axis.theta, axis.replicates, lambda p: p[..., DELAY]), _BLUR * hold)
+    return lag, Interval(held.low, held.nominal + 0.5 * hold, held.high + hold)
 
 
 def _estimate(axis: _Axis, held_out: float, dt: float) -> AxisEstimate:

@@ -12,7 +12,7 @@ from gustproof.types import Array
 _REPLICATES = 1000
 _BLOCK = 1.0  # [s] prediction errors are nearly white: it is longer than what correlation is left
 _SEED = 16
-_MISFIT = 1.25  # spread of real errors by that of the bootstrap: disturbances are not of the model's shape
+_MISFIT = 1.4  # spread of real errors by that of the bootstrap: disturbances are not of the model's shape
 
 
 def bootstrap(fit: Fit) -> Array:
@@ -20,9 +20,9 @@ def bootstrap(fit: Fit) -> Array:
 
     Blocks of the flight are drawn with replacement; each draw moves the maximum by one Newton step, the sum of the
     drawn scores times the inverse information. Blocks make the spread right also where the disturbance has another
-    shape than the model's. Scores at a maximum are smaller than at the truth, by the share of parameters in blocks;
-    replicates are spread by that, by the quantile of Student's t for the rest, and by a quarter for the bias that a
-    disturbance of another shape leaves (`trial` measures it).
+    shape than the model's. Scores at a maximum are smaller than at the truth, by the share of parameters in blocks.
+    Replicates are spread by that, and by the quantile of Student's t for the rest. A disturbance of another shape
+    leaves a bias too: for it they are spread by .4 more, as `trial` measures.
 
     References
     ----------

@@ -78,9 +78,13 @@ class _Linear:
     """Errors of one axis and their derivatives."""
 
     error: Array
+    """(n,) [rad/s]."""
     variance: Array
+    """(n,) [rad^2/s^2]."""
     d_error: Array
+    """(n, p) by each parameter."""
     d_variance: Array
+    """(n, p) by each parameter."""
 
     @property
     def scores(self) -> Array:
@@ -144,7 +148,7 @@ class Fit:
     linear: Sequence[_Linear]
     """Derivatives at the maximum, of each axis."""
     cost: float
-    """Minus the log likelihood."""
+    """[-] minus the log likelihood."""
     free: Array
     """(p,) False for parameters at a bound, or held."""
 

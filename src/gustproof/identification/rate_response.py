@@ -22,8 +22,8 @@ def command_response(
 ) -> None:
     """Write the rate's response (n, k) at `time` (n,) [s] to k commands, from rest, per unit of angular acceleration.
 
-    Each of the commands (m, k) is held from its `command_time` (m,) [s] plus delay, passes a first-order lag, is
-    squared if `square`, and drives a rate that decays by its damping. The lag starts settled. `model` holds lag [s],
+    Each of the commands (m, k) is held from its `command_time` (m,) [s] plus delay and passes a first-order lag, which
+    starts settled. Squared if `square`, it drives a rate that decays by its damping. `model` holds lag [s],
     delay [s], damping [1/s]; `state` (2, k) is work space.
     """
     lag, delay, damping = model[0], model[1], model[2]
@@ -59,8 +59,8 @@ def prediction_errors(
 ) -> None:
     """Write the errors (n, k) of predicting each of k signals (n, k) from its own past, and their variance (n,).
 
-    The predictor is the Kalman filter of a rate that decays by its damping under two disturbances of first order, a
-    slow one and a fast one, seen with white noise. It is linear: errors of `y - W g` are those of y minus those of W
+    The predictor is the Kalman filter of a rate that decays by its damping, seen with white noise. Two disturbances of
+    first order drive it, a slow one and a fast one. It is linear: errors of `y - W g` are those of y minus those of W
     times g.
 
     Parameters
@@ -120,8 +120,8 @@ def prediction_errors(
 def _disturbance(corner: float, drive: float, h: float, damping: float) -> tuple[float, float, float, float, float]:
     """Return what a disturbance does in a step of `h` [s] to the rate and keeps of itself, and its noise.
 
-    The noise is the variance of the rate, the covariance with the disturbance, and the disturbance's variance, by
-    Simpson's rule: its weights are positive, so that the covariance has no negative eigenvalue.
+    The noise is the variance of the rate, its covariance with the disturbance, and the disturbance's variance.
+    Simpson's rule has positive weights, so that their matrix has no negative eigenvalue.
     """
     half, decay = math.exp(-0.5 * corner * h), math.exp(-0.5 * damping * h)
     middle, whole = _decay_integral(corner, decay, 0.5 * h, damping), _decay_integral(corner, decay * decay, h, damping)

@@ -119,10 +119,14 @@ def cut_stretch(gyro: Signal, command: Signal, begin: float, end: float) -> Stre
     bins = np.flatnonzero(np.diff(number, prepend=-1.0)).astype(np.int64)
     count = np.diff(bins, append=len(time)).astype(np.float64)
     return Stretch(
-        command_time=held.time, command=np.column_stack([held.values, np.ones(len(held.time))]), gyro_time=time,
-        bins=bins, count=count, time=np.add.reduceat(time, bins) / count,
+        command_time=held.time,
+        command=np.column_stack([held.values, np.ones(len(held.time))]),
+        gyro_time=time,
+        bins=bins,
+        count=count,
+        time=np.add.reduceat(time, bins) / count,
         rate=np.add.reduceat(gyro.values[inside], bins, axis=0) / count[:, None],
-    )  # fmt: skip
+    )
 
 
 def _fill_gaps(command: Signal, begin: float, end: float) -> Signal:

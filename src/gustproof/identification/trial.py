@@ -64,25 +64,34 @@ def random_log(
     offset, lag = random.uniform(0.0, 0.012), _log_uniform(random, 0.01, 0.12)
     quickness = random.uniform(0.25, 0.45) / (lag + late / rate + offset + 1.0 / rate)
     gains = Gains(
-        angle_p=min(quickness * random.uniform(0.25, 0.4), 8.0), rate_p=min(quickness, 25.0),
-        rate_i=quickness**2 * random.uniform(0.05, 0.2), rate_d=quickness * min(lag, 0.05) * random.uniform(0.0, 0.5),
-    )  # fmt: skip
+        angle_p=min(quickness * random.uniform(0.25, 0.4), 8.0),
+        rate_p=min(quickness, 25.0),
+        rate_i=quickness**2 * random.uniform(0.05, 0.2),
+        rate_d=quickness * min(lag, 0.05) * random.uniform(0.0, 0.5),
+    )
     vehicle = _random_vehicle(random, lag, gains.rate_p * gains.angle_p)
     law = _make_law(vehicle, gains, 1.0 / rate)
     calm = load_scenario("paper-turbulence")
     scenario = replace(
-        calm, duration_s=duration, control_rate_hz=rate, physics_rate_hz=2000, delay_samples=late, require=(),
+        calm,
+        duration_s=duration,
+        control_rate_hz=rate,
+        physics_rate_hz=2000,
+        delay_samples=late,
+        require=(),
         wind=calm.wind if windy else (),
-    )  # fmt: skip
+    )
     reference = _random_steps(random, scenario.samples, rate) * excited
     records = fly_direct(scenario, law, vehicle=vehicle, seed=seed, reference=reference)
     log = _write_log(random, records, reference, late, keep, offset)
     moment = records["moment_B"] / np.array(vehicle.inertia_B)
     acceleration = moment + np.array(vehicle.rate_damping_B) * records["gust_omega_B"]
     return log, Truth(
-        gain=1.0 / np.array(vehicle.inertia_B), lag=lag, delay=late / rate + offset,
+        gain=1.0 / np.array(vehicle.inertia_B),
+        lag=lag,
+        delay=late / rate + offset,
         disturbance_rms=np.std(acceleration, axis=0),
-    )  # fmt: skip
+    )
 
 
 def run_trials(seeds: Iterable[int]) -> Iterator[Trial]:
@@ -118,12 +127,19 @@ def _random_vehicle(random: _Random, lag: float, stiffness: float) -> Vehicle:
     gust = stiffness * _log_uniform(random, 0.005, 0.06) / 2.5  # [rad/s^2 per m/s], in gusts of about 2.5 m/s
     a, b, c, d = ((size * x, size * y, size * z) for x, y, z in paper.rotors.position_B)
     return replace(
-        paper, name="random", mass=mass, inertia_B=(I_x, I_y, I_z), actuator_lag=lag,
-        torque_limit=(60.0 * I_x, 60.0 * I_y, 60.0 * I_z), span=size * paper.span, gust_gain=gust * I_x,
-        gust_yaw_ratio=random.uniform(0.1, 0.5) * I_z / I_x, rate_damping=random.uniform(0.0, 0.5),
+        paper,
+        name="random",
+        mass=mass,
+        inertia_B=(I_x, I_y, I_z),
+        actuator_lag=lag,
+        torque_limit=(60.0 * I_x, 60.0 * I_y, 60.0 * I_z),
+        span=size * paper.span,
+        gust_gain=gust * I_x,
+        gust_yaw_ratio=random.uniform(0.1, 0.5) * I_z / I_x,
+        rate_damping=random.uniform(0.0, 0.5),
         rotors=replace(paper.rotors, position_B=(a, b, c, d), thrust_max=0.5 * GRAVITY * mass),
         gyro=replace(paper.gyro, snr_db=paper.gyro.snr_db + random.uniform(-9.5, 9.5)),
-    )  # fmt: skip
+    )
 
 
 def _make_law(vehicle: Vehicle, gains: Gains, dt: float) -> Law:
@@ -152,7 +168,10 @@ def _write_log(random: _Random, records: Records, reference: Array, late: int, k
         begin = random.uniform(0.0, time[-1])
         kept = kept[(time[kept] < begin) | (time[kept] > begin + random.uniform(0.02, 0.3))]
     return FlightLog(
-        source="trial", system="csv", gyro=Signal(time=time[kept], values=records["gyro_B"][kept]),
+        source="trial",
+        system="csv",
+        gyro=Signal(time=time[kept], values=records["gyro_B"][kept]),
         command=Signal(time=time[kept] - offset, values=records["torque_command_B"][kept + late]),
-        command_unit=CommandUnit.NEWTON_METRES, reference=Signal(time=time[kept], values=reference[kept]),
-    )  # fmt: skip
+        command_unit=CommandUnit.NEWTON_METRES,
+        reference=Signal(time=time[kept], values=reference[kept]),
+    )
