@@ -225,9 +225,10 @@ def _draw(found: Reproduction, flights: Sequence[Flight], problem: Interconnecti
 
     seed = found.seeds[0]
     out.mkdir()
-    laws, paper = [name for name in found.laws if name != "pid-default"], [x for x in PAPER_LAWS if x in found.laws]
+    laws = list(found.laws)[found.vehicle.name == _PAPER :]
+    paper = list(PAPER_LAWS) if set(PAPER_LAWS) <= set(laws) | {"pid-default"} else laws[:1]
     lead = "hinf-d1" if "hinf-d1" in laws else laws[0]
-    for scenario, names in (("paper", paper or laws[:1]), ("paper-turbulence", laws)):
+    for scenario, names in (("paper", paper), ("paper-turbulence", laws)):
         records = {
             name: f.records for f in flights for name in found.laws if f.matches(scenario, name) and f.seed == seed
         }
