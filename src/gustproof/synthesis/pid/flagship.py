@@ -43,6 +43,7 @@ _POWER = 3.0
 """[-] of the slew that its weight falls with, at first."""
 _SLEW_TOLERANCE, _PATIENCE, _LATE_TOLERANCE = 1e-4, 8, 0.02
 """[-] largest relative distance of the slew below its limit; number of weights tried for it; distance after these."""
+_TOLERANCES = [_SLEW_TOLERANCE] * _PATIENCE + [_LATE_TOLERANCE] * (_ROUNDS - _PATIENCE)
 _STRESS_PEAK, _LAST_PEAK = 10.0, 20.0
 """[-] sensitivity peaks below and near a delay or gain that must be stable: finite at all of them, so none is lost."""
 _GAIN_TOLERANCE = 0.03
@@ -166,7 +167,7 @@ def _search_weights(
         within = all(_is_within(*axis, limits) for axis in zip(models, gains, performances, strict=True))
         if within and excess <= 1.0 and rmse < least:
             least, found = rmse, (gains[0], gains[1], gains[2])
-        if 1.0 - (_SLEW_TOLERANCE if number < _PATIENCE else _LATE_TOLERANCE) < excess <= 1.0:
+        if 1.0 - _TOLERANCES[number] < excess <= 1.0:
             break
         weight.follow(excess, number)
         starts = [[each] for each in gains]
