@@ -106,7 +106,7 @@ def render_tuning(tuning: Tuning) -> Renderable:
 def render_limits(limits: ErrorLimits) -> RenderableType:
     """Return the limits by the information of a law, and the trade-off with the sensitivity peak."""
     known = Table("known to the law", title=f"Least possible RMSE in '{limits.scenario}' [deg]")
-    known.add_column(f"slew {limits.slew:g} N m/s", justify="right")
+    known.add_column(f"slew {limits.slew:.4g} N m/s", justify="right")
     known.add_column("any slew", justify="right")
     known.add_row("gyros, the true spectra", f"{limits.gyro_deg:.4f}", f"{limits.gyro_any_slew_deg:.4f}")
     known.add_row("state and air, exactly", f"{limits.clairvoyant_deg:.2g}", f"{limits.clairvoyant_any_slew_deg:.2g}")
@@ -120,7 +120,7 @@ def render_limits(limits: ErrorLimits) -> RenderableType:
     for peak in peaks:
         traded.add_column(peak, justify="right")
     for slew, row in rows.items():
-        traded.add_row(f"{slew:g}", *(f"{row[peak]:.4f}" if peak in row else "-" for peak in peaks))
+        traded.add_row(f"{slew:.4g}", *(f"{row[peak]:.4f}" if peak in row else "-" for peak in peaks))
     return Group(known, traded, Text(_NOTE, style="dim"))
 
 

@@ -106,12 +106,7 @@ def render_comparison(
         angles = map(format_number, (figures.peak_deg, figures.peak_settled_deg, figures.rmse_deg))
         others = map(format_number, (figures.torque_rms_nm, figures.torque_slew_rms, *rolled))
         table.add_row(law, *angles, *_placement_cells(places.get(law)), *others, *_margin_cells(margins.get(law)))
-    tuned = [name for name in medians if name.startswith(("flagship-", "indi-")) and name != "flagship-robust"]
-    pid = next((name for name in medians if name.startswith("pid-") and name not in _SHIPPED_PIDS), "")
-    pairs = (*_COMPARISONS, *((name, pid) for name in tuned))
-    lines = [_compare_laws(one, other, medians, margins) for one, other in pairs if one in medians and other in medians]
-    if "hinf-rates" in medians and "hinf-scheduled" in medians:
-        lines.append(_describe_rates_cost(medians))
+    lines = _comparison_lines(medians, margins)
     notes = (
         "Peak: a flight begins at rest in full wind, and its first 2 s show that step. "
         "Predicted: RMSE of the linear model, average over flights. "
@@ -122,6 +117,17 @@ def render_comparison(
         "lag ±30 %, and a delay includes the one sample of every flight. A rate law has no torque loop."
     )
     return Group(table, Text(notes, style="dim"), *(Text(f"\n{line}") for line in lines))
+
+
+def _comparison_lines(medians: Medians, margins: Mapping[str, HoverMargins | None]) -> list[str]:
+    """Return the comparisons of the laws that were flown."""
+    tuned = [name for name in medians if name.startswith(("flagship-", "indi-")) and name != "flagship-robust"]
+    pid = next((name for name in medians if name.startswith("pid-") and name not in _SHIPPED_PIDS), "")
+    pairs = (*_COMPARISONS, *((name, pid) for name in tuned))
+    lines = [_compare_laws(*pair, medians, margins) for pair in pairs if set(pair) <= set(medians)]
+    if {"hinf-rates", "hinf-scheduled"} <= set(medians):
+        lines.append(_describe_rates_cost(medians))
+    return lines
 
 
 def render_background(vehicle: Vehicle, scenario: Scenario) -> Renderable:

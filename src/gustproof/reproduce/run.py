@@ -29,7 +29,7 @@ from gustproof.scoring.metrics import Metrics, median_metrics, peak_rate
 from gustproof.simulate.flight import Flight, FlightPlan, objection, warnings
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.recorder import fly_and_record
-from gustproof.synthesis.derive import derive
+from gustproof.synthesis.derive import DesignReport, derive
 from gustproof.synthesis.designs import load_design
 from gustproof.synthesis.tune import default_slew, tune_law
 
@@ -168,9 +168,7 @@ def reproduce(
     ]
     flights = _fly_all(plans, out / "bags", progress)
     medians = {law: {scenario: _median_of(flights, scenario, law) for scenario in scenarios} for law in laws}
-    design_d1, solved = derive(load_design("D1"), vehicle)
-    gamma_opt = design_d1.provenance.parameters["gamma_opt"]
-    highest = max((peak_rate(flight.records) for flight in flights if flight.matches("paper", "hinf-d1")), default=0.0)
+    _, solved = derive(load_design("D1"), vehicle)
     reproduction = Reproduction(
         vehicle=vehicle,
         laws=laws,
@@ -180,14 +178,26 @@ def reproduce(
         stability_factor=stability_factor,
         limits=limits,
         places=places,
-        claims=judge_claims(medians, laws, norm=solved.result.norm, gamma_opt=gamma_opt, peak_rate=highest)
-        if {*PAPER_LAWS, "pid-fair"} <= set(laws)
-        else (),
+        claims=_judge_claims(medians, laws, flights, solved),
     )
     (out / "summary.json").write_text(json.dumps(reproduction.to_dict(), indent=2) + "\n", encoding="utf-8")
     _draw(reproduction, flights, solved.problem, out / "figures")
     save_text(reproduction.render(), out / "report.txt")
     return reproduction
+
+
+def _judge_claims(
+    medians: Mapping[str, Mapping[str, Metrics]],
+    laws: Mapping[str, Law],
+    flights: Sequence[Flight],
+    solved: DesignReport,
+) -> tuple[Claim, ...]:
+    """Return the verdicts; none if a law that the claims are about was not flown."""
+    if not {*PAPER_LAWS, "pid-fair"} <= set(laws) or solved.result.gamma_opt is None:
+        return ()
+    highest = max(peak_rate(flight.records) for flight in flights if flight.matches("paper", "hinf-d1"))
+    figures = {"norm": solved.result.norm, "gamma_opt": solved.result.gamma_opt}
+    return judge_claims(medians, laws, peak_rate=highest, **figures)
 
 
 def _fly_all(plans: Sequence[FlightPlan], out: Path, progress: Progress) -> list[Flight]:
@@ -225,9 +235,10 @@ def _draw(found: Reproduction, flights: Sequence[Flight], problem: Interconnecti
 
     seed = found.seeds[0]
     out.mkdir()
-    laws, paper = [name for name in found.laws if name != "pid-default"], [x for x in PAPER_LAWS if x in found.laws]
+    laws = list(found.laws)[found.vehicle.name == _PAPER :]
+    paper = list(PAPER_LAWS) if set(PAPER_LAWS) <= set(laws) | {"pid-default"} else laws[:1]
     lead = "hinf-d1" if "hinf-d1" in laws else laws[0]
-    for scenario, names in (("paper", paper or laws[:1]), ("paper-turbulence", laws)):
+    for scenario, names in (("paper", paper), ("paper-turbulence", laws)):
         records = {
             name: f.records for f in flights for name in found.laws if f.matches(scenario, name) and f.seed == seed
         }

@@ -137,12 +137,17 @@ class _Task:
     """Vehicle, turbulence and limits of a tuning."""
 
     kind: LawKind
+    """Structure."""
     vehicle: Vehicle
+    """Nominal vehicle."""
     corners: Sequence[Vehicle]
     """Vehicles off nominal."""
     scenario: Scenario
+    """Turbulence, sample time and delay."""
     limits: TuningLimits
+    """Price, without margins."""
     progress: Progress
+    """Function that shows how far the search is."""
 
     @property
     def name(self) -> str:

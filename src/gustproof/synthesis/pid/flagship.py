@@ -43,6 +43,7 @@ _POWER = 3.0
 """[-] of the slew that its weight falls with, at first."""
 _SLEW_TOLERANCE, _PATIENCE, _LATE_TOLERANCE = 1e-4, 8, 0.02
 """[-] largest relative distance of the slew below its limit; number of weights tried for it; distance after these."""
+_TOLERANCES = [_SLEW_TOLERANCE] * _PATIENCE + [_LATE_TOLERANCE] * (_ROUNDS - _PATIENCE)
 _STRESS_PEAK, _LAST_PEAK = 10.0, 20.0
 """[-] sensitivity peaks below and near a delay or gain that must be stable: finite at all of them, so none is lost."""
 _GAIN_TOLERANCE = 0.03
@@ -137,38 +138,65 @@ def tune_flagship(
     bandwidth = 20.0 * loop_speed(vehicle, scenario)
     fixed = _starts(bandwidth, limits)
     starts = [[_add_biquad(each, 4.0 * bandwidth), *fixed[1:]] for each in pid] if pid else [fixed] * len(axes)
-    found: tuple[float, ThreeGains] | None = None
-    # a weight of mean square error per mean square slew: the unit of slew is that of its limit
-    low, weight, high = 0.0, _WEIGHT * (SHIPPED_LIMITS.slew / limits.slew) ** 2, math.inf
-    last: tuple[float, ...] = ()
-    power = _POWER
-    for number in range(_ROUNDS):
-        results = [search.search(start, weight) for search, start in zip(searches, starts, strict=True)]
-        gains = [each.gains for each in results if each]
-        if len(gains) < len(axes):
-            break
-        performances = _axis_performances(models, gains)
-        rmse, slew = pool_axes(performances)
-        excess = slew / limits.slew
-        within = all(_is_within(*axis, limits) for axis in zip(models, gains, performances, strict=True))
-        if within and excess <= 1.0 and (found is None or rmse < found[0]):
-            found = rmse, (gains[0], gains[1], gains[2])
-        if 1.0 - (_SLEW_TOLERANCE if number < _PATIENCE else _LATE_TOLERANCE) < excess <= 1.0:
-            break
-        low, high = (weight, high) if excess > 1.0 else (low, weight)
-        if number >= _PATIENCE // 2:  # slow: the secant in logarithms
-            power = math.log(weight / last[0]) / math.log(last[1] / excess) if excess != last[1] else 0.0
-        last = weight, excess
-        weight *= (excess / (1.0 - 0.5 * _SLEW_TOLERANCE)) ** min(max(power, 2.0), 20.0)
-        if not low < weight < high:  # the optimum jumps
-            weight = math.sqrt(low * high)
-        starts = [[each] for each in gains]
+    found = _search_weights(searches, starts, models, limits)
     if found is None:
         raise DesignError(
             f"no shaped cascade found at sensitivity peak {limits.sensitivity_peak}, {limits.corner_peak} off nominal, "
             f"and slew {limits.slew} N*m/s, stable to {limits.delay_samples} samples of delay and {limits.gain} of gain"
         )
-    return found[1]
+    return found
+
+
+def _search_weights(
+    searches: Sequence[AxisSearch],
+    starts: list[list[BiquadGains]],
+    models: Sequence[AxisModel],
+    limits: TuningLimits,
+) -> ThreeGains | None:
+    """Return the gains of least error within the limits over the weights of slew that are tried; `None` for none."""
+    found: ThreeGains | None = None
+    least, weight = math.inf, _Weight(limits.slew)
+    for number in range(_ROUNDS):
+        results = [search.search(start, weight.value) for search, start in zip(searches, starts, strict=True)]
+        gains = [each.gains for each in results if each]
+        if len(gains) < len(models):
+            break
+        performances = _axis_performances(models, gains)
+        rmse, slew = pool_axes(performances)
+        excess = slew / limits.slew
+        within = all(_is_within(*axis, limits) for axis in zip(models, gains, performances, strict=True))
+        if within and excess <= 1.0 and rmse < least:
+            least, found = rmse, (gains[0], gains[1], gains[2])
+        if 1.0 - _TOLERANCES[number] < excess <= 1.0:
+            break
+        weight.follow(excess, number)
+        starts = [[each] for each in gains]
+    return found
+
+
+class _Weight:
+    """Weight of mean square slew, and the interval that it is in."""
+
+    def __init__(self, slew: float) -> None:
+        # a weight of mean square error per mean square slew: the unit of slew is that of its limit
+        self.value = _WEIGHT * (SHIPPED_LIMITS.slew / slew) ** 2
+        self._low, self._high = 0.0, math.inf
+        self._last: tuple[float, float] | None = None
+
+    def follow(self, excess: float, number: int) -> None:
+        """Move towards a slew at its limit, from one that is `excess` times it, after `number` moves."""
+        power = _POWER
+        if self._last and number >= _PATIENCE // 2:  # slow: the secant in logarithms
+            value, before = self._last
+            power = math.log(self.value / value) / math.log(before / excess) if excess != before else 0.0
+        self._last = self.value, excess
+        if excess > 1.0:
+            self._low = self.value
+        else:
+            self._high = self.value
+        self.value *= (excess / (1.0 - 0.5 * _SLEW_TOLERANCE)) ** min(max(power, 2.0), 20.0)
+        if not self._low < self.value < self._high:  # the optimum jumps
+            self.value = math.sqrt(self._low * self._high)
 
 
 def _stress(model: AxisModel, limits: TuningLimits) -> Iterator[tuple[AxisModel, float]]:
