@@ -84,7 +84,7 @@ from gustproof.synthesis.designs import load_design as load_design
 from gustproof.synthesis.hinf.hinfsyn import HinfResult as HinfResult
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn as hinfsyn
 from gustproof.synthesis.pid.autotune import autotune_pid as autotune_pid
-from gustproof.synthesis.pid.identify import identify_rate_loop as identify_rate_loop
+from gustproof.synthesis.pid.rate_loop import identify_rate_loop as identify_rate_loop
 from gustproof.synthesis.structured.blocks import Structure as Structure
 from gustproof.synthesis.structured.blocks import tunable_gain as tunable_gain
 from gustproof.synthesis.structured.blocks import tunable_pid as tunable_pid

@@ -142,10 +142,9 @@ class AxisLoop:
         H = np.zeros((n, 1))
         H[: self.order, 0] = self._excess
         B, D = rows[:, n:], command[kept][None, n:]
-        return AxisLaw(
-            A=rows[:, :n], B=B, C=command[kept][None, :n], D=D, G=self.dt * np.eye(n, 1), H=H,
-            rate_limit=limit_by_reference(commanded[kept], B, D, limit),
-        )  # fmt: skip
+        limited = limit_by_reference(commanded[kept], B, D, limit)
+        A, C, G = rows[:, :n], command[kept][None, :n], self.dt * np.eye(n, 1)
+        return AxisLaw(A=A, B=B, C=C, D=D, G=G, H=H, rate_limit=limited)
 
 
 def _unit(at: int) -> Matrix:

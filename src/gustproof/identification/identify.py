@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from firmware_model.errors import ConfigError
+from gustproof.identification.bootstrap import bootstrap, interval, widen
 from gustproof.identification.curves import Curves, disturbance_corner, disturbance_rms, make_curves, model_response
 from gustproof.identification.identification import AxisEstimate, Identification, Interval
-from gustproof.identification.intervals import bootstrap, interval, widen
 from gustproof.identification.likelihood import (
     DAMPING,
     DELAY,
@@ -185,12 +185,8 @@ def _held_out(axis: _Axis, ahead: list[Stretch]) -> float:
 def _collect(log: FlightLog, command: Signal, axes: list[_Axis], held_out: list[float]) -> Identification:
     """Return the results in the form that others read."""
     leader = next((axis for axis in axes if axis.gain is not None), None)
-    lag, delay = _lag_and_delay(leader, 0.5 * sample_time(command)) if leader else (None, None)
-    corner = max(axis.curves.corner() for axis in axes)
-    responses = [axis.curves.response(log.reference, i) for i, axis in enumerate(axes)]
+    lag, delay = _lag_and_delay(leader, 0.5 * sample_time(command))
     roll, pitch, yaw = (_estimate(axis, r2, sample_time(log.gyro)) for axis, r2 in zip(axes, held_out, strict=True))
-    omega = responses[0].omega
-    accelerations = [axis.curves.accelerations(corner) for axis in axes]
     motors, motor_intervals = _motor_gains(axes)
     return Identification(
         source=log.source,
@@ -198,22 +194,34 @@ def _collect(log: FlightLog, command: Signal, axes: list[_Axis], held_out: list[
         actuator_lag=lag,
         delay=delay,
         axes=(roll, pitch, yaw),
-        command_unit=log.command_unit if log.command is not None else CommandUnit.NORMALISED,
+        command_unit=CommandUnit.NORMALISED if log.command is None else log.command_unit,
         motor_gains=motors,
         motor_intervals=motor_intervals,
-        omega=omega,
-        response=np.array([each.response for each in responses]),
-        model=np.array([model_response(axis.theta, omega, np.abs(axis.theta[GAINS:-1]).sum()) for axis in axes]),
-        coherence=np.array([each.coherence for each in responses]),
-        time=np.concatenate(axes[0].curves.time),
-        acceleration=np.column_stack([measured for measured, _ in accelerations]),
-        predicted=np.column_stack([predicted for _, predicted in accelerations]),
         findings=(*log.findings, *_doubts(axes, leader)),
+        **_support(log, axes),
     )
 
 
-def _lag_and_delay(axis: _Axis, hold: float) -> tuple[Interval, Interval]:
-    """Return actuator lag and delay [s] for commands that may be held for up to twice `hold` [s]."""
+def _support(log: FlightLog, axes: list[_Axis]) -> dict[str, Array]:
+    """Return responses and series of `Identification`, by their names there."""
+    responses = [axis.curves.response(log.reference, i) for i, axis in enumerate(axes)]
+    corner, omega = max(axis.curves.corner() for axis in axes), responses[0].omega
+    measured, predicted = zip(*(axis.curves.accelerations(corner) for axis in axes), strict=True)
+    return {
+        "omega": omega,
+        "response": np.array([each.response for each in responses]),
+        "model": np.array([model_response(axis.theta, omega, np.abs(axis.theta[GAINS:-1]).sum()) for axis in axes]),
+        "coherence": np.array([each.coherence for each in responses]),
+        "time": np.concatenate(axes[0].curves.time),
+        "acceleration": np.column_stack(measured),
+        "predicted": np.column_stack(predicted),
+    }
+
+
+def _lag_and_delay(axis: _Axis | None, hold: float) -> tuple[Interval | None, Interval | None]:
+    """Return actuator lag and delay [s] for commands that may be held for up to twice `hold` [s], if any axis tells."""
+    if axis is None:
+        return None, None
     lag = widen(interval(axis.theta, axis.replicates, lambda p: np.exp(p[..., LAG])), _BLUR * hold)
     held = widen(interval(axis.theta, axis.replicates, lambda p: p[..., DELAY]), _BLUR * hold)
     return lag, Interval(held.low, held.nominal + 0.5 * hold, held.high + hold)

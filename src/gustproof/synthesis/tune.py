@@ -30,9 +30,9 @@ from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import Design, Weight, load_design
 from gustproof.synthesis.pid.flagship import flagship_law
-from gustproof.synthesis.pid.identify import identify_rate_loop
 from gustproof.synthesis.pid.indi import indi_law
 from gustproof.synthesis.pid.pid_baseline import baseline_pid, tune_baseline
+from gustproof.synthesis.pid.rate_loop import identify_rate_loop
 from gustproof.synthesis.pid.tuning import SPREADS, TuningLimits
 from gustproof.synthesis.weights_search import gust_rms, scale, search_weights
 
