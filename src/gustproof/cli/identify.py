@@ -1,5 +1,6 @@
 """The command `gustproof identify`: vehicle, air and sensors from the log of a flight."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,6 +27,10 @@ def identify(
         ),
     ],
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the vehicle here, a new .toml.")] = None,
+    begin: Annotated[
+        float | None, typer.Option("--from", help="Begin of the flight in the log [s], if not told.")
+    ] = None,
+    end: Annotated[float | None, typer.Option("--to", help="End of the flight in the log [s], if not told.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write curves and numbers here, a new .html.")] = None,
     wind: Annotated[
         Path | None, typer.Option(help="Write the disturbance as wind for `replay` here, a new .csv.")
@@ -69,7 +74,7 @@ def identify(
     )
     if like is not None:
         load_vehicle(like)  # refused before the work, not after it
-    flight = read_log(log)
+    flight = _crop(read_log(log), begin, end)
     title = f"identify {flight.source}"
     with progress(title, quiet=as_json) as shown:
         found = identified(flight, progress=lambda share: shown(share, title))
@@ -92,6 +97,19 @@ def identify(
             print(f"{kind} in {path}")
     if output is not None:
         print(f"next: gustproof tune {output} -o {output.with_suffix('.json')}")
+
+
+def _crop(log: "FlightLog", begin: float | None, end: float | None) -> "FlightLog":
+    """Return the log with what is between `begin` and `end` [s] in the air, the ends of the log by default."""
+    if begin is None and end is None:
+        return log
+    first, last = (float(log.gyro.time[i]) for i in (0, -1))
+    begin, end = first if begin is None else begin, last if end is None else end
+    if not first <= begin < end <= last:
+        raise ConfigError(
+            f"--from {begin:g} --to {end:g}: must be in order and within the log, {first:g} .. {last:g} s"
+        )
+    return replace(log, airborne=((begin, end),))
 
 
 def _complete(

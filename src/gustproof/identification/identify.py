@@ -43,6 +43,8 @@ _LAGS, _DELAYS = (0.015, 0.04, 0.1), (0.002, 0.02)  # [s] where the search start
 _LOOSE = 0.3  # half width of a gain's interval by the gain, beyond which it is not told
 _VAGUE, _EXPLAINED = 0.1, 0.1  # the same, where the command explains less than this share of the accelerations
 _WHITE = 1e-3  # of the prediction errors' mean square; white noise below it means that a filter took it away
+_FILTERED = "gyro: filtered before it is logged"
+_APART_S = (0.008, 0.012)  # between gyro samples behind a filter: their noise is nearly white again
 _FLOOR = 0.01  # of a gain: what the model leaves out, such as gyroscopic moments
 _BLUR = 0.2  # of half a sample of the command: noise above its Nyquist frequency folds down and looks like lag
 _APART = 6.0  # loss of log likelihood by one lag and delay for all axes: beyond it (p = .002) yaw has its own
@@ -88,7 +90,8 @@ def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None)
 
     `progress` is called with the share of the work that is done, 0..1. The same log gives the same bits. A log does not
     say if its command is held between samples or a sample of something faster. So the delay's interval spans half of a
-    sample more.
+    sample more. The noise of a gyro that was filtered or averaged before it was logged is not white, which spoils lag
+    and delay: then fewer samples are used, further apart.
 
     Raises
     ------
@@ -107,12 +110,33 @@ def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None)
     near = _search(_axis_data(_cut(log, command, limit_time(learnt, command, _BRIEF)), square))
     tell(0.3)
     trained = _fit_axes(_axis_data(_cut(log, command, learnt), square), dt, near)
+    if (further := _next_spacing(trained, log.gyro)) is not None:
+        return identify(_thin(log, further), progress=progress)
     tell(0.6)
     axes = _fit_axes(_axis_data(_cut(log, command, spans), square), dt, [axis.theta for axis in trained])
     tell(0.9)
     ahead = _cut(log, command, rest)
     held_out = [_held_out(axis, ahead) for axis in trained]
     return _collect(log, command, axes, held_out)
+
+
+def _next_spacing(axes: list[_Axis], gyro: Signal) -> float | None:
+    """Return the next spacing [s] of gyro samples if their noise is coloured; `None` if it is not, or at the last."""
+    spacing = 1.2 * sample_time(gyro)
+    return next((each for each in _APART_S if each > spacing), None) if _coloured(axes) else None
+
+
+def _thin(log: FlightLog, spacing: float) -> FlightLog:
+    """Return the log with a gyro sample in each `spacing` [s]."""
+    step = round(spacing / sample_time(log.gyro))
+    gyro = Signal(time=log.gyro.time[::step], values=log.gyro.values[::step])
+    told = [line for line in log.findings if not line.startswith(_FILTERED)]
+    return replace(log, gyro=gyro, findings=(*told, f"{_FILTERED}: one sample in {1e3 * spacing:g} ms is used"))
+
+
+def _coloured(axes: list[_Axis]) -> list[str]:
+    """Return the axes of the gyro whose noise is not white."""
+    return [_AXES[axis.data.axis] for axis in axes if np.exp(axis.theta[NOISE]) < _WHITE * axis.unexplained]
 
 
 def _find_command(log: FlightLog) -> tuple[Signal, bool]:
@@ -269,9 +293,6 @@ def _doubts(axes: list[_Axis], leader: _Axis | None) -> list[str]:
     if leader is not None and axes[2].gain is not None and axes[2].theta[LAG] != leader.theta[LAG]:
         lag = np.exp(axes[2].theta[LAG])
         doubts.append(f"yaw answers with a lag of {lag:.3f} s, unlike roll and pitch: the lag told is of those")
-    coloured = [_AXES[axis.data.axis] for axis in axes if np.exp(axis.theta[NOISE]) < _WHITE * axis.unexplained]
-    if coloured:
-        doubts.append(
-            f"gyro: filtered before it is logged ({', '.join(coloured)}): lag, delay and gains may be off by more"
-        )
+    if coloured := _coloured(axes):
+        doubts.append(f"{_FILTERED} ({', '.join(coloured)}): lag, delay and gains may be off by more")
     return doubts
