@@ -162,6 +162,12 @@ def default_slew(vehicle: Vehicle, scenario: Scenario) -> float:
     ------
     ValueError
         If the scenario has no turbulence.
+
+    Examples
+    --------
+    >>> from gustproof import default_slew, load_scenario, load_vehicle
+    >>> f"{default_slew(load_vehicle('iris'), load_scenario('paper-turbulence')):.1f} N m/s"
+    '8.1 N m/s'
     """
     moment = math.sqrt(float(np.mean(gust_rms(axis_models(vehicle, scenario)) ** 2)))
     return _SLEWS_PER_GUST * moment / vehicle.actuator_lag
