@@ -43,6 +43,7 @@ _LAGS, _DELAYS = (0.015, 0.04, 0.1), (0.002, 0.02)  # [s] where the search start
 _LOOSE = 0.3  # half width of a gain's interval by the gain, beyond which it is not told
 _VAGUE, _EXPLAINED = 0.1, 0.1  # the same, where the command explains less than this share of the accelerations
 _WHITE = 1e-3  # of the prediction errors' mean square; white noise below it means that a filter took it away
+_MOSTLY = 0.5  # of the accelerations explained, and yet a loose gain: not all of it is flight
 _FILTERED = "gyro: filtered before it is logged"
 _APART_S = (0.008, 0.012)  # between gyro samples behind a filter: their noise is nearly white again
 _FLOOR = 0.01  # of a gain: what the model leaves out, such as gyroscopic moments
@@ -90,8 +91,8 @@ def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None)
 
     `progress` is called with the share of the work that is done, 0..1. The same log gives the same bits. A log does not
     say if its command is held between samples or a sample of something faster. So the delay's interval spans half of a
-    sample more. The noise of a gyro that was filtered or averaged before it was logged is not white, which spoils lag
-    and delay: then fewer samples are used, further apart.
+    sample more. The noise of a gyro that was filtered or averaged before it was logged is not white. That spoils lag
+    and delay, so fewer samples are used then, further apart.
 
     Raises
     ------
@@ -271,6 +272,11 @@ def _advise(axis: _Axis) -> str:
     name, gain = _AXES[axis.data.axis], axis.wide_gain
     share = max(axis.curves.explained(axis.curves.corner()), 0.0)
     reach = max(gain.high - gain.nominal, gain.nominal - gain.low) / max(gain.nominal, 1e-300)
+    if share > _MOSTLY:
+        return (
+            f"{name} is not identified: the command explains {100.0 * share:.0f} % of its acceleration, but not always "
+            "alike. The log may hold more than the flight: cut that off (--from, --to)"
+        )
     known = f"its gain is known to {100.0 * reach:.0f} % only" if reach < 1.0 else "its gain can't be told from 0"
     return (
         f"{name} is not excited: the command explains {100.0 * share:.0f} % of its acceleration, {known}. Fly steps of "
@@ -289,7 +295,7 @@ def _motor_gains(axes: list[_Axis]) -> tuple[Array | None, Array | None]:
 
 def _doubts(axes: list[_Axis], leader: _Axis | None) -> list[str]:
     """Return the doubts about the results, a line each."""
-    doubts = [_AXES[axis.data.axis] + " is not excited" for axis in axes if axis.gain is None]
+    doubts = [_AXES[axis.data.axis] + " is not identified" for axis in axes if axis.gain is None]
     if leader is not None and axes[2].gain is not None and axes[2].theta[LAG] != leader.theta[LAG]:
         lag = np.exp(axes[2].theta[LAG])
         doubts.append(f"yaw answers with a lag of {lag:.3f} s, unlike roll and pitch: the lag told is of those")

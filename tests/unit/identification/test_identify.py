@@ -202,6 +202,26 @@ def test_trials_have_the_truth_inside_the_intervals():
     assert np.median([abs(trial.lag.nominal - 1.0) for trial in trials if trial.lag]) < 0.1
 
 
+def test_filtered_gyro_is_used_with_wider_spacing(brief):
+    """Means of samples, as PX4 logs them: their coloured noise once turned delay into lag."""
+    values = brief.gyro.values
+    for _ in range(2):
+        values = 0.5 * (values + np.roll(values, 1, axis=0))
+    time = brief.gyro.time - np.median(np.diff(brief.gyro.time))
+    found = identify(replace(brief, gyro=Signal(time=time[2:], values=values[2:])))
+    assert any("filtered before it is logged: one sample in 8 ms is used" in line for line in found.findings)
+    truth = random_log(1011, duration=20.0)[1]
+    assert found.actuator_lag.low < truth.lag < found.actuator_lag.high
+    assert all(axis.gain.low < gain < axis.gain.high for axis, gain in zip(found.axes, truth.gain, strict=True))
+
+
+def test_log_with_more_than_the_flight_is_told(brief):
+    """Commands that move nothing, as before take-off, contradict those in flight."""
+    still = np.where((brief.gyro.time > 10.0)[:, None], brief.gyro.values, 0.001)
+    found = identify(replace(brief, gyro=Signal(time=brief.gyro.time, values=still)))
+    assert all(axis.gain is None for axis in found.axes)
+
+
 def test_still_hover_is_told_as_unexcited():
     log, _ = random_log(1011, duration=30.0, excited=False, windy=False)
     found = identify(log)
@@ -211,7 +231,7 @@ def test_still_hover_is_told_as_unexcited():
     for name, axis in zip(("roll", "pitch", "yaw"), found.axes, strict=True):
         assert axis.advice.startswith(f"{name} is not excited")
         assert "chirp" in axis.advice
-        assert f"{name} is not excited" in found.findings
+        assert f"{name} is not identified" in found.findings
 
 
 def test_identification_predicts_and_repeats_its_bits(brief):

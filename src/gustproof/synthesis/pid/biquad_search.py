@@ -98,7 +98,8 @@ class AxisSearch:
     def cost(self, z: Matrix, weight: float) -> tuple[float, Matrix]:
         """Return the logarithm of mean square error and weighted slew, and its slopes (9,)."""
         loops = self._closed_loops(self._flight, np.exp(z + 1j * _STEP * np.eye(len(z))))
-        moments = mean_second_moments([self._model], loops)
+        with np.errstate(over="ignore", invalid="ignore"):
+            moments = mean_second_moments([self._model], loops)
         costs = moments[:, 0, 0] + weight / self._model.plant.dt**2 * moments[:, 1, 1]
         value = float(costs[0].real)
         if not (math.isfinite(value) and value > 0.0) or not all(self._is_stable(far, z) for far in self._far):
