@@ -190,6 +190,35 @@ class PositionLoop:
 
 
 @strict_dataclass
+class Battery:
+    """Battery of cells in series, used in free flight; it is full at the start."""
+
+    cells: Annotated[int, Field(ge=1, le=14)]
+    """Cells in series; BATTERY_STATUS tells up to 14."""
+    capacity_ah: Positive
+    """[A*h] charge from full to empty."""
+    resistance_ohm: NonNegative
+    """[ohm] of all cells and wires."""
+    hover_current_a: Positive
+    """[A] of all rotors in hover."""
+    voltage_full: Annotated[float, Field(gt=0.0, le=4.6)] = 4.2
+    """[V] of a full cell without current, at which the rotors give `thrust_max`; of lithium polymer by default."""
+    voltage_empty: Positive = 3.6
+    """[V] of an empty cell without current; by default PX4's BAT1_V_EMPTY."""
+
+    @property
+    def hover_sag(self) -> float:
+        """[-] thrust that a command gives in hover, full, of that at `voltage_full`: see `physics.battery`."""
+        return max(1.0 - self.resistance_ohm * self.hover_current_a / (self.cells * self.voltage_full), 0.0) ** 2
+
+    @model_validator(mode="after")
+    def _check_voltage(self) -> Self:
+        if self.voltage_empty >= self.voltage_full:
+            raise ValueError("voltage_empty must be lower than voltage_full")
+        return self
+
+
+@strict_dataclass
 class Vehicle:
     """Multirotor as a rigid body with torque actuators.
 
@@ -236,6 +265,8 @@ class Vehicle:
     """On-board loops of height and position."""
     accelerometer: Accelerometer = field(default_factory=Accelerometer)
     """Accelerometer."""
+    battery: Battery | None = None
+    """Battery; by default the voltage never falls."""
     rate_damping: NonNegative | None = None
     """[1/s] damping moment per rate, divided by the inertia, about every axis; by default that of the rotors' drag."""
     description: str = field(default="")
@@ -267,6 +298,8 @@ class Vehicle:
             raise ValueError("rotors.position_B: the rotors must be above the centre of mass, z < 0 on average")
         if self.rotors.total_thrust <= 1.2 * GRAVITY * self.mass:
             raise ValueError("rotors.thrust_max: all rotors must lift 1.2 times the weight")
+        if self.battery and self.battery.hover_sag * self.rotors.total_thrust <= GRAVITY * self.mass:
+            raise ValueError("battery: at its voltage under hover_current_a the rotors must lift the weight")
         return self
 
 

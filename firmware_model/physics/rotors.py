@@ -9,6 +9,7 @@ For four rotors the inverse is exact, for more it has the least sum of squares. 
 seen from above, turns the nose to the right: spin 1.
 """
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
@@ -168,6 +169,16 @@ def put_rotor_thrusts(
     else:
         for i in range(count):
             put(record, at + i, _rotor_thrust(_load_rotor(params, row + i * ROTOR_ROWS), torque_B, thrust))
+
+
+@kernel
+def sum_lift(params: Lane, row: int, count: int, torque_B: Vector, thrust: float) -> float:
+    """Return the sum [N^1.5] of each rotor's thrust to the power 1.5; the wrench [N*m] B, [N] is of sound ones."""
+    total = 0.0
+    for i in range(count):
+        given = max(_rotor_thrust(_load_rotor(params, row + i * ROTOR_ROWS), torque_B, thrust), 0.0)
+        total += given * math.sqrt(given)
+    return total
 
 
 @kernel

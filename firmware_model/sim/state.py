@@ -19,6 +19,7 @@ from firmware_model.numerics.rotations import from_euler
 from firmware_model.numerics.soa import field_offset, flatten
 from firmware_model.physics.actuators import ActuatorParams
 from firmware_model.physics.aerodynamics import air_params
+from firmware_model.physics.battery import BatteryState, battery_params
 from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.physics.dryden import DrydenParams, DrydenState, TransverseParams, dryden_filters, dryden_spectrum
 from firmware_model.physics.ground import GroundParams, ground_params, standing_height
@@ -139,7 +140,9 @@ def initial_vehicle_state(
     scale = scenario.gust_scale if gust_scale is None else gust_scale
     return VehicleInitial(
         params=_pack_params(vehicle, scenario, dryden_params, scale),
-        state=np.array([*flatten(body), *dryden_state, *estimate, *initial_position_state(), *[0.0] * 5]),
+        state=np.array(
+            [*flatten(body), *dryden_state, *estimate, *initial_position_state(), *[0.0] * 5, *BatteryState()]
+        ),
         changes=_list_changes(vehicle, scenario),
     )
 
@@ -157,6 +160,7 @@ def _pack_params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenPara
         mean_wind_params(scenario.wind),
         ActuatorParams(),
         _accelerometer_params(vehicle, scenario),
+        battery_params(vehicle, free=scenario.free, dt=scenario.dt),
     )
     steps = scenario.physics_rate_hz // scenario.control_rate_hz
     rotors = vehicle.rotors

@@ -15,17 +15,18 @@ from firmware_model.numerics.soa import Lane, get, get_vector, loader, put, put_
 from firmware_model.physics import aerodynamics, rigid_body
 from firmware_model.physics.actuators import ActuatorParams, apply_actuator_faults
 from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams
+from firmware_model.physics.battery import BatteryParams, BatteryState, step_battery
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
 from firmware_model.physics.ground import GroundParams, can_touch_ground
 from firmware_model.physics.mean_wind import MeanWindParams, mean_wind
 from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, at_rest
-from firmware_model.physics.rotors import Float4, LossParams, allocate, given_by_rotors, put_rotor_thrusts
+from firmware_model.physics.rotors import Float4, LossParams, allocate, given_by_rotors, put_rotor_thrusts, sum_lift
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
 from firmware_model.recording import journal
 from firmware_model.sim import layout
 from firmware_model.sim.inner_loop import CLAMPED, OFF, WRENCH, track_setpoint
-from firmware_model.sim.layout import X_BODY, X_DIRECT, X_DRYDEN, X_LOAD, X_NEXT_CHANGE, X_STABILIZER
+from firmware_model.sim.layout import X_BATTERY, X_BODY, X_DIRECT, X_DRYDEN, X_LOAD, X_NEXT_CHANGE, X_SAG, X_STABILIZER
 from firmware_model.sim.state import Array
 from firmware_model.types import Quaternion, Vector
 
@@ -36,6 +37,8 @@ _load_loss_params = loader(LossParams)
 _load_air_params, _load_ground_params = loader(AirParams), loader(GroundParams)
 _load_mean_wind_params, _load_actuator_params = loader(MeanWindParams), loader(ActuatorParams)
 _load_accelerometer_params = loader(AccelerometerParams)
+_load_battery_params = loader(BatteryParams)
+_load_battery, _store_battery = loader(BatteryState), storer(BatteryState)
 _load_body, _load_dryden = loader(Body), loader(DrydenState)
 _load_stabilizer_state, _store_stabilizer_state = loader(StabilizerState), storer(StabilizerState)
 _store_body, _store_dryden = storer(Body), storer(DrydenState)
@@ -59,6 +62,8 @@ def observe_kernel(
     time_us = sample * sample_us
     scripted, free = disturbance(waves, replay, sample, time_us * 1e-6), get(one, layout.FREE) != 0.0
     gyro_noise, force_noise = normals(seed, GYRO_STREAM, sample, 0), normals(seed, ACCELEROMETER_STREAM, sample, 0)
+    if get(one, layout.BATTERY) != 0.0:
+        drain_battery(one, x)
     measure(one, x, free, True, True, scripted, gyro_noise, force_noise, time_us, single(record))
     _write_rotors(one, x, free, single(record))
 
@@ -92,6 +97,15 @@ def apply_changes(params: Array, state: Lane, changes: Array, sample: int) -> No
         params[int(changes[i, 1])] = changes[i, 2]
         i += 1
     put(state, X_NEXT_CHANGE, i)
+
+
+@kernel
+def drain_battery(params: Lane, state: Lane) -> None:
+    """Step the battery at a sample under the thrusts of its rotors; without a battery, change nothing that counts."""
+    body, count = _load_body(state, X_BODY), int(get(params, layout.ROTOR_COUNT))
+    lift = sum_lift(params, layout.ROTORS, count, body.torque_B, body.thrust)
+    battery = step_battery(_load_battery_params(params, layout.BATTERY), _load_battery(state, X_BATTERY), lift)
+    _store_battery(state, X_BATTERY, battery)
 
 
 @kernel
@@ -224,6 +238,8 @@ def integrate_body(params: Lane, state: Lane, free: bool, unusual: bool, body: B
     torque = apply_actuator_faults(actuators, get_vector(record, journal.TORQUE_COMMAND))
     thrust = -get(record, journal.THRUST_COMMAND)
     if free:
+        sag = get(state, X_SAG)
+        torque, thrust = (sag * torque[0], sag * torque[1], sag * torque[2]), sag * thrust
         forces = _body_inputs(record, get_vector(state, X_DIRECT), torque, thrust)
         inputs = FreeInputs(forces, _read_air(record), unusual, unusual)
         return aerodynamics.step(_free_params(params), body, inputs, dt)

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
 from firmware_model.numerics.soa import field_offset
+from firmware_model.physics.battery import BatteryState
 from firmware_model.physics.rigid_body import Body
 from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, record_type
 from firmware_model.sim import inner_loop, step
-from firmware_model.sim.layout import X_BODY, X_DRYDEN, X_LOAD, X_POSITION, X_STABILIZER
+from firmware_model.sim.layout import X_BATTERY, X_BODY, X_DRYDEN, X_LOAD, X_POSITION, X_STABILIZER
 from firmware_model.sim.state import initial_state
 from firmware_model.types import (
     AttitudeTarget,
+    BatteryReading,
     ImuSample,
     LevelFlight,
     PositionTarget,
@@ -51,6 +53,7 @@ class VehicleLoop:
         self._thrust_max, self.rotor_count = vehicle.rotors.total_thrust, vehicle.rotors.count
         self._wrench = vehicle.rotors.wrench * vehicle.rotors.thrust_max
         self._on_ground_load = _GROUND_LOAD_SHARE * vehicle.mass * GRAVITY
+        self._battery = vehicle.battery if scenario.free else None
         self._sample_us, self._samples = scenario.sample_us, scenario.samples
         record = record_type(self.rotor_count)
         self._record = np.full(record.itemsize // 8, math.nan)
@@ -120,6 +123,16 @@ class VehicleLoop:
         """True if the ground carries a tenth of the weight at the sample, or the vehicle is clamped on the stand."""
         self.observe()
         return bool(self._state.state[X_LOAD] >= self._on_ground_load) if self._free else self._clamped
+
+    @property
+    def battery(self) -> BatteryReading | None:
+        """Battery at the sample; `None` if there is none, or on the stand, where none is used."""
+        if self._battery is None:
+            return None
+        self.observe()
+        used, current, voltage, _ = BatteryState(*self._state.state[X_BATTERY:].tolist())
+        used_ah = used / 3600.0
+        return BatteryReading(self._battery.cells, voltage, current, used_ah, 1.0 - used_ah / self._battery.capacity_ah)
 
     @property
     def thrust(self) -> float:

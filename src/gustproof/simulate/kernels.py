@@ -206,12 +206,23 @@ def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
     step.apply_changes(params, Lane(state, LANES, 0), batch.changes, sample)
     time_us = sample * shared.sample_us
     scripted = disturbance(shared.waves, shared.replay, sample, time_us * 1e-6)
+    if _has_battery(params):
+        for w in range(LANES):
+            step.drain_battery(Lane(params, LANES, w), Lane(state, LANES, w))
     if _is_unusual(free, params, state, 0.0):
         for w in range(LANES):
             _sense(free, True, params, state, scripted, noise, time_us, record, w)
     else:
         for w in range(LANES):
             _sense(free, False, params, state, scripted, noise, time_us, record, w)
+
+
+@kernel
+def _has_battery(params: Array) -> bool:
+    found = False
+    for w in range(LANES):
+        found |= params[layout.BATTERY * LANES + w] != 0.0
+    return found
 
 
 @kernel

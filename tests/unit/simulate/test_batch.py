@@ -8,7 +8,7 @@ import pytest
 from firmware_model.config.events import ActuatorEffect, AttitudeReference, GyroBias, Payload, RotorFailure
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import list_scenarios, load_scenario
-from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.vehicle import Battery, load_vehicle
 from firmware_model.config.waveforms import GustCosine, GustReplay, GustStep
 from firmware_model.numerics.rotations import euler_angles
 from firmware_model.numerics.soa import loader, single
@@ -160,6 +160,24 @@ def test_vehicles_with_other_rotors_and_failures_are_the_same_side_by_side(law):
     assert_same(replace(free, event=failures), load_law(law), many)
     assert_same(replace(free, event=failures, altitude_m=0.3), load_law(law), many)
     assert_same(SHORT, load_law(law), many)
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("law", ["flagship", "hinf-rates"])
+def test_vehicles_with_and_without_batteries_are_the_same_side_by_side(law):
+    small = Battery(cells=3, capacity_ah=0.0005, resistance_ohm=0.05, hover_current_a=12.0)
+    octo, batteries = load_vehicle("octo"), (None, small, replace(small, capacity_ah=1.0, resistance_ohm=0.1))
+    many = [
+        Case(vehicle=replace(each, battery=battery), seed=i)
+        for i, each in enumerate((VEHICLE, octo))
+        for battery in batteries
+    ]
+    free = replace(SHORT, translation="free")
+    failure = RotorFailure(kind="rotor_failure", at_s=0.1, rotor=1, share=0.5)
+    assert_same(free, load_law(law), many)
+    assert_same(replace(free, event=(failure,), altitude_m=0.3), load_law(law), many)
+    found = {result.metrics for result in fly_many(free, load_law(law), many)}
+    assert len(found) == len(many)
 
 
 @pytest.mark.compiled
