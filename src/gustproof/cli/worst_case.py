@@ -1,6 +1,7 @@
 """The command `gustproof worst-case`: the most harmful disturbance."""
 
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -50,6 +51,7 @@ def worst_case(
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.falsify.worst_case import worst_case as search
     from gustproof.model.uncertainty import Spreads
+    from gustproof.simulate.flight import warnings
 
     moment = parse_positive_vector("--moment", budget)
     check_output(output, ".toml", "a scenario file")
@@ -71,6 +73,7 @@ def worst_case(
             )
     except ValueError as error:
         raise ConfigError(str(error)) from None
+    known = warnings(found.scenario, flown, airframe)
     files = [] if output is None else [output]
     if output is not None:
         write_toml(found.scenario, output)
@@ -78,9 +81,17 @@ def worst_case(
             files.append(output.with_name(f"{output.stem}-vehicle.toml"))
             write_toml(found.vehicle, files[1])
     if as_json:
-        document = {"law": flown.name, "moment_nm": moment, "files": files, **to_jsonable_python(found)}
+        document = {
+            "law": flown.name,
+            "moment_nm": moment,
+            "warnings": known,
+            "files": files,
+            **to_jsonable_python(found),
+        }
         print_json(to_jsonable_python(document, inf_nan_mode="null"))
         return
+    for line in known:
+        print(f"gustproof: warning: {line}", file=sys.stderr)
     _print(flown.name, found, horizon)
     if files:
         other = f" --vehicle {files[1] if files[1:] else vehicle}" if files[1:] or vehicle != "paper" else ""
