@@ -17,6 +17,8 @@ from gustproof.cli.app import app
 from gustproof.logs import read
 from gustproof.logs.flight_log import FlightLog, Signal
 
+pytestmark = pytest.mark.compiled
+
 SPOILT = {**read_parameters("tuned", "px4"), "IMU_DGYRO_CUTOFF": "2"}
 
 

@@ -19,6 +19,8 @@ from gustproof.logs.read import read_log
 from gustproof.simulate.direct import fly_direct
 from gustproof.types import Array, Records
 
+pytestmark = pytest.mark.compiled
+
 _Random = np.random.Generator
 
 
