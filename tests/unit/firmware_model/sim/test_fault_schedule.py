@@ -201,6 +201,7 @@ def test_a_failed_rotor_gives_its_share_at_once_and_drags_and_tilts_less(share: 
     np.testing.assert_allclose(turned * VEHICLE.inertia_B, records["torque_B"][AT], rtol=0.05)
 
 
+@pytest.mark.compiled
 def test_a_rotor_that_is_sound_again_leaves_no_trace() -> None:
     failure = RotorFailure(kind="rotor_failure", at_s=1.0, rotor=2)
     again = RotorFailure(kind="rotor_failure", at_s=1.0, rotor=2, share=1.0)
