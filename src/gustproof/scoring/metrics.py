@@ -204,7 +204,7 @@ def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_fac
 
 def as_rows(records: Records) -> Array:
     """Return a copy (n, numbers) of journal records as plain numbers, in the journal's order."""
-    return np.array(records).view(np.float64).reshape(len(records), -1)
+    return np.array(records).view(np.float64).reshape(len(records), records.dtype.itemsize // 8)
 
 
 def metrics_from_tally(tally: Tally, samples: int, dt: float, realtime_factor: float) -> Metrics:
