@@ -19,7 +19,7 @@ from gustproof.performance.predict import predict
 from gustproof.synthesis.autopilot_gains import AutopilotTuning, corner_vehicles, save_tuning, tune_gains
 
 SCENARIO, VEHICLES = load_scenario("paper-turbulence"), load_vehicle_set("paper")
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 
 @pytest.fixture(scope="module", params=AUTOPILOTS)

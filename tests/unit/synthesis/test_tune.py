@@ -95,6 +95,7 @@ def test_a_cascade_for_any_vehicle_keeps_its_price(kind, mass, lag):
     judge(tune_law(kind, vehicles, AIR), vehicles, default_slew(vehicles.nominal, AIR))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_flagship_for_any_vehicle_is_near_the_least_error():
     vehicles = scaled(mass=25.0, lag=0.11)
@@ -113,17 +114,19 @@ def test_the_same_vehicle_has_the_same_law():
     assert first.provenance.vehicle == "iris"
 
 
+@pytest.mark.long
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["aided", "hinf"])
-def test_weights_of_a_design_are_found_for_another_vehicle(kind):
+@pytest.mark.parametrize(("kind", "peak"), [("aided", 1.4), ("hinf", 1.5)])
+def test_weights_of_a_design_are_found_for_another_vehicle(kind, peak):
     vehicles = load_vehicle_set("iris")
-    tuning = tune_law(kind, vehicles, AIR)
+    tuning = tune_law(kind, vehicles, AIR, sensitivity_peak=peak)
     assert tuning.law.uses_accelerometer == (kind == "aided")
-    assert tuning.Ms <= 1.4
+    assert tuning.Ms <= peak
     assert tuning.slew <= default_slew(vehicles.nominal, AIR)
     assert tuning.rmse <= 2.0 * tuning.least_rmse
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.compiled
 def test_a_law_of_rates_is_made_for_the_vehicle_s_own_loops():
