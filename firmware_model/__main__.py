@@ -27,7 +27,7 @@ from firmware_model.errors import ConfigError, RecordingError
 from firmware_model.process import access, realtime, status_line, udp
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from firmware_model.process.tlog import Tlog
-from firmware_model.recording.journal import JournalWriter
+from firmware_model.recording.journal import JournalWriter, record_type
 from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.pacing import FlightClock, TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
@@ -252,7 +252,8 @@ def _open_journal(stack: ExitStack, options: argparse.Namespace, scenario: Scena
         elif not _is_interactive(options):  # the law is not known here
             note = {**names, "scenario": scenario, "vehicle": vehicle, "law": None, "real_time": not options.lockstep}
             header = {**names, "note": to_jsonable_python(note)}
-        writer = JournalWriter(options.journal, header, scenario.control_rate_hz)
+        record = record_type(vehicle.rotors.count)
+        writer = JournalWriter(options.journal, header, scenario.control_rate_hz, record)
     except OSError as error:
         raise ConfigError(f"{error.filename}: {error.strerror}") from None
     return stack.enter_context(writer)

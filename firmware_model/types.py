@@ -12,6 +12,21 @@ NEVER_US = 1 << 62
 """[us] A time that never comes."""
 
 
+class BatteryReading(NamedTuple):
+    """A battery as its monitor sees it."""
+
+    cells: int
+    """Cells in series."""
+    voltage: float
+    """[V] of all cells."""
+    current: float
+    """[A]."""
+    used_ah: float
+    """[A*h] charge drawn."""
+    remaining: float
+    """[-] charge left, of the capacity."""
+
+
 class ImuSample(NamedTuple):
     """One sample of the inertial measurement unit; every value is a float32, as on the wire."""
 

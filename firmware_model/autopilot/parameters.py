@@ -41,7 +41,7 @@ def published_limit(vehicle: Vehicle) -> Vector:
 
 def published_hover(vehicle: Vehicle) -> float:
     """Return the hover thrust as published, [-] of the largest: a float32 value."""
-    return float(np.float32(vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max)))
+    return float(np.float32(vehicle.mass * GRAVITY / vehicle.rotors.total_thrust))
 
 
 @dataclass(frozen=True, slots=True)

@@ -62,7 +62,7 @@ def position_params(vehicle: Vehicle, gains: PositionLoop, dt: float) -> Positio
         slope_max=math.tan(gains.tilt_max),
         mass=vehicle.mass,
         thrust_min=_THRUST_MIN * vehicle.mass * GRAVITY,
-        thrust_max=_THRUST_MAX * 4.0 * vehicle.rotors.thrust_max,
+        thrust_max=_THRUST_MAX * vehicle.rotors.total_thrust,
         dt=dt,
     )
 

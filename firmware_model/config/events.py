@@ -5,9 +5,9 @@ and the scenario's `[gyro]` hold. It changes no gain: neither autopilot nor law 
 """
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from firmware_model.config.fields import (
     Finite,
@@ -20,6 +20,7 @@ from firmware_model.config.fields import (
     strict_dataclass,
     tagged_dataclass,
 )
+from firmware_model.config.vehicle import MOST_ROTORS
 
 Time = Annotated[float, Field(ge=0.0, le=86_400.0)]
 
@@ -122,16 +123,50 @@ class ActuatorLimit(_Event):
 
 @tagged_dataclass("payload")
 class Payload(_Event):
-    """Load picked up or dropped at the centre of mass, which does not move. Loads of several events add up."""
+    """Load picked up or dropped at the centre of mass, which does not move. Loads of several events add up.
 
-    mass_kg: Finite
+    It is told as shares of what the vehicle has before the event, for any vehicle, or absolute, for one.
+    """
+
+    mass_kg: Finite = 0.0
     """[kg] gained, or lost if negative."""
-    inertia_kgm2: Vector
+    inertia_kgm2: Vector = (0.0, 0.0, 0.0)
     """[kg*m^2] B, principal moments of inertia gained, or lost if negative."""
+    mass_share: Finite = 0.0
+    """[-] of the mass gained, or lost if negative."""
+    inertia_share: Vector = (0.0, 0.0, 0.0)
+    """[-] B, of each principal moment of inertia gained, or lost if negative."""
+
+    @model_validator(mode="after")
+    def _check_load(self) -> Self:
+        if not any((self.mass_kg, *self.inertia_kgm2, self.mass_share, *self.inertia_share)):
+            raise ValueError("mass_kg or mass_share: nothing is gained or lost")
+        return self
+
+
+@tagged_dataclass("rotor_failure")
+class RotorFailure(_Event):
+    """Rotor that gives a share of its thrust and drag torque, at once and in free flight only.
+
+    On the test stand torques have actuators of their own: see `ActuatorEffect`.
+    """
+
+    rotor: Annotated[int, Field(ge=1, le=MOST_ROTORS)]
+    """Number of the rotor in the vehicle's file, from 1."""
+    share: Fraction = 0.0
+    """[-] of the thrust that it is to give: 1 is sound, 0 is dead."""
 
 
 PlantEvent = (
-    AttitudeReference | GyroBias | GyroNoise | GyroRange | ActuatorEffect | ActuatorLag | ActuatorLimit | Payload
+    AttitudeReference
+    | GyroBias
+    | GyroNoise
+    | GyroRange
+    | ActuatorEffect
+    | ActuatorLag
+    | ActuatorLimit
+    | Payload
+    | RotorFailure
 )
 ControllerEvent = ModeChange | ControllerHang | ControllerKill
 Event = Annotated[ControllerEvent | PlantEvent, Field(discriminator="kind")]

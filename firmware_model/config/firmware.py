@@ -18,12 +18,20 @@ _X_SPIN = (1, 1, -1, -1)
 
 def hover_fraction(vehicle: Vehicle) -> float:
     """Return the thrust of hover as a fraction of the largest."""
-    return vehicle.mass * GRAVITY / (4.0 * vehicle.rotors.thrust_max)
+    return vehicle.mass * GRAVITY / vehicle.rotors.total_thrust
 
 
 def px4_parameters(vehicle: Vehicle) -> Parameters:
-    """Return PX4's parameters for the geometry and the motors of a vehicle, whose thrust is linear in the command."""
+    """Return PX4's parameters for the geometry and the motors of a vehicle, whose thrust is linear in the command.
+
+    Raises
+    ------
+    ConfigError
+        If it has more than four rotors.
+    """
     rotors = vehicle.rotors
+    if rotors.count != 4:
+        raise ConfigError(f"vehicle '{vehicle.name}': PX4 flies four rotors here, not {rotors.count}")
     values = {"CA_AIRFRAME": "0", "CA_ROTOR_COUNT": "4", "THR_MDL_FAC": "0"}
     for i, ((x, y, z), spin) in enumerate(zip(rotors.position_B, rotors.spin, strict=True)):
         place = {"PX": x, "PY": y, "PZ": z, "KM": spin * rotors.drag_ratio}
@@ -38,7 +46,7 @@ def px4_full_torque(rotors: Rotors) -> Vector:
 
     Roll and pitch have one scale, the larger rms of their mixer columns times sqrt 2; yaw has the largest entry.
     """
-    columns = np.linalg.inv(rotors.wrench)[:, :3]
+    columns = rotors.allocation[:, :3]
     tilt = np.max(np.linalg.norm(columns[:, :2], axis=0)) / 2.0**0.5
     return _full_torque(rotors, columns / (tilt, tilt, np.max(columns[:, 2])))
 

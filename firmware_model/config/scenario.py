@@ -180,6 +180,8 @@ class Scenario:
             if later.at_s < earlier.at_s + earlier.over_s:
                 raise ValueError(f"event: a 'gyro_bias' at {later.at_s} s begins before the one before it ends")
         for item in self.event:
+            if isinstance(item, events.RotorFailure) and not self.free:
+                raise ValueError("event: 'rotor_failure' needs translation = 'free'; the stand has 'actuator_effect'")
             if isinstance(item, events.ActuatorLag) and item.lag_s * self.physics_rate_hz < 1.0:
                 raise ValueError("event: lag_s of 'actuator_lag' must be at least a step, 1 / physics_rate_hz")
         return self

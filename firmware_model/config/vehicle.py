@@ -19,6 +19,8 @@ GRAVITY = 9.80665
 """[m/s^2] standard gravity (3rd CGPM, 1901), down."""
 VEHICLES = Path(__file__).parent / "data" / "vehicles"
 
+MOST_ROTORS = 16
+"""Outputs of a SERVO_OUTPUT_RAW message."""
 Spin = Literal[1, -1]
 
 
@@ -89,30 +91,48 @@ class Stabilizer:
 
 @strict_dataclass
 class Rotors:
-    """Four rotors, in PX4's order for a quadrotor X: front right, rear left, front left, rear right."""
+    """Rotors, four or more; four in PX4's order for a quadrotor X: front right, rear left, front left, rear right."""
 
-    position_B: tuple[Vector, Vector, Vector, Vector]
-    """[m] B, hubs from the centre of mass."""
-    spin: tuple[Spin, Spin, Spin, Spin]
-    """[-] 1 counter-clockwise seen from above (drag turns the nose right), -1 clockwise."""
+    position_B: Annotated[tuple[Vector, ...], Field(min_length=4, max_length=MOST_ROTORS)]
+    """[m] B, (n, 3) hubs from the centre of mass."""
+    spin: tuple[Spin, ...]
+    """[-] (n,) 1 counter-clockwise seen from above (drag turns the nose right), -1 clockwise."""
     thrust_max: Positive
-    """[N] largest thrust of one rotor; a thrust command of 1.0 means four times that."""
+    """[N] largest thrust of one rotor; a thrust command of 1.0 means that of all rotors."""
     drag_ratio: Positive
     """[m] drag torque per thrust."""
 
     @property
+    def count(self) -> int:
+        """Number of rotors n."""
+        return len(self.position_B)
+
+    @property
+    def total_thrust(self) -> float:
+        """[N] largest thrust of all rotors."""
+        return self.count * self.thrust_max
+
+    @property
     def height(self) -> float:
-        """[m] of the rotor plane above the centre of mass."""
-        return -sum(z for _, _, z in self.position_B) / 4.0
+        """[m] of the rotors above the centre of mass, on average."""
+        return -sum(z for _, _, z in self.position_B) / self.count
 
     @property
     def wrench(self) -> NDArray[np.float64]:
-        """(4, 4) roll, pitch, yaw torque [N*m] and thrust [N] per thrust [N] of each rotor."""
+        """(4, n) roll, pitch, yaw torque [N*m] and thrust [N] per thrust [N] of each rotor."""
         x, y, _ = np.array(self.position_B).T
-        return np.array([-y, x, self.drag_ratio * np.array(self.spin), np.ones(4)])
+        return np.array([-y, x, self.drag_ratio * np.array(self.spin), np.ones(self.count)])
+
+    @property
+    def allocation(self) -> NDArray[np.float64]:
+        """(n, 4) thrust [N] of each rotor per torque [N*m] and thrust [N]; of least sum of squares, if n > 4."""
+        inverse = np.linalg.inv if self.count == 4 else np.linalg.pinv
+        return np.asarray(inverse(self.wrench), dtype=np.float64)
 
     @model_validator(mode="after")
     def _check_authority(self) -> Self:
+        if len(self.spin) != self.count:
+            raise ValueError(f"spin: {len(self.spin)} of them, for {self.count} rotors in position_B")
         if error := _find_rotor_error(self):
             raise ValueError(error)
         return self
@@ -122,7 +142,7 @@ class Rotors:
 def _find_rotor_error(rotors: Rotors) -> str:
     if np.linalg.cond(rotors.wrench) > 1e6:
         return "position_B and spin don't give each torque by itself"
-    if np.min(np.linalg.inv(rotors.wrench)[:, 3]) <= 0.0:
+    if np.min(rotors.allocation[:, 3]) <= 0.0:
         return "position_B: the centre of mass is not between the rotors"
     return ""
 
@@ -167,6 +187,35 @@ class PositionLoop:
     """[m/s] fastest descent."""
     tilt_max: Annotated[float, Field(gt=0.0, lt=1.2)]
     """[rad] largest commanded tilt."""
+
+
+@strict_dataclass
+class Battery:
+    """Battery of cells in series, used in free flight; it is full at the start."""
+
+    cells: Annotated[int, Field(ge=1, le=14)]
+    """Cells in series; BATTERY_STATUS tells up to 14."""
+    capacity_ah: Positive
+    """[A*h] charge from full to empty."""
+    resistance_ohm: NonNegative
+    """[ohm] of all cells and wires."""
+    hover_current_a: Positive
+    """[A] of all rotors in hover."""
+    voltage_full: Annotated[float, Field(gt=0.0, le=4.6)] = 4.2
+    """[V] of a full cell without current, at which the rotors give `thrust_max`; of lithium polymer by default."""
+    voltage_empty: Positive = 3.6
+    """[V] of an empty cell without current; by default PX4's BAT1_V_EMPTY."""
+
+    @property
+    def hover_sag(self) -> float:
+        """[-] thrust that a command gives in hover, full, of that at `voltage_full`: see `physics.battery`."""
+        return max(1.0 - self.resistance_ohm * self.hover_current_a / (self.cells * self.voltage_full), 0.0) ** 2
+
+    @model_validator(mode="after")
+    def _check_voltage(self) -> Self:
+        if self.voltage_empty >= self.voltage_full:
+            raise ValueError("voltage_empty must be lower than voltage_full")
+        return self
 
 
 @strict_dataclass
@@ -216,6 +265,8 @@ class Vehicle:
     """On-board loops of height and position."""
     accelerometer: Accelerometer = field(default_factory=Accelerometer)
     """Accelerometer."""
+    battery: Battery | None = None
+    """Battery; by default the voltage never falls."""
     rate_damping: NonNegative | None = None
     """[1/s] damping moment per rate, divided by the inertia, about every axis; by default that of the rotors' drag."""
     description: str = field(default="")
@@ -230,7 +281,7 @@ class Vehicle:
     def rate_damping_B(self) -> Vector:
         """[1/s] B, damping moment per rate relative to the air, divided by the inertia.
 
-        Without `rate_damping` it is that of the rotors in hover, each with a quarter of the drag. Roll moves a rotor at
+        Without `rate_damping` it is that of the rotors in hover, each with its part of the drag. Roll moves a rotor at
         (x, y) along its axis by y p, pitch by -x q. Yaw moves it in its plane by r sqrt(x^2 + y^2). Products of x and y
         cancel in a symmetric layout; the height of the rotor plane is left out.
         """
@@ -245,8 +296,10 @@ class Vehicle:
     def _check_thrust(self) -> Self:
         if self.rotors.height <= 0.0:
             raise ValueError("rotors.position_B: the rotors must be above the centre of mass, z < 0 on average")
-        if 4.0 * self.rotors.thrust_max <= 1.2 * GRAVITY * self.mass:
-            raise ValueError("rotors.thrust_max: four rotors must lift 1.2 times the weight")
+        if self.rotors.total_thrust <= 1.2 * GRAVITY * self.mass:
+            raise ValueError("rotors.thrust_max: all rotors must lift 1.2 times the weight")
+        if self.battery and self.battery.hover_sag * self.rotors.total_thrust <= GRAVITY * self.mass:
+            raise ValueError("battery: at its voltage under hover_current_a the rotors must lift the weight")
         return self
 
 
@@ -308,6 +361,6 @@ def list_vehicles() -> tuple[str, ...]:
     --------
     >>> from gustproof import list_vehicles
     >>> list_vehicles()
-    ('iris', 'paper')
+    ('iris', 'octo', 'paper')
     """
     return list_shipped(VEHICLES)

@@ -1,7 +1,7 @@
 """Parameter files of autopilots: sets that users keep, and those shipped here."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from firmware_model.config.files import read_text, shipped_path
@@ -11,7 +11,11 @@ from firmware_model.errors import ConfigError
 DATA = Path(__file__).parent / "data"
 """Folder of the shipped sets, one below for each autopilot."""
 _NAME, _NUMBER = re.compile(r"[A-Z][A-Z0-9_]{0,15}"), re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-_SUFFIXES = (".params", ".param", ".parm")
+SUFFIXES = (".params", ".param", ".parm")
+"""Ends of the names of parameter files."""
+GROUND_STATION_FORMS = {"px4": "1\t1\t{name}\t{value}\t{type}", "ardupilot": "{name},{value}"}
+"""Lines of files that QGroundControl and Mission Planner load, by autopilot."""
+_WHOLE = ("CA_AIRFRAME", "CA_ROTOR_COUNT")  # of those written with a type
 
 
 def read_parameters(name_or_path: str, autopilot: str) -> dict[str, str]:
@@ -26,7 +30,7 @@ def read_parameters(name_or_path: str, autopilot: str) -> dict[str, str]:
         If there is no such file or set, or a line holds no parameter.
     """
     path = Path(name_or_path)
-    if path.suffix not in _SUFFIXES:
+    if path.suffix not in SUFFIXES:
         path = shipped_path("parameter set", name_or_path, DATA / autopilot, ".params")
     try:
         text = read_text(path)
@@ -51,7 +55,11 @@ def _split(line: str) -> list[str]:
     return [word for word in words if word]
 
 
-def write_parameters(values: Mapping[str, str], path: Path, form: str) -> None:
-    """Write parameters, one line each in the `form` of an autopilot, such as `{name} {value}`."""
-    lines = (form.format(name=name, value=value) for name, value in values.items())
+def write_parameters(values: Mapping[str, str], path: Path, form: str, head: Sequence[str] = ()) -> None:
+    """Write parameters, one line each in the `form` of an autopilot, such as `{name} {value}`, below comments.
+
+    A `{type}` in the form is that of MAV_PARAM_TYPE: 6 for whole numbers, 9 for others.
+    """
+    lines = [f"# {line}" for line in head]
+    lines += [form.format(name=name, value=values[name], type=6 if name in _WHOLE else 9) for name in values]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

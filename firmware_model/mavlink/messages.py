@@ -37,6 +37,13 @@ _ACCELERATION_AND_GYRO = 0x7 | _GYRO
 _IMU_REST = struct.pack("<7fB", *[0.0] * 7, _ACCELERATION_AND_GYRO)
 _IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_YAW_RATE = 1, 2, 4  # ATTITUDE_TARGET_TYPEMASK
 _THRUST_BODY_SET, _IGNORE_THROTTLE, _IGNORE_ATTITUDE = 32, 64, 128
+_TYPES = {
+    4: wire.MAV_TYPE_QUADROTOR,
+    6: wire.MAV_TYPE_HEXAROTOR,
+    8: wire.MAV_TYPE_OCTOROTOR,
+    10: wire.MAV_TYPE_DECAROTOR,
+    12: wire.MAV_TYPE_DODECAROTOR,
+}
 _UNIT_TOLERANCE = 1e-3  # [-] on a quaternion's length: far above float32 rounding, far below a mistake
 
 
@@ -191,13 +198,16 @@ def stamp_difference(command: Command, time_us: int) -> int:
     return command.time_us - time_us
 
 
-def heartbeat_message(custom_mode: int, armed: bool, *, critical: bool, generic: bool = False) -> Message:
-    """Return the HEARTBEAT of a quadrotor with PX4, or with a `generic` autopilot."""
+def heartbeat_message(
+    custom_mode: int, armed: bool, *, critical: bool, generic: bool = False, rotors: int = 4
+) -> Message:
+    """Return the HEARTBEAT of a vehicle with `rotors` and PX4, or a `generic` autopilot."""
+    kind = _TYPES.get(rotors, wire.MAV_TYPE_GENERIC_MULTIROTOR)
     base_mode = wire.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (wire.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
     flying = wire.MAV_STATE_CRITICAL if critical else wire.MAV_STATE_ACTIVE
     state = flying if armed else wire.MAV_STATE_STANDBY
     autopilot = wire.MAV_AUTOPILOT_GENERIC if generic else wire.MAV_AUTOPILOT_PX4
-    return wire.MAVLink_heartbeat_message(wire.MAV_TYPE_QUADROTOR, autopilot, base_mode, custom_mode, state, 3)
+    return wire.MAVLink_heartbeat_message(kind, autopilot, base_mode, custom_mode, state, 3)
 
 
 def parse_parameter(message: Message, *, bytewise: bool = True) -> float:

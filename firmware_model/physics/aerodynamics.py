@@ -14,6 +14,7 @@ from firmware_model.physics import rigid_body
 from firmware_model.physics.dryden import gust_moment
 from firmware_model.physics.ground import GroundParams, can_touch_ground, ground_wrench, is_at_rest
 from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, at_rest
+from firmware_model.physics.rotors import LossParams, given_by_rotors, lost_wrench
 from firmware_model.types import Vector
 
 AIR_DENSITY = 1.225
@@ -49,6 +50,8 @@ class FreeParams(NamedTuple):
     """Drag, its units beside each number."""
     ground: GroundParams
     """Feet, their units beside each number."""
+    loss: LossParams = LossParams()
+    """Failed rotors, units beside each number."""
 
 
 class FreeInputs(NamedTuple):
@@ -60,6 +63,8 @@ class FreeInputs(NamedTuple):
     """Gust and wind, units beside each number."""
     near_ground: bool
     """True if the ground may be near; otherwise contact is skipped."""
+    failed: bool = False
+    """True if a rotor may have failed; otherwise all are sound."""
 
 
 def air_params(vehicle: Vehicle) -> AirParams:
@@ -102,19 +107,29 @@ def _add(a: Vector, b: Vector) -> Vector:
 def sum_inputs(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[BodyInputs, bool, float]:
     """Return the inputs with all forces and moments but gravity, whether the vehicle rests, and the ground's load [N].
 
-    At rest the ground's force balances all others; the springs' force among those returned is then not the real one.
+    Among them is what failed rotors don't give, as an opposite force and moment. At rest the ground's force balances
+    all others; the springs' force among those returned is then not the real one.
     """
-    outside = inputs.body
-    force, moment = air_wrench(params.air, body, inputs.air)
+    outside, given = inputs.body, _given(params, body, inputs)
+    force, moment = air_wrench(params.air, given, inputs.air)
     moment = _add(moment, outside.moment_B)
     ground_force, ground_moment, load, resting = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, False
     if inputs.near_ground:
         ground_force, ground_moment, load = ground_wrench(params.ground, body)
-        push = (force[0], force[1], force[2] - body.thrust)
-        resting = (load > 0.0) & is_at_rest(params.ground, body, push, _add(moment, body.torque_B))
+        push = (force[0], force[1], force[2] - given.thrust)
+        resting = (load > 0.0) & is_at_rest(params.ground, body, push, _add(moment, given.torque_B))
     moment, force = _add(moment, ground_moment), _add(force, ground_force)
+    if inputs.failed and params.loss.failed != 0.0:
+        (L, M, N), lift = lost_wrench(params.loss, body)
+        moment, force = (moment[0] - L, moment[1] - M, moment[2] - N), (force[0], force[1], force[2] + lift)
     forces = BodyInputs(outside.torque_command_B, moment, outside.gust_omega_B, force, outside.thrust_command)
     return forces, resting, load
+
+
+@kernel
+def _given(params: FreeParams, body: Body, inputs: FreeInputs) -> Body:
+    """Return the state with the torques and the thrust that its rotors give."""
+    return given_by_rotors(params.loss, body) if inputs.failed else body
 
 
 @kernel
@@ -128,7 +143,8 @@ _integrate = rigid_body.runge_kutta(_derivative)
 @kernel
 def step(params: FreeParams, body: Body, inputs: FreeInputs, dt: float) -> Body:
     """Return the state after `dt` [s]: a Runge-Kutta step; at rest only the actuators move."""
-    inputs = FreeInputs(inputs.body, inputs.air, inputs.near_ground and can_touch_ground(params.ground, body, dt))
+    near_ground = inputs.near_ground and can_touch_ground(params.ground, body, dt)
+    inputs = FreeInputs(inputs.body, inputs.air, near_ground, inputs.failed)
     next_body = _integrate(params, body, inputs, dt)
     return at_rest(body, next_body) if sum_inputs(params, body, inputs)[1] else next_body
 
@@ -139,9 +155,10 @@ def sensor_wrench(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[V
 
     Specific force is acceleration less gravity, the reading of an accelerometer at the centre of mass.
     """
-    inputs = FreeInputs(inputs.body, inputs.air, inputs.near_ground and can_touch_ground(params.ground, body, 0.0))
+    near_ground = inputs.near_ground and can_touch_ground(params.ground, body, 0.0)
+    inputs = FreeInputs(inputs.body, inputs.air, near_ground, inputs.failed)
     forces, resting, load = sum_inputs(params, body, inputs)
-    moment = air_wrench(params.air, body, inputs.air)[1]
+    moment = air_wrench(params.air, _given(params, body, inputs), inputs.air)[1]
     if resting:
         up = rotate(conjugate(body.q_NB), (0.0, 0.0, -GRAVITY))
         return up, moment, load

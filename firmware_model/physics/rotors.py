@@ -1,102 +1,205 @@
-"""Allocate torques and thrust to four rotors, within their limits.
+"""Allocate torques and thrust to rotors, within their limits, and let rotors fail.
 
 Rotor i at `position_B` gives the thrust T_i within 0..`thrust_max` along -z of B, and the drag torque
 `spin * drag_ratio * T_i` about z:
 
     roll = -sum y_i T_i    pitch = sum x_i T_i    yaw = drag_ratio sum spin_i T_i    thrust = sum T_i
 
-The inverse is exact. A rotor that turns counter-clockwise, seen from above, turns the nose to the right: spin 1.
+For four rotors the inverse is exact, for more it has the least sum of squares. A rotor that turns counter-clockwise,
+seen from above, turns the nose to the right: spin 1.
 """
 
+import math
+from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from firmware_model.config.vehicle import Rotors, Vehicle
+from firmware_model.config.vehicle import Rotors
 from firmware_model.numerics.compiled import kernel
+from firmware_model.numerics.soa import Lane, loader, put
+from firmware_model.physics.rigid_body import Body
 from firmware_model.types import Vector
 
 Float4 = tuple[float, float, float, float]
 
 
 class RotorParams(NamedTuple):
-    """Each rotor's share of a wrench, and its limit.
+    """One rotor's share of a wrench, and its limit.
 
-    A rotor gives its `share` of the thrust. A torque acts on it like `roll` (`pitch`, `yaw`) times that in thrust.
+    It gives its `share` of the thrust. A torque acts on it like `roll` (`pitch`, `yaw`) times that in thrust.
     """
 
-    thrust_max: float
-    """[N] of one rotor."""
-    share: Float4
+    share: float
     """[-] of the thrust."""
-    reach: Float4
+    reach: float
     """[N] collective thrust that takes the rotor to its limit without torques."""
-    roll: Float4
+    roll: float
     """[1/m] thrust per torque."""
-    pitch: Float4
+    pitch: float
     """[1/m] thrust per torque."""
-    yaw: Float4
+    yaw: float
     """[1/m] thrust per torque."""
+    health: float
+    """[-] thrust that it gives, of what it is to give: 1 is sound, 0 is dead."""
 
 
-def rotor_params(vehicle: Vehicle) -> RotorParams:
-    """Return the shares of a vehicle's rotors."""
-    return _rotor_params(vehicle.rotors)
+class LossParams(NamedTuple):
+    """Wrench that failed rotors don't give, per wrench of sound ones; torques [N*m], thrust [N]."""
+
+    failed: float = 0.0
+    """[-] 1 if any rotor has failed, else 0."""
+    roll: Float4 = (0.0, 0.0, 0.0, 0.0)
+    """[N*m] per roll, pitch, yaw, thrust."""
+    pitch: Float4 = (0.0, 0.0, 0.0, 0.0)
+    """[N*m] per roll, pitch, yaw, thrust."""
+    yaw: Float4 = (0.0, 0.0, 0.0, 0.0)
+    """[N*m] per roll, pitch, yaw, thrust."""
+    thrust: Float4 = (0.0, 0.0, 0.0, 0.0)
+    """[N] per roll, pitch, yaw, thrust."""
+
+
+ROTOR_ROWS = len(RotorParams._fields)
+"""Numbers of a rotor in the packed constants."""
+_load_rotor = loader(RotorParams)
 
 
 @lru_cache(maxsize=64)
-def _rotor_params(rotors: Rotors) -> RotorParams:
-    inverse = np.linalg.inv(rotors.wrench)
+def rotor_params(rotors: Rotors) -> tuple[RotorParams, ...]:
+    """Return the shares of each rotor, all sound."""
+    inverse = rotors.allocation
     share = inverse[:, 3]
-    rows = (share, rotors.thrust_max / share, *(inverse[:, :3].T / share))
-    return RotorParams(rotors.thrust_max, *(tuple(row.tolist()) for row in rows))
+    rows = (share, rotors.thrust_max / share, *(inverse[:, :3].T / share), np.ones(rotors.count))
+    return tuple(RotorParams(*row) for row in np.array(rows).T.tolist())
+
+
+def loss_params(rotors: Rotors, health: tuple[float, ...]) -> LossParams:
+    """Return what is lost if each rotor gives its `health` [-], 0 to 1, of its thrust."""
+    if all(share == 1.0 for share in health):
+        return LossParams()
+    lost = rotors.wrench * (1.0 - np.array(health)) @ rotors.allocation
+    return LossParams(1.0, *(tuple(row) for row in lost.tolist()))
+
+
+def can_hover(rotors: Rotors, health: tuple[float, ...], weight: float) -> bool:
+    """Return whether the allocation can carry a weight [N] level and still, with each rotor within its limits.
+
+    It knows of no failure: rotors of `health` [-] 0 to 1 are told to give all. A rotor at a limit can only move away
+    from it, which is no control.
+    """
+    given = rotors.wrench * np.array(health) @ rotors.allocation
+    if np.linalg.cond(given) > 1e9:
+        return False
+    thrusts = rotors.allocation @ np.linalg.solve(given, (0.0, 0.0, 0.0, weight))
+    return bool(thrusts.min() > 1e-6 * weight and thrusts.max() < rotors.thrust_max)
 
 
 @kernel
-def allocate(params: RotorParams, torque_B: Vector, thrust: float) -> tuple[Vector, float]:
-    """Return the torques [N*m] B and the thrust [N] that the rotors can give of a demand.
+def _tilt(rotor: RotorParams, L: float, M: float) -> float:
+    return rotor.roll * L + rotor.pitch * M
+
+
+def _make_allocation(constant: int = 0) -> Callable[[Lane, int, int, Vector, float], tuple[Vector, float]]:
+    """Return the kernel of `allocate`, for a `constant` number of rotors if not 0: loops over it become SIMD."""
+
+    @kernel
+    def allocate(params: Lane, row: int, count: int, torque_B: Vector, thrust: float) -> tuple[Vector, float]:
+        count = constant or count
+        L, M, N = torque_B
+        first = _load_rotor(params, row)
+        # In collective thrust: rotor i stops at -scale * tilt[i], and is at its limit reach[i] above that.
+        least = _tilt(first, L, M)
+        for i in range(1, count):
+            least = min(least, _tilt(_load_rotor(params, row + i * ROTOR_ROWS), L, M))
+        scale = 1.0
+        for i in range(count):
+            rotor = _load_rotor(params, row + i * ROTOR_ROWS)
+            over = _tilt(rotor, L, M) - least
+            if scale * over > rotor.reach:
+                scale = rotor.reach / over
+        high = first.reach - scale * _tilt(first, L, M)
+        for i in range(1, count):
+            rotor = _load_rotor(params, row + i * ROTOR_ROWS)
+            high = min(high, rotor.reach - scale * _tilt(rotor, L, M))
+        collective = max(min(thrust, high), -scale * least)
+        yaw = 1.0
+        for i in range(count):
+            rotor = _load_rotor(params, row + i * ROTOR_ROWS)
+            used, yaw_share = scale * _tilt(rotor, L, M) + collective, rotor.yaw * N
+            room = rotor.reach - used if yaw_share > 0.0 else used
+            if yaw * abs(yaw_share) > room:
+                yaw = max(room, 0.0) / abs(yaw_share)
+        return (scale * L, scale * M, yaw * N), collective
+
+    return allocate
+
+
+_allocate_four, _allocate_any = _make_allocation(4), _make_allocation()
+
+
+@kernel
+def allocate(params: Lane, row: int, count: int, torque_B: Vector, thrust: float) -> tuple[Vector, float]:
+    """Return the torques [N*m] B and the thrust [N] that `count` rotors, packed from `row` on, can give of a demand.
 
     No rotor leaves 0..`thrust_max`. Where the demand is too much, roll and pitch come first, both scaled by one factor
     if they alone exceed the limits. The thrust then moves to the nearest value that leaves room for them, and yaw gets
-    the rest. Each stage ignores the later ones, as in PX4: a yaw that would make room for tilt is not counted on.
+    the rest. Each stage ignores the later ones, as in PX4: a yaw that would make room for tilt is not counted on. Nor
+    are combinations of more than four rotors that give no wrench.
     """
-    L, M, N = torque_B
-    roll, pitch, reach = params.roll, params.pitch, params.reach
-    tilt = (
-        roll[0] * L + pitch[0] * M,
-        roll[1] * L + pitch[1] * M,
-        roll[2] * L + pitch[2] * M,
-        roll[3] * L + pitch[3] * M,
-    )
-    yaw_share = (params.yaw[0] * N, params.yaw[1] * N, params.yaw[2] * N, params.yaw[3] * N)
-    # In collective thrust: rotor i stops at -scale * tilt[i], and is at its limit reach[i] above that.
-    least = min(min(tilt[0], tilt[1]), min(tilt[2], tilt[3]))
-    scale = 1.0
-    for i in range(4):
-        if scale * (tilt[i] - least) > reach[i]:
-            scale = reach[i] / (tilt[i] - least)
-    high = reach[0] - scale * tilt[0]
-    for i in range(1, 4):
-        high = min(high, reach[i] - scale * tilt[i])
-    collective = max(min(thrust, high), -scale * least)
-    yaw = 1.0
-    for i in range(4):
-        used = scale * tilt[i] + collective
-        room = reach[i] - used if yaw_share[i] > 0.0 else used
-        if yaw * abs(yaw_share[i]) > room:
-            yaw = max(room, 0.0) / abs(yaw_share[i])
-    return (scale * L, scale * M, yaw * N), collective
+    if count == 4:
+        return _allocate_four(params, row, count, torque_B, thrust)
+    return _allocate_any(params, row, count, torque_B, thrust)
 
 
 @kernel
-def rotor_thrusts(params: RotorParams, torque_B: Vector, thrust: float) -> Float4:
-    """Return the thrust [N] of each rotor for torques [N*m] B and a thrust [N]."""
-    (L, M, N), share = torque_B, params.share
-    roll, pitch, yaw = params.roll, params.pitch, params.yaw
-    return (
-        share[0] * (roll[0] * L + pitch[0] * M + yaw[0] * N + thrust),
-        share[1] * (roll[1] * L + pitch[1] * M + yaw[1] * N + thrust),
-        share[2] * (roll[2] * L + pitch[2] * M + yaw[2] * N + thrust),
-        share[3] * (roll[3] * L + pitch[3] * M + yaw[3] * N + thrust),
-    )
+def _rotor_thrust(rotor: RotorParams, torque_B: Vector, thrust: float) -> float:
+    L, M, N = torque_B
+    return rotor.health * (rotor.share * (rotor.roll * L + rotor.pitch * M + rotor.yaw * N + thrust))
+
+
+@kernel
+def put_rotor_thrusts(
+    params: Lane, row: int, count: int, torque_B: Vector, thrust: float, record: Lane, at: int
+) -> None:
+    """Write to `record`, from `at` on, the thrust [N] of each rotor; the wrench [N*m] B, [N] is of sound ones."""
+    if count == 4:
+        for i in range(4):
+            put(record, at + i, _rotor_thrust(_load_rotor(params, row + i * ROTOR_ROWS), torque_B, thrust))
+    else:
+        for i in range(count):
+            put(record, at + i, _rotor_thrust(_load_rotor(params, row + i * ROTOR_ROWS), torque_B, thrust))
+
+
+@kernel
+def sum_lift(params: Lane, row: int, count: int, torque_B: Vector, thrust: float) -> float:
+    """Return the sum [N^1.5] of each rotor's thrust to the power 1.5; the wrench [N*m] B, [N] is of sound ones."""
+    total = 0.0
+    for i in range(count):
+        given = max(_rotor_thrust(_load_rotor(params, row + i * ROTOR_ROWS), torque_B, thrust), 0.0)
+        total += given * math.sqrt(given)
+    return total
+
+
+@kernel
+def _dot(row: Float4, torque_B: Vector, thrust: float) -> float:
+    return row[0] * torque_B[0] + row[1] * torque_B[1] + row[2] * torque_B[2] + row[3] * thrust
+
+
+@kernel
+def lost_wrench(params: LossParams, body: Body) -> tuple[Vector, float]:
+    """Return torques [N*m] B and thrust [N] that failed rotors don't give, of the state's, which are of sound ones."""
+    if params.failed == 0.0:
+        return (0.0, 0.0, 0.0), 0.0
+    torque, thrust = body.torque_B, body.thrust
+    lost = (_dot(params.roll, torque, thrust), _dot(params.pitch, torque, thrust), _dot(params.yaw, torque, thrust))
+    return lost, _dot(params.thrust, torque, thrust)
+
+
+@kernel
+def given_by_rotors(params: LossParams, body: Body) -> Body:
+    """Return the state with torques and thrust as the rotors, sound or failed, give them."""
+    (L, M, N), lift = lost_wrench(params, body)
+    roll, pitch, yaw = body.torque_B
+    torque_B = (roll - L, pitch - M, yaw - N)
+    return Body(body.position_N, body.velocity_N, body.q_NB, body.omega_B, torque_B, body.thrust - lift)

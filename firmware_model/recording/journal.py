@@ -1,13 +1,14 @@
 """Journal of a flight: one record of fixed size per sample, appended in flight. All recordings are made from it.
 
 The file starts with one line of JSON: scenario, vehicle and seed by name, and the metadata to make a recording or to
-repeat the flight. Records of little-endian float64 follow. A flight that is cut off leaves a journal that is intact up
-to its last record.
+repeat the flight. Records of little-endian float64 follow; `rotors` in the header says how many thrusts they hold, if
+not four. A flight that is cut off leaves a journal that is intact up to its last record.
 """
 
 import json
 import os
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.files import TEXT, open_regular, parse_json
+from firmware_model.config.vehicle import MOST_ROTORS
 from firmware_model.errors import ConfigError
 from firmware_model.recording.durable_file import AppendOnlyFile
 
@@ -42,7 +44,9 @@ RECORD = np.dtype(
         ("mode", "<f8"),  # autopilot mode, firmware_model.autopilot.modes.Mode
     ]
 )
+"""Record of a vehicle with four rotors."""
 WIDTH = RECORD.itemsize // 8
+"""Count of its numbers."""
 _BLOCK = 1 << 16  # records per read
 
 # Offset of each field, in numbers.
@@ -55,11 +59,29 @@ GUST, GUST_OMEGA, MOMENT, WIND = _OFFSETS["gust_B"], _OFFSETS["gust_omega_B"], _
 THRUST_COMMAND, THRUST, ROTORS = _OFFSETS["thrust_z_command"], _OFFSETS["thrust_z"], _OFFSETS["rotors"]
 
 
+@cache
+def record_type(rotors: int) -> np.dtype[np.void]:
+    """Return the record of a vehicle with `rotors`: `RECORD`, or for other than four with their thrusts at its end.
+
+    All other fields stay where they are; the place of the four thrusts is `unused`, NaN.
+    """
+    if rotors == 4:
+        return RECORD
+    fields = [("unused" if name == "rotors" else name, *rest) for name, *rest in RECORD.descr]
+    return np.dtype([*fields, ("rotors", "<f8", rotors)])
+
+
+def as_records(rows: NDArray[np.float64]) -> NDArray[np.void]:
+    """Return rows (n, numbers) of records as such: (n,) of the `record_type` of that width."""
+    rotors = 4 if rows.shape[1] == WIDTH else rows.shape[1] - WIDTH
+    return rows.view(record_type(rotors))[:, 0]
+
+
 class JournalWriter:
     """Writer of a new journal file; as a context manager it leaves the file complete.
 
-    A crash of the process can lose `buffer_records`: by default a second at 250 Hz. A `record` other than `RECORD` is
-    of float64 too.
+    A crash of the process can lose `buffer_records`: by default a second at 250 Hz. A `record` is of float64; that of
+    a vehicle is told in the header.
 
     Raises
     ------
@@ -73,6 +95,8 @@ class JournalWriter:
         self, path: Path, header: Mapping[str, Any], buffer_records: int = 250, record: np.dtype[np.void] = RECORD
     ) -> None:
         self._file = AppendOnlyFile(path)
+        if record != RECORD and "rotors" in (record.names or ()):
+            header = {"rotors": record["rotors"].shape[0], **header}
         self._file.write(json.dumps(header, separators=(",", ":")).encode() + b"\n")
         self._block = np.empty((buffer_records, record.itemsize // 8))
         self._used = 0
@@ -102,7 +126,7 @@ class JournalWriter:
 
 
 def read_journal(path: Path, *, sound: bool = False) -> tuple[dict[str, Any], NDArray[np.void]]:
-    """Return a journal's header and its complete records, (n,) of `RECORD`, without a cut-off last one.
+    """Return a journal's header and its complete records, (n,) of its `record_type`, without a cut-off last one.
 
     If `sound`, the records end where time no longer increases: a lost disk cache leaves zeros.
 
@@ -111,11 +135,12 @@ def read_journal(path: Path, *, sound: bool = False) -> tuple[dict[str, Any], ND
     ConfigError
         If the file can't be read or is not a journal.
     """
-    header, blocks = None, list[NDArray[np.void]]()
+    header, record, blocks = None, RECORD, list[NDArray[np.void]]()
     try:
         with open_regular(path) as file:
             header = parse_json(file.readline(TEXT))
-            while len(block := _read_block(file)):
+            record = told_type(header)
+            while len(block := _read_block(file, record)):
                 blocks.append(block)
                 if sound and (cut := _end_of_time(blocks)) is not None:
                     blocks[-1] = block[:cut]
@@ -126,12 +151,26 @@ def read_journal(path: Path, *, sound: bool = False) -> tuple[dict[str, Any], ND
         header = None
     if not isinstance(header, dict):
         raise ConfigError(f"{path}: not a journal")
-    return header, np.concatenate(blocks) if blocks else np.empty(0, dtype=RECORD)
+    return header, np.concatenate(blocks) if blocks else np.empty(0, dtype=record)
 
 
-def _read_block(file: IO[bytes]) -> NDArray[np.void]:
-    content = file.read(_BLOCK * RECORD.itemsize)
-    return np.frombuffer(content, dtype=RECORD, count=len(content) // RECORD.itemsize)
+def told_type(header: Any) -> np.dtype[np.void]:
+    """Return the record that a journal's header tells.
+
+    Raises
+    ------
+    ValueError
+        If no vehicle has as many rotors.
+    """
+    rotors = header.get("rotors", 4) if isinstance(header, dict) else 4
+    if not (isinstance(rotors, int) and 4 <= rotors <= MOST_ROTORS):
+        raise ValueError(f"rotors is {rotors}, must be a number from 4 to {MOST_ROTORS}")
+    return record_type(rotors)
+
+
+def _read_block(file: IO[bytes], record: np.dtype[np.void]) -> NDArray[np.void]:
+    content = file.read(_BLOCK * record.itemsize)
+    return np.frombuffer(content, dtype=record, count=len(content) // record.itemsize)
 
 
 def _end_of_time(blocks: Sequence[NDArray[np.void]]) -> int | None:
@@ -141,12 +180,12 @@ def _end_of_time(blocks: Sequence[NDArray[np.void]]) -> int | None:
     return int(breaks[0]) if len(breaks) else None
 
 
-def count_records(path: Path) -> int:
-    """Return the number of complete records in a journal that may still grow or not exist yet."""
+def count_records(path: Path, rotors: int = 4) -> int:
+    """Return the number of complete records of a vehicle with `rotors` in a journal that may grow or not exist yet."""
     try:
         with path.open("rb") as file:
             header = file.readline()
             size = os.fstat(file.fileno()).st_size
     except FileNotFoundError:
         return 0
-    return (size - len(header)) // RECORD.itemsize if header.endswith(b"\n") else 0
+    return (size - len(header)) // record_type(rotors).itemsize if header.endswith(b"\n") else 0

@@ -32,11 +32,16 @@ class Plant(NamedTuple):
     """[-] factor on the gyro's noise."""
     actuators: ActuatorParams
     """Effectiveness and limits, units beside each number."""
+    health: tuple[float, ...]
+    """[-] (n,) thrust of each rotor, of what it is to give."""
 
 
 def initial_plant(vehicle: Vehicle, scenario: Scenario) -> Plant:
     """Return the plant before any event."""
-    return Plant(vehicle, scenario.gyro.bias_rad_s, _NO_DRIFT, 0.0, float(scenario.gyro.noise), ActuatorParams())
+    health = (1.0,) * vehicle.rotors.count
+    return Plant(
+        vehicle, scenario.gyro.bias_rad_s, _NO_DRIFT, 0.0, float(scenario.gyro.noise), ActuatorParams(), health
+    )
 
 
 def fault_schedule(vehicle: Vehicle, scenario: Scenario) -> Iterator[tuple[int, Plant]]:
@@ -45,7 +50,7 @@ def fault_schedule(vehicle: Vehicle, scenario: Scenario) -> Iterator[tuple[int, 
     Raises
     ------
     ConfigError
-        If a payload makes the vehicle invalid.
+        If a payload makes the vehicle invalid, or it has no such rotor.
     """
     plant = initial_plant(vehicle, scenario)
     changes: list[tuple[float, events.PlantEvent, bool]] = [
@@ -87,14 +92,26 @@ def _apply_event(plant: Plant, event: events.PlantEvent) -> Plant:
             return plant._replace(actuators=plant.actuators._replace(limit=event.torque_limit_nm))
         case events.Payload():
             return plant._replace(vehicle=_add_payload(vehicle, event))
+        case events.RotorFailure():
+            return plant._replace(health=_fail_rotor(plant, event))
     return plant
 
 
 def _add_payload(vehicle: Vehicle, event: events.Payload) -> Vehicle:
-    I_x, I_y, I_z = (a + b for a, b in zip(vehicle.inertia_B, event.inertia_kgm2, strict=True))
+    gains = zip(vehicle.inertia_B, event.inertia_share, event.inertia_kgm2, strict=True)
+    I_x, I_y, I_z = (before * (1.0 + share) + gain for before, share, gain in gains)
+    mass = vehicle.mass * (1.0 + event.mass_share) + event.mass_kg
     try:
-        return replace(vehicle, mass=vehicle.mass + event.mass_kg, inertia_B=(I_x, I_y, I_z))
+        return replace(vehicle, mass=mass, inertia_B=(I_x, I_y, I_z))
     except ValidationError as error:
         mistakes = format_errors(Vehicle, error.errors())
-        loaded = f"vehicle '{vehicle.name}' of {vehicle.mass:g} kg can't be with {event.mass_kg:+g} kg"
+        loaded = f"vehicle '{vehicle.name}' of {vehicle.mass:g} kg can't be with {mass - vehicle.mass:+g} kg"
         raise ConfigError(f"event 'payload' at {event.at_s} s: {loaded}: {mistakes}") from None
+
+
+def _fail_rotor(plant: Plant, event: events.RotorFailure) -> tuple[float, ...]:
+    vehicle, health = plant.vehicle, list(plant.health)
+    if event.rotor > len(health):
+        raise ConfigError(f"event 'rotor_failure': vehicle '{vehicle.name}' has {len(health)} rotors, no {event.rotor}")
+    health[event.rotor - 1] = event.share
+    return tuple(health)

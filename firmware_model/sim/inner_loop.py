@@ -24,7 +24,7 @@ from firmware_model.autopilot.position_loop import (
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.soa import Lane, get, get_vector, loader, put, put_vector, storer
 from firmware_model.physics.rigid_body import Body
-from firmware_model.physics.rotors import RotorParams, allocate
+from firmware_model.physics.rotors import allocate
 from firmware_model.recording import journal
 from firmware_model.sim import layout
 from firmware_model.sim.layout import WEIGHT, X_BODY, X_LOAD, X_POSITION, X_STABILIZER
@@ -43,15 +43,20 @@ CLAMPED, THRUST = 5, 8
 _TOUCHDOWN_LOAD = 0.1  # [-] of the weight on the ground, above which a descent has touched down
 _TOUCHDOWN_THRUST = 0.3  # [-] of the weight, given after touchdown
 
-_load_position_params, _load_rotor_params = loader(PositionParams), loader(RotorParams)
+_load_position_params = loader(PositionParams)
 _load_stabilizer_params, _load_body = loader(StabilizerParams), loader(Body)
 _load_stabilizer_state, _store_stabilizer_state = loader(StabilizerState), storer(StabilizerState)
 _load_position_state, _store_position_state = loader(PositionState), storer(PositionState)
 
 
 @kernel
-def track_setpoint(params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane, record: Lane) -> None:
-    """Step the loops under a set-point of that kind, and write the actuator command to `record`."""
+def track_setpoint(
+    params: Lane, state: Lane, free: bool, rotors: int, kind: float, setpoint: Lane, record: Lane
+) -> None:
+    """Step the loops under a set-point of that kind, and write the actuator command to `record`.
+
+    The vehicle has `rotors` of them; told as a constant, their loops need no branch.
+    """
     if kind == WRENCH:
         put_vector(record, journal.TORQUE_COMMAND, get_vector(setpoint, 1))
         put(record, journal.THRUST_COMMAND, -get(setpoint, 4))
@@ -65,7 +70,7 @@ def track_setpoint(params: Lane, state: Lane, free: bool, kind: float, setpoint:
     q_NB, thrust = _track_position(params, state, free, kind, setpoint, touches_down)
     torque = _track_attitude(params, state, kind, setpoint, q_NB, touches_down, record)
     if free:
-        torque, thrust = allocate(_load_rotor_params(params, layout.ROTORS), torque, thrust)
+        torque, thrust = allocate(params, layout.ROTORS, rotors, torque, thrust)
     put_vector(record, journal.TORQUE_COMMAND, torque)
     put(record, journal.THRUST_COMMAND, -thrust)
 
@@ -96,7 +101,7 @@ def _track_position(
         holding, acceleration, thrust = position_hold(gains, holding, body, get_vector(setpoint, 1), get(setpoint, 5))
         q_NB = attitude_for_acceleration(acceleration, slew_heading(present_q_NB, get(setpoint, 4)))
     else:
-        holding, thrust = altitude_hold(gains, holding, body, 4.0 * get(params, layout.ROTORS) * get(setpoint, THRUST))
+        holding, thrust = altitude_hold(gains, holding, body, get(params, layout.TOTAL_THRUST) * get(setpoint, THRUST))
         if kind == LEVEL:
             holding = latch_heading(holding, present_q_NB)
             q_NB = attitude_for_acceleration((0.0, 0.0, 0.0), slew_heading(present_q_NB, holding.yaw))

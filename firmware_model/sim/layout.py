@@ -2,34 +2,51 @@
 
 from firmware_model.autopilot.attitude_loop import StabilizerParams, StabilizerState
 from firmware_model.autopilot.position_loop import PositionParams, PositionState
-from firmware_model.numerics.soa import offsets
+from firmware_model.numerics.soa import field_offset, offsets
 from firmware_model.physics.actuators import ActuatorParams
 from firmware_model.physics.aerodynamics import AirParams
+from firmware_model.physics.battery import BatteryParams, BatteryState
 from firmware_model.physics.dryden import DrydenParams, DrydenState
 from firmware_model.physics.ground import GroundParams
 from firmware_model.physics.mean_wind import MeanWindParams
 from firmware_model.physics.rigid_body import Body, BodyParams
-from firmware_model.physics.rotors import RotorParams
+from firmware_model.physics.rotors import LossParams
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams
 
-# Constants: the offset of each NamedTuple, then single numbers.
-BODY, DRYDEN, GYRO, STABILIZER, POSITION, ROTORS, AIR, GROUND, MEAN_WIND, ACTUATORS, ACCELEROMETER, _SINGLE = offsets(
+# Constants: the offset of each NamedTuple, then single numbers, then as many RotorParams as there are rotors.
+(
+    BODY,
+    DRYDEN,
+    GYRO,
+    STABILIZER,
+    POSITION,
+    LOSS,
+    AIR,
+    GROUND,
+    MEAN_WIND,
+    ACTUATORS,
+    ACCELEROMETER,
+    BATTERY,
+    _SINGLE,
+) = offsets(
     [
         BodyParams,
         DrydenParams,
         GyroParams,
         StabilizerParams,
         PositionParams,
-        RotorParams,
+        LossParams,
         AirParams,
         GroundParams,
         MeanWindParams,
         ActuatorParams,
         AccelerometerParams,
+        BatteryParams,
     ]
 )
-FREE, STEPS, GUST_SCALE, WEIGHT = _SINGLE, _SINGLE + 1, _SINGLE + 2, _SINGLE + 3
+FREE, STEPS, GUST_SCALE, WEIGHT, TOTAL_THRUST, ROTOR_COUNT, ROTORS = range(_SINGLE, _SINGLE + 7)
 
 # State, in the same form.
 X_BODY, X_DRYDEN, X_STABILIZER, X_POSITION, X_LOAD = offsets([Body, DrydenState, StabilizerState, PositionState])
-X_DIRECT, X_NEXT_CHANGE = X_LOAD + 1, X_LOAD + 4
+X_DIRECT, X_NEXT_CHANGE, X_BATTERY = X_LOAD + 1, X_LOAD + 4, X_LOAD + 5
+X_SAG = X_BATTERY + field_offset(BatteryState, "sag")

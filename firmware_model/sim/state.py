@@ -19,18 +19,20 @@ from firmware_model.numerics.rotations import from_euler
 from firmware_model.numerics.soa import field_offset, flatten
 from firmware_model.physics.actuators import ActuatorParams
 from firmware_model.physics.aerodynamics import air_params
+from firmware_model.physics.battery import BatteryState, battery_params
 from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.physics.dryden import DrydenParams, DrydenState, TransverseParams, dryden_filters, dryden_spectrum
 from firmware_model.physics.ground import GroundParams, ground_params, standing_height
 from firmware_model.physics.mean_wind import mean_wind_params
 from firmware_model.physics.rigid_body import Body, body_params
-from firmware_model.physics.rotors import rotor_params
+from firmware_model.physics.rotors import ROTOR_ROWS, LossParams, RotorParams, loss_params, rotor_params
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams
 from firmware_model.sim.fault_schedule import Plant, fault_schedule, initial_plant
-from firmware_model.sim.layout import ACTUATORS, BODY, GROUND, GUST_SCALE, GYRO, POSITION, ROTORS, STABILIZER
+from firmware_model.sim.layout import ACTUATORS, BODY, GROUND, GUST_SCALE, GYRO, LOSS, POSITION, ROTORS, STABILIZER
 from firmware_model.types import Quaternion, Vector
 
 Array = NDArray[np.float64]
+_HEALTH = ROTORS + field_offset(RotorParams, "health")
 
 
 class VehicleInitial(NamedTuple):
@@ -77,7 +79,7 @@ class SimState:
 
     def set_position_loop(self, gains: PositionLoop) -> None:
         """Change gains and limits of the height and position loops."""
-        self.params[POSITION:ROTORS] = position_params(self.vehicle, gains, self.dt)
+        self.params[POSITION:LOSS] = position_params(self.vehicle, gains, self.dt)
 
 
 def initial_state(vehicle: Vehicle, scenario: Scenario, seed: int, *, interactive: bool = False) -> SimState:
@@ -138,7 +140,9 @@ def initial_vehicle_state(
     scale = scenario.gust_scale if gust_scale is None else gust_scale
     return VehicleInitial(
         params=_pack_params(vehicle, scenario, dryden_params, scale),
-        state=np.array([*flatten(body), *dryden_state, *estimate, *initial_position_state(), *[0.0] * 5]),
+        state=np.array(
+            [*flatten(body), *dryden_state, *estimate, *initial_position_state(), *[0.0] * 5, *BatteryState()]
+        ),
         changes=_list_changes(vehicle, scenario),
     )
 
@@ -150,15 +154,18 @@ def _pack_params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenPara
         _gyro_params(initial_plant(vehicle, scenario), scenario),
         stabilizer_params(vehicle, vehicle.stabilizer, scenario.dt),
         position_params(vehicle, vehicle.position, scenario.dt),
-        rotor_params(vehicle),
+        LossParams(),
         air_params(vehicle),
         ground_params(vehicle),
         mean_wind_params(scenario.wind),
         ActuatorParams(),
         _accelerometer_params(vehicle, scenario),
+        battery_params(vehicle, free=scenario.free, dt=scenario.dt),
     )
     steps = scenario.physics_rate_hz // scenario.control_rate_hz
-    return np.array([*flatten(rows), scenario.free, steps, gust_scale, vehicle.mass * GRAVITY], dtype=np.float64)
+    rotors = vehicle.rotors
+    single = (scenario.free, steps, gust_scale, vehicle.mass * GRAVITY, rotors.total_thrust, rotors.count)
+    return np.array([*flatten(rows), *single, *flatten(rotor_params(rotors))], dtype=np.float64)
 
 
 def _list_changes(vehicle: Vehicle, scenario: Scenario) -> Array:
@@ -183,6 +190,8 @@ def _changeable_params(plant: Plant, scenario: Scenario) -> dict[int, float]:
     weight = GROUND + field_offset(GroundParams, "weight")
     body, gyro = body_params(plant.vehicle, free=scenario.free), _gyro_params(plant, scenario)
     rows = [(BODY, body), (GYRO, gyro), (ACTUATORS, plant.actuators), (weight, (plant.vehicle.mass * GRAVITY,))]
+    rows += [(LOSS, loss_params(plant.vehicle.rotors, plant.health))]
+    rows += [(_HEALTH + i * ROTOR_ROWS, (share,)) for i, share in enumerate(plant.health)]
     return {start + i: value for start, row in rows for i, value in enumerate(flatten(row))}
 
 

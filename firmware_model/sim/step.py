@@ -15,27 +15,30 @@ from firmware_model.numerics.soa import Lane, get, get_vector, loader, put, put_
 from firmware_model.physics import aerodynamics, rigid_body
 from firmware_model.physics.actuators import ActuatorParams, apply_actuator_faults
 from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams
+from firmware_model.physics.battery import BatteryParams, BatteryState, step_battery
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
 from firmware_model.physics.ground import GroundParams, can_touch_ground
 from firmware_model.physics.mean_wind import MeanWindParams, mean_wind
 from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, at_rest
-from firmware_model.physics.rotors import Float4, RotorParams, allocate, rotor_thrusts
+from firmware_model.physics.rotors import Float4, LossParams, allocate, given_by_rotors, put_rotor_thrusts, sum_lift
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
 from firmware_model.recording import journal
 from firmware_model.sim import layout
 from firmware_model.sim.inner_loop import CLAMPED, OFF, WRENCH, track_setpoint
-from firmware_model.sim.layout import X_BODY, X_DIRECT, X_DRYDEN, X_LOAD, X_NEXT_CHANGE, X_STABILIZER
+from firmware_model.sim.layout import X_BATTERY, X_BODY, X_DIRECT, X_DRYDEN, X_LOAD, X_NEXT_CHANGE, X_SAG, X_STABILIZER
 from firmware_model.sim.state import Array
 from firmware_model.types import Quaternion, Vector
 
 _ZERO = (0.0, 0.0, 0.0)
 _load_body_params, _load_dryden_params = loader(BodyParams), loader(DrydenParams)
 _load_gyro_params, _load_stabilizer_params = loader(GyroParams), loader(StabilizerParams)
-_load_rotor_params = loader(RotorParams)
+_load_loss_params = loader(LossParams)
 _load_air_params, _load_ground_params = loader(AirParams), loader(GroundParams)
 _load_mean_wind_params, _load_actuator_params = loader(MeanWindParams), loader(ActuatorParams)
 _load_accelerometer_params = loader(AccelerometerParams)
+_load_battery_params = loader(BatteryParams)
+_load_battery, _store_battery = loader(BatteryState), storer(BatteryState)
 _load_body, _load_dryden = loader(Body), loader(DrydenState)
 _load_stabilizer_state, _store_stabilizer_state = loader(StabilizerState), storer(StabilizerState)
 _store_body, _store_dryden = storer(Body), storer(DrydenState)
@@ -59,6 +62,8 @@ def observe_kernel(
     time_us = sample * sample_us
     scripted, free = disturbance(waves, replay, sample, time_us * 1e-6), get(one, layout.FREE) != 0.0
     gyro_noise, force_noise = normals(seed, GYRO_STREAM, sample, 0), normals(seed, ACCELEROMETER_STREAM, sample, 0)
+    if get(one, layout.BATTERY) != 0.0:
+        drain_battery(one, x)
     measure(one, x, free, True, True, scripted, gyro_noise, force_noise, time_us, single(record))
     _write_rotors(one, x, free, single(record))
 
@@ -71,7 +76,7 @@ def advance_kernel(
     one, x, row = single(params), single(state), single(record)
     kind, free, steps = setpoint[0], get(one, layout.FREE) != 0.0, int(get(one, layout.STEPS))
     dt = sample_us * 1e-6 / steps
-    track_setpoint(one, x, free, kind, single(setpoint), row)
+    track_setpoint(one, x, free, int(get(one, layout.ROTOR_COUNT)), kind, single(setpoint), row)
     start = _load_body(x, X_BODY)
     body = start
     for _ in range(steps):
@@ -95,11 +100,20 @@ def apply_changes(params: Array, state: Lane, changes: Array, sample: int) -> No
 
 
 @kernel
+def drain_battery(params: Lane, state: Lane) -> None:
+    """Step the battery at a sample under the thrusts of its rotors; without a battery, change nothing that counts."""
+    body, count = _load_body(state, X_BODY), int(get(params, layout.ROTOR_COUNT))
+    lift = sum_lift(params, layout.ROTORS, count, body.torque_B, body.thrust)
+    battery = step_battery(_load_battery_params(params, layout.BATTERY), _load_battery(state, X_BATTERY), lift)
+    _store_battery(state, X_BATTERY, battery)
+
+
+@kernel
 def measure(
     params: Lane,
     state: Lane,
     free: bool,
-    near_ground: bool,
+    unusual: bool,
     full: bool,
     scripted: Disturbance,
     gyro_noise: Float4,
@@ -110,11 +124,11 @@ def measure(
     """Write to `record` the fields of `observe_kernel` except the rotors, with standard normal numbers for the sensors.
 
     Unless `full`, leave out the on-board attitude, fields that are only recorded and, on the stand, the wind. Torque
-    and rate laws and the metrics need none of them. Unless `near_ground`, skip contact.
+    and rate laws and the metrics need none of them. Unless `unusual`, skip contact and failed rotors.
     """
     body, time = _load_body(state, X_BODY), time_us * 1e-6
     direct = _write_air(params, state, full or free, scripted, record)
-    force, moment, load = _sensor_wrench(params, body, free, near_ground, direct, record)
+    force, moment, load = _sensor_wrench(params, body, free, unusual, direct, record)
     rate = measure_gyro(_load_gyro_params(params, layout.GYRO), body.omega_B, gyro_noise, time)
     put_vector(record, journal.GYRO_B, rate)
     accelerometer = _load_accelerometer_params(params, layout.ACCELEROMETER)
@@ -138,8 +152,9 @@ def measure(
         put(state, X_LOAD, load)
         put(record, journal.TIME, time_us)
         put_vector(record, journal.VELOCITY, body.velocity_N)
-        put_vector(record, journal.TORQUE_B, body.torque_B)
-        put(record, journal.THRUST, -body.thrust)
+        given = given_by_rotors(_load_loss_params(params, layout.LOSS), body)
+        put_vector(record, journal.TORQUE_B, given.torque_B)
+        put(record, journal.THRUST, -given.thrust)
 
 
 @kernel
@@ -154,6 +169,7 @@ def _free_params(params: Lane) -> FreeParams:
         _load_body_params(params, layout.BODY),
         _load_air_params(params, layout.AIR),
         _load_ground_params(params, layout.GROUND),
+        _load_loss_params(params, layout.LOSS),
     )
 
 
@@ -177,7 +193,7 @@ def _write_air(params: Lane, state: Lane, windy: bool, scripted: Disturbance, re
 
 @kernel
 def _sensor_wrench(
-    params: Lane, body: Body, free: bool, near_ground: bool, direct: Vector, record: Lane
+    params: Lane, body: Body, free: bool, unusual: bool, direct: Vector, record: Lane
 ) -> tuple[Vector, Vector, float]:
     """Return specific force [m/s^2] B, the air's moment [N*m] B, and the load on the ground [N]."""
     if not free:
@@ -185,7 +201,7 @@ def _sensor_wrench(
         force = rigid_body.specific_force(_load_body_params(params, layout.BODY), body, no_inputs)
         air = _load_air_params(params, layout.AIR)
         return force, gust_moment(air.gust_gain, air.gust_yaw_ratio, get_vector(record, journal.GUST)), 0.0
-    inputs = FreeInputs(_body_inputs(record, direct, _ZERO, 0.0), _read_air(record), near_ground)
+    inputs = FreeInputs(_body_inputs(record, direct, _ZERO, 0.0), _read_air(record), unusual, unusual)
     return aerodynamics.sensor_wrench(_free_params(params), body, inputs)
 
 
@@ -205,42 +221,44 @@ def _write_rotors(params: Lane, state: Lane, free: bool, record: Lane) -> None:
     """Write the rotor thrusts; on the stand they are those that the allocation gives at that thrust."""
     body = _load_body(state, X_BODY)
     torque, thrust = body.torque_B, body.thrust
-    rotors = _load_rotor_params(params, layout.ROTORS)
+    count = int(get(params, layout.ROTOR_COUNT))
     if not free:
-        torque, thrust = allocate(rotors, torque, thrust)
-    _put_float4(record, journal.ROTORS, rotor_thrusts(rotors, torque, thrust))
+        torque, thrust = allocate(params, layout.ROTORS, count, torque, thrust)
+    at = journal.ROTORS if count == 4 else journal.WIDTH  # see `journal.record_type`
+    put_rotor_thrusts(params, layout.ROTORS, count, torque, thrust, record, at)
 
 
 @kernel
-def integrate_body(
-    params: Lane, state: Lane, free: bool, near_ground: bool, body: Body, dt: float, record: Lane
-) -> Body:
+def integrate_body(params: Lane, state: Lane, free: bool, unusual: bool, body: Body, dt: float, record: Lane) -> Body:
     """Return the body after a step of `dt` [s] under the inputs and commands of the record's sample.
 
-    Unless `near_ground`, contact is skipped.
+    Unless `unusual`, contact and failed rotors are skipped.
     """
     actuators = _load_actuator_params(params, layout.ACTUATORS)
     torque = apply_actuator_faults(actuators, get_vector(record, journal.TORQUE_COMMAND))
     thrust = -get(record, journal.THRUST_COMMAND)
     if free:
+        sag = get(state, X_SAG)
+        torque, thrust = (sag * torque[0], sag * torque[1], sag * torque[2]), sag * thrust
         forces = _body_inputs(record, get_vector(state, X_DIRECT), torque, thrust)
-        inputs = FreeInputs(forces, _read_air(record), near_ground)
+        inputs = FreeInputs(forces, _read_air(record), unusual, unusual)
         return aerodynamics.step(_free_params(params), body, inputs, dt)
     held = _body_inputs(record, get_vector(record, journal.MOMENT), torque, thrust)
     return rigid_body.step_attitude(_load_body_params(params, layout.BODY), body, held, dt)
 
 
 @kernel
-def step_body(params: Lane, state: Lane, free: bool, near_ground: bool, dt: float, record: Lane) -> None:
+def step_body(params: Lane, state: Lane, free: bool, unusual: bool, dt: float, record: Lane) -> None:
     """Step the body once, see `integrate_body`."""
-    body = integrate_body(params, state, free, near_ground, _load_body(state, X_BODY), dt, record)
+    body = integrate_body(params, state, free, unusual, _load_body(state, X_BODY), dt, record)
     _store_body(state, X_BODY, body)
 
 
 @kernel
-def is_near_ground(params: Lane, state: Lane, dt: float) -> bool:
-    """Return whether a vehicle in free flight may touch the ground within a step of `dt` [s]."""
-    return can_touch_ground(_load_ground_params(params, layout.GROUND), _load_body(state, X_BODY), dt)
+def is_unusual(params: Lane, state: Lane, dt: float) -> bool:
+    """Return whether a vehicle in free flight may touch the ground within a step of `dt` [s], or lacks a rotor."""
+    low = can_touch_ground(_load_ground_params(params, layout.GROUND), _load_body(state, X_BODY), dt)
+    return low | (get(params, layout.LOSS) != 0.0)
 
 
 @kernel

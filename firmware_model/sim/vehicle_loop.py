@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
 from firmware_model.numerics.soa import field_offset
+from firmware_model.physics.battery import BatteryState
 from firmware_model.physics.rigid_body import Body
-from firmware_model.recording.journal import FORCE_B, GYRO_B, RECORD, WIDTH
+from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, record_type
 from firmware_model.sim import inner_loop, step
-from firmware_model.sim.layout import X_BODY, X_DRYDEN, X_LOAD, X_POSITION, X_STABILIZER
+from firmware_model.sim.layout import X_BATTERY, X_BODY, X_DRYDEN, X_LOAD, X_POSITION, X_STABILIZER
 from firmware_model.sim.state import initial_state
 from firmware_model.types import (
     AttitudeTarget,
+    BatteryReading,
     ImuSample,
     LevelFlight,
     PositionTarget,
@@ -48,12 +50,14 @@ class VehicleLoop:
     def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, *, interactive: bool = False) -> None:
         self._state = initial_state(vehicle, scenario, seed, interactive=interactive)
         self._free, self._interactive, self._clamped = scenario.free, interactive, interactive
-        self._thrust_max = 4.0 * vehicle.rotors.thrust_max
+        self._thrust_max, self.rotor_count = vehicle.rotors.total_thrust, vehicle.rotors.count
         self._wrench = vehicle.rotors.wrench * vehicle.rotors.thrust_max
         self._on_ground_load = _GROUND_LOAD_SHARE * vehicle.mass * GRAVITY
+        self._battery = vehicle.battery if scenario.free else None
         self._sample_us, self._samples = scenario.sample_us, scenario.samples
-        self._record = np.empty(WIDTH)
-        self._fields = self._record.view(RECORD)[0]
+        record = record_type(self.rotor_count)
+        self._record = np.full(record.itemsize // 8, math.nan)
+        self._fields = self._record.view(record)[0]
         self._imu: ImuSample | None = None
         self._pending: deque[tuple[Array, int | None]] = deque([(_TRIM, None)] * scenario.delay_samples)
         self.sample = 0
@@ -75,7 +79,7 @@ class VehicleLoop:
         return self._imu
 
     def advance(self, setpoint: Setpoint, mode: int) -> Array:
-        """Step to the next sample and return the journal record (WIDTH,) of this one, valid until the next call.
+        """Step to the next sample and return the journal record (numbers,) of this one, valid until the next call.
 
         A controller's command, and the trim before the first one, act `delay_samples` later. The autopilot's own
         set-points act at once and drop the commands still on their way.
@@ -121,15 +125,24 @@ class VehicleLoop:
         return bool(self._state.state[X_LOAD] >= self._on_ground_load) if self._free else self._clamped
 
     @property
+    def battery(self) -> BatteryReading | None:
+        """Battery at the sample; `None` if there is none, or on the stand, where none is used."""
+        if self._battery is None:
+            return None
+        self.observe()
+        used, current, voltage, _ = BatteryState(*self._state.state[X_BATTERY:].tolist())
+        used_ah = used / 3600.0
+        return BatteryReading(self._battery.cells, voltage, current, used_ah, 1.0 - used_ah / self._battery.capacity_ah)
+
+    @property
     def thrust(self) -> float:
         """[-] Collective thrust at the sample, as a fraction of the largest."""
         return -float(self._fields["thrust_z"][0]) / self._thrust_max
 
     @property
-    def rotors(self) -> tuple[float, float, float, float]:
+    def rotors(self) -> tuple[float, ...]:
         """[-] Thrust of each rotor at the sample, as a fraction of its largest."""
-        a, b, c, d = (self._fields["rotors"] * (4.0 / self._thrust_max)).tolist()
-        return a, b, c, d
+        return tuple((self._fields["rotors"] * (self.rotor_count / self._thrust_max)).tolist())
 
     def continue_from(self, earlier: "VehicleLoop") -> None:
         """Take over the body and the on-board estimate of a flight before this one; air and time are one's own."""

@@ -8,6 +8,8 @@ from firmware_model.config.vehicle import list_vehicles as list_vehicles
 from firmware_model.config.vehicle import load_vehicle as load_vehicle
 from firmware_model.errors import ConfigError as ConfigError
 from gustproof.analysis.analyse import analyse as analyse
+from gustproof.analysis.judge import Judgement as Judgement
+from gustproof.analysis.judge import judge_law as judge_law
 from gustproof.analysis.law_margins import hover_margins as hover_margins
 from gustproof.analysis.robustness import robust_peak as robust_peak
 from gustproof.analysis.robustness import robust_stability as robust_stability
@@ -43,6 +45,7 @@ from gustproof.law.io.matrices import load_mat as load_mat
 from gustproof.law.io.matrices import save_mat as save_mat
 from gustproof.law.resample import resample as resample
 from gustproof.law.step import LawStepper as LawStepper
+from gustproof.logs.read import read_log as read_log
 from gustproof.lti.margins import margins as margins
 from gustproof.lti.norms import h2_norm as h2_norm
 from gustproof.lti.norms import hinf_norm as hinf_norm
@@ -81,10 +84,12 @@ from gustproof.synthesis.designs import load_design as load_design
 from gustproof.synthesis.hinf.hinfsyn import HinfResult as HinfResult
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn as hinfsyn
 from gustproof.synthesis.pid.autotune import autotune_pid as autotune_pid
-from gustproof.synthesis.pid.identify import identify_rate_loop as identify_rate_loop
+from gustproof.synthesis.pid.rate_loop import identify_rate_loop as identify_rate_loop
 from gustproof.synthesis.structured.blocks import Structure as Structure
 from gustproof.synthesis.structured.blocks import tunable_gain as tunable_gain
 from gustproof.synthesis.structured.blocks import tunable_pid as tunable_pid
 from gustproof.synthesis.structured.blocks import tunable_ss as tunable_ss
 from gustproof.synthesis.structured.hinfstruct import hinfstruct as hinfstruct
+from gustproof.synthesis.tune import default_slew as default_slew
+from gustproof.synthesis.tune import tune_law as tune_law
 from gustproof.version import __version__ as __version__

@@ -12,7 +12,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from firmware_model.errors import ConfigError
-from firmware_model.recording.journal import RECORD
+from firmware_model.recording.journal import RECORD, record_type
 from gustproof.recording.bag import read_bag, write_bag
 from gustproof.recording.definitions import TYPES
 from gustproof.recording.topics import TOPICS, encode
@@ -78,6 +78,16 @@ def test_mcap_and_its_ros2_decoder_find_every_number_under_its_ros_name(bag):
         assert set(expected) == set(RECORD.names or ()) - {"time_us", "mode"}
         for field, values in expected.items():
             assert values == records[field][i].tolist(), field
+
+
+def test_the_thrusts_of_eight_rotors_are_read_back_by_us_and_others(tmp_path):
+    numbers = np.random.default_rng(3).standard_normal((N, record_type(8).itemsize // 8))
+    records = numbers.view(record_type(8))[:, 0]
+    records["time_us"], records["mode"], records["unused"] = np.arange(N) * 4000.0, 6, np.nan
+    write_bag(tmp_path / "flight", records, FLIGHT)
+    assert read_bag(tmp_path / "flight")[1].tobytes() == records.tobytes()
+    told = [list(message.thrust) for _, message in by_topic(tmp_path / "flight")["/actuator/rotors"]]
+    assert told == records["rotors"].tolist()
 
 
 def test_stamps_are_model_time_and_frames_say_ned_and_frd(bag):

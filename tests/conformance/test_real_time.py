@@ -58,6 +58,7 @@ class Pilot:
         self.packer = wire.MAVLink(None, 255, 190)
         self.texts: list[str] = []
         self.mode, self.armed, self.components = 0, False, set[int]()
+        self.roll_deg = 0.0
         self.acks: list[tuple[int, int]] = []
         self._beat_at = 0.0
 
@@ -78,6 +79,8 @@ class Pilot:
                     self.components.add(message.get_srcComponent())
                     if message.get_srcComponent() == 1:
                         self.mode, self.armed = message.custom_mode, bool(message.base_mode & 128)
+                case "ATTITUDE":
+                    self.roll_deg = math.degrees(message.roll)
                 case "STATUSTEXT":
                     self.texts.append(message.text)
                 case "COMMAND_ACK":
@@ -191,6 +194,25 @@ def test_pilot_flies_a_standing_vehicle_gives_it_to_a_law_takes_it_back_and_land
         told = last_words(vehicle)
     assert told["outcome"] == "interrupted"
     assert "landed: disarmed" in pilot.texts
+
+
+@pytest.mark.parametrize("name", ["flagship", "hinf-scheduled", "aided"])
+def test_law_that_takes_over_a_leaning_vehicle_levels_it(name):
+    with (
+        process("firmware_model", "--bind-port", "0", "--air", "gust-front") as vehicle,
+        socket.socket(type=socket.SOCK_DGRAM) as link,
+    ):
+        link.settimeout(0.05)
+        (port,) = json.loads(vehicle.stdout.readline())["listening"]
+        pilot = Pilot(link, port)
+        pilot.order(wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        pilot.order(wire.MAV_CMD_NAV_TAKEOFF)
+        pilot.until(lambda: pilot.mode == Mode.HOLD.value and pilot.roll_deg < -5.0, "HOLD leans into the wind")
+        with process("gustproof.controller", "--law", name, "--connect", f"127.0.0.1:{port}") as law:
+            pilot.until(lambda: f"{name} in control" in pilot.texts, "the law takes the vehicle")
+            pilot.until(lambda: abs(pilot.roll_deg) < 2.0, "the law levels it")
+            assert last_words(law)["outcome"] == "interrupted"
+        last_words(vehicle)
 
 
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])

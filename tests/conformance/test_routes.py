@@ -12,9 +12,10 @@ from firmware_model.config.events import (
     GyroBias,
     GyroNoise,
     Payload,
+    RotorFailure,
 )
 from firmware_model.config.scenario import AccelerometerFault, load_scenario
-from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.vehicle import Battery, load_vehicle
 from firmware_model.config.waveforms import Constant, GustReplay, GustStep, Shear
 from firmware_model.numerics.rotations import euler_angles
 from gustproof.law.form import load_law
@@ -69,6 +70,29 @@ def test_a_law_that_feels_force_is_the_same_to_the_bit_on_every_route(scenario, 
     assert direct["q_NB"].tobytes() != fly_direct(faultless, law, vehicle=airframe, seed=7)["q_NB"].tobytes()
     assert fly_loopback(scenario, law, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
     assert fly(scenario, law, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
+
+
+def test_a_rotor_of_eight_that_fails_is_the_same_to_the_bit_on_every_route(tmp_path):
+    law, airframe = load_law("flagship"), load_vehicle("octo")
+    failure = RotorFailure(kind="rotor_failure", at_s=1.0, rotor=6, share=0.2)
+    scenario = replace(FREE, event=(failure,))
+    direct = fly_direct(scenario, law, vehicle=airframe, seed=7)
+    assert direct["rotors"].shape == (500, 8)
+    assert direct["rotors"][-1, 5] < 0.5 * direct["rotors"][-1, 4]
+    assert fly_loopback(scenario, law, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
+    assert fly(scenario, law, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
+
+
+@pytest.mark.parametrize(("law", "vehicle"), [("flagship", "paper"), ("hinf-rates", "paper"), ("flagship", "octo")])
+def test_a_battery_that_empties_is_the_same_to_the_bit_on_every_route(law, vehicle, tmp_path):
+    small = Battery(cells=3, capacity_ah=0.004, resistance_ohm=0.05, hover_current_a=12.0)  # for 1.2 s or more
+    flown, endless = load_law(law), load_vehicle(vehicle)
+    airframe = replace(endless, battery=small)
+    direct = fly_direct(FREE, flown, vehicle=airframe, seed=7)
+    assert np.max(direct["rotors"][-1]) < 0.1
+    assert direct.tobytes() != fly_direct(FREE, flown, vehicle=endless, seed=7).tobytes()
+    assert fly_loopback(FREE, flown, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
+    assert fly(FREE, flown, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
 
 
 @pytest.mark.parametrize("law", ["pid-fair", "hinf-reference"])

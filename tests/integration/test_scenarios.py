@@ -13,12 +13,16 @@ from gustproof.law.form import load_law
 from gustproof.scoring.metrics import attitude
 from gustproof.scoring.requirements import judge
 from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.flight import warnings
 from gustproof.simulate.loopback import fly_loopback
+from gustproof.synthesis.pid.autotune import autotune_pid
 
 pytestmark = pytest.mark.compiled
 
 VEHICLE = load_vehicle("paper")
-LAWS = {"attitude-steps": "pid-fair", "large-step": "flagship"}
+OTHERS = {"rotor-failure": load_vehicle("octo")}
+"""Vehicles of scenarios that the paper's can't fly."""
+LAWS = {"attitude-steps": "pid-fair", "identify": "flagship", "large-step": "flagship", "rotor-failure": "flagship"}
 """Who flies; `hinf-scheduled` regulates to level and takes no reference."""
 
 
@@ -27,11 +31,11 @@ def flown(name: str, law: str | None = None, seed: int = 1):
     """Fly a scenario: without messages, unless its script is about them."""
     scenario, law = load_scenario(name), law or LAWS.get(name, "hinf-scheduled")
     fly = fly_loopback if scenario.has_link_script else fly_direct
-    return fly(scenario, load_law(law), vehicle=VEHICLE, seed=seed)
+    return fly(scenario, load_law(law), vehicle=OTHERS.get(name, VEHICLE), seed=seed)
 
 
 def failures(name: str, law: str | None = None) -> list[str]:
-    results = judge(flown(name, law), load_scenario(name), VEHICLE)
+    results = judge(flown(name, law), load_scenario(name), OTHERS.get(name, VEHICLE))
     return [result.requirement.metric.value for result in results if not result.is_met]
 
 
@@ -164,6 +168,26 @@ def test_the_gust_front_is_held_against_and_would_blow_the_vehicle_away_otherwis
     alone = fly_direct(replace(scenario, event=()), load_law("hinf-scheduled"), vehicle=VEHICLE)
     assert alone["position_N"][-1, 1] > 50.0
     assert np.max(np.abs(flown("gust-front")["position_N"][:, :2])) < 3.0
+
+
+def test_a_dead_rotor_of_eight_is_flown_on_by_the_others_and_a_dead_one_of_four_is_not():
+    hover = 10.0 * GRAVITY / 8.0
+    shares = flown("rotor-failure")["rotors"][-1] / hover
+    np.testing.assert_allclose(shares, (0.0, 1.0, 1.0, 1.0, 1.5, 0.5, 1.5, 1.5), atol=0.05)  # pseudo-inverse, by hand
+    scenario = load_scenario("rotor-failure")
+    records = fly_direct(scenario, load_law("flagship"), vehicle=VEHICLE)
+    assert np.max(np.abs(np.degrees(attitude(records)[:1250]))) < 2.0
+    assert -records["position_N"][-1, 2] < 0.5  # on the ground
+    [warning] = warnings(scenario, load_law("flagship"), VEHICLE)
+    assert warning == "vehicle 'paper' can't hover after the rotor failure at 5 s"
+    assert not any("hover" in line for line in warnings(scenario, load_law("flagship"), OTHERS["rotor-failure"]))
+
+
+def test_a_payload_drops_from_any_vehicle():
+    iris = load_vehicle("iris")
+    law = autotune_pid(iris, bandwidth=1.0)
+    thrust = -fly_direct(load_scenario("payload-drop"), law, vehicle=iris)["thrust_z"][:, 0]
+    assert np.mean(thrust[-1250:]) == pytest.approx(0.7 * iris.mass * GRAVITY, rel=0.05)
 
 
 def test_there_are_as_many_as_promised():

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from firmware_model.config.scenario import list_scenarios, load_scenario
 from gustproof.cli.app import app
-from gustproof.law.form import list_laws
+from gustproof.law.form import list_laws, load_law
 
 ROOT = Path(__file__).parents[2]
 
@@ -104,6 +104,30 @@ def test_the_scenario_of_the_readme_is_sound(tmp_path: Path) -> None:
     assert (len(day.wind), len(day.event), len(day.link), len(day.require)) == (2, 1, 1, 1)
 
 
+def run_section(title: str) -> dict[str, str]:
+    """Run the commands of a section in the present folder, and return what each prints by its name."""
+    (commands,) = section(title, "console")
+    told = {}
+    for line in commands.splitlines():
+        _, *arguments = words(line.removeprefix("$ "))
+        result = CliRunner().invoke(app, arguments)
+        assert result.exit_code == 0, f"{line}: {result.output}"
+        told[arguments[0]] = result.output
+    return told
+
+
+@pytest.mark.compiled
+def test_the_way_from_a_flight_log_to_its_twin_runs_as_it_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    told = run_section("From a flight log")
+    assert list(told) == ["fly", "identify"]
+    assert "actuator lag [ms]" in told["identify"]
+    files = ("my-twin.toml", "my-twin.html", "my-wind.csv", "my-air.toml")
+    assert all((tmp_path / name).is_file() for name in files)
+
+
 @pytest.mark.compiled
 def test_the_way_from_a_measured_inertia_to_c_runs_as_it_stands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -112,15 +136,14 @@ def test_the_way_from_a_measured_inertia_to_c_runs_as_it_stands(
     for file in section("A vehicle of your own", "toml"):
         name = file.splitlines()[0].removeprefix("# ")
         (tmp_path / name).write_text(file, encoding="utf-8")
-    (commands,) = section("A vehicle of your own", "console")
-    told = {}
-    for line in commands.splitlines():
-        _, *arguments = words(line.removeprefix("$ "))
-        result = CliRunner().invoke(app, arguments)
-        assert result.exit_code == 0, f"{line}: {result.output}"
-        told[arguments[0]] = result.output
-    assert list(told) == ["design", "analyse", "certify", "fly", "export"]
-    assert max(float(peak) for peak in re.findall(r"Ms ([\d.]+) in", told["analyse"])) < 1.6
+    told = run_section("A vehicle of your own")
+    assert list(told) == ["tune", "fly", "certify", "export"]
+    (least,) = re.findall(r"least: ([\d.]+) at this Ms and slew", told["tune"])
+    figures = load_law("my-law.json").provenance.parameters
+    assert figures["foretold_slew_nm_per_s"] <= 6.9
+    assert figures["foretold_rmse_deg"] <= 1.15 * float(least) <= 0.095
+    (flown,) = re.findall(r"RMSE +│ ([\d.]+)", told["fly"])
+    assert float(flown) <= 0.07
     assert "proven: " in told["certify"]
-    assert "int my_design_step(" in (tmp_path / "my-law.c").read_text()
+    assert "int flagship_my_quad_step(" in (tmp_path / "my-law.c").read_text()
     assert len(list((tmp_path / "my-flight").rglob("*.mcap"))) == 1

@@ -8,11 +8,14 @@ import pytest
 from matplotlib.figure import Figure
 
 from firmware_model.config.scenario import load_scenario
-from firmware_model.config.vehicle import load_vehicle
-from firmware_model.recording.journal import RECORD
+from firmware_model.config.vehicle import Vehicle, load_vehicle
+from firmware_model.recording.journal import record_type
+from gustproof.identification.identification import AxisEstimate, Identification, Interval
 from gustproof.law.form import Law, Output, Provenance, RateLimit, load_law
+from gustproof.logs.flight_log import CommandUnit, FlightLog, Signal
 from gustproof.recording.bag import write_bag
 from gustproof.simulate.flight import FlightPlan
+from gustproof.types import Records
 
 UNITS = Path(__file__).parent
 WAITING = UNITS.with_name("conformance")
@@ -80,7 +83,7 @@ def recorded(tmp_path):
     def make(folder, *, scenario="coning", law="hinf-d1", seed=1, n=500, require=(), **fields):
         script = replace(load_scenario(scenario), duration_s=n / 250, require=require)
         plan = FlightPlan(script, load_law(law), load_vehicle("paper"), seed, False)
-        records = np.zeros(n, dtype=RECORD)
+        records = np.zeros(n, dtype=record_type(np.shape(fields.get("rotors", [0.0] * 4))[-1]))
         records["time_us"] = 4000.0 * np.arange(n)
         records["q_NB"][:, 0] = 1.0
         records["omega_command_B"] = np.nan
@@ -88,5 +91,69 @@ def recorded(tmp_path):
             records[name] = values
         write_bag(tmp_path / folder / plan.name, records, {**plan.metadata(), "outcome": "done"})
         return tmp_path / folder
+
+    return make
+
+
+def _around(value: float, share: float = 0.05) -> Interval:
+    return Interval(value * (1.0 - share), value, value * (1.0 + share))
+
+
+@pytest.fixture
+def log_of() -> Callable[[Records], FlightLog]:
+    """Return what turns a flight into a log of torques in N m."""
+
+    def convert(records: Records) -> FlightLog:
+        time = records["time_us"] * 1e-6
+        return FlightLog(
+            source="flight.mcap",
+            system="gustproof",
+            gyro=Signal(time=time, values=records["gyro_B"]),
+            command=Signal(time=time, values=records["torque_command_B"]),
+            command_unit=CommandUnit.NEWTON_METRES,
+            airborne=((float(time[0]), float(time[-1])),),
+        )
+
+    return convert
+
+
+@pytest.fixture
+def perfect() -> Callable[..., Identification]:
+    """Return what makes a vehicle's identification without error."""
+
+    def make(vehicle: Vehicle, *, unit: CommandUnit = CommandUnit.NEWTON_METRES, dt: float = 0.004) -> Identification:
+        omega, time = np.geomspace(0.5, 100.0, 40), np.arange(0.0, 30.0, dt)
+        lag = 1.0 / (1.0 + 1j * omega * vehicle.actuator_lag)
+        model = np.array([lag / inertia for inertia in vehicle.inertia_B])
+        acceleration = np.stack([np.sin(time + k) for k in range(3)], axis=1)
+        axes = [
+            AxisEstimate(
+                gain=_around(1.0 / inertia),
+                damping=_around(damping),
+                noise=vehicle.gyro.noise_density,
+                disturbance_rms=1.0,
+                disturbance_corner=1.0,
+                held_out_r2=0.9,
+            )
+            for inertia, damping in zip(vehicle.inertia_B, vehicle.rate_damping_B, strict=True)
+        ]
+        return Identification(
+            source="flight.mcap",
+            dt=dt,
+            command_unit=unit,
+            actuator_lag=_around(vehicle.actuator_lag),
+            delay=Interval(0.0, 0.0, 0.001),
+            axes=(axes[0], axes[1], axes[2]),
+            motor_gains=None,
+            motor_intervals=None,
+            omega=omega,
+            response=model * 1.02,
+            model=model,
+            coherence=np.full((3, len(omega)), 0.9),
+            time=time,
+            acceleration=acceleration,
+            predicted=0.95 * acceleration,
+            findings=(),
+        )
 
     return make

@@ -46,7 +46,9 @@ def make_service(context: VehicleContext) -> Service:
 
     def heartbeat() -> Message:
         mode, critical = autopilot.mode.value, autopilot.in_fail_safe
-        return messages.heartbeat_message(mode, autopilot.armed, critical=critical, generic=context.generic)
+        return messages.heartbeat_message(
+            mode, autopilot.armed, critical=critical, generic=context.generic, rotors=context.loop.rotor_count
+        )
 
     def relay(message: Message, client: Client) -> None:
         if service.sender(message) == (context.system, messages.CONTROLLER):

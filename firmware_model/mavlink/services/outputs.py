@@ -10,7 +10,6 @@ from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
 from firmware_model.types import AttitudeTarget, TorqueCommand
 
-_ROTORS = 4
 _OUTPUTS, _SERVOS = 32, 16  # capacity of the messages
 _PULSE_US = (1000, 1000)  # [us] width at zero thrust, and its increase at full thrust
 
@@ -24,13 +23,14 @@ def make_service(context: VehicleContext) -> Service:
 
     def servos() -> Message:
         time_us = loop.observe().time_us % 2**32
-        pulses = (_PULSE_US[0] + round(_PULSE_US[1] * min(max(thrust, 0.0), 1.0)) for thrust in loop.rotors)
-        return wire.MAVLink_servo_output_raw_message(time_us, 0, *pulses, *[0] * (_SERVOS - _ROTORS))
+        pulses = [_PULSE_US[0] + round(_PULSE_US[1] * min(max(thrust, 0.0), 1.0)) for thrust in loop.rotors]
+        return wire.MAVLink_servo_output_raw_message(time_us, 0, *pulses, *[0] * (_SERVOS - len(pulses)))
 
     def outputs() -> Message:
         time_us = loop.observe().time_us
-        thrusts = (*loop.rotors, *[0.0] * (_OUTPUTS - _ROTORS))
-        return wire.MAVLink_actuator_output_status_message(time_us, 2**_ROTORS - 1, thrusts)
+        rotors = loop.rotors
+        thrusts = (*rotors, *[0.0] * (_OUTPUTS - len(rotors)))
+        return wire.MAVLink_actuator_output_status_message(time_us, 2 ** len(rotors) - 1, thrusts)
 
     return Service(
         streams={

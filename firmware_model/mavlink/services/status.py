@@ -1,7 +1,7 @@
 """Status: sensor health, readiness to arm, and landed state.
 
-No battery is modelled, so its fields carry the values for unknown. SYS_STATUS reports zero voltage instead, like a
-vehicle without battery monitor: dronekit reads the value for unknown as 65.5 V.
+Without a battery its fields carry the values for unknown. SYS_STATUS reports zero voltage instead, like a vehicle
+without battery monitor: dronekit reads the value for unknown as 65.5 V.
 
 MAVLink, messages 1, 147, 193, 245. Programs for ArduPilot read readiness to arm from 193.
 """
@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
+from firmware_model.types import BatteryReading
 
 _UNKNOWN16, _UNKNOWN, _NO_VOLTAGE = 2**16 - 1, -1, 0
 # Ideal navigation replaces compass and GPS.
@@ -48,24 +49,44 @@ def make_service(context: VehicleContext) -> Service:
 
     return Service(
         streams={
-            wire.MAVLINK_MSG_ID_SYS_STATUS: Stream(_system_message, 1_000_000),
-            wire.MAVLINK_MSG_ID_BATTERY_STATUS: Stream(_battery_message, 2_000_000),
+            wire.MAVLINK_MSG_ID_SYS_STATUS: Stream(lambda: _system_message(context.loop.battery), 1_000_000),
+            wire.MAVLINK_MSG_ID_BATTERY_STATUS: Stream(lambda: _battery_message(context.loop.battery), 2_000_000),
             wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Stream(extended, 1_000_000),
             wire.MAVLINK_MSG_ID_EKF_STATUS_REPORT: Stream(_estimator_message, 1_000_000),
         }
     )
 
 
-def _system_message() -> Message:
-    battery = (_NO_VOLTAGE, _UNKNOWN, _UNKNOWN)
-    return wire.MAVLink_sys_status_message(_SENSORS, _SENSORS, _HEALTHY_SENSORS, 0, *battery, *[0] * 6)
+def _system_message(battery: BatteryReading | None) -> Message:
+    told, sensor = (_NO_VOLTAGE, _UNKNOWN, _UNKNOWN), 0
+    if battery is not None:
+        told, sensor = (_millivolts(battery.voltage), *_current_and_rest(battery)), wire.MAV_SYS_STATUS_SENSOR_BATTERY
+    health = _SENSORS | sensor, _SENSORS | sensor, _HEALTHY_SENSORS | sensor
+    return wire.MAVLink_sys_status_message(*health, 0, *told, *[0] * 6)
 
 
 def _estimator_message() -> Message:
     return wire.MAVLink_ekf_status_report_message(_ESTIMATED, *[0.0] * 5)
 
 
-def _battery_message() -> Message:
+def _battery_message(battery: BatteryReading | None) -> Message:
     kind = wire.MAV_BATTERY_FUNCTION_ALL, wire.MAV_BATTERY_TYPE_UNKNOWN
     temperature, cells = 2**15 - 1, [_UNKNOWN16] * 10
-    return wire.MAVLink_battery_status_message(0, *kind, temperature, cells, *[_UNKNOWN] * 4)
+    if battery is None:
+        return wire.MAVLink_battery_status_message(0, *kind, temperature, cells, *[_UNKNOWN] * 4)
+    cell = _millivolts(battery.voltage / battery.cells)
+    cells = [cell if i < battery.cells else _UNKNOWN16 for i in range(10)]
+    more = [cell if i < battery.cells else 0 for i in range(10, 14)]
+    (current, rest), used = _current_and_rest(battery), round(1000.0 * battery.used_ah)
+    return wire.MAVLink_battery_status_message(
+        0, *kind, temperature, cells, current, used, _UNKNOWN, rest, voltages_ext=more
+    )
+
+
+def _millivolts(voltage: float) -> int:
+    return min(round(1000.0 * voltage), _UNKNOWN16 - 1)
+
+
+def _current_and_rest(battery: BatteryReading) -> tuple[int, int]:
+    """Return current [cA], at most what the field holds, and charge left [%]."""
+    return min(round(100.0 * battery.current), 2**15 - 1), round(100.0 * battery.remaining)

@@ -80,27 +80,33 @@ Places = Mapping[str, Placement | None]
 
 
 def performance_limits(
-    laws: Mapping[str, Law], margins: Mapping[str, HoverMargins | None], vehicle: Vehicle, scenario: Scenario
+    laws: Mapping[str, Law],
+    margins: Mapping[str, HoverMargins | None],
+    vehicle: Vehicle,
+    scenario: Scenario,
+    slew: float = SLEW,
 ) -> tuple[ErrorLimits, Places]:
     """Return the limits of a vehicle in the scenario's turbulence and the placement of each law; takes seconds.
+
+    `slew` [N*m/s] is that of the limits; the curves are for half of it, for it, and for its double.
 
     Raises
     ------
     ValueError
         If the scenario has no Dryden turbulence.
     DesignError
-        If no law can hold this vehicle's attitude at the slew `SLEW`.
+        If no law can hold this vehicle's attitude at this slew.
     """
     models = axis_models(vehicle, scenario)
-    linear = linear_laws(models, around=SLEW)
+    linear = linear_laws(models, around=slew)
     found = ErrorLimits(
         scenario=scenario.name,
-        slew=SLEW,
-        gyro_deg=math.degrees(output_feedback_limit(models, SLEW).rmse),
+        slew=slew,
+        gyro_deg=math.degrees(output_feedback_limit(models, slew).rmse),
         gyro_any_slew_deg=math.degrees(output_feedback_limit(models, math.inf).rmse),
-        clairvoyant_deg=math.degrees(full_information_limit(models, SLEW).rmse),
+        clairvoyant_deg=math.degrees(full_information_limit(models, slew).rmse),
         clairvoyant_any_slew_deg=math.degrees(full_information_limit(models, math.inf).rmse),
-        curves=tuple(_trade_off_curve(linear, slew) for slew in SLEWS),
+        curves=tuple(_trade_off_curve(linear, each * slew / SLEW) for each in SLEWS),
     )
     peaks = {name: None if margin is None else margin.Ms for name, margin in margins.items()}
     places = {

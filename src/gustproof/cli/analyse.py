@@ -6,11 +6,12 @@ from typing import Annotated
 import typer
 
 from firmware_model.errors import ConfigError
+from gustproof.cli.laws import LAW_HELP, find_law
 from gustproof.cli.options import SEED, AsJson, VehicleName, check_output, print_json
 
 
 def analyse(
-    law: Annotated[str, typer.Argument(help="Name of a shipped law, a .json or .mat file, or a folder of tables.")],
+    law: Annotated[str, typer.Argument(help=LAW_HELP)],
     scenario: Annotated[
         str, typer.Option(help="Scenario that gives the wind and the sample rate.")
     ] = "paper-turbulence",
@@ -31,15 +32,14 @@ def analyse(
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.analysis.analyse import analyse as analysed
-    from gustproof.law.io.matrices import read_law
     from gustproof.report.laws import render_analysis
     from gustproof.report.terminal import show
 
     check_output(output, ".png", "a figure")
-    read, script = read_law(law), load_scenario(scenario)
+    airframe, script = load_vehicle(vehicle), load_scenario(scenario)
+    read = find_law(law, airframe, script.control_rate_hz)
     if read.dt != script.dt:
         raise ConfigError(f"law '{read.name}' steps every {read.dt} s, scenario '{script.name}' every {script.dt} s")
-    airframe = load_vehicle(vehicle)
     try:
         analysis = analysed(read, airframe, script, seed=seed)
         if output is not None:

@@ -11,12 +11,15 @@ from gustproof.cli.design import design
 from gustproof.cli.export import export
 from gustproof.cli.failures import OneLineErrors
 from gustproof.cli.fly import fly
+from gustproof.cli.identify import identify
 from gustproof.cli.identify_rates import identify_rates
+from gustproof.cli.judge import judge
 from gustproof.cli.processes import autopilot, controller
 from gustproof.cli.recover import recover
 from gustproof.cli.report import report
 from gustproof.cli.reproduce import reproduce
 from gustproof.cli.scenario import scenario
+from gustproof.cli.tune import tune
 from gustproof.cli.worst_case import worst_case
 
 PASS_THROUGH = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
@@ -35,6 +38,8 @@ app = typer.Typer(
 )
 app.command()(reproduce)
 app.command()(design)
+app.command()(identify)
+app.command()(tune)
 app.command()(identify_rates)
 app.add_typer(scenario, name="scenario")
 app.command()(fly)
@@ -45,6 +50,7 @@ app.command()(certify)
 app.command()(worst_case)
 app.command()(report)
 app.command()(analyse)
+app.command()(judge)
 app.command()(audit)
 app.command()(export)
 app.command(context_settings=PASS_THROUGH)(autopilot)

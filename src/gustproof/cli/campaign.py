@@ -9,6 +9,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, exit_with
+from gustproof.cli.laws import LAW_HELP, default_law, find_law
 from gustproof.cli.options import (
     Anyway,
     AsJson,
@@ -32,7 +33,9 @@ def campaign(
     output: Annotated[Path, typer.Option("-o", "--output", help="Write the table here (.parquet).")],
     law: Annotated[
         list[str] | None,
-        typer.Option(help="Name of a shipped law, or a .json file. Repeat it to compare laws case by case."),
+        typer.Option(
+            help=f"{LAW_HELP} Repeat it to compare laws case by case [default: flagship, tuned for your vehicle]."
+        ),
     ] = None,
     autopilot: AutopilotName = None,
     build: Build = "",
@@ -82,7 +85,7 @@ def campaign(
     from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads, usual_dispersions
     from gustproof.campaign.sampling import Sampling
     from gustproof.campaign.statistics import compute_statistics
-    from gustproof.law.form import Law, load_law
+    from gustproof.law.form import Law
     from gustproof.report.campaign import render_campaign
     from gustproof.report.terminal import show
     from gustproof.simulate.flight import check
@@ -93,13 +96,14 @@ def campaign(
         wanted = usual_dispersions(vehicles)
     else:
         wanted = [_parse_choice(DispersionKind, "--spread", word.strip()) for word in spread.split(",")]
-    laws = [load_law(name) for name in law or ()]
+    laws = [find_law(name, vehicles.nominal, script.control_rate_hz) for name in law or ()]
     contestants: list[Law | ForeignAutopilot] = [*laws]
     if autopilot is not None:
         contestants.append(ForeignAutopilot(kind=autopilot, build=build, parameters=params))
         check_guest(script)
     if not contestants:
-        raise ConfigError("give --law, or --autopilot")
+        laws = [default_law(vehicles, script, quiet=as_json)]
+        contestants = [*laws]
     plan = Campaign(
         scenario=script,
         laws=tuple(contestants),

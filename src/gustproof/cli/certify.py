@@ -14,8 +14,10 @@ from gustproof.cli.options import AsJson, check_output, parse_positive_vector, p
 if TYPE_CHECKING:
     from gustproof.certify.boundedness import FlightCertificate
     from gustproof.certify.certificate import Certificate
+    from gustproof.certify.check.evidence import CheckResult
     from gustproof.lti.state_space import LinearSystem
     from gustproof.model.interconnection import Interconnection
+    from gustproof.model.lft import Uncertain
     from gustproof.synthesis.designs import Design
 
 
@@ -122,7 +124,8 @@ def certify(
     ever, under any moment within --moment. The true attitude leaves that of a strapdown law by at most a drift, which
     grows with the horizon: a gyro does not observe attitude. Nothing is assumed of the motion. The part is the
     certified share of the moment, at most 1. --check derives the loop again from the law and vehicle files. Of a gain,
-    given the design and its envelope, it compares the loop derived again with the evidence.
+    given the design and its envelope, it proves the gain of the loop derived again, and of all within its rounding. It
+    flies the lower bound again.
 
     With --air nothing is proved. A linear Gaussian model predicts the box that the true attitude leaves with --risk at
     most, in the scenario's turbulence and gyro noise, over its duration. Tails are summed over all samples and axes.
@@ -158,10 +161,10 @@ def certify(
     if check_file is not None:
         if (name is None) != (envelope is None):
             raise ConfigError("--check takes a gain's design with its envelope, or a flight's --law and --vehicle")
-        status = _check(check_file, law, None if name else vehicle, as_json=as_json)
-        if name is not None and envelope is not None and status is ExitStatus.DONE:
-            status = _check_design(check_file, _find_design(name), vehicle, *envelope, **gain)
-        raise typer.Exit(status.value)
+        derived = None
+        if name is not None and envelope is not None:
+            derived = _derive_loop(_find_design(name), vehicle, *envelope, **gain)
+        raise typer.Exit(_check(check_file, law, None if name else vehicle, derived, as_json=as_json).value)
     if name is None or law is not None:
         raise ConfigError(_USAGE)
     check_output(output, ".json", "a certificate")
@@ -290,8 +293,7 @@ def _design_loop(design: "Design", vehicle: str | None, leak: float | None) -> "
     return problem, report.result.controller
 
 
-def _check_design(
-    path: Path,
+def _derive_loop(
     design: "Design",
     vehicle: str | None,
     angle: float,
@@ -300,10 +302,9 @@ def _check_design(
     leak: float | None,
     exact_rho: bool,
     slow: bool,
-) -> ExitStatus:
-    """Derive the loop again and compare it with the evidence of an accepted certificate."""
-    from firmware_model.config.files import parse_json, read_text
-    from gustproof.certify.gain.l2_gain import attitude_loop, envelope_speeds, is_evidence_of
+) -> "tuple[Uncertain, dict[str, float] | None]":
+    """Return the loop that a certificate of a design is about, and the speeds of its parameters [1/s], if bounded."""
+    from gustproof.certify.gain.l2_gain import attitude_loop, envelope_speeds
     from gustproof.model.rotational import Envelope
 
     problem, controller = _design_loop(design, vehicle, leak)
@@ -311,14 +312,9 @@ def _check_design(
         scheduled = exact_rho or design.scheduled
         loop = attitude_loop(problem, controller, Envelope(angle=angle, rate=rate), scheduled=scheduled)
         kept = design.leak if leak is None else leak
-        speeds = envelope_speeds(angle, rate, leak=kept) if slow else None
-        same = is_evidence_of(parse_json(read_text(path))["evidence"], loop, speeds)
+        return loop, envelope_speeds(angle, rate, leak=kept) if slow else None
     except ValueError as error:
         raise ConfigError(f"design {design.name}: {error}") from None
-    if not same:
-        say(f"refused: the evidence is not about design '{design.name}' with this envelope")
-        return ExitStatus.REQUIREMENT_FAILED
-    return ExitStatus.DONE
 
 
 def _certify_flight(
@@ -357,10 +353,19 @@ def _certify_flight(
         raise ConfigError(str(error)) from None
 
 
-def _check(path: Path, law: str | None, vehicle: str | None, *, as_json: bool) -> ExitStatus:
+def _check(
+    path: Path,
+    law: str | None,
+    vehicle: str | None,
+    derived: "tuple[Uncertain, dict[str, float] | None] | None",
+    *,
+    as_json: bool,
+) -> ExitStatus:
+    """Print the verdict on a certificate; that of a gain is about the `derived` loop, if given, which flies again."""
     from firmware_model.config.files import parse_json, read_text
     from firmware_model.config.vehicle import vehicle_path
     from gustproof.certify.check.evidence import FORMAT, check_certificate
+    from gustproof.certify.gain.l2_gain import derived_loop, lower_bound
     from gustproof.law.form import law_path
 
     try:
@@ -372,16 +377,34 @@ def _check(path: Path, law: str | None, vehicle: str | None, *, as_json: bool) -
         raise ConfigError(f"{path}: not JSON: {error}") from None
     if not isinstance(claimed, dict) or claimed.get("format") != FORMAT:
         raise ConfigError(f"{path}: not a certificate: its format must be '{FORMAT}'")
-    verdict = check_certificate(text, law=law_text, vehicle=vehicle_text)
+    loop = None if derived is None else derived_loop(*derived)
+    verdict = check_certificate(text, law=law_text, vehicle=vehicle_text, loop=loop)
+    if verdict.accepted and derived is not None:
+        verdict = _weigh(verdict, lower_bound(*derived))
+    _show_verdict(verdict, as_json=as_json)
+    return ExitStatus.DONE if verdict.accepted else ExitStatus.REQUIREMENT_FAILED
+
+
+def _weigh(verdict: "CheckResult", reached: float) -> "CheckResult":
+    """Return the verdict on a gain with what a simulation `reached`; one that exceeds the gain refutes it."""
+    gain = verdict.figures["gain"]
+    if reached > gain:
+        reason = f"a simulation reached {reached:.4g}, above the gain {gain:.4g}"
+        return replace(verdict, accepted=False, reason=reason, figures={})
+    return replace(verdict, figures={**verdict.figures, "lower_bound": reached})
+
+
+def _show_verdict(verdict: "CheckResult", *, as_json: bool) -> None:
     if as_json:
         made = {"assumes": verdict.assumes} if verdict.accepted else {}
         print_json({"proven": verdict.accepted, "reason": verdict.reason, **verdict.figures, **made})
     elif verdict.accepted:
         say(f"proven: {verdict.reason}")
+        if "lower_bound" in verdict.figures:
+            print(f"a simulation of the derived loop reached {verdict.figures['lower_bound']:.4g}")
         _show_assumptions(verdict.assumes)
     else:
         say(f"refused: {verdict.reason}")
-    return ExitStatus.DONE if verdict.accepted else ExitStatus.REQUIREMENT_FAILED
 
 
 def _show(name: str, certificate: "Certificate | FlightCertificate", output: Path | None, *, as_json: bool) -> None:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gustproof.cli.laws import LAW_HELP, find_law
 from gustproof.cli.options import AsJson, Build, VehicleName, print_json, progress
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ def compare(
         list[str] | None,
         typer.Option(help="Parameters of its own loops, a shipped set or a file; repeat it [default: stock, tuned]."),
     ] = None,
-    law: Annotated[str, typer.Option(help="Law to fly beside them: a shipped one, or a .json file.")] = "flagship",
+    law: Annotated[str, typer.Option(help=f"Law to fly beside them. {LAW_HELP}")] = "flagship",
     inside: Annotated[
         str, typer.Option(help="Build with that law inside, made by gustproof export [default: none].")
     ] = "",
@@ -36,13 +37,13 @@ def compare(
     """
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.cli.fly import load_script
-    from gustproof.law.form import load_law
     from gustproof.report.contest import render_comparison
     from gustproof.report.terminal import show
     from gustproof.simulate.comparison import compare as fly_all
     from gustproof.simulate.guest import ForeignAutopilot
 
-    script, ours = load_script(scenario, free=free), load_law(law)
+    script, airframe = load_script(scenario, free=free), load_vehicle(vehicle)
+    ours = find_law(law, airframe, script.control_rate_hz)
     sets = params or ["stock", "tuned"]
     contestants: list[ForeignAutopilot | Law]
     contestants = [ForeignAutopilot(kind=autopilot, build=build, parameters=each) for each in sets]
@@ -50,7 +51,7 @@ def compare(
         contestants.append(ForeignAutopilot(kind=autopilot, build=inside, law=ours.name))
     title = f"{script.name}, {runs} seed{'s' if runs > 1 else ''}"
     with progress(title, quiet=as_json) as shown:
-        rows = fly_all(script, load_vehicle(vehicle), [*contestants, ours], range(1, runs + 1), shown)
+        rows = fly_all(script, airframe, [*contestants, ours], range(1, runs + 1), shown)
     if as_json:
         print_json([row.to_dict() for row in rows])
     else:

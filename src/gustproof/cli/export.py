@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from firmware_model.errors import ConfigError
+from gustproof.cli.laws import LAW_HELP, find_law, is_parameter_file
 from gustproof.cli.options import AsJson, print_json
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def export(
-    law: Annotated[str, typer.Argument(help="Name of a shipped law, a .json or .mat file, or a folder of tables.")],
+    law: Annotated[str, typer.Argument(help=LAW_HELP)],
     c: Annotated[Path | None, typer.Option("--c", help="Write C code here, and its header beside it.")] = None,
     px4: Annotated[Path | None, typer.Option("--px4", help="Write a module for PX4 to this new folder.")] = None,
     ardupilot: Annotated[
@@ -65,14 +66,12 @@ def export(
 
     gustproof export mine.mat --law mine.json && gustproof fly paper-turbulence --law mine.json
     """
-    from gustproof.law.io.matrices import read_law
-
     folders = {name: path for name, path in (("px4", px4), ("ardupilot", ardupilot), ("crazyflie", crazyflie)) if path}
     wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
     _check_outputs({**wanted, **dict.fromkeys(folders.values(), "")}, c)
     _check_attitude(attitude)
-    _check_options(bool(c or folders), rate, vehicle, attitude, checked=float32 or bool(folders))
-    read = read_law(law)
+    _check_options(bool(c or folders), rate, _checked_on(law, vehicle), attitude, checked=float32 or bool(folders))
+    read = _read_law(law, vehicle, rate)
     told = [_export_folder(read, name, path, attitude, rate, vehicle, float32) for name, path in folders.items()]
     if wanted:
         margins = {}
@@ -150,6 +149,18 @@ def _check_options(in_c: bool, rate: int | None, vehicle: str | None, attitude: 
         raise ConfigError(
             "--vehicle: belongs to --rate and --float32, whose loops are checked on it, and to autopilots"
         )
+
+
+def _read_law(law: str, vehicle: str | None, rate: int | None) -> "Law":
+    """Return the law; an autopilot's loops on the vehicle, `paper` if none is given, at `rate` [Hz]."""
+    from firmware_model.config.vehicle import load_vehicle
+
+    return find_law(law, load_vehicle(vehicle or "paper"), rate)
+
+
+def _checked_on(law: str, vehicle: str | None) -> str | None:
+    """Return the vehicle that a loop must be checked on; an autopilot's loops need one themselves."""
+    return None if is_parameter_file(law) else vehicle
 
 
 def _check_attitude(attitude: str | None) -> None:

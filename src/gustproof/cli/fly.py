@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gustproof.cli.failures import ExitStatus, exit_with
+from gustproof.cli.laws import LAW_HELP, default_law, find_law
 from gustproof.cli.options import (
     SEED,
     Anyway,
@@ -23,7 +24,9 @@ from gustproof.cli.options import (
 
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
+    from firmware_model.config.vehicle import Vehicle
     from gustproof.campaign.rerun import CampaignRun
+    from gustproof.law.form import Law
     from gustproof.simulate.flight import Flight, FlightPlan
     from gustproof.simulate.guest import ForeignAutopilot, GuestPlan
 
@@ -42,7 +45,7 @@ def fly(
     ] = None,
     law: Annotated[
         str | None,
-        typer.Option(help="Name of a shipped law, or a .json file [default: flagship, if it is for the vehicle]."),
+        typer.Option(help=f"{LAW_HELP} [default: flagship, tuned for a vehicle of your own]."),
     ] = None,
     vehicle: VehicleName = "paper",
     seed: Annotated[int, SEED] = 1,
@@ -99,6 +102,7 @@ def fly(
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot/build/px4_sitl_default --params tuned
     """
     from gustproof.recording.folder import make_run_folder
+    from gustproof.simulate.flight import FlightPlan
     from gustproof.simulate.guest import ForeignAutopilot
     from gustproof.simulate.outcome import FlightOutcome
 
@@ -112,7 +116,9 @@ def fly(
         plan = _make_guest_plan(load_script(scenario, free=free), chosen, vehicle, seed, real_time=real_time)
     else:
         refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
-        plan = _make_plan(load_script(scenario, free=free), law, vehicle, seed, real_time, anyway)
+        script = load_script(scenario, free=free)
+        flown, airframe = _find_law(script, law, vehicle, anyway=anyway, quiet=as_json)
+        plan = FlightPlan(script, flown, airframe, seed, real_time)
     folder = make_run_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
@@ -209,24 +215,19 @@ def _make_guest_plan(
     return GuestPlan(script, autopilot, load_vehicle(vehicle), seed, real_time or not autopilot.has_lockstep)
 
 
-def _make_plan(
-    script: "Scenario", law: str | None, vehicle: str, seed: int, real_time: bool, anyway: bool
-) -> "FlightPlan":
-    from firmware_model.config.vehicle import load_vehicle
-    from firmware_model.errors import ConfigError
-    from gustproof.controller import DEFAULT_LAW
-    from gustproof.law.form import load_law
-    from gustproof.simulate.flight import FlightPlan, check
+def _find_law(script: "Scenario", law: str | None, vehicle: str, *, anyway: bool, quiet: bool) -> "tuple[Law, Vehicle]":
+    """Return the law, by default one for the vehicle, and the vehicle; refuse a flight that should not begin."""
+    from firmware_model.config.uncertainty import load_vehicle_set
+    from gustproof.simulate.flight import check
 
-    airframe = load_vehicle(vehicle)
-    flown = load_law(DEFAULT_LAW if law is None else law)
-    if law is None and flown.provenance.vehicle != airframe.name:
-        raise ConfigError(
-            f"law '{flown.name}' is for vehicle '{flown.provenance.vehicle}', not '{airframe.name}': give --law"
-        )
+    vehicles = load_vehicle_set(vehicle)
+    if law is None:
+        flown = default_law(vehicles, script, quiet=quiet)
+    else:
+        flown = find_law(law, vehicles.nominal, script.control_rate_hz)
     if not anyway:
-        check(script, flown, airframe)
-    return FlightPlan(script, flown, airframe, seed, real_time)
+        check(script, flown, vehicles.nominal)
+    return flown, vehicles.nominal
 
 
 def _load_plan(context: typer.Context, run: Path) -> "FlightPlan | GuestPlan":

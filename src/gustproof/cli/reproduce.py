@@ -24,18 +24,21 @@ def reproduce(
         gustproof reproduce
 
         gustproof reproduce --seeds 1 --out /tmp/paper --json
+
+    Another vehicle flies cascades tuned for it, beside those of the laws that are stable there.
+
+        gustproof reproduce --vehicle iris
     """
-    from firmware_model.config.vehicle import load_vehicle
+    from firmware_model.config.uncertainty import load_vehicle_set
     from gustproof.recording.folder import make_run_folder
     from gustproof.report.terminal import show
     from gustproof.reproduce import run as paper
 
-    airframe = load_vehicle(vehicle)
-    if not anyway:
-        paper.check(airframe)
-    folder = make_run_folder(out, "reproduce")
+    vehicles = load_vehicle_set(vehicle)
     with progress("starting", quiet=as_json) as show_progress:
-        result = paper.reproduce(airframe, range(1, seeds + 1), folder, show_progress)
+        laws = paper.find_laws(vehicles, anyway=anyway, progress=show_progress)
+        folder = make_run_folder(out, "reproduce")
+        result = paper.reproduce(vehicles.nominal, range(1, seeds + 1), folder, show_progress, laws)
     if as_json:
         print_json(result.to_dict())
     else:

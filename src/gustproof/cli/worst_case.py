@@ -1,12 +1,14 @@
 """The command `gustproof worst-case`: the most harmful disturbance."""
 
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from firmware_model.errors import ConfigError
+from gustproof.cli.laws import LAW_HELP, find_law
 from gustproof.cli.options import AsJson, VehicleName, check_output, parse_positive_vector, print_json, progress
 
 if TYPE_CHECKING:
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def worst_case(
-    law: Annotated[str, typer.Argument(help="Name of a shipped law, or a .json file.")],
+    law: Annotated[str, typer.Argument(help=LAW_HELP)],
     budget: Annotated[
         str, typer.Option("--moment", help="Largest moment about each axis, L,M,N [N m].")
     ] = "0.65,0.65,0.3",
@@ -48,12 +50,13 @@ def worst_case(
     from firmware_model.config.files import write_toml
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.falsify.worst_case import worst_case as search
-    from gustproof.law.form import load_law
     from gustproof.model.uncertainty import Spreads
+    from gustproof.simulate.flight import warnings
 
     moment = parse_positive_vector("--moment", budget)
     check_output(output, ".toml", "a scenario file")
-    flown, airframe = load_law(law), load_vehicle(vehicle)
+    airframe = load_vehicle(vehicle)
+    flown = find_law(law, airframe, None)
     title = f"searching, {flown.name}"
     try:
         with progress(title, quiet=as_json) as shown:
@@ -70,6 +73,7 @@ def worst_case(
             )
     except ValueError as error:
         raise ConfigError(str(error)) from None
+    known = warnings(found.scenario, flown, airframe)
     files = [] if output is None else [output]
     if output is not None:
         write_toml(found.scenario, output)
@@ -77,9 +81,17 @@ def worst_case(
             files.append(output.with_name(f"{output.stem}-vehicle.toml"))
             write_toml(found.vehicle, files[1])
     if as_json:
-        document = {"law": flown.name, "moment_nm": moment, "files": files, **to_jsonable_python(found)}
+        document = {
+            "law": flown.name,
+            "moment_nm": moment,
+            "warnings": known,
+            "files": files,
+            **to_jsonable_python(found),
+        }
         print_json(to_jsonable_python(document, inf_nan_mode="null"))
         return
+    for line in known:
+        print(f"gustproof: warning: {line}", file=sys.stderr)
     _print(flown.name, found, horizon)
     if files:
         other = f" --vehicle {files[1] if files[1:] else vehicle}" if files[1:] or vehicle != "paper" else ""

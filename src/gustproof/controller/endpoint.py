@@ -86,6 +86,10 @@ _NAVIGATION = {  # messages requested from a vehicle whose time runs, with their
     wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 20_000,
     wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 200_000,
 }
+_WAYS_OUT = {
+    "LOCAL_POSITION_NED": "--height free needs no height",
+    "ATTITUDE": "--attitude own starts level without it",
+}
 _PROGRESS = {
     Phase.ARMING: "arming the vehicle",
     Phase.ENTERING: "requesting {mode}",
@@ -154,7 +158,7 @@ class ControllerEndpoint:
         self._attitude: tuple[int, Vector] | None = None
         self._attitude_ms = 0
         self._landed = 0
-        self._navigation = _NAVIGATION if law.output is Output.RATES else {}
+        self._navigation = _navigation(law)
         self._absent = set(self._navigation)
         self._navigation_handlers: dict[int, Callable[[Message], None]] = {
             wire.MAVLINK_MSG_ID_ATTITUDE: self._on_attitude,
@@ -301,6 +305,8 @@ class ControllerEndpoint:
             needed.add(wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
         if self._family.mode_takes_off:
             needed.add(wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
+        if self._correct_attitude and self._law.is_scheduled:
+            needed.add(wire.MAVLINK_MSG_ID_ATTITUDE)
         return [number for number in self._absent if number in needed]
 
     def _answer_fast(self, datagram: bytes, peer: Address, now_us: int) -> bool:
@@ -343,8 +349,8 @@ class ControllerEndpoint:
             has_samples = self._stream.interval_us > 0.0
             return ControllerOutcome.WRONG_RATE if has_samples else ControllerOutcome.NOT_STARTED, fault
         names = [wire.mavlink_map[number].msgname for number in self._missing_navigation()]
-        hint = "; --height free needs no height" if "LOCAL_POSITION_NED" in names else ""
-        return ControllerOutcome.NOT_STARTED, f"the autopilot does not send {', '.join(names)}{hint}"
+        hints = "".join(f"; {hint}" for name, hint in _WAYS_OUT.items() if name in names)
+        return ControllerOutcome.NOT_STARTED, f"the autopilot does not send {', '.join(names)}{hints}"
 
     def _take_over(self, controller: Controller, time_us: int) -> None:
         """Arm a vehicle that waits, take over one that flies; stand by on the ground, in take-off or landing.
@@ -371,9 +377,14 @@ class ControllerEndpoint:
             self._enter(_STANDING_BY)
 
     def _report_flight(self) -> None:
-        """Report to people how samples, height and thrust are dealt with."""
+        """Report to people how samples, attitude, height and thrust are dealt with."""
         if text := self._stream.describe():
             self._report(text)
+        if not self._law.is_scheduled:
+            self._report(
+                f"attitude: law '{self._law.name}' has no estimate that could start at ATTITUDE: "
+                "it holds as level the attitude in which it takes over"
+            )
         if self._law.output is not Output.RATES:
             return
         if self._height is not None:
@@ -589,6 +600,14 @@ class ControllerEndpoint:
     def _end(self, outcome: ControllerOutcome, message: str) -> None:
         if self.outcome is None:
             self.outcome, self.message = outcome, message
+
+
+def _navigation(law: Law) -> Mapping[int, int]:
+    """Return the messages that a law needs of a vehicle whose time runs, with their intervals [us]."""
+    if law.output is Output.RATES:
+        return _NAVIGATION
+    attitude = wire.MAVLINK_MSG_ID_ATTITUDE
+    return {attitude: _NAVIGATION[attitude]} if law.is_scheduled else {}
 
 
 def _name(enumeration: str, value: int) -> str:

@@ -8,7 +8,8 @@ from threading import Event
 
 import numpy as np
 
-from firmware_model.recording.journal import RECORD
+from firmware_model.config.files import parse_json
+from firmware_model.recording.journal import RECORD, told_type
 from gustproof.live.telemetry_buffer import SERIES, Row, TelemetryBuffer
 from gustproof.types import Array, Records
 
@@ -69,17 +70,19 @@ class _GroupReader:
     def __init__(self, file: BufferedReader, every: int) -> None:
         self._file, self._every = file, every
         self._remainder = b""
-        self._has_first = False
+        self._has_first, self._record = False, RECORD
 
     def read(self) -> Records:
         """Return the groups (n, every) completed since the last call."""
         self._remainder += self._file.read()
         if not self._has_first:
-            first = self._remainder.partition(b"\n")[2]
-            if len(first) >= RECORD.itemsize:  # repeated to a group of its own
-                self._has_first, self._remainder = True, first[: RECORD.itemsize] * (self._every - 1) + first
-        size = RECORD.itemsize * self._every
+            header, ended, first = self._remainder.partition(b"\n")
+            self._record = told_type(parse_json(header)) if ended else RECORD
+            if len(first) >= self._record.itemsize:  # repeated to a group of its own
+                self._has_first = True
+                self._remainder = first[: self._record.itemsize] * (self._every - 1) + first
+        size = self._record.itemsize * self._every
         whole = len(self._remainder) // size * size if self._has_first else 0
-        groups = np.frombuffer(self._remainder[:whole], dtype=RECORD).reshape(-1, self._every)
+        groups = np.frombuffer(self._remainder[:whole], dtype=self._record).reshape(-1, self._every)
         self._remainder = self._remainder[whole:]
         return groups

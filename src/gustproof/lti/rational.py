@@ -57,16 +57,22 @@ def scale(factor: Fraction | int, A: RationalMatrix) -> RationalMatrix:
 
 
 def multiply(A: RationalMatrix, B: RationalMatrix) -> RationalMatrix:
-    """Return the product `A B`, skipping terms that are 0."""
-    columns = len(B[0]) if B else 0
-    product = zeros(len(A), columns)
-    for row, result in zip(A, product, strict=True):
-        for value, other in zip(row, B, strict=True):
+    """Return the product `A B`, in integers over one denominator each, skipping terms that are 0."""
+    (left, p), (right, q) = _integers(A), _integers(B)
+    product = []
+    for row in left:
+        total = [0] * len(right[0]) if right else []
+        for value, other in zip(row, right, strict=True):
             if value:
-                for j in range(columns):
-                    if other[j]:
-                        result[j] += value * other[j]
+                total = [x + value * y for x, y in zip(total, other, strict=True)]
+        product.append([Fraction(x, p * q) for x in total])
     return product
+
+
+def _integers(A: RationalMatrix) -> tuple[list[list[int]], int]:
+    """Return a matrix of rationals as integers over one positive denominator."""
+    multiple = math.lcm(*(value.denominator for row in A for value in row))
+    return [[value.numerator * (multiple // value.denominator) for value in row] for row in A], multiple
 
 
 def is_symmetric(M: RationalMatrix) -> bool:
@@ -93,9 +99,7 @@ def is_positive_definite(M: RationalMatrix) -> bool:
     """
     if not is_symmetric(M):
         raise ValueError("the matrix is not symmetric")
-    n = len(M)
-    multiple = math.lcm(*(value.denominator for row in M for value in row)) if n else 1
-    A = [[int(value * multiple) for value in row] for row in M]
+    n, (A, _) = len(M), _integers(M)
     previous = 1
     for k in range(n):
         pivot = A[k][k]

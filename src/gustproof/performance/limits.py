@@ -25,7 +25,10 @@ from gustproof.lti.state_space import Lti, gain, lft
 from gustproof.performance.covariance import AxisModel, augmented_axis, mean_second_moments
 
 _WEIGHTS = (-16.0, 2.0)
-"""Decimal logarithms of the least and the largest weight of slew; at the least, slew is practically free."""
+"""Decimal logarithms of the least and the largest weight of slew at an inertia of about .2 kg*m^2.
+
+At the least, slew is practically free.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,7 +153,9 @@ def _limit_at_slew(
     def excess(exponent: float) -> float:
         return math.log(rms_at(exponent)[1]) - math.log(slew)
 
-    least, most = _WEIGHTS
+    # a torque weighs as the angular acceleration that it gives: light vehicles have small torques
+    decades = -2 * round(math.log10(5.0 * float(np.mean([model.inertia for model in models]))))
+    least, most = (exponent + decades for exponent in _WEIGHTS)
     if excess(most) > 0.0:
         raise DesignError(f"no law holds attitude in this turbulence at slew {slew} N*m/s")
     exponent = least if excess(least) < 0.0 else float(scipy.optimize.brentq(excess, least, most, xtol=1e-6))

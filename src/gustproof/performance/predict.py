@@ -9,6 +9,7 @@ import scipy.linalg
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle
+from firmware_model.types import Vector
 from gustproof.law.form import Law, Matrix, Output
 from gustproof.law.hover import loop_law
 from gustproof.lti.state_space import Lti, lft
@@ -23,10 +24,18 @@ class Prediction:
     """[rad] root mean square of the Euler angles over the scenario, of all flights."""
     slew: float
     """[N*m/s] root mean square of the commands' change from sample to sample, divided by the sample time."""
+    axes_rmse: Vector
+    """[rad] `rmse` of phi, theta and psi."""
+    axes_slew: Vector
+    """[N*m/s] `slew` about each axis."""
     own_rate: float | None
     """[rad/s] root mean square rate where the gyro's noise keeps its ratio to this rate; `None` at no such noise."""
     own_rate_rmse: float | None
     """[rad] `rmse` with that noise, in place of the one that the vehicle's `reference_rate` sets."""
+    seen_rmse: float | None
+    """[rad] `rmse` of the attitude that the law sees: without its gyro's drift, which an autopilot's estimator removes.
+
+    `None` for a law without an estimate of attitude."""
 
 
 def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None:
@@ -55,6 +64,8 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
     quiet = _mean_squares([replace(model, noise=0.0) for model in models], law, vehicle, scenario)
     # Mean squares are linear in the noise's variance s, in units of the one set by the reference rate r. Its ratio to
     # the rate stays for s r^2 = quiet + s (whole - quiet).
+    axes_rmse, axes_slew = np.sqrt(whole[0]), np.sqrt(whole[1]) / scenario.dt
+    whole, quiet = np.mean([whole, quiet], axis=2)
     by_noise, reference_square = whole - quiet, vehicle.gyro.reference_rate**2
     own_rate = own_rate_rmse = None
     if by_noise[2] < reference_square:
@@ -63,15 +74,25 @@ def predict(law: Law, vehicle: Vehicle, scenario: Scenario) -> Prediction | None
     return Prediction(
         rmse=math.sqrt(whole[0]),
         slew=math.sqrt(whole[1]) / scenario.dt,
+        axes_rmse=(float(axes_rmse[0]), float(axes_rmse[1]), float(axes_rmse[2])),
+        axes_slew=(axes_slew[0], axes_slew[1], axes_slew[2]),
         own_rate=own_rate,
         own_rate_rmse=own_rate_rmse,
+        seen_rmse=math.sqrt(whole[3]) if law.is_scheduled else None,
     )
 
 
 def _mean_squares(models: Sequence[AxisModel], law: Law, vehicle: Vehicle, scenario: Scenario) -> Matrix:
-    """Return mean squares (3,) of attitude [rad^2], command change [(N*m)^2] and rate [(rad/s)^2], all axes pooled."""
-    moments = mean_second_moments(models, close_vehicle(models, law, vehicle, scenario))
-    return np.asarray(np.mean(np.diag(moments).reshape(3, 3), axis=1))
+    """Return mean squares (4, 3) of attitude [rad^2], command change [(N*m)^2], rate [(rad/s)^2] and first states.
+
+    The law's first three states are its attitude [rad], if it estimates one.
+    """
+    closed = close_vehicle(models, law, vehicle, scenario)
+    first = np.eye(3, closed.order, closed.order - law.order)
+    seen = Lti(
+        A=closed.A, B=closed.B, C=np.vstack([closed.C, first]), D=np.pad(closed.D, ((0, 3), (0, 0))), dt=closed.dt
+    )
+    return np.diag(mean_second_moments(models, seen)).reshape(4, 3)
 
 
 def close_vehicle(models: Sequence[AxisModel], law: Law, vehicle: Vehicle, scenario: Scenario) -> Lti:

@@ -24,7 +24,18 @@ from firmware_model.guest.recorder import ESTIMATE
 from gustproof.recording import definitions
 from gustproof.recording.definitions import TYPES, definition
 from gustproof.recording.mcap import messages
-from gustproof.recording.topics import BASE_LINK_FRD, ESTIMATE_TOPICS, TOPICS, decode, encode, nan_records, times_us
+from gustproof.recording.topics import (
+    BASE_LINK_FRD,
+    ESTIMATE_TOPICS,
+    ROTORS_TOPIC,
+    TOPICS,
+    decode,
+    encode,
+    list_topics,
+    nan_records,
+    rotors_in,
+    times_us,
+)
 
 FLIGHT_TOPIC, MODE_TOPIC = "/flight", "/mode"
 UNFINISHED_PREFIX = ".bag-"
@@ -79,6 +90,8 @@ def write_bag(path: Path, records: Records, flight: Mapping[str, Any], estimates
 def read_bag(path: Path) -> tuple[dict[str, Any], Records]:
     """Return the metadata on /flight and the journal records (n,) from `write_bag`, to the bit.
 
+    `path` is the bag's folder or its one .mcap file.
+
     Raises
     ------
     ConfigError
@@ -111,7 +124,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Records]:
     known = {FLIGHT_TOPIC, MODE_TOPIC, *(topic.name for topic in TOPICS)}
     payloads: dict[str, bytearray] = defaultdict(bytearray)
     changed_us: list[int] = []
-    for file in sorted(path.glob("*.mcap")):
+    for file in _files(path):
         for name, time_ns, payload in messages(file):
             if name in known and not (name == FLIGHT_TOPIC and FLIGHT_TOPIC in payloads):
                 payloads[name] += payload
@@ -121,8 +134,10 @@ def _read(path: Path) -> tuple[dict[str, Any], Records]:
         raise ConfigError(f"{path}: no topic {min(missing)}: not a bag of a gustproof flight")
     if len(payloads[FLIGHT_TOPIC]) > TEXT:
         raise ConfigError(f"{path}: the message on {FLIGHT_TOPIC} is longer than {TEXT:,} bytes")
-    records = nan_records(len(payloads[TOPICS[0].name]) // TOPICS[0].layout.itemsize)
-    for topic in TOPICS:
+    samples = len(payloads[TOPICS[0].name]) // TOPICS[0].layout.itemsize
+    rotors = rotors_in(len(payloads[ROTORS_TOPIC]) // max(samples, 1))
+    records = nan_records(samples, rotors)
+    for topic in list_topics(rotors):
         if topic.name in payloads:
             rows: NDArray[np.void] = np.frombuffer(payloads[topic.name], dtype=topic.layout)
             decode(topic, rows, records)
@@ -136,9 +151,16 @@ def _read(path: Path) -> tuple[dict[str, Any], Records]:
     return flight, records
 
 
+def _files(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag, its folder or its one file."""
+    return [path] if path.suffix == ".mcap" else sorted(path.glob("*.mcap"))
+
+
 def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
     has_rates = not np.all(np.isnan(records["omega_command_B"]))
-    topics = [topic for topic in TOPICS if topic.name != "/command/rates" or has_rates]
+    topics = [
+        topic for topic in list_topics(records.dtype["rotors"].shape[0]) if topic.name != "/command/rates" or has_rates
+    ]
     start_ns = int(records["time_us"][0]) * 1000
     text = json.dumps(flight, sort_keys=True)
     about = _add_topic(writer, FLIGHT_TOPIC, definitions.FLIGHT, latched=True)
@@ -168,7 +190,7 @@ def _write_estimates(writer: Writer, estimates: Records) -> None:
 def read_estimate_topics(path: Path) -> Records:
     """Return the attitudes (m,) of `ESTIMATE` that a real autopilot told, from its bag; none in any other bag."""
     payloads: dict[str, bytearray] = {topic.name: bytearray() for topic in ESTIMATE_TOPICS}
-    for file in sorted(path.glob("*.mcap")):
+    for file in _files(path):
         for name, _, payload in messages(file):
             if name in payloads:
                 payloads[name] += payload

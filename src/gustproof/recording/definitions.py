@@ -6,10 +6,16 @@ A bag carries these texts: readers need nothing else to decode and understand th
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from firmware_model.autopilot.modes import Mode
+from firmware_model.config.vehicle import MOST_ROTORS
 
-FLIGHT, MODE, ROTORS, COMMAND_AGE = (
-    f"gustproof_msgs/msg/{name}" for name in ("Flight", "Mode", "Rotors", "CommandAge")
-)
+FLIGHT, MODE, COMMAND_AGE = (f"gustproof_msgs/msg/{name}" for name in ("Flight", "Mode", "CommandAge"))
+_PLACES = {4: ": front right, rear left, front left, rear right"}
+
+
+def rotors_message(rotors: int) -> str:
+    """Return the type of the thrusts of a vehicle with `rotors`: `Rotors` for four, `Rotors6` for six."""
+    return f"gustproof_msgs/msg/Rotors{rotors if rotors != 4 else ''}"
+
 
 _OWN_MESSAGES = {
     FLIGHT: """# Metadata of the flight, once, at its first sample: all that is needed to repeat it.
@@ -29,14 +35,17 @@ uint32 custom_mode
 
 """
     + "".join(f"uint32 {mode.name}={mode.value}\n" for mode in Mode),
-    ROTORS: """# Thrust of each rotor, with the lag of the motors.
+    **{
+        rotors_message(n): f"""# Thrust of each rotor, with the lag of the motors.
 
 # stamp: model time from the flight's first commanded sample. frame_id: the body, forward-right-down.
 std_msgs/Header header
 
-# [N] thrust against the z axis, up: front right, rear left, front left, rear right.
-float64[4] thrust
-""",
+# [N] thrust against the z axis, up{_PLACES.get(n, ", in the order of the vehicle file")}.
+float64[{n}] thrust
+"""
+        for n in range(4, MOST_ROTORS + 1)
+    },
     COMMAND_AGE: """# Age of the command in effect: delay by link, controller and vehicle.
 
 # stamp: model time from the flight's first commanded sample. frame_id: the body, forward-right-down.

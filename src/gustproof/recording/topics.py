@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.recording.journal import RECORD
-from gustproof.recording.definitions import COMMAND_AGE, ROTORS
+from firmware_model.config.vehicle import MOST_ROTORS
+from firmware_model.recording.journal import record_type
+from gustproof.recording.definitions import COMMAND_AGE, rotors_message
 
 MAP_NED = "map_ned"
 BASE_LINK_FRD = "base_link_frd"
@@ -50,13 +51,14 @@ _IMU = {"gyro_B": (13, 14, 15), "specific_force_B": (25, 26, 27)}
 _NO_ATTITUDE = ((4, -1.0),)  # by the message's convention a covariance of -1: none is measured
 _POSE = {"position_N": _LINEAR, "q_NB": (6, 3, 4, 5)}  # ROS has the scalar last
 
+ROTORS_TOPIC = "/actuator/rotors"
 TOPICS = (
     Topic("/imu", "sensor_msgs/msg/Imu", BASE_LINK_FRD, 37, _IMU, _NO_ATTITUDE),
     Topic("/command/torque", _WRENCH, BASE_LINK_FRD, 6, {"torque_command_B": _ANGULAR, "thrust_z_command": _UP}),
     Topic("/command/rates", _TWIST, BASE_LINK_FRD, 6, {"omega_command_B": _ANGULAR}),
     Topic("/command/age", COMMAND_AGE, BASE_LINK_FRD, 1, {"command_age": (0,)}),
     Topic("/actuator/torque", _WRENCH, BASE_LINK_FRD, 6, {"torque_B": _ANGULAR, "thrust_z": _UP}),
-    Topic("/actuator/rotors", ROTORS, BASE_LINK_FRD, 4, {"rotors": (0, 1, 2, 3)}),
+    Topic(ROTORS_TOPIC, rotors_message(4), BASE_LINK_FRD, 4, {"rotors": (0, 1, 2, 3)}),
     Topic("/truth/pose", "geometry_msgs/msg/PoseStamped", MAP_NED, 7, _POSE),
     Topic("/truth/velocity", _VECTOR, MAP_NED, 3, {"velocity_N": _LINEAR}),
     Topic("/truth/rates", _VECTOR, BASE_LINK_FRD, 3, {"omega_B": _LINEAR}),
@@ -64,7 +66,23 @@ TOPICS = (
     Topic("/wind", _VECTOR, MAP_NED, 3, {"wind_N": _LINEAR}),
     Topic("/moment", _WRENCH, BASE_LINK_FRD, 6, {"moment_B": _ANGULAR}),
 )
-"""All fields of the journal but the mode, which is written when it changes."""
+"""All fields of the journal of a quadrotor but the mode, which is written when it changes."""
+
+
+def list_topics(rotors: int) -> tuple[Topic, ...]:
+    """Return `TOPICS` for a vehicle with `rotors`."""
+    message, fields = rotors_message(rotors), {"rotors": tuple(range(rotors))}
+    return tuple(
+        topic._replace(message=message, numbers=rotors, fields=fields) if topic.name == ROTORS_TOPIC else topic
+        for topic in TOPICS
+    )
+
+
+def rotors_in(message_size: int) -> int:
+    """Return the number of rotors in a message of that size [bytes] on `ROTORS_TOPIC`; 4 if none has it."""
+    rotors = 4 + (message_size - next(topic.layout.itemsize for topic in TOPICS if topic.name == ROTORS_TOPIC)) // 8
+    return rotors if 4 <= rotors <= MOST_ROTORS else 4
+
 
 _QUATERNION, _SCALAR_LAST = "geometry_msgs/msg/QuaternionStamped", (3, 0, 1, 2)
 ESTIMATE_TOPICS = (
@@ -100,6 +118,7 @@ def times_us(messages: NDArray[np.void]) -> NDArray[np.float64]:
     return messages["sec"] * 1e6 + messages["nanosec"] / 1000.0
 
 
-def nan_records(n: int) -> NDArray[np.void]:
-    """Return `n` records of NaN: numbers that a bag does not hold are unknown."""
-    return np.full(n * (RECORD.itemsize // 8), np.nan).view(RECORD)
+def nan_records(n: int, rotors: int) -> NDArray[np.void]:
+    """Return `n` records of a vehicle with `rotors`, of NaN: numbers that a bag does not hold are unknown."""
+    record = record_type(rotors)
+    return np.full(n * (record.itemsize // 8), np.nan).view(record)

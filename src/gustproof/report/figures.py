@@ -1,6 +1,7 @@
 """Time histories, loops and trade-offs as PNG. A law keeps its colour in every figure."""
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ from gustproof.analysis.analyse import Analysis
 from gustproof.analysis.hover_loop import HoverLoop
 from gustproof.analysis.placement import ErrorLimits, Places
 from gustproof.model.lpv import PARAMETERS, scheduling_parameters
+from gustproof.performance.tradeoff import TradeOff
 from gustproof.report.diagrams import save_figure
 from gustproof.scoring.metrics import Metrics, attitude
+from gustproof.synthesis.tune import Tuning
 from gustproof.types import Array, Records
 
 Flights = Mapping[str, Records]
@@ -144,6 +147,22 @@ def save_trade_off(limits: ErrorLimits, placed: Places, flown: Mapping[str, Metr
     handles.append(Line2D([], [], color=_INK, marker="o", fillstyle="none", linewidth=0.0))
     labels.append("ring: predicted average over many flights; disc: flown")
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    save_figure(figure, path)
+
+
+def save_tuning(tuning: Tuning, curves: tuple[Sequence[TradeOff], Sequence[TradeOff]], path: Path) -> None:
+    """Draw the error of a tuned law beside the least of linear laws, over the slew and over the sensitivity peak."""
+    figure = _new_figure((11.0, 4.6), f"{tuning.law.name}: {tuning.scenario}")
+    over_slew, over_peak = figure.subplots(1, 2, sharey=True)
+    for axes, points, value, own, label, title in (
+        (over_slew, curves[0], "slew", tuning.slew, "torque slew [N m/s]", f"at Ms {tuning.Ms:.2f}"),
+        (over_peak, curves[1], "sensitivity_peak", tuning.Ms, "Ms, the worst axis [-]", f"at {tuning.slew:.3g} N m/s"),
+    ):
+        xs, ys = [getattr(point, value) for point in points], [math.degrees(point.rmse) for point in points]
+        axes.plot(xs, ys, color=_SHADES[1], marker=".", label="least of linear gyro-only laws")
+        axes.plot(own, math.degrees(tuning.rmse), "o", color=_colour(str(tuning.kind)), label=tuning.law.name)
+        _style_axes(axes, "RMSE, three axes [deg]", title, label)
+    over_slew.legend(frameon=False, fontsize=9)
     save_figure(figure, path)
 
 

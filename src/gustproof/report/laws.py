@@ -1,5 +1,6 @@
 """Laws, designs and the limits of both as tables and text, and the figure of a design's singular values."""
 
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from gustproof.analysis.analyse import Analysis, pole_pairs
 from gustproof.analysis.placement import ErrorLimits
 from gustproof.report.terminal import Renderable, figures_table
 from gustproof.synthesis.derive import DesignReport, margins_to_dict
+from gustproof.synthesis.tune import Tuning
 
 _FREQUENCIES = np.geomspace(1e-3, 1e3, 600)
 _NOTE = (
@@ -81,10 +83,30 @@ def save_design_figure(report: DesignReport, path: Path) -> None:
     save_singular_values(_FREQUENCIES, values, report.result.gamma, f"Design {report.design.name}", path)
 
 
+def render_tuning(tuning: Tuning) -> Renderable:
+    """Return the figures of a tuned law, the limit beside its error."""
+    table = Table("", "law", "limit", title=f"Law '{tuning.law.name}': predicted in '{tuning.scenario}'")
+    limits, flown = tuning.limits, tuning.least_rmse is None
+    least = "-" if tuning.least_rmse is None else f"{math.degrees(tuning.least_rmse):.4f} at this Ms and slew"
+    table.add_row("RMSE, three axes [deg]", f"{math.degrees(tuning.rmse):.4f}", f"least: {least}")
+    if tuning.any_Ms_rmse is not None:
+        table.add_row("", "", f"least: {math.degrees(tuning.any_Ms_rmse):.4f} at any Ms")
+    table.add_row("torque slew [N m/s]", f"{tuning.slew:.4g}", "-" if flown else f"{limits.slew:.4g}")
+    table.add_row("Ms, the worst axis [-]", f"{tuning.Ms:.3f}", f"{limits.sensitivity_peak:.3g}")
+    if tuning.off_nominal_Ms is not None:
+        sampled = f"{limits.corner_peak:.3g} at the ends of the spreads"
+        table.add_row("Ms off nominal [-]", format_margin(tuning.off_nominal_Ms), sampled)
+    table.add_row("phase margin [deg]", f"{math.degrees(tuning.phase_margin):.0f}", "-")
+    gain = f"{limits.gain:.3g}" if limits.gain > 1.0 else "-"
+    table.add_row("gain margin [-]", format_margin(tuning.gain_margin), gain)
+    table.add_row("delay margin [ms]", format_margin(1e3 * tuning.delay_margin), "-")
+    return table
+
+
 def render_limits(limits: ErrorLimits) -> RenderableType:
     """Return the limits by the information of a law, and the trade-off with the sensitivity peak."""
     known = Table("known to the law", title=f"Least possible RMSE in '{limits.scenario}' [deg]")
-    known.add_column(f"slew {limits.slew:g} N m/s", justify="right")
+    known.add_column(f"slew {limits.slew:.4g} N m/s", justify="right")
     known.add_column("any slew", justify="right")
     known.add_row("gyros, the true spectra", f"{limits.gyro_deg:.4f}", f"{limits.gyro_any_slew_deg:.4f}")
     known.add_row("state and air, exactly", f"{limits.clairvoyant_deg:.2g}", f"{limits.clairvoyant_any_slew_deg:.2g}")
@@ -98,7 +120,7 @@ def render_limits(limits: ErrorLimits) -> RenderableType:
     for peak in peaks:
         traded.add_column(peak, justify="right")
     for slew, row in rows.items():
-        traded.add_row(f"{slew:g}", *(f"{row[peak]:.4f}" if peak in row else "-" for peak in peaks))
+        traded.add_row(f"{slew:.4g}", *(f"{row[peak]:.4f}" if peak in row else "-" for peak in peaks))
     return Group(known, traded, Text(_NOTE, style="dim"))
 
 

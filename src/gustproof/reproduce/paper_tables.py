@@ -26,6 +26,7 @@ _COMPARISONS = (
     ("hinf-scheduled", "pid-fair"),
     ("hinf-d1", "pid-fair"),
 )
+_SHIPPED_PIDS = ("pid-default", "pid-fair")
 _LIMITATIONS = (
     "A gyro bias b turns the vehicle by b t with every law here (scenario `bias`), but with `aided` in yaw alone: only "
     "`aided` has a second measurement of attitude. On the stand its accelerometer measures gravity, in free flight the "
@@ -55,10 +56,10 @@ def render_reproduction(
 ) -> Renderable:
     """Return the whole report: Table III, fair comparison, limits, verdicts, background."""
     parts = (
-        render_paper(medians),
+        *((render_paper(medians),) if set(PAPER_LAWS) <= set(medians) else ()),
         render_comparison(medians, margins, places, vehicle.gyro),
         render_limits(limits),
-        render_claims(claims),
+        *((render_claims(claims),) if claims else ()),
         render_background(vehicle, scenario),
     )
     return Group(*(Group(part, Text()) for part in parts))
@@ -105,8 +106,7 @@ def render_comparison(
         angles = map(format_number, (figures.peak_deg, figures.peak_settled_deg, figures.rmse_deg))
         others = map(format_number, (figures.torque_rms_nm, figures.torque_slew_rms, *rolled))
         table.add_row(law, *angles, *_placement_cells(places.get(law)), *others, *_margin_cells(margins.get(law)))
-    lines = [_compare_laws(one, other, medians, margins) for one, other in _COMPARISONS]
-    lines.append(_describe_rates_cost(medians))
+    lines = _comparison_lines(medians, margins)
     notes = (
         "Peak: a flight begins at rest in full wind, and its first 2 s show that step. "
         "Predicted: RMSE of the linear model, average over flights. "
@@ -117,6 +117,17 @@ def render_comparison(
         "lag ±30 %, and a delay includes the one sample of every flight. A rate law has no torque loop."
     )
     return Group(table, Text(notes, style="dim"), *(Text(f"\n{line}") for line in lines))
+
+
+def _comparison_lines(medians: Medians, margins: Mapping[str, HoverMargins | None]) -> list[str]:
+    """Return the comparisons of the laws that were flown."""
+    tuned = [name for name in medians if name.startswith(("flagship-", "indi-")) and name != "flagship-robust"]
+    pid = next((name for name in medians if name.startswith("pid-") and name not in _SHIPPED_PIDS), "")
+    pairs = (*_COMPARISONS, *((name, pid) for name in tuned))
+    lines = [_compare_laws(*pair, medians, margins) for pair in pairs if set(pair) <= set(medians)]
+    if {"hinf-rates", "hinf-scheduled"} <= set(medians):
+        lines.append(_describe_rates_cost(medians))
+    return lines
 
 
 def render_background(vehicle: Vehicle, scenario: Scenario) -> Renderable:

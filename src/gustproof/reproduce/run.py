@@ -12,11 +12,11 @@ from rich.console import Group
 from rich.text import Text
 
 from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import Dryden
-from firmware_model.errors import ConfigError
 from gustproof.analysis.law_margins import SPREADS, HoverMargins, axis_robustness, hover_margins
-from gustproof.analysis.placement import ErrorLimits, Places, performance_limits
+from gustproof.analysis.placement import SLEW, ErrorLimits, Places, performance_limits
 from gustproof.errors import FlightError
 from gustproof.law.form import Law, load_law
 from gustproof.model.interconnection import Interconnection
@@ -29,12 +29,16 @@ from gustproof.scoring.metrics import Metrics, median_metrics, peak_rate
 from gustproof.simulate.flight import Flight, FlightPlan, objection, warnings
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.recorder import fly_and_record
-from gustproof.synthesis.derive import derive
+from gustproof.synthesis.derive import DesignReport, derive
 from gustproof.synthesis.designs import load_design
+from gustproof.synthesis.tune import default_slew, tune_law
 
 SCENARIOS = ("paper", "paper-turbulence", "coning", "bias")
 _CASCADES = ("pid-default", "pid-fair", "indi", "flagship", "flagship-robust", "aided")
 LAWS = (*_CASCADES, "hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-scheduled", "hinf-rates")
+_TUNED = ("flagship", "pid", "indi")
+"""Cascades that are tuned for a vehicle other than `paper`."""
+_PAPER = "paper"
 _NOT_COMPARED = "hinf-d1-noise"
 """Law with a frequency weight, flown once."""
 _PARALLEL_FLIGHTS = 2
@@ -96,28 +100,46 @@ class Reproduction:
         document = render_reproduction(
             self.medians, self.margins, self.limits, self.places, self.claims, self.vehicle, load_scenario("paper")
         )
-        return Group(*(Text(f"warning: {line}") for line in self.warnings), document)
+        tuned = [law.name for law in self.laws.values() if law.provenance.vehicle == self.vehicle.name]
+        missing = [name for name in LAWS if name not in self.laws]
+        lines = [f"made for '{self.vehicle.name}': {', '.join(tuned)}"]
+        if missing:
+            lines.append(f"unstable on '{self.vehicle.name}' and not flown: {', '.join(missing)}")
+        return Group(*(Text(line) for line in (*lines, *(f"warning: {line}" for line in self.warnings))), document)
 
 
-def check(vehicle: Vehicle) -> None:
-    """Refuse a vehicle that one of the laws should not fly; all of them were made for `paper`.
+def find_laws(vehicles: VehicleSet, *, anyway: bool, progress: Progress) -> dict[str, Law]:
+    """Return the laws to fly by name: the shipped ones on their vehicle `paper`.
+
+    On another vehicle they are cascades tuned for it, and those of the shipped ones that are stable there, all with
+    `anyway`.
 
     Raises
     ------
-    ConfigError
-        If there are such laws; the message names them.
+    DesignError
+        If no cascade can be tuned.
     """
-    laws = [load_law(name) for name in LAWS]
+    vehicle, shipped = vehicles.nominal, {name: load_law(name) for name in LAWS}
     scenarios = [load_scenario(name) for name in SCENARIOS]
-    refused = [law.name for law in laws if any(objection(scenario, law, vehicle) for scenario in scenarios)]
-    if refused:
-        raise ConfigError(
-            f"unstable on vehicle '{vehicle.name}': {', '.join(refused)}; --anyway flies them nevertheless"
-        )
+    if not anyway:
+        shipped = {
+            name: law
+            for name, law in shipped.items()
+            if not any(objection(scenario, law, vehicle) for scenario in scenarios)
+        }
+    if vehicle.name == _PAPER:
+        return shipped
+    air = load_scenario("paper-turbulence")
+    tuned = [tune_law(kind, vehicles, air, progress=lambda share, text: progress(0.0, text)).law for kind in _TUNED]
+    return {**{law.name: law for law in tuned}, **shipped}
 
 
-def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progress) -> Reproduction:
+def reproduce(
+    vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progress, laws: Mapping[str, Law] | None = None
+) -> Reproduction:
     """Fly all cases, write bags, laws, figures and `summary.json` to the empty folder `out`, and judge the claims.
+
+    `laws` default to the shipped ones. Without those that the claims are about, none is judged.
 
     Raises
     ------
@@ -126,7 +148,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     FlightError
         If a flight did not reach its end.
     """
-    laws = {name: load_law(name) for name in LAWS}
+    laws = {name: load_law(name) for name in LAWS} if laws is None else laws
     scenarios = {name: load_scenario(name) for name in SCENARIOS}
     (out / "laws").mkdir()
     for law in laws.values():
@@ -135,7 +157,9 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     margins = {name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
     robust = {name: axis_robustness(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
     stability_factor = {name: min(x.certified for x in axes) if axes else None for name, axes in robust.items()}
-    limits, places = performance_limits(laws, margins, vehicle, scenarios["paper-turbulence"])
+    air = scenarios["paper-turbulence"]
+    slew = SLEW if vehicle.name == _PAPER else default_slew(vehicle, air)
+    limits, places = performance_limits(laws, margins, vehicle, air, slew)
     plans = [
         FlightPlan(scenario, law, vehicle, seed, real_time=False)
         for scenario in scenarios.values()
@@ -144,9 +168,7 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
     ]
     flights = _fly_all(plans, out / "bags", progress)
     medians = {law: {scenario: _median_of(flights, scenario, law) for scenario in scenarios} for law in laws}
-    design_d1, solved = derive(load_design("D1"), vehicle)
-    gamma_opt = design_d1.provenance.parameters["gamma_opt"]
-    highest = max(peak_rate(flight.records) for flight in flights if flight.matches("paper", "hinf-d1"))
+    _, solved = derive(load_design("D1"), vehicle)
     reproduction = Reproduction(
         vehicle=vehicle,
         laws=laws,
@@ -156,12 +178,26 @@ def reproduce(vehicle: Vehicle, seeds: Sequence[int], out: Path, progress: Progr
         stability_factor=stability_factor,
         limits=limits,
         places=places,
-        claims=judge_claims(medians, laws, norm=solved.result.norm, gamma_opt=gamma_opt, peak_rate=highest),
+        claims=_judge_claims(medians, laws, flights, solved),
     )
     (out / "summary.json").write_text(json.dumps(reproduction.to_dict(), indent=2) + "\n", encoding="utf-8")
     _draw(reproduction, flights, solved.problem, out / "figures")
     save_text(reproduction.render(), out / "report.txt")
     return reproduction
+
+
+def _judge_claims(
+    medians: Mapping[str, Mapping[str, Metrics]],
+    laws: Mapping[str, Law],
+    flights: Sequence[Flight],
+    solved: DesignReport,
+) -> tuple[Claim, ...]:
+    """Return the verdicts; none if a law that the claims are about was not flown."""
+    if not {*PAPER_LAWS, "pid-fair"} <= set(laws) or solved.result.gamma_opt is None:
+        return ()
+    highest = max(peak_rate(flight.records) for flight in flights if flight.matches("paper", "hinf-d1"))
+    figures = {"norm": solved.result.norm, "gamma_opt": solved.result.gamma_opt}
+    return judge_claims(medians, laws, peak_rate=highest, **figures)
 
 
 def _fly_all(plans: Sequence[FlightPlan], out: Path, progress: Progress) -> list[Flight]:
@@ -199,13 +235,18 @@ def _draw(found: Reproduction, flights: Sequence[Flight], problem: Interconnecti
 
     seed = found.seeds[0]
     out.mkdir()
-    for scenario, names in (("paper", PAPER_LAWS), ("paper-turbulence", LAWS[1:])):
-        records = {name: f.records for f in flights for name in LAWS if f.matches(scenario, name) and f.seed == seed}
+    laws = list(found.laws)[found.vehicle.name == _PAPER :]
+    paper = list(PAPER_LAWS) if set(PAPER_LAWS) <= set(laws) | {"pid-default"} else laws[:1]
+    lead = "hinf-d1" if "hinf-d1" in laws else laws[0]
+    for scenario, names in (("paper", paper), ("paper-turbulence", laws)):
+        records = {
+            name: f.records for f in flights for name in found.laws if f.matches(scenario, name) and f.seed == seed
+        }
         shown = {name: records[name] for name in names}
-        figures.save_moments(records["hinf-d1"], out / f"{scenario}-moments.png")
+        figures.save_moments(records[lead], out / f"{scenario}-moments.png")
         for history in figures.HISTORIES:
             figures.save_histories(history, shown, scenario, out / f"{scenario}-{history}.png")
-        figures.save_scheduling(records["hinf-d1"], "hinf-d1", out / f"{scenario}-scheduling.png")
+        figures.save_scheduling(records[lead], lead, out / f"{scenario}-scheduling.png")
     diagrams.save_interconnection(problem, "Interconnection of design D1", out / "interconnection.png")
     # Delta has the same blocks in every envelope.
     dynamics = paper_rotation(found.vehicle.inertia_B, Envelope(angle=0.5, rate=RATE_BOUND))

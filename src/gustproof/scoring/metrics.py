@@ -14,7 +14,7 @@ from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import sin_cos
 from firmware_model.numerics.rotations import euler_angles, to_euler
 from firmware_model.numerics.soa import Lane, get, get_vector, loader, single, storer
-from firmware_model.recording.journal import OMEGA, Q_NB, TORQUE_COMMAND, WIDTH
+from firmware_model.recording.journal import OMEGA, Q_NB, TORQUE_COMMAND
 from firmware_model.types import Quaternion, Vector
 from gustproof.model.lpv import RATE_BOUND
 from gustproof.types import Array, Records
@@ -203,8 +203,8 @@ def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_fac
 
 
 def as_rows(records: Records) -> Array:
-    """Return a copy (n, WIDTH) of journal records as plain numbers, in the journal's order."""
-    return np.array(records).view(np.float64).reshape(len(records), WIDTH)
+    """Return a copy (n, numbers) of journal records as plain numbers, in the journal's order."""
+    return np.array(records).view(np.float64).reshape(len(records), records.dtype.itemsize // 8)
 
 
 def metrics_from_tally(tally: Tally, samples: int, dt: float, realtime_factor: float) -> Metrics:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 from pydantic import SkipValidation
@@ -90,8 +91,13 @@ def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Cas
     """Return a function that flies cases as `fly_many` does, with their common data made once."""
 
     def fly(cases: Sequence[Case]) -> list[CaseResult]:
-        parts = [cases[i : i + LANES] for i in range(0, len(cases), LANES)]
-        return [result for part in parts for result in _fly_batch(scenario, law, shared, part)]
+        order = sorted(range(len(cases)), key=lambda i: cases[i].vehicle.rotors.count)  # a batch has one count
+        results: dict[int, CaseResult] = {}
+        for _, group in groupby(order, key=lambda i: cases[i].vehicle.rotors.count):
+            numbers = list(group)
+            for part in (numbers[i : i + LANES] for i in range(0, len(numbers), LANES)):
+                results |= zip(part, _fly_batch(scenario, law, shared, [cases[i] for i in part]), strict=True)
+        return [results[i] for i in range(len(cases))]
 
     check_compatible(scenario, law)
     torque = law.output is Output.TORQUE

@@ -11,7 +11,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.numerics.compiled import compiled
 from firmware_model.physics.sensors import float32
-from firmware_model.recording.journal import FORCE_B, GYRO_B, RECORD, WIDTH
+from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, as_records, record_type
 from firmware_model.sim import inner_loop
 from firmware_model.sim.state import Array, initial_state
 from firmware_model.sim.step import advance_kernel, observe_kernel
@@ -60,13 +60,13 @@ class _DirectFlight(NamedTuple):
     ring: Array
     """(delay + 1, SETPOINT_WIDTH) latest set-points."""
     records: Array
-    """(samples, WIDTH) journal records."""
+    """(samples, numbers) journal records."""
 
 
 def fly_direct(
     scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1, reference: Array | None = None
 ) -> NDArray[np.void]:
-    """Fly a scenario without messages and return the journal's records (samples,) of `RECORD`.
+    """Fly a scenario without messages and return the journal's records (samples,) of its `record_type`.
 
     `reference` (samples, 3) [rad] is the attitude phi, theta, psi to hold; the scenario's by default.
 
@@ -87,8 +87,8 @@ def fly_direct(
     if reference.shape != (scenario.samples, 3):
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
     sim = initial_state(vehicle, scenario, seed)
-    records = np.empty((scenario.samples, WIDTH))
-    records[: scenario.delay_samples, _AGE], records[scenario.delay_samples :, _AGE] = np.nan, scenario.delay_samples
+    records = np.full((scenario.samples, record_type(vehicle.rotors.count).itemsize // 8), np.nan)
+    records[scenario.delay_samples :, _AGE] = scenario.delay_samples
     records[:, _MODE] = Mode.OFFBOARD.value
     torque = law.output is Output.TORQUE
     scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
@@ -101,7 +101,7 @@ def fly_direct(
         z=np.zeros(law.order + EXTRA_SIZE), command=np.zeros(3), work=np.zeros(law.order), ring=ring, records=records,
     )  # fmt: skip
     _fly(flight)
-    return records.view(RECORD)[:, 0]
+    return as_records(records)
 
 
 def check_compatible(scenario: Scenario, law: Law) -> None:

@@ -11,8 +11,9 @@ from pydantic_core import to_jsonable_python
 
 from firmware_model.config.files import validate
 from firmware_model.config.scenario import Scenario
-from firmware_model.config.vehicle import Vehicle
+from firmware_model.config.vehicle import GRAVITY, Vehicle, check_body
 from firmware_model.errors import ConfigError
+from firmware_model.physics.rotors import can_hover
 from firmware_model.sim.fault_schedule import fault_schedule
 from gustproof.law.form import Law, parse_law
 from gustproof.law.hover import is_stable_at_hover
@@ -172,10 +173,12 @@ def check(scenario: Scenario, law: Law, vehicle: Vehicle) -> None:
     Raises
     ------
     ConfigError
-        If there is an `objection`, or an event leaves an impossible vehicle.
+        If there is an `objection`, or the vehicle is impossible, at first or after an event.
     """
-    for _ in fault_schedule(vehicle, scenario):
-        pass
+    check_body(vehicle.inertia_B, vehicle.inertia_B, f"vehicle '{vehicle.name}'")
+    for sample, plant in fault_schedule(vehicle, scenario):
+        after = f"scenario '{scenario.name}': vehicle '{vehicle.name}' from {sample * scenario.dt:g} s on"
+        check_body(plant.vehicle.inertia_B, plant.vehicle.inertia_B, after)
     if line := objection(scenario, law, vehicle):
         raise ConfigError(f"{line}; --anyway flies it all the same")
 
@@ -185,6 +188,11 @@ def warnings(scenario: Scenario, law: Law, vehicle: Vehicle) -> tuple[str, ...]:
     lines = [line for line in (objection(scenario, law, vehicle),) if line]
     if law.provenance.vehicle not in ("", vehicle.name):
         lines.append(f"law '{law.name}' was designed for vehicle '{law.provenance.vehicle}', not '{vehicle.name}'")
+    lines += [
+        f"vehicle '{vehicle.name}' can't hover after the rotor failure at {sample * scenario.dt:g} s"
+        for sample, plant in fault_schedule(vehicle, scenario)
+        if min(plant.health) < 1.0 and not can_hover(vehicle.rotors, plant.health, plant.vehicle.mass * GRAVITY)
+    ][:1]
     if scenario.references and not law.takes_references:
         lines.append(
             f"law '{law.name}' has no reference input: it ignores the attitude references of '{scenario.name}'"

@@ -152,6 +152,7 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
     tallies, torque_limit = batch.tallies.reshape(TALLY_SIZE * LANES), batch.torque_limit
     limits, late = torque_limit.reshape(3, LANES), batch.kinds.size
     steps, dt = int(params[layout.STEPS * LANES]), shared.sample_us * 1e-6
+    rotors = int(params[layout.ROTOR_COUNT * LANES])
     for k in range(shared.reference.shape[0]):
         reference, now, acts = shared.reference[k], k % late, (k + 1) % late
         _draw(batch.seeds, k, batch.uniform)
@@ -161,7 +162,10 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
         _step_law(shared.law, batch.z, batch.commands, batch.work)
         _write_setpoint(batch, shared.bound, ring[now])
         batch.kinds[now] = shared.kind
-        _command(free, params, state, batch.kinds[acts], ring[acts], record)
+        if free and rotors != 4:
+            _command(free, rotors, params, state, batch.kinds[acts], ring[acts], record)
+        else:
+            _command(free, 4, params, state, batch.kinds[acts], ring[acts], record)
         for _ in range(steps):
             _integrate(free, params, state, dt / steps, record)
         _step_turbulence(params, state, noise)
@@ -202,7 +206,10 @@ def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
     step.apply_changes(params, Lane(state, LANES, 0), batch.changes, sample)
     time_us = sample * shared.sample_us
     scripted = disturbance(shared.waves, shared.replay, sample, time_us * 1e-6)
-    if _is_near_ground(free, params, state, 0.0):
+    if _has_battery(params):
+        for w in range(LANES):
+            step.drain_battery(Lane(params, LANES, w), Lane(state, LANES, w))
+    if _is_unusual(free, params, state, 0.0):
         for w in range(LANES):
             _sense(free, True, params, state, scripted, noise, time_us, record, w)
     else:
@@ -211,21 +218,29 @@ def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
 
 
 @kernel
-def _sense(free: bool, low: bool, params: Array, state: Array, scripted: Disturbance, noise: Array, time_us: int,
-           record: Array, w: int) -> None:  # fmt: skip
-    p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
-    gyro_noise, force_noise = _noise_block(noise, _GYRO, w), _noise_block(noise, _ACCELEROMETER, w)
-    step.measure(p, x, free, low, False, scripted, gyro_noise, force_noise, time_us, row)
+def _has_battery(params: Array) -> bool:
+    found = False
+    for w in range(LANES):
+        found |= params[layout.BATTERY * LANES + w] != 0.0
+    return found
 
 
 @kernel
-def _is_near_ground(free: bool, params: Array, state: Array, dt: float) -> bool:
-    """Return whether any flight may touch the ground within `dt` [s]; mostly none may, and its cost is saved."""
-    low = False
+def _sense(free: bool, unusual: bool, params: Array, state: Array, scripted: Disturbance, noise: Array, time_us: int,
+           record: Array, w: int) -> None:  # fmt: skip
+    p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
+    gyro_noise, force_noise = _noise_block(noise, _GYRO, w), _noise_block(noise, _ACCELEROMETER, w)
+    step.measure(p, x, free, unusual, False, scripted, gyro_noise, force_noise, time_us, row)
+
+
+@kernel
+def _is_unusual(free: bool, params: Array, state: Array, dt: float) -> bool:
+    """Return whether any flight may touch the ground within `dt` [s] or lacks a rotor; mostly none, at less cost."""
+    found = False
     if free:
         for w in range(LANES):
-            low |= step.is_near_ground(Lane(params, LANES, w), Lane(state, LANES, w), dt)
-    return low
+            found |= step.is_unusual(Lane(params, LANES, w), Lane(state, LANES, w), dt)
+    return found
 
 
 @kernel
@@ -314,29 +329,30 @@ def _write_setpoint(batch: Batch, bound: float, setpoint: Array) -> None:
 
 
 @kernel
-def _command(free: bool, params: Array, state: Array, kind: float, setpoint: Array, record: Array) -> None:
+def _command(free: bool, rotors: int, params: Array, state: Array, kind: float, setpoint: Array,
+             record: Array) -> None:  # fmt: skip
     """Write the actuator commands, in a loop for each kind of set-point, as kinds branch."""
     if kind == inner_loop.TORQUE:
         for w in range(LANES):
-            _command_lane(free, params, state, inner_loop.TORQUE, setpoint, record, w)
+            _command_lane(free, rotors, params, state, inner_loop.TORQUE, setpoint, record, w)
     elif kind == inner_loop.RATES:
         for w in range(LANES):
-            _command_lane(free, params, state, inner_loop.RATES, setpoint, record, w)
+            _command_lane(free, rotors, params, state, inner_loop.RATES, setpoint, record, w)
     else:
         for w in range(LANES):
-            _command_lane(free, params, state, inner_loop.TRIM, setpoint, record, w)
+            _command_lane(free, rotors, params, state, inner_loop.TRIM, setpoint, record, w)
 
 
 @kernel
-def _command_lane(free: bool, params: Array, state: Array, kind: float, setpoint: Array, record: Array,
+def _command_lane(free: bool, rotors: int, params: Array, state: Array, kind: float, setpoint: Array, record: Array,
                  w: int) -> None:  # fmt: skip
     p, x = Lane(params, LANES, w), Lane(state, LANES, w)
-    track_setpoint(p, x, free, kind, Lane(setpoint, LANES, w), Lane(record, LANES, w))
+    track_setpoint(p, x, free, rotors, kind, Lane(setpoint, LANES, w), Lane(record, LANES, w))
 
 
 @kernel
 def _integrate(free: bool, params: Array, state: Array, dt: float, record: Array) -> None:
-    if _is_near_ground(free, params, state, dt):
+    if _is_unusual(free, params, state, dt):
         for w in range(LANES):
             _integrate_lane(free, True, params, state, dt, record, w)
     else:
@@ -345,8 +361,8 @@ def _integrate(free: bool, params: Array, state: Array, dt: float, record: Array
 
 
 @kernel
-def _integrate_lane(free: bool, low: bool, params: Array, state: Array, dt: float, record: Array, w: int) -> None:
-    step.step_body(Lane(params, LANES, w), Lane(state, LANES, w), free, low, dt, Lane(record, LANES, w))
+def _integrate_lane(free: bool, unusual: bool, params: Array, state: Array, dt: float, record: Array, w: int) -> None:
+    step.step_body(Lane(params, LANES, w), Lane(state, LANES, w), free, unusual, dt, Lane(record, LANES, w))
 
 
 @kernel

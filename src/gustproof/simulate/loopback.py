@@ -10,7 +10,7 @@ import numpy as np
 from firmware_model.config.events import ControllerKill
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.recording.journal import RECORD
+from firmware_model.recording.journal import as_records, record_type
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.types import NEVER_US
 from gustproof.controller.endpoint import ControllerEndpoint
@@ -65,4 +65,4 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
             autopilot.receive(answer, peer, now_us)
         if not sent and not answers:
             now_us = max(now_us + 1, min(autopilot.deadline_us(), NEVER_US if dead else controller.deadline_us()))
-    return np.array(rows).reshape(len(rows), -1).view(RECORD)[:, 0] if rows else np.empty(0, dtype=RECORD)
+    return as_records(np.array(rows)) if rows else np.empty(0, dtype=record_type(vehicle.rotors.count))

@@ -22,7 +22,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.child import share_core
-from firmware_model.recording.journal import RECORD, count_records, read_journal
+from firmware_model.recording.journal import count_records, read_journal, record_type
 from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
 from gustproof.law.form import Law
 from gustproof.simulate.flight import Flight, FlightPlan
@@ -94,10 +94,13 @@ def fly(
         pacing = [] if real_time else ["--lockstep"]
         ports = [] if real_time and default_ports else ["--bind-port", "0"]
         logged = ["--tlog", str(log)] if tlog else []
-        with _ProcessPair(files, seed, journal, [*pacing, *ports, *logged], kill_schedule(scenario)) as pair:
+        options = [*pacing, *ports, *logged]
+        with _ProcessPair(files, plan, journal, options, kill_schedule(scenario)) as pair:
             outcome = pair.fly(scenario.samples, progress or (lambda _: None), on_listening or (lambda *_: None))
     summary = pair.summary
-    records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
+    records = (
+        read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=record_type(plan.vehicle.rotors.count))
+    )
     words = describe(outcome, scenario, records)
     reason = f" ({pair.reason})" if pair.reason and words == outcome.value else ""
     return Flight(
@@ -122,12 +125,13 @@ class _ProcessPair:
     """The processes of a flight: vehicle, controller, and a spare one if the script kills that; none at the end."""
 
     def __init__(
-        self, files: dict[str, Path], seed: int, journal: Path, options: list[str], kill: KillSchedule | None
+        self, files: dict[str, Path], plan: FlightPlan, journal: Path, options: list[str], kill: KillSchedule | None
     ) -> None:
         self.summary: dict[str, Any] = {}
         self.reason = ""
         self._gave_up = False
-        self._files, self._seed, self._journal, self._options = files, seed, journal, options
+        self._files, self._seed, self._journal, self._options = files, plan.seed, journal, options
+        self._rotors = plan.vehicle.rotors.count
         self._kill, self._replaced, self._address = kill, False, ""
         self._pacing = [] if "--lockstep" in options else ["--real-time"]
         self._processes: dict[str, subprocess.Popen[str]] = {}
@@ -215,7 +219,7 @@ class _ProcessPair:
         vehicle = self._processes["vehicle"]
         alone_since = None
         while vehicle.poll() is None:
-            flown = count_records(self._journal)
+            flown = count_records(self._journal, self._rotors)
             self._follow_script(flown)
             progress(min(flown / samples, 1.0))
             if self._processes["controller"].poll() is not None:
@@ -228,7 +232,7 @@ class _ProcessPair:
             # A spare controller took over a flying vehicle: it does not end with this flight.
             ends = vehicle.returncode == 0 and not self._replaced
             self._processes["controller"].wait(_EXIT_TIMEOUT_S if ends else 0.0)
-        progress(min(count_records(self._journal) / samples, 1.0))
+        progress(min(count_records(self._journal, self._rotors) / samples, 1.0))
 
     def _read_outcome(self) -> FlightOutcome:
         """Return the outcome; keep the vehicle's summary, and the reason of a flight that broke off."""

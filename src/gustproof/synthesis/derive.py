@@ -109,18 +109,8 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
     """
     vehicle = load_vehicle(design.vehicle) if vehicle is None else vehicle
     problem = design_problem(design, vehicle)
-    result = (solve or _solve_central)(design, problem)
-    rates = design.rate_loop_lag is not None
-    law = central_law(
-        design.law or design.name,
-        result.controller,
-        scheduled=design.scheduled,
-        dt=design.dt,
-        limits=np.array([vehicle.stabilizer.rate_limit] * 3 if rates else vehicle.torque_limit),
-        output=Output.RATES if rates else Output.TORQUE,
-        provenance=_make_provenance(design, vehicle, result),
-        rate_limits=None if rates or not design.scheduled else np.full(3, vehicle.stabilizer.rate_limit),
-    )
+    result = (solve or solve_central)(design, problem)
+    law = make_law(design, vehicle, result)
     G, K = _loop(problem, result.controller)
     try:
         sampled = margins(discretize_zoh(G, design.dt), series(loop_law(law), delay(3, design.dt)))
@@ -138,7 +128,23 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
     return law, report
 
 
-def _solve_central(design: Design, problem: Interconnection) -> HinfResult:
+def make_law(design: Design, vehicle: Vehicle, result: HinfResult | StructResult) -> Law:
+    """Return the law of a design from its controller."""
+    rates = design.rate_loop_lag is not None
+    return central_law(
+        design.law or design.name,
+        result.controller,
+        scheduled=design.scheduled,
+        dt=design.dt,
+        limits=np.array([vehicle.stabilizer.rate_limit] * 3 if rates else vehicle.torque_limit),
+        output=Output.RATES if rates else Output.TORQUE,
+        provenance=_make_provenance(design, vehicle, result),
+        rate_limits=None if rates or not design.scheduled else np.full(3, vehicle.stabilizer.rate_limit),
+    )
+
+
+def solve_central(design: Design, problem: Interconnection) -> HinfResult:
+    """Return the central controller of a design at its level, or at its back-off from the least."""
     return hinfsyn(problem.plant(), problem.n_meas, problem.n_con, gamma=design.gamma, backoff=design.backoff)
 
 

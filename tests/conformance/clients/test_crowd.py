@@ -118,7 +118,8 @@ def test_ten_seconds_without_a_gap_and_each_sample_once(stand, programs):
     samples = [(at, frame.message().time_usec) for at, frame in frames if frame.message_id == IMU]
     assert len(samples) > 10 * 250
     assert {later - sooner for (_, sooner), (_, later) in pairwise(samples)} == {SAMPLE_US}
-    # 250 Hz on the wall clock too, apart from the slips that the vehicle itself reports on a busy machine.
-    passed_s = samples[-1][0] - samples[0][0]
-    model_s = (samples[-1][1] - samples[0][1]) * 1e-6
-    assert model_s == pytest.approx(passed_s, abs=0.01 * passed_s + last_words["slipped_s"])
+    # 250 Hz on the wall clock too, apart from the slips that the vehicle itself reports on a busy machine. The relay
+    # notes a datagram late or at once, never early: the least lateness of a second is that of the vehicle's clock.
+    lateness = [at - time_us * 1e-6 for at, time_us in samples]
+    drift_s, passed_s = min(lateness[-250:]) - min(lateness[:250]), samples[-1][0] - samples[0][0]
+    assert drift_s == pytest.approx(0.0, abs=0.01 * passed_s + last_words["slipped_s"])

@@ -278,8 +278,8 @@ def test_a_number_in_the_file_is_the_damping_of_all_axes():
         ((("heave_drag = 1.5", "heave_drag = -1.5"),), "heave_drag is -1.5, must not be negative"),
         ((("gust_gain = 0.0763", "gust_gain = -0.1"),), "gust_gain is -0.1, must not be negative"),
         ((("-0.05]", "0.25]"),), "the rotors must be above the centre of mass"),
-        ((("[[0.22, 0.22, -0.05]", "[[0.22, 0.22]"),), "three numbers for each of four rotors"),
-        ((("[[0.22, 0.22, -0.05],", "["),), "three numbers for each of four rotors"),
+        ((("[[0.22, 0.22, -0.05]", "[[0.22, 0.22]"),), "three numbers for each of four or more rotors"),
+        ((("[[0.22, 0.22, -0.05],", "["),), "three numbers for each of four or more rotors"),
         ((("[[0.22", "[[inf"),), "position_B is inf, must be a finite number"),
     ],
 )

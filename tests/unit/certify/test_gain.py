@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from fractions import Fraction
 from itertools import product
 
 import numpy as np
@@ -10,10 +11,11 @@ import scipy.linalg
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate
+from gustproof.certify.check.dissipation import Ball, gain_inequality
+from gustproof.certify.check.evidence import CheckResult, seal
 from gustproof.certify.check.evidence import check_certificate as check
-from gustproof.certify.check.evidence import seal
 from gustproof.certify.gain import l2_gain
-from gustproof.certify.gain.l2_gain import attitude_loop, certify_gain, certify_lft, is_evidence_of
+from gustproof.certify.gain.l2_gain import attitude_loop, certify_gain, certify_lft, derived_loop, lower_bound
 from gustproof.certify.gain.worst_schedule import worst_schedule
 from gustproof.lti.state_space import Lti, lft
 from gustproof.model.lft import Uncertain, system_from_matrix, ultidyn, ureal
@@ -168,22 +170,79 @@ def test_the_papers_law_has_a_proven_gain_near_its_lower_bound_and_far_above_its
     assert not refused.proven
 
 
-def test_evidence_of_another_plant_is_told_from_that_of_the_design():
+def test_a_gain_is_proved_of_the_derived_loop_and_of_no_other():
     problem, K = design_problem(load_design("D2"), VEHICLE), controller("D2")
     envelope = Envelope(angle=0.01, rate=0.01)
     loop = attitude_loop(problem, K, envelope, scheduled=False)
-    evidence = json.loads(json.dumps(certify_gain(problem, K, angle=0.01, rate=0.01).evidence))
-    assert is_evidence_of(evidence, loop, None)
-    assert not is_evidence_of(
-        evidence, attitude_loop(problem, K, Envelope(angle=0.02, rate=0.01), scheduled=False), None
-    )
-    assert not is_evidence_of(evidence, attitude_loop(problem, K, envelope, scheduled=True), None)
-    system = evidence["system"]
-    scaled = {**evidence, "system": {**system, "C": (0.5 * np.array(system["C"])).tolist()}}
-    assert not is_evidence_of(scaled, loop, None)
-    blocks = [{**block, "speed": 1.0} for block in evidence["blocks"]]
-    assert not is_evidence_of({**evidence, "blocks": blocks}, loop, None)
-    assert is_evidence_of({**evidence, "blocks": blocks}, loop, {block["name"]: 0.9 for block in blocks})
+    certificate = certify_gain(problem, K, angle=0.01, rate=0.01)
+    text = json.dumps(certificate.to_dict())
+    verdict = check(text, loop=derived_loop(loop, None))
+    assert verdict.accepted
+    assert "all within its rounding" in verdict.assumes["plant"]
+    wider = attitude_loop(problem, K, Envelope(angle=0.02, rate=0.01), scheduled=False)
+    assert "does not hold" in check(text, loop=derived_loop(wider, None)).reason
+    turned = attitude_loop(problem, K, envelope, scheduled=True)
+    assert "other parameters" in check(text, loop=derived_loop(turned, None)).reason
+    assert lower_bound(loop, None) == certificate.lower_bound
+
+
+def test_what_is_proved_of_a_derived_loop_is_true_of_it(certificate):
+    derived = derived_loop(lag(0.5), None)
+
+    def judge(**changes) -> CheckResult:
+        return check(json.dumps(certificate.to_dict()), loop=derived._replace(**changes))
+
+    def scaled(name: str, factor: float) -> dict:
+        return {**derived.system, name: (factor * np.array(derived.system[name])).tolist()}
+
+    assert judge().assumes["system_sha256"] == seal(derived.system)
+    assert judge(system=scaled("C", 1.0 + 2.0**-45)).accepted  # as another machine may round
+    assert judge(system=scaled("C", 0.5)).accepted  # outputs half as large: the evidence proves that, so it is true
+    for name, factor in (("C", 1.01), ("B", 1.01), ("A", 0.9)):
+        assert "does not hold" in judge(system=scaled(name, factor)).reason
+    assert judge(speeds=[1.0]).accepted  # the evidence holds at any speed
+
+
+@pytest.mark.parametrize(("speed", "accepted"), [(0.99, True), (1.0, True), (1.0 + 2.0**-50, False), (None, False)])
+def test_a_loop_faster_than_its_evidence_is_refused(speed, accepted):
+    certificate = certify_lft(lag(0.5), assumes={}, speeds={"rate": 1.0})
+    verdict = check(json.dumps(certificate.to_dict()), loop=derived_loop(lag(0.5), None)._replace(speeds=[speed]))
+    assert verdict.accepted is accepted
+    if not accepted:
+        assert "rate of the derived loop is faster" in verdict.reason
+
+
+def test_the_forms_of_a_ball_hold_those_of_every_system_in_it():
+    """Of random systems in the ball, at its corners, none leaves the form's ball; and one comes near its edge."""
+    certificate, share = certify_lft(lag(0.5), assumes={}), Fraction(1, 64)
+    evidence, rng = certificate.evidence, np.random.default_rng(3)
+    level = Fraction(evidence["level"])
+    form = gain_inequality(level, evidence, share)
+    inverse = np.linalg.inv(np.array(evidence["coordinates"]))
+    change = np.eye(len(form.middle))
+    change[: len(inverse), : len(inverse)] = inverse
+    middle, radius = (np.array(M, dtype=np.float64) for M in form)
+    reached = np.zeros_like(radius)
+    for _ in range(200):
+        system = {}
+        for name, rows in evidence["system"].items():
+            M = np.array(rows)
+            size = np.maximum(np.abs(M).max(axis=1)[:, None], np.abs(M).max(axis=0)[None])
+            system[name] = (M + float(share) * size * rng.choice([-1.0, 1.0], M.shape)).tolist()
+        member = np.array(gain_inequality(level, {**evidence, "system": system}).middle, dtype=np.float64)
+        reached = np.maximum(reached, np.abs(change.T @ member @ change - middle))
+    assert np.all(reached <= radius * (1.0 + 1e-9) + 1e-20)
+    assert np.max(reached / np.maximum(radius, 1e-12)) > 0.9
+
+
+def test_a_ball_is_definite_if_every_member_is():
+    middle, zero = [[Fraction(2), Fraction(1)], [Fraction(1), Fraction(2)]], Fraction(0)
+    for radius, definite in ((0, True), (0.2, True), (0.51, False)):
+        off = Fraction(radius)
+        assert Ball(middle, [[off, off], [off, off]]).is_positive_definite() is definite
+    tiny = [[zero, Fraction(1, 10**9)], [Fraction(1, 10**9), zero]]
+    assert not Ball([[Fraction(1), Fraction(2)], [Fraction(2), Fraction(1)]], tiny).is_positive_definite()
+    assert not Ball([[zero, zero], [zero, zero]], tiny).is_positive_definite()
 
 
 @pytest.mark.parametrize(("name", "published"), [("D1", 0.29), ("D2", 0.39)])

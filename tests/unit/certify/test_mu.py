@@ -1,11 +1,13 @@
 """Mu and worst-case gain against closed forms, and bounds that must bracket."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
 
 from firmware_model.config.vehicle import load_vehicle
+from gustproof.certify.mu import singular_value
 from gustproof.certify.mu.scalings import best_scalings
 from gustproof.certify.mu.singular_value import disk_margin_bounds, mu
 from gustproof.certify.mu.sweep import add_performance_block
@@ -148,6 +150,30 @@ def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
     assert many.lower == pytest.approx(truth, rel=1e-6)
     assert truth <= many.upper <= one.upper
     assert many.gap < 0.01
+
+
+def test_branch_and_bound_brings_mu_of_real_parameters_down_to_what_a_delta_reaches():
+    """M / (s + 1) with a real matrix: singular first at rest, where scalings leave an eighth; D found by search."""
+    M = [[-1.4, -1.2, -1.3, -0.6], [1.4, -1.6, 0.9, 1.3], [-0.4, -0.7, 0.5, 1.2], [2.2, 0.9, 1.6, -0.5]]
+    blocks = tuple(RealBlock(name=name, low=-1.0, high=1.0, nominal=0.0) for name in "abcd")
+    system = Uncertain(M=Lti(A=-np.eye(4), B=np.eye(4), C=M, D=np.zeros((4, 4))), blocks=blocks)
+    corners = [np.linalg.eigvals(M @ np.diag(d)) for d in product((-1.0, -0.5, 0.0, 0.5, 1.0), repeat=4)]
+    truth = max(float(np.max(e.real[np.abs(e.imag) < 1e-9], initial=0.0)) for e in corners)  # a pole at 0
+    one, many = mu(system), mu(system, boxes=4)
+    assert one.gap > 0.12
+    assert many.gap < 0.025
+    assert many.lower <= truth * (1.0 + 1e-9) <= many.upper < one.upper
+    assert not singular_value._is_stable_within(system, 0.98 / truth, 0.02, 1)
+
+
+def test_full_blocks_are_restricted_with_the_box():
+    blocks = (RealBlock(name="k", low=-1.0, high=1.0, nominal=0.0), *SCALARS)
+    system = Uncertain(M=gain(np.random.default_rng(2).normal(size=(3, 3))), blocks=blocks)
+    inner = restrict(system, {"k": (-0.25, 0.25)}, radius=0.25)
+    assert inner.M.response(1.0) == pytest.approx(0.25 * system.M.response(1.0))
+    found = mu(system, accuracy=TIGHT)
+    assert singular_value._is_stable_within(system, 0.99 / found.upper, TIGHT, 1)
+    assert not singular_value._is_stable_within(system, 1.01 / found.lower, TIGHT, 1)
 
 
 def test_a_box_of_parameters_is_a_family_of_the_same_members():

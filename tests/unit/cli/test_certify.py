@@ -54,11 +54,18 @@ def test_a_law_is_proved_by_its_design_and_the_file_checked_until_a_digit_is_cha
     assert json.loads(checked.stdout)["gain"] == told["gain"]
     assert "proven: " in run("--check", str(path)).stdout
 
-    again = run("hinf-d2", *ENVELOPE, "--check", str(path))
+    again = run("hinf-d2", *ENVELOPE, "--check", str(path), "--json")
     assert again.exit_code == 0
+    verdict = json.loads(again.stdout)
+    assert (verdict["gain"], verdict["lower_bound"]) == (told["gain"], pytest.approx(told["lower_bound"]))
+    assert "within its rounding" in verdict["assumes"]["plant"]
+    assert "a simulation of the derived loop reached" in run("hinf-d2", *ENVELOPE, "--check", str(path)).stdout
     other = run("hinf-d2", "--angle-rad", "0.02", "--rate-rad-s", "0.01", "--check", str(path))
     assert other.exit_code == 1
-    assert "refused: the evidence is not about design 'D2' with this envelope" in other.stdout
+    assert other.stdout == "refused: the matrix inequality does not hold\n"
+    with pytest.MonkeyPatch().context() as patch:
+        patch.setattr("gustproof.certify.gain.l2_gain.lower_bound", lambda *_: 2.0 * told["gain"])
+        assert "refused: a simulation reached" in run("hinf-d2", *ENVELOPE, "--check", str(path)).stdout
 
     path.write_text(path.read_text().replace(f'"level": {told["gain"]}', '"level": 0.25'))
     refused = run("--check", str(path))

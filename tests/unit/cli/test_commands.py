@@ -89,11 +89,14 @@ def test_help_loads_nothing_heavy():
         (("fly", "paper", "--law", "nothing"), "no law named 'nothing'"),
         (("fly", "paper", "--law", "hinf-d1", "--vehicle", "bike"), "no vehicle named 'bike'"),
         (("fly",), "give a scenario, or --repeat, or --run"),
-        (("fly", "paper", "--vehicle", "iris"), "'flagship' is for vehicle 'paper', not 'iris': give --law"),
         (("fly", "paper", "--law", ""), "no law named ''"),
         (("fly", "paper", "--law", "pid-fair", "--vehicle", "iris"), "'pid-fair' is unstable on vehicle 'iris'"),
-        (("fly", "payload-drop", "--law", "pid-default", "--vehicle", "iris"), "of 1.5 kg can't be with -3 kg"),
-        (("reproduce", "--vehicle", "iris", "--out", "r"), "unstable on vehicle 'iris': pid-fair, indi, flagship"),
+        (("tune", "iris", "--slew", "0"), "slew 0.0 N m/s: must be above 0"),
+        (("tune", "iris", "--ms", "1"), "sensitivity peak 1.0: must be between 1 and 10"),
+        (("tune", "iris", "--scenario", "calm"), "'calm' has no turbulence"),
+        (("tune", "iris", "-o", "law.params"), "a law file ends in .json"),
+        (("tune", "iris", "--for", "px4", "-o", "my.json"), "my.json: a parameter file ends in .params"),
+        (("tune", "iris", "--for", "px4", "--law", "pid"), "'law' cannot be given with it"),
         (("fly", "paper", "--law", "/nowhere/law.json"), "/nowhere/law.json: No such file"),
         (("design", "D99"), "no design named 'D99'"),
         (("design", "D1", "--gamma", "0.1"), "gamma"),
@@ -117,6 +120,24 @@ def test_a_scenario_with_an_unknown_key_names_file_and_key(tmp_path):
     result = run("fly", str(path), "--law", "hinf-d1")
     assert result.exit_code == 2
     assert f"{path}: durationn_s: unknown key" in one_line(result)
+
+
+@pytest.mark.parametrize(
+    ("event", "words"),
+    [
+        ("kind = 'payload'\nmass_kg = -3.0", "event 'payload' at 0.5 s: vehicle 'iris' of 1.5 kg can't be with -3 kg"),
+        ("kind = 'payload'\ninertia_share = [0.0, 0.0, 2.0]", "from 0.5 s on: inertia_B: no rigid body has"),
+        ("kind = 'rotor_failure'\nrotor = 5", "event 'rotor_failure': vehicle 'iris' has 4 rotors, no 5"),
+    ],
+)
+def test_an_event_that_the_vehicle_can_not_have_is_one_line(event, words, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(f"description = 'x'\nduration_s = 1.0\ntranslation = 'free'\n[[event]]\nat_s = 0.5\n{event}\n")
+    for arguments in (("fly", str(path), "--law"), ("campaign", str(path), "--law")):
+        result = run(*arguments, "pid-default", "--vehicle", "iris", "--out" if arguments[0] == "fly" else "-o",
+                     str(tmp_path / "out.parquet"))  # fmt: skip
+        assert result.exit_code == 2
+        assert words in one_line(result)
 
 
 def test_a_taken_output_folder_is_refused(tmp_path):
@@ -385,3 +406,23 @@ def test_analyse_of_numbers_beyond_all_routines_is_one_clear_line(tmp_path):
     result = run("analyse", str(tmp_path / "huge.json"), "-o", str(tmp_path / "huge.png"))
     assert result.exit_code == 2
     assert "law 'huge' cannot be analysed on vehicle 'paper'" in one_line(result)
+
+
+def test_a_parameter_file_is_a_law_and_what_it_lacks_is_told(tmp_path):
+    path = tmp_path / "mine.params"
+    path.write_text("MC_ROLL_P 5\nMC_ROLRATE_P 0.1\n")
+    result = run("export", str(path), "--law", str(tmp_path / "mine.json"), "--rate", "500")
+    assert result.exit_code == 0, result.stderr
+    assert "px4-mine: not known: MC_ROLRATE_P" in result.stderr
+    law = load_law(tmp_path / "mine.json")
+    assert (law.name, law.dt) == ("px4-mine", 0.002)
+    assert law.provenance.parameters["MC_ROLL_P"] == 5.0
+
+
+def test_a_bad_parameter_file_is_one_line(tmp_path):
+    path = tmp_path / "mine.param"
+    path.write_text("ATC_RAT_RLL_P -1\n")
+    for arguments in (("analyse", str(path)), ("fly", "calm", "--law", str(path)), ("worst-case", str(path))):
+        result = run(*arguments)
+        assert result.exit_code == 2
+        assert one_line(result) == f"gustproof: {path}: ATC_RAT_RLL_P: is -1, must be 0 to 100"

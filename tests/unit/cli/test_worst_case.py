@@ -87,3 +87,11 @@ def test_a_flight_beyond_all_numbers_is_said_to_diverge_and_left_to_be_flown(tmp
     assert json.loads(told)["peak_deg"] is None
     assert "NaN" not in told
     assert "Infinity" not in told
+
+
+@pytest.mark.compiled
+def test_law_of_another_vehicle_is_named():
+    result = run("worst-case", "pid-fair", "--vehicle", "iris", "--flights", "100", "--horizon", "1", "--json")
+    unstable, other = json.loads(result.stdout)["warnings"]
+    assert "unstable on vehicle 'iris'" in unstable
+    assert "designed for vehicle 'paper', not 'iris'" in other

@@ -768,6 +768,50 @@ def test_unknown_height_is_told_with_the_way_out():
     assert give_up(autopilot, 4000) == words
 
 
+@pytest.mark.parametrize("law", ["flagship", "hinf-scheduled", "aided", "pid-fair"])
+def test_torque_law_takes_over_only_with_attitude_and_starts_at_it(law):
+    autopilot = Autopilot()
+    autopilot.endpoint = ControllerEndpoint(load_law(law), VEHICLE, correct_attitude=True)
+    autopilot.reach(Phase.READING)
+    autopilot.say(beat(HOLD), *parameters(), accepted(INTERVAL), *(imu(4000 * k, 0.0) for k in range(1, 12)))
+    assert autopilot.endpoint.phase is Phase.READING
+    autopilot.now_us += RETRY_US
+    assert wire.MAVLINK_MSG_ID_ATTITUDE in [
+        message.param1 for message in autopilot.hear() if hasattr(message, "param1")
+    ]
+    autopilot.say(wire.MAVLink_attitude_message(44, 0.17, -0.1, 3.0, 0.0, 0.0, 0.0), imu(48_000, 0.0))
+    autopilot.say(accepted(MODE))
+    assert autopilot.endpoint.phase is Phase.FLYING
+    autopilot.hear()
+    autopilot.say(imu(52_000, 0.0))
+    (answer,) = [message for message in autopilot.hear() if hasattr(message, "controls")]
+    assert answer.controls[0] < -0.05  # rolled to the right, pitched down: it turns back and keeps its heading
+    assert answer.controls[1] > 0.03
+    assert abs(answer.controls[2]) < 0.2  # to turn north it would take all there is
+
+
+def test_missing_attitude_is_told_with_the_way_out():
+    autopilot = Autopilot()
+    autopilot.endpoint = ControllerEndpoint(load_law("flagship"), VEHICLE, correct_attitude=True)
+    autopilot.reach(Phase.READING)
+    autopilot.say(accepted(INTERVAL), *parameters())
+    words = "the autopilot does not send ATTITUDE; --attitude own starts level without it"
+    assert give_up(autopilot, 4000) == words
+
+
+def test_law_without_an_estimate_tells_what_it_holds_as_level():
+    told: list[str] = []
+    autopilot = Autopilot()
+    autopilot.endpoint = ControllerEndpoint(load_law("hinf-d1"), VEHICLE, report=told.append, correct_attitude=True)
+    autopilot.reach(Phase.READING)
+    autopilot.say(beat(HOLD), *parameters(), imu(4000), imu(8000), imu(12_000))
+    assert autopilot.endpoint.phase is Phase.ENTERING
+    assert (
+        "attitude: law 'hinf-d1' has no estimate that could start at ATTITUDE: "
+        "it holds as level the attitude in which it takes over"
+    ) in told
+
+
 def test_another_vehicle_on_the_link_is_not_listened_to(autopilot):
     autopilot.reach(Phase.READING)
     other = wire.MAVLink(None, 9, 1)

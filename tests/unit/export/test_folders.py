@@ -123,6 +123,13 @@ def test_other_frames_than_ardupilots_x_are_refused():
         firmware_folder(Firmware.ARDUPILOT, _law(dt=0.0025), replace(vehicle, rotors=rotors), Attitude.OWN, "my-law")
 
 
+@pytest.mark.parametrize("firmware", Firmware)
+def test_eight_rotors_are_refused_in_one_line(firmware):
+    with pytest.raises(ConfigError, match=r"PX4 flies four rotors here, not 8|quadrotor X") as caught:
+        firmware_folder(firmware, _law(dt=0.001), load_vehicle("octo"), Attitude.OWN, "my-law")
+    assert "\n" not in str(caught.value)
+
+
 def _tree(variable: str, inside: str) -> Path:
     """Return the sources that a variable names, or that its build lies in."""
     given = os.environ.get(variable)

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from firmware_model.numerics.rotations import rotate
-from firmware_model.recording.journal import RECORD, JournalWriter
+from firmware_model.recording.journal import RECORD, JournalWriter, record_type
 from gustproof.live.journal_follower import follow_journal, rotate_rows, series_rows
 from gustproof.live.telemetry_buffer import TelemetryBuffer
 
 
-@pytest.fixture
-def records(rng) -> np.ndarray:
-    records = np.zeros(523, dtype=RECORD)
-    for name in RECORD.names:
+@pytest.fixture(params=[4, 8])
+def records(request, rng) -> np.ndarray:
+    records = np.zeros(523, dtype=record_type(request.param))
+    for name in records.dtype.names:
         records[name] = rng.normal(size=records[name].shape)
     records["q_NB"] /= np.linalg.norm(records["q_NB"], axis=1, keepdims=True)
     records["time_us"] = 4000.0 * np.arange(len(records))
@@ -54,9 +54,9 @@ def test_each_fifth_record_is_fed_however_the_journal_grows(records, tmp_path, m
     reader = feed.reader()
     thread = Thread(target=follow_journal, args=(path, 5, 4000, feed, done))
     thread.start()
-    with JournalWriter(path, {"scenario": "any"}) as journal:
+    with JournalWriter(path, {"scenario": "any"}, 250, records.dtype) as journal:
         for record in records:
-            journal.append(record.view((np.float64, RECORD.itemsize // 8)))
+            journal.append(record.view((np.float64, records.dtype.itemsize // 8)))
             if record["time_us"] % 68_000 == 0:
                 journal.flush()
     done.set()

@@ -11,6 +11,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import Vehicle, load_vehicle
 from gustproof.law.cascade import AxisLaw, cascade_law
 from gustproof.law.form import Law, load_law
+from gustproof.law.step import step
 from gustproof.lti.state_space import lft
 from gustproof.performance.covariance import augmented_axis, axis_models, axis_performance, mean_second_moments
 from gustproof.performance.predict import Prediction, predict
@@ -137,3 +138,25 @@ def test_the_accelerometer_bounds_the_attitude_that_gyros_let_walk() -> None:
 
 def test_a_law_of_rates_has_no_torque_to_foretell() -> None:
     assert predict(load_law("hinf-rates"), VEHICLE, SCENARIO) is None
+
+
+@pytest.mark.compiled
+def test_what_a_law_sees_is_its_own_estimate_in_flight() -> None:
+    law, _ = indi()
+    script = replace(SCENARIO, duration_s=10.0)
+    found = predict(law, VEHICLE, script)
+    assert found is not None
+    assert found.seen_rmse is not None
+    squares = []
+    for seed in range(1, 5):
+        flown = fly_direct(script, law, vehicle=VEHICLE, seed=seed)
+        x = np.zeros(law.order)
+        for gyro in flown["gyro_B"]:
+            x, _ = step(law, x, np.concatenate([gyro, np.zeros(3)]))
+            squares.append(x[:3] ** 2)
+    assert math.sqrt(np.mean(squares)) == pytest.approx(found.seen_rmse, rel=0.1)
+    assert found.seen_rmse < found.rmse  # the drift is not seen
+
+
+def test_a_law_without_an_attitude_sees_none() -> None:
+    assert foretell(load_law("hinf-d1")).seen_rmse is None

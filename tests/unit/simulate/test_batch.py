@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.config.events import ActuatorEffect, AttitudeReference, GyroBias, Payload
+from firmware_model.config.events import ActuatorEffect, AttitudeReference, GyroBias, Payload, RotorFailure
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import list_scenarios, load_scenario
-from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.vehicle import Battery, load_vehicle
 from firmware_model.config.waveforms import GustCosine, GustReplay, GustStep
 from firmware_model.numerics.rotations import euler_angles
 from firmware_model.numerics.soa import loader, single
@@ -143,6 +143,41 @@ def test_flights_side_by_side_are_those_one_by_one_in_every_scenario_without_mes
 def test_events_winds_and_all_that_can_be_required_are_the_same_side_by_side(law, translation):
     scenario = replace(EVENTFUL, require=tuple(every_requirement()), translation=translation)
     assert_same(scenario, load_law(law), cases(LANES + 3))
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("law", ["hinf-scheduled", "hinf-rates"])
+def test_vehicles_with_other_rotors_and_failures_are_the_same_side_by_side(law):
+    octo, quad = load_vehicle("octo"), VEHICLE
+    five = replace(octo.rotors, position_B=octo.rotors.position_B[:5], spin=octo.rotors.spin[:5])
+    vehicles = [octo, quad, replace(octo, rotors=five), quad, octo]
+    many = [Case(vehicle=each, seed=i) for i, each in enumerate(vehicles)]
+    failures = tuple(
+        RotorFailure(kind="rotor_failure", at_s=at_s, rotor=rotor, share=share)
+        for at_s, rotor, share in ((0.1, 1, 0.0), (0.2, 4, 0.6), (0.3, 1, 1.0))
+    )
+    free = replace(SHORT, translation="free")
+    assert_same(replace(free, event=failures), load_law(law), many)
+    assert_same(replace(free, event=failures, altitude_m=0.3), load_law(law), many)
+    assert_same(SHORT, load_law(law), many)
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("law", ["flagship", "hinf-rates"])
+def test_vehicles_with_and_without_batteries_are_the_same_side_by_side(law):
+    small = Battery(cells=3, capacity_ah=0.0005, resistance_ohm=0.05, hover_current_a=12.0)
+    octo, batteries = load_vehicle("octo"), (None, small, replace(small, capacity_ah=1.0, resistance_ohm=0.1))
+    many = [
+        Case(vehicle=replace(each, battery=battery), seed=i)
+        for i, each in enumerate((VEHICLE, octo))
+        for battery in batteries
+    ]
+    free = replace(SHORT, translation="free")
+    failure = RotorFailure(kind="rotor_failure", at_s=0.1, rotor=1, share=0.5)
+    assert_same(free, load_law(law), many)
+    assert_same(replace(free, event=(failure,), altitude_m=0.3), load_law(law), many)
+    found = {result.metrics for result in fly_many(free, load_law(law), many)}
+    assert len(found) == len(many)
 
 
 @pytest.mark.compiled

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from firmware_model.autopilot.modes import Mode
-from firmware_model.config.events import ModeChange
+from firmware_model.config.events import ModeChange, Payload
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
@@ -34,6 +34,7 @@ PAPER, IRIS = load_vehicle("paper"), load_vehicle("iris")
 SHORT = replace(load_scenario("paper"), duration_s=2.0)
 PLAN = FlightPlan(SHORT, load_law("hinf-d1"), load_vehicle("iris"), 7, False)
 NAME = "paper-hinf-d1-seed7"
+DROP = Payload(kind="payload", at_s=5.0, mass_kg=-3.0, inertia_kgm2=(-0.045, -0.045, -0.045))
 HOLD = (ModeChange(kind="mode", at_s=1.0, mode="hold"),)
 
 
@@ -141,7 +142,17 @@ def test_another_vehicles_law_is_named_where_it_is_stable():
 def test_check_names_payload_and_mass_that_do_not_fit():
     dropping = "event 'payload' at 5.0 s: vehicle 'iris' of 1.5 kg can't be with -3 kg: mass"
     with pytest.raises(ConfigError, match=f"^{dropping}"):
-        check(load_scenario("payload-drop"), load_law("pid-default"), IRIS)
+        check(replace(SHORT, event=(DROP,)), load_law("pid-default"), IRIS)
+
+
+def test_check_refuses_a_body_that_can_not_be_before_and_after_a_payload():
+    flat = replace(PAPER, inertia_B=(0.02, 0.02, 0.4))
+    with pytest.raises(ConfigError, match=r"^vehicle 'paper': inertia_B: no rigid body has 0\.02 about x"):
+        check(SHORT, load_law("pid-fair"), flat)
+    lost = Payload(kind="payload", at_s=1.0, inertia_kgm2=(0.0, -0.1, 0.0))
+    after = r"^scenario 'paper': vehicle 'paper' from 1 s on: inertia_B: no rigid body has 0\.25 about x"
+    with pytest.raises(ConfigError, match=after):
+        check(replace(SHORT, event=(lost,)), load_law("pid-fair"), PAPER)
 
 
 @pytest.mark.parametrize(("missed", "event", "warned"), [(3, (), True), (0, (), False), (3, HOLD, False)])

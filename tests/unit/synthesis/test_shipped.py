@@ -17,7 +17,7 @@ from gustproof.model.uncertainty import Spreads
 from gustproof.scoring.metrics import Metrics, attitude, measure
 from gustproof.simulate.batch import Case, fly_many
 from gustproof.simulate.direct import fly_direct
-from gustproof.synthesis.pid.flagship import corner_vehicles
+from gustproof.synthesis.pid.tuning import corner_vehicles
 from gustproof.synthesis.shipped import DERIVATIONS
 
 pytestmark = pytest.mark.compiled

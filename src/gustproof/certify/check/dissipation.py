@@ -1,8 +1,9 @@
 """Matrix inequalities that prove an L2 gain, in rational numbers.
 
-Part of the check: standard library and rational arithmetic only. The system is `x' = A x + B (p, w)`,
-`(q, z) = C x + D (p, w)`, closed by `p = Delta(t) q`. Delta holds real numbers `|delta_i(t)| <= 1`, each times an
-identity.
+Part of the check: rational arithmetic only; doubles choose coordinates, on which no proof rests. The system is
+`x' = A x + B (p, w)`, `(q, z) = C x + D (p, w)`, closed by `p = Delta(t) q`. Delta holds real numbers
+`|delta_i(t)| <= 1`, each times an identity. The numbers of the system may be known up to a share only: then the forms
+are those of every such system.
 """
 
 import math
@@ -11,7 +12,80 @@ from fractions import Fraction
 from itertools import product
 from typing import Any, NamedTuple
 
-from gustproof.lti.rational import RationalMatrix, add, identity, multiply, scale, to_rational, transpose, zeros
+import numpy as np
+
+from gustproof.lti.rational import (
+    RationalMatrix,
+    add,
+    identity,
+    is_positive_definite,
+    multiply,
+    round_up,
+    scale,
+    to_rational,
+    transpose,
+    zeros,
+)
+
+_BITS = 96
+"""Binary places of the numbers of balls."""
+
+
+class Ball(NamedTuple):
+    """All matrices whose entries are no further from those of `middle` than those of `radius`."""
+
+    middle: RationalMatrix
+    """(n, m) centre."""
+    radius: RationalMatrix
+    """(n, m) distances, none negative."""
+
+    def is_positive_definite(self) -> bool:
+        """Return whether every symmetric matrix of the ball is positive definite: a proof.
+
+        Congruence by any matrix W keeps what it proves: with W F W' diagonally dominant, W is regular and F definite.
+        W is the inverse of a Cholesky factor in doubles, so that W F W' is near the identity.
+        """
+        if not any(map(any, self.radius)):
+            return is_positive_definite(self.middle)
+        try:
+            W = to_rational(np.linalg.inv(np.linalg.cholesky(np.array(self.middle, dtype=np.float64))).tolist())
+        except np.linalg.LinAlgError:
+            return False
+        form = _product(_shorten(_product(exact(W), _shorten(self))), exact(transpose(W)))
+        for i, (row, off) in enumerate(zip(form.middle, form.radius, strict=True)):
+            if not 2 * row[i] > sum(map(abs, row)) + sum(off):
+                return False
+        return True
+
+
+def _shorten(A: Ball) -> Ball:
+    """Return a ball of shorter numbers that holds `A`."""
+    middle = [[round_up(value, _BITS) for value in row] for row in A.middle]
+    return Ball(middle, [[value + Fraction(1, 1 << _BITS) for value in row] for row in A.radius])
+
+
+def exact(A: RationalMatrix) -> Ball:
+    """Return the ball of one matrix."""
+    return Ball(A, [[Fraction(0)] * len(row) for row in A])
+
+
+def _plus(*terms: Ball) -> Ball:
+    return Ball(add(*(term.middle for term in terms)), add(*(term.radius for term in terms)))
+
+
+def _times(sign: int, A: Ball) -> Ball:
+    """Return a ball times -1 or 1."""
+    return Ball(scale(sign, A.middle), A.radius)
+
+
+def _turned(A: Ball) -> Ball:
+    return Ball(transpose(A.middle), transpose(A.radius))
+
+
+def _product(A: Ball, B: Ball) -> Ball:
+    size_A, size_B = ([[abs(value) for value in row] for row in M.middle] for M in (A, B))
+    radii = multiply(size_A, B.radius), multiply(A.radius, size_B), multiply(A.radius, B.radius)
+    return Ball(multiply(A.middle, B.middle), [[round_up(value) for value in row] for row in add(*radii)])
 
 
 class Vertex(NamedTuple):
@@ -35,8 +109,10 @@ def lyapunov_matrix(evidence: dict[str, Any], P: Sequence[Sequence[float | Fract
     return multiply(transpose(coordinates), multiply(to_rational(P), coordinates))
 
 
-def gain_inequality(level: Fraction, evidence: dict[str, Any]) -> RationalMatrix:
+def gain_inequality(level: Fraction, evidence: dict[str, Any], share: Fraction = Fraction(0)) -> Ball:
     """Return a matrix whose definiteness proves the L2 gain from w to z below `level`, for Delta of any speed.
+
+    Numbers of the system are within `share` of the largest of their row and column.
 
     With P and each `D_i` positive definite and each `G_i` skew, along every trajectory
 
@@ -50,12 +126,14 @@ def gain_inequality(level: Fraction, evidence: dict[str, Any]) -> RationalMatrix
     C. Scherer, LPV control and full block multipliers, Automatica 37 (2001), 361-375 (D-G scalings are the multipliers
     of repeated real parameters).
     """
-    system = _System(evidence)
+    system = _System(evidence, share)
     storage = system.storage(lyapunov_matrix(evidence, evidence["P"]))
-    return scale(-1, add(storage, system.supply(level), *system.scaling_terms(evidence["blocks"])))
+    return _times(-1, _plus(storage, system.supply(level), *system.scaling_terms(evidence["blocks"])))
 
 
-def rate_bounded_inequalities(level: Fraction, evidence: dict[str, Any]) -> Iterator[RationalMatrix]:
+def rate_bounded_inequalities(
+    level: Fraction, evidence: dict[str, Any], share: Fraction = Fraction(0)
+) -> Iterator[Ball]:
     """Yield a matrix for each of `vertices`; if all are positive definite, the gain is proved for slow parameters.
 
     Slow parameters keep `|delta_i'| <= speed_i`. V = x' P(delta) x, with P linear in each of them separately: P = sum
@@ -67,11 +145,11 @@ def rate_bounded_inequalities(level: Fraction, evidence: dict[str, Any]) -> Iter
     separately. Inside the box it is therefore a weighted mean of the forms at the vertices, with the same mean of their
     D and G: no grid is needed. P(delta) is positive definite for the same reason.
     """
-    system, slow = _System(evidence), rate_bounded_blocks(evidence)
+    system, slow = _System(evidence, share), rate_bounded_blocks(evidence)
     P = [lyapunov_matrix(evidence, term) for term in evidence["P"]]
     supply, to_x = system.supply(level), transpose(system.x)
     coordinates = multiply(to_rational(evidence["coordinates"]), system.x)
-    free = multiply(to_rational(evidence["Y"]), coordinates + system.p + system.w)
+    free = exact(multiply(to_rational(evidence["Y"]), coordinates + system.p + system.w))
     for vertex, scalings in zip(vertices(len(slow)), evidence["vertices"], strict=True):
         signs = vertex.signs
         P_rate = zeros(len(P[0]), len(P[0]))
@@ -79,13 +157,14 @@ def rate_bounded_inequalities(level: Fraction, evidence: dict[str, Any]) -> Iter
             factor = speed * signs[i] * Fraction(evidence["blocks"][slow[i]]["speed"])
             terms = (scale(sign_product(S, signs) * factor, term) for S, term in enumerate(P) if S >> i & 1)
             P_rate = add(P_rate, *terms)
-        errors: RationalMatrix = []
+        errors = Ball([], [])
         for block, sign in zip(slow, signs, strict=True):
             rows = system.rows[block]
-            errors += add(system.p[rows], scale(-sign, system.q[rows]))
-        cross = multiply(transpose(errors), free)
-        storage = add(system.storage(corner(P, signs)), multiply(to_x, multiply(P_rate, system.x)))
-        yield scale(-1, add(storage, cross, transpose(cross), supply, *system.scaling_terms(scalings)))
+            error = _plus(exact(system.p[rows]), _times(-sign, system.q(rows)))
+            errors = Ball(errors.middle + error.middle, errors.radius + error.radius)
+        cross = _product(_turned(errors), free)
+        storage = _plus(system.storage(corner(P, signs)), exact(multiply(to_x, multiply(P_rate, system.x))))
+        yield _times(-1, _plus(storage, cross, _turned(cross), supply, *system.scaling_terms(scalings)))
 
 
 def rate_bounded_blocks(evidence: dict[str, Any]) -> list[int]:
@@ -106,38 +185,79 @@ def sign_product(subset: int, signs: tuple[int, ...]) -> int:
 
 
 class _System:
-    """System of the evidence: each signal as rows that act on (x, p, w)."""
+    """System of the evidence: each signal as rows that act on (x, p, w).
 
-    def __init__(self, evidence: dict[str, Any]) -> None:
-        A, B, C, D = (to_rational(evidence["system"][name]) for name in "ABCD")
+    With a `share`, x is `S` times other coordinates: balanced, where what rounding does to the forms is smallest.
+    """
+
+    def __init__(self, evidence: dict[str, Any], share: Fraction) -> None:
         sizes = [block["size"] for block in evidence["blocks"]]
-        n, m, k = len(A), len(D[0]), sum(sizes)
-        unit = identity(n + m)
-        self.x, self.p, self.w = unit[:n], unit[n : n + k], unit[n + k :]
-        self.derivative = [a + b for a, b in zip(A, B, strict=True)]
-        output = [c + d for c, d in zip(C, D, strict=True)]
-        self.q, self.z = output[:k], output[k:]
+        k = sum(sizes)
+        A, B, C, D = _read_system(evidence, k)
+        n, m = len(A), len(D[0])
+        S = _coordinates(evidence) if share else identity(n)
+        self.x = [row + [Fraction(0)] * m for row in S]
+        rest = [[Fraction(0)] * n + row for row in identity(m)]
+        self.p, self.w = rest[:k], rest[k:]
+        derivative = _join(_product(_widen(A, share), exact(S)), _widen(B, share))
+        output = _join(_product(_widen(C, share), exact(S)), _widen(D, share))
+        self._derivative = _shorten(derivative) if share else derivative
+        self._output, self._n_q = _shorten(output) if share else output, k
         starts = [sum(sizes[:i]) for i in range(len(sizes))]
         self.rows = [slice(start, start + size) for start, size in zip(starts, sizes, strict=True)]
 
-    def storage(self, P: RationalMatrix) -> RationalMatrix:
+    def q(self, rows: slice) -> Ball:
+        """Return some of the inputs of Delta."""
+        return Ball(self._output.middle[rows], self._output.radius[rows])
+
+    def storage(self, P: RationalMatrix) -> Ball:
         """Return the form of 2 x' P x'."""
-        half = multiply(transpose(self.x), multiply(P, self.derivative))
-        return add(half, transpose(half))
+        half = _product(exact(multiply(transpose(self.x), P)), self._derivative)
+        return _plus(half, _turned(half))
 
-    def supply(self, level: Fraction) -> RationalMatrix:
+    def supply(self, level: Fraction) -> Ball:
         """Return the form of |z|^2 - level^2 |w|^2."""
-        z, w = multiply(transpose(self.z), self.z), multiply(transpose(self.w), self.w)
-        return add(z, scale(-level * level, w))
+        z, w = self.q(slice(self._n_q, None)), multiply(transpose(self.w), self.w)
+        return _plus(_product(_turned(z), z), exact(scale(-level * level, w)))
 
-    def scaling_terms(self, scalings: list[dict[str, Any]]) -> Iterator[RationalMatrix]:
+    def scaling_terms(self, scalings: list[dict[str, Any]]) -> Iterator[Ball]:
         """Yield the forms of the D-G scalings of the blocks."""
         for rows, item in zip(self.rows, scalings, strict=True):
-            q, p, D, G = self.q[rows], self.p[rows], to_rational(item["D"]), to_rational(item["G"])
-            cross = multiply(transpose(q), multiply(G, p))
-            yield add(
-                multiply(transpose(q), multiply(D, q)),
-                scale(-1, multiply(transpose(p), multiply(D, p))),
+            q, p, D, G = self.q(rows), self.p[rows], to_rational(item["D"]), to_rational(item["G"])
+            cross = _product(_turned(q), exact(multiply(G, p)))
+            yield _plus(
+                _product(_turned(q), _product(exact(D), q)),
+                exact(scale(-1, multiply(transpose(p), multiply(D, p)))),
                 cross,
-                transpose(cross),
+                _turned(cross),
             )
+
+
+def _read_system(evidence: dict[str, Any], k: int) -> list[RationalMatrix]:
+    """Return A, B, C and D, with at least k inputs and outputs."""
+    A, B, C, D = matrices = [to_rational(evidence["system"][name]) for name in "ABCD"]
+    n, m = len(A), len(D[0])
+    widths = {len(row) for row in A + C} - {n} | {len(row) for row in B + D} - {m}
+    if widths or len(B) != n or len(C) != len(D) or k > min(m, len(D)):
+        raise ValueError("the system has matrices of wrong shapes")
+    return matrices
+
+
+def _coordinates(evidence: dict[str, Any]) -> RationalMatrix:
+    """Return about the inverse of the evidence's coordinates; any matrix would do, as a regular one proves the same."""
+    return to_rational(np.linalg.inv(np.array(evidence["coordinates"], dtype=np.float64)).tolist())
+
+
+def _widen(A: RationalMatrix, share: Fraction) -> Ball:
+    """Return the matrices whose entries differ by `share` of the largest of their row and column."""
+    if not share:
+        return exact(A)
+    rows = [max(map(abs, row), default=Fraction(0)) for row in A]
+    columns = [max(map(abs, column), default=Fraction(0)) for column in zip(*A, strict=True)]
+    return Ball(A, [[share * max(row, column) for column in columns] for row in rows])
+
+
+def _join(A: Ball, B: Ball) -> Ball:
+    """Return two matrices side by side."""
+    middle = [a + b for a, b in zip(A.middle, B.middle, strict=True)]
+    return Ball(middle, [a + b for a, b in zip(A.radius, B.radius, strict=True)])

@@ -172,7 +172,8 @@ def is_within_limits(system: LoopSystem, row: list[Fraction], axis: int) -> bool
 def is_rate_unlimited(system: LoopSystem, case: Case, box: Box) -> bool:
     """Return whether the law's limit of the rate commanded from attitude, if it has one, is never reached.
 
-    It acts on the rate, and on roll and pitch beyond the attitude that alone commands the largest rate.
+    It acts on the rate, and on roll and pitch beyond the attitude that alone commands the largest rate: a share of the
+    sum that bounds the rate.
     """
     if system.rate_limit is None:
         return True
@@ -180,8 +181,7 @@ def is_rate_unlimited(system: LoopSystem, case: Case, box: Box) -> bool:
     states = [box[j % 3][X0 + j // 3] for j in range(len(system.A))]
     for i, limit in enumerate(system.rate_limit.limits):
         S, T = system.rate_limit.S[i], system.rate_limit.T[i]
-        tilt = abs(S[i]) * box[i][X0]
-        if max(_weigh(S, states) + _weigh(T, gyro), tilt) > limit * COMMAND_SHARE:
+        if _weigh(S, states) + _weigh(T, gyro) > limit * COMMAND_SHARE:
             return False
     return True
 

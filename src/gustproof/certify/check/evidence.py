@@ -1,17 +1,19 @@
 """Check of a certificate's evidence: exact arithmetic, and for norms doubles with bounds of their rounding.
 
 The check multiplies and factors matrices of rational numbers; it uses no solver and no design. A gain is proved of the
-numbers in the evidence, and `gustproof.certify.gain.l2_gain` compares them with a design. A flight's box is proved of a
-law file and a vehicle file: the check derives the loop again. Statement and assumptions are made from the evidence.
+numbers in the evidence. Given a loop that was derived again, it is proved of that loop, and of every loop within the
+rounding of its numbers. A flight's box is proved of a law file and a vehicle file: the check derives the loop again.
+Statement and assumptions are made from the evidence.
 """
 
 import hashlib
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 from gustproof.certify.check.dissipation import (
     corner,
@@ -26,6 +28,22 @@ from gustproof.certify.check.system import Refusal, finite
 from gustproof.lti.rational import is_positive_definite, scale, to_rational, transpose
 
 FORMAT = "gustproof-certificate-1"
+ROUNDING = Fraction(1, 1 << 40)
+"""[-] share of the largest number in its row and column by which rounding may have moved a number of a derived loop.
+
+It covers two thousand roundings of that size.
+"""
+
+
+class DerivedLoop(NamedTuple):
+    """Loop of a gain, derived from its design: what the evidence must prove, whatever loop it holds itself."""
+
+    system: dict[str, list[list[float]]]
+    """Matrices A, B, C and D, closed by Delta."""
+    blocks: list[tuple[str, int]]
+    """Names and sizes of Delta's blocks."""
+    speeds: list[float | None]
+    """[1/s] speed of each normalised parameter, already above rounding; `None` for any speed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,10 +60,13 @@ class CheckResult:
     """Assumptions, made from the evidence and, of a flight's box, from law and vehicle."""
 
 
-def check_certificate(certificate_json: str, *, law: str | None = None, vehicle: str | None = None) -> CheckResult:
+def check_certificate(
+    certificate_json: str, *, law: str | None = None, vehicle: str | None = None, loop: DerivedLoop | None = None
+) -> CheckResult:
     """Return whether the evidence of a certificate, given as the text of its file, proves its claim.
 
-    A certificate of a flight's box needs the texts of its `law` and `vehicle` files too. The seal is a checksum, no
+    A certificate of a flight's box needs the texts of its `law` and `vehicle` files too. That of a gain is checked for
+    the `loop`, if one is given, in place of the one that it holds. The seal is a checksum, no
     signature: it shows damage, not forgery. Any text gets a verdict; nothing is raised.
 
     Examples
@@ -55,7 +76,7 @@ def check_certificate(certificate_json: str, *, law: str | None = None, vehicle:
     False
     """
     try:
-        document = json.loads(certificate_json)
+        document = json.loads(certificate_json, object_pairs_hook=_read_object, parse_constant=_refuse_constant)
         if not isinstance(document, dict) or document.get("format") != FORMAT:
             raise Refusal(f"format is not '{FORMAT}'")
         claimed = document.pop("seal", None)
@@ -65,13 +86,25 @@ def check_certificate(certificate_json: str, *, law: str | None = None, vehicle:
             raise Refusal("a certificate holds evidence alone: its claim is made from that")
         if document["evidence"]["kind"] == KIND:
             return _check_flight_box(document["evidence"], law, vehicle)
-        return check_evidence(document["evidence"])
+        return check_evidence(document["evidence"], loop)
     except Refusal as refusal:
         return CheckResult(accepted=False, reason=str(refusal))
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, ZeroDivisionError, OverflowError) as error:
         return CheckResult(accepted=False, reason=f"the evidence is malformed: {type(error).__name__}: {error}")
     except RecursionError:
         return CheckResult(accepted=False, reason="the evidence is malformed: nested too deeply")
+
+
+def _read_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return a JSON object; a key that stands twice would show a reader another number than the one that is proved."""
+    document = dict(pairs)
+    if len(document) != len(pairs):
+        raise Refusal("a key stands twice in one object")
+    return document
+
+
+def _refuse_constant(name: str) -> None:
+    raise Refusal(f"{name} is no number")
 
 
 def _check_flight_box(evidence: dict[str, Any], law: str | None, vehicle: str | None) -> CheckResult:
@@ -81,8 +114,8 @@ def _check_flight_box(evidence: dict[str, Any], law: str | None, vehicle: str | 
     return CheckResult(accepted=True, reason=proof.statement, figures=proof.figures, assumes=proof.assumes)
 
 
-def check_evidence(evidence: dict[str, Any]) -> CheckResult:
-    """Return what the `evidence` of a gain proves, before it is sealed in a certificate.
+def check_evidence(evidence: dict[str, Any], loop: DerivedLoop | None = None) -> CheckResult:
+    """Return what the `evidence` of a gain proves, before it is sealed in a certificate; of `loop` if one is given.
 
     Raises
     ------
@@ -94,16 +127,23 @@ def check_evidence(evidence: dict[str, Any]) -> CheckResult:
     keys, prove = _PROOFS[evidence["kind"]]
     if set(evidence) != keys:
         raise Refusal(f"the evidence has other entries: {', '.join(sorted(set(evidence) ^ keys))}")
+    _check_blocks(evidence["blocks"])
     level = finite("level", evidence["level"])
     if level <= 0:
         raise Refusal("the level is not positive")
-    prove(level, evidence)
+    plant, share = "the continuous linear system of the evidence, closed by Delta", Fraction(0)
+    if loop is not None:
+        _check_blocks_of(loop, evidence["blocks"])
+        evidence = {**evidence, "system": loop.system}
+        plant = "the continuous linear system derived from the design, and all within its rounding, closed by Delta"
+        share = ROUNDING
+    prove(level, evidence, share)
     return CheckResult(
         accepted=True,
         reason=_state_gain(level, evidence),
         figures={"gain": float(level)},
         assumes={
-            "plant": "the continuous linear system of the evidence, closed by Delta",
+            "plant": plant,
             "system_sha256": seal(evidence["system"]),
             "blocks": [f"{block['name']} x {block['size']}" for block in evidence["blocks"]],
             "speeds_per_s": [block.get("speed") for block in evidence["blocks"]],
@@ -111,8 +151,35 @@ def check_evidence(evidence: dict[str, Any]) -> CheckResult:
     )
 
 
+def is_name(name: Any) -> bool:
+    """Return whether a block may be called so: a word, which can make no other statement of the one it is part of."""
+    return isinstance(name, str) and re.fullmatch(r"[\w.-]{1,32}", name) is not None
+
+
+def _check_blocks(blocks: list[dict[str, Any]]) -> None:
+    """Raise `Refusal` unless blocks have names, no sentences, and sizes: both are part of the statement."""
+    if not blocks:
+        raise Refusal("the evidence names no block, so nothing varies")
+    for block in blocks:
+        name, size = block["name"], block["size"]
+        if not is_name(name):
+            raise Refusal(f"a block is named {name!r}, must have a name of letters, digits, '_', '-' and '.'")
+        if isinstance(size, bool) or not isinstance(size, int) or size < 1:
+            raise Refusal(f"block {name} has size {size!r}, must be a positive whole number")
+
+
+def _check_blocks_of(loop: DerivedLoop, blocks: list[dict[str, Any]]) -> None:
+    """Raise `Refusal` unless the evidence is about the loop's parameters, and about all of their speeds."""
+    if [(block["name"], block["size"]) for block in blocks] != loop.blocks:
+        raise Refusal("the evidence is about other parameters than those of the derived loop")
+    for block, speed in zip(blocks, loop.speeds, strict=True):
+        bound = block.get("speed")
+        if bound is not None and (speed is None or finite("speed", bound) < finite("speed", speed)):
+            raise Refusal(f"{block['name']} of the derived loop is faster than the evidence allows")
+
+
 def _state_gain(level: Fraction, evidence: dict[str, Any]) -> str:
-    names = ", ".join(str(block["name"]) for block in evidence["blocks"])
+    names = ", ".join(block["name"] for block in evidence["blocks"])
     slow = [block for block in evidence["blocks"] if block.get("speed") is not None]
     speeds = ", ".join(f"{block['name']} below {block['speed']:g} 1/s" for block in slow)
     return (
@@ -127,16 +194,16 @@ def seal(document: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _prove_gain(level: Fraction, evidence: dict[str, Any]) -> None:
+def _prove_gain(level: Fraction, evidence: dict[str, Any], share: Fraction) -> None:
     """Prove an L2 gain; see `gain_inequality`."""
     if not is_positive_definite(lyapunov_matrix(evidence, evidence["P"])):
         raise Refusal("P is not positive definite")
     _check_multipliers(evidence, evidence["blocks"])
-    if not is_positive_definite(gain_inequality(level, evidence)):
+    if not gain_inequality(level, evidence, share).is_positive_definite():
         raise Refusal("the matrix inequality does not hold")
 
 
-def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any]) -> None:
+def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any], share: Fraction) -> None:
     """Prove an L2 gain with bounds on the speeds of some parameters; see `rate_bounded_inequalities`."""
     slow = rate_bounded_blocks(evidence)
     if any(Fraction(evidence["blocks"][i]["speed"]) < 0 for i in slow):
@@ -147,8 +214,9 @@ def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any]) -> None:
             raise Refusal(f"P is not positive definite at the corner {signs}")
     for scalings in evidence["vertices"]:
         _check_multipliers(evidence, scalings)
-    for vertex, matrix in zip(vertices(len(slow)), rate_bounded_inequalities(level, evidence), strict=True):
-        if not is_positive_definite(matrix):
+    forms = rate_bounded_inequalities(level, evidence, share)
+    for vertex, form in zip(vertices(len(slow)), forms, strict=True):
+        if not form.is_positive_definite():
             raise Refusal(f"the matrix inequality does not hold at the corner {vertex.signs}, speeds {vertex.speeds}")
 
 
@@ -165,7 +233,7 @@ def _check_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]])
 
 
 _COMMON = frozenset({"kind", "level", "system", "coordinates", "P", "blocks"})
-_PROOFS: dict[str, tuple[frozenset[str], Callable[[Fraction, dict[str, Any]], None]]] = {
+_PROOFS: dict[str, tuple[frozenset[str], Callable[[Fraction, dict[str, Any], Fraction], None]]] = {
     "gain": (_COMMON, _prove_gain),
     "slow gain": (_COMMON | {"Y", "vertices"}, _prove_rate_bounded),
 }

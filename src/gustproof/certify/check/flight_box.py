@@ -11,7 +11,7 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from gustproof.certify.check.estimate_box import DEMAND, Box, Case, check_box, least_deviations
-from gustproof.certify.check.kernel_norms import MOST_CELLS, X0, AxisNorms, axis_norms
+from gustproof.certify.check.kernel_norms import MOST_CELLS, X0, axis_norms
 from gustproof.certify.check.system import LoopSystem, Refusal, finite, is_strapdown, read_system, sha256
 from gustproof.certify.check.truth_drift import Disturbance, blind_angles, truth_bound
 from gustproof.lti.rational import round_up
@@ -105,7 +105,7 @@ def prove_flight_box(evidence: dict[str, Any], law_text: str, vehicle_text: str)
     if [len(row) for row in claim.box] != [norms[0].excess.shape[1] + 1] * 3:
         raise Refusal("the box does not bound every signal of every axis")
     check_box(system, norms, make_case(system, claim), claim.box)
-    return describe(system, claim, norms)
+    return describe(system, claim)
 
 
 def read_claim(evidence: dict[str, Any]) -> Claim:
@@ -181,7 +181,7 @@ def make_case(system: LoopSystem, claim: Claim) -> Case:
     return Case(moment, claim.noise, least_deviations(count, claim.risk / 2))
 
 
-def describe(system: LoopSystem, claim: Claim, norms: list[AxisNorms]) -> Proof:
+def describe(system: LoopSystem, claim: Claim) -> Proof:
     """Return statement, figures and assumptions of a claim whose box closes."""
     estimate_deg = [_degrees_up(row[X0]) for row in claim.box]
     truth_deg, why = _truth_deg(system, claim)

@@ -36,8 +36,8 @@ from gustproof.lti.rational import identity, multiply, round_up
 Array = NDArray[np.float64]
 OMEGA, TORQUE, COMMAND, X0, X1 = range(5)
 """Positions of an axis's states; the law's states from `X0` on are attitude, rate, and the rest."""
-SLEW, GAP, DEMAND = -3, -2, -1
-"""Positions of three more signals: the rate's change over a sample, demand minus torque, and the demanded torque."""
+SLEW, GAP = -3, -2
+"""Positions of two more signals: the rate's change over a sample, and demand minus torque; the demand is the last."""
 LONGEST = 1 << 16
 """Largest number of simulated samples."""
 MOST_CELLS = 64
@@ -47,12 +47,14 @@ _MOST_WORK = 1 << 22
 UP = 1.0 + 2.0**-40
 """[-] covers the rounding of a sum of at most 2^10 products of numbers that are not negative, some times over."""
 _ULP = 2.0**-52
+_DIVERGED = 1e30
+"""Size of a state after a unit input that shows an unstable loop early."""
 _MOST_LEFT = 1e-3
 """[-] of a unit that may be left after the simulation; the tail adds that share of the largest norm."""
 
 
 class AxisNorms(NamedTuple):
-    """Upper bounds of an axis's norms for all time, by cell, to each state, then `SLEW`, `GAP` and `DEMAND`."""
+    """Upper bounds of an axis's norms for all time, by cell, to each state, then `SLEW`, `GAP` and the demand."""
 
     entries: Array
     """(cells, signals, m) [the signal's unit] one number added to a state per sample; the first is angular rate."""
@@ -100,7 +102,7 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
     total, peak = np.zeros((len(pairs), m + 3, m + 2)), np.zeros_like(x)
     square = np.zeros((len(pairs), m + 3))
     with np.errstate(over="ignore", invalid="ignore"):
-        for k in range(samples):
+        for _ in range(samples):
             after = Phi @ x
             held = demand @ x
             change, gap = after[:, OMEGA] - x[:, OMEGA], held - x[:, TORQUE]
@@ -108,7 +110,7 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
             total += np.abs(signals)
             square += signals[:, :, -1] ** 2
             peak = np.maximum(peak, np.abs(x))
-            if k % 64 == 0 and not np.max(peak) < 1e30:
+            if not np.max(peak) < _DIVERGED:
                 raise Refusal("the norms have no bound: the loop is unstable")
             x = after
     peak = np.max(peak, axis=2)  # of each state over all columns
@@ -124,7 +126,7 @@ def _cover(nominal: float, spread: float, cells: int) -> list[tuple[float, float
     low, high = nominal / (1.0 + spread) * (1.0 - 8 * _ULP), nominal / (1.0 - spread) * (1.0 + 8 * _ULP)
     edges = [low + (high - low) * k / cells for k in range(cells)] + [high]
     pairs = [(0.5 * (a + b), a, b) for a, b in pairwise(edges)]
-    return [(middle, max(b - middle, middle - a) * UP + _ULP * middle) for middle, a, b in pairs]
+    return [(middle, 0.5 * (b - a) * UP + _ULP * middle) for middle, a, b in pairs]
 
 
 def axis_loop(system: LoopSystem, axis: int, inverse_inertia: Array, inverse_lag: Array) -> tuple[Array, Array]:

@@ -125,6 +125,8 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
         If the law reads the accelerometer or couples its axes, or a number is out of range.
     """
     law, vehicle = json.loads(law_text), tomllib.loads(vehicle_text)
+    if not law["name"].isprintable() or "'" in law["name"]:
+        raise Refusal(f"the law is named {law['name']!r}: the statement quotes the name, so it holds no quote")
     if law["output"] not in (TORQUE, RATES):
         raise Refusal(f"law '{law['name']}' commands {law['output']}, the proof is about torque and rates")
     n = len(law["A"])
@@ -148,7 +150,7 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
     if not tracks:
         limits = tuple(min(pair) for pair in zip(limits, torque_limits, strict=True))
     return LoopSystem(
-        name=str(law["name"]),
+        name=law["name"],
         A=matrices[0],
         B=matrices[1],
         C=matrices[2],
@@ -169,17 +171,17 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
 def _read_damping(vehicle: dict[str, Any], inertia: list[Fraction]) -> Row:
     """Return the rate damping of the file, the same about all axes; without one, that of the rotors' drag, exactly.
 
-    Each rotor has a quarter of the drag. Roll moves a rotor at (x, y) along its axis by y p, pitch by -x q. Yaw moves
+    Each rotor has its part of the drag. Roll moves a rotor at (x, y) along its axis by y p, pitch by -x q. Yaw moves
     it in its plane by r sqrt(x^2 + y^2). The vehicle flies the nearest doubles, but for a few roundings.
     """
     if "rate_damping" in vehicle:
         return (_not_negative("rate_damping", _nominal(vehicle["rate_damping"])),) * 3
     name = "rotors.position_B"
     hubs = [[finite(name, _nominal(value)) for value in hub] for hub in vehicle["rotors"]["position_B"]]
-    if [len(hub) for hub in hubs] != [3] * 4:
-        raise Refusal(f"{name} must be three numbers for each of four rotors")
-    x_square, y_square = (sum((hub[k] ** 2 for hub in hubs), Fraction(0)) / 4 for k in (0, 1))
-    height = -sum((hub[2] for hub in hubs), Fraction(0)) / 4
+    if [len(hub) for hub in hubs] != [3] * max(len(hubs), 4):
+        raise Refusal(f"{name} must be three numbers for each of four or more rotors")
+    x_square, y_square = (sum((hub[k] ** 2 for hub in hubs), Fraction(0)) / len(hubs) for k in (0, 1))
+    height = -sum((hub[2] for hub in hubs), Fraction(0)) / len(hubs)
     if height <= 0:
         raise Refusal(f"{name}: the rotors must be above the centre of mass")
     along = _not_negative("heave_drag", _nominal(vehicle["heave_drag"]))

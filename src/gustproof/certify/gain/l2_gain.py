@@ -9,7 +9,7 @@ import numpy as np
 
 from gustproof.certify.certificate import Certificate
 from gustproof.certify.check.dissipation import gain_inequality, rate_bounded_inequalities
-from gustproof.certify.check.evidence import check_evidence
+from gustproof.certify.check.evidence import DerivedLoop, check_evidence, is_name
 from gustproof.certify.check.system import Refusal
 from gustproof.certify.gain.multipliers import Multipliers, best_multipliers
 from gustproof.certify.gain.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
@@ -134,8 +134,8 @@ def certify_lft(
     Raises
     ------
     ValueError
-        If the level is not positive. If the loop is discrete, unstable at hover, lacks a block named in `speeds`, or
-        has a block that is no real parameter.
+        If the level is not positive, or a block's name no word. If the loop is discrete, unstable at hover, lacks a
+        block named in `speeds`, or has a block that is no real parameter.
     """
     if level is not None and not 0.0 < level < math.inf:
         raise ValueError(f"level is {level}, must be positive")
@@ -151,7 +151,7 @@ def certify_lft(
     return Certificate(
         statement=f"the L2 gain {signals} {claim} {scope}",
         gain=wanted,
-        lower_bound=(worst_schedule(loop) if speeds is None else worst_triangle_schedule(loop, bounds)).gain,
+        lower_bound=lower_bound(loop, speeds),
         proven=proven,
         assumes=assumes,
         evidence=evidence,
@@ -159,23 +159,24 @@ def certify_lft(
     )
 
 
-def is_evidence_of(evidence: dict[str, Any], loop: Uncertain, speeds: Mapping[str, float] | None) -> bool:
-    """Return whether the evidence's system is that of `loop`, derived here again, with parameters as fast as `speeds`.
-
-    Synthesis is iterative and differs between machines in its last digits, so the numbers agree to 1e-6.
-    """
-    system, bounds = evidence["system"], _speed_bounds(loop, speeds)
-    blocks = [(block["name"], block["size"]) for block in evidence["blocks"]]
-    if blocks != [(block.name, block.shape[0]) for block in loop.blocks]:
-        return False
-    given = [block.get("speed") for block in evidence["blocks"]]
-    fast = all(a is None or (b is not None and b <= a * (1.0 + 1e-6)) for a, b in zip(given, bounds, strict=True))
-    same = all(
-        np.shape(system[name]) == getattr(loop.M, name).shape
-        and np.allclose(system[name], getattr(loop.M, name), rtol=1e-6, atol=1e-8)
-        for name in "ABCD"
+def derived_loop(loop: Uncertain, speeds: Mapping[str, float] | None) -> DerivedLoop:
+    """Return a loop in the form that the check takes, with parameters as fast as `speeds` [1/s]."""
+    return DerivedLoop(
+        system=_matrices(loop),
+        blocks=[(block.name, block.shape[0]) for block in loop.blocks],
+        speeds=_speed_bounds(loop, speeds),
     )
-    return fast and same
+
+
+def lower_bound(loop: Uncertain, speeds: Mapping[str, float] | None) -> float:
+    """Return a gain that a schedule of the parameters reaches in simulation, with parameters as fast as `speeds`."""
+    if speeds is None:
+        return worst_schedule(loop).gain
+    return worst_triangle_schedule(loop, _speed_bounds(loop, speeds)).gain
+
+
+def _matrices(loop: Uncertain) -> dict[str, list[list[float]]]:
+    return {name: getattr(loop.M, name).tolist() for name in "ABCD"}
 
 
 def envelope_speeds(angle: float, rate: float, *, leak: float) -> dict[str, float]:
@@ -189,6 +190,8 @@ def envelope_speeds(angle: float, rate: float, *, leak: float) -> dict[str, floa
 def _speed_bounds(loop: Uncertain, speeds: Mapping[str, float] | None) -> list[float | None]:
     """Return the bound on the speed of each block; `None` without one."""
     names, bounds = [block.name for block in loop.blocks], speeds or {}
+    if odd := [name for name in names if not is_name(name)]:
+        raise ValueError(f"block '{odd[0]}': a certificate names blocks by letters, digits, '_', '-' and '.' alone")
     if unknown := sorted(set(bounds) - set(names)):
         raise ValueError(f"speeds name '{unknown[0]}', there are {', '.join(names)}")
     return [bounds.get(name) for name in names]
@@ -236,8 +239,7 @@ def _airframe(problem: Interconnection) -> tuple[float, list[float], list[float]
 def _evidence(
     loop: Uncertain, multipliers: Multipliers | RateBoundedMultipliers, speeds: Sequence[float | None]
 ) -> dict[str, Any]:
-    system = {name: getattr(loop.M, name).tolist() for name in "ABCD"}
-    common = {"system": system, "coordinates": multipliers.coordinates.tolist()}
+    common = {"system": _matrices(loop), "coordinates": multipliers.coordinates.tolist()}
     blocks: list[dict[str, Any]] = [{"name": block.name, "size": block.shape[0]} for block in loop.blocks]
     if isinstance(multipliers, Multipliers):
         pairs = zip(multipliers.D, multipliers.G, strict=True)
@@ -275,9 +277,9 @@ def _residual(level: float, evidence: dict[str, Any]) -> float:
     inverse = np.linalg.inv(evidence["coordinates"])
     least = []
     for form in forms:
-        change = np.eye(len(form))
+        change = np.eye(len(form.middle))
         change[: len(inverse), : len(inverse)] = inverse
         moved = to_rational(change.tolist())
-        matrix = np.array(multiply(transpose(moved), multiply(form, moved)), dtype=np.float64)
+        matrix = np.array(multiply(transpose(moved), multiply(form.middle, moved)), dtype=np.float64)
         least.append(float(np.linalg.eigvalsh(matrix)[0]))
     return min(least)

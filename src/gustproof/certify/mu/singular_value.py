@@ -1,8 +1,9 @@
 """Bounds on the structured singular value of an uncertain system over all frequencies.
 
 The upper bound holds between frequencies too, up to the rounding of the eigenvalues that end its bands: it is no
-certificate. The lower bound is a Delta that makes the loop singular. Parameters are constant in time; certificates
-cover varying ones. A loop of inertia and lag has a sharper bound, without this rounding: `zero_exclusion`.
+certificate. The lower bound is a Delta that makes the loop singular. Branch and bound over real parameters brings both
+together. Parameters are constant in time; certificates cover varying ones. A sampled loop of inertia and lag has a
+bound without this rounding, in which one lag is one parameter: `zero_exclusion`.
 """
 
 import math
@@ -13,12 +14,16 @@ from numpy.typing import ArrayLike
 
 from gustproof.certify.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
 from gustproof.certify.mu.worst_delta import most_unstable_delta, worst_delta
+from gustproof.certify.mu.worst_gain import ParameterBox, best_halves, restrict
 from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, as_lti, sensitivity
 from gustproof.model.lft import Uncertain
 from gustproof.model.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
 
+_SHARES = (0.998, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)
+"""[-] shares of the radius of the found Delta that branch and bound tries in turn."""
 
-def mu(system: Uncertain, *, accuracy: float = 0.02) -> Bracket:
+
+def mu(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> Bracket:
     """Return the peak of mu of `M` with respect to `Delta` over all frequencies (MATLAB: `mussv`, `robstab`).
 
     The system is stable for every Delta of norm below 1 / upper. The returned Delta, of norm 1 / lower, makes it
@@ -31,6 +36,8 @@ def mu(system: Uncertain, *, accuracy: float = 0.02) -> Bracket:
         Stable at Delta = 0.
     accuracy
         [-] relative distance of the upper bound from the least one of D-G scalings.
+    boxes
+        Largest number of boxes of the real parameters at each level tried; 1 for scalings alone.
 
     Raises
     ------
@@ -39,7 +46,8 @@ def mu(system: Uncertain, *, accuracy: float = 0.02) -> Bracket:
 
     References
     ----------
-    A. Packard, J. C. Doyle, The complex structured singular value, Automatica 29 (1993), 71-109.
+    A. Packard, J. C. Doyle, The complex structured singular value, Automatica 29 (1993), 71-109. M. P. Newlin, P. M.
+    Young, Mixed mu problems and branch and bound techniques, Int. J. of Robust and Nonlinear Control 7 (1997), 145-164.
 
     Examples
     --------
@@ -51,6 +59,14 @@ def mu(system: Uncertain, *, accuracy: float = 0.02) -> Bracket:
     >>> f"{1.0 / found.lower:.2f}"  # times the spread, the gain is unstable
     '2.00'
     """
+    found = _bracket(system, accuracy)
+    if boxes > 1 and found.gap > 2.0 * accuracy and found.lower > 0.0:
+        found = replace(found, upper=_branch_and_bound(system, found, accuracy, boxes))
+    return found
+
+
+def _bracket(system: Uncertain, accuracy: float) -> Bracket:
+    """Return the bracket by scalings over all frequencies, and by search."""
     blocks = add_performance_block(system) if system.n_inputs else system.blocks
     M = to_continuous(system)
     upper, grid = sweep(M, blocks, gain=False, accuracy=accuracy)
@@ -63,6 +79,40 @@ def mu(system: Uncertain, *, accuracy: float = 0.02) -> Bracket:
         if lower > best.lower:
             best = Bracket(lower=lower, upper=upper, omega=unwarp_frequency(omega, system), delta=delta)
     return best
+
+
+def _branch_and_bound(system: Uncertain, found: Bracket, accuracy: float, boxes: int) -> float:
+    """Return the least upper bound that boxes of the real parameters prove."""
+    blocks = add_performance_block(system) if system.n_inputs else system.blocks
+    closed = Uncertain(M=system.M, blocks=blocks)
+    for share in _SHARES:
+        level = found.lower / share
+        if level >= found.upper:
+            break
+        if _is_stable_within(closed, 1.0 / level, accuracy, boxes):
+            return level
+    return found.upper
+
+
+def _is_stable_within(system: Uncertain, radius: float, accuracy: float, boxes: int) -> bool:
+    """Return whether the system is proved stable for every Delta of norm `radius`, by at most `boxes` boxes."""
+    whole: ParameterBox = {block.name: (-radius, radius) for block in system.blocks if isinstance(block, RealBlock)}
+    pending, seen = [whole], 1
+    while pending:
+        box = pending.pop()
+        family = restrict(system, box, radius=radius)
+        M = to_continuous(family)
+        if not M.is_stable():
+            return False
+        upper, grid = sweep(M, family.blocks, gain=False, accuracy=accuracy)
+        if upper < 1.0:
+            continue
+        seen += 1
+        if seen > boxes or not whole:
+            return False
+        omega = unwarp_frequency(grid[0], system)
+        pending += best_halves(system, box, omega, accuracy, gain=False, radius=radius)
+    return True
 
 
 def disk_margin_bounds(L: LinearSystem, *, accuracy: float = 1e-3) -> tuple[float, float]:

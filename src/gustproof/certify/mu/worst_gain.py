@@ -58,19 +58,22 @@ def worst_gain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> 
         box, bracket = leaves[worst]
         if len(leaves) >= boxes or bracket.upper <= (1.0 + 2.0 * accuracy) * best.lower or not whole:
             return Bracket(lower=best.lower, upper=bracket.upper, omega=best.omega, delta=best.delta)
-        halves = _best_halves(system, box, bracket.omega, accuracy)
+        halves = best_halves(system, box, bracket.omega, accuracy)
         leaves[worst : worst + 1] = [(half, _box_gain(system, half, accuracy)) for half in halves]
 
 
-def restrict(system: Uncertain, box: ParameterBox) -> Uncertain:
-    """Return the family with its real parameters restricted to a box and normalised to it."""
+def restrict(system: Uncertain, box: ParameterBox, *, radius: float = 1.0) -> Uncertain:
+    """Return the family with its real parameters restricted to a box and normalised to it.
+
+    Full blocks are restricted to norm `radius`.
+    """
     delta = []
     for block in system.blocks:
         if isinstance(block, RealBlock):
             low, high = box[block.name]
             delta += [ureal(block.name, low=low, high=high)] * block.repeats
         else:
-            delta.append(ultidyn(block.name, *block.shape))
+            delta.append(radius * np.eye(block.shape[0]) @ ultidyn(block.name, *block.shape))
     return star(append(*delta), system.M, system.n_w, system.n_z)
 
 
@@ -95,16 +98,22 @@ def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float) -> Bracket:
     return Bracket(lower=peak.gain, upper=upper, omega=peak.omega, delta=delta)
 
 
-def _best_halves(system: Uncertain, box: ParameterBox, omega: float, accuracy: float) -> list[ParameterBox]:
-    """Return the halves of a box, along the parameter with the least larger bound at `omega`."""
+def best_halves(
+    system: Uncertain, box: ParameterBox, omega: float, accuracy: float, *, gain: bool = True, radius: float = 1.0
+) -> list[ParameterBox]:
+    """Return the halves of a box, along the parameter with the least larger bound at `omega`.
+
+    The bound is that of the gain from inputs to outputs, or of mu; full blocks are of norm `radius`.
+    """
     cuts = []
     for name, (low, high) in box.items():
         middle = 0.5 * (low + high)
         halves: list[ParameterBox] = [{**box, name: (low, middle)}, {**box, name: (middle, high)}]
         levels = []
         for half in halves:
-            family = restrict(system, half)
+            family = restrict(system, half, radius=radius)
             M = family.M.response(min(omega, 1e9))[0]
-            levels.append(best_scalings(M, add_performance_block(family), gain=True, accuracy=accuracy).level(M))
+            blocks = add_performance_block(family) if gain else family.blocks
+            levels.append(best_scalings(M, blocks, gain=gain, accuracy=accuracy).level(M))
         cuts.append((max(levels), halves))
     return min(cuts, key=lambda cut: cut[0])[1]

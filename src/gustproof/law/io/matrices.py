@@ -55,7 +55,7 @@ def read_law(name_or_path: str) -> Law:
     path = Path(name_or_path)
     if path.suffix == ".mat":
         return load_mat(path)
-    return load_csv(path) if path.is_dir() else load_law(name_or_path)
+    return load_csv(path) if name_or_path and path.is_dir() else load_law(name_or_path)
 
 
 def save_mat(law: Law, path: Path) -> None:

@@ -47,13 +47,13 @@ function axisOf(label, k, side) {
 
 // k scales everything, for a picture of higher resolution.
 function optionsOf(chart, width, height, k = 1) {
-  const distr = { time: 1, frequency: 3, plane: 4 }[chart.kind];
-  const values = (_, splits) => (chart.kind === "time" ? splits.map(plain) : decades(splits));
-  const range = rangesOf(chart), splits = chart.kind === "frequency" && { splits: (_, __, low, high) => lines(low, high) };
+  const [distrX, distrY] = { time: [1, 1], frequency: [3, 3], semilog: [3, 1], plane: [4, 4] }[chart.kind];
+  const valuesOf = (distr) => (_, splits) => (distr === 1 ? splits.map(plain) : decades(splits));
+  const range = rangesOf(chart), splitsOf = (distr) => distr === 3 && { splits: (_, __, low, high) => lines(low, high) };
   return {
     width, height, padding: [8 * k, 16 * k, 0, 0],
-    scales: { x: { time: false, distr, asinh: 0.1, ...range.x }, y: { distr, asinh: 0.1, ...range.y } },
-    axes: [{ ...axisOf(chart.x, k, "x"), values, ...splits }, { ...axisOf("", k, "y"), values, ...splits }],
+    scales: { x: { time: false, distr: distrX, asinh: 0.1, ...range.x }, y: { distr: distrY, asinh: 0.1, ...range.y } },
+    axes: [[axisOf(chart.x, k, "x"), distrX], [axisOf("", k, "y"), distrY]].map(([axis, distr]) => ({ ...axis, values: valuesOf(distr), ...splitsOf(distr) })),
     series: [{ label: chart.x.split(" [")[0], value: (_, v) => format(v) }, ...chart.curves.map((curve) => seriesOf(curve, chart.kind, k))],
     legend: { live: true, markers: { width: 2, stroke: (_, i) => colourOf(chart.curves[i - 1]), dash: (_, i) => (chart.curves[i - 1].style === "dashed" ? "dashed" : "solid") } },
     cursor: {
@@ -65,7 +65,7 @@ function optionsOf(chart, width, height, k = 1) {
 
 // Frequency charts show six decades at most. Poles keep clear of the edges. A flat curve gets an axis of height 2.
 function rangesOf(chart) {
-  if (chart.kind === "time") return { y: { range: (_, low, high) => (low === high ? [low - 1, high + 1] : uPlot.rangeNum(low, high, 0.08, true)) } };
+  if (chart.kind === "time" || chart.kind === "semilog") return { y: { range: (_, low, high) => (low === high ? [low - 1, high + 1] : uPlot.rangeNum(low, high, 0.08, true)) } };
   if (chart.kind === "frequency") return { y: { range: (_, low, high) => [Math.max(low, high * 1e-6) / 1.4, high * 1.4] } };
   const widest = (_, low, high) => 3 * Math.max(-low, high, 1);
   return { x: { range: (_, low, high) => [-widest(_, low, high), Math.max(3 * high, 0.1)] }, y: { range: (...all) => [-widest(...all), widest(...all)] } };

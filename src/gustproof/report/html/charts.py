@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.signal import welch
 
+from firmware_model.config.vehicle import MOST_ROTORS
 from gustproof.report.html.runs import ReportRun
 from gustproof.scoring.metrics import attitude
 from gustproof.types import Array
@@ -24,6 +25,7 @@ class ChartKind(Enum):
 
     TIME = "time"  # time and a value; all charts of time share zoom and cursor
     FREQUENCY = "frequency"  # both logarithmic
+    SEMILOG = "semilog"  # frequency, logarithmic, and a value
     PLANE = "plane"  # the complex plane, both axes logarithmic away from 0; points without lines
 
 
@@ -97,7 +99,7 @@ _HISTORIES: tuple[tuple[str, tuple[str, ...], Values], ...] = (
     ("Angular gust", ("roll [rad/s]", "pitch [rad/s]", "yaw [rad/s]"), _field("gust_omega_B")),
     ("Mean wind, blowing toward", ("north [m/s]", "east [m/s]", "down [m/s]"), _field("wind_N")),
     ("Disturbance moment", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _field("moment_B")),
-    ("Thrust of the rotors", tuple(f"rotor {i} [N]" for i in range(1, 5)), _field("rotors")),
+    ("Thrust of the rotors", tuple(f"rotor {i + 1} [N]" for i in range(MOST_ROTORS)), _field("rotors")),
     ("Position", ("north [m]", "east [m]", "down [m]"), _field("position_N")),
     ("Velocity", ("north [m/s]", "east [m/s]", "down [m/s]"), _field("velocity_N")),
     ("Link", ("age of the acting command [samples]",), _field("command_age")),
@@ -106,6 +108,11 @@ _HISTORIES: tuple[tuple[str, tuple[str, ...], Values], ...] = (
 """Title, axes and values (n, k) of each group of time histories; constant groups are left out."""
 
 _SPECTRA = ("Attitude", "Gust, blowing toward", "Disturbance moment")
+
+
+def _is_known(values: Array, k: int) -> bool:
+    """Return whether the values (n, columns) have a number in column k."""
+    return k < values.shape[1] and not np.all(np.isnan(values[:, k]))
 
 
 def time_histories(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
@@ -119,8 +126,8 @@ def time_histories(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
         agitation = [float(np.nansum(np.abs(np.diff(column, axis=0)))) for column in columns]
         order = sorted(range(len(runs)), key=lambda i: -agitation[i])
         charts = []
-        for k, axis in enumerate(axes):
-            known = [i for i in order if not np.all(np.isnan(columns[i][:, k]))]
+        for k, axis in enumerate(axes[: max(column.shape[1] for column in columns)]):
+            known = [i for i in order if _is_known(columns[i], k)]
             curves = merge_curves([_history_curve(runs[i], columns[i][:, k], i) for i in known], "all runs")
             references = _reference_curves(runs, k) if title == "Attitude" else ()
             charts.append(Chart(title=axis, x_label="time [s]", kind=ChartKind.TIME, curves=(*curves, *references)))
@@ -154,9 +161,9 @@ def spectra(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
     return tuple(groups)
 
 
-def frequency_chart(title: str, curves: tuple[Curve, ...]) -> Chart:
+def frequency_chart(title: str, curves: tuple[Curve, ...], kind: ChartKind = ChartKind.FREQUENCY) -> Chart:
     """Return a chart over frequency."""
-    return Chart(title=title, x_label="frequency [rad/s]", kind=ChartKind.FREQUENCY, curves=curves)
+    return Chart(title=title, x_label="frequency [rad/s]", kind=kind, curves=curves)
 
 
 def bracket_unit(unit: str) -> str:

@@ -8,7 +8,7 @@ import base64
 import json
 import re
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from gustproof.report.html.tables import render_flights, render_margins, render_
 from gustproof.types import Array
 from gustproof.version import __version__
 
-_SCRIPTS = ("uPlot.min.js", "numbers.js", "charts.js", "attitude.js", "replay.js", "page.js")
+_SCRIPTS = ("attitude.js", "replay.js", "page.js")
 
 
 def write_report(runs: Sequence[ReportRun], path: Path) -> None:
@@ -32,13 +32,15 @@ def write_report(runs: Sequence[ReportRun], path: Path) -> None:
     write_atomic(path, render_page(runs))
 
 
-def render_page(runs: Sequence[ReportRun]) -> str:
-    """Return the page as HTML."""
-    laws, numbers = collect_laws(runs), _NumberBlock()
+def render_page(
+    runs: Sequence[ReportRun], *, title: str = "", intro: str = "", loops: Sequence[ChartGroup] = ()
+) -> str:
+    """Return the page as HTML, with a `title` of its own, an `intro` as HTML, and charts before the laws' own loops."""
+    laws, numbers = collect_laws(runs), NumberBlock()
     scenarios = ", ".join(dict.fromkeys(run.scenario.name for run in runs))
     sections = {
         "time": numbers.encode_groups(time_histories(runs)),
-        "frequency": numbers.encode_groups(frequency_charts(laws)),
+        "frequency": numbers.encode_groups([*loops, *frequency_charts(laws)]),
         "poles": numbers.encode_groups(pole_charts(laws)),
         "spectra": numbers.encode_groups(spectra(runs)),
     }
@@ -52,23 +54,31 @@ def render_page(runs: Sequence[ReportRun]) -> str:
     thinned = max(len(run.records) for run in runs) > MAX_SAMPLES
     shown = f" Curves of long flights show the extremes of {MAX_SAMPLES // 2} sections." if thinned else ""
     parts = {
-        "title": escape(f"{scenarios}: {', '.join(run.label for run in runs)}"),
+        "title": escape(title or f"{scenarios}: {', '.join(run.label for run in runs)}"),
         "scenarios": "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(described)),
+        "intro": intro,
         "flights": render_flights(runs) + render_requirements(runs),
         "margins": render_margins(laws),
         "footer": escape(f"Flown by gustproof {flown}, drawn by gustproof {__version__}.{shown}"),
+    }
+    return fill_page("page.html", parts | chart_parts(page, numbers, _SCRIPTS))
+
+
+def chart_parts(page: Mapping[str, Any], numbers: "NumberBlock", scripts: Iterable[str]) -> dict[str, str]:
+    """Return the parts that all pages with charts share: data, numbers, and the scripts that draw them."""
+    names = ("uPlot.min.js", "numbers.js", "charts.js", *scripts)
+    return {
         "licence": escape(read_asset("uPlot.LICENSE")),
         "policy": "script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:",
         "styles": f"{read_asset('uPlot.min.css')}\n{read_asset('page.css')}",
         # no text in the JSON may end the script
         "page": json.dumps(page, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
         "numbers": numbers.encode(),
-        "scripts": "\n".join(f"<script>\n{read_asset(name)}\n</script>" for name in _SCRIPTS),
+        "scripts": "\n".join(f"<script>\n{read_asset(name)}\n</script>" for name in names),
     }
-    return fill_page("page.html", parts)
 
 
-class _NumberBlock:
+class NumberBlock:
     """All numbers of the page, each array once, referred to by offset and length."""
 
     def __init__(self) -> None:

@@ -24,6 +24,8 @@ _STEP = 1e-30
 """[-] complex step: without a difference of values, a small step loses no digits."""
 _UNSTABLE_COST = 1e3
 """Cost of a loop with an overflowing covariance; stable loops have costs below 0."""
+_INTEGRAL = 1e-6
+"""[-] by which a computed eigenvalue of two integrals may exceed 1."""
 _SLOWEST, _FASTEST = 1.0, 1e3
 """[rad/s] bounds of the corners: with a slower one a constant moment would disturb the attitude for seconds."""
 _LOWER = BiquadGains(_SLOWEST, 0.1, _SLOWEST, 0.1, _SLOWEST, _SLOWEST, 0.1, _SLOWEST, 0.2)
@@ -53,12 +55,17 @@ class AxisSearch:
     """Search for one axis with fixed plants, peaks and air; each call takes its own weight of slew.
 
     `peak` is the largest sensitivity peak [-] of `model`. `others` are the axis off nominal, in plant or delay only,
-    each with its own largest peak.
+    each with its own largest peak. Those from `guarded` on are far from nominal: beyond a limit their sensitivity may
+    be small again, in an unstable loop, so their stability is watched.
     """
 
-    def __init__(self, model: AxisModel, peak: float, others: Sequence[tuple[AxisModel, float]]) -> None:
+    def __init__(
+        self, model: AxisModel, peak: float, others: Sequence[tuple[AxisModel, float]], guarded: int | None = None
+    ) -> None:
         self._model = model
         self._flight = _add_strapdown(augmented_axis(model))
+        far = [] if guarded is None else others[guarded:]
+        self._far = [_add_strapdown(augmented_axis(each)) for each, _ in far]
         dt = model.plant.dt
         omega = np.geomspace(0.5, 0.999 * math.pi / dt, _GRID)
         z = np.exp(1j * omega * dt)
@@ -75,7 +82,10 @@ class AxisSearch:
         Sequential quadratic programming (SLSQP) on the logarithms of the values; starts need not be stable. `weight`
         [s^2 rad^2/(N*m)^2] is that of mean square slew.
         """
-        found = [each for each in (self._minimize_from(np.log(np.array(start)), weight) for start in starts) if each]
+        with np.errstate(all="ignore"):  # a search passes unstable loops
+            found = [
+                each for each in (self._minimize_from(np.log(np.array(start)), weight) for start in starts) if each
+            ]
         return min(found, key=lambda each: each.cost, default=None)
 
     def margins(self, z: Matrix) -> tuple[Matrix, Matrix]:
@@ -87,11 +97,12 @@ class AxisSearch:
 
     def cost(self, z: Matrix, weight: float) -> tuple[float, Matrix]:
         """Return the logarithm of mean square error and weighted slew, and its slopes (9,)."""
+        loops = self._closed_loops(self._flight, np.exp(z + 1j * _STEP * np.eye(len(z))))
         with np.errstate(over="ignore", invalid="ignore"):
-            moments = mean_second_moments([self._model], self._closed_loops(np.exp(z + 1j * _STEP * np.eye(len(z)))))
+            moments = mean_second_moments([self._model], loops)
         costs = moments[:, 0, 0] + weight / self._model.plant.dt**2 * moments[:, 1, 1]
         value = float(costs[0].real)
-        if not (math.isfinite(value) and value > 0.0):
+        if not (math.isfinite(value) and value > 0.0) or not all(self._is_stable(far, z) for far in self._far):
             return _UNSTABLE_COST, np.zeros(len(z))
         return math.log(value), costs.imag / (_STEP * value)
 
@@ -113,9 +124,14 @@ class AxisSearch:
             return None
         return SearchResult(float(found.fun), BiquadGains(*np.exp(found.x).tolist()).sort_zeros())
 
-    def _closed_loops(self, values: Values) -> _Loop:
-        """Return the loops of `values` (k, 9), from the noises to attitude and change of command."""
-        P, F, n = self._flight, biquad_filter(values, self._model.plant.dt), self._flight.order
+    def _is_stable(self, flight: Lti, z: Matrix) -> bool:
+        """Return whether the loop of a far model is stable but for the two attitudes, which are integrals."""
+        (A,) = self._closed_loops(flight, np.exp(z)[None]).A
+        return bool(np.isfinite(A).all() and np.abs(np.linalg.eigvals(A)).max() < 1.0 + _INTEGRAL)
+
+    def _closed_loops(self, P: Lti, values: Values) -> _Loop:
+        """Return the loops of `values` (k, 9) around a flight, from the noises to attitude and change of command."""
+        F, n = biquad_filter(values, self._model.plant.dt), P.order
         # rate error by (states; noises), and the direct command of `F`
         ratio = values[:, :1]
         error, noise = -(ratio * P.C[2] + P.C[3]), -(ratio * P.D[2, :-1] + P.D[3, :-1])

@@ -7,15 +7,14 @@ equal robustness: on request, each axis also stays stable at a stated delay and 
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.errors import DesignError
-from gustproof.law.cascade import cascade_law
+from gustproof.law.cascade import Gains, cascade_law
 from gustproof.law.form import Law, Provenance
 from gustproof.lti.margins import loop_margins
-from gustproof.model.uncertainty import Spreads
 from gustproof.performance.covariance import (
     AxisModel,
     AxisPerformance,
@@ -26,75 +25,77 @@ from gustproof.performance.covariance import (
 )
 from gustproof.synthesis.pid.biquad_search import AxisSearch
 from gustproof.synthesis.pid.pid_biquad import BiquadGains, biquad_axis
-from gustproof.synthesis.pid.tuning import axis_parameters
+from gustproof.synthesis.pid.tuning import (
+    SPREADS,
+    TuningLimits,
+    axis_parameters,
+    corner_vehicles,
+    loop_speed,
+    models_of_axes,
+)
 from gustproof.version import __version__
 
 _WEIGHT = 1e-9
-"""[s^2 rad^2/(N*m)^2] initial weight of mean square slew."""
+"""[s^2 rad^2/(N*m)^2] initial weight of mean square slew, at the slew of `SHIPPED_LIMITS`."""
 _ROUNDS = 20
-"""Largest number of weights tried; the slew falls with about the third root of its weight, so a few suffice."""
-_SLEW_TOLERANCE = 1e-4
-"""[-] largest relative distance of the slew below its limit."""
+"""Largest number of weights tried."""
+_POWER = 3.0
+"""[-] of the slew that its weight falls with, at first."""
+_SLEW_TOLERANCE, _PATIENCE, _LATE_TOLERANCE = 1e-4, 8, 0.02
+"""[-] largest relative distance of the slew below its limit; number of weights tried for it; distance after these."""
+_TOLERANCES = [_SLEW_TOLERANCE] * _PATIENCE + [_LATE_TOLERANCE] * (_ROUNDS - _PATIENCE)
 _STRESS_PEAK, _LAST_PEAK = 10.0, 20.0
 """[-] sensitivity peaks below and near a delay or gain that must be stable: finite at all of them, so none is lost."""
+_GAIN_TOLERANCE = 0.03
+"""[-] share of the largest gain that may be missing: peaks are limited up to nearly that gain."""
 _GAIN_SHARES, _DELAY_SHARES = (0.37, 0.45, 0.55, 0.66, 0.77, 0.88, 0.965), (0.36, 0.64, 0.82, 1.0)
 """[-] of the largest gain and delay, at which the peaks are limited; the margins themselves are tested in the end."""
 _NEUTRAL = (2.0, 4.0, 8.0)
 """[-] frequency of the biquad at each start of the search, in actuator bandwidths; initially its gain is 1."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TuningLimits:
-    """Limits of sensitivity and slew, and the spread of the vehicle."""
+ThreeGains = tuple[BiquadGains, BiquadGains, BiquadGains]
 
-    sensitivity_peak: float = 1.36
-    """[-] largest sensitivity peak of each axis."""
-    slew: float = 19.8
-    """[N*m/s] largest rms torque slew, pooled over the axes; below 20 by twice a single flight's scatter, .1."""
-    corner_peak: float = 2.0
-    """[-] largest sensitivity peak at the corners of the box."""
-    spreads: Spreads = Spreads(inertia=0.2, actuator_lag=0.3)  # noqa: RUF009 - frozen
-    """Box of inertia and actuator lag."""
-    delay_samples: int = 0
-    """[samples] from a measurement to its command's action, up to which each axis stays stable; 0: no such limit."""
-    gain: float = 1.0
-    """[-] factor on the loop gain up to which each axis stays stable; 1: no such limit."""
-
-
-SHIPPED_LIMITS = TuningLimits()
-"""Limits of the law `flagship`, comparable with those of `pid-fair` in peak and slew."""
-ROBUST_LIMITS = TuningLimits(corner_peak=2.34, delay_samples=11, gain=7.3)
+SHIPPED_LIMITS = TuningLimits(slew=19.8, corner_peak=2.0)
+"""Limits of the law `flagship`: slew below 20 by twice a single flight's scatter, .1."""
+ROBUST_LIMITS = TuningLimits(slew=19.8, corner_peak=2.34, delay_samples=11, gain=7.3)
 """Limits of the law `flagship-robust`: no worse than `pid-fair` in any of them."""
 
 
 def flagship_law(
-    vehicle: Vehicle, scenario: Scenario, *, name: str = "flagship", limits: TuningLimits = SHIPPED_LIMITS
+    vehicle: Vehicle,
+    scenario: Scenario,
+    *,
+    name: str = "flagship",
+    limits: TuningLimits = SHIPPED_LIMITS,
+    corners: Sequence[Vehicle] | None = None,
+    pid: Sequence[Gains] | None = None,
 ) -> Law:
     """Return the law with the gains of `tune_flagship`; its provenance has gains, limits and predicted performance.
+
+    `corners` default to inertia and lag at the ends of `SPREADS`.
 
     Raises
     ------
     DesignError
         See `tune_flagship`.
     """
-    gains = tune_flagship(vehicle, scenario, limits)
+    corners = corner_vehicles(vehicle, SPREADS) if corners is None else corners
+    gains = tune_flagship(vehicle, scenario, limits, corners, pid)
     axes = [
         biquad_axis(each, inertia, scenario.dt, vehicle.stabilizer.rate_limit)
         for each, inertia in zip(gains, vehicle.inertia_B, strict=True)
     ]
     rmse, slew = pool_axes(_axis_performances(axis_models(vehicle, scenario), gains))
+    inertias = [each / J for corner in corners for each, J in zip(corner.inertia_B, vehicle.inertia_B, strict=True)]
     parameters = {
-        "sensitivity_peak": limits.sensitivity_peak,
-        "slew_nm_per_s": limits.slew,
-        "off_nominal_sensitivity_peak": limits.corner_peak,
-        "inertia_spread": limits.spreads.inertia,
-        "actuator_lag_spread": limits.spreads.actuator_lag,
-        **({"stable_delay_samples": limits.delay_samples} if limits.delay_samples else {}),
-        **({"stable_gain": limits.gain} if limits.gain > 1.0 else {}),
+        **limits.parameters(),
+        "inertia_spread": max(abs(ratio - 1.0) for ratio in inertias),
+        "actuator_lag_spread": max(abs(corner.actuator_lag / vehicle.actuator_lag - 1.0) for corner in corners),
         "foretold_rmse_deg": math.degrees(rmse),
         "foretold_slew_nm_per_s": slew,
+        **axis_parameters(each._asdict() for each in gains),
     }
-    parameters |= axis_parameters(each._asdict() for each in gains)
     provenance = Provenance(
         design=f"strapdown cascade with a biquad, of least attitude error in scenario '{scenario.name}'",
         vehicle=vehicle.name,
@@ -105,60 +106,97 @@ def flagship_law(
 
 
 def tune_flagship(
-    vehicle: Vehicle, scenario: Scenario, limits: TuningLimits
-) -> tuple[BiquadGains, BiquadGains, BiquadGains]:
+    vehicle: Vehicle,
+    scenario: Scenario,
+    limits: TuningLimits,
+    corners: Sequence[Vehicle],
+    pid: Sequence[Gains] | None = None,
+) -> ThreeGains:
     """Return the gains of roll, pitch and yaw with the least attitude error, pooled over the axes.
 
     All axes have the same weight of slew, which shares the slew optimally among them. It is raised until the slew is
-    within its limit. A few fixed starts are searched and the best optimum is taken: the same gains every time. The
-    scenario gives turbulence, delay, sample time and duration.
+    within its limit. A few fixed starts are searched, the gains of a `pid` too if given, and the best optimum is taken:
+    the same gains every time. The scenario gives turbulence, delay, sample time and duration. `corners` are vehicles
+    off nominal, for the limit of the peak there.
 
     Raises
     ------
     DesignError
         If no such gains are found: the limits are too tight for this vehicle.
     """
-    models = axis_models(vehicle, scenario)
-    others = [axis_models(each, scenario) for each in corner_vehicles(vehicle, limits.spreads)]
-    axes = [
+    axes = models_of_axes(vehicle, corners, scenario)
+    models = [model for model, *_ in axes]
+    searches = [
         AxisSearch(
-            model, limits.sensitivity_peak, [*((each, limits.corner_peak) for each in off), *_stress(model, limits)]
+            model,
+            limits.sensitivity_peak,
+            [*((each, limits.corner_peak) for each in off), *_stress(model, limits)],
+            guarded=len(off),
         )
-        for model, *off in zip(models, *others, strict=True)
+        for model, *off in axes
     ]
-    starts: list[Sequence[BiquadGains]] = [_starts(vehicle, limits)] * len(models)
-    refusal = DesignError(
-        f"no shaped cascade found at sensitivity peak {limits.sensitivity_peak}, {limits.corner_peak} off nominal, "
-        f"and slew {limits.slew} N*m/s, stable to {limits.delay_samples} samples of delay and {limits.gain} of gain"
-    )
-    weight = _WEIGHT
-    for _ in range(_ROUNDS):
-        gains = []
-        for axis, start in zip(axes, starts, strict=True):
-            found = axis.search(start, weight)
-            if found is None:
-                raise refusal
-            gains.append(found.gains)
+    bandwidth = 20.0 * loop_speed(vehicle, scenario)
+    fixed = _starts(bandwidth, limits)
+    starts = [[_add_biquad(each, 4.0 * bandwidth), *fixed[1:]] for each in pid] if pid else [fixed] * len(axes)
+    found = _search_weights(searches, starts, models, limits)
+    if found is None:
+        raise DesignError(
+            f"no shaped cascade found at sensitivity peak {limits.sensitivity_peak}, {limits.corner_peak} off nominal, "
+            f"and slew {limits.slew} N*m/s, stable to {limits.delay_samples} samples of delay and {limits.gain} of gain"
+        )
+    return found
+
+
+def _search_weights(
+    searches: Sequence[AxisSearch],
+    starts: list[list[BiquadGains]],
+    models: Sequence[AxisModel],
+    limits: TuningLimits,
+) -> ThreeGains | None:
+    """Return the gains of least error within the limits over the weights of slew that are tried; `None` for none."""
+    found: ThreeGains | None = None
+    least, weight = math.inf, _Weight(limits.slew)
+    for number in range(_ROUNDS):
+        results = [search.search(start, weight.value) for search, start in zip(searches, starts, strict=True)]
+        gains = [each.gains for each in results if each]
+        if len(gains) < len(models):
+            break
         performances = _axis_performances(models, gains)
-        excess = pool_axes(performances)[1] / limits.slew
-        if 1.0 - _SLEW_TOLERANCE < excess <= 1.0:
-            if not all(_is_within(*axis, limits) for axis in zip(models, gains, performances, strict=True)):
-                break
-            return gains[0], gains[1], gains[2]
-        weight *= (excess / (1.0 - 0.5 * _SLEW_TOLERANCE)) ** 3
+        rmse, slew = pool_axes(performances)
+        excess = slew / limits.slew
+        within = all(_is_within(*axis, limits) for axis in zip(models, gains, performances, strict=True))
+        if within and excess <= 1.0 and rmse < least:
+            least, found = rmse, (gains[0], gains[1], gains[2])
+        if 1.0 - _TOLERANCES[number] < excess <= 1.0:
+            break
+        weight.follow(excess, number)
         starts = [[each] for each in gains]
-    raise refusal
+    return found
 
 
-def corner_vehicles(vehicle: Vehicle, spreads: Spreads) -> list[Vehicle]:
-    """Return the vehicles with all inertias and the lag at the ends of their ranges."""
-    ends = []
-    for heavier in (-spreads.inertia, spreads.inertia):
-        I_x, I_y, I_z = ((1.0 + heavier) * inertia for inertia in vehicle.inertia_B)
-        for slower in (-spreads.actuator_lag, spreads.actuator_lag):
-            lag = (1.0 + slower) * vehicle.actuator_lag
-            ends.append(replace(vehicle, inertia_B=(I_x, I_y, I_z), actuator_lag=lag))
-    return ends
+class _Weight:
+    """Weight of mean square slew, and the interval that it is in."""
+
+    def __init__(self, slew: float) -> None:
+        # a weight of mean square error per mean square slew: the unit of slew is that of its limit
+        self.value = _WEIGHT * (SHIPPED_LIMITS.slew / slew) ** 2
+        self._low, self._high = 0.0, math.inf
+        self._last: tuple[float, float] | None = None
+
+    def follow(self, excess: float, number: int) -> None:
+        """Move towards a slew at its limit, from one that is `excess` times it, after `number` moves."""
+        power = _POWER
+        if self._last and number >= _PATIENCE // 2:  # slow: the secant in logarithms
+            value, before = self._last
+            power = math.log(self.value / value) / math.log(before / excess) if excess != before else 0.0
+        self._last = self.value, excess
+        if excess > 1.0:
+            self._low = self.value
+        else:
+            self._high = self.value
+        self.value *= (excess / (1.0 - 0.5 * _SLEW_TOLERANCE)) ** min(max(power, 2.0), 20.0)
+        if not self._low < self.value < self._high:  # the optimum jumps
+            self.value = math.sqrt(self._low * self._high)
 
 
 def _stress(model: AxisModel, limits: TuningLimits) -> Iterator[tuple[AxisModel, float]]:
@@ -180,15 +218,31 @@ def _is_within(model: AxisModel, gains: BiquadGains, found: AxisPerformance, lim
         open_loop(model, biquad_axis(gains, model.inertia, model.plant.dt).controller(model.plant.dt))
     )
     delay = model.delay_samples + margins.delay_margin / model.plant.dt
-    return delay >= limits.delay_samples and margins.gain_margin >= limits.gain
+    return delay >= limits.delay_samples and margins.gain_margin >= (1.0 - _GAIN_TOLERANCE) * limits.gain
 
 
-def _starts(vehicle: Vehicle, limits: TuningLimits) -> list[BiquadGains]:
-    """Return the starts of the search; with limits of delay or gain slower ones, with a resonance behind the loop."""
-    starts = [_initial_gains(vehicle, each) for each in _NEUTRAL]
+def _starts(bandwidth: float, limits: TuningLimits) -> list[BiquadGains]:
+    """Return the starts of the search; with limits of delay or gain slower ones, with a resonance behind the loop.
+
+    `bandwidth` [rad/s] is that of the actuators, or less where the delay is long.
+    """
+    # a cascade as fast as the actuators permit at small delay, with a biquad of gain 1
+    starts = [
+        BiquadGains(
+            angle_p=0.4 * bandwidth,
+            gain=3.75 * bandwidth,
+            lead_frequency=0.45 * bandwidth,
+            lead_damping=0.8,
+            cutoff=3.6 * bandwidth,
+            zero_frequency=neutral * bandwidth,
+            zero_damping=0.7,
+            pole_frequency=neutral * bandwidth,
+            pole_damping=0.7,
+        )
+        for neutral in _NEUTRAL
+    ]
     if not (limits.delay_samples or limits.gain > 1.0):
         return starts
-    bandwidth = 1.0 / vehicle.actuator_lag
     slow = BiquadGains(
         angle_p=0.28 * bandwidth,
         gain=2.2 * bandwidth,
@@ -203,21 +257,13 @@ def _starts(vehicle: Vehicle, limits: TuningLimits) -> list[BiquadGains]:
     return [starts[0], slow, slow._replace(angle_p=0.9 * slow.angle_p, gain=0.9 * slow.gain)]
 
 
-def _initial_gains(vehicle: Vehicle, neutral: float) -> BiquadGains:
-    """Return a cascade as fast as the actuators permit at small delay, with a biquad of gain 1."""
-    bandwidth = 1.0 / vehicle.actuator_lag
-    corner = neutral * bandwidth
-    return BiquadGains(
-        angle_p=0.4 * bandwidth,
-        gain=3.75 * bandwidth,
-        lead_frequency=0.45 * bandwidth,
-        lead_damping=0.8,
-        cutoff=3.6 * bandwidth,
-        zero_frequency=corner,
-        zero_damping=0.7,
-        pole_frequency=corner,
-        pole_damping=0.7,
-    )
+def _add_biquad(pid: Gains, corner: float) -> BiquadGains:
+    """Return the gains of a PID with a biquad of gain 1 at `corner` [rad/s]."""
+    cutoff = 2.0 * math.pi * pid.derivative_cutoff
+    gain = pid.rate_p + pid.rate_d * cutoff
+    lead = math.sqrt(pid.rate_i * cutoff / gain)
+    damping = 0.5 * (pid.rate_p * cutoff + pid.rate_i) / (gain * lead)
+    return BiquadGains(pid.angle_p, gain, lead, damping, cutoff, corner, 0.7, corner, 0.7)
 
 
 def _axis_performances(models: Sequence[AxisModel], gains: Sequence[BiquadGains]) -> list[AxisPerformance]:

@@ -15,6 +15,7 @@ micro air vehicles, Journal of Guidance, Control, and Dynamics 39 (2016), 450-46
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -25,8 +26,16 @@ from gustproof.law.cascade import AxisLaw, cascade_law, limit_by_reference
 from gustproof.law.discretize import tustin
 from gustproof.law.form import Law, Provenance
 from gustproof.lti.state_space import Lti
-from gustproof.performance.covariance import AxisModel, axis_models
-from gustproof.synthesis.pid.tuning import SENSITIVITY_PEAK, SLEW, axis_parameters, tune
+from gustproof.performance.covariance import AxisModel
+from gustproof.synthesis.pid.tuning import (
+    FAIR_LIMITS,
+    SLOWER,
+    TuningLimits,
+    axis_parameters,
+    loop_speed,
+    models_of_axes,
+    tune,
+)
 from gustproof.version import __version__
 
 
@@ -56,8 +65,9 @@ class IndiGains:
                 raise ValueError(f"{name} is {value!r}, must be positive and finite")
 
 
-_START = IndiGains(angle_p=4.0, rate_p=8.0, cutoff=8.0, damping=0.7)
-"""Start of the search: low gains, stable for an actuator lag up to .05 s."""
+def _start(speed: float) -> IndiGains:
+    """Return the start of a search: low gains, stable for the actuator lag of that `loop_speed`."""
+    return IndiGains(angle_p=4.0 * speed, rate_p=8.0 * speed, cutoff=min(8.0 * speed, 60.0), damping=0.7)
 
 
 def indi_axis(
@@ -108,10 +118,17 @@ def indi_axis(
     return AxisLaw(A=step[:, :n], B=B, C=C, D=D, G=dt * np.eye(n, 1), H=H, rate_limit=limit)
 
 
-def indi_law(vehicle: Vehicle, scenario: Scenario) -> Law:
-    """Return the law with the gains of least attitude error within the limits of the baseline PID, by its search.
+def indi_law(
+    vehicle: Vehicle,
+    scenario: Scenario,
+    *,
+    name: str = "indi",
+    limits: TuningLimits = FAIR_LIMITS,
+    corners: Sequence[Vehicle] = (),
+) -> Law:
+    """Return the law with the gains of least attitude error within the limits, by the search of the baseline PID.
 
-    Its provenance has gains and limits.
+    Its provenance has gains and limits. `corners` are vehicles off nominal, for the limit of the peak there.
 
     Raises
     ------
@@ -123,15 +140,15 @@ def indi_law(vehicle: Vehicle, scenario: Scenario) -> Law:
     def axis(gains: IndiGains, model: AxisModel) -> AxisLaw:
         return indi_axis(gains, model.inertia, lag, delay, dt)
 
-    gains = tune(axis_models(vehicle, scenario), axis, _START, "INDI", sensitivity_peak=SENSITIVITY_PEAK, slew=SLEW)
+    starts = [_start(slower * loop_speed(vehicle, scenario)) for slower in SLOWER]
+    gains = tune(models_of_axes(vehicle, corners, scenario), axis, starts, "INDI", limits)
     limit = vehicle.stabilizer.rate_limit
     axes = [indi_axis(each, J, lag, delay, dt, limit) for each, J in zip(gains, vehicle.inertia_B, strict=True)]
-    limits = {"sensitivity_peak": SENSITIVITY_PEAK, "slew_nm_per_s": SLEW}
     provenance = Provenance(
         design="incremental nonlinear dynamic inversion on strapdown attitude, "
         f"gains of least attitude error in scenario '{scenario.name}'",
         vehicle=vehicle.name,
-        parameters={**limits, **axis_parameters(map(asdict, gains))},
+        parameters={**limits.parameters(), **axis_parameters(map(asdict, gains))},
         version=__version__,
     )
-    return cascade_law("indi", axes, vehicle, dt, provenance)
+    return cascade_law(name, axes, vehicle, dt, provenance)

@@ -1,23 +1,29 @@
 """The baseline PID: the strapdown cascade of least attitude error in turbulence, at given sensitivity and slew."""
 
+from collections.abc import Sequence
+
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.law.cascade import AxisLaw, Gains, cascade_law, gain_parameters, strapdown_axis
 from gustproof.law.form import Law, Provenance
-from gustproof.performance.covariance import AxisModel, axis_models
-from gustproof.synthesis.pid.tuning import SENSITIVITY_PEAK, SLEW, tune
+from gustproof.performance.covariance import AxisModel
+from gustproof.synthesis.pid.tuning import FAIR_LIMITS, SLOWER, TuningLimits, loop_speed, models_of_axes, tune
 from gustproof.version import __version__
 
-_START = Gains(angle_p=4.0, rate_p=8.0, rate_i=16.0, rate_d=0.3, derivative_cutoff=30.0)
-"""Start of the search: low gains, stable for an actuator lag up to .05 s."""
+
+def _start(speed: float) -> Gains:
+    """Return the start of a search: low gains, stable for the actuator lag of that `loop_speed`."""
+    cutoff = min(30.0 * speed, 60.0)
+    return Gains(angle_p=4.0 * speed, rate_p=8.0 * speed, rate_i=16.0 * speed**2, rate_d=0.3, derivative_cutoff=cutoff)
 
 
-def tune_baseline(vehicle: Vehicle, scenario: Scenario, *, sensitivity_peak: float, slew: float) -> list[Gains]:
+def tune_baseline(
+    vehicle: Vehicle, scenario: Scenario, limits: TuningLimits, corners: Sequence[Vehicle] = ()
+) -> list[Gains]:
     """Return the gains of roll, pitch and yaw with the least attitude error, pooled over the axes.
 
-    The result is a local optimum from one fixed start: the same gains every time. The scenario gives turbulence, delay,
-    sample time and duration. The sensitivity peak [-] of each axis is at most `sensitivity_peak`. The rms torque slew
-    pooled over the axes is at most `slew` [N*m/s].
+    The result is a local optimum from a few fixed starts: the same gains every time. The scenario gives turbulence,
+    delay, sample time and duration. `corners` are vehicles off nominal, for the limit of the peak there.
 
     Raises
     ------
@@ -28,19 +34,27 @@ def tune_baseline(vehicle: Vehicle, scenario: Scenario, *, sensitivity_peak: flo
     def axis(gains: Gains, model: AxisModel) -> AxisLaw:
         return strapdown_axis(gains, model.inertia, scenario.dt)
 
-    models = axis_models(vehicle, scenario)
-    return tune(models, axis, _START, "cascade", sensitivity_peak=sensitivity_peak, slew=slew)
+    starts = [_start(slower * loop_speed(vehicle, scenario)) for slower in SLOWER]
+    return tune(models_of_axes(vehicle, corners, scenario), axis, starts, "cascade", limits)
 
 
-def baseline_pid(vehicle: Vehicle, scenario: Scenario) -> Law:
-    """Return the law with the gains of `tune_baseline`; its provenance has gains and limits."""
-    gains = tune_baseline(vehicle, scenario, sensitivity_peak=SENSITIVITY_PEAK, slew=SLEW)
+def baseline_pid(
+    vehicle: Vehicle,
+    scenario: Scenario,
+    *,
+    name: str = "pid-fair",
+    limits: TuningLimits = FAIR_LIMITS,
+    corners: Sequence[Vehicle] = (),
+    gains: Sequence[Gains] | None = None,
+) -> Law:
+    """Return the law with `gains`, by default those of `tune_baseline`; its provenance has gains and limits."""
+    gains = tune_baseline(vehicle, scenario, limits, corners) if gains is None else gains
     limit, dt = vehicle.stabilizer.rate_limit, scenario.dt
     axes = [strapdown_axis(each, J, dt, limit) for each, J in zip(gains, vehicle.inertia_B, strict=True)]
     provenance = Provenance(
         design=f"strapdown cascade, gains of least attitude error in scenario '{scenario.name}'",
         vehicle=vehicle.name,
-        parameters={"sensitivity_peak": SENSITIVITY_PEAK, "slew_nm_per_s": SLEW, **gain_parameters(gains)},
+        parameters={**limits.parameters(), **gain_parameters(gains)},
         version=__version__,
     )
-    return cascade_law("pid-fair", axes, vehicle, scenario.dt, provenance)
+    return cascade_law(name, axes, vehicle, scenario.dt, provenance)

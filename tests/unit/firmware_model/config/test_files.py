@@ -51,7 +51,19 @@ def test_the_shipped_scenarios_are_those_of_the_readme() -> None:
         (GOOD + '[[wind]]\nkind = "constant"\nspeed = 3\n', "known are kind, velocity_mps, speed_mps, from_deg"),
         (GOOD + "[gyro]\nbias = 3\n", "gyro.bias: unknown key, known are bias_rad_s, noise"),
         (GOOD + '"a\\nb" = 3\n', "a\\nb: unknown key"),
-        (GOOD + "[[event]]\nkind = 'payload'\n" * 30, "; and 70 more"),
+        (GOOD + "[[event]]\nkind = 'payload'\n" * 90, "; and 70 more"),
+        (
+            GOOD + "[[event]]\nkind = 'payload'\nat_s = 0.5\n",
+            "event.0.payload: mass_kg or mass_share: nothing is gained",
+        ),
+        (
+            GOOD + "[[event]]\nkind = 'rotor_failure'\nat_s = 0.5\nrotor = 1\n",
+            "'rotor_failure' needs translation = 'free'",
+        ),
+        (
+            GOOD + "[[event]]\nkind = 'rotor_failure'\nat_s = 0.5\nrotor = 0\n",
+            "rotor: input should be greater than or equal",
+        ),
         (GOOD + '[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 9\nW = 3\n', "W: unknown key"),
         (GOOD + '[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 9\n' * 2, "at most one 'dryden'"),
         (

@@ -33,6 +33,11 @@ def test_heartbeat_tells_arming_and_state(armed, critical, base_mode, status):
     assert (message.type, message.autopilot, message.base_mode, message.system_status) == (2, 12, base_mode, status)
 
 
+@pytest.mark.parametrize(("rotors", "kind"), [(4, 2), (5, 43), (6, 13), (8, 14)])
+def test_heartbeat_tells_the_number_of_rotors(rotors, kind):
+    assert messages.heartbeat_message(0, False, critical=False, rotors=rotors).type == kind
+
+
 def test_stamps_are_compared_at_the_resolution_of_the_wire():
     target = AttitudeTarget(time_us=2000, q_NB=None, omega_B=(0.0, 0.0, 0.0), thrust=0.5)
     assert messages.stamp_difference(target, 2500) == 0

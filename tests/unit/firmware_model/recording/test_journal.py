@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from firmware_model.errors import ConfigError
-from firmware_model.recording.journal import RECORD, WIDTH, JournalWriter, count_records, read_journal
+from firmware_model.recording.journal import RECORD, WIDTH, JournalWriter, count_records, read_journal, record_type
 
 
 def write(path: Path, count: int) -> np.ndarray:
@@ -24,6 +24,21 @@ def test_what_is_appended_is_read_back_to_the_bit(tmp_path: Path, count: int) ->
     assert header == {"seed": 7}
     assert back.dtype == RECORD
     assert back.tobytes() == records.tobytes()
+
+
+def test_other_than_four_rotors_are_told_in_the_header_and_read_back(tmp_path: Path) -> None:
+    record = record_type(8)
+    rows = np.random.default_rng(1).normal(size=(5, record.itemsize // 8))
+    with JournalWriter(tmp_path / "j", {"seed": 7}, 250, record) as journal:
+        for row in rows:
+            journal.append(row)
+    header, back = read_journal(tmp_path / "j")
+    assert header == {"rotors": 8, "seed": 7}
+    assert (back["rotors"].shape, back.tobytes()) == ((5, 8), rows.tobytes())
+    assert [record.fields[name][1] for name in RECORD.names if name != "rotors"] == [
+        RECORD.fields[name][1] for name in RECORD.names if name != "rotors"
+    ]
+    assert count_records(tmp_path / "j", 8) == 5
 
 
 def test_a_journal_cut_off_in_a_record_is_whole_up_to_the_one_before(tmp_path: Path) -> None:
@@ -50,7 +65,7 @@ def test_a_journal_is_never_overwritten(tmp_path: Path) -> None:
         write(tmp_path / "j", 1)
 
 
-@pytest.mark.parametrize("content", [b"", b"not json\n", b"\xff\xfe\n"])
+@pytest.mark.parametrize("content", [b"", b"not json\n", b"\xff\xfe\n", b'{"rotors": 17}\n', b'{"rotors": "4"}\n'])
 def test_another_file_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "j").write_bytes(content)
     with pytest.raises(ConfigError, match="not a journal"):

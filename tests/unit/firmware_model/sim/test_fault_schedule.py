@@ -16,6 +16,7 @@ from firmware_model.config.events import (
     GyroNoise,
     GyroRange,
     Payload,
+    RotorFailure,
 )
 from firmware_model.config.files import validate
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
@@ -23,6 +24,7 @@ from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.config.waveforms import MomentStep
 from firmware_model.errors import ConfigError
 from firmware_model.recording.journal import RECORD
+from firmware_model.sim.fault_schedule import fault_schedule
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import LevelFlight, Setpoint, TorqueCommand
 
@@ -171,3 +173,42 @@ def test_references_are_stamps_and_radians_in_order_of_time() -> None:
     sooner = {"kind": "attitude", "at_s": 0.2001, "euler_deg": [90, 0, 0]}
     references = scripted(event=[later, sooner]).references
     assert references == ((204_000, (math.pi / 2, 0.0, 0.0)), (500_000, (0.0, 0.0, math.pi)))
+
+
+def test_a_payload_as_a_share_is_that_part_of_the_vehicle_before_it() -> None:
+    drop = {"kind": "payload", "at_s": 0.5, "mass_share": -0.3, "inertia_share": [-0.18, -0.225, -0.45]}
+    take = {"kind": "payload", "at_s": 0.6, "mass_share": 0.5, "mass_kg": 1.0}
+    plants = [plant.vehicle for _, plant in fault_schedule(VEHICLE, scripted(event=[drop, take]))]
+    assert [vehicle.mass for vehicle in plants] == [7.0, 11.5]
+    assert plants[1].inertia_B == plants[0].inertia_B == (0.25 - 0.045, 0.2 - 0.045, 0.1 - 0.045)
+
+
+FREE = replace(QUIET, translation="free")
+
+
+@pytest.mark.parametrize(("share", "given"), [(0.0, 0.0), (0.5, 12.25831)])
+def test_a_failed_rotor_gives_its_share_at_once_and_drags_and_tilts_less(share: float, given: float) -> None:
+    """Rotor 1 of the paper's, front right, in hover: what it loses is missing in thrust, roll, pitch and yaw."""
+    records = fly(FREE, RotorFailure(kind="rotor_failure", at_s=1.0, rotor=1, share=share), setpoint=LevelFlight())
+    hover = 10.0 * GRAVITY / 4.0
+    lost = hover - given
+    np.testing.assert_allclose(records["rotors"][AT - 1], hover, rtol=1e-9)
+    np.testing.assert_allclose(records["rotors"][AT], (given, hover, hover, hover), rtol=1e-5)
+    np.testing.assert_allclose(records["thrust_z"][AT], lost - 4.0 * hover, rtol=1e-6)
+    np.testing.assert_allclose(records["torque_B"][AT], np.array((0.22, -0.22, -0.06)) * lost, rtol=1e-5)
+    np.testing.assert_allclose(records["specific_force_B"][AT, 2], (lost - 4.0 * hover) / 10.0, rtol=1e-6)
+    turned = (records["omega_B"][AT + 1] - records["omega_B"][AT]) / 0.004
+    np.testing.assert_allclose(turned * VEHICLE.inertia_B, records["torque_B"][AT], rtol=0.05)
+
+
+@pytest.mark.compiled
+def test_a_rotor_that_is_sound_again_leaves_no_trace() -> None:
+    failure = RotorFailure(kind="rotor_failure", at_s=1.0, rotor=2)
+    again = RotorFailure(kind="rotor_failure", at_s=1.0, rotor=2, share=1.0)
+    assert fly(FREE, failure, again).tobytes() == fly(FREE).tobytes()
+    assert fly(FREE, failure).tobytes() != fly(FREE).tobytes()
+
+
+def test_a_failure_of_a_rotor_that_is_not_there_is_refused_by_its_number() -> None:
+    with pytest.raises(ConfigError, match="event 'rotor_failure': vehicle 'paper' has 4 rotors, no 5"):
+        fly(FREE, RotorFailure(kind="rotor_failure", at_s=1.0, rotor=5))

@@ -104,3 +104,12 @@ def test_the_spectrum_s_area_is_the_variance_and_its_peak_the_frequency(recorded
     peak = group.charts[1].curves[0]
     assert peak.x[np.argmax(peak.y)] == pytest.approx(50.0, abs=peak.x[1] - peak.x[0])
     assert group.charts[0].title == "forward u [(m/s)²/(rad/s)]"
+
+
+def test_a_rotor_has_a_chart_with_the_runs_whose_vehicles_have_it(recorded):
+    thrusts = np.outer(np.arange(N), np.arange(1.0, 9.0))
+    paths = [recorded("quad", n=N, rotors=thrusts[:, :4]), recorded("octo", n=N, seed=2, rotors=thrusts)]
+    (group,) = time_histories(read_runs(paths))
+    assert [len(chart.curves) for chart in group.charts] == [1, 1, 1, 1, 1, 1, 1, 1]
+    assert group.charts[0].curves[0].label == "all runs"
+    assert np.array_equal(group.charts[7].curves[0].y, thrusts[:, 7])

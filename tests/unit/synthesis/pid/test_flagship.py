@@ -21,15 +21,9 @@ from gustproof.performance.tradeoff import linear_laws
 from gustproof.scoring.metrics import measure
 from gustproof.scoring.requirements import judge
 from gustproof.simulate.direct import fly_direct
-from gustproof.synthesis.pid.flagship import (
-    ROBUST_LIMITS,
-    SHIPPED_LIMITS,
-    TuningLimits,
-    corner_vehicles,
-    flagship_law,
-    tune_flagship,
-)
+from gustproof.synthesis.pid.flagship import ROBUST_LIMITS, SHIPPED_LIMITS, flagship_law, tune_flagship
 from gustproof.synthesis.pid.pid_biquad import BiquadGains, biquad_axis
+from gustproof.synthesis.pid.tuning import SPREADS, corner_vehicles
 
 AXES = ("roll", "pitch", "yaw")
 
@@ -70,7 +64,7 @@ def test_the_price_is_kept_and_fully_spent(vehicle, turbulence, shapes):
 
 
 def test_at_the_corners_of_inertia_and_lag_the_peaks_are_kept(vehicle, turbulence, shapes):
-    for corner in corner_vehicles(vehicle, SHIPPED_LIMITS.spreads):
+    for corner in corner_vehicles(vehicle, SPREADS):
         for model, shape, inertia in zip(axis_models(corner, turbulence), shapes, vehicle.inertia_B, strict=True):
             peak = axis_performance(model, biquad_axis(shape, inertia, turbulence.dt)).sensitivity_peak
             # the grid of the search holds .1 % back, and a corner's peak is sharper than that of the vehicle's own
@@ -80,7 +74,7 @@ def test_at_the_corners_of_inertia_and_lag_the_peaks_are_kept(vehicle, turbulenc
 @pytest.mark.slow
 def test_no_neighbour_of_the_shapes_is_better_at_the_same_price(vehicle, turbulence, shapes):
     models = axis_models(vehicle, turbulence)
-    off = [axis_models(corner, turbulence) for corner in corner_vehicles(vehicle, SHIPPED_LIMITS.spreads)]
+    off = [axis_models(corner, turbulence) for corner in corner_vehicles(vehicle, SPREADS)]
     at_best = [judged(model, shape) for model, shape in zip(models, shapes, strict=True)]
     spent = sum(each.slew**2 for each in at_best)
     rng, feasible = np.random.default_rng(1), 0
@@ -106,9 +100,9 @@ def test_no_linear_law_of_any_order_has_three_percent_less_error_at_that_price(v
 
 
 def test_demands_that_no_shape_meets_are_refused(vehicle, turbulence):
-    demands = TuningLimits(corner_peak=1.01)
+    demands, corners = dataclasses.replace(SHIPPED_LIMITS, corner_peak=1.01), corner_vehicles(vehicle, SPREADS)
     with pytest.raises(DesignError, match=r"no shaped cascade found at sensitivity peak 1\.36, 1\.01 off nominal"):
-        tune_flagship(vehicle, turbulence, demands)
+        tune_flagship(vehicle, turbulence, demands, corners)
 
 
 @pytest.mark.compiled

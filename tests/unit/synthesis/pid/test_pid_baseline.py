@@ -12,6 +12,7 @@ from gustproof.errors import DesignError
 from gustproof.law.cascade import Gains, strapdown_axis
 from gustproof.performance.covariance import AxisPerformance, axis_models, axis_performance
 from gustproof.synthesis.pid.pid_baseline import tune_baseline
+from gustproof.synthesis.pid.tuning import TuningLimits
 
 PEAK, SLEW = 1.36, 20.0
 
@@ -19,7 +20,8 @@ PEAK, SLEW = 1.36, 20.0
 @pytest.mark.slow
 def test_no_neighbour_of_the_gains_is_better_at_the_same_price() -> None:
     vehicle, scenario = load_vehicle("paper"), load_scenario("paper-turbulence")
-    models, best = axis_models(vehicle, scenario), tune_baseline(vehicle, scenario, sensitivity_peak=PEAK, slew=SLEW)
+    limits = TuningLimits(sensitivity_peak=PEAK, slew=SLEW)
+    models, best = axis_models(vehicle, scenario), tune_baseline(vehicle, scenario, limits)
     names = ("angle_p", "rate_p", "rate_i", "rate_d", "derivative_cutoff")
 
     def judged(axis: int, gains: Gains) -> AxisPerformance:
@@ -42,5 +44,6 @@ def test_no_neighbour_of_the_gains_is_better_at_the_same_price() -> None:
 
 
 def test_demands_that_no_cascade_meets_are_refused() -> None:
+    limits = TuningLimits(sensitivity_peak=1.02, slew=0.5)
     with pytest.raises(DesignError, match=r"no cascade found at sensitivity peak 1\.02"):
-        tune_baseline(load_vehicle("paper"), load_scenario("paper-turbulence"), sensitivity_peak=1.02, slew=0.5)
+        tune_baseline(load_vehicle("paper"), load_scenario("paper-turbulence"), limits)

@@ -1,13 +1,17 @@
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.modes import Mode
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import Battery, load_vehicle
 from firmware_model.mavlink.services import identity, motion, outputs, status, storage
 from firmware_model.numerics.rotations import rotate
-from firmware_model.types import AttitudeTarget, TorqueCommand
+from firmware_model.sim.vehicle_loop import VehicleLoop
+from firmware_model.types import AttitudeTarget, LevelFlight, TorqueCommand
 
 HALF = math.sqrt(0.5)
 
@@ -41,6 +45,36 @@ def test_no_battery_is_made_up(craft):
     message = told(status.make_service(craft), wire.MAVLINK_MSG_ID_SYS_STATUS)
     assert (message.battery_remaining, message.current_battery, message.voltage_battery) == (-1, -1, 0)
     assert not message.onboard_control_sensors_present & wire.MAV_SYS_STATUS_SENSOR_BATTERY
+
+
+@pytest.mark.parametrize("cells", [4, 12])
+def test_a_battery_is_told(craft, cells):
+    battery = Battery(cells=cells, capacity_ah=0.01, resistance_ohm=0.1, hover_current_a=18.0)
+    scenario = replace(load_scenario("paper"), translation="free")
+    craft.loop = VehicleLoop(replace(load_vehicle("paper"), battery=battery), scenario, 1)
+    for _ in range(250):
+        craft.loop.advance(LevelFlight(), 0)
+    at = craft.loop.battery
+    assert (0.3 < at.remaining < 0.7, 10.0 < at.current < 30.0) == (True, True)
+    message = told(status.make_service(craft), wire.MAVLINK_MSG_ID_BATTERY_STATUS)
+    cell = round(1000.0 * at.voltage / cells)
+    assert message.voltages == [cell] * min(cells, 10) + [65535] * max(10 - cells, 0)
+    assert message.voltages_ext == [cell] * max(cells - 10, 0) + [0] * min(14 - cells, 4)
+    assert (message.current_battery, message.battery_remaining) == (round(100 * at.current), round(100 * at.remaining))
+    assert message.current_consumed == round(1000 * at.used_ah)
+    message = told(status.make_service(craft), wire.MAVLINK_MSG_ID_SYS_STATUS)
+    assert (message.voltage_battery, message.current_battery) == (round(1000 * at.voltage), round(100 * at.current))
+    assert message.battery_remaining == round(100 * at.remaining)
+    for field in ("present", "enabled", "health"):
+        assert getattr(message, f"onboard_control_sensors_{field}") & wire.MAV_SYS_STATUS_SENSOR_BATTERY
+
+
+def test_a_current_beyond_its_field_is_told_as_the_largest(craft):
+    battery = Battery(cells=12, capacity_ah=9.0, resistance_ohm=0.001, hover_current_a=400.0)
+    scenario = replace(load_scenario("paper"), translation="free")
+    craft.loop = VehicleLoop(replace(load_vehicle("paper"), battery=battery), scenario, 1)
+    for number in (wire.MAVLINK_MSG_ID_BATTERY_STATUS, wire.MAVLINK_MSG_ID_SYS_STATUS):
+        assert told(status.make_service(craft), number).current_battery == 2**15 - 1
 
 
 def test_no_load_and_no_errors_are_made_up(craft):
@@ -114,3 +148,13 @@ def test_rotors_are_told_as_fractions_and_as_pulses(craft):
     assert thrusts.active == 0b1111
     servos = told(service, wire.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)
     assert [servos.servo1_raw, servos.servo4_raw, servos.servo5_raw] == [1500, 1500, 0]
+
+
+def test_all_of_eight_rotors_are_told(craft):
+    octo = VehicleLoop(load_vehicle("octo"), load_scenario("calm"), 1)
+    service = outputs.make_service(SimpleNamespace(loop=octo))
+    thrusts = told(service, wire.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS)
+    assert thrusts.actuator[:9] == pytest.approx([*[1.0 / 3.0] * 8, 0.0], rel=1e-3)
+    assert thrusts.active == 0xFF
+    servos = told(service, wire.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)
+    assert [servos.servo1_raw, servos.servo8_raw, servos.servo9_raw] == [1333, 1333, 0]

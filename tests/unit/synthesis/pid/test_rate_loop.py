@@ -5,7 +5,7 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.synthesis.designs import load_design
-from gustproof.synthesis.pid.identify import identify_rate_loop
+from gustproof.synthesis.pid.rate_loop import identify_rate_loop
 
 pytestmark = pytest.mark.compiled
 

@@ -1,0 +1,156 @@
+"""The command `gustproof judge`: a user's gains on his vehicle."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from firmware_model.errors import ConfigError
+from gustproof.cli.failures import ExitStatus
+from gustproof.cli.options import SEED, AsJson, VehicleName, check_output, parse_positive_vector, print_json, progress
+
+if TYPE_CHECKING:
+    from firmware_model.config.scenario import Scenario
+    from firmware_model.config.uncertainty import VehicleSet
+    from firmware_model.config.vehicle import Vehicle
+    from gustproof.analysis.judge import Judgement
+    from gustproof.law.form import Law
+    from gustproof.synthesis.autopilot_gains import AutopilotTuning
+    from gustproof.synthesis.tune import Tuning
+
+_LAWS, _LOGS = ("", ".json", ".mat"), (".ulg", ".bin")
+
+
+def judge(
+    gains: Annotated[
+        str,
+        typer.Argument(
+            help="Parameters of PX4 or ArduPilot (.params, .param), a flight log (.ulg, .bin) that has them, px4 or "
+            "ardupilot for their defaults, or a law."
+        ),
+    ],
+    vehicle: VehicleName = "paper",
+    air: Annotated[str, typer.Option(help="Scenario that gives turbulence and delay.")] = "paper-turbulence",
+    moment: Annotated[
+        str | None,
+        typer.Option(help="Budget of the worst gust, L,M,N [N m] [default: 3 times the rms moment of the air]."),
+    ] = None,
+    better: Annotated[
+        Path | None,
+        typer.Option(help="Write better gains here: of the autopilot (.params) or, for a law, a flagship (.json)."),
+    ] = None,
+    seed: Annotated[int, SEED] = 1,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Write a page here (.html).")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Judge gains on a vehicle and its spreads: sound, fragile or unstable, with the evidence.
+
+    Margins nominal and over the spreads of inertia and lag in the vehicle file, proved where the law permits. Predicted
+    error and slew in the air, beside the least possible at that price. The worst gust found within a moment budget. A
+    proved bound of the attitude, and the nearest case that fails, flown. Then advice from the loop itself: what each
+    filter and gain costs, what another value would allow, and better gains; for a law those if --better is given.
+
+    Sound means stable over the spreads, with Ms at most 2 for the nominal vehicle and 2.5 over the spreads. It also
+    means a delay margin of a sample and 5 ms, and no gust found that costs the attitude. Exit status: 0 sound, 1
+    fragile or unstable, 2 bad input.
+
+        gustproof judge my.params --vehicle my-quad.toml -o my.html
+
+        gustproof judge flight.ulg --vehicle my-quad.toml --better my-better.params
+
+        gustproof judge flagship --json
+    """
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.uncertainty import load_vehicle_set
+    from gustproof.analysis.advice import autopilot_kind
+    from gustproof.analysis.judge import Verdict
+
+    check_output(output, ".html", "a page")
+    budget = None if moment is None else parse_positive_vector("--moment", moment)
+    vehicles, script = load_vehicle_set(vehicle), load_scenario(air)
+    law, step, remarks = _read(gains, vehicles.nominal)
+    is_autopilot = autopilot_kind(law) is not None
+    check_output(better, *((".params", "a parameter file") if is_autopilot else (".json", "a law")), new=True)
+    asked: dict[str, Any] = {"moment": budget, "thrust_step": step, "seed": seed}
+    search = is_autopilot or better is not None
+    found, tuned, improved = _judge_both(law, vehicles, script, search=search, quiet=as_json, **asked)
+    written = filter(None, (better, output))
+    if better is not None:
+        _save(tuned, vehicles.nominal, better)
+    if output is not None:
+        from gustproof.report.html.judgement_page import write_judgement
+
+        write_judgement(found, improved, remarks, output)
+    if as_json:
+        print_json({**found.to_dict(), "remarks": remarks, "better": None if improved is None else improved.to_dict()})
+    else:
+        _print(
+            found, improved, [*(f"model: {remark}" for remark in remarks), *(f"{path} is written" for path in written)]
+        )
+    if found.verdict is not Verdict.SOUND:
+        raise typer.Exit(ExitStatus.REQUIREMENT_FAILED.value)
+
+
+def _judge_both(
+    law: "Law", vehicles: "VehicleSet", scenario: "Scenario", *, search: bool, quiet: bool, **asked: Any
+) -> "tuple[Judgement, AutopilotTuning | Tuning | None, Judgement | None]":
+    """Return the judgement of a law, better gains if they are searched and found, and their judgement.
+
+    Raises
+    ------
+    ConfigError
+        If the law cannot be judged on the vehicle or in the scenario.
+    """
+    from gustproof.analysis.judge import improve, judge_law
+
+    try:
+        with progress(f"judging {law.name}", quiet=quiet) as shown:
+            found = judge_law(law, vehicles, scenario, progress=shown, **asked)
+            shown(0.9, "better gains")
+            tuned = improve(found, vehicles) if search else None
+            return found, tuned, None if tuned is None else judge_law(tuned.law, vehicles, scenario, **asked)
+    except (ValueError, OverflowError) as error:
+        raise ConfigError(f"law '{law.name}' cannot be judged on vehicle '{vehicles.nominal.name}': {error}") from None
+
+
+def _print(found: "Judgement", improved: "Judgement | None", lines: list[str]) -> None:
+    from gustproof.report.judgement import render_judgement
+    from gustproof.report.terminal import show
+
+    show(render_judgement(found, improved))
+    print("\n".join(lines))
+
+
+def _save(tuned: "AutopilotTuning | Tuning | None", vehicle: "Vehicle", path: Path) -> None:
+    from gustproof.synthesis.autopilot_gains import AutopilotTuning, save_tuning
+
+    if tuned is None:
+        raise ConfigError(f"no better gains were found: {path} is not written")
+    if isinstance(tuned, AutopilotTuning):
+        save_tuning(tuned, vehicle, path)
+    else:
+        tuned.law.save(path)
+
+
+def _read(gains: str, vehicle: "Vehicle") -> "tuple[Law, float, tuple[str, ...]]":
+    """Return the law of a file's gains, the step of its rotors' thrust [N], and remarks on the model."""
+    from gustproof.autopilots.models import AUTOPILOTS, autopilot_law, read_autopilot_law
+    from gustproof.law.io.matrices import read_law
+
+    path = Path(gains)
+    if gains in AUTOPILOTS:
+        model = autopilot_law(gains, {}, vehicle)
+        return model.law, model.thrust_step, model.remarks
+    if path.suffix in _LAWS:
+        return read_law(gains), 0.0, ()
+    findings: tuple[str, ...] = ()
+    if path.suffix.lower() in _LOGS:
+        from gustproof.logs.read import read_log
+
+        log = read_log(path)
+        if not log.parameters:
+            raise ConfigError(f"{path}: the log has no parameters")
+        model, findings = autopilot_law(log.system, log.parameters, vehicle), log.findings
+    else:
+        model = read_autopilot_law(path, vehicle)
+    return model.law, model.thrust_step, (*model.remarks, *findings)

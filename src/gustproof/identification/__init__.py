@@ -1,0 +1,1 @@
+"""Vehicle, air and sensors as a flight log shows them, each number with an interval."""

@@ -1,0 +1,136 @@
+"""One HTML file on a judgement: verdict and evidence, the loop with its limits, and the flights that show it."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from html import escape
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from gustproof.analysis.hover_loop import hover_loop
+from gustproof.analysis.judge import AXES, NOMINAL_PEAK, SPREAD_PEAK, Judgement, Verdict
+from gustproof.law.form import Law
+from gustproof.lti.state_space import ComplexMatrix
+from gustproof.recording.folder import write_atomic
+from gustproof.report.html.charts import ChartGroup, ChartKind, Curve, CurveStyle, frequency_chart
+from gustproof.report.html.markup import render_table
+from gustproof.report.html.page import render_page
+from gustproof.report.html.runs import ReportRun
+from gustproof.report.judgement import COLUMNS, iter_comparison, iter_evidence, iter_margins, title
+from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.outcome import FlightOutcome
+from gustproof.types import Array
+from gustproof.version import software_versions
+
+_MOST_GAIN = 100.0
+"""[-] loop gain of the nominal vehicle above which frequencies are not drawn."""
+
+
+def write_judgement(found: Judgement, better: Judgement | None, remarks: tuple[str, ...], path: Path) -> None:
+    """Write the page; the same judgement gives the same bytes."""
+    write_atomic(path, render_judgement_page(found, better, remarks))
+
+
+def render_judgement_page(found: Judgement, better: Judgement | None, remarks: tuple[str, ...]) -> str:
+    """Return the page as HTML."""
+    loops = [_loop_charts(each) for each in (found, better) if each is not None]
+    return render_page(
+        tuple(_flights(found, better)),
+        title=f"{found.law.name} on '{found.vehicle.name}'",
+        intro=_render_verdict(found, better, remarks),
+        loops=[group for groups in loops for group in groups],
+    )
+
+
+def _render_verdict(found: Judgement, better: Judgement | None, remarks: tuple[str, ...]) -> str:
+    mark = "good" if found.verdict is Verdict.SOUND else "bad"
+    parts = [f'<h2 class="{mark}">{escape(title(found))}</h2>', _render_list(found.reasons)]
+    if found.axes:
+        margins = render_table(COLUMNS, [[escape(cell) for cell in row] for row in iter_margins(found)])
+        parts.append(f"<h3>Margins over the spreads</h3><p class='note'>{escape(found.box.describe())}</p>{margins}")
+    parts.append(f"<h3>Evidence</h3>{_render_list([f'{name}: {text}' for name, text in iter_evidence(found)])}")
+    if found.advice:
+        advice = _render_list([each.describe() for each in found.advice])
+        parts.append(f"<h3>Advice, each change by itself, predicted</h3>{advice}")
+    if better is not None:
+        rows = [[escape(name), *map(escape, cells)] for name, cells in iter_comparison(found, better)]
+        table = render_table(["", escape(found.law.name), escape(better.law.name)], rows)
+        parts.append(f"<h3>Better gains</h3>{table}")
+    parts += [f"<p class='note'>{escape(remark)}</p>" for remark in remarks]
+    return f'<section id="verdict">{"".join(parts)}</section>'
+
+
+def _render_list(lines: tuple[str, ...] | list[str]) -> str:
+    return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>"
+
+
+def _loop_charts(found: Judgement) -> Iterator[ChartGroup]:
+    """Yield Bode plot and sensitivity of each axis: the nominal vehicle and the corners of the spreads, with limits."""
+    box, vehicle = found.box, found.vehicle
+    corners = [
+        replace(vehicle, inertia_B=each, actuator_lag=lag) for each, lag in product((box.low, box.high), box.lag)
+    ]
+    responses = [hover_loop(found.law, each, found.scenario) for each in (vehicle, *corners)]
+    shown = np.max(np.abs(responses[0].loop), axis=1) <= _MOST_GAIN
+    names, omega = ("nominal", *(f"corner {i}" for i in range(1, 5))), responses[0].omega[shown]
+    bode, phase, peaks = [], [], []
+    for axis, name in enumerate(AXES):
+        L = [each.loop[shown, axis] for each in responses]
+        bode.append(frequency_chart(f"{name}: |L| [-]", (*_curves(names, omega, map(np.abs, L)), _limit(omega, 1.0))))
+        phases = (*_curves(names, omega, map(_phase, L)), _limit(omega, -180.0))
+        label = f"{name}: phase of L [deg]"
+        phase.append(frequency_chart(label, phases, ChartKind.SEMILOG))
+        S = _curves(names, omega, (1.0 / np.abs(1.0 + each) for each in L))
+        limits = _limit(omega, NOMINAL_PEAK, "limit nominal"), _limit(omega, SPREAD_PEAK, "limit over the spreads")
+        peaks.append(frequency_chart(f"{name}: |S| [-]", (*S, *limits)))
+    note = "Corners: light and heavy, with small and large lag. Dashed: the limits of a sound law, |L| = 1, -180 deg."
+    for what, charts in (("Loop gain", bode), ("Loop phase", phase), ("Sensitivity", peaks)):
+        yield ChartGroup(title=f"{what}, {found.law.name}", charts=tuple(charts), note=note)
+
+
+def _curves(names: tuple[str, ...], omega: Array, values: Iterable[Array]) -> tuple[Curve, ...]:
+    """Return a curve for each vehicle, the nominal one last, on top."""
+    curves = [
+        Curve(label=name, colour=i, x=omega, y=each) for i, (name, each) in enumerate(zip(names, values, strict=True))
+    ]
+    return (*curves[1:], curves[0])
+
+
+def _limit(omega: Array, value: float, label: str = "limit") -> Curve:
+    return Curve(label=label, colour=None, x=omega, y=np.full(len(omega), value), style=CurveStyle.DASHED)
+
+
+def _phase(L: ComplexMatrix) -> Array:
+    """Return the phase [deg], unwrapped, from -360 to 0 at the least frequency."""
+    phase = np.degrees(np.unwrap(np.angle(L)))
+    return np.asarray(phase - 360.0 * np.ceil(phase[0] / 360.0))
+
+
+def _flights(found: Judgement, better: Judgement | None) -> Iterator[ReportRun]:
+    """Yield flights in the air and in the worst gust, before and after, and where the law fails."""
+    laws = [("", found.law), *([("better, ", better.law)] if better is not None else [])]
+    scenes = [("in the air", found.scenario, found.vehicle)]
+    if found.gust is not None:
+        scenes.append(("worst gust", found.gust.scenario, found.gust.vehicle))
+    if found.failure is not None:
+        scenes.append(("where it fails", found.failure.scenario, found.failure.vehicle))
+    for (which, law), (what, scenario, vehicle) in product(laws, scenes):
+        if law.dt == scenario.dt:
+            yield _run(f"{which}{what}", law, scenario, vehicle, 1 if found.gust is None else found.gust.seed)
+
+
+def _run(label: str, law: Law, scenario: Scenario, vehicle: Vehicle, seed: int) -> ReportRun:
+    return ReportRun(
+        scenario=scenario,
+        law=law,
+        vehicle=vehicle,
+        seed=seed,
+        records=fly_direct(scenario, law, vehicle=vehicle, seed=seed),
+        outcome=FlightOutcome.DONE,
+        message=FlightOutcome.DONE.value,
+        label=label,
+        versions=software_versions(),
+    )

@@ -1,0 +1,313 @@
+"""Gains of PX4's and ArduPilot's own loops with the least attitude error in turbulence, at a given price.
+
+Sequential quadratic programming (SLSQP) on the logarithms of gains and filters' corners. The price is a sensitivity
+peak of each axis, another at the corners of the vehicle's spreads, and a torque slew pooled over the axes. Filters of
+the gyro are common to the axes.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import scipy.optimize
+
+from firmware_model.config.firmware import ardupilot_parameters, px4_parameters
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.uncertainty import VehicleSet
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.guest.guest import scenario_for
+from firmware_model.guest.parameter_files import GROUND_STATION_FORMS, write_parameters
+from gustproof.autopilots.models import AUTOPILOTS, autopilot_law
+from gustproof.autopilots.settings import complete
+from gustproof.errors import DesignError
+from gustproof.law.cascade import AxisLaw
+from gustproof.law.form import Law, Matrix
+from gustproof.lti.norms import hinf_norm
+from gustproof.lti.state_space import Lti, sensitivity
+from gustproof.performance.covariance import AxisModel, axis_models, open_loop, rms
+from gustproof.performance.output_rounding import rounding_slew
+from gustproof.performance.predict import predict
+
+_GRID = 120
+"""Number of frequencies, evenly spaced in the logarithm, at which sensitivity peaks are constrained."""
+_GRID_MARGIN = 2e-3
+"""[-] share of a peak reserved for a rise of the sensitivity between two frequencies of the grid."""
+_CORNER_PEAKS = (1.5, 2.5, 4.0)
+"""[-] sensitivity peaks at the corners of the spreads over the nominal one, tried in this order."""
+_SPEEDS = (1.0, 0.4)
+"""[-] of the starts, tried in this order until one leads to gains within the limits."""
+_START = (4.0, 8.0, 16.0, 0.3)
+"""[1/s, 1/s, 1/s^2, -] angle P, rate P, I and D of angular acceleration: stable at a lateness of `_LATENESS`."""
+_LATENESS = 0.054
+"""[s] actuator lag and delay for which `_START` is stated."""
+_LEAST, _LEAST_ANGLE_P, _LEAST_I = 1e-3, 0.5, 0.25
+"""[-] least gain as a share of the fastest start's; least angle P and I, so that both hold against a steady moment."""
+_ROUNDS, _ITERATIONS, _TOLERANCE = 4, 150, 1e-3
+"""Searches, each tightened by the excess of the last one; steps of each; relative excess that is rounding."""
+_UNSTABLE = 1e6
+"""[rad] and [N*m/s] error and slew of a loop whose covariance overflows."""
+_DIGITS = 5
+"""Significant digits of a parameter in a file."""
+
+
+class _Structure(NamedTuple):
+    """Parameters that are tuned, and those that are not left to the autopilot's defaults."""
+
+    own: tuple[tuple[str, ...], ...]
+    """Names for roll, pitch and yaw: angle P, rate P, I, D, then corners of filters."""
+    shared: tuple[str, ...]
+    """Names of corners common to the axes."""
+    corners: tuple[float, float]
+    """[Hz], [-] least corner of a filter, and largest as a share of the rate."""
+    angle_p: tuple[float, float, float]
+    """[1/s] largest angle P that ground stations take, about each axis."""
+    fixed: Mapping[str, float]
+    """Values of others."""
+
+
+_PX4 = _Structure(
+    own=tuple(
+        tuple(f"MC_{axis}{each}" for each in ("_P", "RATE_P", "RATE_I", "RATE_D")) for axis in ("ROLL", "PITCH", "YAW")
+    ),
+    shared=("IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF"),
+    corners=(10.0, 0.45),
+    angle_p=(12.0, 12.0, 5.0),
+    fixed={"MC_YAW_TQ_CUTOFF": 0.0, **{f"MC_{axis}RATE_{each}": value for axis in ("ROLL", "PITCH", "YAW")
+                                       for each, value in (("K", 1.0), ("FF", 0.0))}},
+)  # fmt: skip
+_ARDUPILOT = _Structure(
+    own=tuple(
+        (f"ATC_ANG_{axis}_P", *(f"ATC_RAT_{axis}_{each}" for each in ("P", "I", "D", "FLTD")))
+        for axis in ("RLL", "PIT", "YAW")
+    ),
+    shared=("INS_GYRO_FILTER",),
+    corners=(5.0, 0.25),
+    angle_p=(12.0, 12.0, 12.0),
+    fixed={f"ATC_RAT_{axis}_{each}": value for axis in ("RLL", "PIT", "YAW")
+           for each, value in (("FLTT", 100.0), ("FLTE", 0.0), ("FF", 0.0), ("SMAX", 0.0), ("IMAX", 1.0))},
+)  # fmt: skip
+_STRUCTURES = {"px4": _PX4, "ardupilot": _ARDUPILOT}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotTuning:
+    """Gains of an autopilot's own loops, and what they are predicted to do."""
+
+    kind: str
+    """Autopilot, by the names of `--autopilot`."""
+    parameters: dict[str, float]
+    """Gains and filters, by name."""
+    law: Law
+    """Law that these loops are."""
+    rmse: float
+    """[rad] rms attitude error that the autopilot sees, pooled over the axes."""
+    slew: float
+    """[N*m/s] rms torque slew, pooled over the axes, with that of rounded outputs."""
+    Ms: float
+    """[-] largest sensitivity peak of the axes."""
+    corner_Ms: float
+    """[-] the same at the corners of the vehicle's spreads."""
+
+
+def tune_gains(
+    kind: str, vehicles: VehicleSet, scenario: Scenario, *, slew: float, sensitivity_peak: float = 1.4
+) -> AutopilotTuning:
+    """Return the gains of `px4` or `ardupilot` with the least attitude error in the scenario's turbulence.
+
+    It is a local optimum from fixed starts: the same gains every time. The loops run at the rate of the autopilot's
+    simulation. The sensitivity peak [-] of each axis is at most `sensitivity_peak`, the rms torque slew pooled over the
+    axes at most `slew` [N*m/s].
+
+    Raises
+    ------
+    DesignError
+        If no such gains are found: the limits are too tight for this vehicle.
+    ConfigError
+        If the autopilot has no mixer for the vehicle.
+    ValueError
+        If the scenario has no turbulence.
+    """
+    autopilot, structure, vehicle = AUTOPILOTS[kind], _STRUCTURES[kind], vehicles.nominal
+    script = scenario_for(kind, scenario)
+    step = vehicle.rotors.thrust_max / autopilot.thrust_steps if autopilot.thrust_steps else 0.0
+    rounding = min(rounding_slew((slew, slew, slew), vehicle.rotors, step, script.dt), 0.9 * slew)
+    search = _Search(kind, vehicles, script, sensitivity_peak, math.sqrt(slew**2 - rounding**2))
+    tries = product(_CORNER_PEAKS, _SPEEDS)
+    values = next((found for corner, speed in tries if (found := search.run(corner, speed)) is not None), None)
+    if values is None:
+        raise DesignError(
+            f"no gains of {autopilot.name} found at sensitivity peak {sensitivity_peak:g}, "
+            f"{_CORNER_PEAKS[-1] * sensitivity_peak:g} off nominal, and slew {slew:g} N*m/s"
+        )
+    parameters = {**structure.fixed, **{name: float(f"{value:.{_DIGITS}g}") for name, value in values.items()}}
+    law = autopilot_law(kind, parameters, vehicle, name=f"{kind}-{vehicle.name}").law
+    predicted = predict(law, vehicle, script)
+    assert predicted is not None  # as for a law of torque
+    assert predicted.seen_rmse is not None  # on strapdown
+    nominal, corner = search.peaks(values)
+    return AutopilotTuning(
+        kind=kind,
+        parameters=parameters,
+        law=law,
+        rmse=predicted.seen_rmse,
+        slew=math.hypot(predicted.slew, rounding_slew(predicted.axes_slew, vehicle.rotors, step, script.dt)),
+        Ms=nominal,
+        corner_Ms=corner,
+    )
+
+
+def save_tuning(tuning: AutopilotTuning, vehicle: Vehicle, path: Path) -> None:
+    """Write the parameters of a tuning and of the vehicle's frame as a file that ground stations load."""
+    frame = px4_parameters(vehicle) if tuning.kind == "px4" else ardupilot_parameters(vehicle)
+    curve = "THR_MDL_FAC" if tuning.kind == "px4" else "MOT_THST_EXPO"
+    values = {name: value for name, value in frame.items() if name != curve}
+    values |= {name: f"{value:g}" for name, value in tuning.parameters.items()}
+    head = [
+        f"{AUTOPILOTS[tuning.kind].name}, vehicle '{vehicle.name}': gains of least attitude error in gusts",
+        f"predicted: error {math.degrees(tuning.rmse):.3g} deg as the autopilot sees it, "
+        f"torque slew {tuning.slew:.3g} N m/s,",
+        f"sensitivity peak {tuning.Ms:.3g}, {tuning.corner_Ms:.3g} over the spreads of inertia and lag",
+        f"{curve} is not set here: it must make the thrust of your motors linear in the command",
+    ]
+    write_parameters(values, path, GROUND_STATION_FORMS[tuning.kind], head)
+
+
+class _Search:
+    """Search for one vehicle and scenario.
+
+    The logarithms `z` are those of the own parameters of roll, pitch and yaw, then of the shared ones. `peak` is the
+    largest sensitivity peak [-] of each axis of the nominal vehicle.
+    """
+
+    def __init__(self, kind: str, vehicles: VehicleSet, scenario: Scenario, peak: float, slew: float) -> None:
+        self._autopilot, self._structure, self._slew = AUTOPILOTS[kind], _STRUCTURES[kind], slew
+        self._fixed = complete(self._autopilot, self._structure.fixed)
+        self._vehicle, self._rate = vehicles.nominal, float(scenario.control_rate_hz)
+        self._torque = self._autopilot.full_torque(vehicles.nominal, self._fixed)
+        self._axes = list(
+            zip(*(axis_models(each, scenario) for each in (vehicles.nominal, *corner_vehicles(vehicles))), strict=True)
+        )
+        self._omega = np.geomspace(0.3, 0.999 * math.pi / scenario.dt, _GRID)
+        self._plants = [np.array([self._response(model) for model in models]) for models in self._axes]
+        self._peak = peak
+
+    def run(self, corner: float, speed: float) -> dict[str, float] | None:
+        """Return the parameters found from a start of a `speed` [-]; `None` if none are within the limits.
+
+        The peak off nominal is at most `corner` [-] times the nominal one.
+        """
+        peaks = self._peak * np.array([1.0, *[corner] * (len(self._axes[0]) - 1)])
+        z, low, high = self._start(speed)
+        room = _GRID_MARGIN
+        for _ in range(_ROUNDS):
+            found = self._minimize(z, low, high, np.log(peaks * (1.0 - room)))
+            if found is None:
+                return None
+            z, values = found, self._named(np.exp(found))
+            excess = max(peak / allowed for peak, allowed in zip(self.peaks(values), peaks[[0, -1]], strict=True))
+            if excess <= 1.0:
+                return values
+            room += 1.1 * (excess - 1.0)
+        return None
+
+    def peaks(self, values: Mapping[str, float]) -> tuple[float, float]:
+        """Return the largest sensitivity peaks [-] of the nominal axes and off nominal; infinite if not stable."""
+        found = [
+            [_peak(model, self._law(axis, values).controller(model.plant.dt)) for model in models]
+            for axis, models in enumerate(self._axes)
+        ]
+        return max(each[0] for each in found), max(max(each[1:] or each) for each in found)
+
+    def _minimize(self, z: Matrix, low: Matrix, high: Matrix, log_peaks: Matrix) -> Matrix | None:
+        width = len(self._structure.own[0])
+
+        @cache  # a gain affects one axis, and the search evaluates error and margins at the same gains
+        def evaluate(axis: int, values: tuple[float, ...]) -> tuple[float, float, Matrix]:
+            return self._evaluate(axis, np.exp(values))
+
+        def evaluate_all(z: Matrix) -> list[tuple[float, float, Matrix]]:
+            own, shared = z[: 3 * width].reshape(3, width), z[3 * width :].tolist()
+            return [evaluate(axis, (*own[axis].tolist(), *shared)) for axis in range(3)]
+
+        def error(z: Matrix) -> float:
+            return 0.5 * math.log(sum(found[0] ** 2 for found in evaluate_all(z)) / 3.0)
+
+        def room(z: Matrix) -> Matrix:
+            found = evaluate_all(z)
+            pooled = 0.5 * math.log(sum(each[1] ** 2 for each in found) / 3.0)
+            margins = [(log_peaks[:, None] + each[2]).ravel() for each in found]
+            return np.append(np.concatenate(margins), math.log(self._slew) - pooled)
+
+        found = scipy.optimize.minimize(
+            error,
+            z,
+            method="SLSQP",
+            bounds=list(zip(low.tolist(), high.tolist(), strict=True)),
+            constraints=scipy.optimize.NonlinearConstraint(room, 0.0, np.inf),
+            options={"maxiter": _ITERATIONS, "ftol": 1e-7},
+        )
+        return found.x if np.min(room(found.x)) > -_TOLERANCE else None
+
+    def _evaluate(self, axis: int, values: Matrix) -> tuple[float, float, Matrix]:
+        """Return error [rad], slew [N*m/s] and the logarithm of each plant's return difference on the grid."""
+        names = (*self._structure.own[axis], *self._structure.shared)
+        controller = self._law(axis, dict(zip(names, values.tolist(), strict=True))).controller(1.0 / self._rate)
+        with np.errstate(all="ignore"):
+            error, slew = rms(self._axes[axis][0], controller)
+        if not (math.isfinite(error) and math.isfinite(slew)):
+            error = slew = _UNSTABLE
+        difference = 1.0 - controller.response(self._omega)[:, 0, 0] * self._plants[axis]
+        return min(error, _UNSTABLE), min(slew, _UNSTABLE), np.log(np.abs(difference))
+
+    def _law(self, axis: int, values: Mapping[str, float]) -> AxisLaw:
+        built = self._autopilot.build(axis, {**self._fixed, **values}, self._torque[axis], self._rate)
+        return built.axis_law(built.loop.order, None)
+
+    def _response(self, model: AxisModel) -> Matrix:
+        turn = np.exp(-1j * self._omega * model.plant.dt * model.delay_samples)
+        return np.asarray(model.plant.response(self._omega)[:, 0, 0] * turn)
+
+    def _start(self, speed: float) -> tuple[Matrix, Matrix, Matrix]:
+        """Return start, least and largest `z`."""
+        lateness = self._vehicle.actuator_lag + self._axes[0][0].delay_samples / self._rate
+        usual = _LATENESS / lateness
+        angle, p, i, d = _START[0] * usual, _START[1] * usual, _START[2] * usual**2, _START[3]
+        least, most = self._structure.corners[0], self._structure.corners[1] * self._rate
+        filters = len(self._structure.own[0]) - 4
+        rows = []
+        for axis, largest in enumerate(self._structure.angle_p):
+            unit, slowest = self._vehicle.inertia_B[axis] / self._torque[axis], min(_LEAST_ANGLE_P * angle, largest)
+            rows += [(min(max(speed * angle, slowest), largest), slowest, largest)]
+            rows += [(speed * unit * p, _LEAST * unit * p, unit * p / _LEAST)]
+            rows += [(max(speed**2, _LEAST_I) * unit * i, _LEAST_I * unit * i, unit * i / _LEAST)]
+            rows += [(unit * d, _LEAST * unit * d, unit * d / _LEAST), *[(0.7 * most, least, most)] * filters]
+        rows += [(0.7 * most, least, most)] * len(self._structure.shared)
+        z, low, high = np.log(np.array(rows)).T
+        return z, low, high
+
+    def _named(self, values: Matrix) -> dict[str, float]:
+        names = [name for own in self._structure.own for name in own]
+        return dict(zip([*names, *self._structure.shared], values.tolist(), strict=True))
+
+
+def corner_vehicles(vehicles: VehicleSet) -> list[Vehicle]:
+    """Return the vehicles with all inertias and the lag at the ends of their ranges; none without such a spread."""
+    inertias = [name for name in vehicles.spreads if name.startswith("inertia_B.")]
+    lags = [name for name in vehicles.spreads if name == "actuator_lag"]
+    ends = [(-1.0, 1.0) if names else (0.0,) for names in (inertias, lags)]
+    if not (inertias or lags):
+        return []
+    return [
+        vehicles.vehicle_at(dict.fromkeys(inertias, heavier) | dict.fromkeys(lags, slower))
+        for heavier, slower in product(*ends)
+    ]
+
+
+def _peak(model: AxisModel, controller: Lti) -> float:
+    found = sensitivity(open_loop(model, controller))
+    return hinf_norm(found).gain if found.is_stable() else math.inf

@@ -1,0 +1,890 @@
+"""The judge, function by function, on a loop of round numbers: every figure to its last digits, every edge.
+
+Its parts are compared with flights and with other means in `test_boundedness`. Here each number, sign and comparison of
+the judge has a figure that moves with it. `python tests/unit/certify/test_judge.py` writes the figures anew, where a
+change is meant; its commit says why.
+"""
+
+import json
+import math
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gustproof.certify.check import (
+    estimate_box,
+    flight_box,
+    kernel_norms,
+    single_precision,
+    system,
+    truth_drift,
+)
+from gustproof.certify.check.estimate_box import Case
+from gustproof.certify.check.flight_box import Claim
+from gustproof.certify.check.kernel_norms import axis_norms
+from gustproof.certify.check.single_precision import Form
+from gustproof.certify.check.system import LoopSystem, Refusal, read_system
+from gustproof.certify.check.truth_drift import Disturbance
+from gustproof.lti import rational
+
+Figures = Iterator[tuple[str, Any]]
+"""Figures by name, made one after the other: a test stops at the first that is wrong."""
+PINNED = Path(__file__).parents[2] / "golden" / "judge.json"
+STEP = 0.125
+SAMPLES = {"torque": (480, 320, 352), "rates": (256, 288, 288)}
+"""Simulated samples by axis: just enough, so that the tail counts."""
+
+
+def law_document(output: str = "torque") -> dict[str, Any]:
+    """Return a strapdown law of nine states; its samples are so long that every term of the theorems is felt."""
+    A, B, C, D, G = (np.zeros(shape) for shape in ((9, 9), (9, 6), (3, 9), (3, 6), (9, 3)))
+    S, T = np.zeros((3, 9)), np.zeros((3, 6))
+    for i, gain in enumerate((0.5, 0.375, 0.4375)):
+        A[i, i], A[i, 3 + i], B[i, i], G[i, i] = 1.0, -STEP / 2, STEP / 2, STEP
+        B[3 + i, i] = 1.0
+        A[6 + i, [i, 3 + i, 6 + i]], B[6 + i, i], G[6 + i, i] = (0.125, -0.0625, 0.5), 0.25, 0.03125
+        C[i, [i, 3 + i, 6 + i]], D[i, i] = (-gain, -0.25 * gain, 0.125 * gain), -0.5 * gain
+        S[i, [i, 3 + i, 6 + i]], T[i, i] = (-0.75, 0.25, 0.0625), 0.375 + 0.125 * i
+    limit = {"S": S.tolist(), "T": T.tolist(), "limits": [3.0, 2.5, 2.0]}
+    matrices = {name: M.tolist() for name, M in zip("ABCDG", (A, B, C, D, G), strict=True)}
+    return {"name": "round", "output": output, "dt": STEP, "limits": [4.0, 3.0, 2.0], **matrices, "rate_limit": limit}
+
+
+VEHICLE = """
+inertia_B = [2.0, {nominal = 1.5, low = 1.0, high = 2.0}, 1.0]
+rate_damping = 0.25
+actuator_lag = 0.25
+torque_limit = [3.5, 3.25, 3.0]
+heave_drag = 1.5
+gust_gain = 0.0625
+[gyro]
+range = 30.0
+[rotors]
+position_B = [[0.25, 0.5, -0.125], [-0.25, -0.5, -0.125], [0.25, -0.5, -0.125], [-0.25, 0.5, -0.125]]
+[stabilizer]
+rate_p = [1.0, 1.25, 0.75]
+rate_i = [0.5, 0.375, 0.25]
+rate_d = [0.125, 0.0625, 0.1875]
+derivative_cutoff = 0.5
+"""
+
+
+def loop(output: str = "torque", **changes: Any) -> LoopSystem:
+    found = read_system(json.dumps(law_document(output)), VEHICLE)
+    damping = (Fraction(1, 4), Fraction(1, 2), Fraction(3, 8))
+    return found._replace(**{"damping": damping, **changes})
+
+
+def spread_loop(output: str = "torque") -> LoopSystem:
+    return loop(output, inertia_spread=Fraction(1, 8), lag_spread=Fraction(1, 16), cells=(2, 3))
+
+
+CASE = Case([Fraction(1, 8), Fraction(1, 16), Fraction(3, 32)], Fraction(1, 64), Fraction(9, 2))
+QUIET = Case(CASE.moment, Fraction(0), Fraction(0))
+
+
+def some_box(width: int) -> list[list[Fraction]]:
+    """Return a box in which no two bounds are alike."""
+    return [[Fraction(7 + 5 * i + (3 + i) * k, 256) for k in range(width)] for i in range(3)]
+
+
+def some_claim(**changes: Any) -> Claim:
+    evidence = {
+        "kind": flight_box.KIND,
+        "law_sha256": "",
+        "vehicle_sha256": "",
+        "moment": [0.25, 0.125, 0.1875],
+        "part": 0.5,
+        "moment_class": "slope",
+        "slope": [0.5, 0.0, 0.75],
+        "horizon": 30.05,
+        "noise": 2.0**-10,
+        "risk": 0.0078125,
+        "inertia_spread": 0.125,
+        "lag_spread": 0.0625,
+        "cells": [2, 3],
+        "samples": 448,
+        "box": [[float(value) / 16 for value in row] for row in some_box(10)],
+    }
+    return flight_box.read_claim({**evidence, **changes})
+
+
+def flat(value: Any) -> Any:
+    """Return the numbers of nested rows as floats; words and other constants as they are."""
+    if isinstance(value, dict):
+        return {str(key): flat(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [flat(item) for item in value]
+    return float(value) if isinstance(value, Fraction | float) else value
+
+
+def figures_of_rational() -> Figures:
+    x = Fraction(5, 7)
+    yield "round_up", [rational.round_up(x), rational.round_up(x, 3), rational.round_up(-x, 3)]
+    yield "sqrt", [rational.sqrt_upper_bound(Fraction(k, 7)) ** 2 * 2**60 - Fraction(2**60 * k, 7) for k in (1, 3, 40)]
+    yield "sin", [str(rational.sin_upper_bound(x)), str(rational.sin_upper_bound(Fraction(1)))]
+    yield "cos", [str(rational.cos_lower_bound(x)), str(rational.cos_lower_bound(Fraction(1)))]
+    yield "exp", [rational.exp_lower_bound(Fraction(k)) for k in (0, 1, 40, 80)]
+    yield "add", rational.add([[x, x]], [[1, 2]], [[3, 4]])
+    yield "scale", rational.scale(3, [[x, 1]])
+
+
+def figures_of_system(output: str) -> Figures:
+    plain = read_system(json.dumps(law_document(output)), VEHICLE)
+    without = read_system(json.dumps(law_document(output)), VEHICLE.replace("rate_damping", "# rate_damping"))
+    spread = spread_loop(output)
+    bounds = [spread.inverse_inertia, spread.inverse_lag, spread.gyroscopic]
+    yield from {"read": plain, "damping": without.damping, "bounds": bounds}.items()
+
+
+def figures_of_norms(output: str, *, spread: bool) -> Figures:
+    for axis in range(3):
+        of = spread_loop(output) if spread else loop(output)
+        norms = axis_norms(of, axis, SAMPLES[output][axis])
+        yield (
+            f"axis {axis}",
+            [
+                np.sum(norms.entries, axis=2),
+                np.sum(norms.entries, axis=1),
+                norms.excess,
+                norms.gyro,
+                norms.noise,
+                norms.inverse_inertia,
+                norms.inverse_lag,
+                norms.demand_gyro,
+            ],
+        )
+
+
+def figures_of_box(output: str) -> Figures:
+    of = spread_loop(output)
+    norms = [axis_norms(of, axis, SAMPLES[output][axis]) for axis in range(3)]
+    box = some_box(norms[0].excess.shape[1] + 1)
+    e = estimate_box.estimate_excess(of, box)
+    for name, case in (("noisy", CASE), ("quiet", QUIET)):
+        rounding = [estimate_box._rounding(of, case, box, e, axis) for axis in range(3)]
+        yield (
+            name,
+            [
+                estimate_box.map_box(of, norms, case, box),
+                e,
+                rounding,
+                [estimate_box.acceleration(of, case, box, axis) for axis in range(3)],
+                [estimate_box.gyro_rounding(case, row) for row in box],
+            ],
+        )
+
+
+def figures_of_drift() -> Figures:
+    of, box = spread_loop(), some_box(10)
+    box = [[value / 8 for value in row] for row in box]
+    case = CASE._replace(noise=Fraction(1, 1 << 12), moment=[value / 16 for value in CASE.moment])
+    unseen, slope = [Fraction(k, 512) for k in (3, 5, 7)], [Fraction(k, 256) for k in (11, 13, 17)]
+    zeros = [Fraction(0)] * 3
+    wide, rates = [Fraction(k, 16) for k in (5, 7, 9)], [Fraction(k, 16) for k in (11, 12, 13)]
+    change, off = [Fraction(k, 8) for k in (3, 4, 5)], [Fraction(k, 32) for k in (1, 2, 4)]
+    yield "angles", truth_drift._angles(wide, rates, change)
+    yield "slope of T", truth_drift.slope_of_T(wide, rates, off)
+    yield "excess", [estimate_box.excess(wide, rates), truth_drift._excess_N(wide, rates)]
+    yield "tilt", truth_drift._tilt(off, rates)
+    yield "turn", truth_drift._turn(off, off[::-1], truth_drift._excess_N)
+    for name, disturbance in {
+        "all": Disturbance(unseen, slope, 48, Fraction(1, 128)),
+        "held": Disturbance(zeros, zeros, 6000, Fraction(1, 1024)),
+    }.items():
+        noise = truth_drift._noise(of, case, disturbance)
+        less = noise._replace(mean=noise.mean / 4, walk=noise.walk / 4)
+        estimate = [row[kernel_norms.X0] for row in box]
+        yield (
+            name,
+            [
+                noise,
+                truth_drift._step_errors(of, case, box, disturbance, less, estimate),
+                truth_drift._kinematic_error(of, case, box, less, estimate),
+                truth_drift._noise_error(of, less, Fraction(1, 32), Fraction(3, 8)),
+                [truth_drift._rate_slope(of, case, box, axis) for axis in range(3)],
+                [truth_drift._drag_slope(of, case, box, axis) for axis in range(3)],
+                [truth_drift._jerk(of, case, box, disturbance, axis) for axis in range(3)],
+            ],
+        )
+    still = case._replace(noise=Fraction(0), deviations=Fraction(0))
+    yield (
+        "truth",
+        [
+            truth_drift.truth_bound(of, case, box, Disturbance(unseen, slope, 48, Fraction(1, 128))),
+            truth_drift.truth_bound(of, still, box, Disturbance(zeros, zeros, 4, Fraction(0))),
+            truth_drift.blind_angles(of, unseen, 7),
+        ],
+    )
+
+
+def figures_of_single(output: str) -> Figures:
+    of = loop(output)
+    norms = [axis_norms(of, axis, 512) for axis in range(3)]
+    box = [[value / 16 for value in row] for row in some_box(norms[0].excess.shape[1] + 1)]
+    case = CASE._replace(noise=Fraction(1, 1 << 12))
+    form = Form(frozenset({0, 1, 7}), Fraction(3, 4), [Fraction(k, 64) for k in range(9)])
+    reference = [[Fraction(k % 3, 8), Fraction(0), Fraction(k % 4 - 2, 16)] for k in range(12)]
+    errors = [single_precision._row_error(of, case, box, form, reference, i) for i in range(12)]
+    difference = [[value / 4 for value in row] for row in box]
+    yield "rows", errors
+    yield "sizes", single_precision._sizes(of, case, box, form)
+    yield "excess terms", single_precision._excess_terms(box)
+    yield "excess difference", single_precision._excess_difference(of, box, difference)
+    yield "start", [single_precision._start_error(form, state) for state in range(9)]
+    yield "map", single_precision._map(of, norms, box, difference, errors, form)
+    yield "bounds", single_precision.bound_rounding(of, norms, case, box, form, reference)
+
+
+def figures_of_claim() -> Figures:
+    of = loop()
+    for name, changes in {
+        "slope": {},
+        "any": {"moment_class": "any", "slope": [0.0] * 3, "noise": 0.0, "risk": 0.0, "horizon": 3.05},
+        "held": {"moment_class": "held", "slope": [0.0] * 3, "inertia_spread": 0.0},
+        "for ever": {"horizon": None, "lag_spread": 0.0},
+    }.items():
+        made = some_claim(**changes)
+        spread = flight_box.spread_system(of, made)
+        case = flight_box.make_case(spread, made)
+        words = made._replace(moment_class=made.moment_class.value)
+        yield name, [words, case, *flight_box.describe(spread, made)]
+
+
+def figures_by_kind(output: str) -> dict[str, Figures]:
+    return {
+        f"system of {output}": figures_of_system(output),
+        f"norms of {output}": figures_of_norms(output, spread=False),
+        f"norms of {output}, spread": figures_of_norms(output, spread=True),
+        f"box of {output}": figures_of_box(output),
+        f"single precision of {output}": figures_of_single(output),
+    }
+
+
+def figures(output: str | None = None) -> dict[str, Figures]:
+    """Return the figures by part of the judge: of one kind of law, or of what does not depend on it."""
+    if output is not None:
+        return figures_by_kind(output)
+    return {"rational": figures_of_rational(), "drift": figures_of_drift(), "claim": figures_of_claim()}
+
+
+def assert_alike(found: Any, pinned: Any, where: str) -> None:
+    """Compare nested rows: words exactly, numbers but for the order of sums in doubles, which differs by machine."""
+    if isinstance(pinned, dict):
+        assert set(found) == set(pinned), where
+        for key, value in pinned.items():
+            assert_alike(found[key], value, f"{where}, {key}")
+    elif isinstance(pinned, list):
+        assert len(found) == len(pinned), where
+        for k, value in enumerate(pinned):
+            assert_alike(found[k], value, f"{where}, {k}")
+    elif isinstance(pinned, float):
+        assert found == pytest.approx(pinned, rel=3e-14, abs=0.0), where
+    else:
+        assert found == pinned, where
+
+
+@pytest.mark.parametrize("output", [None, *SAMPLES])
+def test_every_term_moves_a_figure(output):
+    pinned = json.loads(PINNED.read_text(encoding="utf-8"))
+    for part, made in figures(output).items():
+        names = []
+        for name, value in made:
+            assert_alike(json.loads(json.dumps(flat(value))), pinned[part][name], f"{part}, {name}")
+            names.append(name)
+        assert names == list(pinned[part])
+
+
+@pytest.mark.parametrize(
+    ("module", "values"),
+    [
+        (kernel_norms, {"UP": 1 + 2**-40, "_ULP": 2**-52, "_MOST_LEFT": 1e-3, "_DIVERGED": 1e30}),
+        (kernel_norms, {"LONGEST": 65536, "MOST_CELLS": 64, "_MOST_WORK": 4194304}),
+        (estimate_box, {"COMMAND_SHARE": Fraction(999, 1000), "_FLOAT32": 2.0**-22, "_DOUBLE": 2.0**-46}),
+        (estimate_box, {"_TINY": 2.0**-140}),
+        (flight_box, {"RISK_PERIOD": 600, "LEAST_RISK": Fraction(1, 10**12), "LONGEST": 1000000}),
+        (system, {"_MOST_STATES": 48}),
+        (truth_drift, {"_CHUNKS": 32, "_LARGEST": 1, "_ROUNDS": 200, "_ROUNDING": 2.0**-44}),
+        (single_precision, {"_U": 2.0**-24, "_EXACT": 2.0**-35, "_FINE": 2.0**-12, "_TINY": 2.0**-110}),
+        (single_precision, {"_KINEMATICS": (14, 7, 13), "_ROUNDS": 100, "_WIDER": Fraction(51, 50), "_SMALL": 0.75}),
+    ],
+)
+def test_a_constant_is_that_of_the_proofs_text(module, values):
+    """Each covers more than it must, so that no flight shows a smaller one: its value stands here a second time."""
+    assert {name: getattr(module, name) for name in values} == values
+
+
+def test_a_series_has_as_many_terms_as_it_says():
+    for x in (Fraction(1), Fraction(7, 2)):
+        term, total = Fraction(1), Fraction(1)
+        for k in range(1, 200):
+            term *= x / k
+            total += term
+        assert rational.exp_lower_bound(x) == total
+
+
+def test_definiteness_of_small_and_odd_matrices():
+    one, two = Fraction(1), Fraction(2)
+    assert rational.is_positive_definite([])
+    assert rational.is_positive_definite([[one / 3]])
+    assert rational.is_positive_definite([[one, one], [one, two]])
+    assert not rational.is_positive_definite([[Fraction(0)]])
+    assert not rational.is_symmetric([[one, two]])
+    assert not rational.is_symmetric([[one], [one]])
+    eps = Fraction(1, 10**40)  # less than a double tells
+    for least in (eps, Fraction(0), -eps):
+        row = [one, two, two + least]
+        assert rational.is_positive_definite([[one, one, one], [one, two, two], row]) is (least > 0)
+    assert rational.multiply([], []) == []
+    for A, B in (([[one, two]], [[one]]), ([[one, two]], [[one], [one, two]])):
+        with pytest.raises(ValueError, match="zip"):
+            rational.multiply(A, B)
+    for rows in ([[[one]], [[one, two]]], [[[one]], [[one], [two]]]):
+        with pytest.raises(ValueError, match="zip"):
+            rational.add(*rows)
+    with pytest.raises(ValueError, match="zip"):
+        rational.transpose([[one, two], [one]])
+    with pytest.raises(ValueError, match="not finite"):
+        rational.to_rational([[1.0, float("nan")]])
+    for bound in (rational.sin_upper_bound, rational.cos_lower_bound):
+        with pytest.raises(ValueError, match="must be in"):
+            bound(Fraction(-1, 10**9))
+    assert rational.multiply([[]], []) == [[]]
+    with pytest.raises(ValueError, match="different lengths"):
+        rational.to_rational([[1.0, 2.0], [1.0]])
+
+
+# -- the box --
+
+
+def plain_norms(of: LoopSystem) -> list[kernel_norms.AxisNorms]:
+    return [axis_norms(of, axis, 512) for axis in range(3)]
+
+
+def test_a_box_closes_at_equality_and_no_bound_may_be_less(monkeypatch):
+    of, box = loop(), [[value / 64 for value in row] for row in some_box(10)]
+    monkeypatch.setattr(estimate_box, "map_box", lambda *_: box)
+    estimate_box.check_box(of, [], QUIET, box)
+    for axis, k in product(range(3), range(10)):
+        less = [
+            [value - (i == axis and j == k) * value / 10**9 for j, value in enumerate(row)] for i, row in enumerate(box)
+        ]
+        with pytest.raises(Refusal, match=rf"axis {axis}: the bound {k} does not close"):
+            estimate_box.check_box(of, [], QUIET, less)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_each_limit_may_be_reached_and_not_passed(axis, monkeypatch):
+    of, box = loop(), [[value / 64 for value in row] for row in some_box(10)]
+    share, row = estimate_box.COMMAND_SHARE, box[axis]
+    noise = CASE.deviations * CASE.noise
+    monkeypatch.setattr(estimate_box, "map_box", lambda *_: box)
+
+    def at(values: Any, value: Fraction) -> tuple[Fraction, ...]:
+        return tuple(value / share if i == axis else v for i, v in enumerate(values))
+
+    for name, key in (("limits", kernel_norms.COMMAND), ("torque_limits", estimate_box.DEMAND)):
+        for factor, kept in ((1, True), (1 - Fraction(1, 10**9), False)):
+            limited = of._replace(**{name: at(getattr(of, name), factor * row[key])})
+            assert estimate_box.is_within_limits(limited, row, axis) is kept
+            if not kept:
+                with pytest.raises(Refusal, match=f"axis {axis}: the command may reach its limit"):
+                    estimate_box.check_box(limited, [], CASE, box)
+    fastest = max(r[estimate_box.PEAK_RATE] for r in box) + noise
+    estimate_box.check_box(of._replace(gyro_range=fastest / share), [], CASE, box)
+    with pytest.raises(Refusal, match="axis 2: the rate may leave the gyro's range"):
+        estimate_box.check_box(of._replace(gyro_range=fastest * (1 - Fraction(1, 10**9)) / share), [], CASE, box)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_the_commanded_rate_may_reach_its_limit_and_not_pass_it(axis):
+    of, box = loop(), [[value / 64 for value in row] for row in some_box(10)]
+    S, T = of.rate_limit.S[axis], of.rate_limit.T[axis]
+    states = [box[j % 3][3 + j // 3] for j in range(9)]
+    gyro = [row[-1] + estimate_box.gyro_rounding(CASE, row) + CASE.deviations * CASE.noise for row in box]
+    reached = sum(abs(a) * b for a, b in zip([*S, *T], [*states, *gyro], strict=True))
+    for factor, kept in ((1, True), (1 - Fraction(1, 10**12), False)):
+        limit = factor * reached / estimate_box.COMMAND_SHARE
+        limits = tuple(limit if i == axis else Fraction(100) for i in range(3))
+        limited = of._replace(rate_limit=of.rate_limit._replace(limits=limits))
+        assert estimate_box.is_rate_unlimited(limited, CASE, box) is kept
+    assert estimate_box.is_rate_unlimited(of._replace(rate_limit=None), CASE, box)
+
+
+def test_a_law_without_schedule_has_no_excess_and_wide_angles_are_refused():
+    of, box = loop(), some_box(10)
+    linear = of._replace(G=tuple((Fraction(0),) * 3 for _ in range(9)))
+    assert estimate_box.estimate_excess(linear, box) == [0, 0, 0]
+    assert single_precision._excess_difference(linear, box, box) == [0, 0, 0]
+    assert estimate_box.estimate_excess(of, box) == estimate_box.excess(
+        [row[3] for row in box], [row[4] for row in box]
+    )
+    for E in ([Fraction(1), Fraction(0), Fraction(5)], [Fraction(0), Fraction(1), Fraction(0)]):
+        estimate_box.trigonometry(E)
+        with pytest.raises(ValueError, match=r"must be in \[0, 1\]"):
+            estimate_box.trigonometry([value * Fraction(10**9 + 1, 10**9) for value in E])
+
+
+@pytest.mark.parametrize("output", list(SAMPLES))
+@pytest.mark.parametrize("name", "ABCDG")
+def test_roundings_do_not_depend_on_signs(output, name):
+    of = loop(output)
+    turned = of._replace(**{name: tuple(tuple(-value for value in row) for row in getattr(of, name))})
+    box = some_box(12)
+    e = [Fraction(k, 64) for k in (1, 2, 3)]
+    for axis in range(3):
+        found = [estimate_box._rounding(one, CASE, box, e, axis) for one in (of, turned)]
+        assert found[0] == found[1]
+        assert min(found[0][0]) >= 0
+
+
+def test_underflow_counts_where_nothing_else_does():
+    row = [Fraction(0)] * 10
+    assert estimate_box.gyro_rounding(QUIET, row) == Fraction(2) ** -140
+    of = loop()
+    found = estimate_box.map_box(of, plain_norms(of), QUIET._replace(moment=[Fraction(0)] * 3), [row] * 3)
+    assert all(2.0**-141 < float(bounds[kernel_norms.COMMAND]) < 2.0**-136 for bounds in found)
+
+
+def test_bounds_that_are_not_finite_are_refused():
+    of = loop()
+    box = [[Fraction(10) ** 300] * 3 + [Fraction(0)] * 7 for _ in range(3)]
+    box[1][estimate_box.PEAK_RATE] = box[2][estimate_box.PEAK_RATE] = Fraction(10) ** 150
+    with np.errstate(over="ignore"), pytest.raises(ValueError, match="not finite"):
+        estimate_box.map_box(of, plain_norms(of), CASE._replace(moment=[Fraction(10) ** 308] * 3), box)
+
+
+# -- the norms --
+
+
+def test_norms_are_refused_where_they_have_no_bound(monkeypatch):
+    of = loop()
+    for samples in (0, -1, 65537):
+        with pytest.raises(Refusal, match="must be 1 to 65536"):
+            axis_norms(of, 0, samples)
+    with pytest.raises(Refusal, match="unstable or too slow"):
+        axis_norms(of, 0, 1)
+    unstable = of._replace(D=tuple(tuple(-9 * value for value in row) for row in of.D))
+    with pytest.raises(Refusal, match="have no bound: the loop is unstable"):
+        axis_norms(unstable, 0, 4096)
+    with monkeypatch.context() as patch:
+        patch.setattr(kernel_norms, "_DIVERGED", 1.0)  # the size of the input itself
+        with pytest.raises(Refusal, match="have no bound: the loop is unstable"):
+            axis_norms(of, 1, 1)
+    monkeypatch.setattr(kernel_norms, "LONGEST", 512)
+    assert axis_norms(of, 0, 512)
+    wide = of._replace(cells=(3, 5))
+    monkeypatch.setattr(kernel_norms, "_MOST_WORK", 512 * 15)
+    assert len(axis_norms(wide, 1, 512).entries) == 15
+    monkeypatch.setattr(kernel_norms, "_MOST_WORK", 511 * 15)
+    with pytest.raises(Refusal, match="512 samples of 3 x 5 cells are too many"):
+        axis_norms(wide, 2, 512)
+
+
+@pytest.mark.parametrize(("lag", "refused"), [(Fraction(1, 32), False), (Fraction(1, 33), True)])
+def test_a_sample_too_long_for_the_series_is_refused(lag, refused):
+    of = loop(lag=lag)
+    if refused:
+        with pytest.raises(Refusal, match="a sample is too long for the vehicle's time constants"):
+            kernel_norms._plant(of, 0, float(1 / lag))
+    else:
+        entry = kernel_norms._plant(of, 0, float(1 / lag))[1][1]
+        assert entry == pytest.approx(np.exp(-4.0), rel=1e-15)
+    with pytest.raises(Refusal, match="too long"):
+        kernel_norms._plant(of._replace(damping=(Fraction(33),) * 3), 0, 4.0)
+    with pytest.raises(Refusal, match="too long"):
+        kernel_norms._plant(of._replace(dt=Fraction(5), damping=(Fraction(1, 8),) * 3), 0, 0.125)
+
+
+def last_of(left: float, peak: float = 1.0) -> tuple[Any, ...]:
+    """Return sums of a loop of one state and two inputs, with `left` of a unit after one sample."""
+    total, square = np.full((1, 4, 3), peak), np.ones((1, 4))
+    return total, square, np.full((1, 1, 3), left), 1
+
+
+def test_tails_are_added_in_full_and_refused_if_they_are_large():
+    nothing, centre = np.zeros((1, 1)), np.ones((1, 2))
+    total, square, last, samples = last_of(1e-4)
+    norms = kernel_norms._add_tails(total, square, last, samples, nothing, centre, centre, -2.0)
+    whole = 1.0 + 1e-4 / (1.0 - 1e-4)
+    assert norms.entries == pytest.approx(whole, rel=1e-9)
+    assert norms.noise == pytest.approx(whole, rel=1e-9)
+    assert norms.demand_gyro == 2.0
+    for left, kept in ((0.999e-3, True), (1.001e-3, False)):
+        total, square, last, samples = last_of(left)
+        if kept:
+            kernel_norms._add_tails(total, square, last, samples, nothing, centre, centre, 0.0)
+        else:
+            with pytest.raises(Refusal, match=r"after 1 samples 0\.001 of a unit is left"):
+                kernel_norms._add_tails(total, square, last, samples, nothing, centre, centre, 0.0)
+    total, square, last, samples = last_of(0.0)
+    for defect, words in ((0.199 - 1e-9, "of a unit is left"), (0.201, "rounding spoils the norms")):
+        with pytest.raises(Refusal, match=words):
+            kernel_norms._add_tails(total, square, last, samples, np.full((1, 1), defect), centre, centre, 0.0)
+
+
+# -- the system --
+
+
+def refused(law: dict[str, Any] | None = None, vehicle: str = VEHICLE, *, words: str) -> None:
+    with pytest.raises(Refusal, match=words):
+        read_system(json.dumps(law or law_document()), vehicle)
+
+
+def test_texts_that_no_proof_is_about_are_refused_by_name():
+    law = law_document()
+    for name in ("two\nlines", "a 'quote'"):
+        refused({**law, "name": name}, words="holds no quote")
+    refused({**law, "output": "attitude"}, words="commands attitude, the proof is about torque and rates")
+    refused({**law, "B": [[*row, 0.0, 0.0] for row in law["B"]]}, words="reads the accelerometer")
+    refused({**law, "D": [[*row, 0.0, 0.0] for row in law["D"]]}, words="reads the accelerometer")
+    refused({**law, "C": [row[:6] for row in law["C"]]}, words="matrices of wrong shapes")
+    refused({**law, "C": law["C"][:2]}, words="matrices of wrong shapes")
+    refused({**law, "G": [row[:2] for row in law["G"]]}, words="matrices of wrong shapes")
+    for name, i, j in product("ABCDG", (0, 1, 2), (0, 1, 2)):
+        if i != j:
+            changed = [list(row) for row in law[name]]
+            changed[i][j] = 2.0**-60
+            refused({**law, name: changed}, words="couples its axes")
+    refused({**law, "dt": 0.0}, words="dt must be 1 positive number$")
+    refused({**law, "limits": [1.0, 0.0, 1.0]}, words="limits must be 3 positive numbers")
+    refused({**law, "limits": [1.0, 1.0]}, words="limits must be 3 positive numbers")
+    for old, new, words in (
+        ("actuator_lag = 0.25", "actuator_lag = 0.0", "actuator_lag must be 1 positive"),
+        ("range = 30.0", "range = -30.0", "gyro.range must be 1 positive"),
+        ("inertia_B = [2.0,", "inertia_B = [", "inertia_B must be 3 positive"),
+        ("torque_limit = [3.5,", "torque_limit = [0.0,", "torque_limit must be 3 positive"),
+        ("rate_damping = 0.25", "rate_damping = -0.25", "rate_damping is -0.25, must not be negative"),
+    ):
+        assert old in VEHICLE
+        refused(vehicle=VEHICLE.replace(old, new), words=words)
+    tracks = law_document("rates")
+    for old, new, words in (
+        ("rate_p = [1.0,", "rate_p = [", "must be three numbers each"),
+        ("rate_i = [0.5,", "rate_i = [-0.5,", "stabilizer.rate_i is -0.5"),
+        ("derivative_cutoff = 0.5", "derivative_cutoff = 0.0", "derivative_cutoff must be 1 positive"),
+    ):
+        assert old in VEHICLE
+        refused(tracks, VEHICLE.replace(old, new), words=words)
+    assert read_system(json.dumps(law), VEHICLE.replace("rate_damping = 0.25", "rate_damping = 0.0")).damping == (
+        0,
+        0,
+        0,
+    )
+    assert (
+        read_system(json.dumps(law_document("rates")), VEHICLE.replace("[1.0, 1.25", "[0.0, 1.25")).rate_loop.p[0] == 0
+    )
+
+
+def test_laws_have_two_to_sixteen_states_an_axis():
+    for n, words in (
+        (3, "has 3 states"),
+        (8, "has 8 states, must have 2 to 16 for"),
+        (51, "has 51"),
+        (6, ""),
+        (48, ""),
+    ):
+        sizes = {"A": (n, n), "B": (n, 6), "C": (3, n), "G": (n, 3)}
+        law = law_document() | {name: np.zeros(size).tolist() for name, size in sizes.items()} | {"rate_limit": None}
+        if words:
+            refused(law, words=words)
+        else:
+            assert len(read_system(json.dumps(law), VEHICLE).A) == n
+
+
+def test_damping_by_drag_needs_rotors_above_the_centre():
+    text = VEHICLE.replace("rate_damping = 0.25", "")
+    low = text.replace("-0.125]", "0.0]")
+    refused(vehicle=low, words="the rotors must be above the centre of mass")
+    refused(vehicle=text.replace("[0.25, 0.5, -0.125], ", ""), words="three numbers for each of four or more rotors")
+    at_rest = text.replace("heave_drag = 1.5", "heave_drag = 0.0").replace("gust_gain = 0.0625", "gust_gain = 0.0")
+    assert read_system(json.dumps(law_document()), at_rest).damping == (0, 0, 0)
+
+
+def test_a_strapdown_law_is_one_in_every_coefficient():
+    of = loop()
+    assert system.is_strapdown(of)
+    for name, i, j in [("A", i, j) for i in range(6) for j in range(9)] + [
+        (name, i, i % 3) for name in "BG" for i in range(6)
+    ]:
+        rows = [list(row) for row in getattr(of, name)]
+        rows[i][j] += Fraction(1, 2**50)
+        assert not system.is_strapdown(of._replace(**{name: tuple(map(tuple, rows))})), (name, i, j)
+    assert system.is_strapdown(of._replace(A=(*of.A[:6], *[tuple(2 * v for v in row) for row in of.A[6:]])))
+
+
+@pytest.mark.parametrize("value", [True, "1", None, float("nan"), float("inf"), -float("inf"), [1.0], 10**400])
+def test_what_is_no_finite_number_is_refused(value):
+    with pytest.raises((Refusal, OverflowError)):
+        system.finite("x", value)
+
+
+# -- the claim --
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"part": 0.0}, "part is 0.0"),
+        ({"risk": 1.0}, "risk is 1.0"),
+        ({"risk": 9e-13}, "risk is 9e-13"),
+        ({"risk": 0.0}, "risk is 0.0"),
+        ({"noise": 0.0}, "0 without noise"),
+        ({"horizon": 0.0}, "horizon is 0.0 s"),
+        ({"horizon": 1000001.0}, "at most 1000000 s"),
+        ({"inertia_spread": 1.0}, "a spread is a share"),
+        ({"lag_spread": 1.0}, "a spread is a share"),
+        ({"inertia_spread": -(2.0**-50)}, "a spread is a share"),
+        ({"lag_spread": -(2.0**-50)}, "a spread is a share"),
+        ({"cells": [1, 65]}, "must be 1 to 64"),
+        ({"cells": [1]}, "must be two whole numbers"),
+        ({"cells": [1, True]}, "must be whole numbers"),
+        ({"slope": [0.0, 0.0, 0.0]}, "belongs to moments of class"),
+        ({"moment": [0.0, 0.0, -(2.0**-50)]}, "negative"),
+        ({"moment": "abc"}, "must be 3 numbers"),
+        ({"moment": [0.0, 0.0, 0.0]}, "must be positive"),
+        ({"more": 1}, "other entries: more$"),
+        ({"kind": "gain"}, "unknown kind"),
+    ],
+)
+def test_a_number_out_of_its_domain_is_refused(changes, words):
+    with pytest.raises(Refusal, match=words):
+        some_claim(**changes)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"part": 1.0},
+        {"risk": 1e-12 + 1e-27},
+        {"risk": 1.0 - 2.0**-50},
+        {"horizon": 1000000.0},
+        {"cells": [1, 64]},
+        {"cells": [64, 1]},
+        {"moment": [0.0, 0.0, 2.0**-50]},
+        {"moment": [1.0, 0.0, 0.0]},
+        {"horizon": 2.0**-50},
+        {"inertia_spread": 1.0 - 2.0**-50, "lag_spread": 0.0},
+    ],
+)
+def test_a_number_at_the_end_of_its_domain_is_taken(changes):
+    some_claim(**changes)
+
+
+def test_the_risk_is_shared_by_all_samples_and_signals(monkeypatch):
+    counts = []
+    monkeypatch.setattr(flight_box, "least_deviations", lambda count, risk: counts.append((count, risk)) or Fraction(1))
+    flight_box.make_case(loop(), some_claim())
+    flight_box.make_case(loop(), some_claim(horizon=None))
+    assert counts == [(3 * 12 * (241 + 2), Fraction(1, 256)), (3 * 12 * (4800 + 2), Fraction(1, 256))]
+
+
+def test_deviations_that_do_not_cover_the_risk_are_refused(monkeypatch):
+    count, risk = Fraction(1000), Fraction(1, 8)
+    for factor, kept in ((1, True), (1 - Fraction(1, 10**12), False)):
+        asked: list[Fraction] = []
+        value = factor * count / risk
+        monkeypatch.setattr(estimate_box, "exp_lower_bound", lambda x, a=asked, value=value: a.append(x) or value)
+        if kept:
+            found = estimate_box.least_deviations(count, risk)
+            assert asked == [found**2 / 2]
+        else:
+            with pytest.raises(Refusal, match=r"risk of 0\.125"):
+                estimate_box.least_deviations(count, risk)
+
+
+@pytest.mark.parametrize(("above", "steps"), [(-0.0007, 1), (-0.0015, 0), (0.0, 1)])
+def test_degrees_are_rounded_up_with_a_thousandth_of_a_step_to_spare(above, steps):
+    angle = Fraction(math.radians((1000.0 + above) * 1e-6))
+    assert flight_box._degrees_up(angle) == (1000 + steps) / 1e6
+
+
+def test_the_truth_of_a_law_without_strapdown_or_horizon_is_not_bounded():
+    of, made = loop(), some_claim()
+    other = of._replace(B=tuple(tuple(2 * value for value in row) for row in of.B))
+    assert flight_box._truth_deg(other, made)[0] is None
+    assert "no strapdown integral" in flight_box._truth_deg(other, made)[1]
+    assert "without a horizon" in flight_box._truth_deg(of, some_claim(horizon=None))[1]
+    long = some_claim(horizon=1e6, noise=0.0, risk=0.0, moment_class="any", slope=[0.0] * 3)
+    assert "no bound below a radian" in flight_box._truth_deg(of, long)[1]
+
+
+# -- the drift --
+
+
+def test_noise_over_too_short_or_long_a_flight_is_refused():
+    of, zeros = loop(), [Fraction(0)] * 3
+    for steps, words in ((44, "too short to bound"), (45, ""), (10**9, "may turn the attitude by a radian")):
+        disturbance = Disturbance(zeros, zeros, steps, Fraction(1, 128))
+        if words:
+            with pytest.raises(Refusal, match=words):
+                truth_drift._noise(of, CASE, disturbance)
+        else:
+            assert truth_drift._noise(of, CASE._replace(noise=Fraction(1, 2**12)), disturbance).walk > 0
+    assert truth_drift._noise(of, QUIET, Disturbance(zeros, zeros, 1, Fraction(0))) == (0, 0)
+
+
+def test_the_noise_has_least_deviations_that_cover_its_risk(monkeypatch):
+    """The bounds of exp and of the root are round numbers here, at which every comparison is an equality."""
+    of, zeros, half = loop(), [Fraction(0)] * 3, Fraction(1, 256)
+    case = CASE._replace(noise=Fraction(1))
+
+    def exp(x: Fraction) -> Fraction:
+        if x > 6:  # of the mean square
+            return 3 / half
+        return Fraction(21, 5) * x / half if x <= 2 else Fraction(10**9)  # equal up to two deviations
+
+    monkeypatch.setattr(truth_drift, "exp_lower_bound", exp)
+    monkeypatch.setattr(truth_drift, "sqrt_upper_bound", lambda _: Fraction(1))
+    found = truth_drift._noise(of, case, Disturbance(zeros, zeros, 64, 2 * half))
+    assert found == (1, 2 * (Fraction(1, 2) + Fraction(1, 16)))  # two deviations: half a radian in the vector part
+    with pytest.raises(Refusal, match="may turn the attitude by a radian"):
+        truth_drift._noise(of, case._replace(noise=1 + Fraction(1, 10**9)), Disturbance(zeros, zeros, 64, 2 * half))
+    monkeypatch.setattr(truth_drift, "exp_lower_bound", lambda x: (1 - Fraction(1, 10**9)) * exp(x))
+    with pytest.raises(Refusal, match="too short to bound"):
+        truth_drift._noise(of, case, Disturbance(zeros, zeros, 64, 2 * half))
+
+
+def test_the_mean_square_of_the_noise_may_be_twice_its_value():
+    zeros, n = [Fraction(0)] * 3, 45
+    case = CASE._replace(noise=Fraction(1, 2**12))
+    for share, kept in ((0.99995, True), (1.00005, False)):
+        risk = Fraction(6.0 * math.exp(-0.15 * n * share**2))
+        if kept:
+            mean = truth_drift._noise(loop(), case, Disturbance(zeros, zeros, n, risk)).mean
+            assert float(mean / case.noise) == pytest.approx(math.sqrt(2.0), rel=1e-12)
+        else:
+            with pytest.raises(Refusal, match="too short to bound"):
+                truth_drift._noise(loop(), case, Disturbance(zeros, zeros, n, risk))
+
+
+def test_rotations_of_more_than_a_radian_are_refused():
+    third, vector = Fraction(1, 3), [Fraction(1)] * 3
+    truth_drift._tilt([third] * 3, vector)
+    with pytest.raises(Refusal, match="below a radian"):
+        truth_drift._tilt([third, third, third + Fraction(1, 10**9)], vector)
+    nothing = [Fraction(0)] * 3
+
+    def no_excess(_: Any, __: Any) -> list[Fraction]:
+        return nothing
+
+    one = [Fraction(1), Fraction(0), Fraction(0)]
+    assert truth_drift._turn(one, nothing, no_excess) == one
+    with pytest.raises(Refusal, match="below a radian"):
+        truth_drift._turn([value * Fraction(10**9 + 1, 10**9) for value in one], nothing, no_excess)
+
+
+def test_a_sample_too_long_for_the_rates_is_refused(monkeypatch):
+    of, zeros = loop(), [Fraction(0)] * 3
+    box, none = [[value / 16 for value in row] for row in some_box(10)], truth_drift._Noise(Fraction(0), Fraction(0))
+    slope = 2 * Fraction(1, 100) / of.dt
+    monkeypatch.setattr(truth_drift, "slope_of_T", lambda *_: [slope / 2, slope, slope / 3])
+    assert truth_drift._kinematic_error(of, QUIET, box, none, zeros)
+    slope *= Fraction(10**9 + 1, 10**9)
+    with pytest.raises(Refusal, match="a sample is too long for the rates"):
+        truth_drift._kinematic_error(of, QUIET, box, none, zeros)
+
+
+# -- single precision --
+
+
+def test_a_flight_near_a_limit_or_at_a_large_angle_has_no_bound_in_floats():
+    of = loop()
+    box = [[value / 16 for value in row] for row in some_box(10)]
+    form = Form(frozenset(), Fraction(0), [Fraction(0)] * 9)
+    single_precision._check_form(of, QUIET, box, form)
+    for axis in (0, 1):
+        tilted = [list(row) for row in box]
+        tilted[axis][kernel_norms.X0] = Fraction(3, 4)
+        single_precision._check_form(of, QUIET, tilted, form)
+        tilted[axis][kernel_norms.X0] += Fraction(1, 10**9)
+        with pytest.raises(Refusal, match="an angle needs reduction"):
+            single_precision._check_form(of, QUIET, tilted, form)
+        linear = of._replace(G=tuple((Fraction(0),) * 3 for _ in range(9)))
+        single_precision._check_form(linear, QUIET, tilted, form)
+    turned = [list(row) for row in box]
+    turned[2][kernel_norms.X0] = Fraction(4, 5)
+    single_precision._check_form(of, QUIET, turned, form)
+    for limited in (
+        of._replace(torque_limits=(Fraction(1, 1000),) * 3),
+        of._replace(rate_limit=of.rate_limit._replace(limits=(Fraction(1, 1000),) * 3)),
+    ):
+        with pytest.raises(Refusal, match="too near a limit"):
+            single_precision._check_form(limited, QUIET, box, form)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_the_rounding_of_a_limited_rate_stays_below_the_share_kept_free(axis):
+    of, box = loop(), [[value / 16 for value in row] for row in some_box(10)]
+    form = Form(frozenset(), Fraction(3, 4), [Fraction(k, 64) for k in range(9)])
+    sizes, gyro = single_precision._sizes(of, CASE, box, form)
+    weighed = [2 * abs(a) * b for a, b in zip(of.rate_limit.S[axis], sizes, strict=True)]
+    weighed += [abs(a) * b for a, b in zip(of.rate_limit.T[axis], gyro, strict=True)]
+    least = 19 * Fraction(2) ** -24 * sum(weighed) * 1000
+    for factor, exact in ((1, True), (1 - Fraction(1, 10**9), False)):
+        limits = tuple(factor * least if i == axis else Fraction(100) for i in range(3))
+        limited = of._replace(rate_limit=of.rate_limit._replace(limits=limits))
+        assert single_precision._is_rate_sum_exact(limited, CASE, box, form) is exact
+    assert single_precision._is_rate_sum_exact(of._replace(rate_limit=None), CASE, box, form)
+
+
+def test_copies_are_exact_in_floats_and_sums_are_not():
+    of, box = loop(), [[value / 16 for value in row] for row in some_box(10)]
+    form = Form(frozenset(), Fraction(0), [Fraction(0)] * 9)
+    none = [[Fraction(0)] * 3] * 12
+    tiny = Fraction(2) ** -110
+    assert single_precision._row_error(of, QUIET, box, form, none, 3) == tiny  # the gyro's last sample
+    for factor, copied in ((-1, True), (2, False), (Fraction(1, 2), False)):
+        B = tuple(tuple(factor * value for value in row) for row in of.B)
+        error = single_precision._row_error(of._replace(B=B), QUIET, box, form, none, 3)
+        assert (error == tiny) is copied
+    reads = [[Fraction(0), Fraction(0), Fraction(i == 3)] for i in range(12)]
+    assert single_precision._row_error(of, QUIET, box, form, reads, 3) > tiny
+    G = tuple(
+        tuple(Fraction(1) if (i, j) == (3, 0) else value for j, value in enumerate(row)) for i, row in enumerate(of.G)
+    )
+    assert single_precision._row_error(of._replace(G=G), QUIET, box, form, none, 3) > tiny
+
+
+def test_underflow_counts_in_every_sum_of_floats():
+    of, nothing = loop(), [[Fraction(0)] * 10] * 3
+    for wide in (frozenset[int](), frozenset(range(9))):
+        form = Form(wide, Fraction(0), [Fraction(0)] * 9)
+        errors = [single_precision._row_error(of, QUIET, nothing, form, [[Fraction(0)] * 3] * 12, i) for i in range(12)]
+        assert errors == [Fraction(2) ** -110] * 12
+
+
+def test_roundings_may_use_up_what_the_wider_box_leaves(monkeypatch):
+    of, box = loop(), [[value / 16 for value in row] for row in some_box(10)]
+    form = Form(frozenset(), Fraction(0), [Fraction(0)] * 9)
+    spare = [[value / 50 for value in row] for row in box]
+    monkeypatch.setattr(single_precision, "_fixed_point", lambda *_: spare)
+    single_precision.bound_rounding(of, [], QUIET, box, form, [[Fraction(0)] * 3] * 12)
+    for axis, k in product(range(3), range(10)):
+        more = [list(row) for row in spare]
+        more[axis][k] *= Fraction(10**9 + 1, 10**9)
+        monkeypatch.setattr(single_precision, "_fixed_point", lambda *_, more=more: more)
+        with pytest.raises(Refusal, match="not small beside the box"):
+            single_precision.bound_rounding(of, [], QUIET, box, form, [[Fraction(0)] * 3] * 12)
+
+
+def test_roundings_that_are_not_small_are_refused():
+    of = loop()
+    box = [[value / 16 for value in row] for row in some_box(10)]
+    form = Form(frozenset(), Fraction(1 << 20), [Fraction(1)] * 9)
+    of = of._replace(rate_limit=None)
+    with pytest.raises(Refusal, match="not small beside the box"):
+        single_precision.bound_rounding(of, plain_norms(of), QUIET, box, form, [[Fraction(0)] * 3] * 12)
+    assert single_precision._is_below([[Fraction(1), Fraction(2)]], [[Fraction(1), Fraction(2)]])
+    assert not single_precision._is_below([[Fraction(1), Fraction(2)]], [[Fraction(1), Fraction(1)]])
+    assert not single_precision._is_below([[Fraction(0)], [Fraction(2)]], [[Fraction(1)], [Fraction(1)]])
+
+
+if __name__ == "__main__":
+    parts = {part: dict(made) for output in (None, *SAMPLES) for part, made in figures(output).items()}
+    PINNED.write_text(json.dumps(flat(parts), indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,117 @@
+"""`gustproof judge`: what it reads, what it prints, its page and parameter file, its exit status."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.guest.parameter_files import read_parameters
+from gustproof.analysis import judge as judging
+from gustproof.autopilots.models import read_autopilot_law
+from gustproof.cli.app import app
+from gustproof.logs import read
+from gustproof.logs.flight_log import FlightLog, Signal
+
+pytestmark = pytest.mark.compiled
+
+SPOILT = {**read_parameters("tuned", "px4"), "IMU_DGYRO_CUTOFF": "2"}
+
+
+def run(*arguments: str):
+    return CliRunner().invoke(app, ["judge", *arguments])
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Search shortly; the proof and the flights of the search have tests of their own."""
+    monkeypatch.setattr(judging, "_FLIGHTS", 100)
+    monkeypatch.setattr(judging, "_SEARCH_S", 1.0)
+    monkeypatch.setattr(judging, "_prove", lambda *_: (None, "left out"))
+
+
+@pytest.fixture
+def spoilt(tmp_path: Path) -> Path:
+    path = tmp_path / "spoilt.params"
+    path.write_text("".join(f"{name} {value}\n" for name, value in SPOILT.items()), encoding="utf-8")
+    return path
+
+
+@pytest.mark.long
+def test_spoilt_gains_are_fragile_and_better_ones_are_written(quick, spoilt):
+    page, better = spoilt.with_suffix(".html"), spoilt.with_name("better.params")
+    result = run(str(spoilt), "-o", str(page), "--better", str(better))
+    assert result.exit_code == 1, result.stderr
+    assert result.stdout.startswith("fragile: px4-spoilt on 'paper' in 'paper-turbulence', 250 Hz, 4 ms late")
+    for words in (
+        "- yaw: Ms 5.57, above 2",
+        "proved",
+        "where it fails",
+        "IMU_DGYRO_CUTOFF 2 Hz to 6 Hz",
+        "Better gains",
+    ):
+        assert words in result.stdout
+    assert f"{page} is written" in result.stdout
+    assert read_autopilot_law(better, load_vehicle("paper")).law.provenance.parameters["IMU_DGYRO_CUTOFF"] > 10.0
+    text = page.read_text(encoding="utf-8")
+    for words in ("px4-spoilt on", "Ms 5.57, above 2", "Better gains", "Sensitivity, px4-spoilt", "where it fails"):
+        assert words in text
+    assert "limit over the spreads" in text
+    assert '"kind":"semilog"' in text
+
+
+def test_a_sound_law_is_told_as_json(quick):
+    result = run("flagship", "--json")
+    assert result.exit_code == 0, result.stderr
+    told = json.loads(result.stdout)
+    assert (told["verdict"], told["better"], told["advice"], told["remarks"]) == ("sound", None, [], [])
+    assert told["axes"]["pitch"]["Ms_found"] <= told["axes"]["pitch"]["Ms_proved"]
+    assert told["worst_gust"]["peak_deg"] > 0.0
+
+
+def test_the_gains_of_a_log_are_those_of_its_parameters(quick, monkeypatch, tmp_path):
+    gyro = Signal(time=np.arange(2.0), values=np.zeros((2, 3)))
+    log = FlightLog(source="flight.ulg", system="px4", gyro=gyro, findings=("no accelerometer",),
+                    parameters={name: float(value) for name, value in SPOILT.items()})  # fmt: skip
+    monkeypatch.setattr(read, "read_log", lambda _: log)
+    monkeypatch.setattr(judging, "tune_gains", lambda *_, **__: SimpleNamespace(law=judged["law"]))
+    judged = {"law": read_autopilot_law(_tuned(tmp_path), load_vehicle("paper")).law}
+    result = run(str(tmp_path / "flight.ulg"), "--json")
+    assert result.exit_code == 1, result.stderr
+    told = json.loads(result.stdout)
+    assert (told["verdict"], told["better"]["verdict"]) == ("fragile", "sound")
+    assert told["remarks"][-1] == "no accelerometer"
+    monkeypatch.setattr(read, "read_log", lambda _: replace(log, parameters={}))
+    result = run(str(tmp_path / "flight.ulg"))
+    assert (result.exit_code, "the log has no parameters" in result.stderr) == (2, True)
+
+
+def _tuned(folder: Path) -> Path:
+    path = folder / "tuned.params"
+    path.write_text("".join(f"{n} {v}\n" for n, v in read_parameters("tuned", "px4").items()), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("nothing",), "no law named 'nothing'"),
+        (("nothing.params",), "nothing.params"),
+        (("pid-fair", "--air", "coning"), "has no turbulence"),
+        (("hinf-rates",), "commands rates"),
+        (("flagship", "--moment", "1,2,0"), "must be positive"),
+        (("flagship", "-o", "page.txt"), "ends in .html"),
+        (("flagship", "--better", "better.params"), "ends in .json"),
+        (("px4", "--better", "better.json"), "ends in .params"),
+        (("flagship", "--vehicle", "none"), "no vehicle named 'none'"),
+    ],
+)
+def test_a_mistake_is_one_line(arguments, words):
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert len(result.stderr.splitlines()) == 1
