@@ -19,7 +19,7 @@ from firmware_model.config.waveforms import Dryden
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.law.hover import hover_plant, loop_law
-from gustproof.lti.margins import LoopMargins, margins
+from gustproof.lti.margins import LoopMargins, input_margins
 from gustproof.lti.state_space import Matrix
 from gustproof.performance.covariance import axis_models
 from gustproof.performance.limits import output_feedback_limit
@@ -280,7 +280,7 @@ def worst_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> LoopMargins
     ValueError
         If the loop is unstable.
     """
-    axes = margins(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law)).input
+    axes = input_margins(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law))
     return _worst(axes)
 
 

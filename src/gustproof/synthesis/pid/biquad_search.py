@@ -83,9 +83,7 @@ class AxisSearch:
         [s^2 rad^2/(N*m)^2] is that of mean square slew.
         """
         with np.errstate(all="ignore"):  # a search passes unstable loops
-            found = [
-                each for each in (self._minimize_from(np.log(np.array(start)), weight) for start in starts) if each
-            ]
+            found = [each for start in starts if (each := self._minimize_from(np.log(np.array(start)), weight))]
         return min(found, key=lambda each: each.cost, default=None)
 
     def margins(self, z: Matrix) -> tuple[Matrix, Matrix]:
@@ -95,25 +93,28 @@ class AxisSearch:
         room = np.log(np.abs(1.0 + L)) + self._log_peaks
         return room.ravel(), (L / (1.0 + L) * slopes[:, None]).real.reshape(len(z), -1).T
 
-    def cost(self, z: Matrix, weight: float) -> tuple[float, Matrix]:
-        """Return the logarithm of mean square error and weighted slew, and its slopes (9,)."""
+    def cost(self, z: Matrix, weight: float, *, watched: bool = True) -> tuple[float, Matrix]:
+        """Return the logarithm of mean square error and weighted slew, and its slopes (9,).
+
+        It is that of an unstable loop too if one far from nominal is unstable and `watched`.
+        """
         loops = self._closed_loops(self._flight, np.exp(z + 1j * _STEP * np.eye(len(z))))
         with np.errstate(over="ignore", invalid="ignore"):
             moments = mean_second_moments([self._model], loops)
         costs = moments[:, 0, 0] + weight / self._model.plant.dt**2 * moments[:, 1, 1]
         value = float(costs[0].real)
-        if not (math.isfinite(value) and value > 0.0) or not all(self._is_stable(far, z) for far in self._far):
+        if not (math.isfinite(value) and value > 0.0) or (watched and not self._is_stable_afar(z)):
             return _UNSTABLE_COST, np.zeros(len(z))
         return math.log(value), costs.imag / (_STEP * value)
 
-    def _minimize_from(self, start: Matrix, weight: float) -> SearchResult | None:
+    def _minimize_from(self, start: Matrix, weight: float, *, watched: bool = False) -> SearchResult | None:
+        """Return the optimum from a start. Loops far from nominal are watched only if it is unstable there else."""
         constraint = scipy.optimize.NonlinearConstraint(
             lambda z: self.margins(z)[0], 0.0, np.inf, jac=lambda z: self.margins(z)[1]
         )
         found = scipy.optimize.minimize(
-            self.cost,
+            lambda z: self.cost(z, weight, watched=watched),
             start,
-            args=(weight,),
             jac=True,
             method="SLSQP",
             bounds=scipy.optimize.Bounds(np.log(_LOWER), np.log(_UPPER)),
@@ -122,7 +123,13 @@ class AxisSearch:
         )
         if not found.fun < 0.0 or np.min(self.margins(found.x)[0]) < -0.5 * _GRID_MARGIN:
             return None
+        if not watched and not self._is_stable_afar(found.x):
+            return self._minimize_from(start, weight, watched=True)
         return SearchResult(float(found.fun), BiquadGains(*np.exp(found.x).tolist()).sort_zeros())
+
+    def _is_stable_afar(self, z: Matrix) -> bool:
+        """Return whether the loops of all far models are stable."""
+        return all(self._is_stable(far, z) for far in self._far)
 
     def _is_stable(self, flight: Lti, z: Matrix) -> bool:
         """Return whether the loop of a far model is stable but for the two attitudes, which are integrals."""
