@@ -26,7 +26,7 @@ from gustproof.errors import DesignError
 from gustproof.falsify.worst_case import WorstCase, worst_case
 from gustproof.law.form import Law, Output
 from gustproof.law.hover import hover_plant, loop_law
-from gustproof.lti.margins import LoopMargins, margins
+from gustproof.lti.margins import LoopMargins, input_margins
 from gustproof.performance.covariance import axis_models
 from gustproof.performance.output_rounding import rounding_slew
 from gustproof.performance.predict import Prediction, predict
@@ -319,7 +319,7 @@ def _judge_axes(
         return None, ()
     K, levelled = loop_law(law), law.uses_accelerometer
     tried = [box.nominal, *(each for each in box.corners() if each not in unstable)]
-    sampled = [margins(hover_plant(each, scenario, with_attitude=levelled), K).input for each in tried]
+    sampled = [input_margins(hover_plant(each, scenario, with_attitude=levelled), K) for each in tried]
     found = []
     for axis in range(3):
         loops = [each[axis] for each in sampled]

@@ -64,14 +64,20 @@ def margins(G: LinearSystem, K: LinearSystem) -> Margins:
     """
     plant, controller = as_lti(G), as_lti(K)
     at_input, at_output = -series(plant, controller), -series(controller, plant)
-    if not sensitivity(at_input).is_stable():
-        raise ValueError("the loop is unstable: it has no margins")
     return Margins(
-        input=tuple(loop_margins(_channel(at_input, k)) for k in range(plant.n_inputs)),
+        input=input_margins(plant, controller),
         output=tuple(loop_margins(_channel(at_output, k)) for k in range(plant.n_outputs)),
         input_disk=disk_margin(at_input),
         output_disk=disk_margin(at_output),
     )
+
+
+def input_margins(G: LinearSystem, K: LinearSystem) -> tuple[LoopMargins, ...]:
+    """Return the margins of each input of the plant `G` alone, as `margins` does and with what it raises."""
+    at_input = -series(as_lti(G), as_lti(K))
+    if not sensitivity(at_input).is_stable():
+        raise ValueError("the loop is unstable: it has no margins")
+    return tuple(loop_margins(_channel(at_input, k)) for k in range(at_input.n_inputs))
 
 
 def loop_margins(L: Lti) -> LoopMargins:
@@ -137,7 +143,7 @@ def _channel(L: Lti, k: int) -> Lti:
     """Return the scalar loop of channel `k` with the other channels of the negative-feedback loop `L` closed."""
     order = [k, *(j for j in range(L.n_inputs) if j != k)]
     swapped = L.subsystem(order, order)
-    return lft(swapped, gain(-np.eye(L.n_inputs - 1), L.dt)) if L.n_inputs > 1 else swapped
+    return lft(swapped, gain(-np.eye(L.n_inputs - 1), L.dt)).connected() if L.n_inputs > 1 else swapped
 
 
 def _grid(L: Lti) -> Matrix:

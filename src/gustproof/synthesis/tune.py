@@ -19,7 +19,7 @@ from firmware_model.config.waveforms import Dryden
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.law.hover import hover_plant, loop_law
-from gustproof.lti.margins import LoopMargins, margins
+from gustproof.lti.margins import LoopMargins, input_margins
 from gustproof.lti.state_space import Matrix
 from gustproof.performance.covariance import axis_models
 from gustproof.performance.limits import output_feedback_limit
@@ -29,6 +29,7 @@ from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import Design, Weight, load_design
+from gustproof.synthesis.levelling import level_cascade
 from gustproof.synthesis.pid.flagship import flagship_law
 from gustproof.synthesis.pid.indi import indi_law
 from gustproof.synthesis.pid.pid_baseline import baseline_pid, tune_baseline
@@ -50,6 +51,8 @@ _MORE_SLEW, _MORE_PEAK, _HALVINGS = (1.5, 2.5, 5.0, 10.0), (1.1, 1.25, 1.5), 3
 """[-] factors on a slew or a peak that could not be met; halvings of the interval of slew, once one is met."""
 _MOMENT_WEIGHT = 0.02
 """[1/(N*m)] initial `W_m` of yaw in the design of `hinf`."""
+_UNLEVELLED = 0.999
+"""[-] share of sensitivity and slew for the cascade: levelling adds a little to both."""
 _SLEWS, _PEAKS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0), (1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.6, 1.8, 2.0)
 """[-] slews over the law's, and peaks, of the trade-off's points."""
 _SEEDS = (1, 2, 3)
@@ -71,7 +74,7 @@ class LawKind(StrEnum):
     INDI = "indi"
     """Incremental nonlinear dynamic inversion."""
     AIDED = "aided"
-    """Self-scheduled H-infinity law that is levelled by the accelerometer."""
+    """The flagship's cascade, levelled by the accelerometer."""
     HINF = "hinf"
     """Self-scheduled H-infinity law of gyros alone, weighted by the gusts' spectrum."""
     HINF_RATES = "hinf-rates"
@@ -280,7 +283,7 @@ def worst_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> LoopMargins
     ValueError
         If the loop is unstable.
     """
-    axes = margins(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law)).input
+    axes = input_margins(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law))
     return _worst(axes)
 
 
@@ -300,7 +303,9 @@ def _finite(value: float | None) -> float | None:
 
 
 def _make_aided(task: _Task, limits: TuningLimits) -> Law:
-    return _make_from_design(load_design("aided"), task, limits)
+    less = replace(limits, sensitivity_peak=_UNLEVELLED * limits.sensitivity_peak, slew=_UNLEVELLED * limits.slew)
+    cascade = flagship_law(task.vehicle, task.scenario, name=task.name, limits=less, corners=task.corners)
+    return level_cascade(cascade, task.vehicle, task.scenario)
 
 
 def _make_hinf(task: _Task, limits: TuningLimits) -> Law:
@@ -342,9 +347,10 @@ _CASCADES: dict[LawKind, _Maker] = {
     LawKind.INDI: lambda task, limits: indi_law(
         task.vehicle, task.scenario, name=task.name, limits=limits, corners=task.corners
     ),
+    LawKind.AIDED: _make_aided,
 }
 """Searches of a second or two."""
-_MAKERS: dict[LawKind, _Maker] = {**_CASCADES, LawKind.AIDED: _make_aided, LawKind.HINF: _make_hinf}
+_MAKERS: dict[LawKind, _Maker] = {**_CASCADES, LawKind.HINF: _make_hinf}
 
 
 def _tune(task: _Task) -> tuple[Law, TuningLimits]:

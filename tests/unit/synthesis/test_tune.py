@@ -9,10 +9,19 @@ import pytest
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.uncertainty import VehicleSet, load_vehicle_set, make_vehicle_set
 from gustproof.errors import DesignError
+from gustproof.law.form import load_law
 from gustproof.law.hover import hover_plant, loop_law
 from gustproof.lti.margins import margins
 from gustproof.performance.predict import predict
-from gustproof.synthesis.tune import ROBUSTNESS_PRICE, default_slew, file_corners, least_errors, tune_law
+from gustproof.synthesis.levelling import level_cascade
+from gustproof.synthesis.tune import (
+    ROBUSTNESS_PRICE,
+    default_slew,
+    file_corners,
+    least_errors,
+    tune_law,
+    worst_margins,
+)
 
 AIR = load_scenario("paper-turbulence")
 
@@ -112,6 +121,22 @@ def test_the_same_vehicle_has_the_same_law():
     first, second = (tune_law("pid", load_vehicle_set("iris"), AIR).law for _ in range(2))
     assert first.to_dict() == second.to_dict()
     assert first.provenance.vehicle == "iris"
+
+
+def test_levelling_keeps_the_loop_and_ends_the_walk():
+    """The attitudes of gyro and gravity are complementary: margins stay, the gyro's noise adds up no more."""
+    vehicle, law = load_vehicle_set("paper").nominal, load_law("flagship")
+    level = level_cascade(law, vehicle, AIR)
+    own, other = (worst_margins(each, vehicle, AIR) for each in (law, level))
+    assert other.Ms == pytest.approx(own.Ms, rel=1e-3)
+    assert other.gain_margin == pytest.approx(own.gain_margin, rel=1e-3)
+    assert other.delay_margin == pytest.approx(own.delay_margin, rel=5e-3)
+    short, long = (replace(AIR, duration_s=seconds) for seconds in (60.0, 240.0))
+    walked, levelled = ([predict(each, vehicle, air).axes_rmse for air in (short, long)] for each in (law, level))
+    assert walked[1][0] > 1.5 * walked[0][0]
+    assert levelled[1][0] < 1.02 * levelled[0][0] < 0.65 * walked[0][0]
+    assert levelled[0][2] == walked[0][2]
+    assert level.provenance.parameters["foretold_rmse_deg"] == math.degrees(predict(level, vehicle, AIR).rmse)
 
 
 @pytest.mark.long
