@@ -45,7 +45,7 @@ def check_controller(
         print_json({"controller": pilot.name, "findings": [finding.to_dict() for finding in findings]})
     for finding in () if as_json else findings:
         say(f"{finding.name}: {finding.seen} ({finding.spell})")
-        say(f"    asked: {finding.asked}")
+        say(f"    the protocol asks: {finding.asked}")
     if findings:
         names = ", ".join(finding.name for finding in findings)
         raise exit_with(f"'{pilot.name}': {names}", ExitStatus.REQUIREMENT_FAILED)
@@ -55,6 +55,6 @@ def check_controller(
 
 def _find_pilot(source: str, vehicle: "Vehicle") -> "Pilot":
     from gustproof.cli.laws import find_law
-    from gustproof.entries.entry import is_entry, parse_entry
+    from gustproof.entries.entry import PROGRAM_PREFIX, parse_entry
 
-    return parse_entry(source) if is_entry(source) else find_law(source, vehicle, None)
+    return parse_entry(source) if source.startswith(PROGRAM_PREFIX) else find_law(source, vehicle, None)

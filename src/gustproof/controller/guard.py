@@ -7,8 +7,6 @@ as this process gets SIGTERM, or its input ends because its starter was killed. 
 
 import json
 import os
-import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -18,7 +16,6 @@ from tempfile import TemporaryFile
 from typing import IO, Any
 
 from firmware_model.config.validation import sanitize_line
-from firmware_model.errors import ConfigError
 from firmware_model.guest.child import die_with_parent
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 
@@ -28,25 +25,6 @@ _PLACEHOLDER = "{address}"
 _EXIT_TIMEOUT_S = 2.0  # from SIGTERM to SIGKILL
 _TAIL = 4096  # bytes of what it said that are searched for its last line
 _INTERRUPTED = 130
-
-
-def split_command(command: str) -> list[str]:
-    """Return the words of a program's command, as a shell would split them; no shell is used.
-
-    Raises
-    ------
-    ConfigError
-        If quotes are left open, there is no word, or the first one is no program.
-    """
-    try:
-        words = shlex.split(command)
-    except ValueError as error:
-        raise ConfigError(f"controller '{command}': {error}") from None
-    if not words:
-        raise ConfigError("controller 'exec:': names no command")
-    if shutil.which(words[0]) is None:
-        raise ConfigError(f"controller '{command}': there is no program '{words[0]}'")
-    return words
 
 
 def main(words: Sequence[str]) -> int:
@@ -63,7 +41,8 @@ def main(words: Sequence[str]) -> int:
         exit_on_stdin_eof(lambda: os.kill(os.getpid(), signal.SIGTERM))
         status = program.wait()
         _signal_group(program, signal.SIGKILL)  # what it started and left
-        print(json.dumps({"status": status, "message": f"'{words[0]}' {_describe(status)}{_last_line(said)}"}))
+        ended = {"status": status, "message": f"'{words[0]}' {_describe(status)}{_last_line(said)}"}
+        sys.stdout.write(f"{json.dumps(ended)}\n")
     return status if status >= 0 else 128 - status
 
 

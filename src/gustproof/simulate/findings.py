@@ -77,9 +77,14 @@ class Finding:
     spell: str
     """Part of the check in which it was seen."""
 
+    @property
+    def asked(self) -> str:
+        """Requirement of the protocol."""
+        return ASKED[self.name]
+
     def to_dict(self) -> dict[str, Any]:
         """Return the finding as JSON values, with what the protocol asks."""
-        return {**asdict(self), "asked": ASKED[self.name]}
+        return {**asdict(self), "asked": self.asked}
 
 
 class Spell(NamedTuple):

@@ -25,8 +25,9 @@ from firmware_model.errors import ConfigError
 from firmware_model.guest.child import share_core
 from firmware_model.recording.journal import count_records, read_journal, record_type
 from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
+from gustproof.entries.entry import Pilot
 from gustproof.law.form import Law
-from gustproof.simulate.flight import Flight, FlightPlan
+from gustproof.simulate.flight import Flight, FlightPlan, by_kind
 from gustproof.simulate.loopback import KillSchedule, kill_schedule
 from gustproof.simulate.outcome import FlightOutcome, describe
 from gustproof.simulate.programs import controller_command, describe_start, is_program, refine_outcome
@@ -48,7 +49,7 @@ _OUTCOMES = {
 
 def fly(
     scenario: Scenario,
-    law: Law,
+    pilot: Pilot,
     *,
     vehicle: Vehicle,
     seed: int = 1,
@@ -85,9 +86,10 @@ def fly(
     >>> (flight.outcome.name, len(flight.records))
     ('DONE', 25)
     """
-    if law.dt != scenario.dt:
-        raise ConfigError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
-    plan = FlightPlan(scenario, law, vehicle, seed, real_time)
+    if isinstance(pilot, Law) and pilot.dt != scenario.dt:
+        text = f"law '{pilot.name}' steps every {pilot.dt} s, scenario '{scenario.name}' every {scenario.dt} s"
+        raise ConfigError(text)
+    plan = FlightPlan(scenario, pilot, vehicle, seed, real_time)
     out.mkdir(parents=True, exist_ok=True)
     journal, log = (out / f"{plan.name}.{kind}" for kind in ("journal", "tlog"))
     if there := [file for file in (journal, log) if file.exists()]:
@@ -107,8 +109,8 @@ def fly(
     words = describe(outcome, scenario, records)
     reason = f" ({pair.reason})" if pair.reason and words == outcome.value else ""
     return Flight(
-        scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
-        message=f"{scenario.name}, {law.name}, seed {seed}: {words}{reason}",
+        scenario=scenario, **by_kind(pilot), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
+        message=f"{scenario.name}, {pilot.name}, seed {seed}: {words}{reason}",
         realtime_factor=summary.get("realtime_factor", 0.0), counters=summary.get("counters", {}),
         timing=summary.get("pace"), link=summary.get("link_faults", {}), journal=journal,
     )  # fmt: skip
@@ -120,7 +122,8 @@ def _write_inputs(plan: FlightPlan, folder: Path) -> dict[str, Path]:
     files["scenario"].write_text(json.dumps(to_jsonable_python(plan.scenario)), encoding="utf-8")
     files["vehicle"].write_text(json.dumps(to_jsonable_python(plan.vehicle)), encoding="utf-8")
     files["note"].write_text(json.dumps(plan.metadata()), encoding="utf-8")
-    plan.law.save(files["law"])
+    if isinstance(plan.pilot, Law):
+        plan.pilot.save(files["law"])
     return files
 
 
@@ -136,9 +139,9 @@ class _ProcessPair:
         self._files, self._seed, self._journal, self._options = files, plan.seed, journal, options
         self._rotors = plan.vehicle.rotors.count
         self._kill, self._replaced, self._address = kill, False, ""
-        self._is_program = is_program(plan.law)
+        self._is_program = is_program(plan.pilot)
         self._controller = controller_command(
-            plan.law, files["law"], files["scenario"], real_time="--lockstep" not in options
+            plan.pilot, files["law"], files["scenario"], real_time="--lockstep" not in options
         )
         self._scripted = plan.scenario.has_link_script
         self._processes: dict[str, subprocess.Popen[str]] = {}

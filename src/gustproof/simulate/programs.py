@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from firmware_model.autopilot.modes import Mode
+from firmware_model.errors import ConfigError
 from firmware_model.mavlink.frames import RejectReason
-from gustproof.controller.guard import split_command
-from gustproof.entries.entry import PROGRAM_PREFIX, Entry, EntryKind, Pilot
+from gustproof.entries.entry import Entry, EntryKind, Pilot, split_command
 from gustproof.simulate.outcome import FlightOutcome
 
 _WRONG_STAMPS = (RejectReason.EARLY.value, RejectReason.STALE.value)
@@ -24,10 +24,12 @@ def controller_command(pilot: Pilot, law: Path, scenario: Path, *, real_time: bo
     Raises
     ------
     ConfigError
-        If the pilot is a program that is not there.
+        If the pilot is a program that is not there, or an object.
     """
     if isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM:
-        return ["gustproof.controller.guard", *split_command(pilot.source.removeprefix(PROGRAM_PREFIX))]
+        return ["gustproof.controller.guard", *split_command(pilot.source)]
+    if isinstance(pilot, Entry):
+        raise ConfigError(f"controller '{pilot.source}': only programs fly in a process of their own")
     return [
         "gustproof.controller", "--json", "--exit-on-stdin-eof", "--law", str(law), "--connect", "-",
         "--scenario", str(scenario), *(["--real-time"] if real_time else []),
