@@ -86,7 +86,9 @@ def rotation_vector(R: Rotation, R_d: Rotation) -> Vector:
     sine = math.sqrt(x * x + y * y + z * z)
     if sine < _SMALL * _SMALL:
         return x, y, z
-    trace = sum(own * wanted for own, wanted in zip(R, R_d, strict=True))
+    a, b, c, d, e, f, g, h, i = R
+    A, B, C, D, E, F, G, H, I = R_d  # noqa: E741
+    trace = a * A + b * B + c * C + d * D + e * E + f * F + g * G + h * H + i * I
     factor = math.atan2(sine, 0.5 * (trace - 1.0)) / sine
     return factor * x, factor * y, factor * z
 
