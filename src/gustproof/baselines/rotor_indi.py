@@ -25,7 +25,6 @@ micro air vehicles, Journal of Guidance, Control, and Dynamics 39 (2016), 450-46
 import math
 from collections.abc import Sequence
 
-
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.types import Vector
 from gustproof.baselines.rotation_estimate import LEVEL, RotationEstimate, rotation_matrix, rotation_vector, shortened
