@@ -14,7 +14,8 @@ from firmware_model.physics.sensors import float32
 from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, as_records, record_type
 from firmware_model.sim import inner_loop
 from firmware_model.sim.state import Array, initial_state
-from firmware_model.sim.step import advance_kernel, observe_kernel
+from firmware_model.sim.step import advance, advance_kernel, observe, observe_kernel
+from gustproof.entries.stepper import CheckedStepper, StepError, wire_fractions
 from gustproof.law.form import Law, Output
 from gustproof.law.references import references
 from gustproof.law.step import EXTRA_SIZE, FORCE, SparseLaw, law_kernel, sparse_law
@@ -87,13 +88,9 @@ def fly_direct(
     if reference.shape != (scenario.samples, 3):
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
     sim = initial_state(vehicle, scenario, seed)
-    records = np.full((scenario.samples, record_type(vehicle.rotors.count).itemsize // 8), np.nan)
-    records[scenario.delay_samples :, _AGE] = scenario.delay_samples
-    records[:, _MODE] = Mode.OFFBOARD.value
+    records, ring = _allocate(scenario, vehicle)
     torque = law.output is Output.TORQUE
     scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
-    ring = np.zeros((scenario.delay_samples + 1, inner_loop.SETPOINT_WIDTH))
-    ring[:, inner_loop.THRUST] = np.nan
     flight = _DirectFlight(
         sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.mix, scenario.sample_us, sparse_law(law),
         reference=reference, scale=scale, thrust=np.nan if torque else published_hover(vehicle),
@@ -104,6 +101,60 @@ def fly_direct(
     return as_records(records)
 
 
+def fly_stepper(
+    scenario: Scenario, stepper: CheckedStepper, *, vehicle: Vehicle, seed: int = 1
+) -> tuple[NDArray[np.void], StepError | None]:
+    """Fly a scenario with a controller object, without messages; return the records so far and its failure, if any.
+
+    The kernels are those of `fly_direct`, called sample by sample.
+
+    Raises
+    ------
+    ValueError
+        If the script needs messages.
+    """
+    check_direct(scenario)
+    sim, reference, scale = initial_state(vehicle, scenario, seed), references(scenario), published_limit(vehicle)
+    records, ring = _allocate(scenario, vehicle)
+    sample_us, dt, late, k = scenario.sample_us, scenario.dt, len(ring), 0
+    try:
+        with stepper.limited():
+            stepper.reset()
+            for k, record in enumerate(records):
+                observe(sim.params, sim.state, sim.waves, sim.replay, sim.changes, seed, k, sample_us, record)
+                # Copies: the controller may keep or change what it gets.
+                gyro, force = record[GYRO_B : GYRO_B + 3].copy(), record[FORCE_B : FORCE_B + 3].copy()
+                torque = stepper.step(gyro, reference[k].copy(), force, dt)
+                slot = ring[k % late]
+                slot[0], slot[1:4] = inner_loop.TORQUE, wire_fractions(torque, scale)
+                advance(sim.params, sim.state, seed, k, sample_us, ring[(k + 1) % late], record)
+    except StepError as failure:
+        return as_records(records[:k]), failure
+    return as_records(records), None
+
+
+def _allocate(scenario: Scenario, vehicle: Vehicle) -> tuple[Array, Array]:
+    """Return records (samples, numbers) to fill, and the set-points (delay + 1, SETPOINT_WIDTH) of a trimmed hover."""
+    records = np.full((scenario.samples, record_type(vehicle.rotors.count).itemsize // 8), np.nan)
+    records[scenario.delay_samples :, _AGE] = scenario.delay_samples
+    records[:, _MODE] = Mode.OFFBOARD.value
+    ring = np.zeros((scenario.delay_samples + 1, inner_loop.SETPOINT_WIDTH))
+    ring[:, inner_loop.THRUST] = np.nan
+    return records, ring
+
+
+def check_direct(scenario: Scenario) -> None:
+    """Check that a scenario can be flown without messages.
+
+    Raises
+    ------
+    ValueError
+        If its script needs them.
+    """
+    if scenario.has_link_script:
+        raise ValueError(f"scenario '{scenario.name}' scripts link, controller or modes, must be flown with messages")
+
+
 def check_compatible(scenario: Scenario, law: Law) -> None:
     """Check that a law can fly a scenario without messages.
 
@@ -112,8 +163,7 @@ def check_compatible(scenario: Scenario, law: Law) -> None:
     ValueError
         If the law's sample time is not the scenario's, or the script needs messages.
     """
-    if scenario.has_link_script:
-        raise ValueError(f"scenario '{scenario.name}' scripts link, controller or modes, must be flown with messages")
+    check_direct(scenario)
     if law.dt != scenario.dt:
         raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
 

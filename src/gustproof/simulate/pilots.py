@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.entries.entry import Pilot
-from gustproof.law.form import Law
-from gustproof.simulate.direct import fly_direct
+from gustproof.entries.entry import Entry, Pilot
+from gustproof.entries.stepper import StepError, make_stepper
+from gustproof.simulate.direct import fly_direct, fly_stepper
 from gustproof.simulate.loopback import fly_loopback
 from gustproof.simulate.outcome import FlightOutcome, describe, infer_outcome
 from gustproof.types import Records
@@ -14,7 +14,7 @@ from gustproof.types import Records
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PilotFlight:
-    """What a pilot's flight left."""
+    """Result of a pilot's flight."""
 
     records: Records
     """(n,) journal records; fewer than the scenario has samples if the flight broke off."""
@@ -24,11 +24,40 @@ class PilotFlight:
     """Outcome in one line, for people."""
 
 
-def fly_pilot(scenario: Scenario, pilot: Pilot, *, vehicle: Vehicle, seed: int = 1) -> PilotFlight:
-    """Fly a scenario with a law or an entry and return what was flown, whatever its end."""
-    if not isinstance(pilot, Law):
-        raise NotImplementedError
+def fly_pilot(
+    scenario: Scenario, pilot: Pilot, *, vehicle: Vehicle, seed: int = 1, nominal: Vehicle | None = None
+) -> PilotFlight:
+    """Fly a scenario with a law or an entry and return what was flown, whatever its end.
+
+    The maker of an entry gets `nominal`, by default the flown vehicle: what its user knows, not what is flown.
+
+    Raises
+    ------
+    ConfigError
+        If the entry can't be made.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gustproof import fly_pilot, load_law, load_scenario, load_vehicle
+    >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=0.1)
+    >>> fly_pilot(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper")).message
+    'flown to the end'
+    """
+    if isinstance(pilot, Entry):
+        return _fly_entry(scenario, pilot, vehicle, seed, vehicle if nominal is None else nominal)
     route = fly_loopback if scenario.has_link_script else fly_direct
-    records = route(scenario, pilot, vehicle=vehicle, seed=seed)
+    return _end(scenario, route(scenario, pilot, vehicle=vehicle, seed=seed), None)
+
+
+def _fly_entry(scenario: Scenario, entry: Entry, vehicle: Vehicle, seed: int, nominal: Vehicle) -> PilotFlight:
+    records, failure = fly_stepper(scenario, make_stepper(entry, nominal), vehicle=vehicle, seed=seed)
+    return _end(scenario, records, failure)
+
+
+def _end(scenario: Scenario, records: Records, failure: StepError | None) -> PilotFlight:
+    if failure is not None:
+        outcome, message = FlightOutcome[f"CONTROLLER_{failure.fault.name}"], str(failure)
+        return PilotFlight(records=records, outcome=outcome, message=f"{outcome.value} ({message})")
     outcome = infer_outcome(records, scenario)
     return PilotFlight(records=records, outcome=outcome, message=describe(outcome, scenario, records))
