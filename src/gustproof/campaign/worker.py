@@ -66,7 +66,7 @@ def fly_chunk(metadata: str, chunk: Chunk) -> ChunkResult:
         If this process has other software versions than the campaign.
     """
     begin = time.perf_counter()
-    campaign = _load_campaign(metadata)
+    campaign = load_campaign(metadata)
     first, count = chunk.first % campaign.cases, chunk.runs
     delta, seeds = campaign.draw_deltas(first, count), campaign.flight_seeds(first, count)
     law = campaign.law_of(chunk.first)
@@ -79,11 +79,18 @@ def fly_chunk(metadata: str, chunk: Chunk) -> ChunkResult:
 
 def check_worker(metadata: str) -> int:
     """Load the campaign in `metadata` (JSON) without flying and return its number of runs."""
-    return _load_campaign(metadata).runs
+    return load_campaign(metadata).runs
 
 
 @lru_cache(maxsize=1)
-def _load_campaign(metadata: str) -> Campaign:
+def load_campaign(metadata: str) -> Campaign:
+    """Return the campaign in `metadata` (JSON).
+
+    Raises
+    ------
+    ConfigError
+        If this process has other software versions than the campaign.
+    """
     document = json.loads(metadata)
     if document["versions"] != software_versions():
         raise ConfigError(

@@ -1,6 +1,7 @@
 """The command `gustproof campaign`: one scenario, flown many times."""
 
 import sys
+from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
@@ -20,17 +21,27 @@ from gustproof.cli.options import (
     check_output,
     print_json,
     progress,
+    save_flight,
 )
 
 if TYPE_CHECKING:
     from gustproof.campaign.plan import Campaign
+    from gustproof.campaign.rare import Threshold
 
 Choice = TypeVar("Choice", bound=Enum)
 
 
 def campaign(
     scenario: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a .toml file.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Write the table here (.parquet).")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            help="Write the table here (.parquet); with --rare, the worst flight as a scenario (.toml).",
+            show_default=False,
+        ),
+    ] = None,
     law: Annotated[
         list[str] | None,
         typer.Option(
@@ -60,6 +71,14 @@ def campaign(
     executor: Annotated[
         str | None, typer.Option(help="Fly on a dask cluster: dask://tcp://HOST:PORT.", show_default=False)
     ] = None,
+    rare: Annotated[
+        str | None,
+        typer.Option(
+            metavar="'FIGURE > LIMIT'",
+            help="Estimate the probability of a rare event in one flight instead, such as 'peak_deg > 1'.",
+            show_default=False,
+        ),
+    ] = None,
     anyway: Anyway = False,
     as_json: AsJson = False,
 ) -> None:
@@ -79,10 +98,16 @@ def campaign(
     A real autopilot may fly beside the laws, some seconds a run:
 
         gustproof campaign paper-turbulence --autopilot px4 --params tuned --runs 20 -o px4.parquet
+
+    An event too rare to be counted is reached level by level (subset simulation), by some 40 flights for each of
+    --runs at a probability of 1e-6. Any figure of the table may be named; a flight that diverges is above any limit:
+
+        gustproof campaign paper-turbulence --law flagship --rare "peak_deg > 1" -o rare.toml
     """
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
     from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads, usual_dispersions
+    from gustproof.campaign.rare import parse_threshold
     from gustproof.campaign.sampling import Sampling
     from gustproof.campaign.statistics import compute_statistics
     from gustproof.law.form import Law
@@ -91,6 +116,7 @@ def campaign(
     from gustproof.simulate.flight import check
     from gustproof.simulate.guest import ForeignAutopilot, check_guest
 
+    event = None if rare is None else parse_threshold(rare)
     script, vehicles = load_scenario(scenario), load_vehicle_set(vehicle)
     if spread is None:
         wanted = usual_dispersions(vehicles)
@@ -116,6 +142,11 @@ def campaign(
     if not anyway:
         for flown in laws:
             check(plan.scenario, flown, plan.vehicles.nominal)
+    if event is not None:
+        _estimate_rare(plan, event, output, workers, executor, as_json=as_json)
+        return
+    if output is None:
+        raise ConfigError("give -o, the file for the table (.parquet)")
     _fly(plan, output, workers, executor, quiet=as_json)
     found = compute_statistics(output)
     if as_json:
@@ -154,6 +185,46 @@ def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | No
     except KeyboardInterrupt:
         line = f"interrupted; finished runs are in {output}.parts, and the same command resumes from there"
         raise exit_with(line, ExitStatus.INTERRUPTED) from None
+
+
+def _estimate_rare(
+    plan: "Campaign",
+    event: "Threshold",
+    output: Path | None,
+    workers: int | None,
+    executor: str | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Print the probability of a rare event, with progress on standard error; write its worst flight."""
+    from gustproof.campaign.executors import count_cores, dask_pool, process_pool
+    from gustproof.campaign.rare import estimate_rare, make_rare_case
+    from gustproof.report.campaign import render_rare
+    from gustproof.report.terminal import show
+
+    check_output(output, ".toml", "a scenario file")
+    title = f"{plan.scenario.name}, {event.text}"
+    try:
+        with (
+            dask_pool(executor) if executor else process_pool(workers or count_cores()) as pool,
+            progress(title, quiet=as_json) as shown,
+        ):
+            found = estimate_rare(plan, event, pool, progress=lambda share: shown(share, title))
+    except KeyboardInterrupt:
+        raise exit_with("interrupted; nothing is kept", ExitStatus.INTERRUPTED) from None
+    files, line = [], ""
+    if output is not None and found.hits:
+        worst = found.hits[0]
+        case = make_rare_case(plan, worst.seed, worst.turns, worst.deltas)
+        flown = replace(case.apply_to(plan.scenario), name=output.stem)
+        files = save_flight(flown, case.vehicle, plan.vehicles.nominal, output)
+        line = f"fly it: gustproof fly {' --vehicle '.join(map(str, files))} --law {found.law} --seed {worst.seed}"
+    if as_json:
+        print_json({**found.to_dict(), "runs": plan.cases, "seed": plan.seed, "files": [str(path) for path in files]})
+        return
+    show(render_rare(found, plan))
+    if line:
+        print(line)
 
 
 def _print_status(line: str, *, quiet: bool) -> None:

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from gustproof.campaign.intervals import CONFIDENCE, IntervalEstimate
 from gustproof.campaign.plan import Campaign
+from gustproof.campaign.rare import ENSEMBLES, RareEstimate
 from gustproof.campaign.statistics import CampaignStatistics, LawStatistics, WorstRun
 from gustproof.report.terminal import FIGURES, Renderable
 from gustproof.scoring.requirements import requirement_label, requirement_limits
@@ -47,6 +48,26 @@ def render_campaign(found: CampaignStatistics) -> Renderable:
     run = worst[0].run if worst else 0
     hint = f"all runs are in {found.table}; fly one again over UDP: gustproof fly --run {found.table}:{run}"
     return Group(*parts, Text("\n".join([*format_comparisons(found), *_format_failures(found), *warned, hint])))
+
+
+def render_rare(found: RareEstimate, campaign: Campaign) -> Renderable:
+    """Return the probability of a rare event, its price, and the worst flight."""
+    p, low, high = found.probability
+    interval = f"{100.0 * CONFIDENCE:g} %: {low:.2g} .. {high:.2g}"
+    lines = [
+        describe_campaign(campaign),
+        f"{found.event.text} in one flight with probability {p:.3g} ({interval}), sampled, not proved",
+        f"{found.flights:,} flights in {len(found.levels)} levels and {ENSEMBLES} independent ensembles",
+    ]
+    if math.isfinite(found.plain_flights):
+        lines.append(f"plain flights for an interval as wide: {found.plain_flights:.2g}")
+    if not found.hits:
+        lines.append("no flight was above the limit")
+    else:
+        worst, unit = found.hits[0], FIGURES[found.event.figure][1]
+        turned = f"seed {worst.seed}, turned {len(worst.turns)} times"
+        lines.append(f"worst flight found: {format_value(worst.value)} {unit} ({turned})")
+    return Text("\n".join(lines))
 
 
 def describe_campaign(campaign: Campaign) -> str:

@@ -10,12 +10,12 @@ from pydantic.dataclasses import dataclass as checked_dataclass
 
 from firmware_model.autopilot.parameters import published_hover, published_limit
 from firmware_model.config.fields import NonNegative
-from firmware_model.config.scenario import Angle, Scenario
+from firmware_model.config.scenario import Angle, NoiseTurn, Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.numerics.soa import aligned_zeros
 from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.sim import inner_loop
-from firmware_model.sim.state import Array, VehicleInitial, initial_vehicle_state
+from firmware_model.sim.state import Array, VehicleInitial, initial_vehicle_state, noise_mix
 from gustproof.law.form import Law, Output
 from gustproof.law.references import references
 from gustproof.law.step import sparse_law
@@ -45,17 +45,25 @@ class Case:
     """[-] factor on the scenario's gusts."""
     initial_attitude_deg: tuple[Angle, Angle, Angle] | None = None
     """[deg] initial roll, pitch, yaw; the scenario's by default."""
+    turns: tuple[NoiseTurn, ...] = ()
+    """Turns of gusts and noise, after those of the scenario."""
 
     def apply_to(self, scenario: Scenario) -> Scenario:
         """Return the scenario with this variation."""
         begins = scenario.initial_attitude_deg if self.initial_attitude_deg is None else self.initial_attitude_deg
-        return replace(scenario, gust_scale=self.gust_scale * scenario.gust_scale, initial_attitude_deg=begins)
+        scale, turns = self.gust_scale * scenario.gust_scale, (*scenario.turn, *self.turns)
+        return replace(scenario, gust_scale=scale, initial_attitude_deg=begins, turn=turns)
 
-    def make_initial(self, scenario: Scenario) -> VehicleInitial:
+    def make_mix(self, scenario: Scenario, width: int) -> Array:
+        """Return the seeds and factors (width, 3) of `mixed_normals`; rows past those needed change no noise."""
+        mix = noise_mix(self.seed, (*scenario.turn, *self.turns))
+        return np.vstack([mix, np.tile((0.0, 1.0, 0.0), (width - len(mix), 1))])
+
+    def make_initial(self, scenario: Scenario, mix: Array) -> VehicleInitial:
         """Return the vehicle's initial state in the varied scenario, without the cost of making that."""
         scale = self.gust_scale * scenario.gust_scale
         return initial_vehicle_state(
-            self.vehicle, scenario, self.seed, gust_scale=scale, attitude_deg=self.initial_attitude_deg
+            self.vehicle, scenario, self.seed, gust_scale=scale, attitude_deg=self.initial_attitude_deg, mix=mix
         )
 
 
@@ -91,7 +99,8 @@ def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Cas
     """Return a function that flies cases as `fly_many` does, with their common data made once."""
 
     def fly(cases: Sequence[Case]) -> list[CaseResult]:
-        order = sorted(range(len(cases)), key=lambda i: cases[i].vehicle.rotors.count)  # a batch has one count
+        # a batch has one count of rotors, and draws as many numbers for each flight as for that of most turns
+        order = sorted(range(len(cases)), key=lambda i: (cases[i].vehicle.rotors.count, len(cases[i].turns)))
         results: dict[int, CaseResult] = {}
         for _, group in groupby(order, key=lambda i: cases[i].vehicle.rotors.count):
             numbers = list(group)
@@ -112,15 +121,19 @@ def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Cas
 def _fly_batch(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly up to `LANES` cases; empty lanes repeat the last."""
     filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
-    params, states, changes = zip(*(case.make_initial(scenario) for case in filled), strict=True)
+    width = 1 + len(scenario.turn) + max(len(case.turns) for case in cases)
+    mixes = [case.make_mix(scenario, width) for case in filled]
+    initial = (case.make_initial(scenario, mix) for case, mix in zip(filled, mixes, strict=True))
+    params, states, changes = zip(*initial, strict=True)
+    mix = np.stack(mixes, axis=2)
     vehicles, torque = [case.vehicle for case in filled], law.output is Output.TORQUE
     batch = Batch(
         params=_stack_lanes(params), state=_stack_lanes(states), changes=_merge_changes(changes),
-        seeds=np.array([case.seed for case in filled]),
+        seeds=mix[:, 0].astype(np.int64), mix=np.ascontiguousarray(mix[:, 1:]),
         scale=_stack_lanes([published_limit(each) for each in vehicles]) if torque else np.ones(3 * LANES),
         thrust=np.array([np.nan if torque else published_hover(each) for each in vehicles]),
         torque_limit=_stack_lanes([each.torque_limit for each in vehicles]),
-        readings=initial_readings(scenario, LANES), **allocate_batch(law, scenario.delay_samples),
+        readings=initial_readings(scenario, LANES), **allocate_batch(law, scenario.delay_samples, width),
     )  # fmt: skip
     fly = fly_free if scenario.free else fly_on_stand
     fly(shared, batch)

@@ -36,8 +36,8 @@ class _DirectFlight(NamedTuple):
     """(samples or 0, 3 * TARGETS) see `physics.disturbances`, units there."""
     changes: Array
     """(n, 3) scripted changes: sample, offset among the constants, value."""
-    seed: int
-    """Seed of gusts and noise."""
+    mix: Array
+    """(n, 3) seeds of gusts and noise, and their factors [-], see `mixed_normals`."""
     sample_us: int
     """[us] sample time."""
     law: SparseLaw
@@ -92,7 +92,7 @@ def fly_direct(
     torque = law.output is Output.TORQUE
     scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
     flight = _DirectFlight(
-        sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.seed, scenario.sample_us, sparse_law(law),
+        sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.mix, scenario.sample_us, sparse_law(law),
         reference=reference, scale=scale, thrust=np.nan if torque else published_hover(vehicle),
         kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
         z=np.zeros(law.order + EXTRA_SIZE), command=np.zeros(3), work=np.zeros(law.order), ring=ring, records=records,
@@ -171,11 +171,11 @@ def check_compatible(scenario: Scenario, law: Law) -> None:
 @compiled
 def _fly(flight: _DirectFlight) -> None:
     params, state, records, ring, z = flight.params, flight.state, flight.records, flight.ring, flight.z
-    command, seed, sample_us = flight.command, flight.seed, flight.sample_us
+    command, mix, sample_us = flight.command, flight.mix, flight.sample_us
     n, late = flight.work.size, ring.shape[0]
     for k in range(records.shape[0]):
         record = records[k]
-        observe_kernel(params, state, flight.waves, flight.replay, flight.changes, seed, k, sample_us, record)
+        observe_kernel(params, state, flight.waves, flight.replay, flight.changes, mix, k, sample_us, record)
         for i in range(3):
             z[n + i] = record[GYRO_B + i]
             z[n + 3 + i] = flight.reference[k, i]
@@ -185,4 +185,4 @@ def _fly(flight: _DirectFlight) -> None:
         slot[0], slot[inner_loop.THRUST] = flight.kind, flight.thrust
         for i in range(3):
             slot[1 + i] = min(max(float32(command[i] / flight.scale[i]), -flight.bound), flight.bound)
-        advance_kernel(params, state, seed, k, sample_us, ring[(k + 1) % late], record)
+        advance_kernel(params, state, mix, k, sample_us, ring[(k + 1) % late], record)
