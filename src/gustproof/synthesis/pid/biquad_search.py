@@ -4,6 +4,7 @@ Error and slew are those of `gustproof.performance.covariance`; complex steps gi
 constrained on a grid of frequencies, for the nominal plant and, with a peak each, for plants off nominal.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -119,8 +120,9 @@ class AxisSearch:
             lambda z: self.margins(z)[0], 0.0, np.inf, jac=lambda z: self.margins(z)[1]
         )
         found = scipy.optimize.minimize(
-            lambda z: self.cost(z, weight, watched=watched),
+            functools.partial(self.cost, watched=watched),
             np.log(np.array(start)),
+            args=(weight,),
             jac=True,
             method="SLSQP",
             bounds=scipy.optimize.Bounds(np.log(_LOWER), np.log(_UPPER)),
