@@ -39,8 +39,8 @@ def fly_and_record(
         If the bag can't be written; the journal stays for `recover`.
     """
     scenario, pilot, vehicle, seed, real_time = plan
-    asked = {"vehicle": vehicle, "seed": seed, "real_time": real_time}
-    flight = fly(scenario, pilot, **asked, out=out, progress=progress, tlog=tlog, on_listening=on_listening)
+    flown: dict[str, Any] = {"vehicle": vehicle, "seed": seed, "real_time": real_time, "out": out, "tlog": tlog}
+    flight = fly(scenario, pilot, **flown, progress=progress, on_listening=on_listening)
     return _replace_journal(flight, plan.metadata())
 
 
