@@ -22,7 +22,9 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
 from gustproof.entries.entry import Entry, EntryKind
+from gustproof.entries.library import LibraryStepper, load_library
 from gustproof.entries.time_limit import TimeLimitExceeded, time_limit
+from gustproof.law.form import Output
 from gustproof.types import Array
 
 STEP_LIMIT_S = 5.0
@@ -67,8 +69,14 @@ class StepError(Exception):
 class CheckedStepper:
     """A user's controller, whose failures become a `StepError` each."""
 
-    def __init__(self, name: str, stepper: Stepper) -> None:
+    def __init__(self, name: str, stepper: Stepper, output: Output = Output.TORQUE, dt: float | None = None) -> None:
         self._name, self._stepper = name, stepper
+        self.output = output
+        """Quantity that it commands."""
+        self.dt = dt
+        """[s] sample time; `None` if it takes any."""
+        self.name, self.order = name, 0
+        """Name in texts; count of states that the compiled loops keep for it."""
         self._calls, self._busy = 0, False
 
     def reset(self) -> None:
@@ -105,12 +113,6 @@ class CheckedStepper:
             raise StepError(StepFault.HUNG, f"{self._name}: a step takes longer than {STEP_LIMIT_S:g} s") from None
 
 
-def wire_fractions(torque: Vector, scale: Vector) -> Vector:
-    """Return torques as float32 fractions of `scale`, within -1..1, as on every route."""
-    x, y, z = (float(np.float32(min(max(each / one, -1.0), 1.0))) for each, one in zip(torque, scale, strict=True))
-    return x, y, z
-
-
 def make_stepper(entry: Entry, vehicle: Vehicle) -> CheckedStepper:
     """Make the controller of an entry, for a vehicle as its user knows it.
 
@@ -145,8 +147,11 @@ def make_stepper(entry: Entry, vehicle: Vehicle) -> CheckedStepper:
     >>> damper.step(np.array([1.0, 0.0, 0.0]), np.zeros(3), np.zeros(3), 0.004)[0]
     -0.1
     """
-    if entry.kind is not EntryKind.PYTHON:
-        raise ConfigError(f"controller '{entry.source}': is no object of Python")
+    if entry.kind is EntryKind.PROGRAM:
+        raise ConfigError(f"controller '{entry.source}': is a program, which flies by MAVLink alone")
+    if entry.kind is EntryKind.LIBRARY:
+        library = load_library(entry)
+        return CheckedStepper(f"controller '{entry.name}'", LibraryStepper(library), library.output, library.dt)
     place, _, name = entry.source.rpartition(":")
     module = _load(entry.source, place, entry.digest)
     maker = getattr(module, name, None)
