@@ -30,10 +30,8 @@ def controller_command(pilot: Pilot, law: Path, scenario: Path, *, real_time: bo
         return ["gustproof.controller.guard", *find_program(pilot.source)]
     if isinstance(pilot, Entry):
         raise ConfigError(f"controller '{pilot.source}': only programs fly in a process of their own")
-    return [
-        "gustproof.controller", "--json", "--exit-on-stdin-eof", "--law", str(law), "--connect", "-",
-        "--scenario", str(scenario), *(["--real-time"] if real_time else []),
-    ]  # fmt: skip
+    options = ["--json", "--exit-on-stdin-eof", *(["--real-time"] if real_time else [])]
+    return ["gustproof.controller", *options, "--law", str(law), "--scenario", str(scenario), "--connect", "-"]
 
 
 def describe_start(summary: Mapping[str, Any]) -> str:
