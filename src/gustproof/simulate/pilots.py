@@ -14,7 +14,7 @@ from gustproof.types import Records
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PilotFlight:
-    """What a pilot's flight left."""
+    """Records and end of a pilot's flight."""
 
     records: Records
     """(n,) journal records; fewer than the scenario has samples if the flight broke off."""
