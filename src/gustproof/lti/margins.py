@@ -8,7 +8,7 @@ import numpy as np
 import scipy.optimize
 
 from gustproof.lti.norms import hinf_norm
-from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, gain, lft, sensitivity, series
+from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti, gain, lft, sensitivity, series
 
 _POINTS = 2000
 """Number of frequencies, evenly spaced in the logarithm, between which crossings are bracketed and then refined."""
@@ -84,10 +84,29 @@ def loop_margins(L: Lti) -> LoopMargins:
     """Return the margins of the stable negative-feedback loop with the scalar loop transfer `L`."""
     grid = _grid(L)
     values = L.response(grid)[:, 0, 0]
-    unit_gain = _roots(grid, np.log(np.maximum(np.abs(values), 1e-300)), lambda w: math.log(abs(_evaluate(L, w))))
-    real_axis = _roots(grid, values.imag, lambda w: _evaluate(L, w).imag)
-    leads = [math.remainder(float(np.angle(-_evaluate(L, w))), 2.0 * math.pi) for w in unit_gain]
-    factors = [-1.0 / _evaluate(L, w).real for w in real_axis if _evaluate(L, w).real < 0.0]
+    return response_margins(grid, values, lambda w: complex(L.response(w)[0, 0, 0]), hinf_norm(sensitivity(L)).gain)
+
+
+def response_margins(
+    grid: Matrix, values: ComplexMatrix, response: Callable[[float], complex], peak: float
+) -> LoopMargins:
+    """Return the margins of a stable negative-feedback loop from its response, over the frequencies of `grid`.
+
+    Parameters
+    ----------
+    grid
+        (n,) [rad/s] frequencies, rising, between which crossings are bracketed.
+    values
+        (n,) loop transfer there.
+    response
+        Loop transfer at any frequency [rad/s] within the grid.
+    peak
+        [-] largest sensitivity.
+    """
+    unit_gain = _roots(grid, np.log(np.maximum(np.abs(values), 1e-300)), lambda w: math.log(abs(response(w))))
+    real_axis = _roots(grid, values.imag, lambda w: response(w).imag)
+    leads = [math.remainder(float(np.angle(-response(w))), 2.0 * math.pi) for w in unit_gain]
+    factors = [-1.0 / response(w).real for w in real_axis if response(w).real < 0.0]
     delays = [(lead % (2.0 * math.pi)) / w for lead, w in zip(leads, unit_gain, strict=True)]
     return LoopMargins(
         crossover=max(unit_gain, default=0.0),
@@ -95,7 +114,7 @@ def loop_margins(L: Lti) -> LoopMargins:
         gain_margin=min((factor for factor in factors if factor > 1.0), default=math.inf),
         gain_reduction_margin=max((factor for factor in factors if factor < 1.0), default=0.0),
         delay_margin=min(delays, default=math.inf),
-        Ms=hinf_norm(sensitivity(L)).gain,
+        Ms=peak,
     )
 
 
@@ -152,10 +171,6 @@ def _grid(L: Lti) -> Matrix:
         return np.geomspace(1e-6 / L.dt, math.pi / L.dt, _POINTS)
     poles = poles[poles > 0.0]
     return np.geomspace(0.01 * np.min(poles, initial=1.0), 100.0 * np.max(poles, initial=1.0), _POINTS)
-
-
-def _evaluate(L: Lti, omega: float) -> complex:
-    return complex(L.response(omega)[0, 0, 0])
 
 
 def _roots(grid: Matrix, values: Matrix, function: Callable[[float], float]) -> list[float]:
