@@ -30,7 +30,14 @@ import numpy as np
 
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
-from gustproof.baselines.rotation_estimate import LEVEL, RotationEstimate, as_vector, rotation_error, rotation_matrix
+from gustproof.baselines.rotation_estimate import (
+    LEVEL,
+    RotationEstimate,
+    as_vector,
+    rotation_error,
+    rotation_matrix,
+    shortened,
+)
 from gustproof.baselines.tuned_gains import design_vehicle, find_gains, start_speeds, tune_axes
 from gustproof.law.cascade import AxisLaw
 from gustproof.performance.covariance import AxisModel
@@ -101,12 +108,8 @@ class GeometricPid:
             self._reference, self._R_d = wanted, rotation_matrix(wanted)
         x, y, z = rotation_error(R, self._R_d)
         c, kW, kI, (e1, e2, e3) = self._c, self._kW, self._kI, self._e_I
-        sx, sy, sz = c[0] * x, c[1] * y, c[2] * z  # [rad/s] rates that the attitude error commands, negative
-        fast = math.sqrt(sx * sx + sy * sy + sz * sz)
-        if fast > self._rate_limit:
-            share = self._rate_limit / fast
-            sx, sy, sz = share * sx, share * sy, share * sz
-        p, q, r = rates
+        # [rad/s] the rate that the error commands, reversed
+        sx, sy, sz = shortened((c[0] * x, c[1] * y, c[2] * z), self._rate_limit)
         if dt != self._dt:
             self._dt, self._share = dt, tuple(-math.expm1(-corner * dt) for corner in self._cutoff)
         (f1, f2, f3), share, kA = self._smooth, self._share, self._kA

@@ -186,7 +186,7 @@ class _Programme:
         self._by_state = [by_state / limit for (by_state, _), limit in zip(found, limits, strict=True)]
         self._most = [tuple(np.abs(rows).max(axis=0).tolist()) for rows in self._by_state]
         self._limits, count = limits, 3 * BLOCKS
-        matrix = scipy.sparse.block_diag([by_move for _, by_move in found], format="csc")
+        matrix: Any = scipy.sparse.block_diag([by_move for _, by_move in found], format="csc")
         self._solver = _load_osqp().OSQP()
         free = np.ones(count)
         self._solver.setup(

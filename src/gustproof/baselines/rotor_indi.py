@@ -52,7 +52,10 @@ class _Axis:
         filtered = low_pass(gains, dt)
         (c1, c2), (d1, d2) = filtered.C.tolist(), filtered.D[:, 0].tolist()
         (a1, a2), (b1, b2) = filtered.A.tolist(), filtered.B[:, 0].tolist()
-        self._value, self._slope, self._next = (*c1, d1), (*c2, d2), (*a1, b1, *a2, b2)
+        # of two states and the input: to the low-passed signal, to its derivative, and to the next states
+        self._value: Vector = (*c1, d1)
+        self._slope: Vector = (*c2, d2)
+        self._next: tuple[Vector, Vector] = ((*a1, b1), (*a2, b2))
         self._rate_p, self._inertia = gains.rate_p, inertia
         self._gyro = self._torque = (0.0, 0.0)
 
@@ -61,7 +64,7 @@ class _Axis:
         (g1, g2), (t1, t2) = self._gyro, self._torque
         v1, v2, v3 = self._value
         s1, s2, s3 = self._slope
-        a, b, c, d, e, f = self._next
+        (a, b, c), (d, e, f) = self._next
         self._gyro = a * g1 + b * g2 + c * rate, d * g1 + e * g2 + f * rate
         self._torque = a * t1 + b * t2 + c * present, d * t1 + e * t2 + f * present
         missing = self._rate_p * (commanded - rate) - (s1 * g1 + s2 * g2 + s3 * rate)
