@@ -107,6 +107,7 @@ class GeometricPid:
         if wanted != self._reference:
             self._reference, self._R_d = wanted, rotation_matrix(wanted)
         x, y, z = rotation_error(R, self._R_d)
+        p, q, r = rates
         c, kW, kI, (e1, e2, e3) = self._c, self._kW, self._kI, self._e_I
         # [rad/s] the rate that the error commands, reversed
         sx, sy, sz = shortened((c[0] * x, c[1] * y, c[2] * z), self._rate_limit)
