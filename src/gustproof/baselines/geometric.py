@@ -23,14 +23,21 @@ F. Goodarzi, D. Lee, T. Lee, Geometric nonlinear PID control of a quadrotor UAV 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
-from gustproof.baselines.rotation_estimate import LEVEL, RotationEstimate, rotation_error, rotation_matrix
+from gustproof.baselines.rotation_estimate import (
+    LEVEL,
+    RotationEstimate,
+    as_vector,
+    rotation_error,
+    rotation_matrix,
+    shortened,
+)
 from gustproof.baselines.tuned_gains import design_vehicle, find_gains, start_speeds, tune_axes
 from gustproof.law.cascade import AxisLaw
 from gustproof.performance.covariance import AxisModel
@@ -93,19 +100,17 @@ class GeometricPid:
         self._reference, self._R_d = _ZERO, LEVEL
         self._e_I = self._smooth = _ZERO
 
-    def step(self, gyro: Vector, reference: Vector, force: Vector, dt: float) -> Vector:
+    def step(self, gyro: Iterable[float], reference: Iterable[float], force: Iterable[float], dt: float) -> Vector:
         """Return the torque [N*m] B for a gyro sample [rad/s]; the specific force is not read."""
-        R = self._estimate.update(gyro, dt)
-        if reference != self._reference:
-            self._reference, self._R_d = reference, rotation_matrix(reference)
+        rates, wanted = as_vector(gyro), as_vector(reference)
+        R = self._estimate.update(rates, dt)
+        if wanted != self._reference:
+            self._reference, self._R_d = wanted, rotation_matrix(wanted)
         x, y, z = rotation_error(R, self._R_d)
+        p, q, r = rates
         c, kW, kI, (e1, e2, e3) = self._c, self._kW, self._kI, self._e_I
-        sx, sy, sz = c[0] * x, c[1] * y, c[2] * z  # [rad/s] rates that the attitude error commands, negative
-        fast = math.sqrt(sx * sx + sy * sy + sz * sz)
-        if fast > self._rate_limit:
-            share = self._rate_limit / fast
-            sx, sy, sz = share * sx, share * sy, share * sz
-        p, q, r = gyro
+        # [rad/s] the rate that the error commands, reversed
+        sx, sy, sz = shortened((c[0] * x, c[1] * y, c[2] * z), self._rate_limit)
         if dt != self._dt:
             self._dt, self._share = dt, tuple(-math.expm1(-corner * dt) for corner in self._cutoff)
         (f1, f2, f3), share, kA = self._smooth, self._share, self._kA
@@ -190,4 +195,9 @@ def make(vehicle: Vehicle) -> GeometricPid:
 def make_lead(vehicle: Vehicle) -> GeometricPid:
     """Return the law with lead for a vehicle; one that is not shipped is tuned first, in a few seconds."""
     vehicle = design_vehicle(vehicle)
-    return GeometricPid(vehicle, find_gains("geometric_lead", vehicle, tune_lead, GeometricGains))
+    return GeometricPid(vehicle, find_lead(vehicle))
+
+
+def find_lead(vehicle: Vehicle) -> list[GeometricGains]:
+    """Return the gains of `make_lead` for roll, pitch and yaw, shipped or tuned."""
+    return find_gains("geometric_lead", vehicle, tune_lead, GeometricGains)

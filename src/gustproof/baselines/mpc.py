@@ -14,8 +14,9 @@ and `c` the correction over a horizon, 0 after it. Completed squares leave `sum 
 whose solution without active limits is `c = 0`, to the bit. It is solved only where some predicted command is beyond
 its limit. Corrections are held over blocks of samples, and limits are kept at the first sample of each.
 
-OSQP runs a fixed number of iterations at a fixed step size and looks at no clock, so flights repeat. It is warm-started by the previous
-solution. Added: the deviation of attitude is shortened until it commands no more than the rate limit of all laws here.
+OSQP runs a fixed number of iterations at a fixed step size and looks at no clock, so flights repeat. It is
+warm-started by the previous solution. Added: the deviation of attitude is shortened until it commands no more than the
+rate limit of all laws here.
 
 References
 ----------
@@ -27,7 +28,7 @@ B. Stellato, G. Banjac, P. Goulart, A. Bemporad, S. Boyd, OSQP: an operator spli
 Mathematical Programming Computation 12 (2020), 637-672.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,7 +39,14 @@ import scipy.sparse
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
-from gustproof.baselines.rotation_estimate import LEVEL, RotationEstimate, rotation_matrix, rotation_vector, shortened
+from gustproof.baselines.rotation_estimate import (
+    LEVEL,
+    RotationEstimate,
+    as_vector,
+    rotation_matrix,
+    rotation_vector,
+    shortened,
+)
 from gustproof.baselines.tuned_gains import design_vehicle, find_gains, start_speeds, tune_axes
 from gustproof.law.cascade import AxisLaw
 from gustproof.lti.state_space import Lti, Matrix, discretize_zoh
@@ -57,7 +65,7 @@ _SETTINGS = {
     "warm_starting": True,
     "time_limit": 1e10,
 }
-"""Of OSQP, for a problem in units of the torque limits: 25 iterations leave errors of 1e-4; the time limit never acts."""
+"""Of OSQP, in units of the torque limits: 25 iterations leave errors of 1e-4. The time limit never acts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,7 +186,7 @@ class _Programme:
         self._by_state = [by_state / limit for (by_state, _), limit in zip(found, limits, strict=True)]
         self._most = [tuple(np.abs(rows).max(axis=0).tolist()) for rows in self._by_state]
         self._limits, count = limits, 3 * BLOCKS
-        matrix = scipy.sparse.block_diag([by_move for _, by_move in found], format="csc")
+        matrix: Any = scipy.sparse.block_diag([by_move for _, by_move in found], format="csc")
         self._solver = _load_osqp().OSQP()
         free = np.ones(count)
         self._solver.setup(
@@ -247,13 +255,14 @@ class Mpc:
         ]
         self._programme = _Programme(designs, self._limit)
 
-    def step(self, gyro: Vector, reference: Vector, force: Vector, dt: float) -> Vector:
+    def step(self, gyro: Iterable[float], reference: Iterable[float], force: Iterable[float], dt: float) -> Vector:
         """Return the torque [N*m] B for a gyro sample [rad/s]; the specific force is not read."""
         if dt != self._dt:
             self._start(dt)
-        R = self._estimate.update(gyro, dt)
-        if reference != self._reference:
-            self._reference, self._R_d = reference, rotation_matrix(reference)
+        rates, wanted = as_vector(gyro), as_vector(reference)
+        R = self._estimate.update(rates, dt)
+        if wanted != self._reference:
+            self._reference, self._R_d = wanted, rotation_matrix(wanted)
         e = rotation_vector(R, self._R_d)
         r1, r2, r3 = self._ratio
         s = shortened((r1 * e[0], r2 * e[1], r3 * e[2]), self._rate_limit)
@@ -261,7 +270,7 @@ class Mpc:
         states, disturbances, unlimited, filters = [], [], [], []
         for k in range(3):
             rate, torque, moment = self._filters[k]
-            innovation, (l1, l2, l3), pending = gyro[k] - rate, self._L[k], self._pending[k]
+            innovation, (l1, l2, l3), pending = rates[k] - rate, self._L[k], self._pending[k]
             rate, torque, moment = rate + l1 * innovation, torque + l2 * innovation, moment + l3 * innovation
             a, b, c, d, keep, share = self._F[k]
             filters.append((a * rate + b * torque + c * moment + d * pending, keep * torque + share * pending, moment))

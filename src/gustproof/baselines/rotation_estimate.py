@@ -9,6 +9,7 @@ and Control 2010, equation (10): the attitude error.
 """
 
 import math
+from collections.abc import Iterable
 
 from firmware_model.types import Vector
 
@@ -17,6 +18,12 @@ Rotation = tuple[float, float, float, float, float, float, float, float, float]
 LEVEL: Rotation = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 _SMALL = 1e-3
 """[rad] angle below which series of two terms are exact to rounding."""
+
+
+def as_vector(v: Iterable[float]) -> Vector:
+    """Return three numbers as floats of Python, the fastest to compute with one by one."""
+    x, y, z = map(float, v)
+    return x, y, z
 
 
 class RotationEstimate:

@@ -23,11 +23,18 @@ micro air vehicles, Journal of Guidance, Control, and Dynamics 39 (2016), 450-46
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.types import Vector
-from gustproof.baselines.rotation_estimate import LEVEL, RotationEstimate, rotation_matrix, rotation_vector, shortened
+from gustproof.baselines.rotation_estimate import (
+    LEVEL,
+    RotationEstimate,
+    as_vector,
+    rotation_matrix,
+    rotation_vector,
+    shortened,
+)
 from gustproof.baselines.tuned_gains import design_vehicle, find_gains, start_speeds, tune_axes, tuning_scenario
 from gustproof.law.cascade import AxisLaw
 from gustproof.performance.covariance import AxisModel
@@ -45,7 +52,10 @@ class _Axis:
         filtered = low_pass(gains, dt)
         (c1, c2), (d1, d2) = filtered.C.tolist(), filtered.D[:, 0].tolist()
         (a1, a2), (b1, b2) = filtered.A.tolist(), filtered.B[:, 0].tolist()
-        self._value, self._slope, self._next = (*c1, d1), (*c2, d2), (*a1, b1, *a2, b2)
+        # of two states and the input: to the low-passed signal, to its derivative, and to the next states
+        self._value: Vector = (*c1, d1)
+        self._slope: Vector = (*c2, d2)
+        self._next: tuple[Vector, Vector] = ((*a1, b1), (*a2, b2))
         self._rate_p, self._inertia = gains.rate_p, inertia
         self._gyro = self._torque = (0.0, 0.0)
 
@@ -54,7 +64,7 @@ class _Axis:
         (g1, g2), (t1, t2) = self._gyro, self._torque
         v1, v2, v3 = self._value
         s1, s2, s3 = self._slope
-        a, b, c, d, e, f = self._next
+        (a, b, c), (d, e, f) = self._next
         self._gyro = a * g1 + b * g2 + c * rate, d * g1 + e * g2 + f * rate
         self._torque = a * t1 + b * t2 + c * present, d * t1 + e * t2 + f * present
         missing = self._rate_p * (commanded - rate) - (s1 * g1 + s2 * g2 + s3 * rate)
@@ -86,18 +96,19 @@ class RotorIndi:
         self._dt, self._keep = dt, math.exp(-dt / self._vehicle.actuator_lag)
         self._axes = [_Axis(g, J, dt) for g, J in zip(self._gains, self._vehicle.inertia_B, strict=True)]
 
-    def step(self, gyro: Vector, reference: Vector, force: Vector, dt: float) -> Vector:
+    def step(self, gyro: Iterable[float], reference: Iterable[float], force: Iterable[float], dt: float) -> Vector:
         """Return the torque [N*m] B for a gyro sample [rad/s]; the specific force is not read."""
         if dt != self._dt:
             self._start(dt)
-        R = self._estimate.update(gyro, dt)
-        if reference != self._reference:
-            self._reference, self._R_d = reference, rotation_matrix(reference)
+        rates, wanted = as_vector(gyro), as_vector(reference)
+        R = self._estimate.update(rates, dt)
+        if wanted != self._reference:
+            self._reference, self._R_d = wanted, rotation_matrix(wanted)
         e = rotation_vector(R, self._R_d)
         g1, g2, g3 = self._gains
         s = shortened((-g1.angle_p * e[0], -g2.angle_p * e[1], -g3.angle_p * e[2]), self._rate_limit)
         present = self._torques(self._speed)
-        torques = [axis.torque(*of) for axis, *of in zip(self._axes, gyro, s, present, strict=True)]
+        torques = [axis.torque(*of) for axis, *of in zip(self._axes, rates, s, present, strict=True)]
         L, M, N = (min(max(u, -limit), limit) for u, limit in zip(torques, self._limit, strict=True))
         commanded = []
         for w, (roll, pitch, yaw), rest in zip(self._speed, self._share, self._rest, strict=True):

@@ -21,6 +21,7 @@ from gustproof.performance.covariance import AxisModel
 from gustproof.synthesis.pid.tuning import (
     SLOWER,
     SPREADS,
+    AxisModels,
     TuningLimits,
     corner_vehicles,
     loop_speed,
@@ -63,6 +64,11 @@ def start_speeds(vehicle: Vehicle) -> list[float]:
     return [slower * loop_speed(vehicle, tuning_scenario()) for slower in SLOWER]
 
 
+def tuning_models(vehicle: Vehicle) -> list[AxisModels]:
+    """Return roll, pitch and yaw, each nominal and then at the corners of inertia and lag."""
+    return models_of_axes(vehicle, corner_vehicles(vehicle, SPREADS), tuning_scenario())
+
+
 def tune_axes(
     vehicle: Vehicle, axis: Callable[[Record, AxisModel], AxisLaw], starts: Sequence[Record], name: str
 ) -> list[Record]:
@@ -73,8 +79,7 @@ def tune_axes(
     DesignError
         If no gains are within the limits; its text calls the entry `name`.
     """
-    corners = corner_vehicles(vehicle, SPREADS)
-    return tune(models_of_axes(vehicle, corners, tuning_scenario()), axis, starts, name, tuning_limits(vehicle))
+    return tune(tuning_models(vehicle), axis, starts, name, tuning_limits(vehicle))
 
 
 def design_vehicle(vehicle: Vehicle) -> Vehicle:
@@ -90,6 +95,11 @@ def design_vehicle(vehicle: Vehicle) -> Vehicle:
     return nominal if is_near else vehicle
 
 
+def is_shipped(vehicle: Vehicle) -> bool:
+    """Return whether gains are shipped for a vehicle."""
+    return vehicle.name in SHIPPED and vehicle == load_vehicle(vehicle.name)
+
+
 def find_gains(
     name: str, vehicle: Vehicle, tune_entry: Callable[[Vehicle], Sequence[Record]], kind: type[Record]
 ) -> list[Record]:
@@ -100,7 +110,7 @@ def find_gains(
     DesignError
         If no gains are within the limits.
     """
-    if vehicle.name in SHIPPED and vehicle == load_vehicle(vehicle.name):
+    if is_shipped(vehicle):
         return [kind(**axis) for axis in parse_json(read_text(DATA / f"{name}.json"))[vehicle.name]]
     if (name, vehicle) not in _TUNED:
         _TUNED[name, vehicle] = tune_entry(vehicle)
