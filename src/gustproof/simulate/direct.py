@@ -121,13 +121,13 @@ def fly_stepper(
         with stepper.limited():
             stepper.reset()
             for k, record in enumerate(records):
-                observe(sim.params, sim.state, sim.waves, sim.replay, sim.changes, seed, k, sample_us, record)
+                observe(sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.mix, k, sample_us, record)
                 # Copies: the controller may keep or change what it gets.
                 gyro, force = record[GYRO_B : GYRO_B + 3].copy(), record[FORCE_B : FORCE_B + 3].copy()
                 torque = stepper.step(gyro, reference[k].copy(), force, dt)
                 slot = ring[k % late]
                 slot[0], slot[1:4] = inner_loop.TORQUE, wire_fractions(torque, scale)
-                advance(sim.params, sim.state, seed, k, sample_us, ring[(k + 1) % late], record)
+                advance(sim.params, sim.state, sim.mix, k, sample_us, ring[(k + 1) % late], record)
     except StepError as failure:
         return as_records(records[:k]), failure
     return as_records(records), None
