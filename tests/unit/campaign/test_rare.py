@@ -86,7 +86,7 @@ def test_an_estimate_is_repeated_to_the_bit(planned, here, known, monkeypatch):
 def test_the_probability_of_a_tail_is_found(planned, here, known):
     plan, shown = planned(wanted=(), laws=("hinf-d1",), cases=1), []
     found = estimate_rare(plan, Threshold("peak_deg", 4.2649), here, progress=shown.append)
-    value, low, high = found.probability
+    _, low, high = found.probability
     assert low < 1e-5 < high
     assert high / low < 4.0
     assert found.flights < found.plain_flights / 20.0
