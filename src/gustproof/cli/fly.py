@@ -26,14 +26,15 @@ if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.vehicle import Vehicle
     from gustproof.campaign.rerun import CampaignRun
+    from gustproof.entries.entry import Entry
     from gustproof.law.form import Law
     from gustproof.simulate.flight import Flight, FlightPlan
     from gustproof.simulate.guest import ForeignAutopilot, GuestPlan
 
 
 _AUTOPILOT_OPTIONS = ("build", "params", "instance")
-_BAG_OPTIONS = (*_AUTOPILOT_OPTIONS, "autopilot", "free", "scenario", "law", "vehicle", "seed", "real_time", "run")
-_TABLE_OPTIONS = (*_AUTOPILOT_OPTIONS, "autopilot", "free", "vehicle", "seed", "real_time")
+_TABLE_OPTIONS = (*_AUTOPILOT_OPTIONS, "autopilot", "controller", "free", "vehicle", "seed", "real_time")
+_BAG_OPTIONS = (*_TABLE_OPTIONS, "scenario", "law", "run")
 _Comparison = tuple[bool | None, str]
 """True if all bits are equal, `None` if they cannot be compared; the result in words."""
 
@@ -46,6 +47,13 @@ def fly(
     law: Annotated[
         str | None,
         typer.Option(help=f"{LAW_HELP} [default: flagship, tuned for a vehicle of your own]."),
+    ] = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            help="Fly a program of your own that speaks MAVLink, as 'exec: node mine.mjs', in place of a law.",
+            show_default=False,
+        ),
     ] = None,
     vehicle: VehicleName = "paper",
     seed: Annotated[int, SEED] = 1,
@@ -97,6 +105,11 @@ def fly(
 
         gustproof fly --run mc.parquet:4711
 
+    With --controller a program of yours flies: it finds the vehicle's address in GUSTPROOF_ADDRESS, and in place of
+    {address} in its words. It is ended with all that it started. `gustproof check-controller` tells what it does wrong.
+
+        gustproof fly paper-turbulence --controller "exec: node mine.mjs"
+
     With --autopilot a real PX4 flies: it is started, armed, flown and ended here. --law then names a law built into it.
 
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot/build/px4_sitl_default --params tuned
@@ -117,7 +130,11 @@ def fly(
     else:
         refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
         script = load_script(scenario, free=free)
-        flown, airframe = _find_law(script, law, vehicle, anyway=anyway, quiet=as_json)
+        if controller:
+            refuse_given(context, ("law",), "--controller flies in place of a law")
+            flown, airframe = _find_entry(script, controller, vehicle)
+        else:
+            flown, airframe = _find_law(script, law, vehicle, anyway=anyway, quiet=as_json)
         plan = FlightPlan(script, flown, airframe, seed, real_time)
     folder = make_run_folder(out, "fly")
     try:
@@ -161,11 +178,13 @@ def _report_failures(result: "Flight", comparison: _Comparison | None, folder: P
 
 def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "Flight":
     """Fly with progress on standard error and, if `view`, on a page that starts the flight."""
+    from gustproof.law.form import Law
     from gustproof.simulate.flight import FlightPlan, warnings
     from gustproof.simulate.recorder import fly_and_record, fly_guest_and_record
 
     if isinstance(plan, FlightPlan):
-        pilot, known = plan.law.name, warnings(plan.scenario, plan.law, plan.vehicle)
+        law = plan.pilot if isinstance(plan.pilot, Law) else None
+        pilot, known = plan.pilot.name, () if law is None else warnings(plan.scenario, law, plan.vehicle)
     else:
         pilot, known = plan.autopilot.name, ()
     for warning in () if quiet else known:
@@ -230,6 +249,17 @@ def _find_law(script: "Scenario", law: str | None, vehicle: str, *, anyway: bool
     return flown, vehicles.nominal
 
 
+def _find_entry(script: "Scenario", controller: str, vehicle: str) -> "tuple[Entry, Vehicle]":
+    """Return a controller that is no law, and the vehicle."""
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.entries.entry import parse_entry
+    from gustproof.simulate.flight import check
+
+    entry, airframe = parse_entry(controller), load_vehicle(vehicle)
+    check(script, entry, airframe)
+    return entry, airframe
+
+
 def _load_plan(context: typer.Context, run: Path) -> "FlightPlan | GuestPlan":
     from gustproof.recording.bag import read_bag
     from gustproof.recording.folder import find_bag
@@ -275,4 +305,5 @@ def _compare(
     if begin_s is None:
         return True, f"equal to {repeat} in every bit of its {len(records)} samples"
     line = f"differs from {repeat} from {begin_s:.3f} s on, which ended as '{about['outcome']}'"
-    return False, f"{line}, flown by {about['versions']}"
+    hint = "; a program of one's own need not fly the same twice" if about.get("controller") else ""
+    return False, f"{line}, flown by {about['versions']}{hint}"

@@ -43,6 +43,7 @@ def _facts(runs: Sequence[ReportRun]) -> list[tuple[str, list[str]]]:
     return [
         ("law", [_describe_law(run.law) for run in runs]),
         ("made by", [run.law.provenance.design if run.law else "" for run in runs]),
+        ("controller", [run.entry.source if run.entry else "" for run in runs]),
         ("autopilot", [_describe_autopilot(run.autopilot) for run in runs]),
         ("scenario", [run.scenario.name for run in runs]),
         ("vehicle", [run.vehicle.name for run in runs]),
