@@ -41,15 +41,15 @@ _LINES = 110
 _HIGHEST = 0.97
 """[-] highest frequency as a share of half the sample rate."""
 RATE = 2e-3
-"""[rad/s] rate that each sine would give the free body: together some 0.8 deg/s rms, as in light turbulence."""
-_LOUDER = 3.0
-"""[-] times the amplitude of the second flight, for the distortion."""
+"""[rad/s] rate that each sine would give the free body: together some 0.8 deg/s rms, as in turbulence."""
+_QUIETER = 0.5
+"""[-] times the amplitude of the second flights, for the distortion."""
 _SEEDS = (1, 2, 3)
 """Seeds of the flights in turbulence."""
 _FINE = 4000
 """Number of frequencies between which the interpolated response is searched."""
 _UNSTEADY = 0.05
-"""[-] largest difference of the last two half periods' sums: beyond it the loop has not settled."""
+"""[-] largest relative change of the rates from one period to the next: beyond it the loop has not settled."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +67,7 @@ class Price:
     slew: float | None
     """[N*m/s] rms torque slew in the scenario, all axes and flights together; `None` if it was not flown."""
     distortion: float
-    """[-] largest relative change of an axis' response, rms over the sines, at three times the amplitude."""
+    """[-] largest relative change of an axis' response, rms over the sines, at half the amplitude."""
 
     @property
     def Ms(self) -> float:
@@ -143,13 +143,13 @@ def measure_price(
     >>> f"Ms {found.Ms:.2f}, delay margin {1e3 * found.delay_margin:.0f} ms"
     'Ms 1.36, delay margin 38 ms'
     """
-    soft, loud = (_respond(pilot, vehicle, scenario, size) for size in (amplitude, _LOUDER * amplitude))
-    changes = np.abs(1.0 / (1.0 + loud.loops) * (1.0 + soft.loops) - 1.0)
+    found, quiet = (_respond(pilot, vehicle, scenario, size) for size in (amplitude, _QUIETER * amplitude))
+    changes = np.abs((1.0 + found.loops) / (1.0 + quiet.loops) - 1.0)
     return Price(
         pilot=pilot.name,
         vehicle=vehicle.name,
         scenario=scenario.name,
-        axes=tuple(_margins(soft.omega, loop) for loop in soft.loops),
+        axes=tuple(_margins(found.omega, loop) for loop in found.loops),
         slew=_fly_slew(pilot, vehicle, scenario, seeds) if seeds else None,
         distortion=float(np.sqrt(np.mean(changes**2, axis=1)).max()),
     )

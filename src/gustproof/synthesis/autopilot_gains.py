@@ -22,6 +22,7 @@ from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.guest.guest import scenario_for
 from firmware_model.guest.parameter_files import GROUND_STATION_FORMS, write_parameters
+from firmware_model.types import Vector
 from gustproof.autopilots.models import AUTOPILOTS, autopilot_law
 from gustproof.autopilots.settings import complete
 from gustproof.errors import DesignError
@@ -115,13 +116,20 @@ class AutopilotTuning:
 
 
 def tune_gains(
-    kind: str, vehicles: VehicleSet, scenario: Scenario, *, slew: float, sensitivity_peak: float = 1.4
+    kind: str,
+    vehicles: VehicleSet,
+    scenario: Scenario,
+    *,
+    slew: float,
+    sensitivity_peak: float = 1.4,
+    in_simulation: bool = True,
 ) -> AutopilotTuning:
     """Return the gains of `px4` or `ardupilot` with the least attitude error in the scenario's turbulence.
 
-    It is a local optimum from fixed starts: the same gains every time. The loops run at the rate of the autopilot's
-    simulation. The sensitivity peak [-] of each axis is at most `sensitivity_peak`, the rms torque slew pooled over the
-    axes at most `slew` [N*m/s].
+    It is a local optimum from fixed starts: the same gains every time. The sensitivity peak [-] of each axis is at most
+    `sensitivity_peak`, the rms torque slew pooled over the axes at most `slew` [N*m/s]. The loops run at the rate of
+    the autopilot's simulation, which rounds its outputs. If not `in_simulation` they are a law for any vehicle: at the
+    scenario's rate, without mixer, with parameters per torque limit.
 
     Raises
     ------
@@ -133,10 +141,12 @@ def tune_gains(
         If the scenario has no turbulence.
     """
     autopilot, structure, vehicle = AUTOPILOTS[kind], _STRUCTURES[kind], vehicles.nominal
-    script = scenario_for(kind, scenario)
-    step = vehicle.rotors.thrust_max / autopilot.thrust_steps if autopilot.thrust_steps else 0.0
+    script, steps = (scenario_for(kind, scenario), autopilot.thrust_steps) if in_simulation else (scenario, 0)
+    step = vehicle.rotors.thrust_max / steps if steps else 0.0
     rounding = min(rounding_slew((slew, slew, slew), vehicle.rotors, step, script.dt), 0.9 * slew)
-    search = _Search(kind, vehicles, script, sensitivity_peak, math.sqrt(slew**2 - rounding**2))
+    fixed = complete(autopilot, structure.fixed)
+    torque = autopilot.full_torque(vehicle, fixed) if in_simulation else vehicle.torque_limit
+    search = _Search(kind, vehicles, script, sensitivity_peak, math.sqrt(slew**2 - rounding**2), torque)
     tries = product(_CORNER_PEAKS, _SPEEDS)
     values = next((found for corner, speed in tries if (found := search.run(corner, speed)) is not None), None)
     if values is None:
@@ -145,7 +155,14 @@ def tune_gains(
             f"{_CORNER_PEAKS[-1] * sensitivity_peak:g} off nominal, and slew {slew:g} N*m/s"
         )
     parameters = {**structure.fixed, **{name: float(f"{value:.{_DIGITS}g}") for name, value in values.items()}}
-    law = autopilot_law(kind, parameters, vehicle, name=f"{kind}-{vehicle.name}").law
+    law = autopilot_law(
+        kind,
+        parameters,
+        vehicle,
+        rate_hz=script.control_rate_hz,
+        full_torque=torque,
+        name=f"{kind}-{vehicle.name}",
+    ).law
     predicted = predict(law, vehicle, script)
     assert predicted is not None  # as for a law of torque
     assert predicted.seen_rmse is not None  # on strapdown
@@ -181,14 +198,16 @@ class _Search:
     """Search for one vehicle and scenario.
 
     The logarithms `z` are those of the own parameters of roll, pitch and yaw, then of the shared ones. `peak` is the
-    largest sensitivity peak [-] of each axis of the nominal vehicle.
+    largest sensitivity peak [-] of each axis of the nominal vehicle, `torque` [N*m] that of a command of 1.
     """
 
-    def __init__(self, kind: str, vehicles: VehicleSet, scenario: Scenario, peak: float, slew: float) -> None:
+    def __init__(
+        self, kind: str, vehicles: VehicleSet, scenario: Scenario, peak: float, slew: float, torque: Vector
+    ) -> None:
         self._autopilot, self._structure, self._slew = AUTOPILOTS[kind], _STRUCTURES[kind], slew
         self._fixed = complete(self._autopilot, self._structure.fixed)
         self._vehicle, self._rate = vehicles.nominal, float(scenario.control_rate_hz)
-        self._torque = self._autopilot.full_torque(vehicles.nominal, self._fixed)
+        self._torque = torque
         self._axes = list(
             zip(*(axis_models(each, scenario) for each in (vehicles.nominal, *corner_vehicles(vehicles))), strict=True)
         )

@@ -82,8 +82,8 @@ class LawKind(StrEnum):
 class Tuning:
     """A tuned law with its price and the least error at that price."""
 
-    kind: LawKind
-    """Structure."""
+    kind: str
+    """Structure, a `LawKind` or a baseline."""
     law: Law
     """Law, named after structure and vehicle."""
     vehicle: str
@@ -133,10 +133,10 @@ class Tuning:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Task:
+class TuningTask:
     """Vehicle, turbulence and limits of a tuning."""
 
-    kind: LawKind
+    kind: str
     """Structure."""
     vehicle: Vehicle
     """Nominal vehicle."""
@@ -153,6 +153,10 @@ class _Task:
     def name(self) -> str:
         """Name of the law."""
         return f"{self.kind}-{self.vehicle.name}"
+
+
+Maker = Callable[[TuningTask, TuningLimits], Law]
+"""Search of a law within limits; raises DesignError if there is none."""
 
 
 def default_slew(vehicle: Vehicle, scenario: Scenario) -> float:
@@ -219,23 +223,41 @@ def tune_law(
     >>> f"{tuning.law.name}: Ms {tuning.Ms:.2f}, {tuning.slew:.1f} N m/s"
     'pid-iris: Ms 1.40, 8.1 N m/s'
     """
+    chosen = LawKind(kind)
+    task = make_task(chosen, vehicles, scenario, slew=slew, sensitivity_peak=sensitivity_peak, progress=progress)
+    if chosen is LawKind.HINF_RATES:
+        return _tune_rates(task)
+    law, limits = find_law(task, _MAKERS[chosen], is_quick=chosen in _CASCADES)
+    if chosen is LawKind.FLAGSHIP:
+        law, limits = _add_margins(task, law, limits)
+    return judge_tuned(task, law, limits)
+
+
+def make_task(
+    kind: str,
+    vehicles: VehicleSet,
+    scenario: Scenario,
+    *,
+    slew: float | None,
+    sensitivity_peak: float,
+    progress: Progress,
+) -> TuningTask:
+    """Return the task to tune a structure; the arguments are those of `tune_law`.
+
+    Raises
+    ------
+    DesignError
+        See `wanted_slew`.
+    """
     price = wanted_slew(vehicles.nominal, scenario, slew, sensitivity_peak)
-    task = _Task(
-        kind=LawKind(kind),
+    return TuningTask(
+        kind=kind,
         vehicle=vehicles.nominal,
         corners=file_corners(vehicles),
         scenario=scenario,
         limits=TuningLimits(sensitivity_peak=sensitivity_peak, slew=price),
         progress=progress,
     )
-    if task.kind is LawKind.HINF_RATES:
-        return _tune_rates(task)
-    progress(0.1, "least error")
-    law, limits = _tune(task)
-    if task.kind is LawKind.FLAGSHIP:
-        law, limits = _add_margins(task, law, limits)
-    progress(0.95, "figures")
-    return _judge(task, law, limits)
 
 
 def file_corners(vehicles: VehicleSet) -> list[Vehicle]:
@@ -299,11 +321,11 @@ def _finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else value
 
 
-def _make_aided(task: _Task, limits: TuningLimits) -> Law:
+def _make_aided(task: TuningTask, limits: TuningLimits) -> Law:
     return _make_from_design(load_design("aided"), task, limits)
 
 
-def _make_hinf(task: _Task, limits: TuningLimits) -> Law:
+def _make_hinf(task: TuningTask, limits: TuningLimits) -> Law:
     """Return the law of the design `aided` without its accelerometer: every axis weighted as yaw is there."""
     aided = load_design("aided")
     gust = gust_rms(axis_models(load_vehicle(aided.vehicle), task.scenario))
@@ -326,13 +348,12 @@ def _make_hinf(task: _Task, limits: TuningLimits) -> Law:
     return _make_from_design(design, task, limits)
 
 
-def _make_from_design(design: Design, task: _Task, limits: TuningLimits) -> Law:
+def _make_from_design(design: Design, task: TuningTask, limits: TuningLimits) -> Law:
     named = replace(design, name=task.name, law=task.name, gamma=None, dt=task.scenario.dt)
     return search_weights(named, task.vehicle, task.scenario, limits, task.corners)
 
 
-_Maker = Callable[[_Task, TuningLimits], Law]
-_CASCADES: dict[LawKind, _Maker] = {
+_CASCADES: dict[LawKind, Maker] = {
     LawKind.FLAGSHIP: lambda task, limits: flagship_law(
         task.vehicle, task.scenario, name=task.name, limits=limits, corners=task.corners
     ),
@@ -344,31 +365,40 @@ _CASCADES: dict[LawKind, _Maker] = {
     ),
 }
 """Searches of a second or two."""
-_MAKERS: dict[LawKind, _Maker] = {**_CASCADES, LawKind.AIDED: _make_aided, LawKind.HINF: _make_hinf}
+_MAKERS: dict[LawKind, Maker] = {**_CASCADES, LawKind.AIDED: _make_aided, LawKind.HINF: _make_hinf}
 
 
-def _tune(task: _Task) -> tuple[Law, TuningLimits]:
+def find_law(task: TuningTask, make: Maker, *, is_quick: bool) -> tuple[Law, TuningLimits]:
     """Return the law with the least peak off nominal that is found, of those tried, and its limits.
+
+    `make` searches a law of the task within limits. If it `is_quick`, a refusal names a price that could be met.
 
     Raises
     ------
     DesignError
-        If there is none; the text says what could be met.
+        If there is none.
     """
+    task.progress(0.1, "least error")
     for share in _CORNER_PEAKS:
         limits = replace(task.limits, corner_peak=share * task.limits.sensitivity_peak)
         try:
-            law = _MAKERS[task.kind](task, limits)
-            _check(task, law)
+            law = make(task, limits)
+            check_price(task, law)
         except DesignError as error:
             refusal = str(error)
         else:
             return law, limits
-    raise DesignError(f"{refusal}{_what_could_be_met(task)}")
+    raise DesignError(f"{refusal}{_what_could_be_met(task, make) if is_quick else ''}")
 
 
-def _check(task: _Task, law: Law) -> None:
-    """Refuse a law that exceeds the limits of sensitivity or slew."""
+def check_price(task: TuningTask, law: Law) -> None:
+    """Refuse a law that exceeds the limits of sensitivity or slew.
+
+    Raises
+    ------
+    DesignError
+        If it does.
+    """
     found, predicted = worst_margins(law, task.vehicle, task.scenario), predict(law, task.vehicle, task.scenario)
     peak, slew = task.limits.sensitivity_peak, task.limits.slew
     if predicted is None or not found.Ms <= (1.0 + _ROUNDING) * peak or not predicted.slew <= (1.0 + _ROUNDING) * slew:
@@ -376,7 +406,7 @@ def _check(task: _Task, law: Law) -> None:
         raise DesignError(f"no {task.kind} found at sensitivity peak {peak:.4g} and slew {slew:.4g} N m/s{had}")
 
 
-def _what_could_be_met(task: _Task) -> str:
+def _what_could_be_met(task: TuningTask, make: Maker) -> str:
     """Return, in words, a slew or a peak near the wanted one for which there is a law; empty if none is found."""
     peak, slew = task.limits.sensitivity_peak, task.limits.slew
 
@@ -384,13 +414,13 @@ def _what_could_be_met(task: _Task) -> str:
         task.progress(0.5, f"what could be met: slew {slew:.3g} N m/s, Ms {peak:.3g}")
         try:
             wanted = TuningLimits(sensitivity_peak=peak, slew=slew, corner_peak=_CORNER_PEAKS[-1] * peak)
-            _CASCADES[task.kind](task, wanted)
+            make(task, wanted)
         except DesignError:
             return False
         return True
 
     low = slew
-    for factor in _MORE_SLEW if task.kind in _CASCADES else ():
+    for factor in _MORE_SLEW:
         high = factor * slew
         if is_met(high, peak):
             for _ in range(_HALVINGS):
@@ -398,13 +428,13 @@ def _what_could_be_met(task: _Task) -> str:
                 low, high = (low, middle) if is_met(middle, peak) else (middle, high)
             return f"; with this peak a slew of {high:.3g} N m/s can be met"
         low = high
-    for factor in _MORE_PEAK if task.kind in _CASCADES else ():
+    for factor in _MORE_PEAK:
         if is_met(slew, factor * peak):
             return f"; with this slew a peak of {factor * peak:.3g} can be met"
     return ""
 
 
-def _add_margins(task: _Task, law: Law, limits: TuningLimits) -> tuple[Law, TuningLimits]:
+def _add_margins(task: TuningTask, law: Law, limits: TuningLimits) -> tuple[Law, TuningLimits]:
     """Return the flagship with more margins of delay and gain, as long as they cost no more than they may.
 
     They are those of the best PID at the same price, or part of the way there.
@@ -426,7 +456,7 @@ def _add_margins(task: _Task, law: Law, limits: TuningLimits) -> tuple[Law, Tuni
         wanted = replace(limits, delay_samples=delay, gain=own.gain_margin * stronger**share)
         try:
             robust = flagship_law(vehicle, scenario, name=task.name, limits=wanted, corners=task.corners, pid=gains)
-            _check(task, robust)
+            check_price(task, robust)
         except DesignError:
             continue
         predicted = predict(robust, vehicle, scenario)
@@ -435,7 +465,9 @@ def _add_margins(task: _Task, law: Law, limits: TuningLimits) -> tuple[Law, Tuni
     return law, limits
 
 
-def _judge(task: _Task, law: Law, limits: TuningLimits) -> Tuning:
+def judge_tuned(task: TuningTask, law: Law, limits: TuningLimits) -> Tuning:
+    """Return a torque law that a search has found, with its price and the least error there."""
+    task.progress(0.95, "figures")
     found, predicted = worst_margins(law, task.vehicle, task.scenario), predict(law, task.vehicle, task.scenario)
     assert predicted is not None  # a torque law
     models = axis_models(task.vehicle, task.scenario)
@@ -468,7 +500,7 @@ def _peak(law: Law, vehicle: Vehicle, scenario: Scenario) -> float:
         return math.inf
 
 
-def _tune_rates(task: _Task) -> Tuning:
+def _tune_rates(task: TuningTask) -> Tuning:
     """Return the law of design R1 over the identified rate loops, slowed until its sensitivity is within the limit.
 
     Error and slew are flown, as its torques are those of the vehicle's own loops.
