@@ -9,6 +9,7 @@ from pathlib import Path
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.errors import ConfigError
+from gustproof.baselines.linear.tuned import BaselineKind, tune_baseline
 from gustproof.entries.entry import EntryKind, Pilot, parse_entry
 from gustproof.law.form import Law, list_laws, load_law
 from gustproof.law.io.matrices import read_law
@@ -79,7 +80,9 @@ def parse_entrant(source: str) -> Entrant:
         raise ConfigError(f"--entry '{source}': no law, file or object of that name ({error}); laws: {known}") from None
     if entry.kind is EntryKind.PROGRAM:
         raise ConfigError(f"--entry '{source}': programs fly in `fly` and `campaign`, the league takes what repeats")
-    return Entrant(name=entry.name, source=source)
+    maker = source.rpartition(":")[2].removeprefix("make").strip("_")
+    named = f"{entry.name}-{maker}" if entry.kind is EntryKind.PYTHON and maker else entry.name
+    return Entrant(name=named.replace("_", "-"), source=source)
 
 
 def is_law_file(source: str) -> bool:
@@ -135,8 +138,13 @@ def _tuners() -> dict[str, _Tuner]:
         return lambda vehicles, _: derive(load_design(design), vehicles.nominal)[0]
 
     designed = {load_design(name).law or name: derivation(name) for name in list_designs()}
+
+    def baseline(kind: BaselineKind) -> _Tuner:
+        return lambda vehicles, peak: tune_baseline(kind, vehicles, tuning_air(), sensitivity_peak=peak).law
+
     return {
         **designed,
+        **{kind.value: baseline(kind) for kind in BaselineKind},
         "pid-default": lambda vehicles, _: autotune_pid(vehicles.nominal, bandwidth=PAPER_BANDWIDTH),
         **{name: tuner(kind) for name, kind in _KINDS.items()},
     }

@@ -1,11 +1,10 @@
 """Fly a league: all entrants in the same seeds of the same course, on a pool of workers, resumed from its ledger."""
 
 import math
-from collections import deque
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.uncertainty import VehicleSet
+from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from gustproof.campaign.executors import Pool
 from gustproof.campaign.intervals import IntervalEstimate
@@ -21,18 +21,19 @@ from gustproof.errors import DesignError
 from gustproof.law.form import parse_law
 from gustproof.league.classes import Charge, PriceClass, classify, read_charge
 from gustproof.league.course import BOX_SCENARIO, box_points, fit_scenario
+from gustproof.league.dispatch import Dispatcher, Progress
 from gustproof.league.entrants import REFERENCE, Entrant, is_tuned, make_pilot, parse_entrant, tuning_air
 from gustproof.league.ledger import Ledger, Result
 from gustproof.league.salt import commit, hidden_seeds
 from gustproof.league.standings import Standings, compute_standings, log_ratios
-from gustproof.league.tasks import Fly, Task, Tune, Weigh, run_task
+from gustproof.league.tasks import Fly, Task, Tune, Weigh
 from gustproof.synthesis.tune import default_slew
 from gustproof.types import Array
 
 FORMAT = "gustproof-league-1"
 _PRICE_S = 20.0
 """[s] flights in turbulence that measure the torque slew."""
-Progress = Callable[[float, str], None]
+_Team = Mapping[str, Pilot]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,9 +71,14 @@ class Cell(NamedTuple):
     """Vehicle."""
 
     @property
+    def nominal(self) -> Vehicle:
+        """Vehicle with all numbers nominal."""
+        return self.vehicles.nominal
+
+    @property
     def vehicle(self) -> str:
         """Name of the vehicle."""
-        return self.vehicles.nominal.name
+        return self.nominal.name
 
 
 class BoxScore(NamedTuple):
@@ -84,6 +90,17 @@ class BoxScore(NamedTuple):
     """Name of the vehicle."""
     point: str
     """Name of the point of the box."""
+
+
+class _BoxFlights(NamedTuple):
+    """Flights off nominal."""
+
+    name: str
+    """Name of the point of the box."""
+    cell: int
+    """Number of the nominal cell."""
+    flights: Fly
+    """Flights."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -212,134 +229,98 @@ class _Season:
     """Tasks of a league in their order: tune, then measure prices and fly."""
 
     def __init__(self, plan: LeaguePlan, ledger: Ledger, pool: Pool, progress: Progress) -> None:
-        self._plan, self._ledger, self._pool, self._progress = plan, ledger, pool, progress
+        self._plan, self._ledger = plan, ledger
+        self._dispatcher = Dispatcher(ledger, pool, progress)
 
     def run(self) -> League:
-        plan = self._plan
-        fitted = [
-            (scenario, vehicles, fit_scenario(scenario, vehicles.nominal))
-            for vehicles in plan.vehicles
-            for scenario in plan.scenarios
-        ]
-        cells = tuple(Cell(flown, vehicles) for _, vehicles, flown in fitted if flown is not None)
-        skipped = tuple(Cell(scenario, vehicles) for scenario, vehicles, flown in fitted if flown is None)
-        if not cells:
-            raise ConfigError("no vehicle here can fly any of the scenarios to its end")
-        reference = parse_entrant(REFERENCE)
-        pilots = self._make_pilots([*plan.entrants, reference])
+        """Return the league, after all tasks that it lacks."""
+        plan, (cells, skipped) = self._plan, self._lay_out()
+        teams = [*self._make_teams([*plan.entrants, parse_entrant(REFERENCE)])]
         air = replace(tuning_air(), duration_s=_PRICE_S)
-        prices = [[Weigh(pilot=each, vehicle=v.nominal, scenario=air) for each, v in row] for row in pilots[:-1]]
-        flights = [[self._fly(row, cell) for cell in cells] for row in pilots]
-        boxes = [list(self._fly_box(row, cells)) for row in pilots[:-1]]
-        self._do([*_flatten(flights), *(fly for row in boxes for _, fly, _ in row), *_flatten(prices)])
-        errors = np.array([[self._errors(fly) for fly in row] for row in flights])
+        prices = [[self._weigh(team, vehicles, air) for vehicles in plan.vehicles] for team in teams[:-1]]
+        flights = [[self._fly(team, cell, cell.scenario, cell.nominal) for cell in cells] for team in teams]
+        boxes = [[*self._fly_box(team, cells)] for team in teams[:-1]]
+        tasks: list[Task] = [*chain(*flights), *chain(*prices), *(point.flights for point in chain(*boxes))]
+        self._dispatcher.do(tasks)
+        errors = np.array([[self._errors(flown) for flown in row] for row in flights])
         return League(
             plan=plan,
             cells=cells,
             skipped=skipped,
-            charges=tuple(
-                tuple(read_charge(self._ledger[each.key], default_slew(each.vehicle, tuning_air())) for each in row)
-                for row in prices
-            ),
+            charges=tuple(tuple(map(self._charge, row)) for row in prices),
             errors_deg=errors[:-1],
             reference_deg=errors[-1],
-            failures=tuple(tuple(self._ledger[fly.key] for fly in row) for row in flights[:-1]),
-            boxes=tuple(self._score_box(row, errors[-1]) for row in boxes),
+            failures=tuple(tuple(self._ledger[flown.key] for flown in row) for row in flights[:-1]),
+            boxes=tuple(max(self._score_box(point, errors[-1]) for point in row) for row in boxes),
         )
 
-    def _make_pilots(self, entrants: Sequence[Entrant]) -> list[list[tuple[Pilot, VehicleSet]]]:
-        """Return each entrant's pilot and vehicle, on all vehicles; tuned laws come from the ledger."""
+    def _lay_out(self) -> tuple[tuple[Cell, ...], tuple[Cell, ...]]:
+        """Return the cells that are scored, in strengths for their vehicles, and those that are not."""
+        cells: list[Cell] = []
+        skipped: list[Cell] = []
+        for vehicles in self._plan.vehicles:
+            for scenario in self._plan.scenarios:
+                fitted = fit_scenario(scenario, vehicles.nominal)
+                (skipped if fitted is None else cells).append(Cell(fitted or scenario, vehicles))
+        if lacking := {each.nominal.name for each in self._plan.vehicles} - {cell.nominal.name for cell in cells}:
+            raise ConfigError(f"'{sorted(lacking)[0]}' can fly none of these scenarios to its end")
+        return tuple(cells), tuple(skipped)
+
+    def _make_teams(self, entrants: Sequence[Entrant]) -> Iterator[_Team]:
+        """Yield each entrant's pilots, on all vehicles; tuned laws come from the ledger.
+
+        Raises
+        ------
+        DesignError
+            If a law can't be tuned; the text names all of these.
+        """
+        vehicles = {each.nominal.name: each for each in self._plan.vehicles}
         tunings = {
-            (each.source, vehicles.nominal.name): Tune(entrant=each, vehicles=vehicles)
+            (each.source, name): Tune(entrant=each, vehicles=vehicles[name])
             for each in entrants
+            for name in vehicles
             if is_tuned(each)
-            for vehicles in self._plan.vehicles
         }
-        self._do(tunings.values())
+        self._dispatcher.do(tunings.values())
+        found = {place: self._ledger[task.key] for place, task in tunings.items()}
         refused = [
-            f"{task.entrant.name} for {task.vehicles.nominal.name}: {found['refused']}"
-            for task in tunings.values()
-            if "refused" in (found := self._ledger[task.key])
+            f"{tunings[place].label}: {result['refused']}" for place, result in found.items() if "law" not in result
         ]
         if refused:
-            raise DesignError(f"not tuned: {'; '.join(refused)}")
+            raise DesignError("; ".join(refused))
+        laws = {place: parse_law(result["law"], tunings[place].label) for place, result in found.items()}
+        for each in entrants:
+            yield {name: laws.get((each.source, name)) or make_pilot(each, vehicles[name]) for name in vehicles}
 
-        def pilot(entrant: Entrant, vehicles: VehicleSet) -> Pilot:
-            task = tunings.get((entrant.source, vehicles.nominal.name))
-            return make_pilot(entrant, vehicles) if task is None else parse_law(self._ledger[task.key]["law"], "")
+    def _weigh(self, team: _Team, vehicles: VehicleSet, air: Scenario) -> Weigh:
+        return Weigh(pilot=team[vehicles.nominal.name], vehicle=vehicles.nominal, scenario=air)
 
-        return [[(pilot(each, vehicles), vehicles) for vehicles in self._plan.vehicles] for each in entrants]
+    def _charge(self, task: Weigh) -> Charge:
+        return read_charge(self._ledger[task.key], default_slew(task.vehicle, tuning_air()))
 
-    def _fly(self, row: list[tuple[Pilot, VehicleSet]], cell: Cell) -> Fly:
-        pilot, nominal = _pilot_on(row, cell.vehicle), cell.vehicles.nominal
-        return Fly(pilot=pilot, vehicle=nominal, nominal=nominal, scenario=cell.scenario, seeds=self._seeds(cell))
+    def _fly(self, team: _Team, cell: Cell, scenario: Scenario, vehicle: Vehicle) -> Fly:
+        name = cell.nominal.name
+        return Fly(
+            pilot=team[name],
+            vehicle=vehicle,
+            nominal=cell.nominal,
+            scenario=scenario,
+            seeds=hidden_seeds(self._plan.salt, cell.scenario.name, name, self._plan.runs),
+        )
 
-    def _fly_box(self, row: list[tuple[Pilot, VehicleSet]], cells: Sequence[Cell]) -> Iterable[tuple[str, Fly, int]]:
-        """Yield the name of each point of the box, its flights, and the number of the nominal cell."""
+    def _fly_box(self, team: _Team, cells: Sequence[Cell]) -> Iterator[_BoxFlights]:
+        """Yield the flights off nominal of each vehicle, in the scenario of the box or else in its first."""
         for vehicles in self._plan.vehicles:
             own = [k for k, cell in enumerate(cells) if cell.vehicles is vehicles]
-            number = next((k for k in own if cells[k].scenario.name == BOX_SCENARIO), own[0] if own else None)
-            if number is None:
-                continue
+            number = next((k for k in own if cells[k].scenario.name == BOX_SCENARIO), own[0])
             cell = cells[number]
             for point in box_points(cell.scenario, vehicles):
-                fly = Fly(
-                    pilot=_pilot_on(row, cell.vehicle),
-                    vehicle=point.vehicle,
-                    nominal=vehicles.nominal,
-                    scenario=point.scenario,
-                    seeds=self._seeds(cell),
-                )
-                yield point.name, fly, number
+                yield _BoxFlights(point.name, number, self._fly(team, cell, point.scenario, point.vehicle))
 
-    def _seeds(self, cell: Cell) -> Sequence[int]:
-        return hidden_seeds(self._plan.salt, cell.scenario.name, cell.vehicle, self._plan.runs)
+    def _score_box(self, point: _BoxFlights, reference: Array) -> BoxScore:
+        scores = log_ratios(np.array(self._errors(point.flights)), reference[point.cell])
+        return BoxScore(float(np.exp(scores.mean())), point.flights.nominal.name, point.name)
 
-    def _errors(self, fly: Fly) -> list[float]:
-        return [math.nan if each is None else each for each in self._ledger[fly.key]["errors_deg"]]
-
-    def _score_box(self, points: Sequence[tuple[str, Fly, int]], reference: Array) -> BoxScore:
-        scores = [
-            BoxScore(
-                float(np.exp(log_ratios(np.array(self._errors(fly)), reference[cell]).mean())), fly.nominal.name, name
-            )
-            for name, fly, cell in points
-        ]
-        return max(scores)
-
-    def _do(self, tasks: Iterable[Task]) -> None:
-        """Do the tasks that are not in the ledger; a task whose worker dies alone, twice, fails."""
-        todo = {task.key: task for task in tasks}
-        waiting = deque(key for key in todo if key not in self._ledger)
-        running: dict[Future[Result], str] = {}
-        suspects: deque[str] = deque()  # tasks that ran when a worker died: each flies alone
-        of, finished = len(waiting), 0
-        while waiting or suspects or running:
-            while suspects or waiting:
-                if len(running) >= (1 if suspects else self._pool.max_pending):
-                    break
-                key = suspects[0] if suspects else waiting.popleft()
-                running[self._pool.submit(run_task, todo[key])] = key
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                key = running.pop(future)
-                try:
-                    result = future.result()
-                except self._pool.death_errors:
-                    if key not in suspects:
-                        suspects.append(key)
-                        continue
-                    result = todo[key].fail("its process died")
-                if key in suspects:
-                    suspects.remove(key)
-                self._ledger.add(key, result)
-                finished += 1
-                self._progress(finished / of, todo[key].label)
-
-
-def _pilot_on(row: list[tuple[Pilot, VehicleSet]], vehicle: str) -> Pilot:
-    return next(pilot for pilot, vehicles in row if vehicles.nominal.name == vehicle)
-
-
-def _flatten(rows: Iterable[Iterable[Task]]) -> list[Task]:
-    return [task for row in rows for task in row]
+    def _errors(self, task: Fly) -> list[float]:
+        """Return the error of each flight [deg], NaN for failed ones."""
+        return [math.nan if each is None else each for each in self._ledger[task.key]["errors_deg"]]

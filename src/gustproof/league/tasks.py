@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from firmware_model.config.validation import sanitize_line
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from gustproof.baselines.price import measure_price
-from gustproof.entries.entry import Pilot
+from gustproof.entries.entry import Entry, EntryKind, Pilot
+from gustproof.entries.library import load_library
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.league.course import WORST_DEG
@@ -158,10 +159,7 @@ class Fly:
     def run(self) -> Result:
         """Return each flight's error, `None` if it failed, and why."""
         with np.errstate(all="ignore"):  # a flight that diverges is a result
-            if isinstance(self.pilot, Law) and not self.scenario.has_link_script:
-                flights = self._fly_lanes(self.pilot)
-            else:
-                flights = [self._fly(seed) for seed in self.seeds]
+            flights = self._fly_lanes() if self._flies_in_lanes else [self._fly(seed) for seed in self.seeds]
         errors, failures = zip(*flights, strict=True)
         return {"errors_deg": list(errors), "failures": list(failures)}
 
@@ -169,14 +167,22 @@ class Fly:
         """Return the result of flights that all failed."""
         return {"errors_deg": [None] * len(self.seeds), "failures": [reason] * len(self.seeds)}
 
-    def _fly_lanes(self, law: Law) -> list[tuple[float | None, str]]:
+    @property
+    def _flies_in_lanes(self) -> bool:
+        pilot = self.pilot
+        if isinstance(pilot, Entry) and (pilot.kind is not EntryKind.LIBRARY or load_library(pilot).is_single):
+            return False
+        return not self.scenario.has_link_script
+
+    def _fly_lanes(self) -> list[tuple[float | None, str]]:
         cases = [Case(vehicle=self.vehicle, seed=seed) for seed in self.seeds]
-        return [_judge_error(flown.requirements[0].value) for flown in make_batch_simulator(self.scenario, law)(cases)]
+        flown = make_batch_simulator(self.scenario, self.pilot)(cases)
+        return [_judge_error(each.requirements[0].value) for each in flown]
 
     def _fly(self, seed: int) -> tuple[float | None, str]:
         try:
-            flight = fly_pilot(self.scenario, self.pilot, vehicle=self.vehicle, seed=seed)
-        except ConfigError as error:
+            flight = fly_pilot(self.scenario, self.pilot, vehicle=self.vehicle, seed=seed, nominal=self.nominal)
+        except (ConfigError, ValueError) as error:
             return None, sanitize_line(str(error))
         if flight.outcome is not FlightOutcome.DONE:
             return None, sanitize_line(flight.message)
@@ -193,9 +199,3 @@ def _judge_error(error: float) -> tuple[float | None, str]:
 def run_task(task: Task) -> Result:
     """Do a task: the function that workers call."""
     return task.run()
-
-
-def describe_failures(result: Result) -> dict[str, Any]:
-    """Return the number of failed flights of a `Fly`, and the reason of the first."""
-    reasons = [reason for reason in result["failures"] if reason]
-    return {"failed": len(reasons), "reason": reasons[0] if reasons else ""}
