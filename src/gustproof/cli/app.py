@@ -15,6 +15,7 @@ from gustproof.cli.fly import fly
 from gustproof.cli.identify import identify
 from gustproof.cli.identify_rates import identify_rates
 from gustproof.cli.judge import judge
+from gustproof.cli.league import league
 from gustproof.cli.processes import autopilot, controller
 from gustproof.cli.recover import recover
 from gustproof.cli.report import report
@@ -48,6 +49,7 @@ app.command()(check_controller)
 app.command()(recover)
 app.command()(campaign)
 app.command()(compare)
+app.command()(league)
 app.command()(certify)
 app.command()(worst_case)
 app.command()(report)
