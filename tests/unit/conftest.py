@@ -1,5 +1,6 @@
 import math
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from matplotlib.figure import Figure
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import Vehicle, load_vehicle
+from firmware_model.process import realtime
 from firmware_model.recording.journal import record_type
 from gustproof.identification.identification import AxisEstimate, Identification, Interval
 from gustproof.law.form import Law, Output, Provenance, RateLimit, load_law
@@ -74,6 +76,17 @@ def _law(n: int = 7, *, scheduled: bool = True, seed: int = 1, measured: int = 6
         if limited
         else None,
     )
+
+
+@pytest.fixture
+def handlers_and_collector_stay(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let a command in this process change signals and memory for its own time only."""
+    monkeypatch.setattr(realtime, "freeze_gc", lambda **_: None)
+    monkeypatch.setattr(realtime, "request_fifo_scheduling", lambda: False)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture
