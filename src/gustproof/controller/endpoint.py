@@ -330,9 +330,6 @@ class ControllerEndpoint:
 
     def _packed(self, controller: Controller, time_us: int, fractions: Vector) -> bytes:
         """Return the command for a sample as a datagram."""
-        if self._signing is not None:
-            command = controller.command(time_us, fractions)
-            return self.channel.pack(messages.command_message(command, self._packer.srcSystem))
         if controller.torque:
             return self.channel.make(self._commands, time_us, *fractions, math.nan)
         return self.channel.make(self._commands, messages.boot_ms(time_us), *fractions, controller.thrust)

@@ -1,7 +1,7 @@
 """Margins of a feedback loop: one channel at a time, and all channels of the plant's input or output at once."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +30,18 @@ class LoopMargins:
     """[s] least destabilising additional delay."""
     Ms: float
     """[-] H-infinity norm of the sensitivity."""
+
+
+def worst_loop(loops: Sequence[LoopMargins]) -> LoopMargins:
+    """Return the worst of each margin of some loops, and their highest crossover."""
+    return LoopMargins(
+        crossover=max(loop.crossover for loop in loops),
+        phase_margin=min(loop.phase_margin for loop in loops),
+        gain_margin=min(loop.gain_margin for loop in loops),
+        gain_reduction_margin=max(loop.gain_reduction_margin for loop in loops),
+        delay_margin=min(loop.delay_margin for loop in loops),
+        Ms=max(loop.Ms for loop in loops),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -264,7 +264,8 @@ def first_difference_s(records: Records, others: Records) -> float | None:
     A flight that was cut off shares all of its samples with the whole one.
     """
     n = min(len(records), len(others))
-    ours, theirs = (np.frombuffer(each[:n].tobytes(), dtype=np.uint64).reshape(n, -1) for each in (records, others))
+    words = records.dtype.itemsize // 8
+    ours, theirs = (np.frombuffer(each[:n].tobytes(), dtype=np.uint64).reshape(n, words) for each in (records, others))
     rows = np.flatnonzero(np.any(ours != theirs, axis=1))
     return float(records["time_us"][rows[0]] * 1e-6) if len(rows) else None
 

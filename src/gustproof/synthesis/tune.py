@@ -19,7 +19,7 @@ from firmware_model.config.waveforms import Dryden
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.law.hover import hover_plant, loop_law
-from gustproof.lti.margins import LoopMargins, input_margins
+from gustproof.lti.margins import LoopMargins, input_margins, worst_loop
 from gustproof.lti.state_space import Matrix
 from gustproof.performance.covariance import axis_models
 from gustproof.performance.limits import output_feedback_limit
@@ -306,18 +306,7 @@ def worst_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> LoopMargins
         If the loop is unstable.
     """
     axes = input_margins(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law))
-    return _worst(axes)
-
-
-def _worst(axes: Sequence[LoopMargins]) -> LoopMargins:
-    return LoopMargins(
-        crossover=max(axis.crossover for axis in axes),
-        phase_margin=min(axis.phase_margin for axis in axes),
-        gain_margin=min(axis.gain_margin for axis in axes),
-        gain_reduction_margin=max(axis.gain_reduction_margin for axis in axes),
-        delay_margin=min(axis.delay_margin for axis in axes),
-        Ms=max(axis.Ms for axis in axes),
-    )
+    return worst_loop(axes)
 
 
 def _finite(value: float | None) -> float | None:
@@ -517,7 +506,7 @@ def _tune_rates(task: TuningTask) -> Tuning:
     design = replace(named, rate_loop_lag=lag, dt=task.scenario.dt, gamma=None)
     for _ in range(_ROUNDS):
         law, report = derive(design, task.vehicle)
-        found = _worst(report.sampled.input)
+        found = worst_loop(report.sampled.input)
         if found.Ms <= task.limits.sensitivity_peak:
             break
         design = replace(design, W_u=scale(design.W_u, np.full(3, 1.3)))

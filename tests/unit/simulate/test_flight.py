@@ -219,5 +219,6 @@ def test_the_first_bit_that_differs_is_found_and_a_shorter_flight_is_no_differen
     other = records.copy()
     assert first_difference_s(records, other) is None
     assert first_difference_s(records, other[:20]) is None
+    assert first_difference_s(records, other[:0]) is None
     other["gyro_B"][33, 1] = np.nextafter(other["gyro_B"][33, 1], 1.0)
     assert first_difference_s(records, other) == pytest.approx(33 * 0.004)

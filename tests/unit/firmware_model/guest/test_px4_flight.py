@@ -161,7 +161,7 @@ def test_flight_that_ends_early_tells_how(
     said: str,
 ) -> None:
     monkeypatch.setenv("PEER_FAULT", fault)
-    if fault == "hang":  # others may be slow on a busy machine
+    if fault == "hang":  # all others answer, on a busy machine late
         monkeypatch.setattr(px4_process, "_HUNG_S", 1.0)
     facts = fly(tmp_path, capsys)
     assert facts["outcome"] == outcome
