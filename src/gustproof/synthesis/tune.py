@@ -157,6 +157,17 @@ class _Task:
         """Name of the law."""
         return f"{self.kind}-{self.vehicle.name}"
 
+    def least(self, limits: TuningLimits) -> float:
+        """Return the least error [rad] of linear gyro-only laws at a sensitivity peak and a slew.
+
+        Raises
+        ------
+        DesignError
+            If the limits are too tight for the vehicle.
+        """
+        models = axis_models(self.vehicle, self.scenario)
+        return linear_laws(models, around=limits.slew).minimize_error(limits.sensitivity_peak, limits.slew).rmse
+
 
 def default_slew(vehicle: Vehicle, scenario: Scenario) -> float:
     """Return a torque slew [N*m/s] in proportion to the vehicle: 6 times the gust moment's rms over the actuator lag.
@@ -361,22 +372,49 @@ def _tune(task: _Task) -> tuple[Law, TuningLimits]:
     DesignError
         If there is none; the text says what could be met.
     """
-    for share in _CORNER_PEAKS:
-        limits = replace(task.limits, corner_peak=share * task.limits.sensitivity_peak)
-        try:
-            law = _MAKERS[task.kind](task, limits)
-            _check(task, law)
-        except DesignError as error:
-            refusal = str(error)
-        else:
-            return law, limits
-    raise DesignError(f"{refusal}{_what_could_be_met(task)}")
+    try:
+        _refuse_the_impossible(task, task.limits)
+        return _tune_off_nominal(task)
+    except DesignError as error:
+        raise DesignError(f"{error}{_what_could_be_met(task)}") from None
 
 
-def _check(task: _Task, law: Law) -> None:
+def _refuse_the_impossible(task: _Task, limits: TuningLimits) -> None:
+    """Refuse, before a search, limits that no linear law of gyros alone keeps."""
+    if task.kind is not LawKind.AIDED:
+        task.least(limits)
+
+
+def _tune_off_nominal(task: _Task) -> tuple[Law, TuningLimits]:
+    """Return the law with the least peak off nominal that is found, of those tried; the largest is tried second."""
+    wanted = task.limits
+    tight, *others, loose = (replace(wanted, corner_peak=share * wanted.sensitivity_peak) for share in _CORNER_PEAKS)
+    with suppress(DesignError):
+        return _make(task, tight), tight
+    last = _make(task, loose)
+    for limits in others:
+        with suppress(DesignError):
+            return _make(task, limits), limits
+    return last, loose
+
+
+def _make(task: _Task, limits: TuningLimits) -> Law:
+    """Return a law that keeps the limits.
+
+    Raises
+    ------
+    DesignError
+        If there is none.
+    """
+    law = _MAKERS[task.kind](task, limits)
+    _check(task, law, limits)
+    return law
+
+
+def _check(task: _Task, law: Law, limits: TuningLimits) -> None:
     """Refuse a law that exceeds the limits of sensitivity or slew."""
     found, predicted = worst_margins(law, task.vehicle, task.scenario), predict(law, task.vehicle, task.scenario)
-    peak, slew = task.limits.sensitivity_peak, task.limits.slew
+    peak, slew = limits.sensitivity_peak, limits.slew
     if predicted is None or not found.Ms <= (1.0 + _ROUNDING) * peak or not predicted.slew <= (1.0 + _ROUNDING) * slew:
         had = "" if predicted is None else f": the best had {found.Ms:.4g} and {predicted.slew:.4g}"
         raise DesignError(f"no {task.kind} found at sensitivity peak {peak:.4g} and slew {slew:.4g} N m/s{had}")
@@ -388,9 +426,10 @@ def _what_could_be_met(task: _Task) -> str:
 
     def is_met(slew: float, peak: float) -> bool:
         task.progress(0.5, f"what could be met: slew {slew:.3g} N m/s, Ms {peak:.3g}")
+        wanted = TuningLimits(sensitivity_peak=peak, slew=slew, corner_peak=_CORNER_PEAKS[-1] * peak)
         try:
-            wanted = TuningLimits(sensitivity_peak=peak, slew=slew, corner_peak=_CORNER_PEAKS[-1] * peak)
-            _CASCADES[task.kind](task, wanted)
+            _refuse_the_impossible(task, wanted)
+            _make(task, wanted)
         except DesignError:
             return False
         return True
@@ -420,8 +459,7 @@ def _add_margins(task: _Task, law: Law, limits: TuningLimits) -> tuple[Law, Tuni
     try:
         gains = tune_baseline(vehicle, scenario, task.limits)
         pid = worst_margins(baseline_pid(vehicle, scenario, limits=task.limits, gains=gains), vehicle, scenario)
-        least = linear_laws(axis_models(vehicle, scenario), around=task.limits.slew)
-        most = (1.0 + ROBUSTNESS_PRICE) * least.minimize_error(task.limits.sensitivity_peak, task.limits.slew).rmse
+        most = (1.0 + ROBUSTNESS_PRICE) * task.least(task.limits)
     except DesignError:  # nothing to measure against
         return law, limits
     own = worst_margins(law, vehicle, scenario)
@@ -432,7 +470,7 @@ def _add_margins(task: _Task, law: Law, limits: TuningLimits) -> tuple[Law, Tuni
         wanted = replace(limits, delay_samples=delay, gain=own.gain_margin * stronger**share)
         try:
             robust = flagship_law(vehicle, scenario, name=task.name, limits=wanted, corners=task.corners, pid=gains)
-            _check(task, robust)
+            _check(task, robust, wanted)
         except DesignError:
             continue
         predicted = predict(robust, vehicle, scenario)
