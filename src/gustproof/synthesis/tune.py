@@ -157,6 +157,17 @@ class TuningTask:
         """Name of the law."""
         return f"{self.kind}-{self.vehicle.name}"
 
+    def least(self, limits: TuningLimits) -> float:
+        """Return the least error [rad] of linear gyro-only laws at a sensitivity peak and a slew.
+
+        Raises
+        ------
+        DesignError
+            If the limits are too tight for the vehicle.
+        """
+        models = axis_models(self.vehicle, self.scenario)
+        return linear_laws(models, around=limits.slew).minimize_error(limits.sensitivity_peak, limits.slew).rmse
+
 
 Maker = Callable[[TuningTask, TuningLimits], Law]
 """Search of a law within limits; raises DesignError if there is none."""
@@ -374,19 +385,39 @@ def find_law(task: TuningTask, make: Maker, *, is_quick: bool) -> tuple[Law, Tun
         If there is none.
     """
     task.progress(0.1, "least error")
-    for share in _CORNER_PEAKS:
-        limits = replace(task.limits, corner_peak=share * task.limits.sensitivity_peak)
-        try:
-            law = make(task, limits)
-            check_price(task, law)
-        except DesignError as error:
-            refusal = str(error)
-        else:
-            return law, limits
-    raise DesignError(f"{refusal}{_what_could_be_met(task, make) if is_quick else ''}")
+    try:
+        _refuse_the_impossible(task, task.limits)
+        return _tune_off_nominal(task, make)
+    except DesignError as error:
+        raise DesignError(f"{error}{_what_could_be_met(task, make) if is_quick else ''}") from None
 
 
-def check_price(task: TuningTask, law: Law) -> None:
+def _refuse_the_impossible(task: TuningTask, limits: TuningLimits) -> None:
+    """Refuse, before a search, limits that no linear law of gyros alone keeps."""
+    if task.kind != LawKind.AIDED:
+        task.least(limits)
+
+
+def _tune_off_nominal(task: TuningTask, make: Maker) -> tuple[Law, TuningLimits]:
+    """Return the law with the least peak off nominal that is found, of those tried; the largest is tried second."""
+    wanted = task.limits
+    tight, *others, loose = (replace(wanted, corner_peak=share * wanted.sensitivity_peak) for share in _CORNER_PEAKS)
+    with suppress(DesignError):
+        return _make(task, make, tight), tight
+    last = _make(task, make, loose)
+    for limits in others:
+        with suppress(DesignError):
+            return _make(task, make, limits), limits
+    return last, loose
+
+
+def _make(task: TuningTask, make: Maker, limits: TuningLimits) -> Law:
+    law = make(task, limits)
+    check_price(task, law, limits)
+    return law
+
+
+def check_price(task: TuningTask, law: Law, limits: TuningLimits) -> None:
     """Refuse a law that exceeds the limits of sensitivity or slew.
 
     Raises
@@ -395,7 +426,7 @@ def check_price(task: TuningTask, law: Law) -> None:
         If it does.
     """
     found, predicted = worst_margins(law, task.vehicle, task.scenario), predict(law, task.vehicle, task.scenario)
-    peak, slew = task.limits.sensitivity_peak, task.limits.slew
+    peak, slew = limits.sensitivity_peak, limits.slew
     if predicted is None or not found.Ms <= (1.0 + _ROUNDING) * peak or not predicted.slew <= (1.0 + _ROUNDING) * slew:
         had = "" if predicted is None else f": the best had {found.Ms:.4g} and {predicted.slew:.4g}"
         raise DesignError(f"no {task.kind} found at sensitivity peak {peak:.4g} and slew {slew:.4g} N m/s{had}")
@@ -407,9 +438,10 @@ def _what_could_be_met(task: TuningTask, make: Maker) -> str:
 
     def is_met(slew: float, peak: float) -> bool:
         task.progress(0.5, f"what could be met: slew {slew:.3g} N m/s, Ms {peak:.3g}")
+        wanted = TuningLimits(sensitivity_peak=peak, slew=slew, corner_peak=_CORNER_PEAKS[-1] * peak)
         try:
-            wanted = TuningLimits(sensitivity_peak=peak, slew=slew, corner_peak=_CORNER_PEAKS[-1] * peak)
-            make(task, wanted)
+            _refuse_the_impossible(task, wanted)
+            _make(task, make, wanted)
         except DesignError:
             return False
         return True
@@ -439,8 +471,7 @@ def _add_margins(task: TuningTask, law: Law, limits: TuningLimits) -> tuple[Law,
     try:
         gains = tune_baseline(vehicle, scenario, task.limits)
         pid = worst_margins(baseline_pid(vehicle, scenario, limits=task.limits, gains=gains), vehicle, scenario)
-        least = linear_laws(axis_models(vehicle, scenario), around=task.limits.slew)
-        most = (1.0 + ROBUSTNESS_PRICE) * least.minimize_error(task.limits.sensitivity_peak, task.limits.slew).rmse
+        most = (1.0 + ROBUSTNESS_PRICE) * task.least(task.limits)
     except DesignError:  # nothing to measure against
         return law, limits
     own = worst_margins(law, vehicle, scenario)
@@ -451,7 +482,7 @@ def _add_margins(task: TuningTask, law: Law, limits: TuningLimits) -> tuple[Law,
         wanted = replace(limits, delay_samples=delay, gain=own.gain_margin * stronger**share)
         try:
             robust = flagship_law(vehicle, scenario, name=task.name, limits=wanted, corners=task.corners, pid=gains)
-            check_price(task, robust)
+            check_price(task, robust, wanted)
         except DesignError:
             continue
         predicted = predict(robust, vehicle, scenario)

@@ -93,5 +93,5 @@ def tune_baseline(
         sensitivity_peak=sensitivity_peak,
         in_simulation=False,
     ).law
-    check_price(task, law)
+    check_price(task, law, task.limits)
     return judge_tuned(task, law, task.limits)

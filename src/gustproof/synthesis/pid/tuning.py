@@ -29,7 +29,8 @@ _GRID = 200
 _GRID_MARGIN = 1e-3
 """[-] share of the peak reserved for a rise of the sensitivity between two frequencies of the grid."""
 _PEAK_TOLERANCE = 5e-2
-"""[-] relative excess of the peak below which it is attributed to the space between two frequencies."""
+"""[-] relative excess of the peak below which it is attributed to the space between two frequencies. With more, or
+so much more slew, the search has failed."""
 _ROUNDS = 5
 """Number of searches, each tightened by the excess of the previous one between two frequencies."""
 _ROUNDING = 1e-6
@@ -156,7 +157,7 @@ def _tune_from(
         worst, (_, pooled) = max(each.sensitivity_peak for each in found), pool_axes(found)
         if worst <= limits.sensitivity_peak and pooled <= limits.slew:
             return [gains_of(values) for values in best], ""
-        if not worst <= (1.0 + _PEAK_TOLERANCE) * limits.sensitivity_peak:
+        if not max(worst / limits.sensitivity_peak, pooled / limits.slew) <= 1.0 + _PEAK_TOLERANCE:
             break
         peak *= limits.sensitivity_peak / worst * (1.0 - _ROUNDING)
     return None, f"the best had {worst:.4g} and {pooled:.4g}" if math.isfinite(worst) else "the best is unstable"
@@ -214,7 +215,7 @@ def _minimize(
         method="SLSQP",
         bounds=[(math.log(low), math.log(high)) for low, high in bounds] * n,
         constraints=constraint,
-        options={"maxiter": 300, "ftol": 1e-9},
+        options={"maxiter": 150, "ftol": 1e-9},
     )
     gains: list[list[float]] = np.exp(found.x).reshape(n, -1).tolist()
     return gains
