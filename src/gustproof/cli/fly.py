@@ -107,7 +107,7 @@ def fly(
         gustproof fly --run mc.parquet:4711
 
     With --controller an object of Python flies, or a C library of the form that export --c writes, in a process of
-    its own. The guide page controllers tells more.
+    its own; gustproof/guide/controllers.md tells how.
 
         gustproof fly paper-turbulence --controller my_mpc.py:make
 
@@ -144,7 +144,8 @@ def fly(
             found = _find_entry(script, controller, vehicle)
         else:
             found = _find_law(script, law, vehicle, anyway=anyway, quiet=as_json)
-        plan = FlightPlan(script, *found, seed, real_time)
+        pilot, airframe = found
+        plan = FlightPlan(script, pilot, airframe, seed, real_time)
     folder = make_run_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
