@@ -236,7 +236,7 @@ class _ProcessPair:
             reason = f"{'' if self._is_program else 'gustproof controller: '}{summary['message']}"
             if self.summary["pace"] and "late_samples" in summary:
                 self.summary["pace"] |= {name: summary[name] for name in ("late_samples", "missed_samples")}
-        if outcome is not FlightOutcome.DONE and alone:
+        if outcome is not FlightOutcome.DONE and (self._alone if self._is_program else alone):
             self.reason = reason
         return self._refine(outcome) if self._is_program else outcome
 
