@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.vehicle import Vehicle
     from gustproof.campaign.rerun import CampaignRun
-    from gustproof.entries.entry import Entry, Pilot
-    from gustproof.law.form import Law
+    from gustproof.entries.entry import Pilot
     from gustproof.simulate.flight import Flight, FlightPlan
     from gustproof.simulate.guest import ForeignAutopilot, GuestPlan
 
@@ -133,19 +132,14 @@ def fly(
     elif repeat:
         plan = _load_plan(context, repeat)
     elif autopilot:
+        refuse_given(context, ("controller",), "--autopilot flies")
         chosen = ForeignAutopilot(kind=autopilot, build=build, parameters=params, law=law or "", instance=instance)
         plan = _make_guest_plan(load_script(scenario, free=free), chosen, vehicle, seed, real_time=real_time)
     else:
         refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
         script = load_script(scenario, free=free)
-        found: tuple[Pilot, Vehicle]
-        if controller:
-            refuse_given(context, ("law",), "--controller flies in place of a law")
-            found = _find_entry(script, controller, vehicle)
-        else:
-            found = _find_law(script, law, vehicle, anyway=anyway, quiet=as_json)
-        pilot, airframe = found
-        plan = FlightPlan(script, pilot, airframe, seed, real_time)
+        flown, airframe = _find_pilot(script, law, controller, vehicle, anyway=anyway, quiet=as_json)
+        plan = FlightPlan(script, flown, airframe, seed, real_time)
     folder = make_run_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
@@ -244,30 +238,28 @@ def _make_guest_plan(
     return GuestPlan(script, autopilot, load_vehicle(vehicle), seed, real_time or not autopilot.has_lockstep)
 
 
-def _find_law(script: "Scenario", law: str | None, vehicle: str, *, anyway: bool, quiet: bool) -> "tuple[Law, Vehicle]":
-    """Return the law, by default one for the vehicle, and the vehicle; refuse a flight that should not begin."""
+def _find_pilot(
+    script: "Scenario", law: str | None, controller: str | None, vehicle: str, *, anyway: bool, quiet: bool
+) -> "tuple[Pilot, Vehicle]":
+    """Return law or controller, by default a law for the vehicle, and the vehicle; refuse what should not begin."""
     from firmware_model.config.uncertainty import load_vehicle_set
+    from firmware_model.errors import ConfigError
+    from gustproof.entries.entry import parse_entry
     from gustproof.simulate.flight import check
 
+    if controller is not None and law is not None:
+        raise ConfigError("--controller flies in place of a law; 'law' cannot be given with it")
     vehicles = load_vehicle_set(vehicle)
-    if law is None:
+    flown: Pilot
+    if controller is not None:
+        flown = parse_entry(controller)
+    elif law is None:
         flown = default_law(vehicles, script, quiet=quiet)
     else:
         flown = find_law(law, vehicles.nominal, script.control_rate_hz)
     if not anyway:
         check(script, flown, vehicles.nominal)
     return flown, vehicles.nominal
-
-
-def _find_entry(script: "Scenario", controller: str, vehicle: str) -> "tuple[Entry, Vehicle]":
-    """Return a controller that is no law, and the vehicle."""
-    from firmware_model.config.vehicle import load_vehicle
-    from gustproof.entries.entry import parse_entry
-    from gustproof.simulate.flight import check
-
-    entry, airframe = parse_entry(controller), load_vehicle(vehicle)
-    check(script, entry, airframe)
-    return entry, airframe
 
 
 def _load_plan(context: typer.Context, run: Path) -> "FlightPlan | GuestPlan":

@@ -1,7 +1,7 @@
 """Judge what a controller was seen to do: findings by name, each with what the protocol asks."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
@@ -95,7 +95,7 @@ class Spell(NamedTuple):
     witness: Witness
     """Everything that it noted."""
     ending: str
-    """How the controller's process ended, in words."""
+    """End of the controller's process, in words."""
     vehicle: Vehicle
     """Vehicle that was flown."""
 
@@ -219,9 +219,7 @@ def _begun(spell: Spell) -> list[_Seen]:
     return [("not-begun", f"commands that came: {', '.join(refused) or 'none'}")]
 
 
-_PARTS: tuple[Callable[[Spell], Iterator[_Seen]], ...] = (
-    _identity, _rejections, _requests, _endings, _stream, _response,
-)  # fmt: skip
+_PARTS = (_identity, _rejections, _requests, _endings, _stream, _response)
 
 
 class _Motion:

@@ -239,7 +239,7 @@ class _ProcessPair:
             reason = f"{'gustproof controller: ' if self._is_law else ''}{told['message']}"
             if self.summary["pace"] and "late_samples" in told:
                 self.summary["pace"] |= {name: told[name] for name in ("late_samples", "missed_samples")}
-        if outcome is not FlightOutcome.DONE and status is not None:
+        if outcome is not FlightOutcome.DONE and (self._alone if self._is_program else status is not None):
             self.reason = reason or _describe_exit(status)
         return outcome if self._is_law else self._refine(outcome, told)
 

@@ -35,10 +35,8 @@ def controller_command(pilot: Pilot, files: Mapping[str, Path], *, real_time: bo
         flown = ["--controller", pilot.source, "--vehicle", str(files["nominal"])]
     else:
         flown = ["--law", str(files["law"])]
-    return [
-        "gustproof.controller", "--json", "--exit-on-stdin-eof", *flown, "--connect", "-",
-        "--scenario", str(files["scenario"]), *(["--real-time"] if real_time else []),
-    ]  # fmt: skip
+    options = ["--json", "--exit-on-stdin-eof", *(["--real-time"] if real_time else [])]
+    return ["gustproof.controller", *options, *flown, "--scenario", str(files["scenario"]), "--connect", "-"]
 
 
 def describe_start(summary: Mapping[str, Any]) -> str:
