@@ -20,7 +20,7 @@ def test_each_way_in_has_its_kind_name_and_digest(file, tmp_path, monkeypatch):
     found = [parse_entry(each) for each in (f"{file}:make", "my_mpc:fast", str(library), "exec: node ./mine.mjs")]
     kinds = EntryKind.PYTHON, EntryKind.PYTHON, EntryKind.LIBRARY, EntryKind.PROGRAM
     assert tuple(entry.kind for entry in found) == kinds
-    assert [entry.name for entry in found] == ["my_mpc", "my_mpc-fast", "law", "node"]
+    assert [entry.name for entry in found] == ["my_mpc", "my_mpc-fast", "law", "mine"]
     assert found[0].digest == found[1].digest != found[2].digest
     assert found[3].digest == ""
 
