@@ -138,19 +138,8 @@ def fly(
     else:
         refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
         script = load_script(scenario, free=free)
-<<<<<<< HEAD
         flown, airframe = _find_pilot(script, law, controller, vehicle, anyway=anyway, quiet=as_json)
         plan = FlightPlan(script, flown, airframe, seed, real_time)
-=======
-        found: tuple[Pilot, Vehicle]
-        if controller:
-            refuse_given(context, ("law",), "--controller flies in place of a law")
-            found = _find_entry(script, controller, vehicle)
-        else:
-            found = _find_law(script, law, vehicle, anyway=anyway, quiet=as_json)
-        pilot, airframe = found
-        plan = FlightPlan(script, pilot, airframe, seed, real_time)
->>>>>>> entries
     folder = make_run_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
