@@ -97,7 +97,7 @@ def fly(
     if there := [file for file in (journal, log) if file.exists()]:
         raise ConfigError(f"{there[0]}: exists already")
     with TemporaryDirectory(dir=out, prefix=WORKING_PREFIX) as folder:
-        files = _write_inputs(plan, Path(folder))
+        files = write_inputs(plan, Path(folder))
         pacing = [] if real_time else ["--lockstep"]
         ports = [] if real_time and default_ports else ["--bind-port", "0"]
         logged = ["--tlog", str(log)] if tlog else []
@@ -118,7 +118,7 @@ def fly(
     )  # fmt: skip
 
 
-def _write_inputs(plan: FlightPlan, folder: Path) -> dict[str, Path]:
+def write_inputs(plan: FlightPlan, folder: Path) -> dict[str, Path]:
     """Write the files that the processes read, and return their paths by content."""
     files = {name: folder / f"{name}.json" for name in ("scenario", "vehicle", "nominal", "law", "note")}
     files["scenario"].write_text(json.dumps(to_jsonable_python(plan.scenario)), encoding="utf-8")
@@ -239,8 +239,10 @@ class _ProcessPair:
             reason = f"{'gustproof controller: ' if self._is_law else ''}{told['message']}"
             if self.summary["pace"] and "late_samples" in told:
                 self.summary["pace"] |= {name: told[name] for name in ("late_samples", "missed_samples")}
-        if outcome is not FlightOutcome.DONE and (self._alone if self._is_program else status is not None):
-            self.reason = reason or _describe_exit(status)
+        # A program ends by itself once the vehicle is disarmed, whatever the outcome.
+        ended_early = self._alone if self._is_program else status is not None
+        if outcome is not FlightOutcome.DONE and ended_early:
+            self.reason = reason or _describe_exit(status or 0)
         return outcome if self._is_law else self._refine(outcome, told)
 
     def _refine(self, outcome: FlightOutcome, told: Mapping[str, Any]) -> FlightOutcome:

@@ -26,7 +26,7 @@ def test_block_of_code_is_the_client_and_short(language, name):
 
 def test_ends_and_parameters_are_those_of_the_code():
     ends = re.findall(r"^\| `(\w+)` \|", PAGE, flags=re.MULTILINE)
-    assert len(ends) == 6
+    assert len(ends) == 7
     assert {name.upper() for name in ends} <= {outcome.name for outcome in FlightOutcome}
     table = {parameter.name for parameter in Parameters(load_vehicle("paper"), load_scenario("calm")).table}
     assert {"GP_TRQ_MAX_R", "IMU_INTEG_RATE", "MPC_THR_HOVER"} <= table
