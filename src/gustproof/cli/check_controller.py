@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 def check_controller(
     controller: Annotated[
-        str, typer.Argument(help="'exec: COMMAND' of a program that speaks MAVLink, or a law by name or file.")
+        str,
+        typer.Argument(help="'exec: COMMAND' of a program that speaks MAVLink, FILE.py:MAKER, LIBRARY.so, or a law."),
     ],
     vehicle: VehicleName = "paper",
     as_json: AsJson = False,
@@ -32,7 +33,7 @@ def check_controller(
 
         gustproof check-controller "exec: node mine.mjs"
 
-        gustproof check-controller my-law.json --vehicle my-quad.toml --json
+        gustproof check-controller my_mpc.py:make --vehicle my-quad.toml --json
     """
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.simulate import inspection
@@ -55,6 +56,7 @@ def check_controller(
 
 def _find_pilot(source: str, vehicle: "Vehicle") -> "Pilot":
     from gustproof.cli.laws import find_law
-    from gustproof.entries.entry import PROGRAM_PREFIX, parse_entry
+    from gustproof.entries.entry import parse_entry
 
-    return parse_entry(source) if source.startswith(PROGRAM_PREFIX) else find_law(source, vehicle, None)
+    is_entry = ":" in source or source.endswith((".so", ".dylib", ".dll"))
+    return parse_entry(source) if is_entry else find_law(source, vehicle, None)

@@ -1,13 +1,10 @@
 """Check a controller: start it against a vehicle, in lockstep and in real time, and report what is wrong by name."""
 
-import json
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-
-from pydantic_core import to_jsonable_python
 
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import Scenario, load_scenario
@@ -21,7 +18,8 @@ from firmware_model.types import LevelFlight
 from gustproof.entries.entry import Pilot
 from gustproof.law.form import Law
 from gustproof.simulate.findings import DURATION_S, KICK_RATE, KICK_S, Finding, Spell, judge
-from gustproof.simulate.processes import close, last_stderr_line, launch, read_summary, send_line
+from gustproof.simulate.flight import FlightPlan
+from gustproof.simulate.processes import close, last_stderr_line, launch, read_summary, send_line, write_inputs
 from gustproof.simulate.programs import controller_command
 from gustproof.simulate.witness import Witness
 
@@ -86,11 +84,8 @@ def _fly_spell(
 ) -> Spell:
     lockstep = name == "lockstep"
     with TemporaryDirectory() as folder, udp.bind(0) as bound:
-        law, scenario = Path(folder, "law.json"), Path(folder, "scenario.json")
-        if isinstance(pilot, Law):
-            pilot.save(law)
-        scenario.write_text(json.dumps(to_jsonable_python(script)), encoding="utf-8")
-        process = launch(*controller_command(pilot, law, scenario, real_time=not lockstep))
+        files = write_inputs(FlightPlan(script, pilot, vehicle, 1, not lockstep), Path(folder))
+        process = launch(*controller_command(pilot, files, real_time=not lockstep))
         try:
             send_line(process, f"127.0.0.1:{bound.getsockname()[1]}")
             endpoint = VehicleEndpoint(vehicle, script, 1, lambda _: None, lockstep=lockstep)

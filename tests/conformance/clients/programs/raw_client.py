@@ -52,7 +52,7 @@ def answer(stamp_us: int, torque: list[float]) -> None:
         stamp_us = time.monotonic_ns() // 1000
     if FAULT == "late":
         time.sleep(0.03)
-    for _ in range(30 if FAULT == "flooding" else 1):
+    for _ in range(10 if FAULT == "flooding" else 1):
         send(139, struct.pack("<Q8fBBB", stamp_us, *torque, throttle, *[0.0] * 4, FAULT == "no-thrust", 1, 1))
 
 
