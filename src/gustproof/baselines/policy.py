@@ -215,7 +215,7 @@ class Training:
     """Antithetic pairs a generation."""
     spread: float = 0.01
     """[-] perturbation in units of each layer's rms weight."""
-    stride: float = 0.06
+    stride: float = 0.12
     """[-] length of a generation's step, in the same units, falling to a tenth."""
     seed: int = 1
     """Seed of everything drawn."""

