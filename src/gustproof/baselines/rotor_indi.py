@@ -117,7 +117,9 @@ class RotorIndi:
         keep = self._keep
         self._speed = [keep * w + (1.0 - keep) * sent for w, sent in zip(self._speed, self._sent, strict=True)]
         self._sent = commanded
-        return self._torques(commanded)
+        x, y, z = self._torques(commanded)  # of second order beyond the increment, so limited once more
+        L, M, N = self._limit
+        return min(max(x, -L), L), min(max(y, -M), M), min(max(z, -N), N)
 
     def _torques(self, speeds: list[float]) -> Vector:
         """Return the torque [N*m] B of rotor speeds (n,) [-], in units of the largest."""
