@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.vehicle import Vehicle
     from gustproof.campaign.rerun import CampaignRun
-    from gustproof.entries.entry import Entry
+    from gustproof.entries.entry import Entry, Pilot
     from gustproof.law.form import Law
     from gustproof.simulate.flight import Flight, FlightPlan
     from gustproof.simulate.guest import ForeignAutopilot, GuestPlan
@@ -130,12 +130,13 @@ def fly(
     else:
         refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
         script = load_script(scenario, free=free)
+        found: tuple[Pilot, Vehicle]
         if controller:
             refuse_given(context, ("law",), "--controller flies in place of a law")
-            flown, airframe = _find_entry(script, controller, vehicle)
+            found = _find_entry(script, controller, vehicle)
         else:
-            flown, airframe = _find_law(script, law, vehicle, anyway=anyway, quiet=as_json)
-        plan = FlightPlan(script, flown, airframe, seed, real_time)
+            found = _find_law(script, law, vehicle, anyway=anyway, quiet=as_json)
+        plan = FlightPlan(script, *found, seed, real_time)
     folder = make_run_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)

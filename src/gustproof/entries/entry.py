@@ -91,7 +91,7 @@ def split_command(source: str) -> list[str]:
     Raises
     ------
     ConfigError
-        If a quote is left open, there is no word, or the first one is no program.
+        If a quote is left open, or there is no word.
     """
     try:
         words = shlex.split(source.removeprefix(PROGRAM_PREFIX))
@@ -99,6 +99,18 @@ def split_command(source: str) -> list[str]:
         raise ConfigError(f"controller '{source}': {error}") from None
     if not words:
         raise ConfigError(f"controller '{source}': names no command")
+    return words
+
+
+def find_program(source: str) -> list[str]:
+    """Return the words of a program's command.
+
+    Raises
+    ------
+    ConfigError
+        If the command is wrong, or its program is not there.
+    """
+    words = split_command(source)
     if shutil.which(words[0]) is None:
         raise ConfigError(f"controller '{source}': there is no program '{words[0]}'")
     return words
@@ -106,8 +118,8 @@ def split_command(source: str) -> list[str]:
 
 def _program_name(words: Sequence[str]) -> str:
     """Return a name for a program: of the first script among its words, or of itself."""
-    scripts = (Path(word) for word in words[1:] if not word.startswith("-"))
-    return next((script.stem for script in scripts if script.suffix and script.is_file()), Path(words[0]).stem)
+    scripts = (Path(word) for word in words[1:] if re.fullmatch(r"[^-].*\.[A-Za-z]\w*", word))
+    return next(scripts, Path(words[0])).stem
 
 
 def parse_entry_metadata(document: Any, where: object) -> Entry:

@@ -15,7 +15,7 @@ from firmware_model.config.vehicle import GRAVITY, Vehicle, check_body
 from firmware_model.errors import ConfigError
 from firmware_model.physics.rotors import can_hover
 from firmware_model.sim.fault_schedule import fault_schedule
-from gustproof.entries.entry import Entry, Pilot, find_entry, parse_entry_metadata
+from gustproof.entries.entry import Entry, EntryKind, Pilot, find_entry, find_program, parse_entry_metadata
 from gustproof.law.form import Law, parse_law
 from gustproof.law.hover import is_stable_at_hover
 from gustproof.scoring.metrics import Metrics, measure
@@ -179,8 +179,11 @@ def check(scenario: Scenario, pilot: Pilot, vehicle: Vehicle) -> None:
     Raises
     ------
     ConfigError
-        If there is an `objection` to a law, or the vehicle is impossible, at first or after an event.
+        If there is an `objection` to a law, a program is not there, or the vehicle is impossible, at first or after an
+        event.
     """
+    if isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM:
+        find_program(pilot.source)
     check_body(vehicle.inertia_B, vehicle.inertia_B, f"vehicle '{vehicle.name}'")
     for sample, plant in fault_schedule(vehicle, scenario):
         after = f"scenario '{scenario.name}': vehicle '{vehicle.name}' from {sample * scenario.dt:g} s on"

@@ -135,7 +135,7 @@ class _ProcessPair:
     ) -> None:
         self.summary: dict[str, Any] = {}
         self.reason = ""
-        self._gave_up = False
+        self._gave_up = self._alone = False
         self._files, self._seed, self._journal, self._options = files, plan.seed, journal, options
         self._rotors = plan.vehicle.rotors.count
         self._kill, self._replaced, self._address = kill, False, ""
@@ -216,6 +216,7 @@ class _ProcessPair:
                 self._gave_up = True
                 terminate(vehicle)
             time.sleep(_POLL_S)
+        self._alone = self._processes["controller"].poll() is not None
         with contextlib.suppress(subprocess.TimeoutExpired):
             # A spare controller took over a flying vehicle: it does not end with this flight.
             ends = vehicle.returncode == 0 and not self._replaced
@@ -237,13 +238,13 @@ class _ProcessPair:
                 self.summary["pace"] |= {name: summary[name] for name in ("late_samples", "missed_samples")}
         if outcome is not FlightOutcome.DONE and alone:
             self.reason = reason
-        return self._refine(outcome, alone=alone) if self._is_program else outcome
+        return self._refine(outcome) if self._is_program else outcome
 
-    def _refine(self, outcome: FlightOutcome, *, alone: bool) -> FlightOutcome:
+    def _refine(self, outcome: FlightOutcome) -> FlightOutcome:
         """Return the outcome of a foreign program's flight, and keep how far one came that did not begin."""
         if outcome is FlightOutcome.NOT_STARTED:
             self.reason = "; ".join(filter(None, (describe_start(self.summary), self.reason)))
-        return outcome if self._scripted else refine_outcome(outcome, self.summary, alone=alone)
+        return outcome if self._scripted else refine_outcome(outcome, self.summary, alone=self._alone)
 
 
 def launch(module: str, *arguments: str) -> "subprocess.Popen[str]":

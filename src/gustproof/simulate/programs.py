@@ -7,7 +7,7 @@ from typing import Any
 from firmware_model.autopilot.modes import Mode
 from firmware_model.errors import ConfigError
 from firmware_model.mavlink.frames import RejectReason
-from gustproof.entries.entry import Entry, EntryKind, Pilot, split_command
+from gustproof.entries.entry import Entry, EntryKind, Pilot, find_program
 from gustproof.simulate.outcome import FlightOutcome
 
 _WRONG_STAMPS = (RejectReason.EARLY.value, RejectReason.STALE.value)
@@ -27,7 +27,7 @@ def controller_command(pilot: Pilot, law: Path, scenario: Path, *, real_time: bo
         If the pilot is a program that is not there, or an object.
     """
     if isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM:
-        return ["gustproof.controller.guard", *split_command(pilot.source)]
+        return ["gustproof.controller.guard", *find_program(pilot.source)]
     if isinstance(pilot, Entry):
         raise ConfigError(f"controller '{pilot.source}': only programs fly in a process of their own")
     return [
@@ -52,11 +52,10 @@ def describe_start(summary: Mapping[str, Any]) -> str:
 def refine_outcome(outcome: FlightOutcome, summary: Mapping[str, Any], *, alone: bool) -> FlightOutcome:
     """Return why the set-points of a program stopped in mid-flight; other outcomes stay.
 
-    It died if the vehicle was `alone` at the end; otherwise it sent NaN, or hung.
+    It sent NaN, died and left the vehicle `alone` at the end, or hung.
     """
     if outcome is not FlightOutcome.CONTROLLER_LOST:
         return outcome
-    if alone:
-        return FlightOutcome.CONTROLLER_DIED
-    not_finite = summary["counters"].get(RejectReason.NOT_FINITE.value, 0)
-    return FlightOutcome.CONTROLLER_NOT_FINITE if not_finite else FlightOutcome.CONTROLLER_HUNG
+    if summary["counters"].get(RejectReason.NOT_FINITE.value, 0):
+        return FlightOutcome.CONTROLLER_NOT_FINITE
+    return FlightOutcome.CONTROLLER_DIED if alone else FlightOutcome.CONTROLLER_HUNG
