@@ -24,6 +24,7 @@ from gustproof.cli.options import (
 
 if TYPE_CHECKING:
     from gustproof.campaign.plan import Campaign
+    from gustproof.entries.entry import Entry
 
 Choice = TypeVar("Choice", bound=Enum)
 
@@ -35,6 +36,13 @@ def campaign(
         list[str] | None,
         typer.Option(
             help=f"{LAW_HELP} Repeat it to compare laws case by case [default: flagship, tuned for your vehicle]."
+        ),
+    ] = None,
+    controller: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Fly a controller of your own beside the laws: FILE.py:MAKER or LIBRARY.so. Repeat it for more.",
+            show_default=False,
         ),
     ] = None,
     autopilot: AutopilotName = None,
@@ -76,16 +84,20 @@ def campaign(
 
         gustproof fly --run mc.parquet:471
 
+    A controller of your own may fly beside the laws: an object of Python one run at a time, in some 100 times real
+    time; C as fast as a law:
+
+        gustproof campaign paper --law flagship --controller my_mpc.py:make --controller ./law.so -o all.parquet
+
     A real autopilot may fly beside the laws, some seconds a run:
 
         gustproof campaign paper-turbulence --autopilot px4 --params tuned --runs 20 -o px4.parquet
     """
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
-    from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads, usual_dispersions
+    from gustproof.campaign.plan import Campaign, Contestant, DispersionKind, select_spreads, usual_dispersions
     from gustproof.campaign.sampling import Sampling
     from gustproof.campaign.statistics import compute_statistics
-    from gustproof.law.form import Law
     from gustproof.report.campaign import render_campaign
     from gustproof.report.terminal import show
     from gustproof.simulate.flight import check
@@ -97,7 +109,7 @@ def campaign(
     else:
         wanted = [_parse_choice(DispersionKind, "--spread", word.strip()) for word in spread.split(",")]
     laws = [find_law(name, vehicles.nominal, script.control_rate_hz) for name in law or ()]
-    contestants: list[Law | ForeignAutopilot] = [*laws]
+    contestants: list[Contestant] = [*laws, *(_find_entry(source) for source in controller or ())]
     if autopilot is not None:
         contestants.append(ForeignAutopilot(kind=autopilot, build=build, parameters=params))
         check_guest(script)
@@ -122,6 +134,16 @@ def campaign(
         print_json(found.to_dict())
     else:
         show(render_campaign(found))
+
+
+def _find_entry(source: str) -> "Entry":
+    """Return a controller that can fly in the processes of a campaign."""
+    from gustproof.entries.entry import EntryKind, parse_entry
+
+    entry = parse_entry(source)
+    if entry.kind is EntryKind.PROGRAM:
+        raise ConfigError(f"controller '{source}': a program flies one flight at a time, by gustproof fly")
+    return entry
 
 
 def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | None, *, quiet: bool) -> None:

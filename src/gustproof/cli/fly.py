@@ -51,7 +51,8 @@ def fly(
     controller: Annotated[
         str | None,
         typer.Option(
-            help="Fly a program of your own that speaks MAVLink, as 'exec: node mine.mjs', in place of a law.",
+            help="Fly a controller of your own in place of a law: FILE.py:MAKER, LIBRARY.so, or 'exec: COMMAND' of a "
+            "program that speaks MAVLink.",
             show_default=False,
         ),
     ] = None,
@@ -105,7 +106,14 @@ def fly(
 
         gustproof fly --run mc.parquet:4711
 
-    With --controller a program of yours flies: it finds the vehicle's address in GUSTPROOF_ADDRESS, and in place of
+    With --controller an object of Python flies, or a C library of the form that export --c writes, in a process of
+    its own; gustproof/guide/controllers.md tells how.
+
+        gustproof fly paper-turbulence --controller my_mpc.py:make
+
+        gustproof fly paper-turbulence --controller ./law.so
+
+    A program of yours finds the vehicle's address in GUSTPROOF_ADDRESS, and in place of
     {address} in its words. It is ended with all that it started. `gustproof check-controller` tells what it does wrong.
 
         gustproof fly paper-turbulence --controller "exec: node mine.mjs"
@@ -136,7 +144,8 @@ def fly(
             found = _find_entry(script, controller, vehicle)
         else:
             found = _find_law(script, law, vehicle, anyway=anyway, quiet=as_json)
-        plan = FlightPlan(script, *found, seed, real_time)
+        pilot, airframe = found
+        plan = FlightPlan(script, pilot, airframe, seed, real_time)
     folder = make_run_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
@@ -306,5 +315,5 @@ def _compare(
     if begin_s is None:
         return True, f"equal to {repeat} in every bit of its {len(records)} samples"
     line = f"differs from {repeat} from {begin_s:.3f} s on, which ended as '{about['outcome']}'"
-    hint = "; a program of one's own need not fly the same twice" if about.get("controller") else ""
+    hint = "; a controller of one's own need not fly the same twice" if about.get("controller") else ""
     return False, f"{line}, flown by {about['versions']}{hint}"

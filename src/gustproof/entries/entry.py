@@ -82,7 +82,8 @@ def parse_entry(source: str) -> Entry:
     if not maker.isidentifier():
         raise ConfigError(f"controller '{source}': is none of {_SOURCES}")
     file = place if place.endswith(".py") else _find_module(source, place)
-    return Entry(kind=EntryKind.PYTHON, source=source, name=Path(file).stem, digest=_digest(source, file))
+    name = Path(file).stem if maker == "make" else f"{Path(file).stem}-{maker}"
+    return Entry(kind=EntryKind.PYTHON, source=source, name=name, digest=_digest(source, file))
 
 
 def split_command(source: str) -> list[str]:

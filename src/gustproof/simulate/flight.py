@@ -145,6 +145,8 @@ class FlightPlan(NamedTuple):
     """Seed of gusts and noise."""
     real_time: bool
     """True at the pace of the clock; otherwise lockstep, where each repetition gives the same bits."""
+    nominal: Vehicle | None = None
+    """Vehicle that the maker of an entry gets; `None` for the flown one."""
 
     @property
     def name(self) -> str:
@@ -157,6 +159,7 @@ class FlightPlan(NamedTuple):
             "scenario": to_jsonable_python(self.scenario),
             "vehicle": to_jsonable_python(self.vehicle),
             **_describe_pilot(self.pilot),
+            **({} if self.nominal is None else {"nominal": to_jsonable_python(self.nominal)}),
             "seed": self.seed,
             "real_time": self.real_time,
             "versions": software_versions(),
@@ -222,7 +225,9 @@ def parse_plan(metadata: Any, source: Path) -> FlightPlan:
         raise ConfigError(f"{source}: flown by a controller of its own, whose law is not in it")
     if isinstance(pilot, Entry):
         pilot = find_entry(metadata["controller"], source)
-    return FlightPlan(scenario, pilot, vehicle, seed, real_time)
+    nominal = metadata.get("nominal")
+    known = None if nominal is None else validate(Vehicle, nominal, f"{source}: nominal vehicle")
+    return FlightPlan(scenario, pilot, vehicle, seed, real_time, known)
 
 
 def _describe_pilot(pilot: Pilot) -> dict[str, Any]:

@@ -90,7 +90,7 @@ def _fly_spell(
         if isinstance(pilot, Law):
             pilot.save(law)
         scenario.write_text(json.dumps(to_jsonable_python(script)), encoding="utf-8")
-        process = launch(*controller_command(pilot, law, scenario, real_time=not lockstep))
+        process = launch(*controller_command(pilot, {"law": law, "scenario": scenario}, real_time=not lockstep))
         try:
             send_line(process, f"127.0.0.1:{bound.getsockname()[1]}")
             endpoint = VehicleEndpoint(vehicle, script, 1, lambda _: None, lockstep=lockstep)

@@ -8,7 +8,7 @@ from gustproof.entries.entry import Entry, EntryKind, Pilot
 from gustproof.entries.library import load_library
 from gustproof.entries.stepper import StepError, StepFault, make_stepper
 from gustproof.simulate.direct import fly_direct, fly_library, fly_stepper
-from gustproof.simulate.loopback import fly_loopback
+from gustproof.simulate.loopback import fly_by_messages, fly_loopback
 from gustproof.simulate.outcome import FlightOutcome, describe, infer_outcome
 from gustproof.types import Records
 
@@ -52,6 +52,9 @@ def fly_pilot(
 
 
 def _fly_entry(scenario: Scenario, entry: Entry, vehicle: Vehicle, seed: int, nominal: Vehicle) -> PilotFlight:
+    if scenario.has_link_script:
+        made = make_stepper(entry, nominal, scenario.dt)
+        return _end(scenario, *fly_by_messages(scenario, made, vehicle=vehicle, seed=seed))
     if entry.kind is EntryKind.LIBRARY and not (library := load_library(entry)).is_single:
         records, fault = fly_library(scenario, library, vehicle=vehicle, seed=seed)
         failure = StepError(StepFault.NOT_FINITE, f"controller '{entry.name}': commanded {fault}") if fault else None

@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Self
@@ -55,6 +55,7 @@ def fly(
     seed: int = 1,
     out: Path,
     real_time: bool = False,
+    nominal: Vehicle | None = None,
     default_ports: bool = True,
     progress: Callable[[float], None] | None = None,
     tlog: bool = False,
@@ -62,7 +63,8 @@ def fly(
 ) -> Flight:
     """Fly a scenario with two processes, leave the journal in the folder `out`, and return the flight.
 
-    The journal's header holds the plan's metadata. With `tlog` the MAVLink traffic is left beside it.
+    The maker of an entry gets the vehicle `nominal`, by default the flown one. The journal's header holds the plan's
+    metadata. With `tlog` the MAVLink traffic is left beside it.
 
     In lockstep the processes use a free port. In real time the vehicle uses its usual ones, so that ground stations can
     watch, unless `default_ports` is false. When the vehicle listens, `on_listening` is called with the ground stations'
@@ -89,7 +91,7 @@ def fly(
     if isinstance(pilot, Law) and pilot.dt != scenario.dt:
         text = f"law '{pilot.name}' steps every {pilot.dt} s, scenario '{scenario.name}' every {scenario.dt} s"
         raise ConfigError(text)
-    plan = FlightPlan(scenario, pilot, vehicle, seed, real_time)
+    plan = FlightPlan(scenario, pilot, vehicle, seed, real_time, nominal)
     out.mkdir(parents=True, exist_ok=True)
     journal, log = (out / f"{plan.name}.{kind}" for kind in ("journal", "tlog"))
     if there := [file for file in (journal, log) if file.exists()]:
@@ -118,9 +120,10 @@ def fly(
 
 def _write_inputs(plan: FlightPlan, folder: Path) -> dict[str, Path]:
     """Write the files that the processes read, and return their paths by content."""
-    files = {name: folder / f"{name}.json" for name in ("scenario", "vehicle", "law", "note")}
+    files = {name: folder / f"{name}.json" for name in ("scenario", "vehicle", "nominal", "law", "note")}
     files["scenario"].write_text(json.dumps(to_jsonable_python(plan.scenario)), encoding="utf-8")
     files["vehicle"].write_text(json.dumps(to_jsonable_python(plan.vehicle)), encoding="utf-8")
+    files["nominal"].write_text(json.dumps(to_jsonable_python(plan.nominal or plan.vehicle)), encoding="utf-8")
     files["note"].write_text(json.dumps(plan.metadata()), encoding="utf-8")
     if isinstance(plan.pilot, Law):
         plan.pilot.save(files["law"])
@@ -140,9 +143,8 @@ class _ProcessPair:
         self._rotors = plan.vehicle.rotors.count
         self._kill, self._replaced, self._address = kill, False, ""
         self._is_program = is_program(plan.pilot)
-        self._controller = controller_command(
-            plan.pilot, files["law"], files["scenario"], real_time="--lockstep" not in options
-        )
+        self._is_law = isinstance(plan.pilot, Law)
+        self._controller = controller_command(plan.pilot, files, real_time="--lockstep" not in options)
         self._scripted = plan.scenario.has_link_script
         self._processes: dict[str, subprocess.Popen[str]] = {}
 
@@ -230,21 +232,27 @@ class _ProcessPair:
             self.reason = last_stderr_line(self._processes["vehicle"])
             return FlightOutcome.AUTOPILOT_LOST
         outcome = FlightOutcome.NOT_STARTED if self._gave_up else _OUTCOMES[VehicleOutcome(self.summary["outcome"])]
-        alone = self._processes["controller"].poll() is not None
-        reason = last_stderr_line(self._processes["controller"])
-        if summary := read_summary(self._processes["controller"]):
-            reason = f"{'' if self._is_program else 'gustproof controller: '}{summary['message']}"
-            if self.summary["pace"] and "late_samples" in summary:
-                self.summary["pace"] |= {name: summary[name] for name in ("late_samples", "missed_samples")}
-        if outcome is not FlightOutcome.DONE and alone:
-            self.reason = reason
-        return self._refine(outcome) if self._is_program else outcome
+        controller = self._processes["controller"]
+        status = controller.poll()
+        reason = last_stderr_line(controller)
+        if told := read_summary(controller):
+            reason = f"{'gustproof controller: ' if self._is_law else ''}{told['message']}"
+            if self.summary["pace"] and "late_samples" in told:
+                self.summary["pace"] |= {name: told[name] for name in ("late_samples", "missed_samples")}
+        if outcome is not FlightOutcome.DONE and status is not None:
+            self.reason = reason or _describe_exit(status)
+        return outcome if self._is_law else self._refine(outcome, told)
 
-    def _refine(self, outcome: FlightOutcome) -> FlightOutcome:
-        """Return the outcome of a foreign program's flight, and keep how far one came that did not begin."""
+    def _refine(self, outcome: FlightOutcome, told: Mapping[str, Any]) -> FlightOutcome:
+        """Return the outcome of an entry's flight, and keep how far one came that did not begin."""
         if outcome is FlightOutcome.NOT_STARTED:
             self.reason = "; ".join(filter(None, (describe_start(self.summary), self.reason)))
-        return outcome if self._scripted else refine_outcome(outcome, self.summary, alone=self._alone)
+        return outcome if self._scripted else refine_outcome(outcome, self.summary, told, alone=self._alone)
+
+
+def _describe_exit(status: int) -> str:
+    """Return in words how a process ended, by its status."""
+    return f"ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
 
 
 def launch(module: str, *arguments: str) -> "subprocess.Popen[str]":

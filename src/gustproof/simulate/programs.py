@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from firmware_model.autopilot.modes import Mode
-from firmware_model.errors import ConfigError
 from firmware_model.mavlink.frames import RejectReason
 from gustproof.entries.entry import Entry, EntryKind, Pilot, find_program
 from gustproof.simulate.outcome import FlightOutcome
 
+_MOST_HELD = 0.05
+"""[-] share of the samples of a flight in real time that may pass without a command in time."""
 _WRONG_STAMPS = (RejectReason.EARLY.value, RejectReason.STALE.value)
 
 
@@ -18,21 +19,25 @@ def is_program(pilot: Pilot) -> bool:
     return isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM
 
 
-def controller_command(pilot: Pilot, law: Path, scenario: Path, *, real_time: bool) -> list[str]:
+def controller_command(pilot: Pilot, files: Mapping[str, Path], *, real_time: bool) -> list[str]:
     """Return module and arguments of the Python process that controls; it reads the vehicle's address from its input.
+
+    `files` are those that it reads: law, scenario, and nominal vehicle.
 
     Raises
     ------
     ConfigError
-        If the pilot is a program that is not there, or an object.
+        If the pilot is a program that is not there.
     """
     if isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM:
         return ["gustproof.controller.guard", *find_program(pilot.source)]
     if isinstance(pilot, Entry):
-        raise ConfigError(f"controller '{pilot.source}': only programs fly in a process of their own")
+        flown = ["--controller", pilot.source, "--vehicle", str(files["nominal"])]
+    else:
+        flown = ["--law", str(files["law"])]
     return [
-        "gustproof.controller", "--json", "--exit-on-stdin-eof", "--law", str(law), "--connect", "-",
-        "--scenario", str(scenario), *(["--real-time"] if real_time else []),
+        "gustproof.controller", "--json", "--exit-on-stdin-eof", *flown, "--connect", "-",
+        "--scenario", str(files["scenario"]), *(["--real-time"] if real_time else []),
     ]  # fmt: skip
 
 
@@ -49,13 +54,23 @@ def describe_start(summary: Mapping[str, Any]) -> str:
     return "it did not enter OFFBOARD" if state["mode"] != Mode.OFFBOARD.name else "it stopped before the start"
 
 
-def refine_outcome(outcome: FlightOutcome, summary: Mapping[str, Any], *, alone: bool) -> FlightOutcome:
-    """Return why the set-points of a program stopped in mid-flight; other outcomes stay.
+def refine_outcome(
+    outcome: FlightOutcome, vehicle: Mapping[str, Any], controller: Mapping[str, Any], *, alone: bool
+) -> FlightOutcome:
+    """Return why the set-points of an entry stopped in mid-flight, or that they came late; other outcomes stay.
 
-    It sent NaN, died and left the vehicle `alone` at the end, or hung.
+    `vehicle` and `controller` are the summaries of these processes. The controller tells its own failure, or died if
+    the vehicle was `alone` at the end. Otherwise it sent NaN, or hung.
     """
+    if outcome is FlightOutcome.DONE and vehicle["pace"]:
+        is_late = vehicle["pace"]["held"] > _MOST_HELD * vehicle["samples"]
+        return FlightOutcome.CONTROLLER_LATE if is_late else outcome
     if outcome is not FlightOutcome.CONTROLLER_LOST:
         return outcome
-    if summary["counters"].get(RejectReason.NOT_FINITE.value, 0):
+    told = f"CONTROLLER_{controller.get('outcome', '').upper()}"
+    if told in FlightOutcome.__members__:
+        return FlightOutcome[told]
+    if vehicle["counters"].get(RejectReason.NOT_FINITE.value, 0):
         return FlightOutcome.CONTROLLER_NOT_FINITE
-    return FlightOutcome.CONTROLLER_DIED if alone else FlightOutcome.CONTROLLER_HUNG
+    is_dead = alone and "outcome" not in controller  # one that tells its end was alive when the set-points stopped
+    return FlightOutcome.CONTROLLER_DIED if is_dead else FlightOutcome.CONTROLLER_HUNG

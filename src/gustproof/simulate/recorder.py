@@ -38,9 +38,9 @@ def fly_and_record(
     FlightError
         If the bag can't be written; the journal stays for `recover`.
     """
-    scenario, pilot, vehicle, seed, real_time = plan
-    flown: dict[str, Any] = {"vehicle": vehicle, "seed": seed, "real_time": real_time, "out": out, "tlog": tlog}
-    flight = fly(scenario, pilot, **flown, progress=progress, on_listening=on_listening)
+    scenario, pilot, vehicle, seed, real_time, nominal = plan
+    flown: dict[str, Any] = {"vehicle": vehicle, "nominal": nominal, "seed": seed, "real_time": real_time}
+    flight = fly(scenario, pilot, **flown, out=out, tlog=tlog, progress=progress, on_listening=on_listening)
     return _replace_journal(flight, plan.metadata())
 
 
