@@ -67,7 +67,10 @@ class Price:
     slew: float | None
     """[N*m/s] rms torque slew in the scenario, all axes and flights together; `None` if it was not flown."""
     distortion: float
-    """[-] largest relative change of an axis' response, rms over the sines, at half the amplitude."""
+    """[-] how far the pilot is from linear: the larger of two shares of the worst axis.
+
+    One is the relative change of the sensitivity at half the amplitude, rms over the sines; the other the share of the
+    commands' rms at frequencies that no sine has."""
 
     @property
     def Ms(self) -> float:
@@ -151,7 +154,7 @@ def measure_price(
         scenario=scenario.name,
         axes=tuple(_margins(found.omega, loop) for loop in found.loops),
         slew=_fly_slew(pilot, vehicle, scenario, seeds) if seeds else None,
-        distortion=float(np.sqrt(np.mean(changes**2, axis=1)).max()),
+        distortion=max(found.stray, float(np.sqrt(np.mean(changes**2, axis=1)).max())),
     )
 
 
@@ -163,6 +166,8 @@ class _Response:
     """(n,) [rad/s] frequencies."""
     loops: ComplexMatrix
     """(3, n) loop transfer of each axis at the plant's input, negative feedback, the other axes closed."""
+    stray: float
+    """[-] largest share of an axis' command, rms, that is at no sine's frequency."""
 
 
 def _respond(pilot: Pilot, vehicle: Vehicle, scenario: Scenario, amplitude: float) -> _Response:
@@ -180,7 +185,13 @@ def _respond(pilot: Pilot, vehicle: Vehicle, scenario: Scenario, amplitude: floa
     # u = K omega for three experiments at once: (n, commands, experiments) = K (n, rates, experiments)
     K = commands @ np.linalg.inv(rates)
     P = _fit_plant(flights, scenario.dt).response(omega)
-    return _Response(omega=omega, loops=np.array([_close_others(-K @ P, axis) for axis in range(3)]))
+    return _Response(
+        omega=omega,
+        loops=np.array([_close_others(-K @ P, axis) for axis in range(3)]),
+        stray=max(
+            _stray_share(records["torque_command_B"][-samples:, axis], lines) for axis, records in enumerate(flights)
+        ),
+    )
 
 
 def _choose_lines(scenario: Scenario) -> Matrix:
@@ -231,6 +242,12 @@ def _fly(scenario: Scenario, pilot: Pilot, vehicle: Vehicle) -> Records:
 def _fourier(signals: Matrix, lines: Matrix) -> ComplexMatrix:
     """Return the Fourier coefficients (n, 3) of a period (m, 3) at the lines (n,)."""
     return np.asarray(np.fft.rfft(signals, axis=0)[lines.astype(int)])
+
+
+def _stray_share(signal: Matrix, lines: Matrix) -> float:
+    """Return the share [-] of a period's rms (m,) that is at none of the lines (n,), without its mean."""
+    power = np.abs(np.fft.rfft(signal)[1:]) ** 2
+    return math.sqrt(float(np.sum(np.delete(power, lines.astype(int) - 1)) / np.sum(power)))
 
 
 def _fit_plant(flights: Sequence[Records], dt: float) -> Lti:
