@@ -63,6 +63,12 @@ INPUTS = 3 + SLOPES + COMMANDS
 _ZERO: Vector = (0.0, 0.0, 0.0)
 _PENALTY, _UNSTABLE, _GRID_MARGIN = 5.0, 1e3, 5e-4
 """[-] cost per logarithm beyond the price; cost of an unstable loop; share of a peak reserved between frequencies."""
+_ROUNDING = 1e-6
+"""[-] relative excess of the slew that counts as rounding."""
+_SMALL = 0.1
+"""[-] of the usual size of a first layer at the start: units begin nearly linear."""
+_CLIPPED = 2.0
+"""[-] output, in torque limits, up to which gains are imitated: within its limits the policy is nearly linear."""
 _TWINS = {"paper": "paper", "octo": "paper", "iris": "iris"}
 """Shipped weights by vehicle: `octo` turns as `paper` does."""
 
@@ -197,7 +203,7 @@ def policy_axis(gains: Matrix, lead: float, dt: float) -> AxisLaw:
 class Training:
     """Length and strength of the training."""
 
-    batches: int = 1500
+    batches: int = 3000
     """Steps of Adam."""
     batch: int = 256
     """Drawn histories a step."""
@@ -251,7 +257,10 @@ def train_policy(vehicle: Vehicle, training: Training = TRAINING) -> Weights:
     units = policy_units(vehicle, teacher)
     wanted = [teacher_gains(g, J, units.dt) for g, J in zip(teacher, vehicle.inertia_B, strict=True)]
     scaled = np.array(wanted) / (units.inputs * units.torque[:, None])
-    weights = _calibrate(_imitate(vehicle, teacher, units, scaled, training), scaled)
+    shapes, rng = ((3, INPUTS, UNITS), (3, UNITS, UNITS), (3, UNITS, 1)), np.random.default_rng(training.seed)
+    first, second, last = (rng.normal(size=shape) / math.sqrt(shape[1]) for shape in shapes)
+    start, short = Weights(_SMALL * first, second, last), replace(training, batches=training.batches // 3)
+    weights = _imitate(start, _Histories(vehicle, teacher, units, scaled), short)
     models, limits = tuning_models(vehicle), tuning_limits(vehicle)
     laws = [geometric_axis(g, J, units.dt) for g, J in zip(teacher, vehicle.inertia_B, strict=True)]
     slews = [axis_performance(axis[0], law).slew for axis, law in zip(models, laws, strict=True)]
@@ -264,62 +273,71 @@ def train_policy(vehicle: Vehicle, training: Training = TRAINING) -> Weights:
         )
         for axis in range(3)
     ]
-    return Weights(*(np.array(layers) for layers in zip(*evolved, strict=True)))
+    weights = Weights(*(np.array(layers) for layers in zip(*evolved, strict=True)))
+    weights = _imitate(weights, _Histories(vehicle, teacher, units, weights.gains), training)
+    return Weights(*map(_rounded, weights))
 
 
-def _imitate(
-    vehicle: Vehicle, teacher: Sequence[GeometricGains], units: PolicyUnits, scaled: Matrix, training: Training
-) -> Weights:
-    """Return weights that fit the teacher's clipped command on drawn histories, by Adam."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Histories:
+    """Motions from small to beyond full torque, to imitate gains on."""
+
+    vehicle: Vehicle
+    """Vehicle."""
+    teacher: Sequence[GeometricGains]
+    """Teacher, whose gains tell how large inputs become."""
+    units: PolicyUnits
+    """Scales of the inputs."""
+    gains: Matrix
+    """(3, INPUTS) [-] gains to imitate, in those scales."""
+
+    def draw(self, count: int, rng: np.random.Generator) -> tuple[Matrix, Matrix]:
+        """Return inputs (3, count, INPUTS) and their sizes (1, count, 1)."""
+        units, half = self.units, count // 2
+        size = np.exp(rng.uniform(math.log(1e-3), math.log(3.0), (1, count, 1)))
+        full = np.array(self.vehicle.torque_limit) / np.array(self.vehicle.inertia_B)
+        largest = units.rate_limit / units.lead
+        held = np.minimum(full / np.array([gains.integral for gains in self.teacher]), largest)
+        e, i, rate, slope, command = (
+            size * unit[:, None, None] * rng.normal(size=(3, count, 1))
+            for unit in (largest, held, np.full(3, units.rate_limit), full, units.torque)
+        )
+        e = np.clip(e, -largest[:, None, None], largest[:, None, None])
+        noise = 0.01 * units.rate_limit * size * rng.normal(size=(3, count, SLOPES))
+        torque = units.torque[:, None, None]
+        commands = np.clip(command + 0.1 * torque * size * rng.normal(size=(3, count, COMMANDS)), -torque, torque)
+        x = np.concatenate([e, i, rate, slope * units.dt + noise, commands], axis=2) * units.inputs[:, None, :]
+        # half of them are where the torque turns from one direction to the other: brakings are learned there
+        asked = size[:, :half, 0] * rng.normal(size=(3, half))
+        x[:, :half, 2] += (asked - (x[:, :half] @ self.gains[:, :, None])[..., 0]) / self.gains[:, None, 2]
+        return x, size
+
+
+def _imitate(weights: Weights, histories: _Histories, training: Training) -> Weights:
+    """Return weights that fit clipped gains on drawn histories, by Adam; near level the gains are met exactly."""
     rng = np.random.default_rng(training.seed)
-    shapes = ((3, INPUTS, UNITS), (3, UNITS, UNITS), (3, UNITS, 1))
-    weights = [rng.normal(size=shape) / math.sqrt(shape[1]) for shape in shapes]
-    mean, square = ([np.zeros(shape) for shape in shapes] for _ in range(2))
+    layers = [layer.copy() for layer in weights]
+    mean, square = ([np.zeros(layer.shape) for layer in layers] for _ in range(2))
     for number in range(1, training.batches + 1):
-        x, size = _draw_histories(vehicle, teacher, units, scaled, training.batch, rng)
-        target = np.clip(x @ scaled[:, :, None], -1.0, 1.0)
-        norm = np.minimum(1.0, size) + 1e-4
-        first = np.tanh(x @ weights[0])
-        second = np.tanh(first @ weights[1])
-        slope = (second @ weights[2] - target) / norm**2 / training.batch
-        back = (slope @ weights[2].mT) * (1.0 - second**2)
-        gradients = (x.mT @ ((back @ weights[1].mT) * (1.0 - first**2)), first.mT @ back, second.mT @ slope)
+        x, size = histories.draw(training.batch, rng)
+        target = np.clip(x @ histories.gains[:, :, None], -_CLIPPED, _CLIPPED)
+        norm = np.minimum(_CLIPPED, size) + 1e-4
+        first = np.tanh(x @ layers[0])
+        second = np.tanh(first @ layers[1])
+        slope = (second @ layers[2] - target) / norm**2 / training.batch
+        back = (slope @ layers[2].mT) * (1.0 - second**2)
+        gradients = (x.mT @ ((back @ layers[1].mT) * (1.0 - first**2)), first.mT @ back, second.mT @ slope)
         rate = training.learning_rate * 0.1 ** (number / training.batches)
         for k, gradient in enumerate(gradients):
             mean[k] = 0.9 * mean[k] + 0.1 * gradient
             square[k] = 0.999 * square[k] + 0.001 * gradient**2
             unbiased = np.sqrt(square[k] / (1.0 - 0.999**number)) + 1e-8
-            weights[k] -= rate * mean[k] / (1.0 - 0.9**number) / unbiased
-    return Weights(*weights)
+            layers[k] -= rate * mean[k] / (1.0 - 0.9**number) / unbiased
+    return _calibrate(Weights(*layers), histories.gains)
 
 
-def _draw_histories(
-    vehicle: Vehicle,
-    teacher: Sequence[GeometricGains],
-    units: PolicyUnits,
-    scaled: Matrix,
-    count: int,
-    rng: np.random.Generator,
-) -> tuple[Matrix, Matrix]:
-    """Return inputs (3, count, INPUTS) of motions from small to full torque, and their sizes (1, count, 1)."""
-    size = np.exp(rng.uniform(math.log(1e-3), math.log(3.0), (1, count, 1)))
-    full = np.array(vehicle.torque_limit) / np.array(vehicle.inertia_B)
-    largest = units.rate_limit / units.lead
-    held = np.minimum(full / np.array([gains.integral for gains in teacher]), largest)
-    e, i, rate, slope, command = (
-        size * unit[:, None, None] * rng.normal(size=(3, count, 1))
-        for unit in (largest, held, np.full(3, units.rate_limit), full, units.torque)
-    )
-    e = np.clip(e, -largest[:, None, None], largest[:, None, None])
-    noise = 0.01 * units.rate_limit * size * rng.normal(size=(3, count, SLOPES))
-    change = 0.1 * units.torque[:, None, None] * size * rng.normal(size=(3, count, COMMANDS))
-    commands = np.clip(command + change, -units.torque[:, None, None], units.torque[:, None, None])
-    x = np.concatenate([e, i, rate, slope * units.dt + noise, commands], axis=2) * units.inputs[:, None, :]
-    # half of them are where the teacher turns from one direction to the other: brakings are learned there
-    half, gain = count // 2, scaled[:, None, 2]
-    asked = size[:, :half, 0] * rng.normal(size=(3, half))
-    x[:, :half, 2] += (asked - (x[:, :half] @ scaled[:, :, None])[..., 0]) / gain
-    return x, size
+def _rounded(layer: Matrix) -> Matrix:
+    return layer.astype(np.float32).astype(float)
 
 
 def _calibrate(weights: Weights, scaled: Matrix) -> Weights:
@@ -353,7 +371,7 @@ class _Price:
             peaks = 1.0 / differences.min(axis=1) / (self._peaks * (1.0 - _GRID_MARGIN))
         if not (error < 1.0 and math.isfinite(slew)):
             return _UNSTABLE, _UNSTABLE
-        excess = [math.log(peak) for peak in peaks.tolist()] + [math.log(slew / self._limits.slew)]
+        excess = [math.log(peak) for peak in peaks.tolist()] + [math.log(slew / self._limits.slew) - _ROUNDING]
         return math.log(error), sum(max(each, 0.0) for each in excess)
 
 
@@ -368,7 +386,7 @@ def _evolve(layers: list[Matrix], price: _Price, training: Training) -> list[Mat
     rng = np.random.default_rng(training.seed)
     best, least = None, math.inf
     for generation in range(training.generations + 1):
-        rounded = [layer.astype(np.float32).astype(float) for layer in layers]
+        rounded = [_rounded(layer) for layer in layers]
         error, excess = price.cost(rounded)
         if excess == 0.0 and error < least:
             best, least = rounded, error
