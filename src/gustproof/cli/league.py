@@ -17,7 +17,7 @@ def league(
         list[str] | None,
         typer.Option(
             help="A law by name, NAME@PEAK, a law file, MODULE.py:MAKER or LIBRARY.so; {vehicle} in a file's name "
-            "stands for the vehicle's. Repeat it [default: all that need no file].",
+            "stands for the vehicle's. Repeat it [default: all, which are 19 laws and objects of the literature].",
             show_default=False,
         ),
     ] = None,
@@ -61,7 +61,7 @@ def league(
     from firmware_model.config.uncertainty import load_vehicle_set
     from gustproof.campaign.executors import count_cores, process_pool
     from gustproof.league.course import COURSE, FLEET, load_course
-    from gustproof.league.entrants import ROSTER, parse_entrant
+    from gustproof.league.entrants import ALL, ROSTER, parse_entrant
     from gustproof.league.season import LeaguePlan, fly_league
     from gustproof.recording.folder import write_atomic
     from gustproof.report.html.league_page import write_league_page
@@ -72,7 +72,9 @@ def league(
         check_output(path, suffix, kind)
     folder = output.with_suffix(".work")
     plan = LeaguePlan(
-        entrants=tuple(map(parse_entrant, entry or ROSTER)),
+        entrants=tuple(
+            parse_entrant(name) for each in entry or (ALL,) for name in (ROSTER if each == ALL else (each,))
+        ),
         vehicles=tuple(map(load_vehicle_set, vehicle or FLEET)),
         scenarios=tuple(load_course(scenario or COURSE)),
         runs=runs,

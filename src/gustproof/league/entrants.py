@@ -11,6 +11,7 @@ from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.errors import ConfigError
 from gustproof.baselines.linear.tuned import BaselineKind, tune_baseline
 from gustproof.entries.entry import EntryKind, Pilot, parse_entry
+from gustproof.entries.stepper import make_stepper
 from gustproof.law.form import Law, list_laws, load_law
 from gustproof.law.io.matrices import read_law
 from gustproof.synthesis.derive import derive
@@ -23,19 +24,30 @@ VEHICLE_FIELD = "{vehicle}"
 """Part of a file's name that stands for the name of the vehicle."""
 REFERENCE = "pid-fair"
 """Entrant whose error on a vehicle is the unit of the score there."""
+_OBJECTS = {
+    "geometric": "gustproof.baselines.geometric:make",
+    "geometric-lead": "gustproof.baselines.geometric:make_lead",
+    "rotor-indi": "gustproof.baselines.rotor_indi:make",
+    "policy": "gustproof.baselines.policy:make",
+    "mpc": "gustproof.baselines.mpc:make",
+}
+"""Sources of the objects of `gustproof.baselines` by name; `mpc` needs the extra of that name."""
+ALL = "all"
+"""Source that stands for the whole `ROSTER`."""
 ROSTER = (
     "flagship",
-    "flagship@1.7",
     "pid-fair",
-    "pid@1.7",
-    "pid-default",
     "indi",
-    "indi@1.7",
     "aided",
+    "flagship@1.7",
+    "pid-default",
     "hinf-reference",
-    "hinf-d1",
     "hinf-d2",
-    "hinf-scheduled",
+    *(kind.value for kind in BaselineKind),
+    "geometric",
+    "geometric-lead",
+    "rotor-indi",
+    "policy",
 )
 """Sources of the entrants by default."""
 _KINDS = {REFERENCE: LawKind.PID, **{kind.value: kind for kind in LawKind}}
@@ -71,13 +83,17 @@ def parse_entrant(source: str) -> Entrant:
         return Entrant(name=source, source=source)
     if source in _tuners():
         return Entrant(name=source, source=source)
+    if source in _OBJECTS:
+        return Entrant(name=source, source=_OBJECTS[source])
     if is_law_file(source):
         return Entrant(name=Path(source.replace(VEHICLE_FIELD, "")).stem.strip("-_."), source=source)
     try:
         entry = parse_entry(source.replace(VEHICLE_FIELD, "paper"))
     except ConfigError as error:
-        known = ", ".join(_tuners())
-        raise ConfigError(f"--entry '{source}': no law, file or object of that name ({error}); laws: {known}") from None
+        known = ", ".join((*_tuners(), *_OBJECTS))
+        raise ConfigError(
+            f"--entry '{source}': no law, file or object of that name ({error}); by name: {known}"
+        ) from None
     if entry.kind is EntryKind.PROGRAM:
         raise ConfigError(f"--entry '{source}': programs fly in `fly` and `campaign`, the league takes what repeats")
     maker = source.rpartition(":")[2].removeprefix("make").strip("_")
@@ -93,6 +109,8 @@ def is_law_file(source: str) -> bool:
 def make_pilot(entrant: Entrant, vehicles: VehicleSet) -> Pilot:
     """Return what flies for an entrant on a vehicle; a law that is not shipped for it is tuned.
 
+    A Python object is made once and a library loaded, so that mistakes are told before the first flight.
+
     Raises
     ------
     DesignError
@@ -106,7 +124,11 @@ def make_pilot(entrant: Entrant, vehicles: VehicleSet) -> Pilot:
         return law
     if name in _tuners():
         return _tuners()[name](vehicles, _parse_peak(source, peak) if at else SENSITIVITY_PEAK)
-    return read_law(source) if is_law_file(source) else parse_entry(source)
+    if is_law_file(source):
+        return read_law(source)
+    entry = parse_entry(source)
+    make_stepper(entry, vehicle)
+    return entry
 
 
 def is_tuned(entrant: Entrant) -> bool:
@@ -116,9 +138,7 @@ def is_tuned(entrant: Entrant) -> bool:
 
 def pilot_digest(pilot: Pilot) -> str:
     """Return the SHA-256 of what a pilot consists of."""
-    if isinstance(pilot, Law):
-        return hashlib.sha256(json.dumps(pilot.to_dict(), sort_keys=True).encode()).hexdigest()
-    return pilot.digest
+    return hashlib.sha256(json.dumps(pilot.to_dict(), sort_keys=True).encode()).hexdigest()
 
 
 def _parse_peak(source: str, text: str) -> float:

@@ -22,7 +22,7 @@ from gustproof.law.form import parse_law
 from gustproof.league.classes import Charge, PriceClass, classify, read_charge
 from gustproof.league.course import BOX_SCENARIO, box_points, fit_scenario
 from gustproof.league.dispatch import Dispatcher, Progress
-from gustproof.league.entrants import REFERENCE, Entrant, is_tuned, make_pilot, parse_entrant, tuning_air
+from gustproof.league.entrants import REFERENCE, Entrant, is_tuned, make_pilot, parse_entrant, pilot_digest, tuning_air
 from gustproof.league.ledger import Ledger, Result
 from gustproof.league.salt import commit, hidden_seeds
 from gustproof.league.standings import Standings, compute_standings, log_ratios
@@ -115,6 +115,8 @@ class League:
     """Cells that are not: with the failed rotor the vehicle can't hover, whatever the law."""
     charges: tuple[tuple[Charge, ...], ...]
     """(n, vehicles) prices."""
+    digests: tuple[tuple[str, ...], ...]
+    """(n, vehicles) SHA-256 of each pilot."""
     errors_deg: Array
     """(n, m, runs) [deg] error of each flight; NaN if it failed."""
     reference_deg: Array
@@ -189,7 +191,7 @@ class League:
 
     def _entrant_to_dict(self, i: int) -> dict[str, Any]:
         entrant, found, box = self.plan.entrants[i], self.standings, self.boxes[i]
-        prices = zip(self.plan.vehicles, self.charges[i], strict=True)
+        prices = zip(self.plan.vehicles, self.charges[i], self.digests[i], strict=True)
         reasons = [reason for result in self.failures[i] for reason in result["failures"] if reason]
         return {
             "name": entrant.name,
@@ -201,7 +203,10 @@ class League:
             "box": box._asdict(),
             "failed": len(reasons),
             "first_failure": reasons[0] if reasons else None,
-            "prices": {vehicles.nominal.name: charge.to_dict() for vehicles, charge in prices},
+            "prices": {
+                vehicles.nominal.name: {**charge.to_dict(), "pilot_sha256": digest}
+                for vehicles, charge, digest in prices
+            },
         }
 
 
@@ -248,6 +253,7 @@ class _Season:
             cells=cells,
             skipped=skipped,
             charges=tuple(tuple(map(self._charge, row)) for row in prices),
+            digests=tuple(tuple(pilot_digest(each) for each in team.values()) for team in teams[:-1]),
             errors_deg=errors[:-1],
             reference_deg=errors[-1],
             failures=tuple(tuple(self._ledger[flown.key] for flown in row) for row in flights[:-1]),

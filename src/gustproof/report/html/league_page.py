@@ -30,8 +30,9 @@ _RULES = (
     "It may not look at other runs: each flight has a fresh object, and a law begins with its states at zero.",
     "It may not read or write files, or use the network or the clock, once it is made.",
     "It may not learn the seeds: they derive from a salt whose SHA-256 is told before and which is published after.",
-    "In this process nothing hinders a Python object from cheating. The rules bind who enters, and each entry's source "
-    "is named by its SHA-256 in the ledger's keys, so that anybody can fly it again.",
+    "It must repeat to the bit: the same samples give the same commands, on each machine of one kind.",
+    "In this process nothing hinders a Python object from cheating. The rules bind who enters: the JSON names each "
+    "entry by its SHA-256, and with the published salt anybody can fly it again.",
 )
 
 
