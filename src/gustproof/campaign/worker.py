@@ -20,8 +20,8 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
 from gustproof.campaign.plan import Campaign, Contestant, flies_in_lanes, parse_campaign
-from gustproof.scoring.metrics import Metrics, measure
-from gustproof.scoring.requirements import judge
+from gustproof.scoring.metrics import FIGURE_UNITS, Metrics, measure
+from gustproof.scoring.requirements import judge, requirement_unit
 from gustproof.simulate.batch import Case, CaseResult, make_batch_simulator
 from gustproof.simulate.guest import ForeignAutopilot, GuestPlan, fly_guest
 from gustproof.simulate.kernels import LANES
@@ -180,13 +180,20 @@ def delta_column(spread: str) -> str:
 
 
 def schema(campaign: Campaign) -> Any:
-    """Return the table's columns as a `pyarrow.Schema`."""
-    numbers = [*map(delta_column, campaign.spreads), *FIGURES]
-    required = requirement_columns(campaign.scenario.require)
+    """Return the table's columns as a `pyarrow.Schema`; the metadata of a column of numbers hold its `unit`."""
+    script = campaign.scenario.require
     identity = [("run", pa.int64()), ("case", pa.int64()), ("law", pa.string()), ("seed", pa.int64())]
-    figures = [*((name, pa.float64()) for name in numbers), ("rho_in_bounds", pa.bool_())]
-    results = chain.from_iterable(((name, pa.float64()), (f"{name}_held", pa.bool_())) for name in required)
-    return pa.schema([*identity, *figures, *results, ("held", pa.bool_()), ("failure", pa.string())])
+    deltas = [_number_field(delta_column(name), "-") for name in campaign.spreads]
+    figures = [*(_number_field(name, FIGURE_UNITS[name]) for name in FIGURES), ("rho_in_bounds", pa.bool_())]
+    results = chain.from_iterable(
+        (_number_field(name, requirement_unit(required)), (f"{name}_held", pa.bool_()))
+        for name, required in zip(requirement_columns(script), script, strict=True)
+    )
+    return pa.schema([*identity, *deltas, *figures, *results, ("held", pa.bool_()), ("failure", pa.string())])
+
+
+def _number_field(name: str, unit: str) -> Any:
+    return pa.field(name, pa.float64(), metadata={"unit": unit})
 
 
 def failed_rows(campaign: Campaign, chunk: Chunk, failure: str) -> Any:

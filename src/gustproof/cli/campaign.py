@@ -87,6 +87,12 @@ def campaign(
             show_default=False,
         ),
     ] = None,
+    latex: Annotated[
+        Path | None, typer.Option(help="Write figures with intervals as a LaTeX table here (.tex).", show_default=False)
+    ] = None,
+    csv: Annotated[
+        Path | None, typer.Option(help="Write all figures with intervals here (.csv).", show_default=False)
+    ] = None,
     anyway: Anyway = False,
     as_json: AsJson = False,
 ) -> None:
@@ -102,6 +108,8 @@ def campaign(
         gustproof report mc.parquet -o mc.html
 
         gustproof fly --run mc.parquet:471
+
+    With more --runs, or another --law, the same command extends the table: what is flown is not flown again.
 
     A controller of your own may fly beside the laws: an object of Python one run at a time, in some 100 times real
     time; C as fast as a law:
@@ -119,16 +127,21 @@ def campaign(
     """
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
+    from gustproof.campaign.growth import grow_campaign
     from gustproof.campaign.plan import Campaign, Contestant, DispersionKind, select_spreads, usual_dispersions
     from gustproof.campaign.rare import parse_threshold
+    from gustproof.campaign.reader import read_campaign
     from gustproof.campaign.sampling import Sampling
     from gustproof.campaign.statistics import compute_statistics
+    from gustproof.law.form import Law
     from gustproof.report.campaign import render_campaign
+    from gustproof.report.summary_files import save_csv, save_latex
     from gustproof.report.terminal import show
     from gustproof.simulate.flight import check
     from gustproof.simulate.guest import ForeignAutopilot, check_guest
 
     event = None if rare is None else parse_threshold(rare)
+    _check_outputs(output, latex, csv, is_rare=event is not None)
     script, vehicles = load_scenario(scenario), load_vehicle_set(vehicle)
     if spread is None:
         wanted = usual_dispersions(vehicles)
@@ -139,28 +152,32 @@ def campaign(
     if autopilot is not None:
         contestants.append(ForeignAutopilot(kind=autopilot, build=build, parameters=params))
         check_guest(script)
-    if not contestants:
-        laws = [default_law(vehicles, script, quiet=as_json)]
-        contestants = [*laws]
+    table = output if output is not None and output.exists() and event is None else None
+    if not contestants and table is None:
+        contestants = [default_law(vehicles, script, quiet=as_json)]
     plan = Campaign(
         scenario=script,
-        laws=tuple(contestants),
+        laws=tuple(contestants) if table is None or contestants else read_campaign(table).laws,
         vehicles=vehicles,
         spreads=select_spreads(vehicles, script, wanted, gust=gust_spread, attitude_deg=attitude_spread),
         cases=runs,
         sampling=_parse_choice(Sampling, "--sampling", sampling),
         seed=seed,
     )
-    if not anyway:
-        for flown in laws:
+    for flown in () if anyway else plan.laws:
+        if isinstance(flown, Law):
             check(plan.scenario, flown, plan.vehicles.nominal)
     if event is not None:
-        _estimate_rare(plan, event, output, workers, executor, as_json=as_json)
+        named = (law[0] if law else plan.laws[0].name, vehicle)
+        _estimate_rare(plan, event, output, workers, executor, named, as_json=as_json)
         return
-    if output is None:
-        raise ConfigError("give -o, the file for the table (.parquet)")
-    _fly(plan, output, workers, executor, quiet=as_json)
+    assert output is not None  # see _check_outputs
+    _fly(plan if table is None else grow_campaign(table, plan), output, workers, executor, quiet=as_json)
     found = compute_statistics(output)
+    if csv is not None:
+        save_csv(found, csv)
+    if latex is not None:
+        save_latex(found, latex)
     if as_json:
         print_json(found.to_dict())
     else:
@@ -177,18 +194,39 @@ def _find_entry(source: str) -> "Entry":
     return entry
 
 
+def _check_outputs(output: Path | None, latex: Path | None, csv: Path | None, *, is_rare: bool) -> None:
+    """Refuse files that the command can't write.
+
+    Raises
+    ------
+    ConfigError
+        If one of them is wrong, or none is given for the table.
+    """
+    if is_rare:
+        check_output(output, ".toml", "a scenario file")
+        if latex is not None or csv is not None:
+            raise ConfigError("--rare: flies no table, so --latex and --csv have nothing to show")
+        return
+    if output is None:
+        raise ConfigError("give -o, the file for the table (.parquet)")
+    check_output(output, ".parquet", "a campaign's table")
+    check_output(latex, ".tex", "a LaTeX table")
+    check_output(csv, ".csv", "a table of figures")
+
+
 def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | None, *, quiet: bool) -> None:
     """Fly the missing runs, with progress on standard error."""
     from gustproof.campaign.executors import count_cores, dask_pool, process_pool
-    from gustproof.campaign.reader import read_campaign_metadata
+    from gustproof.campaign.reader import read_campaign
     from gustproof.campaign.runner import fly_campaign
-    from gustproof.campaign.store import check_same_campaign
 
-    check_output(output, ".parquet", "a campaign's table")
-    if output.exists():
-        check_same_campaign(read_campaign_metadata(output), plan.metadata(), f"{output}: holds another campaign")
-        _print_status(f"{output}: all {plan.runs:,} runs are there", quiet=quiet)
-        return
+    known = output if output.exists() else None
+    if known is not None:
+        flown = read_campaign(known).runs
+        if flown == plan.runs:
+            _print_status(f"{output}: all {plan.runs:,} runs are there", quiet=quiet)
+            return
+        _print_status(f"{output}: {flown:,} of {plan.runs:,} runs are there", quiet=quiet)
     if plan.scenario.has_link_script:
         why = f"{plan.scenario.name} has link, mode or controller events"
         _print_status(f"{why}, so each run goes over UDP (about 1 s a run instead of 5 ms)", quiet=quiet)
@@ -203,6 +241,7 @@ def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | No
                 output,
                 pool,
                 progress=lambda flown, of: shown(flown / max(of, 1), f"{title}: {plan.runs - of + flown:,} runs"),
+                known=known,
             )
     except KeyboardInterrupt:
         line = f"interrupted; finished runs are in {output}.parts, and the same command resumes from there"
@@ -215,16 +254,19 @@ def _estimate_rare(
     output: Path | None,
     workers: int | None,
     executor: str | None,
+    named: tuple[str, str],
     *,
     as_json: bool,
 ) -> None:
-    """Print the probability of a rare event, with progress on standard error; write its worst flight."""
+    """Print the probability of a rare event, with progress on standard error; write its worst flight.
+
+    `named` are law and vehicle on the command line.
+    """
     from gustproof.campaign.executors import count_cores, dask_pool, process_pool
     from gustproof.campaign.rare import estimate_rare, make_rare_case
     from gustproof.report.campaign import render_rare
     from gustproof.report.terminal import show
 
-    check_output(output, ".toml", "a scenario file")
     title = f"{plan.scenario.name}, {event.text}"
     try:
         with (
@@ -240,7 +282,8 @@ def _estimate_rare(
         case = make_rare_case(plan, worst.seed, worst.turns, worst.deltas)
         flown = replace(case.apply_to(plan.scenario), name=output.stem)
         files = save_flight(flown, case.vehicle, plan.vehicles.nominal, output)
-        line = f"fly it: gustproof fly {' --vehicle '.join(map(str, files))} --law {found.law} --seed {worst.seed}"
+        airframe = files[1] if files[1:] else named[1]
+        line = f"fly it: gustproof fly {files[0]} --law {named[0]} --vehicle {airframe} --seed {worst.seed}"
     if as_json:
         print_json({**found.to_dict(), "runs": plan.cases, "seed": plan.seed, "files": [str(path) for path in files]})
         return

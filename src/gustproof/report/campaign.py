@@ -28,7 +28,7 @@ IMPORTANCE_FIGURE = "rmse_deg"
 
 def render_campaign(found: CampaignStatistics) -> Renderable:
     """Return figures with confidence, pass rates, importances, comparisons, and how to fly a run again."""
-    caption = f"Right of each value: its {100.0 * CONFIDENCE:g} % confidence interval"
+    caption = f"Below each value: its {100.0 * CONFIDENCE:g} % confidence interval"
     columns = {"law, figure": _FIRST, "median": _WIDE, "95th percentile": _WIDE, "worst": _NARROW, "run": _NARROW}
     parts: list[Renderable] = [_law_table(found, describe_campaign(found.campaign), columns, _figure_rows, caption)]
     if found.campaign.scenario.require:
@@ -95,10 +95,15 @@ def format_value(value: float) -> str:
 
 
 def format_comparisons(found: CampaignStatistics) -> Iterator[str]:
-    """Yield a line for each pair of laws and figure: the share of cases in which one law is lower."""
+    """Yield a line for each pair of laws and figure: the share of cases in which one is lower, and by how much."""
     for duel in found.duels:
-        label, (value, interval) = FIGURES[duel.figure][0], format_share(duel.lower)
-        yield f"{label}: {duel.law} is below {duel.other} in {value} ({interval}) of the cases"
+        (label, unit), (value, interval) = FIGURES[duel.figure], format_share(duel.lower)
+        mean, within = format_estimate(duel.difference)
+        effect = f", effect size {format_value(duel.effect)}" if math.isfinite(duel.effect) else ""
+        yield (
+            f"{label}: {duel.law} is below {duel.other} in {value} ({interval}) of the cases; "
+            f"mean difference {mean} ({within}) {unit}{effect}"
+        )
 
 
 def _law_table(
@@ -124,7 +129,7 @@ def _figure_rows(law: LawStatistics) -> Iterator[tuple[str, ...]]:
     for name in TERMINAL_FIGURES:
         (label, unit), figure = FIGURES[name], law.figures[name]
         quantiles = (format_estimate(figure.quantiles[each]) for each in ("median", "p95"))
-        yield f"{label} [{unit}]", *map(_one_cell, quantiles), *_worst_cells(figure.worst)
+        yield f"{label} [{unit}]", *map(_two_lines, quantiles), *_worst_cells(figure.worst)
 
 
 def _requirement_rows(law: LawStatistics) -> Iterator[tuple[str, ...]]:
@@ -148,6 +153,12 @@ def _one_cell(estimate: tuple[str, str]) -> str:
     """Return a figure and its interval, without spaces in the interval, so that it stays on one line."""
     value, interval = estimate
     return f"{value} {interval.replace(' .. ', '..')}"
+
+
+def _two_lines(estimate: tuple[str, str]) -> str:
+    """Return a figure above its interval: side by side they would break now and then on 80 columns."""
+    value, interval = estimate
+    return f"{value}\n{interval.replace(' .. ', '..')}"
 
 
 def format_importance(importance: Sequence[float] | None) -> str:

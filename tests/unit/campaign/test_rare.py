@@ -40,6 +40,7 @@ def known(monkeypatch):
         return lambda cases: [SimpleNamespace(metrics=Metrics(**{**names, "peak_deg": peak(each)})) for each in cases]
 
     monkeypatch.setattr("gustproof.campaign.rare.make_batch_simulator", simulator)
+    monkeypatch.setattr("gustproof.campaign.rare.ENSEMBLES", 8)
 
 
 @pytest.mark.parametrize(
@@ -88,8 +89,8 @@ def test_the_probability_of_a_tail_is_found(planned, here, known):
     found = estimate_rare(plan, Threshold("peak_deg", 4.2649), here, progress=shown.append)
     _, low, high = found.probability
     assert low < 1e-5 < high
-    assert high / low < 4.0
-    assert found.flights < found.plain_flights / 20.0
+    assert high / low < 5.0
+    assert found.flights < found.plain_flights / 10.0
     assert list(found.levels) == sorted(found.levels)
     assert (shown[-1], shown == sorted(shown)) == (1.0, True)
     document = found.to_dict()
@@ -103,7 +104,7 @@ def test_dispersions_count_too(planned, here, known):
     expected = float(np.mean(1.0 - ndtr(5.0 / scales)))
     found = estimate_rare(plan, Threshold("peak_deg", 5.0), here)
     assert found.probability.low < expected < found.probability.high
-    assert found.probability.high / found.probability.low < 6.0
+    assert found.probability.high / found.probability.low < 9.0
     assert np.mean([hit.deltas[0] for hit in found.hits]) > 0.5  # strong gusts bring it about
 
 
