@@ -11,7 +11,7 @@ that k_R and k_I do not. Added to the publications: `e_R` is shortened to the ra
 torques are clipped at the vehicle's limit, and the integral is emptied by back-calculation there.
 
 The published law has no lead to make up for actuators and delay, so its sensitivity limits it long before its slew
-does. `make` is that law. `make_lead` adds `-k_A` times the filtered angular acceleration, as the rate loops of
+does. `make` is that law. `geometric_lead` adds `-k_A` times the filtered angular acceleration, as the rate loops of
 autopilots do.
 
 References
@@ -43,7 +43,7 @@ from gustproof.law.cascade import AxisLaw
 from gustproof.performance.covariance import AxisModel
 
 _ZERO: Vector = (0.0, 0.0, 0.0)
-_CUTOFF = 30.0
+CUTOFF = 30.0
 """[Hz] of the filter that a law without lead does not use."""
 
 
@@ -76,7 +76,7 @@ class _PublishedGains:
 
     def complete(self) -> GeometricGains:
         """Return the gains without lead."""
-        return GeometricGains(**asdict(self), acceleration=0.0, cutoff=_CUTOFF)
+        return GeometricGains(**asdict(self), acceleration=0.0, cutoff=CUTOFF)
 
 
 class GeometricPid:
@@ -165,39 +165,7 @@ def tune_geometric(vehicle: Vehicle) -> list[GeometricGains]:
     return [gains.complete() for gains in tune_axes(vehicle, axis, starts, "geometric PID")]
 
 
-def tune_lead(vehicle: Vehicle) -> list[GeometricGains]:
-    """Return the gains of the law with lead by the procedure of `tuned_gains`, in a few seconds.
-
-    Raises
-    ------
-    DesignError
-        If no gains are within the limits.
-    """
-    starts = [
-        GeometricGains(
-            attitude=32.0 * v * v, rate=8.0 * v, integral=16.0 * v * v, acceleration=0.3, cutoff=min(_CUTOFF * v, 60.0)
-        )
-        for v in start_speeds(vehicle)
-    ]
-
-    def axis(gains: GeometricGains, model: AxisModel) -> AxisLaw:
-        return geometric_axis(gains, model.inertia, model.plant.dt)
-
-    return tune_axes(vehicle, axis, starts, "geometric PID with lead")
-
-
 def make(vehicle: Vehicle) -> GeometricPid:
     """Return the published law for a vehicle; one that is not shipped is tuned first, in a second or two."""
     vehicle = design_vehicle(vehicle)
     return GeometricPid(vehicle, find_gains("geometric", vehicle, tune_geometric, GeometricGains))
-
-
-def make_lead(vehicle: Vehicle) -> GeometricPid:
-    """Return the law with lead for a vehicle; one that is not shipped is tuned first, in a few seconds."""
-    vehicle = design_vehicle(vehicle)
-    return GeometricPid(vehicle, find_lead(vehicle))
-
-
-def find_lead(vehicle: Vehicle) -> list[GeometricGains]:
-    """Return the gains of `make_lead` for roll, pitch and yaw, shipped or tuned."""
-    return find_gains("geometric_lead", vehicle, tune_lead, GeometricGains)
