@@ -5,10 +5,10 @@ The command is
     M = -k_R e_R - k_Omega Omega - k_I e_I + Omega x J Omega,      e_I' = Omega + c e_R,
 
 with the attitude error `e_R = 1/2 (R_d' R - R' R_d)^v`. The reference is held from step to step, so its rate and
-acceleration are 0, and the terms in them vanish. Gains are diagonal, here over the inertia. The constant c is
-k_R / k_Omega, with which `e_I` integrates the error of the rate that `e_R` commands; another changes nothing near level
-that k_R and k_I do not. Added to the publications: `e_R` is shortened to the rate limit that all laws here have,
-torques are clipped at the vehicle's limit, and the integral is emptied by back-calculation there.
+acceleration are 0, and the terms in them vanish. Gains are diagonal, here over the inertia. With the constant
+c = k_R / k_Omega `e_I` integrates the error of the rate that `e_R` commands. Near level another would change nothing
+that k_R and k_I can't. Added to the publications: `e_R` is shortened to the rate limit that all laws here have. Torques
+are clipped at the vehicle's limit, where back-calculation empties the integral.
 
 The published law has no lead to make up for actuators and delay, so its sensitivity limits it long before its slew
 does. `make` is that law. `geometric_lead` adds `-k_A` times the filtered angular acceleration, as the rate loops of

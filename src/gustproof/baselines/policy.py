@@ -1,11 +1,11 @@
 """A small learned policy: for each axis a network of 2 x 32 tanh units, without offsets, on a short history.
 
 Inputs of an axis are its attitude error, an integral, and the error of the rate that the attitude commands. Then come
-the gyro's five latest changes from sample to sample, and two commands of its own before. The output is its torque. Inputs and output
-are in units of the largest angular acceleration, with the time of lag and delay together. Attitude is strapdown. Its
-error is axis times angle, shortened to the rate limit of all laws here.
+the gyro's five latest changes from sample to sample, and two commands of its own before. The output is its torque.
+Inputs and output are in units of the largest angular acceleration, with the time of lag and delay together. Attitude is
+strapdown. Its error is axis times angle, shortened to the rate limit of all laws here.
 
-The policy learns in three steps, all from fixed seeds:
+The policy learns in four steps, all from fixed seeds:
 
 1. Its teacher is the geometric PID with lead, tuned for the vehicle. Gradient descent (Adam) on drawn histories fits
    the teacher's clipped torque, with errors relative to its size, from small motions to full torque.
@@ -13,6 +13,7 @@ The policy learns in three steps, all from fixed seeds:
 3. An evolution strategy perturbs all weights in antithetic pairs. It lowers the predicted error in turbulence, with
    penalties on sensitivity peak, off-nominal peaks and torque slew beyond the price of all entries. The best weights
    within the price are kept.
+4. The gains at level that it found are imitated once more, as the teacher's were, so they hold up to full torque.
 
 What it is: near level it is linear, and its figures there come of model-based search, not of experience in flight. Far
 from level it is an imitation, and nothing is proved of it. It works at the sample time that it was trained at alone.
@@ -246,7 +247,7 @@ def teacher_gains(gains: GeometricGains, inertia: float, dt: float) -> Matrix:
 
 
 def train_policy(vehicle: Vehicle, training: Training = TRAINING) -> Weights:
-    """Return the weights that are learned for a vehicle, rounded to float32; some twenty seconds.
+    """Return the weights that are learned for a vehicle, rounded to float32; some thirty seconds.
 
     Raises
     ------
@@ -427,7 +428,7 @@ def _train(vehicle: Vehicle) -> Weights:
 
 
 def make(vehicle: Vehicle) -> Policy:
-    """Return the policy for a vehicle; one that is not shipped is trained first, in some twenty seconds."""
+    """Return the policy for a vehicle; one that is not shipped is trained first, in some thirty seconds."""
     vehicle = design_vehicle(vehicle)
     weights = load_weights(_TWINS[vehicle.name]) if is_shipped(vehicle) else _train(vehicle)
     return Policy(weights, policy_units(vehicle, find_lead(vehicle)))
