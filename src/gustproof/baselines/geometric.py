@@ -5,13 +5,13 @@ The command is
     M = -k_R e_R - k_Omega Omega - k_I e_I + Omega x J Omega,      e_I' = Omega + c e_R,
 
 with the attitude error `e_R = 1/2 (R_d' R - R' R_d)^v`. The reference is held from step to step, so its rate and
-acceleration are 0, and the terms in them vanish. Gains are diagonal, here over the inertia. The constant c is
-k_R / k_Omega, with which `e_I` integrates the error of the rate that `e_R` commands; another changes nothing near level
-that k_R and k_I do not. Added to the publications: `e_R` is shortened to the rate limit that all laws here have,
-torques are clipped at the vehicle's limit, and the integral is emptied by back-calculation there.
+acceleration are 0, and the terms in them vanish. Gains are diagonal, here over the inertia. With the constant
+c = k_R / k_Omega `e_I` integrates the error of the rate that `e_R` commands. Near level another would change nothing
+that k_R and k_I can't. Added to the publications: `e_R` is shortened to the rate limit that all laws here have. Torques
+are clipped at the vehicle's limit, where back-calculation empties the integral.
 
 The published law has no lead to make up for actuators and delay, so its sensitivity limits it long before its slew
-does. `make` is that law. `make_lead` adds `-k_A` times the filtered angular acceleration, as the rate loops of
+does. `make` is that law. `geometric_lead` adds `-k_A` times the filtered angular acceleration, as the rate loops of
 autopilots do.
 
 References
@@ -43,7 +43,7 @@ from gustproof.law.cascade import AxisLaw
 from gustproof.performance.covariance import AxisModel
 
 _ZERO: Vector = (0.0, 0.0, 0.0)
-_CUTOFF = 30.0
+CUTOFF = 30.0
 """[Hz] of the filter that a law without lead does not use."""
 
 
@@ -76,7 +76,7 @@ class _PublishedGains:
 
     def complete(self) -> GeometricGains:
         """Return the gains without lead."""
-        return GeometricGains(**asdict(self), acceleration=0.0, cutoff=_CUTOFF)
+        return GeometricGains(**asdict(self), acceleration=0.0, cutoff=CUTOFF)
 
 
 class GeometricPid:
@@ -165,39 +165,7 @@ def tune_geometric(vehicle: Vehicle) -> list[GeometricGains]:
     return [gains.complete() for gains in tune_axes(vehicle, axis, starts, "geometric PID")]
 
 
-def tune_lead(vehicle: Vehicle) -> list[GeometricGains]:
-    """Return the gains of the law with lead by the procedure of `tuned_gains`, in a few seconds.
-
-    Raises
-    ------
-    DesignError
-        If no gains are within the limits.
-    """
-    starts = [
-        GeometricGains(
-            attitude=32.0 * v * v, rate=8.0 * v, integral=16.0 * v * v, acceleration=0.3, cutoff=min(_CUTOFF * v, 60.0)
-        )
-        for v in start_speeds(vehicle)
-    ]
-
-    def axis(gains: GeometricGains, model: AxisModel) -> AxisLaw:
-        return geometric_axis(gains, model.inertia, model.plant.dt)
-
-    return tune_axes(vehicle, axis, starts, "geometric PID with lead")
-
-
 def make(vehicle: Vehicle) -> GeometricPid:
     """Return the published law for a vehicle; one that is not shipped is tuned first, in a second or two."""
     vehicle = design_vehicle(vehicle)
     return GeometricPid(vehicle, find_gains("geometric", vehicle, tune_geometric, GeometricGains))
-
-
-def make_lead(vehicle: Vehicle) -> GeometricPid:
-    """Return the law with lead for a vehicle; one that is not shipped is tuned first, in a few seconds."""
-    vehicle = design_vehicle(vehicle)
-    return GeometricPid(vehicle, find_lead(vehicle))
-
-
-def find_lead(vehicle: Vehicle) -> list[GeometricGains]:
-    """Return the gains of `make_lead` for roll, pitch and yaw, shipped or tuned."""
-    return find_gains("geometric_lead", vehicle, tune_lead, GeometricGains)

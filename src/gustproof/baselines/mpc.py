@@ -5,9 +5,9 @@ a constant disturbance moment. A Kalman filter on the gyro estimates rate, torqu
 holds the reference against this disturbance is the target, so there is no offset. Attitude is strapdown; the deviation
 from the reference is axis times angle.
 
-The cost of a sample is `attitude^2 + rate_time^2 rate^2 + weight (u - u_before)^2`, summed for ever. Of the commands
-`u_k = u_target - K z_k + c_k`, `K` is the gain that minimises it without limits; `z` is the deviation from the target
-and `c` the correction over a horizon, 0 after it. Completed squares leave `sum c_k^2`, and the programme
+The cost of a sample is `attitude^2 + rate_time^2 rate^2 + weight (u - u_before)^2`, summed for ever. The commands
+are `u_k = u_target - K z_k + c_k`, where `K` is the gain that minimises it without limits. `z` is the deviation from
+the target and `c` the correction over a horizon, 0 after it. Completed squares leave `sum c_k^2`, and the programme
 
     minimise sum c_k^2   subject to   -limit <= u_k <= limit,
 
@@ -124,10 +124,8 @@ def design_axis(gains: MpcGains, inertia: float, lag: float, damping: float, dt:
     unit = np.array([1.0, inertia * gains.torque_bandwidth, inertia * gains.disturbance_bandwidth])
     X = scipy.linalg.solve_discrete_are((F * unit / unit[:, None]).T, np.eye(3)[:, :1], np.diag(walk**2), np.eye(1))
     gain = unit * X[:, 0] / (X[0, 0] + 1.0)
-    return AxisController(
-        A=A, B=B[:, 0], K=K, filter_A=F, filter_B=np.append(held.B[1:, 0], 0.0),
-        filter_gain=gain,
-    )  # fmt: skip
+    acting = np.append(held.B[1:, 0], 0.0)
+    return AxisController(A=A, B=B[:, 0], K=K, filter_A=F, filter_B=acting, filter_gain=gain)
 
 
 def mpc_axis(design: AxisController, dt: float) -> AxisLaw:

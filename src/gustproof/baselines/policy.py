@@ -1,11 +1,11 @@
 """A small learned policy: for each axis a network of 2 x 32 tanh units, without offsets, on a short history.
 
-Inputs of an axis are its attitude error, an integral, the error of the rate that the attitude commands, the gyro's five
-latest changes from sample to sample, and two commands of its own before. The output is its torque. Inputs and output
-are in units of the largest angular acceleration, with the time of lag and delay together. Attitude is strapdown. Its
-error is axis times angle, shortened to the rate limit of all laws here.
+Inputs of an axis are its attitude error, an integral, and the error of the rate that the attitude commands. Then come
+the gyro's five latest changes from sample to sample, and two commands of its own before. The output is its torque.
+Inputs and output are in units of the largest angular acceleration, with the time of lag and delay together. Attitude is
+strapdown. Its error is axis times angle, shortened to the rate limit of all laws here.
 
-The policy learns in three steps, all from fixed seeds:
+The policy learns in four steps, all from fixed seeds:
 
 1. Its teacher is the geometric PID with lead, tuned for the vehicle. Gradient descent (Adam) on drawn histories fits
    the teacher's clipped torque, with errors relative to its size, from small motions to full torque.
@@ -13,6 +13,7 @@ The policy learns in three steps, all from fixed seeds:
 3. An evolution strategy perturbs all weights in antithetic pairs. It lowers the predicted error in turbulence, with
    penalties on sensitivity peak, off-nominal peaks and torque slew beyond the price of all entries. The best weights
    within the price are kept.
+4. The gains at level that it found are imitated once more, as the teacher's were, so they hold up to full torque.
 
 What it is: near level it is linear, and its figures there come of model-based search, not of experience in flight. Far
 from level it is an imitation, and nothing is proved of it. It works at the sample time that it was trained at alone.
@@ -28,14 +29,14 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from firmware_model.config.vehicle import Vehicle, load_vehicle
+from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
-from gustproof.baselines.geometric import GeometricGains, find_lead, geometric_axis
+from gustproof.baselines.geometric import GeometricGains, geometric_axis
+from gustproof.baselines.geometric_lead import find_lead
 from gustproof.baselines.rotation_estimate import (
     LEVEL,
     RotationEstimate,
@@ -222,7 +223,7 @@ class Training:
 
 
 TRAINING = Training()
-"""That of the shipped weights."""
+"""The training of the shipped weights."""
 
 
 def teacher_gains(gains: GeometricGains, inertia: float, dt: float) -> Matrix:
@@ -246,7 +247,7 @@ def teacher_gains(gains: GeometricGains, inertia: float, dt: float) -> Matrix:
 
 
 def train_policy(vehicle: Vehicle, training: Training = TRAINING) -> Weights:
-    """Return the weights that are learned for a vehicle, rounded to float32; some twenty seconds.
+    """Return the weights that are learned for a vehicle, rounded to float32; some thirty seconds.
 
     Raises
     ------
@@ -375,6 +376,23 @@ class _Price:
         return math.log(error), sum(max(each, 0.0) for each in excess)
 
 
+def _climb(layers: list[Matrix], price: _Price, training: Training, rng: np.random.Generator) -> list[Matrix]:
+    """Return the direction in which the weights' cost rises, by antithetic pairs."""
+    scales = [math.sqrt(float(np.mean(layer**2))) for layer in layers]
+
+    def cost(draw: list[Matrix], sign: float) -> float:
+        error, excess = price.cost([layer + sign * training.spread * d for layer, d in zip(layers, draw, strict=True)])
+        return error + _PENALTY * excess
+
+    draws = [
+        [rng.normal(size=layer.shape) * scale for layer, scale in zip(layers, scales, strict=True)]
+        for _ in range(training.pairs)
+    ]
+    differences = np.array([cost(draw, 1.0) - cost(draw, -1.0) for draw in draws])
+    shares = differences / (np.linalg.norm(differences) or 1.0)
+    return [np.tensordot(shares, np.array(own), 1) for own in zip(*draws, strict=True)]
+
+
 def _evolve(layers: list[Matrix], price: _Price, training: Training) -> list[Matrix]:
     """Return the weights of one axis after the evolution strategy.
 
@@ -390,35 +408,12 @@ def _evolve(layers: list[Matrix], price: _Price, training: Training) -> list[Mat
         error, excess = price.cost(rounded)
         if excess == 0.0 and error < least:
             best, least = rounded, error
-        scales = [math.sqrt(float(np.mean(layer**2))) for layer in layers]
-        step = [np.zeros(layer.shape) for layer in layers]
-        differences = []
-        draws = [[rng.normal(size=layer.shape) * scale for layer, scale in zip(layers, scales, strict=True)]
-                 for _ in range(training.pairs)]  # fmt: skip
-        for draw in draws:
-            plus, minus = (
-                price.cost([layer + sign * training.spread * d for layer, d in zip(layers, draw, strict=True)])
-                for sign in (1.0, -1.0)
-            )
-            differences.append(plus[0] + _PENALTY * plus[1] - minus[0] - _PENALTY * minus[1])
-        unit = math.sqrt(sum(each**2 for each in differences)) or 1.0
-        for draw, difference in zip(draws, differences, strict=True):
-            for k, d in enumerate(draw):
-                step[k] += difference / unit * d
+        step = _climb(layers, price, training, rng)
         stride = training.stride * 0.1 ** (generation / max(training.generations, 1))
         layers = [layer - stride * s for layer, s in zip(layers, step, strict=True)]
     if best is None:
         raise DesignError("policy: the evolution strategy finds no weights within the price")
     return best
-
-
-def save_weights(path: Path = DATA / "policy.npz") -> None:
-    """Train the shipped weights and write their file."""
-    arrays = {}
-    for name in sorted(set(_TWINS.values())):
-        for layer, values in train_policy(load_vehicle(name))._asdict().items():
-            arrays[f"{name}.{layer}"] = values.astype(np.float32)
-    np.savez_compressed(path, **arrays)
 
 
 def load_weights(name: str) -> Weights:
@@ -433,7 +428,7 @@ def _train(vehicle: Vehicle) -> Weights:
 
 
 def make(vehicle: Vehicle) -> Policy:
-    """Return the policy for a vehicle; one that is not shipped is trained first, in some twenty seconds."""
+    """Return the policy for a vehicle; one that is not shipped is trained first, in some thirty seconds."""
     vehicle = design_vehicle(vehicle)
     weights = load_weights(_TWINS[vehicle.name]) if is_shipped(vehicle) else _train(vehicle)
     return Policy(weights, policy_units(vehicle, find_lead(vehicle)))

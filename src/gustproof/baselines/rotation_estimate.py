@@ -58,10 +58,16 @@ class RotationEstimate:
         t0, t4, t8 = 1.0 - versine * (y * y + z * z), 1.0 - versine * (x * x + z * z), 1.0 - versine * (x * x + y * y)
         t1, t2, t3, t5, t6, t7 = xy - sz, xz + sy, xy + sz, yz - sx, xz - sy, yz + sx
         self.R_NB = (
-            a * t0 + b * t3 + c * t6, a * t1 + b * t4 + c * t7, a * t2 + b * t5 + c * t8,
-            d * t0 + e * t3 + f * t6, d * t1 + e * t4 + f * t7, d * t2 + e * t5 + f * t8,
-            g * t0 + h * t3 + i * t6, g * t1 + h * t4 + i * t7, g * t2 + h * t5 + i * t8,
-        )  # fmt: skip
+            a * t0 + b * t3 + c * t6,
+            a * t1 + b * t4 + c * t7,
+            a * t2 + b * t5 + c * t8,
+            d * t0 + e * t3 + f * t6,
+            d * t1 + e * t4 + f * t7,
+            d * t2 + e * t5 + f * t8,
+            g * t0 + h * t3 + i * t6,
+            g * t1 + h * t4 + i * t7,
+            g * t2 + h * t5 + i * t8,
+        )
         return self.R_NB
 
 
@@ -70,10 +76,16 @@ def rotation_matrix(euler: Vector) -> Rotation:
     phi, theta, psi = euler
     sx, cx, sy, cy, sz, cz = (f(angle) for angle in (phi, theta, psi) for f in (math.sin, math.cos))
     return (
-        cy * cz, sx * sy * cz - cx * sz, cx * sy * cz + sx * sz,
-        cy * sz, sx * sy * sz + cx * cz, cx * sy * sz - sx * cz,
-        -sy, sx * cy, cx * cy,
-    )  # fmt: skip
+        cy * cz,
+        sx * sy * cz - cx * sz,
+        cx * sy * cz + sx * sz,
+        cy * sz,
+        sx * sy * sz + cx * cz,
+        cx * sy * sz - sx * cz,
+        -sy,
+        sx * cy,
+        cx * cy,
+    )
 
 
 def rotation_error(R: Rotation, R_d: Rotation) -> Vector:

@@ -5,10 +5,8 @@ the gains of least error in the turbulence of `paper-turbulence`. Limits are a s
 a torque slew of `default_slew`, and off nominal 1.7 times that peak, as `gustproof tune` tries first.
 """
 
-import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -115,9 +113,3 @@ def find_gains(
     if (name, vehicle) not in _TUNED:
         _TUNED[name, vehicle] = tune_entry(vehicle)
     return list(_TUNED[name, vehicle])
-
-
-def save_gains(name: str, tune_entry: Callable[[Vehicle], Sequence["DataclassInstance"]], folder: Path = DATA) -> None:
-    """Tune an entry for the shipped vehicles and write its data file."""
-    gains = {vehicle: [asdict(axis) for axis in tune_entry(load_vehicle(vehicle))] for vehicle in SHIPPED}
-    (folder / f"{name}.json").write_text(json.dumps(gains, indent=1) + "\n", encoding="utf-8")

@@ -8,7 +8,8 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.baselines import policy
-from gustproof.baselines.geometric import find_lead, geometric_axis
+from gustproof.baselines.geometric import geometric_axis
+from gustproof.baselines.geometric_lead import find_lead
 from gustproof.baselines.policy import (
     INPUTS,
     TRAINING,
