@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.errors import ConfigError
 from gustproof.cli.app import app
 from gustproof.entries.entry import parse_entry
 from gustproof.entries.stepper import make_stepper
@@ -93,6 +94,12 @@ def test_each_end_of_an_object_over_udp_has_a_name_and_its_records(entry, tmp_pa
     assert words in flight.message
     assert len(flight.records) == SHORT.samples  # the fail-safe flies on
     assert not flight.has_expected_outcome
+
+
+def test_an_object_that_cannot_be_made_is_bad_input(tmp_path):
+    (tmp_path / "mine.py").write_text("make = lambda: 1 / 0\n")
+    with pytest.raises(ConfigError, match=r"^controller .*: make\(\) raised ZeroDivisionError: .* \(mine.py:1\)$"):
+        fly(SHORT, parse_entry(f"{tmp_path}/mine.py:make"), vehicle=VEHICLE, out=tmp_path)
 
 
 def test_an_object_that_is_late_in_real_time_is_told(entry, tmp_path):

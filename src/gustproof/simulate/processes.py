@@ -35,6 +35,7 @@ from gustproof.simulate.programs import controller_command, describe_start, is_p
 WORKING_PREFIX = ".flight-"
 """Prefix of the folder of input files for the processes, inside the flight's; a killed starter leaves it behind."""
 _POLL_S = 0.02  # between two looks at the processes
+_BAD_INPUT = 2  # exit status of our own controller
 _EXIT_TIMEOUT_S = 5.0  # for a process to end by itself
 _ORPHAN_TIMEOUT_S = 10.0  # for a vehicle to begin its flight without its controller
 _START_TIMEOUT_S = 60.0  # for a controller to begin the flight
@@ -212,6 +213,7 @@ class _ProcessPair:
             self._follow_script(flown)
             progress(min(flown / samples, 1.0))
             if self._processes["controller"].poll() is not None:
+                self._check_entry(flown)
                 alone_since = alone_since or time.monotonic()
                 give_up_s = min(give_up_s, alone_since + _ORPHAN_TIMEOUT_S)
             if not flown and time.monotonic() > give_up_s:
@@ -224,6 +226,13 @@ class _ProcessPair:
             ends = vehicle.returncode == 0 and not self._replaced
             self._processes["controller"].wait(_EXIT_TIMEOUT_S if ends else 0.0)
         progress(min(count_records(self._journal, self._rotors) / samples, 1.0))
+
+    def _check_entry(self, flown: int) -> None:
+        """Refuse an object or a library that can't be made; its process says why."""
+        controller = self._processes["controller"]
+        is_refused = controller.returncode == _BAD_INPUT and not (flown or self._is_law or self._is_program)
+        if is_refused and (line := last_stderr_line(controller)):
+            raise ConfigError(line.removeprefix("gustproof controller: "))
 
     def _read_outcome(self) -> FlightOutcome:
         """Return the outcome; keep the vehicle's summary, and the reason of a flight that broke off."""
