@@ -41,7 +41,7 @@ def main(words: Sequence[str]) -> int:
         exit_on_stdin_eof(lambda: os.kill(os.getpid(), signal.SIGTERM))
         status = program.wait()
         _signal_group(program, signal.SIGKILL)  # what it started and left
-        ended = {"status": status, "message": f"'{words[0]}' {_describe(status)}{_last_line(said)}"}
+        ended = {"status": status, "message": f"'{words[0]}' {describe_exit(status)}{_last_line(said)}"}
         sys.stdout.write(f"{json.dumps(ended)}\n")
     return status if status >= 0 else 128 - status
 
@@ -68,7 +68,8 @@ def _signal_group(program: "subprocess.Popen[Any]", number: signal.Signals) -> N
         os.killpg(program.pid, number)
 
 
-def _describe(status: int) -> str:
+def describe_exit(status: int) -> str:
+    """Return in words how a process ended, by its status."""
     return f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
 
 

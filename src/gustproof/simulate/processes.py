@@ -25,6 +25,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.guest.child import share_core
 from firmware_model.recording.journal import count_records, read_journal, record_type
 from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
+from gustproof.controller.guard import describe_exit
 from gustproof.entries.entry import Pilot
 from gustproof.law.form import Law
 from gustproof.simulate.flight import Flight, FlightPlan, by_kind
@@ -35,6 +36,7 @@ from gustproof.simulate.programs import controller_command, describe_start, is_p
 WORKING_PREFIX = ".flight-"
 """Prefix of the folder of input files for the processes, inside the flight's; a killed starter leaves it behind."""
 _POLL_S = 0.02  # between two looks at the processes
+_BAD_INPUT = 2  # exit status of our own controller
 _EXIT_TIMEOUT_S = 5.0  # for a process to end by itself
 _ORPHAN_TIMEOUT_S = 10.0  # for a vehicle to begin its flight without its controller
 _START_TIMEOUT_S = 60.0  # for a controller to begin the flight
@@ -212,6 +214,7 @@ class _ProcessPair:
             self._follow_script(flown)
             progress(min(flown / samples, 1.0))
             if self._processes["controller"].poll() is not None:
+                self._check_entry(flown)
                 alone_since = alone_since or time.monotonic()
                 give_up_s = min(give_up_s, alone_since + _ORPHAN_TIMEOUT_S)
             if not flown and time.monotonic() > give_up_s:
@@ -225,6 +228,13 @@ class _ProcessPair:
             self._processes["controller"].wait(_EXIT_TIMEOUT_S if ends else 0.0)
         progress(min(count_records(self._journal, self._rotors) / samples, 1.0))
 
+    def _check_entry(self, flown: int) -> None:
+        """Refuse an object or a library that can't be made; its process says why."""
+        controller = self._processes["controller"]
+        is_refused = controller.returncode == _BAD_INPUT and not (flown or self._is_law or self._is_program)
+        if is_refused and (line := last_stderr_line(controller)):
+            raise ConfigError(line.removeprefix("gustproof controller: "))
+
     def _read_outcome(self) -> FlightOutcome:
         """Return the outcome; keep the vehicle's summary, and the reason of a flight that broke off."""
         self.summary = read_summary(self._processes["vehicle"])
@@ -232,29 +242,31 @@ class _ProcessPair:
             self.reason = last_stderr_line(self._processes["vehicle"])
             return FlightOutcome.AUTOPILOT_LOST
         outcome = FlightOutcome.NOT_STARTED if self._gave_up else _OUTCOMES[VehicleOutcome(self.summary["outcome"])]
-        controller = self._processes["controller"]
-        status = controller.poll()
-        reason = last_stderr_line(controller)
-        if told := read_summary(controller):
-            reason = f"{'gustproof controller: ' if self._is_law else ''}{told['message']}"
-            if self.summary["pace"] and "late_samples" in told:
-                self.summary["pace"] |= {name: told[name] for name in ("late_samples", "missed_samples")}
+        status = self._processes["controller"].poll()
+        reason, told = self._read_controller()
         # A program ends by itself once the vehicle is disarmed, whatever the outcome.
         ended_early = self._alone if self._is_program else status is not None
-        if outcome is not FlightOutcome.DONE and ended_early:
-            self.reason = reason or _describe_exit(status or 0)
-        return outcome if self._is_law else self._refine(outcome, told)
+        if ended_early and outcome is not FlightOutcome.DONE:
+            self.reason = reason or describe_exit(status or 0)
+        return self._refine(outcome, told)
+
+    def _read_controller(self) -> tuple[str, dict[str, Any]]:
+        """End the controller; return its last words, and its summary, whose figures of pace go with the vehicle's."""
+        controller = self._processes["controller"]
+        reason, told = last_stderr_line(controller), read_summary(controller)
+        if self.summary["pace"] and "late_samples" in told:
+            self.summary["pace"] |= {name: told[name] for name in ("late_samples", "missed_samples")}
+        if told:
+            reason = f"{'gustproof controller: ' if self._is_law else ''}{told['message']}"
+        return reason, told
 
     def _refine(self, outcome: FlightOutcome, told: Mapping[str, Any]) -> FlightOutcome:
-        """Return the outcome of an entry's flight, and keep how far one came that did not begin."""
+        """Return the outcome of an entry's flight, and keep how far one came that did not begin; a law's stays."""
+        if self._is_law:
+            return outcome
         if outcome is FlightOutcome.NOT_STARTED:
             self.reason = "; ".join(filter(None, (describe_start(self.summary), self.reason)))
         return outcome if self._scripted else refine_outcome(outcome, self.summary, told, alone=self._alone)
-
-
-def _describe_exit(status: int) -> str:
-    """Return in words how a process ended, by its status."""
-    return f"ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
 
 
 def launch(module: str, *arguments: str) -> "subprocess.Popen[str]":
