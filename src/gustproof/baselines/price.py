@@ -67,10 +67,10 @@ class Price:
     slew: float | None
     """[N*m/s] rms torque slew in the scenario, all axes and flights together; `None` if it was not flown."""
     distortion: float
-    """[-] how far the pilot is from linear: the larger of two shares of the worst axis.
+    """[-] distance of the pilot from a linear one: the larger of two shares of the worst axis.
 
-    One is the relative change of the sensitivity at half the amplitude, rms over the sines; the other the share of the
-    commands' rms at frequencies that no sine has."""
+    One is the relative change of the sensitivity at half the amplitude, rms over the sines. The other is the share of
+    the commands' rms at frequencies that no sine has."""
 
     @property
     def Ms(self) -> float:

@@ -2,9 +2,9 @@
 
     u = (rate_p^2 (angle_p (reference - attitude) - z1) - 2 rate_p z2 - z3) / b,      b = 1 / (inertia_ratio J lag)
 
-From command to rate the axis is of second order. So the extended state observer estimates the rate as `z1`, its
-derivative as `z2`, and as `z3` all that changes this other than the command: gusts, damping, the lag's own pole. It
-knows nothing of the vehicle but `b`. All of its poles are at `observer`, those of the rate at `rate_p`.
+From command to rate the axis is of second order. So the extended state observer estimates the rate as `z1` and its
+derivative as `z2`. All that changes this other than the command is `z3`: gusts, damping, the lag's own pole. It knows
+nothing of the vehicle but `b`. All of its poles are at `observer`, those of the rate at `rate_p`.
 
 References
 ----------
