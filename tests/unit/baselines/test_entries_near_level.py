@@ -38,9 +38,7 @@ def axis_laws(name, vehicle):
     units = policy.policy_units(vehicle, geometric.find_lead(vehicle))
     scale = units.inputs * units.torque[:, None]
     weights = policy.load_weights("iris" if vehicle.name == "iris" else "paper")
-    return [
-        policy.policy_axis(k, lead, DT) for k, lead in zip(weights.gains * scale, units.lead.tolist(), strict=True)
-    ]
+    return [policy.policy_axis(k, lead, DT) for k, lead in zip(weights.gains * scale, units.lead.tolist(), strict=True)]
 
 
 @pytest.mark.parametrize("vehicle", ["paper", "octo", "iris"])
