@@ -137,8 +137,8 @@ def _tune_autopilot(
     from gustproof.synthesis.tune import wanted_slew
 
     price = wanted_slew(vehicles.nominal, script, slew, ms)
-    with progress(f"tuning {autopilot.value}", quiet=as_json):
-        tuning = tune_gains(autopilot.value, vehicles, script, slew=price, sensitivity_peak=ms)
+    with progress(f"tuning {autopilot.value}", quiet=as_json) as shown:
+        tuning = tune_gains(autopilot.value, vehicles, script, slew=price, sensitivity_peak=ms, progress=shown)
     if output is not None:
         save_tuning(tuning, vehicles.nominal, output)
     figures = {"Ms": tuning.Ms, "slew": tuning.slew, "rmse_deg": math.degrees(tuning.rmse)}

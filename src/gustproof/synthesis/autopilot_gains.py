@@ -6,7 +6,7 @@ the gyro are common to the axes.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -135,6 +135,7 @@ def tune_gains(
     slew: float,
     sensitivity_peak: float = 1.4,
     in_simulation: bool = True,
+    progress: Callable[[float, str], None] = lambda _share, _text: None,
 ) -> AutopilotTuning:
     """Return the gains of `px4` or `ardupilot` with the least attitude error in the scenario's turbulence.
 
@@ -160,9 +161,13 @@ def tune_gains(
     fixed = complete(autopilot, structure.fixed)
     torque = autopilot.full_torque(vehicle, fixed) if in_simulation else vehicle.torque_limit
     search = _Search(autopilot, structure, vehicles, script, sensitivity_peak, math.sqrt(slew**2 - rounding**2), torque)
-    tries = product(_CORNER_PEAKS, _SPEEDS)
-    values = next((found for corner, speed in tries if (found := search.run(corner, speed)) is not None), None)
-    if values is None:
+    tries = list(product(_CORNER_PEAKS, _SPEEDS))
+    for number, (corner, speed) in enumerate(tries):
+        progress(number / len(tries), f"at most {corner * sensitivity_peak:.3g} off nominal")
+        values = search.run(corner, speed)
+        if values is not None:
+            break
+    else:
         raise DesignError(
             f"no gains of {autopilot.name} found at sensitivity peak {sensitivity_peak:g}, "
             f"{_CORNER_PEAKS[-1] * sensitivity_peak:g} off nominal, and slew {slew:g} N*m/s"

@@ -81,7 +81,10 @@ def test_without_turbulence_nothing_is_tuned():
 
 @pytest.mark.slow
 def test_a_price_that_cannot_be_met_is_refused_with_one_that_can():
-    with pytest.raises(DesignError, match=r"no cascade found .*; with this peak a slew of [\d.]+ N m/s can be met"):
+    with pytest.raises(
+        DesignError,
+        match=r"no law holds attitude in .* at slew 0\.02 .*; with this peak a slew of [\d.]+ N m/s can be met",
+    ):
         tune_law("pid", load_vehicle_set("iris"), AIR, slew=0.02)
 
 
@@ -104,7 +107,6 @@ def test_a_cascade_for_any_vehicle_keeps_its_price(kind, mass, lag):
     judge(tune_law(kind, vehicles, AIR), vehicles, default_slew(vehicles.nominal, AIR))
 
 
-@pytest.mark.long
 @pytest.mark.slow
 def test_the_flagship_for_any_vehicle_is_near_the_least_error():
     vehicles = scaled(mass=25.0, lag=0.11)
@@ -139,19 +141,18 @@ def test_levelling_keeps_the_loop_and_ends_the_walk():
     assert level.provenance.parameters["foretold_rmse_deg"] == math.degrees(predict(level, vehicle, AIR).rmse)
 
 
-@pytest.mark.long
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "peak"), [("aided", 1.4), ("hinf", 1.5)])
-def test_weights_of_a_design_are_found_for_another_vehicle(kind, peak):
+@pytest.mark.parametrize(("kind", "peak", "most"), [("aided", 1.4, 0.75), ("hinf", 1.5, 1.25), ("hinf", 1.4, 4.0)])
+def test_a_law_levelled_or_of_a_design_is_found_for_another_vehicle(kind, peak, most):
+    """The design is poor at 1.4: its weights have no more than three factors for a vehicle's three axes."""
     vehicles = load_vehicle_set("iris")
     tuning = tune_law(kind, vehicles, AIR, sensitivity_peak=peak)
     assert tuning.law.uses_accelerometer == (kind == "aided")
     assert tuning.Ms <= peak
     assert tuning.slew <= default_slew(vehicles.nominal, AIR)
-    assert tuning.rmse <= 2.0 * tuning.least_rmse
+    assert tuning.rmse <= most * tuning.least_rmse
 
 
-@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.compiled
 def test_a_law_of_rates_is_made_for_the_vehicle_s_own_loops():

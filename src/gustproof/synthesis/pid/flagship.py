@@ -180,15 +180,13 @@ def _search_axes(
 ) -> list[BiquadGains] | None:
     """Return the optimum of each axis at a weight of slew; `None` if one has none.
 
-    It is searched from gains `near` it if there are any. Else it is from those of the axis before, as axes differ
-    little in gains of angular acceleration, and from all `starts` for the first axis, or where that fails.
+    It is searched from gains `near` it if there are any. Else it is from those of the axis before and from `starts`:
+    axes differ little in gains of angular acceleration.
     """
     gains = list[BiquadGains]()
     for number, search in enumerate(searches):
         first = [near[number]] if near else [*gains[-1:], *starts]
         result = search.search(first, weight)
-        if result is None and not near and number:
-            result = search.search(starts, weight)
         if result is None:
             return None
         gains.append(result.gains)
