@@ -12,6 +12,7 @@ from gustproof.errors import DesignError
 from gustproof.law.hover import hover_plant, loop_law
 from gustproof.lti.margins import margins
 from gustproof.performance.predict import predict
+from gustproof.synthesis import tune
 from gustproof.synthesis.tune import ROBUSTNESS_PRICE, default_slew, file_corners, least_errors, tune_law
 
 AIR = load_scenario("paper-turbulence")
@@ -70,6 +71,20 @@ def test_without_turbulence_nothing_is_tuned():
         tune_law("pid", load_vehicle_set("iris"), load_scenario("calm"))
 
 
+def test_what_could_be_met_is_found_by_steps_and_halvings(monkeypatch):
+    """From .02: .03 and .05 are refused, .1 is met; of the halvings .0707 is met, .0595 and .0648 are refused."""
+
+    def make(task, limits):
+        if limits.slew < 0.07:
+            raise DesignError("no law")
+
+    for makers in (tune._CASCADES, tune._MAKERS):
+        monkeypatch.setitem(makers, tune.LawKind.PID, make)
+    with pytest.raises(DesignError, match=r"no law; with this peak a slew of 0\.0707 N m/s can be met"):
+        tune_law("pid", load_vehicle_set("iris"), AIR, slew=0.02)
+
+
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_price_that_cannot_be_met_is_refused_with_one_that_can():
     with pytest.raises(DesignError, match=r"no cascade found .*; with this peak a slew of [\d.]+ N m/s can be met"):
