@@ -13,6 +13,7 @@ from gustproof.law.form import load_law
 from gustproof.law.hover import hover_plant, loop_law
 from gustproof.lti.margins import margins
 from gustproof.performance.predict import predict
+from gustproof.synthesis import tune
 from gustproof.synthesis.levelling import level_cascade
 from gustproof.synthesis.tune import (
     ROBUSTNESS_PRICE,
@@ -77,6 +78,21 @@ def test_no_law_is_tuned_for_a_price_that_is_none(options, words):
 def test_without_turbulence_nothing_is_tuned():
     with pytest.raises(DesignError, match="'calm' has no turbulence"):
         tune_law("pid", load_vehicle_set("iris"), load_scenario("calm"))
+
+
+def test_what_could_be_met_is_found_by_steps_and_halvings(monkeypatch):
+    """From .02: .03 and .05 are refused, .1 is met; of the halvings .0707 is met, .0595 and .0648 are refused."""
+
+    def make(task, limits):
+        if limits.slew < 0.07:
+            raise DesignError("no law")
+
+    for check in ("_refuse_the_impossible", "check_price"):
+        monkeypatch.setattr(tune, check, lambda *_: None)
+    for makers in (tune._CASCADES, tune._MAKERS):
+        monkeypatch.setitem(makers, tune.LawKind.PID, make)
+    with pytest.raises(DesignError, match=r"no law; with this peak a slew of 0\.0707 N m/s can be met"):
+        tune_law("pid", load_vehicle_set("iris"), AIR, slew=0.02)
 
 
 @pytest.mark.slow
