@@ -101,8 +101,26 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
     excess[X0 : X0 + len(own)] = [float(system.G[i][axis]) for i in own]
     x = np.repeat(np.column_stack([np.eye(m), excess, excess])[None], len(pairs), axis=0)
     x[:, :, -1] = gyro
-    peak, square = np.zeros_like(x), np.zeros((len(pairs), m + 3))
-    total, signals, size = (np.zeros((len(pairs), m + 3, m + 2)) for _ in range(3))
+    total, square, peak, x = _simulate(Phi, demand, x, samples)
+    peak = np.max(peak, axis=2)  # of each state over all columns
+    defect = (m + 16) * _ULP * (np.abs(Phi) @ peak[:, :, None])[:, :, 0]
+    # the demand is a sum of the states with a rounding of its own
+    slack = (m + 16) * _ULP * samples * (peak @ np.abs(demand))
+    total[:, GAP:] += slack[:, None, None]
+    return _add_tails(total, square, x, samples, defect, inverse_inertia, inverse_lag, demand_gyro)
+
+
+def _simulate(Phi: Array, demand: Array, x: Array, samples: int) -> tuple[Array, Array, Array, Array]:
+    """Return sums of moduli and of squares of all signals, the states' largest moduli, and the last states.
+
+    Raises
+    ------
+    Refusal
+        If the loop is unstable.
+    """
+    cells, m = Phi.shape[:2]
+    peak, square = np.zeros_like(x), np.zeros((cells, m + 3))
+    total, signals, size = (np.zeros((cells, m + 3, m + 2)) for _ in range(3))
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(samples):
             after, held = Phi @ x, demand @ x
@@ -117,12 +135,7 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
             x = after
     if not np.max(peak) < _DIVERGED:
         raise Refusal("the norms have no bound: the loop is unstable")
-    peak = np.max(peak, axis=2)  # of each state over all columns
-    defect = (m + 16) * _ULP * (np.abs(Phi) @ peak[:, :, None])[:, :, 0]
-    # the demand is a sum of the states with a rounding of its own
-    slack = (m + 16) * _ULP * samples * (peak @ np.abs(demand))
-    total[:, GAP:] += slack[:, None, None]
-    return _add_tails(total, square, x, samples, defect, inverse_inertia, inverse_lag, demand_gyro)
+    return total, square, peak, x
 
 
 def _cover(nominal: float, spread: float, cells: int) -> list[tuple[float, float]]:
