@@ -16,8 +16,8 @@ from gustproof.performance.covariance import axis_models
 from gustproof.performance.predict import predict
 
 _SHARE = 0.25
-"""[-] of the Kalman gain that is used: the error on the stand grows by a hundredth, while gusts' forces, which the
-accelerometer takes for tilt in free flight, turn the vehicle by half as much."""
+"""[-] of the Kalman gain that is used. On the stand the error grows by a hundredth. In free flight gusts, whose force
+the accelerometer takes for tilt, turn the vehicle by half as much."""
 
 
 def level_cascade(law: Law, vehicle: Vehicle, scenario: Scenario) -> Law:
