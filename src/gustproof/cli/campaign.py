@@ -25,8 +25,9 @@ from gustproof.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from gustproof.campaign.plan import Campaign
+    from gustproof.campaign.plan import Campaign, DispersionKind
     from gustproof.campaign.rare import Threshold
+    from gustproof.campaign.statistics import CampaignStatistics
 
 Choice = TypeVar("Choice", bound=Enum)
 
@@ -115,25 +116,20 @@ def campaign(
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
     from gustproof.campaign.growth import grow_campaign
-    from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads, usual_dispersions
+    from gustproof.campaign.plan import Campaign, select_spreads, usual_dispersions
     from gustproof.campaign.rare import parse_threshold
     from gustproof.campaign.reader import read_campaign
     from gustproof.campaign.sampling import Sampling
     from gustproof.campaign.statistics import compute_statistics
     from gustproof.law.form import Law
     from gustproof.report.campaign import render_campaign
-    from gustproof.report.summary_files import save_csv, save_latex
     from gustproof.report.terminal import show
-    from gustproof.simulate.flight import check
     from gustproof.simulate.guest import ForeignAutopilot, check_guest
 
     event = None if rare is None else parse_threshold(rare)
     _check_outputs(output, latex, csv, is_rare=event is not None)
     script, vehicles = load_scenario(scenario), load_vehicle_set(vehicle)
-    if spread is None:
-        wanted = usual_dispersions(vehicles)
-    else:
-        wanted = [_parse_choice(DispersionKind, "--spread", word.strip()) for word in spread.split(",")]
+    wanted = usual_dispersions(vehicles) if spread is None else _parse_dispersions(spread)
     contestants: list[Law | ForeignAutopilot] = [
         find_law(name, vehicles.nominal, script.control_rate_hz) for name in law or ()
     ]
@@ -152,9 +148,8 @@ def campaign(
         sampling=_parse_choice(Sampling, "--sampling", sampling),
         seed=seed,
     )
-    for flown in () if anyway else plan.laws:
-        if isinstance(flown, Law):
-            check(plan.scenario, flown, plan.vehicles.nominal)
+    if not anyway:
+        _check_laws(plan)
     if event is not None:
         named = (law[0] if law else plan.laws[0].name, vehicle)
         _estimate_rare(plan, event, output, workers, executor, named, as_json=as_json)
@@ -162,14 +157,36 @@ def campaign(
     assert output is not None  # see _check_outputs
     _fly(plan if table is None else grow_campaign(table, plan), output, workers, executor, quiet=as_json)
     found = compute_statistics(output)
-    if csv is not None:
-        save_csv(found, csv)
-    if latex is not None:
-        save_latex(found, latex)
+    _save_figures(found, csv, latex)
     if as_json:
         print_json(found.to_dict())
     else:
         show(render_campaign(found))
+
+
+def _parse_dispersions(words: str) -> "list[DispersionKind]":
+    from gustproof.campaign.plan import DispersionKind
+
+    return [_parse_choice(DispersionKind, "--spread", word.strip()) for word in words.split(",")]
+
+
+def _check_laws(plan: "Campaign") -> None:
+    """Refuse a law that can't fly the nominal vehicle."""
+    from gustproof.law.form import Law
+    from gustproof.simulate.flight import check
+
+    for law in plan.laws:
+        if isinstance(law, Law):
+            check(plan.scenario, law, plan.vehicles.nominal)
+
+
+def _save_figures(found: "CampaignStatistics", csv: Path | None, latex: Path | None) -> None:
+    from gustproof.report.summary_files import save_csv, save_latex
+
+    if csv is not None:
+        save_csv(found, csv)
+    if latex is not None:
+        save_latex(found, latex)
 
 
 def _check_outputs(output: Path | None, latex: Path | None, csv: Path | None, *, is_rare: bool) -> None:
