@@ -1,6 +1,7 @@
 """The command `gustproof campaign`: one scenario, flown many times."""
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
@@ -25,9 +26,13 @@ from gustproof.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from firmware_model.config.scenario import Scenario
+    from firmware_model.config.uncertainty import VehicleSet
     from gustproof.campaign.plan import Campaign, DispersionKind
     from gustproof.campaign.rare import Threshold
     from gustproof.campaign.statistics import CampaignStatistics
+    from gustproof.law.form import Law
+    from gustproof.simulate.guest import ForeignAutopilot
 
 Choice = TypeVar("Choice", bound=Enum)
 
@@ -115,35 +120,27 @@ def campaign(
     """
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
-    from gustproof.campaign.growth import grow_campaign
-    from gustproof.campaign.plan import Campaign, select_spreads, usual_dispersions
+    from gustproof.campaign.plan import Campaign, select_spreads
     from gustproof.campaign.rare import parse_threshold
-    from gustproof.campaign.reader import read_campaign
     from gustproof.campaign.sampling import Sampling
     from gustproof.campaign.statistics import compute_statistics
-    from gustproof.law.form import Law
     from gustproof.report.campaign import render_campaign
     from gustproof.report.terminal import show
-    from gustproof.simulate.guest import ForeignAutopilot, check_guest
 
     event = None if rare is None else parse_threshold(rare)
     _check_outputs(output, latex, csv, is_rare=event is not None)
     script, vehicles = load_scenario(scenario), load_vehicle_set(vehicle)
-    wanted = usual_dispersions(vehicles) if spread is None else _parse_dispersions(spread)
-    contestants: list[Law | ForeignAutopilot] = [
-        find_law(name, vehicles.nominal, script.control_rate_hz) for name in law or ()
-    ]
-    if autopilot is not None:
-        contestants.append(ForeignAutopilot(kind=autopilot, build=build, parameters=params))
-        check_guest(script)
-    table = output if output is not None and output.exists() and event is None else None
-    if not contestants and table is None:
-        contestants = [default_law(vehicles, script, quiet=as_json)]
+    contestants = _find_contestants(law or (), autopilot, build, params, vehicles, script)
+    table = None if output is None or event is not None or not output.exists() else output
+    if not contestants:
+        contestants = _default_contestants(table, vehicles, script, quiet=as_json)
     plan = Campaign(
         scenario=script,
-        laws=tuple(contestants) if table is None or contestants else read_campaign(table).laws,
+        laws=contestants,
         vehicles=vehicles,
-        spreads=select_spreads(vehicles, script, wanted, gust=gust_spread, attitude_deg=attitude_spread),
+        spreads=select_spreads(
+            vehicles, script, _parse_dispersions(spread, vehicles), gust=gust_spread, attitude_deg=attitude_spread
+        ),
         cases=runs,
         sampling=_parse_choice(Sampling, "--sampling", sampling),
         seed=seed,
@@ -155,7 +152,7 @@ def campaign(
         _estimate_rare(plan, event, output, workers, executor, named, as_json=as_json)
         return
     assert output is not None  # see _check_outputs
-    _fly(plan if table is None else grow_campaign(table, plan), output, workers, executor, quiet=as_json)
+    _fly(plan, output, workers, executor, quiet=as_json)
     found = compute_statistics(output)
     _save_figures(found, csv, latex)
     if as_json:
@@ -164,9 +161,33 @@ def campaign(
         show(render_campaign(found))
 
 
-def _parse_dispersions(words: str) -> "list[DispersionKind]":
-    from gustproof.campaign.plan import DispersionKind
+def _find_contestants(
+    laws: Sequence[str], autopilot: str | None, build: str, params: str, vehicles: "VehicleSet", script: "Scenario"
+) -> "tuple[Law | ForeignAutopilot, ...]":
+    from gustproof.simulate.guest import ForeignAutopilot, check_guest
 
+    found = tuple(find_law(name, vehicles.nominal, script.control_rate_hz) for name in laws)
+    if autopilot is None:
+        return found
+    check_guest(script)
+    return (*found, ForeignAutopilot(kind=autopilot, build=build, parameters=params))
+
+
+def _default_contestants(
+    table: Path | None, vehicles: "VehicleSet", script: "Scenario", *, quiet: bool
+) -> "tuple[Law | ForeignAutopilot, ...]":
+    """Return the laws of a table that grows, else the default law."""
+    from gustproof.campaign.reader import read_campaign
+
+    return (default_law(vehicles, script, quiet=quiet),) if table is None else read_campaign(table).laws
+
+
+def _parse_dispersions(words: str | None, vehicles: "VehicleSet") -> "list[DispersionKind]":
+    """Return the kinds of dispersions that are asked for, by default those of the vehicle's file."""
+    from gustproof.campaign.plan import DispersionKind, usual_dispersions
+
+    if words is None:
+        return usual_dispersions(vehicles)
     return [_parse_choice(DispersionKind, "--spread", word.strip()) for word in words.split(",")]
 
 
@@ -212,12 +233,13 @@ def _check_outputs(output: Path | None, latex: Path | None, csv: Path | None, *,
 def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | None, *, quiet: bool) -> None:
     """Fly the missing runs, with progress on standard error."""
     from gustproof.campaign.executors import count_cores, dask_pool, process_pool
+    from gustproof.campaign.growth import grow_campaign
     from gustproof.campaign.reader import read_campaign
     from gustproof.campaign.runner import fly_campaign
 
     known = output if output.exists() else None
     if known is not None:
-        flown = read_campaign(known).runs
+        flown, plan = read_campaign(known).runs, grow_campaign(known, plan)
         if flown == plan.runs:
             _print_status(f"{output}: all {plan.runs:,} runs are there", quiet=quiet)
             return

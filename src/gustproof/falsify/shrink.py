@@ -63,9 +63,9 @@ def shrink_case(
 ) -> SmallestCase:
     """Return the smallest flight found, by at most `flights`, that still reaches `target_deg` [deg].
 
-    In this order: the nominal `vehicle` in place of a varied one; fewer moments; less strength about each axis, then
-    about all; fewer digits; an end soon after the target is reached. The result is small by these steps, not proved the
-    smallest. Moments stay within `budget` [N*m] B.
+    It tries the nominal `vehicle` in place of a varied one, then fewer moments. Less strength about each axis and about
+    all follows, then fewer digits, and an end soon after the target is reached. The result is small by these steps, not
+    proved the smallest. Moments stay within `budget` [N*m] B.
 
     Raises
     ------
