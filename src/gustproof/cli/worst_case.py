@@ -129,7 +129,8 @@ def worst_case(
 
 def _print_how_to_fly(written: list[list[Path]], option: str, vehicle: str, seed: int) -> None:
     for script, *own in written:
-        other = "".join(f" --vehicle {name}" for name in own or [vehicle] if name != "paper")
+        airframe = str(own[0]) if own else vehicle
+        other = "" if airframe == "paper" else f" --vehicle {airframe}"
         print(f"fly it: gustproof fly {script} {option}{other} --seed {seed}")
 
 
